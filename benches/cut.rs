@@ -6,7 +6,7 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, Topology, cut, generate};
-use palpate::physics::{Body, ImplicitEuler, Material, Solver};
+use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
 use std::time::Instant;
 
@@ -17,14 +17,14 @@ fn main() -> palpate::Result<()> {
     for cells in [12, 20, 32, 44] {
         let mut mesh = generate::bar([cells; 3], DVec3::ONE)?;
         let mut topology = Topology::new(&mesh);
-        let mut body = Body::new(&gpu, &mesh, &Material::young(20_000.0))?;
+        let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(20_000.0))?;
         let mut solver = ImplicitEuler::new(&gpu, &body)?;
         let (positions, frame) = (body.nodes().array(), body.nodes().frame());
         let scalars = vec![0.5; mesh.nodes.len()];
         let geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &scalars)?;
         let preset = TransferFunction::preset("tissue")?;
         let mut caster = Raycaster::new(&gpu, geometry, &preset)?;
-        let camera = Camera::framing(&mesh);
+        let camera = Camera::fit_mesh(&mesh);
         // Two faces a cell: a square of 22 cells, or as large as the mesh is.
         let half = 0.5 * (22.4 / cells as f64).min(1.5);
         let mut taken: [Vec<f64>; 7] = Default::default();
@@ -32,7 +32,7 @@ fn main() -> palpate::Result<()> {
         for k in 0..8 {
             let x = (f64::from(k) + 0.7) / 8.4;
             let corner = |y: f64, z: f64| DVec3::new(x, 0.5 + half * y, 0.5 + half * z);
-            let blade = Blade::swept(&[
+            let blade = Blade::from_sweep(&[
                 [corner(-1.0, -1.0), corner(1.0, -1.0)],
                 [corner(-1.0, 1.0), corner(1.0, 1.0)],
             ])?;
@@ -42,12 +42,12 @@ fn main() -> palpate::Result<()> {
             clock.push(Instant::now());
             let done = cut(&mut mesh, &mut topology, &positions, &blade)?;
             clock.push(Instant::now());
-            body.follow(&mesh, &done)?;
+            body.apply_cut(&mesh, &done)?;
             clock.push(Instant::now());
             let scalars = vec![0.5; mesh.nodes.len()];
             let nodes = body.nodes().array();
             let geometry = caster.geometry_mut();
-            geometry.follow(&mesh, &topology, &done, nodes, &scalars)?;
+            geometry.apply_cut(&mesh, &topology, &done, nodes, &scalars)?;
             gpu.wait()?;
             clock.push(Instant::now());
             solver.step(&mut body, 0.001)?;
@@ -61,7 +61,7 @@ fn main() -> palpate::Result<()> {
             for (list, (a, b)) in taken.iter_mut().zip(spans).filter(|_| k > 0) {
                 list.push(ms(a, b));
             }
-            faces = done.opened.len();
+            faces = done.opened_faces.len();
         }
         let median = |list: &mut Vec<f64>| {
             list.sort_by(f64::total_cmp);

@@ -48,11 +48,11 @@ fn main() -> palpate::Result<()> {
     println!("| particles | GPU | CPU | CPU over GPU | float64 loop | float32 loop |");
     println!("| --- | --- | --- | --- | --- | --- |");
     for wanted in counts {
-        let shape = GridShape::carve_about(&Ball, *wanted, DMat3::IDENTITY)?;
-        let model = GridModel::new(shape, &Material::young(1e4))?;
-        let (count, h) = (model.shape.count(), 0.5 * model.stable_step());
-        let mut double = model.twin();
-        let mut single = double.single();
+        let shape = GridShape::from_domain_with_count(&Ball, *wanted, DMat3::IDENTITY)?;
+        let model = GridModel::new(shape, &Material::from_young(1e4))?;
+        let (count, h) = (model.shape.count(), 0.5 * model.conservative_step());
+        let mut double = model.reference();
+        let mut single = double.to_f32();
         let mesh = model.shape.mesh(&model.springs)?;
         let mut cpu = CpuGrid::new(&gpu, model.clone(), mesh, Precision::Single)?;
         let mut body = GridBody::new(&gpu, model)?;

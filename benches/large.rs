@@ -24,7 +24,7 @@ fn main() -> anyhow::Result<()> {
         .field("scalar", Location::Node)
         .map(|f| f.values.clone())
         .unwrap_or_default();
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(&gpu, &frame, &mesh.nodes)?;
     let mut geometry = told("geometry", || {
         let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars)?;
@@ -32,7 +32,7 @@ fn main() -> anyhow::Result<()> {
         Ok(geometry)
     })?;
     told("lists for light", || {
-        geometry.illuminate(&mesh, &topology, &scalars)?;
+        geometry.enable_lighting(&mesh, &topology, &scalars)?;
         gpu.wait()
     })?;
     let options = RaycastOptions {
@@ -44,7 +44,7 @@ fn main() -> anyhow::Result<()> {
     let middle = DVec3::splat(0.5);
     let camera = Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0);
     told("first picture", || caster.picture(&camera, [1024; 2]))?;
-    let camera = camera.turned(7.0);
+    let camera = camera.orbited(7.0);
     told("next picture", || caster.picture(&camera, [1024; 2]))?;
     println!(
         "{} tets, {} nodes: {:.1} s in all",

@@ -13,7 +13,7 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology, depth_field, generate};
 use palpate::physics::{
-    Engine, EngineChoice, HeldEnd, Material, Simulator, SolverKind, SpringNetwork,
+    ClampedEnd, DiscreteModel, Engine, EngineChoice, Material, Simulator, SolverKind,
     largest_stable_step,
 };
 use palpate::render::{
@@ -93,19 +93,19 @@ fn moving(
     kind: SolverKind,
     engine: Engine,
 ) -> palpate::Result<(Box<dyn Simulator>, f64)> {
-    let mut material = Material::young(3e4);
+    let mut material = Material::from_young(3e4);
     if kind == SolverKind::Explicit {
-        let network = SpringNetwork::new(mesh, &material)?;
+        let network = DiscreteModel::new(mesh, &material)?;
         let undamped =
             largest_stable_step(&network, &vec![false; mesh.nodes.len()], SolverKind::Verlet);
         material.damping_time = 0.5 * undamped.unwrap_or(0.0);
     }
-    let choice = EngineChoice::This(engine);
-    let mut body = choice.tets(gpu, mesh.clone(), &material, kind)?;
-    let (rest, springs) = (&body.mesh().nodes, body.springs().into_iter());
-    let (end, _) = HeldEnd::of_pieces(rest, body.masses(), springs, DVec3::NEG_Z);
+    let choice = EngineChoice::Exactly(engine);
+    let mut body = choice.build_tets(gpu, mesh.clone(), &material, kind)?;
+    let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
+    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
     body.pin_nodes(&end.nodes)?;
-    body.loads_mut().set_gravity(9.81 * end.across());
+    body.loads_mut().set_gravity(9.81 * end.load_direction());
     let dt = body.largest_stable_step().map_or(0.01, |limit| 0.5 * limit);
     Ok((body, dt))
 }
@@ -117,7 +117,7 @@ fn pictures(
     kind: Option<SolverKind>,
     surface: bool,
 ) -> anyhow::Result<f64> {
-    let engine = EngineChoice::Auto.engine(gpu);
+    let engine = EngineChoice::Auto.resolve(gpu);
     let (mut body, dt) = moving(gpu, mesh, kind.unwrap_or(SolverKind::Verlet), engine)?;
     let topology = Topology::new(mesh);
     let depth = depth_field(mesh, &topology).values;
@@ -127,14 +127,14 @@ fn pictures(
     let plain = SurfaceColour::Plain([0.9, 0.7, 0.6]);
     let mut skin = Surface::new(gpu, &geometry, &depth, &plain, Shading::Smooth)?;
     let mut raycaster = Raycaster::new(gpu, geometry, &transfer)?;
-    let camera = Camera::framing(mesh);
+    let camera = Camera::fit_mesh(mesh);
     let (colour, depth) = (
         view(gpu, wgpu::TextureFormat::Rgba8Unorm),
         view(gpu, wgpu::TextureFormat::Depth32Float),
     );
     let background = Some([0.0, 0.0, 0.0, 1.0]);
     rate(|| {
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         if kind.is_some() {
             body.record(&mut work, 1, dt)?;
         }
@@ -152,7 +152,7 @@ fn pictures(
         } else {
             let target = Target {
                 colour: &colour,
-                occluder: None,
+                depth: None,
                 background,
             };
             raycaster.record(&mut work, &camera, Mode::Composite, &target)?;

@@ -42,20 +42,20 @@ fn main() -> anyhow::Result<()> {
     )?;
     let options = RaycastOptions {
         walk: if given("planes") {
-            Walk::Planes
+            Traversal::Planes
         } else {
-            Walk::Vertices
+            Traversal::Vertices
         },
         table: match () {
-            () if given("volume") => TableForm::Volume,
-            () if given("sliced") => TableForm::Sliced,
-            () if given("integrals") => TableForm::Integrals,
-            () => TableForm::Fitting,
+            () if given("volume") => TableKind::Volume,
+            () if given("sliced") => TableKind::Sliced,
+            () if given("integrals") => TableKind::Integrals,
+            () => TableKind::Auto,
         },
         reads: match () {
-            () if given("stored") => Reads::Stored,
-            () if given("sampled") => Reads::Sampled,
-            () => Reads::ByAdapter,
+            () if given("stored") => MeshAccess::Stored,
+            () if given("sampled") => MeshAccess::Sampled,
+            () => MeshAccess::Auto,
         },
         ..Default::default()
     };
@@ -83,11 +83,11 @@ fn main() -> anyhow::Result<()> {
     for frame in 0..=frames {
         gpu.time_passes(frame == frames);
         let start = Instant::now();
-        caster.geometry().positions().touch();
-        let mut work = gpu.record();
+        caster.geometry().positions().mark_written();
+        let mut work = gpu.start_recording();
         let target = Target {
             colour: &view,
-            occluder: None,
+            depth: None,
             background: Some([0.0, 0.0, 0.0, 1.0]),
         };
         caster.record(&mut work, &camera, Mode::Composite, &target)?;
@@ -97,7 +97,7 @@ fn main() -> anyhow::Result<()> {
         if frame > 0 && frame < frames {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
-        camera = camera.turned(7.0);
+        camera = camera.orbited(7.0);
     }
     times.sort_by(f64::total_cmp);
     println!("{}, {} tets", gpu.adapter_name(), mesh.tets.len());

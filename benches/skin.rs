@@ -9,11 +9,11 @@
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{LocalFrame, TriMesh};
-use palpate::mesher::{ClosedSurface, Recipe, SurfaceDomain, Window};
+use palpate::mesher::{ClosedSurface, MeshingConfig, SurfaceDomain, ThresholdRange};
 use palpate::physics::Material;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
 use palpate::render::{Camera, SurfaceTarget, local_positions};
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::{Mapping, Skin, SkinBase};
 use std::time::Instant;
 
 const MAPPINGS: [Mapping; 3] = [Mapping::OneToOne, Mapping::Constant, Mapping::Interpolated];
@@ -101,7 +101,7 @@ impl Screen {
     }
 
     fn draw(&self, gpu: &Gpu, skin: &mut Skin, camera: &Camera) -> palpate::Result<()> {
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         let target = SurfaceTarget {
             colour: &self.0,
             depth: &self.1,
@@ -118,7 +118,7 @@ fn row(
     gpu: &Gpu,
     name: &str,
     surface: &TriMesh,
-    carrier: &Carrier,
+    carrier: &SkinBase,
     mut body: Option<(&mut GridBody, u32)>,
 ) -> palpate::Result<()> {
     let screen = Screen::new(gpu);
@@ -131,12 +131,12 @@ fn row(
         skin.set_culling(true);
         let culled = rate(|| screen.draw(gpu, &mut skin, &camera))?;
         let faces = surface.triangles.len();
-        let left_out = 100.0 * (1.0 - skin.drawn()?.len() as f64 / faces as f64);
+        let left_out = 100.0 * (1.0 - skin.visible_triangles()?.len() as f64 / faces as f64);
         skin.set_culling(false);
         let with = match &mut body {
             None => "–".to_owned(),
             Some((body, steps)) => {
-                let dt = 0.5 * body.model().stable_step();
+                let dt = 0.5 * body.model().conservative_step();
                 let both = rate(|| {
                     body.run(*steps, dt)?;
                     screen.draw(gpu, &mut skin, &camera)
@@ -161,18 +161,18 @@ fn main() -> palpate::Result<()> {
 
     let heart = ball(126, 200, 0.05, 0.06);
     let inside = SurfaceDomain::new(vec![ClosedSurface::new(&heart)?])?;
-    let shape = GridShape::carve_about(&inside, 20_000, DMat3::IDENTITY)?;
-    let mut body = GridBody::new(&gpu, GridModel::new(shape, &Material::young(1e4))?)?;
+    let shape = GridShape::from_domain_with_count(&inside, 20_000, DMat3::IDENTITY)?;
+    let mut body = GridBody::new(&gpu, GridModel::new(shape, &Material::from_young(1e4))?)?;
     let name = format!("{} particles", body.model().shape.count());
-    let carrier = Carrier::of_grid(&mut body)?;
+    let carrier = SkinBase::from_grid(&mut body)?;
     row(&gpu, &name, &heart, &carrier, Some((&mut body, 15)))?;
 
     let (few, surface) = (ball(5, 4, 1.0, 0.0), ball(51, 100, 1.05, 0.05));
     let (low, high) = palpate::mesh::bounds(&few.vertices);
-    let frame = LocalFrame::of_bounds(low, high);
+    let frame = LocalFrame::from_bounds(low, high);
     let positions = local_positions(&gpu, &frame, &few.vertices)?;
     let (nodes, triangles) = (&few.vertices, &few.triangles);
-    let carrier = Carrier::with_area_normals(&gpu, &positions, frame, nodes, triangles)?;
+    let carrier = SkinBase::with_area_normals(&gpu, &positions, frame, nodes, triangles)?;
     let name = format!("{} nodes by hand", nodes.len());
     row(&gpu, &name, &surface, &carrier, None)?;
 
@@ -183,18 +183,18 @@ fn main() -> palpate::Result<()> {
     let [scan, threshold, more @ ..] = given.as_slice() else {
         return Ok(());
     };
-    let recipe = Recipe {
+    let recipe = MeshingConfig {
         input: vec![scan.into()],
-        above: vec![threshold.parse::<Window>()?],
-        ..Recipe::default()
+        above: vec![threshold.parse::<ThresholdRange>()?],
+        ..MeshingConfig::default()
     };
-    let surface = recipe.surface(0, &palpate::untold)?;
+    let surface = recipe.extract_surface(0, &palpate::no_progress)?;
     let nodes = more.first().and_then(|n| n.parse().ok()).unwrap_or(42_745);
-    let mut body = recipe.describe(|found| {
-        let shape = GridShape::carve_about(found.domain, nodes, DMat3::IDENTITY)?;
-        GridBody::new(&gpu, GridModel::new(shape, &Material::young(1e4))?)
+    let mut body = recipe.with_domain(|found| {
+        let shape = GridShape::from_domain_with_count(found.domain, nodes, DMat3::IDENTITY)?;
+        GridBody::new(&gpu, GridModel::new(shape, &Material::from_young(1e4))?)
     })?;
     let name = format!("{} particles, a scan", body.model().shape.count());
-    let carrier = Carrier::of_grid(&mut body)?;
+    let carrier = SkinBase::from_grid(&mut body)?;
     row(&gpu, &name, &surface, &carrier, Some((&mut body, 6)))
 }

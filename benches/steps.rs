@@ -17,8 +17,8 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh, generate};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Engine, EngineChoice, HeldEnd, Material, MaterialModel, Precision,
-    RegionMaterial, Simulator, SolverKind, Stiffness, VolumeModel,
+    CgSettings, ClampedEnd, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision,
+    RegionMaterial, Simulator, SolverKind, Stiffness, VolumetricFormulation,
 };
 use std::time::{Duration, Instant};
 
@@ -29,7 +29,7 @@ fn main() -> palpate::Result<()> {
     let (mut dt, mut bone, mut unit) = (0.01, 1000.0, 1.0);
     let (mut model, mut poisson, mut rod, mut wants_error) =
         (MaterialModel::Springs, 0.3, 1.0, false);
-    let mut volume = VolumeModel::default();
+    let mut volume = VolumetricFormulation::default();
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
         let mut number = |default: f64| {
@@ -47,7 +47,7 @@ fn main() -> palpate::Result<()> {
             "--volume" => volume = arguments.next().unwrap_or_default().parse()?,
             "--solver" => kinds = vec![arguments.next().unwrap_or_default().parse()?],
             "--engine" => match arguments.next().unwrap_or_default().parse()? {
-                EngineChoice::This(engine) => engines = vec![engine],
+                EngineChoice::Exactly(engine) => engines = vec![engine],
                 EngineChoice::Auto => {}
             },
             body => bodies.push(body.to_owned()),
@@ -69,13 +69,13 @@ fn main() -> palpate::Result<()> {
         }
         for &kind in &kinds {
             for &engine in &engines {
-                let choice = EngineChoice::This(engine);
-                if SolverKind::OF_ELEMENTS.contains(&kind)
+                let choice = EngineChoice::Exactly(engine);
+                if SolverKind::ELEMENT_ONLY.contains(&kind)
                     && (model == MaterialModel::Springs || engine == Engine::Gpu)
                 {
                     continue;
                 }
-                let mut body = choice.tets(&gpu, mesh.clone(), &material, kind)?;
+                let mut body = choice.build_tets(&gpu, mesh.clone(), &material, kind)?;
                 hold(body.as_mut())?;
                 // Explicit Euler, never stable, gets a few steps before that shows.
                 let h = match body.largest_stable_step() {
@@ -108,19 +108,19 @@ fn main() -> palpate::Result<()> {
     Ok(())
 }
 
-fn settings(tolerance: f64) -> ConjugateGradients {
-    ConjugateGradients {
+fn settings(tolerance: f64) -> CgSettings {
+    CgSettings {
         tolerance,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     }
 }
 
 /// Holds one end, and lets gravity act across.
 fn hold(body: &mut dyn Simulator) -> palpate::Result<()> {
-    let (rest, springs) = (&body.mesh().nodes, body.springs().into_iter());
-    let (end, _) = HeldEnd::of_pieces(rest, body.masses(), springs, DVec3::NEG_Z);
+    let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
+    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
     body.pin_nodes(&end.nodes)?;
-    body.loads_mut().set_gravity(9.81 * end.across());
+    body.loads_mut().set_gravity(9.81 * end.load_direction());
     Ok(())
 }
 
@@ -172,7 +172,7 @@ fn stiffen(mesh: &mut TetMesh, material: &mut Material, factor: f64) -> palpate:
 fn named(body: &str, bone: f64, unit: f64) -> palpate::Result<(TetMesh, Material)> {
     if let Ok(tets) = body.parse() {
         let mesh = generate::bar_of_about(tets, DVec3::new(0.8, 0.2, 0.2))?;
-        return Ok((mesh, Material::young(1e6)));
+        return Ok((mesh, Material::from_young(1e6)));
     }
     if let Some(tets) = body.strip_prefix("limb:").and_then(|n| n.parse().ok()) {
         let hard = generate::TISSUES
@@ -186,14 +186,14 @@ fn named(body: &str, bone: f64, unit: f64) -> palpate::Result<(TetMesh, Material
         let material = Material {
             region_field: Some("label".into()),
             regions: hard.map(|t| (i64::from(t.label), stiff)).collect(),
-            ..Material::young(3e4)
+            ..Material::from_young(3e4)
         };
         return Ok((generate::limb(tets)?, material));
     }
     let mesh = palpate::io::read(body)?;
     let material = Material {
         length_unit: mesh.length_unit.unwrap_or(unit),
-        ..Material::young(3e4)
+        ..Material::from_young(3e4)
     };
     Ok((mesh, material))
 }

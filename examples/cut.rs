@@ -12,32 +12,32 @@ fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("cut.png".into());
     let gpu = Gpu::new()?;
     let mesh = generate::bar([12, 6, 6], DVec3::new(0.12, 0.06, 0.06))?;
-    let (engine, soft) = (EngineChoice::Auto, Material::young(2e4));
-    let mut body = engine.tets(&gpu, mesh, &soft, SolverKind::Implicit)?;
+    let (engine, soft) = (EngineChoice::Auto, Material::from_young(2e4));
+    let mut body = engine.build_tets(&gpu, mesh, &soft, SolverKind::Implicit)?;
     body.pin(|p| p.x < 0.001)?;
     body.add_force(DVec3::new(0.5, 0.0, 0.0), |p| p.x > 0.119)?;
     body.run(20, 0.005)?;
 
     let mut depth = depth_field(body.mesh(), body.topology()).values;
-    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
-    let transfer = TransferFunction::preset("viridis")?.denser(8.0);
+    let geometry = Geometry::from_nodes(&gpu, body.mesh(), body.nodes(), &depth)?;
+    let transfer = TransferFunction::preset("viridis")?.scale_extinction(8.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
 
     // The edge of the blade moves down through the middle, a little askew.
     let edge = |z: f64| [DVec3::new(0.05, -0.1, z), DVec3::new(0.07, 0.2, z)];
-    let blade = Blade::swept(&[edge(0.1), edge(-0.1)])?;
+    let blade = Blade::from_sweep(&[edge(0.1), edge(-0.1)])?;
     let cut = body.cut(&blade)?.mesh;
     // Doubled nodes take the values of those they come from; only what changed is sent.
-    for [_, from] in &cut.doubled {
+    for [_, from] in &cut.duplicated_nodes {
         depth.push(depth[*from as usize]);
     }
     let (positions, geometry) = (body.nodes().array(), raycaster.geometry_mut());
-    geometry.follow(body.mesh(), body.topology(), &cut, positions, &depth)?;
-    let (doubled, pieces) = (cut.doubled.len(), components(body.topology()).1);
+    geometry.apply_cut(body.mesh(), body.topology(), &cut, positions, &depth)?;
+    let (doubled, pieces) = (cut.duplicated_nodes.len(), components(body.topology()).1);
     println!("{doubled} nodes were doubled; there are {pieces} pieces");
 
     body.run(30, 0.005)?;
-    body.publish_now()?;
+    body.sync_nodes()?;
     let middle = DVec3::new(0.08, 0.03, 0.03);
     let eye = middle + DVec3::new(0.1, -0.5, 0.2);
     let camera = Camera::perspective(eye, middle, DVec3::Z, 16.0);

@@ -7,7 +7,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::depth_field;
 use palpate::mesher::SurfaceDomain;
 use palpate::physics::grid::GridModel;
-use palpate::physics::{EngineChoice, Grip, Material};
+use palpate::physics::{EngineChoice, GrabMode, Material};
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
@@ -18,11 +18,11 @@ fn main() -> palpate::Result<()> {
 
     let gpu = Gpu::new()?;
     let inside = SurfaceDomain::read(&file)?;
-    let mut material = Material::young(5e3);
+    let mut material = Material::from_young(5e3);
     material.length_unit = 1e-3;
-    let model = GridModel::carved(&inside, 5_000, &material)?;
+    let model = GridModel::from_domain(&inside, 5_000, &material)?;
     let mesh = model.shape.mesh(&model.springs)?;
-    let mut body = EngineChoice::Auto.grid(&gpu, mesh, model)?;
+    let mut body = EngineChoice::Auto.build_grid(&gpu, mesh, model)?;
 
     let (low, high) = body.mesh().bounds();
     let (size, middle) = (high - low, 0.5 * (low + high));
@@ -31,7 +31,7 @@ fn main() -> palpate::Result<()> {
 
     // The top follows a hand that moves sideways.
     let top = middle.with_z(high.z);
-    let hand = body.grab(top, 0.2 * size.z, Grip::Follow)?;
+    let hand = body.grab(top, 0.2 * size.z, GrabMode::Follow)?;
     let dt = 0.9 * body.largest_stable_step().unwrap_or(0.01);
     for n in 1..=40 {
         let away = DVec3::X * size.x * f64::from(n) / 80.0;
@@ -39,13 +39,13 @@ fn main() -> palpate::Result<()> {
         body.run(10, dt)?;
     }
 
-    body.publish_now()?;
+    body.sync_nodes()?;
     let depth = depth_field(body.mesh(), body.topology()).values;
-    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
-    let transfer = TransferFunction::preset("viridis")?.denser(5.0);
+    let geometry = Geometry::from_nodes(&gpu, body.mesh(), body.nodes(), &depth)?;
+    let transfer = TransferFunction::preset("viridis")?.scale_extinction(5.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let pixels = [480, 480];
-    let camera = Camera::framing_for(body.mesh(), pixels);
+    let camera = Camera::fit_mesh_in(body.mesh(), pixels);
     let picture = raycaster.picture(&camera, pixels)?;
     picture.save(&out)?;
     println!("{out}");

@@ -4,10 +4,10 @@
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
-use palpate::mesh::Transfer;
+use palpate::mesh::BarycentricMap;
 use palpate::physics::{EngineChoice, Material, Simulator, SolverKind};
 use palpate::render::Camera;
-use palpate::skin::{Carrier, Skin};
+use palpate::skin::{Skin, SkinBase};
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("levels.png".into());
@@ -15,26 +15,26 @@ fn main() -> palpate::Result<()> {
     let surface = palpate::io::read_surface(file)?;
     let gpu = Gpu::new()?;
     let [mut far, mut near] = [body(&gpu, file, 600)?, body(&gpu, file, 6_000)?];
-    let mut skin = Skin::on(&gpu, &surface, far.as_ref())?;
-    let level = skin.add_level(&Carrier::of_body(&gpu, near.as_ref())?)?;
+    let mut skin = Skin::for_body(&gpu, &surface, far.as_ref())?;
+    let level = skin.add_level(&SkinBase::from_body(&gpu, near.as_ref())?)?;
 
     far.run(15, 0.01)?;
-    far.publish_now()?;
+    far.sync_nodes()?;
     let before = skin.vertices()?;
 
     // What is near is worth a finer body: it goes on from where the coarse one is.
-    let over = Transfer::new(far.mesh(), &near.mesh().nodes)?;
+    let over = BarycentricMap::new(far.mesh(), &near.mesh().nodes)?;
     near.set_positions(&over.apply(&far.positions()?)?)?;
     near.set_velocities(&over.apply(&far.velocities()?)?)?;
-    near.publish_now()?;
-    skin.use_level(level)?;
+    near.sync_nodes()?;
+    skin.set_level(level)?;
     let jump = before.iter().zip(skin.vertices()?);
     let jump = jump.map(|(p, q)| p.distance(q)).fold(0.0, f64::max);
     println!("the skin jumps by {jump:.2} mm as the finer body takes over");
 
     near.run(15, 0.01)?;
-    near.publish_now()?;
-    let camera = Camera::framing(near.mesh());
+    near.sync_nodes()?;
+    let camera = Camera::fit_mesh(near.mesh());
     skin.image(&camera, [480, 480])?.save(&out)?;
     println!("{out}");
     Ok(())
@@ -42,12 +42,12 @@ fn main() -> palpate::Result<()> {
 
 /// A body of about so many tets in the place of the surface, hanging to one side.
 fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<Box<dyn Simulator>> {
-    let mesh = palpate::mesher::tets_in(file, tets)?;
-    let mut material = Material::young(2e4);
+    let mesh = palpate::mesher::mesh_file(file, tets)?;
+    let mut material = Material::from_young(2e4);
     material.length_unit = 1e-3;
     let (low, high) = mesh.bounds();
     let engine = EngineChoice::Auto;
-    let mut body = engine.tets(gpu, mesh, &material, SolverKind::Implicit)?;
+    let mut body = engine.build_tets(gpu, mesh, &material, SolverKind::Implicit)?;
     body.pin(|p| p.z < low.z + 0.1 * (high.z - low.z))?;
     let weight = DVec3::X * 9.81;
     body.loads_mut().set_gravity(weight);

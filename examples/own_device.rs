@@ -34,22 +34,22 @@ fn main() -> anyhow::Result<()> {
     let mesh = generate::ball(0.05, 8)?;
     // The steps are the GPU's too, software or not.
     let (engine, tissue) = ("gpu".parse::<EngineChoice>()?, Material::very_soft_tissue());
-    let mut body = engine.tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
-    body.hold_one_end(9.81)?;
+    let mut body = engine.build_tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
+    body.clamp_one_end(9.81)?;
     let depth = depth_field(body.mesh(), body.topology());
-    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth.values)?;
+    let geometry = Geometry::from_nodes(&gpu, body.mesh(), body.nodes(), &depth.values)?;
     let mut raycaster = Raycaster::new(&gpu, geometry, &TransferFunction::preset("tissue")?)?;
-    let camera = Camera::framing(body.mesh());
+    let camera = Camera::fit_mesh(body.mesh());
 
     let before = gpu.readbacks();
     for _ in 0..20 {
         let mut encoder = device.create_command_encoder(&Default::default());
-        let mut work = Recorder::within(&gpu, &mut encoder);
+        let mut work = Recorder::with_encoder(&gpu, &mut encoder);
         body.record(&mut work, 2, 0.005)?;
-        body.publish(&mut work)?;
+        body.update_nodes(&mut work)?;
         let target = Target {
             colour: &view,
-            occluder: None,
+            depth: None,
             background: Some([0.0, 0.0, 0.0, 1.0]),
         };
         raycaster.record(&mut work, &camera, Default::default(), &target)?;

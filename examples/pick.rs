@@ -5,20 +5,20 @@
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{depth_field, generate};
-use palpate::physics::{EngineChoice, Grip, Material, SolverKind};
+use palpate::physics::{EngineChoice, GrabMode, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("pick.png".into());
     let gpu = Gpu::new()?;
     let mesh = generate::ball(0.1, 14)?;
-    let (engine, soft) = (EngineChoice::Auto, Material::young(5e3));
-    let mut body = engine.tets(&gpu, mesh, &soft, SolverKind::Implicit)?;
+    let (engine, soft) = (EngineChoice::Auto, Material::from_young(5e3));
+    let mut body = engine.build_tets(&gpu, mesh, &soft, SolverKind::Implicit)?;
     body.pin(|p| p.z < -0.07)?;
 
     let depth = depth_field(body.mesh(), body.topology()).values;
-    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
-    let transfer = TransferFunction::preset("viridis")?.denser(20.0);
+    let geometry = Geometry::from_nodes(&gpu, body.mesh(), body.nodes(), &depth)?;
+    let transfer = TransferFunction::preset("viridis")?.scale_extinction(20.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let eye = DVec3::new(0.15, -0.45, 0.15);
     let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 34.0);
@@ -31,7 +31,7 @@ fn main() -> palpate::Result<()> {
         return Ok(());
     };
     println!("{pick:?}");
-    let hand = body.grab(pick.point, 0.025, Grip::Follow)?;
+    let hand = body.grab(pick.point, 0.025, GrabMode::Follow)?;
 
     // The hand follows the pointer at the distance at which it took hold.
     for n in 1..=20 {
@@ -40,7 +40,7 @@ fn main() -> palpate::Result<()> {
         body.set_target(hand, ray.origin + pick.distance * ray.direction)?;
         body.run(2, 0.01)?;
     }
-    body.publish_now()?;
+    body.sync_nodes()?;
     let picture = raycaster.picture(&camera, pixels)?;
     picture.save(&out)?;
     println!("{out}");

@@ -20,16 +20,16 @@ fn main() -> palpate::Result<()> {
 
     // On the GPU where there is one, else on the processor.
     let (engine, tissue) = (EngineChoice::Auto, Material::soft_tissue());
-    let mut body = engine.tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
-    println!("{}", body.hold_one_end(2.0)?);
+    let mut body = engine.build_tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
+    println!("{}", body.clamp_one_end(2.0)?);
     body.run(30, 0.01)?;
-    body.publish_now()?;
+    body.sync_nodes()?;
 
-    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &scalars)?;
+    let geometry = Geometry::from_nodes(&gpu, body.mesh(), body.nodes(), &scalars)?;
     let transfer = TransferFunction::read(format!("{data}/limb.json"))?;
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
     let size = [800, 600];
-    let camera = Camera::framing_for(body.mesh(), size);
+    let camera = Camera::fit_mesh_in(body.mesh(), size);
     raycaster.picture(&camera, size)?.save(&out)?;
     println!("{out}");
     Ok(())

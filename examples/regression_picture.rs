@@ -4,7 +4,7 @@
 //!     cargo run --release --example regression_picture [-- SCENE.toml GOLDEN.png]
 
 use palpate::gpu::Gpu;
-use palpate::render::{Difference, Image};
+use palpate::render::{Image, ImageDifference};
 use palpate::scene::{Scene, Stage};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,7 +28,10 @@ fn main() -> palpate::Result<ExitCode> {
     }
     let drawn = golden.with_extension("new.png");
     stage.save(&drawn)?;
-    let difference = Difference::between(&Image::open(&golden)?, &Image::open(&drawn)?)?;
+    let difference = ImageDifference::between(
+        &Image::read_for_comparison(&golden)?,
+        &Image::read_for_comparison(&drawn)?,
+    )?;
     println!("{difference}");
     Ok(match difference.within(0.5 / 255.0, 2.0 / 255.0) {
         true => ExitCode::SUCCESS,

@@ -7,7 +7,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::depth_field;
 use palpate::physics::{EngineChoice, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
-use palpate::skin::{Composer, Skin};
+use palpate::skin::{Compositor, Skin};
 
 fn main() -> palpate::Result<()> {
     let mut arguments = std::env::args().skip(1);
@@ -17,31 +17,31 @@ fn main() -> palpate::Result<()> {
 
     // The body: about 2,000 tets in the same place as the skin.
     let gpu = Gpu::new()?;
-    let mesh = palpate::mesher::tets_in(&file, 2_000)?;
-    let mut material = Material::young(5e3);
+    let mesh = palpate::mesher::mesh_file(&file, 2_000)?;
+    let mut material = Material::from_young(5e3);
     material.length_unit = 1e-3;
     let (low, high) = mesh.bounds();
     let engine = EngineChoice::Auto;
-    let mut body = engine.tets(&gpu, mesh, &material, SolverKind::Implicit)?;
+    let mut body = engine.build_tets(&gpu, mesh, &material, SolverKind::Implicit)?;
     body.pin(|p| p.z < low.z + 0.1 * (high.z - low.z))?;
 
     // Bound once, where body and skin are at rest.
     let surface = palpate::io::read_surface(&file)?;
-    let mut skin = Skin::on(&gpu, &surface, body.as_ref())?;
+    let mut skin = Skin::for_body(&gpu, &surface, body.as_ref())?;
     println!("{:?}", skin.binding());
     skin.set_opacity(0.4)?;
 
     // Its own weight bends it to one side.
     body.loads_mut().set_gravity(DVec3::new(6.0, 6.0, 0.0));
     body.run(30, 0.02)?;
-    body.publish_now()?;
+    body.sync_nodes()?;
 
     let depth = depth_field(body.mesh(), body.topology()).values;
-    let geometry = Geometry::following(&gpu, body.mesh(), body.nodes(), &depth)?;
+    let geometry = Geometry::from_nodes(&gpu, body.mesh(), body.nodes(), &depth)?;
     let mut inside = Raycaster::new(&gpu, geometry, &TransferFunction::preset("viridis")?)?;
     let pixels = [480, 480];
-    let camera = Camera::framing_for(body.mesh(), pixels);
-    let mut composer = Composer::new(&gpu, Default::default())?;
+    let camera = Camera::fit_mesh_in(body.mesh(), pixels);
+    let mut composer = Compositor::new(&gpu, Default::default())?;
     let skins = std::slice::from_mut(&mut skin);
     let picture = composer.image(skins, Some(&mut inside), &camera, pixels)?;
     picture.save(&out)?;

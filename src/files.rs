@@ -5,7 +5,7 @@ use crate::{Error, Result};
 use std::path::Path;
 
 #[cfg(target_arch = "wasm32")]
-pub use held::{put, take};
+pub use held::{insert_file, take_file};
 
 /// What files are written through: the system's, or bytes in memory.
 #[cfg(not(target_arch = "wasm32"))]
@@ -84,12 +84,12 @@ mod held {
 
     /// Has `bytes` be what is read under the name `path`, in a browser; what is written there later
     /// takes its place.
-    pub fn put(path: impl Into<PathBuf>, bytes: Vec<u8>) {
+    pub fn insert_file(path: impl Into<PathBuf>, bytes: Vec<u8>) {
         files().insert(path.into(), bytes);
     }
 
     /// The bytes under the name `path`, which are not there any more, in a browser.
-    pub fn take(path: impl AsRef<Path>) -> Option<Vec<u8>> {
+    pub fn take_file(path: impl AsRef<Path>) -> Option<Vec<u8>> {
         files().remove(path.as_ref())
     }
 

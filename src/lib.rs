@@ -31,6 +31,6 @@ pub mod warp;
 pub use error::{Error, FailureCause, Result};
 /// The version of glam that this library's vectors and matrices are of.
 pub use glam;
-pub use progress::{Progress, untold};
+pub use progress::{ProgressFn, no_progress};
 /// The version of wgpu that this library's devices, textures and encoders are of.
 pub use wgpu;

@@ -9,17 +9,19 @@ use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Chunks at most; as many as keep the threads of a large machine busy to the end.
-const CHUNKS: usize = 128;
+const MAX_CHUNKS: usize = 128;
 /// Items, each of little work, below which a second thread costs more than it gives.
-const LEAST: usize = 256;
+const MIN_ITEMS_PER_THREAD: usize = 256;
 
 /// of(0), …, of(n − 1), each of them little work.
 pub(crate) fn map<B: Send>(n: usize, of: impl Fn(usize) -> B + Sync) -> Vec<B> {
-    gather(n, LEAST, &|range, made| made.extend(range.map(&of)))
+    gather(n, MIN_ITEMS_PER_THREAD, &|range, made| {
+        made.extend(range.map(&of))
+    })
 }
 
 /// of(0), …, of(n − 1), each of them enough work for a thread.
-pub(crate) fn map_heavy<B: Send>(n: usize, of: impl Fn(usize) -> B + Sync) -> Vec<B> {
+pub(crate) fn map_coarse<B: Send>(n: usize, of: impl Fn(usize) -> B + Sync) -> Vec<B> {
     gather(n, 1, &|range, made| made.extend(range.map(&of)))
 }
 
@@ -28,7 +30,7 @@ pub(crate) fn collect<B: Send>(
     n: usize,
     work: impl Fn(Range<usize>, &mut Vec<B>) + Sync,
 ) -> Vec<B> {
-    gather(n, LEAST, &work)
+    gather(n, MIN_ITEMS_PER_THREAD, &work)
 }
 
 /// of(0) + … + of(n − 1), added up by chunks.
@@ -43,7 +45,7 @@ fn gather<B: Send>(
     least: usize,
     work: &(dyn Fn(Range<usize>, &mut Vec<B>) + Sync),
 ) -> Vec<B> {
-    let length = n.div_ceil(CHUNKS).max(least);
+    let length = n.div_ceil(MAX_CHUNKS).max(least);
     let mut all = Vec::new();
     if n <= length {
         work(0..n, &mut all);
@@ -51,7 +53,7 @@ fn gather<B: Send>(
     }
     let chunks = (0..n.div_ceil(length)).map(|_| Mutex::new(Vec::new()));
     let chunks: Vec<Mutex<Vec<B>>> = chunks.collect();
-    each(chunks.len(), &|c| {
+    run_parallel(chunks.len(), &|c| {
         let mut made = Vec::new();
         work(c * length..n.min((c + 1) * length), &mut made);
         *chunks[c].lock().unwrap_or_else(PoisonError::into_inner) = made;
@@ -69,7 +71,7 @@ fn gather<B: Send>(
 
 /// Calls run(0), …, run(parts − 1), on as many threads as there are. Each part is a job of its
 /// own: a thread that is done early takes over some of another's.
-fn each(parts: usize, run: &(dyn Fn(usize) + Sync)) {
+fn run_parallel(parts: usize, run: &(dyn Fn(usize) + Sync)) {
     let parts = (0..parts).into_par_iter().with_max_len(1);
     parts.for_each(run);
 }
@@ -80,10 +82,16 @@ mod tests {
 
     #[test]
     fn items_are_in_order_however_many_there_are() {
-        for n in [0, 1, CHUNKS + 1, LEAST + 1, LEAST * CHUNKS + 1] {
+        for n in [
+            0,
+            1,
+            MAX_CHUNKS + 1,
+            MIN_ITEMS_PER_THREAD + 1,
+            MIN_ITEMS_PER_THREAD * MAX_CHUNKS + 1,
+        ] {
             let all: Vec<usize> = (0..n).collect();
             assert_eq!(map(n, |i| i), all);
-            assert_eq!(map_heavy(n, |i| i), all);
+            assert_eq!(map_coarse(n, |i| i), all);
             let even = collect(n, |range, even| even.extend(range.filter(|i| i % 2 == 0)));
             assert_eq!(even, (0..n).step_by(2).collect::<Vec<_>>());
             assert_eq!(sum(n, |i| i as f64), all.iter().sum::<usize>() as f64);

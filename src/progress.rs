@@ -6,38 +6,42 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Told what is being done and the fraction of it that is done, now and then, from any thread. Once it
 /// breaks, the work ends soon, with [`Error::Cancelled`].
-pub type Progress<'a> = &'a (dyn Fn(&str, f64) -> ControlFlow<()> + Sync);
+pub type ProgressFn<'a> = &'a (dyn Fn(&str, f64) -> ControlFlow<()> + Sync);
 
 /// For who need not be told, and lets all work go on.
-pub fn untold(_: &str, _: f64) -> ControlFlow<()> {
+pub fn no_progress(_: &str, _: f64) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
 /// A part of long work.
-pub(crate) struct Part<'a> {
-    progress: Progress<'a>,
+pub(crate) struct ProgressScope<'a> {
+    progress: ProgressFn<'a>,
     what: &'static str,
     share: f64,
     /// Whether it was told to end: who says so once need not again.
     ended: AtomicBool,
 }
 
-impl<'a> Part<'a> {
+impl<'a> ProgressScope<'a> {
     /// Begins one, when `share` of all is done.
-    pub fn begin(progress: Progress<'a>, what: &'static str, share: f64) -> Result<Part<'a>> {
-        let part = Part {
+    pub fn begin(
+        progress: ProgressFn<'a>,
+        what: &'static str,
+        share: f64,
+    ) -> Result<ProgressScope<'a>> {
+        let part = ProgressScope {
             progress,
             what,
             share,
             ended: AtomicBool::new(false),
         };
-        part.check()?;
+        part.check_cancelled()?;
         Ok(part)
     }
 
     /// Whether the work is to go on. Where it is not, loops may leave out what is left of them, for
-    /// who then has [`Part::check`] end all.
-    pub fn goes_on(&self) -> bool {
+    /// who then has [`ProgressScope::check_cancelled`] end all.
+    pub fn should_continue(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;
         }
@@ -49,8 +53,8 @@ impl<'a> Part<'a> {
     }
 
     /// Ends work that is not to go on.
-    pub fn check(&self) -> Result<()> {
-        match self.goes_on() {
+    pub fn check_cancelled(&self) -> Result<()> {
+        match self.should_continue() {
             true => Ok(()),
             false => Err(Error::Cancelled),
         }

@@ -12,8 +12,8 @@ use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Material, MaterialModel, Precision, RegionMaterial, Simulator,
-    SolverKind, Stiffness,
+    CgSettings, CpuTets, Material, MaterialModel, Precision, RegionMaterial, Simulator, SolverKind,
+    Stiffness,
 };
 use palpate::{Error, Result};
 use std::fmt::Display;
@@ -41,13 +41,13 @@ fn main() -> Result<()> {
     let mesh = read(Path::new(mesh))?;
     let (scheme, tolerance) = match scheme.strip_suffix("-tight") {
         Some(scheme) => (scheme, 1e-5),
-        None => (scheme.as_str(), ConjugateGradients::default().tolerance),
+        None => (scheme.as_str(), CgSettings::default().tolerance),
     };
     let kind: SolverKind = scheme.parse()?;
     let material = Material {
         model: MaterialModel::NeoHookean,
         poisson,
-        ..Material::young(YOUNG)
+        ..Material::from_young(YOUNG)
     };
     let material = with_rod(material, rest.get(5).map(String::as_str))?;
     let held: Vec<u32> = (0_u32..)
@@ -55,9 +55,9 @@ fn main() -> Result<()> {
         .filter_map(|(i, p)| (p.x < 1e-9).then_some(i))
         .collect();
     let gpu = Gpu::new()?;
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     };
     let mut body = CpuTets::new(&gpu, mesh, &material, kind, settings, Precision::Single)?;
     body.pin_nodes(&held)?;

@@ -1,6 +1,6 @@
 //! numpy arrays in and out, with one copy each way.
 
-use crate::errors::wrong;
+use crate::errors::input_error;
 use glam::DVec3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
@@ -37,7 +37,7 @@ pub fn to_points(
             .into_iter()
             .map(|p| DVec3::new(p[0], p[1], p[2]))
             .collect()),
-        columns => Err(wrong(
+        columns => Err(input_error(
             py,
             format!("{what}: an array of shape (n, 3) is expected, not (n, {columns})"),
         )),

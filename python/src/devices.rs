@@ -13,7 +13,7 @@ pub fn device(py: Python<'_>, adapter: Option<String>) -> PyResult<Gpu> {
     py.detach(|| {
         let made = MADE.get_or_init(Mutex::default);
         let mut made = made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(gpu) = made.get(&adapter).filter(|gpu| gpu.check().is_ok()) {
+        if let Some(gpu) = made.get(&adapter).filter(|gpu| gpu.poll_errors().is_ok()) {
             return Ok(gpu.clone());
         }
         let gpu = match &adapter {

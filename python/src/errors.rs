@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use std::io::ErrorKind;
 
 /// The exception that an error is in Python.
-pub fn raised(py: Python<'_>, error: Error) -> PyErr {
+pub fn to_py_err(py: Python<'_>, error: Error) -> PyErr {
     let class = match &error {
         Error::Io { source, .. } if source.kind() == ErrorKind::NotFound => "MissingFileError",
         Error::Io { .. } | Error::Format { .. } => "FileError",
@@ -36,8 +36,8 @@ fn made(py: Python<'_>, class: &str, error: &Error) -> PyResult<PyErr> {
 }
 
 /// What Python is told of an argument that makes no sense.
-pub fn wrong(py: Python<'_>, what: impl Into<String>) -> PyErr {
-    raised(py, Error::Input(what.into()))
+pub fn input_error(py: Python<'_>, what: impl Into<String>) -> PyErr {
+    to_py_err(py, Error::Input(what.into()))
 }
 
 /// Results of the library, in Python.
@@ -48,6 +48,6 @@ pub trait Raise<T> {
 
 impl<T> Raise<T> for palpate::Result<T> {
     fn or_raise(self, py: Python<'_>) -> PyResult<T> {
-        self.map_err(|error| raised(py, error))
+        self.map_err(|error| to_py_err(py, error))
     }
 }

@@ -1,9 +1,9 @@
 //! Tetrahedral meshes.
 
 use crate::arrays::{from_points, rows, to_points};
-use crate::errors::{Raise, wrong};
+use crate::errors::{Raise, input_error};
 use crate::scenes;
-use crate::work::Long;
+use crate::work::LongTask;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::mesh::generate::GENERATORS;
 use palpate::mesh::{Field, Location, ScalarType, TetMesh};
@@ -41,7 +41,7 @@ impl Mesh {
         let tets = tets.as_array();
         if tets.ncols() != 4 {
             let columns = tets.ncols();
-            return Err(wrong(
+            return Err(input_error(
                 py,
                 format!("tets: an array of shape (n, 4) is expected, not (n, {columns})"),
             ));
@@ -51,7 +51,7 @@ impl Mesh {
             let mut tet = [0; 4];
             for (corner, v) in tet.iter_mut().zip(row) {
                 *corner = u32::try_from(*v).map_err(|_| {
-                    wrong(
+                    input_error(
                         py,
                         format!("tet {t} refers to node {v}; nodes are counted from 0"),
                     )
@@ -120,7 +120,7 @@ impl Mesh {
 
     fn field<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let field = self.0.fields.get(number);
-        let field = field.ok_or_else(|| wrong(py, format!("there is no field {number}")))?;
+        let field = field.ok_or_else(|| input_error(py, format!("there is no field {number}")))?;
         Ok(PyArray1::from_slice(py, &field.values))
     }
 
@@ -149,7 +149,7 @@ impl Mesh {
     fn moved(&self, py: Python<'_>, nodes: PyReadonlyArray2<'_, f64>) -> PyResult<Mesh> {
         let nodes = to_points(py, &nodes, "nodes")?;
         if nodes.len() != self.0.nodes.len() {
-            return Err(wrong(
+            return Err(input_error(
                 py,
                 format!(
                     "{} positions were given, but the mesh has {} nodes",
@@ -191,7 +191,7 @@ pub fn load_mesh(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Mesh> {
     let scene = scenes::scene(entries, &folder).or_raise(py)?;
-    let mesh = Long::new(progress).run(py, |told| scene.mesh.load_telling(told))?;
+    let mesh = LongTask::new(progress).run(py, |told| scene.mesh.load_with_progress(told))?;
     Ok(mesh.into())
 }
 

@@ -13,7 +13,7 @@ use std::time::Instant;
 
 /// What the rays of a picture pass in some of a body's pieces.
 #[pyclass(frozen, module = "palpate._palpate")]
-pub struct Intervals(palpate::render::Intervals);
+pub struct Intervals(palpate::render::RaySegments);
 
 #[pymethods]
 impl Intervals {
@@ -37,14 +37,15 @@ impl Intervals {
             let told = piece.intervals(&gpu, &scene)?;
             let times = [read, start.elapsed() - read].map(|t| t.as_secs_f64());
             let mesh = piece.mesh();
-            Ok((Intervals(told), [mesh.own, mesh.tets.len()], times))
+            Ok((Intervals(told), [mesh.owned_tets, mesh.tets.len()], times))
         });
         told.or_raise(py)
     }
 
     /// These and those of other pieces.
-    fn joined(&self, py: Python<'_>, other: &Intervals) -> PyResult<Intervals> {
-        let joined = py.detach(|| self.0.with(&other.0)).or_raise(py)?;
+    #[pyo3(name = "joined")]
+    fn merged(&self, py: Python<'_>, other: &Intervals) -> PyResult<Intervals> {
+        let joined = py.detach(|| self.0.merged(&other.0)).or_raise(py)?;
         Ok(Intervals(joined))
     }
 
@@ -60,7 +61,7 @@ impl Intervals {
         entries: &str,
         folder: PathBuf,
     ) -> PyResult<(Bound<'py, PyArray1<u8>>, [u32; 2])> {
-        let drawn = py.detach(|| scenes::scene(entries, &folder)?.rgba_of(&self.0));
+        let drawn = py.detach(|| scenes::scene(entries, &folder)?.composite_rgba(&self.0));
         let (bytes, size) = drawn.or_raise(py)?;
         Ok((bytes.into_pyarray(py), size))
     }
@@ -71,7 +72,7 @@ impl Intervals {
 
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Intervals> {
-        let read = py.detach(|| palpate::render::Intervals::from_bytes(bytes));
+        let read = py.detach(|| palpate::render::RaySegments::from_bytes(bytes));
         Ok(Intervals(read.or_raise(py)?))
     }
 }

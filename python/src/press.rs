@@ -2,15 +2,15 @@
 
 use crate::arrays::from_points;
 use crate::devices::device;
-use crate::errors::{Raise, wrong};
+use crate::errors::{Raise, input_error};
 use crate::mesh::Mesh;
 use crate::scenes;
-use crate::work::Long;
+use crate::work::LongTask;
 use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use palpate::Error;
 use palpate::gpu::Gpu;
-use palpate::press::{MapPoint, MapWanted, Pressed, Wanted};
+use palpate::press::{MapOptions, MapPoint, PointResult, PressOptions};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -46,7 +46,7 @@ impl Press {
         adapter: Option<String>,
     ) -> PyResult<Press> {
         let gpu = device(py, adapter)?;
-        let wanted = Wanted {
+        let wanted = PressOptions {
             at: at.map(DVec3::from),
             pick: pick.map(DVec2::from),
             radius,
@@ -67,8 +67,8 @@ impl Press {
     /// Where it presses, which way is out of the body there, how thick that is, and the radius.
     fn spot(&self, py: Python<'_>) -> PyResult<([f64; 3], [f64; 3], f64, f64)> {
         self.with(py, |press| {
-            let spot = press.spot();
-            let (point, out) = (spot.point.to_array(), spot.out.to_array());
+            let spot = press.site();
+            let (point, out) = (spot.point.to_array(), spot.outward.to_array());
             Ok((point, out, spot.thickness, press.radius()))
         })
     }
@@ -79,7 +79,7 @@ impl Press {
 
     /// Opens pictures along the press from now on.
     fn cut_through(&self, py: Python<'_>) -> PyResult<()> {
-        self.with(py, |press| press.cut_through())
+        self.with(py, |press| press.clip_at_press())
     }
 
     /// One step: time, phase, depth and force; none at the end.
@@ -91,16 +91,16 @@ impl Press {
     }
 
     fn is_deepest(&self, py: Python<'_>) -> PyResult<bool> {
-        self.with(py, |press| Ok(press.is_deepest()))
+        self.with(py, |press| Ok(press.at_max_depth()))
     }
 
     fn falls_short(&self, py: Python<'_>) -> PyResult<bool> {
-        self.with(py, |press| Ok(press.falls_short()))
+        self.with(py, |press| Ok(press.force_not_reached()))
     }
 
     fn report(&self, py: Python<'_>, seconds: f64) -> PyResult<String> {
         let report = self.with(py, |press| Ok(press.report(seconds)))?;
-        serde_json::to_string(&report).map_err(|e| wrong(py, e.to_string()))
+        serde_json::to_string(&report).map_err(|e| input_error(py, e.to_string()))
     }
 
     fn rgba<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u8>>, [u32; 2])> {
@@ -158,7 +158,7 @@ impl PressMap {
         adapter: Option<String>,
     ) -> PyResult<PressMap> {
         let gpu = device(py, adapter)?;
-        let wanted = MapWanted {
+        let wanted = MapOptions {
             points,
             radius,
             depth,
@@ -181,7 +181,7 @@ impl PressMap {
 
     /// What tells maps of other bodies, scenes and ways of pressing.
     fn mark(&self, py: Python<'_>) -> PyResult<String> {
-        self.with(py, |map| Ok(format!("{:016x}", map.mark())))
+        self.with(py, |map| Ok(format!("{:016x}", map.fingerprint())))
     }
 
     fn places<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
@@ -197,17 +197,17 @@ impl PressMap {
 
     /// Takes over what was found before.
     fn take_over(&self, py: Python<'_>, found: Vec<Option<f64>>) -> PyResult<()> {
-        let found: Vec<Option<Pressed>> = found
+        let found: Vec<Option<PointResult>> = found
             .into_iter()
             .map(|stiffness| {
                 stiffness.map(|k| match k.is_nan() {
-                    true => Pressed::Failed,
-                    false => Pressed::Stiffness(k),
+                    true => PointResult::Failed,
+                    false => PointResult::Stiffness(k),
                 })
             })
             .collect();
         self.with(py, |map| {
-            map.take_over(&found)?;
+            map.restore(&found)?;
             *self.found_so_far() = self::found(map);
             Ok(())
         })
@@ -215,19 +215,19 @@ impl PressMap {
 
     /// Presses the points that are left.
     fn measure(&self, py: Python<'_>, progress: Option<Py<PyAny>>) -> PyResult<()> {
-        let long = Long::new(progress);
+        let long = LongTask::new(progress);
         let measured = self.with(py, |map| {
             map.measure(&self.gpu, &mut |map| {
                 let found = self::found(map);
                 let done = found.iter().flatten().count() as f64 / found.len() as f64;
                 *self.found_so_far() = found;
-                match long.goes_on("pressing", done) {
+                match long.should_continue("pressing", done) {
                     true => Ok(()),
                     false => Err(Error::Input("ended".into())),
                 }
             })
         });
-        match long.ended() {
+        match long.interrupt_error() {
             Some(why) => Err(why),
             None => measured,
         }

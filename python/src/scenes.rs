@@ -1,9 +1,9 @@
 //! Scenes, which Python has as dictionaries and hands over as JSON.
 
-use crate::errors::{Raise, wrong};
+use crate::errors::{Raise, input_error};
 use palpate::Error;
 use palpate::render::TransferFunction;
-use palpate::scene::{Run, STEPS, Scene};
+use palpate::scene::{PlannedRun, STEPS, Scene};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -22,9 +22,9 @@ pub fn scene(entries: &str, folder: &Path) -> palpate::Result<Scene> {
 /// The same with the steps that `palpate render` would have ahead.
 pub fn scene_to_draw(entries: &str, folder: &Path) -> palpate::Result<Scene> {
     let mut scene = scene(entries, folder)?;
-    scene.solver.run = Some(Run {
+    scene.solver.run = Some(PlannedRun {
         steps: scene.solver.steps.unwrap_or(STEPS),
-        drawn: false,
+        draws_frames: false,
     });
     Ok(scene)
 }
@@ -36,8 +36,8 @@ pub fn read_toml(py: Python<'_>, path: PathBuf) -> PyResult<String> {
     let text = text.or_raise(py)?;
     // Its own words name the line of what is wrong.
     py.detach(|| Scene::read(&path)).or_raise(py)?;
-    let entries: toml::Table = toml::from_str(&text).map_err(|e| wrong(py, e.to_string()))?;
-    serde_json::to_string(&entries).map_err(|e| wrong(py, e.to_string()))
+    let entries: toml::Table = toml::from_str(&text).map_err(|e| input_error(py, e.to_string()))?;
+    serde_json::to_string(&entries).map_err(|e| input_error(py, e.to_string()))
 }
 
 /// The text of a scene file of these entries.

@@ -2,15 +2,15 @@
 
 use crate::arrays::{from_points, to_points};
 use crate::devices::device;
-use crate::errors::{Raise, wrong};
+use crate::errors::{Raise, input_error};
 use crate::mesh::Mesh;
 use crate::scenes;
-use crate::work::Long;
+use crate::work::LongTask;
 use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::annotate::FrameTime;
 use palpate::mesh::Blade;
-use palpate::physics::{BodyField, GrabId, Grip, Simulator};
+use palpate::physics::{BodyField, GrabId, GrabMode, Simulator};
 use palpate::render::{Camera, Projection};
 use palpate::scene::Motion;
 use palpate::{Error, Result};
@@ -129,7 +129,7 @@ impl Stage {
 
     /// Does `steps` steps; how many it did until Python wanted it to end.
     fn run(&self, py: Python<'_>, steps: u32, progress: Option<Py<PyAny>>) -> PyResult<()> {
-        let long = Long::new(progress);
+        let long = LongTask::new(progress);
         let (mut done, mut group) = (0, 1);
         while done < steps {
             let some = group.min(steps - done);
@@ -141,8 +141,8 @@ impl Stage {
                 false => (group / 2).max(1),
             };
             // The body is not held meanwhile: what is told may look at it.
-            if !long.goes_on("steps", f64::from(done) / f64::from(steps)) {
-                return long.ended().map_or(Ok(()), Err);
+            if !long.should_continue("steps", f64::from(done) / f64::from(steps)) {
+                return long.interrupt_error().map_or(Ok(()), Err);
             }
         }
         Ok(())
@@ -151,13 +151,13 @@ impl Stage {
     /// Frames the body, unless the scene has a view, with all of `also` in the picture.
     fn frame(&self, py: Python<'_>, also: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
         let also = to_points(py, &also, "also")?;
-        self.with(py, |stage| stage.frame(&also))
+        self.with(py, |stage| stage.fit_view(&also))
     }
 
     /// Has pictures tell the time of a recorded frame, s.
     fn tell_time(&self, py: Python<'_>, seconds: f64, resolution: f64) -> PyResult<()> {
         self.with(py, |stage| {
-            stage.tell_time(FrameTime {
+            stage.set_displayed_time(FrameTime {
                 seconds,
                 resolution,
             });
@@ -183,7 +183,7 @@ impl Stage {
         let camera = match (fov, height) {
             (Some(fov), None) => Camera::perspective(eye, look_at, up, fov),
             (None, Some(height)) => Camera::orthographic(eye, look_at, up, height),
-            _ => return Err(wrong(py, "a camera has either fov or orthographic")),
+            _ => return Err(input_error(py, "a camera has either fov or orthographic")),
         };
         camera.check().or_raise(py)?;
         self.with(py, |stage| {
@@ -198,7 +198,7 @@ impl Stage {
 
     fn set_size(&self, py: Python<'_>, size: [u32; 2]) -> PyResult<()> {
         if size.contains(&0) || size.iter().any(|n| *n > 16_384) {
-            return Err(wrong(
+            return Err(input_error(
                 py,
                 format!(
                     "a picture of {} by {} pixels cannot be drawn; ask for 1 to 16384 each way",
@@ -214,7 +214,7 @@ impl Stage {
 
     fn set_looks(&self, py: Python<'_>, entries: &str, folder: PathBuf) -> PyResult<Vec<String>> {
         self.with(py, |stage| {
-            stage.set_looks(&scenes::scene_to_draw(entries, &folder)?)
+            stage.set_appearance(&scenes::scene_to_draw(entries, &folder)?)
         })
     }
 
@@ -236,7 +236,7 @@ impl Stage {
 
     fn pose(&self, py: Python<'_>, positions: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
         let positions = to_points(py, &positions, "positions")?;
-        self.with(py, |stage| stage.pose(&positions))
+        self.with(py, |stage| stage.set_positions(&positions))
     }
 
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
@@ -300,7 +300,7 @@ impl Stage {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let Some(field) = BodyField::ALL.into_iter().find(|f| f.name() == name) else {
             let names = BodyField::ALL.map(BodyField::name).join(", ");
-            return Err(wrong(
+            return Err(input_error(
                 py,
                 format!("no field \"{name}\" is computed of a body; there are {names}"),
             ));
@@ -309,8 +309,8 @@ impl Stage {
             let body = simulator(stage)?;
             field.check(body)?;
             match at_nodes {
-                true => field.at_nodes(body),
-                false => field.in_tets(body),
+                true => field.per_node(body),
+                false => field.per_tet(body),
             }
         })?;
         Ok(values.into_pyarray(py))
@@ -325,8 +325,8 @@ impl Stage {
         spring: Option<(f64, f64)>,
     ) -> PyResult<Grab> {
         let grip = match spring {
-            None => Grip::Follow,
-            Some((stiffness, limit)) => Grip::Spring { stiffness, limit },
+            None => GrabMode::Follow,
+            Some((stiffness, limit)) => GrabMode::Spring { stiffness, limit },
         };
         self.with(py, |stage| {
             let id = simulator(stage)?.grab(centre.into(), radius, grip)?;
@@ -353,8 +353,8 @@ impl Stage {
         at_once: bool,
     ) -> PyResult<()> {
         self.with(py, |stage| match at_once {
-            true => stage.put_tool(number, place.into()),
-            false => stage.guide_tool(number, place.into()),
+            true => stage.teleport_tool(number, place.into()),
+            false => stage.set_tool_target(number, place.into()),
         })
     }
 
@@ -376,7 +376,7 @@ impl Stage {
     /// Cuts along what a straight edge sweeps; whether anything was cut.
     fn cut(&self, py: Python<'_>, edges: Vec<[[f64; 3]; 2]>) -> PyResult<bool> {
         let edges: Vec<[DVec3; 2]> = edges.iter().map(|e| e.map(DVec3::from)).collect();
-        self.with(py, |stage| stage.cut(&Blade::swept(&edges)?))
+        self.with(py, |stage| stage.cut(&Blade::from_sweep(&edges)?))
     }
 
     /// What a pixel shows of the boundary: node, tet, face, place and distance.
@@ -388,7 +388,7 @@ impl Stage {
     /// Energies and shape, as JSON.
     fn report(&self, py: Python<'_>) -> PyResult<String> {
         let report = self.with(py, |stage| motion(stage)?.report())?;
-        serde_json::to_string(&report).map_err(|e| wrong(py, e.to_string()))
+        serde_json::to_string(&report).map_err(|e| input_error(py, e.to_string()))
     }
 
     /// What it exerts on its pins, moves, grabs and tools: name, force and moment.

@@ -1,7 +1,7 @@
 //! Volumes: images on regular grids.
 
 use crate::arrays::to_points;
-use crate::errors::{Raise, wrong};
+use crate::errors::{Raise, input_error};
 use glam::{DAffine3, DMat3};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2};
 use palpate::volume::Raw;
@@ -46,25 +46,31 @@ impl Volume {
         names: BTreeMap<i64, String>,
     ) -> PyResult<Volume> {
         let raw = to_raw(values).ok_or_else(|| {
-            wrong(
+            input_error(
                 py,
                 "voxels of whole numbers of 8 to 64 bits, float32 or float64 are expected",
             )
         })?;
         let world = to_points(py, &to_world, "affine")?;
         let [i, j, k, origin] = world[..] else {
-            return Err(wrong(py, "affine: an array of shape (4, 4) is expected"));
+            return Err(input_error(
+                py,
+                "affine: an array of shape (4, 4) is expected",
+            ));
         };
         let to_world = DAffine3::from_mat3_translation(DMat3::from_cols(i, j, k), origin);
         let sound = to_world.is_finite() && to_world.matrix3.determinant() != 0.0;
         if !sound || size.contains(&0) {
-            return Err(wrong(
+            return Err(input_error(
                 py,
                 "a volume needs voxels along each of three axes and an affine that can be inverted",
             ));
         }
         if raw.len() != size.iter().product::<usize>() {
-            return Err(wrong(py, format!("{} voxels are not {size:?}", raw.len())));
+            return Err(input_error(
+                py,
+                format!("{} voxels are not {size:?}", raw.len()),
+            ));
         }
         Ok(Volume(Arc::new(palpate::volume::Volume {
             size,
@@ -72,7 +78,7 @@ impl Volume {
             slope: 1.0,
             intercept: 0.0,
             to_world,
-            names,
+            label_names: names,
         })))
     }
 
@@ -108,6 +114,6 @@ impl Volume {
     }
 
     fn names(&self) -> BTreeMap<i64, String> {
-        self.0.names.clone()
+        self.0.label_names.clone()
     }
 }

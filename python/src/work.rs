@@ -3,7 +3,7 @@
 
 use crate::arrays::to_points;
 use crate::devices::device;
-use crate::errors::{Raise, raised, wrong};
+use crate::errors::{Raise, input_error, to_py_err};
 use crate::mesh::Mesh;
 use crate::volume::Volume;
 use image::codecs::jpeg::JpegEncoder;
@@ -13,7 +13,7 @@ use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use palpate::mesh::TetMesh;
 use palpate::scene::Scene;
 use palpate::study::{Run, STUDIES};
-use palpate::tune::Wanted;
+use palpate::tune::TuneTarget;
 use palpate::warp::{Warp, WarpOptions};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -29,16 +29,16 @@ const INTERVAL: Duration = Duration::from_millis(50);
 const MILLIMETRE: f64 = 1e-3;
 
 /// Long work, and who is told how far it is.
-pub struct Long {
+pub struct LongTask {
     progress: Option<Py<PyAny>>,
     looked: Mutex<Instant>,
     /// Why it is to end: Ctrl-C, or what `progress` raised.
     ended: Mutex<Option<PyErr>>,
 }
 
-impl Long {
-    pub fn new(progress: Option<Py<PyAny>>) -> Long {
-        Long {
+impl LongTask {
+    pub fn new(progress: Option<Py<PyAny>>) -> LongTask {
+        LongTask {
             progress,
             looked: Mutex::new(Instant::now()),
             ended: Mutex::new(None),
@@ -46,7 +46,7 @@ impl Long {
     }
 
     /// Looks whether Python wants it to end, and tells it what is done of what; whether to go on.
-    pub fn goes_on(&self, what: &str, done: f64) -> bool {
+    pub fn should_continue(&self, what: &str, done: f64) -> bool {
         let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
         if looked.elapsed() < INTERVAL && done < 1.0 {
             return true;
@@ -71,7 +71,7 @@ impl Long {
     }
 
     /// Why it ended, if Python wanted it to.
-    pub fn ended(&self) -> Option<PyErr> {
+    pub fn interrupt_error(&self) -> Option<PyErr> {
         let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
         ended.take()
     }
@@ -80,14 +80,14 @@ impl Long {
     pub fn run<T: Send>(
         &self,
         py: Python<'_>,
-        work: impl FnOnce(palpate::Progress) -> palpate::Result<T> + Send,
+        work: impl FnOnce(palpate::ProgressFn) -> palpate::Result<T> + Send,
     ) -> PyResult<T> {
-        let tell = |what: &str, done: f64| match self.goes_on(what, done) {
+        let tell = |what: &str, done: f64| match self.should_continue(what, done) {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),
         };
         let done = py.detach(|| work(&tell));
-        match self.ended() {
+        match self.interrupt_error() {
             Some(why) => Err(why),
             None => done.or_raise(py),
         }
@@ -100,7 +100,7 @@ fn picture(py: Python<'_>, pixels: &PyReadonlyArray3<'_, u8>) -> PyResult<(u32, 
     let (height, width, channels) = pixels.dim();
     let sides = [width, height].map(u32::try_from);
     let ([Ok(width), Ok(height)], 4) = (sides, channels) else {
-        return Err(wrong(
+        return Err(input_error(
             py,
             format!(
                 "a picture has the shape (height, width, 4), not {:?}",
@@ -142,7 +142,8 @@ pub fn jpeg<'py>(
             .write_image(&rgb, width, height, ExtendedColorType::Rgb8)
             .map(|()| file)
     });
-    let encoded = encoded.map_err(|e| wrong(py, format!("the picture cannot be encoded: {e}")))?;
+    let encoded =
+        encoded.map_err(|e| input_error(py, format!("the picture cannot be encoded: {e}")))?;
     Ok(PyBytes::new(py, &encoded))
 }
 
@@ -190,17 +191,17 @@ pub fn tune(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(bool, Vec<String>, [f64; 2])> {
     let gpu = device(py, adapter)?;
-    let wanted = Wanted {
+    let wanted = TuneTarget {
         error,
         fps,
         seconds,
     };
-    let tuned = Long::new(progress).run(py, |told| {
+    let tuned = LongTask::new(progress).run(py, |told| {
         let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, told)?;
         tuned.write(&scene, &out)?;
         Ok(tuned)
     })?;
-    Ok((tuned.met, tuned.notes, tuned.cost))
+    Ok((tuned.target_met, tuned.notes, tuned.cost))
 }
 
 /// Runs a study, and returns what it noted. What was measured before it ended is kept.
@@ -216,19 +217,19 @@ pub fn study(
 ) -> PyResult<Vec<String>> {
     let Some((_, _, study)) = STUDIES.iter().find(|(name, ..)| *name == what) else {
         let names = studies().join(", ");
-        return Err(wrong(
+        return Err(input_error(
             py,
             format!("there is no study \"{what}\"; there are {names}"),
         ));
     };
     let gpu = device(py, adapter)?;
-    std::fs::create_dir_all(&out).map_err(|e| raised(py, palpate::Error::io(&out)(e)))?;
-    let long = Long::new(progress);
+    std::fs::create_dir_all(&out).map_err(|e| to_py_err(py, palpate::Error::io(&out)(e)))?;
+    let long = LongTask::new(progress);
     let stop = AtomicBool::new(false);
     let notes = Mutex::new(Vec::new());
     let done = py.detach(|| {
         let told = |what: &str, done: f64| {
-            if !long.goes_on(what, done) {
+            if !long.should_continue(what, done) {
                 stop.store(true, Ordering::Relaxed);
             }
         };
@@ -246,7 +247,7 @@ pub fn study(
         };
         study(&run, scene.as_deref())
     });
-    match long.ended() {
+    match long.interrupt_error() {
         Some(why) => Err(why),
         None => done.or_raise(py),
     }?;

@@ -17,17 +17,17 @@ struct Carry {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let v = textureLoad(corners, at(i), 0);
-    let w = textureLoad(weights, at(i), 0);
+    let v = textureLoad(corners, array_texel(i), 0);
+    let w = textureLoad(weights, array_texel(i), 0);
     // By differences, so that rounded weights leave a translation alone.
-    let a = textureLoad(cage, at(v.x), 0).xyz;
-    let b = textureLoad(cage, at(v.y), 0).xyz - a;
-    let c = textureLoad(cage, at(v.z), 0).xyz - a;
-    let d = textureLoad(cage, at(v.w), 0).xyz - a;
+    let a = textureLoad(cage, array_texel(v.x), 0).xyz;
+    let b = textureLoad(cage, array_texel(v.y), 0).xyz - a;
+    let c = textureLoad(cage, array_texel(v.z), 0).xyz - a;
+    let d = textureLoad(cage, array_texel(v.w), 0).xyz - a;
     let p = a + (w.y * b + w.z * c + w.w * d);
-    textureStore(positions, at(i), vec4(params.to_fine.w * p + params.to_fine.xyz, 1.0));
+    textureStore(positions, array_texel(i), vec4(params.to_fine.w * p + params.to_fine.xyz, 1.0));
 }

@@ -13,9 +13,9 @@ struct Put {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let k = item(id, groups);
+    let k = invocation_index(id, groups);
     if k >= params.items {
         return;
     }
-    textureStore(result, at(places[k]), vec4(items[k], 0.0, 0.0));
+    textureStore(result, array_texel(places[k]), vec4(items[k], 0.0, 0.0));
 }

@@ -13,9 +13,9 @@ struct Scale {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.items {
         return;
     }
-    textureStore(result, at(i), params.factor * textureLoad(input, at(i), 0));
+    textureStore(result, array_texel(i), params.factor * textureLoad(input, array_texel(i), 0));
 }

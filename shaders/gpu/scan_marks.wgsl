@@ -3,7 +3,7 @@
 
 #import lib/array
 
-struct ScanMarks {
+struct BitmaskPrefixSum {
     runs: u32,
 }
 
@@ -11,7 +11,7 @@ struct ScanMarks {
 @group(0) @binding(0) var<storage, read_write> marks: array<u32>;
 // The first word is set: the number of vertices.
 @group(0) @binding(1) var<storage, read_write> arguments: array<u32>;
-@group(0) @binding(2) var<uniform> params: ScanMarks;
+@group(0) @binding(2) var<uniform> params: BitmaskPrefixSum;
 
 var<workgroup> sums: array<u32, 256>;
 

@@ -7,11 +7,11 @@ const ROW_BITS: u32 = 13u;
 override WORKGROUP: u32 = 64u;
 
 // The texel that holds item i.
-fn at(i: u32) -> vec2<u32> {
+fn array_texel(i: u32) -> vec2<u32> {
     return vec2<u32>(i & ((1u << ROW_BITS) - 1u), i >> ROW_BITS);
 }
 
 // The item an invocation works on: global_invocation_id and num_workgroups, unfolded.
-fn item(id: vec3<u32>, groups: vec3<u32>) -> u32 {
+fn invocation_index(id: vec3<u32>, groups: vec3<u32>) -> u32 {
     return id.x + id.y * groups.x * WORKGROUP;
 }

@@ -16,8 +16,8 @@ struct CgScalars {
     _pad2: u32,
 }
 
-const MET: u32 = 1u;
-const BROKEN: u32 = 2u;
+const CONVERGED: u32 = 1u;
+const BREAKDOWN: u32 = 2u;
 
 struct CgParams {
     nodes: u32,
@@ -36,6 +36,6 @@ struct CgParams {
 }
 
 // The 3×3 symmetric matrix with the rows (a.x a.y a.z), (a.y a.w b.x), (a.z b.x b.y), times v.
-fn symmetric(a: vec4<f32>, b: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+fn sym_mul(a: vec4<f32>, b: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return vec3(dot(a.xyz, v), dot(vec3(a.y, a.w, b.x), v), dot(vec3(a.z, b.x, b.y), v));
 }

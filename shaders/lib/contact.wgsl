@@ -15,21 +15,21 @@
 
 // Points of a face's lattice are nearer to each other at rest than this part of a tool's size, and
 // so many along an edge at most.
-const FINE: f32 = 0.2;
-const FINEST: f32 = 12.0;
+const MAX_SPACING_RATIO: f32 = 0.2;
+const MAX_SUBDIVISIONS: f32 = 12.0;
 
 // A point whose nodes are free by less than this has nowhere to go.
-const FREE: f32 = 0.25;
+const MIN_MOBILITY: f32 = 0.25;
 
 // Where the barrier goes on as a parabola; see `physics::contact::barrier`.
-const NEAR: f32 = 0.2;
+const QUADRATIC_BELOW: f32 = 0.2;
 
 // b, b' and b'' at the gap g.
-fn barrier_at(g: f32) -> vec3<f32> {
+fn barrier_derivatives(g: f32) -> vec3<f32> {
     if g >= 1.0 {
         return vec3(0.0);
     }
-    let x = max(g, NEAR);
+    let x = max(g, QUADRATIC_BELOW);
     let off = x - 1.0;
     let ratio = off / x;
     let logarithm = log(x);
@@ -40,13 +40,13 @@ fn barrier_at(g: f32) -> vec3<f32> {
 }
 
 // Parts of an edge of a face in the lattice of points that a tool is kept from.
-fn parts_of(k: u32, longest: f32) -> u32 {
+fn subdivisions(k: u32, longest: f32) -> u32 {
     // Not one more where the quotient is a whole number but for rounding.
-    return u32(clamp(ceil(longest / (FINE * tools[k].numbers.w) - 1e-3), 1.0, FINEST));
+    return u32(clamp(ceil(longest / (MAX_SPACING_RATIO * tools[k].numbers.w) - 1e-3), 1.0, MAX_SUBDIVISIONS));
 }
 
 // All within `radius` of a place from which the point is `off`: normal and distance.
-fn around(off: vec3<f32>, radius: f32) -> vec4<f32> {
+fn sphere_distance(off: vec3<f32>, radius: f32) -> vec4<f32> {
     let l = length(off);
     if l < 1e-30 {
         return vec4(1.0, 0.0, 0.0, -radius);
@@ -55,7 +55,7 @@ fn around(off: vec3<f32>, radius: f32) -> vec4<f32> {
 }
 
 // The weights of three points at t from the first, and their slopes.
-fn quadratic(t: f32) -> mat2x3<f32> {
+fn bspline_weights(t: f32) -> mat2x3<f32> {
     let s = t - 1.0;
     return mat2x3(
         vec3(0.5 * (0.5 - s) * (0.5 - s), 0.75 - s * s, 0.5 * (0.5 + s) * (0.5 + s)),
@@ -64,7 +64,7 @@ fn quadratic(t: f32) -> mat2x3<f32> {
 }
 
 // Where a point stands to a field of distances.
-fn field_touch(k: u32, p: vec3<f32>) -> vec4<f32> {
+fn sdf_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     let spacing = tools[k].low.w;
     let counts = tools[k].grid.xyz;
     let within = clamp((p - tools[k].low.xyz) / spacing, vec3(1.5), vec3<f32>(counts) - 2.5);
@@ -75,9 +75,9 @@ fn field_touch(k: u32, p: vec3<f32>) -> vec4<f32> {
     }
     let first = floor(within - 0.5);
     let off = within - first;
-    let wx = quadratic(off.x);
-    let wy = quadratic(off.y);
-    let wz = quadratic(off.z);
+    let wx = bspline_weights(off.x);
+    let wy = bspline_weights(off.y);
+    let wz = bspline_weights(off.z);
     let start = vec3<u32>(first);
     var sum = vec4(0.0);
     for (var z = 0u; z < 3u; z++) {
@@ -97,21 +97,21 @@ fn field_touch(k: u32, p: vec3<f32>) -> vec4<f32> {
 }
 
 // Where a point of the tool's own frame stands to it: the normal, and in w the distance.
-fn own_touch(k: u32, p: vec3<f32>) -> vec4<f32> {
+fn local_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     let shape = tools[k].shape;
     switch u32(shape.w) {
         case SPHERE: {
-            return around(p, shape.x);
+            return sphere_distance(p, shape.x);
         }
         case CAPSULE: {
-            return around(p - vec3(0.0, 0.0, clamp(p.z, -shape.y, shape.y)), shape.x);
+            return sphere_distance(p - vec3(0.0, 0.0, clamp(p.z, -shape.y, shape.y)), shape.x);
         }
         case BOX: {
             let side = select(vec3(1.0), vec3(-1.0), p < vec3(0.0));
             let out = abs(p) - shape.xyz;
             let most = max(max(out.x, out.y), out.z);
             if most > 0.0 {
-                return around(side * max(out, vec3(0.0)), 0.0);
+                return sphere_distance(side * max(out, vec3(0.0)), 0.0);
             }
             if most == out.x {
                 return vec4(side.x, 0.0, 0.0, most);
@@ -125,19 +125,19 @@ fn own_touch(k: u32, p: vec3<f32>) -> vec4<f32> {
             return vec4(0.0, 0.0, 1.0, p.z);
         }
         default: {
-            return field_touch(k, p);
+            return sdf_distance(k, p);
         }
     }
 }
 
 // The same of a point that is p from the tool's origin, where it is turned so.
-fn touch(k: u32, p: vec3<f32>, turn: vec4<f32>) -> vec4<f32> {
-    let own = own_touch(k, turned_by(undone(turn), p));
-    return vec4(turned_by(turn, own.xyz), own.w);
+fn surface_distance(k: u32, p: vec3<f32>, turn: vec4<f32>) -> vec4<f32> {
+    let own = local_distance(k, quat_rotate(quat_conjugate(turn), p));
+    return vec4(quat_rotate(turn, own.xyz), own.w);
 }
 
 // From a tool's origin at `place`, a point of three nodes at x + h v: differences first, so that
 // they have their digits.
-fn from_tool(x: mat3x3<f32>, place: vec3<f32>, w: vec3<f32>, way: vec3<f32>) -> vec3<f32> {
+fn relative_displacement(x: mat3x3<f32>, place: vec3<f32>, w: vec3<f32>, way: vec3<f32>) -> vec3<f32> {
     return w.x * (x[0] - place) + w.y * (x[1] - place) + w.z * (x[2] - place) + way;
 }

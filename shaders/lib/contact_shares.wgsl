@@ -7,7 +7,7 @@
 @group(0) @binding(next) var ways: texture_2d<f32>;
 // Those by which friction takes normal forces.
 @group(0) @binding(next) var rubbed: texture_2d<f32>;
-@group(0) @binding(next) var<storage, read> pushing: Pushing;
+@group(0) @binding(next) var<storage, read> pushing: ContactStepState;
 
 struct ContactParams {
     items: u32,
@@ -18,7 +18,7 @@ struct ContactParams {
 }
 @group(0) @binding(next) var<uniform> params: ContactParams;
 
-struct Share {
+struct ContactContribution {
     force: vec3<f32>,
     // xx, yy, zz, and xy, xz, yz; of A = −h² ∂f/∂x − h ∂f/∂v.
     diagonal: vec3<f32>,
@@ -30,7 +30,7 @@ struct Share {
 
 // Three nodes: where they start from, their velocities, how these changed last, and those by which
 // friction goes.
-struct Corners {
+struct ContactNodes {
     x: mat3x3<f32>,
     v: mat3x3<f32>,
     way: mat3x3<f32>,
@@ -38,28 +38,28 @@ struct Corners {
 }
 
 // What slides resists as if this part of it stuck, or it would slide back and forth.
-const SLIDES: f32 = 0.1;
+const MIN_SLIDING_STIFFNESS_RATIO: f32 = 0.1;
 
 // The gap from which on a tool pushes as iterations are.
-fn gap_of(k: u32) -> f32 {
-    return max(tools[k].numbers.y, pushing.wide);
+fn active_gap(k: u32) -> f32 {
+    return max(tools[k].numbers.y, pushing.activation_distance);
 }
 
 // The share of tool k in a point of nodes with the weights w, which stands for A K.
-fn share_of(k: u32, at: Corners, w: vec3<f32>, ak: f32) -> Share {
+fn contact_contribution(k: u32, at: ContactNodes, w: vec3<f32>, ak: f32) -> ContactContribution {
     let h = params.dt;
     let friction = tools[k].numbers.x;
-    let gap = gap_of(k);
+    let gap = active_gap(k);
     let speed = at.v * w;
-    let now = touch(k, from_tool(at.x, tools[k].at_place.xyz, w, h * speed), tools[k].at_turn);
-    var barrier = barrier_at(now.w / gap);
-    var share = Share(vec3(0.0), vec3(0.0), vec3(0.0), false, 0.0);
+    let now = surface_distance(k, relative_displacement(at.x, tools[k].current_position.xyz, w, h * speed), tools[k].current_rotation);
+    var barrier = barrier_derivatives(now.w / gap);
+    var share = ContactContribution(vec3(0.0), vec3(0.0), vec3(0.0), false, 0.0);
     share.pierced = select(0.0, 1.0, now.w < -tools[k].limits.x);
-    if pushing.follows != 0u {
-        let way = pushing.tried * h * (at.way * w);
-        let p = from_tool(at.x, tools[k].last_place.xyz, w, h * speed - way);
-        let was = touch(k, p, tools[k].last_turn);
-        let known = barrier_at(was.w / gap);
+    if pushing.tracks_tool != 0u {
+        let way = pushing.last_length * h * (at.way * w);
+        let p = relative_displacement(at.x, tools[k].previous_position.xyz, w, h * speed - way);
+        let was = surface_distance(k, p, tools[k].previous_rotation);
+        let known = barrier_derivatives(was.w / gap);
         if known.y < 0.0 {
             // What touched goes along, as if the barrier were a spring both ways: tools that draw
             // back by more than the gap would let go of all at once.
@@ -67,13 +67,13 @@ fn share_of(k: u32, at: Corners, w: vec3<f32>, ak: f32) -> Share {
         }
     }
     if friction > 0.0 {
-        let p = from_tool(at.x, tools[k].lag_place.xyz, w, h * (at.rubbed * w));
-        let was = touch(k, p, tools[k].lag_turn);
-        let limit = -friction * ak * barrier_at(was.w / tools[k].numbers.y).y;
+        let p = relative_displacement(at.x, tools[k].friction_position.xyz, w, h * (at.rubbed * w));
+        let was = surface_distance(k, p, tools[k].friction_rotation);
+        let limit = -friction * ak * barrier_derivatives(was.w / tools[k].numbers.y).y;
         if limit > 0.0 {
-            let own = turned_by(undone(tools[k].lag_turn), p);
-            let moved = tools[k].to_place.xyz - tools[k].from_place.xyz
-                + turned_apart(tools[k].from_turn, tools[k].to_turn, own);
+            let own = quat_rotate(quat_conjugate(tools[k].friction_rotation), p);
+            let moved = tools[k].target_position.xyz - tools[k].start_position.xyz
+                + rotation_difference(tools[k].start_rotation, tools[k].target_rotation, own);
             let n = was.xyz;
             var slide = speed - moved / h;
             slide -= dot(n, slide) * n;
@@ -86,7 +86,7 @@ fn share_of(k: u32, at: Corners, w: vec3<f32>, ak: f32) -> Share {
             let c = h * limit * slope;
             share.diagonal = c * (1.0 - n * n);
             share.mixed = -c * n.xxy * n.yzz;
-            let bend = max(2.0 * (1.0 - y) / least, SLIDES * slope);
+            let bend = max(2.0 * (1.0 - y) / least, MIN_SLIDING_STIFFNESS_RATIO * slope);
             let along = slide / max(fast, 1e-30);
             let less = h * limit * (bend - slope);
             share.diagonal += less * along * along;

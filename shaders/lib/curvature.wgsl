@@ -8,7 +8,7 @@
 
 #import lib/polar
 
-struct Curvature {
+struct PrincipalHessian {
     // ∂²Ψ/∂σ_i∂σ_j.
     stretch: mat3x3<f32>,
     // Of the pairs (1 2), (2 0), (0 1).
@@ -16,21 +16,21 @@ struct Curvature {
     twist: vec3<f32>,
 }
 
-struct Frame {
+struct SvdFrame {
     u: mat3x3<f32>,
     v: mat3x3<f32>,
     // Σ − I.
     strain: vec3<f32>,
 }
 
-fn frame_of(g: mat3x3<f32>) -> Frame {
+fn frame_of(g: mat3x3<f32>) -> SvdFrame {
     let parts = polar(g);
     let axes = eigen(parts.strain);
-    return Frame(parts.rotation * axes.vectors, axes.vectors, axes.values);
+    return SvdFrame(parts.rotation * axes.vectors, axes.vectors, axes.values);
 }
 
 // With its negative eigenvalues put to zero.
-fn positive(given: Curvature) -> Curvature {
+fn project_psd(given: PrincipalHessian) -> PrincipalHessian {
     var c = given;
     c.flip = max(c.flip, vec3(0.0));
     c.twist = max(c.twist, vec3(0.0));
@@ -47,14 +47,14 @@ fn positive(given: Curvature) -> Curvature {
 }
 
 // J − 1 and ∂J/∂σ at Σ = I + E.
-fn volume_of(e: vec3<f32>) -> vec4<f32> {
+fn cofactors_and_det(e: vec3<f32>) -> vec4<f32> {
     let pairs = e.x * e.y + e.y * e.z + e.z * e.x;
     let s = vec3(1.0) + e;
     return vec4(s.yzx * s.zxy, e.x + e.y + e.z + pairs + e.x * e.y * e.z);
 }
 
 // δP for a δF.
-fn stress_change(c: Curvature, frame: Frame, change: mat3x3<f32>) -> mat3x3<f32> {
+fn stress_differential(c: PrincipalHessian, frame: SvdFrame, change: mat3x3<f32>) -> mat3x3<f32> {
     let x = transpose(frame.u) * change * frame.v;
     let along = c.stretch * vec3(x[0].x, x[1].y, x[2].z);
     // Half of x_ij + x_ji and of x_ij − x_ji, of the pairs (1 2), (2 0), (0 1).

@@ -3,7 +3,7 @@
 // `params: View` of the shader that imports it, and lib/array, lib/view, lib/tet, lib/sight.
 
 // Faces that show their back, instead of those that show their front.
-override BACK: bool = false;
+override BACK_FACES: bool = false;
 
 // By how much the edges of faces are moved out, in pixels.
 //
@@ -15,16 +15,16 @@ override BACK: bool = false;
 // of K, so h_T >= h_K + margin. With margin >= d, T' holds K, and with it the middle of each pixel
 // that K covers. What is left of an eighth is for rays that pass beside the middle (ASIDE in
 // render/view.rs, 0.003), and for rounding in 32 bits (under 0.02 below FAR).
-const MARGIN: f32 = 0.125;
+const COVER_MARGIN: f32 = 0.125;
 // How far a corner may move with its edges, in pixels.
 const MOST_MARGIN: f32 = 4.0;
 // Corners farther than this from the middle of the picture, in pixels, are rounded too coarsely.
 const FAR: f32 = 16384.0;
 // Corners nearer to the plane of the eye than this, in local units, count as behind it; nothing
 // as near is seen (NEAR in render/view.rs is ten times as much).
-const AT_EYE: f32 = 1e-6;
+const EYE_PLANE_EPSILON: f32 = 1e-6;
 // A face this much turned away, in pixels for each pixel of its sides, cannot pass the sign tests.
-const TURNED: f32 = 0.02;
+const EDGE_ON_SINE: f32 = 0.02;
 
 struct Face {
     // Nodes in the order in which they are counter-clockwise as seen, and 4 tet + face.
@@ -39,33 +39,33 @@ struct Face {
 fn face_ids(index: u32) -> vec4<u32> {
     let ids = boundary_at(index);
     // Counter-clockwise as seen from inside.
-    return select(ids, ids.xzyw, BACK);
+    return select(ids, ids.xzyw, BACK_FACES);
 }
 
 // Boundary face `index` with the triangle that covers it.
 fn face_of(index: u32) -> Face {
     let ids = face_ids(index);
     let q = array(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz);
-    let drawn = covering(array(to_clip(params, q[0]), to_clip(params, q[1]), to_clip(params, q[2])));
+    let drawn = cover_triangle(array(to_clip(params, q[0]), to_clip(params, q[1]), to_clip(params, q[2])));
     return Face(ids, q, array(drawn[0] * params.pixel, drawn[1] * params.pixel, drawn[2] * params.pixel));
 }
 
 // A triangle, in pixels from the middle of the picture, that holds all within the margin of the
 // part in the picture of the triangle with corners p in clip space.
-fn covering(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
-    if min(p[0].w, min(p[1].w, p[2].w)) <= AT_EYE {
-        return part_in_sight(p);
+fn cover_triangle(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
+    if min(p[0].w, min(p[1].w, p[2].w)) <= EYE_PLANE_EPSILON {
+        return clip_to_view(p);
     }
     let s = array(in_pixels(p[0]), in_pixels(p[1]), in_pixels(p[2]));
     let reach = max(abs(s[0]), max(abs(s[1]), abs(s[2])));
     if !(max(reach.x, reach.y) < FAR) {
-        return part_in_sight(p);
+        return clip_to_view(p);
     }
     let u = s[1] - s[0];
     let v = s[2] - s[0];
     let area = u.x * v.y - u.y * v.x;
-    if area < -TURNED * (abs(u.x) + abs(u.y) + abs(v.x) + abs(v.y)) {
-        return nothing();
+    if area < -EDGE_ON_SINE * (abs(u.x) + abs(u.y) + abs(v.x) + abs(v.y)) {
+        return empty_triangle();
     }
     return enlarged(s, area);
 }
@@ -75,7 +75,7 @@ fn in_pixels(p: vec4<f32>) -> vec2<f32> {
     return p.xy / (p.w * params.pixel);
 }
 
-fn nothing() -> array<vec2<f32>, 3> {
+fn empty_triangle() -> array<vec2<f32>, 3> {
     let outside = vec2(4.0) / params.pixel;
     return array(outside, outside, outside);
 }
@@ -91,15 +91,15 @@ fn half_box(corner: vec2<f32>, along: vec2<f32>, size: vec2<f32>) -> array<vec2<
 // sort it out.
 fn enlarged(s: array<vec2<f32>, 3>, area: f32) -> array<vec2<f32>, 3> {
     // Outward normals of the edges from corner k to the next.
-    let n = array(outward(s[0], s[1]), outward(s[1], s[2]), outward(s[2], s[0]));
+    let n = array(edge_offset(s[0], s[1]), edge_offset(s[1], s[2]), edge_offset(s[2], s[0]));
     // A corner moves by the margin times √(2 / open).
     let open = vec3(1.0 + dot(n[2], n[0]), 1.0 + dot(n[0], n[1]), 1.0 + dot(n[1], n[2]));
-    let least = 2.0 * (MARGIN / MOST_MARGIN) * (MARGIN / MOST_MARGIN);
+    let least = 2.0 * (COVER_MARGIN / MOST_MARGIN) * (COVER_MARGIN / MOST_MARGIN);
     if area > 0.0 && min(open.x, min(open.y, open.z)) > least {
         return array(
-            s[0] + (n[2] + n[0]) * (MARGIN / open.x),
-            s[1] + (n[0] + n[1]) * (MARGIN / open.y),
-            s[2] + (n[1] + n[2]) * (MARGIN / open.z),
+            s[0] + (n[2] + n[0]) * (COVER_MARGIN / open.x),
+            s[1] + (n[0] + n[1]) * (COVER_MARGIN / open.y),
+            s[2] + (n[1] + n[2]) * (COVER_MARGIN / open.z),
         );
     }
     var longest = s[1] - s[0];
@@ -113,19 +113,19 @@ fn enlarged(s: array<vec2<f32>, 3>, area: f32) -> array<vec2<f32>, 3> {
     let across = vec2(-along.y, along.x);
     let u = vec3(0.0, dot(s[1] - s[0], along), dot(s[2] - s[0], along));
     let v = vec3(0.0, dot(s[1] - s[0], across), dot(s[2] - s[0], across));
-    let low = vec2(min(u.x, min(u.y, u.z)), min(v.x, min(v.y, v.z))) - MARGIN;
-    let high = vec2(max(u.x, max(u.y, u.z)), max(v.x, max(v.y, v.z))) + MARGIN;
+    let low = vec2(min(u.x, min(u.y, u.z)), min(v.x, min(v.y, v.z))) - COVER_MARGIN;
+    let high = vec2(max(u.x, max(u.y, u.z)), max(v.x, max(v.y, v.z))) + COVER_MARGIN;
     return half_box(s[0] + low.x * along + low.y * across, along, high - low);
 }
 
-fn outward(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
+fn edge_offset(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
     let edge = b - a;
     return vec2(edge.y, -edge.x) * inverseSqrt(max(dot(edge, edge), 1e-20));
 }
 
 // Of a triangle that reaches far outside the picture or behind the eye: a box, in the picture,
 // about what may be seen of it.
-fn part_in_sight(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
+fn clip_to_view(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     // A pixel more than the picture, each way from its middle.
     let edge = 1.0 / params.pixel + 1.0;
     var low = edge;
@@ -133,16 +133,16 @@ fn part_in_sight(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     for (var k = 0u; k < 3u; k++) {
         let a = p[k];
         let b = p[(k + 1u) % 3u];
-        if a.w > AT_EYE {
+        if a.w > EYE_PLANE_EPSILON {
             let s = in_pixels(a);
             low = min(low, s - 1.0);
             high = max(high, s + 1.0);
         }
-        if (a.w > AT_EYE) != (b.w > AT_EYE) {
+        if (a.w > EYE_PLANE_EPSILON) != (b.w > EYE_PLANE_EPSILON) {
             // Where this side meets the plane of the eye it lies outside the picture, unless it
             // does so right before the eye.
-            let x = mix(a.xy, b.xy, (a.w - AT_EYE) / (a.w - b.w));
-            let slack = AT_EYE + 1e-6 * (abs(a.xy) + abs(b.xy));
+            let x = mix(a.xy, b.xy, (a.w - EYE_PLANE_EPSILON) / (a.w - b.w));
+            let slack = EYE_PLANE_EPSILON + 1e-6 * (abs(a.xy) + abs(b.xy));
             low = select(low, -edge, x < slack);
             high = select(high, edge, x > -slack);
         }
@@ -150,7 +150,7 @@ fn part_in_sight(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     low = max(low, -edge);
     high = min(high, edge);
     if low.x >= high.x || low.y >= high.y {
-        return nothing();
+        return empty_triangle();
     }
     return half_box(low, vec2(1.0, 0.0), high - low);
 }
@@ -162,13 +162,13 @@ struct Hit {
     found: bool,
 }
 
-fn hit(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, ids: vec4<u32>, sight: Sight) -> Hit {
-    let p = off_ray(a, sight);
-    let q = off_ray(b, sight);
-    let r = off_ray(c, sight);
+fn intersect_face(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, ids: vec4<u32>, sight: RayFrame) -> Hit {
+    let p = project_to_ray_plane(a, sight);
+    let q = project_to_ray_plane(b, sight);
+    let r = project_to_ray_plane(c, sight);
     let w = vec3(cross2(q, r), cross2(r, p), cross2(p, q));
     let sum = w.x + w.y + w.z;
-    let inner = inside(w.x, ids.y, ids.z) && inside(w.y, ids.z, ids.x) && inside(w.z, ids.x, ids.y);
+    let inner = edge_test(w.x, ids.y, ids.z) && edge_test(w.y, ids.z, ids.x) && edge_test(w.z, ids.x, ids.y);
     let z = dot(w, vec3(a.z, b.z, c.z)) / sum;
     return Hit(z, inner && sum > 0.0 && z >= params.near);
 }

@@ -2,16 +2,16 @@
 // of `render::inside`. Needs what lib/segment does.
 
 // Planes that cut off what lies beyond them, planes that show the scalar, isosurfaces.
-override CLIPS: u32 = 0u;
-override SLICES: u32 = 0u;
-override ISOS: u32 = 0u;
+override CLIP_PLANE_COUNT: u32 = 0u;
+override SLICE_COUNT: u32 = 0u;
+override ISOSURFACE_COUNT: u32 = 0u;
 // Whether any plane is given where the body rests.
-override RESTING: bool = false;
+override USE_REST_POSITIONS: bool = false;
 // Whether there is a volume beside the surfaces.
-override VOLUME: bool = true;
+override DRAW_VOLUME: bool = true;
 
 // Colours in `colours`.
-const COLOURS: u32 = 1024u;
+const COLOUR_LUT_SIZE: u32 = 1024u;
 
 // Two texels each: of planes, clips first, n and c of n · x = c, beyond which n points; 1 where the
 // body rests, opacity. Of isosurfaces the table coordinate, opacity and 1 with a colour of its own;
@@ -23,21 +23,21 @@ const COLOURS: u32 = 1024u;
 @group(0) @binding(next) var rests: texture_2d<f32>;
 
 // How far a place lies beyond plane k.
-fn beyond(k: u32, spot: Spot, ray: Ray) -> f32 {
-    let plane = textureLoad(cuts, at(2u * k), 0);
+fn plane_side(k: u32, spot: RaySample, ray: Ray) -> f32 {
+    let plane = textureLoad(cuts, array_texel(2u * k), 0);
     var place = ray.foot + spot.z * ray.run;
-    if RESTING {
-        place = select(place, spot.rest, textureLoad(cuts, at(2u * k + 1u), 0).x > 0.5);
+    if USE_REST_POSITIONS {
+        place = select(place, spot.rest, textureLoad(cuts, array_texel(2u * k + 1u), 0).x > 0.5);
     }
     return dot(plane.xyz, place) - plane.w;
 }
 
 // The part of a segment that no plane cuts off, from 0 at its front to 1; empty if x >= y.
-fn kept(part: Segment, ray: Ray) -> vec2<f32> {
+fn unclipped_range(part: Segment, ray: Ray) -> vec2<f32> {
     var range = vec2(0.0, 1.0);
-    for (var k = 0u; k < CLIPS; k++) {
-        let front = beyond(k, part.front, ray);
-        let back = beyond(k, part.back, ray);
+    for (var k = 0u; k < CLIP_PLANE_COUNT; k++) {
+        let front = plane_side(k, part.front, ray);
+        let back = plane_side(k, part.back, ray);
         let at_plane = front / select(front - back, 1.0, front == back);
         if front > 0.0 {
             range.x = select(2.0, max(range.x, at_plane), back <= 0.0);
@@ -48,19 +48,19 @@ fn kept(part: Segment, ray: Ray) -> vec2<f32> {
     return range;
 }
 
-fn part_of(part: Segment, range: vec2<f32>) -> Segment {
-    return Segment(between(part.front, part.back, range.x), between(part.front, part.back, range.y), part.tet);
+fn sub_segment(part: Segment, range: vec2<f32>) -> Segment {
+    return Segment(lerp_sample(part.front, part.back, range.x), lerp_sample(part.front, part.back, range.y), part.tet);
 }
 
 // A surface that a segment meets: where, and which; 0 for none.
-struct Met {
+struct SurfaceHit {
     u: f32,
     which: u32,
 }
 
 // The nearer of two that lies behind `after`, of which surface `which` is met where a linear
 // function of `ends` at front and back is zero.
-fn nearer(best: Met, after: Met, which: u32, ends: vec2<f32>) -> Met {
+fn closer_hit(best: SurfaceHit, after: SurfaceHit, which: u32, ends: vec2<f32>) -> SurfaceHit {
     // Whichever segment has a crossing, its neighbours have not: they share an end.
     if (ends.x < 0.0) == (ends.y < 0.0) {
         return best;
@@ -68,29 +68,29 @@ fn nearer(best: Met, after: Met, which: u32, ends: vec2<f32>) -> Met {
     let u = clamp(ends.x / (ends.x - ends.y), 0.0, 1.0);
     let behind = u > after.u || (u == after.u && which > after.which);
     if behind && (u < best.u || (u == best.u && best.which == 0u)) {
-        return Met(u, which);
+        return SurfaceHit(u, which);
     }
     return best;
 }
 
-fn next_slice(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
-    var best = Met(until, 0u);
-    for (var k = 0u; k < SLICES; k++) {
-        let ends = vec2(beyond(CLIPS + k, part.front, ray), beyond(CLIPS + k, part.back, ray));
-        best = nearer(best, after, k + 1u, ends);
+fn next_slice(part: Segment, ray: Ray, after: SurfaceHit, until: f32) -> SurfaceHit {
+    var best = SurfaceHit(until, 0u);
+    for (var k = 0u; k < SLICE_COUNT; k++) {
+        let ends = vec2(plane_side(CLIP_PLANE_COUNT + k, part.front, ray), plane_side(CLIP_PLANE_COUNT + k, part.back, ray));
+        best = closer_hit(best, after, k + 1u, ends);
     }
     return best;
 }
 
-fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
-    var best = Met(until, 0u);
+fn next_surface(part: Segment, ray: Ray, after: SurfaceHit, until: f32) -> SurfaceHit {
+    var best = SurfaceHit(until, 0u);
     // Scans look for slices in the whole of a segment.
-    if !SCANNED {
+    if !HAS_SCANS {
         best = next_slice(part, ray, after, until);
     }
-    for (var k = 0u; k < ISOS; k++) {
-        let s = textureLoad(cuts, at(2u * (CLIPS + SLICES + k)), 0).x;
-        best = nearer(best, after, SLICES + k + 1u, vec2(part.front.s, part.back.s) - s);
+    for (var k = 0u; k < ISOSURFACE_COUNT; k++) {
+        let s = textureLoad(cuts, array_texel(2u * (CLIP_PLANE_COUNT + SLICE_COUNT + k)), 0).x;
+        best = closer_hit(best, after, SLICE_COUNT + k + 1u, vec2(part.front.s, part.back.s) - s);
     }
     return best;
 }
@@ -98,30 +98,30 @@ fn next_met(part: Segment, ray: Ray, after: Met, until: f32) -> Met {
 // The colour of transfer function `row` at a table coordinate.
 fn colour_of(s: f32, row: u32) -> vec3<f32> {
     let share = clamp((s - params.scalar.y) / params.scalar.x, 0.0, 1.0);
-    let x = share * f32(COLOURS - 1u);
-    let below = min(u32(x), COLOURS - 2u);
-    let first = row * COLOURS + below;
-    return mix(textureLoad(colours, at(first), 0).rgb, textureLoad(colours, at(first + 1u), 0).rgb, x - f32(below));
+    let x = share * f32(COLOUR_LUT_SIZE - 1u);
+    let below = min(u32(x), COLOUR_LUT_SIZE - 2u);
+    let first = row * COLOUR_LUT_SIZE + below;
+    return mix(textureLoad(colours, array_texel(first), 0).rgb, textureLoad(colours, array_texel(first + 1u), 0).rgb, x - f32(below));
 }
 
 // What a surface looks like, colour premultiplied.
-fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
-    let item = 2u * (CLIPS + which - 1u);
-    let first = textureLoad(cuts, at(item), 0);
-    let second = textureLoad(cuts, at(item + 1u), 0);
-    if which <= SLICES {
-#any scan         if SCANNED { return scans_sliced(spot, row) * second.y; }
+fn surface_colour(which: u32, spot: RaySample, row: u32, ray: Ray) -> vec4<f32> {
+    let item = 2u * (CLIP_PLANE_COUNT + which - 1u);
+    let first = textureLoad(cuts, array_texel(item), 0);
+    let second = textureLoad(cuts, array_texel(item + 1u), 0);
+    if which <= SLICE_COUNT {
+#any scan         if HAS_SCANS { return scans_sliced(spot, row) * second.y; }
         return vec4(colour_of(spot.s, row), 1.0) * second.y;
     }
     var colour = second.rgb;
     if first.z < 0.5 {
         colour = colour_of(first.x, row);
     }
-    if LIT {
+    if LIGHTING {
         var gradient = spot.gradient;
 #any scan         gradient = scan_gradient(0u, spot.rest);
         var light = shade_surface(gradient, ray.lights);
-        if SHADOWED {
+        if SHADOWS {
             light *= spot.bright;
         }
         colour = min(light.x * colour + light.y, vec3(1.0));
@@ -130,30 +130,30 @@ fn surface_seen(which: u32, spot: Spot, row: u32, ray: Ray) -> vec4<f32> {
 }
 
 // Of a segment: its volume as far as it is kept, and the surfaces in it, front to back.
-fn seen_inside(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
-    return seen_within(part, kept(part, ray), row, ray, VOLUME);
+fn shade_segment(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
+    return shade_range(part, unclipped_range(part, ray), row, ray, DRAW_VOLUME);
 }
 
 // The same of the part of it that is kept.
-fn seen_within(part: Segment, range: vec2<f32>, row: u32, ray: Ray, volume: bool) -> vec4<f32> {
+fn shade_range(part: Segment, range: vec2<f32>, row: u32, ray: Ray, volume: bool) -> vec4<f32> {
     var seen = vec4(0.0);
     if range.x >= range.y {
         return seen;
     }
-    var met = Met(range.x, 0u);
-    for (var i = 0u; i < SLICES + ISOS; i++) {
-        let next = next_met(part, ray, met, range.y);
+    var met = SurfaceHit(range.x, 0u);
+    for (var i = 0u; i < SLICE_COUNT + ISOSURFACE_COUNT; i++) {
+        let next = next_surface(part, ray, met, range.y);
         if next.which == 0u {
             break;
         }
         if volume {
-            seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, next.u)), row, ray);
+            seen += (1.0 - seen.a) * shade_lit_segment(sub_segment(part, vec2(met.u, next.u)), row, ray);
         }
-        seen += (1.0 - seen.a) * surface_seen(next.which, between(part.front, part.back, next.u), row, ray);
+        seen += (1.0 - seen.a) * surface_colour(next.which, lerp_sample(part.front, part.back, next.u), row, ray);
         met = next;
     }
     if volume {
-        seen += (1.0 - seen.a) * seen_in_light(part_of(part, vec2(met.u, range.y)), row, ray);
+        seen += (1.0 - seen.a) * shade_lit_segment(sub_segment(part, vec2(met.u, range.y)), row, ray);
     }
     return seen;
 }

@@ -8,37 +8,37 @@
 // Whether segments may be so deep that they are looked up in pieces.
 override PIECES: bool = true;
 // The brightest colour, if above 1: what colours are over.
-override BRIGHTEST: f32 = 1.0;
+override MAX_COLOUR: f32 = 1.0;
 
 // Between the points of scalars 0 and 1.
 const INTERVALS: f32 = 4094.0;
 // Fixed point: differences are exact, modulo 2^32.
-const UNIT: f32 = 2147483000.0;
+const FIXED_POINT_SCALE: f32 = 2147483000.0;
 // Of the largest extinction: P(b) - P(a) below which rounding spoils the moment.
-const FAINTEST: f32 = 1e-3;
+const MIN_DEPTH: f32 = 1e-3;
 // A piece is no deeper than this; a segment has so many at most.
-const DEEPEST: f32 = 1.5;
+const MAX_DEPTH_PER_LOOKUP: f32 = 1.5;
 const MOST_PIECES: f32 = 256.0;
 // A ray this opaque hides what is behind it.
-const ENOUGH: f32 = 0.9995;
+const INTEGRATION_CUTOFF: f32 = 0.9995;
 
 // The part from point a to point b of a segment that is `depth` deep a point where extinction is
 // largest; `at_a` and `at_b` are its ends in the table.
-fn part_seen(a: i32, b: i32, at_a: vec4<u32>, at_b: vec4<u32>, depth: f32, row: u32) -> vec4<f32> {
+fn integrate_interval(a: i32, b: i32, at_a: vec4<u32>, at_b: vec4<u32>, depth: f32, row: u32) -> vec4<f32> {
     let sum = vec4<f32>(bitcast<vec4<i32>>(at_b - at_a));
     let alpha = 1.0 - exp2(-sum.a * depth);
     let over = select(1.0 / sum.a, 0.0, sum.a == 0.0);
     var colour = sum.rgb * over;
     let moments = table_at(b, 2u * row + 1u).rgb - table_at(a, 2u * row + 1u).rgb;
-    let moment = vec3<f32>(bitcast<vec3<i32>>(moments)) - sum.rgb * (f32(at_a.a) / UNIT);
+    let moment = vec3<f32>(bitcast<vec3<i32>>(moments)) - sum.rgb * (f32(at_a.a) / FIXED_POINT_SCALE);
     // To first order in its depth t the mean colour is c + t (c / 2 - moment); at large t that of a
     // linear colour grows as 6 / t of it.
     let t = sum.a * depth * 0.6931472;
-    let clear = sum.a * (1.0 / UNIT) / FAINTEST;
+    let clear = sum.a * (1.0 / FIXED_POINT_SCALE) / MIN_DEPTH;
     let trust = clear * clear / (1.0 + clear * clear);
-    let bend = 0.5 * colour - moment * (UNIT * over * over);
+    let bend = 0.5 * colour - moment * (FIXED_POINT_SCALE * over * over);
     colour = clamp(colour + bend * (trust * t * inverseSqrt(1.0 + t * t / 36.0)), vec3(0.0), vec3(1.0));
-    return vec4(colour * (BRIGHTEST * alpha), alpha);
+    return vec4(colour * (MAX_COLOUR * alpha), alpha);
 }
 
 // Colour (premultiplied) and opacity of a segment between table coordinates s0 (front) and s1, by
@@ -50,26 +50,26 @@ fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
     b = select(b, a + select(-1, 1, s1 >= f32(a)), a == b);
     let at_a = table_at(a, 2u * row);
     let at_b = table_at(b, 2u * row);
-    let depth_a_point = depth * (INTERVALS / UNIT) / f32(b - a);
+    let depth_a_point = depth * (INTERVALS / FIXED_POINT_SCALE) / f32(b - a);
     if PIECES {
         let t = f32(bitcast<i32>(at_b.a - at_a.a)) * depth_a_point;
-        if t > DEEPEST {
-            return in_pieces(a, b, t, depth_a_point, row);
+        if t > MAX_DEPTH_PER_LOOKUP {
+            return integrate_subdivided(a, b, t, depth_a_point, row);
         }
     }
-    return part_seen(a, b, at_a, at_b, depth_a_point, row);
+    return integrate_interval(a, b, at_a, at_b, depth_a_point, row);
 }
 
 // The same of one that is `t` deep.
-fn in_pieces(a: i32, b: i32, t: f32, depth_a_point: f32, row: u32) -> vec4<f32> {
-    let pieces = min(i32(ceil(min(t / DEEPEST, MOST_PIECES))), abs(b - a));
+fn integrate_subdivided(a: i32, b: i32, t: f32, depth_a_point: f32, row: u32) -> vec4<f32> {
+    let pieces = min(i32(ceil(min(t / MAX_DEPTH_PER_LOOKUP, MOST_PIECES))), abs(b - a));
     var seen = vec4(0.0);
     var from_ = a;
     var at_from = table_at(a, 2u * row);
-    for (var i = 1; (i <= pieces) & (seen.a < ENOUGH); i++) {
+    for (var i = 1; (i <= pieces) & (seen.a < INTEGRATION_CUTOFF); i++) {
         let to = a + (b - a) * i / pieces;
         let at_to = table_at(to, 2u * row);
-        seen += (1.0 - seen.a) * part_seen(from_, to, at_from, at_to, depth_a_point, row);
+        seen += (1.0 - seen.a) * integrate_interval(from_, to, at_from, at_to, depth_a_point, row);
         from_ = to;
         at_from = at_to;
     }

@@ -2,16 +2,16 @@
 
 #import lib/array
 
-var<workgroup> lows: array<f32, 256>;
+var<workgroup> minima: array<f32, 256>;
 
-fn least_of(value: f32, lane: u32) -> f32 {
-    lows[lane] = value;
+fn workgroup_min(value: f32, lane: u32) -> f32 {
+    minima[lane] = value;
     workgroupBarrier();
     for (var half = WORKGROUP / 2u; half > 0u; half = half >> 1u) {
         if lane < half {
-            lows[lane] = min(lows[lane], lows[lane + half]);
+            minima[lane] = min(minima[lane], minima[lane + half]);
         }
         workgroupBarrier();
     }
-    return workgroupUniformLoad(&lows[0]);
+    return workgroupUniformLoad(&minima[0]);
 }

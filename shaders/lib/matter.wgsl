@@ -1,5 +1,5 @@
 // What its matter adds to the system of a node.
-struct MatterShare {
+struct MaterialContribution {
     // The diagonal block, mass included: xx, yy, zz, and xy, xz, yz.
     diagonal: vec3<f32>,
     mixed: vec3<f32>,

@@ -22,12 +22,12 @@ struct MoveParams {
 
 // Acceleration of node i; zero for a pinned one, whose inverse mass is zero.
 fn acceleration(i: u32) -> vec3<f32> {
-    return textureLoad(masses, at(i), 0).y * textureLoad(forces, at(i), 0).xyz;
+    return textureLoad(masses, array_texel(i), 0).y * textureLoad(forces, array_texel(i), 0).xyz;
 }
 
 // Stores the next state of node i, moved by `step`; a pinned one stays, at rest.
 fn store(i: u32, x: vec4<f32>, step: vec3<f32>, v: vec4<f32>) {
-    let free = textureLoad(masses, at(i), 0).y != 0.0;
-    textureStore(next_positions, at(i), vec4(x.xyz + select(vec3(0.0), step, free), x.w));
-    textureStore(next_velocities, at(i), vec4(select(vec3(0.0), v.xyz, free), v.w));
+    let free = textureLoad(masses, array_texel(i), 0).y != 0.0;
+    textureStore(next_positions, array_texel(i), vec4(x.xyz + select(vec3(0.0), step, free), x.w));
+    textureStore(next_velocities, array_texel(i), vec4(select(vec3(0.0), v.xyz, free), v.w));
 }

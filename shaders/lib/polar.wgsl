@@ -19,9 +19,9 @@ struct Eigen {
 }
 
 // Squarings at most: eigenvalues apart by 2⁻²² of the greatest are told from each other.
-const SQUARINGS: u32 = 24u;
+const MATRIX_SQUARINGS: u32 = 24u;
 
-fn nearest_turn(g: mat3x3<f32>) -> vec4<f32> {
+fn closest_rotation(g: mat3x3<f32>) -> vec4<f32> {
     let t = trace(g);
     // Scalar last. tr F is taken off the diagonal, which turns no eigenvector.
     let z = vec3(g[1].z - g[2].y, g[2].x - g[0].z, g[0].y - g[1].x);
@@ -41,7 +41,7 @@ fn nearest_turn(g: mat3x3<f32>) -> vec4<f32> {
     for (var c = 0u; c < 4u; c++) {
         k[c][c] += shift;
     }
-    for (var n = 0u; n < SQUARINGS; n++) {
+    for (var n = 0u; n < MATRIX_SQUARINGS; n++) {
         let size = k[0][0] + k[1][1] + k[2][2] + k[3][3];
         if size <= 0.0 {
             break;
@@ -71,7 +71,7 @@ fn nearest_turn(g: mat3x3<f32>) -> vec4<f32> {
 }
 
 fn polar(g: mat3x3<f32>) -> Polar {
-    let q = nearest_turn(g);
+    let q = closest_rotation(g);
     let v = q.xyz;
     let w = q.w;
     // R − I = 2w [v]× + 2 [v]×²: no digits lost where it turns little.

@@ -14,7 +14,7 @@
 
 // How a body can move: as it likes, about its anchor, about an axis through that, not at all.
 const FREE: u32 = 0u;
-const POINT: u32 = 1u;
+const FIXED_POINT: u32 = 1u;
 const HINGE: u32 = 2u;
 const FIXED: u32 = 3u;
 
@@ -33,64 +33,64 @@ struct RigidShape {
 }
 
 fn shape_of(b: u32) -> RigidShape {
-    let a = textureLoad(rigid_shapes, at(4u * b), 0);
-    let on = textureLoad(rigid_shapes, at(4u * b + 1u), 0);
-    let off = textureLoad(rigid_shapes, at(4u * b + 2u), 0);
-    let axis = textureLoad(rigid_shapes, at(4u * b + 3u), 0).xyz;
+    let a = textureLoad(rigid_shapes, array_texel(4u * b), 0);
+    let on = textureLoad(rigid_shapes, array_texel(4u * b + 1u), 0);
+    let off = textureLoad(rigid_shapes, array_texel(4u * b + 2u), 0);
+    let axis = textureLoad(rigid_shapes, array_texel(4u * b + 3u), 0).xyz;
     return RigidShape(a.xyz, a.w, on.xyz, off.xyz, on.w, u32(off.w), axis);
 }
 
-fn symmetric_matrix(on: vec3<f32>, off: vec3<f32>) -> mat3x3<f32> {
+fn sym_matrix(on: vec3<f32>, off: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(on.x, off.x, off.y, off.x, on.y, off.z, off.y, off.z, on.z);
 }
 
 // Rotations are unit quaternions, the real part last.
 
-const NO_TURN: vec4<f32> = vec4<f32>(0.0, 0.0, 0.0, 1.0);
+const IDENTITY_ROTATION: vec4<f32> = vec4<f32>(0.0, 0.0, 0.0, 1.0);
 
 // First b, then a.
-fn turn_product(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
+fn quat_mul(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return vec4(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
 }
 
 // How far the rotation takes v.
-fn turn_shift(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+fn rotation_displacement(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
-fn turned(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
-    return v + turn_shift(q, v);
+fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+    return v + rotation_displacement(q, v);
 }
 
 // To a few units in the last place: square roots may be off by more.
-fn unit_turn(q: vec4<f32>) -> vec4<f32> {
+fn quat_normalize(q: vec4<f32>) -> vec4<f32> {
     let near = q * inverseSqrt(dot(q, q));
     return near * (1.5 - 0.5 * dot(near, near));
 }
 
 // By a rotation vector. Sines of the device are not precise enough: a series for a quarter of it.
-fn turn_by(w: vec3<f32>) -> vec4<f32> {
+fn quat_exp(w: vec3<f32>) -> vec4<f32> {
     let half = 0.125 * w;
     let s = dot(half, half);
     let sine = half * (1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0)));
     let once = vec4(sine, sqrt(max(1.0 - dot(sine, sine), 0.0)));
-    let twice = turn_product(once, once);
-    return unit_turn(turn_product(twice, twice));
+    let twice = quat_mul(once, once);
+    return quat_normalize(quat_mul(twice, twice));
 }
 
-// The matrix of `turn_shift`.
-fn turn_change(q: vec4<f32>) -> mat3x3<f32> {
+// The matrix of `rotation_displacement`.
+fn rotation_minus_identity(q: vec4<f32>) -> mat3x3<f32> {
     return mat3x3(
-        turn_shift(q, vec3(1.0, 0.0, 0.0)),
-        turn_shift(q, vec3(0.0, 1.0, 0.0)),
-        turn_shift(q, vec3(0.0, 0.0, 1.0)),
+        rotation_displacement(q, vec3(1.0, 0.0, 0.0)),
+        rotation_displacement(q, vec3(0.0, 1.0, 0.0)),
+        rotation_displacement(q, vec3(0.0, 0.0, 1.0)),
     );
 }
 
 // Σ m r rᵀ of a body turned by q.
 fn second_moment(shape: RigidShape, q: vec4<f32>) -> mat3x3<f32> {
-    let r = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) + turn_change(q);
-    let m = r * symmetric_matrix(shape.on, shape.off) * transpose(r);
+    let r = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) + rotation_minus_identity(q);
+    let m = r * sym_matrix(shape.on, shape.off) * transpose(r);
     return 0.5 * (m + transpose(m));
 }
 
@@ -113,7 +113,7 @@ fn solve_symmetric(m: mat3x3<f32>, v: vec3<f32>) -> vec3<f32> {
 }
 
 // The turn that `moment` gives a body of this inertia, whose hinge stands at `axis` now.
-fn turn_under(shape: RigidShape, axis: vec3<f32>, inertia: mat3x3<f32>, moment: vec3<f32>) -> vec3<f32> {
+fn angular_response(shape: RigidShape, axis: vec3<f32>, inertia: mat3x3<f32>, moment: vec3<f32>) -> vec3<f32> {
     if shape.freedom == FIXED {
         return vec3(0.0);
     }

@@ -8,7 +8,7 @@
 // whether nodes of it follow a target; three of its nodes that are far apart.
 @group(0) @binding(next) var rigid_ranges: texture_2d<u32>;
 
-const NO_NODE: u32 = 0xffffffffu;
+const INVALID_NODE: u32 = 0xffffffffu;
 
 struct RigidParams {
     bodies: u32,
@@ -26,14 +26,14 @@ struct RigidParams {
 }
 
 // The frame of two edges of a body: orthonormal.
-fn frame_along(a: vec3<f32>, b: vec3<f32>) -> mat3x3<f32> {
+fn orthonormal_frame(a: vec3<f32>, b: vec3<f32>) -> mat3x3<f32> {
     let x = normalize(a);
     let z = normalize(cross(x, b));
     return mat3x3(x, cross(z, x), z);
 }
 
 // The quaternion of a rotation matrix.
-fn turn_of(m: mat3x3<f32>) -> vec4<f32> {
+fn quat_from_matrix(m: mat3x3<f32>) -> vec4<f32> {
     let t = m[0].x + m[1].y + m[2].z;
     // Four times the square of each part; the largest is safe to divide by.
     let parts = vec4(
@@ -55,7 +55,7 @@ fn turn_of(m: mat3x3<f32>) -> vec4<f32> {
     let length = dot(q, q);
     // Nodes in a line, or none that are numbers.
     if !(length > 1e-12 && length < 1e12) {
-        return NO_TURN;
+        return IDENTITY_ROTATION;
     }
-    return unit_turn(q);
+    return quat_normalize(q);
 }

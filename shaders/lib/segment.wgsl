@@ -1,25 +1,25 @@
 // What a walk gathers along its ray: composited colour, length, a scalar, or counts. Needs
-// lib/array, `segment` of a table, `Ray` and `BACKWARDS` of lib/walk_frame, and `params: View`.
+// lib/array, `segment` of a table, `Ray` and `BACKWARD_TRAVERSAL` of lib/walk_frame, and `params: View`.
 
 #import lib/shade
 #import lib/inside
 #import lib/xray
 
 // Whether each region has a transfer function of its own: a row of the table.
-override REGIONS: bool = false;
+override HAS_REGIONS: bool = false;
 // The row of what is not shown at all, and what marks one in which scans show nothing.
 const HIDDEN: u32 = 0xffffu;
-const CLEAR: u32 = 0x8000u;
+const TRANSPARENT_FLAG: u32 = 0x8000u;
 // Whether scans take the place of the scalar.
-override SCANNED: bool = false;
+override HAS_SCANS: bool = false;
 // A ray this opaque is not followed further.
-override OPAQUE: f32 = 0.9995;
+override OPACITY_CUTOFF: f32 = 0.9995;
 
 // The row of each tet, if REGIONS.
 @group(0) @binding(next) var rows: texture_2d<u32>;
 
 // What is gathered.
-override MODE: u32 = 0u;
+override INTEGRAND: u32 = 0u;
 const COMPOSITE: u32 = 0u;
 const THICKNESS: u32 = 1u;
 // Tets passed, whether there were any, and how often the ray begins.
@@ -33,7 +33,7 @@ const MEAN: u32 = 5u;
 const XRAY: u32 = 6u;
 
 // A place on a ray.
-struct Spot {
+struct RaySample {
     // Of camera space.
     z: f32,
     // Table coordinate.
@@ -47,14 +47,14 @@ struct Spot {
 }
 
 // From a (0) to b (1).
-fn between(a: Spot, b: Spot, u: f32) -> Spot {
-    return Spot(mix(a.z, b.z, u), mix(a.s, b.s, u), mix(a.gradient, b.gradient, u), mix(a.bright, b.bright, u), mix(a.rest, b.rest, u));
+fn lerp_sample(a: RaySample, b: RaySample, u: f32) -> RaySample {
+    return RaySample(mix(a.z, b.z, u), mix(a.s, b.s, u), mix(a.gradient, b.gradient, u), mix(a.bright, b.bright, u), mix(a.rest, b.rest, u));
 }
 
 // A stretch of a ray inside one tet, as either walk hands it on.
 struct Segment {
-    front: Spot,
-    back: Spot,
+    front: RaySample,
+    back: RaySample,
     tet: u32,
 }
 
@@ -64,57 +64,57 @@ fn length_of(part: Segment, ray: Ray) -> f32 {
 }
 
 // Takes a segment into what the ray has gathered: behind it, or before it on a walk to the eye.
-fn on_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
+fn accumulate_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     var row = 0u;
-    if REGIONS & (MODE != STATISTICS) {
-        row = textureLoad(rows, at(whole.tet), 0).x;
+    if HAS_REGIONS & (INTEGRAND != STATISTICS) {
+        row = textureLoad(rows, array_texel(whole.tet), 0).x;
         if row == HIDDEN {
             return sum;
         }
     }
-    if MODE == COMPOSITE {
+    if INTEGRAND == COMPOSITE {
         var seen: vec4<f32>;
-        if SCANNED {
-#any scan             seen = scans_seen(whole, row, ray, select(sum.a, 0.0, BACKWARDS));
-        } else if (CLIPS + SLICES + ISOS > 0u) | !VOLUME {
-            seen = seen_inside(whole, row, ray);
+        if HAS_SCANS {
+#any scan             seen = scans_seen(whole, row, ray, select(sum.a, 0.0, BACKWARD_TRAVERSAL));
+        } else if (CLIP_PLANE_COUNT + SLICE_COUNT + ISOSURFACE_COUNT > 0u) | !DRAW_VOLUME {
+            seen = shade_segment(whole, row, ray);
         } else {
-            seen = seen_in_light(whole, row, ray);
+            seen = shade_lit_segment(whole, row, ray);
         }
-        return select(sum + (1.0 - sum.a) * seen, seen + (1.0 - seen.a) * sum, BACKWARDS);
+        return select(sum + (1.0 - sum.a) * seen, seen + (1.0 - seen.a) * sum, BACKWARD_TRAVERSAL);
     }
     var part = whole;
-    if (CLIPS > 0u) & (MODE != STATISTICS) {
-        let range = kept(whole, ray);
+    if (CLIP_PLANE_COUNT > 0u) & (INTEGRAND != STATISTICS) {
+        let range = unclipped_range(whole, ray);
         if range.x >= range.y {
             return sum;
         }
-        part = part_of(whole, range);
+        part = sub_segment(whole, range);
     }
-    if MODE == THICKNESS {
+    if INTEGRAND == THICKNESS {
         return vec4(sum.r + length_of(part, ray), 0.0, 0.0, 0.0);
     }
-    if MODE == XRAY {
-        let dense = density_of(part.tet);
-#any scan         if SCANNED { return vec4(sum.r + dense * scans_attenuation(part, ray), 0.0, 0.0, 0.0); }
+    if INTEGRAND == XRAY {
+        let dense = density_ratio(part.tet);
+#any scan         if HAS_SCANS { return vec4(sum.r + dense * scans_attenuation(part, ray), 0.0, 0.0, 0.0); }
         return vec4(sum.r + dense * mean_attenuation(part.front.s, part.back.s) * length_of(part, ray), 0.0, 0.0, 0.0);
     }
-    if MODE == MAXIMUM || MODE == MINIMUM || MODE == MEAN {
-#any scan         if SCANNED { return scans_projected(sum, part, ray); }
+    if INTEGRAND == MAXIMUM || INTEGRAND == MINIMUM || INTEGRAND == MEAN {
+#any scan         if HAS_SCANS { return scans_projected(sum, part, ray); }
         return projected_scalar(sum, part, ray);
     }
     return vec4(sum.r + 1.0, sum.gba);
 }
 
 // Its colour and opacity, in light.
-fn seen_in_light(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
+fn shade_lit_segment(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     let seen = segment(part.front.s, part.back.s, length_of(part, ray), row);
-    if LIT {
+    if LIGHTING {
         var gradient = 0.5 * (part.front.gradient + part.back.gradient);
 #any scan         if seen.a <= 0.0 { return seen; }
 #any scan         gradient = scan_gradient(0u, 0.5 * (part.front.rest + part.back.rest));
         var light = shade(gradient, ray.lights);
-        if SHADOWED {
+        if SHADOWS {
             light *= 0.5 * (part.front.bright + part.back.bright);
         }
         return vec4(min(light.x * seen.rgb + light.y * seen.a, vec3(seen.a)), seen.a);
@@ -126,10 +126,10 @@ fn seen_in_light(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
 fn projected_scalar(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     let s = clamp(vec2(part.front.s, part.back.s), vec2(0.0), vec2(1.0));
     let first = sum.a == 0.0;
-    if MODE == MAXIMUM {
+    if INTEGRAND == MAXIMUM {
         return vec4(max(max(s.x, s.y), select(sum.r, 0.0, first)), 0.0, 0.0, 0.5);
     }
-    if MODE == MINIMUM {
+    if INTEGRAND == MINIMUM {
         return vec4(min(min(s.x, s.y), select(sum.r, 1.0, first)), 0.0, 0.0, 0.5);
     }
     let own = length_of(part, ray);
@@ -139,11 +139,11 @@ fn projected_scalar(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
 }
 
 // Counts a way through the mesh that begins: at a front face, or at an eye inside.
-fn begun(sum: vec4<f32>) -> vec4<f32> {
-    return select(sum, vec4(sum.r, 1.0, sum.b + 1.0, sum.a), MODE == STATISTICS);
+fn initial_accumulator(sum: vec4<f32>) -> vec4<f32> {
+    return select(sum, vec4(sum.r, 1.0, sum.b + 1.0, sum.a), INTEGRAND == STATISTICS);
 }
 
 // Whether what comes behind is seen no more. On a walk to the eye all that comes is before it.
-fn is_opaque(sum: vec4<f32>) -> bool {
-    return (MODE == COMPOSITE) & !BACKWARDS & (sum.a > OPAQUE);
+fn is_terminated(sum: vec4<f32>) -> bool {
+    return (INTEGRAND == COMPOSITE) & !BACKWARD_TRAVERSAL & (sum.a > OPACITY_CUTOFF);
 }

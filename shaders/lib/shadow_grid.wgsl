@@ -1,15 +1,15 @@
 // The coarse grid that dims light: cubes over the bounds of the body as it stands. Its buffer holds
-// the bounds, as `ordered` has them, and the extinction strewn into each cell. The twin of
+// the bounds, as `order_preserving_bits` has them, and the extinction strewn into each cell. The twin of
 // `render::shadows::Grid`.
 
 // Words of the buffer before those of the cells: the least and the largest of x, y and z.
 const BOUNDS: u32 = 6u;
 // What a cell counts that is filled by the largest extinction.
-const FULL: f32 = 65536.0;
+const EXTINCTION_SCALE: f32 = 65536.0;
 // Rounding makes no further cell.
-const SLACK: f32 = 1e-3;
+const CELL_EPSILON: f32 = 1e-3;
 // An extent is at least this share of the largest one.
-const FLAT: f32 = 0.015625;
+const MIN_EXTENT_RATIO: f32 = 0.015625;
 
 struct Grid {
     low: vec3<f32>,
@@ -19,24 +19,24 @@ struct Grid {
 }
 
 // Numbers as integers in the same order.
-fn ordered(x: f32) -> u32 {
+fn order_preserving_bits(x: f32) -> u32 {
     let bits = bitcast<u32>(x);
     return select(bits | 0x80000000u, ~bits, (bits & 0x80000000u) != 0u);
 }
 
-fn number(bits: u32) -> f32 {
+fn bits_to_float(bits: u32) -> f32 {
     return bitcast<f32>(select(~bits, bits & 0x7fffffffu, (bits & 0x80000000u) != 0u));
 }
 
 // Over these bounds, with at most so many cells.
 fn grid_over(low: vec3<f32>, high: vec3<f32>, cells: u32) -> Grid {
     let largest = max(max(high.x - low.x, high.y - low.y), max(high.z - low.z, 1e-6));
-    let extent = max(high - low, vec3(FLAT * largest));
+    let extent = max(high - low, vec3(MIN_EXTENT_RATIO * largest));
     var cell = pow(extent.x * extent.y * extent.z / f32(cells), 1.0 / 3.0);
-    var dims = vec3<u32>(ceil(extent / cell - SLACK));
+    var dims = vec3<u32>(ceil(extent / cell - CELL_EPSILON));
     for (var i = 0; i < 64 && dims.x * dims.y * dims.z > cells; i++) {
         cell *= 1.05;
-        dims = vec3<u32>(ceil(extent / cell - SLACK));
+        dims = vec3<u32>(ceil(extent / cell - CELL_EPSILON));
     }
     return Grid(low, cell, dims);
 }

@@ -2,9 +2,9 @@
 // to go on, and to go on changing as in the step before. Of these the one of least incremental
 // potential is taken, E + Σ ½ m |w − v|² − h w·f, f the weight and the external force.
 
-const STARTS: u32 = 3u;
+const GUESS_COUNT: u32 = 3u;
 
-fn start_velocity(choice: u32, v: vec3<f32>, before: vec3<f32>, free: bool) -> vec3<f32> {
+fn guess_velocity(choice: u32, v: vec3<f32>, before: vec3<f32>, free: bool) -> vec3<f32> {
     if !free || choice == 0u {
         return vec3(0.0);
     }

@@ -20,35 +20,35 @@ struct Tet {
     lambda: f32,
 }
 
-fn tet_of(e: u32) -> Tet {
-    let a = textureLoad(shapes, at(3u * e), 0);
-    let b = textureLoad(shapes, at(3u * e + 1u), 0);
-    let c = textureLoad(shapes, at(3u * e + 2u), 0);
-    return Tet(textureLoad(tets, at(e), 0), mat3x3(a.xyz, b.xyz, c.xyz), a.w, b.w);
+fn load_tet(e: u32) -> Tet {
+    let a = textureLoad(shapes, array_texel(3u * e), 0);
+    let b = textureLoad(shapes, array_texel(3u * e + 1u), 0);
+    let c = textureLoad(shapes, array_texel(3u * e + 2u), 0);
+    return Tet(textureLoad(tets, array_texel(e), 0), mat3x3(a.xyz, b.xyz, c.xyz), a.w, b.w);
 }
 
 // The gradient of a field with these values at the four nodes, less that of the first.
-fn gradient_of(tet: Tet, first: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> mat3x3<f32> {
+fn displacement_gradient(tet: Tet, first: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(a - first, b - first, c - first) * transpose(tet.gradients);
 }
 
 // J below which a tet counts as crushed, and how much harder it resists then, over μ.
-const CRUSHED: f32 = 0.1;
-const STOP: f32 = 100.0;
+const CRUSH_THRESHOLD_J: f32 = 0.1;
+const CRUSH_STIFFNESS_RATIO: f32 = 100.0;
 
 // The energy of a change of volume J − 1.
 fn volume_energy(growth: f32, mu: f32, lambda: f32) -> f32 {
-    let c = clamp((CRUSHED - 1.0 - growth) / CRUSHED, 0.0, 1.0);
-    let stop = CRUSHED * c * c * c * c * (1.0 / 12.0 + c * (c / 30.0 - 0.1)) + max(-1.0 - growth, 0.0) / 30.0;
-    return 0.5 * lambda * growth * growth + 16.0 * STOP * CRUSHED * mu * stop;
+    let c = clamp((CRUSH_THRESHOLD_J - 1.0 - growth) / CRUSH_THRESHOLD_J, 0.0, 1.0);
+    let stop = CRUSH_THRESHOLD_J * c * c * c * c * (1.0 / 12.0 + c * (c / 30.0 - 0.1)) + max(-1.0 - growth, 0.0) / 30.0;
+    return 0.5 * lambda * growth * growth + 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * stop;
 }
 
 // Its first and second derivatives.
 fn volume_stress(growth: f32, mu: f32, lambda: f32) -> vec2<f32> {
-    let c = clamp((CRUSHED - 1.0 - growth) / CRUSHED, 0.0, 1.0);
-    let stop = 16.0 * STOP * CRUSHED * mu * c * c * c * (1.0 / 3.0 + c * (0.2 * c - 0.5));
+    let c = clamp((CRUSH_THRESHOLD_J - 1.0 - growth) / CRUSH_THRESHOLD_J, 0.0, 1.0);
+    let stop = 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * c * c * c * (1.0 / 3.0 + c * (0.2 * c - 0.5));
     let bump = c * (1.0 - c);
-    return vec2(lambda * growth - stop, lambda + 16.0 * STOP * mu * bump * bump);
+    return vec2(lambda * growth - stop, lambda + 16.0 * CRUSH_STIFFNESS_RATIO * mu * bump * bump);
 }
 
 fn trace(m: mat3x3<f32>) -> f32 {
@@ -74,6 +74,6 @@ fn volume_change(g: mat3x3<f32>, c: mat3x3<f32>) -> f32 {
 }
 
 // The cofactors of F = I + G, less the unit matrix.
-fn cofactor_change(g: mat3x3<f32>, c: mat3x3<f32>) -> mat3x3<f32> {
+fn cofactor_differential(g: mat3x3<f32>, c: mat3x3<f32>) -> mat3x3<f32> {
     return trace(g) * unit_matrix() - transpose(g) + c;
 }

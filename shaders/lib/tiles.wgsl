@@ -6,8 +6,8 @@
 #import lib/fullscreen
 
 // Pixels of a tile each way; `render::peel` has the same.
-const SIDE: u32 = 16u;
-const OUT_OF_SIGHT: vec4<f32> = vec4(2.0, 2.0, 0.0, 1.0);
+const TILE_SIZE: u32 = 16u;
+const CULLED_POSITION: vec4<f32> = vec4(2.0, 2.0, 0.0, 1.0);
 
 struct Tile {
     number: u32,
@@ -16,25 +16,25 @@ struct Tile {
     corner: vec4<f32>,
 }
 
-fn tiles_across(size: vec2<u32>) -> vec2<u32> {
-    return (size + SIDE - 1u) / SIDE;
+fn tile_grid(size: vec2<u32>) -> vec2<u32> {
+    return (size + TILE_SIZE - 1u) / TILE_SIZE;
 }
 
 // The tile of a pixel in a picture of that size.
 fn tile_at(pixel: vec2<u32>, size: vec2<u32>) -> u32 {
-    let tile = pixel / SIDE;
-    return tile.y * tiles_across(size).x + tile.x;
+    let tile = pixel / TILE_SIZE;
+    return tile.y * tile_grid(size).x + tile.x;
 }
 
 fn tile_of_vertex(index: u32, size: vec2<u32>) -> Tile {
-    let across = tiles_across(size);
+    let across = tile_grid(size);
     let all = across.x * across.y;
     let number = (index / 6u) % all;
     let tile = vec2(number % across.x, number / across.x);
     // Two triangles: corners 0 1 2 and 3 2 1.
     let k = index % 6u;
     let corner = select(k, 6u - k, k > 2u);
-    let pixel = min(SIDE * (tile + vec2(corner & 1u, corner >> 1u)), size);
+    let pixel = min(TILE_SIZE * (tile + vec2(corner & 1u, corner >> 1u)), size);
     let share = vec2<f32>(pixel) / vec2<f32>(size);
     return Tile(number, index / (6u * all), vec4(2.0 * share.x - 1.0, 1.0 - 2.0 * share.y, 0.0, 1.0));
 }

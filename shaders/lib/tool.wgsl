@@ -14,76 +14,76 @@ struct Tool {
     low: vec4<f32>,
     grid: vec4<u32>,
     // Where it was before the step, goes, and is between two iterations.
-    from_place: vec4<f32>,
-    from_turn: vec4<f32>,
-    to_place: vec4<f32>,
-    to_turn: vec4<f32>,
-    at_place: vec4<f32>,
-    at_turn: vec4<f32>,
+    start_position: vec4<f32>,
+    start_rotation: vec4<f32>,
+    target_position: vec4<f32>,
+    target_rotation: vec4<f32>,
+    current_position: vec4<f32>,
+    current_rotation: vec4<f32>,
     // Where it was in the iteration before.
-    last_place: vec4<f32>,
-    last_turn: vec4<f32>,
+    previous_position: vec4<f32>,
+    previous_rotation: vec4<f32>,
     // Where it was when its normal forces were taken for friction.
-    lag_place: vec4<f32>,
-    lag_turn: vec4<f32>,
+    friction_position: vec4<f32>,
+    friction_rotation: vec4<f32>,
     // Where the last step that was found took it.
-    went_place: vec4<f32>,
-    went_turn: vec4<f32>,
+    accepted_position: vec4<f32>,
+    accepted_rotation: vec4<f32>,
 }
 
 const SPHERE: u32 = 0u;
 const CAPSULE: u32 = 1u;
 const BOX: u32 = 2u;
 const PLANE: u32 = 3u;
-const FIELD: u32 = 4u;
+const SDF: u32 = 4u;
 
 // How a step of tools goes, as its iterations find and leave it.
-struct Pushing {
+struct ContactStepState {
     // Stages in which the tools go their way, and the one that they are at.
     stage: u32,
     stages: u32,
     // 1 while what touches follows its tool on a straight line: the first iteration of a stage.
-    follows: u32,
+    tracks_tool: u32,
     // 1 before the first system: the state to come from is that at the start of the step.
-    fresh: u32,
+    is_first_system: u32,
     // Iterations, and how often friction took over normal forces.
-    round: u32,
-    rubs: u32,
+    newton_iteration: u32,
+    friction_updates: u32,
     // 1 where the next state that is taken is what friction goes by from then on.
-    rub: u32,
+    update_friction: u32,
     done: u32,
     // Rounds of eight iterations of conjugate gradients that were spent.
-    rounds: u32,
+    cg_batches: u32,
     // How often the latest direction was tried again, how much of it is to be tried, and how much was.
-    cuts: u32,
-    length: f32,
-    tried: f32,
+    line_search_trials: u32,
+    trial_length: f32,
+    last_length: f32,
     // Parts of it between which the potential is least, and how steep it is at these.
-    low: f32,
+    bracket_low: f32,
     high: f32,
     low_slope: f32,
     high_slope: f32,
     // Tools push from so far away at least, while it is being found what touches.
-    wide: f32,
+    activation_distance: f32,
     // 1 where a tool may come near in the step.
-    near: u32,
+    may_contact: u32,
     // 1 where nothing touched in the system that was made last.
-    bare: u32,
+    had_no_contact: u32,
     // The least square of the residual, and iterations that came no lower.
-    least: f32,
-    stale: u32,
+    min_residual_squared: f32,
+    stalled_iterations: u32,
     // 1 once a step was found, after so many steps: if there is one more by then, it was sound.
-    found: u32,
+    step_found: u32,
     steps: u32,
 }
 
-fn turned_by(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
 // Where a turn has a vector, from where another one has it: of turns that are near each other the
 // difference keeps its digits so.
-fn turned_apart(from_turn: vec4<f32>, to_turn: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+fn rotation_difference(from_turn: vec4<f32>, to_turn: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     let by = select(-1.0, 1.0, dot(from_turn, to_turn) >= 0.0) * to_turn - from_turn;
     let first = from_turn.xyz;
     let last = first + by.xyz;
@@ -92,6 +92,6 @@ fn turned_apart(from_turn: vec4<f32>, to_turn: vec4<f32>, v: vec3<f32>) -> vec3<
 }
 
 // The turn that undoes another.
-fn undone(q: vec4<f32>) -> vec4<f32> {
+fn quat_conjugate(q: vec4<f32>) -> vec4<f32> {
     return vec4(-q.xyz, q.w);
 }

@@ -30,10 +30,10 @@ struct View {
     // Vertices of the boundary: three a face.
     corners: u32,
     // Steps after which a walk is given up.
-    cap: u32,
+    max_steps: u32,
     // Of the table: its layers, and the depth of the last one in the paper's form.
     layers: u32,
-    reach: f32,
+    table_max_depth: f32,
     // Size of a pixel in clip space (of w 1).
     pixel: vec2<f32>,
     // Unit direction towards the light, in the local frame; with w 1 it is that towards the eye.

@@ -1,14 +1,14 @@
 // The outer frame of either walk: the ray of each pixel, where it starts and ends, and what is done
 // where it is lost. Needs lib/array, lib/view, lib/tet, lib/sight and lib/segment; and of the
-// shader that imports it `walk(code, ray, before) -> Walked`, from boundary face `code` = 4 tet +
+// shader that imports it `traverse(code, ray, before) -> TraversalResult`, from boundary face `code` = 4 tet +
 // face until the mesh or the ray ends.
 
 // Towards the eye, from back faces in front of an eye that is inside the mesh.
-override BACKWARDS: bool = false;
+override BACKWARD_TRAVERSAL: bool = false;
 // Whether something opaque may end the rays.
-override OCCLUDED: bool = false;
+override HAS_DEPTH: bool = false;
 // Whether scalars are constant in each tet.
-override CELLS: bool = false;
+override CELL_SCALARS: bool = false;
 
 // Depth bits and 4 tet + face where the rays of this layer start.
 @group(0) @binding(next) var starts: texture_2d<u32>;
@@ -30,43 +30,43 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
         return fullscreen(index);
     }
     let tile = tile_of_vertex(index, textureDimensions(starts));
-    return select(OUT_OF_SIGHT, tile.corner, last_layers[tile.number] == tile.layer);
+    return select(CULLED_POSITION, tile.corner, last_layers[tile.number] == tile.layer);
 }
 
 struct Ray {
     // In camera space.
-    sight: Sight,
+    sight: RayFrame,
     // In the local frame: point(z) = foot + z run.
     foot: vec3<f32>,
     run: vec3<f32>,
     // If LIT: where light comes from.
-    lights: Lights,
+    lights: LightVectors,
     // What a step in z is worth in the unit of the mode.
     scale: f32,
     // z at which it ends.
     end: f32,
 }
 
-struct Walked {
+struct TraversalResult {
     sum: vec4<f32>,
     found: bool,
     // z where it begins and ends, the nearer one first.
     reach: vec2<f32>,
 }
 
-fn ray_at(position: vec2<f32>) -> Ray {
-    let sight = sight_at(params, position);
+fn pixel_ray(position: vec2<f32>) -> Ray {
+    let sight = ray_frame(params, position);
     let slope = sight.slope;
     let origin = sight.origin - vec2(params.right.w, params.up.w);
     let foot = origin.x * params.right.xyz + origin.y * params.up.xyz - params.forward.w * params.forward.xyz;
     let run = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
     let length = sqrt(1.0 + dot(slope, slope));
-    let scale = length * select(params.unit, params.opacity, MODE == COMPOSITE);
-    return Ray(sight, foot, run, lights_on(params, run / length), scale, 3e38);
+    let scale = length * select(params.unit, params.opacity, INTEGRAND == COMPOSITE);
+    return Ray(sight, foot, run, light_vectors(params, run / length), scale, 3e38);
 }
 
 // The ray a hair beside.
-fn aside(ray: Ray) -> Ray {
+fn perturbed(ray: Ray) -> Ray {
     var other = ray;
     other.sight.origin += vec2(1.7e-6, -1.1e-6);
     other.foot += 1.7e-6 * params.right.xyz - 1.1e-6 * params.up.xyz;
@@ -74,27 +74,27 @@ fn aside(ray: Ray) -> Ray {
 }
 
 // Takes a segment of a walk to the eye into the sum, as far as it is not behind the ray's end.
-fn before_end(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
+fn accumulate_until_depth(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     var seen = part;
-    if OCCLUDED {
+    if HAS_DEPTH {
         if part.front.z >= ray.end {
             return sum;
         }
         if part.back.z > ray.end {
-            seen.back = between(part.front, part.back, (ray.end - part.front.z) / (part.back.z - part.front.z));
+            seen.back = lerp_sample(part.front, part.back, (ray.end - part.front.z) / (part.back.z - part.front.z));
         }
     }
-    return on_segment(sum, seen, ray);
+    return accumulate_segment(sum, seen, ray);
 }
 
 // Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
 // face or an edge; counts it as lost when they do as well.
-fn walk_safely(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
+fn traverse_with_retry(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var along = ray;
-    var walked = Walked(before, false, vec2(0.0));
+    var walked = TraversalResult(before, false, vec2(0.0));
     for (var attempt = 0u; attempt < 4u && !walked.found; attempt++) {
-        walked = walk(code, along, before);
-        along = aside(along);
+        walked = traverse(code, along, before);
+        along = perturbed(along);
     }
     if !walked.found {
         atomicAdd(&lost[0], 1u);
@@ -108,28 +108,28 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let start = textureLoad(starts, pixel, 0).xy;
     var sum = vec4(0.0);
     var starting = start.y != NONE;
-    if BACKWARDS {
+    if BACKWARD_TRAVERSAL {
         // The eye is inside where the nearest face of all shows its back.
         let front = textureLoad(fronts, pixel, 0).xy;
         starting = starting && (front.y == NONE || bitcast<f32>(start.x) >= bitcast<f32>(front.x));
     } else {
         sum = textureLoad(gathered, pixel, 0);
-        starting = starting && !is_opaque(sum);
+        starting = starting && !is_terminated(sum);
     }
-    var ray = ray_at(position.xy);
-    if OCCLUDED {
+    var ray = pixel_ray(position.xy);
+    if HAS_DEPTH {
         ray.end = z_of_depth(params, textureLoad(occluder, pixel, 0));
-        starting = starting && (BACKWARDS || z_of_depth(params, bitcast<f32>(start.x)) < ray.end);
+        starting = starting && (BACKWARD_TRAVERSAL || z_of_depth(params, bitcast<f32>(start.x)) < ray.end);
     }
     if starting {
-        if !BACKWARDS {
-            sum = begun(sum);
+        if !BACKWARD_TRAVERSAL {
+            sum = initial_accumulator(sum);
         }
         let earlier = sum;
 #any intervals         sum = vec4(0.0);
-        let walked = walk_safely(start.y, ray, sum);
+        let walked = traverse_with_retry(start.y, ray, sum);
         sum = walked.sum;
-#any intervals         tell(pixel, walked);
+#any intervals         append_segment(pixel, walked);
 #any intervals         sum = earlier + (1.0 - earlier.a) * walked.sum;
     }
     return sum;

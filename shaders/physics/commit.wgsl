@@ -15,7 +15,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     // Items past the last node write to texels that nothing reads.
-    let i = item(id, groups);
-    textureStore(positions, at(i), textureLoad(next_positions, at(i), 0));
-    textureStore(velocities, at(i), textureLoad(next_velocities, at(i), 0));
+    let i = invocation_index(id, groups);
+    textureStore(positions, array_texel(i), textureLoad(next_positions, array_texel(i), 0));
+    textureStore(velocities, array_texel(i), textureLoad(next_velocities, array_texel(i), 0));
 }

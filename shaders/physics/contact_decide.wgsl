@@ -3,7 +3,7 @@
 #import lib/cg
 #import lib/tool_way
 
-struct DecideParams {
+struct ConvergenceParams {
     // Workgroups that wrote a partial sum.
     groups: u32,
     // 1 where a tool has friction.
@@ -13,20 +13,20 @@ struct DecideParams {
 @group(0) @binding(next) var<storage, read> partials: array<vec4<f32>>;
 @group(0) @binding(next) var<storage, read_write> scalars: CgScalars;
 @group(0) @binding(next) var<storage, read_write> status: Status;
-@group(0) @binding(next) var<storage, read_write> pushing: Pushing;
-@group(0) @binding(next) var<uniform> params: DecideParams;
+@group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
+@group(0) @binding(next) var<uniform> params: ConvergenceParams;
 
 // Square of the residual to reach, over the forces on what tools touch; and of that at which friction takes
 // over normal forces.
 const TOLERANCE: f32 = 1e-6;
-const ROUGH: f32 = 100.0;
+const FRICTION_UPDATE_RESIDUAL_RATIO: f32 = 100.0;
 
 // How often it does so in a step at most.
-const MOST_RUBS: u32 = 6u;
+const MAX_FRICTION_UPDATES: u32 = 6u;
 
 // Iterations of a step at most after the last stage, and of those that come no nearer in a row.
-const MOST: u32 = 100u;
-const STALE: u32 = 10u;
+const MAX_ITERATIONS: u32 = 100u;
+const MAX_STALLED: u32 = 10u;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(local_invocation_index) lane: u32) {
@@ -39,46 +39,46 @@ fn main(@builtin(local_invocation_index) lane: u32) {
         return;
     }
     status.solving = 1u;
-    let rubbed = pushing.rub != 0u;
-    pushing.rub = 0u;
+    let rubbed = pushing.update_friction != 0u;
+    pushing.update_friction = 0u;
     let touches = total.z > 0.0;
-    let bare = pushing.bare != 0u;
-    pushing.bare = select(1u, 0u, touches);
-    if pushing.fresh != 0u {
-        pushing.fresh = 0u;
+    let bare = pushing.had_no_contact != 0u;
+    pushing.had_no_contact = select(1u, 0u, touches);
+    if pushing.is_first_system != 0u {
+        pushing.is_first_system = 0u;
         // Tools that come near nothing go all their way at once.
-        if pushing.near == 0u {
+        if pushing.may_contact == 0u {
             pushing.stage = pushing.stages;
-            pushing.follows = 0u;
-            pushing.wide = 0.0;
-            go_to_stage(pushing.stage, pushing.stages);
+            pushing.tracks_tool = 0u;
+            pushing.activation_distance = 0.0;
+            set_tool_stage(pushing.stage, pushing.stages);
         }
         return;
     }
-    if pushing.follows != 0u || pushing.wide > 0.0 {
+    if pushing.tracks_tool != 0u || pushing.activation_distance > 0.0 {
         return;
     }
     let square = total.x;
     status.residual = select(0.0, sqrt(max(square, 0.0) / total.z), touches);
     let goal = TOLERANCE * total.z;
-    let rubs = params.rubs != 0u && touches && pushing.rubs < MOST_RUBS;
-    if square < 0.7 * pushing.least {
-        pushing.least = square;
-        pushing.stale = 0u;
+    let rubs = params.rubs != 0u && touches && pushing.friction_updates < MAX_FRICTION_UPDATES;
+    if square < 0.7 * pushing.min_residual_squared {
+        pushing.min_residual_squared = square;
+        pushing.stalled_iterations = 0u;
     } else {
-        pushing.stale += 1u;
+        pushing.stalled_iterations += 1u;
     }
     // What touches nothing from the first is found in one iteration, as without tools.
-    let free = bare && !touches && pushing.tried >= 1.0;
+    let free = bare && !touches && pushing.last_length >= 1.0;
     let near = square <= goal && (rubbed || !rubs);
-    let spent = pushing.round >= pushing.stages + MOST || pushing.stale >= STALE;
+    let spent = pushing.newton_iteration >= pushing.stages + MAX_ITERATIONS || pushing.stalled_iterations >= MAX_STALLED;
     if free || near || spent || !finite(square) {
         pushing.done = 1u;
-        scalars.done = MET;
+        scalars.done = CONVERGED;
         if total.w > 0.0 {
             status.failed = PIERCED;
         }
         return;
     }
-    pushing.rub = select(0u, 1u, rubs && square <= ROUGH * goal);
+    pushing.update_friction = select(0u, 1u, rubs && square <= FRICTION_UPDATE_RESIDUAL_RATIO * goal);
 }

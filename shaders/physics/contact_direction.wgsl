@@ -17,17 +17,17 @@ struct DirectionParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes || status.failed != 0u || status.solving != 0u {
         return;
     }
     var change = vec4(0.0);
-    if scalars.iterations != 0u && textureLoad(masses, at(i), 0).y != 0.0 {
+    if scalars.iterations != 0u && textureLoad(masses, array_texel(i), 0).y != 0.0 {
         if (scalars.iterations & 1u) == 0u {
-            change = textureLoad(even, at(i), 0);
+            change = textureLoad(even, array_texel(i), 0);
         } else {
-            change = textureLoad(odd, at(i), 0);
+            change = textureLoad(odd, array_texel(i), 0);
         }
     }
-    textureStore(ways, at(i), change);
+    textureStore(ways, array_texel(i), change);
 }

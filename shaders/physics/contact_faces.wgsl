@@ -11,29 +11,29 @@
 @group(0) @binding(next) var face_weights: texture_2d<f32>;
 @group(0) @binding(next) var faces: texture_storage_2d<rgba32float, write>;
 
-fn add(to: ptr<function, array<vec4<f32>, 15>>, k: u32, by: f32, share: Share) {
+fn add(to: ptr<function, array<vec4<f32>, 15>>, k: u32, by: f32, share: ContactContribution) {
     (*to)[3u + 2u * k] += by * vec4(share.diagonal.x, share.mixed.xy, share.diagonal.y);
     (*to)[4u + 2u * k] += by * vec4(share.mixed.z, share.diagonal.z, 0.0, 0.0);
 }
 
 // How far a tool is at most from where it stood, at a distance from its origin.
-fn drawn_by(k: u32, place: vec4<f32>, turn: vec4<f32>, arm: f32) -> f32 {
-    let moved = distance(tools[k].at_place.xyz, place.xyz);
-    return moved + 4.0 * length(tools[k].at_turn - turn) * (arm + moved);
+fn tool_displacement(k: u32, place: vec4<f32>, turn: vec4<f32>, arm: f32) -> f32 {
+    let moved = distance(tools[k].current_position.xyz, place.xyz);
+    return moved + 4.0 * length(tools[k].current_rotation - turn) * (arm + moved);
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.items || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let face = textureLoad(contact_corners, at(n), 0);
+    let face = textureLoad(contact_corners, array_texel(n), 0);
     let longest = bitcast<f32>(face.w);
-    var nodes: Corners;
+    var nodes: ContactNodes;
     var free = vec3(0.0);
     for (var c = 0u; c < 3u; c++) {
-        let i = at(face[c]);
+        let i = array_texel(face[c]);
         nodes.x[c] = textureLoad(start_positions, i, 0).xyz;
         nodes.v[c] = textureLoad(velocities, i, 0).xyz;
         nodes.way[c] = textureLoad(ways, i, 0).xyz;
@@ -51,26 +51,26 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var sums: array<vec4<f32>, 15>;
     var touching = 0.0;
     for (var k = 0u; k < arrayLength(&tools); k++) {
-        let parts = parts_of(k, longest);
+        let parts = subdivisions(k, longest);
         // No face comes nearer to a plane than its nodes.
         if parts < 2u || u32(tools[k].shape.w) == PLANE {
             continue;
         }
-        let middle = from_tool(nodes.x, tools[k].at_place.xyz, third, params.dt * (nodes.v * third));
-        let drawn = max(drawn_by(k, tools[k].lag_place, tools[k].lag_turn, length(middle)),
-            drawn_by(k, tools[k].last_place, tools[k].last_turn, length(middle)));
-        if touch(k, middle, tools[k].at_turn).w >= gap_of(k) + reach + drawn {
+        let middle = relative_displacement(nodes.x, tools[k].current_position.xyz, third, params.dt * (nodes.v * third));
+        let drawn = max(tool_displacement(k, tools[k].friction_position, tools[k].friction_rotation, length(middle)),
+            tool_displacement(k, tools[k].previous_position, tools[k].previous_rotation, length(middle)));
+        if surface_distance(k, middle, tools[k].current_rotation).w >= active_gap(k) + reach + drawn {
             continue;
         }
-        let ak = textureLoad(face_weights, at(n), 0).x / (0.5 * f32((parts + 1u) * (parts + 2u)) - 3.0);
+        let ak = textureLoad(face_weights, array_texel(n), 0).x / (0.5 * f32((parts + 1u) * (parts + 2u)) - 3.0);
         for (var i = 0u; i <= parts; i++) {
             for (var j = 0u; j <= parts - i; j++) {
                 let l = parts - i - j;
                 let w = vec3(f32(i), f32(j), f32(l)) / f32(parts);
-                if max(max(i, j), l) == parts || dot(w, free) < FREE {
+                if max(max(i, j), l) == parts || dot(w, free) < MIN_MOBILITY {
                     continue;
                 }
-                let share = share_of(k, nodes, w, ak);
+                let share = contact_contribution(k, nodes, w, ak);
                 sums[0].w += share.pierced;
                 if !share.touches {
                     continue;
@@ -88,6 +88,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     // Of the others nothing is read where nothing touches.
     let count = select(3u, 15u, touching > 0.0);
     for (var t = 0u; t < count; t++) {
-        textureStore(faces, at(15u * n + t), sums[t]);
+        textureStore(faces, array_texel(15u * n + t), sums[t]);
     }
 }

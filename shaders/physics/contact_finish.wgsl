@@ -4,22 +4,22 @@
 #import lib/tool_way
 
 @group(0) @binding(next) var<storage, read_write> status: Status;
-@group(0) @binding(next) var<storage, read_write> pushing: Pushing;
+@group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
 
 @compute @workgroup_size(1)
 fn main() {
     if status.failed != 0u {
         return;
     }
-    status.iterations = 8u * pushing.rounds;
+    status.iterations = 8u * pushing.cg_batches;
     status.solving = select(1u, 0u, pushing.done != 0u);
     if pushing.done == 0u {
         return;
     }
-    pushing.found = 1u;
+    pushing.step_found = 1u;
     pushing.steps = status.steps;
     for (var k = 0u; k < arrayLength(&tools); k++) {
-        tools[k].went_place = tools[k].at_place;
-        tools[k].went_turn = tools[k].at_turn;
+        tools[k].accepted_position = tools[k].current_position;
+        tools[k].accepted_rotation = tools[k].current_rotation;
     }
 }

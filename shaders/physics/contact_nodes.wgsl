@@ -13,12 +13,12 @@
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.items || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let node = textureLoad(boundary_nodes, at(n), 0);
-    let i = at(node.x);
+    let node = textureLoad(boundary_nodes, array_texel(n), 0);
+    let i = array_texel(node.x);
     var force = vec4(0.0);
     var b0 = vec4(0.0);
     var b1 = vec4(0.0);
@@ -27,31 +27,31 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         let v = textureLoad(velocities, i, 0).xyz;
         let way = textureLoad(ways, i, 0).xyz;
         let rub = textureLoad(rubbed, i, 0).xyz;
-        let one = Corners(mat3x3(x, x, x), mat3x3(v, v, v), mat3x3(way, way, way), mat3x3(rub, rub, rub));
+        let one = ContactNodes(mat3x3(x, x, x), mat3x3(v, v, v), mat3x3(way, way, way), mat3x3(rub, rub, rub));
         for (var k = 0u; k < arrayLength(&tools); k++) {
-            let share = share_of(k, one, vec3(1.0, 0.0, 0.0), bitcast<f32>(node.w));
+            let share = contact_contribution(k, one, vec3(1.0, 0.0, 0.0), bitcast<f32>(node.w));
             force += vec4(share.force, share.pierced);
             b0 += vec4(share.diagonal.x, share.mixed.xy, share.diagonal.y);
             b1 += vec4(share.mixed.z, share.diagonal.z, 0.0, 0.0);
         }
     }
     for (var f = node.y; f < node.y + node.z; f++) {
-        let face = textureLoad(around_nodes, at(f), 0).x;
+        let face = textureLoad(around_nodes, array_texel(f), 0).x;
         let first = 15u * (face / 3u);
         let corner = face % 3u;
-        if textureLoad(faces, at(first + 2u), 0).w == 0.0 {
+        if textureLoad(faces, array_texel(first + 2u), 0).w == 0.0 {
             continue;
         }
-        let own = textureLoad(faces, at(first + corner), 0);
+        let own = textureLoad(faces, array_texel(first + corner), 0);
         force += vec4(own.xyz, select(0.0, own.w, corner == 0u));
         // With itself, with the next corner, and with the one before.
         for (var k = 0u; k < 3u; k++) {
             let block = select(3u + (corner + 2u * (k - 1u)) % 3u, corner, k == 0u);
-            b0 += textureLoad(faces, at(first + 3u + 2u * block), 0);
-            b1 += textureLoad(faces, at(first + 4u + 2u * block), 0);
+            b0 += textureLoad(faces, array_texel(first + 3u + 2u * block), 0);
+            b1 += textureLoad(faces, array_texel(first + 4u + 2u * block), 0);
         }
     }
-    textureStore(shares, at(3u * node.x), force);
-    textureStore(shares, at(3u * node.x + 1u), b0);
-    textureStore(shares, at(3u * node.x + 2u), b1);
+    textureStore(shares, array_texel(3u * node.x), force);
+    textureStore(shares, array_texel(3u * node.x + 1u), b0);
+    textureStore(shares, array_texel(3u * node.x + 2u), b1);
 }

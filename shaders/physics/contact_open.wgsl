@@ -4,22 +4,22 @@
 #import lib/tool_way
 
 @group(0) @binding(next) var<storage, read> status: Status;
-@group(0) @binding(next) var<storage, read_write> pushing: Pushing;
+@group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
 
-struct OpenParams {
+struct InitParams {
     // Tools that move push from so far away at first.
     wide: f32,
 }
-@group(0) @binding(next) var<uniform> params: OpenParams;
+@group(0) @binding(next) var<uniform> params: InitParams;
 
 // Those that move by more than this part of it do so.
-const MOVES: f32 = 0.2;
+const MIN_MOVE_RATIO: f32 = 0.2;
 
 // Stages of a step at most.
-const MOST_STAGES: f32 = 64.0;
+const MAX_STAGES: f32 = 64.0;
 
 // How far the boundary comes from the middle of the local frame, and some.
-const REACH: f32 = 1.5;
+const BOUNDARY_RADIUS: f32 = 1.5;
 
 @compute @workgroup_size(1)
 fn main() {
@@ -27,30 +27,30 @@ fn main() {
         return;
     }
     // Where a step that was found was sound, tools are where it took them.
-    let sound = pushing.found != 0u && pushing.steps != status.steps;
+    let sound = pushing.step_found != 0u && pushing.steps != status.steps;
     var most = 0.0;
     var moves = false;
     var farthest = 0.0;
     for (var k = 0u; k < arrayLength(&tools); k++) {
         if sound {
-            tools[k].from_place = tools[k].went_place;
-            tools[k].from_turn = tools[k].went_turn;
+            tools[k].start_position = tools[k].accepted_position;
+            tools[k].start_rotation = tools[k].accepted_rotation;
         }
-        tools[k].last_place = tools[k].from_place;
-        tools[k].last_turn = tools[k].from_turn;
-        tools[k].lag_place = tools[k].from_place;
-        tools[k].lag_turn = tools[k].from_turn;
-        let arm = min(tools[k].limits.z, length(tools[k].from_place.xyz) + REACH);
-        let cosine = abs(dot(tools[k].from_turn, tools[k].to_turn));
+        tools[k].previous_position = tools[k].start_position;
+        tools[k].previous_rotation = tools[k].start_rotation;
+        tools[k].friction_position = tools[k].start_position;
+        tools[k].friction_rotation = tools[k].start_rotation;
+        let arm = min(tools[k].limits.z, length(tools[k].start_position.xyz) + BOUNDARY_RADIUS);
+        let cosine = abs(dot(tools[k].start_rotation, tools[k].target_rotation));
         let angle = 2.0 * sqrt(max(2.0 - 2.0 * cosine, 0.0));
-        let way = distance(tools[k].from_place.xyz, tools[k].to_place.xyz) + angle * arm;
-        moves = moves || any(tools[k].from_place != tools[k].to_place) || any(tools[k].from_turn != tools[k].to_turn);
+        let way = distance(tools[k].start_position.xyz, tools[k].target_position.xyz) + angle * arm;
+        moves = moves || any(tools[k].start_position != tools[k].target_position) || any(tools[k].start_rotation != tools[k].target_rotation);
         tools[k].limits.w = way;
         farthest = max(farthest, way);
         most = max(most, way / tools[k].limits.y);
     }
-    let stages = u32(clamp(ceil(most), 1.0, MOST_STAGES));
-    go_to_stage(1u, stages);
-    pushing = Pushing(1u, stages, select(0u, 1u, moves), 1u, 0u, 0u, 1u, 0u, 0u, 0u, 1.0, 1.0,
-        0.0, 1.0, 0.0, 0.0, select(0.0, params.wide, farthest > params.wide * MOVES), 0u, 0u, 3.4e38, 0u, 0u, 0u);
+    let stages = u32(clamp(ceil(most), 1.0, MAX_STAGES));
+    set_tool_stage(1u, stages);
+    pushing = ContactStepState(1u, stages, select(0u, 1u, moves), 1u, 0u, 0u, 1u, 0u, 0u, 0u, 1.0, 1.0,
+        0.0, 1.0, 0.0, 0.0, select(0.0, params.wide, farthest > params.wide * MIN_MOVE_RATIO), 0u, 0u, 3.4e38, 0u, 0u, 0u);
 }

@@ -36,10 +36,10 @@ fn main(
     var sum = vec4(0.0);
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
         // Zero where nothing moves.
-        let way = textureLoad(ways, at(i), 0).xyz;
-        let change = textureLoad(velocities, at(i), 0).xyz - textureLoad(trial_velocities, at(i), 0).xyz;
-        let r = textureLoad(masses, at(i), 0).x * change + params.dt * textureLoad(forces, at(i), 0).xyz;
-        let begun = textureLoad(preconditioner, at(params.right + i), 0).xyz;
+        let way = textureLoad(ways, array_texel(i), 0).xyz;
+        let change = textureLoad(velocities, array_texel(i), 0).xyz - textureLoad(trial_velocities, array_texel(i), 0).xyz;
+        let r = textureLoad(masses, array_texel(i), 0).x * change + params.dt * textureLoad(forces, array_texel(i), 0).xyz;
+        let begun = textureLoad(preconditioner, array_texel(params.right + i), 0).xyz;
         sum += vec4(dot(way, begun), dot(way, r), 0.0, 0.0);
     }
     let total = reduce(sum, lane);

@@ -11,7 +11,7 @@ struct TakeParams {
 @group(0) @binding(0) var trial_positions: texture_2d<f32>;
 @group(0) @binding(1) var trial_velocities: texture_2d<f32>;
 @group(0) @binding(2) var<storage, read> status: Status;
-@group(0) @binding(3) var<storage, read> pushing: Pushing;
+@group(0) @binding(3) var<storage, read> pushing: ContactStepState;
 @group(0) @binding(4) var next_positions: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(5) var next_velocities: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(6) var rubbed: texture_storage_2d<rgba32float, write>;
@@ -19,15 +19,15 @@ struct TakeParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let v = textureLoad(trial_velocities, at(i), 0);
-    textureStore(next_positions, at(i), textureLoad(trial_positions, at(i), 0));
-    textureStore(next_velocities, at(i), v);
-    if pushing.rub != 0u {
+    let v = textureLoad(trial_velocities, array_texel(i), 0);
+    textureStore(next_positions, array_texel(i), textureLoad(trial_positions, array_texel(i), 0));
+    textureStore(next_velocities, array_texel(i), v);
+    if pushing.update_friction != 0u {
         // Before the first system: where the step starts.
-        textureStore(rubbed, at(i), select(v, vec4(0.0), pushing.fresh != 0u));
+        textureStore(rubbed, array_texel(i), select(v, vec4(0.0), pushing.is_first_system != 0u));
     }
 }

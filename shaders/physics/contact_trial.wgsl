@@ -17,7 +17,7 @@ struct TrialParams {
 @group(0) @binding(2) var ways: texture_2d<f32>;
 @group(0) @binding(3) var<storage, read> parts: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read> status: Status;
-@group(0) @binding(5) var<storage, read_write> pushing: Pushing;
+@group(0) @binding(5) var<storage, read_write> pushing: ContactStepState;
 @group(0) @binding(6) var trial_positions: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(7) var trial_velocities: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(8) var<uniform> params: TrialParams;
@@ -37,21 +37,21 @@ fn main(
         own = min(own, parts[k].x);
         away = min(away, parts[k].y);
     }
-    let part = min(least_of(own, lane), pushing.length);
-    let apart = least_of(away, lane);
+    let part = min(workgroup_min(own, lane), pushing.trial_length);
+    let apart = workgroup_min(away, lane);
     if id.x == 0u {
-        pushing.tried = part;
-        if pushing.fresh != 0u {
-            pushing.near = select(0u, 1u, apart <= 0.0);
+        pushing.last_length = part;
+        if pushing.is_first_system != 0u {
+            pushing.may_contact = select(0u, 1u, apart <= 0.0);
         }
     }
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
-        let x = textureLoad(start_positions, at(i), 0);
-        var v = part * textureLoad(ways, at(i), 0).xyz;
-        if pushing.fresh == 0u {
-            v += textureLoad(velocities, at(i), 0).xyz;
+        let x = textureLoad(start_positions, array_texel(i), 0);
+        var v = part * textureLoad(ways, array_texel(i), 0).xyz;
+        if pushing.is_first_system == 0u {
+            v += textureLoad(velocities, array_texel(i), 0).xyz;
         }
-        textureStore(trial_positions, at(i), vec4(x.xyz + params.dt * v, x.w));
-        textureStore(trial_velocities, at(i), vec4(v, 0.0));
+        textureStore(trial_positions, array_texel(i), vec4(x.xyz + params.dt * v, x.w));
+        textureStore(trial_velocities, array_texel(i), vec4(v, 0.0));
     }
 }

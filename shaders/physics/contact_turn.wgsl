@@ -10,7 +10,7 @@ struct TurnParams {
 
 @group(0) @binding(0) var<storage, read> scalars: CgScalars;
 @group(0) @binding(1) var<storage, read_write> status: Status;
-@group(0) @binding(2) var<storage, read_write> pushing: Pushing;
+@group(0) @binding(2) var<storage, read_write> pushing: ContactStepState;
 @group(0) @binding(3) var<uniform> params: TurnParams;
 
 @compute @workgroup_size(1)
@@ -18,7 +18,7 @@ fn main() {
     if status.failed != 0u || pushing.done != 0u {
         return;
     }
-    pushing.rounds += 1u;
+    pushing.cg_batches += 1u;
     let over = scalars.done != 0u || scalars.iterations >= params.max_iterations;
     status.solving = select(1u, 0u, over);
 }

@@ -14,29 +14,29 @@ struct WayParams {
 @group(0) @binding(next) var velocities: texture_2d<f32>;
 // How velocities change.
 @group(0) @binding(next) var ways: texture_2d<f32>;
-@group(0) @binding(next) var<storage, read> pushing: Pushing;
+@group(0) @binding(next) var<storage, read> pushing: ContactStepState;
 @group(0) @binding(next) var<storage, read_write> parts: array<vec2<f32>>;
 @group(0) @binding(next) var<uniform> params: WayParams;
 
 // Points go so deep into a tool between two iterations at most, over half of its thickness: they
 // come out again where they went in.
-const DEEP: f32 = 0.25;
+const MAX_ITERATION_PENETRATION: f32 = 0.25;
 
 // Steps of a point.
-const ADVANCES: u32 = 60u;
+const MAX_CCD_ITERATIONS: u32 = 60u;
 
 // The part of the way by `along` from a point that is p from the tool's origin.
-fn way_of(k: u32, p: vec3<f32>, along: vec3<f32>, turn: vec4<f32>) -> f32 {
+fn point_toi(k: u32, p: vec3<f32>, along: vec3<f32>, turn: vec4<f32>) -> f32 {
     let far = length(along);
-    let deep = DEEP * tools[k].numbers.z;
+    let deep = MAX_ITERATION_PENETRATION * tools[k].numbers.z;
     var t = 0.0;
-    var room = touch(k, p, turn).w + deep;
+    var room = surface_distance(k, p, turn).w + deep;
     let start = room;
     // Of what is deeper already nothing is gained by waiting.
     if start <= 0.0 {
         return 1.0;
     }
-    for (var n = 0u; n < ADVANCES; n++) {
+    for (var n = 0u; n < MAX_CCD_ITERATIONS; n++) {
         if far * (1.0 - t) <= room {
             return 1.0;
         }
@@ -45,7 +45,7 @@ fn way_of(k: u32, p: vec3<f32>, along: vec3<f32>, turn: vec4<f32>) -> f32 {
             break;
         }
         t += room / far;
-        room = touch(k, p + t * along, turn).w + deep;
+        room = surface_distance(k, p + t * along, turn).w + deep;
     }
     return t;
 }
@@ -63,15 +63,15 @@ fn main(
     var way = 1.0;
     var apart = 1.0;
     for (var n = id.x; n < params.faces; n += groups.x * WORKGROUP) {
-        let face = textureLoad(contact_corners, at(n), 0);
+        let face = textureLoad(contact_corners, array_texel(n), 0);
         var x: mat3x3<f32>;
         var v: mat3x3<f32>;
         var along: mat3x3<f32>;
         var free = vec3(0.0);
         for (var c = 0u; c < 3u; c++) {
-            let i = at(face[c]);
+            let i = array_texel(face[c]);
             x[c] = textureLoad(start_positions, i, 0).xyz;
-            if pushing.fresh == 0u {
+            if pushing.is_first_system == 0u {
                 v[c] = textureLoad(velocities, i, 0).xyz;
             }
             along[c] = params.dt * textureLoad(ways, i, 0).xyz;
@@ -81,33 +81,33 @@ fn main(
         let edge = max(max(distance(moved[0], moved[1]), distance(moved[1], moved[2])), distance(moved[2], moved[0]));
         let far = max(max(length(along[0]), length(along[1])), length(along[2]));
         for (var k = 0u; k < arrayLength(&tools); k++) {
-            var place = tools[k].at_place.xyz;
-            var turn = tools[k].at_turn;
-            if pushing.fresh != 0u {
-                place = tools[k].from_place.xyz;
-                turn = tools[k].from_turn;
+            var place = tools[k].current_position.xyz;
+            var turn = tools[k].current_rotation;
+            if pushing.is_first_system != 0u {
+                place = tools[k].start_position.xyz;
+                turn = tools[k].start_rotation;
             }
-            let corner = touch(k, from_tool(x, place, vec3(1.0, 0.0, 0.0), params.dt * v[0]), turn).w;
-            if corner <= edge + far + tools[k].limits.w + max(tools[k].numbers.y, pushing.wide) {
+            let corner = surface_distance(k, relative_displacement(x, place, vec3(1.0, 0.0, 0.0), params.dt * v[0]), turn).w;
+            if corner <= edge + far + tools[k].limits.w + max(tools[k].numbers.y, pushing.activation_distance) {
                 apart = 0.0;
             }
             // What is on the wrong side of a plane comes back by itself.
             if corner > edge + far || u32(tools[k].shape.w) == PLANE {
                 continue;
             }
-            let count = parts_of(k, bitcast<f32>(face.w));
+            let count = subdivisions(k, bitcast<f32>(face.w));
             for (var i = 0u; i <= count; i++) {
                 for (var j = 0u; j <= count - i; j++) {
                     let w = vec3(f32(i), f32(j), f32(count - i - j)) / f32(count);
-                    if dot(w, free) >= FREE {
-                        way = min(way, way_of(k, from_tool(x, place, w, params.dt * (v * w)), along * w, turn));
+                    if dot(w, free) >= MIN_MOBILITY {
+                        way = min(way, point_toi(k, relative_displacement(x, place, w, params.dt * (v * w)), along * w, turn));
                     }
                 }
             }
         }
     }
-    let least = least_of(way, lane);
-    let least_apart = least_of(apart, lane);
+    let least = workgroup_min(way, lane);
+    let least_apart = workgroup_min(apart, lane);
     if lane == 0u {
         parts[group.x] = vec2(least, least_apart);
     }

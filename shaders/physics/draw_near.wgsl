@@ -19,14 +19,14 @@ struct DrawParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.count {
         return;
     }
-    let i = textureLoad(numbers, at(n), 0).x;
-    let to = textureLoad(targets, at(n), 0);
-    let load = textureLoad(loads, at(n), 0);
-    let pull = to.w * (to.xyz - textureLoad(positions, at(i), 0).xyz);
+    let i = textureLoad(numbers, array_texel(n), 0).x;
+    let to = textureLoad(targets, array_texel(n), 0);
+    let load = textureLoad(loads, array_texel(n), 0);
+    let pull = to.w * (to.xyz - textureLoad(positions, array_texel(i), 0).xyz);
     let limited = pull * min(1.0, load.w / max(length(pull), 1e-30));
-    textureStore(external_forces, at(i), vec4(load.xyz + limited, 0.0));
+    textureStore(external_forces, array_texel(i), vec4(load.xyz + limited, 0.0));
 }

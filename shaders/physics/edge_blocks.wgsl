@@ -24,36 +24,36 @@ struct EdgeParams {
 // The gradient of a corner in the frame of its tet, whose texels begin with `first`.
 fn corner_gradient(first: u32, corner: u32) -> vec3<f32> {
     if corner == 0u {
-        let a = textureLoad(curvatures, at(first + 3u), 0).xyz;
-        let b = textureLoad(curvatures, at(first + 4u), 0).xyz;
-        return -(a + b + textureLoad(curvatures, at(first + 5u), 0).xyz);
+        let a = textureLoad(curvatures, array_texel(first + 3u), 0).xyz;
+        let b = textureLoad(curvatures, array_texel(first + 4u), 0).xyz;
+        return -(a + b + textureLoad(curvatures, array_texel(first + 5u), 0).xyz);
     }
-    return textureLoad(curvatures, at(first + 2u + corner), 0).xyz;
+    return textureLoad(curvatures, array_texel(first + 2u + corner), 0).xyz;
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.edges || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let edge = textureLoad(edges, at(n), 0);
+    let edge = textureLoad(edges, array_texel(n), 0);
     var block = mat3x3(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for (var k = edge.x; k < edge.x + edge.y; k++) {
-        let tet = textureLoad(around, at(k), 0).x;
+        let tet = textureLoad(around, array_texel(k), 0).x;
         let first = 8u * (tet >> 4u);
         let a = corner_gradient(first, (tet >> 2u) & 3u);
         let b = corner_gradient(first, tet & 3u);
-        let c0 = textureLoad(curvatures, at(first), 0);
-        let c1 = textureLoad(curvatures, at(first + 1u), 0);
-        let c2 = textureLoad(curvatures, at(first + 2u), 0);
+        let c0 = textureLoad(curvatures, array_texel(first), 0);
+        let c1 = textureLoad(curvatures, array_texel(first + 1u), 0);
+        let c2 = textureLoad(curvatures, array_texel(first + 2u), 0);
         let off = vec3(
-            textureLoad(curvatures, at(first + 3u), 0).w,
-            textureLoad(curvatures, at(first + 4u), 0).w,
-            textureLoad(curvatures, at(first + 5u), 0).w,
+            textureLoad(curvatures, array_texel(first + 3u), 0).w,
+            textureLoad(curvatures, array_texel(first + 4u), 0).w,
+            textureLoad(curvatures, array_texel(first + 5u), 0).w,
         );
-        let flip = textureLoad(curvatures, at(first + 6u), 0).xyz;
-        let twist = textureLoad(curvatures, at(first + 7u), 0).xyz;
+        let flip = textureLoad(curvatures, array_texel(first + 6u), 0).xyz;
+        let twist = textureLoad(curvatures, array_texel(first + 7u), 0).xyz;
         // δP_lm goes with δF_lm by `same`, with δF_ml by `other`.
         let same = 0.5 * (flip + twist);
         let other = 0.5 * (flip - twist);
@@ -76,7 +76,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
 #each contact     block += TERM_edge(n);
     let rows = transpose(block);
     for (var k = 0u; k < 3u; k++) {
-        textureStore(matrix, at(3u * edge.z + k), vec4(rows[k], 0.0));
-        textureStore(matrix, at(3u * edge.w + k), vec4(block[k], 0.0));
+        textureStore(matrix, array_texel(3u * edge.z + k), vec4(rows[k], 0.0));
+        textureStore(matrix, array_texel(3u * edge.w + k), vec4(block[k], 0.0));
     }
 }

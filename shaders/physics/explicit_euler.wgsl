@@ -4,11 +4,11 @@
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes || status.failed != 0u {
         return;
     }
-    let x = textureLoad(positions, at(i), 0);
-    let v = textureLoad(velocities, at(i), 0);
+    let x = textureLoad(positions, array_texel(i), 0);
+    let v = textureLoad(velocities, array_texel(i), 0);
     store(i, x, params.dt * v.xyz, vec4(v.xyz + params.dt * acceleration(i), v.w));
 }

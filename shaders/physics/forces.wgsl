@@ -40,9 +40,9 @@ fn main(
     var sum = vec4(0.0);
     for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
         let i = row_of(t).x;
-        let x = textureLoad(positions, at(i), 0).xyz;
-        let v = textureLoad(velocities, at(i), 0).xyz;
-        let m = textureLoad(masses, at(i), 0).x;
+        let x = textureLoad(positions, array_texel(i), 0).xyz;
+        let v = textureLoad(velocities, array_texel(i), 0).xyz;
+        let m = textureLoad(masses, array_texel(i), 0).x;
 #each matter         let gathered = TERM_force(t, m, x, v);
         var f = gathered.xyz;
         var energy = gathered.w;
@@ -50,11 +50,11 @@ fn main(
 #each node         share += TERM_force(INDEX, m, x);
 #any node         f += share.xyz;
 #any node         energy += share.w;
-        let pull = m * params.gravity.xyz + params.newton * textureLoad(external_forces, at(i), 0).xyz;
+        let pull = m * params.gravity.xyz + params.newton * textureLoad(external_forces, array_texel(i), 0).xyz;
         f += pull;
 #each contact         let pressed = TERM_force(i).xyz;
 #each contact         f += pressed;
-        textureStore(forces, at(i), vec4(f, 0.0));
+        textureStore(forces, array_texel(i), vec4(f, 0.0));
         let bad = select(1.0, 0.0, finite3(x) && finite3(v) && finite3(f));
         sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
         // Tools do work as what acts from outside does.

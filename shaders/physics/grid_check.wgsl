@@ -10,7 +10,7 @@ struct GridCheckParams {
 
 struct GridStatus {
     // Particles whose position is no finite number.
-    lost: f32,
+    out_of_range: f32,
     // Sum of m/m̄ |x - x₋₁|².
     motion: f32,
     // Largest distance from the middle of the frame, squared.
@@ -31,13 +31,13 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     var sum = vec4(0.0);
     var far = 0.0;
     for (var n = lane; n < params.count; n += WORKGROUP) {
-        let particle = textureLoad(particles, at(n), 0);
-        let x = textureLoad(positions, at(particle.x), 0).xyz;
+        let particle = textureLoad(particles, array_texel(n), 0);
+        let x = textureLoad(positions, array_texel(particle.x), 0).xyz;
         if !finite3(x) {
             sum.x += 1.0;
             continue;
         }
-        let d = x - textureLoad(previous, at(particle.x), 0).xyz;
+        let d = x - textureLoad(previous, array_texel(particle.x), 0).xyz;
         let inverse = bitcast<f32>(particle.z);
         sum.y += select(0.0, dot(d, d) / inverse, inverse > 0.0);
         far = max(far, dot(x, x));

@@ -20,13 +20,13 @@ struct StartParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.count {
         return;
     }
-    let i = textureLoad(particles, at(n), 0).x;
-    let x = textureLoad(positions, at(i), 0);
-    let before = textureLoad(previous, at(i), 0).xyz;
-    let v = textureLoad(velocities, at(i), 0).xyz;
-    textureStore(out_previous, at(i), vec4(x.xyz - params.ratio * (x.xyz - before) - params.h * v, x.w));
+    let i = textureLoad(particles, array_texel(n), 0).x;
+    let x = textureLoad(positions, array_texel(i), 0);
+    let before = textureLoad(previous, array_texel(i), 0).xyz;
+    let v = textureLoad(velocities, array_texel(i), 0).xyz;
+    textureStore(out_previous, array_texel(i), vec4(x.xyz - params.ratio * (x.xyz - before) - params.h * v, x.w));
 }

@@ -17,8 +17,8 @@ struct GridParams {
     pull: vec4<f32>,
     count: u32,
     // (1 - γh/2) / (1 + γh/2) and 1 / (1 + γh/2), γ the rate of damping.
-    kept: f32,
-    gain: f32,
+    damping_factor: f32,
+    acceleration_scale: f32,
     // Normals shorter than this are none.
     least_normal: f32,
 }
@@ -34,14 +34,14 @@ struct GridParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.count {
         return;
     }
-    let particle = textureLoad(particles, at(n), 0);
+    let particle = textureLoad(particles, array_texel(n), 0);
     let i = particle.x;
     let springs = particle.y;
-    let here = textureLoad(positions, at(i), 0);
+    let here = textureLoad(positions, array_texel(i), 0);
     let x = here.xyz;
     // w is the stiffness of the particle over the body's; a spring has the mean of its ends'.
     let k = here.w;
@@ -52,8 +52,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         let step = bitcast<u32>(spring.x);
         // What is there in place of a neighbour that is not, or a spring that was cut, counts 0.
         let there = vec2<f32>((vec2(springs) >> vec2(2u * kind, 2u * kind + 1u)) & vec2(1u));
-        let ahead = textureLoad(positions, at(i + step), 0);
-        let behind = textureLoad(positions, at(i - step), 0);
+        let ahead = textureLoad(positions, array_texel(i + step), 0);
+        let behind = textureLoad(positions, array_texel(i - step), 0);
         let d = ahead.xyz - x;
         let e = behind.xyz - x;
         let l2 = vec2(dot(d, d), dot(e, e));
@@ -67,14 +67,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let inverse_mass = bitcast<f32>(particle.z);
     var move_ = inverse_mass * f + params.pull.xyz;
     if EXTERNAL {
-        move_ += inverse_mass * params.pull.w * textureLoad(external_forces, at(i), 0).xyz;
+        move_ += inverse_mass * params.pull.w * textureLoad(external_forces, array_texel(i), 0).xyz;
     }
-    let before = textureLoad(previous, at(i), 0).xyz;
-    let step = params.kept * (x - before) + params.gain * move_;
+    let before = textureLoad(previous, array_texel(i), 0).xyz;
+    let step = params.damping_factor * (x - before) + params.acceleration_scale * move_;
     // A pinned particle has no inverse mass.
-    textureStore(next, at(i), vec4(x + select(vec3(0.0), step, inverse_mass != 0.0), k));
+    textureStore(next, array_texel(i), vec4(x + select(vec3(0.0), step, inverse_mass != 0.0), k));
     if NORMALS {
         let long = dot(normal, normal) >= params.least_normal * params.least_normal;
-        textureStore(normals, at(i), vec4(select(NO_NORMAL, pack_normal(normal), long), 0u, 0u, 0u));
+        textureStore(normals, array_texel(i), vec4(select(NO_NORMAL, pack_normal(normal), long), 0u, 0u, 0u));
     }
 }

@@ -14,9 +14,9 @@ struct HoldParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let n = item(id, groups);
+    let n = invocation_index(id, groups);
     if n >= params.count {
         return;
     }
-    textureStore(next, at(textureLoad(numbers, at(n), 0).x), textureLoad(places, at(n), 0));
+    textureStore(next, array_texel(textureLoad(numbers, array_texel(n), 0).x), textureLoad(places, array_texel(n), 0));
 }

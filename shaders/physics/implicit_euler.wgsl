@@ -21,24 +21,24 @@ struct AdvanceParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let x = textureLoad(positions, at(i), 0);
-    let v = textureLoad(velocities, at(i), 0);
-    let free = textureLoad(masses, at(i), 0).y != 0.0;
+    let x = textureLoad(positions, array_texel(i), 0);
+    let v = textureLoad(velocities, array_texel(i), 0);
+    let free = textureLoad(masses, array_texel(i), 0).y != 0.0;
     var w = vec3(0.0);
     if free {
         w = v.xyz;
         if status.iterations != 0u {
             if (status.iterations & 1u) == 0u {
-                w += textureLoad(even, at(i), 0).xyz;
+                w += textureLoad(even, array_texel(i), 0).xyz;
             } else {
-                w += textureLoad(odd, at(i), 0).xyz;
+                w += textureLoad(odd, array_texel(i), 0).xyz;
             }
         }
     }
-    textureStore(next_positions, at(i), vec4(x.xyz + params.dt * w, x.w));
-    textureStore(next_velocities, at(i), vec4(w, v.w));
+    textureStore(next_positions, array_texel(i), vec4(x.xyz + params.dt * w, x.w));
+    textureStore(next_velocities, array_texel(i), vec4(w, v.w));
 }

@@ -53,9 +53,9 @@ fn main(
     var sum = vec4(0.0);
     for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
         let i = row_of(t).x;
-        let x = textureLoad(positions, at(i), 0).xyz;
-        let v = textureLoad(velocities, at(i), 0).xyz;
-        let mass = textureLoad(masses, at(i), 0).xy;
+        let x = textureLoad(positions, array_texel(i), 0).xyz;
+        let v = textureLoad(velocities, array_texel(i), 0).xyz;
+        let mass = textureLoad(masses, array_texel(i), 0).xy;
 #each matter         let gathered = TERM_system(t, mass.x, x, v, h);
         var kv = gathered.ahead;
         // The diagonal block: xx, yy, zz and xy, xz, yz.
@@ -66,11 +66,11 @@ fn main(
 #each node         one = TERM_block(INDEX, mass.x, x); block.diagonal += one.diagonal; block.mixed += one.mixed;
 #any node         let b0 = h * h * vec4(block.diagonal.x, block.mixed.xy, block.diagonal.y);
 #any node         let b1 = h * h * vec4(block.mixed.z, block.diagonal.z, 0.0, 0.0);
-#any node         textureStore(preconditioner, at(2u * (params.nodes + i)), b0);
-#any node         textureStore(preconditioner, at(2u * (params.nodes + i) + 1u), b1);
+#any node         textureStore(preconditioner, array_texel(2u * (params.nodes + i)), b0);
+#any node         textureStore(preconditioner, array_texel(2u * (params.nodes + i) + 1u), b1);
 #any node         diagonal += vec3(b0.x, b0.w, b1.y);
 #any node         mixed += vec3(b0.yz, b1.x);
-#any node         kv -= symmetric(b0, b1, gathered.motion) / (h * h);
+#any node         kv -= sym_mul(b0, b1, gathered.motion) / (h * h);
 #each contact         let pressed = TERM_block(i);
 #each contact         diagonal += vec3(pressed[0].x, pressed[0].w, pressed[1].y);
 #each contact         mixed += vec3(pressed[0].yz, pressed[1].x);
@@ -78,7 +78,7 @@ fn main(
         var a0 = vec4(0.0);
         var a1 = vec4(0.0);
         if mass.y != 0.0 {
-            r = h * (textureLoad(forces, at(i), 0).xyz + h * kv);
+            r = h * (textureLoad(forces, array_texel(i), 0).xyz + h * kv);
         }
         // A node of a rigid body has no motion of its own: `physics/rigid_precondition`.
         if mass.y > 0.0 {
@@ -103,21 +103,21 @@ fn main(
                 a1 = vec4(0.0, 1.0 / diagonal.z, 0.0, 0.0);
             }
         }
-        let z = symmetric(a0, a1, r);
-        textureStore(residual, at(i), vec4(r, 0.0));
-        textureStore(preconditioned, at(i), vec4(z, 0.0));
-        textureStore(preconditioner, at(2u * i), a0);
-        textureStore(preconditioner, at(2u * i + 1u), a1);
+        let z = sym_mul(a0, a1, r);
+        textureStore(residual, array_texel(i), vec4(r, 0.0));
+        textureStore(preconditioned, array_texel(i), vec4(z, 0.0));
+        textureStore(preconditioner, array_texel(2u * i), a0);
+        textureStore(preconditioner, array_texel(2u * i + 1u), a1);
         let weight = select(0.0, (diagonal.x + diagonal.y + diagonal.z) / 3.0, mass.y > 0.0);
         sum += vec4(dot(r, z), weight, 0.0, 0.0);
 #each contact         let push = TERM_force(i);
 #each contact         if any(push.xyz != vec3(0.0)) {
-#each contact             let others = textureLoad(forces, at(i), 0).xyz - push.xyz;
-#each contact             let both = dot(push.xyz, symmetric(a0, a1, push.xyz)) + dot(others, symmetric(a0, a1, others));
+#each contact             let others = textureLoad(forces, array_texel(i), 0).xyz - push.xyz;
+#each contact             let both = dot(push.xyz, sym_mul(a0, a1, push.xyz)) + dot(others, sym_mul(a0, a1, others));
 #each contact             sum.z += h * h * both;
 #each contact         }
 #each contact         sum.w += push.w;
-#each contact         textureStore(preconditioner, at(params.right + i), vec4(r, 0.0));
+#each contact         textureStore(preconditioner, array_texel(params.right + i), vec4(r, 0.0));
     }
     let total = reduce(sum, lane);
     if lane == 0u {

@@ -55,7 +55,7 @@ fn main(
     let broken = !finite(rz);
     if broken || rz <= max(params.tolerance * start, floor) {
         if id.x == 0u {
-            after = CgScalars(rz, start, floor, before.iterations, select(MET, BROKEN, broken), 0u, 0u, 0u);
+            after = CgScalars(rz, start, floor, before.iterations, select(CONVERGED, BREAKDOWN, broken), 0u, 0u, 0u);
         }
         return;
     }
@@ -63,17 +63,17 @@ fn main(
     var sum = 0.0;
     for (var t = id.x; t < params.nodes; t += groups.x * WORKGROUP) {
         let i = row_of(t).x;
-        let mass = textureLoad(masses, at(i), 0).xy;
-        let p = direction_of(at(i), beta, first);
+        let mass = textureLoad(masses, array_texel(i), 0).xy;
+        let p = direction_of(array_texel(i), beta, first);
 #each matter         var q = TERM_product(t, mass.x * p, p, beta, first);
-#any node         let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
-#any node         let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
-#any node         q += symmetric(b0, b1, p);
+#any node         let b0 = textureLoad(preconditioner, array_texel(2u * (params.nodes + i)), 0);
+#any node         let b1 = textureLoad(preconditioner, array_texel(2u * (params.nodes + i) + 1u), 0);
+#any node         q += sym_mul(b0, b1, p);
 #each contact         let pressed = TERM_block(i);
-#each contact         q += symmetric(pressed[0], pressed[1], p);
+#each contact         q += sym_mul(pressed[0], pressed[1], p);
         q = select(vec3(0.0), q, mass.y != 0.0);
-        textureStore(next_direction, at(i), vec4(p, 0.0));
-        textureStore(product, at(i), vec4(q, 0.0));
+        textureStore(next_direction, array_texel(i), vec4(p, 0.0));
+        textureStore(product, array_texel(i), vec4(q, 0.0));
         sum += dot(p, q);
     }
     let pq = reduce(vec4(sum, 0.0, 0.0, 0.0), lane);

@@ -19,13 +19,13 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     }
     status.iterations = scalars.iterations;
     status.solving = 0u;
-    if scalars.done == BROKEN || !finite(rz) {
+    if scalars.done == BREAKDOWN || !finite(rz) {
         status.failed = NON_FINITE;
         return;
     }
     status.residual = sqrt(max(rz, 0.0) / max(scalars.rz_start, 1e-37));
     let met = rz <= max(params.tolerance * scalars.rz_start, scalars.rz_floor);
-    if scalars.done == MET || met {
+    if scalars.done == CONVERGED || met {
         return;
     }
     if scalars.iterations < params.max_iterations {

@@ -34,14 +34,14 @@ struct GuessParams {
 @group(0) @binding(7) var<uniform> params: GuessParams;
 
 // How far the node goes with each start, a column each.
-fn ways(i: u32) -> mat3x3<f32> {
-    let v = textureLoad(velocities, at(i), 0).xyz;
-    let before = textureLoad(velocities_before, at(i), 0).xyz;
-    let free = textureLoad(masses, at(i), 0).y != 0.0;
+fn guess_displacements(i: u32) -> mat3x3<f32> {
+    let v = textureLoad(velocities, array_texel(i), 0).xyz;
+    let before = textureLoad(velocities_before, array_texel(i), 0).xyz;
+    let free = textureLoad(masses, array_texel(i), 0).y != 0.0;
     var all = mat3x3(
-        start_velocity(0u, v, before, free),
-        start_velocity(1u, v, before, free),
-        start_velocity(2u, v, before, free),
+        guess_velocity(0u, v, before, free),
+        guess_velocity(1u, v, before, free),
+        guess_velocity(2u, v, before, free),
     );
 #each rigid     if free {
 #each rigid         all[1] = TERM_velocity(i, 1u, params.dt, all[1]);
@@ -50,8 +50,8 @@ fn ways(i: u32) -> mat3x3<f32> {
     return all;
 }
 
-fn shift_of(i: u32) -> vec3<f32> {
-    return textureLoad(positions, at(i), 0).xyz - textureLoad(rest, at(i), 0).xyz;
+fn displacement_of(i: u32) -> vec3<f32> {
+    return textureLoad(positions, array_texel(i), 0).xyz - textureLoad(rest, array_texel(i), 0).xyz;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -66,26 +66,26 @@ fn main(
     }
     var sum = vec4(0.0);
     for (var e = id.x; e < params.tets; e += groups.x * WORKGROUP) {
-        let tet = tet_of(e);
+        let tet = load_tet(e);
         let n = tet.nodes;
-        let g = gradient_of(tet, shift_of(n.x), shift_of(n.y), shift_of(n.z), shift_of(n.w));
-        let w0 = ways(n.x);
-        let w1 = ways(n.y);
-        let w2 = ways(n.z);
-        let w3 = ways(n.w);
-        for (var c = 0u; c < STARTS; c++) {
-            let moved = g + params.dt * gradient_of(tet, w0[c], w1[c], w2[c], w3[c]);
+        let g = displacement_gradient(tet, displacement_of(n.x), displacement_of(n.y), displacement_of(n.z), displacement_of(n.w));
+        let w0 = guess_displacements(n.x);
+        let w1 = guess_displacements(n.y);
+        let w2 = guess_displacements(n.z);
+        let w3 = guess_displacements(n.w);
+        for (var c = 0u; c < GUESS_COUNT; c++) {
+            let moved = g + params.dt * displacement_gradient(tet, w0[c], w1[c], w2[c], w3[c]);
 #each law             sum[c] += TERM_energy(moved, tet.mu, tet.lambda);
         }
     }
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
-        let m = textureLoad(masses, at(i), 0);
+        let m = textureLoad(masses, array_texel(i), 0);
         if m.y != 0.0 {
-            let x = textureLoad(positions, at(i), 0).xyz;
-            let v = textureLoad(velocities, at(i), 0).xyz;
-            let pull = m.x * params.gravity.xyz + params.newton * textureLoad(external_forces, at(i), 0).xyz;
-            let w = ways(i);
-            for (var c = 0u; c < STARTS; c++) {
+            let x = textureLoad(positions, array_texel(i), 0).xyz;
+            let v = textureLoad(velocities, array_texel(i), 0).xyz;
+            let pull = m.x * params.gravity.xyz + params.newton * textureLoad(external_forces, array_texel(i), 0).xyz;
+            let w = guess_displacements(i);
+            for (var c = 0u; c < GUESS_COUNT; c++) {
                 let change = w[c] - v;
                 sum[c] += 0.5 * m.x * (dot(change, change) + params.drag * dot(w[c], w[c]));
                 sum[c] -= params.dt * dot(w[c], pull);

@@ -39,7 +39,7 @@ fn main(
     }
     let total = reduce(share, lane);
     var choice = 0u;
-    for (var c = 1u; c < STARTS; c++) {
+    for (var c = 1u; c < GUESS_COUNT; c++) {
         if finite(total[c]) && (!finite(total[choice]) || total[c] < total[choice]) {
             choice = c;
         }
@@ -48,15 +48,15 @@ fn main(
 #each rigid         TERM_choice[0] = choice;
 #each rigid     }
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
-        let x = textureLoad(positions, at(i), 0);
-        let v = textureLoad(velocities, at(i), 0);
-        let before = textureLoad(velocities_before, at(i), 0).xyz;
-        let free = textureLoad(masses, at(i), 0).y != 0.0;
-        var w = start_velocity(choice, v.xyz, before, free);
+        let x = textureLoad(positions, array_texel(i), 0);
+        let v = textureLoad(velocities, array_texel(i), 0);
+        let before = textureLoad(velocities_before, array_texel(i), 0).xyz;
+        let free = textureLoad(masses, array_texel(i), 0).y != 0.0;
+        var w = guess_velocity(choice, v.xyz, before, free);
 #each rigid         if free {
 #each rigid             w = TERM_velocity(i, choice, params.dt, w);
 #each rigid         }
-        textureStore(start_positions, at(i), vec4(x.xyz + params.dt * w, x.w));
-        textureStore(start_velocities, at(i), vec4(w, v.w));
+        textureStore(start_positions, array_texel(i), vec4(x.xyz + params.dt * w, x.w));
+        textureStore(start_velocities, array_texel(i), vec4(w, v.w));
     }
 }

@@ -38,17 +38,17 @@ fn main(
     let first = before.iterations == 0u;
     var sum = 0.0;
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
-        var x = alpha * textureLoad(direction, at(i), 0).xyz;
+        var x = alpha * textureLoad(direction, array_texel(i), 0).xyz;
         if !first {
-            x += textureLoad(solution, at(i), 0).xyz;
+            x += textureLoad(solution, array_texel(i), 0).xyz;
         }
-        let r = textureLoad(residual, at(i), 0).xyz - alpha * textureLoad(product, at(i), 0).xyz;
-        let a0 = textureLoad(preconditioner, at(2u * i), 0);
-        let a1 = textureLoad(preconditioner, at(2u * i + 1u), 0);
-        let z = symmetric(a0, a1, r);
-        textureStore(next_solution, at(i), vec4(x, 0.0));
-        textureStore(next_residual, at(i), vec4(r, 0.0));
-        textureStore(next_preconditioned, at(i), vec4(z, 0.0));
+        let r = textureLoad(residual, array_texel(i), 0).xyz - alpha * textureLoad(product, array_texel(i), 0).xyz;
+        let a0 = textureLoad(preconditioner, array_texel(2u * i), 0);
+        let a1 = textureLoad(preconditioner, array_texel(2u * i + 1u), 0);
+        let z = sym_mul(a0, a1, r);
+        textureStore(next_solution, array_texel(i), vec4(x, 0.0));
+        textureStore(next_residual, array_texel(i), vec4(r, 0.0));
+        textureStore(next_preconditioned, array_texel(i), vec4(z, 0.0));
         sum += dot(r, z);
     }
     let rz = reduce(vec4(sum, 0.0, 0.0, 0.0), lane);

@@ -15,11 +15,11 @@ struct Place {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let p = textureLoad(body, at(i), 0).xyz;
-    let place = textureLoad(places, at(i), 0).x;
-    textureStore(positions, at(place), vec4(params.to_whole.w * p + params.to_whole.xyz, 1.0));
+    let p = textureLoad(body, array_texel(i), 0).xyz;
+    let place = textureLoad(places, array_texel(i), 0).x;
+    textureStore(positions, array_texel(place), vec4(params.to_whole.w * p + params.to_whole.xyz, 1.0));
 }

@@ -28,7 +28,7 @@ fn cross_matrix(v: vec3<f32>) -> mat3x3<f32> {
 }
 
 // The inverse of a block, by Cholesky's factors; where it is not positive, that of its diagonal.
-fn inverse_of(block: Block) -> Block {
+fn invert_block(block: Block) -> Block {
     var lower = Block();
     var sound = true;
     for (var c = 0u; c < 6u; c++) {
@@ -73,7 +73,7 @@ fn inverse_of(block: Block) -> Block {
 }
 
 // Π m Π, of the motions that there are: Π keeps shifts or not, and turns within.
-fn within(m: Block, shifts: f32, turns: mat3x3<f32>) -> Block {
+fn project_to_freedom(m: Block, shifts: f32, turns: mat3x3<f32>) -> Block {
     var left = Block();
     for (var c = 0u; c < 6u; c++) {
         let turn = turns * vec3(m[c][3], m[c][4], m[c][5]);
@@ -103,25 +103,25 @@ fn main(
     }
     for (var b = group.x; b < params.bodies; b += groups.x) {
         let shape = shape_of(b);
-        let range = textureLoad(rigid_ranges, at(2u * b), 0);
-        var turn = textureLoad(motions, at(6u * b + 1u), 0);
+        let range = textureLoad(rigid_ranges, array_texel(2u * b), 0);
+        var turn = textureLoad(motions, array_texel(6u * b + 1u), 0);
         if choice[0] != 0u {
-            turn = unit_turn(turn_product(textureLoad(motions, at(6u * b + 2u * choice[0] + 1u), 0), turn));
+            turn = quat_normalize(quat_mul(textureLoad(motions, array_texel(6u * b + 2u * choice[0] + 1u), 0), turn));
         }
         // Of shifts; of turns in both; between them.
         var shifts = mat3x3(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         var turns = shifts;
         var mixed = shifts;
         for (var k = lane; k < range.y; k += WORKGROUP) {
-            let member = textureLoad(members, at(range.x + k), 0);
+            let member = textureLoad(members, array_texel(range.x + k), 0);
             let i = member.x;
-            let a = turned(turn, textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor) / shape.radius;
-            let m = (1.0 + params.drag) * textureLoad(masses, at(i), 0).x;
+            let a = quat_rotate(turn, textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor) / shape.radius;
+            let m = (1.0 + params.drag) * textureLoad(masses, array_texel(i), 0).x;
             var own = mat3x3(m, 0.0, 0.0, 0.0, m, 0.0, 0.0, 0.0, m);
             if params.terms != 0u {
-                let b0 = textureLoad(preconditioner, at(2u * (params.nodes + i)), 0);
-                let b1 = textureLoad(preconditioner, at(2u * (params.nodes + i) + 1u), 0);
-                own += symmetric_matrix(vec3(b0.x, b0.w, b1.y), vec3(b0.yz, b1.x));
+                let b0 = textureLoad(preconditioner, array_texel(2u * (params.nodes + i)), 0);
+                let b1 = textureLoad(preconditioner, array_texel(2u * (params.nodes + i) + 1u), 0);
+                own += sym_matrix(vec3(b0.x, b0.w, b1.y), vec3(b0.yz, b1.x));
             }
             // What the node feels of shifts and of turns of its body.
             var by_shift = own;
@@ -135,14 +135,14 @@ fn main(
                     }
                     let first = 3u * entry_item(row.y, member.y, 4u * q + c);
                     let edge = transpose(mat3x3(
-                        textureLoad(matrix, at(first), 0).xyz,
-                        textureLoad(matrix, at(first + 1u), 0).xyz,
-                        textureLoad(matrix, at(first + 2u), 0).xyz,
+                        textureLoad(matrix, array_texel(first), 0).xyz,
+                        textureLoad(matrix, array_texel(first + 1u), 0).xyz,
+                        textureLoad(matrix, array_texel(first + 2u), 0).xyz,
                     ));
                     // K_ij (p_j − p_i).
-                    let other = textureLoad(rigid_arms, at(neighbours[c]), 0);
+                    let other = textureLoad(rigid_arms, array_texel(neighbours[c]), 0);
                     if u32(other.w) == b + 1u {
-                        let apart = turned(turn, other.xyz - shape.anchor) / shape.radius - a;
+                        let apart = quat_rotate(turn, other.xyz - shape.anchor) / shape.radius - a;
                         by_turn += edge * cross_matrix(-apart);
                     } else {
                         by_shift -= edge;
@@ -170,13 +170,13 @@ fn main(
                     block[r][3u + c] = mixed[c][r];
                 }
             }
-            let axis = turned(turn, shape.axis);
+            let axis = quat_rotate(turn, shape.axis);
             var keep = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
             if shape.freedom == HINGE {
                 keep = mat3x3(axis * axis.x, axis * axis.y, axis * axis.z);
             }
             let free = select(0.0, 1.0, shape.freedom == FREE);
-            block = within(block, free, keep);
+            block = project_to_freedom(block, free, keep);
             var scale = 1e-37;
             var sum = 0.0;
             for (var k = 0u; k < 6u; k++) {
@@ -190,12 +190,12 @@ fn main(
                     block[3u + c][3u + r] += scale * (select(0.0, 1.0, r == c) - keep[c][r]);
                 }
             }
-            let inverse = within(inverse_of(block), free, keep);
-            textureStore(blocks, at(13u * b), turn);
+            let inverse = project_to_freedom(invert_block(block), free, keep);
+            textureStore(blocks, array_texel(13u * b), turn);
             for (var c = 0u; c < 6u; c++) {
                 let column = inverse[c];
-                textureStore(blocks, at(13u * b + 1u + 2u * c), vec4(column[0], column[1], column[2], sum / 6.0));
-                textureStore(blocks, at(13u * b + 2u + 2u * c), vec4(column[3], column[4], column[5], 0.0));
+                textureStore(blocks, array_texel(13u * b + 1u + 2u * c), vec4(column[0], column[1], column[2], sum / 6.0));
+                textureStore(blocks, array_texel(13u * b + 2u + 2u * c), vec4(column[3], column[4], column[5], 0.0));
             }
         }
     }

@@ -16,35 +16,35 @@
 @group(0) @binding(5) var<uniform> params: RigidParams;
 
 // Least squares, one after the other: first by all nodes, then by those that stay.
-const ROUNDS: u32 = 6u;
+const FIT_ITERATIONS: u32 = 6u;
 
 // What a turn that nodes leave open is held by, over their own inertia.
-const HOLD: f32 = 1e-3;
+const CONSTRAINT_WEIGHT: f32 = 1e-3;
 
-struct Stand {
+struct Pose {
     shift: vec3<f32>,
     turn: vec4<f32>,
 }
 
 fn shift_of(i: u32) -> vec3<f32> {
-    return textureLoad(positions, at(i), 0).xyz - textureLoad(rest, at(i), 0).xyz;
+    return textureLoad(positions, array_texel(i), 0).xyz - textureLoad(rest, array_texel(i), 0).xyz;
 }
 
 // One round: by the nodes that stay, if `staying`, else by the mass of those that do not follow.
-fn improved(range: vec4<u32>, anchor: vec3<f32>, known: Stand, staying: bool, lane: u32) -> Stand {
+fn refine_pose(range: vec4<u32>, anchor: vec3<f32>, known: Pose, staying: bool, lane: u32) -> Pose {
     var error = vec4(0.0);
     var arm = vec3(0.0);
     var moment = vec3(0.0);
     var on = vec3(0.0);
     var off = vec3(0.0);
     for (var k = lane; k < range.y; k += WORKGROUP) {
-        let member = textureLoad(members, at(range.x + k), 0);
+        let member = textureLoad(members, array_texel(range.x + k), 0);
         let i = member.x;
         let follows = range.w != 0u && member.z != 0u;
-        let weight = select(select(textureLoad(masses, at(i), 0).x, 0.0, follows), f32(member.z), staying);
-        let r = textureLoad(rigid_arms, at(i), 0).xyz - anchor;
-        let b = turned(known.turn, r);
-        let e = shift_of(i) - known.shift - turn_shift(known.turn, r);
+        let weight = select(select(textureLoad(masses, array_texel(i), 0).x, 0.0, follows), f32(member.z), staying);
+        let r = textureLoad(rigid_arms, array_texel(i), 0).xyz - anchor;
+        let b = quat_rotate(known.turn, r);
+        let e = shift_of(i) - known.shift - rotation_displacement(known.turn, r);
         error += weight * vec4(e, 1.0);
         arm += weight * b;
         moment += weight * cross(b, e);
@@ -62,13 +62,13 @@ fn improved(range: vec4<u32>, anchor: vec3<f32>, known: Stand, staying: bool, la
     // About the mean.
     let b = arms / sum.w;
     let e = sum.xyz / sum.w;
-    let m = symmetric_matrix(ons - sum.w * b * b, offs - sum.w * b.xxy * b.yzz);
+    let m = sym_matrix(ons - sum.w * b * b, offs - sum.w * b.xxy * b.yzz);
     var inertia = inertia_of(m);
-    let hold = HOLD * (ons.x + ons.y + ons.z) + 1e-30;
+    let hold = CONSTRAINT_WEIGHT * (ons.x + ons.y + ons.z) + 1e-30;
     inertia += mat3x3(hold, 0.0, 0.0, 0.0, hold, 0.0, 0.0, 0.0, hold);
     let w = solve_symmetric(inertia, moments - sum.w * cross(b, e));
     let shift = known.shift + e - cross(w, b);
-    return Stand(shift, unit_turn(turn_product(turn_by(w), known.turn)));
+    return Pose(shift, quat_normalize(quat_mul(quat_exp(w), known.turn)));
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -79,48 +79,48 @@ fn main(
 ) {
     for (var b = group.x; b < params.bodies; b += groups.x) {
         let shape = shape_of(b);
-        let range = textureLoad(rigid_ranges, at(2u * b), 0);
-        let far = textureLoad(rigid_ranges, at(2u * b + 1u), 0);
-        let r0 = textureLoad(rigid_arms, at(far.x), 0).xyz;
-        let r1 = textureLoad(rigid_arms, at(far.y), 0).xyz;
-        let r2 = textureLoad(rigid_arms, at(far.z), 0).xyz;
-        let x0 = textureLoad(positions, at(far.x), 0).xyz;
-        let x1 = textureLoad(positions, at(far.y), 0).xyz;
-        let x2 = textureLoad(positions, at(far.z), 0).xyz;
-        let now = frame_along(x1 - x0, x2 - x0);
-        let turn = turn_of(now * transpose(frame_along(r1 - r0, r2 - r0)));
-        var stand = Stand(shift_of(far.x) - turn_shift(turn, r0 - shape.anchor), turn);
-        for (var k = 0u; k < ROUNDS; k++) {
-            stand = improved(range, shape.anchor, stand, false, lane);
+        let range = textureLoad(rigid_ranges, array_texel(2u * b), 0);
+        let far = textureLoad(rigid_ranges, array_texel(2u * b + 1u), 0);
+        let r0 = textureLoad(rigid_arms, array_texel(far.x), 0).xyz;
+        let r1 = textureLoad(rigid_arms, array_texel(far.y), 0).xyz;
+        let r2 = textureLoad(rigid_arms, array_texel(far.z), 0).xyz;
+        let x0 = textureLoad(positions, array_texel(far.x), 0).xyz;
+        let x1 = textureLoad(positions, array_texel(far.y), 0).xyz;
+        let x2 = textureLoad(positions, array_texel(far.z), 0).xyz;
+        let now = orthonormal_frame(x1 - x0, x2 - x0);
+        let turn = quat_from_matrix(now * transpose(orthonormal_frame(r1 - r0, r2 - r0)));
+        var stand = Pose(shift_of(far.x) - rotation_displacement(turn, r0 - shape.anchor), turn);
+        for (var k = 0u; k < FIT_ITERATIONS; k++) {
+            stand = refine_pose(range, shape.anchor, stand, false, lane);
         }
-        for (var k = 0u; k < ROUNDS; k++) {
-            let led = improved(range, shape.anchor, stand, true, lane);
+        for (var k = 0u; k < FIT_ITERATIONS; k++) {
+            let led = refine_pose(range, shape.anchor, stand, true, lane);
             if range.w != 0u {
                 stand = led;
             }
         }
-        if range.w == 0u && range.z != NO_NODE {
+        if range.w == 0u && range.z != INVALID_NODE {
             stand.shift = shift_of(range.z);
         }
         var momentum = vec3(0.0);
         var moment = vec3(0.0);
         for (var k = lane; k < range.y; k += WORKGROUP) {
-            let i = textureLoad(members, at(range.x + k), 0).x;
-            let r = turned(stand.turn, textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor);
-            let p = textureLoad(masses, at(i), 0).x * textureLoad(velocities, at(i), 0).xyz;
+            let i = textureLoad(members, array_texel(range.x + k), 0).x;
+            let r = quat_rotate(stand.turn, textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor);
+            let p = textureLoad(masses, array_texel(i), 0).x * textureLoad(velocities, array_texel(i), 0).xyz;
             momentum += p;
             moment += cross(r, p);
         }
         momentum = reduce(vec4(momentum, 0.0), lane).xyz;
         moment = reduce(vec4(moment, 0.0), lane).xyz;
         let inertia = inertia_of(second_moment(shape, stand.turn));
-        let spin = turn_under(shape, turned(stand.turn, shape.axis), inertia, moment);
+        let spin = angular_response(shape, quat_rotate(stand.turn, shape.axis), inertia, moment);
         let free = shape.freedom == FREE;
         if lane == 0u {
-            textureStore(motions, at(6u * b), vec4(stand.shift, 0.0));
-            textureStore(motions, at(6u * b + 1u), stand.turn);
-            textureStore(motions, at(6u * b + 2u), vec4(select(vec3(0.0), momentum / shape.mass, free), 0.0));
-            textureStore(motions, at(6u * b + 3u), vec4(spin, 0.0));
+            textureStore(motions, array_texel(6u * b), vec4(stand.shift, 0.0));
+            textureStore(motions, array_texel(6u * b + 1u), stand.turn);
+            textureStore(motions, array_texel(6u * b + 2u), vec4(select(vec3(0.0), momentum / shape.mass, free), 0.0));
+            textureStore(motions, array_texel(6u * b + 3u), vec4(spin, 0.0));
         }
     }
 }

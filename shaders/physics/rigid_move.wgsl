@@ -24,9 +24,9 @@ fn change_of(i: u32, iterations: u32) -> vec3<f32> {
         return vec3(0.0);
     }
     if (iterations & 1u) == 0u {
-        return textureLoad(even, at(i), 0).xyz;
+        return textureLoad(even, array_texel(i), 0).xyz;
     }
-    return textureLoad(odd, at(i), 0).xyz;
+    return textureLoad(odd, array_texel(i), 0).xyz;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -40,22 +40,22 @@ fn main(
     }
     for (var b = group.x; b < params.bodies; b += groups.x) {
         let shape = shape_of(b);
-        let range = textureLoad(rigid_ranges, at(2u * b), 0);
-        let shifted = textureLoad(motions, at(6u * b), 0).xyz;
-        let now = textureLoad(motions, at(6u * b + 1u), 0);
+        let range = textureLoad(rigid_ranges, array_texel(2u * b), 0);
+        let shifted = textureLoad(motions, array_texel(6u * b), 0).xyz;
+        let now = textureLoad(motions, array_texel(6u * b + 1u), 0);
         var shift = vec3(0.0);
-        var by = NO_TURN;
+        var by = IDENTITY_ROTATION;
         if choice[0] != 0u {
-            shift = textureLoad(motions, at(6u * b + 2u * choice[0]), 0).xyz;
-            by = textureLoad(motions, at(6u * b + 2u * choice[0] + 1u), 0);
+            shift = textureLoad(motions, array_texel(6u * b + 2u * choice[0]), 0).xyz;
+            by = textureLoad(motions, array_texel(6u * b + 2u * choice[0] + 1u), 0);
         }
-        let start = unit_turn(turn_product(by, now));
+        let start = quat_normalize(quat_mul(by, now));
         var momentum = vec3(0.0);
         var moment = vec3(0.0);
         for (var k = lane; k < range.y; k += WORKGROUP) {
-            let i = textureLoad(members, at(range.x + k), 0).x;
-            let a = turned(start, textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor);
-            let p = textureLoad(masses, at(i), 0).x * change_of(i, status.iterations);
+            let i = textureLoad(members, array_texel(range.x + k), 0).x;
+            let a = quat_rotate(start, textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor);
+            let p = textureLoad(masses, array_texel(i), 0).x * change_of(i, status.iterations);
             momentum += p;
             moment += cross(a, p);
         }
@@ -65,20 +65,20 @@ fn main(
             shift += params.dt / shape.mass * momentum;
         }
         let inertia = inertia_of(second_moment(shape, start));
-        let w = turn_under(shape, turned(start, shape.axis), inertia, moment);
-        by = unit_turn(turn_product(turn_by(params.dt * w), by));
-        let then = unit_turn(turn_product(by, now));
+        let w = angular_response(shape, quat_rotate(start, shape.axis), inertia, moment);
+        by = quat_normalize(quat_mul(quat_exp(params.dt * w), by));
+        let then = quat_normalize(quat_mul(by, now));
         for (var k = lane; k < range.y; k += WORKGROUP) {
             if shape.freedom == FIXED {
                 break;
             }
-            let i = textureLoad(members, at(range.x + k), 0).x;
-            let r = textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor;
-            let u = shifted + shift + turn_shift(then, r);
-            let v = (shift + turn_shift(by, turned(now, r))) / params.dt;
-            let x = textureLoad(rest, at(i), 0).xyz + u;
-            textureStore(next_positions, at(i), vec4(x, textureLoad(positions, at(i), 0).w));
-            textureStore(next_velocities, at(i), vec4(v, 0.0));
+            let i = textureLoad(members, array_texel(range.x + k), 0).x;
+            let r = textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor;
+            let u = shifted + shift + rotation_displacement(then, r);
+            let v = (shift + rotation_displacement(by, quat_rotate(now, r))) / params.dt;
+            let x = textureLoad(rest, array_texel(i), 0).xyz + u;
+            textureStore(next_positions, array_texel(i), vec4(x, textureLoad(positions, array_texel(i), 0).w));
+            textureStore(next_velocities, array_texel(i), vec4(v, 0.0));
         }
     }
 }

@@ -10,19 +10,19 @@
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let k = item(id, groups);
+    let k = invocation_index(id, groups);
     if k >= params.members {
         return;
     }
-    let i = textureLoad(members, at(k), 0).x;
-    let arm = textureLoad(rigid_arms, at(i), 0);
+    let i = textureLoad(members, array_texel(k), 0).x;
+    let arm = textureLoad(rigid_arms, array_texel(i), 0);
     let b = u32(arm.w) - 1u;
-    let r = arm.xyz - textureLoad(rigid_shapes, at(4u * b), 0).xyz;
-    let shift = textureLoad(motions, at(6u * b), 0).xyz;
-    let turn = textureLoad(motions, at(6u * b + 1u), 0);
-    let speed = textureLoad(motions, at(6u * b + 2u), 0).xyz;
-    let spin = textureLoad(motions, at(6u * b + 3u), 0).xyz;
-    let u = shift + turn_shift(turn, r);
-    textureStore(positions, at(i), vec4(textureLoad(rest, at(i), 0).xyz + u, 1.0));
-    textureStore(velocities, at(i), vec4(speed + cross(spin, turned(turn, r)), 0.0));
+    let r = arm.xyz - textureLoad(rigid_shapes, array_texel(4u * b), 0).xyz;
+    let shift = textureLoad(motions, array_texel(6u * b), 0).xyz;
+    let turn = textureLoad(motions, array_texel(6u * b + 1u), 0);
+    let speed = textureLoad(motions, array_texel(6u * b + 2u), 0).xyz;
+    let spin = textureLoad(motions, array_texel(6u * b + 3u), 0).xyz;
+    let u = shift + rotation_displacement(turn, r);
+    textureStore(positions, array_texel(i), vec4(textureLoad(rest, array_texel(i), 0).xyz + u, 1.0));
+    textureStore(velocities, array_texel(i), vec4(speed + cross(spin, quat_rotate(turn, r)), 0.0));
 }

@@ -35,15 +35,15 @@ fn main(
     var total = vec4(0.0);
     for (var b = group.x; b < params.bodies; b += groups.x) {
         let shape = shape_of(b);
-        let range = textureLoad(rigid_ranges, at(2u * b), 0);
-        let turn = textureLoad(blocks, at(13u * b), 0);
+        let range = textureLoad(rigid_ranges, array_texel(2u * b), 0);
+        let turn = textureLoad(blocks, array_texel(13u * b), 0);
         let over = 1.0 / shape.radius;
         var force = vec3(0.0);
         var moment = vec3(0.0);
         for (var k = lane; k < range.y; k += WORKGROUP) {
-            let i = textureLoad(members, at(range.x + k), 0).x;
-            let a = over * turned(turn, textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor);
-            let r = textureLoad(residual, at(i), 0).xyz;
+            let i = textureLoad(members, array_texel(range.x + k), 0).x;
+            let a = over * quat_rotate(turn, textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor);
+            let r = textureLoad(residual, array_texel(i), 0).xyz;
             force += r;
             moment += cross(a, r);
         }
@@ -52,21 +52,21 @@ fn main(
         var shift = vec3(0.0);
         var spin = vec3(0.0);
         for (var c = 0u; c < 3u; c++) {
-            shift += force[c] * textureLoad(blocks, at(13u * b + 1u + 2u * c), 0).xyz;
-            spin += force[c] * textureLoad(blocks, at(13u * b + 2u + 2u * c), 0).xyz;
-            shift += moment[c] * textureLoad(blocks, at(13u * b + 7u + 2u * c), 0).xyz;
-            spin += moment[c] * textureLoad(blocks, at(13u * b + 8u + 2u * c), 0).xyz;
+            shift += force[c] * textureLoad(blocks, array_texel(13u * b + 1u + 2u * c), 0).xyz;
+            spin += force[c] * textureLoad(blocks, array_texel(13u * b + 2u + 2u * c), 0).xyz;
+            shift += moment[c] * textureLoad(blocks, array_texel(13u * b + 7u + 2u * c), 0).xyz;
+            spin += moment[c] * textureLoad(blocks, array_texel(13u * b + 8u + 2u * c), 0).xyz;
         }
         if shape.freedom == FIXED {
             shift = vec3(0.0);
             spin = vec3(0.0);
         }
-        let weight = textureLoad(blocks, at(13u * b + 1u), 0).w;
+        let weight = textureLoad(blocks, array_texel(13u * b + 1u), 0).w;
         total += vec4(dot(force, shift) + dot(moment, spin), select(weight, 0.0, shape.freedom == FIXED), 0.0, 0.0);
         for (var k = lane; k < range.y; k += WORKGROUP) {
-            let i = textureLoad(members, at(range.x + k), 0).x;
-            let a = over * turned(turn, textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor);
-            textureStore(preconditioned, at(i), vec4(shift + cross(spin, a), 0.0));
+            let i = textureLoad(members, array_texel(range.x + k), 0).x;
+            let a = over * quat_rotate(turn, textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor);
+            textureStore(preconditioned, array_texel(i), vec4(shift + cross(spin, a), 0.0));
         }
     }
     if lane == 0u {

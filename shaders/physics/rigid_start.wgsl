@@ -19,22 +19,22 @@
 @group(0) @binding(7) var<uniform> params: RigidParams;
 
 fn shift_of(i: u32) -> vec3<f32> {
-    return textureLoad(positions, at(i), 0).xyz - textureLoad(rest, at(i), 0).xyz;
+    return textureLoad(positions, array_texel(i), 0).xyz - textureLoad(rest, array_texel(i), 0).xyz;
 }
 
 // The turn nearest to what takes arms b with Σ m b bᵀ = second to y with Σ m (y − b) bᵀ = change.
-fn nearest_turn(shape: RigidShape, axis: vec3<f32>, second: mat3x3<f32>, change: mat3x3<f32>) -> vec4<f32> {
-    var q = NO_TURN;
+fn closest_rotation(shape: RigidShape, axis: vec3<f32>, second: mat3x3<f32>, change: mat3x3<f32>) -> vec4<f32> {
+    var q = IDENTITY_ROTATION;
     for (var k = 0u; k < 6u; k++) {
-        let back = transpose(turn_change(q));
+        let back = transpose(rotation_minus_identity(q));
         // Of the matrix turned back what is beside `second`, which has no moment.
         let beside = back * second + change + back * change;
         let moment = vec3(beside[1].z - beside[2].y, beside[2].x - beside[0].z, beside[0].y - beside[1].x);
         let whole = second + 0.5 * (beside + transpose(beside));
-        q = unit_turn(turn_product(q, turn_by(turn_under(shape, axis, inertia_of(whole), moment))));
+        q = quat_normalize(quat_mul(q, quat_exp(angular_response(shape, axis, inertia_of(whole), moment))));
     }
     if !(finite(q.x) && finite(q.y) && finite(q.z) && finite(q.w)) {
-        return NO_TURN;
+        return IDENTITY_ROTATION;
     }
     return q;
 }
@@ -50,36 +50,36 @@ fn main(
     }
     for (var b = group.x; b < params.bodies; b += groups.x) {
         let shape = shape_of(b);
-        let range = textureLoad(rigid_ranges, at(2u * b), 0);
-        let far = textureLoad(rigid_ranges, at(2u * b + 1u), 0);
-        let r0 = textureLoad(rigid_arms, at(far.x), 0).xyz;
-        let r1 = textureLoad(rigid_arms, at(far.y), 0).xyz;
-        let r2 = textureLoad(rigid_arms, at(far.z), 0).xyz;
-        let x0 = textureLoad(positions, at(far.x), 0).xyz;
-        let x1 = textureLoad(positions, at(far.y), 0).xyz;
-        let x2 = textureLoad(positions, at(far.z), 0).xyz;
-        let now = frame_along(x1 - x0, x2 - x0);
-        let near = turn_of(now * transpose(frame_along(r1 - r0, r2 - r0)));
-        var shift = shift_of(far.x) - turn_shift(near, r0 - shape.anchor);
-        if range.z != NO_NODE {
+        let range = textureLoad(rigid_ranges, array_texel(2u * b), 0);
+        let far = textureLoad(rigid_ranges, array_texel(2u * b + 1u), 0);
+        let r0 = textureLoad(rigid_arms, array_texel(far.x), 0).xyz;
+        let r1 = textureLoad(rigid_arms, array_texel(far.y), 0).xyz;
+        let r2 = textureLoad(rigid_arms, array_texel(far.z), 0).xyz;
+        let x0 = textureLoad(positions, array_texel(far.x), 0).xyz;
+        let x1 = textureLoad(positions, array_texel(far.y), 0).xyz;
+        let x2 = textureLoad(positions, array_texel(far.z), 0).xyz;
+        let now = orthonormal_frame(x1 - x0, x2 - x0);
+        let near = quat_from_matrix(now * transpose(orthonormal_frame(r1 - r0, r2 - r0)));
+        var shift = shift_of(far.x) - rotation_displacement(near, r0 - shape.anchor);
+        if range.z != INVALID_NODE {
             shift = shift_of(range.z);
         }
         var error = vec3(0.0);
         var moment = vec3(0.0);
         var sums = array<vec3<f32>, 8>();
         for (var k = lane; k < range.y; k += WORKGROUP) {
-            let i = textureLoad(members, at(range.x + k), 0).x;
-            let m = textureLoad(masses, at(i), 0).x;
-            let r = textureLoad(rigid_arms, at(i), 0).xyz - shape.anchor;
-            let a = turned(near, r);
+            let i = textureLoad(members, array_texel(range.x + k), 0).x;
+            let m = textureLoad(masses, array_texel(i), 0).x;
+            let r = textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor;
+            let a = quat_rotate(near, r);
             // What rounding left of them, or f32 of the three nodes.
-            let e = shift_of(i) - shift - turn_shift(near, r);
+            let e = shift_of(i) - shift - rotation_displacement(near, r);
             error += m * e;
             moment += m * cross(a, e);
-            let v = textureLoad(velocities, at(i), 0).xyz;
-            let before = textureLoad(velocities_before, at(i), 0).xyz;
-            let go = m * start_velocity(1u, v, before, true);
-            let swerve = m * start_velocity(2u, v, before, true);
+            let v = textureLoad(velocities, array_texel(i), 0).xyz;
+            let before = textureLoad(velocities_before, array_texel(i), 0).xyz;
+            let go = m * guess_velocity(1u, v, before, true);
+            let swerve = m * guess_velocity(2u, v, before, true);
             sums[0] += go;
             sums[1] += go * a.x;
             sums[2] += go * a.y;
@@ -96,20 +96,20 @@ fn main(
         }
         if lane == 0u {
             let free = shape.freedom == FREE;
-            if range.z == NO_NODE {
+            if range.z == INVALID_NODE {
                 shift += error / shape.mass;
             }
             let inertia = inertia_of(second_moment(shape, near));
-            let turn = unit_turn(turn_product(turn_by(solve_symmetric(inertia, moment)), near));
+            let turn = quat_normalize(quat_mul(quat_exp(solve_symmetric(inertia, moment)), near));
             let second = second_moment(shape, turn);
-            let axis = turned(turn, shape.axis);
-            textureStore(motions, at(6u * b), vec4(shift, 0.0));
-            textureStore(motions, at(6u * b + 1u), turn);
+            let axis = quat_rotate(turn, shape.axis);
+            textureStore(motions, array_texel(6u * b), vec4(shift, 0.0));
+            textureStore(motions, array_texel(6u * b + 1u), turn);
             for (var c = 0u; c < 2u; c++) {
                 let change = params.dt * mat3x3(sums[4u * c + 1u], sums[4u * c + 2u], sums[4u * c + 3u]);
                 let go = select(vec3(0.0), params.dt / shape.mass * sums[4u * c], free);
-                textureStore(motions, at(6u * b + 2u * c + 2u), vec4(go, 0.0));
-                textureStore(motions, at(6u * b + 2u * c + 3u), nearest_turn(shape, axis, second, change));
+                textureStore(motions, array_texel(6u * b + 2u * c + 2u), vec4(go, 0.0));
+                textureStore(motions, array_texel(6u * b + 2u * c + 3u), closest_rotation(shape, axis, second, change));
             }
         }
     }

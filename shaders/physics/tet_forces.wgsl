@@ -18,33 +18,33 @@ struct TetForceParams {
 @group(0) @binding(4) var<uniform> params: TetForceParams;
 
 fn shift_of(i: u32) -> vec3<f32> {
-    return textureLoad(positions, at(i), 0).xyz - textureLoad(rest, at(i), 0).xyz;
+    return textureLoad(positions, array_texel(i), 0).xyz - textureLoad(rest, array_texel(i), 0).xyz;
 }
 
 fn velocity_of(i: u32) -> vec3<f32> {
-    return textureLoad(velocities, at(i), 0).xyz;
+    return textureLoad(velocities, array_texel(i), 0).xyz;
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let e = item(id, groups);
+    let e = invocation_index(id, groups);
     if e >= params.tets || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let tet = tet_of(e);
+    let tet = load_tet(e);
     let n = tet.nodes;
-    let g = gradient_of(tet, shift_of(n.x), shift_of(n.y), shift_of(n.z), shift_of(n.w));
+    let g = displacement_gradient(tet, shift_of(n.x), shift_of(n.y), shift_of(n.z), shift_of(n.w));
 #each law     var stress = TERM_stress(g, tet.mu, tet.lambda);
 #each law     let energy = 0.25 * TERM_energy(g, tet.mu, tet.lambda);
     if params.damping_time > 0.0 {
-        let rate = gradient_of(tet, velocity_of(n.x), velocity_of(n.y), velocity_of(n.z), velocity_of(n.w));
+        let rate = displacement_gradient(tet, velocity_of(n.x), velocity_of(n.y), velocity_of(n.z), velocity_of(n.w));
         let frame = frame_of(g);
-#each law         let curvature = positive(TERM_curvature(frame.strain, tet.mu, tet.lambda));
-        stress += params.damping_time * stress_change(curvature, frame, rate);
+#each law         let curvature = project_psd(TERM_curvature(frame.strain, tet.mu, tet.lambda));
+        stress += params.damping_time * stress_differential(curvature, frame, rate);
     }
     let f = stress * tet.gradients;
-    textureStore(tet_forces, at(4u * e), vec4(f[0] + f[1] + f[2], energy));
-    textureStore(tet_forces, at(4u * e + 1u), vec4(-f[0], energy));
-    textureStore(tet_forces, at(4u * e + 2u), vec4(-f[1], energy));
-    textureStore(tet_forces, at(4u * e + 3u), vec4(-f[2], energy));
+    textureStore(tet_forces, array_texel(4u * e), vec4(f[0] + f[1] + f[2], energy));
+    textureStore(tet_forces, array_texel(4u * e + 1u), vec4(-f[0], energy));
+    textureStore(tet_forces, array_texel(4u * e + 2u), vec4(-f[1], energy));
+    textureStore(tet_forces, array_texel(4u * e + 3u), vec4(-f[2], energy));
 }

@@ -19,15 +19,15 @@ struct KickParams {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes || status.failed != 0u {
         return;
     }
-    let p = textureLoad(predicted_velocities, at(i), 0);
-    let v = textureLoad(velocities, at(i), 0);
-    let mass = textureLoad(masses, at(i), 0);
+    let p = textureLoad(predicted_velocities, array_texel(i), 0);
+    let v = textureLoad(velocities, array_texel(i), 0);
+    let mass = textureLoad(masses, array_texel(i), 0);
     let free = mass.y != 0.0;
-    let a = mass.y * textureLoad(forces, at(i), 0).xyz;
+    let a = mass.y * textureLoad(forces, array_texel(i), 0).xyz;
     let next = select(vec3(0.0), 0.5 * (v.xyz + p.xyz), free) + params.kick * a;
-    textureStore(next_velocities, at(i), vec4(next, p.w));
+    textureStore(next_velocities, array_texel(i), vec4(next, p.w));
 }

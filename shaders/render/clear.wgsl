@@ -15,7 +15,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
         return fullscreen(index);
     }
     let tile = tile_of_vertex(index, textureDimensions(before));
-    return select(OUT_OF_SIGHT, tile.corner, last[tile.number] == tile.layer);
+    return select(CULLED_POSITION, tile.corner, last[tile.number] == tile.layer);
 }
 
 @fragment

@@ -12,11 +12,11 @@
 @group(0) @binding(2) var<uniform> params: View;
 
 fn projected_at(i: u32) -> vec4<f32> {
-    return textureLoad(projected, at(i), 0);
+    return textureLoad(projected, array_texel(i), 0);
 }
 
 fn boundary_at(i: u32) -> vec4<u32> {
-    return textureLoad(boundary, at(i), 0);
+    return textureLoad(boundary, array_texel(i), 0);
 }
 
 #import lib/face
@@ -39,7 +39,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
 
 @fragment
 fn fragment(corner: Corner) -> @location(0) vec4<f32> {
-    if !hit(corner.a, corner.b, corner.c, corner.ids, sight_at(params, corner.position.xy)).found {
+    if !intersect_face(corner.a, corner.b, corner.c, corner.ids, ray_frame(params, corner.position.xy)).found {
         discard;
     }
     return vec4(1.0 / 255.0, 0.0, 0.0, 0.0);

@@ -13,15 +13,15 @@ struct Count {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let t = item(id, groups);
+    let t = invocation_index(id, groups);
     if t >= params.tets {
         return;
     }
-    let ids = textureLoad(nodes, at(t), 0);
-    let v = textureLoad(positions, at(ids.x), 0).xyz;
-    let a = textureLoad(positions, at(ids.y), 0).xyz - v;
-    let b = textureLoad(positions, at(ids.z), 0).xyz - v;
-    let c = textureLoad(positions, at(ids.w), 0).xyz - v;
+    let ids = textureLoad(nodes, array_texel(t), 0);
+    let v = textureLoad(positions, array_texel(ids.x), 0).xyz;
+    let a = textureLoad(positions, array_texel(ids.y), 0).xyz - v;
+    let b = textureLoad(positions, array_texel(ids.z), 0).xyz - v;
+    let c = textureLoad(positions, array_texel(ids.w), 0).xyz - v;
     if !(dot(a, cross(b, c)) > 0.0) {
         atomicAdd(&count[0], 1u);
     }

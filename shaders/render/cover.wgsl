@@ -9,7 +9,7 @@
 #import lib/sight
 
 // 0: a bit for each face that is drawn, 32 an invocation. 1: their corners.
-override STAGE: u32 = 0u;
+override PASS: u32 = 0u;
 
 @group(0) @binding(0) var projected: texture_2d<f32>;
 @group(0) @binding(1) var boundary: texture_2d<u32>;
@@ -20,17 +20,17 @@ override STAGE: u32 = 0u;
 @group(0) @binding(4) var<uniform> params: View;
 
 fn projected_at(i: u32) -> vec4<f32> {
-    return textureLoad(projected, at(i), 0);
+    return textureLoad(projected, array_texel(i), 0);
 }
 
 fn boundary_at(i: u32) -> vec4<u32> {
-    return textureLoad(boundary, at(i), 0);
+    return textureLoad(boundary, array_texel(i), 0);
 }
 
 #import lib/face
 
 // Whether some of it is in the picture.
-fn in_picture(face: Face) -> bool {
+fn is_visible(face: Face) -> bool {
     let low = min(face.corners[0], min(face.corners[1], face.corners[2]));
     let high = max(face.corners[0], max(face.corners[1], face.corners[2]));
     return all(low <= vec2(1.0)) && all(high >= vec2(-1.0));
@@ -39,14 +39,14 @@ fn in_picture(face: Face) -> bool {
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let faces = params.corners / 3u;
-    let run = item(id, groups);
+    let run = invocation_index(id, groups);
     if 32u * run >= faces {
         return;
     }
-    if STAGE == 0u {
+    if PASS == 0u {
         var mask = 0u;
         for (var k = 0u; k < min(32u, faces - 32u * run); k++) {
-            mask |= u32(in_picture(face_of(32u * run + k))) << k;
+            mask |= u32(is_visible(face_of(32u * run + k))) << k;
         }
         marks[2u * run] = mask;
         return;
@@ -57,7 +57,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         let i = 32u * run + countTrailingZeros(mask);
         let face = face_of(i);
         for (var k = 0u; k < 3u; k++) {
-            textureStore(covers, at(place + k), vec4(bitcast<vec2<u32>>(face.corners[k]), i, 0u));
+            textureStore(covers, array_texel(place + k), vec4(bitcast<vec2<u32>>(face.corners[k]), i, 0u));
         }
         place += 3u;
         mask &= mask - 1u;

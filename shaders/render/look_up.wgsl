@@ -14,11 +14,11 @@
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let given = textureLoad(segments, at(i), 0);
+    let given = textureLoad(segments, array_texel(i), 0);
     let s = params.scalar.x * given.xy + params.scalar.y;
-    textureStore(found, at(i), segment(s.x, s.y, given.z * params.opacity, 0u));
+    textureStore(found, array_texel(i), segment(s.x, s.y, given.z * params.opacity, 0u));
 }

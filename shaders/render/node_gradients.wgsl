@@ -28,7 +28,7 @@ const NONE: u32 = 0xffffffffu;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
@@ -36,29 +36,29 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var volume = 0.0;
     var area = vec3(0.0);
     var areas = 0.0;
-    let last = textureLoad(firsts, at(i + 1u), 0).x;
-    for (var k = textureLoad(firsts, at(i), 0).x; k < last; k++) {
-        let t = textureLoad(around, at(k), 0).x;
+    let last = textureLoad(firsts, array_texel(i + 1u), 0).x;
+    for (var k = textureLoad(firsts, array_texel(i), 0).x; k < last; k++) {
+        let t = textureLoad(around, array_texel(k), 0).x;
         var v: vec4<u32>;
         if t < params.tets {
-            v = textureLoad(tets, at(t), 0);
+            v = textureLoad(tets, array_texel(t), 0);
         } else {
-            v = textureLoad(ends, at(t - params.tets), 0);
+            v = textureLoad(ends, array_texel(t - params.tets), 0);
         }
-        let p = textureLoad(positions, at(v.x), 0).xyz;
-        let a = textureLoad(positions, at(v.y), 0).xyz - p;
-        let b = textureLoad(positions, at(v.z), 0).xyz - p;
+        let p = textureLoad(positions, array_texel(v.x), 0).xyz;
+        let a = textureLoad(positions, array_texel(v.y), 0).xyz - p;
+        let b = textureLoad(positions, array_texel(v.z), 0).xyz - p;
         if v.w == NONE {
             let normal = cross(a, b);
             area += normal;
             areas += length(normal);
             continue;
         }
-        let c = textureLoad(positions, at(v.w), 0).xyz - p;
-        let s = textureLoad(scalars, at(v.x), 0).x;
-        rise += (textureLoad(scalars, at(v.y), 0).x - s) * cross(b, c)
-            + (textureLoad(scalars, at(v.z), 0).x - s) * cross(c, a)
-            + (textureLoad(scalars, at(v.w), 0).x - s) * cross(a, b);
+        let c = textureLoad(positions, array_texel(v.w), 0).xyz - p;
+        let s = textureLoad(scalars, array_texel(v.x), 0).x;
+        rise += (textureLoad(scalars, array_texel(v.y), 0).x - s) * cross(b, c)
+            + (textureLoad(scalars, array_texel(v.z), 0).x - s) * cross(c, a)
+            + (textureLoad(scalars, array_texel(v.w), 0).x - s) * cross(a, b);
         volume += dot(a, cross(b, c));
     }
     var gradient = vec3(0.0);
@@ -69,5 +69,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if areas > 0.0 {
         gradient += params.edge / areas * area;
     }
-    textureStore(gradients, at(i), vec4(gradient, 0.0));
+    textureStore(gradients, array_texel(i), vec4(gradient, 0.0));
 }

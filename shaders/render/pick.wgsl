@@ -9,9 +9,9 @@
 #import lib/sight
 
 // 0: the smallest z. 1: the first triangle there. 2: weights, place and nearest corner in it.
-override STAGE: u32 = 0u;
+override PASS: u32 = 0u;
 // Texels from one position to the next.
-override STRIDE: u32 = 1u;
+override TRIANGLES_PER_INVOCATION: u32 = 1u;
 // Steps of a float by which two passes may differ in the same z.
 const ROUNDING: u32 = 4u;
 
@@ -30,11 +30,11 @@ struct Pick {
 @group(0) @binding(3) var<uniform> params: Pick;
 
 fn position(i: u32) -> vec3<f32> {
-    return textureLoad(positions, at(STRIDE * i), 0).xyz;
+    return textureLoad(positions, array_texel(TRIANGLES_PER_INVOCATION * i), 0).xyz;
 }
 
 // Smaller floats have smaller keys.
-fn key(z: f32) -> u32 {
+fn depth_key(z: f32) -> u32 {
     let bits = bitcast<u32>(z);
     return bits ^ select(0x80000000u, 0xffffffffu, (bits & 0x80000000u) != 0u);
 }
@@ -45,20 +45,20 @@ struct Hit {
     found: bool,
 }
 
-fn meet(corners: vec3<u32>) -> Hit {
+fn intersect(corners: vec3<u32>) -> Hit {
     let qa = to_camera(params.view, position(corners.x));
     let qb = to_camera(params.view, position(corners.y));
     let qc = to_camera(params.view, position(corners.z));
-    let sight = sight_at(params.view, params.pixel);
-    let a = off_ray(qa, sight);
-    let b = off_ray(qb, sight);
-    let c = off_ray(qc, sight);
+    let sight = ray_frame(params.view, params.pixel);
+    let a = project_to_ray_plane(qa, sight);
+    let b = project_to_ray_plane(qb, sight);
+    let c = project_to_ray_plane(qc, sight);
     let w = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
     let sum = w.x + w.y + w.z;
-    let front = inside(w.x, corners.y, corners.z) && inside(w.y, corners.z, corners.x)
-        && inside(w.z, corners.x, corners.y);
-    let back = inside(-w.x, corners.z, corners.y) && inside(-w.y, corners.x, corners.z)
-        && inside(-w.z, corners.y, corners.x);
+    let front = edge_test(w.x, corners.y, corners.z) && edge_test(w.y, corners.z, corners.x)
+        && edge_test(w.z, corners.x, corners.y);
+    let back = edge_test(-w.x, corners.z, corners.y) && edge_test(-w.y, corners.x, corners.z)
+        && edge_test(-w.z, corners.y, corners.x);
     let weights = w / sum;
     let z = dot(weights, vec3(qa.z, qb.z, qc.z));
     return Hit(weights, z, select(back, front, sum > 0.0) && abs(sum) > 0.0 && z >= params.view.near);
@@ -66,30 +66,30 @@ fn meet(corners: vec3<u32>) -> Hit {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
-    if STAGE == 2u {
+    let i = invocation_index(id, groups);
+    if PASS == 2u {
         let nearest = atomicLoad(&found[1]);
         if i == 0u && nearest < params.triangles {
-            tell(textureLoad(triangles, at(nearest), 0).xyz);
+            write_result(textureLoad(triangles, array_texel(nearest), 0).xyz);
         }
         return;
     }
     if i >= params.triangles {
         return;
     }
-    let hit = meet(textureLoad(triangles, at(i), 0).xyz);
+    let hit = intersect(textureLoad(triangles, array_texel(i), 0).xyz);
     if !hit.found {
         return;
     }
-    if STAGE == 0u {
-        atomicMin(&found[0], key(hit.z));
-    } else if key(hit.z) - atomicLoad(&found[0]) <= ROUNDING {
+    if PASS == 0u {
+        atomicMin(&found[0], depth_key(hit.z));
+    } else if depth_key(hit.z) - atomicLoad(&found[0]) <= ROUNDING {
         atomicMin(&found[1], i);
     }
 }
 
-fn tell(corners: vec3<u32>) {
-    let w = meet(corners).weights;
+fn write_result(corners: vec3<u32>) {
+    let w = intersect(corners).weights;
     let p = array(position(corners.x), position(corners.y), position(corners.z));
     let place = w.x * p[0] + w.y * p[1] + w.z * p[2];
     var nearest = 0u;

@@ -15,13 +15,13 @@
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let q = to_camera(params, textureLoad(positions, at(i), 0).xyz);
-    let s = textureLoad(scalars, at(i), 0).x;
-    textureStore(projected, at(i), vec4(q, params.scalar.x * s + params.scalar.y));
+    let q = to_camera(params, textureLoad(positions, array_texel(i), 0).xyz);
+    let s = textureLoad(scalars, array_texel(i), 0).x;
+    textureStore(projected, array_texel(i), vec4(q, params.scalar.x * s + params.scalar.y));
     if q.z < params.near {
         atomicStore(&inside[1], 1u);
         atomicStore(&inside[5], 1u);

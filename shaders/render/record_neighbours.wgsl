@@ -18,28 +18,28 @@ struct Neighbours {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let t = item(id, groups);
+    let t = invocation_index(id, groups);
     if t >= params.tets {
         return;
     }
-    let own = textureLoad(tets, at(t), 0);
+    let own = textureLoad(tets, array_texel(t), 0);
     let all = own.x ^ own.y ^ own.z ^ own.w;
     var codes = vec4(NONE);
     for (var f = 0u; f < 4u; f++) {
         let smaller = own < vec4(own[f]);
         let rank = dot(select(vec4(0u), vec4(1u), smaller), vec4(1u));
-        let link = textureLoad(links, at(t * 4u + rank), 0).xy;
+        let link = textureLoad(links, array_texel(t * 4u + rank), 0).xy;
         if link.x == NONE {
             continue;
         }
         // The neighbour's node that is not in the face.
         let opposite = link.y ^ all ^ own[f];
-        let nodes = textureLoad(tets, at(link.x), 0);
+        let nodes = textureLoad(tets, array_texel(link.x), 0);
         var face = 0u;
         for (var k = 1u; k < 4u; k++) {
             face = select(face, k, nodes[k] == opposite);
         }
         codes[f] = 4u * link.x + face;
     }
-    textureStore(records, at(t * 8u + 6u), codes);
+    textureStore(records, array_texel(t * 8u + 6u), codes);
 }

@@ -44,21 +44,21 @@ fn plane(ids: vec3<u32>, p: array<vec3<f32>, 3>) -> vec4<f32> {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let t = item(id, groups);
+    let t = invocation_index(id, groups);
     if t >= params.tets {
         return;
     }
-    let ids = textureLoad(nodes, at(t), 0);
+    let ids = textureLoad(nodes, array_texel(t), 0);
     var v: array<vec3<f32>, 4>;
     var s: vec4<f32>;
     for (var i = 0u; i < 4u; i++) {
-        v[i] = textureLoad(positions, at(ids[i]), 0).xyz;
-        s[i] = textureLoad(scalars, at(ids[i]), 0).x;
+        v[i] = textureLoad(positions, array_texel(ids[i]), 0).xyz;
+        s[i] = textureLoad(scalars, array_texel(ids[i]), 0).x;
     }
     for (var f = 0u; f < 4u; f++) {
         let c = face_corners(f);
         let face = plane(vec3(ids[c.x], ids[c.y], ids[c.z]), array(v[c.x], v[c.y], v[c.z]));
-        textureStore(records, at(t * 8u + f), bitcast<vec4<u32>>(face));
+        textureStore(records, array_texel(t * 8u + f), bitcast<vec4<u32>>(face));
     }
     let a = v[1] - v[0];
     let b = v[2] - v[0];
@@ -69,6 +69,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let flat_tet = abs(volume) < 1e-24;
     let gradient = select(rise / select(volume, 1.0, flat_tet), vec3(0.0), flat_tet);
     let range = vec2(min(min(s.x, s.y), min(s.z, s.w)), max(max(s.x, s.y), max(s.z, s.w)));
-    textureStore(records, at(t * 8u + 4u), bitcast<vec4<u32>>(vec4(gradient, s.x)));
-    textureStore(records, at(t * 8u + 5u), vec4(bitcast<vec3<u32>>(v[0]), pack2x16unorm(range)));
+    textureStore(records, array_texel(t * 8u + 4u), bitcast<vec4<u32>>(vec4(gradient, s.x)));
+    textureStore(records, array_texel(t * 8u + 5u), vec4(bitcast<vec3<u32>>(v[0]), pack2x16unorm(range)));
 }

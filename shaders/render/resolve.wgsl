@@ -4,7 +4,7 @@
 #import lib/tiles
 
 // Whether what was gathered is a scalar in red, where alpha is not 0: shown grey.
-override PROJECTED: bool = false;
+override PROJECTION_MODE: bool = false;
 
 struct Resolve {
     background: vec4<f32>,
@@ -35,7 +35,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     } else {
         sum = textureLoad(even, pixel, 0);
     }
-    if PROJECTED {
+    if PROJECTION_MODE {
         sum = select(vec4(0.0), vec4(sum.rrr, 1.0), sum.a > 0.0);
     }
     return sum + (1.0 - sum.a) * params.background;

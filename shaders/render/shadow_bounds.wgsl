@@ -16,16 +16,16 @@ const FAR: f32 = 1e6;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let p = textureLoad(positions, at(i), 0).xyz;
+    let p = textureLoad(positions, array_texel(i), 0).xyz;
     if !all(abs(p) < vec3(FAR)) {
         return;
     }
     for (var k = 0u; k < 3u; k++) {
-        let x = ordered(p[k]);
+        let x = order_preserving_bits(p[k]);
         // Nearly all nodes are within what others have told already.
         if x < atomicLoad(&grid[k]) {
             atomicMin(&grid[k], x);

@@ -11,14 +11,14 @@ struct Fill {
 }
 
 // Whether scalars are constant in each tet, and whether each has a transfer function of its own.
-override CELLS: bool = false;
+override CELL_SCALARS: bool = false;
 override REGIONS: bool = false;
 // As in lib/inside and lib/segment.
-const COLOURS: u32 = 1024u;
+const COLOUR_LUT_SIZE: u32 = 1024u;
 const HIDDEN: u32 = 0xffffu;
-const CLEAR: u32 = 0x8000u;
+const TRANSPARENT_FLAG: u32 = 0x8000u;
 // Points of the largest tets.
-const MOST_POINTS: u32 = 1024u;
+const MAX_POINTS: u32 = 1024u;
 
 @group(0) @binding(next) var positions: texture_2d<f32>;
 @group(0) @binding(next) var scalars: texture_2d<f32>;
@@ -33,7 +33,7 @@ const MOST_POINTS: u32 = 1024u;
 @group(0) @binding(next) var<uniform> params: Fill;
 
 // The weights of the corners at point i: a sequence that fills the cube evenly, folded into a tet.
-fn weights(i: u32) -> vec4<f32> {
+fn sample_weights(i: u32) -> vec4<f32> {
     var p = fract(0.5 + f32(i) * vec3(0.8191725, 0.6710436, 0.5497005));
     if p.x + p.y > 1.0 {
         p = vec3(1.0 - p.x, 1.0 - p.y, p.z);
@@ -48,54 +48,54 @@ fn weights(i: u32) -> vec4<f32> {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let t = item(id, groups);
+    let t = invocation_index(id, groups);
     if t >= params.tets {
         return;
     }
     var row = 0u;
     if REGIONS {
-        row = textureLoad(rows, at(t), 0).x;
-        if (row == HIDDEN) | ((row & CLEAR) != 0u) {
+        row = textureLoad(rows, array_texel(t), 0).x;
+        if (row == HIDDEN) | ((row & TRANSPARENT_FLAG) != 0u) {
             return;
         }
     }
-    let low = vec3(number(atomicLoad(&grid[0])), number(atomicLoad(&grid[1])), number(atomicLoad(&grid[2])));
-    let high = vec3(number(atomicLoad(&grid[3])), number(atomicLoad(&grid[4])), number(atomicLoad(&grid[5])));
+    let low = vec3(bits_to_float(atomicLoad(&grid[0])), bits_to_float(atomicLoad(&grid[1])), bits_to_float(atomicLoad(&grid[2])));
+    let high = vec3(bits_to_float(atomicLoad(&grid[3])), bits_to_float(atomicLoad(&grid[4])), bits_to_float(atomicLoad(&grid[5])));
     let over = grid_over(low, high, params.cells);
-    let v = textureLoad(tets, at(t), 0);
+    let v = textureLoad(tets, array_texel(t), 0);
     var p: array<vec3<f32>, 4>;
     var s: vec4<f32>;
     var rest: array<vec3<f32>, 4>;
     for (var k = 0u; k < 4u; k++) {
-        p[k] = textureLoad(positions, at(v[k]), 0).xyz;
-        s[k] = textureLoad(scalars, at(v[k]), 0).x;
-        if RESTING {
-            rest[k] = textureLoad(rests, at(v[k]), 0).xyz;
+        p[k] = textureLoad(positions, array_texel(v[k]), 0).xyz;
+        s[k] = textureLoad(scalars, array_texel(v[k]), 0).x;
+        if USE_REST_POSITIONS {
+            rest[k] = textureLoad(rests, array_texel(v[k]), 0).xyz;
         }
     }
-    if CELLS {
-        s = vec4(textureLoad(cells, at(t), 0).x);
+    if CELL_SCALARS {
+        s = vec4(textureLoad(cells, array_texel(t), 0).x);
     }
     let volume = abs(dot(p[1] - p[0], cross(p[2] - p[0], p[3] - p[0]))) / 6.0;
     let cells_wide = volume / (over.cell * over.cell * over.cell);
     // As many more as it is larger than a cell.
-    let points = clamp(u32(ceil(min(f32(params.points) * cells_wide, f32(MOST_POINTS)))), params.points, MOST_POINTS);
-    let share = FULL * cells_wide / f32(points);
+    let points = clamp(u32(ceil(min(f32(params.points) * cells_wide, f32(MAX_POINTS)))), params.points, MAX_POINTS);
+    let share = EXTINCTION_SCALE * cells_wide / f32(points);
     // Other points in each tet: the same in all would beat with the cells.
     let first = ((v.x + v.y + v.z + v.w) & 255u) * params.points;
     for (var i = 0u; i < points; i++) {
-        let w = weights(first + i);
+        let w = sample_weights(first + i);
         let place = w.x * p[0] + w.y * p[1] + w.z * p[2] + w.w * p[3];
         var resting = vec3(0.0);
-        if RESTING {
+        if USE_REST_POSITIONS {
             resting = w.x * rest[0] + w.y * rest[1] + w.z * rest[2] + w.w * rest[3];
         }
         let word = cell_at(over, (place - over.low) / over.cell);
-        if word == 0u || cut_off(place, resting) {
+        if word == 0u || is_clipped(place, resting) {
             continue;
         }
-        let nearest = u32(clamp(dot(w, s), 0.0, 1.0) * f32(COLOURS - 1u) + 0.5);
-        var extinction = textureLoad(colours, at(row * COLOURS + nearest), 0).w;
+        let nearest = u32(clamp(dot(w, s), 0.0, 1.0) * f32(COLOUR_LUT_SIZE - 1u) + 0.5);
+        var extinction = textureLoad(colours, array_texel(row * COLOUR_LUT_SIZE + nearest), 0).w;
 #any scan         extinction = scans_extinction(resting, row);
         atomicAdd(&grid[word], u32(min(share * extinction, 1e9) + 0.5));
     }

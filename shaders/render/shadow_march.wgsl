@@ -8,17 +8,17 @@ struct March {
     nodes: u32,
     cells: u32,
     // Directions, and steps of a cell along each.
-    ways: u32,
+    directions: u32,
     steps: u32,
     // Largest extinction per local unit, times log2(e).
     opacity: f32,
     // What an open sky is over the light that is counted as all.
-    gain: f32,
+    normalisation: f32,
     // How dark it is where no light comes.
     strength: f32,
     // So many cells, of gradients that are not fainter than this.
-    out: f32,
-    faint: f32,
+    surface_offset: f32,
+    gradient_half_saturation: f32,
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
@@ -30,21 +30,21 @@ struct March {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let low = vec3(number(grid[0]), number(grid[1]), number(grid[2]));
-    let high = vec3(number(grid[3]), number(grid[4]), number(grid[5]));
+    let low = vec3(bits_to_float(grid[0]), bits_to_float(grid[1]), bits_to_float(grid[2]));
+    let high = vec3(bits_to_float(grid[3]), bits_to_float(grid[4]), bits_to_float(grid[5]));
     let through = grid_over(low, high, params.cells);
-    let gradient = textureLoad(gradients, at(i), 0).xyz;
+    let gradient = textureLoad(gradients, array_texel(i), 0).xyz;
     // Cells out of the surface that it stands on, which would dim itself.
-    let out = params.out * gradient / max(length(gradient), params.faint);
-    let start = (textureLoad(positions, at(i), 0).xyz - through.low) / through.cell - out;
-    let depth_a_step = params.opacity * through.cell / FULL;
+    let out = params.surface_offset * gradient / max(length(gradient), params.gradient_half_saturation);
+    let start = (textureLoad(positions, array_texel(i), 0).xyz - through.low) / through.cell - out;
+    let depth_a_step = params.opacity * through.cell / EXTINCTION_SCALE;
     var light = 0.0;
-    for (var k = 0u; k < params.ways; k++) {
-        let way = textureLoad(ways, at(k), 0).xyz;
+    for (var k = 0u; k < params.directions; k++) {
+        let way = textureLoad(ways, array_texel(k), 0).xyz;
         var passed = 0.0;
         // The cell that this begins in is left out.
         for (var step = 1u; step <= params.steps; step++) {
@@ -56,6 +56,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         }
         light += exp2(-passed * depth_a_step);
     }
-    let share = min(params.gain * light / f32(params.ways), 1.0);
-    textureStore(lit, at(i), vec4(gradient, 1.0 - params.strength * (1.0 - share)));
+    let share = min(params.normalisation * light / f32(params.directions), 1.0);
+    textureStore(lit, array_texel(i), vec4(gradient, 1.0 - params.strength * (1.0 - share)));
 }

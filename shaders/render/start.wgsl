@@ -10,9 +10,9 @@
 #import lib/tiles
 
 // The first layer has none before it.
-override FIRST: bool = false;
+override FIRST_LAYER: bool = false;
 // A pixel this opaque needs no further layers.
-override ENOUGH: f32 = 0.9995;
+override PEEL_OPACITY_CUTOFF: f32 = 0.9995;
 
 // Depth bits and 4 tet + face of the layer before.
 @group(0) @binding(next) var before: texture_2d<u32>;
@@ -36,7 +36,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     let layer = index / params.corners;
     let corner = index - layer * params.corners;
     // Depth is each fragment's own.
-    if BACK {
+    if BACK_FACES {
         let face = corner / 3u;
         return Corner(vec4(face_of(face).corners[corner % 3u], 0.5, 1.0), face, layer);
     }
@@ -44,18 +44,18 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     return Corner(vec4(bitcast<vec2<f32>>(cover.xy), 0.5, 1.0), cover.z, layer);
 }
 
-struct Start {
+struct RayStart {
     // Depth bits and 4 tet + face.
     @location(0) key: vec2<u32>,
     @builtin(frag_depth) depth: f32,
 }
 
 @fragment
-fn fragment(corner: Corner) -> Start {
+fn fragment(corner: Corner) -> RayStart {
     let pixel = vec2<u32>(corner.position.xy);
     let ids = face_ids(corner.face);
     var nearer = vec2(0u, NONE);
-    if !FIRST {
+    if !FIRST_LAYER {
         nearer = textureLoad(before, pixel, 0).xy;
         // Where the layer before found nothing, this one finds nothing; and it is not the same,
         // however its depth is rounded here.
@@ -63,16 +63,16 @@ fn fragment(corner: Corner) -> Start {
             discard;
         }
     }
-    let sight = sight_at(params, corner.position.xy);
-    let met = hit(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz, ids, sight);
+    let sight = ray_frame(params, corner.position.xy);
+    let met = intersect_face(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz, ids, sight);
     if !met.found {
         discard;
     }
     let depth = clamp(depth_of_z(params, met.z), 0.0, 1.0);
-    if !FIRST {
+    if !FIRST_LAYER {
         let nearer_depth = bitcast<f32>(nearer.x);
         let behind = depth < nearer_depth || (depth == nearer_depth && ids.w > nearer.y);
-        if !behind || textureLoad(gathered, pixel, 0).a > ENOUGH {
+        if !behind || textureLoad(gathered, pixel, 0).a > PEEL_OPACITY_CUTOFF {
             discard;
         }
         let slot = (corner.layer >> 1u) * 8u;
@@ -80,5 +80,5 @@ fn fragment(corner: Corner) -> Start {
         atomicStore(&arguments[slot + 5u], 1u);
         atomicStore(&last[tile_at(pixel, textureDimensions(before))], corner.layer);
     }
-    return Start(vec2(bitcast<u32>(depth), ids.w), depth);
+    return RayStart(vec2(bitcast<u32>(depth), ids.w), depth);
 }

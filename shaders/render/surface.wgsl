@@ -32,30 +32,30 @@ fn turned(v: vec3<f32>) -> vec3<f32> {
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> Corner {
-    let face = textureLoad(boundary, at(index / 3u), 0);
+    let face = textureLoad(boundary, array_texel(index / 3u), 0);
     let node = face[index % 3u];
-    let p = textureLoad(positions, at(node), 0).xyz;
-    var normal = textureLoad(normals, at(node), 0).xyz;
+    let p = textureLoad(positions, array_texel(node), 0).xyz;
+    var normal = textureLoad(normals, array_texel(node), 0).xyz;
     if !SMOOTH {
-        let a = textureLoad(positions, at(face.x), 0).xyz;
-        let b = textureLoad(positions, at(face.y), 0).xyz;
-        let c = textureLoad(positions, at(face.z), 0).xyz;
+        let a = textureLoad(positions, array_texel(face.x), 0).xyz;
+        let b = textureLoad(positions, array_texel(face.y), 0).xyz;
+        let c = textureLoad(positions, array_texel(face.z), 0).xyz;
         normal = cross(b - a, c - a);
         normal *= inverseSqrt(max(dot(normal, normal), 1e-37));
     }
     let q = to_camera(params, p);
     var rest = p;
-    if RESTING {
-        rest = textureLoad(rests, at(node), 0).xyz;
+    if USE_REST_POSITIONS {
+        rest = textureLoad(rests, array_texel(node), 0).xyz;
     }
-    return Corner(to_clip(params, q), q, turned(normal), textureLoad(colours, at(node), 0).rgb, p, rest);
+    return Corner(to_clip(params, q), q, turned(normal), textureLoad(colours, array_texel(node), 0).rgb, p, rest);
 }
 
 @fragment
 fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    if CLIPS > 0u && cut_off(corner.local, corner.rest) {
+    if CLIP_PLANE_COUNT > 0u && is_clipped(corner.local, corner.rest) {
         discard;
     }
     let normal = normalize(corner.normal) * select(-1.0, 1.0, front);
-    return vec4(lit(corner.colour, normal, towards_eye(params, corner.place)), 1.0);
+    return vec4(shade_surface_point(corner.colour, normal, view_direction(params, corner.place)), 1.0);
 }

@@ -17,18 +17,18 @@ struct Normals {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let last = textureLoad(firsts, at(i + 1u), 0).x;
+    let last = textureLoad(firsts, array_texel(i + 1u), 0).x;
     var sum = vec3(0.0);
-    for (var k = textureLoad(firsts, at(i), 0).x; k < last; k++) {
-        let face = textureLoad(boundary, at(textureLoad(around, at(k), 0).x), 0);
-        let a = textureLoad(positions, at(face.x), 0).xyz;
-        let b = textureLoad(positions, at(face.y), 0).xyz;
-        let c = textureLoad(positions, at(face.z), 0).xyz;
+    for (var k = textureLoad(firsts, array_texel(i), 0).x; k < last; k++) {
+        let face = textureLoad(boundary, array_texel(textureLoad(around, array_texel(k), 0).x), 0);
+        let a = textureLoad(positions, array_texel(face.x), 0).xyz;
+        let b = textureLoad(positions, array_texel(face.y), 0).xyz;
+        let c = textureLoad(positions, array_texel(face.z), 0).xyz;
         sum += cross(b - a, c - a);
     }
-    textureStore(normals, at(i), vec4(sum * inverseSqrt(max(dot(sum, sum), 1e-37)), 0.0));
+    textureStore(normals, array_texel(i), vec4(sum * inverseSqrt(max(dot(sum, sum), 1e-37)), 0.0));
 }

@@ -4,7 +4,7 @@
 
 #import lib/bilinear
 
-struct Slab {
+struct VolumeLayer {
     size: u32,
     // Layer to make; a slab is one layer deep.
     layer: u32,
@@ -18,7 +18,7 @@ struct Slab {
 @group(0) @binding(2) var before: texture_2d<f32>;
 @group(0) @binding(3) var whole: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(4) var layer: texture_storage_2d<rgba16float, write>;
-@group(0) @binding(5) var<uniform> params: Slab;
+@group(0) @binding(5) var<uniform> params: VolumeLayer;
 
 // Pieces that the first slab is summed from.
 const PIECES: f32 = 32.0;

@@ -24,28 +24,28 @@
 #import lib/walk_frame
 
 // A walk that ends farther than this outside the tet it was in last, in local units, is lost.
-const STRAY: f32 = 1e-3;
+const RAY_EPSILON: f32 = 1e-3;
 
-fn record(t: u32, k: u32) -> vec4<u32> {
+fn load_record(t: u32, k: u32) -> vec4<u32> {
     return record_at(t * 8u + k);
 }
 
 fn plane(t: u32, k: u32) -> vec4<f32> {
-    return bitcast<vec4<f32>>(record(t, k));
+    return bitcast<vec4<f32>>(load_record(t, k));
 }
 
 // Where node i is, in the local frame.
 fn corner_at(i: u32) -> vec3<f32> {
-    return textureLoad(positions, at(i), 0).xyz;
+    return textureLoad(positions, array_texel(i), 0).xyz;
 }
 
 // The scalar (table coordinate) at z in tet t.
 fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
-    if CELLS {
-        return params.scalar.x * textureLoad(cells, at(t), 0).x + params.scalar.y;
+    if CELL_SCALARS {
+        return params.scalar.x * textureLoad(cells, array_texel(t), 0).x + params.scalar.y;
     }
     let gradient = plane(t, 4u);
-    let corner = record(t, 5u);
+    let corner = load_record(t, 5u);
     let x = ray.foot + z * ray.run - bitcast<vec3<f32>>(corner.xyz);
     let range = unpack2x16unorm(corner.w);
     let s = clamp(dot(gradient.xyz, x) + gradient.w, range.x, range.y);
@@ -53,18 +53,18 @@ fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
 }
 
 // The place on the ray at z in tet t.
-fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
-    var spot: Spot;
+fn sample_at(t: u32, ray: Ray, z: f32) -> RaySample {
+    var spot: RaySample;
     spot.z = z;
     spot.s = scalar_at(t, ray, z);
-    if !(NODE_LIGHT | RESTING) {
+    if !(PER_NODE_LIGHT | USE_REST_POSITIONS) {
         return spot;
     }
-    let ids = textureLoad(tets, at(t), 0);
+    let ids = textureLoad(tets, array_texel(t), 0);
     let x = ray.foot + z * ray.run;
     var p: array<vec3<f32>, 4>;
     for (var k = 0u; k < 4u; k++) {
-        p[k] = textureLoad(positions, at(ids[k]), 0).xyz - x;
+        p[k] = textureLoad(positions, array_texel(ids[k]), 0).xyz - x;
     }
     // Volumes of the parts that the point makes of the tet.
     var w = vec4(
@@ -77,30 +77,30 @@ fn spot_at(t: u32, ray: Ray, z: f32) -> Spot {
     w = clamp(w / select(whole, 1e-30, abs(whole) < 1e-30), vec4(0.0), vec4(1.0));
     w /= max(w.x + w.y + w.z + w.w, 1e-30);
     for (var k = 0u; k < 4u; k++) {
-        if NODE_LIGHT {
-            let lit = textureLoad(gradients, at(ids[k]), 0);
+        if PER_NODE_LIGHT {
+            let lit = textureLoad(gradients, array_texel(ids[k]), 0);
             spot.gradient += w[k] * lit.xyz;
-            if SHADOWED {
+            if SHADOWS {
                 spot.bright += w[k] * lit.w;
             }
         }
-        if RESTING {
-            spot.rest += w[k] * textureLoad(rests, at(ids[k]), 0).xyz;
+        if USE_REST_POSITIONS {
+            spot.rest += w[k] * textureLoad(rests, array_texel(ids[k]), 0).xyz;
         }
     }
     return spot;
 }
 
-fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
+fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var sum = before;
     // 4 tet + the face come in by.
     var at_face = code;
     let entry = plane(code >> 2u, code & 3u);
     let slant = dot(entry.xyz, ray.run);
     let start = (entry.w - dot(entry.xyz, ray.foot)) / select(slant, -1e-12, abs(slant) < 1e-12);
-    var here = spot_at(code >> 2u, ray, select(start, max(start, params.near), BACKWARDS));
+    var here = sample_at(code >> 2u, ray, select(start, max(start, params.near), BACKWARD_TRAVERSAL));
     let first = here.z;
-    let cap = params.cap;
+    let cap = params.max_steps;
     var mark = NONE;
     var steps = 0u;
     var dead = false;
@@ -109,14 +109,14 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var last = code >> 2u;
     loop {
         let t = at_face >> 2u;
-        if (at_face == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) | ended {
+        if (at_face == NONE) | (t == mark) | (steps >= cap) | is_terminated(sum) | ended {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
         mark = select(mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
-        if CELLS {
+        if CELL_SCALARS {
             here.s = scalar_at(t, ray, here.z);
         }
         let k = vec3(at_face + 1u, at_face + 2u, at_face + 3u) & vec3(3u);
@@ -127,7 +127,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         let heights = vec3(p0.w - dot(p0.xyz, ray.foot), p1.w - dot(p1.xyz, ray.foot), p2.w - dot(p2.xyz, ray.foot));
         var next_z = 0.0;
         var exit = k.x;
-        if BACKWARDS {
+        if BACKWARD_TRAVERSAL {
             let leave = select(vec3(-1e30), heights / slants, slants < vec3(0.0));
             next_z = leave.x;
             if leave.y > next_z { next_z = leave.y; exit = k.y; }
@@ -139,8 +139,8 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             }
             next_z = min(next_z, here.z);
             if next_z < params.near {
-                let near = spot_at(t, ray, min(here.z, params.near));
-                return Walked(begun(before_end(sum, Segment(near, here, t), ray)), true, vec2(near.z, first));
+                let near = sample_at(t, ray, min(here.z, params.near));
+                return TraversalResult(initial_accumulator(accumulate_until_depth(sum, Segment(near, here, t), ray)), true, vec2(near.z, first));
             }
         } else {
             let leave = select(vec3(1e30), heights / slants, slants > vec3(0.0));
@@ -152,23 +152,23 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
                 break;
             }
             next_z = max(next_z, here.z);
-            if OCCLUDED {
+            if HAS_DEPTH {
                 ended = next_z > ray.end;
                 next_z = select(next_z, max(here.z, ray.end), ended);
             }
         }
-        let next = spot_at(t, ray, next_z);
-        if BACKWARDS {
-            sum = before_end(sum, Segment(next, here, t), ray);
+        let next = sample_at(t, ray, next_z);
+        if BACKWARD_TRAVERSAL {
+            sum = accumulate_until_depth(sum, Segment(next, here, t), ray);
         } else {
-            sum = on_segment(sum, Segment(here, next, t), ray);
+            sum = accumulate_segment(sum, Segment(here, next, t), ray);
         }
-        at_face = record(t, 6u)[exit];
+        at_face = load_record(t, 6u)[exit];
         here = next;
     }
-    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARDS);
-    if is_opaque(sum) | ended {
-        return Walked(sum, true, reach);
+    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARD_TRAVERSAL);
+    if is_terminated(sum) | ended {
+        return TraversalResult(sum, true, reach);
     }
     // It must have come out at a point of the tet it was in last.
     let end = ray.foot + here.z * ray.run;
@@ -177,5 +177,5 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         let p = plane(last, k);
         outside = max(outside, dot(p.xyz, end) - p.w);
     }
-    return Walked(sum, !dead && at_face == NONE && outside < STRAY, reach);
+    return TraversalResult(sum, !dead && at_face == NONE && outside < RAY_EPSILON, reach);
 }

@@ -23,9 +23,9 @@
 #import lib/walk_frame
 
 // Node i as seen along the ray: (x, y) off the ray, z, scalar.
-fn seen(i: u32, sight: Sight) -> vec4<f32> {
+fn project_vertex(i: u32, sight: RayFrame) -> vec4<f32> {
     let q = projected_at(i);
-    return vec4(off_ray(q.xyz, sight), q.zw);
+    return vec4(project_to_ray_plane(q.xyz, sight), q.zw);
 }
 
 // Where node i is, in the local frame.
@@ -34,30 +34,30 @@ fn corner_at(i: u32) -> vec3<f32> {
     return q.x * params.right.xyz + q.y * params.up.xyz + q.z * params.forward.xyz;
 }
 
-fn rest_of(i: u32) -> vec3<f32> {
-    return textureLoad(rests, at(i), 0).xyz;
+fn rest_position(i: u32) -> vec3<f32> {
+    return textureLoad(rests, array_texel(i), 0).xyz;
 }
 
-fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
+fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     let sight = ray.sight;
     var sum = before;
     var t = code >> 2u;
-    let nodes = textureLoad(tets, at(t), 0);
+    let nodes = textureLoad(tets, array_texel(t), 0);
     // Counter-clockwise as seen from the eye.
     var f = face_corners(code & 3u);
-    if BACKWARDS {
+    if BACKWARD_TRAVERSAL {
         f = f.xzy;
     }
     var ia = nodes[f.x];
     var ib = nodes[f.y];
     var ic = nodes[f.z];
-    var a = seen(ia, sight);
-    var b = seen(ib, sight);
-    var c = seen(ic, sight);
+    var a = project_vertex(ia, sight);
+    var b = project_vertex(ib, sight);
+    var c = project_vertex(ic, sight);
     var w = vec3(cross2(b.xy, c.xy), cross2(c.xy, a.xy), cross2(a.xy, b.xy));
     var all = nodes.x ^ nodes.y ^ nodes.z ^ nodes.w;
     let start_share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
-    var here: Spot;
+    var here: RaySample;
     here.z = clamp(dot(w, vec3(a.z, b.z, c.z)) * start_share, min(a.z, min(b.z, c.z)), max(a.z, max(b.z, c.z)));
     here.s = clamp(dot(w, vec3(a.w, b.w, c.w)) * start_share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
     var ga = vec4(0.0);
@@ -66,18 +66,18 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var ra = vec3(0.0);
     var rb = vec3(0.0);
     var rc = vec3(0.0);
-    if RESTING {
-        ra = rest_of(ia);
-        rb = rest_of(ib);
-        rc = rest_of(ic);
+    if USE_REST_POSITIONS {
+        ra = rest_position(ia);
+        rb = rest_position(ib);
+        rc = rest_position(ic);
         here.rest = (w.x * ra + w.y * rb + w.z * rc) * start_share;
     }
-    if NODE_LIGHT {
+    if PER_NODE_LIGHT {
         ga = gradient_at(ia);
         gb = gradient_at(ib);
         gc = gradient_at(ic);
         here.gradient = (w.x * ga.xyz + w.y * gb.xyz + w.z * gc.xyz) * start_share;
-        if SHADOWED {
+        if SHADOWS {
             here.bright = (w.x * ga.w + w.y * gb.w + w.z * gc.w) * start_share;
         }
     }
@@ -85,11 +85,11 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
     var last = t;
     // Whether it came to something opaque.
     var ended = false;
-    let cap = params.cap;
+    let cap = params.max_steps;
     var mark = NONE;
     var steps = 0u;
     loop {
-        if (t == NONE) | (t == mark) | (steps >= cap) | is_opaque(sum) | ended {
+        if (t == NONE) | (t == mark) | (steps >= cap) | is_terminated(sum) | ended {
             break;
         }
         // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
@@ -97,7 +97,7 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
         steps += 1u;
         last = t;
         let id = all ^ ia ^ ib ^ ic;
-        let d = seen(id, sight);
+        let d = project_vertex(id, sight);
         let da = cross2(a.xy, d.xy);
         let db = cross2(b.xy, d.xy);
         let dc = cross2(c.xy, d.xy);
@@ -121,59 +121,59 @@ fn walk(code: u32, ray: Ray, before: vec4<f32>) -> Walked {
             select(select(w.z, -db, drop_a), da, drop_b),
         );
         let share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
-        var next: Spot;
-        if NODE_LIGHT {
+        var next: RaySample;
+        if PER_NODE_LIGHT {
             let gd = gradient_at(id);
             ga = select(ga, gd, drop_a);
             gb = select(gb, gd, drop_b);
             gc = select(gc, gd, drop_c);
             next.gradient = (w.x * ga.xyz + w.y * gb.xyz + w.z * gc.xyz) * share;
-            if SHADOWED {
+            if SHADOWS {
                 next.bright = (w.x * ga.w + w.y * gb.w + w.z * gc.w) * share;
             }
         }
-        if RESTING {
-            let rd = rest_of(id);
+        if USE_REST_POSITIONS {
+            let rd = rest_position(id);
             ra = select(ra, rd, drop_a);
             rb = select(rb, rd, drop_b);
             rc = select(rc, rd, drop_c);
             next.rest = (w.x * ra + w.y * rb + w.z * rc) * share;
         }
         next.s = clamp(dot(w, vec3(a.w, b.w, c.w)) * share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
-        if CELLS {
-            here.s = params.scalar.x * textureLoad(cells, at(t), 0).x + params.scalar.y;
+        if CELL_SCALARS {
+            here.s = params.scalar.x * textureLoad(cells, array_texel(t), 0).x + params.scalar.y;
             next.s = here.s;
         }
         next.z = dot(w, vec3(a.z, b.z, c.z)) * share;
-        if BACKWARDS {
+        if BACKWARD_TRAVERSAL {
             next.z = clamp(next.z, min(here.z, min(a.z, min(b.z, c.z))), here.z);
             if next.z < params.near {
-                next = between(here, next, clamp((here.z - params.near) / (here.z - next.z), 0.0, 1.0));
+                next = lerp_sample(here, next, clamp((here.z - params.near) / (here.z - next.z), 0.0, 1.0));
                 next.z = min(here.z, params.near);
-                return Walked(begun(before_end(sum, Segment(next, here, t), ray)), true, vec2(next.z, first));
+                return TraversalResult(initial_accumulator(accumulate_until_depth(sum, Segment(next, here, t), ray)), true, vec2(next.z, first));
             }
-            sum = before_end(sum, Segment(next, here, t), ray);
+            sum = accumulate_until_depth(sum, Segment(next, here, t), ray);
         } else {
             next.z = clamp(next.z, here.z, max(here.z, max(a.z, max(b.z, c.z))));
-            if OCCLUDED {
+            if HAS_DEPTH {
                 ended = next.z > ray.end;
                 if ended {
-                    next = between(here, next, clamp((ray.end - here.z) / (next.z - here.z), 0.0, 1.0));
+                    next = lerp_sample(here, next, clamp((ray.end - here.z) / (next.z - here.z), 0.0, 1.0));
                     next.z = max(here.z, ray.end);
                 }
             }
-            sum = on_segment(sum, Segment(here, next, t), ray);
+            sum = accumulate_segment(sum, Segment(here, next, t), ray);
         }
         here = next;
         t = link.x;
         all = link.y;
     }
-    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARDS);
-    if is_opaque(sum) | ended {
-        return Walked(sum, true, reach);
+    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARD_TRAVERSAL);
+    if is_terminated(sum) | ended {
+        return TraversalResult(sum, true, reach);
     }
     // It must have come out through a face of the tet it was in last.
-    let home = textureLoad(tets, at(last), 0);
+    let home = textureLoad(tets, array_texel(last), 0);
     let at_face = any(home == vec4(ia)) && any(home == vec4(ib)) && any(home == vec4(ic));
-    return Walked(sum, t == NONE && at_face, reach);
+    return TraversalResult(sum, t == NONE && at_face, reach);
 }

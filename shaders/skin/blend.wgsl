@@ -5,9 +5,9 @@
 // their V, dimmed by the skins before it alone: exact, and no division.
 
 // The last: the opaque things behind, and the picture itself.
-override LAST: bool = false;
+override LAST_LAYER: bool = false;
 // Whether there is none before it.
-override FIRST: bool = false;
+override FIRST_LAYER: bool = false;
 
 struct Blend {
     background: vec4<f32>,
@@ -34,7 +34,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(position.xy);
     var sum = vec4(0.0, 0.0, 0.0, 1.0);
     var near = vec4(0.0);
-    if !FIRST {
+    if !FIRST_LAYER {
         sum = textureLoad(before, pixel, 0);
         near = textureLoad(volume_before, pixel, 0);
     }
@@ -42,7 +42,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     let skin = textureLoad(layer, pixel, 0);
     let colour = sum.rgb + sum.a * (far.rgb - near.rgb + (1.0 - far.a) * skin.rgb);
     let through = sum.a * (1.0 - skin.a);
-    if LAST {
+    if LAST_LAYER {
         let rest = through * (1.0 - far.a);
         return vec4(colour, 1.0 - rest) + rest * params.background;
     }

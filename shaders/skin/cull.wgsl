@@ -11,7 +11,7 @@ struct Cull {
 }
 
 // A right angle and a little slack, in radians.
-const AWAY: f32 = 1.5707964 + 0.035;
+const BACKFACE_ANGLE: f32 = 1.5707964 + 0.035;
 
 // Base triangles of the three vertices, and the tangent of half the largest angle at rest between
 // the triangle's normal and those that carry it.
@@ -23,14 +23,14 @@ const AWAY: f32 = 1.5707964 + 0.035;
 @group(0) @binding(4) var<uniform> params: Cull;
 
 fn is_skipped(i: u32, closed: bool) -> bool {
-    let triangle = textureLoad(triangles, at(i), 0);
-    var outlook = textureLoad(outlooks, at(triangle.x), 0);
+    let triangle = textureLoad(triangles, array_texel(i), 0);
+    var outlook = textureLoad(outlooks, array_texel(triangle.x), 0);
     var sides = outlook.z;
     var least = bitcast<f32>(outlook.x);
     var strain = bitcast<f32>(outlook.y);
     for (var k = 1u; k < 3u; k++) {
         if triangle[k] != triangle.x {
-            outlook = textureLoad(outlooks, at(triangle[k]), 0);
+            outlook = textureLoad(outlooks, array_texel(triangle[k]), 0);
             sides &= outlook.z;
             least = min(least, bitcast<f32>(outlook.x));
             strain = max(strain, bitcast<f32>(outlook.y));
@@ -40,12 +40,12 @@ fn is_skipped(i: u32, closed: bool) -> bool {
         return true;
     }
     // A strain s turns an angle a into one of at most 2 atan(s tan(a / 2)).
-    return closed && least > AWAY && least > AWAY + 2.0 * atan(strain * bitcast<f32>(triangle.w));
+    return closed && least > BACKFACE_ANGLE && least > BACKFACE_ANGLE + 2.0 * atan(strain * bitcast<f32>(triangle.w));
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let run = item(id, groups);
+    let run = invocation_index(id, groups);
     if 32u * run >= params.triangles {
         return;
     }

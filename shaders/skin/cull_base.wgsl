@@ -7,7 +7,7 @@
 #import lib/view
 
 // Strains are bounded, so that products with them stay finite.
-const MOST_STRAIN: f32 = 1e6;
+const MAX_STRAIN: f32 = 1e6;
 const MOST_BEND: f32 = 0.999;
 
 struct CullBase {
@@ -30,7 +30,7 @@ struct CullBase {
 @group(0) @binding(4) var<storage, read_write> arguments: array<atomic<u32>, 6>;
 @group(0) @binding(5) var<uniform> params: CullBase;
 
-fn to_eye(q: vec3<f32>) -> vec3<f32> {
+fn eye_direction(q: vec3<f32>) -> vec3<f32> {
     let view = params.view;
     return select(vec3(0.0, 0.0, -1.0), vec3(0.0, 0.0, -view.depth.w) - q, view.depth.z > 0.0);
 }
@@ -46,40 +46,40 @@ fn turned(v: vec3<f32>) -> vec3<f32> {
 }
 
 // How far the plane of normal n through q leaves behind it all within `reach`.
-fn beyond(value: f32, slope: vec3<f32>, reach: f32) -> bool {
+fn is_outside(value: f32, slope: vec3<f32>, reach: f32) -> bool {
     return value < -reach * length(slope);
 }
 
-fn sides(q: vec3<f32>, reach: f32) -> u32 {
+fn frustum_outcode(q: vec3<f32>, reach: f32) -> u32 {
     let view = params.view;
     let w = view.depth.z * q.z + view.depth.w;
     let x = view.clip.x * q.x;
     let y = view.clip.y * q.y;
-    let right = beyond((1.0 - view.clip.z) * w - x, vec3(-view.clip.x, 0.0, (1.0 - view.clip.z) * view.depth.z), reach);
-    let left = beyond((1.0 + view.clip.z) * w + x, vec3(view.clip.x, 0.0, (1.0 + view.clip.z) * view.depth.z), reach);
-    let top = beyond((1.0 - view.clip.w) * w - y, vec3(0.0, -view.clip.y, (1.0 - view.clip.w) * view.depth.z), reach);
-    let bottom = beyond((1.0 + view.clip.w) * w + y, vec3(0.0, view.clip.y, (1.0 + view.clip.w) * view.depth.z), reach);
+    let right = is_outside((1.0 - view.clip.z) * w - x, vec3(-view.clip.x, 0.0, (1.0 - view.clip.z) * view.depth.z), reach);
+    let left = is_outside((1.0 + view.clip.z) * w + x, vec3(view.clip.x, 0.0, (1.0 + view.clip.z) * view.depth.z), reach);
+    let top = is_outside((1.0 - view.clip.w) * w - y, vec3(0.0, -view.clip.y, (1.0 - view.clip.w) * view.depth.z), reach);
+    let bottom = is_outside((1.0 + view.clip.w) * w + y, vec3(0.0, view.clip.y, (1.0 + view.clip.w) * view.depth.z), reach);
     let behind = q.z + reach < view.near;
     return u32(right) | (u32(left) << 1u) | (u32(top) << 2u) | (u32(bottom) << 3u) | (u32(behind) << 4u);
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.triangles {
         return;
     }
-    let nodes = textureLoad(base, at(3u * i), 0);
-    let second = textureLoad(base, at(3u * i + 1u), 0);
+    let nodes = textureLoad(base, array_texel(3u * i), 0);
+    let second = textureLoad(base, array_texel(3u * i + 1u), 0);
     let rest = bitcast<vec4<f32>>(second);
-    let rest_bends = bitcast<vec4<f32>>(textureLoad(base, at(3u * i + 2u), 0));
+    let rest_bends = bitcast<vec4<f32>>(textureLoad(base, array_texel(3u * i + 2u), 0));
     let offset = bitcast<f32>(nodes.w);
     var p: array<vec3<f32>, 3>;
     var n: array<vec3<f32>, 3>;
     var known = true;
     for (var k = 0u; k < 3u; k++) {
-        p[k] = textureLoad(positions, at(nodes[k]), 0).xyz;
-        let packed = textureLoad(node_normals, at(nodes[k]), 0).x;
+        p[k] = textureLoad(positions, array_texel(nodes[k]), 0).xyz;
+        let packed = textureLoad(node_normals, array_texel(nodes[k]), 0).x;
         known = known && packed != NO_NORMAL;
         n[k] = unpack_normal(packed);
     }
@@ -107,12 +107,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         let inwards = (1.0 - bend) / (1.0 - rest_bends[k]);
         bent = max(bent, max(max(outwards, 1.0 / outwards), max(inwards, 1.0 / inwards)));
     }
-    let strain = min(stretch * bent, MOST_STRAIN);
+    let strain = min(stretch * bent, MAX_STRAIN);
 
     let face = turned(cross(u, v));
     var least = 4.0;
     for (var k = 0u; k < 3u; k++) {
-        let eye = to_eye(to_camera(params.view, p[k]));
+        let eye = eye_direction(to_camera(params.view, p[k]));
         // Seen from another place within reach, the eye is in another direction.
         var aside = 0.0;
         if params.view.depth.z > 0.0 {
@@ -127,5 +127,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         atomicStore(&arguments[5], 1u);
     }
     let angle_ = select(-1.0, least, known);
-    textureStore(outlooks, at(i), vec4(bitcast<u32>(angle_), bitcast<u32>(strain), sides(q, reach), 0u));
+    textureStore(outlooks, array_texel(i), vec4(bitcast<u32>(angle_), bitcast<u32>(strain), frustum_outcode(q, reach), 0u));
 }

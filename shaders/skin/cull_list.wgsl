@@ -13,7 +13,7 @@ struct CullList {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let run = item(id, groups);
+    let run = invocation_index(id, groups);
     if run >= params.runs {
         return;
     }

@@ -10,13 +10,13 @@ override NORMAL_MAP: bool = false;
 // Whether there is a height map.
 override HEIGHT_MAP: bool = false;
 // Whether only what lies behind `nearer` is drawn.
-override PEELED: bool = false;
+override DEPTH_PEELED: bool = false;
 
 struct SkinParams {
     view: View,
     opacity: f32,
     // How deep the height map goes, in texture units.
-    relief: f32,
+    parallax_depth: f32,
     _pad0: u32,
     _pad1: u32,
 }
@@ -52,19 +52,19 @@ fn turned(v: vec3<f32>) -> vec3<f32> {
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> Corner {
-    let v = placed(index);
+    let v = skin_vertex(index);
     let q = to_camera(params.view, v.position);
     var rest = v.position;
-    if RESTING {
-        rest = textureLoad(rests, at(index), 0).xyz;
+    if USE_REST_POSITIONS {
+        rest = textureLoad(rests, array_texel(index), 0).xyz;
     }
     return Corner(
         to_clip(params.view, q),
         q,
         turned(v.normal),
         vec4(turned(v.tangent.xyz), v.tangent.w),
-        textureLoad(colours, at(index), 0).rgb,
-        textureLoad(uvs, at(index), 0).xy,
+        textureLoad(colours, array_texel(index), 0).rgb,
+        textureLoad(uvs, array_texel(index), 0).xy,
         v.position,
         rest,
     );
@@ -81,13 +81,13 @@ fn depth_at(uv: vec2<f32>) -> f32 {
 
 // Where the line of sight meets the relief, in texture coordinates: parallax by marching. `eye`
 // points to the eye, along tangent, bitangent and normal.
-const STEPS: u32 = 24u;
-fn sunk(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
-    let run = -eye.xy / max(eye.z, 0.15) * params.relief;
+const PARALLAX_STEPS: u32 = 24u;
+fn parallax_offset(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
+    let run = -eye.xy / max(eye.z, 0.15) * params.parallax_depth;
     var before = 0.0;
     var above = depth_at(uv);
-    for (var i = 1u; i <= STEPS; i++) {
-        let now = f32(i) / f32(STEPS);
+    for (var i = 1u; i <= PARALLAX_STEPS; i++) {
+        let now = f32(i) / f32(PARALLAX_STEPS);
         let gap = depth_at(uv + now * run) - now;
         if gap <= 0.0 {
             // Linear between the two steps.
@@ -102,14 +102,14 @@ fn sunk(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
 
 @fragment
 fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    if CLIPS > 0u && cut_off(corner.local, corner.rest) {
+    if CLIP_PLANE_COUNT > 0u && is_clipped(corner.local, corner.rest) {
         discard;
     }
     let pixel = vec2<u32>(corner.position.xy);
-    if PEELED && corner.position.z >= textureLoad(nearer, pixel, 0) {
+    if DEPTH_PEELED && corner.position.z >= textureLoad(nearer, pixel, 0) {
         discard;
     }
-    let eye = towards_eye(params.view, corner.place);
+    let eye = view_direction(params.view, corner.place);
     var normal = normalize(corner.normal);
     let tangent = unit_or_zero(corner.tangent.xyz - normal * dot(normal, corner.tangent.xyz));
     // Along the second texture coordinate; camera space is left-handed.
@@ -117,13 +117,13 @@ fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) 
     let side = select(-1.0, 1.0, front);
     var uv = corner.uv;
     if HEIGHT_MAP {
-        uv = sunk(uv, vec3(dot(eye, tangent), dot(eye, other), side * dot(eye, normal)));
+        uv = parallax_offset(uv, vec3(dot(eye, tangent), dot(eye, other), side * dot(eye, normal)));
     }
     if NORMAL_MAP {
         let texel = textureSampleLevel(normal_map, smooth_sampler, texel_at(uv), 0.0).xyz;
         let n = texel * 2.0 - 1.0;
         normal = unit_or_zero(n.x * tangent + n.y * other + n.z * normal);
     }
-    let colour = lit(corner.colour, side * normal, eye);
+    let colour = shade_surface_point(corner.colour, side * normal, eye);
     return vec4(colour * params.opacity, params.opacity);
 }

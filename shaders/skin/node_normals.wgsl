@@ -1,5 +1,5 @@
 // Packed normals of the nodes of base triangles: the triangles around a node summed by area.
-// Whenever a skin is drawn. The twin of `skin::basis::node_normals`.
+// Whenever a skin is drawn. The twin of `skin::carrier_frame::node_normals`.
 
 #import lib/array
 #import lib/normals
@@ -19,18 +19,18 @@ struct Normals {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes {
         return;
     }
-    let last = textureLoad(firsts, at(i + 1u), 0).x;
+    let last = textureLoad(firsts, array_texel(i + 1u), 0).x;
     var sum = vec3(0.0);
-    for (var k = textureLoad(firsts, at(i), 0).x; k < last; k++) {
-        let triangle = textureLoad(triangles, at(textureLoad(around, at(k), 0).x), 0);
-        let a = textureLoad(positions, at(triangle.x), 0).xyz;
-        let b = textureLoad(positions, at(triangle.y), 0).xyz;
-        let c = textureLoad(positions, at(triangle.z), 0).xyz;
+    for (var k = textureLoad(firsts, array_texel(i), 0).x; k < last; k++) {
+        let triangle = textureLoad(triangles, array_texel(textureLoad(around, array_texel(k), 0).x), 0);
+        let a = textureLoad(positions, array_texel(triangle.x), 0).xyz;
+        let b = textureLoad(positions, array_texel(triangle.y), 0).xyz;
+        let c = textureLoad(positions, array_texel(triangle.z), 0).xyz;
         sum += cross(b - a, c - a);
     }
-    textureStore(normals, at(i), vec4(pack_normal(sum), 0u, 0u, 0u));
+    textureStore(normals, array_texel(i), vec4(pack_normal(sum), 0u, 0u, 0u));
 }

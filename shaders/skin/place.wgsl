@@ -14,12 +14,12 @@ struct Place {
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.vertices {
         return;
     }
-    let vertex = placed(i);
-    textureStore(result, at(3u * i), vec4(vertex.position, 1.0));
-    textureStore(result, at(3u * i + 1u), vec4(vertex.normal, 0.0));
-    textureStore(result, at(3u * i + 2u), vertex.tangent);
+    let vertex = skin_vertex(i);
+    textureStore(result, array_texel(3u * i), vec4(vertex.position, 1.0));
+    textureStore(result, array_texel(3u * i + 1u), vec4(vertex.normal, 0.0));
+    textureStore(result, array_texel(3u * i + 2u), vertex.tangent);
 }

@@ -8,15 +8,15 @@
 #for physics/forces physics/implicit_euler_begin
 // The force on a node, and in w how many points there are too deep inside.
 fn contact_force(i: u32) -> vec4<f32> {
-    return textureLoad(contact_shares, at(3u * i), 0);
+    return textureLoad(contact_shares, array_texel(3u * i), 0);
 }
 
 #for physics/implicit_euler_begin physics/implicit_euler_direction
 // The rows of a node added up: xx xy xz yy, yz zz.
 fn contact_block(i: u32) -> array<vec4<f32>, 2> {
     return array(
-        textureLoad(contact_shares, at(3u * i + 1u), 0),
-        textureLoad(contact_shares, at(3u * i + 2u), 0),
+        textureLoad(contact_shares, array_texel(3u * i + 1u), 0),
+        textureLoad(contact_shares, array_texel(3u * i + 2u), 0),
     );
 }
 
@@ -30,7 +30,7 @@ const NO_FACE: u32 = 0xffffffffu;
 
 // What is between the nodes of an edge.
 fn contact_edge(n: u32) -> mat3x3<f32> {
-    let sides = textureLoad(contact_sides, at(n), 0).xy;
+    let sides = textureLoad(contact_sides, array_texel(n), 0).xy;
     var a = vec4(0.0);
     var b = vec4(0.0);
     for (var s = 0u; s < 2u; s++) {
@@ -39,10 +39,10 @@ fn contact_edge(n: u32) -> mat3x3<f32> {
             continue;
         }
         let first = 15u * (side / 3u);
-        if textureLoad(contact_faces, at(first + 2u), 0).w > 0.0 {
+        if textureLoad(contact_faces, array_texel(first + 2u), 0).w > 0.0 {
             let block = first + 9u + 2u * (side % 3u);
-            a += textureLoad(contact_faces, at(block), 0);
-            b += textureLoad(contact_faces, at(block + 1u), 0);
+            a += textureLoad(contact_faces, array_texel(block), 0);
+            b += textureLoad(contact_faces, array_texel(block + 1u), 0);
         }
     }
     return mat3x3(a.x, a.y, a.z, a.y, a.w, b.x, a.z, b.x, b.y);

@@ -7,7 +7,7 @@
 #import lib/curvature
 
 // What a twist is divided by, at least: the energy has a ridge where σ_i = −σ_j.
-const RIDGE: f32 = 1e-4;
+const MIN_TWIST_DENOMINATOR: f32 = 1e-4;
 
 fn corotated_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {
     let strain = polar(g).strain;
@@ -19,13 +19,13 @@ fn corotated_stress(g: mat3x3<f32>, mu: f32, lambda: f32) -> mat3x3<f32> {
     let parts = polar(g);
     let c = cofactor(g);
     let pressure = volume_stress(volume_change(g, c), mu, lambda).x;
-    let volume = pressure * (unit_matrix() + cofactor_change(g, c));
+    let volume = pressure * (unit_matrix() + cofactor_differential(g, c));
     return 2.0 * mu * parts.rotation * parts.strain + volume;
 }
 
-fn corotated_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> Curvature {
+fn corotated_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> PrincipalHessian {
     let s = vec3(1.0) + e;
-    let volume = volume_of(e);
+    let volume = cofactors_and_det(e);
     let by = volume.xyz;
     let stress = volume_stress(volume.w, mu, lambda);
     let pressure = stress.x;
@@ -34,8 +34,8 @@ fn corotated_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> Curvature {
     // 1 − 2/(σ_i + σ_j).
     let pairs = e.yzx + e.zxy;
     let sums = vec3(2.0) + pairs;
-    let held = select(min(sums, vec3(-RIDGE)), max(sums, vec3(RIDGE)), sums >= vec3(0.0));
-    return Curvature(
+    let held = select(min(sums, vec3(-MIN_TWIST_DENOMINATOR)), max(sums, vec3(MIN_TWIST_DENOMINATOR)), sums >= vec3(0.0));
+    return PrincipalHessian(
         mat3x3(on.x, off.z, off.y, off.z, on.y, off.x, off.y, off.x, on.z),
         2.0 * mu - pressure * s,
         2.0 * mu * pairs / held + pressure * s,

@@ -28,7 +28,7 @@ fn elements_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
     for (var q = 0u; q < row.z; q++) {
         let corners = textureLoad(columns, column_texel(row.y, t, q), 0);
         for (var k = 0u; k < 4u; k++) {
-            sum += textureLoad(tet_forces, at(corners[k]), 0);
+            sum += textureLoad(tet_forces, array_texel(corners[k]), 0);
         }
     }
     return sum;
@@ -41,24 +41,24 @@ fn elements_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
 @group(0) @binding(next) var step_velocities: texture_2d<f32>;
 
 // What its row adds to the system of a node, which is linearised at x, with the velocity v.
-fn elements_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MatterShare {
+fn elements_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MaterialContribution {
     let row = row_of(t);
-    var share = MatterShare(vec3(mass + params.drag * mass), vec3(0.0), vec3(0.0), vec3(0.0));
+    var share = MaterialContribution(vec3(mass + params.drag * mass), vec3(0.0), vec3(0.0), vec3(0.0));
     for (var q = 0u; q < row.z; q++) {
         let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
         for (var k = 0u; k < 4u; k++) {
             if neighbours[k] != row.x {
                 let first = 3u * entry_item(row.y, t, q * 4u + k);
-                let b0 = textureLoad(matrix, at(first), 0).xyz;
-                let b1 = textureLoad(matrix, at(first + 1u), 0).xyz;
-                let b2 = textureLoad(matrix, at(first + 2u), 0).xyz;
+                let b0 = textureLoad(matrix, array_texel(first), 0).xyz;
+                let b1 = textureLoad(matrix, array_texel(first + 1u), 0).xyz;
+                let b2 = textureLoad(matrix, array_texel(first + 2u), 0).xyz;
                 share.diagonal -= vec3(b0.x, b1.y, b2.z);
                 share.mixed -= 0.5 * (vec3(b0.yz, b1.z) + vec3(b1.x, b2.xy));
             }
         }
     }
     // The residual is M (v₀ − v) + h f(x, v).
-    share.ahead = mass * (textureLoad(step_velocities, at(row.x), 0).xyz - v) / (h * h);
+    share.ahead = mass * (textureLoad(step_velocities, array_texel(row.x), 0).xyz - v) / (h * h);
     return share;
 }
 
@@ -72,12 +72,12 @@ fn elements_product(t: u32, so_far: vec3<f32>, p: vec3<f32>, beta: f32, first: b
     for (var k = 0u; k < row.z; k++) {
         let neighbours = textureLoad(columns, column_texel(row.y, t, k), 0);
         for (var c = 0u; c < 4u; c++) {
-            let d = direction_of(at(neighbours[c]), beta, first) - p;
+            let d = direction_of(array_texel(neighbours[c]), beta, first) - p;
             let block = 3u * entry_item(row.y, t, k * 4u + c);
             q += vec3(
-                dot(textureLoad(matrix, at(block), 0).xyz, d),
-                dot(textureLoad(matrix, at(block + 1u), 0).xyz, d),
-                dot(textureLoad(matrix, at(block + 2u), 0).xyz, d),
+                dot(textureLoad(matrix, array_texel(block), 0).xyz, d),
+                dot(textureLoad(matrix, array_texel(block + 1u), 0).xyz, d),
+                dot(textureLoad(matrix, array_texel(block + 2u), 0).xyz, d),
             );
         }
     }

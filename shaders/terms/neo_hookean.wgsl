@@ -18,20 +18,20 @@ fn neo_hookean_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {
 
 fn neo_hookean_stress(g: mat3x3<f32>, mu: f32, lambda: f32) -> mat3x3<f32> {
     let c = cofactor(g);
-    let change = cofactor_change(g, c);
+    let change = cofactor_differential(g, c);
     let pressure = volume_stress(volume_change(g, c), mu, lambda).x;
     return mu * (g - change) + pressure * (unit_matrix() + change);
 }
 
-fn neo_hookean_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> Curvature {
+fn neo_hookean_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> PrincipalHessian {
     let s = vec3(1.0) + e;
-    let volume = volume_of(e);
+    let volume = cofactors_and_det(e);
     let by = volume.xyz;
     let stress = volume_stress(volume.w, mu, lambda);
     let pressure = stress.x;
     let off = stress.y * by.yzx * by.zxy + (pressure - mu) * s;
     let on = mu + stress.y * by * by;
-    return Curvature(
+    return PrincipalHessian(
         mat3x3(on.x, off.z, off.y, off.z, on.y, off.x, off.y, off.x, on.z),
         mu + mu * s - pressure * s,
         pressure * s - mu * e,

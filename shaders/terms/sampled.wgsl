@@ -10,15 +10,15 @@
 @group(0) @binding(next) var gradients: texture_2d<f32>;
 
 fn projected_at(i: u32) -> vec4<f32> {
-    return textureLoad(projected, at(i), 0);
+    return textureLoad(projected, array_texel(i), 0);
 }
 
 fn link_at(i: u32) -> vec2<u32> {
-    return textureLoad(links, at(i), 0).xy;
+    return textureLoad(links, array_texel(i), 0).xy;
 }
 
 fn gradient_at(i: u32) -> vec4<f32> {
-    return textureLoad(gradients, at(i), 0);
+    return textureLoad(gradients, array_texel(i), 0);
 }
 
 #for render/walk_planes
@@ -26,7 +26,7 @@ fn gradient_at(i: u32) -> vec4<f32> {
 @group(0) @binding(next) var records: texture_2d<u32>;
 
 fn record_at(i: u32) -> vec4<u32> {
-    return textureLoad(records, at(i), 0);
+    return textureLoad(records, array_texel(i), 0);
 }
 
 #for render/start
@@ -37,13 +37,13 @@ fn record_at(i: u32) -> vec4<u32> {
 @group(0) @binding(next) var covers: texture_2d<u32>;
 
 fn projected_at(i: u32) -> vec4<f32> {
-    return textureLoad(projected, at(i), 0);
+    return textureLoad(projected, array_texel(i), 0);
 }
 
 fn boundary_at(i: u32) -> vec4<u32> {
-    return textureLoad(boundary, at(i), 0);
+    return textureLoad(boundary, array_texel(i), 0);
 }
 
 fn cover_at(i: u32) -> vec4<u32> {
-    return textureLoad(covers, at(i), 0);
+    return textureLoad(covers, array_texel(i), 0);
 }

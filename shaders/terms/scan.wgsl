@@ -4,7 +4,7 @@
 
 #for render/walk_vertices render/walk_planes render/shadow_fill
 // How many there are, and whether any of them has labels.
-override SCANS: u32 = 1u;
+override SCAN_COUNT: u32 = 1u;
 override LABELS: bool = false;
 
 struct Scan {
@@ -36,12 +36,12 @@ fn has_labels(k: u32) -> bool {
 }
 
 // Whether a scan covers a place: up to the outer sides of its outermost texels.
-fn covers(k: u32, p: vec3<f32>) -> bool {
+fn is_inside(k: u32, p: vec3<f32>) -> bool {
     return all(p >= vec3(-0.5)) && all(p <= scans[k].size.xyz - 0.5);
 }
 
 // The share of the range at texel p, trilinear; at the rim that of the nearest centre.
-fn share_at(k: u32, p: vec3<f32>) -> f32 {
+fn normalised_value(k: u32, p: vec3<f32>) -> f32 {
     let size = scans[k].size;
     let q = clamp(p, vec3(0.0), size.xyz - 1.0) + 0.5 + vec3(0.0, 0.0, size.w);
     let texel = textureSampleLevel(scan, scan_sampler, q / vec3<f32>(textureDimensions(scan)), 0.0).x;
@@ -59,17 +59,17 @@ fn label_at(k: u32, p: vec3<f32>) -> u32 {
 // What all scans at a place at rest dim light by: extinction, over the largest.
 fn scans_extinction(rest: vec3<f32>, row: u32) -> f32 {
     var sum = 0.0;
-    for (var k = 0u; k < SCANS; k++) {
+    for (var k = 0u; k < SCAN_COUNT; k++) {
         let p = texel_of(k, rest);
-        if !covers(k, p) {
+        if !is_inside(k, p) {
             continue;
         }
         let own = select(u32(scans[k].look.z), row, k == 0u);
         if has_labels(k) {
-            sum += textureLoad(colours, at(u32(scans[k].look.z) * COLOURS + label_at(k, p)), 0).w;
+            sum += textureLoad(colours, array_texel(u32(scans[k].look.z) * COLOUR_LUT_SIZE + label_at(k, p)), 0).w;
         } else {
-            let nearest = u32(share_at(k, p) * f32(COLOURS - 1u) + 0.5);
-            sum += textureLoad(colours, at(own * COLOURS + nearest), 0).w;
+            let nearest = u32(normalised_value(k, p) * f32(COLOUR_LUT_SIZE - 1u) + 0.5);
+            sum += textureLoad(colours, array_texel(own * COLOUR_LUT_SIZE + nearest), 0).w;
         }
     }
     return sum;
@@ -77,26 +77,26 @@ fn scans_extinction(rest: vec3<f32>, row: u32) -> f32 {
 
 #for render/walk_vertices render/walk_planes
 // Texels between two look-ups, at most.
-override STEP: f32 = 1.0;
+override SCAN_STEP: f32 = 1.0;
 // Stretches of a segment between two look-ups, at most.
-const MOST_STOPS: u32 = 8192u;
+const MAX_STEPS: u32 = 8192u;
 // Texels by which a wall between labels lies behind the ray that has just met it.
-const NUDGE: f32 = 1e-3;
+const STEP_EPSILON: f32 = 1e-3;
 
 // What carries gradients from rest to where the tet is: F to the power -T, of the tet that the ray is
 // in.
-var<private> carry: mat3x3<f32>;
+var<private> rest_to_world: mat3x3<f32>;
 
-fn set_carry(tet: u32) {
-    let v = textureLoad(tets, at(tet), 0);
+fn set_rest_to_world(tet: u32) {
+    let v = textureLoad(tets, array_texel(tet), 0);
     let p = corner_at(v.x);
-    let r = textureLoad(rests, at(v.x), 0).xyz;
+    let r = textureLoad(rests, array_texel(v.x), 0).xyz;
     let p1 = corner_at(v.y) - p;
     let p2 = corner_at(v.z) - p;
     let p3 = corner_at(v.w) - p;
-    let r1 = textureLoad(rests, at(v.y), 0).xyz - r;
-    let r2 = textureLoad(rests, at(v.z), 0).xyz - r;
-    let r3 = textureLoad(rests, at(v.w), 0).xyz - r;
+    let r1 = textureLoad(rests, array_texel(v.y), 0).xyz - r;
+    let r2 = textureLoad(rests, array_texel(v.z), 0).xyz - r;
+    let r3 = textureLoad(rests, array_texel(v.w), 0).xyz - r;
     let n = cross(p2, p3);
     let volume = dot(p1, n);
     // A flat tet has no gradient.
@@ -104,7 +104,7 @@ fn set_carry(tet: u32) {
     let c1 = n * over;
     let c2 = cross(p3, p1) * over;
     let c3 = cross(p1, p2) * over;
-    carry = mat3x3(
+    rest_to_world = mat3x3(
         c1 * r1.x + c2 * r2.x + c3 * r3.x,
         c1 * r1.y + c2 * r2.y + c3 * r3.y,
         c1 * r1.z + c2 * r2.z + c3 * r3.z,
@@ -123,11 +123,11 @@ fn scan_gradient(k: u32, rest: vec3<f32>) -> vec3<f32> {
             let own = label_at(k, p);
             g[axis] = 0.5 * (select(0.0, 1.0, label_at(k, p + off) == own) - select(0.0, 1.0, label_at(k, p - off) == own));
         } else {
-            g[axis] = 0.5 * (share_at(k, p + off) - share_at(k, p - off));
+            g[axis] = 0.5 * (normalised_value(k, p + off) - normalised_value(k, p - off));
         }
     }
     let s = scans[k];
-    return carry * (g.x * s.x.xyz + g.y * s.y.xyz + g.z * s.z.xyz);
+    return rest_to_world * (g.x * s.x.xyz + g.y * s.y.xyz + g.z * s.z.xyz);
 }
 
 // The table coordinate of a share.
@@ -136,22 +136,22 @@ fn coordinate_of(share: f32) -> f32 {
 }
 
 // A place of a segment, with what the first scan has there.
-fn scan_spot(whole: Segment, u: f32) -> Spot {
-    var spot = between(whole.front, whole.back, u);
+fn scan_spot(whole: Segment, u: f32) -> RaySample {
+    var spot = lerp_sample(whole.front, whole.back, u);
     if !has_labels(0u) {
-        spot.s = coordinate_of(share_at(0u, texel_of(0u, spot.rest)));
+        spot.s = coordinate_of(normalised_value(0u, texel_of(0u, spot.rest)));
     }
     return spot;
 }
 
 // Colour and opacity of a stretch in light, where no light was counted before.
 fn in_light(k: u32, seen: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
-    if LIT {
+    if LIGHTING {
         if seen.a <= 0.0 {
             return seen;
         }
         var light = shade(scan_gradient(k, 0.5 * (part.front.rest + part.back.rest)), ray.lights);
-        if SHADOWED {
+        if SHADOWS {
             light *= 0.5 * (part.front.bright + part.back.bright);
         }
         return vec4(min(light.x * seen.rgb + light.y * seen.a, vec3(seen.a)), seen.a);
@@ -161,12 +161,12 @@ fn in_light(k: u32, seen: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
 
 // What a label looks like: its colour, and in w extinction, over the largest.
 fn label_look(k: u32, p: vec3<f32>) -> vec4<f32> {
-    return textureLoad(colours, at(u32(scans[k].look.z) * COLOURS + label_at(k, p)), 0);
+    return textureLoad(colours, array_texel(u32(scans[k].look.z) * COLOUR_LUT_SIZE + label_at(k, p)), 0);
 }
 
 // Colour and opacity of a stretch by scan k, other than values of the first, which planes and
 // isosurfaces know of too.
-fn other_seen(k: u32, part: Segment, ray: Ray) -> vec4<f32> {
+fn shade_scan(k: u32, part: Segment, ray: Ray) -> vec4<f32> {
     let front = texel_of(k, part.front.rest);
     let back = texel_of(k, part.back.rest);
     let length = length_of(part, ray);
@@ -175,38 +175,38 @@ fn other_seen(k: u32, part: Segment, ray: Ray) -> vec4<f32> {
         let alpha = 1.0 - exp2(-look.w * length);
         return in_light(k, vec4(look.rgb * alpha, alpha), part, ray);
     }
-    let seen = segment(coordinate_of(share_at(k, front)), coordinate_of(share_at(k, back)), length, u32(scans[k].look.z));
+    let seen = segment(coordinate_of(normalised_value(k, front)), coordinate_of(normalised_value(k, back)), length, u32(scans[k].look.z));
     return in_light(k, seen, part, ray);
 }
 
 // Two things in one stretch: each hides half of the other, to first order.
-fn mixed(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
+fn blend_scans(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return vec4(a.rgb * (1.0 - 0.5 * b.a) + b.rgb * (1.0 - 0.5 * a.a), a.a + b.a - a.a * b.a);
 }
 
 // All scans in a stretch that is at most a texel long.
-fn stretch_seen(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
+fn shade_stretch(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     var seen = vec4(0.0);
     let rest = 0.5 * (part.front.rest + part.back.rest);
-    for (var k = 0u; k < SCANS; k++) {
-        if !covers(k, texel_of(k, rest)) {
+    for (var k = 0u; k < SCAN_COUNT; k++) {
+        if !is_inside(k, texel_of(k, rest)) {
             continue;
         }
         var own: vec4<f32>;
         if k == 0u {
             let values = !has_labels(0u);
-            if ISOS > 0u {
-                own = seen_within(part, vec2(0.0, 1.0), row, ray, VOLUME & values);
+            if ISOSURFACE_COUNT > 0u {
+                own = shade_range(part, vec2(0.0, 1.0), row, ray, DRAW_VOLUME & values);
             } else if values {
-                own = seen_in_light(part, row, ray);
+                own = shade_lit_segment(part, row, ray);
             }
-            if VOLUME & !values {
-                own += (1.0 - own.a) * other_seen(0u, part, ray);
+            if DRAW_VOLUME & !values {
+                own += (1.0 - own.a) * shade_scan(0u, part, ray);
             }
-        } else if VOLUME {
-            own = other_seen(k, part, ray);
+        } else if DRAW_VOLUME {
+            own = shade_scan(k, part, ray);
         }
-        seen = select(mixed(seen, own), own, k == 0u);
+        seen = select(blend_scans(seen, own), own, k == 0u);
     }
     return seen;
 }
@@ -231,7 +231,7 @@ fn covered(k: u32, whole: Segment) -> vec2<f32> {
 }
 
 // The first place behind u, and up to `stop`, where scan k begins, ends, or has another voxel.
-fn first_stop(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
+fn next_boundary(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
     let range = covered(k, whole);
     var first = stop;
     first = select(first, min(first, range.x), range.x > u);
@@ -239,7 +239,7 @@ fn first_stop(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
     if has_labels(k) {
         let front = texel_of(k, whole.front.rest);
         let way = texel_of(k, whole.back.rest) - front;
-        let ahead = front + way * (u + NUDGE / max(length(way), 1e-6)) + 0.5;
+        let ahead = front + way * (u + STEP_EPSILON / max(length(way), 1e-6)) + 0.5;
         for (var axis = 0u; axis < 3u; axis++) {
             let wall = select(ceil(ahead[axis]) - 1.0, floor(ahead[axis]) + 1.0, way[axis] > 0.0);
             let at_wall = (wall - 0.5 - front[axis]) / select(way[axis], 1.0, way[axis] == 0.0);
@@ -250,86 +250,86 @@ fn first_stop(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
 }
 
 // How a segment is gone through: the part of it that is, and the length of a step, in shares.
-struct Stride {
+struct StepPlan {
     range: vec2<f32>,
     step: f32,
 }
 
-fn stride(whole: Segment, kept_part: vec2<f32>) -> Stride {
+fn step_plan(whole: Segment, kept_part: vec2<f32>) -> StepPlan {
     var range = kept_part;
-    if SCANS == 1u {
+    if SCAN_COUNT == 1u {
         let own = covered(0u, whole);
         range = vec2(max(range.x, own.x), min(range.y, own.y));
     }
     var texels = 0.0;
-    for (var k = 0u; k < SCANS; k++) {
+    for (var k = 0u; k < SCAN_COUNT; k++) {
         if !has_labels(k) {
             texels = max(texels, distance(texel_of(k, whole.front.rest), texel_of(k, whole.back.rest)));
         }
     }
     let span = range.y - range.x;
-    return Stride(range, span / clamp(ceil(texels * span / STEP - NUDGE), 1.0, f32(MOST_STOPS / 2u)));
+    return StepPlan(range, span / clamp(ceil(texels * span / SCAN_STEP - STEP_EPSILON), 1.0, f32(MAX_STEPS / 2u)));
 }
 
 // Where the stretch that begins at u ends.
-fn next_stop(whole: Segment, way: Stride, u: f32) -> f32 {
-    var stop = way.range.x + way.step * (floor((u - way.range.x) / way.step + NUDGE) + 1.0);
-    if (SCANS > 1u) | LABELS {
-        for (var k = 0u; k < SCANS; k++) {
-            stop = first_stop(k, whole, u, stop);
+fn next_stop(whole: Segment, way: StepPlan, u: f32) -> f32 {
+    var stop = way.range.x + way.step * (floor((u - way.range.x) / way.step + STEP_EPSILON) + 1.0);
+    if (SCAN_COUNT > 1u) | LABELS {
+        for (var k = 0u; k < SCAN_COUNT; k++) {
+            stop = next_boundary(k, whole, u, stop);
         }
     }
-    stop = max(stop, u + NUDGE * NUDGE * way.step);
-    return select(stop, way.range.y, stop + NUDGE * way.step >= way.range.y);
+    stop = max(stop, u + STEP_EPSILON * STEP_EPSILON * way.step);
+    return select(stop, way.range.y, stop + STEP_EPSILON * way.step >= way.range.y);
 }
 
 // Colour and opacity of a segment; `row` is that of its tet, and `before` how opaque what is before
 // it is.
 fn scans_seen(whole: Segment, row: u32, ray: Ray, before: f32) -> vec4<f32> {
     var range = vec2(0.0, 1.0);
-    if CLIPS > 0u {
-        range = kept(whole, ray);
+    if CLIP_PLANE_COUNT > 0u {
+        range = unclipped_range(whole, ray);
     }
     var seen = vec4(0.0);
     if range.x >= range.y {
         return seen;
     }
-    let clear = (row & CLEAR) != 0u;
-    if clear & (SLICES == 0u) {
+    let clear = (row & TRANSPARENT_FLAG) != 0u;
+    if clear & (SLICE_COUNT == 0u) {
         return seen;
     }
-    let own = row & ~CLEAR;
-    let way = stride(whole, range);
+    let own = row & ~TRANSPARENT_FLAG;
+    let way = step_plan(whole, range);
     if way.range.x >= way.range.y {
         return seen;
     }
-    if LIT & !clear {
-        set_carry(whole.tet);
+    if LIGHTING & !clear {
+        set_rest_to_world(whole.tet);
     }
     var u = way.range.x;
     var here = scan_spot(whole, u);
-    var met = Met(u, 0u);
-    for (var i = 0u; i < MOST_STOPS; i++) {
+    var met = SurfaceHit(u, 0u);
+    for (var i = 0u; i < MAX_STEPS; i++) {
         var stop = way.range.y;
         if !clear {
             stop = next_stop(whole, way, u);
         }
-        var slice = Met(stop, 0u);
-        if SLICES > 0u {
+        var slice = SurfaceHit(stop, 0u);
+        if SLICE_COUNT > 0u {
             slice = next_slice(whole, ray, met, stop);
             stop = slice.u;
         }
         let there = scan_spot(whole, stop);
         if !clear & (stop > u) {
-            seen += (1.0 - seen.a) * stretch_seen(Segment(here, there, whole.tet), own, ray);
+            seen += (1.0 - seen.a) * shade_stretch(Segment(here, there, whole.tet), own, ray);
         }
         if slice.which != 0u {
-            seen += (1.0 - seen.a) * surface_seen(slice.which, there, own, ray);
+            seen += (1.0 - seen.a) * surface_colour(slice.which, there, own, ray);
         }
-        if ((stop >= way.range.y) & (slice.which == 0u)) | (before + (1.0 - before) * seen.a > OPAQUE) {
+        if ((stop >= way.range.y) & (slice.which == 0u)) | (before + (1.0 - before) * seen.a > OPACITY_CUTOFF) {
             break;
         }
-        met = Met(stop, slice.which);
+        met = SurfaceHit(stop, slice.which);
         here = there;
         u = stop;
     }
@@ -338,11 +338,11 @@ fn scans_seen(whole: Segment, row: u32, ray: Ray, before: f32) -> vec4<f32> {
 
 // What a plane shows of the scans: the first, in the colours of its transfer function, and the labels
 // of others half over it.
-fn scans_sliced(spot: Spot, row: u32) -> vec4<f32> {
+fn scans_sliced(spot: RaySample, row: u32) -> vec4<f32> {
     var seen = vec4(0.0);
-    for (var k = 0u; k < SCANS; k++) {
+    for (var k = 0u; k < SCAN_COUNT; k++) {
         let p = texel_of(k, spot.rest);
-        if !covers(k, p) {
+        if !is_inside(k, p) {
             continue;
         }
         if has_labels(k) {
@@ -350,7 +350,7 @@ fn scans_sliced(spot: Spot, row: u32) -> vec4<f32> {
             let share = select(select(0.5, 1.0, seen.a == 0.0), 0.0, look.w <= 0.0);
             seen = mix(seen, vec4(look.rgb, 1.0), share);
         } else if k == 0u {
-            seen = vec4(colour_of(coordinate_of(share_at(0u, p)), row), 1.0);
+            seen = vec4(colour_of(coordinate_of(normalised_value(0u, p)), row), 1.0);
         }
     }
     return seen;
@@ -378,9 +378,9 @@ fn scans_attenuation(whole: Segment, ray: Ray) -> f32 {
 
 // A way through the values of the first scan in a segment, stretch by stretch.
 struct ValueWalk {
-    way: Stride,
-    here: Spot,
-    there: Spot,
+    way: StepPlan,
+    here: RaySample,
+    there: RaySample,
     // Where `there` is, and stretches so far.
     u: f32,
     stops: u32,
@@ -388,7 +388,7 @@ struct ValueWalk {
 
 fn walk_values(whole: Segment) -> ValueWalk {
     var walked: ValueWalk;
-    walked.way = stride(whole, covered(0u, whole));
+    walked.way = step_plan(whole, covered(0u, whole));
     walked.u = walked.way.range.x;
     walked.there = scan_spot(whole, walked.u);
     return walked;
@@ -397,7 +397,7 @@ fn walk_values(whole: Segment) -> ValueWalk {
 // Goes on to the next stretch; false where there is none.
 fn step_values(whole: Segment, walked: ptr<function, ValueWalk>) -> bool {
     let range = (*walked).way.range;
-    if ((*walked).u >= range.y) | ((*walked).stops >= MOST_STOPS) | has_labels(0u) {
+    if ((*walked).u >= range.y) | ((*walked).stops >= MAX_STEPS) | has_labels(0u) {
         return false;
     }
     let stop = next_stop(whole, (*walked).way, (*walked).u);

@@ -24,7 +24,7 @@ struct SpringParams {
 @group(0) @binding(next) var<uniform> spring_params: SpringParams;
 
 // The unit vector along d, whose length is l; zero for coincident nodes.
-fn along(d: vec3<f32>, l: f32) -> vec3<f32> {
+fn spring_extension(d: vec3<f32>, l: f32) -> vec3<f32> {
     return d * select(0.0, 1.0 / l, l > 0.0);
 }
 
@@ -37,12 +37,12 @@ fn springs_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
     for (var q = 0u; q < row.z; q++) {
         let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
         for (var k = 0u; k < 4u; k++) {
-            let j = at(neighbours[k]);
+            let j = array_texel(neighbours[k]);
             let spring = textureLoad(springs, entry_texel(row.y, t, q * 4u + k), 0);
             let d = textureLoad(positions, j, 0).xyz - x;
             let w = textureLoad(velocities, j, 0).xyz - v;
             let l = length(d);
-            let n = along(d, l);
+            let n = spring_extension(d, l);
             let stretch = l - spring.y;
             let damping = spring_params.damping + spring_params.damping_time * spring.x;
             let braked = select(w, n * dot(n, w), spring_params.axial != 0u);
@@ -59,19 +59,19 @@ fn springs_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
 @group(0) @binding(next) var edges: texture_storage_2d<rgba32float, write>;
 
 // What the row of its node adds to the system of a step of length h.
-fn springs_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MatterShare {
+fn springs_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MaterialContribution {
     let row = row_of(t);
-    var share = MatterShare(vec3(mass), vec3(0.0), vec3(0.0), v);
+    var share = MaterialContribution(vec3(mass), vec3(0.0), vec3(0.0), v);
     for (var q = 0u; q < row.z; q++) {
         let neighbours = textureLoad(columns, column_texel(row.y, t, q), 0);
         for (var k = 0u; k < 4u; k++) {
             let j = neighbours[k];
             let place = entry_texel(row.y, t, q * 4u + k);
             let spring = textureLoad(springs, place, 0);
-            let d = textureLoad(positions, at(j), 0).xyz - x;
-            let w = textureLoad(velocities, at(j), 0).xyz - v;
+            let d = textureLoad(positions, array_texel(j), 0).xyz - x;
+            let w = textureLoad(velocities, array_texel(j), 0).xyz - v;
             let l = length(d);
-            let n = along(d, l);
+            let n = spring_extension(d, l);
             // Coincident ends of a spring with a rest length: no direction, no transverse term.
             let s = select(select(0.0, 1.0, spring.y == 0.0), max(1.0 - spring.y / l, 0.0), l > 0.0);
             share.ahead += spring.x * ((1.0 - s) * n * dot(n, w) + s * w);
@@ -101,7 +101,7 @@ fn springs_product(t: u32, so_far: vec3<f32>, p: vec3<f32>, beta: f32, first: bo
     for (var k = 0u; k < row.z; k++) {
         let neighbours = textureLoad(columns, column_texel(row.y, t, k), 0);
         for (var c = 0u; c < 4u; c++) {
-            let j = at(neighbours[c]);
+            let j = array_texel(neighbours[c]);
             let edge = textureLoad(edges, entry_texel(row.y, t, k * 4u + c), 0);
             var d = p - textureLoad(preconditioned, j, 0).xyz;
             if !first {

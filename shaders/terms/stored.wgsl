@@ -10,15 +10,15 @@
 @group(0) @binding(next) var gradients: texture_storage_2d<rgba32float, read>;
 
 fn projected_at(i: u32) -> vec4<f32> {
-    return textureLoad(projected, at(i));
+    return textureLoad(projected, array_texel(i));
 }
 
 fn link_at(i: u32) -> vec2<u32> {
-    return textureLoad(links, at(i)).xy;
+    return textureLoad(links, array_texel(i)).xy;
 }
 
 fn gradient_at(i: u32) -> vec4<f32> {
-    return textureLoad(gradients, at(i));
+    return textureLoad(gradients, array_texel(i));
 }
 
 #for render/walk_planes
@@ -26,7 +26,7 @@ fn gradient_at(i: u32) -> vec4<f32> {
 @group(0) @binding(next) var records: texture_storage_2d<rgba32uint, read>;
 
 fn record_at(i: u32) -> vec4<u32> {
-    return textureLoad(records, at(i));
+    return textureLoad(records, array_texel(i));
 }
 
 #for render/start
@@ -37,13 +37,13 @@ fn record_at(i: u32) -> vec4<u32> {
 @group(0) @binding(next) var covers: texture_storage_2d<rgba32uint, read>;
 
 fn projected_at(i: u32) -> vec4<f32> {
-    return textureLoad(projected, at(i));
+    return textureLoad(projected, array_texel(i));
 }
 
 fn boundary_at(i: u32) -> vec4<u32> {
-    return textureLoad(boundary, at(i));
+    return textureLoad(boundary, array_texel(i));
 }
 
 fn cover_at(i: u32) -> vec4<u32> {
-    return textureLoad(covers, at(i));
+    return textureLoad(covers, array_texel(i));
 }

@@ -1,14 +1,14 @@
 //! Where the axes point.
 
 use super::Margins;
-use super::canvas::{Anchor, CAPITALS, Canvas, Colour};
+use super::canvas::{Anchor, CAP_HEIGHT, Canvas, Colour};
 use crate::render::Camera;
 use glam::DVec3;
 
 /// Length of an axis that lies in the picture, of the letters' size.
 const LENGTH: f64 = 2.4;
 /// Its letter is so much farther out.
-const BEYOND: f64 = 0.75;
+const LABEL_OFFSET: f64 = 0.75;
 /// Okabe and Ito's vermilion, bluish green and sky blue, which colour-blind people tell apart.
 const COLOURS: [Colour; 3] = [
     [0.835, 0.369, 0.0],
@@ -18,7 +18,7 @@ const COLOURS: [Colour; 3] = [
 /// Letters at the picture's edges, of ordinary ones.
 const LARGER: f32 = 1.25;
 /// Parts of a direction below this go without a letter.
-const OBLIQUE: f64 = 0.35;
+const MIN_COMPONENT: f64 = 0.35;
 
 /// How the directions of space are told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,7 +46,7 @@ impl Axes {
 fn arrows(canvas: &mut Canvas, camera: &Camera) {
     let view = camera.axes();
     let em = f64::from(canvas.em);
-    let reach = (LENGTH + BEYOND + 0.5) * em;
+    let reach = (LENGTH + LABEL_OFFSET + 0.5) * em;
     let height = f64::from(canvas.size()[1]);
     let origin = [reach, height - reach];
     let mut axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|a| {
@@ -65,7 +65,7 @@ fn arrows(canvas: &mut Canvas, camera: &Camera) {
         let direction = axes[i].1;
         // The letter of an axis along the view lies beside the origin, not on it.
         let long = direction[0].hypot(direction[1]);
-        let out = LENGTH * long + BEYOND;
+        let out = LENGTH * long + LABEL_OFFSET;
         let way = match long > 0.05 {
             true => direction.map(|d| d / long),
             false => [-0.7, 0.7],
@@ -91,7 +91,7 @@ fn anatomical(direction: DVec3) -> String {
         .iter()
         .zip(names)
         .map(|(part, [less, more])| (part.abs(), if *part < 0.0 { less } else { more }))
-        .filter(|(part, _)| *part > OBLIQUE)
+        .filter(|(part, _)| *part > MIN_COMPONENT)
         .collect();
     parts.sort_by(|a, b| b.0.total_cmp(&a.0));
     parts.into_iter().map(|(_, letter)| letter).collect()
@@ -100,13 +100,13 @@ fn anatomical(direction: DVec3) -> String {
 fn letters(canvas: &mut Canvas, camera: &Camera, margins: &Margins) {
     let view = camera.axes();
     let [width, height] = canvas.size();
-    let (em, ink, margin) = (LARGER * canvas.em, canvas.ink, canvas.margin());
-    let middle = 0.5 * (height + CAPITALS * em);
+    let (em, ink, margin) = (LARGER * canvas.em, canvas.foreground, canvas.margin());
+    let middle = 0.5 * (height + CAP_HEIGHT * em);
     let right = width - margins.right;
     let edges = [
         (
             view.up,
-            [0.5 * width, margins.top + CAPITALS * em],
+            [0.5 * width, margins.top + CAP_HEIGHT * em],
             Anchor::Middle,
         ),
         (-view.up, [0.5 * width, height - margin], Anchor::Middle),

@@ -9,15 +9,15 @@ use tiny_skia::{
 };
 
 /// Letters as a share of the picture's height, and the least size that can be read, in pixels.
-const LETTERS: f32 = 0.028;
-const LEAST: f32 = 10.0;
+const FONT_SCALE: f32 = 0.028;
+const MIN_FONT_SIZE: f32 = 10.0;
 /// Wider than this, a picture's height counts; narrower, its width.
 const ASPECT: f32 = 4.0 / 3.0;
 /// Width of the rim around letters and shapes, of the letters' size, and its opacity.
-const RIM: f32 = 0.13;
+const HALO_WIDTH: f32 = 0.13;
 const RIM_OPACITY: f32 = 0.7;
 /// Height of capital letters, of the letters' size.
-pub(super) const CAPITALS: f32 = 0.714;
+pub(super) const CAP_HEIGHT: f32 = 0.714;
 
 /// Which point of a line of text is placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +37,7 @@ pub(super) struct Canvas {
     /// Size of ordinary letters (their em), in pixels.
     pub em: f32,
     /// Colour of letters and lines.
-    pub ink: Colour,
+    pub foreground: Colour,
     rim: Colour,
 }
 
@@ -45,7 +45,7 @@ impl Canvas {
     /// Nothing yet, for a picture of `size` pixels on `background`.
     pub fn new(size: [u32; 2], background: Background) -> Result<Canvas> {
         let [width, height] = size.map(|n| n as f32);
-        let em = (LETTERS * height.min(width / ASPECT)).max(LEAST);
+        let em = (FONT_SCALE * height.min(width / ASPECT)).max(MIN_FONT_SIZE);
         Canvas::with_letters(size, background, em)
     }
 
@@ -68,7 +68,7 @@ impl Canvas {
             pixmap,
             font,
             em,
-            ink,
+            foreground: ink,
             rim,
         })
     }
@@ -129,7 +129,7 @@ impl Canvas {
     /// The rim of a shape that goes with letters of `em` pixels.
     fn rim_of(&mut self, path: &Path, em: f32) {
         let stroke = Stroke {
-            width: 2.0 * RIM * em,
+            width: 2.0 * HALO_WIDTH * em,
             line_join: LineJoin::Round,
             ..Stroke::default()
         };
@@ -157,7 +157,7 @@ impl Canvas {
         if let Some(rect) = Rect::from_xywh(x, y, width, height) {
             let path = PathBuilder::from_rect(rect);
             self.rim_of(&path, self.em);
-            self.fill(&path, self.ink, 1.0);
+            self.fill(&path, self.foreground, 1.0);
         }
     }
 
@@ -169,7 +169,7 @@ impl Canvas {
         let Some(path) = line.finish() else {
             return;
         };
-        let rim = 2.0 * RIM * self.em;
+        let rim = 2.0 * HALO_WIDTH * self.em;
         let rims = [(width + rim, self.rim, RIM_OPACITY), (width, colour, 1.0)];
         for (width, colour, opacity) in rims {
             let stroke = Stroke {
@@ -183,7 +183,7 @@ impl Canvas {
     }
 
     /// Lays what was drawn over `image`, of the same size and four channels.
-    pub fn put_over(&self, image: &mut Image) {
+    pub fn composite_over(&self, image: &mut Image) {
         let drawn = self.pixmap.pixels();
         for (under, over) in image.values.chunks_exact_mut(4).zip(drawn) {
             let alpha = f32::from(over.alpha()) / 255.0;
@@ -273,7 +273,7 @@ mod tests {
 
     fn drawn(text: &str, background: Background) -> Canvas {
         let mut canvas = Canvas::new([400, 100], background).unwrap();
-        let ink = canvas.ink;
+        let ink = canvas.foreground;
         canvas.text(text, [20.0, 60.0], Anchor::Start, 30.0, ink);
         canvas
     }
@@ -284,7 +284,7 @@ mod tests {
         let width = canvas.text_width("O", 30.0);
         let light = |x: f32, y: f32| canvas.pixmap.pixel(x as u32, y as u32).unwrap().red();
         let middle = 20.0 + 0.5 * width;
-        let high = 60.0 - 0.5 * CAPITALS * 30.0;
+        let high = 60.0 - 0.5 * CAP_HEIGHT * 30.0;
         assert!(light(middle, high) < 20, "the hole of an O is empty");
         let row = (20..20 + width as u32).map(|x| light(x as f32, high));
         assert!(row.max().unwrap() > 200, "its sides are not");
@@ -306,7 +306,7 @@ mod tests {
                 channels: 4,
                 values: [behind, behind, behind, 1.0].repeat(40_000),
             };
-            drawn("palpate", background).put_over(&mut image);
+            drawn("palpate", background).composite_over(&mut image);
             let apart = image.values.iter().map(|v| (v - behind).abs());
             assert!(apart.fold(0.0, f32::max) > 0.85, "{background:?}");
         }

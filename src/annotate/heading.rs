@@ -1,6 +1,6 @@
 //! The title of a picture and the time that it shows.
 
-use super::canvas::{Anchor, CAPITALS, Canvas};
+use super::canvas::{Anchor, CAP_HEIGHT, Canvas};
 use super::numbers;
 
 /// Letters of the title, of ordinary ones.
@@ -17,22 +17,22 @@ pub struct FrameTime {
 }
 
 /// Draws a title and returns where the picture begins below it.
-pub(super) fn title(canvas: &mut Canvas, text: &str) -> f32 {
+pub(super) fn draw_title(canvas: &mut Canvas, text: &str) -> f32 {
     let margin = canvas.margin();
     let room = canvas.size()[0] - 2.0 * margin;
     let em = LARGER * canvas.em;
     let em = em * (room / canvas.text_width(text, em)).clamp(0.5, 1.0);
     let text = canvas.shortened(text, em, room);
-    let at = [0.5 * canvas.size()[0], margin + CAPITALS * em];
-    let ink = canvas.ink;
+    let at = [0.5 * canvas.size()[0], margin + CAP_HEIGHT * em];
+    let ink = canvas.foreground;
     canvas.text(&text, at, Anchor::Middle, em, ink);
     at[1] + margin
 }
 
 /// Draws the time, its top at `top`.
-pub(super) fn time(canvas: &mut Canvas, time: &FrameTime, top: f32) {
+pub(super) fn draw_time(canvas: &mut Canvas, time: &FrameTime, top: f32) {
     let text = numbers::time(time.seconds, time.resolution);
-    let at = [canvas.margin(), top + CAPITALS * canvas.em];
-    let (em, ink) = (canvas.em, canvas.ink);
+    let at = [canvas.margin(), top + CAP_HEIGHT * canvas.em];
+    let (em, ink) = (canvas.em, canvas.foreground);
     canvas.text(&text, at, Anchor::Start, em, ink);
 }

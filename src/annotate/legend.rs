@@ -1,6 +1,6 @@
 //! What the colours of a picture mean: a bar with its scalars, or the regions by name.
 
-use super::canvas::{Anchor, CAPITALS, Canvas, Colour};
+use super::canvas::{Anchor, CAP_HEIGHT, Canvas, Colour};
 use super::numbers::{label, ticks};
 use crate::render::ResolvedTransfer;
 
@@ -8,7 +8,7 @@ use crate::render::ResolvedTransfer;
 const HEIGHT: f32 = 0.5;
 /// Width of the bar and of the strip beside it, of the letters' size.
 const BAR: f32 = 1.1;
-const STRIP: f32 = 0.7;
+const OPACITY_STRIP_WIDTH: f32 = 0.7;
 /// Most steps between ticks, and the least distance of two, of the letters' size.
 const TICKS: f32 = 6.0;
 const APART: f32 = 2.0;
@@ -17,7 +17,7 @@ const NAMES: f32 = 0.35;
 /// Distance of the lines of two regions, of the letters' size.
 const LINE: f32 = 1.4;
 /// The squares behind what lets light through, and their side, of the letters' size.
-const CHECKS: [f32; 2] = [0.85, 0.45];
+const CHECKER_GREYS: [f32; 2] = [0.85, 0.45];
 const CHECK: f32 = 0.35;
 
 /// What the colours of a picture mean.
@@ -118,7 +118,7 @@ impl ColourBar {
     fn layout(&self, canvas: &Canvas, labels: f32) -> Layout {
         let (em, [width, height]) = (canvas.em, canvas.size());
         let strip = match &self.colours {
-            BarColours::Transfer { way: Some(_), .. } => (STRIP * em).round(),
+            BarColours::Transfer { way: Some(_), .. } => (OPACITY_STRIP_WIDTH * em).round(),
             _ => 0.0,
         };
         let bar = (BAR * em).round();
@@ -151,7 +151,7 @@ impl ColourBar {
     }
 
     fn draw(&self, canvas: &mut Canvas) -> f32 {
-        let (em, ink, margin) = (canvas.em, canvas.ink, canvas.margin());
+        let (em, ink, margin) = (canvas.em, canvas.foreground, canvas.margin());
         let ticks = self.ticks(canvas);
         let (gap, dash) = (0.25 * em, 0.3 * em);
         let widest = ticks.iter().map(|(_, words)| canvas.text_width(words, em));
@@ -174,7 +174,7 @@ impl ColourBar {
             let y = top + height * (1.0 - up as f32);
             let line = (0.08 * em).max(1.0);
             canvas.line([right + 1.0, y], [right + dash, y], line, ink);
-            let at = [right + dash + gap, y + 0.5 * CAPITALS * em];
+            let at = [right + dash + gap, y + 0.5 * CAP_HEIGHT * em];
             canvas.text(&words, at, Anchor::Start, em, ink);
         }
         let (_, unit) = self.scale();
@@ -215,7 +215,7 @@ impl ColourBar {
             };
             canvas.rectangle(place(0, bar), colour, 1.0);
             for first in (0..strip).step_by(check as usize) {
-                let grey = CHECKS[((first / check + step / check) % 2) as usize];
+                let grey = CHECKER_GREYS[((first / check + step / check) % 2) as usize];
                 let square = place(bar + first, check.min(strip - first));
                 canvas.rectangle(square, [grey; 3], 1.0);
                 canvas.rectangle(square, colour, opacity);
@@ -225,7 +225,7 @@ impl ColourBar {
 }
 
 fn draw_regions(canvas: &mut Canvas, name: &str, regions: &[Swatch]) -> f32 {
-    let (em, ink, margin) = (canvas.em, canvas.ink, canvas.margin());
+    let (em, ink, margin) = (canvas.em, canvas.foreground, canvas.margin());
     let [width, height] = canvas.size();
     let room = (0.8 * height / (LINE * em)) as usize;
     // The last line says how many there are no lines for.
@@ -253,7 +253,12 @@ fn draw_regions(canvas: &mut Canvas, name: &str, regions: &[Swatch]) -> f32 {
     for (i, words) in names.iter().enumerate() {
         let y = baseline(i + 1);
         if let Some(region) = regions.get(i) {
-            let square = [left, (y - 0.5 * (CAPITALS * em + side)).round(), side, side];
+            let square = [
+                left,
+                (y - 0.5 * (CAP_HEIGHT * em + side)).round(),
+                side,
+                side,
+            ];
             canvas.bar([square[0] - 1.0, square[1] - 1.0, side + 2.0, side + 2.0]);
             canvas.rectangle(square, region.colour.map(|c| c as f32), 1.0);
         }
@@ -281,7 +286,7 @@ mod tests {
 
     fn transfer() -> ResolvedTransfer {
         let preset = TransferFunction::preset("tissue").unwrap();
-        preset.resolved((-200.0, 900.0), 3.0)
+        preset.to_absolute((-200.0, 900.0), 3.0)
     }
 
     fn drawn(bar: &ColourBar, size: [u32; 2]) -> (Image, Layout) {
@@ -332,7 +337,7 @@ mod tests {
         let clear =
             TransferFunction::new(vec![[0.0, 1.0, 0.0, 0.0]], vec![[0.0, 0.0], [0.0, 1000.0]]);
         let bar = bar(BarColours::Transfer {
-            transfer: clear.unwrap().resolved((0.0, 1.0), 1.0),
+            transfer: clear.unwrap().to_absolute((0.0, 1.0), 1.0),
             way: Some(0.3),
         });
         let (image, layout) = drawn(&bar, [600, 600]);

@@ -65,10 +65,10 @@ impl Annotations {
             right: canvas.margin(),
         };
         if let Some(title) = &self.title {
-            margins.top = heading::title(&mut canvas, title);
+            margins.top = heading::draw_title(&mut canvas, title);
         }
         if let Some(time) = &self.time {
-            heading::time(&mut canvas, time, margins.top);
+            heading::draw_time(&mut canvas, time, margins.top);
         }
         if let Some(legend) = &self.legend {
             margins.right = legend.draw(&mut canvas);
@@ -79,7 +79,7 @@ impl Annotations {
         if let Some(axes) = self.axes {
             axes.draw(&mut canvas, camera, &margins);
         }
-        canvas.put_over(image);
+        canvas.composite_over(image);
         Ok(())
     }
 }

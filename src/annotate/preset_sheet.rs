@@ -1,13 +1,13 @@
 //! All presets of transfer functions on one sheet.
 
-use super::canvas::{Anchor, CAPITALS, Canvas};
+use super::canvas::{Anchor, CAP_HEIGHT, Canvas};
 use super::legend::{BarColours, ColourBar};
 use crate::Result;
 use crate::render::{Background, Image, TransferFunction};
 
 /// Size of letters, and of a preset's place on the sheet, in pixels.
 const LETTERS: f32 = 15.0;
-const PLACE: [u32; 2] = [400, 44];
+const CELL_SIZE: [u32; 2] = [400, 44];
 const COLUMNS: u32 = 3;
 const MARGIN: u32 = 16;
 /// Where the bar of a preset begins, its width, and the heights of bar and strip.
@@ -16,7 +16,7 @@ const WIDTH: u32 = 280;
 const BAR: u32 = 16;
 const STRIP: u32 = 12;
 /// The strip is as opaque as so much of the extent of a body.
-const WAY: f64 = 0.1;
+const STRIP_DEPTH: f64 = 0.1;
 
 /// A sheet of all presets ([`TransferFunction::preset_names`]) on white: of each its name, the
 /// colours from the smallest scalar to the largest, and below them as opaque as a tenth of the
@@ -28,25 +28,25 @@ pub fn preset_sheet() -> Result<Image> {
     let names = TransferFunction::preset_names();
     let rows = (names.len() as u32).div_ceil(COLUMNS);
     let size = [
-        COLUMNS * PLACE[0] + 2 * MARGIN,
-        rows * PLACE[1] + 2 * MARGIN,
+        COLUMNS * CELL_SIZE[0] + 2 * MARGIN,
+        rows * CELL_SIZE[1] + 2 * MARGIN,
     ];
     let mut canvas = Canvas::with_letters(size, Background::White, LETTERS)?;
-    let ink = canvas.ink;
+    let ink = canvas.foreground;
     for (i, name) in names.iter().enumerate() {
         let [column, row] = [i as u32 / rows, i as u32 % rows];
-        let (left, top) = (MARGIN + column * PLACE[0], MARGIN + row * PLACE[1]);
-        let middle = top as f32 + 0.5 * ((BAR + STRIP) as f32 + CAPITALS * LETTERS);
+        let (left, top) = (MARGIN + column * CELL_SIZE[0], MARGIN + row * CELL_SIZE[1]);
+        let middle = top as f32 + 0.5 * ((BAR + STRIP) as f32 + CAP_HEIGHT * LETTERS);
         let end = [(left + BEGIN - 8) as f32, middle];
         canvas.text(name, end, Anchor::End, LETTERS, ink);
-        let transfer = TransferFunction::preset(name)?.resolved((0.0, 1.0), 1.0);
+        let transfer = TransferFunction::preset(name)?.to_absolute((0.0, 1.0), 1.0);
         let bar = ColourBar {
             name: String::new(),
             unit: String::new(),
             range: (0.0, 1.0),
             colours: BarColours::Transfer {
                 transfer,
-                way: Some(WAY),
+                way: Some(STRIP_DEPTH),
             },
         };
         let corner = [left + BEGIN, top];
@@ -58,7 +58,7 @@ pub fn preset_sheet() -> Result<Image> {
         channels: 4,
         values: vec![1.0; 4 * pixels],
     };
-    canvas.put_over(&mut sheet);
+    canvas.composite_over(&mut sheet);
     Ok(sheet)
 }
 
@@ -74,10 +74,10 @@ mod tests {
         let rows = (names.len() as u32).div_ceil(COLUMNS);
         for (i, name) in names.iter().enumerate() {
             let [column, row] = [i as u32 / rows, i as u32 % rows];
-            let x = MARGIN + column * PLACE[0] + BEGIN;
-            let y = MARGIN + row * PLACE[1] + BAR / 2;
+            let x = MARGIN + column * CELL_SIZE[0] + BEGIN;
+            let y = MARGIN + row * CELL_SIZE[1] + BAR / 2;
             let transfer = TransferFunction::preset(name).unwrap();
-            let transfer = transfer.resolved((0.0, 1.0), 1.0);
+            let transfer = transfer.to_absolute((0.0, 1.0), 1.0);
             for across in [0, 100, WIDTH - 1] {
                 let scalar = (f64::from(across) + 0.5) / f64::from(WIDTH);
                 let seen = sheet.pixel(x + across, y);

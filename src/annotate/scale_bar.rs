@@ -56,7 +56,7 @@ impl ScaleBar {
     pub(super) fn draw(&self, canvas: &mut Canvas, camera: &Camera) {
         let [width, height] = canvas.size();
         let (length, words) = self.measure(camera, [width as u32, height as u32]);
-        let (em, ink, margin) = (canvas.em, canvas.ink, canvas.margin());
+        let (em, ink, margin) = (canvas.em, canvas.foreground, canvas.margin());
         let thickness = (THICKNESS * em).round().max(2.0);
         let right = (width - margin).floor();
         let top = (height - margin - thickness).floor();

@@ -4,8 +4,8 @@ use super::{Cage, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::{
-    ConjugateGradients, Engine, GrabId, Grip, Loads, NodeTerm, Nodes, Pose, Progress, Report,
-    Simulator, SimulatorState, SolverKind, TopologyChange,
+    CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, NodeTerm, Report,
+    Simulator, SimulatorState, SolverKind, StepProgress, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 /// A mesh whose nodes a [`Cage`] carries. The cage is what is simulated: it can be gone round
 /// neither by a cut nor by moving the mesh's own nodes.
-pub struct Carried {
+pub struct EmbeddedSimulator {
     cage: Cage,
     inner: Box<dyn Simulator>,
     mesh: TetMesh,
@@ -21,15 +21,20 @@ pub struct Carried {
     embedding: Embedding,
 }
 
-impl Carried {
+impl EmbeddedSimulator {
     /// `mesh` in `cage`, which `inner` simulates.
     ///
     /// # Errors
     /// [`Error::Gpu`] when the nodes of the mesh do not fit the device.
-    pub fn new(gpu: &Gpu, mesh: TetMesh, cage: Cage, inner: Box<dyn Simulator>) -> Result<Carried> {
+    pub fn new(
+        gpu: &Gpu,
+        mesh: TetMesh,
+        cage: Cage,
+        inner: Box<dyn Simulator>,
+    ) -> Result<EmbeddedSimulator> {
         let transfer = cage.transfer().clone();
         let embedding = Embedding::with_transfer(gpu, transfer, inner.nodes(), &mesh)?;
-        Ok(Carried {
+        Ok(EmbeddedSimulator {
             cage,
             inner,
             topology: Topology::new(&mesh),
@@ -55,7 +60,7 @@ fn refused(what: &str) -> Error {
     ))
 }
 
-impl Simulator for Carried {
+impl Simulator for EmbeddedSimulator {
     fn integrator(&self) -> SolverKind {
         self.inner.integrator()
     }
@@ -76,11 +81,11 @@ impl Simulator for Carried {
         self.inner.masses()
     }
 
-    fn springs(&self) -> Vec<[u32; 2]> {
-        self.inner.springs()
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+        self.inner.spring_pairs()
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         self.inner.set_integrator(kind, settings)
     }
 
@@ -96,15 +101,15 @@ impl Simulator for Carried {
         self.inner.advance(steps, dt)
     }
 
-    fn set_waker(&mut self, waker: crate::physics::Waker) {
+    fn set_waker(&mut self, waker: crate::physics::StepCallback) {
         self.inner.set_waker(waker);
     }
 
-    fn progress(&mut self) -> Result<Progress> {
+    fn progress(&mut self) -> Result<StepProgress> {
         self.inner.progress()
     }
 
-    fn finish(&mut self) -> Result<Progress> {
+    fn finish(&mut self) -> Result<StepProgress> {
         self.inner.finish()
     }
 
@@ -116,22 +121,22 @@ impl Simulator for Carried {
         self.inner.iterations()
     }
 
-    fn publish(&mut self, work: &mut Recorder) -> Result<()> {
-        self.inner.publish(work)?;
-        self.embedding.record(work, self.inner.nodes());
+    fn update_nodes(&mut self, work: &mut Recorder) -> Result<()> {
+        self.inner.update_nodes(work)?;
+        self.embedding.record_update(work, self.inner.nodes());
         Ok(())
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         self.embedding.nodes()
     }
 
     fn positions(&self) -> Result<Vec<DVec3>> {
-        self.embedding.carry(&self.inner.positions()?)
+        self.embedding.interpolate(&self.inner.positions()?)
     }
 
     fn velocities(&self) -> Result<Vec<DVec3>> {
-        self.embedding.carry(&self.inner.velocities()?)
+        self.embedding.interpolate(&self.inner.velocities()?)
     }
 
     fn set_positions(&mut self, _: &[DVec3]) -> Result<()> {
@@ -161,14 +166,15 @@ impl Simulator for Carried {
                 "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
             )));
         }
-        self.inner.pin_nodes(&self.cage.nodes_for(nodes))
+        self.inner.pin_nodes(&self.cage.coarse_nodes_for(nodes))
     }
 
     fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
-        self.inner.set_forces(&self.cage.transfer().gather(forces)?)
+        self.inner
+            .set_forces(&self.cage.transfer().apply_transpose(forces)?)
     }
 
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         self.inner.grab(centre, radius.max(self.reach()), grip)
     }
 
@@ -176,21 +182,25 @@ impl Simulator for Carried {
         Err(refused("cut"))
     }
 
-    fn carrier(&self) -> Option<&dyn Simulator> {
+    fn coarse_body(&self) -> Option<&dyn Simulator> {
         Some(self.inner.as_ref())
     }
 
     fn report(&self) -> Result<Report> {
         let energy = self.inner.report()?.energy;
-        Ok(Report::of_positions(energy, &self.mesh, &self.positions()?))
+        Ok(Report::from_positions(
+            energy,
+            &self.mesh,
+            &self.positions()?,
+        ))
     }
 
-    fn speed(&self) -> f64 {
-        self.inner.speed()
+    fn rms_speed(&self) -> f64 {
+        self.inner.rms_speed()
     }
 
-    fn touched(&self) -> u64 {
-        self.inner.touched()
+    fn change_count(&self) -> u64 {
+        self.inner.change_count()
     }
 
     fn has_state(&self) -> bool {
@@ -205,11 +215,11 @@ impl Simulator for Carried {
         self.inner.set_state(state)
     }
 
-    fn pose(&self) -> Result<Pose> {
+    fn pose(&self) -> Result<ExactPositions> {
         self.inner.pose()
     }
 
-    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
         self.inner.set_pose(pose)
     }
 }

@@ -1,7 +1,7 @@
 //! The cells around a fine body, and what of it each holds.
 
 use crate::mesh::{TET_EDGES, TetMesh};
-use crate::physics::SpringNetwork;
+use crate::physics::DiscreteModel;
 use crate::{Error, Result};
 use glam::{DVec3, UVec3};
 
@@ -30,9 +30,9 @@ struct Sample {
 
 /// What of the fine body a cell holds.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Content {
+pub(super) struct CellContent {
     /// Whether anything of the body is in the cell.
-    pub held: bool,
+    pub occupied: bool,
     /// Young's modulus times the share of the cell that is filled, Pa.
     pub young: f64,
     /// Of finite elements: Lamé's μ and λ times that share, Pa.
@@ -50,12 +50,12 @@ pub(super) struct Cells {
     pub spacing: DVec3,
     pub count: [usize; 3],
     /// Of each cell, x running fastest.
-    pub contents: Vec<Content>,
+    pub contents: Vec<CellContent>,
 }
 
 impl Cells {
     /// Cells with about `wanted` corners around `mesh`, whose masses and springs are `network`.
-    pub fn about(mesh: &TetMesh, network: &SpringNetwork, wanted: usize) -> Result<Cells> {
+    pub fn cover(mesh: &TetMesh, network: &DiscreteModel, wanted: usize) -> Result<Cells> {
         let volume = mesh.volume().abs();
         let first = (volume / wanted as f64).cbrt();
         let samples = samples(mesh, network, first.powi(3))?;
@@ -102,7 +102,7 @@ impl Cells {
             low,
             spacing,
             count,
-            contents: vec![Content::default(); count.iter().product()],
+            contents: vec![CellContent::default(); count.iter().product()],
         };
         cells.fill(mesh, samples, unit);
         Ok(cells)
@@ -114,7 +114,7 @@ impl Cells {
         for sample in samples {
             let cell = self.at(sample.place);
             let content = &mut self.contents[cell];
-            content.held = true;
+            content.occupied = true;
             content.young += sample.stiffness / volume;
             for (k, share) in sample.lame.iter().enumerate() {
                 content.lame[k] += share / volume;
@@ -133,13 +133,16 @@ impl Cells {
         });
         let sides: Vec<DVec3> = sides.collect();
         for p in &mesh.nodes {
-            if !sides.iter().any(|d| self.contents[self.at(*p + *d)].held) {
+            if !sides
+                .iter()
+                .any(|d| self.contents[self.at(*p + *d)].occupied)
+            {
                 let cell = self.at(*p);
-                self.contents[cell].held = true;
+                self.contents[cell].occupied = true;
             }
         }
         let mut total = 0.0;
-        for content in self.contents.iter_mut().filter(|c| c.held) {
+        for content in self.contents.iter_mut().filter(|c| c.occupied) {
             content.young = content.young.max(LEAST_FILL * stiffness / body);
             // One factor for both, so that Poisson's ratio stays.
             let least = LEAST_FILL / body;
@@ -154,7 +157,7 @@ impl Cells {
             total += content.mass;
         }
         // What the least fill added is taken off everywhere.
-        for content in self.contents.iter_mut().filter(|c| c.held) {
+        for content in self.contents.iter_mut().filter(|c| c.occupied) {
             content.mass *= mass / total;
         }
     }
@@ -168,10 +171,10 @@ impl Cells {
     }
 
     /// What the cell at these coordinates holds; nothing where there is no such cell.
-    pub fn content(&self, cell: [i64; 3]) -> Content {
+    pub fn content(&self, cell: [i64; 3]) -> CellContent {
         let inside = (0..3).all(|a| (0..self.count[a] as i64).contains(&cell[a]));
         match inside {
-            false => Content::default(),
+            false => CellContent::default(),
             true => {
                 let [x, y, z] = cell.map(|n| n as usize);
                 self.contents[x + self.count[0] * (y + self.count[1] * z)]
@@ -185,7 +188,7 @@ impl Cells {
         let around = |x, y, z| {
             (0..8).any(|k: i64| {
                 let cell = [x - (k & 1), y - (k >> 1 & 1), z - (k >> 2)];
-                self.content(cell).held
+                self.content(cell).occupied
             })
         };
         let rows = (0..=nz).flat_map(|z| (0..=ny).map(move |y| (y, z)));
@@ -195,7 +198,7 @@ impl Cells {
 }
 
 /// Points all over the body, which share the mass and the stiffness of their tets.
-fn samples(mesh: &TetMesh, network: &SpringNetwork, cell: f64) -> Result<Vec<Sample>> {
+fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sample>> {
     let unit = network.length_unit;
     let volume = |t: usize| mesh.tet_volume(t).abs() * unit.powi(3);
     let springs = &network.springs;

@@ -2,8 +2,8 @@
 
 use crate::Result;
 use crate::gpu::{Gpu, Pass, Recorder, Texel};
-use crate::mesh::{TetMesh, Transfer};
-use crate::physics::Nodes;
+use crate::mesh::{BarycentricMap, TetMesh};
+use crate::physics::NodePositions;
 use glam::DVec3;
 
 mod gpu_data {
@@ -27,8 +27,8 @@ const OUTSIDE: f64 = -1e-6;
 /// the coarse mesh carry the fine one exactly.
 #[derive(Debug)]
 pub struct Embedding {
-    transfer: Transfer,
-    nodes: Nodes,
+    transfer: BarycentricMap,
+    nodes: NodePositions,
     pass: Pass,
     /// The version of the coarse nodes that the positions were made from.
     carried: u64,
@@ -40,10 +40,15 @@ impl Embedding {
     /// `carriers` are the coarse mesh's nodes on the GPU.
     ///
     /// # Errors
-    /// As [`Transfer::new`]; [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the
+    /// As [`BarycentricMap::new`]; [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the
     /// device.
-    pub fn new(gpu: &Gpu, coarse: &TetMesh, carriers: &Nodes, fine: &TetMesh) -> Result<Embedding> {
-        let transfer = Transfer::new(coarse, &fine.nodes)?;
+    pub fn new(
+        gpu: &Gpu,
+        coarse: &TetMesh,
+        carriers: &NodePositions,
+        fine: &TetMesh,
+    ) -> Result<Embedding> {
+        let transfer = BarycentricMap::new(coarse, &fine.nodes)?;
         Embedding::with_transfer(gpu, transfer, carriers, fine)
     }
 
@@ -53,11 +58,11 @@ impl Embedding {
     /// [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the device.
     pub fn with_transfer(
         gpu: &Gpu,
-        transfer: Transfer,
-        carriers: &Nodes,
+        transfer: BarycentricMap,
+        carriers: &NodePositions,
         fine: &TetMesh,
     ) -> Result<Embedding> {
-        let nodes = Nodes::new(gpu, fine)?;
+        let nodes = NodePositions::new(gpu, fine)?;
         let (from, to) = (carriers.frame(), nodes.frame());
         let shift = ((from.origin - to.origin) / to.scale).as_vec3();
         let params = gpu_data::Carry {
@@ -65,7 +70,7 @@ impl Embedding {
             nodes: nodes.len() as u32,
             _pad: [0; 3],
         };
-        let shares = transfer.shares();
+        let shares = transfer.source_weights();
         let of_nodes: Vec<[u32; 4]> = shares.iter().map(|s| s.0).collect();
         let weights: Vec<[f32; 4]> = shares.iter().map(|s| s.1.map(|w| w as f32)).collect();
         let outside = |s: &&([u32; 4], [f64; 4])| s.1.iter().any(|w| *w < OUTSIDE);
@@ -79,7 +84,7 @@ impl Embedding {
             .read(&weights)
             .write(nodes.array())
             .params(&params)
-            .over(nodes.len() as u32)?;
+            .dispatch_items(nodes.len() as u32)?;
         Ok(Embedding {
             transfer,
             nodes,
@@ -89,8 +94,8 @@ impl Embedding {
         })
     }
 
-    /// The fine mesh's nodes, for drawing, as of the last [`Embedding::record`].
-    pub fn nodes(&self) -> &Nodes {
+    /// The fine mesh's nodes, for drawing, as of the last [`Embedding::record_update`].
+    pub fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
@@ -100,13 +105,13 @@ impl Embedding {
     }
 
     /// What carries each fine node.
-    pub fn transfer(&self) -> &Transfer {
+    pub fn transfer(&self) -> &BarycentricMap {
         &self.transfer
     }
 
     /// Records the carrying of the fine nodes, if `carriers`, the nodes it was made with, may have
     /// moved since the last time. Whether that is so.
-    pub fn record(&mut self, work: &mut Recorder, carriers: &Nodes) -> bool {
+    pub fn record_update(&mut self, work: &mut Recorder, carriers: &NodePositions) -> bool {
         let moved = self.carried != carriers.version();
         if moved {
             self.carried = carriers.version();
@@ -118,8 +123,8 @@ impl Embedding {
     /// Positions, or other vectors, of the fine nodes, of those of the coarse ones; in float64.
     ///
     /// # Errors
-    /// As [`Transfer::apply`].
-    pub fn carry(&self, coarse: &[DVec3]) -> Result<Vec<DVec3>> {
+    /// As [`BarycentricMap::apply`].
+    pub fn interpolate(&self, coarse: &[DVec3]) -> Result<Vec<DVec3>> {
         self.transfer.apply(coarse)
     }
 }

@@ -1,7 +1,7 @@
 //! How far a body gives under loads, in float64 and for small displacements.
 
 use crate::parallel;
-use crate::physics::{Element, SpringNetwork};
+use crate::physics::{DiscreteModel, Element};
 use glam::{DMat3, DVec3};
 
 /// Most iterations of conjugate gradients.
@@ -9,24 +9,24 @@ const ITERATIONS: usize = 3000;
 /// Relative residual at which they stop.
 const TOLERANCE: f64 = 1e-4;
 /// The same where only the size of a load is asked for.
-const ROUGH: f64 = 1e-3;
+const LOAD_ESTIMATE_TOLERANCE: f64 = 1e-3;
 
 /// A list for each load case: loads, N, or displacements under them, m.
-pub(super) type Cases = Vec<Vec<DVec3>>;
+pub(super) type LoadCases = Vec<Vec<DVec3>>;
 
 /// How much stiffer than the mean spring of what is soft those within rigid bodies are taken to be,
 /// at most: conjugate gradients have to get through.
 const RIGID: f64 = 100.0;
 
 /// The weight of a body at 1 m/s² along each axis.
-pub(super) fn weights(network: &SpringNetwork) -> Cases {
+pub(super) fn gravity_loads(network: &DiscreteModel) -> LoadCases {
     let along = |axis: DVec3| network.masses.iter().map(|m| *m * axis).collect();
     vec![along(DVec3::X), along(DVec3::Y), along(DVec3::Z)]
 }
 
 /// A network held at some nodes, linear in its displacements.
-pub(super) struct Held<'a> {
-    network: &'a SpringNetwork,
+pub(super) struct ConstrainedNetwork<'a> {
+    network: &'a DiscreteModel,
     /// Of each node: what it is tied to, and by which edge.
     rows: Vec<Vec<(u32, u32)>>,
     /// Of each edge, from the smaller node i to j: B for a force B (u_j − u_i) on i; that on j is
@@ -39,10 +39,10 @@ pub(super) struct Held<'a> {
     tolerance: f64,
 }
 
-impl<'a> Held<'a> {
+impl<'a> ConstrainedNetwork<'a> {
     /// The network held where `pinned` says. Parts that no pin holds stay as they are.
-    pub fn new(network: &'a SpringNetwork, pinned: &[bool]) -> Held<'a> {
-        let count = network.rest.len();
+    pub fn new(network: &'a DiscreteModel, pinned: &[bool]) -> ConstrainedNetwork<'a> {
+        let count = network.rest_positions.len();
         let mut rows = vec![Vec::new(); count];
         let mut blocks = vec![DMat3::ZERO; count];
         let edges = match network.elements.is_empty() {
@@ -73,7 +73,7 @@ impl<'a> Held<'a> {
                 }
             })
             .collect();
-        Held {
+        ConstrainedNetwork {
             network,
             rows,
             edges,
@@ -84,7 +84,7 @@ impl<'a> Held<'a> {
     }
 
     /// Whether anything can move.
-    pub fn moves(&self) -> bool {
+    pub fn has_free_nodes(&self) -> bool {
         self.free.contains(&true)
     }
 
@@ -109,7 +109,7 @@ impl<'a> Held<'a> {
     }
 
     /// Where the body gives way to under `loads`, from the guess `start` on.
-    pub fn given(&self, loads: &Cases, start: Option<&Cases>) -> Cases {
+    pub fn solve_cases(&self, loads: &LoadCases, start: Option<&LoadCases>) -> LoadCases {
         let guess = |case: usize| start.and_then(|s| s.get(case)).map(Vec::as_slice);
         let cases = loads.iter().enumerate();
         cases
@@ -164,7 +164,7 @@ impl<'a> Held<'a> {
     }
 
     /// ω² of the slowest swing, by Rayleigh's quotient of the load case that gives most.
-    pub fn slowest(&self, loads: &Cases, given: &Cases) -> f64 {
+    pub fn lowest_eigenvalue(&self, loads: &LoadCases, given: &LoadCases) -> f64 {
         let most = loads
             .iter()
             .zip(given)
@@ -182,21 +182,21 @@ impl<'a> Held<'a> {
 }
 
 /// κ n nᵀ of each spring.
-fn edges_of_springs(network: &SpringNetwork) -> Vec<DMat3> {
+fn edges_of_springs(network: &DiscreteModel) -> Vec<DMat3> {
     parallel::map(network.springs.len(), |s| spring_edge(network, s, f64::MAX))
 }
 
 /// The same of a spring whose κ counts up to `most`.
-fn spring_edge(network: &SpringNetwork, s: usize, most: f64) -> DMat3 {
+fn spring_edge(network: &DiscreteModel, s: usize, most: f64) -> DMat3 {
     let spring = &network.springs[s];
-    let [a, b] = spring.nodes.map(|v| network.rest[v as usize]);
+    let [a, b] = spring.nodes.map(|v| network.rest_positions[v as usize]);
     let along = (b - a).normalize_or_zero();
     outer(along, along) * spring.stiffness.clamp(0.0, most)
 }
 
 /// The blocks of linear elasticity at rest, with their signs turned, of which those of a node add
 /// up to zero with its own. Rigid bodies have springs, stiff ones.
-fn edges_of_elements(network: &SpringNetwork) -> Vec<DMat3> {
+fn edges_of_elements(network: &DiscreteModel) -> Vec<DMat3> {
     let springs = &network.springs;
     let mut edges = vec![DMat3::ZERO; springs.len()];
     let mut soft = vec![false; springs.len()];
@@ -222,7 +222,7 @@ fn edges_of_elements(network: &SpringNetwork) -> Vec<DMat3> {
         .map(|(s, soft)| if *soft { s.stiffness } else { 0.0 })
         .sum();
     let most = RIGID * sum / count as f64;
-    let mut body = vec![usize::MAX; network.rest.len()];
+    let mut body = vec![usize::MAX; network.rest_positions.len()];
     for (k, rigid) in network.elements.rigid.iter().enumerate() {
         rigid.nodes.iter().for_each(|v| body[*v as usize] = k);
     }
@@ -237,10 +237,10 @@ fn edges_of_elements(network: &SpringNetwork) -> Vec<DMat3> {
 
 /// K_ab of a tet at rest, N/m: V (μ (g_a·g_b I + g_b g_aᵀ) + λ g_a g_bᵀ), of averaged volumes with
 /// as much of λ as the tet keeps.
-fn stiffness(element: &Element, network: &SpringNetwork) -> impl Fn(usize, usize) -> DMat3 {
+fn stiffness(element: &Element, network: &DiscreteModel) -> impl Fn(usize, usize) -> DMat3 {
     let elements = &network.elements;
     let [mu, lambda] = element.small_strain(elements.law);
-    let lambda = lambda - elements.averaged(element);
+    let lambda = lambda - elements.averaged_lambda(element);
     let (gradients, volume) = (element.gradients(), element.volume);
     move |a, b| {
         let (ga, gb) = (gradients[a], gradients[b]);
@@ -255,7 +255,7 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
 }
 
 /// How far a body gives: the work of all loads.
-pub(super) fn compliance(loads: &Cases, given: &Cases) -> f64 {
+pub(super) fn compliance(loads: &LoadCases, given: &LoadCases) -> f64 {
     loads.iter().zip(given).map(|(f, u)| dot(f, u)).sum()
 }
 
@@ -293,22 +293,22 @@ fn reached(rows: &[Vec<(u32, u32)>], pinned: &[bool]) -> Vec<bool> {
 }
 
 /// A network held at some nodes: how it gives under a load, for small displacements.
-pub(crate) struct Compliance<'a>(Held<'a>);
+pub(crate) struct Compliance<'a>(ConstrainedNetwork<'a>);
 
 impl<'a> Compliance<'a> {
     /// None where nothing can move, or nothing is held.
-    pub fn new(network: &'a SpringNetwork, pinned: &[bool]) -> Option<Compliance<'a>> {
-        let mut held = Held::new(network, pinned);
-        held.tolerance = ROUGH;
-        held.moves().then_some(Compliance(held))
+    pub fn new(network: &'a DiscreteModel, pinned: &[bool]) -> Option<Compliance<'a>> {
+        let mut held = ConstrainedNetwork::new(network, pinned);
+        held.tolerance = LOAD_ESTIMATE_TOLERANCE;
+        held.has_free_nodes().then_some(Compliance(held))
     }
 
     /// How far each node gives under `load` (N on the nodes), m, and the rate of the slowest
     /// swing about there, rad/s.
-    pub fn answer(&self, load: &[DVec3]) -> (Vec<DVec3>, f64) {
+    pub fn solve_load(&self, load: &[DVec3]) -> (Vec<DVec3>, f64) {
         let loads = vec![load.to_vec()];
-        let mut given = self.0.given(&loads, None);
-        let rate = self.0.slowest(&loads, &given).max(0.0).sqrt();
+        let mut given = self.0.solve_cases(&loads, None);
+        let rate = self.0.lowest_eigenvalue(&loads, &given).max(0.0).sqrt();
         (given.pop().unwrap_or_default(), rate)
     }
 }

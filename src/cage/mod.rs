@@ -10,7 +10,7 @@ mod embedding;
 mod fit;
 mod model;
 
-pub use carried::Carried;
+pub use carried::EmbeddedSimulator;
 pub use embedding::Embedding;
 pub(crate) use fit::Compliance;
 pub use model::{Cage, CageKind, CageReport};

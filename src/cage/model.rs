@@ -1,11 +1,13 @@
 //! A cage: a coarse body made from a fine one.
 
 use super::cells::Cells;
-use super::fit::{Held, compliance, weights};
+use super::fit::{ConstrainedNetwork, compliance, gravity_loads};
 use crate::mesh::generate::{Grid, Split, grid};
-use crate::mesh::{LocalFrame, TET_EDGES, TetMesh, Transfer};
-use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, STEPS, isotropic};
-use crate::physics::{Element, Elements, Material, Spring, SpringNetwork};
+use crate::mesh::{BarycentricMap, LocalFrame, TET_EDGES, TetMesh};
+use crate::physics::grid::{
+    GridModel, GridShape, SPRING_KINDS, SPRING_OFFSETS, isotropic_stiffness,
+};
+use crate::physics::{DiscreteModel, Element, Elements, Material, Spring};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,9 +17,9 @@ use std::str::FromStr;
 /// Nodes that a cage may have.
 const NODES: std::ops::RangeInclusive<usize> = 8..=4_000_000;
 /// The least share of a held fine node's weights that held nodes of the cage have.
-const HELD: f64 = 0.75;
+const PINNED_WEIGHT: f64 = 0.75;
 /// Factors of stiffness beyond these are not believed.
-const BELIEVED: std::ops::RangeInclusive<f64> = 0.02..=50.0;
+const VALID_STIFFNESS_SCALE: std::ops::RangeInclusive<f64> = 0.02..=50.0;
 
 /// What a cage is made of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Deserialize)]
@@ -69,9 +71,11 @@ pub struct CageReport {
     /// Sides of a cell, in file units.
     pub spacing: [f64; 3],
     /// Fine nodes outside its tets.
-    pub outside: usize,
+    #[serde(rename = "outside")]
+    pub nodes_outside: usize,
     /// What its stiffness was multiplied by so that it gives as the fine body does.
-    pub fitted: f64,
+    #[serde(rename = "fitted")]
+    pub stiffness_scale: f64,
     /// Rate of damping of the slowest swing, 1/s.
     pub damping: f64,
 }
@@ -88,10 +92,10 @@ pub struct Cage {
     /// The tets that carry the fine nodes, in the unit of the fine mesh.
     pub mesh: TetMesh,
     /// Its masses, and its springs or elements.
-    pub network: SpringNetwork,
+    pub network: DiscreteModel,
     /// The same as particles on a grid, where it is of that kind.
     pub grid: Option<GridModel>,
-    transfer: Transfer,
+    transfer: BarycentricMap,
     /// Of each node: the sum of the weights with which it carries fine nodes.
     influence: Vec<f64>,
     report: CageReport,
@@ -106,7 +110,7 @@ impl Cage {
     /// around a body of elements; [`Error::Mesh`] for a mesh without an inside.
     pub fn new(
         mesh: &TetMesh,
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         kind: CageKind,
         nodes: usize,
     ) -> Result<Cage> {
@@ -129,7 +133,7 @@ impl Cage {
                     .into(),
             ));
         }
-        let cells = Cells::about(mesh, network, nodes)?;
+        let cells = Cells::cover(mesh, network, nodes)?;
         let (own, own_network, grid) = match kind {
             CageKind::Lattice => {
                 let (own, own_network) = lattice(&cells, network)?;
@@ -142,10 +146,10 @@ impl Cage {
                 (own, own_network, Some(model))
             }
         };
-        let transfer = Transfer::new(&own, &mesh.nodes)?;
+        let transfer = BarycentricMap::new(&own, &mesh.nodes)?;
         let mut influence = vec![0.0; own.nodes.len()];
         let mut outside = 0;
-        for (corners, weights) in transfer.shares() {
+        for (corners, weights) in transfer.source_weights() {
             outside += usize::from(weights.iter().any(|w| *w < -1e-6));
             for (v, w) in corners.iter().zip(weights) {
                 influence[*v as usize] += w.max(0.0);
@@ -154,8 +158,8 @@ impl Cage {
         let report = CageReport {
             nodes: own_network.masses.iter().filter(|m| **m > 0.0).count(),
             spacing: cells.spacing.to_array(),
-            outside,
-            fitted: 1.0,
+            nodes_outside: outside,
+            stiffness_scale: 1.0,
             damping: 0.0,
         };
         Ok(Cage {
@@ -169,7 +173,7 @@ impl Cage {
     }
 
     /// What carries each fine node.
-    pub fn transfer(&self) -> &Transfer {
+    pub fn transfer(&self) -> &BarycentricMap {
         &self.transfer
     }
 
@@ -180,8 +184,8 @@ impl Cage {
 
     /// The nodes that stand for these nodes of the fine mesh: those that carry more of them than
     /// of others, and so many more that each fine node is carried by them for the most part.
-    pub fn nodes_for(&self, fine: &[u32]) -> Vec<u32> {
-        let shares = self.transfer.shares();
+    pub fn coarse_nodes_for(&self, fine: &[u32]) -> Vec<u32> {
+        let shares = self.transfer.source_weights();
         let carriers: Vec<&([u32; 4], [f64; 4])> = fine
             .iter()
             .filter_map(|v| shares.get(*v as usize))
@@ -200,7 +204,7 @@ impl Cage {
             let has = |k: &usize| chosen.contains(&corners[*k]);
             let mut held: f64 = order.iter().filter(|k| has(k)).map(|k| weights[*k]).sum();
             for k in order {
-                if held < HELD && chosen.insert(corners[k]) {
+                if held < PINNED_WEIGHT && chosen.insert(corners[k]) {
                     held += weights[k];
                 }
             }
@@ -214,29 +218,29 @@ impl Cage {
     /// the three axes. Coarse cells bend less readily than fine ones, and this makes up for it.
     /// Finds the damping of the slowest swing too.
     ///
-    /// Bodies that hang on nothing are held at one end for it, as [`SpringNetwork::held_end`] finds it.
+    /// Bodies that hang on nothing are held at one end for it, as [`DiscreteModel::find_clamped_end`] finds it.
     ///
     /// Returns the factor, 1 where none could be found.
     ///
     /// # Errors
     /// [`Error::Input`] where the numbers of nodes, pins and loads differ.
-    pub fn fit(
+    pub fn fit_stiffness(
         &mut self,
-        fine: &SpringNetwork,
+        fine: &DiscreteModel,
         fine_pinned: &[bool],
         pinned: &[bool],
         load: Option<&[DVec3]>,
     ) -> Result<f64> {
-        if fine_pinned.len() != fine.rest.len()
-            || fine.rest.len() != self.transfer.shares().len()
-            || pinned.len() != self.network.rest.len()
+        if fine_pinned.len() != fine.rest_positions.len()
+            || fine.rest_positions.len() != self.transfer.source_weights().len()
+            || pinned.len() != self.network.rest_positions.len()
         {
             return Err(Error::Input(format!(
                 "{} and {} pins are given for {} fine nodes and {} of the cage",
                 fine_pinned.len(),
                 pinned.len(),
-                self.transfer.shares().len(),
-                self.network.rest.len()
+                self.transfer.source_weights().len(),
+                self.network.rest_positions.len()
             )));
         }
         let (fine_pinned, pinned) = match fine_pinned.contains(&true) {
@@ -244,49 +248,52 @@ impl Cage {
             false => self.held_at_one_end(fine),
         };
         let (fine_loads, loads) = match load {
-            Some(load) => (vec![load.to_vec()], vec![self.transfer.gather(load)?]),
-            None => (weights(fine), weights(&self.network)),
+            Some(load) => (
+                vec![load.to_vec()],
+                vec![self.transfer.apply_transpose(load)?],
+            ),
+            None => (gravity_loads(fine), gravity_loads(&self.network)),
         };
-        let coarse = Held::new(&self.network, &pinned);
-        let fine = Held::new(fine, &fine_pinned);
-        if !coarse.moves() || !fine.moves() {
+        let coarse = ConstrainedNetwork::new(&self.network, &pinned);
+        let fine = ConstrainedNetwork::new(fine, &fine_pinned);
+        if !coarse.has_free_nodes() || !fine.has_free_nodes() {
             return Ok(1.0);
         }
-        let given = coarse.given(&loads, None);
+        let given = coarse.solve_cases(&loads, None);
         let start: Vec<Vec<DVec3>> = given
             .iter()
             .map(|u| self.transfer.apply(u))
             .collect::<Result<_>>()?;
-        let fine_given = fine.given(&fine_loads, Some(&start));
+        let fine_given = fine.solve_cases(&fine_loads, Some(&start));
         let factor = compliance(&loads, &given) / compliance(&fine_loads, &fine_given);
-        let damping = self.network.damping_time * fine.slowest(&fine_loads, &fine_given);
-        if !BELIEVED.contains(&factor) {
+        let damping = self.network.damping_time * fine.lowest_eigenvalue(&fine_loads, &fine_given);
+        if !VALID_STIFFNESS_SCALE.contains(&factor) {
             return Ok(1.0);
         }
         for spring in &mut self.network.springs {
             spring.stiffness *= factor;
         }
         for element in &mut self.network.elements.tets {
-            element.lame = element.lame.map(|l| l * factor);
+            element.lame_parameters = element.lame_parameters.map(|l| l * factor);
         }
         if let Some(grid) = &mut self.grid {
             grid.stiffness = grid.stiffness.map(|k| k * factor);
             grid.damping = damping;
         }
-        self.report.fitted *= factor;
+        self.report.stiffness_scale *= factor;
         self.report.damping = damping;
         Ok(factor)
     }
 
     /// Pins at the end that holds the fine body best, of it and of the cage.
-    fn held_at_one_end(&self, fine: &SpringNetwork) -> (Vec<bool>, Vec<bool>) {
-        let held = fine.held_end(DVec3::NEG_Z).0.nodes;
-        let mut fine_pinned = vec![false; fine.rest.len()];
+    fn held_at_one_end(&self, fine: &DiscreteModel) -> (Vec<bool>, Vec<bool>) {
+        let held = fine.find_clamped_end(DVec3::NEG_Z).0.nodes;
+        let mut fine_pinned = vec![false; fine.rest_positions.len()];
         for v in &held {
             fine_pinned[*v as usize] = true;
         }
-        let mut pinned = vec![false; self.network.rest.len()];
-        for v in self.nodes_for(&held) {
+        let mut pinned = vec![false; self.network.rest_positions.len()];
+        for v in self.coarse_nodes_for(&held) {
             pinned[v as usize] = true;
         }
         (fine_pinned, pinned)
@@ -295,12 +302,12 @@ impl Cage {
 
 /// Springs of a cage with the given lists, damped as the fine body is.
 fn damped_as(
-    fine: &SpringNetwork,
+    fine: &DiscreteModel,
     frame: LocalFrame,
     rest: Vec<DVec3>,
     masses: Vec<f64>,
     springs: Vec<Spring>,
-) -> SpringNetwork {
+) -> DiscreteModel {
     // One κ_d for springs of any length makes meshes of any fineness alike only by its share of
     // their stiffness.
     let total: f64 = fine.springs.iter().map(|s| s.stiffness).sum();
@@ -308,8 +315,8 @@ fn damped_as(
         true => fine.damping * fine.springs.len() as f64 / total,
         false => 0.0,
     };
-    SpringNetwork {
-        rest,
+    DiscreteModel {
+        rest_positions: rest,
         masses,
         springs,
         damping: 0.0,
@@ -317,18 +324,18 @@ fn damped_as(
         damping_kind: fine.damping_kind,
         frame,
         length_unit: fine.length_unit,
-        ..SpringNetwork::default()
+        ..DiscreteModel::default()
     }
 }
 
 /// Tets over the cells, and springs along their edges; of a body of elements the tets are some too.
 ///
 /// A cell of five tets has each edge of the cell, and one diagonal of each face. With κ of the
-/// edges as [`isotropic`] has them, shared by four cells, and κ of the diagonals doubled, for
+/// edges as [`isotropic_stiffness`] has them, shared by four cells, and κ of the diagonals doubled, for
 /// there is one in place of two, and shared by two cells, full cells are as stiff in all
 /// directions.
-fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwork)> {
-    let held = |c: [usize; 3]| cells.content(c.map(|n| n as i64)).held;
+fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, DiscreteModel)> {
+    let held = |c: [usize; 3]| cells.content(c.map(|n| n as i64)).occupied;
     let Grid { nodes, tets } = grid(cells.count, Split::Five, held)?;
     let place = |n: &[usize; 3]| cells.low + cells.spacing * DVec3::from(n.map(|i| i as f64));
     let mesh = TetMesh {
@@ -338,7 +345,7 @@ fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwor
         ..TetMesh::default()
     };
     let unit = fine.length_unit;
-    let shares = isotropic(cells.spacing * unit, 1.0)?;
+    let shares = isotropic_stiffness(cells.spacing * unit, 1.0)?;
     let mut masses = vec![0.0; mesh.nodes.len()];
     let mut springs: BTreeMap<[u32; 2], f64> = BTreeMap::new();
     let mut elements = Vec::new();
@@ -371,7 +378,7 @@ fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwor
         for [a, b] in edges {
             let (p, q) = (corner(a), corner(b));
             let along = [0, 1, 2].map(|k| q[k] as i64 - p[k] as i64);
-            let kind = STEPS
+            let kind = SPRING_OFFSETS
                 .iter()
                 .position(|s| s.map(i64::abs) == along.map(i64::abs));
             let kappa = kind.map_or(0.0, |k| shares[k]);
@@ -380,7 +387,7 @@ fn lattice(cells: &Cells, fine: &SpringNetwork) -> Result<(TetMesh, SpringNetwor
             *springs.entry([a, b]).or_insert(0.0) += share * kappa * content.young;
         }
     }
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let rest: Vec<DVec3> = mesh
         .nodes
         .iter()
@@ -411,7 +418,7 @@ fn element(
     mesh: &TetMesh,
     tet: [u32; 4],
     [mu, lambda]: [f64; 2],
-    fine: &SpringNetwork,
+    fine: &DiscreteModel,
 ) -> Result<Element> {
     let young = mu * (3.0 * lambda + 2.0 * mu) / (lambda + mu);
     let poisson = 0.5 * lambda / (lambda + mu);
@@ -425,7 +432,7 @@ fn element(
 
 /// Particles at the corners of the cells: each has an eighth of the mass of the cells around it,
 /// and the mean of their moduli.
-fn particles(cells: &Cells, fine: &SpringNetwork) -> Result<GridModel> {
+fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel> {
     // A layer of particles that the body has not lies around those of the cells.
     let size = cells.count.map(|n| n + 3);
     let total: usize = size.iter().product();
@@ -443,17 +450,17 @@ fn particles(cells: &Cells, fine: &SpringNetwork) -> Result<GridModel> {
         axes: DMat3::IDENTITY,
         origin: cells.low - cells.spacing,
         regions: (0..total)
-            .map(|i| u16::from(around(at(i)).any(|c| c.held)))
+            .map(|i| u16::from(around(at(i)).any(|c| c.occupied)))
             .collect(),
         labels: vec![1],
     };
-    let held = |c: [i64; 3]| cells.content(c).held;
+    let held = |c: [i64; 3]| cells.content(c).occupied;
     // Springs hold only what a cell holds.
     let mut springs = shape.springs();
     for (i, mask) in springs.iter_mut().enumerate() {
         let p = at(i);
         for bit in 0..2 * SPRING_KINDS {
-            let step = STEPS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
+            let step = SPRING_OFFSETS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
             let shared = (0..8i64).any(|k| {
                 let cell = [p[0] - (k & 1), p[1] - (k >> 1 & 1), p[2] - (k >> 2)];
                 let inside = |a: usize| (0..=1).contains(&(p[a] + step[a] - cell[a]));
@@ -470,14 +477,14 @@ fn particles(cells: &Cells, fine: &SpringNetwork) -> Result<GridModel> {
     let body = means.iter().copied().fold(0.0, f64::max);
     let material = Material {
         length_unit: fine.length_unit,
-        ..Material::young(body)
+        ..Material::from_young(body)
     };
     let mut model = GridModel::new(shape, &material)?;
     model.springs = springs;
     model.masses = (0..total)
         .map(|i| around(at(i)).map(|c| c.mass).sum::<f64>() / 8.0)
         .collect();
-    model.factors = means
+    model.stiffness_scales = means
         .iter()
         .map(|k| if body > 0.0 { k / body } else { 0.0 })
         .collect();
@@ -485,7 +492,7 @@ fn particles(cells: &Cells, fine: &SpringNetwork) -> Result<GridModel> {
 }
 
 /// The masses and springs of a grid as a list.
-fn network_of(model: &GridModel, fine: &SpringNetwork) -> SpringNetwork {
+fn network_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
     let (shape, frame, unit) = (&model.shape, model.frame, model.length_unit);
     let offsets = shape.offsets();
     let lengths = shape.rest_lengths();
@@ -495,14 +502,16 @@ fn network_of(model: &GridModel, fine: &SpringNetwork) -> SpringNetwork {
             let j = (i as i64 + offsets[k]) as usize;
             springs.push(Spring {
                 nodes: [i.min(j) as u32, i.max(j) as u32],
-                stiffness: 0.5 * (model.factors[i] + model.factors[j]) * model.stiffness[k],
+                stiffness: 0.5
+                    * (model.stiffness_scales[i] + model.stiffness_scales[j])
+                    * model.stiffness[k],
                 length: lengths[k] * unit,
             });
         }
     }
     springs.sort_unstable_by_key(|s| s.nodes);
     let rest = (0..shape.regions.len())
-        .map(|i| (shape.place(i) - frame.origin) * unit)
+        .map(|i| (shape.rest_position(i) - frame.origin) * unit)
         .collect();
     damped_as(fine, frame, rest, model.masses.clone(), springs)
 }

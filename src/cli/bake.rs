@@ -1,7 +1,7 @@
 //! `palpate bake COARSE FINE`: the normal map that makes a coarse surface look like a fine one.
 
 use super::mesh::write_report;
-use super::{Outcome, flags, print_json, tell};
+use super::{Outcome, flags, print_json, print_notes};
 use clap::Args;
 use palpate::mesh::TriMesh;
 use palpate::skin::{self, BakeReport};
@@ -50,7 +50,7 @@ pub fn run(arguments: &BakeArguments) -> anyhow::Result<Outcome> {
     if let Some(path) = &arguments.report {
         write_report(path, &report)?;
     }
-    tell(&notes(&report));
+    print_notes(&notes(&report));
     if arguments.json {
         print_json(&report)?;
     }
@@ -58,14 +58,14 @@ pub fn run(arguments: &BakeArguments) -> anyhow::Result<Outcome> {
 }
 
 fn read(path: &Path) -> palpate::Result<TriMesh> {
-    if io::kind(path)? != io::Kind::Surface {
+    if io::detect_kind(path)? != io::Kind::Surface {
         return Err(Error::format(
             path,
             "is no surface; `palpate mesh` makes one of a volume or a tet mesh",
         ));
     }
     let surface = io::read_surface(path)?;
-    tell(&surface.notes);
+    print_notes(&surface.notes);
     Ok(surface)
 }
 

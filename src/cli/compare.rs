@@ -2,7 +2,7 @@
 
 use super::{Outcome, print_json};
 use clap::Args;
-use palpate::render::{Difference, Image};
+use palpate::render::{Image, ImageDifference};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -29,11 +29,11 @@ pub struct CompareArguments {
 
 /// Compares two pictures: exit code 0 within the tolerances, 1 past them.
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
-    let a = Image::open(&arguments.a)?;
-    let b = Image::open(&arguments.b)?;
-    let difference = Difference::between(&a, &b)?;
+    let a = Image::read_for_comparison(&arguments.a)?;
+    let b = Image::read_for_comparison(&arguments.b)?;
+    let difference = ImageDifference::between(&a, &b)?;
     if let Some(path) = &arguments.diff {
-        Difference::picture(&a, &b, 16.0)?.save(path)?;
+        ImageDifference::difference_image(&a, &b, 16.0)?.save(path)?;
     }
     let same = difference.within(arguments.rmse / 255.0, arguments.percentile / 255.0);
     if arguments.json {
@@ -45,5 +45,9 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
             if same { "same" } else { "different" }
         )?;
     }
-    Ok(if same { Outcome::Done } else { Outcome::No })
+    Ok(if same {
+        Outcome::Done
+    } else {
+        Outcome::Negative
+    })
 }

@@ -1,7 +1,7 @@
 //! `palpate convert A B`: a mesh or a surface in another format.
 
 use super::mesh::is_surface;
-use super::{Outcome, print_json, tell};
+use super::{Outcome, print_json, print_notes};
 use clap::Args;
 use palpate::io::{self, Kind, MeshFormat};
 use palpate::scene::write_pieces;
@@ -47,11 +47,11 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
             refuse_others(input)?;
             let mesh = io::read(input)?;
             let mut notes = mesh.repairs.warnings.clone();
-            tell(&notes);
+            print_notes(&notes);
             match format {
                 Some(format) => {
                     let left_out = io::write_as(output, &mesh, format, arguments.text)?;
-                    tell(&left_out);
+                    print_notes(&left_out);
                     notes.extend(left_out);
                 }
                 None => write_pieces(output, &mesh, arguments.pieces.unwrap_or(1))?,
@@ -74,7 +74,7 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
 /// The format that a name means; none for one of so many pieces.
 pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat>> {
     match pieces {
-        None => MeshFormat::of(path).map(Some),
+        None => MeshFormat::from_extension(path).map(Some),
         Some(_) if io::is_pieces(path) => Ok(None),
         Some(_) => Err(Error::Input(format!(
             "{}: --pieces writes files beside an index, which is called .pvtu; name that",
@@ -92,7 +92,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
             output.display()
         )));
     }
-    if io::kind(input)? != Kind::Surface {
+    if io::detect_kind(input)? != Kind::Surface {
         return Err(Error::format(
             input,
             format!(
@@ -118,7 +118,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
             fields.join(", ")
         ));
     }
-    tell(&notes);
+    print_notes(&notes);
     io::write_surface(output, &surface)?;
     Ok(json!({
         "output": output.to_string_lossy(),
@@ -130,7 +130,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
 
 /// Says what to do with a file that holds no mesh.
 fn refuse_others(input: &Path) -> Result<()> {
-    let what = match io::kind(input)? {
+    let what = match io::detect_kind(input)? {
         Kind::Mesh => return Ok(()),
         Kind::Surface => "a surface, which has no tets",
         Kind::Volume => "a volume",

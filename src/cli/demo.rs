@@ -1,12 +1,12 @@
 //! `palpate demo`: the limb phantom bends under load, its bones visible inside, and a fingertip presses
 //! on it.
 
-use super::{Outcome, print_json, progress, tell};
+use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::io::PvdSeries;
-use palpate::press::Wanted;
-use palpate::render::{Background, Film, Image};
+use palpate::press::PressOptions;
+use palpate::render::{Animation, Background, Image};
 use palpate::scene::{Scene, Stage};
 use palpate::{Error, Result};
 use serde_json::json;
@@ -51,12 +51,12 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     scene.mesh.tets = Some(arguments.tets);
     scene.picture.size = Some(arguments.size);
     scene.picture.transfer = Some(TRANSFER.to_owned());
-    tell(&[
+    print_notes(&[
         format!("drawing on {}", gpu.adapter_name()),
         format!("generating a limb phantom of about {} tets", arguments.tets),
     ]);
     let mut stage = Stage::new(gpu, &scene)?;
-    tell(&[format!(
+    print_notes(&[format!(
         "{} tets, {} nodes; bending it under a load at the fingertips, {} frames",
         stage.mesh().tets.len(),
         stage.mesh().nodes.len(),
@@ -64,13 +64,13 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     )]);
     stage.save(out.join("rest.png"))?;
     let mut series = PvdSeries::create(out, "bend")?;
-    stage.push(&mut series)?;
+    stage.write_frame(&mut series)?;
     let mut pictures = vec![stage.image()?];
     let steps = stage.steps();
-    progress::over("frames", u64::from(arguments.frames), |bar| -> Result<()> {
+    progress::with_bar("frames", u64::from(arguments.frames), |bar| -> Result<()> {
         for _ in 0..arguments.frames {
             stage.run(steps, &mut |_| {})?;
-            stage.push(&mut series)?;
+            stage.write_frame(&mut series)?;
             pictures.push(stage.image()?);
             bar.inc(1);
         }
@@ -78,15 +78,15 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     })?;
     stage.save(out.join("bent.png"))?;
     save_film(&out.join("bend.gif"), &pictures)?;
-    tell(&[format!(
+    print_notes(&[format!(
         "{0}/rest.png, {0}/bent.png, {0}/bend.gif, and {0}/bend.pvd for ParaView",
         out.display()
     )]);
     let pressed = out.join("press");
     std::fs::create_dir_all(&pressed).map_err(Error::io(&pressed))?;
     scene.mesh.tets = Some((arguments.tets / COARSER).max(LEAST));
-    tell(&["pressing on the forearm with a fingertip".into()]);
-    let report = super::press::press(gpu, &scene, &Wanted::default(), &pressed)?;
+    print_notes(&["pressing on the forearm with a fingertip".into()]);
+    let report = super::press::press(gpu, &scene, &PressOptions::default(), &pressed)?;
     if arguments.json {
         print_json(&json!({
             "adapter": gpu.adapter_name(),
@@ -104,7 +104,7 @@ fn save_film(path: &std::path::Path, pictures: &[Image]) -> Result<()> {
     let Some(first) = pictures.first() else {
         return Ok(());
     };
-    let mut film = Film::create(path, first.size, FPS)?;
+    let mut film = Animation::create(path, first.size, FPS)?;
     let back = pictures.iter().rev().skip(1);
     for picture in pictures.iter().chain(back) {
         film.push(picture, Background::Black)?;

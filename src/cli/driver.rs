@@ -1,7 +1,7 @@
 //! What graphics drivers and their layers print while an adapter is looked for: Mesa's layer that
 //! chooses devices asks Wayland, and libwayland complains on standard error where there is no desktop.
 
-use super::tell;
+use super::print_notes;
 use palpate::Result;
 use palpate::gpu::Gpu;
 
@@ -25,7 +25,7 @@ pub fn heard<T>(adapter: Option<&str>, work: impl FnOnce() -> Result<T>) -> Resu
         let lines: Vec<String> = lines
             .map(|line| format!("the graphics driver says: {line}"))
             .collect();
-        tell(&lines);
+        print_notes(&lines);
     }
     done
 }

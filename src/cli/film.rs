@@ -1,13 +1,13 @@
 //! Films of the frames that a command draws, and the way of the camera round the body.
 
 use clap::Args;
-use palpate::render::{Camera, Film};
+use palpate::render::{Animation, Camera};
 use palpate::scene::Stage;
 use std::path::PathBuf;
 
 /// Flags of a film.
 #[derive(Args, Clone, Debug, Default)]
-pub struct FilmFlags {
+pub struct AnimationFlags {
     /// Makes a film of all frames: .gif, or .mp4 by the installed program ffmpeg. Of `render`, of
     /// what it draws, the camera going round it
     #[arg(long, value_name = "FILE", help_heading = "Film")]
@@ -40,21 +40,21 @@ fn angle(text: &str) -> Result<f64, String> {
     }
 }
 
-impl FilmFlags {
+impl AnimationFlags {
     /// Whether a film is asked for.
-    pub fn is_wanted(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         self.film.is_some()
     }
 
     /// The flags for a body that stands still: the camera goes all the way round it where nothing
     /// else is said.
-    pub fn going_round(&self) -> anyhow::Result<FilmFlags> {
-        if self.orbit.is_some() && !self.is_wanted() {
+    pub fn with_full_orbit(&self) -> anyhow::Result<AnimationFlags> {
+        if self.orbit.is_some() && !self.is_requested() {
             anyhow::bail!(
                 "--orbit is the way of the camera in a film, and this is one picture: give --film FILE.gif too"
             );
         }
-        Ok(FilmFlags {
+        Ok(AnimationFlags {
             orbit: self.orbit.or(Some(360.0)),
             ..self.clone()
         })
@@ -63,35 +63,35 @@ impl FilmFlags {
     /// Refuses what cannot be written, before the work.
     pub fn check(&self) -> palpate::Result<()> {
         match &self.film {
-            Some(path) => Film::check(path, self.fps),
+            Some(path) => Animation::check(path, self.fps),
             None => Ok(()),
         }
     }
 
     /// Begins the film of the pictures of `stage`, if one is asked for.
-    pub fn begin(&self, stage: &Stage) -> palpate::Result<Option<Film>> {
+    pub fn start(&self, stage: &Stage) -> palpate::Result<Option<Animation>> {
         let film = self.film.as_ref();
-        film.map(|path| Film::create(path, stage.size(), self.fps))
+        film.map(|path| Animation::create(path, stage.size(), self.fps))
             .transpose()
     }
 
     /// Leaves room for the body all round, if the camera is to go there.
     pub fn frame(&self, stage: &mut Stage, also: &[palpate::glam::DVec3]) -> palpate::Result<()> {
         match self.orbit {
-            Some(_) => stage.frame_all_round(also),
+            Some(_) => stage.fit_orbit(also),
             None if also.is_empty() => Ok(()),
-            None => stage.frame(also),
+            None => stage.fit_view(also),
         }
     }
 
     /// The camera after a `share` of the way from where it `starts`.
     pub fn camera(&self, starts: &Camera, share: f64) -> Camera {
-        starts.turned(self.orbit.unwrap_or(0.0) * share)
+        starts.orbited(self.orbit.unwrap_or(0.0) * share)
     }
 }
 
 /// Ends a film, unless nothing came into it.
-pub fn end(film: Option<Film>, frames: bool) -> palpate::Result<()> {
+pub fn finish(film: Option<Animation>, frames: bool) -> palpate::Result<()> {
     match film {
         Some(film) if frames => film.finish(),
         _ => Ok(()),

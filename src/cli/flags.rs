@@ -2,7 +2,7 @@
 
 use clap::Args;
 use palpate::annotate::Axes;
-use palpate::physics::{EngineChoice, MaterialModel, VolumeModel};
+use palpate::physics::{EngineChoice, MaterialModel, VolumetricFormulation};
 use palpate::render::{Isosurface, Light};
 use palpate::scene::{IsosurfaceEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
@@ -202,7 +202,7 @@ pub struct SceneFlags {
     /// What neo-hookean and corotated measure changes of volume on: per-tet, or averaged, which
     /// does not lock where Poisson's ratio nears 1/2 [default: per-tet]
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
-    pub volume: Option<VolumeModel>,
+    pub volume: Option<VolumetricFormulation>,
     /// Density in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -262,8 +262,8 @@ impl SceneFlags {
             // That of the scene's own field.
             scene.picture.range = None;
         }
-        over(given.field, &mut scene.picture.field);
-        over(given.rest, &mut scene.mesh.rest);
+        override_with(given.field, &mut scene.picture.field);
+        override_with(given.rest, &mut scene.mesh.rest);
         if !given.scan.is_empty() {
             let entry = |file: &PathBuf| ScanEntry {
                 file: file.clone(),
@@ -272,78 +272,78 @@ impl SceneFlags {
             scene.scan = given.scan.iter().map(entry).collect();
         }
         if let Some(first) = scene.scan.first_mut() {
-            over(given.range.map(|r| r.0), &mut first.range);
-            over(given.transfer.clone(), &mut first.transfer);
+            override_with(given.range.map(|r| r.0), &mut first.range);
+            override_with(given.transfer.clone(), &mut first.transfer);
         }
-        over(given.range.map(|r| r.0), &mut scene.picture.range);
+        override_with(given.range.map(|r| r.0), &mut scene.picture.range);
         if !given.write_fields.is_empty() {
             scene.output.fields = given.write_fields;
         }
-        over(given.transfer, &mut scene.picture.transfer);
-        over(given.size, &mut scene.picture.size);
-        over(given.mode, &mut scene.picture.mode);
-        over(given.walk, &mut scene.picture.walk);
-        over(given.energy, &mut scene.xray.energy);
-        over(given.background, &mut scene.picture.background);
-        over(given.light, &mut scene.light.from);
-        over(given.shadows, &mut scene.light.shadows);
-        self.add_inside(&mut scene);
+        override_with(given.transfer, &mut scene.picture.transfer);
+        override_with(given.size, &mut scene.picture.size);
+        override_with(given.mode, &mut scene.picture.mode);
+        override_with(given.walk, &mut scene.picture.walk);
+        override_with(given.energy, &mut scene.xray.energy);
+        override_with(given.background, &mut scene.picture.background);
+        override_with(given.light, &mut scene.light.from);
+        override_with(given.shadows, &mut scene.light.shadows);
+        self.add_sections(&mut scene);
         scene.picture.hide.extend(given.hide);
-        over(given.quality, &mut scene.picture.quality);
-        over(given.layers, &mut scene.picture.layers);
-        over(given.bits, &mut scene.picture.bits);
-        over(given.samples, &mut scene.picture.samples);
-        over(given.legend.then_some(true), &mut scene.picture.legend);
+        override_with(given.quality, &mut scene.picture.quality);
+        override_with(given.layers, &mut scene.picture.layers);
+        override_with(given.bits, &mut scene.picture.bits);
+        override_with(given.samples, &mut scene.picture.samples);
+        override_with(given.legend.then_some(true), &mut scene.picture.legend);
         let bar = given.scale_bar.then_some(true);
-        over(bar, &mut scene.picture.scale_bar);
-        over(given.axes, &mut scene.picture.axes);
-        over(given.title, &mut scene.picture.title);
-        over(given.time.then_some(true), &mut scene.picture.time);
+        override_with(bar, &mut scene.picture.scale_bar);
+        override_with(given.axes, &mut scene.picture.axes);
+        override_with(given.title, &mut scene.picture.title);
+        override_with(given.time.then_some(true), &mut scene.picture.time);
         if given.fov.is_some() {
             scene.camera.orthographic = None;
         }
         if given.orthographic.is_some() {
             scene.camera.fov = None;
         }
-        over(given.fov, &mut scene.camera.fov);
-        over(given.orthographic, &mut scene.camera.orthographic);
+        override_with(given.fov, &mut scene.camera.fov);
+        override_with(given.orthographic, &mut scene.camera.orthographic);
         for body in &mut scene.body {
             body.solver = body.solver.take().filter(|_| given.solver.is_none());
             body.engine = body.engine.filter(|_| given.engine.is_none());
         }
-        over(given.solver, &mut scene.solver.name);
-        over(given.engine, &mut scene.solver.engine);
-        over(given.dt, &mut scene.solver.dt);
-        over(given.steps, &mut scene.solver.steps);
+        override_with(given.solver, &mut scene.solver.name);
+        override_with(given.engine, &mut scene.solver.engine);
+        override_with(given.dt, &mut scene.solver.dt);
+        override_with(given.steps, &mut scene.solver.steps);
         let of_bodies = scene.body.iter_mut();
         let of_bodies = of_bodies.filter_map(|body| body.material.as_mut());
         for material in of_bodies.chain([&mut scene.material]) {
             if given.young.is_some() {
                 material.stiffness = None;
             }
-            over(given.stiffness, &mut material.stiffness);
-            over(given.material, &mut material.model);
-            over(given.young, &mut material.young);
-            over(given.poisson, &mut material.poisson);
-            over(given.volume, &mut material.volume);
-            over(given.density, &mut material.density);
+            override_with(given.stiffness, &mut material.stiffness);
+            override_with(given.material, &mut material.model);
+            override_with(given.young, &mut material.young);
+            override_with(given.poisson, &mut material.poisson);
+            override_with(given.volume, &mut material.volume);
+            override_with(given.density, &mut material.density);
             if given.damping.is_some() {
                 (material.damping_ratio, material.damping_hz) = (None, None);
             }
             if given.damping_ratio.is_some() {
                 material.damping = None;
             }
-            over(given.damping, &mut material.damping);
-            over(given.damping_ratio, &mut material.damping_ratio);
-            over(given.damping_hz, &mut material.damping_hz);
+            override_with(given.damping, &mut material.damping);
+            override_with(given.damping_ratio, &mut material.damping_ratio);
+            override_with(given.damping_hz, &mut material.damping_hz);
         }
         for mesh in scene.body.iter_mut().map(|body| &mut body.mesh) {
-            over(given.unit.clone(), &mut mesh.unit);
-            over(given.tets.filter(|_| mesh.tets.is_some()), &mut mesh.tets);
+            override_with(given.unit.clone(), &mut mesh.unit);
+            override_with(given.tets.filter(|_| mesh.tets.is_some()), &mut mesh.tets);
         }
         if scene.body.is_empty() {
-            over(given.unit, &mut scene.mesh.unit);
-            over(given.tets, &mut scene.mesh.tets);
+            override_with(given.unit, &mut scene.mesh.unit);
+            override_with(given.tets, &mut scene.mesh.tets);
         }
         Ok(scene)
     }
@@ -351,7 +351,7 @@ impl SceneFlags {
 
 impl SceneFlags {
     /// Adds planes and isosurfaces to those of the scene.
-    fn add_inside(&self, scene: &mut Scene) {
+    fn add_sections(&self, scene: &mut Scene) {
         let mut add = |given: &[Six], rest: bool, put: fn(&mut PlaneEntry, [f64; 6])| {
             for six in given {
                 let mut entry = PlaneEntry {
@@ -390,7 +390,7 @@ fn hex(colour: [f64; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-fn over<T>(given: Option<T>, place: &mut Option<T>) {
+fn override_with<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
     }

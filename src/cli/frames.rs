@@ -20,7 +20,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
     film.check()?;
     if film.orbit.is_some() {
         anyhow::bail!(
-            "--orbit needs to know how many frames there will be, and a pipe does not tell; leave it out"
+            "--orbit needs to know how many frames there will be, and a pipe does not print_notes; leave it out"
         );
     }
     let name = match pipe.as_os_str() == DASH {
@@ -57,8 +57,8 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
             frames.nodes()
         );
     }
-    super::tell(stage.notes());
-    let mut film = film.begin(&stage)?;
+    super::print_notes(stage.notes());
+    let mut film = film.start(&stage)?;
     let mut count = 0;
     let mut before = f64::NEG_INFINITY;
     let drawn = loop {
@@ -68,8 +68,8 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
             // What came is kept.
             Err(e) => break Err(e),
         };
-        stage.pose(&places)?;
-        stage.tell_time(FrameTime {
+        stage.set_positions(&places)?;
+        stage.set_displayed_time(FrameTime {
             seconds: time,
             resolution: time - before,
         });
@@ -82,12 +82,12 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
         }
         count += 1;
     };
-    super::film::end(film, count > 0)?;
+    super::film::finish(film, count > 0)?;
     drawn?;
     if count == 0 {
         anyhow::bail!("{}: it ended before the first frame", name.display());
     }
-    super::tell(&[format!("{count} frames drawn")]);
+    super::print_notes(&[format!("{count} frames drawn")]);
     if arguments.json() {
         super::print_json(&serde_json::json!({ "frames": count }))?;
     }

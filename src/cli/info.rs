@@ -3,7 +3,7 @@
 use super::{Outcome, print_json};
 use clap::Args;
 use palpate::io::{self, Kind};
-use palpate::mesh::{Description, SurfaceDescription};
+use palpate::mesh::{MeshDescription, SurfaceDescription};
 use palpate::volume::VolumeDescription;
 use std::fmt::Display;
 use std::io::Write;
@@ -23,13 +23,13 @@ pub struct InfoArguments {
 /// Prints the description of what the file holds.
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<Outcome> {
     let file = &arguments.file;
-    match io::kind(file)? {
+    match io::detect_kind(file)? {
         Kind::Volume => print(&VolumeDescription::new(&io::read_volume(file)?), arguments),
         Kind::Surface => print(
             &SurfaceDescription::new(&io::read_surface(file)?),
             arguments,
         ),
-        Kind::Mesh => print(&Description::new(&io::read(file)?), arguments),
+        Kind::Mesh => print(&MeshDescription::new(&io::read(file)?), arguments),
     }
 }
 

@@ -1,10 +1,12 @@
 //! `palpate mesh`: scans, segmentations and surfaces to tets; surfaces out of them.
 
 use super::convert::format_of;
-use super::{Outcome, print_json, progress, tell};
+use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
 use palpate::mesh::SurfaceDescription;
-use palpate::mesher::{Labels, Length, MadeRegion, Recipe, RecipeReport, Size, Window};
+use palpate::mesher::{
+    Labels, Length, MeshingConfig, RecipeReport, RegionSummary, TargetSize, ThresholdRange,
+};
 use palpate::scene::{Unit, write_pieces};
 use palpate::{Error, io};
 use std::path::{Path, PathBuf};
@@ -34,7 +36,7 @@ pub struct MeshArguments {
         allow_hyphen_values = true,
         value_name = "[NAME=]VALUE"
     )]
-    above: Vec<Window>,
+    above: Vec<ThresholdRange>,
     /// A region of the values in a range: [NAME=]LOW..HIGH
     #[arg(
         long,
@@ -42,7 +44,7 @@ pub struct MeshArguments {
         allow_hyphen_values = true,
         value_name = "[NAME=]LOW..HIGH"
     )]
-    between: Vec<Window>,
+    between: Vec<ThresholdRange>,
     /// Smallest volume of a piece of a region that is kept, in cubic units of the input (mm³ for
     /// volumes)
     #[arg(long, help_heading = "Regions")]
@@ -106,7 +108,7 @@ fn pair(text: &str) -> Result<[String; 2], String> {
 }
 
 impl MeshArguments {
-    fn recipe(&self) -> palpate::Result<Recipe> {
+    fn recipe(&self) -> palpate::Result<MeshingConfig> {
         let unit = match &self.unit {
             None => None,
             Some(unit) => Some(Unit::Name(unit.clone()).metres()?),
@@ -127,20 +129,20 @@ impl MeshArguments {
                 Some((name, file)) => (name.to_owned(), PathBuf::from(file)),
                 None => ("intensity".to_owned(), PathBuf::from(text)),
             });
-        Ok(Recipe {
+        Ok(MeshingConfig {
             input: self.input.clone(),
             labels: self.labels.clone(),
             above: self.above.clone(),
             between: self.between.clone(),
             size: match (self.edge, self.tets) {
-                (Some(edge), _) => Some(Size::Edge(edge)),
-                (None, tets) => tets.map(Size::Tets),
+                (Some(edge), _) => Some(TargetSize::Edge(edge)),
+                (None, tets) => tets.map(TargetSize::Tets),
             },
             grading: Some(self.grading),
             min_island: self.min_island,
             unit,
             intensities: intensities.collect(),
-            part: self.part.clone(),
+            split_interfaces: self.part.clone(),
             tetgen,
         })
     }
@@ -170,7 +172,7 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     }
     // Before the work: a name that cannot be written is known to be one.
     let format = format_of(&arguments.out, arguments.pieces)?;
-    let made = progress::stages(|progress| recipe.mesh(progress))?;
+    let made = progress::with_stages(|progress| recipe.mesh(progress))?;
     let left_out = match (format, arguments.pieces) {
         (None, Some(pieces)) => {
             write_pieces(&arguments.out, &made.mesh, pieces)?;
@@ -178,9 +180,9 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
         }
         _ => io::write(&arguments.out, &made.mesh)?,
     };
-    tell(&made.notes);
-    tell(&left_out);
-    tell(&summary(&made.report));
+    print_notes(&made.notes);
+    print_notes(&left_out);
+    print_notes(&summary(&made.report));
     if let Some(path) = &arguments.report {
         write_report(path, &made.report)?;
     }
@@ -191,12 +193,13 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
 }
 
 /// Writes a surface instead of tets.
-fn surface(arguments: &MeshArguments, recipe: &Recipe) -> anyhow::Result<Outcome> {
-    let surface = progress::stages(|progress| recipe.surface(arguments.smooth, progress))?;
+fn surface(arguments: &MeshArguments, recipe: &MeshingConfig) -> anyhow::Result<Outcome> {
+    let surface =
+        progress::with_stages(|progress| recipe.extract_surface(arguments.smooth, progress))?;
     io::write_surface(&arguments.out, &surface)?;
     let description = SurfaceDescription::new(&surface);
-    tell(&surface.notes);
-    tell(&[format!(
+    print_notes(&surface.notes);
+    print_notes(&[format!(
         "{} vertices, {} triangles, {}, area {:.1}, volume {:.1}",
         description.vertices,
         description.triangles,
@@ -253,7 +256,7 @@ fn summary(report: &RecipeReport) -> Vec<String> {
     let Some(mesher) = &report.mesher else {
         return lines;
     };
-    let lost = |r: &&MadeRegion| r.input_volume.is_some_and(|v| r.volume < (1.0 - LOST) * v);
+    let lost = |r: &&RegionSummary| r.input_volume.is_some_and(|v| r.volume < (1.0 - LOST) * v);
     let thin: Vec<String> = report
         .regions
         .iter()

@@ -97,7 +97,7 @@ pub enum Outcome {
     /// All is well.
     Done,
     /// The question asked has the answer no: exit code 1, without an error message.
-    No,
+    Negative,
 }
 
 /// The command with all subcommands and flags.
@@ -112,18 +112,18 @@ pub fn main() -> ExitCode {
     QUIET.store(arguments.quiet, Ordering::Relaxed);
     match run(&arguments) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::No) => ExitCode::FAILURE,
+        Ok(Outcome::Negative) => ExitCode::FAILURE,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Nothing is left to tell it to if standard error is closed too.
-            let _ = writeln!(std::io::stderr(), "palpate: {}", told(&error));
+            let _ = writeln!(std::io::stderr(), "palpate: {}", error_chain(&error));
             ExitCode::FAILURE
         }
     }
 }
 
 /// The error with its causes, each that is not said already by the one above it.
-fn told(error: &anyhow::Error) -> String {
+fn error_chain(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
         let cause = cause.to_string();
@@ -168,7 +168,7 @@ fn print_json(report: &impl serde::Serialize) -> anyhow::Result<()> {
 }
 
 /// Tells the user something beside the result, on standard error, unless `--quiet` is given.
-fn tell(notes: &[String]) {
+fn print_notes(notes: &[String]) {
     if is_quiet() {
         return;
     }

@@ -6,8 +6,8 @@ use clap::Args;
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
-use palpate::press::{MapWanted, Press, PressReport, Sample, Wanted};
-use palpate::render::{Background, Film};
+use palpate::press::{MapOptions, Press, PressOptions, PressReport, PressSample};
+use palpate::render::{Animation, Background};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
 use std::io::Write;
@@ -75,7 +75,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     let scene = arguments.scene.scene(&arguments.input)?;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     if let Some(points) = arguments.map {
-        let wanted = MapWanted {
+        let wanted = MapOptions {
             points,
             radius: arguments.radius,
             depth: arguments.depth,
@@ -86,7 +86,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
         }
         return Ok(Outcome::Done);
     }
-    let wanted = Wanted {
+    let wanted = PressOptions {
         at: arguments.at.map(|t| DVec3::from(t.0)),
         pick: arguments.pick.map(|p| p.0),
         radius: arguments.radius,
@@ -102,11 +102,16 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
 
 /// Presses on the body of `scene` and leaves pictures, a film, a series and what was measured in
 /// `out`, which exists.
-pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::Result<PressReport> {
-    let mut press = progress::during("preparing", || Press::new(gpu, scene, wanted))?;
-    super::tell(press.notes());
-    let spot = *press.spot();
-    super::tell(&[format!(
+pub fn press(
+    gpu: &Gpu,
+    scene: &Scene,
+    wanted: &PressOptions,
+    out: &Path,
+) -> anyhow::Result<PressReport> {
+    let mut press = progress::with_message("preparing", || Press::new(gpu, scene, wanted))?;
+    super::print_notes(press.notes());
+    let spot = *press.site();
+    super::print_notes(&[format!(
         "pressing at {:.4}, {:.4}, {:.4}, where the body is {:.4} thick, with a fingertip of radius {:.4}",
         spot.point.x,
         spot.point.y,
@@ -115,19 +120,19 @@ pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::R
         press.radius()
     )]);
     press.stage().save(out.join("rest.png"))?;
-    press.cut_through()?;
+    press.clip_at_press()?;
     // That of an earlier press would be taken for this one's.
     match std::fs::remove_file(out.join("pressed.png")) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(out)(e).into()),
         _ => {}
     }
     let mut series = PvdSeries::create(out, "press")?;
-    let mut film = Film::create(out.join("press.gif"), press.stage().size(), FPS)?;
+    let mut film = Animation::create(out.join("press.gif"), press.stage().size(), FPS)?;
     let mut seconds = 0.0;
-    press.stage().push(&mut series)?;
+    press.stage().write_frame(&mut series)?;
     film.push(&press.stage().image()?, Background::Black)?;
     let steps = u64::from(press.steps());
-    let ended = progress::over("pressing", steps, |bar| -> Result<Option<Error>> {
+    let ended = progress::with_bar("pressing", steps, |bar| -> Result<Option<Error>> {
         loop {
             let start = Instant::now();
             let sample = match press.advance() {
@@ -139,9 +144,9 @@ pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::R
             let Some(sample) = sample else {
                 return Ok(None);
             };
-            press.stage().push(&mut series)?;
+            press.stage().write_frame(&mut series)?;
             film.push(&press.stage().image()?, Background::Black)?;
-            if press.is_deepest() {
+            if press.at_max_depth() {
                 press.stage().save(out.join("pressed.png"))?;
             }
             bar.detail(format!("{:.3} N", sample.force_n));
@@ -164,13 +169,13 @@ pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::R
             out.display()
         );
     }
-    if press.falls_short() {
-        super::tell(&[
+    if press.force_not_reached() {
+        super::print_notes(&[
             "the force was not reached at half of the thickness, where the fingertip turned back"
                 .into(),
         ]);
     }
-    super::tell(&[
+    super::print_notes(&[
         format!(
             "{:.4} N at {:.3} mm; stiffness {:.4} N/m; as a half space of {:.4e} Pa would by Hertz; {seconds:.1} s",
             report.max_force_n,
@@ -186,7 +191,7 @@ pub fn press(gpu: &Gpu, scene: &Scene, wanted: &Wanted, out: &Path) -> anyhow::R
     Ok(report)
 }
 
-fn write_samples(path: &Path, samples: &[Sample]) -> Result<()> {
+fn write_samples(path: &Path, samples: &[PressSample]) -> Result<()> {
     atomic_write(path, |file| {
         let mut text = String::from("time_s,phase,depth_m,force_n\n");
         for s in samples {
@@ -198,8 +203,8 @@ fn write_samples(path: &Path, samples: &[Sample]) -> Result<()> {
 
 /// Force against depth, and what Hertz would have.
 #[cfg(feature = "study")]
-fn draw_chart(out: &Path, samples: &[Sample], report: &PressReport) -> Result<()> {
-    use palpate::study::{Axis, Chart, Look, Series};
+fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Result<()> {
+    use palpate::study::{Axis, Chart, Series, SeriesStyle};
     let of = |phase: &str| {
         let own = samples.iter().filter(|s| s.phase == phase);
         let points = own.map(|s| [1e3 * s.depth_m, s.force_n]);
@@ -217,11 +222,11 @@ fn draw_chart(out: &Path, samples: &[Sample], report: &PressReport) -> Result<()
         x: Axis::linear("depth, mm"),
         y: Axis::linear("force, N"),
         series: vec![
-            Series::new("going in", Look::LineMarks, of("load")),
-            Series::new("letting go", Look::LineMarks, of("unload")),
+            Series::new("going in", SeriesStyle::LineMarks, of("load")),
+            Series::new("letting go", SeriesStyle::LineMarks, of("unload")),
             Series::new(
                 format!("Hertz, {:.3e} Pa", report.hertz_young_pa),
-                Look::Dashed,
+                SeriesStyle::Dashed,
                 (0..=40).map(hertz).collect(),
             ),
         ],
@@ -231,6 +236,6 @@ fn draw_chart(out: &Path, samples: &[Sample], report: &PressReport) -> Result<()
 
 /// Charts are of the feature `study`.
 #[cfg(not(feature = "study"))]
-fn draw_chart(_: &Path, _: &[Sample], _: &PressReport) -> Result<()> {
+fn draw_chart(_: &Path, _: &[PressSample], _: &PressReport) -> Result<()> {
     Ok(())
 }

@@ -1,9 +1,9 @@
 //! `palpate press --map`: a body pressed at the points of a grid.
 
-use super::{progress, tell};
+use super::{print_notes, progress};
 use palpate::gpu::Gpu;
 use palpate::io::atomic_write;
-use palpate::press::{MapWanted, PressMap, Pressed};
+use palpate::press::{MapOptions, PointResult, PressMap};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// What stands in map.json.
 #[derive(Serialize, Deserialize)]
-pub struct Said {
+pub struct MapMetadata {
     /// Points along the two sides.
     grid: [u32; 2],
     radius: f64,
@@ -29,41 +29,46 @@ pub struct Said {
 }
 
 /// Presses what is left of the map, draws it, and says what stands out; returns what map.json has.
-pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::Result<Said> {
-    let mut map = progress::during("preparing", || PressMap::new(scene, wanted))?;
-    tell(map.notes());
+pub fn run(
+    gpu: &Gpu,
+    scene: &Scene,
+    wanted: &MapOptions,
+    out: &Path,
+) -> anyhow::Result<MapMetadata> {
+    let mut map = progress::with_message("preparing", || PressMap::new(scene, wanted))?;
+    print_notes(map.notes());
     let rows = out.join("map.csv");
     let about = out.join("map.json");
-    if let Some(found) = earlier(&map, &rows, &about)? {
+    if let Some(found) = previous_results(&map, &rows, &about)? {
         let done = found.iter().flatten().count();
-        map.take_over(&found)?;
-        tell(&[format!(
+        map.restore(&found)?;
+        print_notes(&[format!(
             "{done} points were pressed before: {} goes on from there",
             rows.display()
         )]);
     }
     let left = map.points().iter().filter(|p| p.pressed.is_none()).count();
     // First, so that rows are never without what they are of.
-    write_about(&map, wanted, &about)?;
-    progress::over("pressing", left as u64, |bar| {
+    write_metadata(&map, wanted, &about)?;
+    progress::with_bar("pressing", left as u64, |bar| {
         map.measure(gpu, &mut |map| {
             bar.inc(1);
             write_rows(map, &rows)
         })
     })?;
     write_rows(&map, &rows)?;
-    let report = write_about(&map, wanted, &about)?;
+    let report = write_metadata(&map, wanted, &about)?;
     let image = map.image(gpu)?;
     image.save(out.join("map.png"))?;
     let failed = failed(&map);
     if failed > 0 {
-        tell(&[format!(
+        print_notes(&[format!(
             "{failed} points have no stiffness (nan): a step failed there; a smaller --depth or a larger --radius may do"
         )]);
     }
     if let (Some(median), Some(top)) = (map.median(), map.stiffest()) {
         let stiffness = top.stiffness().unwrap_or(median);
-        tell(&[format!(
+        print_notes(&[format!(
             "the stiffest of {} points, {stiffness:.4} N/m, is {:.2} times the median and lies at {:.4}, {:.4}, {:.4}",
             map.points().len(),
             stiffness / median,
@@ -72,7 +77,7 @@ pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::
             top.point.z
         )]);
     }
-    tell(&[format!(
+    print_notes(&[format!(
         "{0}/map.csv, {0}/map.png, {0}/map.json",
         out.display()
     )]);
@@ -80,22 +85,22 @@ pub fn run(gpu: &Gpu, scene: &Scene, wanted: &MapWanted, out: &Path) -> anyhow::
 }
 
 fn failed(map: &PressMap) -> usize {
-    let failed = |p: &&palpate::press::MapPoint| p.pressed == Some(Pressed::Failed);
+    let failed = |p: &&palpate::press::MapPoint| p.pressed == Some(PointResult::Failed);
     map.points().iter().filter(failed).count()
 }
 
 /// What an interrupted map of the same body and settings has found; none where there is no other.
-fn earlier(
+fn previous_results(
     map: &PressMap,
     rows: &Path,
     about: &Path,
-) -> anyhow::Result<Option<Vec<Option<Pressed>>>> {
+) -> anyhow::Result<Option<Vec<Option<PointResult>>>> {
     if !rows.exists() {
         return Ok(None);
     }
     let said = std::fs::read_to_string(about).ok();
-    let said = said.and_then(|text| serde_json::from_str::<Said>(&text).ok());
-    if said.is_none_or(|said| said.mark != mark(map)) {
+    let said = said.and_then(|text| serde_json::from_str::<MapMetadata>(&text).ok());
+    if said.is_none_or(|said| said.mark != fingerprint(map)) {
         anyhow::bail!(
             "{} is a map of another body, or made with other settings; name another folder (--out), or remove it",
             rows.display()
@@ -124,15 +129,15 @@ fn earlier(
             .position(|p| p.point.to_array() == [x, y, z]);
         let k = own.ok_or_else(|| wrong(number))?;
         found[k] = Some(match stiffness.is_finite() {
-            true => Pressed::Stiffness(stiffness),
-            false => Pressed::Failed,
+            true => PointResult::Stiffness(stiffness),
+            false => PointResult::Failed,
         });
     }
     Ok(Some(found))
 }
 
-fn mark(map: &PressMap) -> String {
-    format!("{:016x}", map.mark())
+fn fingerprint(map: &PressMap) -> String {
+    format!("{:016x}", map.fingerprint())
 }
 
 fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
@@ -141,8 +146,8 @@ fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
         for p in map.points() {
             let stiffness = match p.pressed {
                 None => continue,
-                Some(Pressed::Stiffness(found)) => found.to_string(),
-                Some(Pressed::Failed) => "nan".into(),
+                Some(PointResult::Stiffness(found)) => found.to_string(),
+                Some(PointResult::Failed) => "nan".into(),
             };
             let [x, y, z] = p.point.to_array();
             text += &format!("{x},{y},{z},{stiffness}\n");
@@ -151,10 +156,10 @@ fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
     })
 }
 
-fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<Said> {
+fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<MapMetadata> {
     let [radius, depth] = map.radius_and_depth();
     let top = map.stiffest();
-    let said = Said {
+    let said = MapMetadata {
         grid: wanted.points,
         radius,
         depth,
@@ -168,7 +173,7 @@ fn write_about(map: &PressMap, wanted: &MapWanted, path: &Path) -> Result<Said> 
         median_n_per_m: map.median(),
         stiffest_n_per_m: top.and_then(|p| p.stiffness()),
         stiffest_at: top.map(|p| p.point.to_array()),
-        mark: mark(map),
+        mark: fingerprint(map),
     };
     atomic_write(path, |file| {
         let text = serde_json::to_string_pretty(&said);

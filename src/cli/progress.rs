@@ -11,25 +11,25 @@ use std::time::{Duration, Instant};
 /// Time between two lines where standard error is no terminal.
 const INTERVAL: Duration = Duration::from_secs(5);
 /// Thousandths, of which a bar of one named part of the work consists.
-const WHOLE: u64 = 1000;
+const BAR_STEPS: u64 = 1000;
 
 /// What is being done, and how far it is.
-pub struct Progress {
+pub struct ProgressReporter {
     bar: ProgressBar,
     lines: Option<Lines>,
 }
 
-impl Progress {
+impl ProgressReporter {
     /// Says nothing until something takes longer than an interval.
-    fn new(bar: ProgressBar, state: State) -> Progress {
+    fn new(bar: ProgressBar, state: State) -> ProgressReporter {
         if super::is_quiet() {
-            return Progress {
+            return ProgressReporter {
                 bar: ProgressBar::hidden(),
                 lines: None,
             };
         }
         let has_bar = std::io::stderr().is_terminal();
-        Progress {
+        ProgressReporter {
             bar,
             lines: (!has_bar).then(|| Lines::start(state, INTERVAL, to_stderr)),
         }
@@ -60,29 +60,29 @@ impl Progress {
 }
 
 /// Shows a bar over `total` things called `what` while `work` is done.
-pub fn over<T>(what: &'static str, total: u64, work: impl FnOnce(&Progress) -> T) -> T {
+pub fn with_bar<T>(what: &'static str, total: u64, work: impl FnOnce(&ProgressReporter) -> T) -> T {
     let bar = ProgressBar::new(total);
     let template = "{msg} {wide_bar} {pos}/{len} [{elapsed} < {eta}]";
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style);
     }
     bar.set_message(what);
-    let progress = Progress::new(bar, State::new(what, total));
+    let progress = ProgressReporter::new(bar, State::new(what, total));
     let result = work(&progress);
     progress.bar.finish_and_clear();
     result
 }
 
 /// Shows what is being done, by name and fraction, while `work` is.
-pub fn stages<T>(work: impl FnOnce(palpate::Progress) -> T) -> T {
-    let bar = ProgressBar::new(WHOLE);
+pub fn with_stages<T>(work: impl FnOnce(palpate::ProgressFn) -> T) -> T {
+    let bar = ProgressBar::new(BAR_STEPS);
     if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} [{elapsed}]") {
         bar.set_style(style);
     }
-    let progress = Progress::new(bar, State::new("", 0));
+    let progress = ProgressReporter::new(bar, State::new("", 0));
     let result = work(&|what, done| {
         progress.bar.set_message(what.to_owned());
-        progress.bar.set_position((done * WHOLE as f64) as u64);
+        progress.bar.set_position((done * BAR_STEPS as f64) as u64);
         progress.change(|state| {
             state.what = what.to_owned();
             state.share = Some(done);
@@ -94,9 +94,9 @@ pub fn stages<T>(work: impl FnOnce(palpate::Progress) -> T) -> T {
 }
 
 /// Says that `what` is being done, where that takes long.
-pub fn during<T>(what: &str, work: impl FnOnce() -> T) -> T {
+pub fn with_message<T>(what: &str, work: impl FnOnce() -> T) -> T {
     let bar = ProgressBar::hidden();
-    let progress = Progress::new(bar, State::new(what, 0));
+    let progress = ProgressReporter::new(bar, State::new(what, 0));
     let result = work();
     drop(progress);
     result

@@ -1,6 +1,6 @@
 //! `palpate render`: deform, draw one picture.
 
-use super::film::FilmFlags;
+use super::film::AnimationFlags;
 use super::flags::{MeasureFlags, SceneFlags};
 use super::mesh::write_report;
 use super::{Outcome, print_json, progress};
@@ -10,7 +10,7 @@ use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
-use palpate::scene::{Run, STEPS, Stage};
+use palpate::scene::{PlannedRun, STEPS, Stage};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,7 @@ pub struct RenderArguments {
     #[arg(long, value_name = "PIPE", conflicts_with_all = ["pick", "mesh_out", "repeat", "report"])]
     frames_from: Option<PathBuf>,
     #[command(flatten)]
-    film: FilmFlags,
+    film: AnimationFlags,
     /// Frames of the film
     #[arg(
         long,
@@ -70,7 +70,7 @@ impl RenderArguments {
     }
 
     /// Of its film.
-    pub fn film_flags(&self) -> &FilmFlags {
+    pub fn film_flags(&self) -> &AnimationFlags {
         &self.film
     }
 }
@@ -82,9 +82,9 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     }
     if let Some(path) = &arguments.mesh_out {
         // Before the work: a name that cannot be written is known to be one.
-        MeshFormat::of(path)?;
+        MeshFormat::from_extension(path)?;
     }
-    let film = arguments.film.going_round()?;
+    let film = arguments.film.with_full_orbit()?;
     film.check()?;
     let series = super::is_series(&arguments.input)
         .then(|| io::read_pvd(&arguments.input))
@@ -92,60 +92,60 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     let last = series.as_ref().and_then(|frames| frames.last());
     let input = last.map_or(&arguments.input, |frame| &frame.file);
     let mut scene = arguments.scene.scene(input)?;
-    scene.solver.run = Some(Run {
+    scene.solver.run = Some(PlannedRun {
         steps: scene.solver.steps.unwrap_or(STEPS),
-        drawn: false,
+        draws_frames: false,
     });
-    let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
-    super::tell(stage.notes());
+    let mut stage = progress::with_message("preparing", || Stage::new(gpu, &scene))?;
+    super::print_notes(stage.notes());
     if let Some(frame) = last {
         let frames = series.iter().flatten();
         let before = frames.map(|f| f.time).filter(|time| *time < frame.time);
-        stage.tell_time(FrameTime {
+        stage.set_displayed_time(FrameTime {
             seconds: frame.time,
             resolution: frame.time - before.fold(f64::NEG_INFINITY, f64::max),
         });
     }
     let steps = stage.steps();
-    let outcome = progress::over("steps", u64::from(steps), |bar| {
+    let outcome = progress::with_bar("steps", u64::from(steps), |bar| {
         progress::run(&mut stage, steps, &mut |done, iterations| {
             bar.set_position(u64::from(done));
             bar.detail(progress::iterations(iterations));
         })
     });
     if steps > 0 {
-        stage.frame(&[])?;
+        stage.fit_view(&[])?;
     }
     // Also when the simulation failed: its last good state is worth a look.
     if let Some(out) = &arguments.out {
-        progress::during("drawing", || stage.save(out))?;
+        progress::with_message("drawing", || stage.save(out))?;
         let notes = stage.field_note().into_iter();
-        super::tell(&notes.chain(stage.annotation_note(out)).collect::<Vec<_>>());
+        super::print_notes(&notes.chain(stage.annotation_note(out)).collect::<Vec<_>>());
     }
-    if film.is_wanted() {
-        go_round(&mut stage, &film, arguments.frames)?;
+    if film.is_requested() {
+        render_turntable(&mut stage, &film, arguments.frames)?;
     }
     if let Some(path) = &arguments.mesh_out {
-        super::tell(&io::write(path, &stage.deformed_mesh()?)?);
+        super::print_notes(&io::write(path, &stage.deformed_mesh()?)?);
     }
     if let (Err(_), Some(out)) = (&outcome, &arguments.out) {
-        super::tell(&[format!("{} shows the last good state", out.display())]);
+        super::print_notes(&[format!("{} shows the last good state", out.display())]);
     }
     outcome?;
     if let Some(pixel) = arguments.pick {
-        print_json(&picked(&mut stage, pixel)?)?;
+        print_json(&pick_json(&mut stage, pixel)?)?;
     }
     let measure = &arguments.measure;
     if measure.repeat.is_some() || measure.report.is_some() || measure.json {
         let frames = measure.repeat.unwrap_or(1);
-        let report = progress::during("measuring", || stage.measure(frames))?;
+        let report = progress::with_message("measuring", || stage.measure(frames))?;
         if measure.json {
             print_json(&report)?;
         }
         match &measure.report {
             Some(path) => write_report(path, &report)?,
             None if measure.json => {}
-            None => super::tell(&[format!(
+            None => super::print_notes(&[format!(
                 "{:.2} ms a frame, {:.2} ms a step on {}",
                 report.frame_ms,
                 report.step_ms.unwrap_or(0.0),
@@ -157,14 +157,14 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
 }
 
 /// A film of what is drawn, the camera going round it.
-fn go_round(stage: &mut Stage, film: &FilmFlags, frames: u32) -> palpate::Result<()> {
+fn render_turntable(stage: &mut Stage, film: &AnimationFlags, frames: u32) -> palpate::Result<()> {
     let before = *stage.camera_mut();
     film.frame(stage, &[])?;
     let starts = *stage.camera_mut();
-    let Some(mut file) = film.begin(stage)? else {
+    let Some(mut file) = film.start(stage)? else {
         return Ok(());
     };
-    progress::over("frames", u64::from(frames), |bar| -> palpate::Result<()> {
+    progress::with_bar("frames", u64::from(frames), |bar| -> palpate::Result<()> {
         for frame in 0..frames {
             // The last frame is a step before the first, so that the film can begin again.
             let share = f64::from(frame) / f64::from(frames);
@@ -179,7 +179,7 @@ fn go_round(stage: &mut Stage, film: &FilmFlags, frames: u32) -> palpate::Result
 }
 
 /// What is seen at `pixel`, or null.
-fn picked(stage: &mut Stage, pixel: DVec2) -> palpate::Result<Value> {
+fn pick_json(stage: &mut Stage, pixel: DVec2) -> palpate::Result<Value> {
     let Some(pick) = stage.pick(pixel)? else {
         return Ok(Value::Null);
     };

@@ -1,6 +1,6 @@
 //! `palpate completions` and `palpate man`: what shells and the program man know of the commands.
 
-use super::{Outcome, command, tell};
+use super::{Outcome, command, print_notes};
 use clap::Args;
 use clap_complete::Shell;
 use clap_mangen::Man;
@@ -59,6 +59,6 @@ pub fn man(arguments: &ManArguments) -> anyhow::Result<Outcome> {
         let path = folder.join(page.get_filename());
         io::atomic_write(&path, |file| page.render(file).map_err(Error::io(&path)))?;
     }
-    tell(&[format!("{} pages in {}", pages.len(), folder.display())]);
+    print_notes(&[format!("{} pages in {}", pages.len(), folder.display())]);
     Ok(Outcome::Done)
 }

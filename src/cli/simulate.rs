@@ -1,6 +1,6 @@
 //! `palpate simulate`: pictures and meshes of every frame.
 
-use super::film::{self, FilmFlags};
+use super::film::{self, AnimationFlags};
 use super::flags::SceneFlags;
 use super::{Outcome, print_json, progress};
 use clap::Args;
@@ -8,8 +8,8 @@ use glam::DVec3;
 use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
-use palpate::render::{Camera, Film};
-use palpate::scene::{Checkpoint, Motion, ReactionLog, Run, Stage};
+use palpate::render::{Animation, Camera};
+use palpate::scene::{Checkpoint, Motion, PlannedRun, ReactionLog, Stage};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,7 @@ pub struct SimulateArguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    film: FilmFlags,
+    film: AnimationFlags,
     #[command(flatten)]
     scene: SceneFlags,
 }
@@ -49,7 +49,7 @@ pub struct SimulateArguments {
 /// Simulates, or plays a series back, and draws every frame.
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     arguments.film.check()?;
-    if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_wanted() {
+    if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_requested() {
         anyhow::bail!(
             "--no-pictures and --no-meshes leave nothing to write: leave one of them out, or make a film (--film FILE.gif)"
         );
@@ -68,7 +68,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                 arguments.input.display()
             );
         }
-        return play(gpu, arguments);
+        return replay_series(gpu, arguments);
     }
     let name = arguments
         .input
@@ -78,19 +78,19 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         .into_owned();
     let kept = arguments.out.join(format!("{name}.checkpoint"));
     let checkpoint = match arguments.resume {
-        true => read_kept(&kept)?,
+        true => read_checkpoint(&kept)?,
         false => None,
     };
     let mut scene = arguments.scene.scene(&arguments.input)?;
     let steps = scene.solver.steps.unwrap_or(1);
-    let ahead = Run {
+    let ahead = PlannedRun {
         steps: steps.saturating_mul(arguments.frames),
-        drawn: !arguments.no_pictures || arguments.film.is_wanted(),
+        draws_frames: !arguments.no_pictures || arguments.film.is_requested(),
     };
     // What was chosen for the run that is resumed stays, however many frames it is to have now.
     scene.solver.run = checkpoint.as_ref().map_or(Some(ahead), |kept| kept.run());
-    let mut stage = progress::during("preparing", || Stage::new(gpu, &scene))?;
-    super::tell(stage.notes());
+    let mut stage = progress::with_message("preparing", || Stage::new(gpu, &scene))?;
+    super::print_notes(stage.notes());
     if stage.motion().is_none() {
         anyhow::bail!(
             "nothing moves: name a solver in the scene or with --solver (implicit, for example); palpate render {0} --film FILE.gif goes round a body at rest",
@@ -106,7 +106,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     arguments.film.frame(&mut stage, &[])?;
     let mut times = Vec::new();
     if let Some(checkpoint) = checkpoint {
-        take_up(&mut stage, &kept, &checkpoint, gpu)?;
+        resume_from(&mut stage, &kept, &checkpoint, gpu)?;
         times = checkpoint.times().to_vec();
     } else {
         if resumable {
@@ -140,7 +140,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         }
     };
     let mut pictures = Pictures::begin(arguments, &mut stage, &name)?;
-    let done = progress::over(
+    let done = progress::with_bar(
         "frames",
         u64::from(arguments.frames),
         |bar| -> palpate::Result<()> {
@@ -158,7 +158,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                 // Also when the simulation failed: its last good state is the last frame.
                 pictures.draw(&mut stage, frame, arguments.frames)?;
                 if let Some(series) = &mut series {
-                    stage.push(series)?;
+                    stage.write_frame(series)?;
                 }
                 if let Some(reactions) = &mut reactions {
                     reactions.push(&mut stage)?;
@@ -176,17 +176,17 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     let film = pictures.end();
     done?;
     film?;
-    super::tell(&stage.field_note().into_iter().collect::<Vec<_>>());
+    super::print_notes(&stage.field_note().into_iter().collect::<Vec<_>>());
     report(arguments, &stage, gpu, times.len(), stage.time())?;
     Ok(Outcome::Done)
 }
 
 /// The checkpoint of an earlier run, if it left one.
-fn read_kept(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
+fn read_checkpoint(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
     if kept.exists() {
         return Checkpoint::read(kept).map(Some);
     }
-    super::tell(&[format!(
+    super::print_notes(&[format!(
         "there is no {}: starting with the first frame",
         kept.display()
     )]);
@@ -194,7 +194,7 @@ fn read_kept(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
 }
 
 /// Brings the stage to where the run that left `checkpoint`, the file `kept`, was.
-fn take_up(
+fn resume_from(
     stage: &mut Stage,
     kept: &Path,
     checkpoint: &Checkpoint,
@@ -213,18 +213,18 @@ fn take_up(
             checkpoint.adapter()
         ));
     }
-    super::tell(&notes);
+    super::print_notes(&notes);
     Ok(())
 }
 
 /// Draws every frame of a series, whatever made it, from its positions.
-fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
+fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     let frames = io::read_pvd(&arguments.input)?;
     let Some(first) = frames.first() else {
         anyhow::bail!("{}: the series has no frames", arguments.input.display());
     };
     let mut stage = Stage::new(gpu, &arguments.scene.scene(&first.file)?)?;
-    super::tell(stage.notes());
+    super::print_notes(stage.notes());
     // All frames are in the picture: of each, the corners of its bounds.
     let mut reach = Vec::new();
     for frame in &frames {
@@ -251,19 +251,19 @@ fn play(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     let resolution = frames.windows(2).map(|two| two[1].time - two[0].time);
     let resolution = resolution.fold(f64::INFINITY, f64::min);
     let mut pictures = Pictures::begin(arguments, &mut stage, &name)?;
-    progress::over(
+    progress::with_bar(
         "frames",
         frames.len() as u64,
         |bar| -> palpate::Result<()> {
             for (i, frame) in frames.iter().enumerate() {
                 let mesh = io::read(&frame.file)?;
-                stage.pose(&mesh.nodes).map_err(|e| {
+                stage.set_positions(&mesh.nodes).map_err(|e| {
                     palpate::Error::format(
                         &frame.file,
                         format!("is no frame of the same mesh: {e}"),
                     )
                 })?;
-                stage.tell_time(FrameTime {
+                stage.set_displayed_time(FrameTime {
                     seconds: frame.time,
                     resolution,
                 });
@@ -304,7 +304,7 @@ fn report(
 struct Pictures<'a> {
     arguments: &'a SimulateArguments,
     name: &'a str,
-    film: Option<Film>,
+    film: Option<Animation>,
     /// The view of the first frame.
     starts: Camera,
     filmed: bool,
@@ -319,7 +319,7 @@ impl<'a> Pictures<'a> {
         Ok(Pictures {
             arguments,
             name,
-            film: arguments.film.begin(stage)?,
+            film: arguments.film.start(stage)?,
             starts: *stage.camera_mut(),
             filmed: false,
         })
@@ -343,6 +343,6 @@ impl<'a> Pictures<'a> {
 
     /// Ends the film: also of a run that failed, as far as it came.
     fn end(self) -> palpate::Result<()> {
-        film::end(self.film, self.filmed)
+        film::finish(self.film, self.filmed)
     }
 }

@@ -42,11 +42,11 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
         if pressed.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        super::tell(&["ending after this point; what was measured is kept".to_owned()]);
+        super::print_notes(&["ending after this point; what was measured is kept".to_owned()]);
     })?;
     let studies = STUDIES.iter().filter(|(name, ..)| *name == arguments.what);
     for (_, _, study) in studies {
-        progress::stages(|progress| {
+        progress::with_stages(|progress| {
             study(
                 &Run {
                     gpu,
@@ -56,7 +56,7 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
                     progress: &|what, share| {
                         let _ = progress(what, share);
                     },
-                    note: &|text| super::tell(&[text.to_owned()]),
+                    note: &|text| super::print_notes(&[text.to_owned()]),
                     stop: &stop,
                 },
                 arguments.scene.as_deref(),

@@ -4,7 +4,7 @@ use super::{Outcome, print_json, progress};
 use clap::Args;
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
-use palpate::tune::{Found, Wanted, tune};
+use palpate::tune::{SearchResult, TuneTarget, tune};
 use serde_json::{Value, json};
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -34,30 +34,30 @@ pub struct TuneArguments {
 /// Tunes a scene; exit code 1 where nothing meets what is wanted, and the best there is written.
 pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let scene = Scene::read(&arguments.scene)?;
-    let wanted = Wanted {
+    let wanted = TuneTarget {
         error: arguments.error,
         fps: arguments.fps,
         seconds: arguments.seconds,
     };
-    let tuned = progress::stages(|progress| tune(gpu, &scene, &wanted, progress))?;
+    let tuned = progress::with_stages(|progress| tune(gpu, &scene, &wanted, progress))?;
     tuned.write(&arguments.scene, &arguments.out)?;
-    super::tell(&tuned.notes);
+    super::print_notes(&tuned.notes);
     if arguments.json {
         print_json(&json!({
-            "met": tuned.met,
+            "met": tuned.target_met,
             "motion": tuned.motion.as_ref().map(found),
             "picture": found(&tuned.picture),
             "notes": tuned.notes,
         }))?;
     }
-    Ok(match tuned.met {
+    Ok(match tuned.target_met {
         true => Outcome::Done,
-        false => Outcome::No,
+        false => Outcome::Negative,
     })
 }
 
 /// What a search chose, for the report.
-fn found<P: Display>(found: &Found<P>) -> Value {
+fn found<P: Display>(found: &SearchResult<P>) -> Value {
     json!({
         "choice": found.point.to_string(),
         "cost_ms": found.cost,

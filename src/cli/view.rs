@@ -41,6 +41,6 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Outcome> {
     Ok(match ended.success() {
         true => Outcome::Done,
         // It has said why.
-        false => Outcome::No,
+        false => Outcome::Negative,
     })
 }

@@ -1,11 +1,11 @@
 //! `palpate warp`: a scan in the bent body, and the motion as a field.
 
-use super::{Outcome, driver, print_json, progress, tell};
+use super::{Outcome, driver, print_json, print_notes, progress};
 use clap::Args;
 use glam::DVec3;
 use palpate::io;
 use palpate::mesh::TetMesh;
-use palpate::scene::{Run, STEPS, Scene, Stage};
+use palpate::scene::{PlannedRun, STEPS, Scene, Stage};
 use palpate::warp::{Coverage, Warp, WarpFiles, WarpOptions, WarpReport};
 use palpate::{Error, Result};
 use serde_json::{Value, json};
@@ -67,14 +67,14 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
     if !is_scene && arguments.steps.is_some() {
         anyhow::bail!("--steps is for a scene; a mesh is bent already, leave it out");
     }
-    let scan = progress::during("reading", || io::read_volume(&arguments.scan))?;
+    let scan = progress::with_message("reading", || io::read_volume(&arguments.scan))?;
     let grid = match &arguments.like {
         Some(path) => io::read_volume(path)?.grid(),
         None => scan.grid(),
     };
     let rest = arguments.mesh.as_deref().map(read).transpose()?;
     let (rest, bent) = match is_scene {
-        true => of_scene(adapter, arguments, rest)?,
+        true => meshes_from_scene(adapter, arguments, rest)?,
         false => {
             let rest = rest.ok_or_else(|| {
                 Error::Input(
@@ -96,21 +96,21 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         }
     };
     let wrong = |e: Error| Error::format(&arguments.to, e.to_string());
-    bent.check_moved_from(&rest).map_err(wrong)?;
+    bent.check_same_connectivity(&rest).map_err(wrong)?;
     let (rest, bent) = (in_mm(rest)?, in_mm(bent)?.nodes);
     let warp = Warp::new(&rest, &bent)?;
     let options = WarpOptions {
         labels: arguments.labels,
         background: arguments.background,
     };
-    let report = progress::stages(|told| {
+    let report = progress::with_stages(|told| {
         // Nobody ends it on the command line.
         let mut planes = |done: usize, all: usize| {
             let _ = told("warping", done as f64 / all as f64);
         };
         warp.write(&scan, &grid, &options, &files, &mut planes)
     })?;
-    tell(&said(&report, rest.tets.len()));
+    print_notes(&report_notes(&report, rest.tets.len()));
     if arguments.json {
         print_json(&json!({
             "tets": rest.tets.len(),
@@ -129,12 +129,12 @@ fn is_scene(path: &Path) -> bool {
 
 fn read(path: &Path) -> Result<TetMesh> {
     let mesh = io::read(path)?;
-    tell(&mesh.repairs.warnings);
+    print_notes(&mesh.repairs.warnings);
     Ok(mesh)
 }
 
 /// The mesh at rest, `given` or the scene's, and bent.
-fn of_scene(
+fn meshes_from_scene(
     adapter: Option<&str>,
     arguments: &WarpArguments,
     given: Option<TetMesh>,
@@ -142,13 +142,13 @@ fn of_scene(
     let mut scene = Scene::read(&arguments.to)?;
     let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
     scene.solver.steps = arguments.steps.or(scene.solver.steps);
-    scene.solver.run = Some(Run {
+    scene.solver.run = Some(PlannedRun {
         steps: scene.solver.steps.unwrap_or(STEPS),
-        drawn: false,
+        draws_frames: false,
     });
     let gpu = driver::gpu(adapter)?;
-    let mut stage = progress::during("preparing", || Stage::new(&gpu, &scene))?;
-    tell(stage.notes());
+    let mut stage = progress::with_message("preparing", || Stage::new(&gpu, &scene))?;
+    print_notes(stage.notes());
     if stage.motion().is_none() {
         anyhow::bail!(
             "{}: nothing moves, so there is nothing to follow; name a solver ([solver] name = \"implicit\")",
@@ -156,7 +156,7 @@ fn of_scene(
         );
     }
     let steps = stage.steps();
-    progress::over("steps", u64::from(steps), |bar| {
+    progress::with_bar("steps", u64::from(steps), |bar| {
         progress::run(&mut stage, steps, &mut |done, iterations| {
             bar.set_position(u64::from(done));
             bar.detail(progress::iterations(iterations));
@@ -207,7 +207,7 @@ fn coverage(of: &Coverage) -> Value {
 }
 
 /// What was found on the way, in words.
-fn said(report: &WarpReport, tets: usize) -> Vec<String> {
+fn report_notes(report: &WarpReport, tets: usize) -> Vec<String> {
     let mut lines = Vec::new();
     let share = |n: usize, of: &Coverage| 100.0 * n as f64 / of.voxels.max(1) as f64;
     if let Some(bent) = &report.bent {

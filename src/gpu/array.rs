@@ -20,12 +20,12 @@ mod gpu_data {
 
 /// Texels in a full row of an [`Array`]; `lib/array.wgsl` has the same number. With as many rows
 /// it is the largest texture that every WebGPU device has.
-pub const ROW: u32 = 8192;
+pub const ROW_TEXELS: u32 = 8192;
 /// An array of one row is as wide as it needs to be, in steps of so many texels.
 const WIDTH_STEP: u32 = 256;
 /// Uploads go in pieces of at most so many bytes, each submitted by itself, so that what stages
 /// them does not grow with the array.
-const UPLOAD: usize = 32 << 20;
+const UPLOAD_CHUNK_BYTES: usize = 32 << 20;
 /// Single items sent at a time: storage buffers of 16 MiB.
 const PUT: usize = 1 << 20;
 
@@ -100,7 +100,7 @@ impl Array {
     }
 
     /// Says that its texture was or will be written by other means than Palpate's.
-    pub fn touch(&self) {
+    pub fn mark_written(&self) {
         self.version.next();
     }
 
@@ -135,14 +135,14 @@ impl Array {
     }
 
     pub(super) fn rows(&self) -> u32 {
-        self.len.div_ceil(ROW).max(1)
+        self.len.div_ceil(ROW_TEXELS).max(1)
     }
 }
 
 /// Width and height of the texture that holds `items`.
 pub(crate) fn array_size(items: u32) -> [u32; 2] {
-    let width = items.max(1).next_multiple_of(WIDTH_STEP).min(ROW);
-    [width, items.div_ceil(ROW).max(1)]
+    let width = items.max(1).next_multiple_of(WIDTH_STEP).min(ROW_TEXELS);
+    [width, items.div_ceil(ROW_TEXELS).max(1)]
 }
 
 impl Bind for Array {
@@ -179,19 +179,19 @@ impl Gpu {
     ///
     /// # Errors
     /// As [`Gpu::array`].
-    pub fn roomy_array(&self, label: &str, texel: Texel, len: usize) -> Result<Array> {
+    pub fn array_with_headroom(&self, label: &str, texel: Texel, len: usize) -> Result<Array> {
         self.array_with_room(label, texel, len, len / 8 + 1024)
     }
 
     /// The most items that an [`Array`] on this device can have.
-    pub fn most_items(&self) -> usize {
+    pub fn max_items(&self) -> usize {
         // Items are counted by u32.
-        let rows = (u32::MAX / ROW).min(self.device().limits().max_texture_dimension_2d);
-        ROW as usize * rows as usize
+        let rows = (u32::MAX / ROW_TEXELS).min(self.device().limits().max_texture_dimension_2d);
+        ROW_TEXELS as usize * rows as usize
     }
 
     fn array_with_room(&self, label: &str, texel: Texel, len: usize, room: usize) -> Result<Array> {
-        let most = self.most_items();
+        let most = self.max_items();
         if len > most {
             return Err(Error::Gpu(format!(
                 "array \"{label}\" of {len} items exceeds the {most} this device can hold in one texture; use a smaller mesh"
@@ -233,17 +233,17 @@ impl Gpu {
         Ok(array)
     }
 
-    /// A roomy array (see [`Gpu::roomy_array`]) filled with `data`.
+    /// A roomy array (see [`Gpu::array_with_headroom`]) filled with `data`.
     ///
     /// # Errors
     /// As [`Gpu::array_of`].
-    pub fn roomy_array_of<T: bytemuck::Pod>(
+    pub fn array_of_with_headroom<T: bytemuck::Pod>(
         &self,
         label: &str,
         texel: Texel,
         data: &[T],
     ) -> Result<Array> {
-        let array = self.roomy_array(label, texel, data.len())?;
+        let array = self.array_with_headroom(label, texel, data.len())?;
         self.write_array(&array, data)?;
         Ok(array)
     }
@@ -286,25 +286,30 @@ impl Gpu {
                 array.len
             )));
         }
-        array.touch();
+        array.mark_written();
         let count = data.len() as u32;
         // The rest of a row begun; whole rows; the beginning of a last one.
-        let head = ((ROW - first % ROW) % ROW).min(count);
-        let most_rows = (UPLOAD as u32 / (ROW * item)).max(1);
+        let head = ((ROW_TEXELS - first % ROW_TEXELS) % ROW_TEXELS).min(count);
+        let most_rows = (UPLOAD_CHUNK_BYTES as u32 / (ROW_TEXELS * item)).max(1);
         let (mut from, mut pieces) = (0, 0);
         while from < count {
             let at = first + from;
             let [width, rows] = match count - from {
                 _ if from < head => [head, 1],
-                rest if rest < ROW => [rest, 1],
-                rest => [ROW, (rest / ROW).min(most_rows)],
+                rest if rest < ROW_TEXELS => [rest, 1],
+                rest => [ROW_TEXELS, (rest / ROW_TEXELS).min(most_rows)],
             };
             let to = from + width * rows;
             let part = from as usize * item as usize..to as usize * item as usize;
             pieces += part.len();
-            self.write_rows(array, [at % ROW, at / ROW], [width, rows], &bytes[part]);
+            self.write_rows(
+                array,
+                [at % ROW_TEXELS, at / ROW_TEXELS],
+                [width, rows],
+                &bytes[part],
+            );
             from = to;
-            if pieces >= UPLOAD {
+            if pieces >= UPLOAD_CHUNK_BYTES {
                 self.submit([]);
                 pieces = 0;
             }
@@ -344,11 +349,11 @@ impl Gpu {
     pub fn resize(&self, array: &mut Array, label: &str, len: usize) -> Result<bool> {
         if len <= array.capacity() as usize {
             array.len = len as u32;
-            array.touch();
+            array.mark_written();
             return Ok(false);
         }
-        let grown = self.roomy_array(label, array.texel, len)?;
-        let mut work = self.record();
+        let grown = self.array_with_headroom(label, array.texel, len)?;
+        let mut work = self.start_recording();
         work.encoder().copy_texture_to_texture(
             array.texture.as_image_copy(),
             grown.texture.as_image_copy(),
@@ -371,7 +376,12 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] for another kind of item, lists of different lengths, or a place beyond the
     /// end.
-    pub fn put<T: bytemuck::Pod>(&self, array: &Array, places: &[u32], items: &[T]) -> Result<()> {
+    pub fn scatter_items<T: bytemuck::Pod>(
+        &self,
+        array: &Array,
+        places: &[u32],
+        items: &[T],
+    ) -> Result<()> {
         let shader = match array.texel {
             Texel::U32x4 => "gpu/put_u32x4",
             Texel::U32x2 => "gpu/put_u32x2",
@@ -405,8 +415,8 @@ impl Gpu {
                 .read(&items)
                 .write(array)
                 .params(&params)
-                .over(params.items)?;
-            let mut work = self.record();
+                .dispatch_items(params.items)?;
+            let mut work = self.start_recording();
             pass.record(&mut work);
             work.submit()?;
         }

@@ -57,19 +57,19 @@ enum Word<'a> {
 
 /// What a pass is given, in the order of its bindings.
 #[derive(Default)]
-pub(super) struct Sentence<'a> {
+pub(super) struct BindingList<'a> {
     words: Vec<Word<'a>>,
 }
 
 /// A sentence held against its shader: ready to make pipelines and bind groups with.
-pub(super) struct Bound {
+pub(super) struct ValidatedBindings {
     pub(super) module: Arc<naga::Module>,
     pub(super) layout_entries: Vec<wgpu::BindGroupLayoutEntry>,
     /// The uniforms, in the order of their bindings.
     pub(super) params: Vec<wgpu::Buffer>,
 }
 
-impl<'a> Sentence<'a> {
+impl<'a> BindingList<'a> {
     pub(super) fn read(&mut self, r: Resource<'a>) {
         self.words.push(Word::Read(r));
     }
@@ -91,7 +91,7 @@ impl<'a> Sentence<'a> {
         gpu: &Gpu,
         name: &str,
         visibility: wgpu::ShaderStages,
-    ) -> Result<Bound> {
+    ) -> Result<ValidatedBindings> {
         let module = shader::parsed(name)?;
         let wrong = |what: String| Error::Gpu(format!("shaders/{name}.wgsl: {what}"));
         let mut declared: Vec<(u32, &naga::GlobalVariable)> = module
@@ -113,7 +113,7 @@ impl<'a> Sentence<'a> {
         let mut params = Vec::new();
         for ((binding, global), word) in declared.iter().zip(&self.words) {
             let variable = global.name.as_deref().unwrap_or("?");
-            let ty = declared_type(gpu, &module, global, word)
+            let ty = check_binding_type(gpu, &module, global, word)
                 .map_err(|what| wrong(format!("binding {binding}, {variable}: {what}")))?;
             if let Word::Params { bytes, compare } = word {
                 compare(name, &module.types[global.ty].inner)?;
@@ -160,14 +160,14 @@ impl<'a> Sentence<'a> {
                 }
             }
         }
-        Ok(Bound {
+        Ok(ValidatedBindings {
             module,
             layout_entries,
             params,
         })
     }
 
-    /// The bind group for a layout made from [`Bound::layout_entries`].
+    /// The bind group for a layout made from [`ValidatedBindings::layout_entries`].
     pub(super) fn bind_group(
         &self,
         gpu: &Gpu,
@@ -235,7 +235,7 @@ impl Gpu {
 }
 
 /// The binding type that the WGSL declares, if it agrees with the word given for it.
-fn declared_type(
+fn check_binding_type(
     gpu: &Gpu,
     module: &naga::Module,
     global: &naga::GlobalVariable,

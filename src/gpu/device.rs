@@ -35,7 +35,7 @@ struct Inner {
     /// How often each pass was recorded.
     recorded: Mutex<BTreeMap<String, u64>>,
     /// The first thing that went wrong outside of any call; kept until the device goes.
-    trouble: Arc<Mutex<Option<Trouble>>>,
+    trouble: Arc<Mutex<Option<DeviceFault>>>,
 }
 
 thread_local! {
@@ -44,12 +44,12 @@ thread_local! {
 
 /// For how long the calling thread has waited so far for drivers to take work over that Palpate
 /// recorded: microseconds each time, but where a driver draws by software, which does so meanwhile.
-pub fn submitting() -> Duration {
+pub fn submit_time() -> Duration {
     SUBMITTING.get()
 }
 
 #[derive(Clone, Debug)]
-enum Trouble {
+enum DeviceFault {
     Lost(String),
     Refused(String),
 }
@@ -96,7 +96,7 @@ impl Gpu {
                 info.name, info.backend
             ))
         })?;
-        let gpu = Gpu::assemble(info, device, queue);
+        let gpu = Gpu::from_parts(info, device, queue);
         let trouble = gpu.inner.trouble.clone();
         gpu.device()
             .set_device_lost_callback(move |reason, message| {
@@ -105,12 +105,12 @@ impl Gpu {
                     wgpu::DeviceLostReason::Destroyed if message.is_empty() => "destroyed".into(),
                     _ => message,
                 };
-                note(&trouble, Trouble::Lost(why));
+                record_fault(&trouble, DeviceFault::Lost(why));
             });
         let trouble = gpu.inner.trouble.clone();
         gpu.device()
             .on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-                note(&trouble, Trouble::Refused(error.to_string()));
+                record_fault(&trouble, DeviceFault::Refused(error.to_string()));
             }));
         Ok(gpu)
     }
@@ -118,10 +118,10 @@ impl Gpu {
     /// The caller's device: Palpate creates its arrays and pipelines there, and records into the
     /// caller's encoders. The caller keeps the device's own error and loss callbacks.
     pub fn from_wgpu(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
-        Gpu::assemble(adapter.get_info(), device, queue)
+        Gpu::from_parts(adapter.get_info(), device, queue)
     }
 
-    fn assemble(adapter: wgpu::AdapterInfo, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
+    fn from_parts(adapter: wgpu::AdapterInfo, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
         Gpu {
             inner: Arc::new(Inner {
                 timer: Timer::new(&device, &queue),
@@ -147,7 +147,7 @@ impl Gpu {
         &self.inner.queue
     }
 
-    /// Hands work to the driver, which is timed ([`submitting`]).
+    /// Hands work to the driver, which is timed ([`submit_time`]).
     pub(crate) fn submit(&self, work: impl IntoIterator<Item = wgpu::CommandBuffer>) {
         let began = Instant::now();
         self.queue().submit(work);
@@ -185,7 +185,7 @@ impl Gpu {
 
     /// Bytes of all arrays and buffers made on this device so far, whether or not they are still
     /// there.
-    pub fn bytes_made(&self) -> u64 {
+    pub fn bytes_allocated(&self) -> u64 {
         self.inner.bytes_made.load(Ordering::Relaxed)
     }
 
@@ -210,7 +210,7 @@ impl Gpu {
     /// [`Error::DeviceLost`], or [`Error::Gpu`] with whatever the device refused since.
     pub fn wait(&self) -> Result<()> {
         let polled = self.device().poll(wgpu::PollType::wait_indefinitely());
-        self.check()?;
+        self.poll_errors()?;
         polled
             .map(|_| ())
             .map_err(|e| Error::DeviceLost(e.to_string()))
@@ -221,8 +221,8 @@ impl Gpu {
     ///
     /// # Errors
     /// [`Error::DeviceLost`] (and from then on always), or [`Error::Gpu`].
-    pub fn check(&self) -> Result<()> {
-        if let Some(Trouble::Lost(why)) = &*lock(&self.inner.trouble) {
+    pub fn poll_errors(&self) -> Result<()> {
+        if let Some(DeviceFault::Lost(why)) = &*lock(&self.inner.trouble) {
             return Err(Error::DeviceLost(why.clone()));
         }
         // A destroyed device says so when it is polled; what it says is kept in `trouble`.
@@ -230,8 +230,8 @@ impl Gpu {
         let mut trouble = lock(&self.inner.trouble);
         match trouble.clone() {
             None => Ok(()),
-            Some(Trouble::Lost(why)) => Err(Error::DeviceLost(why)),
-            Some(Trouble::Refused(why)) => {
+            Some(DeviceFault::Lost(why)) => Err(Error::DeviceLost(why)),
+            Some(DeviceFault::Refused(why)) => {
                 *trouble = None;
                 Err(Error::Gpu(why))
             }
@@ -244,8 +244,8 @@ impl Gpu {
         label: &str,
         make: impl FnOnce(&wgpu::Device) -> T,
     ) -> Result<T> {
-        self.check()?;
-        // A browser says later what it refuses: `check` tells it then.
+        self.poll_errors()?;
+        // A browser says later what it refuses: `poll_errors` tells it then.
         #[cfg(target_arch = "wasm32")]
         return Ok((make(self.device()), label).0);
         #[cfg(not(target_arch = "wasm32"))]
@@ -295,10 +295,10 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn note(trouble: &Mutex<Option<Trouble>>, what: Trouble) {
+fn record_fault(trouble: &Mutex<Option<DeviceFault>>, what: DeviceFault) {
     let mut trouble = lock(trouble);
-    let lost_already = matches!(*trouble, Some(Trouble::Lost(_)));
-    if trouble.is_none() || (!lost_already && matches!(what, Trouble::Lost(_))) {
+    let lost_already = matches!(*trouble, Some(DeviceFault::Lost(_)));
+    if trouble.is_none() || (!lost_already && matches!(what, DeviceFault::Lost(_))) {
         *trouble = Some(what);
     }
 }

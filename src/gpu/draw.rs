@@ -1,6 +1,6 @@
 //! Raster passes: pipelines prepared with the same sentence as compute passes.
 
-use super::binding::{Bind, Sentence};
+use super::binding::{Bind, BindingList};
 use super::device::lock;
 use super::layout::GpuStruct;
 use super::{Gpu, Recorder};
@@ -21,7 +21,7 @@ pub struct Draw {
 pub struct DrawBuilder<'a> {
     gpu: &'a Gpu,
     name: &'a str,
-    sentence: Sentence<'a>,
+    sentence: BindingList<'a>,
     constants: Vec<(&'a str, f64)>,
     targets: Vec<Option<wgpu::ColorTargetState>>,
     depth: Option<wgpu::DepthStencilState>,
@@ -35,7 +35,7 @@ impl Gpu {
         DrawBuilder {
             gpu: self,
             name,
-            sentence: Sentence::default(),
+            sentence: BindingList::default(),
             constants: Vec::new(),
             targets: Vec::new(),
             depth: None,
@@ -106,7 +106,7 @@ impl<'a> DrawBuilder<'a> {
     ///
     /// # Errors
     /// [`Error::Gpu`](crate::Error::Gpu) when the shader and the sentence disagree.
-    pub fn prepare(self) -> Result<Draw> {
+    pub fn build(self) -> Result<Draw> {
         let (gpu, name) = (self.gpu, self.name);
         let bound = self
             .sentence

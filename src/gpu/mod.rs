@@ -22,15 +22,15 @@ mod timing;
 
 #[cfg(feature = "study")]
 pub(crate) use array::array_size;
-pub use array::{Array, Positions, ROW, Texel, Version};
+pub use array::{Array, Positions, ROW_TEXELS, Texel, Version};
 pub use binding::{Bind, Resource};
-pub use device::{ADAPTER_VARIABLE, Gpu, submitting};
+pub use device::{ADAPTER_VARIABLE, Gpu, submit_time};
 pub use draw::{Draw, DrawBuilder};
 pub use layout::{GpuStruct, check_layout};
 pub use loads::texture_loads;
 pub use pass::{Pass, PassBuilder};
-pub use readback::Pending;
+pub use readback::PendingReadback;
 pub use record::Recorder;
-pub(crate) use ring::Ring;
-pub(crate) use scan_marks::ScanMarks;
+pub(crate) use ring::ReadbackRing;
+pub(crate) use scan_marks::BitmaskPrefixSum;
 pub use shader::{add_shader, compose, parse, shader_names};

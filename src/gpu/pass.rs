@@ -1,7 +1,7 @@
 //! Compute passes: prepared once, recorded every step.
 
 use super::array::Version;
-use super::binding::{Bind, Sentence};
+use super::binding::{Bind, BindingList};
 use super::device::lock;
 use super::layout::GpuStruct;
 use super::{Gpu, Recorder};
@@ -43,7 +43,7 @@ pub struct Pass {
 pub struct PassBuilder<'a> {
     gpu: &'a Gpu,
     name: &'a str,
-    sentence: Sentence<'a>,
+    sentence: BindingList<'a>,
     constants: Vec<(&'a str, f64)>,
     versions: Vec<Version>,
 }
@@ -57,7 +57,7 @@ impl Gpu {
         PassBuilder {
             gpu: self,
             name,
-            sentence: Sentence::default(),
+            sentence: BindingList::default(),
             constants: Vec::new(),
             versions: Vec::new(),
         }
@@ -94,7 +94,7 @@ impl<'a> PassBuilder<'a> {
     ///
     /// # Errors
     /// [`Error::Gpu`] when the shader and the sentence disagree.
-    pub fn over(self, items: u32) -> Result<Pass> {
+    pub fn dispatch_items(self, items: u32) -> Result<Pass> {
         let name = self.name;
         self.prepare(|size| {
             let per_group = size[0];
@@ -113,8 +113,8 @@ impl<'a> PassBuilder<'a> {
     /// Prepares the pass over `groups` workgroups.
     ///
     /// # Errors
-    /// As [`PassBuilder::over`].
-    pub fn over_groups(self, groups: [u32; 3]) -> Result<Pass> {
+    /// As [`PassBuilder::dispatch_items`].
+    pub fn dispatch_workgroups(self, groups: [u32; 3]) -> Result<Pass> {
         self.prepare(|_| Ok(Extent::Groups(groups)))
     }
 
@@ -122,8 +122,8 @@ impl<'a> PassBuilder<'a> {
     /// `offset`) when it runs.
     ///
     /// # Errors
-    /// As [`PassBuilder::over`].
-    pub fn over_indirect(self, arguments: &wgpu::Buffer, offset: u64) -> Result<Pass> {
+    /// As [`PassBuilder::dispatch_items`].
+    pub fn dispatch_indirect(self, arguments: &wgpu::Buffer, offset: u64) -> Result<Pass> {
         self.prepare(|_| Ok(Extent::Indirect(arguments.clone(), offset)))
     }
 

@@ -7,9 +7,9 @@ use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Mutex, PoisonError};
 
-/// Something on its way back from the device; see [`Gpu::ask_array`].
+/// Something on its way back from the device; see [`Gpu::read_array_async`].
 #[derive(Debug)]
-pub struct Pending<T> {
+pub struct PendingReadback<T> {
     gpu: Gpu,
     /// Parts of it, in their order: what is larger than a buffer may be comes in several.
     parts: Vec<wgpu::Buffer>,
@@ -25,13 +25,13 @@ pub struct Pending<T> {
     kind: PhantomData<T>,
 }
 
-impl<T: bytemuck::Pod> Pending<T> {
+impl<T: bytemuck::Pod> PendingReadback<T> {
     /// What it is, once it has arrived; none before. Waits for nothing.
     ///
     /// # Errors
-    /// [`Error::DeviceLost`] when it will never come; as [`Gpu::check`].
-    pub fn look(&mut self) -> Result<Option<Vec<T>>> {
-        self.gpu.check()?;
+    /// [`Error::DeviceLost`] when it will never come; as [`Gpu::poll_errors`].
+    pub fn try_take(&mut self) -> Result<Option<Vec<T>>> {
+        self.gpu.poll_errors()?;
         let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
         while self.missing > 0 {
             match told.try_recv() {
@@ -91,15 +91,15 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when `T` is not an item's size; otherwise as [`Gpu::wait`].
     pub fn read_array<T: bytemuck::Pod>(&self, array: &Array) -> Result<Vec<T>> {
-        self.ask_array(array)?.wait()
+        self.read_array_async(array)?.wait()
     }
 
     /// As [`Gpu::read_array`] without waiting: what the array holds after all that was submitted
-    /// so far, to be looked at with [`Pending::look`] when it has arrived.
+    /// so far, to be looked at with [`PendingReadback::try_take`] when it has arrived.
     ///
     /// # Errors
     /// [`Error::Gpu`] when `T` is not an item's size, or what the device refuses.
-    pub fn ask_array<T: bytemuck::Pod>(&self, array: &Array) -> Result<Pending<T>> {
+    pub fn read_array_async<T: bytemuck::Pod>(&self, array: &Array) -> Result<PendingReadback<T>> {
         if size_of::<T>() != array.texel().bytes() as usize {
             return Err(Error::Gpu(format!(
                 "items of {} bytes asked of an array of {:?}",
@@ -115,14 +115,17 @@ impl Gpu {
     /// # Errors
     /// [`Error::Gpu`] when `T` is not a texel's size; otherwise as [`Gpu::wait`].
     pub fn read_texture<T: bytemuck::Pod>(&self, texture: &wgpu::Texture) -> Result<Vec<T>> {
-        self.ask_texture(texture)?.wait()
+        self.read_texture_async(texture)?.wait()
     }
 
-    /// As [`Gpu::read_texture`] without waiting; see [`Gpu::ask_array`].
+    /// As [`Gpu::read_texture`] without waiting; see [`Gpu::read_array_async`].
     ///
     /// # Errors
     /// [`Error::Gpu`] when `T` is not a texel's size, or what the device refuses.
-    pub fn ask_texture<T: bytemuck::Pod>(&self, texture: &wgpu::Texture) -> Result<Pending<T>> {
+    pub fn read_texture_async<T: bytemuck::Pod>(
+        &self,
+        texture: &wgpu::Texture,
+    ) -> Result<PendingReadback<T>> {
         let texels = texture.width() as usize * texture.height() as usize;
         self.ask_rows(texture, texture.height(), texels)
     }
@@ -132,7 +135,7 @@ impl Gpu {
         texture: &wgpu::Texture,
         rows: u32,
         items: usize,
-    ) -> Result<Pending<T>> {
+    ) -> Result<PendingReadback<T>> {
         let texel = texture.format().block_copy_size(None).unwrap_or(0);
         if size_of::<T>() != texel as usize {
             return Err(Error::Gpu(format!(
@@ -146,7 +149,7 @@ impl Gpu {
         let most = self.device().limits().max_buffer_size;
         let most_rows = u32::try_from(most / u64::from(padded)).unwrap_or(u32::MAX);
         let mut parts = Vec::new();
-        let mut work = self.record();
+        let mut work = self.start_recording();
         for first in (0..rows).step_by(most_rows.max(1) as usize) {
             let height = most_rows.max(1).min(rows - first);
             let staging = self.staging(u64::from(padded) * u64::from(height))?;
@@ -183,21 +186,21 @@ impl Gpu {
     /// # Errors
     /// As [`Gpu::wait`].
     pub fn read_buffer<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        self.read_first_of(buffer, buffer.size())
+        self.read_prefix(buffer, buffer.size())
     }
 
     /// The first `bytes` of `buffer`, at most all of it and in whole words, as a list of `T`.
     ///
     /// # Errors
     /// As [`Gpu::wait`].
-    pub(crate) fn read_first_of<T: bytemuck::Pod>(
+    pub(crate) fn read_prefix<T: bytemuck::Pod>(
         &self,
         buffer: &wgpu::Buffer,
         bytes: u64,
     ) -> Result<Vec<T>> {
         let bytes = bytes.next_multiple_of(4).min(buffer.size());
         let staging = self.staging(bytes)?;
-        let mut work = self.record();
+        let mut work = self.start_recording();
         work.encoder()
             .copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes);
         work.submit()?;
@@ -229,7 +232,7 @@ impl Gpu {
         parts: Vec<wgpu::Buffer>,
         (row, padded): (usize, usize),
         items: usize,
-    ) -> Pending<T> {
+    ) -> PendingReadback<T> {
         let (sender, receiver) = channel();
         for part in &parts {
             let sender = sender.clone();
@@ -239,7 +242,7 @@ impl Gpu {
                     let _ = sender.send(result);
                 });
         }
-        Pending {
+        PendingReadback {
             gpu: self.clone(),
             missing: parts.len(),
             parts,

@@ -1,7 +1,7 @@
 //! Recording passes into an encoder, Palpate's own or the caller's.
 
 use super::layout::GpuStruct;
-use super::timing::Marks;
+use super::timing::TimestampQueries;
 use super::{Array, Gpu};
 use crate::{Error, Result};
 
@@ -13,7 +13,7 @@ pub struct Recorder<'e> {
     gpu: Gpu,
     encoder: Encoder<'e>,
     open: Option<wgpu::ComputePass<'static>>,
-    marks: Option<Marks>,
+    marks: Option<TimestampQueries>,
     /// The parameters given last, and the buffer that holds them.
     given: Option<(Vec<u8>, wgpu::Buffer)>,
 }
@@ -25,7 +25,7 @@ enum Encoder<'e> {
 
 impl Gpu {
     /// Begins recording into an encoder of its own.
-    pub fn record(&self) -> Recorder<'static> {
+    pub fn start_recording(&self) -> Recorder<'static> {
         let encoder = self
             .device()
             .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: None });
@@ -41,7 +41,7 @@ impl Gpu {
 
 impl<'e> Recorder<'e> {
     /// Begins recording into the caller's encoder, which the caller submits.
-    pub fn within(gpu: &Gpu, encoder: &'e mut wgpu::CommandEncoder) -> Recorder<'e> {
+    pub fn with_encoder(gpu: &Gpu, encoder: &'e mut wgpu::CommandEncoder) -> Recorder<'e> {
         Recorder {
             gpu: gpu.clone(),
             encoder: Encoder::Callers(encoder),
@@ -154,7 +154,7 @@ impl<'e> Recorder<'e> {
     /// Copies the whole of one array into another of the same kind and length.
     pub fn copy_array(&mut self, from: &Array, to: &Array) {
         debug_assert_eq!((from.texel(), from.len()), (to.texel(), to.len()));
-        to.touch();
+        to.mark_written();
         let (from, to) = (from.texture(), to.texture());
         // One may have more room than the other.
         let size = wgpu::Extent3d {
@@ -170,7 +170,7 @@ impl<'e> Recorder<'e> {
     /// caller. Does not wait.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// As [`Gpu::poll_errors`].
     pub fn submit(mut self) -> Result<()> {
         self.open = None;
         let marks = self.marks.take();
@@ -183,6 +183,6 @@ impl<'e> Recorder<'e> {
         if let Some(times) = times {
             self.gpu.timer().add(times);
         }
-        self.gpu.check()
+        self.gpu.poll_errors()
     }
 }

@@ -10,11 +10,11 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 type Mapped = std::result::Result<(), wgpu::BufferAsyncError>;
 
 /// Copies recorded for others to submit that may be on their way at a time.
-const MOST_RECORDED: usize = 4;
+const MAX_PENDING: usize = 4;
 
 /// Copies of one small buffer on their way back, oldest first.
 #[derive(Debug)]
-pub(crate) struct Ring {
+pub(crate) struct ReadbackRing {
     gpu: Gpu,
     bytes: u64,
     free: Vec<wgpu::Buffer>,
@@ -26,10 +26,10 @@ pub(crate) struct Ring {
 /// A receiver that a structure shared among threads can hold.
 type Mutexed = std::sync::Mutex<Receiver<Mapped>>;
 
-impl Ring {
+impl ReadbackRing {
     /// A ring for a buffer of so many bytes.
-    pub fn new(gpu: &Gpu, bytes: u64) -> Ring {
-        Ring {
+    pub fn new(gpu: &Gpu, bytes: u64) -> ReadbackRing {
+        ReadbackRing {
             gpu: gpu.clone(),
             bytes,
             free: Vec::new(),
@@ -45,7 +45,7 @@ impl Ring {
     }
 
     /// How many copies are on their way.
-    pub fn flying(&self) -> usize {
+    pub fn in_flight(&self) -> usize {
         self.flying.len()
     }
 
@@ -75,13 +75,13 @@ impl Ring {
         }
     }
 
-    /// Records a copy of `from`, to be looked at with [`Ring::latest`] after the caller has
+    /// Records a copy of `from`, to be looked at with [`ReadbackRing::latest`] after the caller has
     /// submitted `work`; `number` tells it from others. None where enough are on their way.
     ///
     /// # Errors
     /// What the device refuses.
     pub fn record(&mut self, work: &mut Recorder, from: &wgpu::Buffer, number: u64) -> Result<()> {
-        if self.recorded.len() >= MOST_RECORDED {
+        if self.recorded.len() >= MAX_PENDING {
             return Ok(());
         }
         let staging = self.staging()?;
@@ -97,17 +97,17 @@ impl Ring {
         Ok(())
     }
 
-    /// The number and content of the latest copy that [`Ring::record`] recorded and that has
+    /// The number and content of the latest copy that [`ReadbackRing::record`] recorded and that has
     /// arrived; none where none has since the last time. Those that were never submitted are
     /// forgotten.
     ///
     /// # Errors
-    /// As [`Gpu::check`].
+    /// As [`Gpu::poll_errors`].
     pub fn latest<T: bytemuck::Pod>(&mut self) -> Result<Option<(u64, Vec<T>)>> {
         if self.recorded.is_empty() {
             return Ok(None);
         }
-        self.gpu.check()?;
+        self.gpu.poll_errors()?;
         let mut latest = None;
         for (staging, receiver, number) in std::mem::take(&mut self.recorded) {
             let told = match receiver.lock() {
@@ -134,7 +134,7 @@ impl Ring {
     ///
     /// # Errors
     /// As [`Gpu::wait`].
-    pub fn arrived<T: bytemuck::Pod>(&mut self, wait: bool) -> Result<Option<Vec<T>>> {
+    pub fn next_completed<T: bytemuck::Pod>(&mut self, wait: bool) -> Result<Option<Vec<T>>> {
         let Some((_, receiver)) = self.flying.front_mut() else {
             return Ok(None);
         };
@@ -146,7 +146,7 @@ impl Ring {
             // Another thread that polls the device may be the one to say so, a moment later.
             receiver.recv().map_err(|e| lost(e.to_string()))?
         } else {
-            self.gpu.check()?;
+            self.gpu.poll_errors()?;
             match receiver.try_recv() {
                 Ok(mapped) => mapped,
                 Err(TryRecvError::Empty) if wait => {

@@ -2,7 +2,7 @@
 
 crate::gpu_struct! {
     /// Its parameters.
-    pub(crate) struct ScanMarks {
+    pub(crate) struct BitmaskPrefixSum {
         /// Words of marks: 32 things each.
         pub runs: u32,
     }

@@ -39,7 +39,7 @@ const KINDS: [&str; 9] = [
 ];
 
 /// What the number of a binding is where it follows from those before.
-const NEXT: &str = "@binding(next)";
+const NEXT_BINDING: &str = "@binding(next)";
 
 /// Shaders of the program that uses the library, as [`SHADERS`].
 static ADDED: RwLock<Vec<(&str, &str)>> = RwLock::new(Vec::new());
@@ -98,17 +98,17 @@ pub fn shader_names() -> impl Iterator<Item = String> {
     let programs = SHADERS.iter().map(|(name, _)| *name);
     programs
         .filter(|name| !name.starts_with("lib/") && !name.starts_with("terms/"))
-        .flat_map(compositions)
+        .flat_map(test_compositions)
 }
 
 /// The compositions of `program` that are worth a look.
-fn compositions(program: &str) -> Vec<String> {
+fn test_compositions(program: &str) -> Vec<String> {
     let mut names = vec![program.to_owned()];
     for kind in KINDS {
-        if !takes(program, kind) {
+        if !accepts_kind(program, kind) {
             continue;
         }
-        let fitting: Vec<&str> = terms(kind).filter(|t| stands_in(t, program)).collect();
+        let fitting: Vec<&str> = terms(kind).filter(|t| applies_to(t, program)).collect();
         let alone = match kind {
             "rigid" | "node" | "contact" | "scan" | "intervals" => names.clone(),
             // These a program cannot do without.
@@ -131,7 +131,7 @@ fn compositions(program: &str) -> Vec<String> {
 }
 
 /// Whether a program has lines for terms of a kind.
-fn takes(program: &str, kind: &str) -> bool {
+fn accepts_kind(program: &str, kind: &str) -> bool {
     let lines = source(program).unwrap_or_default().lines();
     let each = format!("#each {kind} ");
     let any = format!("#any {kind} ");
@@ -147,7 +147,7 @@ fn terms(kind: &str) -> impl Iterator<Item = &'static str> {
 }
 
 /// Whether a term has anything to say in `program`.
-fn stands_in(term: &str, program: &str) -> bool {
+fn applies_to(term: &str, program: &str) -> bool {
     let source = source(&format!("terms/{term}")).unwrap_or_default();
     let mut parts = source.lines().filter_map(|l| l.strip_prefix("#for "));
     let limited = source.lines().any(|l| l.starts_with("#for "));
@@ -187,16 +187,16 @@ pub fn compose(name: &str) -> Result<String> {
         pasted: Vec::new(),
         out: String::new(),
     };
-    composer.paste(program, "the program")?;
-    Ok(number(&composer.out))
+    composer.import_source(program, "the program")?;
+    Ok(assign_bindings(&composer.out))
 }
 
 /// Numbers the bindings that say `next`.
-fn number(source: &str) -> String {
+fn assign_bindings(source: &str) -> String {
     let given = source.split("@binding(").skip(1);
     let given = given.filter_map(|rest| rest.split(')').next()?.parse::<u32>().ok());
     let next = given.max().map_or(0, |most| most + 1);
-    let mut parts = source.split(NEXT);
+    let mut parts = source.split(NEXT_BINDING);
     let mut out = parts.next().unwrap_or_default().to_owned();
     for (n, part) in (next..).zip(parts) {
         out.push_str(&format!("@binding({n})"));
@@ -214,7 +214,7 @@ struct Composer<'a> {
 }
 
 impl Composer<'_> {
-    fn paste(&mut self, name: &str, importer: &str) -> Result<()> {
+    fn import_source(&mut self, name: &str, importer: &str) -> Result<()> {
         if self.pasted.iter().any(|p| p == name) {
             return Ok(());
         }
@@ -258,7 +258,7 @@ impl Composer<'_> {
 
     fn line(&mut self, line: &str, name: &str) -> Result<()> {
         if let Some(import) = line.trim().strip_prefix("#import ") {
-            return self.paste(import.trim(), name);
+            return self.import_source(import.trim(), name);
         }
         self.out.push_str(line);
         self.out.push('\n');

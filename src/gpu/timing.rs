@@ -23,7 +23,7 @@ pub(super) struct Timer {
 pub(super) type PassTimes = (Vec<String>, wgpu::Buffer);
 
 /// The timestamps of one recording.
-pub(super) struct Marks {
+pub(super) struct TimestampQueries {
     queries: wgpu::QuerySet,
     names: Vec<String>,
 }
@@ -38,9 +38,9 @@ impl Timer {
         }
     }
 
-    pub(super) fn begin(&self, device: &wgpu::Device) -> Option<Marks> {
+    pub(super) fn begin(&self, device: &wgpu::Device) -> Option<TimestampQueries> {
         let wanted = self.on.load(Ordering::Relaxed) && self.period.is_some();
-        wanted.then(|| Marks {
+        wanted.then(|| TimestampQueries {
             queries: device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("pass times"),
                 ty: wgpu::QueryType::Timestamp,
@@ -58,7 +58,7 @@ impl Timer {
     }
 }
 
-impl Marks {
+impl TimestampQueries {
     /// The query set and the two queries of the next pass.
     pub(super) fn next(&mut self, name: &str) -> Option<(wgpu::QuerySet, u32, u32)> {
         let pass = self.names.len() as u32;

@@ -10,14 +10,14 @@ use super::abaqus_elements::{Shape, shape};
 use super::abaqus_lines::{Card, members, shown, tag};
 use super::abaqus_sets::{Member, Sets};
 use super::cells::RawMesh;
-use super::cursor::{Parse, number};
-use super::remarks::Remarks;
+use super::cursor::{ParseResult, number};
+use super::remarks::Metadata;
 use super::tags::{Tags, repeated_numbers};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
 /// Whether `bytes` begin with a keyword that an input file begins with, after comments.
-pub(super) fn begins(bytes: &[u8]) -> bool {
+pub(super) fn is_abaqus(bytes: &[u8]) -> bool {
     let mut lines = bytes.split(|b| *b == b'\n').map(<[u8]>::trim_ascii);
     let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"**"));
     let word = first.and_then(|line| line.split(|b| *b == b',').next());
@@ -26,7 +26,7 @@ pub(super) fn begins(bytes: &[u8]) -> bool {
 }
 
 /// Reads the content of an `.inp` file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut file = File::default();
     // A keyword line that ends with a comma goes on in the next line.
     let mut open: Option<(usize, String)> = None;
@@ -125,7 +125,7 @@ struct File {
 
 impl File {
     /// A keyword, if one has come, and the line where it starts.
-    fn keyword(&mut self, keyword: Option<(usize, String)>) -> Parse<()> {
+    fn keyword(&mut self, keyword: Option<(usize, String)>) -> ParseResult<()> {
         let Some((line, text)) = keyword else {
             return Ok(());
         };
@@ -135,7 +135,7 @@ impl File {
         begun.map_err(|e| format!("line {line}: {e}"))
     }
 
-    fn begin(&mut self, card: &Card) -> Parse<()> {
+    fn begin(&mut self, card: &Card) -> ParseResult<()> {
         if matches!(card.keyword.as_str(), "NODE" | "ELEMENT" | "NSET" | "ELSET")
             && let Some(file) = card.get("INPUT")
         {
@@ -189,7 +189,7 @@ impl File {
     }
 
     /// Whether what comes belongs to the mesh; not if it is a reference point of an assembly.
-    fn at_home(&mut self) -> Parse<bool> {
+    fn in_mesh_scope(&mut self) -> ParseResult<bool> {
         if self.scope == Scope::Assembly && self.parts + self.instances > 0 {
             return Ok(false);
         }
@@ -201,13 +201,13 @@ impl File {
         }
     }
 
-    fn nodes_card(&mut self, card: &Card) -> Parse<Section> {
+    fn nodes_card(&mut self, card: &Card) -> ParseResult<Section> {
         if let Some(system) = card.get("SYSTEM").filter(|s| !s.eq_ignore_ascii_case("R")) {
             return Err(format!(
                 "*NODE is in the coordinate system {system}; only rectangular coordinates are read"
             ));
         }
-        Ok(match self.at_home()? {
+        Ok(match self.in_mesh_scope()? {
             false => Section::Other,
             true => Section::Nodes {
                 first: self.nodes.len(),
@@ -216,10 +216,10 @@ impl File {
         })
     }
 
-    fn elements_card(&mut self, card: &Card) -> Parse<Section> {
+    fn elements_card(&mut self, card: &Card) -> ParseResult<Section> {
         let name = card.set("TYPE").ok_or("*ELEMENT has no TYPE")?;
         let name = name.to_ascii_uppercase();
-        if !self.at_home()? {
+        if !self.in_mesh_scope()? {
             return Ok(Section::Other);
         }
         Ok(match shape(&name) {
@@ -232,7 +232,7 @@ impl File {
         })
     }
 
-    fn set_card(&mut self, card: &Card) -> Parse<Section> {
+    fn set_card(&mut self, card: &Card) -> ParseResult<Section> {
         let kind = &card.keyword;
         let name = card.set(kind);
         let name = name
@@ -256,7 +256,7 @@ impl File {
         })
     }
 
-    fn data(&mut self, text: &[u8]) -> Parse<()> {
+    fn data(&mut self, text: &[u8]) -> ParseResult<()> {
         let words = text.split(|b| *b == b',').map(<[u8]>::trim_ascii);
         match &self.section {
             Section::Other => Ok(()),
@@ -284,7 +284,7 @@ impl File {
         }
     }
 
-    fn node<'a>(&mut self, mut words: impl Iterator<Item = &'a [u8]>) -> Parse<()> {
+    fn node<'a>(&mut self, mut words: impl Iterator<Item = &'a [u8]>) -> ParseResult<()> {
         let tag = tag(words.next().unwrap_or_default(), "the number of a node")?;
         let mut position = [0.0; 3];
         for (axis, value) in ["x", "y", "z"].iter().zip(&mut position) {
@@ -305,7 +305,11 @@ impl File {
         Ok(())
     }
 
-    fn element<'a>(&mut self, shape: Shape, words: impl Iterator<Item = &'a [u8]>) -> Parse<()> {
+    fn element<'a>(
+        &mut self,
+        shape: Shape,
+        words: impl Iterator<Item = &'a [u8]>,
+    ) -> ParseResult<()> {
         for word in words.filter(|word| !word.is_empty()) {
             if self.open.len() > shape.nodes {
                 return Err(format!(
@@ -324,7 +328,7 @@ impl File {
         Ok(())
     }
 
-    fn end_section(&mut self) -> Parse<()> {
+    fn end_section(&mut self) -> ParseResult<()> {
         match std::mem::take(&mut self.section) {
             Section::Nodes {
                 first,
@@ -352,7 +356,7 @@ impl File {
         Ok(())
     }
 
-    fn finish(mut self, bytes: &[u8]) -> Parse<RawMesh> {
+    fn finish(mut self, bytes: &[u8]) -> ParseResult<RawMesh> {
         self.end_section()
             .map_err(|e| format!("the file ends early: {e}"))?;
         if self.nodes.is_empty() {
@@ -383,7 +387,7 @@ impl File {
             mesh.warnings.push(repeated_numbers(repeated));
         }
         self.warn(&mut mesh.warnings);
-        let remarks = Remarks::read(bytes, "** ");
+        let remarks = Metadata::read(bytes, "** ");
         remarks.check_counts(self.nodes.len(), self.elements.len())?;
         let numbers: Vec<u64> = self.elements.iter().map(|e| e.1).collect();
         mesh.nodes = self.nodes;

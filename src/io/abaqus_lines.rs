@@ -1,7 +1,7 @@
 //! The lines of Abaqus input files: keywords with parameters, and words between commas.
 
 use super::abaqus_sets::Member;
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 
 /// A keyword with its parameters; names in upper case.
 pub(super) struct Card {
@@ -50,7 +50,7 @@ impl Card {
 pub(super) fn members<'a>(
     words: impl Iterator<Item = &'a [u8]>,
     generate: bool,
-) -> Parse<Vec<Member>> {
+) -> ParseResult<Vec<Member>> {
     let words = words.filter(|word| !word.is_empty());
     if !generate {
         return Ok(words
@@ -70,7 +70,7 @@ pub(super) fn members<'a>(
     }
     let numbers = words
         .map(|word| tag(word, "a number of a range"))
-        .collect::<Parse<Vec<u64>>>()?;
+        .collect::<ParseResult<Vec<u64>>>()?;
     match numbers[..] {
         [first, last] => Ok(vec![Member::Range(first, last, 1)]),
         [first, last, step] if step > 0 => Ok(vec![Member::Range(first, last, step)]),
@@ -79,7 +79,7 @@ pub(super) fn members<'a>(
 }
 
 /// A word as the number of a node or element.
-pub(super) fn tag(word: &[u8], what: &str) -> Parse<u64> {
+pub(super) fn tag(word: &[u8], what: &str) -> ParseResult<u64> {
     let text = std::str::from_utf8(word).ok();
     text.and_then(|t| t.parse().ok())
         .ok_or_else(|| format!("expected {what}, found {}", shown(word)))

@@ -6,8 +6,8 @@
 //! element the first counts.
 
 use super::cells::RawMesh;
-use super::cursor::Parse;
-use super::remarks::{Remarks, whole_field};
+use super::cursor::ParseResult;
+use super::remarks::{Metadata, integer_field};
 use super::tags::Tags;
 use crate::mesh::{Field, Location, ScalarType};
 use std::collections::{HashMap, HashSet};
@@ -54,7 +54,7 @@ impl Sets {
     }
 
     /// The items of every set: `tags` are their indices by number, `numbers` their numbers.
-    pub fn resolve(&self, tags: &Tags, numbers: &[u64], bytes: usize) -> Parse<Resolved> {
+    pub fn resolve(&self, tags: &Tags, numbers: &[u64], bytes: usize) -> ParseResult<Resolved> {
         let mut sorted: Vec<(u64, usize)> = numbers.iter().copied().zip(0..).collect();
         sorted.sort_unstable();
         let mut left = OVERLAP * (bytes + 1024);
@@ -124,7 +124,7 @@ impl Resolved {
     pub fn regions(
         &self,
         mesh: &mut RawMesh,
-        remarks: &Remarks,
+        remarks: &Metadata,
         sections: &[String],
         cards: &[String],
     ) {
@@ -179,7 +179,7 @@ impl Resolved {
             .zip(1..)
             .map(|(set, label)| (label, self.sets[*set].0.clone()))
             .collect();
-        mesh.fields.push(whole_field("label", labels.of_cell));
+        mesh.fields.push(integer_field("label", labels.of_cell));
     }
 
     /// Labels by the first of `sets` that has a cell, counted from 1 over those with volume.

@@ -1,7 +1,7 @@
 //! Writer for Abaqus input files: nodes, C3D4 elements, and an element set a region. Materials,
 //! sections and steps are for whoever takes them up.
 
-use super::format::left_out;
+use super::format::dropped_fields_note;
 use super::groups::Groups;
 use super::{atomic_write, remarks};
 use crate::mesh::{Field, TetMesh};
@@ -19,7 +19,7 @@ const COLUMNS: usize = 16;
 
 /// Writes nodes, tets and regions.
 pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
-    let groups = Groups::of(mesh, 1);
+    let groups = Groups::from_mesh(mesh, 1);
     let sets = set_names(&groups);
     atomic_write(path, |file| {
         fill(file, mesh, &groups, &sets).map_err(Error::io(path))
@@ -27,10 +27,10 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
     let others: Vec<&Field> = mesh
         .fields
         .iter()
-        .filter(|f| !groups.tell(mesh, f))
+        .filter(|f| !groups.is_covered_by_groups(mesh, f))
         .collect();
     let why = "Abaqus's input files hold no fields";
-    Ok(left_out(&others, why).into_iter().collect())
+    Ok(dropped_fields_note(&others, why).into_iter().collect())
 }
 
 /// A name for the set of each group, of the characters that every reader takes, none twice.
@@ -82,8 +82,8 @@ fn fill(
         file,
         "*HEADING\nWritten by Palpate {}\n{}{}*NODE\n",
         env!("CARGO_PKG_VERSION"),
-        remarks::of_counts("** ", mesh),
-        remarks::of_mesh("** ", mesh, groups, sets)
+        remarks::count_comment("** ", mesh),
+        remarks::mesh_comments("** ", mesh, groups, sets)
     )?;
     for (i, p) in mesh.nodes.iter().enumerate() {
         let [x, y, z] = p.to_array().map(short);
@@ -95,7 +95,7 @@ fn fill(
         writeln!(file, "{}, {a}, {b}, {c}, {d}", t + 1)?;
     }
     let mut tets: BTreeMap<i32, Vec<String>> = BTreeMap::new();
-    for (t, group) in groups.of_tet.iter().enumerate() {
+    for (t, group) in groups.tet_groups.iter().enumerate() {
         tets.entry(*group).or_default().push((t + 1).to_string());
     }
     for ((group, _), set) in groups.all().zip(sets) {

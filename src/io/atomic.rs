@@ -67,14 +67,14 @@ fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
     let mut file = BufWriter::new(OutFile::default());
     fill(&mut file)?;
     let file = file.into_inner().map_err(|e| Error::io(path)(e.into()))?;
-    crate::files::put(path, file.into_inner());
+    crate::files::insert_file(path, file.into_inner());
     Ok(())
 }
 
 /// Fills a temporary file in `folder` and gives it the name `target`; `path` is what errors name.
 #[cfg(not(target_arch = "wasm32"))]
 fn replace(path: &Path, target: &Path, folder: &Path, fill: Fill<'_>) -> Result<()> {
-    let (file, unfinished) = UnfinishedFile::begin(path, target, folder)?;
+    let (file, unfinished) = TempFile::begin(path, target, folder)?;
     let mut file = BufWriter::new(file);
     fill(&mut file)?;
     file.flush().map_err(Error::io(path))?;
@@ -84,19 +84,19 @@ fn replace(path: &Path, target: &Path, folder: &Path, fill: Fill<'_>) -> Result<
 
 /// A file under a temporary name, which is gone with this unless it is finished.
 #[cfg(not(target_arch = "wasm32"))]
-pub(crate) struct UnfinishedFile {
+pub(crate) struct TempFile {
     path: PathBuf,
     target: PathBuf,
     temporary: tempfile::TempPath,
 }
 
 #[cfg(not(target_arch = "wasm32"))]
-impl UnfinishedFile {
+impl TempFile {
     /// A file that will be called `path`, and where to write it meanwhile.
     ///
     /// # Errors
     /// When it cannot be made, or `path` is there already and is no regular file.
-    pub fn create(path: &Path) -> Result<(File, UnfinishedFile)> {
+    pub fn create(path: &Path) -> Result<(File, TempFile)> {
         let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         if std::fs::metadata(&target).is_ok_and(|about| !about.is_file()) {
             return Err(Error::format(
@@ -104,10 +104,10 @@ impl UnfinishedFile {
                 "this is there already and no ordinary file; name another to write",
             ));
         }
-        UnfinishedFile::begin(path, &target, folder_of(&target))
+        TempFile::begin(path, &target, folder_of(&target))
     }
 
-    fn begin(path: &Path, target: &Path, folder: &Path) -> Result<(File, UnfinishedFile)> {
+    fn begin(path: &Path, target: &Path, folder: &Path) -> Result<(File, TempFile)> {
         let mut options = tempfile::Builder::new();
         options.prefix(".palpate-").suffix(".part");
         #[cfg(unix)]
@@ -118,7 +118,7 @@ impl UnfinishedFile {
             .tempfile_in(folder)
             .map_err(Error::io(path))?
             .into_parts();
-        let unfinished = UnfinishedFile {
+        let unfinished = TempFile {
             path: path.to_path_buf(),
             target: target.to_path_buf(),
             temporary,

@@ -10,14 +10,14 @@ pub(super) const HEXAGONAL_PRISM_KIND: u8 = 16;
 pub(super) const POLYHEDRON: u8 = 42;
 
 /// A kind of cell with corners and flat faces that can be cut into tets.
-pub(super) struct Solid {
+pub(super) struct CellShape {
     pub corners: usize,
     pub faces: &'static [&'static [usize]],
 }
 
 // Faces are listed counter-clockwise seen from outside, for cells ordered as gmsh and Medit
 // order them.
-const HEXAHEDRON: Solid = Solid {
+const HEXAHEDRON: CellShape = CellShape {
     corners: 8,
     faces: &[
         &[0, 3, 2, 1],
@@ -28,7 +28,7 @@ const HEXAHEDRON: Solid = Solid {
         &[3, 0, 4, 7],
     ],
 };
-const VOXEL: Solid = Solid {
+const VOXEL: CellShape = CellShape {
     corners: 8,
     faces: &[
         &[0, 2, 3, 1],
@@ -39,7 +39,7 @@ const VOXEL: Solid = Solid {
         &[2, 0, 4, 6],
     ],
 };
-pub(super) const WEDGE: Solid = Solid {
+pub(super) const WEDGE: CellShape = CellShape {
     corners: 6,
     faces: &[
         &[0, 2, 1],
@@ -49,7 +49,7 @@ pub(super) const WEDGE: Solid = Solid {
         &[2, 0, 3, 5],
     ],
 };
-const PYRAMID: Solid = Solid {
+const PYRAMID: CellShape = CellShape {
     corners: 5,
     faces: &[
         &[0, 3, 2, 1],
@@ -59,7 +59,7 @@ const PYRAMID: Solid = Solid {
         &[3, 0, 4],
     ],
 };
-const PENTAGONAL_PRISM: Solid = Solid {
+const PENTAGONAL_PRISM: CellShape = CellShape {
     corners: 10,
     faces: &[
         &[4, 3, 2, 1, 0],
@@ -71,7 +71,7 @@ const PENTAGONAL_PRISM: Solid = Solid {
         &[4, 0, 5, 9],
     ],
 };
-const HEXAGONAL_PRISM: Solid = Solid {
+const HEXAGONAL_PRISM: CellShape = CellShape {
     corners: 12,
     faces: &[
         &[5, 4, 3, 2, 1, 0],
@@ -84,15 +84,15 @@ const HEXAGONAL_PRISM: Solid = Solid {
         &[5, 0, 6, 11],
     ],
 };
-const TETRAHEDRON: Solid = Solid {
+const TETRAHEDRON: CellShape = CellShape {
     corners: 4,
     faces: &[&[1, 2, 3], &[0, 3, 2], &[0, 1, 3], &[0, 2, 1]],
 };
 
 /// What becomes of a kind of cell.
-pub(super) enum Fate {
+pub(super) enum CellSupport {
     /// Cut into tets (by its corners; nodes beyond them are dropped).
-    Cut(&'static Solid),
+    Cut(&'static CellShape),
     /// Not volumetric: dropped and named.
     Drop,
     /// Volumetric, but there is no way here to cut it: dropped, named, and warned of.
@@ -100,8 +100,8 @@ pub(super) enum Fate {
 }
 
 /// Name (singular) and fate of the cells that VTK numbers `kind`.
-pub(super) fn kind(kind: u8) -> (&'static str, Fate) {
-    use Fate::{Cut, Drop, Hole};
+pub(super) fn kind(kind: u8) -> (&'static str, CellSupport) {
+    use CellSupport::{Cut, Drop, Hole};
     match kind {
         0 => ("empty cell", Drop),
         1 => ("vertex", Drop),

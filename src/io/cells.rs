@@ -6,8 +6,10 @@
 //! *How to Subdivide Pyramids, Prisms, and Hexahedra into Tetrahedra*, 1999). The rule looks at
 //! node numbers only, so two cells never disagree.
 
-use super::cell_kinds::{Fate, HEXAGONAL_PRISM_KIND, POLYHEDRON, Solid, TET, WEDGE, kind};
-use super::cursor::Parse;
+use super::cell_kinds::{
+    CellShape, CellSupport, HEXAGONAL_PRISM_KIND, POLYHEDRON, TET, WEDGE, kind,
+};
+use super::cursor::ParseResult;
 use crate::mesh::{Field, Location, TetMesh, signed_volume};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -78,7 +80,7 @@ impl RawMesh {
         nodes: &[f64],
         ends: &[usize],
         first_node: usize,
-    ) -> Parse<()> {
+    ) -> ParseResult<()> {
         let mut start = 0;
         for (cell, (kind, end)) in kinds.iter().zip(ends).enumerate() {
             let number = *kind as u8;
@@ -105,7 +107,7 @@ impl RawMesh {
         let mut of_node = vec![false; self.nodes.len()];
         let mut of_cell = vec![false; self.cells.len()];
         for (cell, (number, nodes)) in self.cells.iter().enumerate() {
-            if let Fate::Cut(solid) = kind(number).1 {
+            if let CellSupport::Cut(solid) = kind(number).1 {
                 of_cell[cell] = true;
                 for v in nodes.iter().take(solid.corners) {
                     if let Some(used) = of_node.get_mut(*v as usize) {
@@ -122,7 +124,7 @@ impl RawMesh {
     /// # Errors
     /// A cell with the wrong number of nodes or a node out of range, nothing volumetric, or
     /// what [`TetMesh::new`] refuses.
-    pub fn into_tets(self) -> Parse<TetMesh> {
+    pub fn into_tets(self) -> ParseResult<TetMesh> {
         let RawMesh {
             nodes,
             cells,
@@ -145,7 +147,7 @@ impl RawMesh {
                 ));
             }
             match fate {
-                Fate::Cut(solid) => {
+                CellSupport::Cut(solid) => {
                     let linear = (TET..=HEXAGONAL_PRISM_KIND).contains(&number);
                     if corners.len() < solid.corners || (linear && corners.len() > solid.corners) {
                         return Err(format!(
@@ -163,8 +165,8 @@ impl RawMesh {
                     cut(solid, &corners[..solid.corners], &nodes, &mut tets);
                     source.resize(tets.len(), index);
                 }
-                Fate::Drop => *found.dropped.entry(name).or_default() += 1,
-                Fate::Hole => *found.holes.entry(name).or_default() += 1,
+                CellSupport::Drop => *found.dropped.entry(name).or_default() += 1,
+                CellSupport::Hole => *found.holes.entry(name).or_default() += 1,
             }
         }
         if tets.is_empty() {
@@ -188,7 +190,7 @@ pub(super) fn index(value: f64) -> Option<usize> {
 }
 
 /// Cuts one cell into tets.
-fn cut(solid: &Solid, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]>) {
+fn cut(solid: &CellShape, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]>) {
     if let [a, b, c, d] = *cell {
         tets.push([a, b, c, d]);
         return;

@@ -4,7 +4,7 @@ use std::fmt::Arguments;
 
 /// What a reader hands up when a file is wrong: a sentence without the file's name, which
 /// [`super::read`] puts in front.
-pub(super) type Parse<T> = std::result::Result<T, String>;
+pub(super) type ParseResult<T> = std::result::Result<T, String>;
 
 /// Reads `bytes` from front to back.
 pub(super) struct Cursor<'a> {
@@ -122,7 +122,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next token as text.
-    pub fn word(&mut self, what: Arguments) -> Parse<&'a str> {
+    pub fn word(&mut self, what: Arguments) -> ParseResult<&'a str> {
         match self.token() {
             Some(token) => std::str::from_utf8(token).map_err(|_| {
                 self.error(format_args!(
@@ -133,7 +133,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    pub fn number(&mut self, what: Arguments) -> Parse<f64> {
+    pub fn number(&mut self, what: Arguments) -> ParseResult<f64> {
         let token = match self.token() {
             Some(token) => token,
             None => return Err(self.error(format_args!("the file ends where {what} should be"))),
@@ -141,7 +141,7 @@ impl<'a> Cursor<'a> {
         number(token).ok_or_else(|| self.error(not_a("number", what, token)))
     }
 
-    pub fn integer(&mut self, what: Arguments) -> Parse<i64> {
+    pub fn integer(&mut self, what: Arguments) -> ParseResult<i64> {
         let token = match self.token() {
             Some(token) => token,
             None => return Err(self.error(format_args!("the file ends where {what} should be"))),
@@ -151,13 +151,18 @@ impl<'a> Cursor<'a> {
 
     /// The next token as a number of items of at least `least_bytes` each, checked against what
     /// is left of the file, so that it may size an allocation.
-    pub fn count(&mut self, what: Arguments, least_bytes: usize) -> Parse<usize> {
+    pub fn count(&mut self, what: Arguments, least_bytes: usize) -> ParseResult<usize> {
         let count = self.integer(what)?;
-        self.check_count(count, what, least_bytes)
+        self.validate_count(count, what, least_bytes)
     }
 
     /// `count` as a number of items of at least `least_bytes` each that may still follow.
-    pub fn check_count(&self, count: i64, what: Arguments, least_bytes: usize) -> Parse<usize> {
+    pub fn validate_count(
+        &self,
+        count: i64,
+        what: Arguments,
+        least_bytes: usize,
+    ) -> ParseResult<usize> {
         let left = self.rest().len();
         usize::try_from(count)
             .ok()
@@ -170,7 +175,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next `length` bytes.
-    pub fn take(&mut self, length: usize, what: Arguments) -> Parse<&'a [u8]> {
+    pub fn take(&mut self, length: usize, what: Arguments) -> ParseResult<&'a [u8]> {
         let rest = self.rest();
         let Some(block) = rest.get(..length) else {
             return Err(self.error(format_args!(

@@ -43,7 +43,7 @@ impl MeshFormat {
     ///
     /// # Errors
     /// An extension that no format has.
-    pub fn of(path: impl AsRef<Path>) -> Result<MeshFormat> {
+    pub fn from_extension(path: impl AsRef<Path>) -> Result<MeshFormat> {
         let path = path.as_ref();
         let extension = super::extension(path);
         if super::is_pieces(path) {
@@ -96,7 +96,7 @@ impl FromStr for MeshFormat {
     }
 }
 
-/// Writes a mesh in the format that the extension of `path` means (see [`MeshFormat::of`]), in
+/// Writes a mesh in the format that the extension of `path` means (see [`MeshFormat::from_extension`]), in
 /// one go: the file is either whole or not there. VTK and Gmsh files are binary, the others text
 /// with every digit that a double has.
 ///
@@ -109,7 +109,7 @@ impl FromStr for MeshFormat {
 /// Another extension, a mesh whose fields do not fit it, or the file cannot be written.
 pub fn write(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<Vec<String>> {
     let path = path.as_ref();
-    write_as(path, mesh, MeshFormat::of(path)?, false)
+    write_as(path, mesh, MeshFormat::from_extension(path)?, false)
 }
 
 /// Writes a mesh as [`write()`] does, in this format; VTK legacy and Gmsh as `text` if asked for.
@@ -183,7 +183,7 @@ fn check(mesh: &TetMesh) -> Result<()> {
 }
 
 /// The sentence that names the fields a format has no place for, if there are any.
-pub(super) fn left_out(fields: &[&Field], why: &str) -> Option<String> {
+pub(super) fn dropped_fields_note(fields: &[&Field], why: &str) -> Option<String> {
     let named: Vec<String> = fields
         .iter()
         .map(|f| format!("\"{}\" of the {}", f.name, f.location))

@@ -23,7 +23,7 @@ pub struct FrameStream<R> {
 }
 
 /// A frame: its time in s, and where the nodes are.
-pub type StreamedFrame = (f64, Vec<DVec3>);
+pub type TimedPositions = (f64, Vec<DVec3>);
 
 impl<R: Read> FrameStream<R> {
     /// Reads the beginning of a stream, `name` being what errors call it, and the mesh that it has.
@@ -80,7 +80,7 @@ impl<R: Read> FrameStream<R> {
     /// # Errors
     /// [`Error::Format`] for one that is cut short, or has what is no number; [`Error::Io`] when it
     /// cannot be read.
-    pub fn next_frame(&mut self) -> Result<Option<StreamedFrame>> {
+    pub fn next_frame(&mut self) -> Result<Option<TimedPositions>> {
         let what = format!("frame {}", self.frames);
         let mut first = [0];
         let more = loop {

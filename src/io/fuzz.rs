@@ -4,16 +4,16 @@ use super::cells::RawMesh;
 use crate::mesh::{TetMesh, TriMesh};
 use crate::volume::Volume;
 
-type Parsed<T> = Result<T, String>;
+type ParseOutcome<T> = Result<T, String>;
 
 /// A mesh file with that extension, the whole way to tets.
-pub fn mesh(extension: &str, bytes: &[u8]) -> Parsed<TetMesh> {
+pub fn mesh(extension: &str, bytes: &[u8]) -> ParseOutcome<TetMesh> {
     let reader = super::format_of(bytes, extension)?;
     reader(bytes)?.into_tets().map_err(|e| e.to_string())
 }
 
 /// A pair of TetGen's files.
-pub fn tetgen(node: &[u8], ele: &[u8]) -> Parsed<TetMesh> {
+pub fn tetgen(node: &[u8], ele: &[u8]) -> ParseOutcome<TetMesh> {
     let mut mesh = RawMesh::default();
     let tags = super::tetgen::read_nodes(node, &mut mesh)?;
     super::tetgen::read_elements(ele, &tags, &mut mesh)?;
@@ -21,27 +21,27 @@ pub fn tetgen(node: &[u8], ele: &[u8]) -> Parsed<TetMesh> {
 }
 
 /// A series of frames; returns how many.
-pub fn pvd(bytes: &[u8]) -> Parsed<usize> {
+pub fn pvd(bytes: &[u8]) -> ParseOutcome<usize> {
     super::pvd::parse(bytes).map(|frames| frames.len())
 }
 
 /// An index of pieces; returns how many.
-pub fn pvtu(bytes: &[u8]) -> Parsed<usize> {
+pub fn pvtu(bytes: &[u8]) -> ParseOutcome<usize> {
     super::pvtu::index(bytes).map(|files| files.len())
 }
 
 /// A surface file with that extension.
-pub fn surface(extension: &str, bytes: &[u8]) -> Parsed<TriMesh> {
+pub fn surface(extension: &str, bytes: &[u8]) -> ParseOutcome<TriMesh> {
     super::surface::surface_of(bytes, extension)
 }
 
 /// A volume file, all of whose detached data are `data`.
-pub fn volume(bytes: &[u8], data: &[u8]) -> Parsed<Volume> {
+pub fn volume(bytes: &[u8], data: &[u8]) -> ParseOutcome<Volume> {
     super::volume::volume_of(bytes, "", &|_| Ok(data.to_vec()))
 }
 
 /// A DICOM file; returns whether there is an image in it.
 #[cfg(feature = "dicom")]
-pub fn dicom(bytes: &[u8]) -> Parsed<bool> {
+pub fn dicom(bytes: &[u8]) -> ParseOutcome<bool> {
     super::volume::dicom::parse(bytes)
 }

@@ -7,11 +7,11 @@
 //! physical volumes have names, their tags are the cell field `label` too.
 
 use super::cells::RawMesh;
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use super::gmsh_data::DataSection;
 use super::gmsh_kinds::{MOST_NODES, vtk_kind};
 use super::gmsh_source::Source;
-use super::remarks::{Remarks, whole_field};
+use super::remarks::{Metadata, integer_field};
 use super::tags::{Tags, repeated_numbers};
 use crate::mesh::Location;
 use glam::DVec3;
@@ -30,7 +30,7 @@ pub(super) const V4_0: u32 = 40;
 pub(super) const V4_1: u32 = 41;
 
 /// Reads the content of a `.msh` file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut file = File::default();
     let mut at = Source::new(bytes);
     while let Some(name) = at.next_section()? {
@@ -58,7 +58,7 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
             }
             "ELM" => file.elements_1(&mut at)?,
             "Comments" => {
-                file.remarks = Remarks::read(at.skip_section(name)?, "");
+                file.remarks = Metadata::read(at.skip_section(name)?, "");
                 continue;
             }
             other => {
@@ -91,7 +91,7 @@ struct File {
     data: Vec<(Location, DataSection)>,
     /// Elements whose number another element had before.
     repeated: usize,
-    remarks: Remarks,
+    remarks: Metadata,
 }
 
 impl File {
@@ -108,7 +108,7 @@ impl File {
         }
     }
 
-    fn entities(&mut self, at: &mut Source) -> Parse<()> {
+    fn entities(&mut self, at: &mut Source) -> ParseResult<()> {
         let mut counts = [0; 4];
         for count in &mut counts {
             *count = at.count(format_args!("a number of entities"), 4)?;
@@ -141,7 +141,7 @@ impl File {
 
     /// Adds a node. A node may come again if it says the same: Gmsh repeats the mesh before
     /// each view that it appends to a file.
-    fn node(&mut self, at: &Source, tag: u64, position: DVec3) -> Parse<()> {
+    fn node(&mut self, at: &Source, tag: u64, position: DVec3) -> ParseResult<()> {
         if self.nodes.push(tag) {
             self.mesh.nodes.push(position);
         } else if self.nodes.get(tag).map(|i| self.mesh.nodes[i]) != Some(position) {
@@ -150,7 +150,7 @@ impl File {
         Ok(())
     }
 
-    fn nodes_2(&mut self, at: &mut Source, parametric: bool) -> Parse<()> {
+    fn nodes_2(&mut self, at: &mut Source, parametric: bool) -> ParseResult<()> {
         let count = at.ascii_count(format_args!("the number of nodes"), 8)?;
         for i in 0..count {
             let tag = at.int(format_args!("the tag of node {i} of {count}"))?;
@@ -168,7 +168,7 @@ impl File {
         Ok(())
     }
 
-    fn nodes_4(&mut self, at: &mut Source) -> Parse<()> {
+    fn nodes_4(&mut self, at: &mut Source) -> ParseResult<()> {
         let blocks = at.count(format_args!("the number of node blocks"), 4)?;
         let total = at.count(format_args!("the number of nodes"), 8)?;
         self.tag_range(at)?;
@@ -211,7 +211,7 @@ impl File {
     }
 
     /// 4.1 tells the smallest and the largest tag.
-    fn tag_range(&self, at: &mut Source) -> Parse<()> {
+    fn tag_range(&self, at: &mut Source) -> ParseResult<()> {
         if self.version >= V4_1 {
             at.size(format_args!("the smallest tag"))?;
             at.size(format_args!("the largest tag"))?;
@@ -220,7 +220,7 @@ impl File {
     }
 
     /// Dimension and entity of a block, which 4.0 gives the other way round.
-    fn block_entity(&self, at: &mut Source) -> Parse<[i32; 2]> {
+    fn block_entity(&self, at: &mut Source) -> ParseResult<[i32; 2]> {
         let first = at.int(format_args!("a block's entity or dimension"))?;
         let second = at.int(format_args!("a block's entity or dimension"))?;
         Ok(match self.version >= V4_1 {
@@ -230,7 +230,7 @@ impl File {
     }
 
     /// The kind, number of nodes of an element type of gmsh's.
-    fn element_type(at: &Source, number: i32) -> Parse<(u8, usize)> {
+    fn element_type(at: &Source, number: i32) -> ParseResult<(u8, usize)> {
         vtk_kind(number).ok_or_else(|| {
             at.error(format_args!("element type {number} is none of those of gmsh's lines, triangles, quadrangles, tetrahedra, hexahedra, prisms and pyramids that Palpate knows"))
         })
@@ -244,7 +244,7 @@ impl File {
         tag: u64,
         (kind, width): (u8, usize),
         [physical, geometrical]: [i32; 2],
-    ) -> Parse<()> {
+    ) -> ParseResult<()> {
         let mut corners = [0; MOST_NODES];
         for (i, corner) in corners[..width].iter_mut().enumerate() {
             let what = format_args!("node {i} of element {tag}");
@@ -287,7 +287,7 @@ impl File {
     }
 
     /// Version 1: tag, type, physical and elementary group, number of nodes, nodes.
-    fn elements_1(&mut self, at: &mut Source) -> Parse<()> {
+    fn elements_1(&mut self, at: &mut Source) -> ParseResult<()> {
         self.has_elements = true;
         let count = at.ascii_count(format_args!("the number of elements"), 10)?;
         for i in 0..count {
@@ -308,7 +308,7 @@ impl File {
         Ok(())
     }
 
-    fn elements_2(&mut self, at: &mut Source) -> Parse<()> {
+    fn elements_2(&mut self, at: &mut Source) -> ParseResult<()> {
         self.has_elements = true;
         let count = at.ascii_count(format_args!("the number of elements"), 6)?;
         let mut read = 0;
@@ -353,7 +353,7 @@ impl File {
         Ok(())
     }
 
-    fn elements_4(&mut self, at: &mut Source) -> Parse<()> {
+    fn elements_4(&mut self, at: &mut Source) -> ParseResult<()> {
         self.has_elements = true;
         let blocks = at.count(format_args!("the number of element blocks"), 4)?;
         let total = at.count(format_args!("the number of elements"), 4)?;
@@ -383,7 +383,7 @@ impl File {
         Ok(())
     }
 
-    fn finish(mut self) -> Parse<RawMesh> {
+    fn finish(mut self) -> ParseResult<RawMesh> {
         if self.version == 0 {
             return Err("there is no $MeshFormat section in the file".into());
         }
@@ -408,7 +408,7 @@ impl File {
             ("label", &labels),
         ] {
             if values.iter().any(|v| *v != 0.0) {
-                self.mesh.fields.push(whole_field(name, values.clone()));
+                self.mesh.fields.push(integer_field(name, values.clone()));
             }
         }
         self.remarks.add_to(&mut self.mesh, &self.physical);
@@ -425,7 +425,7 @@ impl File {
     }
 }
 
-fn position(at: &mut Source, tag: u64) -> Parse<DVec3> {
+fn position(at: &mut Source, tag: u64) -> ParseResult<DVec3> {
     let x = at.double(format_args!("x of node {tag}"))?;
     let y = at.double(format_args!("y of node {tag}"))?;
     let z = at.double(format_args!("z of node {tag}"))?;

@@ -1,7 +1,7 @@
 //! Gmsh's $NodeData and $ElementData: values by node or element tag.
 
 use super::cells::RawMesh;
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use super::gmsh_source::Source;
 use crate::mesh::{Field, Location, ScalarType};
 
@@ -15,7 +15,7 @@ pub(super) struct DataSection {
 
 impl DataSection {
     /// Reads the content of $NodeData or $ElementData.
-    pub fn read(at: &mut Source) -> Parse<DataSection> {
+    pub fn read(at: &mut Source) -> ParseResult<DataSection> {
         let mut name = String::new();
         for i in 0..at.ascii_count(format_args!("the number of string tags"), 1)? {
             let text = at.line();

@@ -1,6 +1,6 @@
 //! The numbers and sections of a Gmsh file, ASCII or binary.
 
-use super::cursor::{Cursor, Parse};
+use super::cursor::{Cursor, ParseResult};
 use super::gmsh;
 use std::fmt::Arguments;
 
@@ -32,7 +32,7 @@ impl<'a> Source<'a> {
     }
 
     /// Reads `$Name` up to the end of its line; `None` at the end of the file.
-    pub fn next_section(&mut self) -> Parse<Option<&'a str>> {
+    pub fn next_section(&mut self) -> ParseResult<Option<&'a str>> {
         let Some(token) = self.at.token() else {
             return Ok(None);
         };
@@ -49,7 +49,7 @@ impl<'a> Source<'a> {
         Ok(Some(name))
     }
 
-    pub fn end_of_section(&mut self, name: &str) -> Parse<()> {
+    pub fn end_of_section(&mut self, name: &str) -> ParseResult<()> {
         let token = self.at.word(format_args!("$End{name}"))?;
         // Version 1 has $ENDNOD and $ENDELM.
         let end = token.strip_prefix("$End").or(token.strip_prefix("$END"));
@@ -61,7 +61,7 @@ impl<'a> Source<'a> {
     }
 
     /// Goes behind `$End<name>`; returns what lies before it.
-    pub fn skip_section(&mut self, name: &str) -> Parse<&'a [u8]> {
+    pub fn skip_section(&mut self, name: &str) -> ParseResult<&'a [u8]> {
         let end = format!("$End{name}");
         let rest = self.at.rest();
         let found = rest.windows(end.len()).position(|w| w == end.as_bytes());
@@ -75,7 +75,7 @@ impl<'a> Source<'a> {
     }
 
     /// Reads the content of $MeshFormat; the version, as [`gmsh`] tells them apart.
-    pub fn mesh_format(&mut self) -> Parse<u32> {
+    pub fn mesh_format(&mut self) -> ParseResult<u32> {
         let version = self.at.word(format_args!("the version of the format"))?;
         let major = match version.split_once('.').unwrap_or((version, "0")) {
             ("2", _) => gmsh::V2,
@@ -122,7 +122,7 @@ impl<'a> Source<'a> {
     }
 
     /// The next `N` bytes, in little-endian order.
-    fn bytes<const N: usize>(&mut self, what: Arguments) -> Parse<[u8; N]> {
+    fn bytes<const N: usize>(&mut self, what: Arguments) -> ParseResult<[u8; N]> {
         let mut bytes = [0; N];
         bytes.copy_from_slice(self.at.take(N, what)?);
         if self.big_endian {
@@ -131,7 +131,7 @@ impl<'a> Source<'a> {
         Ok(bytes)
     }
 
-    pub fn int(&mut self, what: Arguments) -> Parse<i32> {
+    pub fn int(&mut self, what: Arguments) -> ParseResult<i32> {
         if !self.ascii {
             return Ok(i32::from_le_bytes(self.bytes(what)?));
         }
@@ -140,7 +140,7 @@ impl<'a> Source<'a> {
             .map_err(|_| self.error(format_args!("{what} is {value}, beyond 32 bits")))
     }
 
-    pub fn size(&mut self, what: Arguments) -> Parse<u64> {
+    pub fn size(&mut self, what: Arguments) -> ParseResult<u64> {
         if !self.ascii {
             return Ok(match self.size_bytes {
                 4 => u64::from(u32::from_le_bytes(self.bytes(what)?)),
@@ -155,7 +155,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    pub fn double(&mut self, what: Arguments) -> Parse<f64> {
+    pub fn double(&mut self, what: Arguments) -> ParseResult<f64> {
         if self.ascii {
             self.at.number(what)
         } else {
@@ -164,14 +164,14 @@ impl<'a> Source<'a> {
     }
 
     /// A `size_t` that says how many items of at least `least_bytes` follow.
-    pub fn count(&mut self, what: Arguments, least_bytes: usize) -> Parse<usize> {
+    pub fn count(&mut self, what: Arguments, least_bytes: usize) -> ParseResult<usize> {
         let count = self.size(what)?;
         self.at
-            .check_count(i64::try_from(count).unwrap_or(i64::MAX), what, least_bytes)
+            .validate_count(i64::try_from(count).unwrap_or(i64::MAX), what, least_bytes)
     }
 
     /// Like [`Source::count`], for the counts that are text in binary files too.
-    pub fn ascii_count(&mut self, what: Arguments, least_bytes: usize) -> Parse<usize> {
+    pub fn ascii_count(&mut self, what: Arguments, least_bytes: usize) -> ParseResult<usize> {
         let count = self.at.count(what, least_bytes)?;
         self.at.rest_of_line();
         Ok(count)

@@ -4,7 +4,7 @@
 //! and $ElementData. The section $Comments, which other programs pass over, has what else is
 //! known of the regions.
 
-use super::format::{left_out, one_line};
+use super::format::{dropped_fields_note, one_line};
 use super::groups::Groups;
 use super::{atomic_write, remarks};
 use crate::mesh::{Field, Location, TetMesh};
@@ -20,9 +20,10 @@ const TET: i32 = 4;
 
 /// Writes `mesh` as version `version`, 2 (2.2) or 4 (4.1).
 pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Result<Vec<String>> {
-    let groups = Groups::of(mesh, 1);
+    let groups = Groups::from_mesh(mesh, 1);
     let told = |f: &&Field| {
-        groups.tell(mesh, f) || (f.name == GEOMETRICAL && f.location == Location::Cell)
+        groups.is_covered_by_groups(mesh, f)
+            || (f.name == GEOMETRICAL && f.location == Location::Cell)
     };
     let (fields, others): (Vec<&Field>, Vec<&Field>) = mesh
         .fields
@@ -46,7 +47,10 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Re
                 .to_owned(),
         );
     }
-    notes.extend(left_out(&others, "Gmsh's fields have 1, 3 or 9 components"));
+    notes.extend(dropped_fields_note(
+        &others,
+        "Gmsh's fields have 1, 3 or 9 components",
+    ));
     Ok(notes)
 }
 
@@ -56,7 +60,7 @@ const GEOMETRICAL: &str = "gmsh:geometrical";
 /// The entity of each tet: those of the field `gmsh:geometrical` if each has one group, else one
 /// for each group.
 fn entities(mesh: &TetMesh, groups: &Groups) -> Vec<i32> {
-    let group = |t: usize| groups.of_tet.get(t).copied().unwrap_or(0);
+    let group = |t: usize| groups.tet_groups.get(t).copied().unwrap_or(0);
     if let Some(field) = mesh.field(GEOMETRICAL, Location::Cell)
         && field.components == 1
     {
@@ -156,7 +160,7 @@ impl<W: Write> Out<'_, W> {
             self.lines("\n")?;
         }
         self.lines("$EndMeshFormat\n")?;
-        let remarks = remarks::of_mesh("", mesh, groups, &[]);
+        let remarks = remarks::mesh_comments("", mesh, groups, &[]);
         if !remarks.is_empty() {
             self.lines(&format!("$Comments\n{remarks}$EndComments\n"))?;
         }
@@ -204,7 +208,7 @@ impl<W: Write> Out<'_, W> {
             if self.text {
                 self.ints(&[TET, 2])?;
             }
-            let group = groups.of_tet.get(t).copied().unwrap_or(0);
+            let group = groups.tet_groups.get(t).copied().unwrap_or(0);
             self.ints(&[group, entities[t]])?;
             self.sizes(&tet.map(|v| v as usize + 1))?;
             self.end_line()?;
@@ -231,7 +235,7 @@ impl<W: Write> Out<'_, W> {
                 });
             self.reals(&low.to_array())?;
             self.reals(&high.to_array())?;
-            let group = tets.first().and_then(|t| groups.of_tet.get(*t));
+            let group = tets.first().and_then(|t| groups.tet_groups.get(*t));
             match group.copied().unwrap_or(0) {
                 0 => self.sizes(&[0])?,
                 group => {

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const SOURCES: [&str; 4] = ["label", "gmsh:physical", "medit:ref", "tetgen:ref"];
 
 /// With more values than this a field does not tell of regions.
-const MOST: usize = 1 << 16;
+const MAX_GROUPS: usize = 1 << 16;
 
 /// A region that a group stands for.
 pub(super) struct Region {
@@ -24,7 +24,7 @@ pub(super) struct Groups {
     /// The field that tells of them.
     source: Option<String>,
     /// A number for each tet; 0 for none. Empty where there are no groups.
-    pub of_tet: Vec<i32>,
+    pub tet_groups: Vec<i32>,
     by_group: BTreeMap<i32, Region>,
     /// Whether groups have other numbers than the regions.
     pub renumbered: bool,
@@ -33,7 +33,7 @@ pub(super) struct Groups {
 impl Groups {
     /// The groups of `mesh`, whose numbers are at least `least`: those of the regions where they
     /// can be, else counted from 1.
-    pub fn of(mesh: &TetMesh, least: i32) -> Groups {
+    pub fn from_mesh(mesh: &TetMesh, least: i32) -> Groups {
         for source in SOURCES {
             if let Some(field) = mesh.field(source, Location::Cell)
                 && let Some(values) = distinct(field)
@@ -72,7 +72,7 @@ impl Groups {
         let group = |v: &f64| group_of.get(&(*v as i64)).copied().unwrap_or(0);
         Groups {
             source: Some(field.name.clone()),
-            of_tet: field.values.iter().map(group).collect(),
+            tet_groups: field.values.iter().map(group).collect(),
             by_group,
             renumbered: !fits,
         }
@@ -90,7 +90,7 @@ impl Groups {
     }
 
     /// Whether `field` is told by the groups, so that it need not be written besides.
-    pub fn tell(&self, mesh: &TetMesh, field: &Field) -> bool {
+    pub fn is_covered_by_groups(&self, mesh: &TetMesh, field: &Field) -> bool {
         let source = self
             .source
             .as_deref()
@@ -110,7 +110,7 @@ fn distinct(field: &Field) -> Option<BTreeSet<i64>> {
             return None;
         }
         values.insert(*value as i64);
-        if values.len() > MOST {
+        if values.len() > MAX_GROUPS {
             return None;
         }
     }

@@ -5,8 +5,8 @@
 //! are passed over.
 
 use super::cells::RawMesh;
-use super::cursor::{Cursor, Parse};
-use super::remarks::Remarks;
+use super::cursor::{Cursor, ParseResult};
+use super::remarks::Metadata;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
@@ -29,7 +29,7 @@ const SECTIONS: [(&str, u8, usize); 11] = [
 ];
 
 /// Reads the content of a `.mesh` file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut at = Cursor::with_comments(bytes);
     let mut mesh = RawMesh::default();
     let mut node_refs = Vec::new();
@@ -80,12 +80,12 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
         return Err("the file ends, and there are no Vertices in it".into());
     }
     keep_refs(&mut mesh, Location::Node, node_refs);
-    Remarks::read(bytes, "# ").add_to(&mut mesh, &cell_refs);
+    Metadata::read(bytes, "# ").add_to(&mut mesh, &cell_refs);
     keep_refs(&mut mesh, Location::Cell, cell_refs);
     Ok(mesh)
 }
 
-fn read_vertices(at: &mut Cursor, mesh: &mut RawMesh, refs: &mut Vec<f64>) -> Parse<()> {
+fn read_vertices(at: &mut Cursor, mesh: &mut RawMesh, refs: &mut Vec<f64>) -> ParseResult<()> {
     if !mesh.nodes.is_empty() {
         return Err(at.error("there is a second Vertices section"));
     }
@@ -109,7 +109,7 @@ fn read_cells(
     width: usize,
     mesh: &mut RawMesh,
     refs: &mut Vec<f64>,
-) -> Parse<()> {
+) -> ParseResult<()> {
     let count = at.count(format_args!("the number of {keyword}"), 2 * width)?;
     for i in 1..=count {
         let mut nodes = [0; 27];
@@ -149,7 +149,7 @@ fn keep_refs(mesh: &mut RawMesh, location: Location, values: Vec<f64>) {
             name: "medit:ref".into(),
             location,
             components: 1,
-            scalar_type: if super::scalar::holds(&values, ScalarType::I32) {
+            scalar_type: if super::scalar::is_lossless(&values, ScalarType::I32) {
                 ScalarType::I32
             } else {
                 ScalarType::F64

@@ -1,6 +1,6 @@
 //! Writer for Medit's `.mesh` files, text. Regions are the references of tets.
 
-use super::format::left_out;
+use super::format::dropped_fields_note;
 use super::groups::Groups;
 use super::{atomic_write, remarks};
 use crate::mesh::{Field, Location, TetMesh};
@@ -13,7 +13,7 @@ pub(super) const NODE_MARKERS: [&str; 2] = ["medit:ref", "tetgen:ref"];
 
 /// Writes nodes, tets and references.
 pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
-    let groups = Groups::of(mesh, i32::MIN);
+    let groups = Groups::from_mesh(mesh, i32::MIN);
     let markers = node_markers(mesh);
     atomic_write(path, |file| {
         fill(file, mesh, &groups, markers).map_err(Error::io(path))
@@ -21,7 +21,9 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
     let others: Vec<&Field> = mesh
         .fields
         .iter()
-        .filter(|f| !groups.tell(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f)))
+        .filter(|f| {
+            !groups.is_covered_by_groups(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f))
+        })
         .collect();
     let mut notes = Vec::new();
     if groups.renumbered {
@@ -30,7 +32,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
                 .to_owned(),
         );
     }
-    notes.extend(left_out(&others, "Medit's files hold no fields"));
+    notes.extend(dropped_fields_note(&others, "Medit's files hold no fields"));
     Ok(notes)
 }
 
@@ -58,7 +60,7 @@ fn fill(
     write!(
         file,
         "MeshVersionFormatted 2\nDimension 3\n{}Vertices\n{}\n",
-        remarks::of_mesh("# ", mesh, groups, &[]),
+        remarks::mesh_comments("# ", mesh, groups, &[]),
         mesh.nodes.len()
     )?;
     for (i, p) in mesh.nodes.iter().enumerate() {
@@ -68,7 +70,7 @@ fn fill(
     write!(file, "Tetrahedra\n{}\n", mesh.tets.len())?;
     for (t, tet) in mesh.tets.iter().enumerate() {
         let [a, b, c, d] = tet.map(|v| u64::from(v) + 1);
-        let group = groups.of_tet.get(t).copied().unwrap_or(0);
+        let group = groups.tet_groups.get(t).copied().unwrap_or(0);
         writeln!(file, "{a} {b} {c} {d} {group}")?;
     }
     file.write_all(b"End\n")

@@ -46,13 +46,13 @@ mod vtu_tags;
 mod vtu_write;
 
 #[cfg(not(target_arch = "wasm32"))]
-pub(crate) use atomic::UnfinishedFile;
+pub(crate) use atomic::TempFile;
 pub use atomic::atomic_write;
 pub use format::{MeshFormat, write, write_as};
-pub use frames::{FrameStream, StreamedFrame};
+pub use frames::{FrameStream, TimedPositions};
 pub use parse::{parse, parse_surface, parse_volume};
 pub use pvd::{Frame, PvdSeries, read_pvd};
-pub(crate) use pvtu::OWN;
+pub(crate) use pvtu::PRIVATE_PREFIX;
 pub use pvtu::{is_pieces, piece_files, read_piece, write_pieces};
 pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
@@ -61,13 +61,13 @@ pub use volume::{read_volume, write_volume};
 use crate::files;
 pub use crate::files::{OutFile, exists, read_text};
 #[cfg(target_arch = "wasm32")]
-pub use crate::files::{put, take};
+pub use crate::files::{insert_file, take_file};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use std::path::Path;
 
 /// What [`read`] can read, for messages.
-const READABLE: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
+const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
 
 /// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus;
 /// of a mesh in pieces (`.pvtu`) all of them, as one.
@@ -109,7 +109,7 @@ pub enum Kind {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn kind(path: impl AsRef<Path>) -> Result<Kind> {
+pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
     let path = path.as_ref();
     if path.is_dir() {
         return Ok(Kind::Volume);
@@ -130,7 +130,7 @@ pub fn kind(path: impl AsRef<Path>) -> Result<Kind> {
     })
 }
 
-type Reader = fn(&[u8]) -> cursor::Parse<cells::RawMesh>;
+type Reader = fn(&[u8]) -> cursor::ParseResult<cells::RawMesh>;
 
 /// What a file begins with, in small letters.
 fn start_of(bytes: &[u8]) -> String {
@@ -145,7 +145,7 @@ fn holds_pieces(bytes: &[u8]) -> bool {
     start.starts_with('<') && start.contains("<vtkfile") && start.contains(&kind)
 }
 
-fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
+fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
     let start = start_of(bytes);
     let begins = |magic: &[u8]| start.as_bytes().starts_with(&magic.to_ascii_lowercase());
     let first_word = start
@@ -163,14 +163,14 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
             );
         }
         match holds_pieces(bytes) {
-            true => Ok(pvtu::refuse),
+            true => Ok(pvtu::reject_index),
             false => Ok(vtu::read),
         }
     } else if begins(gmsh::MAGIC) || begins(gmsh::MAGIC_1) || (begins(b"$") && extension == "msh") {
         Ok(gmsh::read)
     } else if first_word.is_some_and(|w| w.starts_with(medit::MAGIC)) {
         Ok(medit::read)
-    } else if abaqus::begins(bytes) {
+    } else if abaqus::is_abaqus(bytes) {
         Ok(abaqus::read)
     } else {
         // Nothing known at the start: the reader its name asks for says what it expected.
@@ -181,7 +181,7 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::Parse<Reader> {
             "mesh" => Ok(medit::read),
             "inp" => Ok(abaqus::read),
             _ => Err(format!(
-                "neither the content nor the extension is of a known format; Palpate reads {READABLE}"
+                "neither the content nor the extension is of a known format; Palpate reads {READABLE_FORMATS}"
             )),
         }
     }

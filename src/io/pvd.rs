@@ -163,7 +163,7 @@ pub fn read_pvd(path: impl AsRef<Path>) -> Result<Vec<Frame>> {
     Ok(frames)
 }
 
-pub(super) fn parse(bytes: &[u8]) -> super::cursor::Parse<Vec<Frame>> {
+pub(super) fn parse(bytes: &[u8]) -> super::cursor::ParseResult<Vec<Frame>> {
     let mut reader = Reader::from_reader(bytes);
     let mut frames = Vec::new();
     let mut depth = 0usize;

@@ -6,7 +6,7 @@
 //! where nothing else is; and what the caller has to say of the whole.
 
 use super::cells::RawMesh;
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use super::vtu_tags::attribute;
 use super::vtu_write::{self, escaped};
 use super::{scalar, vtu};
@@ -28,9 +28,9 @@ const GHOSTS: &str = "vtkGhostType";
 /// A cell that another piece has too, of VTK's kinds of ghosts.
 const DUPLICATE: f64 = 1.0;
 /// What the names of fields begin with that are Palpate's, and none of the mesh.
-pub(crate) const OWN: &str = "palpate:";
+pub(crate) const PRIVATE_PREFIX: &str = "palpate:";
 /// The array of a piece that says what is to be known of the whole, as bytes.
-const WHOLE: &str = "palpate:whole";
+const WHOLE_MESH_ARRAY: &str = "palpate:whole";
 
 /// The files of the pieces that the index at `path` lists, in its order.
 ///
@@ -45,7 +45,7 @@ pub fn piece_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
 }
 
 /// The files that an index lists.
-pub(super) fn index(bytes: &[u8]) -> Parse<Vec<String>> {
+pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
     let mut reader = Reader::from_reader(bytes);
     let mut files = Vec::new();
     let mut depth = 0usize;
@@ -98,25 +98,25 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<RawMesh> {
     let pieces = files.iter().map(|file| {
         let file = folder.join(file);
         let bytes = super::content(&file)?;
-        let piece = vtu::read(&bytes).and_then(Part::new);
+        let piece = vtu::read(&bytes).and_then(PieceData::new);
         piece.map_err(|e| Error::format(&file, e))
     });
-    let pieces: Vec<Part> = pieces.collect::<Result<_>>()?;
+    let pieces: Vec<PieceData> = pieces.collect::<Result<_>>()?;
     joined(pieces).map_err(|e| Error::format(path, e))
 }
 
 /// A piece, and what it says of its place in the whole.
-struct Part {
+struct PieceData {
     mesh: RawMesh,
     nodes: Option<Vec<u64>>,
     cells: Option<Vec<u64>>,
     ghosts: Option<Vec<f64>>,
 }
 
-impl Part {
-    fn new(mut mesh: RawMesh) -> Parse<Part> {
+impl PieceData {
+    fn new(mut mesh: RawMesh) -> ParseResult<PieceData> {
         let [nodes, cells] = [mesh.nodes.len(), mesh.cells.len()];
-        let ids = |field: Field| -> Parse<Vec<u64>> {
+        let ids = |field: Field| -> ParseResult<Vec<u64>> {
             let whole = |v: &f64| super::cells::index(*v).map(|i| i as u64);
             let ids: Option<Vec<u64>> = field.values.iter().map(whole).collect();
             ids.ok_or_else(|| format!("field \"{}\" should have whole numbers", field.name))
@@ -137,8 +137,8 @@ impl Part {
         );
         // Of nodes ghosts say nothing that the cells do not.
         take(GHOSTS, Location::Node, nodes);
-        mesh.fields.retain(|f| !f.name.starts_with(OWN));
-        Ok(Part {
+        mesh.fields.retain(|f| !f.name.starts_with(PRIVATE_PREFIX));
+        Ok(PieceData {
             nodes: part.0.map(ids).transpose()?,
             cells: part.1.map(ids).transpose()?,
             ghosts: part.2.map(|f| f.values),
@@ -155,7 +155,7 @@ enum Key {
 }
 
 /// All pieces in one, in the order that their numbers give, where they have any.
-fn joined(parts: Vec<Part>) -> Parse<RawMesh> {
+fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
     let numbered = parts.iter().all(|p| p.nodes.is_some());
     let ordered = numbered && parts.iter().all(|p| p.cells.is_some());
     let mut mesh = RawMesh::default();
@@ -299,7 +299,7 @@ pub fn write_pieces(
             scalar_type: ScalarType::I64,
             ..Field::scalar(name, location, ids.iter().map(|i| f64::from(*i)).collect())
         };
-        let ghost = |t: usize| if t < piece.own { 0.0 } else { DUPLICATE };
+        let ghost = |t: usize| if t < piece.owned_tets { 0.0 } else { DUPLICATE };
         let extra = [
             ids(NODE_IDS, Location::Node, &piece.nodes),
             ids(CELL_IDS, Location::Cell, &piece.tets),
@@ -319,12 +319,15 @@ pub fn write_pieces(
             mesh,
             &mesh.nodes,
             &extra,
-            Some((WHOLE, whole)),
+            Some((WHOLE_MESH_ARRAY, whole)),
         )?;
         files.push(file);
-        let all = mesh.fields.iter().filter(|f| !f.name.starts_with(OWN));
+        let all = mesh
+            .fields
+            .iter()
+            .filter(|f| !f.name.starts_with(PRIVATE_PREFIX));
         for field in all.chain(&extra) {
-            let exact = scalar::holds(&field.values, field.scalar_type);
+            let exact = scalar::is_lossless(&field.values, field.scalar_type);
             let kind = if exact {
                 field.scalar_type
             } else {
@@ -400,7 +403,8 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
         )
     };
     let bytes = super::content(file)?;
-    let (raw, whole) = vtu::read_telling(&bytes, WHOLE).map_err(|e| Error::format(file, e))?;
+    let (raw, whole) =
+        vtu::read_telling(&bytes, WHOLE_MESH_ARRAY).map_err(|e| Error::format(file, e))?;
     let whole = whole.ok_or_else(foreign)?;
     let mut mesh = raw.into_tets().map_err(|e| Error::format(file, e))?;
     let mut take = |name: &str, location| -> Option<Vec<f64>> {
@@ -425,7 +429,7 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
     }
     let piece = MeshPiece {
         mesh,
-        own,
+        owned_tets: own,
         nodes,
         tets,
     };
@@ -438,6 +442,6 @@ pub fn is_pieces(path: impl AsRef<Path>) -> bool {
 }
 
 /// Refuses an index where a mesh in one file is needed.
-pub(super) fn refuse(_: &[u8]) -> Parse<RawMesh> {
+pub(super) fn reject_index(_: &[u8]) -> ParseResult<RawMesh> {
     Err("this lists the pieces of a mesh (.pvtu), which are files of their own; a single file is needed here, .vtu for example".into())
 }

@@ -2,7 +2,7 @@
 //! line. Other programs pass comments over; [`super::read`] takes them up again.
 
 use super::cells::RawMesh;
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use super::groups::Groups;
 use super::scalar;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// What comes before each remark in a comment.
-const MARK: &str = "palpate: ";
+const COMMENT_PREFIX: &str = "palpate: ";
 
 /// One thing told.
 #[derive(Serialize, Deserialize)]
@@ -47,7 +47,7 @@ pub(super) struct Region {
 
 /// All remarks of a file.
 #[derive(Default)]
-pub(super) struct Remarks {
+pub(super) struct Metadata {
     unit: Option<f64>,
     counts: Option<(usize, usize)>,
     /// By their group.
@@ -55,11 +55,11 @@ pub(super) struct Remarks {
     fields: Vec<(String, usize, ScalarType)>,
 }
 
-impl Remarks {
+impl Metadata {
     /// The remarks in a text whose comments begin with `comment`.
-    pub fn read(text: &[u8], comment: &str) -> Remarks {
-        let mut remarks = Remarks::default();
-        let start = format!("{comment}{MARK}");
+    pub fn read(text: &[u8], comment: &str) -> Metadata {
+        let mut remarks = Metadata::default();
+        let start = format!("{comment}{COMMENT_PREFIX}");
         for line in text.split(|b| *b == b'\n') {
             let Some(told) = line.strip_prefix(start.as_bytes()) else {
                 continue;
@@ -111,7 +111,7 @@ impl Remarks {
         let labels = group_of_cell.iter().map(label).collect();
         mesh.fields
             .retain(|f| f.name != "label" || f.location != Location::Cell);
-        mesh.fields.push(whole_field("label", labels));
+        mesh.fields.push(integer_field("label", labels));
     }
 
     /// Columns of attributes as the fields that the remarks tell of; `None` where they do not
@@ -143,7 +143,7 @@ impl Remarks {
     }
 
     /// Holds what was found against the counts told, where they were.
-    pub fn check_counts(&self, nodes: usize, cells: usize) -> Parse<()> {
+    pub fn check_counts(&self, nodes: usize, cells: usize) -> ParseResult<()> {
         match self.counts {
             Some((n, c)) if (n, c) != (nodes, cells) => Err(format!(
                 "the file was written with {n} nodes and {c} elements, but holds {nodes} and {cells}: it is truncated or was changed"
@@ -154,12 +154,12 @@ impl Remarks {
 }
 
 /// A cell field of whole numbers, as Int32 where that holds them.
-pub(super) fn whole_field(name: &str, values: Vec<f64>) -> Field {
+pub(super) fn integer_field(name: &str, values: Vec<f64>) -> Field {
     Field {
         name: name.into(),
         location: Location::Cell,
         components: 1,
-        scalar_type: match scalar::holds(&values, ScalarType::I32) {
+        scalar_type: match scalar::is_lossless(&values, ScalarType::I32) {
             true => ScalarType::I32,
             false => ScalarType::F64,
         },
@@ -170,12 +170,17 @@ pub(super) fn whole_field(name: &str, values: Vec<f64>) -> Field {
 fn line(comment: &str, remark: &Remark) -> String {
     // These types have no value that JSON cannot hold.
     let json = serde_json::to_string(remark).unwrap_or_default();
-    format!("{comment}{MARK}{json}\n")
+    format!("{comment}{COMMENT_PREFIX}{json}\n")
 }
 
 /// The lines that tell of the unit and the regions of `mesh`; `sets` are the names of its groups
 /// where they have names.
-pub(super) fn of_mesh(comment: &str, mesh: &TetMesh, groups: &Groups, sets: &[String]) -> String {
+pub(super) fn mesh_comments(
+    comment: &str,
+    mesh: &TetMesh,
+    groups: &Groups,
+    sets: &[String],
+) -> String {
     let unit = mesh
         .length_unit
         .filter(|u| u.is_finite())
@@ -193,12 +198,12 @@ pub(super) fn of_mesh(comment: &str, mesh: &TetMesh, groups: &Groups, sets: &[St
 }
 
 /// The line that tells of the nodes and tets of a whole file.
-pub(super) fn of_counts(comment: &str, mesh: &TetMesh) -> String {
+pub(super) fn count_comment(comment: &str, mesh: &TetMesh) -> String {
     line(comment, &Remark::Counts(mesh.nodes.len(), mesh.tets.len()))
 }
 
 /// The lines that tell which fields the columns of attributes hold.
-pub(super) fn of_fields(comment: &str, fields: &[&Field]) -> String {
+pub(super) fn field_comments(comment: &str, fields: &[&Field]) -> String {
     fields
         .iter()
         .map(|field| {

@@ -69,7 +69,7 @@ pub(super) fn encode(values: &[f64], scalar: ScalarType) -> Vec<u8> {
 }
 
 /// Whether every one of `values` survives being written as `scalar` and read again.
-pub(super) fn holds(values: &[f64], scalar: ScalarType) -> bool {
+pub(super) fn is_lossless(values: &[f64], scalar: ScalarType) -> bool {
     macro_rules! exact {
         ($t:ty) => {
             values

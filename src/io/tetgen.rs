@@ -5,8 +5,8 @@
 //! further attributes). Markers and regions that are 0 throughout say nothing and are dropped.
 
 use super::cells::RawMesh;
-use super::cursor::{Cursor, Parse, integer, number};
-use super::remarks::Remarks;
+use super::cursor::{Cursor, ParseResult, integer, number};
+use super::remarks::Metadata;
 use super::tags::{Tags, repeated_numbers};
 use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
@@ -48,7 +48,7 @@ struct Row<'a> {
 
 impl<'a> Row<'a> {
     /// The next line, which should have at least `width` columns.
-    fn read(at: &mut Cursor<'a>, width: usize, what: Arguments) -> Parse<Row<'a>> {
+    fn read(at: &mut Cursor<'a>, width: usize, what: Arguments) -> ParseResult<Row<'a>> {
         let Some((start, line)) = at.line() else {
             return Err(at.error(format_args!("the file ends where {what} should be")));
         };
@@ -77,7 +77,7 @@ impl<'a> Row<'a> {
         i: usize,
         what: Arguments,
         parse: impl Fn(&[u8]) -> Option<T>,
-    ) -> Parse<T> {
+    ) -> ParseResult<T> {
         let token = self.tokens.get(i).copied().unwrap_or_default();
         parse(token).ok_or_else(|| {
             let shown = String::from_utf8_lossy(&token[..token.len().min(40)]);
@@ -87,7 +87,7 @@ impl<'a> Row<'a> {
 }
 
 /// The header: how many items, and the numbers behind.
-fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> Parse<(usize, Vec<i64>)> {
+fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> ParseResult<(usize, Vec<i64>)> {
     let row = Row::read(at, 1, format_args!("the header ({what})"))?;
     let numbers = (0..row.tokens.len())
         .map(|i| {
@@ -98,8 +98,8 @@ fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> Parse<(usize, Vec<
                 integer,
             )
         })
-        .collect::<Parse<Vec<i64>>>()?;
-    let count = at.check_count(
+        .collect::<ParseResult<Vec<i64>>>()?;
+    let count = at.validate_count(
         numbers[0],
         format_args!("the first number of the header ({what})"),
         least_bytes,
@@ -108,7 +108,7 @@ fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> Parse<(usize, Vec<
 }
 
 /// A number in the header that says how many columns there are.
-fn columns(header: &[i64], i: usize, most: i64, what: &str) -> Parse<usize> {
+fn columns(header: &[i64], i: usize, most: i64, what: &str) -> ParseResult<usize> {
     let value = header.get(i).copied().unwrap_or(0);
     (0..=most)
         .contains(&value)
@@ -116,7 +116,7 @@ fn columns(header: &[i64], i: usize, most: i64, what: &str) -> Parse<usize> {
         .ok_or_else(|| format!("the header gives {value} {what}, expected 0 to {most}"))
 }
 
-fn no_more(at: &mut Cursor, count: usize, what: &str) -> Parse<()> {
+fn no_more(at: &mut Cursor, count: usize, what: &str) -> ParseResult<()> {
     match at.line() {
         None => Ok(()),
         Some((start, _)) => Err(at.error_at(
@@ -127,7 +127,7 @@ fn no_more(at: &mut Cursor, count: usize, what: &str) -> Parse<()> {
 }
 
 /// Reads the nodes; their indices by the numbers they have in the file.
-pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
+pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> ParseResult<Tags> {
     let mut at = Cursor::with_comments(bytes);
     let (count, header) = header(&mut at, "nodes, dimension, attributes, boundary markers", 8)?;
     if let Some(other) = header.get(1).filter(|d| **d != 3) {
@@ -162,7 +162,7 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
     }
     no_more(&mut at, count, "nodes")?;
     let markers = extra.split_off(attributes);
-    let remarks = Remarks::read(bytes, "# ");
+    let remarks = Metadata::read(bytes, "# ");
     if let Some(fields) = remarks.fields(Location::Node, &extra) {
         mesh.fields.extend(fields);
         extra.clear();
@@ -176,7 +176,7 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> Parse<Tags> {
     Ok(tags)
 }
 
-pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Parse<()> {
+pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> ParseResult<()> {
     let mut at = Cursor::with_comments(bytes);
     let (count, header) = header(&mut at, "tetrahedra, nodes of each, attributes", 10)?;
     let (kind, corners) = match header.get(1).copied().unwrap_or(4) {
@@ -215,7 +215,7 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
     if repeated > 0 {
         mesh.warnings.push(repeated_numbers(repeated));
     }
-    let remarks = Remarks::read(bytes, "# ");
+    let remarks = Metadata::read(bytes, "# ");
     if let Some(groups) = extra.first() {
         remarks.add_to(mesh, groups);
     }
@@ -243,7 +243,7 @@ fn keep_labels(mesh: &mut RawMesh, location: Location, columns: Vec<Vec<f64>>) {
             name: format!("tetgen:ref{suffix}"),
             location,
             components: 1,
-            scalar_type: if super::scalar::holds(&values, ScalarType::I32) {
+            scalar_type: if super::scalar::is_lossless(&values, ScalarType::I32) {
                 ScalarType::I32
             } else {
                 ScalarType::F64

@@ -1,10 +1,10 @@
 //! Writer for TetGen's `.node` and `.ele` files. Regions are the first attribute of tets, node
 //! fields attributes of nodes; comments tell what the columns are called.
 
-use super::format::left_out;
+use super::format::dropped_fields_note;
 use super::groups::Groups;
 use super::medit_write::{is_whole, node_markers};
-use super::remarks::whole_field;
+use super::remarks::integer_field;
 use super::{atomic_write, remarks};
 use crate::mesh::{Field, Location, TetMesh};
 use crate::{Error, Result};
@@ -13,12 +13,14 @@ use std::path::Path;
 
 /// Writes the pair of files that `path` (`x.node` or `x.ele`) belongs to.
 pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
-    let groups = Groups::of(mesh, i32::MIN);
+    let groups = Groups::from_mesh(mesh, i32::MIN);
     let markers = node_markers(mesh);
     let (node_fields, cell_fields): (Vec<&Field>, Vec<&Field>) = mesh
         .fields
         .iter()
-        .filter(|f| !groups.tell(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f)))
+        .filter(|f| {
+            !groups.is_covered_by_groups(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f))
+        })
         .partition(|f| f.location == Location::Node);
     // Most readers of .ele files take whole numbers for attributes only.
     let (cell_fields, others): (Vec<&Field>, Vec<&Field>) =
@@ -39,7 +41,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
         );
     }
     let why = "attributes of tets are whole numbers";
-    notes.extend(left_out(&others, why));
+    notes.extend(dropped_fields_note(&others, why));
     Ok(notes)
 }
 
@@ -65,7 +67,7 @@ fn nodes(
     fields: &[&Field],
     markers: Option<&Field>,
 ) -> std::io::Result<()> {
-    header(file, &remarks::of_fields("# ", fields))?;
+    header(file, &remarks::field_comments("# ", fields))?;
     let marked = u8::from(markers.is_some());
     writeln!(file, "{} 3 {} {marked}", mesh.nodes.len(), columns(fields))?;
     for (i, p) in mesh.nodes.iter().enumerate() {
@@ -87,21 +89,21 @@ fn tets(
     groups: &Groups,
     fields: &[&Field],
 ) -> std::io::Result<()> {
-    let mut told = remarks::of_mesh("# ", mesh, groups, &[]);
+    let mut told = remarks::mesh_comments("# ", mesh, groups, &[]);
     if !fields.is_empty() {
         // Groups that are no regions are a column like any other.
-        let column = whole_field("tetgen:ref", Vec::new());
-        let plain = !groups.of_tet.is_empty() && groups.regions().next().is_none();
+        let column = integer_field("tetgen:ref", Vec::new());
+        let plain = !groups.tet_groups.is_empty() && groups.regions().next().is_none();
         let columns: Vec<&Field> = plain.then_some(&column).into_iter().collect();
-        told += &remarks::of_fields("# ", &[columns, fields.to_vec()].concat());
+        told += &remarks::field_comments("# ", &[columns, fields.to_vec()].concat());
     }
     header(file, &told)?;
-    let grouped = usize::from(!groups.of_tet.is_empty());
+    let grouped = usize::from(!groups.tet_groups.is_empty());
     writeln!(file, "{} 4 {}", mesh.tets.len(), grouped + columns(fields))?;
     for (t, tet) in mesh.tets.iter().enumerate() {
         let [a, b, c, d] = tet.map(|v| u64::from(v) + 1);
         write!(file, "{} {a} {b} {c} {d}", t + 1)?;
-        if let Some(group) = groups.of_tet.get(t) {
+        if let Some(group) = groups.tet_groups.get(t) {
             write!(file, " {group}")?;
         }
         for value in tuple(fields, t) {

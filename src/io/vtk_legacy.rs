@@ -5,7 +5,7 @@
 //! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this reader is our own.
 
 use super::cells::RawMesh;
-use super::cursor::{Cursor, Parse};
+use super::cursor::{Cursor, ParseResult};
 use super::vtk_legacy_data::Values;
 use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;
@@ -16,7 +16,7 @@ use glam::DVec3;
 pub(super) const MAGIC: &[u8] = b"# vtk DataFile";
 
 /// Reads the content of a legacy VTK file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut file = File::open(bytes)?;
     while let Some(token) = file.from.at.token() {
         let keyword = String::from_utf8_lossy(token).to_ascii_uppercase();
@@ -53,7 +53,7 @@ struct File<'a> {
 }
 
 impl<'a> File<'a> {
-    fn open(bytes: &'a [u8]) -> Parse<File<'a>> {
+    fn open(bytes: &'a [u8]) -> ParseResult<File<'a>> {
         let mut at = Cursor::new(bytes);
         let first = String::from_utf8_lossy(at.rest_of_line()).into_owned();
         let version = first
@@ -103,7 +103,7 @@ impl<'a> File<'a> {
         })
     }
 
-    fn points(&mut self) -> Parse<()> {
+    fn points(&mut self) -> ParseResult<()> {
         let count = self
             .from
             .at
@@ -128,13 +128,13 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    fn cells(&mut self) -> Parse<()> {
+    fn cells(&mut self) -> ParseResult<()> {
         self.cells = Some(self.node_lists("CELLS")?);
         Ok(())
     }
 
     /// A section of polygons or the like, after those that came before.
-    fn polygons(&mut self, section: &str) -> Parse<()> {
+    fn polygons(&mut self, section: &str) -> ParseResult<()> {
         let (nodes, ends) = self.node_lists(section)?;
         let (all_nodes, all_ends) = self.cells.get_or_insert_default();
         let kinds = self.kinds.get_or_insert_default();
@@ -157,7 +157,7 @@ impl<'a> File<'a> {
     }
 
     /// The nodes of the cells of a section, and where each cell's end.
-    fn node_lists(&mut self, section: &str) -> Parse<(Vec<f64>, Vec<usize>)> {
+    fn node_lists(&mut self, section: &str) -> ParseResult<(Vec<f64>, Vec<usize>)> {
         let count = self
             .from
             .at
@@ -180,7 +180,7 @@ impl<'a> File<'a> {
         self.from.counted_cells(count, &list)
     }
 
-    fn cell_types(&mut self) -> Parse<()> {
+    fn cell_types(&mut self) -> ParseResult<()> {
         let count = self
             .from
             .at
@@ -190,7 +190,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    fn data_of(&mut self, location: Location) -> Parse<()> {
+    fn data_of(&mut self, location: Location) -> ParseResult<()> {
         let (name, items) = match location {
             Location::Node => (
                 "POINT_DATA",
@@ -218,7 +218,7 @@ impl<'a> File<'a> {
     }
 
     /// SCALARS, VECTORS, FIELD and their kin.
-    fn attribute(&mut self, keyword: &str) -> Parse<()> {
+    fn attribute(&mut self, keyword: &str) -> ParseResult<()> {
         if keyword == "FIELD" {
             return self.field_arrays();
         }
@@ -314,7 +314,7 @@ impl<'a> File<'a> {
     }
 
     /// FIELD name n: n arrays of their own name, width, length and type.
-    fn field_arrays(&mut self) -> Parse<()> {
+    fn field_arrays(&mut self) -> ParseResult<()> {
         self.from.at.word(format_args!("the name of FIELD"))?;
         let arrays = self
             .from
@@ -385,7 +385,7 @@ impl<'a> File<'a> {
         }
     }
 
-    fn finish(self) -> Parse<RawMesh> {
+    fn finish(self) -> ParseResult<RawMesh> {
         let mut mesh = self.mesh;
         let missing = |what: &str| format!("the file ends, and there is no {what} in it");
         if !self.has_points {

@@ -1,7 +1,7 @@
 //! The values of a legacy VTK file, ASCII or binary.
 
 use super::cells::index;
-use super::cursor::{Cursor, Parse};
+use super::cursor::{Cursor, ParseResult};
 use super::scalar;
 use crate::mesh::ScalarType;
 
@@ -22,7 +22,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    pub fn components(&mut self, what: std::fmt::Arguments) -> Parse<usize> {
+    pub fn components(&mut self, what: std::fmt::Arguments) -> ParseResult<usize> {
         let count = self.at.integer(what)?;
         usize::try_from(count)
             .ok()
@@ -34,7 +34,7 @@ impl<'a> Values<'a> {
     }
 
     /// The rest of a header line: the type of the values that follow.
-    pub fn type_name(&mut self, of: &str) -> Parse<String> {
+    pub fn type_name(&mut self, of: &str) -> ParseResult<String> {
         let name = self.at.word(format_args!("the type of {of}"))?.to_string();
         self.at.rest_of_line();
         Ok(name)
@@ -63,7 +63,7 @@ impl<'a> Values<'a> {
         rows: usize,
         width: usize,
         name: &str,
-    ) -> Parse<(Vec<f64>, ScalarType)> {
+    ) -> ParseResult<(Vec<f64>, ScalarType)> {
         self.at.rest_of_line();
         let count = rows.checked_mul(width).ok_or_else(|| self.too_many(name))?;
         let values = if self.ascii {
@@ -84,7 +84,7 @@ impl<'a> Values<'a> {
         components: usize,
         kind: &str,
         of: &str,
-    ) -> Parse<Option<(Vec<f64>, ScalarType)>> {
+    ) -> ParseResult<Option<(Vec<f64>, ScalarType)>> {
         self.last_components = components;
         let count = tuples
             .checked_mul(components)
@@ -112,7 +112,7 @@ impl<'a> Values<'a> {
         Ok(Some((self.numbers(count, scalar, of)?, scalar)))
     }
 
-    pub fn numbers(&mut self, count: usize, scalar: ScalarType, of: &str) -> Parse<Vec<f64>> {
+    pub fn numbers(&mut self, count: usize, scalar: ScalarType, of: &str) -> ParseResult<Vec<f64>> {
         if !self.ascii {
             let length = count
                 .checked_mul(scalar::size(scalar))
@@ -121,7 +121,7 @@ impl<'a> Values<'a> {
             return Ok(scalar::decode(bytes, scalar, true));
         }
         // A number and the space behind it take two bytes at least.
-        self.at.check_count(
+        self.at.validate_count(
             count as i64,
             format_args!("the number of values in {of}"),
             2,
@@ -141,7 +141,7 @@ impl<'a> Values<'a> {
         Ok(values)
     }
 
-    pub fn bits(&mut self, count: usize, of: &str) -> Parse<(Vec<f64>, ScalarType)> {
+    pub fn bits(&mut self, count: usize, of: &str) -> ParseResult<(Vec<f64>, ScalarType)> {
         if self.ascii {
             return Ok((self.numbers(count, ScalarType::U8, of)?, ScalarType::U8));
         }
@@ -152,7 +152,7 @@ impl<'a> Values<'a> {
 
     /// Strings are lines in ASCII; in binary each follows its length, of 1, 2, 4 or 8 bytes as
     /// its first two bits tell.
-    pub fn skip_strings(&mut self, count: usize, of: &str) -> Parse<()> {
+    pub fn skip_strings(&mut self, count: usize, of: &str) -> ParseResult<()> {
         for _ in 0..count {
             if self.at.rest().is_empty() {
                 return Err(self
@@ -188,7 +188,7 @@ impl<'a> Values<'a> {
     }
 
     /// Versions up to 4: each cell is its number of nodes, then the nodes.
-    pub fn counted_cells(&self, count: usize, list: &[f64]) -> Parse<(Vec<f64>, Vec<usize>)> {
+    pub fn counted_cells(&self, count: usize, list: &[f64]) -> ParseResult<(Vec<f64>, Vec<usize>)> {
         let mut nodes = Vec::with_capacity(list.len());
         let mut ends = Vec::with_capacity(count);
         let mut next = 0;
@@ -216,7 +216,11 @@ impl<'a> Values<'a> {
     }
 
     /// Version 5: `count` offsets (one more than cells), then all nodes.
-    pub fn split_cells(&mut self, count: usize, size: usize) -> Parse<(Vec<f64>, Vec<usize>)> {
+    pub fn split_cells(
+        &mut self,
+        count: usize,
+        size: usize,
+    ) -> ParseResult<(Vec<f64>, Vec<usize>)> {
         self.at.token();
         let kind = self.type_name("OFFSETS")?;
         let offsets = self.values(count, 1, &kind, "OFFSETS")?;

@@ -94,7 +94,7 @@ fn array(
     };
     let kind = [narrow, scalar_type]
         .into_iter()
-        .find(|kind| scalar::holds(values, *kind))
+        .find(|kind| scalar::is_lossless(values, *kind))
         .unwrap_or(ScalarType::F64);
     let type_name = match kind {
         ScalarType::I8 => "char",

@@ -6,7 +6,7 @@
 //! than one block, so this reader is our own, on quick-xml, base64 and flate2.
 
 use super::cells::{RawMesh, index};
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use super::scalar;
 use super::vtk_regions::{self, Global};
 use super::vtu_data::{Layout, Source, numbers};
@@ -17,12 +17,12 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 /// Reads the content of a `.vtu` file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     Outline::read(bytes)?.mesh()
 }
 
 /// The same, and the bytes that the file tells of the mesh as a whole under `name`, if it does.
-pub(super) fn read_telling(bytes: &[u8], name: &str) -> Parse<(RawMesh, Option<Vec<u8>>)> {
+pub(super) fn read_telling(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Option<Vec<u8>>)> {
     let outline = Outline::read(bytes)?;
     let told = outline.global.iter().find(|(array, _)| array.name == name);
     let told = told.and_then(|(array, tuples)| outline.global_numbers(array, *tuples));
@@ -49,7 +49,7 @@ struct Piece {
 }
 
 impl<'a> Outline<'a> {
-    fn mesh(&self) -> Parse<RawMesh> {
+    fn mesh(&self) -> ParseResult<RawMesh> {
         let mut mesh = RawMesh::default();
         self.global().add_to(&mut mesh);
         for (number, piece) in self.pieces.iter().enumerate() {
@@ -62,7 +62,7 @@ impl<'a> Outline<'a> {
         Ok(mesh)
     }
 
-    fn read(file: &'a [u8]) -> Parse<Outline<'a>> {
+    fn read(file: &'a [u8]) -> ParseResult<Outline<'a>> {
         let mut reader = Reader::from_reader(file);
         let mut outline = Outline {
             file,
@@ -132,7 +132,7 @@ impl<'a> Outline<'a> {
         }
     }
 
-    fn start(&mut self, tag: &BytesStart, open: &[String]) -> Parse<()> {
+    fn start(&mut self, tag: &BytesStart, open: &[String]) -> ParseResult<()> {
         let parent = open.last().map_or("", String::as_str);
         match (name_of(tag).as_str(), parent) {
             ("VTKFile", "") => self.layout = layout(tag)?,
@@ -164,7 +164,7 @@ impl<'a> Outline<'a> {
 
     /// Appended data starts behind the first underscore and, as raw bytes may look like
     /// anything, ends at the last end tag in the file.
-    fn find_appended(&mut self, tag: &BytesStart, from: usize) -> Parse<()> {
+    fn find_appended(&mut self, tag: &BytesStart, from: usize) -> ParseResult<()> {
         const END: &[u8] = b"</AppendedData";
         let section = &self.file[from..];
         let end = section
@@ -220,7 +220,7 @@ impl<'a> Outline<'a> {
         Some(words.map_while(|word| word.parse().ok()).collect())
     }
 
-    fn add_piece(&self, piece: &Piece, later: bool, mesh: &mut RawMesh) -> Parse<()> {
+    fn add_piece(&self, piece: &Piece, later: bool, mesh: &mut RawMesh) -> ParseResult<()> {
         let first_node = mesh.nodes.len();
         let points = piece.arrays.iter().find(|a| a.section == "Points");
         match points {
@@ -289,7 +289,7 @@ impl<'a> Outline<'a> {
     }
 
     /// The numbers of an array that should have `items` tuples.
-    fn values(&self, array: &Array, items: usize) -> Parse<(Vec<f64>, ScalarType)> {
+    fn values(&self, array: &Array, items: usize) -> ParseResult<(Vec<f64>, ScalarType)> {
         let inside = |e: String| format!("array \"{}\" in <{}>: {e}", array.name, array.section);
         let scalar = scalar::from_vtk_xml_name(&array.type_name)
             .ok_or_else(|| inside(format!("the type {:?} is no number", array.type_name)))?;
@@ -303,7 +303,7 @@ impl<'a> Outline<'a> {
         ))
     }
 
-    fn source(&self, array: &Array) -> Parse<Source<'a>> {
+    fn source(&self, array: &Array) -> ParseResult<Source<'a>> {
         match array.format.as_str() {
             "ascii" => Ok(Source::Ascii {
                 file: &self.file[..array.text.end],
@@ -355,7 +355,7 @@ fn add_field(mesh: &mut RawMesh, later: bool, field: Field) {
 }
 
 /// Offsets as ends that rise.
-fn ends(offsets: &[f64]) -> Parse<Vec<usize>> {
+fn ends(offsets: &[f64]) -> ParseResult<Vec<usize>> {
     let mut last = 0;
     offsets
         .iter()

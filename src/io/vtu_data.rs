@@ -1,6 +1,6 @@
 //! The data arrays of VTK's XML files: ASCII, base64 or raw, whole or in compressed blocks.
 
-use super::cursor::{Cursor, Parse};
+use super::cursor::{Cursor, ParseResult};
 use super::scalar;
 use crate::mesh::ScalarType;
 use base64::Engine;
@@ -34,7 +34,7 @@ pub(super) fn numbers(
     layout: Layout,
     scalar: ScalarType,
     count: usize,
-) -> Parse<Vec<f64>> {
+) -> ParseResult<Vec<f64>> {
     let mut bytes = match source {
         Source::Ascii { file, start } => return ascii(file, start, scalar, count),
         Source::Raw(data) => Bytes::new(data, false),
@@ -59,10 +59,10 @@ fn wrong_size(found: u64, expected: usize) -> String {
     format!("its header says {found} bytes, expected {expected}")
 }
 
-fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> Parse<Vec<f64>> {
+fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> ParseResult<Vec<f64>> {
     let mut at = Cursor::new(file);
     at.go_to(start);
-    at.check_count(count as i64, format_args!("the number of values"), 2)?;
+    at.validate_count(count as i64, format_args!("the number of values"), 2)?;
     let mut values = Vec::with_capacity(count);
     for i in 0..count {
         let value = at.number(format_args!("value {i} of {count}"))?;
@@ -86,7 +86,7 @@ fn inflate_blocks<'a>(
     bytes: &mut Bytes<'a>,
     layout: Layout,
     expected: usize,
-) -> Parse<Cow<'a, [u8]>> {
+) -> ParseResult<Cow<'a, [u8]>> {
     let [blocks] = bytes.header(layout)?;
     if blocks == 0 && expected == 0 {
         return Ok(Cow::Borrowed(&[]));
@@ -127,7 +127,7 @@ fn inflate_blocks<'a>(
     Ok(Cow::Owned(out))
 }
 
-fn whole_number(bytes: &[u8], layout: Layout) -> Parse<usize> {
+fn whole_number(bytes: &[u8], layout: Layout) -> ParseResult<usize> {
     let value = match *bytes {
         [a, b, c, d] if layout.big_endian => u64::from(u32::from_be_bytes([a, b, c, d])),
         [a, b, c, d] => u64::from(u32::from_le_bytes([a, b, c, d])),
@@ -158,7 +158,7 @@ impl<'a> Bytes<'a> {
     }
 
     /// The next `N` numbers of the header's width.
-    fn header<const N: usize>(&mut self, layout: Layout) -> Parse<[u64; N]> {
+    fn header<const N: usize>(&mut self, layout: Layout) -> ParseResult<[u64; N]> {
         let width = if layout.wide_headers { 8 } else { 4 };
         let bytes = self.take(N * width)?;
         let mut numbers = [0; N];
@@ -168,7 +168,7 @@ impl<'a> Bytes<'a> {
         Ok(numbers)
     }
 
-    fn take(&mut self, length: usize) -> Parse<Cow<'a, [u8]>> {
+    fn take(&mut self, length: usize) -> ParseResult<Cow<'a, [u8]>> {
         let short = || format!("the data ends early: {length} more bytes were announced");
         if !self.base64 {
             let (front, rest) = self.data.split_at_checked(length).ok_or_else(short)?;
@@ -189,7 +189,7 @@ impl<'a> Bytes<'a> {
 
     /// Decodes the base64 of about `wanted` bytes, no further than the first padding, for header
     /// and data may be encoded apart. False at the end of the data.
-    fn decode_run(&mut self, wanted: usize) -> Parse<bool> {
+    fn decode_run(&mut self, wanted: usize) -> ParseResult<bool> {
         let most = wanted.div_ceil(3) * 4;
         let mut run = Vec::with_capacity(most.min(self.data.len()));
         let mut used = 0;

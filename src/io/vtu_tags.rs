@@ -1,6 +1,6 @@
 //! The tags of VTK's XML files: attributes, layouts, arrays.
 
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use super::vtu_data::Layout;
 use quick_xml::events::BytesStart;
 
@@ -18,7 +18,7 @@ pub(super) struct Array {
 }
 
 /// A `<DataArray>` tag in `section`.
-pub(super) fn array(tag: &BytesStart, section: &str) -> Parse<Array> {
+pub(super) fn array(tag: &BytesStart, section: &str) -> ParseResult<Array> {
     Ok(Array {
         section: section.to_string(),
         name: attribute(tag, "Name").unwrap_or_else(|| "unnamed".into()),
@@ -36,7 +36,7 @@ pub(super) fn array(tag: &BytesStart, section: &str) -> Parse<Array> {
     })
 }
 
-pub(super) fn layout(tag: &BytesStart) -> Parse<Layout> {
+pub(super) fn layout(tag: &BytesStart) -> ParseResult<Layout> {
     let kind = attribute(tag, "type").unwrap_or_default();
     if kind != "UnstructuredGrid" {
         return Err(format!(
@@ -81,7 +81,7 @@ pub(super) fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
     })
 }
 
-pub(super) fn count(tag: &BytesStart, name: &str) -> Parse<usize> {
+pub(super) fn count(tag: &BytesStart, name: &str) -> ParseResult<usize> {
     let value = attribute(tag, name)
         .ok_or_else(|| format!("<{}> has no attribute {name}", name_of(tag)))?;
     value.trim().parse().map_err(|_| {

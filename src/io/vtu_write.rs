@@ -71,7 +71,7 @@ pub(super) fn write_telling(
                     field.components
                 )));
             }
-            let exact = scalar::holds(&field.values, field.scalar_type);
+            let exact = scalar::is_lossless(&field.values, field.scalar_type);
             let kind = if exact {
                 field.scalar_type
             } else {
@@ -193,7 +193,7 @@ fn array(
         appended.len()
     );
     let blocks: Vec<&[u8]> = data.chunks(BLOCK).collect();
-    let blocks = parallel::map_heavy(blocks.len(), |b| {
+    let blocks = parallel::map_coarse(blocks.len(), |b| {
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::fast());
         encoder.write_all(blocks[b])?;
         encoder.finish()

@@ -5,7 +5,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 /// Triangles smaller than this share of the blade's extent squared are left out.
-const FLAT: f64 = 1e-12;
+const DEGENERATE_AREA_RATIO: f64 = 1e-12;
 
 /// Points within this share of the blade's extent of its surface count as on its front: a point
 /// that lies in it by intention is then on one side, whatever the rounding.
@@ -37,7 +37,7 @@ impl Blade {
     /// # Errors
     /// [`Error::Input`] for fewer than two pairs, for coordinates that are not finite, and for an
     /// edge that sweeps no area.
-    pub fn swept(edges: &[[DVec3; 2]]) -> Result<Blade> {
+    pub fn from_sweep(edges: &[[DVec3; 2]]) -> Result<Blade> {
         let points: Vec<DVec3> = edges.iter().flatten().copied().collect();
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::Input(format!(
@@ -77,9 +77,9 @@ impl Blade {
     /// The quad with these corners, in the order around it; it may be twisted.
     ///
     /// # Errors
-    /// As [`Blade::swept`].
-    pub fn quad([a, b, c, d]: [DVec3; 4]) -> Result<Blade> {
-        Blade::swept(&[[a, b], [d, c]])
+    /// As [`Blade::from_sweep`].
+    pub fn from_quad([a, b, c, d]: [DVec3; 4]) -> Result<Blade> {
+        Blade::from_sweep(&[[a, b], [d, c]])
     }
 
     fn add(&mut self, vertices: [u32; 3], extent: f64) {
@@ -88,7 +88,7 @@ impl Blade {
         let across = (b - a).cross(c - a);
         let area = across.length();
         // A vertex that has not moved leaves a flat triangle.
-        if area.is_nan() || area <= FLAT * extent * extent {
+        if area.is_nan() || area <= DEGENERATE_AREA_RATIO * extent * extent {
             return;
         }
         let normal = across / area;
@@ -117,7 +117,7 @@ impl Blade {
     /// Whether the segment from `a` to `b` passes from one side of the blade to the other: meets
     /// it an odd number of times. It is the same from `b` to `a`, and a chain of segments passes
     /// a blade that reaches beyond it as often as its ends say.
-    pub fn parts(&self, a: DVec3, b: DVec3) -> bool {
+    pub fn separates(&self, a: DVec3, b: DVec3) -> bool {
         let met = self.triangles.iter().filter(|t| self.meets(t, a, b));
         met.count() % 2 == 1
     }
@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     fn square() -> Blade {
-        Blade::quad([DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]).unwrap()
+        Blade::from_quad([DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]).unwrap()
     }
 
     #[test]
@@ -174,23 +174,23 @@ mod tests {
             (0.5, -0.01, false),
         ] {
             let (a, b) = (DVec3::new(x, y, 0.3), DVec3::new(x, y, -0.2));
-            assert_eq!(blade.parts(a, b), hit, "{x} {y}");
-            assert_eq!(blade.parts(b, a), hit, "{x} {y}");
-            assert!(!blade.parts(a, DVec3::new(x, y, 0.1)));
+            assert_eq!(blade.separates(a, b), hit, "{x} {y}");
+            assert_eq!(blade.separates(b, a), hit, "{x} {y}");
+            assert!(!blade.separates(a, DVec3::new(x, y, 0.1)));
             // From a point within the blade it is the one or the other way.
             let on = DVec3::new(x, y, 0.0);
-            assert_eq!(blade.parts(a, on) ^ blade.parts(on, b), hit);
-            assert!(!blade.parts(a, DVec3::splat(f64::NAN)));
+            assert_eq!(blade.separates(a, on) ^ blade.separates(on, b), hit);
+            assert!(!blade.separates(a, DVec3::splat(f64::NAN)));
         }
     }
 
     #[test]
     fn a_fold_is_met_twice_and_so_not_at_all() {
         let edge = |x: f64, z: f64| [DVec3::new(x, 0.0, z), DVec3::new(x, 1.0, z)];
-        let roof = Blade::swept(&[edge(0.0, 0.0), edge(1.0, 1.0), edge(2.0, 0.0)]).unwrap();
+        let roof = Blade::from_sweep(&[edge(0.0, 0.0), edge(1.0, 1.0), edge(2.0, 0.0)]).unwrap();
         let at = |x: f64, z: f64| DVec3::new(x, 0.4, z);
-        assert!(roof.parts(at(0.2, 0.5), at(1.0, 0.5)));
-        assert!(!roof.parts(at(0.2, 0.5), at(1.8, 0.5)));
+        assert!(roof.separates(at(0.2, 0.5), at(1.0, 0.5)));
+        assert!(!roof.separates(at(0.2, 0.5), at(1.8, 0.5)));
     }
 
     #[test]
@@ -202,14 +202,14 @@ mod tests {
             vec![edge; 3],
             vec![edge, [DVec3::X, 2.0 * DVec3::X]],
         ] {
-            let error = Blade::swept(&edges).unwrap_err().to_string();
+            let error = Blade::from_sweep(&edges).unwrap_err().to_string();
             assert!(error.contains("no area"), "{error}");
         }
-        let error = Blade::swept(&[edge, [DVec3::Y, DVec3::NAN]])
+        let error = Blade::from_sweep(&[edge, [DVec3::Y, DVec3::NAN]])
             .unwrap_err()
             .to_string();
         assert!(error.contains("position 1"), "{error}");
         // One end may stay where it is.
-        assert!(Blade::swept(&[edge, [DVec3::ZERO, DVec3::Y]]).is_ok());
+        assert!(Blade::from_sweep(&[edge, [DVec3::ZERO, DVec3::Y]]).is_ok());
     }
 }

@@ -5,7 +5,7 @@ use rayon::slice::ParallelSliceMut;
 
 /// Counts over the boundary surface, and the places where it is not a manifold.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BoundaryShape {
+pub struct BoundaryReport {
     /// Nodes on the boundary.
     pub nodes: usize,
     /// Edges of boundary faces.
@@ -13,16 +13,16 @@ pub struct BoundaryShape {
     /// Boundary faces.
     pub faces: usize,
     /// Edges, (smaller, larger) node, that do not belong to exactly two boundary faces.
-    pub odd_edges: Vec<[u32; 2]>,
+    pub non_manifold_edges: Vec<[u32; 2]>,
     /// Nodes whose boundary faces do not form a single fan around them.
-    pub odd_nodes: Vec<u32>,
+    pub non_manifold_nodes: Vec<u32>,
     /// Whether every edge belongs to an even number of faces, so that the surface has no rim.
     pub closed: bool,
 }
 
-impl BoundaryShape {
+impl BoundaryReport {
     /// The boundary of `mesh`. Time O(n log n) in the number of boundary faces.
-    pub fn new(mesh: &TetMesh, topology: &Topology) -> BoundaryShape {
+    pub fn new(mesh: &TetMesh, topology: &Topology) -> BoundaryReport {
         let faces: Vec<[u32; 3]> = topology
             .boundary
             .iter()
@@ -41,39 +41,39 @@ impl BoundaryShape {
             }
         }
         sides.par_sort_unstable();
-        let mut fans = Groups::new(3 * faces.len());
-        let (mut edges, mut closed, mut odd_edges) = (0, true, Vec::new());
+        let mut fans = DisjointSets::new(3 * faces.len());
+        let (mut edges, mut closed, mut non_manifold_edges) = (0, true, Vec::new());
         for same in sides.chunk_by(|a, b| a[..2] == b[..2]) {
             edges += 1;
             closed &= same.len() % 2 == 0;
             if let [one, other] = same {
-                fans.join(one[2], other[2]);
-                fans.join(one[3], other[3]);
+                fans.union(one[2], other[2]);
+                fans.union(one[3], other[3]);
             } else {
-                odd_edges.push([same[0][0], same[0][1]]);
+                non_manifold_edges.push([same[0][0], same[0][1]]);
             }
         }
         let mut corners: Vec<(u32, u32)> = faces
             .iter()
             .flatten()
             .enumerate()
-            .map(|(corner, node)| (*node, fans.representative(corner as u32)))
+            .map(|(corner, node)| (*node, fans.find(corner as u32)))
             .collect();
         corners.par_sort_unstable();
         corners.dedup();
-        let (mut nodes, mut odd_nodes) = (0, Vec::new());
+        let (mut nodes, mut non_manifold_nodes) = (0, Vec::new());
         for same in corners.chunk_by(|a, b| a.0 == b.0) {
             nodes += 1;
             if same.len() > 1 {
-                odd_nodes.push(same[0].0);
+                non_manifold_nodes.push(same[0].0);
             }
         }
-        BoundaryShape {
+        BoundaryReport {
             nodes,
             edges,
             faces: faces.len(),
-            odd_edges,
-            odd_nodes,
+            non_manifold_edges,
+            non_manifold_nodes,
             closed,
         }
     }
@@ -85,29 +85,29 @@ impl BoundaryShape {
 
     /// Whether every edge belongs to exactly two faces.
     pub fn is_edge_manifold(&self) -> bool {
-        self.odd_edges.is_empty()
+        self.non_manifold_edges.is_empty()
     }
 
     /// Whether, on top of that, the faces at every node form a single fan.
     pub fn is_vertex_manifold(&self) -> bool {
-        self.odd_edges.is_empty() && self.odd_nodes.is_empty()
+        self.non_manifold_edges.is_empty() && self.non_manifold_nodes.is_empty()
     }
 }
 
 /// The piece each tet belongs to, numbered from 0 in the order of the tets, and the number of
 /// pieces. Tets are of one piece when a chain of shared faces leads from one to the other.
 pub fn components(topology: &Topology) -> (Vec<u32>, usize) {
-    let mut groups = Groups::new(topology.neighbours.len());
+    let mut groups = DisjointSets::new(topology.neighbours.len());
     for (t, neighbours) in topology.neighbours.iter().enumerate() {
         for &n in neighbours.iter().filter(|n| **n != NO_NEIGHBOUR) {
-            groups.join(t as u32, n / 4);
+            groups.union(t as u32, n / 4);
         }
     }
     let mut number = vec![u32::MAX; topology.neighbours.len()];
     let mut next = 0;
     let piece = (0..number.len() as u32)
         .map(|t| {
-            let entry = &mut number[groups.representative(t) as usize];
+            let entry = &mut number[groups.find(t) as usize];
             if *entry == u32::MAX {
                 *entry = next;
                 next += 1;
@@ -119,19 +119,19 @@ pub fn components(topology: &Topology) -> (Vec<u32>, usize) {
 }
 
 /// Disjoint sets of items (union-find with path halving).
-pub(crate) struct Groups {
+pub(crate) struct DisjointSets {
     parent: Vec<u32>,
 }
 
-impl Groups {
-    pub(crate) fn new(items: usize) -> Groups {
-        Groups {
+impl DisjointSets {
+    pub(crate) fn new(items: usize) -> DisjointSets {
+        DisjointSets {
             parent: (0..items as u32).collect(),
         }
     }
 
     /// The item that stands for the set of `item`: its smallest.
-    pub(crate) fn representative(&mut self, item: u32) -> u32 {
+    pub(crate) fn find(&mut self, item: u32) -> u32 {
         let mut i = item as usize;
         while self.parent[i] as usize != i {
             self.parent[i] = self.parent[self.parent[i] as usize];
@@ -140,8 +140,8 @@ impl Groups {
         i as u32
     }
 
-    pub(crate) fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.representative(a), self.representative(b));
+    pub(crate) fn union(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }
 }

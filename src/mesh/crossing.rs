@@ -1,23 +1,26 @@
 //! Edges that go through faces.
 
-use super::hierarchy::{Hierarchy, around};
+use super::hierarchy::{Bvh, bounds_union};
 use crate::parallel;
 use glam::DVec3;
 
 /// An edge that goes through a face, by their numbers.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Crossing {
+pub(crate) struct EdgeFaceIntersection {
     pub edge: usize,
     pub face: usize,
     /// Where it does, by weights of the face's corners.
     pub weights: [f64; 3],
     /// Which end of the edge is behind the face.
-    pub behind: usize,
+    pub inner_end: usize,
 }
 
 /// Where an edge goes through a face, by weights of that one's corners, and which end of the edge
 /// is behind it. One that touches it only does not.
-pub(crate) fn crossing([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3]) -> Option<([f64; 3], usize)> {
+pub(crate) fn intersect_edge_face(
+    [p, q]: [DVec3; 2],
+    [a, b, c]: [DVec3; 3],
+) -> Option<([f64; 3], usize)> {
     let side = |x: DVec3| (b - a).cross(c - a).dot(x - a);
     let sides = [side(p), side(q)];
     if sides[0] * sides[1] >= 0.0 {
@@ -32,32 +35,32 @@ pub(crate) fn crossing([p, q]: [DVec3; 2], [a, b, c]: [DVec3; 3]) -> Option<([f6
 
 /// All edges that go through faces with which they share no node, nodes being `at` their places.
 /// `tree` is one over the faces, and is refitted.
-pub(crate) fn crossings(
+pub(crate) fn edge_face_intersections(
     (count, edge): (usize, impl Fn(usize) -> [u32; 2] + Sync),
     face: impl Fn(usize) -> [u32; 3] + Sync,
-    tree: &mut Hierarchy,
+    tree: &mut Bvh,
     at: impl Fn(u32) -> DVec3 + Sync,
-) -> Vec<Crossing> {
+) -> Vec<EdgeFaceIntersection> {
     let boxed = |nodes: &[u32]| {
         let boxes = nodes.iter().map(|v| [at(*v); 2]);
-        boxes.reduce(around).unwrap_or_default()
+        boxes.reduce(bounds_union).unwrap_or_default()
     };
     tree.refit(|k| boxed(&face(k)));
     let tree = &*tree;
     parallel::collect(count, |range, found| {
         for k in range {
             let own = edge(k);
-            tree.visit(&boxed(&own), |f| {
+            tree.for_each_overlapping(&boxed(&own), |f| {
                 let nodes = face(f as usize);
                 if own.iter().any(|v| nodes.contains(v)) {
                     return;
                 }
-                let through = crossing(own.map(&at), nodes.map(&at));
-                found.extend(through.map(|(weights, behind)| Crossing {
+                let through = intersect_edge_face(own.map(&at), nodes.map(&at));
+                found.extend(through.map(|(weights, behind)| EdgeFaceIntersection {
                     edge: k,
                     face: f as usize,
                     weights,
-                    behind,
+                    inner_end: behind,
                 }));
             });
         }
@@ -70,7 +73,7 @@ mod tests {
     use super::*;
 
     fn goes(edge: [DVec3; 2], face: [DVec3; 3]) -> bool {
-        crossing(edge, face).is_some()
+        intersect_edge_face(edge, face).is_some()
     }
 
     #[test]
@@ -81,7 +84,7 @@ mod tests {
         assert!(goes(at(0.2, 0.2, [1.0, -1.0]), face));
         assert!(!goes(at(0.8, 0.8, [-1.0, 1.0]), face));
         assert!(!goes(at(0.2, 0.2, [0.1, 1.0]), face));
-        let (weights, behind) = crossing(at(0.2, 0.3, [1.0, -1.0]), face).unwrap();
+        let (weights, behind) = intersect_edge_face(at(0.2, 0.3, [1.0, -1.0]), face).unwrap();
         let expected = [0.5, 0.2, 0.3];
         assert!(
             weights

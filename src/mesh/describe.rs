@@ -1,7 +1,7 @@
 //! What is in a mesh, and what is wrong with it: the content of `palpate info`.
 
 use super::{
-    BoundaryShape, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
+    BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
 };
 use rayon::slice::ParallelSliceMut;
 use std::fmt;
@@ -9,7 +9,7 @@ use std::fmt;
 /// Everything `palpate info` tells of a mesh; its JSON keys are the names of these members.
 /// Lengths and volumes are in the units of the file.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Description {
+pub struct MeshDescription {
     /// Nodes that tets use.
     pub nodes: usize,
     /// Tets that are left after the repairs.
@@ -41,11 +41,13 @@ pub struct Description {
     /// Tets dropped for a repeated corner or zero volume.
     pub degenerate: usize,
     /// Tets dropped because the same four nodes came before.
-    pub repeated: usize,
+    #[serde(rename = "repeated")]
+    pub duplicate_tets: usize,
     /// Nodes dropped because no tet uses them.
     pub unused_nodes: usize,
     /// Faces shared by more than two tets, treated as boundary of each.
-    pub crowded_faces: usize,
+    #[serde(rename = "crowded_faces")]
+    pub overshared_faces: usize,
     /// Dihedral angles and the worst tets.
     pub quality: QualityReport,
     /// Every field.
@@ -120,15 +122,15 @@ fn regions(mesh: &TetMesh) -> (Option<String>, Vec<RegionDescription>) {
     ((!regions.is_empty()).then(|| field.name.clone()), regions)
 }
 
-impl Description {
+impl MeshDescription {
     /// Looks at everything in `mesh`. Time O(n log n), in parallel.
-    pub fn new(mesh: &TetMesh) -> Description {
+    pub fn new(mesh: &TetMesh) -> MeshDescription {
         let topology = Topology::new(mesh);
-        let shape = BoundaryShape::new(mesh, &topology);
+        let shape = BoundaryReport::new(mesh, &topology);
         let (low, high) = mesh.bounds();
         let repairs = &mesh.repairs;
         let (region_field, regions) = regions(mesh);
-        let mut description = Description {
+        let mut description = MeshDescription {
             nodes: mesh.nodes.len(),
             tets: mesh.tets.len(),
             boundary_faces: shape.faces,
@@ -139,14 +141,14 @@ impl Description {
             closed: shape.closed,
             edge_manifold: shape.is_edge_manifold(),
             vertex_manifold: shape.is_vertex_manifold(),
-            nonmanifold_edges: shape.odd_edges.len(),
-            nonmanifold_nodes: shape.odd_nodes.len(),
+            nonmanifold_edges: shape.non_manifold_edges.len(),
+            nonmanifold_nodes: shape.non_manifold_nodes.len(),
             coincident_nodes: coincident_nodes(mesh),
             inverted_fixed: repairs.inverted_fixed,
             degenerate: repairs.degenerate,
-            repeated: repairs.repeated,
+            duplicate_tets: repairs.repeated,
             unused_nodes: repairs.unused_nodes,
-            crowded_faces: repairs.crowded_faces,
+            overshared_faces: repairs.overshared_faces,
             quality: QualityReport::new(mesh),
             fields: mesh.fields.iter().map(FieldDescription::new).collect(),
             region_field,
@@ -202,7 +204,7 @@ fn coincident_nodes(mesh: &TetMesh) -> usize {
     keys.windows(2).filter(|w| w[0] == w[1]).count()
 }
 
-impl fmt::Display for Description {
+impl fmt::Display for MeshDescription {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [low, high] = self.bounds;
         let yes = |flag: bool, what: &'static str, no: &'static str| if flag { what } else { no };

@@ -21,7 +21,7 @@ pub fn depth_field(mesh: &TetMesh, topology: &Topology) -> Field {
             on_boundary[v as usize] = true;
         }
     }
-    let tree = Tree::new(triangles);
+    let tree = TriangleBvh::new(triangles);
     let depth = parallel::map(mesh.nodes.len(), |v| match on_boundary[v] {
         true => 0.0,
         false => tree.distance(mesh.nodes[v]),
@@ -69,7 +69,7 @@ fn point_segment_distance(p: DVec3, a: DVec3, b: DVec3) -> f64 {
 /// The weights of the corners at the point of the triangle `abc` that is nearest to `p`.
 ///
 /// By the regions of Voronoi, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
-pub(crate) fn nearest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
+pub(crate) fn closest_point_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     let (ab, ac) = (b - a, c - a);
     let (d1, d2) = (ab.dot(p - a), ac.dot(p - a));
     if d1 <= 0.0 && d2 <= 0.0 {
@@ -109,7 +109,7 @@ pub(crate) fn nearest_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
 
 /// Boxes around halves of halves of some triangles.
 #[derive(Debug)]
-pub(crate) struct Tree {
+pub(crate) struct TriangleBvh {
     /// The triangles, in the order of the leaves.
     pub triangles: Vec<[DVec3; 3]>,
     /// The number that each had when the tree was made.
@@ -134,14 +134,14 @@ impl TreeBox {
     }
 }
 
-impl Tree {
-    pub fn new(triangles: Vec<[DVec3; 3]>) -> Tree {
+impl TriangleBvh {
+    pub fn new(triangles: Vec<[DVec3; 3]>) -> TriangleBvh {
         let mut boxes = Vec::new();
         let mut numbered: Vec<(u32, [DVec3; 3])> = (0..).zip(triangles).collect();
         let end = numbered.len();
         build(&mut numbered, (0, end), &mut boxes);
         let (numbers, triangles) = numbered.into_iter().unzip();
-        Tree {
+        TriangleBvh {
             triangles,
             numbers,
             boxes,
@@ -161,11 +161,11 @@ impl Tree {
     /// The number of the triangle nearest to `p`, and the weights of its corners at the nearest
     /// point; of several the one with the lowest number. None when there is no triangle.
     pub fn nearest(&self, p: DVec3) -> Option<(usize, [f64; 3])> {
-        self.nearest_of(p, |_| true)
+        self.nearest_accepted(p, |_| true)
     }
 
-    /// As [`Tree::nearest`], of the triangles whose numbers `accept` takes.
-    pub fn nearest_of(
+    /// As [`TriangleBvh::nearest`], of the triangles whose numbers `accept` takes.
+    pub fn nearest_accepted(
         &self,
         p: DVec3,
         accept: impl Fn(usize) -> bool,
@@ -173,7 +173,7 @@ impl Tree {
         let mut best: Option<(f64, u32, [f64; 3])> = None;
         self.descend(p, |t| {
             let [a, b, c] = self.triangles[t];
-            let w = nearest_weights(p, [a, b, c]);
+            let w = closest_point_weights(p, [a, b, c]);
             let distance = p.distance(w[0] * a + w[1] * b + w[2] * c);
             let better = best.is_none_or(|(least, number, _)| {
                 distance < least || (distance == least && self.numbers[t] < number)

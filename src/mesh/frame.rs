@@ -28,7 +28,7 @@ impl LocalFrame {
     /// The frame of a box given by its lower and upper corners.
     ///
     /// A box without extent gets the scale 1.
-    pub fn of_bounds(low: DVec3, high: DVec3) -> LocalFrame {
+    pub fn from_bounds(low: DVec3, high: DVec3) -> LocalFrame {
         let extent = (high - low).max_element();
         LocalFrame {
             origin: 0.5 * low + 0.5 * high,
@@ -41,9 +41,9 @@ impl LocalFrame {
     }
 
     /// The frame of a mesh, from the bounds of its nodes.
-    pub fn of_mesh(mesh: &TetMesh) -> LocalFrame {
+    pub fn from_mesh(mesh: &TetMesh) -> LocalFrame {
         let (low, high) = bounds(&mesh.nodes);
-        LocalFrame::of_bounds(low, high)
+        LocalFrame::from_bounds(low, high)
     }
 
     /// Local coordinates of the point `p` given in file coordinates.
@@ -65,7 +65,7 @@ mod tests {
     fn a_far_and_tiny_model_keeps_its_shape() {
         let origin = DVec3::new(4e6, -3e5, 2e6);
         for size in [1e-3, 1.0, 1e9] {
-            let frame = LocalFrame::of_bounds(origin, origin + size * DVec3::new(1.0, 0.5, 0.25));
+            let frame = LocalFrame::from_bounds(origin, origin + size * DVec3::new(1.0, 0.5, 0.25));
             assert_eq!(frame.scale.log10().round(), size.log10());
             let p = origin + size * DVec3::new(0.3, 0.2, 0.1);
             let back = frame.to_file(frame.to_local(p));
@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn no_extent_is_no_division_by_zero() {
-        let frame = LocalFrame::of_bounds(DVec3::ONE, DVec3::ONE);
+        let frame = LocalFrame::from_bounds(DVec3::ONE, DVec3::ONE);
         assert_eq!(frame.to_local(DVec3::ONE), Vec3::ZERO);
     }
 }

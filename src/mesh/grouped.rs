@@ -6,7 +6,7 @@ use crate::parallel;
 /// within each; and where in that list each of the `groups` begins, their end last.
 ///
 /// The items are gone through twice. There are fewer than 2³² of them.
-pub(crate) fn grouped<T: Copy + Default>(
+pub(crate) fn group_by_key<T: Copy + Default>(
     groups: usize,
     items: impl Iterator<Item = (u32, T)> + Clone,
 ) -> (Vec<u32>, Vec<T>) {
@@ -29,13 +29,13 @@ pub(crate) fn grouped<T: Copy + Default>(
     (firsts, all)
 }
 
-/// What `tell` pushes of each group of `items`, as [`grouped`] takes them, the group being sorted.
-pub(crate) fn of_groups<T: Copy + Default + Ord + Sync, B: Send>(
+/// What `tell` pushes of each group of `items`, as [`group_by_key`] takes them, the group being sorted.
+pub(crate) fn map_groups<T: Copy + Default + Ord + Sync, B: Send>(
     groups: usize,
     items: impl Iterator<Item = (u32, T)> + Clone,
     tell: impl Fn(&[T], &mut Vec<B>) + Sync,
 ) -> Vec<B> {
-    let (firsts, items) = grouped(groups, items);
+    let (firsts, items) = group_by_key(groups, items);
     parallel::collect(groups, |range, told| {
         let mut own = Vec::new();
         for group in range {
@@ -54,16 +54,16 @@ mod tests {
     #[test]
     fn items_stand_by_group_in_their_order() {
         let items = [(2, 'a'), (0, 'b'), (2, 'c'), (4, 'd'), (0, 'e')];
-        let (firsts, all) = grouped(6, items.into_iter());
+        let (firsts, all) = group_by_key(6, items.into_iter());
         assert_eq!(firsts, [0, 2, 2, 4, 4, 5, 5]);
         assert_eq!(all, ['b', 'e', 'a', 'c', 'd']);
-        assert_eq!(grouped::<u8>(0, [].into_iter()), (vec![0], vec![]));
+        assert_eq!(group_by_key::<u8>(0, [].into_iter()), (vec![0], vec![]));
     }
 
     #[test]
     fn groups_are_told_sorted_in_their_order() {
         let items = (0..10_000u32).rev().map(|i| (i % 700, i / 700));
-        let most = of_groups(701, items, |own, most: &mut Vec<u32>| {
+        let most = map_groups(701, items, |own, most: &mut Vec<u32>| {
             assert!(own.is_sorted());
             most.extend(own.last());
         });

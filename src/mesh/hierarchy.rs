@@ -11,7 +11,7 @@ const LEAF: usize = 4;
 
 /// A complete binary tree over parts in the order of a Morton curve.
 #[derive(Clone, Debug)]
-pub(crate) struct Hierarchy {
+pub(crate) struct Bvh {
     /// The parts, in order.
     order: Vec<u32>,
     /// Boxes: the root is the first, the children of k are 2k + 1 and 2k + 2.
@@ -26,21 +26,21 @@ pub(crate) struct Hierarchy {
 const EMPTY: Bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
 
 /// The smallest box around two.
-pub(crate) fn around([a, b]: Bounds, [c, d]: Bounds) -> Bounds {
+pub(crate) fn bounds_union([a, b]: Bounds, [c, d]: Bounds) -> Bounds {
     [a.min(c), b.max(d)]
 }
 
 /// Whether two boxes have a point in common.
-pub(crate) fn meet([a, b]: &Bounds, [c, d]: &Bounds) -> bool {
+pub(crate) fn bounds_overlap([a, b]: &Bounds, [c, d]: &Bounds) -> bool {
     a.cmple(*d).all() && c.cmple(*b).all()
 }
 
-impl Hierarchy {
+impl Bvh {
     /// Over `count` parts whose middles are these.
-    pub fn new(count: usize, middle: impl Fn(usize) -> DVec3 + Sync) -> Hierarchy {
-        let all = (0..count).fold(EMPTY, |all, k| around(all, [middle(k); 2]));
+    pub fn new(count: usize, middle: impl Fn(usize) -> DVec3 + Sync) -> Bvh {
+        let all = (0..count).fold(EMPTY, |all, k| bounds_union(all, [middle(k); 2]));
         let leaves = count.div_ceil(LEAF).max(1).next_power_of_two();
-        Hierarchy {
+        Bvh {
             order: order_of(count, (all[0], all[1]), middle),
             boxes: vec![EMPTY; 2 * leaves - 1],
             inner: leaves - 1,
@@ -56,18 +56,18 @@ impl Hierarchy {
         self.boxes.fill(EMPTY);
         for (n, k) in self.order.iter().enumerate() {
             let leaf = &mut self.boxes[self.inner + n / LEAF];
-            *leaf = around(*leaf, self.parts[*k as usize]);
+            *leaf = bounds_union(*leaf, self.parts[*k as usize]);
         }
         for k in (0..self.inner).rev() {
-            self.boxes[k] = around(self.boxes[2 * k + 1], self.boxes[2 * k + 2]);
+            self.boxes[k] = bounds_union(self.boxes[2 * k + 1], self.boxes[2 * k + 2]);
         }
     }
 
     /// Visits the parts whose boxes meet `wanted`, in an order that depends on nothing else.
-    pub fn visit(&self, wanted: &Bounds, mut each: impl FnMut(u32)) {
+    pub fn for_each_overlapping(&self, wanted: &Bounds, mut each: impl FnMut(u32)) {
         let mut stack = vec![0usize];
         while let Some(k) = stack.pop() {
-            if !meet(&self.boxes[k], wanted) {
+            if !bounds_overlap(&self.boxes[k], wanted) {
                 continue;
             }
             if k < self.inner {
@@ -77,7 +77,7 @@ impl Hierarchy {
             let first = (k - self.inner) * LEAF;
             let last = (first + LEAF).min(self.order.len());
             for part in &self.order[first.min(last)..last] {
-                if meet(&self.parts[*part as usize], wanted) {
+                if bounds_overlap(&self.parts[*part as usize], wanted) {
                     each(*part);
                 }
             }
@@ -88,15 +88,15 @@ impl Hierarchy {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::scattered;
+    use crate::physics::pseudo_random_points;
 
     #[test]
     fn it_finds_the_boxes_that_meet_and_no_others() {
         for count in [0, 1, 3, 4, 5, 63, 200] {
-            let middles = scattered(count, 1);
-            let mut hierarchy = Hierarchy::new(count, |k| middles[k]);
+            let middles = pseudo_random_points(count, 1);
+            let mut hierarchy = Bvh::new(count, |k| middles[k]);
             for seed in 2..6 {
-                let corners = scattered(2 * count + 2, seed);
+                let corners = pseudo_random_points(2 * count + 2, seed);
                 let boxed = |k: usize, size: f64| {
                     let (p, size) = (corners[2 * k], size * corners[2 * k + 1].abs());
                     [p - size, p + size]
@@ -104,9 +104,9 @@ mod tests {
                 hierarchy.refit(|k| boxed(k, 0.2));
                 let wanted = boxed(count, 0.5);
                 let mut found = Vec::new();
-                hierarchy.visit(&wanted, |k| found.push(k as usize));
+                hierarchy.for_each_overlapping(&wanted, |k| found.push(k as usize));
                 found.sort_unstable();
-                let all = (0..count).filter(|k| meet(&boxed(*k, 0.2), &wanted));
+                let all = (0..count).filter(|k| bounds_overlap(&boxed(*k, 0.2), &wanted));
                 assert_eq!(found, all.collect::<Vec<_>>());
             }
         }

@@ -16,7 +16,7 @@ impl TetMesh {
     /// # Errors
     /// [`Error::Input`] when the meshes have different units; [`Error::Mesh`] when they have more
     /// nodes or tets than can be indexed.
-    pub fn merged(parts: &[(String, &TetMesh)]) -> Result<TetMesh> {
+    pub fn merge_meshes(parts: &[(String, &TetMesh)]) -> Result<TetMesh> {
         let nodes: usize = parts.iter().map(|(_, m)| m.nodes.len()).sum();
         let tets: usize = parts.iter().map(|(_, m)| m.tets.len()).sum();
         if nodes.max(tets) > u32::MAX as usize / 4 {
@@ -146,7 +146,7 @@ mod tests {
         let (mut a, b) = (tet(0.0), tet(2.0));
         let heat = Field::scalar("heat", Location::Node, vec![1.0, 2.0, 3.0, 4.0]);
         a.set_field(heat).unwrap();
-        let whole = TetMesh::merged(&[("a".into(), &a), ("b".into(), &b)]).unwrap();
+        let whole = TetMesh::merge_meshes(&[("a".into(), &a), ("b".into(), &b)]).unwrap();
         assert_eq!(whole.tets, [[0, 1, 2, 3], [4, 5, 6, 7]]);
         assert_eq!(whole.nodes[5], DVec3::X * 3.0);
         let heat = &whole.field("heat", Location::Node).unwrap().values;
@@ -159,7 +159,7 @@ mod tests {
             length_unit: Some(1.0),
             ..b
         };
-        let mixed = TetMesh::merged(&[("a".into(), &a), ("b".into(), &metres)]);
+        let mixed = TetMesh::merge_meshes(&[("a".into(), &a), ("b".into(), &metres)]);
         assert!(mixed.unwrap_err().to_string().contains("unit"));
     }
 }

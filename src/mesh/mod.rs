@@ -31,31 +31,31 @@ mod transfer;
 mod tri_mesh;
 
 pub use blade::Blade;
-pub(crate) use boundary::Groups;
-pub use boundary::{BoundaryShape, components};
+pub(crate) use boundary::DisjointSets;
+pub use boundary::{BoundaryReport, components};
 #[cfg(test)]
-pub(crate) use crossing::crossing;
-pub(crate) use crossing::{Crossing, crossings};
+pub(crate) use crossing::intersect_edge_face;
+pub(crate) use crossing::{EdgeFaceIntersection, edge_face_intersections};
 pub use cut::{TetCut, cut, remove};
-pub use describe::{Description, FieldDescription, RegionDescription};
+pub use describe::{FieldDescription, MeshDescription, RegionDescription};
 pub use distance::{DEPTH, depth_field, point_triangle_distance};
-pub(crate) use distance::{Tree, nearest_weights};
+pub(crate) use distance::{TriangleBvh, closest_point_weights};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
-pub(crate) use grouped::grouped;
-pub(crate) use hierarchy::{Bounds, Hierarchy, around};
+pub(crate) use grouped::group_by_key;
+pub(crate) use hierarchy::{Bounds, Bvh, bounds_union};
 pub use order::morton_order;
 pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
-pub use pieces::{MeshPiece, Parted, kd_parts};
+pub use pieces::{MeshPartition, MeshPiece, kd_partition};
 pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };
-pub use repair::Repairs;
-pub(crate) use splice::splice;
+pub use repair::RepairReport;
+pub(crate) use splice::replace_sorted;
 pub use surface_shape::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
-pub use transfer::Transfer;
+pub use transfer::BarycentricMap;
 pub use tri_mesh::{NORMAL, TriMesh, UV};
 
 use crate::{Error, Result};
@@ -81,7 +81,7 @@ pub struct TetMesh {
     /// Metres in one unit of the mesh, where it is known.
     pub length_unit: Option<f64>,
     /// What was repaired, dropped or noticed when the mesh was made.
-    pub repairs: Repairs,
+    pub repairs: RepairReport,
 }
 
 impl TetMesh {
@@ -122,7 +122,7 @@ impl TetMesh {
     }
 
     /// Means of one number a tet around each node, by volume.
-    pub fn means_around_nodes(&self, scalars: &[f64]) -> Vec<f64> {
+    pub fn volume_weighted_node_means(&self, scalars: &[f64]) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.nodes.len()];
         for (t, (tet, value)) in self.tets.iter().zip(scalars).enumerate() {
             let weight = self.tet_volume(t);

@@ -11,7 +11,7 @@ impl TetMesh {
     ///
     /// # Errors
     /// [`Error::Input`] that says what differs.
-    pub fn check_moved_from(&self, rest: &TetMesh) -> Result<()> {
+    pub fn check_same_connectivity(&self, rest: &TetMesh) -> Result<()> {
         let refuse = |what: String| Err(Error::Input(format!("{what}; {ADVICE}")));
         if self.nodes.len() != rest.nodes.len() {
             return refuse(format!(
@@ -61,22 +61,22 @@ mod tests {
     #[test]
     fn tets_may_be_turned_dropped_where_flat_and_in_another_order() {
         let rest = bar([2, 2, 2], DVec3::ONE).unwrap();
-        let refused = |bent: &TetMesh| bent.check_moved_from(&rest).unwrap_err().to_string();
+        let refused = |bent: &TetMesh| bent.check_same_connectivity(&rest).unwrap_err().to_string();
         let mut bent = rest.clone();
         bent.tets.reverse();
         bent.tets[3].swap(0, 1);
-        bent.check_moved_from(&rest).unwrap();
+        bent.check_same_connectivity(&rest).unwrap();
         let dropped = bent.tets.pop().unwrap();
         assert!(refused(&bent).contains("39 tets"), "{}", refused(&bent));
         bent.repairs.degenerate = 1;
-        bent.check_moved_from(&rest).unwrap();
+        bent.check_same_connectivity(&rest).unwrap();
         // Flat at rest, and dropped there.
         let full = rest.clone();
         let mut short = rest.clone();
         short.tets.retain(|tet| *tet != dropped);
-        assert!(full.check_moved_from(&short).is_err());
+        assert!(full.check_same_connectivity(&short).is_err());
         short.repairs.degenerate = 1;
-        full.check_moved_from(&short).unwrap();
+        full.check_same_connectivity(&short).unwrap();
         let mut other = rest.clone();
         other.tets[5] = [0, 1, 2, 26];
         assert!(refused(&other).contains("tet 5"), "{}", refused(&other));

@@ -1,13 +1,13 @@
 //! Regions that share nodes are welded: parting them.
 
-use super::{FACES, Field, Hierarchy, Location, TetMesh, Topology, crossings};
+use super::{Bvh, FACES, Field, Location, TetMesh, Topology, edge_face_intersections};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Nodes of a seam that go through what is beside it are taken half of their way back this often, and
 /// all of it then.
-const HALVED: usize = 4;
+const MAX_GAP_HALVINGS: usize = 4;
 
 impl TetMesh {
     /// The label of a region: a whole number, or the name it has in the mesh.
@@ -48,7 +48,7 @@ impl TetMesh {
     /// # Errors
     /// [`Error::Input`] where the mesh has no field that says its regions, for a region parted from
     /// itself, and for two that share no node at which nothing else holds them together.
-    pub fn part(&mut self, first: i64, second: i64) -> Result<Vec<[u32; 2]>> {
+    pub fn split_interface(&mut self, first: i64, second: i64) -> Result<Vec<[u32; 2]>> {
         let labels = self.field("label", Location::Cell);
         let Some(labels) = labels.or_else(|| self.region_field()) else {
             return Err(Error::Input(
@@ -167,7 +167,7 @@ impl TetMesh {
         held
     }
 
-    /// Draws the two sides of a seam apart by `gap`: `doubles`, as [`TetMesh::part`] returned them, and
+    /// Draws the two sides of a seam apart by `gap`: `doubles`, as [`TetMesh::split_interface`] returned them, and
     /// the nodes they come from, half each, along the normals of the seam. So each side has somewhere
     /// to be where the two press on each other. Where they would go through what is beside
     /// the seam they are drawn apart by less; doubles that cannot be are joined again, and the numbers
@@ -175,7 +175,7 @@ impl TetMesh {
     ///
     /// # Errors
     /// [`Error::Input`] for a gap that makes no sense, or so wide that it would turn tets inside out.
-    pub fn draw_apart(&mut self, doubles: &[[u32; 2]], gap: f64) -> Result<()> {
+    pub fn open_interface_gap(&mut self, doubles: &[[u32; 2]], gap: f64) -> Result<()> {
         let wrong = |why: &str| {
             Err(Error::Input(format!(
                 "the sides of a seam cannot be drawn {gap} apart: {why}"
@@ -256,11 +256,11 @@ impl TetMesh {
         edges.sort_unstable();
         edges.dedup();
         let middle = |k: usize| faces[k].iter().map(|v| before[*v as usize]).sum::<DVec3>() / 3.0;
-        let mut tree = Hierarchy::new(faces.len(), middle);
-        for round in 0..2 * HALVED {
+        let mut tree = Bvh::new(faces.len(), middle);
+        for round in 0..2 * MAX_GAP_HALVINGS {
             let (nodes, edge) = (&self.nodes, |k: usize| edges[k]);
             let at = |v: u32| nodes[v as usize];
-            let found = crossings((edges.len(), edge), |k| faces[k], &mut tree, at);
+            let found = edge_face_intersections((edges.len(), edge), |k| faces[k], &mut tree, at);
             let mut back = BTreeSet::new();
             for crossing in found {
                 back.extend(edges[crossing.edge]);
@@ -271,7 +271,7 @@ impl TetMesh {
                 break;
             }
             for v in back {
-                let part = if round < HALVED { 0.5 } else { 0.0 };
+                let part = if round < MAX_GAP_HALVINGS { 0.5 } else { 0.0 };
                 let way = ways.entry(v).or_default();
                 *way *= part;
                 self.nodes[v as usize] = before[v as usize] + *way;
@@ -279,14 +279,14 @@ impl TetMesh {
         }
     }
 
-    /// [`TetMesh::part`] for every pair of regions, by name or label.
+    /// [`TetMesh::split_interface`] for every pair of regions, by name or label.
     ///
     /// # Errors
-    /// As [`TetMesh::region_label`] and [`TetMesh::part`].
-    pub fn part_all(&mut self, pairs: &[[String; 2]]) -> Result<()> {
+    /// As [`TetMesh::region_label`] and [`TetMesh::split_interface`].
+    pub fn split_interfaces(&mut self, pairs: &[[String; 2]]) -> Result<()> {
         for [first, second] in pairs {
             let (first, second) = (self.region_label(first)?, self.region_label(second)?);
-            self.part(first, second)?;
+            self.split_interface(first, second)?;
         }
         Ok(())
     }
@@ -332,7 +332,7 @@ mod tests {
         let before = bar();
         let topology = Topology::new(&before);
         let mut mesh = before.clone();
-        let made = mesh.part(1, 2).unwrap();
+        let made = mesh.split_interface(1, 2).unwrap();
         // The nodes between them: 2 rows of 3, without those of the row where region 3 holds both.
         assert_eq!(made.len(), 6);
         let left = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
@@ -398,7 +398,7 @@ mod tests {
             }
         }
         // 6 lies beyond x < 2 and y > 2, 2 at x > 2 and y < 2: an edge, and others all around it.
-        assert!(mesh.part(6, 2).is_err());
+        assert!(mesh.split_interface(6, 2).is_err());
         let label = mesh.field("label", Location::Cell).unwrap().values.clone();
         let own = |t: &usize| [2.0, 6.0].contains(&label[*t]);
         let kept: Vec<usize> = (0..mesh.tets.len()).filter(own).collect();
@@ -408,7 +408,7 @@ mod tests {
         let mut mesh = TetMesh::new(mesh.nodes, tets, Vec::new(), Vec::new()).unwrap();
         mesh.set_field(label).unwrap();
         // Without them, three nodes.
-        assert_eq!(mesh.part(6, 2).unwrap().len(), 3);
+        assert_eq!(mesh.split_interface(6, 2).unwrap().len(), 3);
         assert!(nodes_of(&mesh, 6.0).is_disjoint(&nodes_of(&mesh, 2.0)));
     }
 
@@ -416,14 +416,17 @@ mod tests {
     fn what_does_not_touch_is_told() {
         let mut mesh = bar();
         let pairs = |a: &str, b: &str| [[a.to_owned(), b.to_owned()]];
-        mesh.part_all(&pairs("Thigh", "2")).unwrap();
-        let again = mesh.part_all(&pairs("1", "shin")).unwrap_err().to_string();
+        mesh.split_interfaces(&pairs("Thigh", "2")).unwrap();
+        let again = mesh
+            .split_interfaces(&pairs("1", "shin"))
+            .unwrap_err()
+            .to_string();
         assert!(
             again.contains("\"thigh\" (1) and \"shin\" (2) share no nodes"),
             "{again}"
         );
         let unknown = mesh
-            .part_all(&pairs("foot", "shin"))
+            .split_interfaces(&pairs("foot", "shin"))
             .unwrap_err()
             .to_string();
         assert!(
@@ -431,18 +434,18 @@ mod tests {
             "{unknown}"
         );
         mesh.fields.clear();
-        assert!(mesh.part(1, 2).is_err());
+        assert!(mesh.split_interface(1, 2).is_err());
     }
 
     #[test]
     fn the_sides_of_a_seam_are_drawn_apart() {
         let mut mesh = bar();
-        let doubles = mesh.part(1, 2).unwrap();
+        let doubles = mesh.split_interface(1, 2).unwrap();
         let volume = mesh.volume();
         let before = mesh.nodes.clone();
-        assert!(mesh.draw_apart(&doubles, 1e3).is_err() && mesh.nodes == before);
-        assert!(mesh.draw_apart(&doubles, f64::NAN).is_err());
-        mesh.draw_apart(&doubles, 0.02).unwrap();
+        assert!(mesh.open_interface_gap(&doubles, 1e3).is_err() && mesh.nodes == before);
+        assert!(mesh.open_interface_gap(&doubles, f64::NAN).is_err());
+        mesh.open_interface_gap(&doubles, 0.02).unwrap();
         for [v, from] in &doubles {
             let apart = mesh.nodes[*v as usize] - mesh.nodes[*from as usize];
             assert!(

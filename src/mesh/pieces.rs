@@ -1,6 +1,6 @@
 //! Meshes cut into pieces, each with the tets of its neighbours that it touches.
 
-use super::{Field, Location, TetMesh, grouped};
+use super::{Field, Location, TetMesh, group_by_key};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -12,7 +12,7 @@ pub struct MeshPiece {
     /// of the whole.
     pub mesh: TetMesh,
     /// How many tets are its own.
-    pub own: usize,
+    pub owned_tets: usize,
     /// The number of each node in the whole.
     pub nodes: Vec<u32>,
     /// The number of each tet in the whole.
@@ -25,7 +25,7 @@ pub struct MeshPiece {
 ///
 /// # Errors
 /// [`Error::Input`] for no parts, or more than there are tets.
-pub fn kd_parts(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
+pub fn kd_partition(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
     let tets = mesh.tets.len();
     if parts == 0 || parts > tets {
         return Err(Error::Input(format!(
@@ -65,7 +65,7 @@ pub fn kd_parts(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
 }
 
 /// A mesh whose tets are told apart by a part each.
-pub struct Parted<'a> {
+pub struct MeshPartition<'a> {
     mesh: &'a TetMesh,
     part_of: &'a [u32],
     /// Where the tets of each part begin in `own`, their end last.
@@ -77,12 +77,12 @@ pub struct Parted<'a> {
     around: (Vec<u32>, Vec<u32>),
 }
 
-impl<'a> Parted<'a> {
+impl<'a> MeshPartition<'a> {
     /// `mesh` in as many parts as the largest number in `part_of`, one a tet, says.
     ///
     /// # Errors
     /// [`Error::Input`] where these are not one a tet, or a part has none.
-    pub fn new(mesh: &'a TetMesh, part_of: &'a [u32]) -> Result<Parted<'a>> {
+    pub fn new(mesh: &'a TetMesh, part_of: &'a [u32]) -> Result<MeshPartition<'a>> {
         let parts = part_of.iter().max().map_or(0, |p| *p as usize + 1);
         if part_of.len() != mesh.tets.len() || parts > part_of.len() {
             return Err(Error::Input(format!(
@@ -91,7 +91,7 @@ impl<'a> Parted<'a> {
                 mesh.tets.len()
             )));
         }
-        let (firsts, own) = grouped(parts, part_of.iter().copied().zip(0..));
+        let (firsts, own) = group_by_key(parts, part_of.iter().copied().zip(0..));
         if let Some(empty) = firsts.windows(2).position(|w| w[0] == w[1]) {
             return Err(Error::Input(format!("part {empty} has no tets")));
         }
@@ -106,8 +106,8 @@ impl<'a> Parted<'a> {
         let corners = (0..).zip(&mesh.tets);
         let corners = corners.flat_map(|(t, tet)| tet.map(move |v| (v, t)));
         let at_seams = corners.filter(|(v, _)| shared[*v as usize]);
-        let around = grouped(mesh.nodes.len(), at_seams);
-        Ok(Parted {
+        let around = group_by_key(mesh.nodes.len(), at_seams);
+        Ok(MeshPartition {
             mesh,
             part_of,
             firsts,
@@ -131,7 +131,7 @@ impl<'a> Parted<'a> {
     ///
     /// # Errors
     /// [`Error::Input`] for a number that is none of theirs.
-    pub fn piece(&self, number: usize) -> Result<MeshPiece> {
+    pub fn extract(&self, number: usize) -> Result<MeshPiece> {
         let Some([first, last]) = self.firsts.get(number..number + 2) else {
             return Err(Error::Input(format!(
                 "there is no part {number}: there are {}, counted from 0",
@@ -186,7 +186,7 @@ impl<'a> Parted<'a> {
         };
         Ok(MeshPiece {
             mesh: piece,
-            own,
+            owned_tets: own,
             nodes,
             tets,
         })
@@ -203,15 +203,15 @@ mod tests {
     fn parts_are_alike_in_size_and_hold_every_tet_once() {
         let mesh = generate::by_name("limb", Some(3000)).unwrap();
         for parts in [1, 2, 3, 7, 64] {
-            let part_of = kd_parts(&mesh, parts).unwrap();
+            let part_of = kd_partition(&mesh, parts).unwrap();
             let mut counts = vec![0; parts];
             part_of.iter().for_each(|p| counts[*p as usize] += 1);
             let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
             assert!(most - least <= 6, "{parts}: {counts:?}");
-            assert_eq!(part_of, kd_parts(&mesh, parts).unwrap());
+            assert_eq!(part_of, kd_partition(&mesh, parts).unwrap());
         }
-        assert!(kd_parts(&mesh, 0).is_err());
-        assert!(kd_parts(&mesh, mesh.tets.len() + 1).is_err());
+        assert!(kd_partition(&mesh, 0).is_err());
+        assert!(kd_partition(&mesh, mesh.tets.len() + 1).is_err());
     }
 
     #[test]
@@ -221,8 +221,8 @@ mod tests {
         let tets = (0..mesh.tets.len()).map(number).collect();
         mesh.set_field(Field::scalar("number", Location::Cell, tets))
             .unwrap();
-        let part_of = kd_parts(&mesh, 5).unwrap();
-        let parted = Parted::new(&mesh, &part_of).unwrap();
+        let part_of = kd_partition(&mesh, 5).unwrap();
+        let parted = MeshPartition::new(&mesh, &part_of).unwrap();
         let whole = Topology::new(&mesh);
         let mut around = vec![0; mesh.nodes.len()];
         mesh.tets
@@ -231,9 +231,9 @@ mod tests {
             .for_each(|v| around[*v as usize] += 1);
         let mut owned = 0;
         for k in 0..parted.len() {
-            let piece = parted.piece(k).unwrap();
-            owned += piece.own;
-            assert!(piece.tets.len() > piece.own);
+            let piece = parted.extract(k).unwrap();
+            owned += piece.owned_tets;
+            assert!(piece.tets.len() > piece.owned_tets);
             let numbers = piece.mesh.field("number", Location::Cell).unwrap();
             assert!(
                 numbers
@@ -250,7 +250,7 @@ mod tests {
                 .iter()
                 .flatten()
                 .for_each(|v| here[*v as usize] += 1);
-            for t in 0..piece.own {
+            for t in 0..piece.owned_tets {
                 for v in piece.mesh.tets[t] {
                     let of_whole = piece.nodes[v as usize] as usize;
                     assert_eq!(here[v as usize], around[of_whole]);
@@ -263,19 +263,24 @@ mod tests {
                 }
             }
             // With its own tets shown alone, cuts are bare too, and no ghost is.
-            let shown = topology.showing_first(piece.own);
-            assert!(shown.boundary.iter().all(|b| (b.tet as usize) < piece.own));
+            let shown = topology.restricted_to(piece.owned_tets);
+            assert!(
+                shown
+                    .boundary
+                    .iter()
+                    .all(|b| (b.tet as usize) < piece.owned_tets)
+            );
             assert!(
                 shown.boundary.len()
                     > topology
                         .boundary
                         .iter()
-                        .filter(|b| (b.tet as usize) < piece.own)
+                        .filter(|b| (b.tet as usize) < piece.owned_tets)
                         .count()
             );
         }
         assert_eq!(owned, mesh.tets.len());
-        assert!(parted.piece(5).is_err());
-        assert!(Parted::new(&mesh, &part_of[1..]).is_err());
+        assert!(parted.extract(5).is_err());
+        assert!(MeshPartition::new(&mesh, &part_of[1..]).is_err());
     }
 }

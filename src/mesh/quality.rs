@@ -11,7 +11,7 @@ pub const SLIVER: f64 = 0.01;
 pub const DIHEDRAL_BINS: usize = 18;
 
 /// How many of the worst tets a [`QualityReport`] lists.
-const WORST_LISTED: usize = 10;
+const MAX_LISTED: usize = 10;
 
 /// The shape of one tet.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,7 +22,7 @@ pub struct TetQuality {
     pub max_dihedral: f64,
     /// 6√2 V / l³ with l the root mean square of the edge lengths: 1 when regular, 0 when flat,
     /// negative when inverted.
-    pub shape: f64,
+    pub mean_ratio: f64,
 }
 
 /// A badly shaped tet.
@@ -30,7 +30,7 @@ pub struct TetQuality {
 pub struct WorstTet {
     /// Which tet.
     pub tet: usize,
-    /// Its [`TetQuality::shape`].
+    /// Its [`TetQuality::mean_ratio`].
     pub quality: f64,
     /// Its [`TetQuality::min_dihedral`].
     pub min_dihedral: f64,
@@ -47,9 +47,9 @@ pub struct QualityReport {
     pub max_dihedral: f64,
     /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles a tet.
     pub dihedral_histogram: [usize; DIHEDRAL_BINS],
-    /// The smallest [`TetQuality::shape`].
+    /// The smallest [`TetQuality::mean_ratio`].
     pub min: f64,
-    /// The mean [`TetQuality::shape`].
+    /// The mean [`TetQuality::mean_ratio`].
     pub mean: f64,
     /// Number of tets whose shape is below [`SLIVER`].
     pub slivers: usize,
@@ -91,7 +91,7 @@ fn quality_from(v: [DVec3; 4], angles: &[f64; 6]) -> TetQuality {
     TetQuality {
         min_dihedral: angles.iter().copied().fold(f64::INFINITY, f64::min),
         max_dihedral: angles.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-        shape: if shape.is_finite() { shape } else { 0.0 },
+        mean_ratio: if shape.is_finite() { shape } else { 0.0 },
     }
 }
 
@@ -99,7 +99,7 @@ impl QualityReport {
     /// Measures every tet of `mesh`, in parallel.
     pub fn new(mesh: &TetMesh) -> QualityReport {
         let chunk = 4096;
-        let parts = parallel::map_heavy(mesh.tets.len().div_ceil(chunk), |c| {
+        let parts = parallel::map_coarse(mesh.tets.len().div_ceil(chunk), |c| {
             let end = mesh.tets.len().min((c + 1) * chunk);
             QualityReport::of(mesh, c * chunk..end)
         });
@@ -139,16 +139,16 @@ impl QualityReport {
             let q = quality_from(v, &angles);
             report.min_dihedral = report.min_dihedral.min(q.min_dihedral);
             report.max_dihedral = report.max_dihedral.max(q.max_dihedral);
-            report.min = report.min.min(q.shape);
-            report.mean += q.shape;
-            report.slivers += usize::from(q.shape < SLIVER);
+            report.min = report.min.min(q.mean_ratio);
+            report.mean += q.mean_ratio;
+            report.slivers += usize::from(q.mean_ratio < SLIVER);
             report.worst.push(WorstTet {
                 tet: t,
-                quality: q.shape,
+                quality: q.mean_ratio,
                 min_dihedral: q.min_dihedral,
                 centroid: (v.into_iter().sum::<DVec3>() / 4.0).to_array(),
             });
-            if report.worst.len() > 32 * WORST_LISTED {
+            if report.worst.len() > 32 * MAX_LISTED {
                 report.keep_worst();
             }
         }
@@ -176,6 +176,6 @@ impl QualityReport {
     fn keep_worst(&mut self) {
         self.worst
             .sort_by(|a, b| a.quality.total_cmp(&b.quality).then(a.tet.cmp(&b.tet)));
-        self.worst.truncate(WORST_LISTED);
+        self.worst.truncate(MAX_LISTED);
     }
 }

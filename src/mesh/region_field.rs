@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, HashSet};
 /// The most regions: a field of more values numbers something else.
 const MOST_REGIONS: usize = 128;
 /// Words in the names of fields that say regions, the surest first.
-const REGION_WORDS: [&[&str]; 5] = [
+const REGION_KEYWORDS: [&[&str]; 5] = [
     &["label", "labels"],
     &["region", "regions", "regionid", "tissue", "tissues"],
     &[
@@ -54,7 +54,7 @@ const REGION_WORDS: [&[&str]; 5] = [
     ],
 ];
 /// Words in the names of fields that number tets, or say how they were shared out to processes.
-const NUMBERING_WORDS: [&str; 14] = [
+const NUMBERING_KEYWORDS: [&str; 14] = [
     "element",
     "elementid",
     "elementids",
@@ -77,7 +77,7 @@ impl TetMesh {
     /// regions go first (`label`, `region`, `material`, `part`, …) and names of numberings last;
     /// among equals the first in the file. A constant field says nothing.
     pub fn region_field(&self) -> Option<&Field> {
-        let fields = self.fields.iter().filter(|f| self.says_regions(f));
+        let fields = self.fields.iter().filter(|f| self.is_region_field(f));
         fields.min_by_key(|f| rank(&f.name))
     }
 
@@ -87,7 +87,7 @@ impl TetMesh {
     }
 
     /// Whether the values of `field` can be regions.
-    pub fn says_regions(&self, field: &Field) -> bool {
+    pub fn is_region_field(&self, field: &Field) -> bool {
         if field.location != Location::Cell || field.components != 1 {
             return false;
         }
@@ -123,7 +123,7 @@ impl TetMesh {
 }
 
 /// The rank of a name that numbers.
-const NUMBERING: usize = 2 + REGION_WORDS.len();
+const NUMBERING: usize = 2 + REGION_KEYWORDS.len();
 
 /// How surely a field of this name says regions: 0 the most.
 fn rank(name: &str) -> usize {
@@ -137,9 +137,9 @@ fn rank(name: &str) -> usize {
         .filter(|w| !w.is_empty())
         .collect();
     let has = |known: &[&str]| words.iter().any(|w| known.contains(w));
-    match REGION_WORDS.iter().position(|known| has(known)) {
+    match REGION_KEYWORDS.iter().position(|known| has(known)) {
         Some(rank) => 1 + rank,
-        None if has(&NUMBERING_WORDS) => NUMBERING,
+        None if has(&NUMBERING_KEYWORDS) => NUMBERING,
         None => NUMBERING - 1,
     }
 }

@@ -1,13 +1,13 @@
 //! Making a mesh safe to work with: what is repaired, what is counted, what is refused.
 
-use super::grouped::of_groups;
+use super::grouped::map_groups;
 use super::{Field, Location, TetMesh};
 use crate::{Error, Result, parallel};
 use glam::DVec3;
 
 /// What was repaired, dropped or noticed when a mesh was made.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Repairs {
+pub struct RepairReport {
     /// Tets whose orientation was flipped.
     pub inverted_fixed: usize,
     /// Tets dropped because they have a repeated corner or no volume at all.
@@ -17,7 +17,7 @@ pub struct Repairs {
     /// Nodes dropped because no tet uses them.
     pub unused_nodes: usize,
     /// Faces shared by more than two tets; they are left unconnected.
-    pub crowded_faces: usize,
+    pub overshared_faces: usize,
     /// Everything above and whatever a reader noticed, in words.
     pub warnings: Vec<String>,
 }
@@ -42,9 +42,9 @@ impl TetMesh {
             nodes,
             tets,
             fields: Vec::new(),
-            repairs: Repairs {
+            repairs: RepairReport {
                 warnings,
-                ..Repairs::default()
+                ..RepairReport::default()
             },
             ..TetMesh::default()
         };
@@ -59,7 +59,7 @@ impl TetMesh {
             ));
         }
         mesh.drop_unused_nodes();
-        mesh.repairs.crowded_faces = super::topology::crowded_faces(&mesh.tets);
+        mesh.repairs.overshared_faces = super::topology::crowded_faces(&mesh.tets);
         mesh.describe_repairs();
         Ok(mesh)
     }
@@ -129,7 +129,7 @@ impl TetMesh {
             let [a, b, c, d] = sorted(*tet).0;
             (a, [b, c, d, t as u32])
         });
-        of_groups(self.nodes.len(), by_smallest, |own, repeats| {
+        map_groups(self.nodes.len(), by_smallest, |own, repeats| {
             let pairs = own.windows(2).filter(|w| w[0][..3] == w[1][..3]);
             repeats.extend(pairs.map(|w| w[1][3]));
         })
@@ -174,7 +174,7 @@ impl TetMesh {
             (r.repeated, "tets that repeat an earlier one were dropped"),
             (r.unused_nodes, "nodes that no tet uses were dropped"),
             (
-                r.crowded_faces,
+                r.overshared_faces,
                 "faces are shared by more than two tets; they are treated as boundary",
             ),
         ];

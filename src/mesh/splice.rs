@@ -2,7 +2,7 @@
 
 /// Takes the items with the keys `gone` out of `list` and puts `added` in; all are sorted by key.
 /// What lies between is moved, not looked at.
-pub(crate) fn splice<T: Copy, K: Ord + Copy>(
+pub(crate) fn replace_sorted<T: Copy, K: Ord + Copy>(
     list: &mut Vec<T>,
     key: impl Fn(&T) -> K,
     gone: &[K],
@@ -41,11 +41,11 @@ mod tests {
     #[test]
     fn splicing_keeps_a_list_sorted() {
         let mut list = vec![1, 3, 5, 7, 9];
-        splice(&mut list, |x| *x, &[3, 4, 9], &[0, 3, 6, 11]);
+        replace_sorted(&mut list, |x| *x, &[3, 4, 9], &[0, 3, 6, 11]);
         assert_eq!(list, [0, 1, 3, 5, 6, 7, 11]);
-        splice(&mut list, |x| *x, &[0, 11], &[]);
+        replace_sorted(&mut list, |x| *x, &[0, 11], &[]);
         assert_eq!(list, [1, 3, 5, 6, 7]);
-        splice(&mut list, |x| *x, &[], &[]);
+        replace_sorted(&mut list, |x| *x, &[], &[]);
         assert_eq!(list, [1, 3, 5, 6, 7]);
     }
 }

@@ -1,6 +1,6 @@
 //! The shape of a triangle surface: its pieces, rims, orientation and measures.
 
-use super::boundary::Groups;
+use super::boundary::DisjointSets;
 use super::{FieldDescription, TriMesh};
 use glam::DVec3;
 use std::collections::{HashMap, VecDeque};
@@ -83,11 +83,11 @@ impl TriMesh {
 
     /// The piece of each triangle, numbered in the order of the triangles, and the number of
     /// pieces; triangles that share a vertex are of one piece.
-    pub fn pieces(&self) -> (Vec<u32>, usize) {
-        let mut groups = Groups::new(self.vertices.len());
+    pub fn connected_components(&self) -> (Vec<u32>, usize) {
+        let mut groups = DisjointSets::new(self.vertices.len());
         for [a, b, c] in &self.triangles {
-            groups.join(*a, *b);
-            groups.join(*b, *c);
+            groups.union(*a, *b);
+            groups.union(*b, *c);
         }
         let mut number = HashMap::new();
         let piece = self
@@ -95,7 +95,7 @@ impl TriMesh {
             .iter()
             .map(|t| {
                 let next = number.len() as u32;
-                *number.entry(groups.representative(t[0])).or_insert(next)
+                *number.entry(groups.find(t[0])).or_insert(next)
             })
             .collect();
         (piece, number.len())
@@ -104,7 +104,7 @@ impl TriMesh {
     /// Turns triangles so that neighbours face the same way and each connected sheet encloses a
     /// positive volume. A sheet inside another is left as it is when it was consistent: it may
     /// be a cavity. Returns how many triangles were turned.
-    pub fn orient(&mut self) -> usize {
+    pub fn orient_consistently(&mut self) -> usize {
         let edges = self.edges();
         let mut across: Vec<Vec<(u32, bool)>> = vec![Vec::new(); self.triangles.len()];
         for sides in edges.values() {
@@ -149,7 +149,7 @@ impl TriMesh {
             }
             for t in sheet {
                 if flip[t] == Some(true) {
-                    self.turn(t);
+                    self.flip_triangle(t);
                     turned += 1;
                 }
             }
@@ -157,7 +157,7 @@ impl TriMesh {
         // A surface whose outermost sheets all face inward was written inside out.
         if turned == 0 && self.volume() < 0.0 {
             turned = self.triangles.len();
-            (0..turned).for_each(|t| self.turn(t));
+            (0..turned).for_each(|t| self.flip_triangle(t));
         }
         turned
     }
@@ -177,7 +177,7 @@ impl SurfaceDescription {
         SurfaceDescription {
             vertices: surface.vertices.len(),
             triangles: surface.triangles.len(),
-            components: surface.pieces().1,
+            components: surface.connected_components().1,
             open_edges,
             nonmanifold_edges,
             closed: open_edges == 0 && nonmanifold_edges == 0,

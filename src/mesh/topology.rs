@@ -1,7 +1,7 @@
 //! How the tets of a mesh hang together: neighbours across faces, and the boundary.
 
 use super::TetMesh;
-use super::grouped::of_groups;
+use super::grouped::map_groups;
 
 /// The three local corners of face i, the face opposite vertex i, counter-clockwise seen from
 /// outside a positively oriented tet.
@@ -55,7 +55,7 @@ impl Topology {
     /// The same for rays that meet the first `own` tets alone, as of a piece that has others around
     /// it: what these have in common with the others is boundary, and the others have none, being
     /// their own neighbours all around.
-    pub fn showing_first(&self, own: usize) -> Topology {
+    pub fn restricted_to(&self, own: usize) -> Topology {
         let mut neighbours = self.neighbours.clone();
         for (t, across) in neighbours.iter_mut().enumerate() {
             for (f, code) in across.iter_mut().enumerate() {
@@ -117,7 +117,7 @@ fn same_faces<B: Send>(
             ((a as usize % groups) as u32, [a, b, c, (4 * t + f) as u32])
         })
     });
-    of_groups(groups, faces, |own, told| {
+    map_groups(groups, faces, |own, told| {
         for same in own.chunk_by(|a, b| a[..3] == b[..3]) {
             tell(same, told);
         }

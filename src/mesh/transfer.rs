@@ -1,6 +1,6 @@
 //! Values at the nodes of one mesh carried over to points of another.
 
-use super::{TetMesh, Topology, Tree, bounds, signed_volume};
+use super::{TetMesh, Topology, TriangleBvh, bounds, signed_volume};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::{DVec3, UVec3};
@@ -11,7 +11,7 @@ use glam::{DVec3, UVec3};
 /// A point inside has the weights of its tet's corners; one outside those of the tet at the
 /// nearest boundary face, beyond 0 and 1.
 #[derive(Clone, Debug)]
-pub struct Transfer {
+pub struct BarycentricMap {
     nodes: usize,
     /// Of each point: four nodes and their weights, of sum 1.
     shares: Vec<([u32; 4], [f64; 4])>,
@@ -24,14 +24,14 @@ const MOST_CELLS: f64 = 256.0;
 /// Weights this far below 0 are on a face.
 const ON_FACE: f64 = -1e-9;
 
-impl Transfer {
+impl BarycentricMap {
     /// Prepares to carry values at the nodes of `mesh`, at rest, over to `points`. Tets without a
     /// volume are passed over.
     ///
     /// # Errors
     /// [`Error::Mesh`] when no tet on the boundary has a volume; [`Error::Input`] for a point that
     /// lies nowhere.
-    pub fn new(mesh: &TetMesh, points: &[DVec3]) -> Result<Transfer> {
+    pub fn new(mesh: &TetMesh, points: &[DVec3]) -> Result<BarycentricMap> {
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::Input(format!(
                 "values cannot be carried to point {bad}, which lies at {}",
@@ -53,30 +53,30 @@ impl Transfer {
                 "no tet on the boundary has a volume, so nothing can be carried over".into(),
             ));
         }
-        let (tree, grid) = (Tree::new(triangles), Grid::new(mesh));
+        let (tree, grid) = (TriangleBvh::new(triangles), Grid::new(mesh));
         let share = |n: usize| {
             let p = points[n];
             let outside = || tree.nearest(p).map_or(0, |(f, _)| faces[f]);
             let tet = grid.tet_at(mesh, p).unwrap_or_else(outside);
             (mesh.tets[tet as usize], weights(mesh, tet, p))
         };
-        Ok(Transfer {
+        Ok(BarycentricMap {
             nodes: mesh.nodes.len(),
             shares: parallel::map(points.len(), share),
         })
     }
 
     /// Of each point: the four nodes that its value is made of, and their weights, of sum 1.
-    pub fn shares(&self) -> &[([u32; 4], [f64; 4])] {
+    pub fn source_weights(&self) -> &[([u32; 4], [f64; 4])] {
         &self.shares
     }
 
-    /// The transpose of [`Transfer::apply`]: what acts at the points, `forces`, as it acts at the
+    /// The transpose of [`BarycentricMap::apply`]: what acts at the points, `forces`, as it acts at the
     /// nodes, with the same sum and the same work.
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of forces.
-    pub fn gather(&self, forces: &[DVec3]) -> Result<Vec<DVec3>> {
+    pub fn apply_transpose(&self, forces: &[DVec3]) -> Result<Vec<DVec3>> {
         if forces.len() != self.shares.len() {
             return Err(Error::Input(format!(
                 "{} forces given for the {} points that they act at",

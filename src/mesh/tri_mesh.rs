@@ -66,7 +66,7 @@ impl TriMesh {
     }
 
     /// Several scalars of the vertices side by side, as PLY has them.
-    fn beside<const N: usize>(&self, names: [&str; N]) -> Option<Vec<[[f64; N]; 3]>> {
+    fn zip_scalars<const N: usize>(&self, names: [&str; N]) -> Option<Vec<[[f64; N]; 3]>> {
         let found = names.map(|n| self.vertex_scalar(n));
         if found.iter().any(Option::is_none) {
             return None;
@@ -86,7 +86,9 @@ impl TriMesh {
             return Some((0..self.triangles.len()).map(of).collect());
         }
         let pairs = [["u", "v"], ["s", "t"]];
-        let beside = pairs.into_iter().find_map(|names| self.beside(names))?;
+        let beside = pairs
+            .into_iter()
+            .find_map(|names| self.zip_scalars(names))?;
         Some(beside.into_iter().map(|c| c.map(DVec2::from)).collect())
     }
 
@@ -98,12 +100,12 @@ impl TriMesh {
             let of = |t| self.corner_values(field, 3, t).map(DVec3::from);
             return Some((0..self.triangles.len()).map(of).collect());
         }
-        let beside = self.beside(["nx", "ny", "nz"])?;
+        let beside = self.zip_scalars(["nx", "ny", "nz"])?;
         Some(beside.into_iter().map(|c| c.map(DVec3::from)).collect())
     }
 
     /// Turns triangle `t` over; what its corners have goes with them.
-    pub(super) fn turn(&mut self, t: usize) {
+    pub(super) fn flip_triangle(&mut self, t: usize) {
         self.triangles[t].swap(1, 2);
         for name in [UV, NORMAL] {
             for field in &mut self.fields {

@@ -1,16 +1,16 @@
 //! Inside and outside of closed surfaces.
 
 use super::Domain;
-use crate::mesh::{SurfaceDescription, Tree, TriMesh};
+use crate::mesh::{SurfaceDescription, TriMesh, TriangleBvh};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::f64::consts::PI;
 use std::path::Path;
 
 /// Subtrees whose centre is farther than this many times their radius count as one dipole.
-const FAR: f64 = 3.0;
+const FAR_FIELD_RATIO: f64 = 3.0;
 /// The largest part of a surface's edges that may be open.
-const MOST_OPEN: f64 = 0.02;
+const MAX_OPEN_EDGE_RATIO: f64 = 0.02;
 
 /// A closed surface that tells inside from outside and how far a point is from it.
 ///
@@ -21,7 +21,7 @@ const MOST_OPEN: f64 = 0.02;
 /// closed in the least surprising way; cavities are pieces that face inward.
 #[derive(Debug)]
 pub struct ClosedSurface {
-    tree: Tree,
+    tree: TriangleBvh,
     /// Of each box of the tree.
     dipoles: Vec<Dipole>,
     /// What was mended or is odd, a sentence each.
@@ -48,14 +48,14 @@ impl ClosedSurface {
     pub fn new(surface: &TriMesh) -> Result<ClosedSurface> {
         let mut surface = surface.clone();
         let mut notes = Vec::new();
-        let turned = surface.orient();
+        let turned = surface.orient_consistently();
         if turned > 0 {
             notes.push(format!("{turned} triangles were turned to face outward"));
         }
         let description = SurfaceDescription::new(&surface);
         let open = description.open_edges;
         let edges = 1.5 * surface.triangles.len() as f64;
-        if open as f64 > MOST_OPEN * edges {
+        if open as f64 > MAX_OPEN_EDGE_RATIO * edges {
             return Err(Error::Mesh(format!(
                 "the surface has {open} open edges, so it has no inside; close its holes first (in MeshLab or Blender, for example)"
             )));
@@ -71,7 +71,7 @@ impl ClosedSurface {
             ));
         }
         let triangles = (0..surface.triangles.len()).map(|t| surface.corners(t));
-        let tree = Tree::new(triangles.collect());
+        let tree = TriangleBvh::new(triangles.collect());
         let dipoles = dipoles(&tree);
         Ok(ClosedSurface {
             tree,
@@ -124,7 +124,7 @@ impl ClosedSurface {
             let dipole = &self.dipoles[index];
             let towards = dipole.centre - p;
             let distance_squared = towards.length_squared();
-            if distance_squared > FAR * FAR * dipole.radius_squared {
+            if distance_squared > FAR_FIELD_RATIO * FAR_FIELD_RATIO * dipole.radius_squared {
                 angle += towards.dot(dipole.normal) / (distance_squared * distance_squared.sqrt());
                 continue;
             }
@@ -151,7 +151,7 @@ pub(crate) fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
     2.0 * above.atan2(below)
 }
 
-fn dipoles(tree: &Tree) -> Vec<Dipole> {
+fn dipoles(tree: &TriangleBvh) -> Vec<Dipole> {
     tree.boxes
         .iter()
         .map(|node| {
@@ -341,11 +341,11 @@ mod tests {
         for t in (0..wrong.triangles.len()).step_by(3) {
             wrong.triangles[t].swap(0, 1);
         }
-        wrong.orient();
+        wrong.orient_consistently();
         assert!((wrong.volume() - volume).abs() < 1e-9);
         let mut inward = right.clone();
         inward.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-        assert_eq!(inward.orient(), inward.triangles.len());
+        assert_eq!(inward.orient_consistently(), inward.triangles.len());
         // A smaller torus inside that faces inward is a cavity.
         let mut hollow = right.clone();
         let first = hollow.vertices.len() as u32;

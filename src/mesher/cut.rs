@@ -1,12 +1,12 @@
 //! Where the boundaries between regions cross the edges of the lattice, and which points of the
 //! lattice are moved onto them.
 
-use super::domain::{Sampler, Weighed};
+use super::domain::{OffsetDomain, Sampler};
 use super::lattice::LatticeMesh;
 use crate::Result;
 use crate::mesh::TET_EDGES;
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
@@ -17,7 +17,7 @@ const SNAP_LONG: f64 = 0.24999;
 const SNAP_SHORT: f64 = 0.41189;
 
 /// A cut lies where the weights of the two sides differ by this part of what they do at the ends.
-const NEAR: f64 = 1e-7;
+const ROOT_TOLERANCE: f64 = 1e-7;
 
 /// In place of a region: the point has been moved onto a boundary, and every region touches it.
 pub(super) const ON_BOUNDARY: u16 = u16::MAX;
@@ -39,17 +39,21 @@ pub(super) struct CutLattice {
 }
 
 /// The points of the lattice before it is cut.
-pub(super) struct Sampled {
+pub(super) struct SampledLattice {
     /// The region of each point.
     pub region: Vec<u16>,
     /// The weights there; empty where the region was known without them.
     weights: Vec<Box<[(u16, f64)]>>,
 }
 
-impl Sampled {
-    pub(super) fn new(domain: Weighed, lattice: &LatticeMesh, part: &Part) -> Result<Sampled> {
+impl SampledLattice {
+    pub(super) fn new(
+        domain: OffsetDomain,
+        lattice: &LatticeMesh,
+        part: &ProgressScope,
+    ) -> Result<SampledLattice> {
         let sampled = parallel::collect(lattice.positions.len(), |range, sampled| {
-            if !part.goes_on() {
+            if !part.should_continue() {
                 return;
             }
             let mut sampler = Sampler::new(domain);
@@ -58,20 +62,20 @@ impl Sampled {
                 None => sampler.region_and_weights(lattice.positions[p]),
             }));
         });
-        part.check()?;
+        part.check_cancelled()?;
         let (region, weights) = sampled.into_iter().unzip();
-        Ok(Sampled { region, weights })
+        Ok(SampledLattice { region, weights })
     }
 }
 
 impl CutLattice {
     pub(super) fn new(
-        domain: Weighed,
+        domain: OffsetDomain,
         lattice: &LatticeMesh,
-        points: Sampled,
-        part: &Part,
+        points: SampledLattice,
+        part: &ProgressScope,
     ) -> Result<CutLattice> {
-        let Sampled { region, weights } = points;
+        let SampledLattice { region, weights } = points;
         let mut edges = parallel::collect(lattice.tets.len(), |range, edges| {
             for tet in &lattice.tets[range] {
                 edges.extend(TET_EDGES.into_iter().filter_map(|[i, j]| {
@@ -84,7 +88,7 @@ impl CutLattice {
         edges.par_sort_unstable();
         edges.dedup();
         let cuts = parallel::collect(edges.len(), |range, cuts| {
-            if !part.goes_on() {
+            if !part.should_continue() {
                 return;
             }
             let mut sampler = Sampler::new(domain);
@@ -92,14 +96,14 @@ impl CutLattice {
                 let points = edge.map(|p| lattice.positions[p as usize]);
                 let [a, b] = edge.map(|p| region[p as usize]);
                 let mut excess = |end: usize| match &*weights[edge[end] as usize] {
-                    [] => sampler.excess(points[end], a, b),
+                    [] => sampler.weight_difference(points[end], a, b),
                     known => sampler.excess_of(known, a, b),
                 };
                 let ends = [excess(0), excess(1)];
                 cuts.push(crossing(&mut sampler, points, [a, b], ends));
             }
         });
-        part.check()?;
+        part.check_cancelled()?;
         let mut whole = CutLattice {
             sides: vec![[0; 2]; region.len()],
             region,
@@ -169,7 +173,7 @@ fn crossing(
         (false, true) => return 0.0,
         (false, false) => return 0.5,
     }
-    let least = NEAR * (f_low - f_high);
+    let least = ROOT_TOLERANCE * (f_low - f_high);
     let (mut t, mut moved_last) = (0.5, None);
     // False position after Illinois; three to five rounds on anything smooth.
     for _ in 0..12 {
@@ -177,7 +181,7 @@ fn crossing(
         if !(t > low && t < high) {
             t = 0.5 * (low + high);
         }
-        let f = sampler.excess(from.lerp(to, t), a, b);
+        let f = sampler.weight_difference(from.lerp(to, t), a, b);
         if f.abs() <= least || high - low < 1e-9 {
             break;
         }

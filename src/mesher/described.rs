@@ -1,6 +1,8 @@
 //! What a recipe describes, before it is meshed or carved: a domain, and the names of its regions.
 
-use super::{ClosedSurface, Domain, LabelDomain, Labels, Recipe, SurfaceDomain, ThresholdDomain};
+use super::{
+    ClosedSurface, Domain, LabelDomain, Labels, MeshingConfig, SurfaceDomain, ThresholdDomain,
+};
 use crate::io::{self, Kind};
 use crate::mesh::TriMesh;
 use crate::volume::Volume;
@@ -20,7 +22,7 @@ pub(super) struct Regions {
 }
 
 /// A domain that a recipe describes.
-pub struct Described<'a> {
+pub struct DomainDescription<'a> {
     /// The domain.
     pub domain: &'a dyn Domain,
     /// The label of each region.
@@ -43,21 +45,21 @@ pub(super) struct Surfaces {
     pub notes: Vec<String>,
 }
 
-impl Recipe {
+impl MeshingConfig {
     /// Hands the domain that the recipe describes to `use_`: of a volume, of closed surfaces, or
     /// of the boundary of a tet mesh.
     ///
     /// # Errors
-    /// As [`Recipe::mesh`], and what `use_` gives.
-    pub fn describe<R>(&self, use_: impl FnOnce(Described) -> Result<R>) -> Result<R> {
+    /// As [`MeshingConfig::mesh`], and what `use_` gives.
+    pub fn with_domain<R>(&self, use_: impl FnOnce(DomainDescription) -> Result<R>) -> Result<R> {
         let Some(first) = self.input.first() else {
             return Err(Error::Input(
                 "there is nothing to fill; name a volume, a surface or a mesh".into(),
             ));
         };
-        match io::kind(first)? {
-            Kind::Volume => self.of_volume(first, |domain, regions, volume, by_value| {
-                use_(Described {
+        match io::detect_kind(first)? {
+            Kind::Volume => self.with_volume_domain(first, |domain, regions, volume, by_value| {
+                use_(DomainDescription {
                     domain,
                     labels: regions.labels,
                     names: regions.names,
@@ -67,8 +69,8 @@ impl Recipe {
                 })
             }),
             Kind::Surface => {
-                let found = self.of_surfaces()?;
-                use_(Described {
+                let found = self.read_surfaces()?;
+                use_(DomainDescription {
                     domain: &SurfaceDomain::new(found.closed)?,
                     labels: found.regions.labels,
                     names: found.regions.names,
@@ -80,7 +82,7 @@ impl Recipe {
             Kind::Mesh => {
                 let mesh = io::read(first)?;
                 let closed = ClosedSurface::new(&mesh.boundary_surface(None)?)?;
-                use_(Described {
+                use_(DomainDescription {
                     domain: &SurfaceDomain::new(vec![closed])?,
                     labels: vec![1],
                     names: vec![None],
@@ -93,7 +95,7 @@ impl Recipe {
     }
 
     /// The domain of a volume, its regions, and whether these come from values, not labels.
-    pub(super) fn of_volume<R>(
+    pub(super) fn with_volume_domain<R>(
         &self,
         file: &Path,
         use_: impl FnOnce(&dyn Domain, Regions, &Volume, bool) -> Result<R>,
@@ -129,14 +131,14 @@ impl Recipe {
             names: domain
                 .labels()
                 .iter()
-                .map(|l| volume.names.get(l).cloned())
+                .map(|l| volume.label_names.get(l).cloned())
                 .collect(),
             volumes: domain.voxel_volumes().into_iter().map(Some).collect(),
         };
         use_(&domain, regions, &volume, false)
     }
 
-    pub(super) fn of_surfaces(&self) -> Result<Surfaces> {
+    pub(super) fn read_surfaces(&self) -> Result<Surfaces> {
         if self.labels.is_some() || !self.windows().is_empty() {
             return Err(Error::Input(
                 "labels and thresholds are for volumes; a surface is a region as it is".into(),
@@ -179,7 +181,7 @@ impl Recipe {
 pub(super) fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
     const MOST: usize = 64;
     let labels = volume.labels();
-    if labels.as_ref().is_some_and(|l| l.len() <= MOST) || !volume.names.is_empty() {
+    if labels.as_ref().is_some_and(|l| l.len() <= MOST) || !volume.label_names.is_empty() {
         return Ok(());
     }
     let (low, high) = volume.range().unwrap_or((0.0, 0.0));

@@ -39,12 +39,12 @@ pub struct RegionVolume {
     /// The volume.
     pub volume: f64,
     /// About how much the region grows when 1 is added to its weight everywhere.
-    pub growth: f64,
+    pub area: f64,
 }
 
 /// A domain, and what is added to the weights of its regions.
 #[derive(Clone, Copy)]
-pub(super) struct Weighed<'a> {
+pub(super) struct OffsetDomain<'a> {
     pub domain: &'a dyn Domain,
     /// For regions 1, 2, …; nothing where it is not given.
     pub added: &'a [f64],
@@ -59,7 +59,7 @@ pub(super) struct Sampler<'a> {
 }
 
 impl<'a> Sampler<'a> {
-    pub(super) fn new(weighed: Weighed<'a>) -> Sampler<'a> {
+    pub(super) fn new(weighed: OffsetDomain<'a>) -> Sampler<'a> {
         Sampler {
             domain: weighed.domain,
             added: weighed.added,
@@ -101,14 +101,14 @@ impl<'a> Sampler<'a> {
     }
 
     /// The weights of `regions` at `p`.
-    pub(super) fn of<const N: usize>(&mut self, p: DVec3, regions: [u16; N]) -> [f64; N] {
+    pub(super) fn weights_of<const N: usize>(&mut self, p: DVec3, regions: [u16; N]) -> [f64; N] {
         self.at(p);
         regions.map(|r| self.weight(r))
     }
 
     /// By how much the weight of `a` exceeds that of `b` at `p`.
-    pub(super) fn excess(&mut self, p: DVec3, a: u16, b: u16) -> f64 {
-        let [a, b] = self.of(p, [a, b]);
+    pub(super) fn weight_difference(&mut self, p: DVec3, a: u16, b: u16) -> f64 {
+        let [a, b] = self.weights_of(p, [a, b]);
         a - b
     }
 

@@ -4,7 +4,7 @@
 use super::stencil::Piece;
 
 /// The tets around a node, and which of them share a face at it.
-pub(super) struct Fans {
+pub(super) struct VertexFans {
     /// Region of each tet; the last stands for what lies beyond the tets there are, outside.
     pub region: Vec<u16>,
     /// Pairs that share a face.
@@ -15,8 +15,8 @@ pub(super) struct Fans {
     parent: Vec<u32>,
 }
 
-impl Fans {
-    pub(super) fn new(v: u32, star: &[u32], pieces: &[Piece]) -> Fans {
+impl VertexFans {
+    pub(super) fn new(v: u32, star: &[u32], pieces: &[Piece]) -> VertexFans {
         // The edges of the node's link, each with the tet it came from.
         let mut sides: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * star.len());
         for (n, t) in star.iter().enumerate() {
@@ -45,7 +45,7 @@ impl Fans {
         if rim.is_empty() {
             region.pop();
         }
-        Fans {
+        VertexFans {
             parent: Vec::with_capacity(region.len()),
             region,
             joined,
@@ -54,7 +54,7 @@ impl Fans {
     }
 
     /// Whether the faces at the node without a second tet form one fan, or there are none.
-    pub(super) fn has_simple_rim(&self) -> bool {
+    pub(super) fn is_boundary_manifold(&self) -> bool {
         let Some(&[start, _]) = self.rim.first() else {
             return true;
         };
@@ -115,7 +115,7 @@ impl Fans {
 
     /// Fans too many around the node: of what is inside and what is outside, and of each region
     /// and what is not of it. Nothing is pinched there where both are 0.
-    pub(super) fn pinches(&mut self) -> [usize; 2] {
+    pub(super) fn count_excess_fans(&mut self) -> [usize; 2] {
         let regions = self.regions();
         if regions.len() < 2 {
             return [0; 2];
@@ -146,7 +146,7 @@ impl Fans {
     }
 
     /// The region that most faces join the tets of a fan to.
-    pub(super) fn beside(&self, fan: &[bool]) -> Option<u16> {
+    pub(super) fn dominant_neighbour(&self, fan: &[bool]) -> Option<u16> {
         let mut shared: Vec<(u16, usize)> = Vec::new();
         for [a, b] in &self.joined {
             let (a, b) = (*a as usize, *b as usize);

@@ -2,9 +2,9 @@
 
 use super::stencil::Piece;
 use crate::Result;
-use crate::mesh::{FACES, Groups, signed_volume};
+use crate::mesh::{DisjointSets, FACES, signed_volume};
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 use std::collections::BTreeMap;
@@ -22,17 +22,17 @@ pub struct IslandReport {
 
 /// Gives every piece of a region that is smaller than `least` to the neighbour with which it
 /// shares the largest area, the smallest piece first. What is given to the outside is dropped.
-pub(super) fn dissolve(
+pub(super) fn merge_small_components(
     nodes: &[DVec3],
     pieces: &mut [Piece],
     least: f64,
-    part: &Part,
+    part: &ProgressScope,
 ) -> Result<Vec<IslandReport>> {
     let mut reports: BTreeMap<u16, IslandReport> = BTreeMap::new();
     if least > 0.0 {
         // Islands that joined others may be small still.
         while dissolve_once(nodes, pieces, least, &mut reports) {
-            part.check()?;
+            part.check_cancelled()?;
         }
     }
     Ok(reports.into_values().collect())
@@ -55,7 +55,7 @@ fn dissolve_once(
         }
     });
     faces.par_sort_unstable();
-    let mut groups = Groups::new(pieces.len());
+    let mut groups = DisjointSets::new(pieces.len());
     // Faces between two regions, or a region and what lies beyond the tets there are.
     let mut walls: Vec<(u32, Option<u32>, f64)> = Vec::new();
     for same in faces.chunk_by(|a, b| a.0 == b.0) {
@@ -63,7 +63,7 @@ fn dissolve_once(
         let area = 0.5 * (b - a).cross(c - a).length();
         match same {
             [(_, t), (_, u)] if pieces[*t as usize].1 == pieces[*u as usize].1 => {
-                groups.join(*t, *u);
+                groups.union(*t, *u);
             }
             [(_, t), (_, u)] => walls.push((*t, Some(*u), area)),
             _ => walls.extend(same.iter().map(|s| (s.1, None, area))),
@@ -74,7 +74,7 @@ fn dissolve_once(
     for (t, (tet, region)) in pieces.iter().enumerate() {
         if *region != 0 {
             let own = signed_volume(tet.map(|v| nodes[v as usize]));
-            *volume.entry(groups.representative(t as u32)).or_default() += own;
+            *volume.entry(groups.find(t as u32)).or_default() += own;
         }
     }
     let mut small: Vec<(f64, u32)> = volume
@@ -86,7 +86,7 @@ fn dissolve_once(
     let mut beside: BTreeMap<u32, Vec<(Option<u32>, f64)>> =
         small.iter().map(|s| (s.1, Vec::new())).collect();
     for (t, u, area) in walls {
-        let ends = [Some(t), u].map(|t| t.map(|t| groups.representative(t)));
+        let ends = [Some(t), u].map(|t| t.map(|t| groups.find(t)));
         for [own, other] in [ends, [ends[1], ends[0]]] {
             if let Some(list) = own.and_then(|own| beside.get_mut(&own)) {
                 list.push((other, area));
@@ -96,13 +96,13 @@ fn dissolve_once(
     // Pieces are merged as they change region; the region of a piece is that of its first tet.
     let mut region_of: BTreeMap<u32, u16> = BTreeMap::new();
     for (own_volume, group) in small {
-        let now = groups.representative(group);
+        let now = groups.find(group);
         if now != group || volume.get(&group).is_none_or(|v| *v >= least) {
             continue;
         }
         let mut areas: BTreeMap<u16, (f64, Vec<u32>)> = BTreeMap::new();
         for (other, area) in beside.get(&group).into_iter().flatten() {
-            let other = other.map(|o| groups.representative(o));
+            let other = other.map(|o| groups.find(o));
             let region = other.map_or(0, |o| {
                 region_of.get(&o).copied().unwrap_or(pieces[o as usize].1)
             });
@@ -133,14 +133,14 @@ fn dissolve_once(
                 .filter_map(|o| volume.get(o))
                 .sum::<f64>();
         for other in others {
-            groups.join(group, other);
+            groups.union(group, other);
         }
-        let merged = groups.representative(group);
+        let merged = groups.find(group);
         region_of.insert(merged, region);
         volume.insert(merged, sum);
     }
     for (t, piece) in pieces.iter_mut().enumerate() {
-        if let Some(region) = region_of.get(&groups.representative(t as u32)) {
+        if let Some(region) = region_of.get(&groups.find(t as u32)) {
             piece.1 = *region;
         }
     }

@@ -2,13 +2,13 @@
 //! one in each tet with three or more.
 
 use super::cut::{CutLattice, ON_BOUNDARY};
-use super::domain::{Sampler, Weighed};
+use super::domain::{OffsetDomain, Sampler};
 use super::lattice::LatticeMesh;
 use super::stencil::Corners;
 use crate::Result;
 use crate::mesh::FACES;
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
@@ -37,10 +37,10 @@ pub(super) fn face_key(mut face: [u32; 3]) -> [u32; 3] {
 
 impl Junctions {
     pub(super) fn new(
-        domain: Weighed,
+        domain: OffsetDomain,
         lattice: &LatticeMesh,
         cut: &CutLattice,
-        part: &Part,
+        part: &ProgressScope,
     ) -> Result<Junctions> {
         let region = |p: u32| cut.region[p as usize];
         let tets = parallel::collect(lattice.tets.len(), |range, tets| {
@@ -48,7 +48,7 @@ impl Junctions {
                 let tet = lattice.tets[*t];
                 let first = region(tet[0]);
                 tet.iter().any(|p| region(*p) != first)
-                    && Corners::of(cut, tet).need_middle(lattice)
+                    && Corners::of(cut, tet).needs_interior_point(lattice)
             };
             tets.extend(range.filter(has_middle).map(|t| t as u32));
         });
@@ -64,10 +64,10 @@ impl Junctions {
         });
         faces.par_sort_unstable();
         faces.dedup();
-        part.check()?;
+        part.check_cancelled()?;
         let mut whole = Junctions {
             points: parallel::collect(faces.len(), |range, points| {
-                if !part.goes_on() {
+                if !part.should_continue() {
                     return;
                 }
                 let mut sampler = Sampler::new(domain);
@@ -80,7 +80,7 @@ impl Junctions {
             tets,
             first: cut.positions.len() + cut.cuts.len(),
         };
-        part.check()?;
+        part.check_cancelled()?;
         let inside = parallel::map(whole.tets.len(), |n| {
             whole.inside(lattice, cut, lattice.tets[whole.tets[n] as usize])
         });
@@ -94,14 +94,14 @@ impl Junctions {
     }
 
     /// The node inside a face with three regions.
-    pub(super) fn middle_of_face(&self, key: [u32; 3]) -> u32 {
+    pub(super) fn face_point(&self, key: [u32; 3]) -> u32 {
         // Every such face was listed; the search cannot fail.
         let place = self.faces.binary_search(&key).unwrap_or_else(|p| p);
         (self.first + place) as u32
     }
 
     /// The node inside a tet with three or more regions.
-    pub(super) fn middle_of_tet(&self, t: u32) -> u32 {
+    pub(super) fn tet_point(&self, t: u32) -> u32 {
         let place = self.tets.binary_search(&t).unwrap_or_else(|p| p);
         (self.first + self.faces.len() + place) as u32
     }
@@ -144,7 +144,7 @@ fn meeting_point(sampler: &mut Sampler, corners: [DVec3; 3], regions: [u16; 3]) 
     let [a, b, c] = corners;
     let at = |[u, v]: [f64; 2]| a + u * (b - a) + v * (c - a);
     let mut gap = |x: [f64; 2]| {
-        let [wa, wb, wc] = sampler.of(at(x), regions);
+        let [wa, wb, wc] = sampler.weights_of(at(x), regions);
         [wa - wb, wa - wc]
     };
     let mut x = [1.0 / 3.0; 2];

@@ -8,12 +8,12 @@ use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 
 /// Bricks of voxels that are not all of one region.
-const MIXED: u16 = u16::MAX;
+const MIXED_BRICK: u16 = u16::MAX;
 
 /// How far, in voxels, the boundary of a region moves when 1 is added to its weight: the weights
 /// on both sides of a flat one change by 3/4 a voxel, and stairs have half as many faces again as
 /// the slope they stand for.
-const GROWTH: f64 = 1.0 / (2.0 * 0.75) / 1.5;
+const BOUNDARY_SHIFT_PER_WEIGHT: f64 = 1.0 / (2.0 * 0.75) / 1.5;
 
 /// The labels of a volume: each voxel's label, and 0 beyond the volume, smoothed by the quadratic
 /// B-spline over the nearest 3 × 3 × 3 voxels.
@@ -25,7 +25,7 @@ pub struct LabelDomain {
     size: [usize; 3],
     /// The region of each voxel.
     regions: Vec<u16>,
-    /// Regions of bricks of 2³, 4³, … voxels, or [`MIXED`].
+    /// Regions of bricks of 2³, 4³, … voxels, or [`MIXED_BRICK`].
     bricks: Vec<([usize; 3], Vec<u16>)>,
     labels: Vec<i64>,
     voxels: Vec<usize>,
@@ -54,9 +54,9 @@ impl LabelDomain {
             Some(labels) => labels.to_vec(),
             None => present(volume)?,
         };
-        if labels.len() >= usize::from(MIXED) {
+        if labels.len() >= usize::from(MIXED_BRICK) {
             return Err(Error::Input(format!(
-                "the volume has {} different labels; choose fewer than {MIXED}, or mesh it from a threshold if it is no label map",
+                "the volume has {} different labels; choose fewer than {MIXED_BRICK}, or mesh it from a threshold if it is no label map",
                 labels.len()
             )));
         }
@@ -168,7 +168,7 @@ impl LabelDomain {
                     if i < size[0] && j < size[1] && k < size[2] {
                         let region = below[i + size[0] * (j + size[1] * k)];
                         if *found.get_or_insert(region) != region {
-                            return MIXED;
+                            return MIXED_BRICK;
                         }
                     }
                 }
@@ -198,7 +198,7 @@ impl LabelDomain {
         };
         let [i, j, k] = brick;
         let region = regions[i + size[0] * (j + size[1] * k)];
-        if region != MIXED {
+        if region != MIXED_BRICK {
             return *found.get_or_insert(region) == region;
         }
         let below = match level {
@@ -261,7 +261,7 @@ impl Domain for LabelDomain {
         volumes
             .map(|(volume, faces)| RegionVolume {
                 volume,
-                growth: GROWTH * faces as f64 * voxel,
+                area: BOUNDARY_SHIFT_PER_WEIGHT * faces as f64 * voxel,
             })
             .collect()
     }

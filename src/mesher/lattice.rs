@@ -9,7 +9,7 @@
 use super::keys::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -29,7 +29,7 @@ pub(super) struct LatticeMesh {
 }
 
 impl LatticeMesh {
-    pub(super) fn new(tree: &Octree, part: &Part) -> Result<LatticeMesh> {
+    pub(super) fn new(tree: &Octree, part: &ProgressScope) -> Result<LatticeMesh> {
         let mut index: KeyMap<u64, u32> = KeyMap::default();
         index.reserve(tree.leaves.len() * 5 / 2);
         let mut points: Vec<Lattice> = Vec::new();
@@ -60,16 +60,16 @@ impl LatticeMesh {
             own: &own,
             index: &index,
         };
-        part.check()?;
+        part.check_cancelled()?;
         let tets = parallel::collect(tree.leaves.len(), |range, tets| {
-            if !part.goes_on() {
+            if !part.should_continue() {
                 return;
             }
             for l in range {
                 between.tets_of(l as u32, tets);
             }
         });
-        part.check()?;
+        part.check_cancelled()?;
         let positions = points.iter().map(|p| tree.position(*p)).collect();
         Ok(LatticeMesh {
             points,

@@ -1,6 +1,6 @@
 //! From scans and surfaces to tetrahedral meshes.
 //!
-//! A [`Domain`] says which region each point belongs to; [`fill`] makes the tets. After Labelle &
+//! A [`Domain`] says which region each point belongs to; [`mesh_domain`] makes the tets. After Labelle &
 //! Shewchuk, *Isosurface stuffing: fast tetrahedral meshes with good dihedral angles* (2007),
 //! carried to several regions in the manner of Bronson, Levine & Whitaker, *Lattice cleaving*
 //! (2014):
@@ -41,24 +41,26 @@ mod window;
 
 pub(crate) use closed_surface::solid_angle;
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
-pub use described::Described;
+pub use described::DomainDescription;
 pub use domain::{Domain, RegionVolume};
 pub use islands::IslandReport;
 pub use label_domain::LabelDomain;
 pub use length::{Length, metres_in};
 pub use optimise::OptimiserReport;
-pub use pinches::PinchReport;
-pub use recipe::{Labels, Made, MadeRegion, Recipe, RecipeReport, Size, tets_in};
+pub use pinches::NonManifoldReport;
+pub use recipe::{
+    Labels, MeshingConfig, MeshingResult, RecipeReport, RegionSummary, TargetSize, mesh_file,
+};
 pub use report::{MeshReport, RegionReport};
 pub use tetgen::tetgen;
 pub use threshold_domain::ThresholdDomain;
-pub use window::Window;
+pub use window::ThresholdRange;
 
 use crate::parallel;
-use crate::progress::Part;
-use crate::{Error, Progress, Result};
-use cut::{CutLattice, Sampled};
-use domain::{Sampler, Weighed};
+use crate::progress::ProgressScope;
+use crate::{Error, ProgressFn, Result};
+use cut::{CutLattice, SampledLattice};
+use domain::{OffsetDomain, Sampler};
 use glam::DVec3;
 use junction::Junctions;
 use lattice::LatticeMesh;
@@ -67,7 +69,7 @@ use spacing::find_spacing;
 use stencil::{Piece, Stencils};
 
 /// Tries at the true volumes of regions, each of which leaves a fraction of what is amiss.
-const VOLUME_ROUNDS: usize = 3;
+const VOLUME_CORRECTIONS: usize = 3;
 
 /// How large the tets are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,7 +80,7 @@ pub enum Spacing {
     Tets(usize),
 }
 
-/// What [`fill`] is to do.
+/// What [`mesh_domain`] is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOptions {
     /// How large the tets at region boundaries are.
@@ -106,7 +108,7 @@ impl Default for MeshOptions {
 
 /// A domain filled with tets.
 #[derive(Clone, Debug)]
-pub struct Filling {
+pub struct MeshedDomain {
     /// Node positions.
     pub nodes: Vec<DVec3>,
     /// Four nodes a tet, positively oriented.
@@ -125,7 +127,11 @@ pub struct Filling {
 /// # Errors
 /// [`Error::Cancelled`]; a domain without an inside, options that make no sense, an edge so small that 32 bits cannot
 /// count the tets, or so large that nothing of the body is left.
-pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> Result<Filling> {
+pub fn mesh_domain(
+    domain: &dyn Domain,
+    options: &MeshOptions,
+    progress: ProgressFn,
+) -> Result<MeshedDomain> {
     check(options)?;
     let trial = |edge| lay(domain, options, edge, progress);
     let laid = match options.spacing {
@@ -150,31 +156,37 @@ pub fn fill(domain: &dyn Domain, options: &MeshOptions, progress: Progress) -> R
     } = laid;
     let truth = domain.volumes();
     let mut added = Vec::new();
-    for _ in 0..VOLUME_ROUNDS {
-        if !volumes::correct(&truth, &nodes, &pieces, &mut added) {
+    for _ in 0..VOLUME_CORRECTIONS {
+        if !volumes::correct_region_volumes(&truth, &nodes, &pieces, &mut added) {
             break;
         }
         let added = &added[..];
-        (nodes, pieces) = divide(Weighed { domain, added }, &lattice, progress, &mut report)?;
+        (nodes, pieces) = divide(
+            OffsetDomain { domain, added },
+            &lattice,
+            progress,
+            &mut report,
+        )?;
     }
     drop(lattice);
     report.stage("volumes");
-    let part = Part::begin(progress, "cleaning", 0.7)?;
-    report.islands = islands::dissolve(&nodes, &mut pieces, options.min_island, &part)?;
+    let part = ProgressScope::begin(progress, "cleaning", 0.7)?;
+    report.islands =
+        islands::merge_small_components(&nodes, &mut pieces, options.min_island, &part)?;
     let own = nodes.len();
-    report.pinches = pinches::resolve(&mut nodes, &mut pieces, &part)?;
+    report.pinches = pinches::repair_non_manifold(&mut nodes, &mut pieces, &part)?;
     report.stage("cleaning");
-    let part = Part::begin(progress, "shapes", 0.8)?;
-    let weighed = Weighed {
+    let part = ProgressScope::begin(progress, "shapes", 0.8)?;
+    let weighed = OffsetDomain {
         domain,
         added: &added,
     };
     report.optimiser =
-        optimise::improve(weighed, report.edge, own, (&mut nodes, &mut pieces), &part)?;
+        optimise::optimise(weighed, report.edge, own, (&mut nodes, &mut pieces), &part)?;
     report.stage("shapes");
-    Part::begin(progress, "quality", 0.9)?;
+    ProgressScope::begin(progress, "quality", 0.9)?;
     let filling = finish(nodes, pieces, report)?;
-    Part::begin(progress, "done", 1.0)?;
+    ProgressScope::begin(progress, "done", 1.0)?;
     Ok(filling)
 }
 
@@ -194,16 +206,21 @@ impl Laid {
 }
 
 /// Lays a lattice with that edge over the domain, cuts it and divides its tets.
-fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress) -> Result<Laid> {
+fn lay(
+    domain: &dyn Domain,
+    options: &MeshOptions,
+    edge: f64,
+    progress: ProgressFn,
+) -> Result<Laid> {
     let mut report = MeshReport::start(edge);
     let levels = options.grading.log2().floor() as u32;
-    let part = Part::begin(progress, "octree", 0.0)?;
+    let part = ProgressScope::begin(progress, "octree", 0.0)?;
     let tree = Octree::new(domain, edge, levels, options.offset, &part)?;
     report.stage("octree");
-    let part = Part::begin(progress, "lattice", 0.1)?;
+    let part = ProgressScope::begin(progress, "lattice", 0.1)?;
     let lattice = LatticeMesh::new(&tree, &part)?;
     report.stage("lattice");
-    let plain = Weighed { domain, added: &[] };
+    let plain = OffsetDomain { domain, added: &[] };
     let (nodes, pieces) = divide(plain, &lattice, progress, &mut report)?;
     report.stage("tets");
     Ok(Laid {
@@ -216,16 +233,16 @@ fn lay(domain: &dyn Domain, options: &MeshOptions, edge: f64, progress: Progress
 
 /// Cuts a lattice where the regions of a domain meet, and divides its tets.
 fn divide(
-    domain: Weighed,
+    domain: OffsetDomain,
     lattice: &LatticeMesh,
-    progress: Progress,
+    progress: ProgressFn,
     report: &mut MeshReport,
 ) -> Result<(Vec<DVec3>, Vec<Piece>)> {
-    let part = Part::begin(progress, "boundaries", 0.2)?;
-    let sampled = Sampled::new(domain, lattice, &part)?;
+    let part = ProgressScope::begin(progress, "boundaries", 0.2)?;
+    let sampled = SampledLattice::new(domain, lattice, &part)?;
     let cut = CutLattice::new(domain, lattice, sampled, &part)?;
     let junctions = Junctions::new(domain, lattice, &cut, &part)?;
-    let part = Part::begin(progress, "tets", 0.5)?;
+    let part = ProgressScope::begin(progress, "tets", 0.5)?;
     report.snapped_nodes = cut.snapped;
     [report.triple_points, report.quadruple_points] = junctions.counts();
     let nodes: Vec<DVec3> = [&cut.positions[..], &cut.cuts, &junctions.points].concat();
@@ -236,15 +253,15 @@ fn divide(
         nodes: &nodes,
     };
     let pieces = parallel::collect(lattice.tets.len(), |range, pieces| {
-        if !part.goes_on() {
+        if !part.should_continue() {
             return;
         }
         let mut sampler = Sampler::new(domain);
         for t in range {
-            stencils.divide(t as u32, &mut sampler, pieces);
+            stencils.subdivide(t as u32, &mut sampler, pieces);
         }
     });
-    part.check()?;
+    part.check_cancelled()?;
     Ok((nodes, pieces))
 }
 
@@ -279,9 +296,9 @@ fn check(options: &MeshOptions) -> Result<()> {
 }
 
 /// Leaves out what is outside and the nodes that nothing uses, and measures the rest.
-fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<Filling> {
+fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<MeshedDomain> {
     let mut number = vec![u32::MAX; nodes.len()];
-    let mut filling = Filling {
+    let mut filling = MeshedDomain {
         nodes: Vec::new(),
         tets: Vec::new(),
         regions: Vec::new(),
@@ -342,7 +359,7 @@ mod tests {
             ..MeshOptions::default()
         };
         let (calls, parts) = (AtomicUsize::new(0), Mutex::new(BTreeSet::new()));
-        let whole = fill(&Balls, &options, &|what, _| {
+        let whole = mesh_domain(&Balls, &options, &|what, _| {
             calls.fetch_add(1, Ordering::Relaxed);
             parts.lock().unwrap().insert(what.to_owned());
             ControlFlow::Continue(())
@@ -352,7 +369,7 @@ mod tests {
         assert!(parts.len() >= 7 && all > 50, "{all} {parts:?}");
         for last in (0..all).step_by(all / 40 + 1) {
             let told = AtomicUsize::new(0);
-            let ended = fill(&Balls, &options, &|_, _| {
+            let ended = mesh_domain(&Balls, &options, &|_, _| {
                 // Said once: it is not to be said again.
                 match told.fetch_add(1, Ordering::Relaxed) == last {
                     true => ControlFlow::Break(()),

@@ -4,7 +4,7 @@
 use super::Domain;
 use super::keys::KeyMap;
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
@@ -61,7 +61,7 @@ impl Octree {
         edge: f64,
         levels: u32,
         offset: DVec3,
-        part: &Part,
+        part: &ProgressScope,
     ) -> Result<Octree> {
         let (low, high) = domain.bounds();
         let extent = high - low;
@@ -91,7 +91,7 @@ impl Octree {
             half: 0.5 * edge,
         };
         let made = AtomicUsize::new(0);
-        let leaves = parallel::map_heavy(blocks.iter().product(), |b| {
+        let leaves = parallel::map_coarse(blocks.iter().product(), |b| {
             let block = [
                 b % blocks[0],
                 b / blocks[0] % blocks[1],
@@ -103,12 +103,12 @@ impl Octree {
                 region: None,
             };
             let mut leaves = Vec::new();
-            if part.goes_on() {
+            if part.should_continue() {
                 tree.divide(domain, root, levels, &made, &mut leaves);
             }
             leaves
         });
-        part.check()?;
+        part.check_cancelled()?;
         if made.into_inner() > MAX_LEAVES {
             return Err(Error::Input(format!(
                 "an edge of {edge} makes more than {} million tets; give a larger one",
@@ -119,7 +119,7 @@ impl Octree {
             tree.leaves.push(leaf);
         }
         tree.balance(levels);
-        part.check()?;
+        part.check_cancelled()?;
         tree.leaves.par_sort_unstable_by_key(|l| morton(l.corner));
         for (i, leaf) in tree.leaves.iter().enumerate() {
             tree.index[leaf.level as usize].insert(key(leaf.corner), i as u32);

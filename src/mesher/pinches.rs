@@ -5,43 +5,45 @@
 //! boundary. What is left of the body's own is parted: a node at which the body falls into
 //! several fans becomes one for each, and where the outside does, the tets at the node go.
 
-use super::fans::Fans;
+use super::fans::VertexFans;
 use super::stars::Stars;
 use super::stencil::Piece;
 use crate::Result;
 use crate::mesh::signed_volume;
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use glam::DVec3;
 use std::collections::VecDeque;
 
 /// A pinch of the body's own boundary counts as so many between regions.
-const OUTER: usize = 100;
+const OUTER_BOUNDARY_WEIGHT: usize = 100;
 
 /// Pinches between two looks at whether to go on.
 const LOOK: usize = 256;
 
 /// What was done about pinches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct PinchReport {
+pub struct NonManifoldReport {
     /// Nodes at which the boundary of the body or a region was pinched.
     pub found: usize,
     /// Tets given to another region or the outside, or filled.
-    pub relabelled: usize,
+    #[serde(rename = "relabelled")]
+    pub relabelled_tets: usize,
     /// Nodes doubled so that parts of the body that met in them are apart.
-    pub doubled: usize,
+    #[serde(rename = "doubled")]
+    pub duplicated_nodes: usize,
     /// Nodes at which a region is still pinched; the boundary of the whole body never is.
     pub left: usize,
 }
 
 /// Resolves pinches: see the module. `pieces` must hold the tets outside along the boundary;
 /// afterwards it holds those inside only.
-pub(super) fn resolve(
+pub(super) fn repair_non_manifold(
     nodes: &mut Vec<DVec3>,
     pieces: &mut Vec<Piece>,
-    watch: &Part,
-) -> Result<PinchReport> {
-    let mut report = PinchReport::default();
+    watch: &ProgressScope,
+) -> Result<NonManifoldReport> {
+    let mut report = NonManifoldReport::default();
     let stars = Stars::new(nodes.len(), pieces);
     let pinched = filtered(nodes.len(), |v| cost(v, &stars, pieces) > 0);
     report.found = pinched.len();
@@ -50,10 +52,10 @@ pub(super) fn resolve(
     while let Some(v) = waiting.pop_front() {
         looked += 1;
         if looked % LOOK == 0 {
-            watch.check()?;
+            watch.check_cancelled()?;
         }
         if let Some((tets, region)) = best_change(v, nodes, &stars, pieces) {
-            report.relabelled += tets.len();
+            report.relabelled_tets += tets.len();
             for t in &tets {
                 pieces[*t as usize].1 = region;
             }
@@ -61,7 +63,7 @@ pub(super) fn resolve(
         }
     }
     let pinched = filtered(nodes.len(), |v| {
-        !cost(v, &stars, pieces).is_multiple_of(OUTER)
+        !cost(v, &stars, pieces).is_multiple_of(OUTER_BOUNDARY_WEIGHT)
     });
     report.left = pinched.len();
     drop(stars);
@@ -91,8 +93,8 @@ fn cost(v: u32, stars: &Stars, pieces: &[Piece]) -> usize {
     if star.iter().all(|t| region(t) == first) {
         return 0;
     }
-    let [outer, inner] = Fans::new(v, star, pieces).pinches();
-    OUTER * outer + inner
+    let [outer, inner] = VertexFans::new(v, star, pieces).count_excess_fans();
+    OUTER_BOUNDARY_WEIGHT * outer + inner
 }
 
 /// The nodes of some tets, rising.
@@ -115,7 +117,7 @@ fn best_change(
         return None;
     }
     let star = stars.of(v);
-    let mut fans = Fans::new(v, star, pieces);
+    let mut fans = VertexFans::new(v, star, pieces);
     let mut changes: Vec<(Vec<u32>, u16)> = Vec::new();
     for region in fans.regions() {
         for of in [true, false] {
@@ -131,7 +133,7 @@ fn best_change(
                 let tets = star.iter().zip(&within).filter(|t| *t.1);
                 let tets: Vec<u32> = tets.map(|t| *t.0).collect();
                 let to = match of {
-                    true => fans.beside(&within),
+                    true => fans.dominant_neighbour(&within),
                     false => Some(region),
                 };
                 changes.extend(to.filter(|_| !tets.is_empty()).map(|to| (tets, to)));
@@ -172,18 +174,18 @@ fn part(
     nodes: &mut Vec<DVec3>,
     pieces: &mut Vec<Piece>,
     mut suspects: Vec<bool>,
-    report: &mut PinchReport,
-    watch: &Part,
+    report: &mut NonManifoldReport,
+    watch: &ProgressScope,
 ) -> Result<()> {
     loop {
-        watch.check()?;
+        watch.check_cancelled()?;
         let stars = Stars::new(nodes.len(), pieces);
         let pinched = filtered(nodes.len(), |v| {
             if !suspects.get(v as usize).copied().unwrap_or(true) {
                 return false;
             }
-            let mut fans = Fans::new(v, stars.of(v), pieces);
-            !fans.has_simple_rim() || fans.split(|r| r != 0).1 > 1
+            let mut fans = VertexFans::new(v, stars.of(v), pieces);
+            !fans.is_boundary_manifold() || fans.split(|r| r != 0).1 > 1
         });
         if pinched.is_empty() {
             return Ok(());
@@ -192,14 +194,14 @@ fn part(
         let mut changes: Vec<(u32, u32, u32)> = Vec::new();
         for v in pinched {
             let star = stars.of(v);
-            let (fan, count) = Fans::new(v, star, pieces).split(|r| r != 0);
+            let (fan, count) = VertexFans::new(v, star, pieces).split(|r| r != 0);
             if count < 2 {
                 for t in star {
                     gone[*t as usize] = true;
                     let corners = pieces[*t as usize].0;
                     corners.iter().for_each(|v| suspects[*v as usize] = true);
                 }
-                report.relabelled += star.len();
+                report.relabelled_tets += star.len();
                 continue;
             }
             let mut each: Vec<u32> = fan.iter().copied().filter(|f| *f != u32::MAX).collect();
@@ -210,7 +212,7 @@ fn part(
                 let double = nodes.len() as u32;
                 nodes.push(nodes[v as usize]);
                 suspects.push(true);
-                report.doubled += 1;
+                report.duplicated_nodes += 1;
                 let tets = star.iter().zip(&fan).filter(|t| *t.1 == one);
                 changes.extend(tets.map(|(t, _)| (*t, v, double)));
             }

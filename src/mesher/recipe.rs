@@ -2,18 +2,19 @@
 
 use super::described::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
 use super::{
-    Domain, Filling, Length, MeshOptions, MeshReport, Spacing, SurfaceDomain, Window, fill, tetgen,
+    Domain, Length, MeshOptions, MeshReport, MeshedDomain, Spacing, SurfaceDomain, ThresholdRange,
+    mesh_domain, tetgen,
 };
 use crate::io::{self, Kind};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
-use crate::progress::Part;
-use crate::{Error, Progress, Result, untold};
+use crate::progress::ProgressScope;
+use crate::{Error, ProgressFn, Result, no_progress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use web_time::Instant;
 
 /// Tets where nothing is said.
-const TETS: usize = 50_000;
+const DEFAULT_TETS: usize = 50_000;
 
 /// Which labels of a volume become regions.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,7 +27,7 @@ pub enum Labels {
 
 /// How large the tets are, in a user's words.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Size {
+pub enum TargetSize {
     /// Edges at boundaries are about this long.
     Edge(Length),
     /// About so many tets.
@@ -35,25 +36,25 @@ pub enum Size {
 
 /// What to make a mesh of, and how.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Recipe {
+pub struct MeshingConfig {
     /// One volume, or closed surfaces, one a region; later ones lie inside earlier ones.
     pub input: Vec<PathBuf>,
     /// Regions from the labels of a volume; all of a label map where nothing is said.
     pub labels: Option<Labels>,
     /// Regions from thresholds on, each up to the next.
-    pub above: Vec<Window>,
+    pub above: Vec<ThresholdRange>,
     /// Regions between thresholds.
-    pub between: Vec<Window>,
+    pub between: Vec<ThresholdRange>,
     /// How large the tets are; about 50,000 of them by default.
-    pub size: Option<Size>,
+    pub size: Option<TargetSize>,
     /// Times by which edges may be longer away from boundaries.
     pub grading: Option<f64>,
     /// Pieces of regions of less volume are given to what surrounds them, in cubic units of the
     /// input.
     pub min_island: Option<f64>,
     /// Pairs of regions, by name or label, that are parted where they meet; see
-    /// [`TetMesh::part`].
-    pub part: Vec<[String; 2]>,
+    /// [`TetMesh::split_interface`].
+    pub split_interfaces: Vec<[String; 2]>,
     /// Metres in the unit of surface files; volumes are in mm.
     pub unit: Option<f64>,
     /// Volumes whose values the nodes take, by the name of the field.
@@ -64,7 +65,7 @@ pub struct Recipe {
 
 /// A mesh that was made, and how.
 #[derive(Debug)]
-pub struct Made {
+pub struct MeshingResult {
     /// The mesh: cell field `label`, node fields of intensities, names of its regions, its unit.
     pub mesh: TetMesh,
     /// How it was made.
@@ -77,7 +78,7 @@ pub struct Made {
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct RecipeReport {
     /// The regions of the mesh.
-    pub regions: Vec<MadeRegion>,
+    pub regions: Vec<RegionSummary>,
     /// What the lattice mesher tells, where it made the mesh.
     pub mesher: Option<MeshReport>,
     /// What all took, reading included, in seconds.
@@ -86,7 +87,7 @@ pub struct RecipeReport {
 
 /// A region of a mesh that was made.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct MadeRegion {
+pub struct RegionSummary {
     /// Its value in the cell field `label`.
     pub label: i64,
     /// Its name, where it has one.
@@ -100,34 +101,34 @@ pub struct MadeRegion {
 }
 
 /// A mesh of about `tets` tets in what the file at `path` holds: a closed surface, or a volume whose
-/// regions are labelled. For anything else there is [`Recipe`].
+/// regions are labelled. For anything else there is [`MeshingConfig`].
 ///
 /// # Errors
-/// As [`Recipe::mesh`].
-pub fn tets_in(path: impl AsRef<Path>, tets: usize) -> Result<TetMesh> {
-    let recipe = Recipe {
+/// As [`MeshingConfig::mesh`].
+pub fn mesh_file(path: impl AsRef<Path>, tets: usize) -> Result<TetMesh> {
+    let recipe = MeshingConfig {
         input: vec![path.as_ref().to_path_buf()],
-        size: Some(Size::Tets(tets)),
-        ..Recipe::default()
+        size: Some(TargetSize::Tets(tets)),
+        ..MeshingConfig::default()
     };
-    Ok(recipe.mesh(&untold)?.mesh)
+    Ok(recipe.mesh(&no_progress)?.mesh)
 }
 
-impl Recipe {
+impl MeshingConfig {
     /// Makes the mesh, telling `progress` what is being done.
     ///
     /// # Errors
     /// [`Error::Cancelled`]; what reading gives; [`Error::Input`] for a recipe that does not fit its input; otherwise as
     /// [`fill`].
-    pub fn mesh(&self, progress: Progress) -> Result<Made> {
+    pub fn mesh(&self, progress: ProgressFn) -> Result<MeshingResult> {
         let started = Instant::now();
         let Some(first) = self.input.first() else {
             return Err(Error::Input(
                 "there is nothing to mesh; name a volume or a surface".into(),
             ));
         };
-        Part::begin(progress, "reading", 0.0)?;
-        let mut made = match io::kind(first)? {
+        ProgressScope::begin(progress, "reading", 0.0)?;
+        let mut made = match io::detect_kind(first)? {
             Kind::Volume => self.mesh_volume(first, progress)?,
             Kind::Surface => self.mesh_surfaces(progress)?,
             Kind::Mesh => {
@@ -138,11 +139,11 @@ impl Recipe {
             }
         };
         for (name, file) in &self.intensities {
-            Part::begin(progress, "intensities", 0.95)?;
+            ProgressScope::begin(progress, "intensities", 0.95)?;
             let field = io::read_volume(file)?.onto_nodes(&made.mesh, name);
             made.mesh.set_field(field)?;
         }
-        made.mesh.part_all(&self.part)?;
+        made.mesh.split_interfaces(&self.split_interfaces)?;
         made.report.seconds = started.elapsed().as_secs_f64();
         Ok(made)
     }
@@ -154,16 +155,16 @@ impl Recipe {
     ///
     /// # Errors
     /// What reading gives; [`Error::Input`] for a recipe that does not fit its input.
-    pub fn surface(&self, rounds: u32, progress: Progress) -> Result<TriMesh> {
+    pub fn extract_surface(&self, rounds: u32, progress: ProgressFn) -> Result<TriMesh> {
         let [file] = self.input.as_slice() else {
             return Err(Error::Input(format!(
                 "a surface is made of one file, but {} are named",
                 self.input.len()
             )));
         };
-        Part::begin(progress, "reading", 0.0)?;
+        ProgressScope::begin(progress, "reading", 0.0)?;
         let windows = self.windows();
-        let kind = io::kind(file)?;
+        let kind = io::detect_kind(file)?;
         if kind != Kind::Volume && !windows.is_empty() {
             return Err(Error::Input(format!(
                 "thresholds are for volumes, and {} is none",
@@ -181,7 +182,7 @@ impl Recipe {
             }
             Kind::Volume => {
                 let volume = io::read_volume(file)?;
-                Part::begin(progress, "surface", 0.3)?;
+                ProgressScope::begin(progress, "surface", 0.3)?;
                 match (windows.as_slice(), &self.labels) {
                     ([window], None) => volume.isosurface(window.low, window.high)?,
                     ([], Some(Labels::These(labels))) => volume.label_surface(labels)?,
@@ -199,7 +200,7 @@ impl Recipe {
                 }
             }
         };
-        Part::begin(progress, "smoothing", 0.7)?;
+        ProgressScope::begin(progress, "smoothing", 0.7)?;
         Ok(match rounds {
             0 => surface,
             rounds => surface.smoothed(rounds),
@@ -207,7 +208,7 @@ impl Recipe {
     }
 
     /// The windows asked for: thresholds nest, each up to the next.
-    pub fn windows(&self) -> Vec<Window> {
+    pub fn windows(&self) -> Vec<ThresholdRange> {
         let mut windows = self.above.clone();
         windows.sort_by(|a, b| a.low.total_cmp(&b.low));
         for n in 1..windows.len() {
@@ -217,16 +218,16 @@ impl Recipe {
         windows
     }
 
-    fn mesh_volume(&self, file: &Path, progress: Progress) -> Result<Made> {
+    fn mesh_volume(&self, file: &Path, progress: ProgressFn) -> Result<MeshingResult> {
         if self.tetgen {
             return Err(Error::Input(
                 "TetGen meshes surfaces: make one of the volume first (--out NAME.ply)".into(),
             ));
         }
-        self.of_volume(file, |domain, regions, volume, by_value| {
+        self.with_volume_domain(file, |domain, regions, volume, by_value| {
             let mut made = self.fill(domain, regions, Some(MILLIMETRE), progress)?;
             if by_value {
-                Part::begin(progress, "intensities", 0.9)?;
+                ProgressScope::begin(progress, "intensities", 0.9)?;
                 let field = volume.onto_nodes(&made.mesh, INTENSITY);
                 made.mesh.set_field(field)?;
             }
@@ -234,13 +235,13 @@ impl Recipe {
         })
     }
 
-    fn mesh_surfaces(&self, progress: Progress) -> Result<Made> {
+    fn mesh_surfaces(&self, progress: ProgressFn) -> Result<MeshingResult> {
         let Surfaces {
             surfaces,
             closed,
             regions,
             notes,
-        } = self.of_surfaces()?;
+        } = self.read_surfaces()?;
         let mut made = match self.tetgen {
             true => {
                 let filling = tetgen(&surfaces, self.spacing(self.unit)?, progress)?;
@@ -254,9 +255,9 @@ impl Recipe {
 
     /// The spacing in units of the input.
     fn spacing(&self, unit: Option<f64>) -> Result<Spacing> {
-        Ok(match self.size.unwrap_or(Size::Tets(TETS)) {
-            Size::Edge(length) => Spacing::Edge(length.in_unit_of(unit)?),
-            Size::Tets(tets) => Spacing::Tets(tets),
+        Ok(match self.size.unwrap_or(TargetSize::Tets(DEFAULT_TETS)) {
+            TargetSize::Edge(length) => Spacing::Edge(length.in_unit_of(unit)?),
+            TargetSize::Tets(tets) => Spacing::Tets(tets),
         })
     }
 
@@ -265,8 +266,8 @@ impl Recipe {
         domain: &dyn Domain,
         regions: Regions,
         unit: Option<f64>,
-        progress: Progress,
-    ) -> Result<Made> {
+        progress: ProgressFn,
+    ) -> Result<MeshingResult> {
         let defaults = MeshOptions::default();
         let options = MeshOptions {
             spacing: self.spacing(unit)?,
@@ -274,14 +275,14 @@ impl Recipe {
             min_island: self.min_island.unwrap_or(defaults.min_island),
             ..defaults
         };
-        let filling = fill(domain, &options, progress)?;
+        let filling = mesh_domain(domain, &options, progress)?;
         regions.name(filling, unit)
     }
 }
 
 impl Regions {
-    pub(super) fn of_windows(windows: &[Window]) -> Regions {
-        let name = |window: &Window| {
+    pub(super) fn of_windows(windows: &[ThresholdRange]) -> Regions {
+        let name = |window: &ThresholdRange| {
             let range = match window.high.is_finite() {
                 true => format!("{} to {}", window.low, window.high),
                 false => format!("from {}", window.low),
@@ -296,7 +297,7 @@ impl Regions {
     }
 
     /// The filling as a mesh with these labels and names.
-    fn name(&self, filling: Filling, unit: Option<f64>) -> Result<Made> {
+    fn name(&self, filling: MeshedDomain, unit: Option<f64>) -> Result<MeshingResult> {
         let label_of = |region: u16| self.labels[usize::from(region) - 1];
         let values: Vec<f64> = filling
             .regions
@@ -314,7 +315,7 @@ impl Regions {
         };
         let made = filling.report.regions.iter().map(|region| {
             let n = usize::from(region.region) - 1;
-            MadeRegion {
+            RegionSummary {
                 label: self.labels[n],
                 name: self.names[n].clone(),
                 tets: region.tets,
@@ -322,7 +323,7 @@ impl Regions {
                 input_volume: self.volumes[n],
             }
         });
-        let regions: Vec<MadeRegion> = made.collect();
+        let regions: Vec<RegionSummary> = made.collect();
         let mut mesh = TetMesh::new(filling.nodes, filling.tets, vec![label], Vec::new())?;
         let named: BTreeMap<i64, String> = regions
             .iter()
@@ -337,7 +338,7 @@ impl Regions {
         let notes = lost.map(|label| {
             format!("nothing is left of region {label} at this size of tets; ask for more of them")
         });
-        Ok(Made {
+        Ok(MeshingResult {
             mesh,
             notes: notes.collect(),
             report: RecipeReport {

@@ -1,6 +1,6 @@
 //! What is told of a filling.
 
-use super::{IslandReport, OptimiserReport, PinchReport};
+use super::{IslandReport, NonManifoldReport, OptimiserReport};
 use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
 use crate::parallel;
 use glam::DVec3;
@@ -37,7 +37,7 @@ pub struct MeshReport {
     /// Islands given to their neighbours or dropped, by region.
     pub islands: Vec<IslandReport>,
     /// What was done where a boundary was no manifold.
-    pub pinches: PinchReport,
+    pub pinches: NonManifoldReport,
     /// What was done about the worst tets.
     pub optimiser: OptimiserReport,
     /// What each stage took, in seconds.

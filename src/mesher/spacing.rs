@@ -3,7 +3,7 @@
 use crate::{Error, Result};
 
 /// How near to the wanted number a trial must come: cleaning takes or adds a few tets after it.
-const NEAR: f64 = 0.1;
+const COUNT_TOLERANCE: f64 = 0.1;
 
 /// Trials, the last of which is the best there is.
 const MAX_TRIALS: usize = 12;
@@ -13,7 +13,7 @@ const FIRST_TRIALS: [f64; 2] = [0.06, 0.22];
 
 /// By how much the power falls where the edge falls to an e-th and the inside is graded: seen on
 /// bones, a lung, a knee.
-const BEND: f64 = 0.55;
+const EXPONENT_DROP: f64 = 0.55;
 
 /// Looks for the edge at which `lay` makes about `wanted` tets of a body of about that volume, and
 /// returns what it made there. `count` tells the number of tets.
@@ -46,7 +46,7 @@ pub(super) fn find_spacing<T>(
         if best.as_ref().is_none_or(|b| off < b.0) {
             best = Some((off, laid));
         }
-        if off < NEAR {
+        if off < COUNT_TOLERANCE {
             break;
         }
         let (goal, power) = match before {
@@ -55,7 +55,7 @@ pub(super) fn find_spacing<T>(
                 let power = power.clamp(1.5, 3.5);
                 let step = (target / made).ln() / power;
                 let ahead = 0.5 * ((edge_before / edge).ln() + step);
-                let bend = if graded { BEND * ahead } else { 0.0 };
+                let bend = if graded { EXPONENT_DROP * ahead } else { 0.0 };
                 (target, (power - bend).clamp(1.5, 3.5))
             }
             None if made < FIRST_TRIALS[1] * target => (FIRST_TRIALS[1] * target, 2.5),

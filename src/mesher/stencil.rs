@@ -52,7 +52,7 @@ impl Corners {
     }
 
     /// Whether the stencil has a point inside the tet.
-    pub(super) fn need_middle(&self, lattice: &LatticeMesh) -> bool {
+    pub(super) fn needs_interior_point(&self, lattice: &LatticeMesh) -> bool {
         match &self.groups[..] {
             [(_, one), (_, other)] => match (&one[..], &other[..]) {
                 ([a, b], [c, d]) => {
@@ -92,7 +92,7 @@ fn forced(lattice: &LatticeMesh, [a, b]: [u32; 2], [c, d]: [u32; 2]) -> Option<b
 impl Stencils<'_> {
     /// Adds the tets that number `t` of the lattice is divided into. Those outside are left out
     /// unless a boundary touches them.
-    pub(super) fn divide(&self, t: u32, sampler: &mut Sampler, out: &mut Vec<Piece>) {
+    pub(super) fn subdivide(&self, t: u32, sampler: &mut Sampler, out: &mut Vec<Piece>) {
         let tet = self.lattice.tets[t as usize];
         // Most tets are of one region, and whole.
         let first = self.cut.region[tet[0] as usize];
@@ -106,8 +106,8 @@ impl Stencils<'_> {
         match &corners.groups[..] {
             [] => self.push(tet, self.region_of_moved(tet, sampler), out),
             [(region, _)] => self.push(tet, *region, out),
-            _ if corners.need_middle(self.lattice) => {
-                let middle = self.junctions.middle_of_tet(t);
+            _ if corners.needs_interior_point(self.lattice) => {
+                let middle = self.junctions.tet_point(t);
                 self.cone(tet, middle, |_| true, out);
             }
             [(r, one), (s, other)] => {
@@ -247,7 +247,7 @@ impl Stencils<'_> {
             piece(face, region[0]);
             return;
         }
-        let middle = self.junctions.middle_of_face(face_key(face));
+        let middle = self.junctions.face_point(face_key(face));
         for i in 0..3 {
             let (a, b) = (face[i], face[(i + 1) % 3]);
             let cut = self.cut(a, b);

@@ -5,11 +5,11 @@
 //! program of its own and nothing of it is linked.
 
 use super::{
-    ClosedSurface, Domain, Filling, MeshReport, Spacing, SurfaceDomain, find_spacing, finish,
+    ClosedSurface, Domain, MeshReport, MeshedDomain, Spacing, SurfaceDomain, find_spacing, finish,
 };
 use crate::mesh::{Location, TetMesh, TriMesh};
-use crate::progress::Part;
-use crate::{Error, Progress, Result};
+use crate::progress::ProgressScope;
+use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 use std::ffi::OsStr;
@@ -24,19 +24,19 @@ const PROGRAM: &str = "tetgen";
 
 /// Largest ratio of a tet's circumradius to its shortest edge, and the smallest dihedral angle in
 /// degrees that it aims at.
-const QUALITY: &str = "q1.4/10";
+const QUALITY_SWITCH: &str = "q1.4/10";
 
 /// The largest tet is allowed this many times the volume of a regular one of the wanted edge.
-const LARGEST: f64 = 1.2;
+const MAX_VOLUME_RATIO: f64 = 1.2;
 
 /// How far the number of tets may be from what was asked for.
 const TOLERANCE: f64 = 0.15;
 
 /// Time between two looks at whether the program has ended, or is to.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Characters of the program's last words that go into an error.
-const LAST_WORDS: usize = 400;
+const MAX_STDERR_CHARS: usize = 400;
 
 /// Fills closed surfaces with tets by running the installed program `tetgen`.
 ///
@@ -49,7 +49,11 @@ const LAST_WORDS: usize = 400;
 /// [`Error::Input`] when the program is not installed, refuses the surfaces (those that cross
 /// themselves), or cannot come within 15 % of the wanted number; [`Error::Mesh`] for surfaces
 /// without an inside; [`Error::Io`] when no temporary folder can be written.
-pub fn tetgen(surfaces: &[TriMesh], spacing: Spacing, progress: Progress) -> Result<Filling> {
+pub fn tetgen(
+    surfaces: &[TriMesh],
+    spacing: Spacing,
+    progress: ProgressFn,
+) -> Result<MeshedDomain> {
     run(PROGRAM.as_ref(), surfaces, spacing, progress)
 }
 
@@ -57,8 +61,8 @@ fn run(
     program: &OsStr,
     surfaces: &[TriMesh],
     spacing: Spacing,
-    progress: Progress,
-) -> Result<Filling> {
+    progress: ProgressFn,
+) -> Result<MeshedDomain> {
     if let Spacing::Edge(edge) = spacing
         && !(edge.is_finite() && edge > 0.0)
     {
@@ -81,7 +85,7 @@ fn run(
         Spacing::Edge(edge) => job.fill(Some(edge))?,
         Spacing::Tets(wanted) => job.about(wanted)?,
     };
-    Part::begin(progress, "done", 1.0)?;
+    ProgressScope::begin(progress, "done", 1.0)?;
     Ok(filling)
 }
 
@@ -123,17 +127,17 @@ struct Job<'a> {
     program: &'a OsStr,
     folder: &'a Path,
     regions: &'a SurfaceDomain,
-    progress: Progress<'a>,
+    progress: ProgressFn<'a>,
 }
 
 impl Job<'_> {
     /// The tets with edges of about that length, or the fewest there are.
-    fn fill(&self, edge: Option<f64>) -> Result<Filling> {
+    fn fill(&self, edge: Option<f64>) -> Result<MeshedDomain> {
         let mut report = MeshReport::start(edge.unwrap_or(0.0));
-        let part = Part::begin(self.progress, "TetGen", 0.1)?;
-        let mut switches = format!("-p{QUALITY}AF");
+        let part = ProgressScope::begin(self.progress, "TetGen", 0.1)?;
+        let mut switches = format!("-p{QUALITY_SWITCH}AF");
         if let Some(edge) = edge {
-            let volume = LARGEST * edge.powi(3) / (6.0 * 2f64.sqrt());
+            let volume = MAX_VOLUME_RATIO * edge.powi(3) / (6.0 * 2f64.sqrt());
             switches += &format!("a{volume:e}");
         }
         // A failed run must not be taken for the one before.
@@ -154,7 +158,7 @@ impl Job<'_> {
     }
 
     /// What a run says once it has ended; one that is not to go on is ended.
-    fn output(&self, switches: &str, part: &Part) -> Result<Output> {
+    fn output(&self, switches: &str, part: &ProgressScope) -> Result<Output> {
         // Files take whatever it says, and nobody has to read along.
         let said = |name: &str| {
             let file = self.folder.join(name);
@@ -174,13 +178,13 @@ impl Job<'_> {
             if let Some(status) = run.try_wait().map_err(Error::io(self.folder))? {
                 break status;
             }
-            if let Err(why) = part.check() {
+            if let Err(why) = part.check_cancelled() {
                 // It may have ended just now.
                 let _ = run.kill();
                 let _ = run.wait();
                 return Err(why);
             }
-            std::thread::sleep(LOOK);
+            std::thread::sleep(POLL_INTERVAL);
         };
         let read = |file: &Path| std::fs::read(file).map_err(Error::io(file));
         Ok(Output {
@@ -211,8 +215,8 @@ impl Job<'_> {
     }
 
     /// About `wanted` tets.
-    fn about(&self, wanted: usize) -> Result<Filling> {
-        let within = |filling: &Filling| {
+    fn about(&self, wanted: usize) -> Result<MeshedDomain> {
+        let within = |filling: &MeshedDomain| {
             let made = filling.tets.len() as f64;
             (made / wanted as f64 - 1.0).abs() <= TOLERANCE
         };
@@ -255,12 +259,12 @@ fn last_words(output: &Output) -> String {
     let said = [&output.stdout[..], b"\n", &output.stderr].concat();
     let said = String::from_utf8_lossy(&said);
     let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    let from = said.char_indices().rev().nth(LAST_WORDS - 1);
+    let from = said.char_indices().rev().nth(MAX_STDERR_CHARS - 1);
     format!("{}.", &said[from.map_or(0, |(n, _)| n)..])
 }
 
 /// Tets by region; those in cavities are left out.
-fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<Filling> {
+fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<MeshedDomain> {
     // TetGen numbers the parts that the surfaces divide space into: the largest tet tells which
     // region a part belongs to. A single part may go without a number.
     let part = mesh.field("tetgen:ref", Location::Cell);
@@ -307,7 +311,7 @@ mod tests {
             ..TriMesh::default()
         };
         let name = OsStr::new("no-such-tetgen");
-        let result = run(name, &[surface], Spacing::Edge(1.0), &crate::untold);
+        let result = run(name, &[surface], Spacing::Edge(1.0), &crate::no_progress);
         let said = result.map(|_| ()).map_err(|e| e.to_string());
         let expected = [
             "no-such-tetgen is not installed",

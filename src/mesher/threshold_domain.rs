@@ -1,7 +1,7 @@
 //! Ranges of the values of a volume as a domain.
 
 use super::label_domain::world_box;
-use super::{Domain, Window};
+use super::{Domain, ThresholdRange};
 use crate::parallel;
 use crate::volume::Volume;
 use crate::{Error, Result};
@@ -33,7 +33,7 @@ impl<'a> ThresholdDomain<'a> {
     ///
     /// # Errors
     /// A window that no voxel lies in; no window; a volume without an extent or a finite value.
-    pub fn new(volume: &'a Volume, windows: &[Window]) -> Result<ThresholdDomain<'a>> {
+    pub fn new(volume: &'a Volume, windows: &[ThresholdRange]) -> Result<ThresholdDomain<'a>> {
         let to_index = volume.to_world.inverse();
         if !to_index.is_finite() {
             return Err(Error::Input(

@@ -6,15 +6,15 @@ use crate::mesh::signed_volume;
 use glam::DVec3;
 
 /// Regions whose volume is as near as this to the true one are near enough.
-const NEAR: f64 = 0.005;
+const VOLUME_TOLERANCE: f64 = 0.005;
 
 /// The most that is added to or taken from a weight: where whole parts of a region slip through
 /// the lattice, the rest is not to be blown up for them.
-const MOST: f64 = 0.2;
+const MAX_OFFSET: f64 = 0.2;
 
 /// Changes `added`, what is added to the weights of regions 1, 2, …, for the next try; false when
 /// all volumes are near enough.
-pub(super) fn correct(
+pub(super) fn correct_region_volumes(
     truth: &[RegionVolume],
     nodes: &[DVec3],
     pieces: &[Piece],
@@ -31,8 +31,8 @@ pub(super) fn correct(
     let mut changed = false;
     for ((truth, volume), added) in truth.iter().zip(volumes).zip(added) {
         let lacks = truth.volume - volume;
-        if lacks.abs() > NEAR * truth.volume && truth.growth > 0.0 {
-            let next = (*added + lacks / truth.growth).clamp(-MOST, MOST);
+        if lacks.abs() > VOLUME_TOLERANCE * truth.volume && truth.area > 0.0 {
+            let next = (*added + lacks / truth.area).clamp(-MAX_OFFSET, MAX_OFFSET);
             changed |= next != *added;
             *added = next;
         }

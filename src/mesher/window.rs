@@ -7,7 +7,7 @@ use std::str::FromStr;
 ///
 /// As text: `300` (from 300 on), `150..400`, and either with a name in front, `skull=300`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Window {
+pub struct ThresholdRange {
     /// What the region is called.
     pub name: Option<String>,
     /// Lowest value inside.
@@ -16,10 +16,10 @@ pub struct Window {
     pub high: f64,
 }
 
-impl FromStr for Window {
+impl FromStr for ThresholdRange {
     type Err = Error;
 
-    fn from_str(text: &str) -> Result<Window> {
+    fn from_str(text: &str) -> Result<ThresholdRange> {
         let (name, range) = match text.split_once('=') {
             Some((name, range)) => (Some(name.trim().to_owned()), range),
             None => (None, text),
@@ -44,7 +44,7 @@ impl FromStr for Window {
         if name.as_ref().is_some_and(String::is_empty) {
             return Err(Error::Input(format!("\"{text}\": the name is empty")));
         }
-        Ok(Window { name, low, high })
+        Ok(ThresholdRange { name, low, high })
     }
 }
 
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn thresholds_are_numbers_or_ranges_with_names() {
-        let window = |text: &str| text.parse::<Window>();
+        let window = |text: &str| text.parse::<ThresholdRange>();
         let skull = window("skull = 300").unwrap();
         assert_eq!((skull.name.as_deref(), skull.low), (Some("skull"), 300.0));
         assert_eq!(skull.high, f64::INFINITY);

@@ -1,14 +1,14 @@
 //! What acts on a body beside forces, at levels that change as time goes on: pressure on faces and
 //! muscles.
 
-use super::SpringNetwork;
+use super::DiscreteModel;
 use crate::mesh::{BoundaryFace, TetCut, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// Names the level of what acts on a body: a pressure in Pa, or an activation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LevelId(pub(super) usize);
+pub struct AmplitudeId(pub(super) usize);
 
 /// Tets that contract along fibres.
 ///
@@ -26,7 +26,7 @@ pub struct Muscle {
 
 /// What acts on a body at a level.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Acting {
+pub enum ScaledLoad {
     /// Pressure on these faces of tets, of the boundary or where regions meet, along their normals as
     /// they turn: positive into the tet.
     /// Its level is the pressure in Pa.
@@ -35,12 +35,12 @@ pub enum Acting {
     Muscle(Muscle),
 }
 
-impl Acting {
+impl ScaledLoad {
     /// Refuses what makes no sense for the body that `mesh` and `network` are.
-    pub(super) fn check(&self, mesh: &TetMesh, network: &SpringNetwork) -> Result<()> {
+    pub(super) fn check(&self, mesh: &TetMesh, network: &DiscreteModel) -> Result<()> {
         let tets = mesh.tets.len() as u32;
         match self {
-            Acting::Pressure(faces) => {
+            ScaledLoad::Pressure(faces) => {
                 let strange = |f: &BoundaryFace| f.tet >= tets || f.face > 3;
                 if faces.is_empty() || faces.iter().any(strange) {
                     return Err(Error::Input(format!(
@@ -49,7 +49,7 @@ impl Acting {
                     )));
                 }
             }
-            Acting::Muscle(Muscle { fibres, tension }) => {
+            ScaledLoad::Muscle(Muscle { fibres, tension }) => {
                 if network.elements.is_empty() {
                     return Err(Error::Input(
                         "a muscle contracts finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)".into(),
@@ -73,21 +73,21 @@ impl Acting {
     }
 
     /// Refuses a level that makes no sense.
-    pub(super) fn check_level(&self, level: f64) -> Result<()> {
+    pub(super) fn check_amplitude(&self, level: f64) -> Result<()> {
         match self {
-            Acting::Pressure(_) if level.is_finite() => Ok(()),
-            Acting::Muscle(_) if (0.0..=1.0).contains(&level) => Ok(()),
-            Acting::Pressure(_) => Err(Error::Input(format!(
+            ScaledLoad::Pressure(_) if level.is_finite() => Ok(()),
+            ScaledLoad::Muscle(_) if (0.0..=1.0).contains(&level) => Ok(()),
+            ScaledLoad::Pressure(_) => Err(Error::Input(format!(
                 "a pressure of {level} Pa makes no sense; give a finite number"
             ))),
-            Acting::Muscle(_) => Err(Error::Input(format!(
+            ScaledLoad::Muscle(_) => Err(Error::Input(format!(
                 "an activation of {level} makes no sense; give a number from 0 to 1"
             ))),
         }
     }
 
     /// Follows a cut; what is removed acts no more, and faces laid bare are under no pressure.
-    pub(super) fn follow(&mut self, cut: &TetCut) {
+    pub(super) fn apply_cut(&mut self, cut: &TetCut) {
         let removed = &cut.removed;
         if removed.is_empty() {
             return;
@@ -100,8 +100,8 @@ impl Acting {
             }
         };
         match self {
-            Acting::Pressure(faces) => faces.retain_mut(|f| stays(&mut f.tet)),
-            Acting::Muscle(muscle) => muscle.fibres.retain_mut(|(tet, _)| stays(tet)),
+            ScaledLoad::Pressure(faces) => faces.retain_mut(|f| stays(&mut f.tet)),
+            ScaledLoad::Muscle(muscle) => muscle.fibres.retain_mut(|(tet, _)| stays(tet)),
         }
     }
 }

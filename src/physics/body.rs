@@ -4,14 +4,14 @@ use super::gpu_contact::GpuContact;
 use super::gpu_elements::GpuElements;
 use super::gpu_rigid::GpuRigid;
 use super::gpu_springs::GpuSprings;
-use super::grab::{GrabId, Grip};
+use super::grab::{GrabId, GrabMode};
 use super::grab_lists::GrabLists;
 use super::loads::{LoadVersions, Loads};
 use super::material::Material;
-use super::network::{Spring, SpringNetwork};
-use super::nodes::Nodes;
+use super::network::{DiscreteModel, Spring};
+use super::nodes::NodePositions;
 use super::terms::NodeTerm;
-use super::units::Units;
+use super::units::LocalUnits;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
@@ -24,7 +24,7 @@ static BODIES: AtomicU64 = AtomicU64::new(0);
 
 /// Counts what was done to a body from outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Revision {
+pub(super) struct ChangeCounter {
     /// Changes of positions or velocities.
     pub state: u64,
     /// These, and changes of loads and pins.
@@ -37,10 +37,10 @@ pub(super) struct Revision {
 /// file units (and file units a second), forces in newtons. Changes made here take effect with
 /// the next step.
 #[derive(Debug)]
-pub struct Body {
+pub struct GpuBody {
     pub(super) gpu: Gpu,
     pub(super) id: u64,
-    pub(super) nodes: Nodes,
+    pub(super) nodes: NodePositions,
     pub(super) velocities: Array,
     /// Mass and inverse mass; the inverse is 0 for a pinned node, and below zero for one of a rigid
     /// body that moves.
@@ -54,47 +54,47 @@ pub struct Body {
     pub(super) rigid: Option<GpuRigid>,
     /// The tools that press on it, if any do.
     pub(super) contact: Option<GpuContact>,
-    pub(super) network: SpringNetwork,
+    pub(super) network: DiscreteModel,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
     /// The numbers of the terms, if there are any.
     pub(super) node_terms: Option<wgpu::Buffer>,
-    pub(super) units: Units,
+    pub(super) units: LocalUnits,
     pub(super) loads: Loads,
     /// The loads that the arrays on the GPU have; masses and forces that are none are written.
-    pub(super) written: Option<LoadVersions>,
+    pub(super) uploaded_loads: Option<LoadVersions>,
     pub(super) grabs: GrabLists,
     /// Counts cuts: what is bound to the arrays or their lengths is made for one generation.
     pub(super) generation: u64,
     /// Counts changes of positions and velocities from outside.
-    pub(super) moves: u64,
+    pub(super) state_changes: u64,
 }
 
-impl Body {
+impl GpuBody {
     /// The body that `mesh` is when made of `material`: at rest, nothing pinned, no gravity.
     ///
     /// # Errors
     /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the mesh does not
     /// fit the device.
-    pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<Body> {
-        let network = SpringNetwork::new(mesh, material)?;
-        Body::of_network(gpu, mesh, network, material)
+    pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<GpuBody> {
+        let network = DiscreteModel::new(mesh, material)?;
+        GpuBody::from_model(gpu, mesh, network, material)
     }
 
-    /// As [`Body::new`], with masses and springs of one's own: those of a cage, for example. A cut
+    /// As [`GpuBody::new`], with masses and springs of one's own: those of a cage, for example. A cut
     /// takes the springs along it from `material` again.
     ///
     /// # Errors
-    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`Body::new`].
-    pub fn of_network(
+    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`GpuBody::new`].
+    pub fn from_model(
         gpu: &Gpu,
         mesh: &TetMesh,
-        network: SpringNetwork,
+        network: DiscreteModel,
         material: &Material,
-    ) -> Result<Body> {
+    ) -> Result<GpuBody> {
         let count = mesh.nodes.len();
         let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= count);
-        let fits = network.rest.len() == count && network.masses.len() == count;
+        let fits = network.rest_positions.len() == count && network.masses.len() == count;
         let corners = network.elements.tets.iter().flat_map(|e| e.nodes);
         let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
         if !fits || network.springs.iter().any(strange) {
@@ -103,22 +103,22 @@ impl Body {
                 network.masses.len()
             )));
         }
-        let units = Units::of(&network);
-        let nodes = Nodes::new(gpu, mesh)?;
+        let units = LocalUnits::from_model(&network);
+        let nodes = NodePositions::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
         let springs = GpuSprings::new(gpu, &network, &rest, &units)?;
         let elements = GpuElements::new(gpu, &network, &rest, (&springs, &units))?;
         let rigid = GpuRigid::new(gpu, &network, (elements.as_ref(), &units))?;
-        let mut body = Body {
+        let mut body = GpuBody {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
-            written: None,
+            uploaded_loads: None,
             grabs: GrabLists::default(),
             gpu: gpu.clone(),
             id: BODIES.fetch_add(1, Ordering::Relaxed),
-            velocities: gpu.roomy_array("velocities", Texel::F32x4, nodes.len())?,
-            masses: gpu.roomy_array("masses", Texel::F32x2, nodes.len())?,
-            external: gpu.roomy_array("external forces", Texel::F32x4, nodes.len())?,
+            velocities: gpu.array_with_headroom("velocities", Texel::F32x4, nodes.len())?,
+            masses: gpu.array_with_headroom("masses", Texel::F32x2, nodes.len())?,
+            external: gpu.array_with_headroom("external forces", Texel::F32x4, nodes.len())?,
             springs,
             elements,
             rigid,
@@ -130,9 +130,9 @@ impl Body {
             node_terms: None,
             units,
             generation: 0,
-            moves: 0,
+            state_changes: 0,
         };
-        body.flush()?;
+        body.upload_changes()?;
         Ok(body)
     }
 
@@ -142,17 +142,17 @@ impl Body {
     }
 
     /// The positions, for drawing.
-    pub fn nodes(&self) -> &Nodes {
+    pub fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
     /// Masses and springs in float64.
-    pub fn network(&self) -> &SpringNetwork {
+    pub fn network(&self) -> &DiscreteModel {
         &self.network
     }
 
     /// The units of the arrays on the GPU.
-    pub fn units(&self) -> Units {
+    pub fn units(&self) -> LocalUnits {
         self.units
     }
 
@@ -165,18 +165,18 @@ impl Body {
         // A term without its file in `shaders/terms` is refused here, not in the middle of a run.
         crate::gpu::compose(&format!(
             "{} {}",
-            self.composed("physics/forces"),
+            self.shader_name("physics/forces"),
             term.name()
         ))?;
         let (frame, unit) = self.loads.frame_and_unit();
         let all = self.terms.iter().chain([&term]);
         let numbers: Vec<[f32; 4]> = all
-            .flat_map(|t| t.numbers(&frame, &self.units, unit))
+            .flat_map(|t| t.gpu_parameters(&frame, &self.units, unit))
             .collect();
         self.node_terms = Some(self.gpu.buffer_of("numbers of terms", &numbers)?);
         self.terms.push(term);
         self.generation += 1;
-        self.changed();
+        self.mark_changed();
         Ok(())
     }
 
@@ -190,14 +190,14 @@ impl Body {
         &self.loads
     }
 
-    /// As [`Body::loads`], to change them; they act from the next step on.
+    /// As [`GpuBody::loads`], to change them; they act from the next step on.
     pub fn loads_mut(&mut self) -> &mut Loads {
         &mut self.loads
     }
 
     /// The nodes whose rest position, in file units, satisfies `where_`.
     pub fn nodes_where(&self, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
-        let rest = self.network.rest.iter().enumerate();
+        let rest = self.network.rest_positions.iter().enumerate();
         rest.filter(|(_, x)| where_(self.network.to_file(**x)))
             .map(|(i, _)| i as u32)
             .collect()
@@ -220,13 +220,13 @@ impl Body {
         self.loads.pin_nodes(nodes)
     }
 
-    /// Holds the body by the end that suits it ([`SpringNetwork::held_end`]) and lets `gravity`
+    /// Holds the body by the end that suits it ([`DiscreteModel::find_clamped_end`]) and lets `gravity`
     /// (m/s²) act across it. Returns a sentence that says so.
-    pub fn hold_one_end(&mut self, gravity: f64) -> String {
-        let (end, _) = self.network.held_end(DVec3::NEG_Z);
+    pub fn clamp_one_end(&mut self, gravity: f64) -> String {
+        let (end, _) = self.network.find_clamped_end(DVec3::NEG_Z);
         // They are the body's own.
         let _ = self.loads.pin_nodes(&end.nodes);
-        self.loads.set_gravity(gravity * end.across());
+        self.loads.set_gravity(gravity * end.load_direction());
         let along = if end.axis == 2 { "-y" } else { "-z" };
         format!("held {end}; gravity of {gravity} m/s² acts along {along}")
     }
@@ -272,7 +272,7 @@ impl Body {
     ///
     /// # Errors
     /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
-    pub fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    pub fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         let positions = self.positions()?;
         self.loads
             .grab(&positions, |_| true, (centre, radius), grip)
@@ -295,13 +295,13 @@ impl Body {
     }
 
     /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
-    /// newtons along the file's axes. [`Body::set_forces`] and [`Body::add_force`] overwrite it;
+    /// newtons along the file's axes. [`GpuBody::set_forces`] and [`GpuBody::add_force`] overwrite it;
     /// a cut may put another array in its place.
     pub fn force_array(&self) -> &Array {
         &self.external
     }
 
-    /// The velocities on the GPU: rgba32float, xyz in local units (see [`Units`]).
+    /// The velocities on the GPU: rgba32float, xyz in local units (see [`LocalUnits`]).
     pub fn velocity_array(&self) -> &Array {
         &self.velocities
     }
@@ -337,10 +337,10 @@ impl Body {
     /// Moves the nodes to `positions`, in file units.
     ///
     /// # Errors
-    /// As [`Nodes::set_positions`].
+    /// As [`NodePositions::set_positions`].
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         self.nodes.set_positions(positions)?;
-        self.changed();
+        self.mark_changed();
         Ok(())
     }
 
@@ -354,28 +354,28 @@ impl Body {
             .nodes
             .check("velocities", velocities, |v| (v / unit).as_vec3())?;
         self.gpu.write_array(&self.velocities, &local)?;
-        self.changed();
+        self.mark_changed();
         Ok(())
     }
 
     /// Says that positions or velocities were changed from outside: the solvers start afresh from
-    /// what they find. Not needed after writing [`Body::force_array`].
-    pub fn changed(&mut self) {
-        self.moves += 1;
-        self.nodes.array().touch();
+    /// what they find. Not needed after writing [`GpuBody::force_array`].
+    pub fn mark_changed(&mut self) {
+        self.state_changes += 1;
+        self.nodes.array().mark_written();
     }
 
     /// A number that changes whenever the body is changed from outside: its state, pins, forces,
-    /// grabs or shape. What is written to [`Body::force_array`] does not count.
-    pub fn touched(&self) -> u64 {
+    /// grabs or shape. What is written to [`GpuBody::force_array`] does not count.
+    pub fn change_count(&self) -> u64 {
         self.revision().any
     }
 
-    pub(super) fn revision(&self) -> Revision {
+    pub(super) fn revision(&self) -> ChangeCounter {
         let versions = self.loads.versions;
-        Revision {
-            state: self.moves + versions.grabs,
-            any: self.moves + versions.any,
+        ChangeCounter {
+            state: self.state_changes + versions.grabs,
+            any: self.state_changes + versions.any,
         }
     }
 
@@ -384,31 +384,31 @@ impl Body {
         let forces = self.loads.forces().iter();
         let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
         self.gpu.write_array(&self.external, &texels)?;
-        if let Some(written) = &mut self.written {
+        if let Some(written) = &mut self.uploaded_loads {
             written.forces = self.loads.versions.forces;
         }
         Ok(())
     }
 
     /// Uploads what was changed on the CPU only.
-    pub(super) fn flush(&mut self) -> Result<()> {
+    pub(super) fn upload_changes(&mut self) -> Result<()> {
         let versions = self.loads.versions;
-        let stale = self.grabs.draws() && self.grabs.made_of[1] != versions.forces;
-        if self.written == Some(versions) && !stale {
+        let stale = self.grabs.has_springs() && self.grabs.source_versions[1] != versions.forces;
+        if self.uploaded_loads == Some(versions) && !stale {
             return Ok(());
         }
-        let known = self.written.unwrap_or_default();
-        let first = self.written.is_none();
+        let known = self.uploaded_loads.unwrap_or_default();
+        let first = self.uploaded_loads.is_none();
         let grabs = known.grabs != versions.grabs;
         let forces = known.forces != versions.forces;
-        let listed = self.grabs.made_of;
-        if grabs || (self.grabs.draws() && listed != [versions.grabs, versions.forces]) {
+        let listed = self.grabs.source_versions;
+        if grabs || (self.grabs.has_springs() && listed != [versions.grabs, versions.forces]) {
             self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
         }
         if forces || (grabs && !first) {
             self.write_forces()?;
         }
-        if first || known.held != versions.held {
+        if first || known.constraints != versions.constraints {
             self.flush_masses()?;
         }
         if let Some(contact) = self
@@ -416,20 +416,24 @@ impl Body {
             .as_mut()
             .filter(|_| known.tools != versions.tools)
         {
-            contact.guide(&self.loads);
+            contact.set_tool_targets(&self.loads);
         }
-        self.written = Some(versions);
+        self.uploaded_loads = Some(versions);
         Ok(())
     }
 
     /// Writes the masses, and which nodes are held.
     pub(super) fn flush_masses(&self) -> Result<()> {
-        let masses = self.network.masses.iter().zip(self.loads.held());
+        let masses = self
+            .network
+            .masses
+            .iter()
+            .zip(self.loads.constrained_nodes());
         let mut masses: Vec<[f32; 2]> = masses
             .map(|(mass, held)| self.local_mass(*mass, held))
             .collect();
         if let Some(rigid) = &self.rigid {
-            rigid.hold(&self.gpu, &self.loads, &mut masses)?;
+            rigid.write_constraints(&self.gpu, &self.loads, &mut masses)?;
         }
         self.gpu.write_array(&self.masses, &masses)
     }

@@ -1,13 +1,13 @@
 //! A body that follows the cuts made in its mesh: only what a cut has changed goes to the GPU.
 
-use super::Body;
+use super::GpuBody;
 use super::gpu_elements::GpuElements;
 use super::gpu_rigid::GpuRigid;
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 
-impl Body {
+impl GpuBody {
     /// Cuts the body along `blade` (file units) where it stands now, and with it `mesh`, the mesh
     /// it was made of, and that mesh's `topology`; see [`cut`](crate::mesh::cut()). Waits for what
     /// was submitted and reads positions and velocities back.
@@ -20,7 +20,7 @@ impl Body {
     /// [`TetCut::is_empty`].
     ///
     /// # Errors
-    /// As [`cut`](crate::mesh::cut()) and [`Body::follow`].
+    /// As [`cut`](crate::mesh::cut()) and [`GpuBody::apply_cut`].
     pub fn cut(
         &mut self,
         mesh: &mut TetMesh,
@@ -35,7 +35,7 @@ impl Body {
             .map(|p| frame.to_file(Vec3::new(p[0], p[1], p[2])))
             .collect();
         let done = cut(mesh, topology, &positions, blade)?;
-        self.take_over(mesh, &done, &texels)?;
+        self.apply_cut_with_positions(mesh, &done, &texels)?;
         Ok(done)
     }
 
@@ -44,7 +44,7 @@ impl Body {
     /// without mass.
     ///
     /// # Errors
-    /// As [`remove`](crate::mesh::remove()) and [`Body::follow`].
+    /// As [`remove`](crate::mesh::remove()) and [`GpuBody::apply_cut`].
     pub fn remove(
         &mut self,
         mesh: &mut TetMesh,
@@ -53,7 +53,7 @@ impl Body {
     ) -> Result<TetCut> {
         self.check_mesh(mesh)?;
         let done = remove(mesh, topology, tets)?;
-        self.follow(mesh, &done)?;
+        self.apply_cut(mesh, &done)?;
         Ok(done)
     }
 
@@ -62,40 +62,49 @@ impl Body {
     /// # Errors
     /// [`Error::Input`] when `mesh` is not that mesh, [`Error::Gpu`] when the device cannot hold
     /// what has become of it.
-    pub fn follow(&mut self, mesh: &TetMesh, cut: &TetCut) -> Result<()> {
+    pub fn apply_cut(&mut self, mesh: &TetMesh, cut: &TetCut) -> Result<()> {
         let texels = self.nodes.local()?;
-        self.take_over(mesh, cut, &texels)
+        self.apply_cut_with_positions(mesh, cut, &texels)
     }
 
-    /// [`Body::follow`], with the texels of the positions.
-    fn take_over(&mut self, mesh: &TetMesh, cut: &TetCut, positions: &[[f32; 4]]) -> Result<()> {
+    /// [`GpuBody::apply_cut`], with the texels of the positions.
+    fn apply_cut_with_positions(
+        &mut self,
+        mesh: &TetMesh,
+        cut: &TetCut,
+        positions: &[[f32; 4]],
+    ) -> Result<()> {
         if cut.is_empty() {
             return self.check_mesh(mesh);
         }
-        let springs = self.network.follow(mesh, &self.material, cut)?;
+        let springs = self.network.apply_cut(mesh, &self.material, cut)?;
         // Pins and releases that the GPU has not yet are sent with the next step, all together.
-        let held = self.loads.versions.held;
-        let known = self.written.is_some_and(|written| written.held == held);
-        self.double(cut, positions)?;
+        let held = self.loads.versions.constraints;
+        let known = self
+            .uploaded_loads
+            .is_some_and(|written| written.constraints == held);
+        self.duplicate_nodes(cut, positions)?;
         let frame = self.nodes.frame();
         let rest = |v: u32| frame.to_local(mesh.nodes[v as usize]);
         if cut.removed.is_empty() {
             let node_count = self.nodes.len();
             let follower = (node_count, rest, &self.units);
-            self.springs.follow(&self.gpu, cut, &springs, follower)?;
+            self.springs.apply_cut(&self.gpu, cut, &springs, follower)?;
             let mass = |v: &u32| {
                 let v = *v as usize;
                 self.local_mass(self.network.masses[v], self.pinned()[v])
             };
             let masses: Vec<[f32; 2]> = cut.nodes.iter().map(mass).collect();
-            self.gpu.put(&self.masses, &cut.nodes, &masses)?;
-            if let (true, Some(written)) = (known && !self.loads.grabs.any(), &mut self.written) {
-                written.held = self.loads.versions.held;
+            self.gpu.scatter_items(&self.masses, &cut.nodes, &masses)?;
+            if let (true, Some(written)) =
+                (known && !self.loads.grabs.any(), &mut self.uploaded_loads)
+            {
+                written.constraints = self.loads.versions.constraints;
             }
         } else {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             self.springs
-                .renew(&self.gpu, &self.network, &rest, &self.units)?;
+                .rebuild(&self.gpu, &self.network, &rest, &self.units)?;
         }
         if !self.network.elements.is_empty() {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
@@ -109,7 +118,7 @@ impl Body {
             }
         }
         self.generation += 1;
-        self.changed();
+        self.mark_changed();
         Ok(())
     }
 
@@ -125,21 +134,21 @@ impl Body {
     }
 
     /// Gives the doubles the state of the nodes they come from, and shares these nodes' loads.
-    fn double(&mut self, cut: &TetCut, positions: &[[f32; 4]]) -> Result<()> {
+    fn duplicate_nodes(&mut self, cut: &TetCut, positions: &[[f32; 4]]) -> Result<()> {
         let velocities: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
         let of = |texels: &[[f32; 4]]| -> Vec<[f32; 4]> {
-            let old = cut.doubled.iter().map(|[_, old]| *old as usize);
+            let old = cut.duplicated_nodes.iter().map(|[_, old]| *old as usize);
             old.map(|old| texels[old]).collect()
         };
         let first = positions.len();
-        let len = first + cut.doubled.len();
+        let len = first + cut.duplicated_nodes.len();
         self.nodes.extend(&of(positions))?;
         let gpu = self.gpu.clone();
         gpu.resize(&mut self.velocities, "velocities", len)?;
         gpu.write_items(&self.velocities, first as u32, &of(&velocities))?;
         gpu.resize(&mut self.masses, "masses", len)?;
         gpu.resize(&mut self.external, "external forces", len)?;
-        let shared = self.loads.follow(cut, &self.network.masses);
+        let shared = self.loads.apply_cut(cut, &self.network.masses);
         let from = if shared { 0 } else { first };
         let forces = self.loads.forces()[from..].iter();
         let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();

@@ -1,7 +1,7 @@
 //! Volume without locking: where Poisson's ratio nears ½, linear tets that each keep their own
 //! volume have hardly a way left to bend. Here what is around a node keeps it instead.
 //!
-//! Of each tet's λ the part λ̂ above [`Elements::kept`] μ is taken out of its energy, and the energy
+//! Of each tet's λ the part λ̂ above [`Elements::per_tet_lambda_ratio`] μ is taken out of its energy, and the energy
 //! ½ Σ_a Λ_a θ_a² put in its place, a being the nodes, or where regions meet each node once a
 //! region, θ_a = Σ_t Λ_t (J_t − 1)/(4 Λ_a) the mean change of volume of the tets t around it,
 //! Λ_t = V_t λ̂_t and Λ_a = Σ_t Λ_t/4 (Bonet & Burton 1998, "A simple average nodal pressure
@@ -9,7 +9,7 @@
 //! of the tets; anywhere it is at most that. λ weighs the mean, so that what is soft does not
 //! change how what is stiff next to it resists.
 
-use super::elements::{Blocks, Element, Elements, Law};
+use super::elements::{ConstitutiveModel, Element, ElementHessian, Elements};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -17,43 +17,48 @@ use rayon::slice::ParallelSliceMut;
 use std::fmt;
 use std::str::FromStr;
 
-/// [`Elements::kept`] where nothing is said: ν = ¼ and below is as per tet.
-const KEPT: f64 = 1.0;
+/// [`Elements::per_tet_lambda_ratio`] where nothing is said: ν = ¼ and below is as per tet.
+const DEFAULT_PER_TET_LAMBDA_RATIO: f64 = 1.0;
 
 /// What a change of volume of finite elements is measured on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum VolumeModel {
+pub enum VolumetricFormulation {
     /// Each tet: it locks where Poisson's ratio nears ½.
     #[default]
     PerTet,
     /// The tets of a region around each node: it does not lock, and steps take longer.
-    Averaged,
+    NodalAveraged,
 }
 
-impl VolumeModel {
+impl VolumetricFormulation {
     /// All of them.
-    pub const ALL: [VolumeModel; 2] = [VolumeModel::PerTet, VolumeModel::Averaged];
+    pub const ALL: [VolumetricFormulation; 2] = [
+        VolumetricFormulation::PerTet,
+        VolumetricFormulation::NodalAveraged,
+    ];
 
     /// The name, as on the command line.
     pub fn name(self) -> &'static str {
         match self {
-            VolumeModel::PerTet => "per-tet",
-            VolumeModel::Averaged => "averaged",
+            VolumetricFormulation::PerTet => "per-tet",
+            VolumetricFormulation::NodalAveraged => "averaged",
         }
     }
 }
 
-impl fmt::Display for VolumeModel {
+impl fmt::Display for VolumetricFormulation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl FromStr for VolumeModel {
+impl FromStr for VolumetricFormulation {
     type Err = Error;
 
-    fn from_str(name: &str) -> Result<VolumeModel> {
-        let known = VolumeModel::ALL.into_iter().find(|m| m.name() == name);
+    fn from_str(name: &str) -> Result<VolumetricFormulation> {
+        let known = VolumetricFormulation::ALL
+            .into_iter()
+            .find(|m| m.name() == name);
         known.ok_or_else(|| {
             Error::Input(format!(
                 "there is no volume \"{name}\"; there are per-tet and averaged"
@@ -64,30 +69,30 @@ impl FromStr for VolumeModel {
 
 /// What keeps a volume together: a node, and the tets of one region around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Cell {
+pub(crate) struct NodalVolume {
     pub node: u32,
     /// Λ_a, J.
     pub stiffness: f64,
 }
 
 /// No cell.
-pub(crate) const NO_CELL: u32 = u32::MAX;
+pub(crate) const NO_NODAL_VOLUME: u32 = u32::MAX;
 
 /// The cells of some elements.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Cells {
+pub(crate) struct NodalVolumes {
     /// By node, ascending.
-    pub cells: Vec<Cell>,
-    /// The cell of each corner of each tet, or [`NO_CELL`] for all four.
+    pub cells: Vec<NodalVolume>,
+    /// The cell of each corner of each tet, or [`NO_NODAL_VOLUME`] for all four.
     pub of_tet: Vec<[u32; 4]>,
 }
 
 impl Default for Elements {
     fn default() -> Elements {
         Elements {
-            law: Law::default(),
-            volume: VolumeModel::default(),
-            kept: KEPT,
+            law: ConstitutiveModel::default(),
+            volume: VolumetricFormulation::default(),
+            per_tet_lambda_ratio: DEFAULT_PER_TET_LAMBDA_RATIO,
             tets: Vec::new(),
             rigid: Vec::new(),
             mass_damping: 0.0,
@@ -97,49 +102,51 @@ impl Default for Elements {
 
 impl Elements {
     /// λ̂ of a tet, Pa.
-    pub(crate) fn averaged(&self, tet: &Element) -> f64 {
+    pub(crate) fn averaged_lambda(&self, tet: &Element) -> f64 {
         let [mu, lambda] = tet.small_strain(self.law);
         match self.volume {
-            VolumeModel::PerTet => 0.0,
-            VolumeModel::Averaged => (lambda - self.kept * mu).max(0.0),
+            VolumetricFormulation::PerTet => 0.0,
+            VolumetricFormulation::NodalAveraged => {
+                (lambda - self.per_tet_lambda_ratio * mu).max(0.0)
+            }
         }
     }
 
     /// A tet without its λ̂.
-    pub(crate) fn own(&self, tet: &Element) -> Element {
-        let [mu, second] = tet.lame;
+    pub(crate) fn without_averaged_lambda(&self, tet: &Element) -> Element {
+        let [mu, second] = tet.lame_parameters;
         Element {
-            lame: [mu, second - self.averaged(tet)],
+            lame_parameters: [mu, second - self.averaged_lambda(tet)],
             ..*tet
         }
     }
 
     /// What keeps volumes together; nothing where each tet does.
-    pub(crate) fn cells(&self) -> Cells {
-        if self.volume == VolumeModel::PerTet {
-            return Cells::default();
+    pub(crate) fn cells(&self) -> NodalVolumes {
+        if self.volume == VolumetricFormulation::PerTet {
+            return NodalVolumes::default();
         }
         let mut corners = parallel::collect(self.tets.len(), |range, corners| {
             for t in range {
                 let e = &self.tets[t];
-                if self.averaged(e) > 0.0 {
+                if self.averaged_lambda(e) > 0.0 {
                     corners.extend((0..4).map(|a| (e.nodes[a], e.region, t as u32, a)));
                 }
             }
         });
         corners.par_sort_unstable();
-        let mut all = Cells {
+        let mut all = NodalVolumes {
             cells: Vec::new(),
-            of_tet: vec![[NO_CELL; 4]; self.tets.len()],
+            of_tet: vec![[NO_NODAL_VOLUME; 4]; self.tets.len()],
         };
         for around in corners.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
             let mut stiffness = 0.0;
             for (_, _, t, a) in around {
                 let tet = &self.tets[*t as usize];
                 all.of_tet[*t as usize][*a] = all.cells.len() as u32;
-                stiffness += 0.25 * tet.volume * self.averaged(tet);
+                stiffness += 0.25 * tet.volume * self.averaged_lambda(tet);
             }
-            all.cells.push(Cell {
+            all.cells.push(NodalVolume {
                 node: around[0].0,
                 stiffness,
             });
@@ -148,12 +155,15 @@ impl Elements {
     }
 
     /// θ of every cell with the nodes at `x`, m.
-    fn changes(&self, cells: &Cells, x: &[DVec3]) -> Vec<f64> {
+    fn volume_strains(&self, cells: &NodalVolumes, x: &[DVec3]) -> Vec<f64> {
         let mut changes = vec![0.0; cells.cells.len()];
         for (tet, corners) in self.tets.iter().zip(&cells.of_tet) {
-            let growth = tet.deformation(&tet.corners(x)).determinant() - 1.0;
-            for c in corners.iter().filter(|c| **c != NO_CELL) {
-                changes[*c as usize] += 0.25 * tet.volume * self.averaged(tet) * growth;
+            let growth = tet
+                .deformation_gradient(&tet.node_positions(x))
+                .determinant()
+                - 1.0;
+            for c in corners.iter().filter(|c| **c != NO_NODAL_VOLUME) {
+                changes[*c as usize] += 0.25 * tet.volume * self.averaged_lambda(tet) * growth;
             }
         }
         for (change, cell) in changes.iter_mut().zip(&cells.cells) {
@@ -164,33 +174,33 @@ impl Elements {
 
     /// What presses in each tet with the nodes at `x` (m) beside its own law, Pa: λ̂ times the mean
     /// of θ of its corners. Zeros where each tet keeps its own volume.
-    pub fn shared_pressures(&self, x: &[DVec3]) -> Vec<f64> {
+    pub fn averaged_pressures(&self, x: &[DVec3]) -> Vec<f64> {
         let cells = self.cells();
-        self.pressures(&cells, &self.changes(&cells, x))
+        self.pressures(&cells, &self.volume_strains(&cells, x))
     }
 
-    fn pressures(&self, cells: &Cells, changes: &[f64]) -> Vec<f64> {
+    fn pressures(&self, cells: &NodalVolumes, changes: &[f64]) -> Vec<f64> {
         if cells.cells.is_empty() {
             return vec![0.0; self.tets.len()];
         }
         let each = self.tets.iter().zip(&cells.of_tet);
         each.map(|(tet, corners)| {
             let of = |c: &u32| changes.get(*c as usize).copied().unwrap_or(0.0);
-            0.25 * self.averaged(tet) * corners.iter().map(of).sum::<f64>()
+            0.25 * self.averaged_lambda(tet) * corners.iter().map(of).sum::<f64>()
         })
         .collect()
     }
 
     /// Of every tet with the nodes at `x` (m) the energy of the volumes that it shares, over its own
     /// volume at rest, J/m³.
-    pub fn shared_densities(&self, x: &[DVec3]) -> Vec<f64> {
+    pub fn averaged_energy_densities(&self, x: &[DVec3]) -> Vec<f64> {
         let cells = self.cells();
-        let changes = self.changes(&cells, x);
+        let changes = self.volume_strains(&cells, x);
         let each = self.tets.iter().enumerate();
         each.map(|(t, tet)| {
             let corners = cells.of_tet.get(t).into_iter().flatten();
             let squares = corners.map(|c| changes.get(*c as usize).map_or(0.0, |j| j * j));
-            0.125 * self.averaged(tet) * squares.sum::<f64>()
+            0.125 * self.averaged_lambda(tet) * squares.sum::<f64>()
         })
         .collect()
     }
@@ -199,10 +209,11 @@ impl Elements {
     pub fn energy(&self, x: &[DVec3]) -> f64 {
         let own = parallel::sum(self.tets.len(), |t| {
             let e = &self.tets[t];
-            self.own(e).energy(self.law, &e.corners(x))
+            self.without_averaged_lambda(e)
+                .energy(self.law, &e.node_positions(x))
         });
         let cells = self.cells();
-        let changes = self.changes(&cells, x);
+        let changes = self.volume_strains(&cells, x);
         let shared = cells.cells.iter().zip(changes);
         own + shared.map(|(c, j)| 0.5 * c.stiffness * j * j).sum::<f64>()
     }
@@ -210,10 +221,12 @@ impl Elements {
     /// Forces on the nodes at `x` (m), N.
     pub fn forces(&self, x: &[DVec3]) -> Vec<DVec3> {
         let mut f = vec![DVec3::ZERO; x.len()];
-        for (tet, pressure) in self.tets.iter().zip(self.shared_pressures(x)) {
-            let shares = self
-                .own(tet)
-                .forces_under(self.law, &tet.corners(x), pressure);
+        for (tet, pressure) in self.tets.iter().zip(self.averaged_pressures(x)) {
+            let shares = self.without_averaged_lambda(tet).forces_with_pressure(
+                self.law,
+                &tet.node_positions(x),
+                pressure,
+            );
             for (v, share) in tet.nodes.iter().zip(shares) {
                 f[*v as usize] += share;
             }
@@ -224,26 +237,30 @@ impl Elements {
     /// The second derivatives of the energy with the nodes at `x` (m), as blocks of tets in N/m,
     /// exactly or with the negative eigenvalues of each tet put to zero, and as vectors that are
     /// to be multiplied with themselves: of each cell some nodes and √(N/m) each.
-    pub fn stiffness(&self, x: &[DVec3], projected: bool) -> (Vec<Blocks>, Vec<Vec<(u32, DVec3)>>) {
-        let pressures = self.shared_pressures(x);
+    pub fn stiffness(
+        &self,
+        x: &[DVec3],
+        projected: bool,
+    ) -> (Vec<ElementHessian>, Vec<Vec<(u32, DVec3)>>) {
+        let pressures = self.averaged_pressures(x);
         let blocks = self.tets.iter().zip(pressures).map(|(tet, pressure)| {
-            let (own, corners) = (self.own(tet), tet.corners(x));
+            let (own, corners) = (self.without_averaged_lambda(tet), tet.node_positions(x));
             match projected {
                 true => own.projected_stiffness_under(self.law, &corners, pressure),
-                false => own.stiffness_under(self.law, &corners, pressure),
+                false => own.stiffness_with_pressure(self.law, &corners, pressure),
             }
         });
-        (blocks.collect(), self.volume_slopes(x))
+        (blocks.collect(), self.volume_gradients(x))
     }
 
     /// √Λ_a ∂θ_a/∂x of every cell: the nodes that it depends on, each once.
-    pub(crate) fn volume_slopes(&self, x: &[DVec3]) -> Vec<Vec<(u32, DVec3)>> {
+    pub(crate) fn volume_gradients(&self, x: &[DVec3]) -> Vec<Vec<(u32, DVec3)>> {
         let cells = self.cells();
         let mut slopes = vec![Vec::new(); cells.cells.len()];
         for (tet, corners) in self.tets.iter().zip(&cells.of_tet) {
-            let share = 0.25 * tet.volume * self.averaged(tet);
-            let cofactor = tet.cofactor(&tet.corners(x));
-            for c in corners.iter().filter(|c| **c != NO_CELL) {
+            let share = 0.25 * tet.volume * self.averaged_lambda(tet);
+            let cofactor = tet.cofactor(&tet.node_positions(x));
+            for c in corners.iter().filter(|c| **c != NO_NODAL_VOLUME) {
                 let over = share / cells.cells[*c as usize].stiffness.sqrt();
                 let of_nodes = tet.nodes.iter().zip(tet.gradients());
                 slopes[*c as usize].extend(of_nodes.map(|(v, g)| (*v, over * (cofactor * g))));

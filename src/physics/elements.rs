@@ -12,27 +12,27 @@
 //!   inverted tets too.
 //!
 //! Both bear only so much: under a few times its Young's modulus a tet is pressed flat and comes out
-//! on the other side. So one that is crushed to less than J₀ = [`CRUSHED`] of its volume resists
+//! on the other side. So one that is crushed to less than J₀ = [`CRUSH_THRESHOLD_J`] of its volume resists
 //! more: with c = (J₀ − J)/J₀ the second derivative of Ψ by J has 16 K c² (1 − c)² besides, K being
-//! [`STOP`] μ, down to J = 0, and nothing beyond, where more would only store energy. No tet that is
+//! [`CRUSH_STIFFNESS_RATIO`] μ, down to J = 0, and nothing beyond, where more would only store energy. No tet that is
 //! not crushed is any different for it.
 
-use super::VolumeModel;
+use super::VolumetricFormulation;
 use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
 
 /// J below which a tet counts as crushed. `shaders/lib/tets.wgsl` has the same.
-pub(crate) const CRUSHED: f64 = 0.1;
+pub(crate) const CRUSH_THRESHOLD_J: f64 = 0.1;
 
 /// How much harder crushed tets resist, over μ.
-pub(crate) const STOP: f64 = 100.0;
+pub(crate) const CRUSH_STIFFNESS_RATIO: f64 = 100.0;
 
 /// The second derivatives of a tet's energy by its nodes a and b, at `[a][b]`.
-pub type Blocks = [[DMat3; 4]; 4];
+pub type ElementHessian = [[DMat3; 4]; 4];
 
 /// How energy goes with strain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Law {
+pub enum ConstitutiveModel {
     /// Stable Neo-Hookean.
     #[default]
     NeoHookean,
@@ -46,11 +46,11 @@ pub struct Element {
     /// Its nodes.
     pub nodes: [u32; 4],
     /// Dm⁻¹, 1/m: the inverse of the edges from the first node to the others at rest.
-    pub inverse: DMat3,
+    pub inverse_rest_shape: DMat3,
     /// At rest, m³.
     pub volume: f64,
-    /// μ and λ as they enter the energy, Pa: of [`Law::NeoHookean`] the second is λ + μ.
-    pub lame: [f64; 2],
+    /// μ and λ as they enter the energy, Pa: of [`ConstitutiveModel::NeoHookean`] the second is λ + μ.
+    pub lame_parameters: [f64; 2],
     /// Which material it is of: tets of different ones share no volume.
     pub region: u32,
 }
@@ -59,18 +59,18 @@ pub struct Element {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Elements {
     /// The law of all of them.
-    pub law: Law,
+    pub law: ConstitutiveModel,
     /// What their changes of volume are measured on.
-    pub volume: VolumeModel,
-    /// Of [`VolumeModel::Averaged`]: λ over μ up to which each tet keeps its own volume. It holds
+    pub volume: VolumetricFormulation,
+    /// Of [`VolumetricFormulation::NodalAveraged`]: λ over μ up to which each tet keeps its own volume. It holds
     /// motions in which tets grow and shrink by turns and what is around each node does not.
-    pub kept: f64,
+    pub per_tet_lambda_ratio: f64,
     /// The tets, without those of rigid bodies.
     pub tets: Vec<Element>,
     /// What moves as one body.
     pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The part in proportion to
-    /// stiffness is [`SpringNetwork::damping_time`](super::SpringNetwork::damping_time).
+    /// stiffness is [`DiscreteModel::damping_time`](super::DiscreteModel::damping_time).
     pub mass_damping: f64,
 }
 
@@ -81,8 +81,8 @@ impl Elements {
     }
 
     /// How many times the stiffest tet is as stiff as the softest, by μ; 1 where there are none.
-    pub fn contrast(&self) -> f64 {
-        let range = self.tets.iter().map(|t| t.lame[0]);
+    pub fn stiffness_ratio(&self) -> f64 {
+        let range = self.tets.iter().map(|t| t.lame_parameters[0]);
         let (soft, stiff) = range.fold((f64::INFINITY, 0.0f64), |(low, high), mu| {
             (low.min(mu), high.max(mu))
         });
@@ -95,7 +95,7 @@ impl Elements {
 
 /// When the minimisation of an implicit step of a body of elements stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Newton {
+pub struct NewtonSettings {
     /// Newton iterations a step at most; more while they would turn tets inside out.
     pub iterations: u32,
     /// Residual to reach, over what moves the body (√(rᵀD⁻¹r), D the diagonal blocks); 0 for as
@@ -103,29 +103,29 @@ pub struct Newton {
     /// much more, than a quadratic would have been lowered, until they hardly lower it.
     pub tolerance: f64,
     /// Residual of the linear solves, over the one at the start of each.
-    pub linear: f64,
+    pub linear_tolerance: f64,
 }
 
-impl Newton {
-    /// To a residual of `tolerance`: what [`ConjugateGradients::tolerance`] asks for where it is
+impl NewtonSettings {
+    /// To a residual of `tolerance`: what [`CgSettings::tolerance`] asks for where it is
     /// not the default.
     ///
-    /// [`ConjugateGradients::tolerance`]: super::ConjugateGradients::tolerance
-    pub fn to(tolerance: f64) -> Newton {
-        Newton {
+    /// [`CgSettings::tolerance`]: super::CgSettings::tolerance
+    pub fn with_tolerance(tolerance: f64) -> NewtonSettings {
+        NewtonSettings {
             iterations: 40,
             tolerance,
-            linear: 1e-2,
+            linear_tolerance: 1e-2,
         }
     }
 }
 
-impl Default for Newton {
+impl Default for NewtonSettings {
     fn default() -> Self {
-        Newton {
+        NewtonSettings {
             iterations: 12,
             tolerance: 0.0,
-            linear: 0.15,
+            linear_tolerance: 0.15,
         }
     }
 }
@@ -139,7 +139,7 @@ impl Element {
         corners: [DVec3; 4],
         young: f64,
         poisson: f64,
-        law: Law,
+        law: ConstitutiveModel,
     ) -> Option<Element> {
         let edges = edges(&corners);
         let volume = edges.determinant() / 6.0;
@@ -147,8 +147,8 @@ impl Element {
         let mu = young / (2.0 * (1.0 + poisson));
         let lambda = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
         let lame = match law {
-            Law::NeoHookean => [mu, lambda + mu],
-            Law::Corotated => [mu, lambda],
+            ConstitutiveModel::NeoHookean => [mu, lambda + mu],
+            ConstitutiveModel::Corotated => [mu, lambda],
         };
         let sound = volume > 0.0
             && volume.is_finite()
@@ -159,99 +159,115 @@ impl Element {
             && lame.iter().all(|l| l.is_finite());
         sound.then_some(Element {
             nodes,
-            inverse,
+            inverse_rest_shape: inverse,
             volume,
-            lame,
+            lame_parameters: lame,
             region: 0,
         })
     }
 
     /// The gradients of the nodes' shape functions, 1/m: F is the sum of x_a ⊗ g_a.
     pub fn gradients(&self) -> [DVec3; 4] {
-        let rows = self.inverse.transpose();
+        let rows = self.inverse_rest_shape.transpose();
         let [a, b, c] = [rows.x_axis, rows.y_axis, rows.z_axis];
         [-(a + b + c), a, b, c]
     }
 
     /// Lamé's μ and λ, Pa.
-    pub(crate) fn small_strain(&self, law: Law) -> [f64; 2] {
-        let [mu, second] = self.lame;
+    pub(crate) fn small_strain(&self, law: ConstitutiveModel) -> [f64; 2] {
+        let [mu, second] = self.lame_parameters;
         match law {
-            Law::NeoHookean => [mu, second - mu],
-            Law::Corotated => [mu, second],
+            ConstitutiveModel::NeoHookean => [mu, second - mu],
+            ConstitutiveModel::Corotated => [mu, second],
         }
     }
 
     /// Where its nodes are, of the nodes at `x`.
-    pub(crate) fn corners(&self, x: &[DVec3]) -> [DVec3; 4] {
+    pub(crate) fn node_positions(&self, x: &[DVec3]) -> [DVec3; 4] {
         self.nodes.map(|v| x[v as usize])
     }
 
     /// ∂J/∂F with its nodes at `corners`, m.
     pub(crate) fn cofactor(&self, corners: &[DVec3; 4]) -> DMat3 {
-        cofactor(&self.deformation(corners))
+        cofactor(&self.deformation_gradient(corners))
     }
 
     /// F of the tet with its nodes at `corners`, m.
-    pub fn deformation(&self, corners: &[DVec3; 4]) -> DMat3 {
-        edges(corners) * self.inverse
+    pub fn deformation_gradient(&self, corners: &[DVec3; 4]) -> DMat3 {
+        edges(corners) * self.inverse_rest_shape
     }
 
     /// Energy of the tet with its nodes at `corners` (m), J.
-    pub fn energy(&self, law: Law, corners: &[DVec3; 4]) -> f64 {
-        let f = self.deformation(corners);
-        let [mu, lambda] = self.lame;
+    pub fn energy(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> f64 {
+        let f = self.deformation_gradient(corners);
+        let [mu, lambda] = self.lame_parameters;
         let j = f.determinant();
         let density = match law {
-            Law::NeoHookean => 0.5 * mu * (square(&f) - 3.0) - mu * (j - 1.0),
-            Law::Corotated => mu * square(&(f - polar(&f).0)),
+            ConstitutiveModel::NeoHookean => 0.5 * mu * (norm_squared(&f) - 3.0) - mu * (j - 1.0),
+            ConstitutiveModel::Corotated => mu * norm_squared(&(f - polar_decomposition(&f).0)),
         };
-        let c = ((CRUSHED - j) / CRUSHED).clamp(0.0, 1.0);
+        let c = ((CRUSH_THRESHOLD_J - j) / CRUSH_THRESHOLD_J).clamp(0.0, 1.0);
         let crushed = c.powi(4) / 12.0 - c.powi(5) / 10.0 + c.powi(6) / 30.0;
         let beyond = (-j).max(0.0) / 30.0;
-        let stop = 16.0 * STOP * mu * CRUSHED * (CRUSHED * crushed + beyond);
+        let stop = 16.0
+            * CRUSH_STIFFNESS_RATIO
+            * mu
+            * CRUSH_THRESHOLD_J
+            * (CRUSH_THRESHOLD_J * crushed + beyond);
         self.volume * (density + 0.5 * lambda * (j - 1.0).powi(2) + stop)
     }
 
     /// Forces on the nodes at `corners` (m), N: −V P g_a.
-    pub fn forces(&self, law: Law, corners: &[DVec3; 4]) -> [DVec3; 4] {
-        self.forces_under(law, corners, 0.0)
+    pub fn forces(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> [DVec3; 4] {
+        self.forces_with_pressure(law, corners, 0.0)
     }
 
     /// As [`Element::forces`] where `pressure` (Pa, positive where it pulls) is added to that of
     /// the law.
-    pub(crate) fn forces_under(&self, law: Law, corners: &[DVec3; 4], pressure: f64) -> [DVec3; 4] {
-        let stress = self.stress(law, &self.deformation(corners), pressure);
+    pub(crate) fn forces_with_pressure(
+        &self,
+        law: ConstitutiveModel,
+        corners: &[DVec3; 4],
+        pressure: f64,
+    ) -> [DVec3; 4] {
+        let stress = self.stress(law, &self.deformation_gradient(corners), pressure);
         self.gradients().map(|g| stress * g * -self.volume)
     }
 
     /// The first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, where `pressure` (Pa, positive
     /// where it pulls) is added to that of the law.
-    pub fn stress(&self, law: Law, f: &DMat3, pressure: f64) -> DMat3 {
+    pub fn stress(&self, law: ConstitutiveModel, f: &DMat3, pressure: f64) -> DMat3 {
         let (j, c) = (f.determinant(), cofactor(f));
-        let mu = self.lame[0];
-        let pressure = pressure + self.volume_stress(j)[0];
+        let mu = self.lame_parameters[0];
+        let pressure = pressure + self.volumetric_derivatives(j)[0];
         match law {
-            Law::NeoHookean => *f * mu + c * (pressure - mu),
-            Law::Corotated => (*f - polar(f).0) * (2.0 * mu) + c * pressure,
+            ConstitutiveModel::NeoHookean => *f * mu + c * (pressure - mu),
+            ConstitutiveModel::Corotated => {
+                (*f - polar_decomposition(f).0) * (2.0 * mu) + c * pressure
+            }
         }
     }
 
     /// The second derivatives of the energy by nodes a and b at `[a][b]`, N/m, exactly.
-    pub fn stiffness(&self, law: Law, corners: &[DVec3; 4]) -> Blocks {
-        self.stiffness_under(law, corners, 0.0)
+    pub fn stiffness(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> ElementHessian {
+        self.stiffness_with_pressure(law, corners, 0.0)
     }
 
     /// As [`Element::stiffness`] under a pressure that stays.
-    pub(crate) fn stiffness_under(&self, law: Law, corners: &[DVec3; 4], pressure: f64) -> Blocks {
-        let f = self.deformation(corners);
+    pub(crate) fn stiffness_with_pressure(
+        &self,
+        law: ConstitutiveModel,
+        corners: &[DVec3; 4],
+        pressure: f64,
+    ) -> ElementHessian {
+        let f = self.deformation_gradient(corners);
         let gradients = self.gradients();
         let mut blocks = [[DMat3::ZERO; 4]; 4];
         for (b, gb) in gradients.iter().enumerate() {
             for (k, axis) in DVec3::AXES.iter().enumerate() {
                 // Node b moves along the axis.
                 let change = DMat3::from_cols(*axis * gb.x, *axis * gb.y, *axis * gb.z);
-                let stress = self.stress_change(law, &f, &change, pressure);
+                let stress = self.stress_differential(law, &f, &change, pressure);
                 for (a, ga) in gradients.iter().enumerate() {
                     *blocks[a][b].col_mut(k) = stress * *ga * self.volume;
                 }
@@ -262,24 +278,28 @@ impl Element {
 
     /// [`Element::stiffness`] with the negative eigenvalues of ∂P/∂F put to zero (Teran et al. 2005,
     /// "Robust Quasistatic Finite Elements and Flesh Simulation", section 6).
-    pub fn projected_stiffness(&self, law: Law, corners: &[DVec3; 4]) -> Blocks {
+    pub fn projected_stiffness(
+        &self,
+        law: ConstitutiveModel,
+        corners: &[DVec3; 4],
+    ) -> ElementHessian {
         self.projected_stiffness_under(law, corners, 0.0)
     }
 
     /// As [`Element::projected_stiffness`] under a pressure that stays.
     pub(crate) fn projected_stiffness_under(
         &self,
-        law: Law,
+        law: ConstitutiveModel,
         corners: &[DVec3; 4],
         pressure: f64,
-    ) -> Blocks {
-        let f = self.deformation(corners);
+    ) -> ElementHessian {
+        let f = self.deformation_gradient(corners);
         let mut full = [[0.0; 9]; 9];
         for (k, row) in full.iter_mut().enumerate() {
             let mut change = DMat3::ZERO;
             change.col_mut(k / 3)[k % 3] = 1.0;
             *row = self
-                .stress_change(law, &f, &change, pressure)
+                .stress_differential(law, &f, &change, pressure)
                 .to_cols_array();
         }
         let (values, vectors) = eigen(full);
@@ -304,27 +324,33 @@ impl Element {
     }
 
     /// What its volume ratio `j` costs: the first and second derivatives of that energy, Pa.
-    fn volume_stress(&self, j: f64) -> [f64; 2] {
-        let [mu, lambda] = self.lame;
-        let c = ((CRUSHED - j) / CRUSHED).clamp(0.0, 1.0);
-        let by = 16.0 * STOP * mu;
-        let stop = by * CRUSHED * (c.powi(3) / 3.0 - c.powi(4) / 2.0 + c.powi(5) / 5.0);
+    fn volumetric_derivatives(&self, j: f64) -> [f64; 2] {
+        let [mu, lambda] = self.lame_parameters;
+        let c = ((CRUSH_THRESHOLD_J - j) / CRUSH_THRESHOLD_J).clamp(0.0, 1.0);
+        let by = 16.0 * CRUSH_STIFFNESS_RATIO * mu;
+        let stop = by * CRUSH_THRESHOLD_J * (c.powi(3) / 3.0 - c.powi(4) / 2.0 + c.powi(5) / 5.0);
         let more = by * (c * (1.0 - c)).powi(2);
         [lambda * (j - 1.0) - stop, lambda + more]
     }
 
     /// How the stress P changes when F = `f` changes by `d`, under a pressure that stays.
-    fn stress_change(&self, law: Law, f: &DMat3, d: &DMat3, pressure: f64) -> DMat3 {
+    fn stress_differential(
+        &self,
+        law: ConstitutiveModel,
+        f: &DMat3,
+        d: &DMat3,
+        pressure: f64,
+    ) -> DMat3 {
         let (j, c) = (f.determinant(), cofactor(f));
-        let mu = self.lame[0];
-        let [own, stiffness] = self.volume_stress(j);
+        let mu = self.lame_parameters[0];
+        let [own, stiffness] = self.volumetric_derivatives(j);
         let pressure = pressure + own;
         let volume = c * (stiffness * double_dot(&c, d));
-        let turning = cofactor_change(f, d);
+        let turning = cofactor_differential(f, d);
         match law {
-            Law::NeoHookean => *d * mu + volume + turning * (pressure - mu),
-            Law::Corotated => {
-                let (r, s) = polar(f);
+            ConstitutiveModel::NeoHookean => *d * mu + volume + turning * (pressure - mu),
+            ConstitutiveModel::Corotated => {
+                let (r, s) = polar_decomposition(f);
                 // dR = R [ω]×, (tr S I − S) ω the axial vector of RᵀdF − dFᵀR.
                 let a = r.transpose() * *d;
                 let twice = a - a.transpose();
@@ -348,7 +374,7 @@ fn edges(corners: &[DVec3; 4]) -> DMat3 {
 }
 
 /// |m|².
-fn square(m: &DMat3) -> f64 {
+fn norm_squared(m: &DMat3) -> f64 {
     double_dot(m, m)
 }
 
@@ -364,14 +390,14 @@ fn cofactor(f: &DMat3) -> DMat3 {
 }
 
 /// How the cofactors of `f` change with it.
-fn cofactor_change(f: &DMat3, d: &DMat3) -> DMat3 {
+fn cofactor_differential(f: &DMat3, d: &DMat3) -> DMat3 {
     let pair = |i: usize, j: usize| d.col(i).cross(f.col(j)) + f.col(i).cross(d.col(j));
     DMat3::from_cols(pair(1, 2), pair(2, 0), pair(0, 1))
 }
 
 /// F = R S with det R = 1 and S symmetric, of eigenvalues of which only the smallest is negative
 /// where F is inverted.
-pub(crate) fn polar(f: &DMat3) -> (DMat3, DMat3) {
+pub(crate) fn polar_decomposition(f: &DMat3) -> (DMat3, DMat3) {
     let square = f.transpose() * *f;
     let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| square.col(j)[i]));
     let (values, vectors) = eigen(rows);

@@ -2,8 +2,8 @@
 
 use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
-    Body, ConjugateGradients, CpuGrid, CpuTets, GpuTets, ImplicitEuler, Material, Precision,
-    Simulator, Solver, SolverKind, SpringNetwork, VolumeModel,
+    CgSettings, CpuGrid, CpuTets, DiscreteModel, GpuBody, GpuTets, ImplicitEuler, Material,
+    Precision, Simulator, Solver, SolverKind, VolumetricFormulation,
 };
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -41,14 +41,14 @@ pub enum EngineChoice {
     #[default]
     Auto,
     /// This one.
-    This(Engine),
+    Exactly(Engine),
 }
 
 impl EngineChoice {
     /// The engine to take beside `gpu`: an adapter that is a processor itself is none.
-    pub fn engine(self, gpu: &Gpu) -> Engine {
+    pub fn resolve(self, gpu: &Gpu) -> Engine {
         match self {
-            EngineChoice::This(engine) => engine,
+            EngineChoice::Exactly(engine) => engine,
             EngineChoice::Auto if gpu.adapter().device_type == wgpu::DeviceType::Cpu => Engine::Cpu,
             EngineChoice::Auto => Engine::Gpu,
         }
@@ -61,9 +61,9 @@ impl FromStr for EngineChoice {
     fn from_str(name: &str) -> Result<EngineChoice> {
         match name {
             "auto" => Ok(EngineChoice::Auto),
-            "gpu" => Ok(EngineChoice::This(Engine::Gpu)),
-            "cpu" => Ok(EngineChoice::This(Engine::Cpu)),
-            "rapier" => Ok(EngineChoice::This(Engine::Rapier)),
+            "gpu" => Ok(EngineChoice::Exactly(Engine::Gpu)),
+            "cpu" => Ok(EngineChoice::Exactly(Engine::Cpu)),
+            "rapier" => Ok(EngineChoice::Exactly(Engine::Rapier)),
             _ => Err(Error::Input(format!(
                 "there is no engine \"{name}\"; there are auto, gpu, cpu and rapier"
             ))),
@@ -77,16 +77,16 @@ impl EngineChoice {
     /// # Errors
     /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the mesh does not
     /// fit the device.
-    pub fn tets(
+    pub fn build_tets(
         self,
         gpu: &Gpu,
         mesh: TetMesh,
         material: &Material,
         kind: SolverKind,
     ) -> Result<Box<dyn Simulator>> {
-        let network = SpringNetwork::new(&mesh, material)?;
-        let settings = ConjugateGradients::default();
-        self.tets_of(gpu, (mesh, network), material, (kind, settings))
+        let network = DiscreteModel::new(&mesh, material)?;
+        let settings = CgSettings::default();
+        self.build_tets_from_model(gpu, (mesh, network), material, (kind, settings))
     }
 
     /// The particles of `model`, at rest, drawn as `mesh`, on the engine that is wanted.
@@ -94,14 +94,19 @@ impl EngineChoice {
     /// # Errors
     /// [`Error::Input`] for the mesh of another model or a damping that makes no sense,
     /// [`Error::Gpu`] when the particles do not fit the device.
-    pub fn grid(self, gpu: &Gpu, mesh: TetMesh, model: GridModel) -> Result<Box<dyn Simulator>> {
+    pub fn build_grid(
+        self,
+        gpu: &Gpu,
+        mesh: TetMesh,
+        model: GridModel,
+    ) -> Result<Box<dyn Simulator>> {
         let rate = model.damping;
         if !(rate.is_finite() && rate >= 0.0) {
             return Err(Error::Input(format!(
                 "a damping rate of {rate} 1/s makes no sense; give 0 or more"
             )));
         }
-        Ok(match self.engine(gpu) {
+        Ok(match self.resolve(gpu) {
             Engine::Gpu => Box::new(GpuGrid::new(gpu, GridBody::new(gpu, model)?, mesh)?),
             Engine::Cpu => Box::new(CpuGrid::new(gpu, model, mesh, Precision::Single)?),
             Engine::Rapier => {
@@ -112,26 +117,26 @@ impl EngineChoice {
         })
     }
 
-    /// As [`EngineChoice::tets`], with masses and springs of one's own, and linear solves that
+    /// As [`EngineChoice::build_tets`], with masses and springs of one's own, and linear solves that
     /// stop as the settings say.
     ///
     /// # Errors
-    /// As [`EngineChoice::tets`], and [`Error::Input`] when the springs are not the mesh's.
-    pub fn tets_of(
+    /// As [`EngineChoice::build_tets`], and [`Error::Input`] when the springs are not the mesh's.
+    pub fn build_tets_from_model(
         self,
         gpu: &Gpu,
-        (mesh, network): (TetMesh, SpringNetwork),
+        (mesh, network): (TetMesh, DiscreteModel),
         material: &Material,
-        (kind, settings): (SolverKind, ConjugateGradients),
+        (kind, settings): (SolverKind, CgSettings),
     ) -> Result<Box<dyn Simulator>> {
-        if self == EngineChoice::This(Engine::Rapier) {
+        if self == EngineChoice::Exactly(Engine::Rapier) {
             return rapier(gpu, (mesh, network), (kind, settings));
         }
         // What only one engine has is taken from there, unless the other was asked for.
         let elements = &network.elements;
-        let of_cpu =
-            SolverKind::OF_ELEMENTS.contains(&kind) || elements.volume == VolumeModel::Averaged;
-        if of_cpu && self == EngineChoice::Auto || self.engine(gpu) == Engine::Cpu {
+        let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind)
+            || elements.volume == VolumetricFormulation::NodalAveraged;
+        if of_cpu && self == EngineChoice::Auto || self.resolve(gpu) == Engine::Cpu {
             let body = CpuTets::of_network(
                 gpu,
                 (mesh, network),
@@ -141,7 +146,7 @@ impl EngineChoice {
             )?;
             return Ok(Box::new(body));
         }
-        let body = Body::of_network(gpu, &mesh, network, material)?;
+        let body = GpuBody::from_model(gpu, &mesh, network, material)?;
         let solver: Box<dyn Solver> = match kind {
             SolverKind::Implicit => Box::new(ImplicitEuler::with(gpu, &body, settings)?),
             kind => kind.solver(gpu, &body)?,
@@ -154,8 +159,8 @@ impl EngineChoice {
 #[cfg(feature = "rapier")]
 fn rapier(
     gpu: &Gpu,
-    body: (TetMesh, SpringNetwork),
-    how: (SolverKind, ConjugateGradients),
+    body: (TetMesh, DiscreteModel),
+    how: (SolverKind, CgSettings),
 ) -> Result<Box<dyn Simulator>> {
     Ok(Box::new(super::RapierTets::new(gpu, body, how)?))
 }
@@ -164,8 +169,8 @@ fn rapier(
 #[cfg(not(feature = "rapier"))]
 fn rapier(
     _: &Gpu,
-    _: (TetMesh, SpringNetwork),
-    _: (SolverKind, ConjugateGradients),
+    _: (TetMesh, DiscreteModel),
+    _: (SolverKind, CgSettings),
 ) -> Result<Box<dyn Simulator>> {
     Err(Error::Input(
         "this build of palpate has no engine rapier; build it with `--features rapier`, or take --engine cpu or gpu".into(),

@@ -1,7 +1,7 @@
 //! Explicit Euler; the twin of `shaders/physics/explicit_euler.wgsl` and `physics::plain::steppers::explicit_euler`.
 
-use super::integrator::{Core, Integrator, Step, Timing};
-use super::{Body, SolverKind, moves};
+use super::integrator::{Integrator, Step, StepResources, Timing};
+use super::{GpuBody, SolverKind, moves};
 use crate::Result;
 
 /// Nothing but its pass.
@@ -11,13 +11,13 @@ pub struct Scheme;
 impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::Explicit;
 
-    fn new(_: &Core, _: &Body) -> Result<Scheme> {
+    fn new(_: &StepResources, _: &GpuBody) -> Result<Scheme> {
         Ok(Scheme)
     }
 
-    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+    fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step> {
         let (target, dt) = (&core.next_velocities, timing.dt);
-        let pass = moves::pass(core, body, "physics/explicit_euler", target, dt, dt)?;
+        let pass = moves::explicit_pass(core, body, "physics/explicit_euler", target, dt, dt)?;
         Ok(Step::explicit(pass))
     }
 }

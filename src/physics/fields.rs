@@ -12,7 +12,7 @@
 //! - `energy_density` = Ψ, of the volume at rest.
 
 use super::elements::eigen;
-use super::{Element, Law, Simulator, SpringNetwork};
+use super::{ConstitutiveModel, DiscreteModel, Element, Simulator};
 use crate::mesh::TetMesh;
 use crate::parallel;
 use crate::{Error, Result};
@@ -22,10 +22,10 @@ use std::str::FromStr;
 
 /// |J| of a tet counts as at least this where its stress is computed, which it would have none
 /// without: flat tets have no volume to have stress in.
-const FLATTEST: f64 = 1e-3;
+const MIN_ABS_J: f64 = 1e-3;
 
 /// Strains below this are rounding, on engines that keep positions in float32.
-const ROUNDING: f64 = 1e-5;
+const F32_STRAIN_NOISE: f64 = 1e-5;
 
 /// A scalar that follows from where a body's nodes are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -86,7 +86,7 @@ impl BodyField {
     }
 
     /// Whether it follows from positions alone, whatever the body is made of.
-    fn of_shape(self) -> bool {
+    fn is_kinematic(self) -> bool {
         matches!(
             self,
             BodyField::Displacement | BodyField::Strain | BodyField::J
@@ -98,14 +98,14 @@ impl BodyField {
     /// # Errors
     /// [`Error::Input`] for stress or energy of springs, of a grid, or of a mesh in a cage.
     pub fn check(self, body: &dyn Simulator) -> Result<()> {
-        if self.of_shape() {
+        if self.is_kinematic() {
             return Ok(());
         }
         if let Some(bodies) = body.bodies() {
             let mut each = bodies.members().iter();
-            return each.try_for_each(|m| m.told(self.check(m.simulator.as_ref())));
+            return each.try_for_each(|m| m.with_body_name(self.check(m.simulator.as_ref())));
         }
-        if body.carrier().is_some() {
+        if body.coarse_body().is_some() {
             return Err(Error::Input(format!(
                 "{self} is not known of a mesh that a cage carries: it is the cage that is simulated; leave [cage] out, or show displacement, strain or J"
             )));
@@ -125,13 +125,13 @@ impl BodyField {
     ///
     /// # Errors
     /// As [`BodyField::check`], and what reading back gives.
-    pub fn in_tets(self, body: &dyn Simulator) -> Result<Vec<f64>> {
+    pub fn per_tet(self, body: &dyn Simulator) -> Result<Vec<f64>> {
         self.check(body)?;
         let Some(bodies) = body.bodies() else {
             return self.in_own_tets(body);
         };
         let each = bodies.members().iter();
-        let each = each.map(|m| m.told(self.in_tets(m.simulator.as_ref())));
+        let each = each.map(|m| m.with_body_name(self.per_tet(m.simulator.as_ref())));
         Ok(each.collect::<Result<Vec<_>>>()?.concat())
     }
 
@@ -139,19 +139,19 @@ impl BodyField {
     /// displacements, which are the nodes' own.
     ///
     /// # Errors
-    /// As [`BodyField::in_tets`].
-    pub fn at_nodes(self, body: &dyn Simulator) -> Result<Vec<f64>> {
+    /// As [`BodyField::per_tet`].
+    pub fn per_node(self, body: &dyn Simulator) -> Result<Vec<f64>> {
         if self == BodyField::Displacement {
             let positions = body.positions()?.into_iter().zip(&body.mesh().nodes);
             return Ok(positions.map(|(x, rest)| x.distance(*rest)).collect());
         }
-        Ok(body.mesh().means_around_nodes(&self.in_tets(body)?))
+        Ok(body.mesh().volume_weighted_node_means(&self.per_tet(body)?))
     }
 
     /// A difference of values that may be rounding.
-    pub fn rounding(self, body: &dyn Simulator) -> f64 {
-        let stiffest = |network: &SpringNetwork| {
-            let lame = network.elements.tets.iter().map(|e| e.lame[0]);
+    pub fn noise_floor(self, body: &dyn Simulator) -> f64 {
+        let stiffest = |network: &DiscreteModel| {
+            let lame = network.elements.tets.iter().map(|e| e.lame_parameters[0]);
             lame.fold(0.0, f64::max)
         };
         let stiffness = match body.bodies() {
@@ -162,14 +162,14 @@ impl BodyField {
                 .fold(0.0, f64::max),
             None => body.network().map_or(0.0, stiffest),
         };
-        ROUNDING
+        F32_STRAIN_NOISE
             * match self {
                 BodyField::Strain | BodyField::J => 1.0,
                 BodyField::Displacement => {
                     let (low, high) = body.mesh().bounds();
                     (high - low).max_element()
                 }
-                BodyField::EnergyDensity => stiffness * ROUNDING,
+                BodyField::EnergyDensity => stiffness * F32_STRAIN_NOISE,
                 _ => stiffness,
             }
     }
@@ -184,7 +184,7 @@ impl BodyField {
             };
             return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
-        if self.of_shape() {
+        if self.is_kinematic() {
             let of_tet = |t: usize| self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t)));
             return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
@@ -195,12 +195,12 @@ impl BodyField {
         let elements = &network.elements;
         // What tets share with those around is known of all of them only.
         let shared = match self {
-            BodyField::EnergyDensity => elements.shared_densities(&metres),
-            _ => elements.shared_pressures(&metres),
+            BodyField::EnergyDensity => elements.averaged_energy_densities(&metres),
+            _ => elements.averaged_pressures(&metres),
         };
         let of_element = |t: Option<usize>| {
             t.map_or(0.0, |t| {
-                let e = elements.own(&elements.tets[t]);
+                let e = elements.without_averaged_lambda(&elements.tets[t]);
                 let corners = e.nodes.map(|v| metres[v as usize]);
                 self.of_element(&e, (elements.law, shared[t]), &corners)
             })
@@ -214,7 +214,7 @@ impl BodyField {
         match self {
             _ if !f.is_finite() => f64::from(u8::from(self == BodyField::J)),
             BodyField::J => f.determinant(),
-            _ => principal(&((f.transpose() * *f - DMat3::IDENTITY) * 0.5))[0],
+            _ => principal_values(&((f.transpose() * *f - DMat3::IDENTITY) * 0.5))[0],
         }
     }
 
@@ -223,19 +223,20 @@ impl BodyField {
     pub fn of_element(
         self,
         element: &Element,
-        (law, shared): (Law, f64),
+        (law, shared): (ConstitutiveModel, f64),
         corners: &[DVec3; 4],
     ) -> f64 {
-        let f = element.deformation(corners);
-        if self.of_shape() {
+        let f = element.deformation_gradient(corners);
+        if self.is_kinematic() {
             return self.of_deformation(&f);
         }
         if self == BodyField::EnergyDensity {
             return element.energy(law, corners) / element.volume + shared;
         }
         let j = f.determinant();
-        let j = j.abs().max(FLATTEST).copysign(j);
-        let [a, b, c] = principal(&(element.stress(law, &f, shared) * f.transpose() * (1.0 / j)));
+        let j = j.abs().max(MIN_ABS_J).copysign(j);
+        let [a, b, c] =
+            principal_values(&(element.stress(law, &f, shared) * f.transpose() * (1.0 / j)));
         match self {
             BodyField::Stress1 => a,
             BodyField::Stress2 => b,
@@ -273,7 +274,7 @@ fn deformation(rest: &[DVec3; 4], now: &[DVec3; 4]) -> DMat3 {
 }
 
 /// Eigenvalues of a symmetric matrix, the largest first.
-fn principal(m: &DMat3) -> [f64; 3] {
+fn principal_values(m: &DMat3) -> [f64; 3] {
     let columns = m.to_cols_array_2d();
     let symmetric =
         std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (columns[i][j] + columns[j][i])));

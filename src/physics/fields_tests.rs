@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used)]
 
 use super::fields::BodyField;
-use super::{Element, Law, Material, MaterialModel, SpringNetwork, VolumeModel};
+use super::{
+    ConstitutiveModel, DiscreteModel, Element, Material, MaterialModel, VolumetricFormulation,
+};
 use crate::mesh::generate::{Split, box_mesh};
 use glam::{DMat3, DVec3};
 
@@ -10,11 +12,11 @@ const YOUNG: f64 = 3e4;
 const POISSON: f64 = 0.3;
 const MU: f64 = YOUNG / (2.0 * (1.0 + POISSON));
 const LAMBDA: f64 = YOUNG * POISSON / ((1.0 + POISSON) * (1.0 - 2.0 * POISSON));
-const LAWS: [Law; 2] = [Law::NeoHookean, Law::Corotated];
+const LAWS: [ConstitutiveModel; 2] = [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated];
 
 /// A tet of no special shape, deformed by `f` and moved: principal stresses, von Mises' stress,
 /// largest strain, J and energy density.
-fn fields(law: Law, f: DMat3) -> [f64; 7] {
+fn fields(law: ConstitutiveModel, f: DMat3) -> [f64; 7] {
     let rest = [
         DVec3::new(0.1, 0.2, -0.1),
         DVec3::new(0.4, 0.15, 0.0),
@@ -149,7 +151,7 @@ fn means_around_nodes_keep_what_is_constant_and_what_is_linear() {
     let along = |p: DVec3| 3.0 + p.dot(DVec3::new(2.0, -1.0, 4.0));
     let centre = |t: usize| 0.25 * mesh.tet_nodes(t).iter().sum::<DVec3>();
     let cells: Vec<f64> = (0..mesh.tets.len()).map(|t| along(centre(t))).collect();
-    let nodes = mesh.means_around_nodes(&cells);
+    let nodes = mesh.volume_weighted_node_means(&cells);
     let mut inside = 0;
     for (p, mean) in mesh.nodes.iter().zip(&nodes) {
         // The tets around a node inside lie opposite each other.
@@ -159,7 +161,7 @@ fn means_around_nodes_keep_what_is_constant_and_what_is_linear() {
         }
     }
     assert_eq!(inside, 27);
-    let ones = mesh.means_around_nodes(&vec![7.0; mesh.tets.len()]);
+    let ones = mesh.volume_weighted_node_means(&vec![7.0; mesh.tets.len()]);
     assert!(ones.iter().all(|x| (x - 7.0).abs() < 1e-12));
 }
 
@@ -173,25 +175,33 @@ fn shared_volumes_are_in_stress_and_energy() {
             model: MaterialModel::NeoHookean,
             poisson: 0.45,
             volume,
-            ..Material::young(YOUNG)
+            ..Material::from_young(YOUNG)
         };
-        SpringNetwork::new(&mesh, &material).unwrap()
+        DiscreteModel::new(&mesh, &material).unwrap()
     };
-    let networks = [VolumeModel::PerTet, VolumeModel::Averaged].map(network);
+    let networks = [
+        VolumetricFormulation::PerTet,
+        VolumetricFormulation::NodalAveraged,
+    ]
+    .map(network);
     let places = |bend: f64| -> Vec<DVec3> {
         let moved = |p: &DVec3| DVec3::new(1.1 * p.x + bend * p.x * p.x, p.y, 0.95 * p.z);
-        networks[0].rest.iter().map(moved).collect()
+        networks[0].rest_positions.iter().map(moved).collect()
     };
-    let values = |network: &SpringNetwork, field: BodyField, x: &[DVec3]| -> Vec<f64> {
+    let values = |network: &DiscreteModel, field: BodyField, x: &[DVec3]| -> Vec<f64> {
         let elements = &network.elements;
         let shared = match field {
-            BodyField::EnergyDensity => elements.shared_densities(x),
-            _ => elements.shared_pressures(x),
+            BodyField::EnergyDensity => elements.averaged_energy_densities(x),
+            _ => elements.averaged_pressures(x),
         };
         let each = elements.tets.iter().zip(shared);
         each.map(|(e, shared)| {
             let corners = e.nodes.map(|v| x[v as usize]);
-            field.of_element(&elements.own(e), (elements.law, shared), &corners)
+            field.of_element(
+                &elements.without_averaged_lambda(e),
+                (elements.law, shared),
+                &corners,
+            )
         })
         .collect()
     };

@@ -6,12 +6,14 @@
 //! makes forces and blocks of the latter, one over nodes adds up what is around each. Where tools are
 //! is theirs to say: they go on with steps that were sound, as no one on the CPU knows at the time.
 
-use super::contact::{Shape, Tool, ToolPath};
-use super::cpu::{HOLDS, Hull, PlainContact, gap_of, stiff_faces};
+use super::contact::{Shape, Tool, ToolMotion};
+use super::cpu::{
+    BoundarySurface, ReferenceToolContact, STATIC_FRICTION_SPEED, face_stiffnesses, tool_gap,
+};
 use super::gpu_elements::GpuElements;
 use super::loads::Loads;
-use super::units::Units;
-use super::{Body, Reaction, SpringNetwork, ToolPose};
+use super::units::LocalUnits;
+use super::{DiscreteModel, GpuBody, Reaction, ToolPose};
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -26,45 +28,45 @@ pub(super) mod gpu_data {
             pub limits: [f32; 4],
             pub low: [f32; 4],
             pub grid: [u32; 4],
-            pub from_place: [f32; 4],
-            pub from_turn: [f32; 4],
-            pub to_place: [f32; 4],
-            pub to_turn: [f32; 4],
-            pub at_place: [f32; 4],
-            pub at_turn: [f32; 4],
-            pub last_place: [f32; 4],
-            pub last_turn: [f32; 4],
-            pub lag_place: [f32; 4],
-            pub lag_turn: [f32; 4],
-            pub went_place: [f32; 4],
-            pub went_turn: [f32; 4],
+            pub start_position: [f32; 4],
+            pub start_rotation: [f32; 4],
+            pub target_position: [f32; 4],
+            pub target_rotation: [f32; 4],
+            pub current_position: [f32; 4],
+            pub current_rotation: [f32; 4],
+            pub previous_position: [f32; 4],
+            pub previous_rotation: [f32; 4],
+            pub friction_position: [f32; 4],
+            pub friction_rotation: [f32; 4],
+            pub accepted_position: [f32; 4],
+            pub accepted_rotation: [f32; 4],
         }
     }
     crate::gpu_struct! {
         /// See `shaders/lib/tool.wgsl`.
-        pub struct Pushing {
+        pub struct ContactStepState {
             pub stage: u32,
             pub stages: u32,
-            pub follows: u32,
-            pub fresh: u32,
-            pub round: u32,
-            pub rubs: u32,
-            pub rub: u32,
+            pub tracks_tool: u32,
+            pub is_first_system: u32,
+            pub newton_iteration: u32,
+            pub friction_updates: u32,
+            pub update_friction: u32,
             pub done: u32,
-            pub rounds: u32,
-            pub cuts: u32,
-            pub length: f32,
-            pub tried: f32,
-            pub low: f32,
+            pub cg_batches: u32,
+            pub line_search_trials: u32,
+            pub trial_length: f32,
+            pub last_length: f32,
+            pub bracket_low: f32,
             pub high: f32,
             pub low_slope: f32,
             pub high_slope: f32,
-            pub wide: f32,
-            pub near: u32,
-            pub bare: u32,
-            pub least: f32,
-            pub stale: u32,
-            pub found: u32,
+            pub activation_distance: f32,
+            pub may_contact: u32,
+            pub had_no_contact: u32,
+            pub min_residual_squared: f32,
+            pub stalled_iterations: u32,
+            pub step_found: u32,
             pub steps: u32,
         }
     }
@@ -79,19 +81,19 @@ const NO_FACE: u32 = u32::MAX;
 
 /// A step is refused that leaves a point inside a tool by more than this part of the tool's size, or
 /// of the edges of the boundary.
-const PIERCED: f64 = 0.02;
+const MAX_PENETRATION_RATIO: f64 = 0.02;
 
 /// Tools that move push at first from this part of an edge of the boundary on.
-const WIDE: f64 = 0.1;
+const INITIAL_ACTIVATION_DISTANCE: f64 = 0.1;
 
 /// In a stage a tool goes this part of an edge of the boundary at most, and of half of its thickness.
-const STRIDE: f64 = 0.5;
+const MAX_STAGE_STEP: f64 = 0.5;
 
 /// The tools of a body, and its boundary.
 pub(super) struct GpuContact {
     gpu: Gpu,
-    hull: Hull,
-    known: Vec<Known>,
+    hull: BoundarySurface,
+    known: Vec<ToolRecord>,
     pub tools: wgpu::Buffer,
     pub fields: wgpu::Buffer,
     pub pushing: wgpu::Buffer,
@@ -99,9 +101,9 @@ pub(super) struct GpuContact {
     pub face_weights: Array,
     pub boundary_nodes: Array,
     pub around_nodes: Array,
-    pub sides: Array,
+    pub edge_faces: Array,
     pub faces: Array,
-    pub shares: Array,
+    pub node_contributions: Array,
     /// The speed below which friction holds.
     pub least_speed: f64,
     /// Tools that move push from so far away at first.
@@ -110,7 +112,7 @@ pub(super) struct GpuContact {
 
 /// What was said of a tool, its shape in local units, and the count of its jumps.
 #[derive(Debug)]
-struct Known {
+struct ToolRecord {
     shape: Shape,
     friction: f64,
     gap: f64,
@@ -135,7 +137,7 @@ struct Lists {
 }
 
 impl Lists {
-    fn new(hull: &Hull, ends: &[[u32; 2]]) -> Lists {
+    fn new(hull: &BoundarySurface, ends: &[[u32; 2]]) -> Lists {
         let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         let mut beside: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
         let mut corners = Vec::with_capacity(hull.faces.len());
@@ -179,10 +181,18 @@ impl Lists {
 }
 
 /// The boundary `faces` of `network`, local units.
-pub(super) fn hull_of(network: &SpringNetwork, faces: &[[u32; 3]], units: &Units) -> Hull {
-    let rest = network.rest.iter().map(|x| *x / units.length).collect();
-    let faces: Vec<([u32; 3], f64)> = stiff_faces(faces, network, units).collect();
-    Hull::new(rest, &faces)
+pub(super) fn boundary_surface(
+    network: &DiscreteModel,
+    faces: &[[u32; 3]],
+    units: &LocalUnits,
+) -> BoundarySurface {
+    let rest = network
+        .rest_positions
+        .iter()
+        .map(|x| *x / units.length)
+        .collect();
+    let faces: Vec<([u32; 3], f64)> = face_stiffnesses(faces, network, units).collect();
+    BoundarySurface::new(rest, &faces)
 }
 
 impl GpuContact {
@@ -193,63 +203,63 @@ impl GpuContact {
     /// [`Error::Gpu`] when the arrays do not fit the device.
     pub fn new(
         gpu: &Gpu,
-        (network, elements, units): (&SpringNetwork, &GpuElements, &Units),
+        (network, elements, units): (&DiscreteModel, &GpuElements, &LocalUnits),
         faces: &[[u32; 3]],
         (tools, loads): (&[Tool], &Loads),
     ) -> Result<GpuContact> {
-        let hull = hull_of(network, faces, units);
+        let hull = boundary_surface(network, faces, units);
         let unit = network.length_unit / units.length;
         let known = tools.iter().zip(loads.tools()).map(|(tool, (_, jumps))| {
-            let shape = tool.shape.scaled(unit);
-            Known {
-                gap: gap_of(tool, &shape, hull.edge, unit),
+            let shape = tool.shape.with_scale(unit);
+            ToolRecord {
+                gap: tool_gap(tool, &shape, hull.edge, unit),
                 friction: tool.friction,
                 jumps: *jumps,
                 shape,
             }
         });
-        let known: Vec<Known> = known.collect();
+        let known: Vec<ToolRecord> = known.collect();
         let lists = Lists::new(&hull, elements.ends());
         let (mut data, mut values) = (Vec::new(), Vec::new());
         for (known, (pose, _)) in known.iter().zip(loads.tools()) {
             let at = placed(loads, pose);
             data.push(tool_data(known, hull.edge, at, &mut values));
         }
-        let nodes = network.rest.len();
+        let nodes = network.rest_positions.len();
         Ok(GpuContact {
             tools: gpu.buffer_of("tools", &data)?,
             fields: gpu.buffer_of("distances", &values)?,
             pushing: gpu.buffer_of(
                 "how tools push",
-                &[<gpu_data::Pushing as bytemuck::Zeroable>::zeroed()],
+                &[<gpu_data::ContactStepState as bytemuck::Zeroable>::zeroed()],
             )?,
             corners: gpu.array_of("boundary faces", Texel::U32x4, &lists.corners)?,
             face_weights: gpu.array_of("weights of faces", Texel::F32, &lists.weights)?,
             boundary_nodes: gpu.array_of("boundary nodes", Texel::U32x4, &lists.nodes)?,
             around_nodes: gpu.array_of("faces around nodes", Texel::U32, &lists.around)?,
-            sides: gpu.array_of("faces beside edges", Texel::U32x2, &lists.sides)?,
+            edge_faces: gpu.array_of("faces beside edges", Texel::U32x2, &lists.sides)?,
             faces: gpu.array(
                 "contact of faces",
                 Texel::F32x4,
                 FACE_TEXELS * hull.faces.len(),
             )?,
-            shares: gpu.array("contact of nodes", Texel::F32x4, NODE_TEXELS * nodes)?,
+            node_contributions: gpu.array("contact of nodes", Texel::F32x4, NODE_TEXELS * nodes)?,
             gpu: gpu.clone(),
-            least_speed: HOLDS * units.time,
-            wide: WIDE * hull.edge,
+            least_speed: STATIC_FRICTION_SPEED * units.time,
+            wide: INITIAL_ACTIVATION_DISTANCE * hull.edge,
             known,
             hull,
         })
     }
 
     /// Whether any tool has friction.
-    pub fn rubs(&self) -> bool {
+    pub fn has_friction(&self) -> bool {
         self.known.iter().any(|tool| tool.friction > 0.0)
     }
 
     /// Says where the tools are to be at the end of the next step, and puts those elsewhere that are
     /// to be there at once.
-    pub fn guide(&mut self, loads: &Loads) {
+    pub fn set_tool_targets(&mut self, loads: &Loads) {
         for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
             let Some(known) = self.known.get_mut(k) else {
                 return;
@@ -260,7 +270,7 @@ impl GpuContact {
     }
 
     /// Puts the tools where they go, as they are when steps go on from a state.
-    pub fn stand(&mut self, loads: &Loads) {
+    pub fn reset_tools(&mut self, loads: &Loads) {
         for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
             if let Some(known) = self.known.get_mut(k) {
                 known.jumps = *jumps;
@@ -277,10 +287,10 @@ impl GpuContact {
             let at = (first + offset) as u64;
             self.gpu.queue().write_buffer(&self.tools, at, bytes);
         };
-        write(offset_of!(gpu_data::Tool, to_place));
+        write(offset_of!(gpu_data::Tool, target_position));
         if jumps {
-            write(offset_of!(gpu_data::Tool, from_place));
-            write(offset_of!(gpu_data::Tool, went_place));
+            write(offset_of!(gpu_data::Tool, start_position));
+            write(offset_of!(gpu_data::Tool, accepted_position));
         }
     }
 
@@ -297,11 +307,11 @@ impl GpuContact {
     ) -> Result<Vec<[DVec3; 2]>> {
         let tools: Vec<gpu_data::Tool> = self.gpu.read_buffer(&self.tools)?;
         let wide = |x: [f32; 4]| x.map(f64::from);
-        let paths: Vec<ToolPath> = tools
+        let paths: Vec<ToolMotion> = tools
             .iter()
-            .map(|tool| ToolPath {
-                from: [wide(tool.from_place), wide(tool.from_turn)],
-                to: [wide(tool.went_place), wide(tool.went_turn)],
+            .map(|tool| ToolMotion {
+                from: [wide(tool.start_position), wide(tool.start_rotation)],
+                to: [wide(tool.accepted_position), wide(tool.accepted_rotation)],
             })
             .collect();
         let u = self.displacements(positions);
@@ -311,12 +321,12 @@ impl GpuContact {
             .collect();
         let free = masses.iter().map(|m| f64::from(u8::from(m[1] != 0.0)));
         let free: Vec<f64> = free.collect();
-        Ok(self.plain().reactions([&u, &v], &free, &paths, time))
+        Ok(self.reference().reactions([&u, &v], &free, &paths, time))
     }
 
     /// The same tools and boundary in float64.
-    pub fn plain(&self) -> PlainContact {
-        let mut plain = PlainContact::new(self.hull.clone(), self.least_speed);
+    pub fn reference(&self) -> ReferenceToolContact {
+        let mut plain = ReferenceToolContact::new(self.hull.clone(), self.least_speed);
         for known in &self.known {
             plain.add(known.shape.clone(), known.friction, known.gap);
         }
@@ -334,7 +344,7 @@ impl GpuContact {
 
     /// Binds what `terms/contact` declares in a program.
     pub fn bind<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
-        pass.read(&self.shares)
+        pass.read(&self.node_contributions)
     }
 }
 
@@ -348,7 +358,7 @@ fn placed(loads: &Loads, pose: &ToolPose) -> [[f32; 4]; 2] {
 
 /// A tool that stands somewhere; the values of its field go to those of the others.
 fn tool_data(
-    known: &Known,
+    known: &ToolRecord,
     edge: f64,
     [place, turn]: [[f32; 4]; 2],
     values: &mut Vec<f32>,
@@ -362,7 +372,7 @@ fn tool_data(
         Shape::Capsule { radius, length } => [*radius, 0.5 * length, 0.0, 1.0],
         Shape::Box { half } => [half.x, half.y, half.z, 2.0],
         Shape::Plane => [0.0, 0.0, 0.0, 3.0],
-        Shape::Field(field) => {
+        Shape::Sdf(field) => {
             let (first, counts, own, unit) = field.grid();
             low = [first.x, first.y, first.z, field.spacing()].map(|x| x as f32);
             let [x, y, z] = counts.map(|n| n as u32);
@@ -371,7 +381,7 @@ fn tool_data(
             [unit, 0.0, 0.0, 4.0]
         }
     };
-    let stride = STRIDE * edge.min(shape.half_thickness());
+    let stride = MAX_STAGE_STEP * edge.min(shape.half_thickness());
     let half = shape.half_thickness();
     gpu_data::Tool {
         shape: numbers.map(|x| x as f32),
@@ -379,32 +389,32 @@ fn tool_data(
             known.friction as f32,
             known.gap as f32,
             most(half),
-            most(shape.size()),
+            most(shape.feature_size()),
         ],
         limits: [
-            (PIERCED * shape.size().min(edge)) as f32,
+            (MAX_PENETRATION_RATIO * shape.feature_size().min(edge)) as f32,
             stride as f32,
-            most(shape.radius()),
+            most(shape.bounding_radius()),
             0.0,
         ],
         low,
         grid,
-        from_place: place,
-        from_turn: turn,
-        to_place: place,
-        to_turn: turn,
-        at_place: place,
-        at_turn: turn,
-        last_place: place,
-        last_turn: turn,
-        lag_place: place,
-        lag_turn: turn,
-        went_place: place,
-        went_turn: turn,
+        start_position: place,
+        start_rotation: turn,
+        target_position: place,
+        target_rotation: turn,
+        current_position: place,
+        current_rotation: turn,
+        previous_position: place,
+        previous_rotation: turn,
+        friction_position: place,
+        friction_rotation: turn,
+        accepted_position: place,
+        accepted_rotation: turn,
     }
 }
 
-impl Body {
+impl GpuBody {
     /// Refuses tools on a body that the GPU cannot step with them.
     ///
     /// # Errors
@@ -442,7 +452,7 @@ impl Body {
     /// Has `tools` press on its boundary `faces`, from where its loads have them.
     ///
     /// # Errors
-    /// As [`Body::check_tools`]; [`Error::Gpu`] when the arrays do not fit the device.
+    /// As [`GpuBody::check_tools`]; [`Error::Gpu`] when the arrays do not fit the device.
     pub(super) fn set_tools(&mut self, tools: &[Tool], faces: &[[u32; 3]]) -> Result<()> {
         self.check_tools()?;
         let Some(elements) = &self.elements else {
@@ -451,7 +461,7 @@ impl Body {
         let of = (&self.network, elements, &self.units);
         self.contact = Some(GpuContact::new(&self.gpu, of, faces, (tools, &self.loads))?);
         self.generation += 1;
-        self.changed();
+        self.mark_changed();
         Ok(())
     }
 }

@@ -1,11 +1,11 @@
 //! The kernels of tools one by one against their float64 form, on random states.
 #![allow(clippy::unwrap_used)]
 
-use super::contact::{DistanceField, ToolPath};
-use super::gpu_contact::gpu_data::{Pushing, Tool as ToolData};
-use super::implicit_contact::{ContactSteps, Pushed};
+use super::contact::{DistanceField, ToolMotion};
+use super::gpu_contact::gpu_data::{ContactStepState, Tool as ToolData};
+use super::implicit_contact::{ContactContext, ContactPasses};
 use super::integrator::{Integrator, Stage, Timing};
-use super::{Body, ImplicitEuler, Material, MaterialModel, Shape, Tool, ToolId, ToolPose};
+use super::{GpuBody, ImplicitEuler, Material, MaterialModel, Shape, Tool, ToolId, ToolPose};
 use crate::gpu::Gpu;
 use crate::mesh::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology, TriMesh};
@@ -48,7 +48,7 @@ fn shapes() -> Vec<Shape> {
             half: DVec3::new(0.2, 0.15, 0.1),
         },
         Shape::Plane,
-        Shape::Field(Arc::new(DistanceField::new(&surface).unwrap())),
+        Shape::Sdf(Arc::new(DistanceField::new(&surface).unwrap())),
     ]
 }
 
@@ -69,15 +69,15 @@ fn pressed(
     shape: Shape,
     seed: u64,
     (goes, friction, above): (bool, f64, f64),
-) -> (Body, ToolId) {
+) -> (GpuBody, ToolId) {
     let mesh = block();
     let material = Material {
         model: MaterialModel::NeoHookean,
         poisson: 0.3,
         density: 1000.0,
-        ..Material::young(2e4)
+        ..Material::from_young(2e4)
     };
-    let mut body = Body::new(gpu, &mesh, &material).unwrap();
+    let mut body = GpuBody::new(gpu, &mesh, &material).unwrap();
     body.pin(|p| p.z < 1e-3);
     let n = mesh.nodes.len();
     let off = vectors(n, seed, 0.01);
@@ -92,7 +92,7 @@ fn pressed(
     let deep = match &shape {
         Shape::Sphere { radius } | Shape::Capsule { radius, .. } => *radius,
         Shape::Box { half } => half.z,
-        Shape::Field(_) => 0.2,
+        Shape::Sdf(_) => 0.2,
         Shape::Plane => 0.0,
     };
     // A plane looks up at the block, from above it has all of it inside.
@@ -114,8 +114,8 @@ fn pressed(
             at + 0.004 * axis,
             DQuat::from_scaled_axis(0.01 * aside) * turn,
         );
-        body.loads_mut().guide_tool(id, to).unwrap();
-        body.flush().unwrap();
+        body.loads_mut().set_tool_target(id, to).unwrap();
+        body.upload_changes().unwrap();
     }
     (body, id)
 }
@@ -125,7 +125,7 @@ struct Truth {
     u: Vec<[f64; 4]>,
     v: Vec<[f64; 4]>,
     free: Vec<f64>,
-    paths: Vec<ToolPath>,
+    paths: Vec<ToolMotion>,
 }
 
 fn wide(v: &[f32; 4]) -> [f64; 4] {
@@ -136,14 +136,14 @@ fn turn(q: &[f32; 4]) -> [f64; 4] {
     q.map(f64::from)
 }
 
-fn truth(gpu: &Gpu, body: &Body) -> Truth {
+fn truth(gpu: &Gpu, body: &GpuBody) -> Truth {
     let contact = body.contact.as_ref().unwrap();
     let velocities: Vec<[f32; 4]> = gpu.read_array(&body.velocities).unwrap();
     let masses: Vec<[f32; 2]> = gpu.read_array(&body.masses).unwrap();
     let tools: Vec<ToolData> = gpu.read_buffer(&contact.tools).unwrap();
-    let paths = tools.iter().map(|t| ToolPath {
-        from: [wide(&t.from_place), turn(&t.from_turn)],
-        to: [wide(&t.to_place), turn(&t.to_turn)],
+    let paths = tools.iter().map(|t| ToolMotion {
+        from: [wide(&t.start_position), turn(&t.start_rotation)],
+        to: [wide(&t.target_position), turn(&t.target_rotation)],
     });
     Truth {
         u: contact.displacements(&body.nodes.local().unwrap()),
@@ -177,41 +177,49 @@ fn worst(found: &[[f64; 4]], truth: &[[f64; 4]]) -> f64 {
 }
 
 /// Has the tools of a step at their ends, as in its last iterations.
-fn at_the_end(gpu: &Gpu, body: &Body) {
+fn at_the_end(gpu: &Gpu, body: &GpuBody) {
     let contact = body.contact.as_ref().unwrap();
     let mut tools: Vec<ToolData> = gpu.read_buffer(&contact.tools).unwrap();
     for tool in &mut tools {
-        (tool.at_place, tool.at_turn) = (tool.to_place, tool.to_turn);
-        (tool.lag_place, tool.lag_turn) = (tool.from_place, tool.from_turn);
+        (tool.current_position, tool.current_rotation) =
+            (tool.target_position, tool.target_rotation);
+        (tool.friction_position, tool.friction_rotation) =
+            (tool.start_position, tool.start_rotation);
     }
     let bytes = bytemuck::cast_slice(&tools);
     gpu.queue().write_buffer(&contact.tools, 0, bytes);
-    let pushing = Pushing {
+    let pushing = ContactStepState {
         stage: 1,
         stages: 1,
-        ..Pushing::zeroed()
+        ..ContactStepState::zeroed()
     };
     let bytes = bytemuck::bytes_of(&pushing);
     gpu.queue().write_buffer(&contact.pushing, 0, bytes);
 }
 
-fn timing(body: &Body) -> Timing {
+fn timing(body: &GpuBody) -> Timing {
     let dt = (DT / body.units.time) as f32;
-    Timing { dt, before: dt }
+    Timing {
+        dt,
+        previous_dt: dt,
+    }
 }
 
 /// What every pass of a step sees.
-fn parts<'a>(solver: &'a ImplicitEuler, body: &'a Body) -> (&'a ContactSteps, Pushed<'a>) {
+fn parts<'a>(
+    solver: &'a ImplicitEuler,
+    body: &'a GpuBody,
+) -> (&'a ContactPasses, ContactContext<'a>) {
     solver
         .scheme
-        .pushed(&solver.core, body, timing(body))
+        .contact_context(&solver.core, body, timing(body))
         .unwrap()
 }
 
 /// The rows of faces and nodes times `p`, as the solve takes them.
-fn product(gpu: &Gpu, body: &Body, p: &[[f64; 4]]) -> Vec<[f64; 4]> {
+fn product(gpu: &Gpu, body: &GpuBody, p: &[[f64; 4]]) -> Vec<[f64; 4]> {
     let contact = body.contact.as_ref().unwrap();
-    let shares: Vec<[f32; 4]> = gpu.read_array(&contact.shares).unwrap();
+    let shares: Vec<[f32; 4]> = gpu.read_array(&contact.node_contributions).unwrap();
     let faces: Vec<[f32; 4]> = gpu.read_array(&contact.faces).unwrap();
     let corners: Vec<[u32; 4]> = gpu.read_array(&contact.corners).unwrap();
     let times = |texels: &[[f32; 4]], p: [f64; 4]| {
@@ -252,13 +260,13 @@ fn forces_and_blocks_of_tools_match_float64() {
             let solver = ImplicitEuler::new(&gpu, &body).unwrap();
             let (steps, with) = parts(&solver, &body);
             at_the_end(&gpu, &body);
-            let mut work = gpu.record();
-            for pass in with.shares(steps, &body.velocities).unwrap() {
+            let mut work = gpu.start_recording();
+            for pass in with.force_passes(steps, &body.velocities).unwrap() {
                 pass.record(&mut work);
             }
             work.submit().unwrap();
             let contact = body.contact.as_ref().unwrap();
-            let shares: Vec<[f32; 4]> = gpu.read_array(&contact.shares).unwrap();
+            let shares: Vec<[f32; 4]> = gpu.read_array(&contact.node_contributions).unwrap();
             let found: Vec<[f64; 4]> = shares.iter().step_by(3).map(wide).collect();
             let at = truth(&gpu, &body);
             let h = f64::from(with.dt);
@@ -268,7 +276,9 @@ fn forces_and_blocks_of_tools_match_float64() {
                 .collect();
             let end = moved(&at.u, &at.v, h);
             let scene = (&at.free[..], &at.paths[..]);
-            let [f, y] = contact.plain().forces(&at.u, [&end, &at.v], scene, (h, &p));
+            let [f, y] = contact
+                .reference()
+                .forces(&at.u, [&end, &at.v], scene, (h, &p));
             let off = worst(&found, &f);
             // The way in which it slides is the difference of turns and places.
             let most = if friction > 0.0 { 2e-4 } else { 5e-6 };
@@ -277,13 +287,15 @@ fn forces_and_blocks_of_tools_match_float64() {
             let off = worst(&own, &y);
             assert!(off < most, "{shape:?} {friction}: {off}");
             // The comparison can fail: the tool would be where it came from.
-            let stays = at.paths.iter().map(|path| ToolPath {
+            let stays = at.paths.iter().map(|path| ToolMotion {
                 to: path.from,
                 ..*path
             });
-            let stays: Vec<ToolPath> = stays.collect();
+            let stays: Vec<ToolMotion> = stays.collect();
             let scene = (&at.free[..], &stays[..]);
-            let [f, y] = contact.plain().forces(&at.u, [&end, &at.v], scene, (h, &p));
+            let [f, y] = contact
+                .reference()
+                .forces(&at.u, [&end, &at.v], scene, (h, &p));
             assert!(worst(&found, &f) > 1e-3 && worst(&own, &y) > 1e-3);
         }
     }
@@ -302,8 +314,8 @@ fn the_system_of_a_step_has_the_blocks_of_tools() {
         let (mut body, id) = pressed(&gpu, shape.clone(), 3, (false, 0.3, 0.0));
         if away {
             let far = ToolPose::new(DVec3::new(0.0, 0.0, 3.0), DQuat::IDENTITY);
-            body.loads_mut().put_tool(id, far).unwrap();
-            body.flush().unwrap();
+            body.loads_mut().teleport_tool(id, far).unwrap();
+            body.upload_changes().unwrap();
         }
         let solver = ImplicitEuler::new(&gpu, &body).unwrap();
         let step = solver
@@ -313,12 +325,12 @@ fn the_system_of_a_step_has_the_blocks_of_tools() {
         let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
             panic!("an implicit step begins with the system and its solve")
         };
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         begin.iter().for_each(|pass| pass.record(&mut work));
         work.submit().unwrap();
         gpu.write_array(&solver.scheme.preconditioned[0], &p)
             .unwrap();
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         gate.record(&mut work);
         rounds[0].record(&mut work);
         work.submit().unwrap();
@@ -337,7 +349,7 @@ fn the_system_of_a_step_has_the_blocks_of_tools() {
     let contact = body.contact.as_ref().unwrap();
     let scene = (&at.free[..], &at.paths[..]);
     let [_, mut y] = contact
-        .plain()
+        .reference()
         .forces(&at.u, [&at.u, &at.v], scene, (h, &p));
     for (y, free) in y.iter_mut().zip(&at.free) {
         *y = y.map(|x| free * x);
@@ -372,25 +384,30 @@ fn points_go_as_far_as_in_float64() {
         gpu.write_array(&with.start.velocities, &ways).unwrap();
         gpu.write_array(&solver.core.next_velocities, &velocities(&gpu, &body))
             .unwrap();
-        let mut work = gpu.record();
-        steps.way(&with).unwrap().record(&mut work);
+        let mut work = gpu.start_recording();
+        steps.ccd_pass(&with).unwrap().record(&mut work);
         work.submit().unwrap();
-        let parts: Vec<[f32; 2]> = gpu.read_buffer(&steps.ways).unwrap();
+        let parts: Vec<[f32; 2]> = gpu.read_buffer(&steps.step_bounds).unwrap();
         let found = parts.iter().map(|p| f64::from(p[0])).fold(1.0, f64::min);
         let start = moved(&at.u, &at.v, h);
         let ways: Vec<[f64; 4]> = ways.iter().map(wide).collect();
         let end = moved(&start, &ways, h);
         let contact = body.contact.as_ref().unwrap();
-        let way = contact.plain().way([&start, &end], &at.free, &at.paths);
+        let way = contact
+            .reference()
+            .collision_free_fraction([&start, &end], &at.free, &at.paths);
         assert!(way > 0.0 && way < 0.9, "{shape:?}: {way}");
         assert!((found - way).abs() < 2e-4, "{shape:?}: {found} {way}");
         // The comparison can fail.
         let end = moved(&start, &ways, 1.1 * h);
-        let other = contact.plain().way([&start, &end], &at.free, &at.paths);
+        let other =
+            contact
+                .reference()
+                .collision_free_fraction([&start, &end], &at.free, &at.paths);
         assert!((found - other).abs() > 1e-3, "{shape:?}: {found} {other}");
     }
 }
 
-fn velocities(gpu: &Gpu, body: &Body) -> Vec<[f32; 4]> {
+fn velocities(gpu: &Gpu, body: &GpuBody) -> Vec<[f32; 4]> {
     gpu.read_array(&body.velocities).unwrap()
 }

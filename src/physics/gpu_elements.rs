@@ -6,11 +6,11 @@
 
 use super::gpu_contact::GpuContact;
 use super::gpu_springs::GpuSprings;
-use super::gpu_terms::{GpuTerm, Part};
-use super::network::SpringNetwork;
-use super::rows::Rows;
-use super::units::Units;
-use super::{Law, VolumeModel};
+use super::gpu_terms::{GpuTerm, ProgramPart};
+use super::network::DiscreteModel;
+use super::rows::SlicedEllpack;
+use super::units::LocalUnits;
+use super::{ConstitutiveModel, VolumetricFormulation};
 use crate::gpu::{Array, Gpu, Pass, PassBuilder, Texel};
 use crate::{Error, Result};
 use glam::Vec3;
@@ -55,12 +55,12 @@ const CURVATURE_TEXELS: usize = 8;
 const BLOCK_TEXELS: usize = 3;
 
 /// What an edge block, an incidence and the work on a tet weigh beside a visit to a spring.
-const WEIGHT: u32 = 4;
+const TET_COST_IN_SPRINGS: u32 = 4;
 
 /// The finite elements of a body.
 #[derive(Debug)]
 pub(super) struct GpuElements {
-    law: Law,
+    law: ConstitutiveModel,
     count: u32,
     tets: Array,
     shapes: Array,
@@ -99,15 +99,15 @@ impl GpuElements {
     /// are `springs`; none where it has none.
     pub fn new(
         gpu: &Gpu,
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         rest: &[Vec3],
-        (springs, units): (&GpuSprings, &Units),
+        (springs, units): (&GpuSprings, &LocalUnits),
     ) -> Result<Option<GpuElements>> {
         let elements = &network.elements;
         if elements.is_empty() {
             return Ok(None);
         }
-        if elements.volume == VolumeModel::Averaged {
+        if elements.volume == VolumetricFormulation::NodalAveraged {
             return Err(Error::Input(
                 "volumes averaged around nodes are simulated on the processor only: take the engine cpu or auto (--engine), or the volume per-tet (--volume)".into(),
             ));
@@ -130,9 +130,9 @@ impl GpuElements {
                 gpu.array_of("edges of nodes", Texel::U32x4, &kept.columns)?,
             ),
         };
-        let kept = own.as_ref().unwrap_or(springs.kept());
+        let kept = own.as_ref().unwrap_or(springs.host_rows());
         let lists = Lists::new(network, kept, units)?;
-        let rows = Rows::of_lists(&lists.corners, Some(4 * count as u32))?;
+        let rows = SlicedEllpack::from_lists(&lists.corners, Some(4 * count as u32))?;
         let places: Vec<[f32; 4]> = rest.iter().map(|x| x.extend(0.0).to_array()).collect();
         let array = |label: &str, len| gpu.array(label, Texel::F32x4, len);
         Ok(Some(GpuElements {
@@ -161,7 +161,7 @@ impl GpuElements {
     }
 
     /// α in local units: of a force −α m v on every node.
-    pub fn drag(&self) -> f32 {
+    pub fn mass_damping(&self) -> f32 {
         self.params.drag
     }
 
@@ -193,8 +193,8 @@ impl GpuElements {
     /// The name of the file of its law in `shaders/terms`.
     pub fn law(&self) -> &'static str {
         match self.law {
-            Law::NeoHookean => "neo_hookean",
-            Law::Corotated => "corotated",
+            ConstitutiveModel::NeoHookean => "neo_hookean",
+            ConstitutiveModel::Corotated => "corotated",
         }
     }
 
@@ -222,7 +222,7 @@ impl GpuElements {
             .read(status)
             .write(curvatures)
             .params(&params);
-        self.bind_law(pass).over(self.count)
+        self.bind_law(pass).dispatch_items(self.count)
     }
 
     /// The blocks of the matrix from `curvatures`, and of tools if there are any, for a step of `dt`
@@ -251,10 +251,10 @@ impl GpuElements {
             .write(matrix)
             .params(&params);
         match contact {
-            Some(contact) => pass.read(&contact.sides).read(&contact.faces),
+            Some(contact) => pass.read(&contact.edge_faces).read(&contact.faces),
             None => pass,
         }
-        .over(self.edges.len())
+        .dispatch_items(self.edges.len())
     }
 }
 
@@ -263,19 +263,19 @@ impl GpuTerm for GpuElements {
         "elements"
     }
 
-    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: Part<'a>) -> PassBuilder<'a> {
+    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: ProgramPart<'a>) -> PassBuilder<'a> {
         match part {
-            Part::Forces => pass
+            ProgramPart::Forces => pass
                 .read(&self.rows)
                 .read(&self.corners)
                 .read(&self.tet_forces)
                 .params(&self.params),
-            Part::System { matrix, velocities } => pass
+            ProgramPart::System { matrix, velocities } => pass
                 .read(&self.edge_rows)
                 .read(&self.edge_columns)
                 .read(matrix)
                 .read(velocities),
-            Part::Product { matrix, .. } => pass
+            ProgramPart::Product { matrix, .. } => pass
                 .read(&self.edge_rows)
                 .read(&self.edge_columns)
                 .read(matrix),
@@ -283,7 +283,7 @@ impl GpuTerm for GpuElements {
     }
 
     /// The forces of the tets.
-    fn before_forces(
+    fn prepare_forces(
         &self,
         gpu: &Gpu,
         positions: &Array,
@@ -302,7 +302,7 @@ impl GpuTerm for GpuElements {
             .read(status)
             .write(&self.tet_forces)
             .params(&params);
-        self.bind_law(pass).over(self.count).map(Some)
+        self.bind_law(pass).dispatch_items(self.count).map(Some)
     }
 
     fn matrix_texels(&self) -> usize {
@@ -310,13 +310,13 @@ impl GpuTerm for GpuElements {
     }
 
     fn texels(&self) -> u32 {
-        WEIGHT * self.edge_columns.len()
+        TET_COST_IN_SPRINGS * self.edge_columns.len()
     }
 }
 
 /// The edges of the elements of `network`, both ways.
-fn edges_of(network: &SpringNetwork) -> Result<Rows> {
-    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest.len()];
+fn edges_of(network: &DiscreteModel) -> Result<SlicedEllpack> {
+    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest_positions.len()];
     for element in &network.elements.tets {
         for i in element.nodes {
             let others = element.nodes.iter().filter(|j| **j != i);
@@ -327,15 +327,15 @@ fn edges_of(network: &SpringNetwork) -> Result<Rows> {
         row.sort_unstable();
         row.dedup();
     }
-    Rows::of_lists(&neighbours, None)
+    SlicedEllpack::from_lists(&neighbours, None)
 }
 
 impl Lists {
-    fn new(network: &SpringNetwork, kept: &Rows, units: &Units) -> Result<Lists> {
+    fn new(network: &DiscreteModel, kept: &SlicedEllpack, units: &LocalUnits) -> Result<Lists> {
         let mut lists = Lists {
             tets: Vec::new(),
             shapes: Vec::new(),
-            corners: vec![Vec::new(); network.rest.len()],
+            corners: vec![Vec::new(); network.rest_positions.len()],
             edges: Vec::new(),
             ends: Vec::new(),
             around: Vec::new(),
@@ -346,7 +346,9 @@ impl Lists {
             let e = e as u32;
             lists.tets.push(element.nodes);
             let [_, gradients @ ..] = element.gradients();
-            let lame = element.lame.map(|l| l * element.volume / units.energy());
+            let lame = element
+                .lame_parameters
+                .map(|l| l * element.volume / units.energy());
             let w = [lame[0], lame[1], 0.0];
             for (g, w) in gradients.iter().zip(w) {
                 let g = (*g * units.length).as_vec3();

@@ -7,9 +7,9 @@
 
 use super::Loads;
 use super::gpu_elements::GpuElements;
-use super::network::SpringNetwork;
-use super::rigid::{Freedom, Moments, owners};
-use super::units::Units;
+use super::network::DiscreteModel;
+use super::rigid::{DegreesOfFreedom, MassProperties, node_owners};
+use super::units::LocalUnits;
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -20,9 +20,9 @@ const NONE: u32 = u32::MAX;
 /// The rigid bodies of a body.
 #[derive(Debug)]
 pub(super) struct GpuRigid {
-    bodies: Vec<Known>,
+    bodies: Vec<RigidBodyRecord>,
     /// From each node's body's centre of mass at rest; local units.
-    arms: Vec<DVec3>,
+    lever_arms: Vec<DVec3>,
     /// Node and row of each member.
     members: Vec<[u32; 2]>,
     arm_array: Array,
@@ -33,18 +33,18 @@ pub(super) struct GpuRigid {
 
 /// What does not change of a body.
 #[derive(Debug)]
-struct Known {
-    moments: Moments,
+struct RigidBodyRecord {
+    moments: MassProperties,
     /// Its first member, and how many there are.
     members: [u32; 2],
     /// Three nodes that are far apart.
-    far: [u32; 3],
+    reference_nodes: [u32; 3],
 }
 
 /// What is asked of a body: how it can move, the node that it turns about, and whether nodes of it
 /// follow targets.
-struct Held {
-    freedom: Freedom,
+struct RigidConstraint {
+    freedom: DegreesOfFreedom,
     anchor: u32,
     follows: bool,
 }
@@ -57,8 +57,8 @@ impl GpuRigid {
     /// another's; [`Error::Gpu`] when the arrays do not fit the device.
     pub fn new(
         gpu: &Gpu,
-        network: &SpringNetwork,
-        (elements, units): (Option<&GpuElements>, &Units),
+        network: &DiscreteModel,
+        (elements, units): (Option<&GpuElements>, &LocalUnits),
     ) -> Result<Option<GpuRigid>> {
         let (Some(elements), rigid) = (elements, &network.elements.rigid) else {
             return Ok(None);
@@ -73,23 +73,23 @@ impl GpuRigid {
             )));
         }
         let (_, _, row_of) = elements.edges();
-        owners(rigid, network.rest.len())?;
-        let mut arms = vec![DVec3::ZERO; network.rest.len()];
+        node_owners(rigid, network.rest_positions.len())?;
+        let mut arms = vec![DVec3::ZERO; network.rest_positions.len()];
         let mut texels = vec![[0.0f32; 4]; arms.len()];
         let (mut members, mut bodies) = (Vec::new(), Vec::with_capacity(rigid.len()));
         for (b, body) in rigid.iter().enumerate() {
-            let moments = Moments::of(network, body, units)?;
+            let moments = MassProperties::of(network, body, units)?;
             let first = members.len() as u32;
             for v in &body.nodes {
                 let i = *v as usize;
-                arms[i] = network.rest[i] / units.length - moments.centre;
+                arms[i] = network.rest_positions[i] / units.length - moments.centre;
                 texels[i] = arms[i].as_vec3().extend((b + 1) as f32).to_array();
                 members.push([*v, row_of.get(i).copied().unwrap_or(0)]);
             }
-            bodies.push(Known {
+            bodies.push(RigidBodyRecord {
                 moments,
                 members: [first, body.nodes.len() as u32],
-                far: far_apart(&body.nodes, &arms),
+                reference_nodes: spread_nodes(&body.nodes, &arms),
             });
         }
         let arm_array = gpu.array_of("arms", Texel::F32x4, &texels)?;
@@ -100,7 +100,7 @@ impl GpuRigid {
             member_array: array("rigid members", Texel::U32x4, members.len())?,
             range_array: array("rigid ranges", Texel::U32x4, 2 * bodies.len())?,
             bodies,
-            arms,
+            lever_arms: arms,
             members,
         };
         Ok(Some(made))
@@ -112,14 +112,19 @@ impl GpuRigid {
     }
 
     /// How many nodes they have.
-    pub fn members(&self) -> u32 {
+    pub fn node_count(&self) -> u32 {
         self.members.len() as u32
     }
 
     /// Writes how the bodies can move under `loads`, and into `masses`, those of all nodes and
     /// their inverses, the inverses at their nodes: below zero where the body moves.
-    pub fn hold(&self, gpu: &Gpu, loads: &Loads, masses: &mut [[f32; 2]]) -> Result<()> {
-        let stays = loads.held();
+    pub fn write_constraints(
+        &self,
+        gpu: &Gpu,
+        loads: &Loads,
+        masses: &mut [[f32; 2]],
+    ) -> Result<()> {
+        let stays = loads.constrained_nodes();
         let mut follows = vec![false; stays.len()];
         loads.grabs.held().for_each(|v| follows[v as usize] = true);
         let mut members = Vec::with_capacity(self.members.len());
@@ -132,7 +137,7 @@ impl GpuRigid {
                 let v = *v as usize;
                 members.push([v as u32, *row, u32::from(stays[v]), 0]);
                 let inverse = match held.freedom {
-                    Freedom::Fixed => 0.0,
+                    DegreesOfFreedom::Fixed => 0.0,
                     _ if masses[v][0].is_normal() => -1.0 / masses[v][0],
                     _ => -1.0,
                 };
@@ -140,7 +145,7 @@ impl GpuRigid {
             }
             shapes.extend(shape(&known.moments, held.freedom));
             ranges.push([first, count, held.anchor, u32::from(held.follows)]);
-            let [a, b, c] = known.far;
+            let [a, b, c] = known.reference_nodes;
             ranges.push([a, b, c, 0]);
         }
         gpu.write_array(&self.member_array, &members)?;
@@ -148,13 +153,19 @@ impl GpuRigid {
         gpu.write_array(&self.range_array, &ranges)
     }
 
-    fn held(&self, known: &Known, own: &[[u32; 2]], stays: &[bool], follows: &[bool]) -> Held {
+    fn held(
+        &self,
+        known: &RigidBodyRecord,
+        own: &[[u32; 2]],
+        stays: &[bool],
+        follows: &[bool],
+    ) -> RigidConstraint {
         let moments = &known.moments;
-        let radius = (trace(&moments.second) / moments.mass).sqrt();
+        let radius = (trace(&moments.second_moment) / moments.mass).sqrt();
         let held = || own.iter().map(|[v, _]| *v).filter(|v| stays[*v as usize]);
-        let freedom = Freedom::of(held().map(|v| self.arms[v as usize]), radius);
-        let turns = matches!(freedom, Freedom::Turns(..));
-        Held {
+        let freedom = DegreesOfFreedom::of(held().map(|v| self.lever_arms[v as usize]), radius);
+        let turns = matches!(freedom, DegreesOfFreedom::Rotational(..));
+        RigidConstraint {
             freedom,
             anchor: held().next().filter(|_| turns).unwrap_or(NONE),
             follows: held().any(|v| follows[v as usize]),
@@ -178,15 +189,15 @@ fn trace(m: &DMat3) -> f64 {
 }
 
 /// The texels of `RigidShape`.
-fn shape(moments: &Moments, freedom: Freedom) -> [[f32; 4]; 4] {
+fn shape(moments: &MassProperties, freedom: DegreesOfFreedom) -> [[f32; 4]; 4] {
     let (number, anchor, axis) = match freedom {
-        Freedom::Free => (0.0, DVec3::ZERO, DVec3::ZERO),
-        Freedom::Turns(at, None) => (1.0, at, DVec3::ZERO),
-        Freedom::Turns(at, Some(axis)) => (2.0, at, axis),
-        Freedom::Fixed => (3.0, DVec3::ZERO, DVec3::ZERO),
+        DegreesOfFreedom::Free => (0.0, DVec3::ZERO, DVec3::ZERO),
+        DegreesOfFreedom::Rotational(at, None) => (1.0, at, DVec3::ZERO),
+        DegreesOfFreedom::Rotational(at, Some(axis)) => (2.0, at, axis),
+        DegreesOfFreedom::Fixed => (3.0, DVec3::ZERO, DVec3::ZERO),
     };
     let a = anchor;
-    let second = moments.second + DMat3::from_cols(a * a.x, a * a.y, a * a.z) * moments.mass;
+    let second = moments.second_moment + DMat3::from_cols(a * a.x, a * a.y, a * a.z) * moments.mass;
     let radius = (trace(&second) / moments.mass).sqrt();
     let (on, off) = (
         DVec3::new(second.x_axis.x, second.y_axis.y, second.z_axis.z),
@@ -202,7 +213,7 @@ fn shape(moments: &Moments, freedom: Freedom) -> [[f32; 4]; 4] {
 }
 
 /// Three of `nodes` that are far apart, and not in a line.
-fn far_apart(nodes: &[u32], arms: &[DVec3]) -> [u32; 3] {
+fn spread_nodes(nodes: &[u32], arms: &[DVec3]) -> [u32; 3] {
     let arm = |v: u32| arms[v as usize];
     let most = |measure: &dyn Fn(DVec3) -> f64| {
         let all = nodes.iter().copied();

@@ -1,10 +1,10 @@
 //! Springs as a term on the GPU; the twin of `shaders/terms/springs.wgsl`.
 
 use super::Damping;
-use super::gpu_terms::{GpuTerm, Part};
-use super::network::{Spring, SpringNetwork};
-use super::rows::{Directed, Rows, both_ways};
-use super::units::Units;
+use super::gpu_terms::{GpuTerm, ProgramPart};
+use super::network::{DiscreteModel, Spring};
+use super::rows::{DirectedSpring, SlicedEllpack, directed_pair};
+use super::units::LocalUnits;
 use crate::Result;
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};
 use crate::mesh::TetCut;
@@ -30,18 +30,23 @@ pub(super) struct GpuSprings {
     pub columns: Array,
     springs: Array,
     /// What the three arrays hold.
-    kept: Rows,
+    kept: SlicedEllpack,
     params: SpringParams,
 }
 
 impl GpuSprings {
     /// The springs of `network`, whose nodes rest at the local positions `rest`.
-    pub fn new(gpu: &Gpu, network: &SpringNetwork, rest: &[Vec3], units: &Units) -> Result<Self> {
-        let kept = Rows::new(network, rest, units)?;
+    pub fn new(
+        gpu: &Gpu,
+        network: &DiscreteModel,
+        rest: &[Vec3],
+        units: &LocalUnits,
+    ) -> Result<Self> {
+        let kept = SlicedEllpack::new(network, rest, units)?;
         Ok(GpuSprings {
-            rows: gpu.roomy_array_of("rows", Texel::U32x4, &kept.rows)?,
-            columns: gpu.roomy_array_of("columns", Texel::U32x4, &kept.columns)?,
-            springs: gpu.roomy_array_of("springs", Texel::F32x2, &kept.springs)?,
+            rows: gpu.array_of_with_headroom("rows", Texel::U32x4, &kept.rows)?,
+            columns: gpu.array_of_with_headroom("columns", Texel::U32x4, &kept.columns)?,
+            springs: gpu.array_of_with_headroom("springs", Texel::F32x2, &kept.springs)?,
             kept,
             params: SpringParams {
                 damping: (network.damping / units.damping()) as f32,
@@ -53,23 +58,23 @@ impl GpuSprings {
     }
 
     /// The rows as they are uploaded.
-    pub fn kept(&self) -> &Rows {
+    pub fn host_rows(&self) -> &SlicedEllpack {
         &self.kept
     }
 
     /// Follows a cut that put the springs `new` in place of those at the nodes that it doubled,
     /// of a body of `nodes` nodes now.
-    pub fn follow(
+    pub fn apply_cut(
         &mut self,
         gpu: &Gpu,
         cut: &TetCut,
         new: &[Spring],
-        (nodes, rest, units): (usize, impl Fn(u32) -> Vec3 + Copy, &Units),
+        (nodes, rest, units): (usize, impl Fn(u32) -> Vec3 + Copy, &LocalUnits),
     ) -> Result<()> {
-        let directed = new.iter().flat_map(|s| both_ways(s, rest, units));
+        let directed = new.iter().flat_map(|s| directed_pair(s, rest, units));
         let lists = self.lists_around(cut, nodes, directed);
         let replaced = self.kept.replace(lists)?;
-        self.fit(gpu)?;
+        self.resize_arrays(gpu)?;
         let kept = &self.kept;
         put(gpu, &self.rows, &replaced.rows, &kept.rows)?;
         put(gpu, &self.columns, &replaced.columns, &kept.columns)?;
@@ -77,22 +82,22 @@ impl GpuSprings {
     }
 
     /// Takes all springs from `network` anew.
-    pub fn renew(
+    pub fn rebuild(
         &mut self,
         gpu: &Gpu,
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         rest: &[Vec3],
-        units: &Units,
+        units: &LocalUnits,
     ) -> Result<()> {
-        self.kept = Rows::new(network, rest, units)?;
-        self.fit(gpu)?;
+        self.kept = SlicedEllpack::new(network, rest, units)?;
+        self.resize_arrays(gpu)?;
         gpu.write_array(&self.rows, &self.kept.rows)?;
         gpu.write_array(&self.columns, &self.kept.columns)?;
         gpu.write_array(&self.springs, &self.kept.springs)
     }
 
     /// Makes the arrays as long as what is kept of them here.
-    fn fit(&mut self, gpu: &Gpu) -> Result<()> {
+    fn resize_arrays(&mut self, gpu: &Gpu) -> Result<()> {
         let kept = &self.kept;
         gpu.resize(&mut self.rows, "rows", kept.rows.len())?;
         gpu.resize(&mut self.columns, "columns", kept.columns.len())?;
@@ -106,16 +111,16 @@ impl GpuSprings {
         &self,
         cut: &TetCut,
         nodes: usize,
-        new: impl Iterator<Item = (u32, Directed)>,
-    ) -> Vec<(u32, Vec<Directed>)> {
+        new: impl Iterator<Item = (u32, DirectedSpring)>,
+    ) -> Vec<(u32, Vec<DirectedSpring>)> {
         let mut touched = vec![false; nodes];
         cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
         // One more than the place of each node's list, 0 where it has none.
         let mut place = vec![0u32; nodes];
-        let mut lists: Vec<(u32, Vec<Directed>)> = Vec::new();
+        let mut lists: Vec<(u32, Vec<DirectedSpring>)> = Vec::new();
         for (node, directed) in new {
             if place[node as usize] == 0 {
-                let stay: Vec<Directed> = match touched[node as usize] {
+                let stay: Vec<DirectedSpring> = match touched[node as usize] {
                     true => Vec::new(),
                     false => {
                         let row = self.kept.row(node);
@@ -136,14 +141,14 @@ impl GpuTerm for GpuSprings {
         "springs"
     }
 
-    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: Part<'a>) -> PassBuilder<'a> {
+    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: ProgramPart<'a>) -> PassBuilder<'a> {
         let pass = pass.read(&self.rows).read(&self.columns);
         match part {
-            Part::Forces => pass.read(&self.springs).params(&self.params),
-            Part::System { matrix, .. } => {
+            ProgramPart::Forces => pass.read(&self.springs).params(&self.params),
+            ProgramPart::System { matrix, .. } => {
                 pass.read(&self.springs).params(&self.params).write(matrix)
             }
-            Part::Product { matrix, .. } => pass.read(matrix),
+            ProgramPart::Product { matrix, .. } => pass.read(matrix),
         }
     }
 
@@ -160,5 +165,5 @@ impl GpuTerm for GpuSprings {
 /// Sends the items of `kept` at `places`.
 fn put<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, places: &[u32], kept: &[T]) -> Result<()> {
     let items: Vec<T> = places.iter().map(|p| kept[*p as usize]).collect();
-    gpu.put(array, places, &items)
+    gpu.scatter_items(array, places, &items)
 }

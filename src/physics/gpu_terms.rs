@@ -1,13 +1,13 @@
 //! How terms come into the passes that they are composed with: each binds what its file in
 //! `shaders/terms` declares there.
 
-use super::Body;
+use super::GpuBody;
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, PassBuilder};
 
 /// The programs that terms are composed into.
 #[derive(Clone, Copy)]
-pub(super) enum Part<'a> {
+pub(super) enum ProgramPart<'a> {
     /// `physics/forces`.
     Forces,
     /// `physics/implicit_euler_begin`.
@@ -32,13 +32,13 @@ pub(super) trait GpuTerm {
     fn name(&self) -> &'static str;
 
     /// Binds what that file declares in a program, in its order.
-    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: Part<'a>) -> PassBuilder<'a>;
+    fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: ProgramPart<'a>) -> PassBuilder<'a>;
 
     /// What has to be done before forces are gathered at a state.
     ///
     /// # Errors
     /// What the device refuses.
-    fn before_forces(
+    fn prepare_forces(
         &self,
         _gpu: &Gpu,
         _positions: &Array,
@@ -48,16 +48,16 @@ pub(super) trait GpuTerm {
         Ok(None)
     }
 
-    /// Texels that it keeps of the matrix of an implicit step, for [`Part::System`].
+    /// Texels that it keeps of the matrix of an implicit step, for [`ProgramPart::System`].
     fn matrix_texels(&self) -> usize;
 
     /// Texels of its lists: what a visit of every node costs.
     fn texels(&self) -> u32;
 }
 
-impl Body {
+impl GpuBody {
     /// The term that resists deformation.
-    pub(super) fn matter(&self) -> &dyn GpuTerm {
+    pub(super) fn material_term(&self) -> &dyn GpuTerm {
         match &self.elements {
             Some(elements) => elements,
             None => &self.springs,
@@ -65,15 +65,15 @@ impl Body {
     }
 
     /// The shader `name`, composed with all terms but tools.
-    pub(super) fn composed(&self, name: &str) -> String {
-        self.named(name, self.matter().name())
+    pub(super) fn shader_name(&self, name: &str) -> String {
+        self.named(name, self.material_term().name())
     }
 
     /// The shader `name`, composed with all terms, and with tools where these count.
-    pub(super) fn pressed(&self, name: &str, tools: bool) -> String {
+    pub(super) fn shader_name_with_contact(&self, name: &str, tools: bool) -> String {
         match tools && self.contact.is_some() {
-            true => self.composed(name) + " contact",
-            false => self.composed(name),
+            true => self.shader_name(name) + " contact",
+            false => self.shader_name(name),
         }
     }
 
@@ -84,11 +84,11 @@ impl Body {
         words.collect::<Vec<_>>().join(" ")
     }
 
-    /// Binds what all terms declare, in the order of [`Body::pressed`].
+    /// Binds what all terms declare, in the order of [`GpuBody::shader_name_with_contact`].
     pub(super) fn bind_pressed<'a>(
         &'a self,
         pass: PassBuilder<'a>,
-        part: Part<'a>,
+        part: ProgramPart<'a>,
         tools: bool,
     ) -> PassBuilder<'a> {
         let pass = self.bind_terms(pass, part);
@@ -98,16 +98,16 @@ impl Body {
         }
     }
 
-    /// Binds what all terms declare, in the order of [`Body::composed`].
+    /// Binds what all terms declare, in the order of [`GpuBody::shader_name`].
     pub(super) fn bind_terms<'a>(
         &'a self,
         pass: PassBuilder<'a>,
-        part: Part<'a>,
+        part: ProgramPart<'a>,
     ) -> PassBuilder<'a> {
-        let pass = self.matter().bind(pass, part);
+        let pass = self.material_term().bind(pass, part);
         match (&self.node_terms, part) {
             (None, _) => pass,
-            (Some(_), Part::Product { blocks, .. }) => pass.read(blocks),
+            (Some(_), ProgramPart::Product { blocks, .. }) => pass.read(blocks),
             (Some(numbers), _) => pass.read(numbers),
         }
     }

@@ -2,10 +2,10 @@
 
 use super::cpu::check_contact;
 use super::{
-    Body, BodyState, ConjugateGradients, Engine, GrabId, Grip, ImplicitEuler, Loads, Material,
-    NodeTerm, Nodes, Pose, Progress, Reaction, Report, Simulator, SimulatorState, Solver,
-    SolverKind, SolverState, SpringNetwork, Tool, ToolId, TopologyChange, largest_stable_step,
-    with_terms,
+    BodyState, CgSettings, DiscreteModel, Engine, ExactPositions, GpuBody, GrabId, GrabMode,
+    ImplicitEuler, Loads, Material, NodePositions, NodeTerm, Reaction, Report, Simulator,
+    SimulatorState, Solver, SolverKind, SolverState, StepProgress, Tool, ToolId, TopologyChange,
+    largest_stable_step, limit_with_terms,
 };
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
@@ -14,17 +14,17 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A [`Body`], the mesh it is made of, and its [`Solver`].
+/// A [`GpuBody`], the mesh it is made of, and its [`Solver`].
 pub struct GpuTets {
     gpu: Gpu,
     mesh: TetMesh,
     topology: Topology,
-    body: Body,
+    body: GpuBody,
     solver: Box<dyn Solver>,
     tools: Vec<Tool>,
     /// Length of the last steps asked for, s.
     dt: f64,
-    progress: Progress,
+    progress: StepProgress,
 }
 
 /// The state of a [`GpuTets`].
@@ -32,16 +32,16 @@ pub struct GpuTets {
 pub struct TetState {
     body: BodyState,
     solver: SolverState,
-    progress: Progress,
+    progress: StepProgress,
 }
 
 impl GpuTets {
     /// `mesh` made of `material`, at rest, stepped by `kind`.
     ///
     /// # Errors
-    /// As [`Body::new`].
+    /// As [`GpuBody::new`].
     pub fn new(gpu: &Gpu, mesh: TetMesh, material: &Material, kind: SolverKind) -> Result<GpuTets> {
-        let body = Body::new(gpu, &mesh, material)?;
+        let body = GpuBody::new(gpu, &mesh, material)?;
         let solver = kind.solver(gpu, &body)?;
         GpuTets::of_body(mesh, body, solver)
     }
@@ -50,7 +50,7 @@ impl GpuTets {
     ///
     /// # Errors
     /// [`Error::Input`] when `mesh` has another number of nodes.
-    pub fn of_body(mesh: TetMesh, body: Body, solver: Box<dyn Solver>) -> Result<GpuTets> {
+    pub fn of_body(mesh: TetMesh, body: GpuBody, solver: Box<dyn Solver>) -> Result<GpuTets> {
         body.check_mesh(&mesh)?;
         Ok(GpuTets {
             gpu: body.gpu.clone(),
@@ -60,12 +60,12 @@ impl GpuTets {
             solver,
             tools: Vec::new(),
             dt: 0.0,
-            progress: Progress::default(),
+            progress: StepProgress::default(),
         })
     }
 
     /// The body.
-    pub fn body(&self) -> &Body {
+    pub fn body(&self) -> &GpuBody {
         &self.body
     }
 
@@ -98,15 +98,15 @@ impl Simulator for GpuTets {
         &self.body.network.masses
     }
 
-    fn springs(&self) -> Vec<[u32; 2]> {
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
         self.body.network.springs.iter().map(|s| s.nodes).collect()
     }
 
-    fn network(&self) -> Option<&SpringNetwork> {
+    fn network(&self) -> Option<&DiscreteModel> {
         Some(&self.body.network)
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         if !self.tools.is_empty() {
             check_contact("tools", self.body.network(), kind)?;
         }
@@ -115,7 +115,7 @@ impl Simulator for GpuTets {
             SolverKind::Implicit => Box::new(ImplicitEuler::with(&self.gpu, &self.body, settings)?),
             kind => kind.solver(&self.gpu, &self.body)?,
         };
-        self.progress = Progress::default();
+        self.progress = StepProgress::default();
         Ok(())
     }
 
@@ -145,7 +145,7 @@ impl Simulator for GpuTets {
     fn largest_stable_step(&self) -> Option<f64> {
         let (network, terms) = (&self.body.network, self.body.terms());
         let limit = largest_stable_step(network, self.body.pinned(), self.integrator())?;
-        Some(with_terms(limit, network, terms))
+        Some(limit_with_terms(limit, network, terms))
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
@@ -153,14 +153,14 @@ impl Simulator for GpuTets {
         self.solver.advance(&mut self.body, steps, dt)
     }
 
-    fn progress(&mut self) -> Result<Progress> {
+    fn progress(&mut self) -> Result<StepProgress> {
         if let Some(progress) = self.solver.progress(&mut self.body)? {
             self.progress = progress;
         }
         Ok(self.progress)
     }
 
-    fn finish(&mut self) -> Result<Progress> {
+    fn finish(&mut self) -> Result<StepProgress> {
         self.progress = self.solver.finish(&mut self.body)?;
         Ok(self.progress)
     }
@@ -178,11 +178,11 @@ impl Simulator for GpuTets {
         Ok(steps.iter().map(|s| s.iterations).collect())
     }
 
-    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
         Ok(())
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         self.body.nodes()
     }
 
@@ -210,7 +210,7 @@ impl Simulator for GpuTets {
         self.body.loads_mut()
     }
 
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         self.body.grab(centre, radius, grip)
     }
 
@@ -226,7 +226,7 @@ impl Simulator for GpuTets {
         Report::new(&self.body, &self.mesh)
     }
 
-    fn speed(&self) -> f64 {
+    fn rms_speed(&self) -> f64 {
         if self.progress.steps == 0 {
             return f64::INFINITY;
         }
@@ -235,8 +235,8 @@ impl Simulator for GpuTets {
         speed / self.body.units.length
     }
 
-    fn touched(&self) -> u64 {
-        self.body.touched()
+    fn change_count(&self) -> u64 {
+        self.body.change_count()
     }
 
     fn state(&self) -> Result<SimulatorState> {
@@ -259,14 +259,14 @@ impl Simulator for GpuTets {
         Ok(())
     }
 
-    fn pose(&self) -> Result<Pose> {
-        Ok(Pose {
+    fn pose(&self) -> Result<ExactPositions> {
+        Ok(ExactPositions {
             positions: self.body.nodes.local()?,
-            ..Pose::default()
+            ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
-        self.body.stand_at(&pose.positions)
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+        self.body.set_exact_positions(&pose.positions)
     }
 }

@@ -1,7 +1,7 @@
 //! Grabbing: nodes that follow a target, exactly or by springs with a limit.
 
-use super::reactions::Held;
-use super::state::{GrabsState, HeldState};
+use super::reactions::GrabbedNode;
+use super::state::{GrabState, GrabsState};
 use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -9,11 +9,11 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 /// Farther than so many sizes of the body from its middle no target makes sense.
-const FARTHEST: f64 = 100.0;
+const MAX_TARGET_DISTANCE: f64 = 100.0;
 
 /// How a grab holds its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub enum Grip {
+pub enum GrabMode {
     /// The nodes keep their places around the target, whatever pulls at them.
     Follow,
     /// A spring from each node to its place around the target.
@@ -25,11 +25,11 @@ pub enum Grip {
     },
 }
 
-impl fmt::Display for Grip {
+impl fmt::Display for GrabMode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Grip::Follow => f.write_str("nodes that follow it"),
-            Grip::Spring { stiffness, limit } => {
+            GrabMode::Follow => f.write_str("nodes that follow it"),
+            GrabMode::Spring { stiffness, limit } => {
                 write!(f, "springs of {stiffness} N/m up to {limit} N")
             }
         }
@@ -44,7 +44,7 @@ pub struct GrabId(u32);
 
 impl GrabId {
     /// The grab of this number.
-    pub(super) fn numbered(number: u32) -> GrabId {
+    pub(super) fn from_raw(number: u32) -> GrabId {
         GrabId(number)
     }
 }
@@ -56,22 +56,22 @@ pub(super) struct Grab {
     /// From the target to each node's place, in file units.
     pub offsets: Vec<DVec3>,
     pub target: DVec3,
-    pub grip: Grip,
+    pub grip: GrabMode,
 }
 
 impl Grab {
     /// Each of its nodes, and what holds it.
-    pub fn held(&self) -> impl Iterator<Item = Held> {
+    pub fn held(&self) -> impl Iterator<Item = GrabbedNode> {
         let share = self.nodes.len() as f64;
         let grip = match self.grip {
-            Grip::Follow => Grip::Follow,
-            Grip::Spring { stiffness, limit } => Grip::Spring {
+            GrabMode::Follow => GrabMode::Follow,
+            GrabMode::Spring { stiffness, limit } => GrabMode::Spring {
                 stiffness: stiffness / share,
                 limit: limit / share,
             },
         };
         let nodes = self.nodes.iter().zip(&self.offsets);
-        nodes.map(move |(node, offset)| Held {
+        nodes.map(move |(node, offset)| GrabbedNode {
             node: *node,
             place: self.target + *offset,
             grip,
@@ -108,11 +108,11 @@ impl Grabs {
         free: impl Fn(usize) -> bool,
         centre: DVec3,
         radius: f64,
-        grip: Grip,
+        grip: GrabMode,
     ) -> Result<GrabId> {
         let sound = match grip {
-            Grip::Follow => true,
-            Grip::Spring { stiffness, limit } => {
+            GrabMode::Follow => true,
+            GrabMode::Spring { stiffness, limit } => {
                 stiffness.is_finite() && stiffness > 0.0 && limit > 0.0
             }
         };
@@ -152,7 +152,7 @@ impl Grabs {
 
     /// Moves the target of a grab; file units. Whether it was elsewhere before.
     pub(super) fn set_target(&mut self, id: GrabId, target: DVec3) -> Result<bool> {
-        let far = target.distance(self.frame.origin) > FARTHEST * self.frame.scale;
+        let far = target.distance(self.frame.origin) > MAX_TARGET_DISTANCE * self.frame.scale;
         if !target.is_finite() || far {
             return Err(Error::Input(format!(
                 "the target {target} of a grab is {}; it stays where it was",
@@ -163,21 +163,21 @@ impl Grabs {
                 }
             )));
         }
-        let grab = self.grabs.get_mut(&id).ok_or_else(unknown)?;
+        let grab = self.grabs.get_mut(&id).ok_or_else(unknown_grab_error)?;
         let moved = grab.target != target;
         grab.target = target;
         Ok(moved)
     }
 
     /// What one of them holds.
-    pub(super) fn held_by(&self, id: GrabId) -> Result<Vec<Held>> {
-        let grab = self.grabs.get(&id).ok_or_else(unknown)?;
+    pub(super) fn held_by(&self, id: GrabId) -> Result<Vec<GrabbedNode>> {
+        let grab = self.grabs.get(&id).ok_or_else(unknown_grab_error)?;
         Ok(grab.held().collect())
     }
 
     /// All of them, to be kept.
     pub(super) fn state(&self) -> GrabsState {
-        let held = self.grabs.iter().map(|(id, grab)| HeldState {
+        let held = self.grabs.iter().map(|(id, grab)| GrabState {
             id: *id,
             nodes: grab.nodes.clone(),
             offsets: grab.offsets.iter().map(|o| o.to_array()).collect(),
@@ -192,7 +192,7 @@ impl Grabs {
 
     /// Takes over what [`Grabs::state`] gave of a body of so many nodes.
     pub(super) fn set_state(&mut self, state: &GrabsState, nodes: usize) -> Result<()> {
-        let strange = |held: &HeldState| {
+        let strange = |held: &GrabState| {
             held.nodes.len() != held.offsets.len()
                 || held.nodes.iter().any(|v| *v as usize >= nodes)
                 || held.id.0 >= state.next
@@ -218,7 +218,7 @@ impl Grabs {
 
     /// Lets go. Returns how many nodes were held.
     pub(super) fn release(&mut self, id: GrabId) -> Result<usize> {
-        let grab = self.grabs.remove(&id).ok_or_else(unknown)?;
+        let grab = self.grabs.remove(&id).ok_or_else(unknown_grab_error)?;
         Ok(grab.nodes.len())
     }
 
@@ -229,12 +229,12 @@ impl Grabs {
 
     /// The nodes that follow exactly.
     pub(super) fn held(&self) -> impl Iterator<Item = u32> {
-        let follow = self.grabs.values().filter(|g| g.grip == Grip::Follow);
+        let follow = self.grabs.values().filter(|g| g.grip == GrabMode::Follow);
         follow.flat_map(|g| g.nodes.iter().copied())
     }
 }
 
 /// The error of a grab that is not there.
-pub(super) fn unknown() -> Error {
+pub(super) fn unknown_grab_error() -> Error {
     Error::Input("there is no such grab, or it was released".into())
 }

@@ -4,7 +4,7 @@
 //! at a time.
 
 use super::Loads;
-use super::grab::Grip;
+use super::grab::GrabMode;
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, Texel};
 
@@ -27,7 +27,7 @@ mod gpu_data {
 #[derive(Debug, Default)]
 pub(super) struct GrabLists {
     /// Versions of grabs and forces.
-    pub made_of: [u64; 2],
+    pub source_versions: [u64; 2],
     held: Option<[Array; 2]>,
     drawn: Option<[Array; 3]>,
 }
@@ -43,11 +43,11 @@ impl GrabLists {
             for (i, offset) in grab.nodes.iter().zip(&grab.offsets) {
                 let place = frame.to_local(grab.target + *offset);
                 match grab.grip {
-                    Grip::Follow => {
+                    GrabMode::Follow => {
                         held.push(*i);
                         places.push(place.extend(w(*i as usize)).to_array());
                     }
-                    Grip::Spring { stiffness, limit } => {
+                    GrabMode::Spring { stiffness, limit } => {
                         let share = grab.nodes.len() as f64;
                         let force = loads.forces()[*i as usize].as_vec3();
                         drawn.push(*i);
@@ -60,7 +60,7 @@ impl GrabLists {
         }
         let versions = loads.versions;
         Ok(GrabLists {
-            made_of: [versions.grabs, versions.forces],
+            source_versions: [versions.grabs, versions.forces],
             held: match held.is_empty() {
                 true => None,
                 false => Some([
@@ -80,7 +80,7 @@ impl GrabLists {
     }
 
     /// Whether springs draw nodes.
-    pub fn draws(&self) -> bool {
+    pub fn has_springs(&self) -> bool {
         self.drawn.is_some()
     }
 
@@ -97,7 +97,7 @@ impl GrabLists {
             .params(&gpu_data::HoldParams {
                 count: numbers.len(),
             })
-            .over(numbers.len())?;
+            .dispatch_items(numbers.len())?;
         Ok(Some(pass))
     }
 
@@ -121,7 +121,7 @@ impl GrabLists {
             .params(&gpu_data::DrawParams {
                 count: numbers.len(),
             })
-            .over(numbers.len())?;
+            .dispatch_items(numbers.len())?;
         Ok(Some(pass))
     }
 }

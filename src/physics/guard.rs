@@ -1,8 +1,8 @@
 //! What the GPU notes of every step, and what becomes of it on the CPU. The twin of
 //! `shaders/lib/status.wgsl`.
 
-use super::units::Units;
-use super::{Body, NodeTerm, SolverKind, SpringNetwork, largest_stable_step, with_terms};
+use super::units::LocalUnits;
+use super::{DiscreteModel, GpuBody, NodeTerm, SolverKind, largest_stable_step, limit_with_terms};
 use crate::{Error, FailureCause};
 use std::sync::Arc;
 
@@ -33,12 +33,12 @@ use gpu_data::Status;
 const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
 /// What is told of tools that the body cannot get out of the way of.
-pub(super) const CROWDED: &str = "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far";
+pub(super) const TOOLS_OVERCONSTRAINED_MESSAGE: &str = "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far";
 const PIERCED: u32 = 4;
 
 /// How far a solver came.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Progress {
+pub struct StepProgress {
     /// Steps completed since the solver was made.
     pub steps: u64,
     /// Simulated time, s.
@@ -61,7 +61,7 @@ pub struct StepRecord {
 }
 
 impl StepRecord {
-    pub(super) fn of_gpu(noted: [f32; 4], units: &Units) -> StepRecord {
+    pub(super) fn of_gpu(noted: [f32; 4], units: &LocalUnits) -> StepRecord {
         StepRecord {
             iterations: noted[0] as u32,
             residual: f64::from(noted[1]),
@@ -103,14 +103,14 @@ impl Clock {
     }
 
     /// Forgets steps that were recorded but will not be done.
-    pub fn settle(&mut self) {
+    pub fn rebase(&mut self) {
         self.past = (self.completed, self.time());
         let dt = self.dt();
         self.runs = vec![(0, dt)];
     }
 
     /// Whether its numbers can be those of a clock: it was read from a file.
-    pub fn sound(&self) -> bool {
+    pub fn is_valid(&self) -> bool {
         let total = self
             .runs
             .iter()
@@ -143,14 +143,14 @@ impl Clock {
 }
 
 impl Status {
-    pub fn progress(&self, clock: &Clock, units: &Units) -> Progress {
+    pub fn progress(&self, clock: &Clock, units: &LocalUnits) -> StepProgress {
         let noted = [
             self.iterations as f32,
             self.residual,
             self.kinetic,
             self.elastic,
         ];
-        Progress {
+        StepProgress {
             steps: clock.steps(),
             time: clock.time(),
             last: StepRecord::of_gpu(noted, units),
@@ -158,7 +158,7 @@ impl Status {
     }
 
     /// The error that the GPU found, if it did.
-    pub fn error(&self, kind: SolverKind, clock: &Clock, body: &Body) -> Option<Error> {
+    pub fn error(&self, kind: SolverKind, clock: &Clock, body: &GpuBody) -> Option<Error> {
         if self.failed == 0 {
             return None;
         }
@@ -174,7 +174,7 @@ impl Status {
                 f64::from(self.baseline) * body.units.energy(),
                 f64::from(self.work) * body.units.energy()
             ),
-            PIERCED => CROWDED.to_owned(),
+            PIERCED => TOOLS_OVERCONSTRAINED_MESSAGE.to_owned(),
             _ => format!(
                 "conjugate gradients came to a relative residual of only {:.1e} in {} iterations",
                 self.residual, self.iterations
@@ -186,7 +186,7 @@ impl Status {
             time: clock.time(),
             cause,
             what,
-            advice: advice(
+            advice: time_step_advice(
                 kind,
                 clock.dt(),
                 (&body.network, body.terms()),
@@ -206,14 +206,14 @@ pub(super) const ENERGY_FACTOR: f64 = 50.0;
 pub(super) const ENERGY_FLOOR: f64 = 1e-9;
 
 /// What to change where steps of `dt` seconds failed.
-pub(super) fn advice(
+pub(super) fn time_step_advice(
     kind: SolverKind,
     dt: f64,
-    (network, terms): (&SpringNetwork, &[Arc<dyn NodeTerm>]),
+    (network, terms): (&DiscreteModel, &[Arc<dyn NodeTerm>]),
     pinned: &[bool],
 ) -> String {
     let limit = largest_stable_step(network, pinned, kind);
-    match limit.map(|limit| with_terms(limit, network, terms)) {
+    match limit.map(|limit| limit_with_terms(limit, network, terms)) {
         None => format!(
             "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
         ),
@@ -226,13 +226,13 @@ pub(super) fn advice(
         ),
         Some(limit) => format!(
             "use --dt {} or less, or --solver implicit",
-            round_down(0.95 * limit)
+            floor_to_digits(0.95 * limit)
         ),
     }
 }
 
 /// `x` with two significant digits, not more than `x`.
-fn round_down(x: f64) -> f64 {
+fn floor_to_digits(x: f64) -> f64 {
     let unit = 10f64.powf(x.log10().floor() - 1.0);
     // Through text, to shed the binary dust of the multiplication.
     format!("{:.1e}", (x / unit).floor() * unit)
@@ -259,7 +259,7 @@ mod tests {
 
     #[test]
     fn advice_never_rounds_up() {
-        assert_eq!(round_down(0.000349), 0.00034);
-        assert_eq!(round_down(1.0), 1.0);
+        assert_eq!(floor_to_digits(0.000349), 0.00034);
+        assert_eq!(floor_to_digits(1.0), 1.0);
     }
 }

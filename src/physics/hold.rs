@@ -3,17 +3,17 @@
 use glam::DVec3;
 
 /// An end is firm where its mean cross-section is at least this share of the body's own.
-const FIRM: f64 = 0.35;
+const MIN_RELATIVE_SECTION: f64 = 0.35;
 /// Shares of an axis that are tried, thinnest first.
-const SLABS: [f64; 5] = [0.05, 0.1, 0.15, 0.2, 0.25];
+const SLAB_FRACTIONS: [f64; 5] = [0.05, 0.1, 0.15, 0.2, 0.25];
 /// Axes along which the body is shorter than this share of its longest are tried last.
-const LONG: f64 = 0.5;
+const MIN_AXIS_RATIO: f64 = 0.5;
 /// Fewer nodes than this hold nothing.
-const LEAST: usize = 3;
+const MIN_CLAMPED_NODES: usize = 3;
 
 /// A held end of a body.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HeldEnd {
+pub struct ClampedEnd {
     /// Its nodes.
     pub nodes: Vec<u32>,
     /// The axis across which it lies: 0, 1 or 2.
@@ -21,16 +21,16 @@ pub struct HeldEnd {
     /// Whether it is the upper end of that axis.
     pub upper: bool,
     /// The share of the bounds along the axis that it takes up.
-    pub share: f64,
+    pub axis_fraction: f64,
     /// Its mean cross-section over the body's.
-    pub firmness: f64,
+    pub relative_section: f64,
 }
 
-impl HeldEnd {
+impl ClampedEnd {
     /// The end that holds nodes at `points` with these masses best: a flat one of the longest axis
     /// (the lower of two alike), else of the next, else the lowest part along `down`, thick
     /// enough that it is no tip. `among` are the nodes looked at.
-    pub fn among(points: &[DVec3], masses: &[f64], among: &[u32], down: DVec3) -> HeldEnd {
+    pub fn from_points(points: &[DVec3], masses: &[f64], among: &[u32], down: DVec3) -> ClampedEnd {
         let places: Vec<DVec3> = among.iter().map(|v| points[*v as usize]).collect();
         let (low, high) = crate::mesh::bounds(&places);
         let extent = high - low;
@@ -47,12 +47,16 @@ impl HeldEnd {
             let nodes: Vec<u32> = among.iter().filter(within).copied().collect();
             let mass: f64 = nodes.iter().map(|v| masses[*v as usize]).sum();
             let firmness = mass / (share * total).max(f64::MIN_POSITIVE);
-            HeldEnd {
-                firmness: if nodes.len() < LEAST { 0.0 } else { firmness },
+            ClampedEnd {
+                relative_section: if nodes.len() < MIN_CLAMPED_NODES {
+                    0.0
+                } else {
+                    firmness
+                },
                 nodes,
                 axis,
                 upper,
-                share,
+                axis_fraction: share,
             }
         };
         let mut axes = [0, 1, 2];
@@ -67,28 +71,31 @@ impl HeldEnd {
             match stands(axis) {
                 true if down[axis] > 0.0 => upper,
                 true => lower,
-                false if upper.firmness > 1.5 * lower.firmness => upper,
+                false if upper.relative_section > 1.5 * lower.relative_section => upper,
                 false => lower,
             }
         };
         let flat = axes
             .iter()
-            .filter(|a| extent[**a] >= LONG * longest)
-            .map(|axis| best_of(*axis, SLABS[0]))
-            .find(|end| end.firmness >= FIRM);
+            .filter(|a| extent[**a] >= MIN_AXIS_RATIO * longest)
+            .map(|axis| best_of(*axis, SLAB_FRACTIONS[0]))
+            .find(|end| end.relative_section >= MIN_RELATIVE_SECTION);
         if let Some(flat) = flat {
             return flat;
         }
         axes.sort_by_key(|axis| !stands(*axis));
-        let candidates = SLABS
+        let candidates = SLAB_FRACTIONS
             .iter()
             .flat_map(|s| axes.map(|axis| best_of(axis, *s)));
-        let mut best: Option<HeldEnd> = None;
+        let mut best: Option<ClampedEnd> = None;
         for end in candidates {
-            if end.firmness >= FIRM {
+            if end.relative_section >= MIN_RELATIVE_SECTION {
                 return end;
             }
-            if best.as_ref().is_none_or(|b| end.firmness > b.firmness) {
+            if best
+                .as_ref()
+                .is_none_or(|b| end.relative_section > b.relative_section)
+            {
                 best = Some(end);
             }
         }
@@ -98,24 +105,24 @@ impl HeldEnd {
         }
     }
 
-    /// As [`HeldEnd::among`], of the largest piece that `ties` between nodes hold together; nodes
+    /// As [`ClampedEnd::from_points`], of the largest piece that `ties` between nodes hold together; nodes
     /// of the ends of the other pieces are added, so that none falls. Also the number of pieces.
-    pub fn of_pieces(
+    pub fn of_largest_component(
         points: &[DVec3],
         masses: &[f64],
         ties: impl Iterator<Item = [u32; 2]>,
         down: DVec3,
-    ) -> (HeldEnd, usize) {
-        let mut pieces = pieces(points.len(), ties);
+    ) -> (ClampedEnd, usize) {
+        let mut pieces = connected_components(points.len(), ties);
         let mass = |piece: &Vec<u32>| piece.iter().map(|v| masses[*v as usize]).sum::<f64>();
         pieces.retain(|piece| mass(piece) > 0.0);
         pieces.sort_by(|a, b| mass(b).total_cmp(&mass(a)));
         let mut ends = pieces
             .iter()
-            .map(|piece| HeldEnd::among(points, masses, piece, down));
+            .map(|piece| ClampedEnd::from_points(points, masses, piece, down));
         let Some(mut held) = ends.next() else {
             let all: Vec<u32> = (0..points.len() as u32).collect();
-            return (HeldEnd::among(points, masses, &all, down), 1);
+            return (ClampedEnd::from_points(points, masses, &all, down), 1);
         };
         ends.for_each(|end| held.nodes.extend(end.nodes));
         held.nodes.sort_unstable();
@@ -124,7 +131,7 @@ impl HeldEnd {
 
     /// The direction across the end in which a load bends the body most visibly: −z, or −y where
     /// the end lies across z.
-    pub fn across(&self) -> DVec3 {
+    pub fn load_direction(&self) -> DVec3 {
         match self.axis {
             2 => DVec3::NEG_Y,
             _ => DVec3::NEG_Z,
@@ -132,21 +139,21 @@ impl HeldEnd {
     }
 }
 
-impl std::fmt::Display for HeldEnd {
+impl std::fmt::Display for ClampedEnd {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
             "the {} nodes in the {} {:.0} % of {}",
             self.nodes.len(),
             if self.upper { "highest" } else { "lowest" },
-            100.0 * self.share,
+            100.0 * self.axis_fraction,
             ["x", "y", "z"][self.axis.min(2)]
         )
     }
 }
 
 /// The pieces into which `count` nodes fall that are tied two by two.
-fn pieces(count: usize, ties: impl Iterator<Item = [u32; 2]>) -> Vec<Vec<u32>> {
+fn connected_components(count: usize, ties: impl Iterator<Item = [u32; 2]>) -> Vec<Vec<u32>> {
     let mut parent: Vec<u32> = (0..count as u32).collect();
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
         while parent[v as usize] != v {
@@ -170,10 +177,10 @@ fn pieces(count: usize, ties: impl Iterator<Item = [u32; 2]>) -> Vec<Vec<u32>> {
 mod tests {
     use super::*;
 
-    fn end_of(points: &[DVec3]) -> HeldEnd {
+    fn end_of(points: &[DVec3]) -> ClampedEnd {
         let masses = vec![1.0; points.len()];
         let all: Vec<u32> = (0..points.len() as u32).collect();
-        HeldEnd::among(points, &masses, &all, DVec3::NEG_Z)
+        ClampedEnd::from_points(points, &masses, &all, DVec3::NEG_Z)
     }
 
     /// Points of a grid that lie inside.
@@ -187,7 +194,7 @@ mod tests {
     #[test]
     fn a_bar_is_held_at_the_lower_end_of_its_longest_axis() {
         let end = end_of(&points([41, 9, 9], |_| true));
-        assert_eq!((end.axis, end.upper, end.share), (0, false, 0.05));
+        assert_eq!((end.axis, end.upper, end.axis_fraction), (0, false, 0.05));
     }
 
     #[test]
@@ -199,7 +206,7 @@ mod tests {
             });
             let end = end_of(&cone);
             assert_eq!((end.axis, end.upper), (0, upper));
-            assert!(end.firmness > 1.0);
+            assert!(end.relative_section > 1.0);
         }
     }
 
@@ -208,7 +215,10 @@ mod tests {
         let ball = points([31, 31, 31], |p| p.distance(DVec3::splat(15.0)) <= 15.0);
         let end = end_of(&ball);
         assert_eq!((end.axis, end.upper), (2, false));
-        assert!(end.share > 0.05 && end.firmness >= FIRM, "{end:?}");
+        assert!(
+            end.axis_fraction > 0.05 && end.relative_section >= MIN_RELATIVE_SECTION,
+            "{end:?}"
+        );
     }
 
     #[test]
@@ -236,7 +246,7 @@ mod tests {
             .filter(|i| *i != count - 1)
             .map(|i| [i, i + 1]);
         let masses = vec![1.0; two.len()];
-        let (held, pieces) = HeldEnd::of_pieces(&two, &masses, ties, DVec3::NEG_Z);
+        let (held, pieces) = ClampedEnd::of_largest_component(&two, &masses, ties, DVec3::NEG_Z);
         assert_eq!(pieces, 2);
         assert!(held.nodes.iter().any(|v| *v < count) && held.nodes.iter().any(|v| *v >= count));
     }

@@ -8,11 +8,11 @@
 //! Tools go their way in stages. What touches one follows it to its next stage as if the barrier were
 //! a spring both ways, for one iteration; from then on the barrier is what it is.
 
-use super::Body;
-use super::gpu_contact::{GpuContact, NODE_TEXELS, gpu_data::Pushing};
+use super::GpuBody;
+use super::gpu_contact::{GpuContact, NODE_TEXELS, gpu_data::ContactStepState};
 use super::gpu_elements::GpuElements;
-use super::implicit_start::Start;
-use super::step::Core;
+use super::implicit_start::InitialState;
+use super::step::StepResources;
 use crate::Result;
 use crate::gpu::{Array, Pass, PassBuilder, Texel};
 
@@ -28,7 +28,7 @@ mod gpu_data {
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_open.wgsl`.
-        pub struct OpenParams {
+        pub struct InitParams {
             pub wide: f32,
         }
     }
@@ -71,7 +71,7 @@ mod gpu_data {
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_judge.wgsl`.
-        pub struct JudgeParams {
+        pub struct LineSearchParams {
             pub groups: u32,
         }
     }
@@ -83,43 +83,43 @@ mod gpu_data {
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_decide.wgsl`.
-        pub struct DecideParams {
+        pub struct ConvergenceParams {
             pub groups: u32,
             pub rubs: u32,
         }
     }
 }
 use gpu_data::{
-    ContactParams, DecideParams, DirectionParams, JudgeParams, OpenParams, SlopeParams, TakeParams,
-    TrialParams, TurnParams, WayParams,
+    ContactParams, ConvergenceParams, DirectionParams, InitParams, LineSearchParams, SlopeParams,
+    TakeParams, TrialParams, TurnParams, WayParams,
 };
 
 /// What steps keep of tools.
 #[derive(Debug)]
-pub(super) struct ContactSteps {
+pub(super) struct ContactPasses {
     trial_positions: Array,
     trial_velocities: Array,
     /// Velocities by which friction takes normal forces.
-    pub rubbed: Array,
-    pub ways: wgpu::Buffer,
+    pub friction_velocities: Array,
+    pub step_bounds: wgpu::Buffer,
     slopes: wgpu::Buffer,
 }
 
 /// What of a body its passes read.
 #[derive(Clone, Copy)]
-pub(super) struct Pushed<'a> {
-    pub core: &'a Core,
-    pub body: &'a Body,
+pub(super) struct ContactContext<'a> {
+    pub core: &'a StepResources,
+    pub body: &'a GpuBody,
     pub elements: &'a GpuElements,
     pub contact: &'a GpuContact,
-    pub start: &'a Start,
+    pub start: &'a InitialState,
     /// Local units.
     pub dt: f32,
 }
 
 /// The vectors and scalars of the linear solve that they see.
 #[derive(Clone, Copy)]
-pub(super) struct Solved<'a> {
+pub(super) struct LinearSolveContext<'a> {
     pub solution: &'a [Array; 2],
     pub scalars: &'a wgpu::Buffer,
     pub rz_partials: &'a wgpu::Buffer,
@@ -130,7 +130,7 @@ pub(super) struct Solved<'a> {
     pub max_iterations: u32,
 }
 
-impl<'a> Pushed<'a> {
+impl<'a> ContactContext<'a> {
     /// The state that iterations go on from: the candidate of the step.
     fn state(&self) -> [&'a Array; 2] {
         [&self.core.next_positions, &self.core.next_velocities]
@@ -141,7 +141,7 @@ impl<'a> Pushed<'a> {
         self.core.gpu.pass(name).constant("WORKGROUP", workgroup)
     }
 
-    fn threads(&self) -> u32 {
+    fn dispatch_size(&self) -> u32 {
         self.core.groups * self.core.workgroup
     }
 
@@ -156,7 +156,11 @@ impl<'a> Pushed<'a> {
     }
 
     /// What tools exert on faces and nodes that have moved with these velocities.
-    pub fn shares(&self, steps: &'a ContactSteps, velocities: &'a Array) -> Result<[Pass; 2]> {
+    pub fn force_passes(
+        &self,
+        steps: &'a ContactPasses,
+        velocities: &'a Array,
+    ) -> Result<[Pass; 2]> {
         let contact = self.contact;
         let params = |items: &Array| ContactParams {
             items: items.len(),
@@ -169,61 +173,73 @@ impl<'a> Pushed<'a> {
         let faces = pass
             .read(velocities)
             .read(&self.start.velocities)
-            .read(&steps.rubbed)
+            .read(&steps.friction_velocities)
             .read(&contact.pushing)
             .params(&of_faces)
             .read(&contact.corners)
             .read(&contact.face_weights)
             .write(&contact.faces)
-            .over(contact.corners.len())?;
+            .dispatch_items(contact.corners.len())?;
         let pass = self.bind(self.core.gpu.pass("physics/contact_nodes"));
         let nodes = pass
             .read(velocities)
             .read(&self.start.velocities)
-            .read(&steps.rubbed)
+            .read(&steps.friction_velocities)
             .read(&contact.pushing)
             .params(&of_nodes)
             .read(&contact.boundary_nodes)
             .read(&contact.around_nodes)
             .read(&contact.faces)
-            .write(&contact.shares)
-            .over(contact.boundary_nodes.len())?;
+            .write(&contact.node_contributions)
+            .dispatch_items(contact.boundary_nodes.len())?;
         Ok([faces, nodes])
     }
 }
 
-impl ContactSteps {
+impl ContactPasses {
     /// For a body that `contact` presses on.
-    pub fn new(core: &Core, contact: &GpuContact) -> Result<ContactSteps> {
-        let (gpu, nodes) = (&core.gpu, contact.shares.len() as usize / NODE_TEXELS);
+    pub fn new(core: &StepResources, contact: &GpuContact) -> Result<ContactPasses> {
+        let (gpu, nodes) = (
+            &core.gpu,
+            contact.node_contributions.len() as usize / NODE_TEXELS,
+        );
         let vector = |label| gpu.array(label, Texel::F32x4, nodes);
-        debug_assert_eq!(contact.pushing.size(), size_of::<Pushing>() as u64);
-        Ok(ContactSteps {
+        debug_assert_eq!(contact.pushing.size(), size_of::<ContactStepState>() as u64);
+        Ok(ContactPasses {
             trial_positions: vector("trial positions")?,
             trial_velocities: vector("trial velocities")?,
-            rubbed: vector("velocities that rub")?,
-            ways: gpu.buffer("parts of ways", 8 * u64::from(core.groups))?,
+            friction_velocities: vector("velocities that rub")?,
+            step_bounds: gpu.buffer("parts of ways", 8 * u64::from(core.groups))?,
             slopes: gpu.buffer("partial slopes", 16 * u64::from(core.groups))?,
         })
     }
 
     /// Before the start of a step is picked.
-    pub fn open(&self, with: &Pushed<'_>) -> Result<Pass> {
+    pub fn init_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let pass = with.core.gpu.pass("physics/contact_open");
         pass.write(&with.contact.tools)
             .read(&with.core.status)
             .write(&with.contact.pushing)
-            .params(&OpenParams {
+            .params(&InitParams {
                 wide: with.contact.wide as f32,
             })
-            .over(1)
+            .dispatch_items(1)
     }
 
     /// From the picked start, whose velocities are the first direction, to its system, made by the
     /// pass `begin`.
-    pub fn begin(&self, with: &Pushed<'_>, solved: &Solved<'_>, begin: &Pass) -> Result<Vec<Pass>> {
+    pub fn first_system_passes(
+        &self,
+        with: &ContactContext<'_>,
+        solved: &LinearSolveContext<'_>,
+        begin: &Pass,
+    ) -> Result<Vec<Pass>> {
         let [x, v] = with.state();
-        let mut passes = vec![self.way(with)?, self.trial(with)?, self.take(with)?];
+        let mut passes = vec![
+            self.ccd_pass(with)?,
+            self.trial(with)?,
+            self.accept_pass(with)?,
+        ];
         // The forces of tets, which do not depend on tools.
         let elements = with.core.force_passes(with.body, x, v, true)?;
         let tets = elements.len() - 1;
@@ -233,10 +249,10 @@ impl ContactSteps {
     }
 
     /// What comes between every few iterations of conjugate gradients.
-    pub fn between(
+    pub fn newton_passes(
         &self,
-        with: &Pushed<'_>,
-        solved: &Solved<'_>,
+        with: &ContactContext<'_>,
+        solved: &LinearSolveContext<'_>,
         begin: &Pass,
     ) -> Result<Vec<Pass>> {
         let (core, contact) = (with.core, with.contact);
@@ -249,7 +265,7 @@ impl ContactSteps {
             .params(&TurnParams {
                 max_iterations: solved.max_iterations,
             })
-            .over(1)?;
+            .dispatch_items(1)?;
         let [even, odd] = solved.solution;
         let direction = core
             .gpu
@@ -261,34 +277,39 @@ impl ContactSteps {
             .read(&core.status)
             .write(&with.start.velocities)
             .params(&DirectionParams { nodes: core.nodes })
-            .over(core.nodes)?;
-        let mut passes = vec![turn, direction, self.way(with)?, self.trial(with)?];
+            .dispatch_items(core.nodes)?;
+        let mut passes = vec![turn, direction, self.ccd_pass(with)?, self.trial(with)?];
         let (x, v) = (&self.trial_positions, &self.trial_velocities);
-        passes.extend(with.shares(self, v)?);
+        passes.extend(with.force_passes(self, v)?);
         passes.extend(core.force_passes(with.body, x, v, true)?);
         passes.extend([
             self.slope(with, solved)?,
-            self.judge(with)?,
-            self.take(with)?,
+            self.line_search_pass(with)?,
+            self.accept_pass(with)?,
         ]);
         passes.extend(self.system(with, solved, begin)?);
         Ok(passes)
     }
 
     /// After the iterations recorded for a step.
-    pub fn finish(&self, with: &Pushed<'_>) -> Result<Pass> {
+    pub fn finish(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let pass = with.core.gpu.pass("physics/contact_finish");
         pass.write(&with.contact.tools)
             .write(&with.core.status)
             .write(&with.contact.pushing)
-            .over(1)
+            .dispatch_items(1)
     }
 
     /// The system at the state that was taken, where the forces of tets are known.
-    fn system(&self, with: &Pushed<'_>, solved: &Solved<'_>, begin: &Pass) -> Result<Vec<Pass>> {
+    fn system(
+        &self,
+        with: &ContactContext<'_>,
+        solved: &LinearSolveContext<'_>,
+        begin: &Pass,
+    ) -> Result<Vec<Pass>> {
         let (core, elements) = (with.core, with.elements);
         let [x, v] = with.state();
-        let mut passes = Vec::from(with.shares(self, v)?);
+        let mut passes = Vec::from(with.force_passes(self, v)?);
         passes.extend(with.start.blocks(
             core,
             elements,
@@ -304,17 +325,17 @@ impl ContactSteps {
             .write(solved.scalars)
             .write(&core.status)
             .write(&with.contact.pushing)
-            .params(&DecideParams {
+            .params(&ConvergenceParams {
                 groups: core.groups,
-                rubs: u32::from(with.contact.rubs()),
+                rubs: u32::from(with.contact.has_friction()),
             })
-            .over(core.workgroup)?;
+            .dispatch_items(core.workgroup)?;
         passes.push(decide);
         Ok(passes)
     }
 
     /// How far along the direction points may go.
-    pub fn way(&self, with: &Pushed<'_>) -> Result<Pass> {
+    pub fn ccd_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let params = WayParams {
             faces: with.contact.corners.len(),
             dt: with.dt,
@@ -325,18 +346,18 @@ impl ContactSteps {
             .read(v)
             .read(&with.start.velocities)
             .read(&with.contact.pushing)
-            .write(&self.ways)
+            .write(&self.step_bounds)
             .params(&params)
-            .over(with.threads())
+            .dispatch_items(with.dispatch_size())
     }
 
-    fn trial(&self, with: &Pushed<'_>) -> Result<Pass> {
+    fn trial(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let [_, v] = with.state();
         with.summing("physics/contact_trial")
             .read(with.body.nodes().array())
             .read(v)
             .read(&with.start.velocities)
-            .read(&self.ways)
+            .read(&self.step_bounds)
             .read(&with.core.status)
             .write(&with.contact.pushing)
             .write(&self.trial_positions)
@@ -347,10 +368,10 @@ impl ContactSteps {
                 dt: with.dt,
                 _pad0: 0,
             })
-            .over(with.threads())
+            .dispatch_items(with.dispatch_size())
     }
 
-    fn slope(&self, with: &Pushed<'_>, solved: &Solved<'_>) -> Result<Pass> {
+    fn slope(&self, with: &ContactContext<'_>, solved: &LinearSolveContext<'_>) -> Result<Pass> {
         with.summing("physics/contact_slope")
             .read(&self.trial_velocities)
             .read(&with.body.velocities)
@@ -366,11 +387,11 @@ impl ContactSteps {
                 right: solved.right,
                 _pad0: 0,
             })
-            .over(with.threads())
+            .dispatch_items(with.dispatch_size())
     }
 
-    fn judge(&self, with: &Pushed<'_>) -> Result<Pass> {
-        let params = JudgeParams {
+    fn line_search_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
+        let params = LineSearchParams {
             groups: with.core.groups,
         };
         with.summing("physics/contact_judge")
@@ -379,10 +400,10 @@ impl ContactSteps {
             .write(&with.core.status)
             .write(&with.contact.pushing)
             .params(&params)
-            .over(with.core.workgroup)
+            .dispatch_items(with.core.workgroup)
     }
 
-    fn take(&self, with: &Pushed<'_>) -> Result<Pass> {
+    fn accept_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let [x, v] = with.state();
         let params = TakeParams {
             nodes: with.core.nodes,
@@ -394,8 +415,8 @@ impl ContactSteps {
             .read(&with.contact.pushing)
             .write(x)
             .write(v)
-            .write(&self.rubbed)
+            .write(&self.friction_velocities)
             .params(&params)
-            .over(with.core.nodes)
+            .dispatch_items(with.core.nodes)
     }
 }

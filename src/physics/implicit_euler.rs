@@ -7,13 +7,13 @@
 //! is there. Where the iterations recorded for a step are not enough, the next ones recorded go on
 //! with it.
 
-use super::gpu_terms::Part;
-use super::implicit_contact::{ContactSteps, Pushed, Solved};
-use super::implicit_rigid::{self, Parts, RigidSteps};
-use super::implicit_start::{Start, Tied};
-use super::integrator::{Core, Integrator, Stage, Step, Timing};
+use super::gpu_terms::ProgramPart;
+use super::implicit_contact::{ContactContext, ContactPasses, LinearSolveContext};
+use super::implicit_rigid::{self, RigidContext, RigidPasses};
+use super::implicit_start::{InitialState, RigidContextRef};
+use super::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use super::stepper::Stepper;
-use super::{Body, SolverKind};
+use super::{GpuBody, SolverKind};
 use crate::gpu::{Array, Gpu, Pass, Texel};
 use crate::{Error, Result};
 
@@ -73,7 +73,7 @@ mod gpu_data {
 use gpu_data::{AdvanceParams, BeginParams, CgParams, CgScalars, GateParams};
 
 /// Movement in one step, in units of the body's extent, that f32 positions do not show.
-const NEGLIGIBLE: f32 = 1e-9;
+const MIN_VISIBLE_MOVE: f32 = 1e-9;
 
 /// When conjugate gradients stop. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal
 /// blocks.
@@ -81,7 +81,7 @@ const NEGLIGIBLE: f32 = 1e-9;
 /// The default tolerance, 10⁻³, costs a swinging bar (`benches/steps.rs`) 1.5 · 10⁻⁵ of its
 /// way in 60 steps; 10⁻² costs 2 · 10⁻⁴ of it and two thirds of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ConjugateGradients {
+pub struct CgSettings {
     /// The residual to reach.
     pub tolerance: f64,
     /// The residual that is still taken when the iterations run out; above it the step fails.
@@ -90,9 +90,9 @@ pub struct ConjugateGradients {
     pub max_iterations: u32,
 }
 
-impl Default for ConjugateGradients {
+impl Default for CgSettings {
     fn default() -> Self {
-        ConjugateGradients {
+        CgSettings {
             tolerance: 1e-3,
             acceptable: 5e-2,
             max_iterations: 2000,
@@ -102,16 +102,16 @@ impl Default for ConjugateGradients {
 
 /// The linear system and the vectors of conjugate gradients, each vector twice for ping-pong.
 #[derive(Debug)]
-pub struct Scheme {
-    settings: ConjugateGradients,
+pub struct ImplicitEulerScheme {
+    settings: CgSettings,
     /// What the matter keeps of it.
     matrix: Array,
     /// Where the steps of finite elements start from.
-    start: Option<Start>,
+    start: Option<InitialState>,
     /// What is kept of rigid bodies, if there are any.
-    rigid: Option<RigidSteps>,
+    rigid: Option<RigidPasses>,
     /// What is kept of tools, if there are any.
-    contact: Option<ContactSteps>,
+    contact: Option<ContactPasses>,
     /// Two texels a node; two more where the body has terms beside the springs.
     preconditioner: Array,
     pub(super) product: Array,
@@ -125,13 +125,13 @@ pub struct Scheme {
     pq_partials: wgpu::Buffer,
 }
 
-impl Stepper<Scheme> {
+impl Stepper<ImplicitEulerScheme> {
     /// A solver for `body` whose conjugate gradients stop as `settings` say.
     ///
     /// # Errors
     /// [`Error::Input`] for settings that make no sense; otherwise as [`Stepper::new`].
-    pub fn with(gpu: &Gpu, body: &Body, settings: ConjugateGradients) -> Result<Self> {
-        let ConjugateGradients {
+    pub fn with(gpu: &Gpu, body: &GpuBody, settings: CgSettings) -> Result<Self> {
+        let CgSettings {
             tolerance,
             acceptable,
             max_iterations,
@@ -147,27 +147,35 @@ impl Stepper<Scheme> {
     }
 }
 
-impl Integrator for Scheme {
+impl Integrator for ImplicitEulerScheme {
     const KIND: SolverKind = SolverKind::Implicit;
-    const RIGID: bool = true;
+    const SUPPORTS_RIGID: bool = true;
 
-    fn new(core: &Core, body: &Body) -> Result<Scheme> {
+    fn new(core: &StepResources, body: &GpuBody) -> Result<ImplicitEulerScheme> {
         let gpu = &core.gpu;
         let nodes = body.node_count();
-        let vector = |label| gpu.roomy_array(label, Texel::F32x4, nodes);
+        let vector = |label| gpu.array_with_headroom(label, Texel::F32x4, nodes);
         let pair = |label| -> Result<[Array; 2]> { Ok([vector(label)?, vector(label)?]) };
         let scalars = || gpu.buffer("cg scalars", size_of::<CgScalars>() as u64);
         let partials = |label| gpu.buffer(label, partials(core, body));
-        Ok(Scheme {
-            settings: ConjugateGradients::default(),
-            matrix: gpu.roomy_array("matrix", Texel::F32x4, body.matter().matrix_texels())?,
+        Ok(ImplicitEulerScheme {
+            settings: CgSettings::default(),
+            matrix: gpu.array_with_headroom(
+                "matrix",
+                Texel::F32x4,
+                body.material_term().matrix_texels(),
+            )?,
             start: match &body.elements {
-                Some(elements) => Some(Start::new(core, elements)?),
+                Some(elements) => Some(InitialState::new(core, elements)?),
                 None => None,
             },
             rigid: rigid_steps(core, body)?,
             contact: contact_steps(core, body)?,
-            preconditioner: gpu.roomy_array("preconditioner", Texel::F32x4, blocks(body))?,
+            preconditioner: gpu.array_with_headroom(
+                "preconditioner",
+                Texel::F32x4,
+                blocks(body),
+            )?,
             product: vector("product")?,
             solution: pair("solution")?,
             residual: pair("residual")?,
@@ -180,11 +188,15 @@ impl Integrator for Scheme {
         })
     }
 
-    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
+    fn apply_cut(&mut self, core: &StepResources, body: &GpuBody) -> Result<()> {
         let (gpu, nodes) = (&core.gpu, body.node_count());
-        gpu.resize(&mut self.matrix, "matrix", body.matter().matrix_texels())?;
+        gpu.resize(
+            &mut self.matrix,
+            "matrix",
+            body.material_term().matrix_texels(),
+        )?;
         if let Some(elements) = &body.elements {
-            self.start = Some(Start::new(core, elements)?);
+            self.start = Some(InitialState::new(core, elements)?);
         }
         gpu.resize(&mut self.preconditioner, "preconditioner", blocks(body))?;
         gpu.resize(&mut self.product, "product", nodes)?;
@@ -208,28 +220,28 @@ impl Integrator for Scheme {
         Ok(())
     }
 
-    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+    fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step> {
         let params = self.params(core, body, timing);
-        let pushed = self.pushed(core, body, timing);
+        let pushed = self.contact_context(core, body, timing);
         let (mut before, mut after_restart, mut keep) = (Vec::new(), None, None);
-        let tied = self.tied(core, body, timing);
+        let tied = self.rigid_context(core, body, timing);
         if let (Some(start), Some(elements)) = (&self.start, &body.elements) {
             before = match &pushed {
                 Some((steps, with)) => {
-                    let picked = start.picked(core, body, elements, (timing.dt, tied))?;
-                    [steps.open(with)?].into_iter().chain(picked).collect()
+                    let picked = start.select_passes(core, body, elements, (timing.dt, tied))?;
+                    [steps.init_pass(with)?].into_iter().chain(picked).collect()
                 }
                 None => start.passes(core, body, elements, (&self.matrix, timing.dt, tied))?,
             };
-            keep = Some(start.keep(core, body)?);
+            keep = Some(start.save_velocities(core, body)?);
         }
-        let begin = self.begin(core, body, timing)?;
-        let solved = self.solved(right(body));
+        let begin = self.assemble_pass(core, body, timing)?;
+        let solved = self.solved(rhs_offset(body));
         let mut between = Vec::new();
         match &pushed {
             Some((steps, with)) => {
-                before.extend(steps.begin(with, &solved, &begin)?);
-                between = steps.between(with, &solved, &begin)?;
+                before.extend(steps.first_system_passes(with, &solved, &begin)?);
+                between = steps.newton_passes(with, &solved, &begin)?;
             }
             None => before.push(begin),
         }
@@ -254,11 +266,11 @@ impl Integrator for Scheme {
                 rigid_groups: params.rigid_groups,
                 _pad0: 0,
             })
-            .over(1)?;
+            .dispatch_items(1)?;
         let mut rounds = Vec::new();
         for from in [0, 1] {
-            rounds.push(self.find_direction(core, body, from, &params)?);
-            rounds.push(self.update(core, from, &params)?);
+            rounds.push(self.cg_direction_pass(core, body, from, &params)?);
+            rounds.push(self.cg_update_pass(core, from, &params)?);
             if let Some(tied) = &tied {
                 rounds.push(self.precondition(tied, 1 - from, Some(&self.arguments))?);
             }
@@ -270,12 +282,12 @@ impl Integrator for Scheme {
             None => settle.extend(self.finish(core, body, timing, &params)?),
         }
         if let Some((steps, parts)) = &tied {
-            take_over = steps.take_over(parts)?;
-            settle.push(steps.moved(parts, &self.solution)?);
+            take_over = steps.project_to_rigid(parts)?;
+            settle.push(steps.advance_pass(parts, &self.solution)?);
         }
         settle.extend(keep);
         Ok(Step {
-            take_over,
+            on_external_change: take_over,
             stages: vec![
                 Stage::Passes(before),
                 Stage::Loop {
@@ -286,13 +298,16 @@ impl Integrator for Scheme {
                 Stage::Passes(settle),
                 Stage::Forces(None),
             ],
-            after_restart,
+            first_stage_on_restart: after_restart,
             after_change: None,
         })
     }
 
-    fn carried(&self) -> Vec<&Array> {
-        self.start.iter().map(|start| &start.before).collect()
+    fn history_arrays(&self) -> Vec<&Array> {
+        self.start
+            .iter()
+            .map(|start| &start.previous_velocities)
+            .collect()
     }
 
     fn max_iterations(&self) -> u32 {
@@ -302,49 +317,49 @@ impl Integrator for Scheme {
 
 /// Texels of the preconditioner, of what terms add to the blocks of the nodes, and of the right side
 /// where tools press.
-fn blocks(body: &Body) -> usize {
+fn blocks(body: &GpuBody) -> usize {
     let kept = match body.contact {
         Some(_) => body.node_count(),
         None => 0,
     };
-    right(body) as usize + kept
+    rhs_offset(body) as usize + kept
 }
 
 /// The texel behind the blocks of the nodes, where the right side begins.
-fn right(body: &Body) -> u32 {
+fn rhs_offset(body: &GpuBody) -> u32 {
     let of_terms = usize::from(!body.terms().is_empty());
     (2 * body.node_count() * (1 + of_terms)) as u32
 }
 
 /// What steps keep of the rigid bodies of `body`, if it has any.
-fn rigid_steps(core: &Core, body: &Body) -> Result<Option<RigidSteps>> {
+fn rigid_steps(core: &StepResources, body: &GpuBody) -> Result<Option<RigidPasses>> {
     let rigid = body.rigid.as_ref();
-    rigid.map(|rigid| RigidSteps::new(core, rigid)).transpose()
+    rigid.map(|rigid| RigidPasses::new(core, rigid)).transpose()
 }
 
 /// What steps keep of the tools that press on `body`, if there are any.
-fn contact_steps(core: &Core, body: &Body) -> Result<Option<ContactSteps>> {
+fn contact_steps(core: &StepResources, body: &GpuBody) -> Result<Option<ContactPasses>> {
     let contact = body.contact.as_ref();
     contact
-        .map(|contact| ContactSteps::new(core, contact))
+        .map(|contact| ContactPasses::new(core, contact))
         .transpose()
 }
 
 /// Bytes of a partial sum from each workgroup: of the passes over nodes, then of those over rigid
 /// bodies.
-fn partials(core: &Core, body: &Body) -> u64 {
+fn partials(core: &StepResources, body: &GpuBody) -> u64 {
     16 * u64::from(core.groups + implicit_rigid::groups(body))
 }
 
 /// h α, where a force −α m v slows every node.
-fn drag(body: &Body, timing: Timing) -> f32 {
+fn mass_damping_step(body: &GpuBody, timing: Timing) -> f32 {
     let elements = body.elements.as_ref();
-    elements.map_or(0.0, |elements| timing.dt * elements.drag())
+    elements.map_or(0.0, |elements| timing.dt * elements.mass_damping())
 }
 
-impl Scheme {
+impl ImplicitEulerScheme {
     /// Positions and velocities that the system of a step is made at.
-    fn start<'a>(&'a self, core: &'a Core, body: &'a Body) -> (&'a Array, &'a Array) {
+    fn start<'a>(&'a self, core: &'a StepResources, body: &'a GpuBody) -> (&'a Array, &'a Array) {
         match (&self.start, &body.contact) {
             (Some(_), Some(_)) => (&core.next_positions, &core.next_velocities),
             (Some(start), None) => (&start.positions, &start.velocities),
@@ -353,13 +368,13 @@ impl Scheme {
     }
 
     /// The tools in a step, if there are any.
-    pub(super) fn pushed<'a>(
+    pub(super) fn contact_context<'a>(
         &'a self,
-        core: &'a Core,
-        body: &'a Body,
+        core: &'a StepResources,
+        body: &'a GpuBody,
         timing: Timing,
-    ) -> Option<(&'a ContactSteps, Pushed<'a>)> {
-        let with = Pushed {
+    ) -> Option<(&'a ContactPasses, ContactContext<'a>)> {
+        let with = ContactContext {
             core,
             body,
             elements: body.elements.as_ref()?,
@@ -370,8 +385,8 @@ impl Scheme {
         Some((self.contact.as_ref()?, with))
     }
 
-    fn solved(&self, right: u32) -> Solved<'_> {
-        Solved {
+    fn solved(&self, right: u32) -> LinearSolveContext<'_> {
+        LinearSolveContext {
             solution: &self.solution,
             scalars: &self.scalars[0],
             rz_partials: &self.rz_partials,
@@ -385,8 +400,8 @@ impl Scheme {
     /// Ends the solve, and moves the nodes by what came of it.
     fn finish(
         &self,
-        core: &Core,
-        body: &Body,
+        core: &StepResources,
+        body: &GpuBody,
         timing: Timing,
         params: &CgParams,
     ) -> Result<[Pass; 2]> {
@@ -399,7 +414,7 @@ impl Scheme {
             .read(&self.scalars[0])
             .write(&core.status)
             .params(params)
-            .over(core.workgroup)?;
+            .dispatch_items(core.workgroup)?;
         let moved = core
             .gpu
             .pass("physics/implicit_euler")
@@ -415,11 +430,11 @@ impl Scheme {
                 nodes: core.nodes,
                 dt: timing.dt,
             })
-            .over(core.nodes)?;
+            .dispatch_items(core.nodes)?;
         Ok([finish, moved])
     }
 
-    fn params(&self, core: &Core, body: &Body, timing: Timing) -> CgParams {
+    fn params(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> CgParams {
         let square = |x: f64| (x * x) as f32;
         CgParams {
             nodes: core.nodes,
@@ -427,22 +442,27 @@ impl Scheme {
             max_iterations: self.settings.max_iterations,
             tolerance: square(self.settings.tolerance),
             acceptable: square(self.settings.acceptable),
-            negligible: (NEGLIGIBLE / timing.dt).powi(2),
-            drag: drag(body, timing),
+            negligible: (MIN_VISIBLE_MOVE / timing.dt).powi(2),
+            drag: mass_damping_step(body, timing),
             rigid_groups: implicit_rigid::groups(body),
         }
     }
 
     /// The rigid bodies in a step, if there are any.
-    fn tied<'a>(&'a self, core: &'a Core, body: &'a Body, timing: Timing) -> Option<Tied<'a>> {
+    fn rigid_context<'a>(
+        &'a self,
+        core: &'a StepResources,
+        body: &'a GpuBody,
+        timing: Timing,
+    ) -> Option<RigidContextRef<'a>> {
         let steps = self.rigid.as_ref()?;
-        let parts = Parts {
+        let parts = RigidContext {
             core,
             body,
             elements: body.elements.as_ref()?,
             rigid: body.rigid.as_ref()?,
             dt: timing.dt,
-            drag: drag(body, timing),
+            drag: mass_damping_step(body, timing),
         };
         Some((steps, parts))
     }
@@ -450,7 +470,7 @@ impl Scheme {
     /// What rigid bodies make of the residual in a slot, after an iteration or before the first.
     fn precondition(
         &self,
-        (steps, parts): &Tied<'_>,
+        (steps, parts): &RigidContextRef<'_>,
         slot: usize,
         arguments: Option<&wgpu::Buffer>,
     ) -> Result<Pass> {
@@ -460,15 +480,15 @@ impl Scheme {
     }
 
     /// Sets up the system of a step.
-    fn begin(&self, core: &Core, body: &Body, timing: Timing) -> Result<Pass> {
+    fn assemble_pass(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Pass> {
         let params = BeginParams {
             nodes: core.nodes,
             dt: timing.dt,
-            drag: drag(body, timing),
-            right: right(body),
+            drag: mass_damping_step(body, timing),
+            right: rhs_offset(body),
         };
         let (positions, velocities) = self.start(core, body);
-        let name = body.pressed("physics/implicit_euler_begin", true);
+        let name = body.shader_name_with_contact("physics/implicit_euler_begin", true);
         let pass = core
             .gpu
             .pass(&name)
@@ -485,22 +505,22 @@ impl Scheme {
             .write(&self.scalars[0])
             .params(&params);
         let threads = core.groups * core.workgroup;
-        let part = Part::System {
+        let part = ProgramPart::System {
             matrix: &self.matrix,
             velocities: &body.velocities,
         };
-        body.bind_pressed(pass, part, true).over(threads)
+        body.bind_pressed(pass, part, true).dispatch_items(threads)
     }
 
     /// First half of an iteration, from slot `from` of the vectors to the other.
-    fn find_direction(
+    fn cg_direction_pass(
         &self,
-        core: &Core,
-        body: &Body,
+        core: &StepResources,
+        body: &GpuBody,
         from: usize,
         params: &CgParams,
     ) -> Result<Pass> {
-        let name = body.pressed("physics/implicit_euler_direction", true);
+        let name = body.shader_name_with_contact("physics/implicit_euler_direction", true);
         let pass = core
             .gpu
             .pass(&name)
@@ -516,16 +536,16 @@ impl Scheme {
             .write(&self.pq_partials)
             .write(&self.scalars[1 - from])
             .params(params);
-        let part = Part::Product {
+        let part = ProgramPart::Product {
             matrix: &self.matrix,
             blocks: &self.preconditioner,
         };
         body.bind_pressed(pass, part, true)
-            .over_indirect(&self.arguments, 0)
+            .dispatch_indirect(&self.arguments, 0)
     }
 
     /// Second half of an iteration.
-    fn update(&self, core: &Core, from: usize, params: &CgParams) -> Result<Pass> {
+    fn cg_update_pass(&self, core: &StepResources, from: usize, params: &CgParams) -> Result<Pass> {
         core.gpu
             .pass("physics/implicit_euler_update")
             .constant("WORKGROUP", f64::from(core.workgroup))
@@ -543,6 +563,6 @@ impl Scheme {
             .write(&self.preconditioned[1 - from])
             .write(&self.rz_partials)
             .params(params)
-            .over_indirect(&self.arguments, 0)
+            .dispatch_indirect(&self.arguments, 0)
     }
 }

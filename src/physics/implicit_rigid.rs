@@ -4,10 +4,10 @@
 //! what comes of it: its passes stand between those of the step without rigid bodies, whose vectors
 //! have an entry for every node still.
 
-use super::Body;
+use super::GpuBody;
 use super::gpu_elements::GpuElements;
 use super::gpu_rigid::GpuRigid;
-use super::step::Core;
+use super::step::StepResources;
 use crate::Result;
 use crate::gpu::{Array, Pass, PassBuilder, Texel};
 
@@ -33,11 +33,11 @@ const MOTION_TEXELS: usize = 6;
 const BLOCK_TEXELS: usize = 13;
 
 /// Workgroups at most of a pass with a workgroup a body, which go on with another body each.
-const MOST_GROUPS: u32 = 512;
+const MAX_WORKGROUPS: u32 = 512;
 
 /// What a step keeps of rigid bodies.
 #[derive(Debug)]
-pub(super) struct RigidSteps {
+pub(super) struct RigidPasses {
     /// Where they are, and where they may start from.
     motions: Array,
     /// Their own parts of the system, inverted.
@@ -48,9 +48,9 @@ pub(super) struct RigidSteps {
 
 /// What of a body its passes read.
 #[derive(Clone, Copy)]
-pub(super) struct Parts<'a> {
-    pub core: &'a Core,
-    pub body: &'a Body,
+pub(super) struct RigidContext<'a> {
+    pub core: &'a StepResources,
+    pub body: &'a GpuBody,
     pub elements: &'a GpuElements,
     pub rigid: &'a GpuRigid,
     /// Step and h α, local units.
@@ -58,11 +58,11 @@ pub(super) struct Parts<'a> {
     pub drag: f32,
 }
 
-impl Parts<'_> {
+impl RigidContext<'_> {
     fn params(&self) -> RigidParams {
         RigidParams {
             bodies: self.rigid.count(),
-            members: self.rigid.members(),
+            members: self.rigid.node_count(),
             nodes: self.core.nodes,
             groups: self.core.groups,
             dt: self.dt,
@@ -83,17 +83,17 @@ impl Parts<'_> {
 }
 
 /// Workgroups of the passes over the rigid bodies of `body`; 0 where it has none.
-pub(super) fn groups(body: &Body) -> u32 {
+pub(super) fn groups(body: &GpuBody) -> u32 {
     let rigid = body.rigid.as_ref();
-    rigid.map_or(0, |rigid| rigid.count().min(MOST_GROUPS))
+    rigid.map_or(0, |rigid| rigid.count().min(MAX_WORKGROUPS))
 }
 
-impl RigidSteps {
+impl RigidPasses {
     /// For the bodies `rigid`.
-    pub fn new(core: &Core, rigid: &GpuRigid) -> Result<RigidSteps> {
+    pub fn new(core: &StepResources, rigid: &GpuRigid) -> Result<RigidPasses> {
         let (gpu, count) = (&core.gpu, rigid.count() as usize);
         let array = |label, texels| gpu.array(label, Texel::F32x4, texels * count);
-        Ok(RigidSteps {
+        Ok(RigidPasses {
             motions: array("rigid motions", MOTION_TEXELS)?,
             blocks: array("rigid blocks", BLOCK_TEXELS)?,
             choice: gpu.buffer("start taken", 4)?,
@@ -110,12 +110,12 @@ impl RigidSteps {
     }
 
     /// Where it is noted which start was taken.
-    pub fn choice(&self) -> &wgpu::Buffer {
+    pub fn start_index(&self) -> &wgpu::Buffer {
         &self.choice
     }
 
     /// After a change of positions or velocities from outside: makes rigid what is to be.
-    pub fn take_over(&self, parts: &Parts) -> Result<Vec<Pass>> {
+    pub fn project_to_rigid(&self, parts: &RigidContext) -> Result<Vec<Pass>> {
         let (body, rest, params) = (parts.body, parts.elements.rest(), parts.params());
         let fit = parts
             .pass("physics/rigid_fit")
@@ -133,13 +133,19 @@ impl RigidSteps {
             .write(&body.velocities)
             .params(&params);
         Ok(vec![
-            parts.rigid.bind_members(fit).over(parts.threads())?,
-            parts.rigid.bind_members(place).over(params.members)?,
+            parts
+                .rigid
+                .bind_members(fit)
+                .dispatch_items(parts.threads())?,
+            parts
+                .rigid
+                .bind_members(place)
+                .dispatch_items(params.members)?,
         ])
     }
 
     /// Before a start is picked; `before` are the velocities at the start of the step before.
-    pub fn start(&self, parts: &Parts, before: &Array) -> Result<Pass> {
+    pub fn start(&self, parts: &RigidContext, before: &Array) -> Result<Pass> {
         let (core, body, params) = (parts.core, parts.body, parts.params());
         let pass = parts
             .pass("physics/rigid_start")
@@ -151,11 +157,19 @@ impl RigidSteps {
             .read(&core.status)
             .write(&self.motions)
             .params(&params);
-        parts.rigid.bind_members(pass).over(parts.threads())
+        parts
+            .rigid
+            .bind_members(pass)
+            .dispatch_items(parts.threads())
     }
 
     /// Once the system is made: its parts that are the bodies' own.
-    pub fn system(&self, parts: &Parts, matrix: &Array, preconditioner: &Array) -> Result<Pass> {
+    pub fn system(
+        &self,
+        parts: &RigidContext,
+        matrix: &Array,
+        preconditioner: &Array,
+    ) -> Result<Pass> {
         let (rows, columns, _) = parts.elements.edges();
         let params = parts.params();
         let pass = parts
@@ -170,7 +184,10 @@ impl RigidSteps {
             .read(&parts.core.status)
             .write(&self.blocks)
             .params(&params);
-        parts.rigid.bind_members(pass).over(parts.threads())
+        parts
+            .rigid
+            .bind_members(pass)
+            .dispatch_items(parts.threads())
     }
 
     /// After a residual, which with what becomes of it is in `vectors`: before the iterations, or
@@ -178,7 +195,7 @@ impl RigidSteps {
     /// and after it.
     pub fn precondition(
         &self,
-        parts: &Parts,
+        parts: &RigidContext,
         [residual, preconditioned]: [&Array; 2],
         [before, after]: [&wgpu::Buffer; 2],
         (partials, arguments): (&wgpu::Buffer, Option<&wgpu::Buffer>),
@@ -200,14 +217,14 @@ impl RigidSteps {
         let pass = parts.rigid.bind_members(pass);
         match arguments {
             // After the three words for the passes over all nodes.
-            Some(arguments) => pass.over_indirect(arguments, 12),
-            None => pass.over(parts.threads()),
+            Some(arguments) => pass.dispatch_indirect(arguments, 12),
+            None => pass.dispatch_items(parts.threads()),
         }
     }
 
     /// After the solve, whose solution is in one of the two: writes the candidate state at the
     /// bodies' nodes.
-    pub fn moved(&self, parts: &Parts, solution: &[Array; 2]) -> Result<Pass> {
+    pub fn advance_pass(&self, parts: &RigidContext, solution: &[Array; 2]) -> Result<Pass> {
         let (core, body, params) = (parts.core, parts.body, parts.params());
         let pass = parts
             .pass("physics/rigid_move")
@@ -222,6 +239,9 @@ impl RigidSteps {
             .write(&core.next_positions)
             .write(&core.next_velocities)
             .params(&params);
-        parts.rigid.bind_members(pass).over(parts.threads())
+        parts
+            .rigid
+            .bind_members(pass)
+            .dispatch_items(parts.threads())
     }
 }

@@ -5,11 +5,11 @@
 //! first of all: x + h (2v − v₋₁), two orders nearer than x, is taken where that has the least
 //! potential.
 
-use super::Body;
+use super::GpuBody;
 use super::gpu_contact::GpuContact;
 use super::gpu_elements::GpuElements;
-use super::implicit_rigid::{Parts, RigidSteps};
-use super::step::Core;
+use super::implicit_rigid::{RigidContext, RigidPasses};
+use super::step::StepResources;
 use crate::Result;
 use crate::gpu::{Array, Pass, Texel};
 
@@ -48,29 +48,29 @@ mod gpu_data {
 use gpu_data::{GuessParams, Scale, StartParams};
 
 /// Rigid bodies in a step.
-pub(super) type Tied<'a> = (&'a RigidSteps, Parts<'a>);
+pub(super) type RigidContextRef<'a> = (&'a RigidPasses, RigidContext<'a>);
 
 /// The state that a step starts from, and the curvatures of the tets there.
 #[derive(Debug)]
-pub(super) struct Start {
+pub(super) struct InitialState {
     pub positions: Array,
     pub velocities: Array,
     /// The velocities at the start of the step before.
-    pub before: Array,
+    pub previous_velocities: Array,
     curvatures: Array,
     partials: wgpu::Buffer,
 }
 
-impl Start {
+impl InitialState {
     /// For a body of `elements`.
-    pub fn new(core: &Core, elements: &GpuElements) -> Result<Start> {
+    pub fn new(core: &StepResources, elements: &GpuElements) -> Result<InitialState> {
         let gpu = &core.gpu;
-        let vector = |label| gpu.roomy_array(label, Texel::F32x4, core.nodes as usize);
+        let vector = |label| gpu.array_with_headroom(label, Texel::F32x4, core.nodes as usize);
         let curvatures = elements.curvature_texels();
-        Ok(Start {
+        Ok(InitialState {
             positions: vector("start positions")?,
             velocities: vector("start velocities")?,
-            before: vector("velocities before")?,
+            previous_velocities: vector("velocities before")?,
             curvatures: gpu.array("curvatures", Texel::F32x4, curvatures)?,
             partials: gpu.buffer("partial potentials", u64::from(core.groups) * 16)?,
         })
@@ -80,37 +80,37 @@ impl Start {
     /// `matrix`; forces there are in `core.forces` afterwards.
     pub fn passes(
         &self,
-        core: &Core,
-        body: &Body,
+        core: &StepResources,
+        body: &GpuBody,
         elements: &GpuElements,
-        (matrix, dt, rigid): (&Array, f32, Option<Tied<'_>>),
+        (matrix, dt, rigid): (&Array, f32, Option<RigidContextRef<'_>>),
     ) -> Result<Vec<Pass>> {
         let mut passes = Vec::new();
         if let Some((steps, parts)) = rigid {
-            passes.push(steps.start(&parts, &self.before)?);
+            passes.push(steps.start(&parts, &self.previous_velocities)?);
         }
-        passes.extend(self.picked(core, body, elements, (dt, rigid))?);
+        passes.extend(self.select_passes(core, body, elements, (dt, rigid))?);
         passes.extend(self.blocks(core, elements, &self.positions, (matrix, dt, None))?);
         passes.extend(core.force_passes(body, &self.positions, &self.velocities, false)?);
         Ok(passes)
     }
 
     /// The passes that pick the start of a step.
-    pub fn picked(
+    pub fn select_passes(
         &self,
-        core: &Core,
-        body: &Body,
+        core: &StepResources,
+        body: &GpuBody,
         elements: &GpuElements,
-        with: (f32, Option<Tied<'_>>),
+        with: (f32, Option<RigidContextRef<'_>>),
     ) -> Result<[Pass; 2]> {
-        let guess = self.guess(core, body, elements, with)?;
-        Ok([guess, self.pick(core, body, with.0, with.1)?])
+        let guess = self.evaluate_pass(core, body, elements, with)?;
+        Ok([guess, self.select_pass(core, body, with.0, with.1)?])
     }
 
     /// The passes that put the blocks of the matrix at `positions` into `matrix`.
     pub fn blocks(
         &self,
-        core: &Core,
+        core: &StepResources,
         elements: &GpuElements,
         positions: &Array,
         with: (&Array, f32, Option<&GpuContact>),
@@ -122,12 +122,12 @@ impl Start {
         ])
     }
 
-    fn guess(
+    fn evaluate_pass(
         &self,
-        core: &Core,
-        body: &Body,
+        core: &StepResources,
+        body: &GpuBody,
         elements: &GpuElements,
-        (dt, rigid): (f32, Option<Tied<'_>>),
+        (dt, rigid): (f32, Option<RigidContextRef<'_>>),
     ) -> Result<Pass> {
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
@@ -136,7 +136,7 @@ impl Start {
             nodes: core.nodes,
             tets: elements.count(),
             dt,
-            drag: dt * elements.drag(),
+            drag: dt * elements.mass_damping(),
             newton: (1.0 / units.force()) as f32,
             _pad0: 0,
             _pad1: 0,
@@ -154,7 +154,7 @@ impl Start {
             .constant("WORKGROUP", f64::from(core.workgroup))
             .read(body.nodes().array())
             .read(&body.velocities)
-            .read(&self.before)
+            .read(&self.previous_velocities)
             .read(&body.masses)
             .read(&body.external)
             .read(&core.status)
@@ -169,10 +169,16 @@ impl Start {
             Some(numbers) => pass.read(numbers),
             None => pass,
         }
-        .over(core.groups * core.workgroup)
+        .dispatch_items(core.groups * core.workgroup)
     }
 
-    fn pick(&self, core: &Core, body: &Body, dt: f32, rigid: Option<Tied<'_>>) -> Result<Pass> {
+    fn select_pass(
+        &self,
+        core: &StepResources,
+        body: &GpuBody,
+        dt: f32,
+        rigid: Option<RigidContextRef<'_>>,
+    ) -> Result<Pass> {
         let params = StartParams {
             nodes: core.nodes,
             groups: core.groups,
@@ -189,7 +195,7 @@ impl Start {
             .constant("WORKGROUP", f64::from(core.workgroup))
             .read(body.nodes().array())
             .read(&body.velocities)
-            .read(&self.before)
+            .read(&self.previous_velocities)
             .read(&body.masses)
             .read(&self.partials)
             .read(&core.status)
@@ -197,22 +203,24 @@ impl Start {
             .write(&self.velocities)
             .params(&params);
         match &rigid {
-            Some((steps, parts)) => steps.bind_starts(parts.rigid, pass).write(steps.choice()),
+            Some((steps, parts)) => steps
+                .bind_starts(parts.rigid, pass)
+                .write(steps.start_index()),
             None => pass,
         }
-        .over(core.groups * core.workgroup)
+        .dispatch_items(core.groups * core.workgroup)
     }
 
     /// Keeps the velocities for the next step, before they change.
-    pub fn keep(&self, core: &Core, body: &Body) -> Result<Pass> {
+    pub fn save_velocities(&self, core: &StepResources, body: &GpuBody) -> Result<Pass> {
         core.gpu
             .pass("gpu/scale")
             .read(&body.velocities)
-            .write(&self.before)
+            .write(&self.previous_velocities)
             .params(&Scale {
                 items: core.nodes,
                 factor: 1.0,
             })
-            .over(core.nodes)
+            .dispatch_items(core.nodes)
     }
 }

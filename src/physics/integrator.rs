@@ -6,12 +6,12 @@
 //! integrator keeps, written in WGSL that is the library's or the caller's own
 //! ([`add_shader`](crate::gpu::add_shader)).
 
-pub use super::step::Core;
-use super::{Body, SolverKind};
+pub use super::step::StepResources;
+use super::{GpuBody, SolverKind};
 use crate::gpu::{Array, Pass};
 use crate::{Error, Result};
 
-/// A scheme that steps a [`Body`] on the GPU.
+/// A scheme that steps a [`GpuBody`] on the GPU.
 pub trait Integrator: Sized + Send {
     /// Which one it is; of one of the caller's own: that whose stable step and advice are its own.
     const KIND: SolverKind;
@@ -20,20 +20,20 @@ pub trait Integrator: Sized + Send {
     const NAME: &'static str = Self::KIND.name();
 
     /// Whether it moves rigid regions as one body; others are given no body that has any.
-    const RIGID: bool = false;
+    const SUPPORTS_RIGID: bool = false;
 
     /// What it keeps on the GPU.
     ///
     /// # Errors
     /// What the device refuses.
-    fn new(core: &Core, body: &Body) -> Result<Self>;
+    fn new(core: &StepResources, body: &GpuBody) -> Result<Self>;
 
     /// Makes what it keeps as long as a cut has made the body; the steps that follow start
     /// afresh.
     ///
     /// # Errors
     /// What the device refuses.
-    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
+    fn apply_cut(&mut self, core: &StepResources, body: &GpuBody) -> Result<()> {
         *self = Self::new(core, body)?;
         Ok(())
     }
@@ -42,10 +42,10 @@ pub trait Integrator: Sized + Send {
     ///
     /// # Errors
     /// What the device refuses.
-    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step>;
+    fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step>;
 
     /// What it carries from one step to the next, apart from the state of the body.
-    fn carried(&self) -> Vec<&Array> {
+    fn history_arrays(&self) -> Vec<&Array> {
         Vec::new()
     }
 
@@ -55,13 +55,13 @@ pub trait Integrator: Sized + Send {
     }
 }
 
-/// The length of a step, in local units (see [`Units`](super::Units)).
+/// The length of a step, in local units (see [`LocalUnits`](super::LocalUnits)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
     /// This step's.
     pub dt: f32,
     /// The step before's.
-    pub before: f32,
+    pub previous_dt: f32,
 }
 
 /// A step from one state to the next.
@@ -69,11 +69,11 @@ pub struct Timing {
 pub struct Step {
     /// Before anything else after a change of positions or velocities from outside: makes what was
     /// set a state that the scheme can step from.
-    pub take_over: Vec<Pass>,
+    pub on_external_change: Vec<Pass>,
     /// In their order. One of them is [`Stage::Forces`], at the candidate state.
     pub stages: Vec<Stage>,
     /// In place of the first stage in a first step, and in one after a change from outside.
-    pub after_restart: Option<Stage>,
+    pub first_stage_on_restart: Option<Stage>,
     /// In place of the first stage in the first step after a change of its length.
     pub after_change: Option<Stage>,
 }
@@ -113,7 +113,7 @@ impl Step {
     /// [`Error::Input`] for a step that does not weigh its candidate exactly once, or whose forces
     /// are exchanged for something else in a first step.
     pub(super) fn velocities(&self) -> Result<Option<&Array>> {
-        let replaced = self.after_restart.is_some() || self.after_change.is_some();
+        let replaced = self.first_stage_on_restart.is_some() || self.after_change.is_some();
         let kept = self.stages.iter().skip(usize::from(replaced));
         let mut forces = kept.filter_map(|stage| match stage {
             Stage::Forces(velocities) => Some(velocities.as_ref()),

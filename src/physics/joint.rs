@@ -7,9 +7,9 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
     /// The labels of the regions; the second is none for the world.
-    pub between: (i64, Option<i64>),
+    pub regions: (i64, Option<i64>),
     /// Where it is at rest, in file units.
-    pub at: DVec3,
+    pub anchor: DVec3,
     /// What it leaves free.
     pub kind: JointKind,
 }
@@ -35,14 +35,14 @@ impl Joint {
     /// direction, or limits that leave out rest.
     pub fn check(&self) -> Result<()> {
         let refused = |what: String| Err(Error::Input(format!("a joint {what}")));
-        if self.between.1 == Some(self.between.0) {
+        if self.regions.1 == Some(self.regions.0) {
             return refused(format!(
                 "joins region {} with itself; name two regions, or one, which is joined to the world",
-                self.between.0
+                self.regions.0
             ));
         }
-        if !self.at.is_finite() {
-            return refused(format!("at {} is nowhere; give a point", self.at));
+        if !self.anchor.is_finite() {
+            return refused(format!("at {} is nowhere; give a point", self.anchor));
         }
         let (JointKind::Hinge(axis, limits) | JointKind::Slider(axis, limits)) = self.kind else {
             return Ok(());

@@ -1,6 +1,8 @@
 //! The solvers by name.
 
-use super::{Body, ExplicitEuler, ImplicitEuler, Solver, SymplecticEuler, VelocityVerlet, Verlet};
+use super::{
+    ExplicitEuler, GpuBody, ImplicitEuler, Solver, SymplecticEuler, VelocityVerlet, Verlet,
+};
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 use std::fmt;
@@ -38,7 +40,7 @@ impl SolverKind {
     ];
 
     /// Those that step bodies of finite elements only.
-    pub const OF_ELEMENTS: [SolverKind; 2] = [SolverKind::Bdf2, SolverKind::Midpoint];
+    pub const ELEMENT_ONLY: [SolverKind; 2] = [SolverKind::Bdf2, SolverKind::Midpoint];
 
     /// Whether any step of it is stable.
     pub fn is_implicit(self) -> bool {
@@ -49,8 +51,8 @@ impl SolverKind {
     }
 
     /// The error of a body of springs, or of another engine, that is to be stepped by one of
-    /// [`SolverKind::OF_ELEMENTS`].
-    pub(super) fn needs_elements(self) -> Error {
+    /// [`SolverKind::ELEMENT_ONLY`].
+    pub(super) fn requires_elements_error(self) -> Error {
         Error::Input(format!(
             "{self} steps bodies of finite elements on the CPU: give --material neo-hookean (or corotated) and --engine cpu, or take --solver implicit"
         ))
@@ -73,15 +75,15 @@ impl SolverKind {
     ///
     /// # Errors
     /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for one of
-    /// [`SolverKind::OF_ELEMENTS`].
-    pub fn solver(self, gpu: &Gpu, body: &Body) -> Result<Box<dyn Solver>> {
+    /// [`SolverKind::ELEMENT_ONLY`].
+    pub fn solver(self, gpu: &Gpu, body: &GpuBody) -> Result<Box<dyn Solver>> {
         Ok(match self {
             SolverKind::Explicit => Box::new(ExplicitEuler::new(gpu, body)?),
             SolverKind::Symplectic => Box::new(SymplecticEuler::new(gpu, body)?),
             SolverKind::Verlet => Box::new(Verlet::new(gpu, body)?),
             SolverKind::VelocityVerlet => Box::new(VelocityVerlet::new(gpu, body)?),
             SolverKind::Implicit => Box::new(ImplicitEuler::new(gpu, body)?),
-            SolverKind::Bdf2 | SolverKind::Midpoint => return Err(self.needs_elements()),
+            SolverKind::Bdf2 | SolverKind::Midpoint => return Err(self.requires_elements_error()),
         })
     }
 }
@@ -96,7 +98,7 @@ impl FromStr for SolverKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<SolverKind> {
-        let all = || SolverKind::ALL.into_iter().chain(SolverKind::OF_ELEMENTS);
+        let all = || SolverKind::ALL.into_iter().chain(SolverKind::ELEMENT_ONLY);
         all().find(|k| k.name() == name).ok_or_else(|| {
             let names: Vec<&str> = all().map(SolverKind::name).collect();
             Error::Input(format!(

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// Vectors kept between restarts.
-const BASIS: usize = 24;
+const KRYLOV_DIMENSION: usize = 24;
 
 /// An eigenvalue and its eigenvector, of length 1.
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ pub fn largest_eigenpair(
         if !normalise(&mut best.vector) {
             break;
         }
-        let (next, residual) = cycle(&operator, &best.vector);
+        let (next, residual) = lanczos_cycle(&operator, &best.vector);
         best = next;
         if residual <= tolerance * best.value {
             break;
@@ -44,14 +44,14 @@ pub fn largest_eigenpair(
 }
 
 /// A start with a share of every mode: a Weyl sequence, always the same.
-pub fn any_vector(nodes: usize) -> Vec<DVec3> {
+pub fn start_vector(nodes: usize) -> Vec<DVec3> {
     (0..nodes)
         .map(|i| (DVec3::new(0.5545497, 0.308517, 0.7548777) * (i + 1) as f64).fract() - 0.5)
         .collect()
 }
 
 /// The best vector in the Krylov space of `start`, of length 1, and the length of its residual.
-fn cycle(operator: &impl Fn(&[DVec3]) -> Vec<DVec3>, start: &[DVec3]) -> (Eigenpair, f64) {
+fn lanczos_cycle(operator: &impl Fn(&[DVec3]) -> Vec<DVec3>, start: &[DVec3]) -> (Eigenpair, f64) {
     let mut basis = vec![start.to_vec()];
     // The operator in that basis: tridiagonal.
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
@@ -71,7 +71,7 @@ fn cycle(operator: &impl Fn(&[DVec3]) -> Vec<DVec3>, start: &[DVec3]) -> (Eigenp
         let length = dot(&next, &next).sqrt();
         let size = diagonal.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
         beside.push(length);
-        if basis.len() == BASIS || length <= 1e-14 * size || !length.is_finite() {
+        if basis.len() == KRYLOV_DIMENSION || length <= 1e-14 * size || !length.is_finite() {
             break;
         }
         next.iter_mut().for_each(|x| *x /= length);
@@ -167,7 +167,7 @@ mod tests {
     #[test]
     fn the_largest_eigenpair_of_a_chain_is_the_exact_one() {
         for nodes in [1usize, 2, 5, 40] {
-            let found = largest_eigenpair(chain, any_vector(nodes), 1e-9, 400);
+            let found = largest_eigenpair(chain, start_vector(nodes), 1e-9, 400);
             let n = (3 * nodes) as f64;
             let exact = 2.0 + 2.0 * (std::f64::consts::PI / (n + 1.0)).cos();
             assert!((found.value / exact - 1.0).abs() < 1e-12, "{nodes} nodes");
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn nothing_has_no_eigenvalue() {
-        let found = largest_eigenpair(|y| vec![DVec3::ZERO; y.len()], any_vector(4), 1e-9, 10);
+        let found = largest_eigenpair(|y| vec![DVec3::ZERO; y.len()], start_vector(4), 1e-9, 10);
         assert_eq!(found.value, 0.0);
         assert!(largest_eigenpair(chain, vec![DVec3::ZERO; 3], 1e-9, 10).value == 0.0);
     }

@@ -1,9 +1,9 @@
 //! What holds a body and what pulls it, whatever engine steps it.
 
-use super::LevelId;
+use super::AmplitudeId;
 use super::contact::{ToolId, ToolPose, check_pose};
-use super::grab::{GrabId, Grabs, Grip};
-use super::reactions::Held;
+use super::grab::{GrabId, GrabMode, Grabs};
+use super::reactions::GrabbedNode;
 use super::state::GrabsState;
 use crate::mesh::{LocalFrame, TetCut};
 use crate::{Error, Result};
@@ -20,7 +20,7 @@ pub(super) struct LoadVersions {
     /// Of external forces.
     pub forces: u64,
     /// Of which nodes are pinned, or held by a grab.
-    pub held: u64,
+    pub constraints: u64,
     /// Of levels.
     pub levels: u64,
     /// Of where tools go.
@@ -39,7 +39,7 @@ pub struct Loads {
     forces: Vec<DVec3>,
     pinned: Vec<bool>,
     pub(super) grabs: Grabs,
-    led: Vec<Led>,
+    led: Vec<PrescribedMotion>,
     levels: Vec<f64>,
     /// Where tools go, and how often each was put elsewhere.
     tools: Vec<(ToolPose, u64)>,
@@ -48,27 +48,27 @@ pub struct Loads {
 
 /// Names nodes that are led.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LedId(usize);
+pub struct PrescribedMotionId(usize);
 
 /// Nodes that are led along, each at a place and a velocity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Led {
+pub(super) struct PrescribedMotion {
     nodes: Vec<u32>,
     places: Vec<[f64; 3]>,
     velocities: Vec<[f64; 3]>,
 }
 
-impl Led {
+impl PrescribedMotion {
     /// Each node with its place and velocity, in file units.
-    pub fn each(&self) -> impl Iterator<Item = (u32, DVec3, DVec3)> {
+    pub fn iter(&self) -> impl Iterator<Item = (u32, DVec3, DVec3)> {
         let ways = self.places.iter().zip(&self.velocities);
         let nodes = self.nodes.iter().zip(ways);
         nodes.map(|(v, (x, w))| (*v, DVec3::from(*x), DVec3::from(*w)))
     }
 
     /// Follows a cut: doubles are led as the nodes they come from.
-    fn follow(&mut self, cut: &TetCut) {
-        for [new, old] in &cut.doubled {
+    fn apply_cut(&mut self, cut: &TetCut) {
+        for [new, old] in &cut.duplicated_nodes {
             if let Some(k) = self.nodes.iter().position(|v| v == old) {
                 self.nodes.push(*new);
                 self.places.push(self.places[k]);
@@ -85,7 +85,7 @@ pub(super) struct LoadsState {
     forces: Vec<[f64; 3]>,
     pinned: Vec<bool>,
     grabs: GrabsState,
-    led: Vec<Led>,
+    led: Vec<PrescribedMotion>,
     levels: Vec<f64>,
     tools: Vec<(ToolPose, u64)>,
     versions: LoadVersions,
@@ -145,7 +145,7 @@ impl Loads {
         for v in nodes {
             self.pinned[*v as usize] = true;
         }
-        self.versions.held += 1;
+        self.versions.constraints += 1;
         self.versions.any += 1;
         Ok(())
     }
@@ -153,7 +153,7 @@ impl Loads {
     /// Lets every node go that is pinned.
     pub fn unpin_all(&mut self) {
         self.pinned.fill(false);
-        self.versions.held += 1;
+        self.versions.constraints += 1;
         self.versions.any += 1;
     }
 
@@ -228,9 +228,9 @@ impl Loads {
         positions: &[DVec3],
         there: impl Fn(usize) -> bool,
         (centre, radius): (DVec3, f64),
-        grip: Grip,
+        grip: GrabMode,
     ) -> Result<GrabId> {
-        let free: Vec<bool> = self.held().iter().map(|held| !held).collect();
+        let free: Vec<bool> = self.constrained_nodes().iter().map(|held| !held).collect();
         let free = |i: usize| free[i] && there(i);
         let grab = self.grabs.add(positions, free, centre, radius, grip)?;
         self.grabs_changed();
@@ -253,7 +253,7 @@ impl Loads {
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there.
-    pub fn held_by(&self, grab: GrabId) -> Result<Vec<Held>> {
+    pub fn grabbed_nodes(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
         self.grabs.held_by(grab)
     }
 
@@ -269,14 +269,18 @@ impl Loads {
 
     fn grabs_changed(&mut self) {
         self.versions.grabs += 1;
-        self.versions.held += 1;
+        self.versions.constraints += 1;
         self.versions.any += 1;
     }
 
     /// Leads `nodes` along from now on, which stand at `places` (file units); the engine has to be
-    /// one that can: [`Simulator::lead`](super::Simulator::lead).
-    pub(super) fn lead(&mut self, nodes: &[u32], places: &[DVec3]) -> Result<LedId> {
-        let held = self.held();
+    /// one that can: [`Simulator::add_prescribed_motion`](super::Simulator::add_prescribed_motion).
+    pub(super) fn add_prescribed_motion(
+        &mut self,
+        nodes: &[u32],
+        places: &[DVec3],
+    ) -> Result<PrescribedMotionId> {
+        let held = self.constrained_nodes();
         if let Some(v) = nodes
             .iter()
             .find(|v| held.get(**v as usize) != Some(&false))
@@ -292,13 +296,13 @@ impl Loads {
                 nodes.len()
             )));
         }
-        self.led.push(Led {
+        self.led.push(PrescribedMotion {
             nodes: nodes.to_vec(),
             places: places.iter().map(|p| p.to_array()).collect(),
             velocities: vec![[0.0; 3]; nodes.len()],
         });
         self.grabs_changed();
-        Ok(LedId(self.led.len() - 1))
+        Ok(PrescribedMotionId(self.led.len() - 1))
     }
 
     /// Puts nodes that are led at `places` (file units), from where they go on at `velocities`
@@ -306,7 +310,12 @@ impl Loads {
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of them, or any that is not finite.
-    pub fn set_led(&mut self, id: LedId, places: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+    pub fn set_prescribed_motion(
+        &mut self,
+        id: PrescribedMotionId,
+        places: &[DVec3],
+        velocities: &[DVec3],
+    ) -> Result<()> {
         let count = self.led.get(id.0).map_or(0, |led| led.nodes.len());
         let finite = places.iter().chain(velocities).all(|v| v.is_finite());
         if [places.len(), velocities.len()] != [count; 2] || !finite {
@@ -327,23 +336,23 @@ impl Loads {
         Ok(())
     }
 
-    pub(super) fn led(&self) -> &[Led] {
+    pub(super) fn prescribed_motions(&self) -> &[PrescribedMotion] {
         &self.led
     }
 
     /// Adds a level, at 0.
-    pub(super) fn add_level(&mut self) -> LevelId {
+    pub(super) fn add_amplitude(&mut self) -> AmplitudeId {
         self.levels.push(0.0);
         self.versions.levels += 1;
         self.versions.any += 1;
-        LevelId(self.levels.len() - 1)
+        AmplitudeId(self.levels.len() - 1)
     }
 
-    pub(super) fn levels(&self) -> &[f64] {
+    pub(super) fn amplitudes(&self) -> &[f64] {
         &self.levels
     }
 
-    pub(super) fn set_level(&mut self, id: LevelId, level: f64) {
+    pub(super) fn set_amplitude(&mut self, id: AmplitudeId, level: f64) {
         if let Some(own) = self.levels.get_mut(id.0).filter(|own| **own != level) {
             *own = level;
             self.versions.levels += 1;
@@ -378,7 +387,7 @@ impl Loads {
     ///
     /// # Errors
     /// [`Error::Input`] for a tool that is not there, or a pose that is none.
-    pub fn guide_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
+    pub fn set_tool_target(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
         check_pose(&pose)?;
         if self.tool(id)? != pose {
             self.tools[id.0].0 = pose;
@@ -392,8 +401,8 @@ impl Loads {
     /// out.
     ///
     /// # Errors
-    /// As [`Loads::guide_tool`].
-    pub fn put_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
+    /// As [`Loads::set_tool_target`].
+    pub fn teleport_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
         check_pose(&pose)?;
         self.tool(id)?;
         self.tools[id.0] = (pose, self.tools[id.0].1 + 1);
@@ -403,7 +412,7 @@ impl Loads {
     }
 
     /// Which nodes cannot move by themselves: pinned, or held where a grab has them.
-    pub(super) fn held(&self) -> Vec<bool> {
+    pub(super) fn constrained_nodes(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
         let led = self.led.iter().flat_map(|led| led.nodes.iter().copied());
         self.grabs
@@ -415,16 +424,16 @@ impl Loads {
 
     /// Follows a cut: doubles are pinned as the nodes they come from, and share their forces by
     /// `masses`, those after the cut. Returns whether a force was shared.
-    pub(super) fn follow(&mut self, cut: &TetCut, masses: &[f64]) -> bool {
-        for [_, old] in &cut.doubled {
+    pub(super) fn apply_cut(&mut self, cut: &TetCut, masses: &[f64]) -> bool {
+        for [_, old] in &cut.duplicated_nodes {
             self.pinned.push(self.pinned[*old as usize]);
         }
         for led in &mut self.led {
-            led.follow(cut);
+            led.apply_cut(cut);
         }
         self.forces.resize(masses.len(), DVec3::ZERO);
         let mut shared = false;
-        for doubles in cut.doubled.chunk_by(|a, b| a[1] == b[1]) {
+        for doubles in cut.duplicated_nodes.chunk_by(|a, b| a[1] == b[1]) {
             let old = doubles[0][1] as usize;
             let force = self.forces[old];
             if force == DVec3::ZERO {
@@ -438,7 +447,7 @@ impl Loads {
                 self.forces[v] = share * force;
             }
         }
-        self.versions.held += 1;
+        self.versions.constraints += 1;
         self.versions.any += 1;
         if self.grabs.any() {
             // Masses and loads around the cut are new: those of nodes held are made again.

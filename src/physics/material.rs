@@ -1,6 +1,6 @@
 //! What a body is made of: stiffness, mass, damping.
 
-use super::VolumeModel;
+use super::VolumetricFormulation;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -97,7 +97,7 @@ pub struct Material {
     /// Poisson's ratio ν of elements; springs have ¼.
     pub poisson: f64,
     /// What changes of volume of elements are measured on.
-    pub volume: VolumeModel,
+    pub volume: VolumetricFormulation,
     /// Mass per volume, kg/m³.
     pub density: f64,
     /// Damping constant κ_d of every spring, N·s/m.
@@ -117,35 +117,35 @@ pub struct Material {
     pub rigid: BTreeSet<i64>,
     /// A field of factors on the stiffness, of the tets or else of the nodes; what lies between
     /// nodes takes their mean.
-    pub factor_field: Option<String>,
+    pub stiffness_scale_field: Option<String>,
     /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
     pub length_unit: f64,
 }
 
 /// Poisson's ratio where nothing is said: soft tissue hardly changes its volume, and linear tets
 /// lock where they must not at all.
-pub(crate) const POISSON: f64 = 0.4;
+pub(crate) const DEFAULT_POISSON: f64 = 0.4;
 
 /// Poisson's ratio of linear tets is at most this.
-const MOST_POISSON: f64 = 0.499;
+const MAX_POISSON: f64 = 0.499;
 
 fn check_poisson(ratio: f64, place: &str) -> Result<()> {
-    match (0.0..=MOST_POISSON).contains(&ratio) {
+    match (0.0..=MAX_POISSON).contains(&ratio) {
         true => Ok(()),
         false => Err(Error::Input(format!(
-            "material: a Poisson's ratio of {ratio}{place} makes no sense here; give a number from 0 to {MOST_POISSON}"
+            "material: a Poisson's ratio of {ratio}{place} makes no sense here; give a number from 0 to {MAX_POISSON}"
         ))),
     }
 }
 
 impl Material {
     /// A material of Young's modulus `young` (Pa) with the density of water, undamped.
-    pub fn young(young: f64) -> Material {
+    pub fn from_young(young: f64) -> Material {
         Material {
             model: MaterialModel::default(),
             stiffness: Stiffness::Young(young),
-            poisson: POISSON,
-            volume: VolumeModel::default(),
+            poisson: DEFAULT_POISSON,
+            volume: VolumetricFormulation::default(),
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
@@ -154,19 +154,19 @@ impl Material {
             region_field: None,
             regions: BTreeMap::new(),
             rigid: BTreeSet::new(),
-            factor_field: None,
+            stiffness_scale_field: None,
             length_unit: 1.0,
         }
     }
 
     /// The paper's material: one spring constant `stiffness` (N/m) for all springs, damping
     /// `damping` (N·s/m) of the whole relative velocity, the density of water.
-    pub fn paper(stiffness: f64, damping: f64) -> Material {
+    pub fn uniform_springs(stiffness: f64, damping: f64) -> Material {
         Material {
             stiffness: Stiffness::Uniform(stiffness),
             damping,
             damping_kind: Damping::Relative,
-            ..Material::young(0.0)
+            ..Material::from_young(0.0)
         }
     }
 
@@ -175,7 +175,7 @@ impl Material {
         Material {
             density: 1060.0,
             damping_time: 0.02,
-            ..Material::young(3e4)
+            ..Material::from_young(3e4)
         }
     }
 
@@ -184,7 +184,7 @@ impl Material {
         Material {
             density: 950.0,
             damping_time: 0.05,
-            ..Material::young(3e3)
+            ..Material::from_young(3e3)
         }
     }
 
@@ -193,7 +193,7 @@ impl Material {
         Material {
             density: 1100.0,
             damping_time: 0.005,
-            ..Material::young(1e6)
+            ..Material::from_young(1e6)
         }
     }
 
@@ -215,7 +215,7 @@ impl Material {
     /// This material, of elements, so damped that a swing of `frequency` (Hz) has the damping ratio
     /// `ratio` (1 just does not swing): Rayleigh's α = ζω and β = ζ/ω, ω = 2π times the frequency.
     /// Slower and faster swings are damped more, ζ/2 (ω/ω' + ω'/ω) at ω'.
-    pub fn damped(self, ratio: f64, frequency: f64) -> Material {
+    pub fn with_damping_ratio(self, ratio: f64, frequency: f64) -> Material {
         let omega = std::f64::consts::TAU * frequency;
         Material {
             damping: 0.0,
@@ -262,7 +262,7 @@ impl Material {
                     .into(),
             ));
         }
-        if springs && self.volume != VolumeModel::PerTet {
+        if springs && self.volume != VolumetricFormulation::PerTet {
             return Err(Error::Input(format!(
                 "material: springs have no volume that could be {}; give model = \"neo-hookean\" or \"corotated\" (--material), or leave the volume out",
                 self.volume

@@ -2,7 +2,7 @@
 //! along its edges (Tejada & Ertl 2005, section 3), stepped on the GPU or on the processor by one
 //! trait, [`Simulator`].
 //!
-//! On the GPU a [`Body`] is a mesh made of a [`Material`]; a [`Solver`] moves it. A step is a chain of
+//! On the GPU a [`GpuBody`] is a mesh made of a [`Material`]; a [`Solver`] moves it. A step is a chain of
 //! passes: the solver proposes a candidate state, its forces and energies are computed, one
 //! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
 //! the CPU; a failure freezes the last good state until somebody asks.
@@ -70,45 +70,48 @@ mod units;
 mod velocity_verlet;
 mod verlet;
 
-pub use acting::{Acting, LevelId, Muscle};
-pub use bodies::{Bodies, BodiesState, Member, MemberReport};
-pub use body::Body;
+pub use acting::{AmplitudeId, Muscle, ScaledLoad};
+pub use bodies::{BodiesState, Member, MemberReport, MultiBody};
+pub use body::GpuBody;
 #[cfg(test)]
-pub(crate) use contact::scattered;
-pub use contact::{DistanceField, Overlap, SelfContact, Shape, Tool, ToolId, ToolPose, Touch};
+pub(crate) use contact::pseudo_random_points;
+pub use contact::{
+    DistanceField, InitialPenetration, SelfContactSettings, Shape, SurfaceDistance, Tool, ToolId,
+    ToolPose,
+};
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
-pub use element_volume::VolumeModel;
+pub use element_volume::VolumetricFormulation;
 pub(crate) use elements::eigen;
-pub use elements::{Blocks, Element, Elements, Law, Newton};
+pub use elements::{ConstitutiveModel, Element, ElementHessian, Elements, NewtonSettings};
 pub use engine::{Engine, EngineChoice};
 pub use fields::BodyField;
 pub use gpu_tets::{GpuTets, TetState};
-pub use grab::{GrabId, Grip};
+pub use grab::{GrabId, GrabMode};
 pub use grid::{GpuGrid, GridState};
-use guard::advice;
-pub use guard::{Progress, StepRecord};
-pub use hold::HeldEnd;
-pub use implicit_euler::ConjugateGradients;
+use guard::time_step_advice;
+pub use guard::{StepProgress, StepRecord};
+pub use hold::ClampedEnd;
+pub use implicit_euler::CgSettings;
 pub use joint::{Joint, JointKind};
 pub use kind::SolverKind;
-pub use loads::{LedId, Loads};
+pub use loads::{Loads, PrescribedMotionId};
 pub use material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
-pub use network::{Spring, SpringNetwork};
-pub use nodes::Nodes;
+pub use network::{DiscreteModel, Spring};
+pub use nodes::NodePositions;
 #[cfg(feature = "rapier")]
 pub use rapier::RapierTets;
-pub use reactions::{Forces, Held, Reaction};
+pub use reactions::{GrabbedNode, NodalForces, Reaction};
 pub use report::{Energy, Report};
 pub use rigid::RigidBody;
-pub use simulator::{Pose, Simulator, SimulatorState, TopologyChange, Waker};
+pub use simulator::{ExactPositions, Simulator, SimulatorState, StepCallback, TopologyChange};
 pub use solver::Solver;
 pub use stability::largest_stable_step;
-use stability::with_terms;
+use stability::limit_with_terms;
 pub use state::{BodyState, SolverState};
 pub use stepper::Stepper;
 pub use terms::{Floor, NodeTerm};
 pub use tissue::{TISSUES, Tissue};
-pub use units::Units;
+pub use units::LocalUnits;
 
 /// Explicit Euler: x' = x + h v, v' = v + h a. Never stable without damping.
 pub type ExplicitEuler = Stepper<explicit_euler::Scheme>;
@@ -121,4 +124,4 @@ pub type Verlet = Stepper<verlet::Scheme>;
 /// order with damping too.
 pub type VelocityVerlet = Stepper<velocity_verlet::Scheme>;
 /// Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h(f + h K̃ v).
-pub type ImplicitEuler = Stepper<implicit_euler::Scheme>;
+pub type ImplicitEuler = Stepper<implicit_euler::ImplicitEulerScheme>;

@@ -1,7 +1,7 @@
 //! The one pass that moves the nodes in an explicit scheme; the twin of `shaders/lib/move.wgsl`.
 
-use super::Body;
-use super::step::Core;
+use super::GpuBody;
+use super::step::StepResources;
 use crate::Result;
 use crate::gpu::{Array, Pass};
 
@@ -19,9 +19,9 @@ mod gpu_data {
 use gpu_data::MoveParams;
 
 /// The pass `shader`, from the state of `body` to the candidate positions and to `velocities`.
-pub(super) fn pass(
-    core: &Core,
-    body: &Body,
+pub(super) fn explicit_pass(
+    core: &StepResources,
+    body: &GpuBody,
     shader: &str,
     velocities: &Array,
     dt: f32,
@@ -43,5 +43,5 @@ pub(super) fn pass(
         .write(&core.next_positions)
         .write(velocities)
         .params(&params)
-        .over(core.nodes)
+        .dispatch_items(core.nodes)
 }

@@ -1,11 +1,11 @@
 //! The particles and springs of a body, in float64 and SI units: what the GPU's arrays are made
 //! from, and what the reference steps.
 
-use super::elements::{Element, Elements, Law};
-use super::hold::HeldEnd;
+use super::elements::{ConstitutiveModel, Element, Elements};
+use super::hold::ClampedEnd;
 use super::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 use super::rigid::rigid_bodies;
-use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, splice};
+use crate::mesh::{Field, LocalFrame, Location, TET_EDGES, TetCut, TetMesh, replace_sorted};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -26,9 +26,9 @@ pub struct Spring {
 ///
 /// Positions are in metres from the frame's origin.
 #[derive(Clone, Debug, Default)]
-pub struct SpringNetwork {
+pub struct DiscreteModel {
     /// Rest position of every node, m.
-    pub rest: Vec<DVec3>,
+    pub rest_positions: Vec<DVec3>,
     /// Mass of every node: a quarter of that of its tets, kg.
     pub masses: Vec<f64>,
     /// Every edge of the mesh once, sorted.
@@ -49,21 +49,21 @@ pub struct SpringNetwork {
     pub elements: Elements,
 }
 
-impl SpringNetwork {
+impl DiscreteModel {
     /// The end by which the body is held where nobody said, `down` being the way loads go: a flat
-    /// one, or what it stands on; see [`HeldEnd::of_pieces`]. Also the number of its pieces.
-    pub fn held_end(&self, down: DVec3) -> (HeldEnd, usize) {
+    /// one, or what it stands on; see [`ClampedEnd::of_largest_component`]. Also the number of its pieces.
+    pub fn find_clamped_end(&self, down: DVec3) -> (ClampedEnd, usize) {
         let ties = self.springs.iter().map(|s| s.nodes);
-        HeldEnd::of_pieces(&self.rest, &self.masses, ties, down)
+        ClampedEnd::of_largest_component(&self.rest_positions, &self.masses, ties, down)
     }
 
     /// The network of `mesh` made of `material`.
     ///
     /// # Errors
     /// [`Error::Input`] for numbers that make no sense or fields the mesh does not have.
-    pub fn new(mesh: &TetMesh, material: &Material) -> Result<SpringNetwork> {
+    pub fn new(mesh: &TetMesh, material: &Material) -> Result<DiscreteModel> {
         material.check()?;
-        let frame = LocalFrame::of_mesh(mesh);
+        let frame = LocalFrame::from_mesh(mesh);
         let unit = material.length_unit;
         let rest: Vec<DVec3> = mesh
             .nodes
@@ -74,8 +74,8 @@ impl SpringNetwork {
         let masses = matter.masses(0..mesh.tets.len())?;
         let springs = matter.springs(&edges_around(mesh), &rest)?;
         let elements = matter.elements(&rest);
-        Ok(SpringNetwork {
-            rest,
+        Ok(DiscreteModel {
+            rest_positions: rest,
             masses,
             springs,
             damping: material.damping,
@@ -89,51 +89,63 @@ impl SpringNetwork {
 
     /// Follows `cut`, which made `mesh` of the mesh this network was made of: doubled nodes share
     /// the mass of their tets, and the edges at them become springs anew, each from the tets
-    /// around it, so that the network is what [`SpringNetwork::new`] would make of the mesh.
+    /// around it, so that the network is what [`DiscreteModel::new`] would make of the mesh.
     /// Returns the springs at the nodes doubled. Takes time in proportion to the cut, but for
     /// making room in the lists.
     ///
     /// # Errors
-    /// As [`SpringNetwork::new`], and [`Error::Input`] when `mesh` is not the one cut; nothing is
+    /// As [`DiscreteModel::new`], and [`Error::Input`] when `mesh` is not the one cut; nothing is
     /// changed then.
-    pub fn follow(
+    pub fn apply_cut(
         &mut self,
         mesh: &TetMesh,
         material: &Material,
         cut: &TetCut,
     ) -> Result<Vec<Spring>> {
-        if mesh.nodes.len() != self.rest.len() + cut.doubled.len() {
+        if mesh.nodes.len() != self.rest_positions.len() + cut.duplicated_nodes.len() {
             return Err(Error::Input(format!(
                 "a body of {} nodes cannot follow a cut that doubled {} of them in a mesh that has {} now; give it every cut in turn",
-                self.rest.len(),
-                cut.doubled.len(),
+                self.rest_positions.len(),
+                cut.duplicated_nodes.len(),
                 mesh.nodes.len()
             )));
         }
         if !cut.removed.is_empty() {
-            let (frame, damping, kept) =
-                (self.frame, self.elements.mass_damping, self.elements.kept);
-            *self = SpringNetwork::new(mesh, material)?;
+            let (frame, damping, kept) = (
+                self.frame,
+                self.elements.mass_damping,
+                self.elements.per_tet_lambda_ratio,
+            );
+            *self = DiscreteModel::new(mesh, material)?;
             self.elements.mass_damping = damping;
-            self.elements.kept = kept;
+            self.elements.per_tet_lambda_ratio = kept;
             // Positions stay in the frame they are in.
             let moved = (self.frame.origin - frame.origin) * self.length_unit;
-            self.rest.iter_mut().for_each(|x| *x += moved);
+            self.rest_positions.iter_mut().for_each(|x| *x += moved);
             self.frame = frame;
             return Ok(Vec::new());
         }
         let matter = Matter::new(mesh, material)?;
-        let mut rest = self.rest.clone();
-        rest.extend(cut.doubled.iter().map(|[_, old]| self.rest[*old as usize]));
-        let masses = matter.masses(cut.star.iter().map(|t| *t as usize))?;
-        let springs = matter.springs(&cut.around, &rest)?;
-        splice(&mut self.springs, |s| s.nodes, &cut.edges_before, &springs);
-        matter.rename(&mut self.elements, &cut.star, &rest);
+        let mut rest = self.rest_positions.clone();
+        rest.extend(
+            cut.duplicated_nodes
+                .iter()
+                .map(|[_, old]| self.rest_positions[*old as usize]),
+        );
+        let masses = matter.masses(cut.incident_tets.iter().map(|t| *t as usize))?;
+        let springs = matter.springs(&cut.edge_tets, &rest)?;
+        replace_sorted(
+            &mut self.springs,
+            |s| s.nodes,
+            &cut.previous_edges,
+            &springs,
+        );
+        matter.rename(&mut self.elements, &cut.incident_tets, &rest);
         self.masses.resize(mesh.nodes.len(), 0.0);
         for v in &cut.nodes {
             self.masses[*v as usize] = masses[*v as usize];
         }
-        self.rest = rest;
+        self.rest_positions = rest;
         Ok(springs)
     }
 
@@ -182,7 +194,7 @@ impl<'a> Matter<'a, ()> {
                 Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),
                 None => None,
             },
-            factors: match &material.factor_field {
+            factors: match &material.stiffness_scale_field {
                 Some(name) if mesh.field(name, Location::Cell).is_some() => {
                     Some(Factors::Cells(scalar_field(mesh, name, Location::Cell)?))
                 }
@@ -245,8 +257,8 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
     fn elements(&self, rest: &[DVec3]) -> Elements {
         let law = match self.material.model {
             MaterialModel::Springs => return Elements::default(),
-            MaterialModel::NeoHookean => Law::NeoHookean,
-            MaterialModel::Corotated => Law::Corotated,
+            MaterialModel::NeoHookean => ConstitutiveModel::NeoHookean,
+            MaterialModel::Corotated => ConstitutiveModel::Corotated,
         };
         Elements {
             law,
@@ -266,7 +278,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         self.material.rigid.contains(&label).then_some(label)
     }
 
-    fn element(&self, t: usize, law: Law, rest: &[DVec3]) -> Option<Element> {
+    fn element(&self, t: usize, law: ConstitutiveModel, rest: &[DVec3]) -> Option<Element> {
         if self.rigid_label(t).is_some() {
             return None;
         }
@@ -296,10 +308,10 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
         if elements.tets.len() != self.mesh.tets.len() {
             // Some were left out: which is whose is not known.
-            let (damping, kept) = (elements.mass_damping, elements.kept);
+            let (damping, kept) = (elements.mass_damping, elements.per_tet_lambda_ratio);
             *elements = self.elements(rest);
             elements.mass_damping = damping;
-            elements.kept = kept;
+            elements.per_tet_lambda_ratio = kept;
             return;
         }
         for t in star {

@@ -8,9 +8,9 @@ use glam::{DVec3, Vec3};
 /// The positions of a mesh's nodes on the GPU, with or without physics behind them.
 ///
 /// Node i of the mesh is item i of the array, in the local frame. Their version tells whether they
-/// have moved; who writes the texture by other means than Palpate's says so with [`Array::touch`].
+/// have moved; who writes the texture by other means than Palpate's says so with [`Array::mark_written`].
 #[derive(Clone, Debug)]
-pub struct Nodes {
+pub struct NodePositions {
     gpu: Gpu,
     positions: Array,
     frame: LocalFrame,
@@ -18,8 +18,8 @@ pub struct Nodes {
     put: Option<(u64, Vec<Vec3>)>,
 }
 
-impl<'a> From<&'a Nodes> for Positions<'a> {
-    fn from(nodes: &'a Nodes) -> Positions<'a> {
+impl<'a> From<&'a NodePositions> for Positions<'a> {
+    fn from(nodes: &'a NodePositions) -> Positions<'a> {
         Positions {
             array: &nodes.positions,
             frame: nodes.frame,
@@ -27,17 +27,17 @@ impl<'a> From<&'a Nodes> for Positions<'a> {
     }
 }
 
-impl Nodes {
+impl NodePositions {
     /// The nodes of `mesh`, at rest.
     ///
     /// # Errors
     /// [`Error::Gpu`] when they do not fit the device.
-    pub fn new(gpu: &Gpu, mesh: &TetMesh) -> Result<Nodes> {
-        let frame = LocalFrame::of_mesh(mesh);
+    pub fn new(gpu: &Gpu, mesh: &TetMesh) -> Result<NodePositions> {
+        let frame = LocalFrame::from_mesh(mesh);
         let put: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
         let local: Vec<[f32; 4]> = put.iter().map(|p| p.extend(1.0).to_array()).collect();
-        let positions = gpu.roomy_array_of("positions", Texel::F32x4, &local)?;
-        Ok(Nodes {
+        let positions = gpu.array_of_with_headroom("positions", Texel::F32x4, &local)?;
+        Ok(NodePositions {
             gpu: gpu.clone(),
             put: Some((positions.version(), put)),
             positions,

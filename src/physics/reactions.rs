@@ -1,18 +1,18 @@
 //! What a body exerts on that which holds it.
 
-use super::{GrabId, Grip, Simulator};
+use super::{GrabId, GrabMode, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// What holds one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Held {
+pub struct GrabbedNode {
     /// The node, of the body's mesh.
     pub node: u32,
     /// Where it is held, or pulled to, in file units.
     pub place: DVec3,
     /// How; of springs the node's share of their stiffness and limit.
-    pub grip: Grip,
+    pub grip: GrabMode,
 }
 
 /// A force and its moment about the origin of the file's coordinates.
@@ -26,7 +26,7 @@ pub struct Reaction {
 
 impl Reaction {
     /// Of forces (N) at points (m from the origin of the file's coordinates).
-    pub fn of(forces: impl IntoIterator<Item = (DVec3, DVec3)>) -> Reaction {
+    pub fn from_point_forces(forces: impl IntoIterator<Item = (DVec3, DVec3)>) -> Reaction {
         let mut sum = Reaction::default();
         for (force, at) in forces {
             sum.force += force;
@@ -38,7 +38,7 @@ impl Reaction {
 
 /// A body where it stands, with the forces on its nodes: what reactions are taken from.
 #[derive(Clone, Debug)]
-pub struct Forces {
+pub struct NodalForces {
     /// Of every node, m from the origin of the file's coordinates.
     places: Vec<DVec3>,
     /// N.
@@ -49,12 +49,12 @@ pub struct Forces {
     unit: f64,
 }
 
-impl Forces {
+impl NodalForces {
     /// Of `body`, read back; see [`Simulator::forces`].
     ///
     /// # Errors
     /// As [`Simulator::forces`].
-    pub fn of(body: &mut dyn Simulator) -> Result<Forces> {
+    pub fn of(body: &mut dyn Simulator) -> Result<NodalForces> {
         let unit = body.loads().frame_and_unit().1;
         let forces = body.forces()?;
         let places: Vec<DVec3> = body.positions()?.iter().map(|p| *p * unit).collect();
@@ -65,7 +65,7 @@ impl Forces {
                 places.len()
             )));
         }
-        Ok(Forces {
+        Ok(NodalForces {
             places,
             forces,
             masses: body.masses().to_vec(),
@@ -74,15 +74,15 @@ impl Forces {
     }
 
     /// What the body exerts on that which holds `nodes` still.
-    pub fn on_nodes(&self, nodes: &[u32]) -> Reaction {
+    pub fn reaction_on_pins(&self, nodes: &[u32]) -> Reaction {
         let at = nodes.iter().map(|v| *v as usize);
-        Reaction::of(at.map(|v| (self.forces[v], self.places[v])))
+        Reaction::from_point_forces(at.map(|v| (self.forces[v], self.places[v])))
     }
 
     /// What the body exerts on that which moves nodes with these accelerations, m/s²: their forces
     /// less m a.
-    pub fn on_moved(&self, nodes: impl IntoIterator<Item = (u32, DVec3)>) -> Reaction {
-        Reaction::of(nodes.into_iter().map(|(v, acceleration)| {
+    pub fn reaction_on_motion(&self, nodes: impl IntoIterator<Item = (u32, DVec3)>) -> Reaction {
+        Reaction::from_point_forces(nodes.into_iter().map(|(v, acceleration)| {
             let v = v as usize;
             (
                 self.forces[v] - self.masses[v] * acceleration,
@@ -97,18 +97,18 @@ impl Forces {
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there.
-    pub fn on_grab(
+    pub fn reaction_on_grab(
         &self,
         body: &dyn Simulator,
         id: GrabId,
         acceleration: DVec3,
     ) -> Result<Reaction> {
         let held = body.held_by(id)?;
-        Ok(Reaction::of(held.into_iter().map(|held| {
+        Ok(Reaction::from_point_forces(held.into_iter().map(|held| {
             let v = held.node as usize;
             let force = match held.grip {
-                Grip::Follow => self.forces[v] - self.masses[v] * acceleration,
-                Grip::Spring { stiffness, limit } => {
+                GrabMode::Follow => self.forces[v] - self.masses[v] * acceleration,
+                GrabMode::Spring { stiffness, limit } => {
                     let pull = stiffness * (self.places[v] - held.place * self.unit);
                     pull.clamp_length_max(limit)
                 }

@@ -1,6 +1,6 @@
 //! What became of a body, measured in float64 from its state read back.
 
-use super::{Body, NodeTerm, Spring, SpringNetwork};
+use super::{DiscreteModel, GpuBody, NodeTerm, Spring};
 use crate::Result;
 use crate::mesh::{TetMesh, bounds, signed_volume};
 use crate::parallel;
@@ -30,7 +30,8 @@ pub struct Report {
     /// The largest extent of the bounds at rest, in file units.
     pub extent: f64,
     /// Tets turned inside out.
-    pub inverted: usize,
+    #[serde(rename = "inverted")]
+    pub inverted_tets: usize,
 }
 
 impl Report {
@@ -38,15 +39,15 @@ impl Report {
     ///
     /// # Errors
     /// What reading back gives.
-    pub fn new(body: &Body, mesh: &TetMesh) -> Result<Report> {
+    pub fn new(body: &GpuBody, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;
-        let energy = Energy::of(body.network(), body.terms(), &positions, &velocities);
-        Ok(Report::of_positions(energy, mesh, &positions))
+        let energy = Energy::from_state(body.network(), body.terms(), &positions, &velocities);
+        Ok(Report::from_positions(energy, mesh, &positions))
     }
 
     /// The report on a body of that energy, whose nodes stand at `positions`, in file units.
-    pub(crate) fn of_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
+    pub(crate) fn from_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
         let volumes = parallel::map(mesh.tets.len(), |t| {
             signed_volume(mesh.tets[t].map(|v| positions[v as usize]))
         });
@@ -61,15 +62,15 @@ impl Report {
             volume_ratio: volumes.iter().sum::<f64>() / mesh.volume(),
             max_displacement: farthest,
             extent: (high - low).max_element(),
-            inverted: volumes.iter().filter(|v| **v < 0.0).count(),
+            inverted_tets: volumes.iter().filter(|v| **v < 0.0).count(),
         }
     }
 }
 
 impl Energy {
     /// Energies at a state given in file units.
-    pub(crate) fn of(
-        network: &SpringNetwork,
+    pub(crate) fn from_state(
+        network: &DiscreteModel,
         terms: &[Arc<dyn NodeTerm>],
         positions: &[DVec3],
         velocities: &[DVec3],

@@ -1,7 +1,7 @@
 //! Regions that move as one body: which nodes of a mesh they are, and what engines ask of them.
 
 use super::elements::eigen;
-use super::{SpringNetwork, Units};
+use super::{DiscreteModel, LocalUnits};
 use crate::mesh::{FACES, TetMesh};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -23,7 +23,7 @@ pub struct RigidBody {
 ///
 /// # Errors
 /// [`Error::Input`] for nodes that are not there, or that belong to two.
-pub(super) fn owners(bodies: &[RigidBody], count: usize) -> Result<Vec<Option<u32>>> {
+pub(super) fn node_owners(bodies: &[RigidBody], count: usize) -> Result<Vec<Option<u32>>> {
     let strange = |b: &RigidBody| {
         let mut nodes = b.nodes.iter().chain(&b.surface);
         nodes.any(|v| *v as usize >= count)
@@ -48,28 +48,32 @@ pub(super) fn owners(bodies: &[RigidBody], count: usize) -> Result<Vec<Option<u3
 
 /// What of a body there is to its inertia, local units.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Moments {
+pub(super) struct MassProperties {
     /// Its centre of mass at rest.
     pub centre: DVec3,
     pub mass: f64,
     /// Σ m r rᵀ, r from the centre.
-    pub second: DMat3,
+    pub second_moment: DMat3,
     /// Its eigenvalues and eigenvectors.
     pub principal: ([f64; 3], [DVec3; 3]),
 }
 
-impl Moments {
+impl MassProperties {
     /// Of a body of `network`.
     ///
     /// # Errors
     /// [`Error::Input`] for one without mass, or a flat one.
-    pub fn of(network: &SpringNetwork, body: &RigidBody, units: &Units) -> Result<Moments> {
+    pub fn of(
+        network: &DiscreteModel,
+        body: &RigidBody,
+        units: &LocalUnits,
+    ) -> Result<MassProperties> {
         let nodes = || {
             body.nodes.iter().map(|v| {
                 let v = *v as usize;
                 (
                     network.masses[v] / units.mass,
-                    network.rest[v] / units.length,
+                    network.rest_positions[v] / units.length,
                 )
             })
         };
@@ -92,41 +96,43 @@ impl Moments {
                 body.nodes.len()
             )));
         }
-        Ok(Moments {
+        Ok(MassProperties {
             centre,
             mass,
-            second,
+            second_moment: second,
             principal: (values, vectors.map(DVec3::from)),
         })
     }
 }
 
 /// Points nearer to each other than this part of a body are one, and hold it so.
-const NEAR: f64 = 1e-6;
+const COINCIDENCE_RATIO: f64 = 1e-6;
 
 /// How a body can move.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Freedom {
+pub(super) enum DegreesOfFreedom {
     /// As it likes.
     Free,
     /// About a point that stays, given from the centre at rest; if about an axis only, that.
-    Turns(DVec3, Option<DVec3>),
+    Rotational(DVec3, Option<DVec3>),
     /// Not at all: three nodes that are not in a line are pinned or held.
     Fixed,
 }
 
-impl Freedom {
+impl DegreesOfFreedom {
     /// Of a body whose radius of gyration is `radius` and which is held at these points, from its
     /// centre at rest.
-    pub fn of(held: impl Iterator<Item = DVec3>, radius: f64) -> Freedom {
-        let near = NEAR * radius;
-        held.fold(Freedom::Free, |freedom, r| match freedom {
-            Freedom::Free => Freedom::Turns(r, None),
-            Freedom::Turns(at, None) if r.distance(at) > near => {
-                Freedom::Turns(at, Some((r - at).normalize()))
+    pub fn of(held: impl Iterator<Item = DVec3>, radius: f64) -> DegreesOfFreedom {
+        let near = COINCIDENCE_RATIO * radius;
+        held.fold(DegreesOfFreedom::Free, |freedom, r| match freedom {
+            DegreesOfFreedom::Free => DegreesOfFreedom::Rotational(r, None),
+            DegreesOfFreedom::Rotational(at, None) if r.distance(at) > near => {
+                DegreesOfFreedom::Rotational(at, Some((r - at).normalize()))
             }
-            Freedom::Turns(at, Some(axis)) if (r - at).cross(axis).length() > near => {
-                Freedom::Fixed
+            DegreesOfFreedom::Rotational(at, Some(axis))
+                if (r - at).cross(axis).length() > near =>
+            {
+                DegreesOfFreedom::Fixed
             }
             same => same,
         })

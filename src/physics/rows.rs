@@ -6,20 +6,20 @@
 //! order they are sorted by it, so that invocations running side by side finish together. The
 //! corners of tets at every node are laid out alike. The twin of `shaders/lib/rows.wgsl`.
 
-use super::network::{Spring, SpringNetwork};
-use super::units::Units;
+use super::network::{DiscreteModel, Spring};
+use super::units::LocalUnits;
 use crate::{Error, Result};
 use glam::Vec3;
 
 /// Rows in a slice.
-const LANES: usize = 32;
+const SLICE_HEIGHT: usize = 32;
 
 /// Rows sorted among each other.
-const WINDOW: usize = 512;
+const SORT_WINDOW: usize = 512;
 
 /// The rows as they are uploaded.
 #[derive(Debug)]
-pub(super) struct Rows {
+pub(super) struct SlicedEllpack {
     /// Of each row: its node, the first texel of its slice in `columns`, its own texels, and
     /// those there is room for.
     pub rows: Vec<[u32; 4]>,
@@ -34,9 +34,9 @@ pub(super) struct Rows {
 }
 
 /// A spring as its node sees it: the other node, κ and L in local units.
-pub(super) type Directed = (u32, f32, f32);
+pub(super) type DirectedSpring = (u32, f32, f32);
 
-/// What [`Rows::replace`] changed: places in the three lists.
+/// What [`SlicedEllpack::replace`] changed: places in the three lists.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Replaced {
     pub rows: Vec<u32>,
@@ -44,34 +44,38 @@ pub(super) struct Replaced {
     pub springs: Vec<u32>,
 }
 
-impl Rows {
+impl SlicedEllpack {
     /// The rows of `network`, whose nodes rest at the local positions `rest`.
     ///
     /// Rest lengths are those of the rounded positions, so that a body at rest has no forces.
-    pub fn new(network: &SpringNetwork, rest: &[Vec3], units: &Units) -> Result<Rows> {
-        let mut neighbours: Vec<Vec<Directed>> = vec![Vec::new(); rest.len()];
+    pub fn new(
+        network: &DiscreteModel,
+        rest: &[Vec3],
+        units: &LocalUnits,
+    ) -> Result<SlicedEllpack> {
+        let mut neighbours: Vec<Vec<DirectedSpring>> = vec![Vec::new(); rest.len()];
         for s in &network.springs {
-            for (node, directed) in both_ways(s, |v| rest[v as usize], units) {
+            for (node, directed) in directed_pair(s, |v| rest[v as usize], units) {
                 neighbours[node as usize].push(directed);
             }
         }
         for row in &mut neighbours {
             row.sort_unstable_by_key(|n| n.0);
         }
-        Rows::laid_out(&neighbours, None)
+        SlicedEllpack::build(&neighbours, None)
     }
 
     /// The rows of nodes with these numbers each, filled up with `filler` or the node itself.
-    pub fn of_lists(lists: &[Vec<u32>], filler: Option<u32>) -> Result<Rows> {
+    pub fn from_lists(lists: &[Vec<u32>], filler: Option<u32>) -> Result<SlicedEllpack> {
         let entries = |list: &Vec<u32>| list.iter().map(|n| (*n, 0.0, 0.0)).collect();
-        let lists: Vec<Vec<Directed>> = lists.iter().map(entries).collect();
-        Rows::laid_out(&lists, filler)
+        let lists: Vec<Vec<DirectedSpring>> = lists.iter().map(entries).collect();
+        SlicedEllpack::build(&lists, filler)
     }
 
     /// The rows of nodes with these lists, filled up with `filler` or the node itself.
-    fn laid_out(neighbours: &[Vec<Directed>], filler: Option<u32>) -> Result<Rows> {
+    fn build(neighbours: &[Vec<DirectedSpring>], filler: Option<u32>) -> Result<SlicedEllpack> {
         let nodes = neighbours.len();
-        let mut built = Rows {
+        let mut built = SlicedEllpack {
             filler,
             rows: Vec::with_capacity(nodes),
             columns: Vec::new(),
@@ -79,10 +83,10 @@ impl Rows {
             row_of: vec![0; nodes],
         };
         let mut order: Vec<u32> = (0..nodes as u32).collect();
-        for window in order.chunks_mut(WINDOW) {
+        for window in order.chunks_mut(SORT_WINDOW) {
             window.sort_by_key(|i| std::cmp::Reverse(neighbours[*i as usize].len()));
         }
-        for slice in order.chunks(LANES) {
+        for slice in order.chunks(SLICE_HEIGHT) {
             let texels = |node: &u32| neighbours[*node as usize].len().div_ceil(4);
             let width = slice.iter().map(texels).max().unwrap_or(0);
             let base = built.new_slice(width)?;
@@ -95,10 +99,10 @@ impl Rows {
         Ok(built)
     }
 
-    /// Room for [`LANES`] rows of `width` texels: its first.
+    /// Room for [`SLICE_HEIGHT`] rows of `width` texels: its first.
     fn new_slice(&mut self, width: usize) -> Result<u32> {
         let base = self.columns.len();
-        let end = base + width * LANES;
+        let end = base + width * SLICE_HEIGHT;
         if 4 * end > u32::MAX as usize {
             return Err(Error::Mesh(
                 "there are more edges than 32-bit indices allow; use a coarser mesh".into(),
@@ -110,14 +114,14 @@ impl Rows {
     }
 
     /// Writes the row of `node`, for which there is room, and fills it up with the node.
-    fn fill(&mut self, node: u32, row: &[Directed]) {
+    fn fill(&mut self, node: u32, row: &[DirectedSpring]) {
         let t = self.row_of[node as usize] as usize;
         let [_, base, _, room] = self.rows[t];
         self.rows[t][2] = row.len().div_ceil(4) as u32;
         let filler = self.filler.unwrap_or(node);
         for e in 0..4 * room as usize {
             let (other, stiffness, length) = row.get(e).copied().unwrap_or((filler, 0.0, 0.0));
-            let (column, spring) = places(base, t, e);
+            let (column, spring) = entry_position(base, t, e);
             self.columns[column][e % 4] = other;
             self.springs[spring] = [stiffness, length];
         }
@@ -129,12 +133,12 @@ impl Rows {
     }
 
     /// The springs of `node`.
-    pub fn row(&self, node: u32) -> impl Iterator<Item = Directed> + '_ {
+    pub fn row(&self, node: u32) -> impl Iterator<Item = DirectedSpring> + '_ {
         let t = self.row_of[node as usize] as usize;
         let [_, base, texels, _] = self.rows[t];
         (0..4 * texels as usize)
             .map(move |e| {
-                let (column, spring) = places(base, t, e);
+                let (column, spring) = entry_position(base, t, e);
                 let [stiffness, length] = self.springs[spring];
                 (self.columns[column][e % 4], stiffness, length)
             })
@@ -145,14 +149,14 @@ impl Rows {
     pub fn entry(&self, node: u32, other: u32) -> Option<u32> {
         let t = *self.row_of.get(node as usize)? as usize;
         let [_, base, texels, _] = self.rows[t];
-        let mut places = (0..4 * texels as usize).map(|e| (e, places(base, t, e)));
+        let mut places = (0..4 * texels as usize).map(|e| (e, entry_position(base, t, e)));
         let found = places.find(|(e, (column, _))| self.columns[*column][e % 4] == other)?;
         Some(found.1.1 as u32)
     }
 
     /// Gives nodes other springs; nodes beyond those there are are added. A row that no longer
     /// fits its slice moves to a new one at the end of the lists, which it shares with others.
-    pub fn replace(&mut self, mut given: Vec<(u32, Vec<Directed>)>) -> Result<Replaced> {
+    pub fn replace(&mut self, mut given: Vec<(u32, Vec<DirectedSpring>)>) -> Result<Replaced> {
         let count = given.iter().map(|(node, _)| *node + 1).max().unwrap_or(0);
         for node in self.row_of.len() as u32..count {
             self.row_of.push(self.rows.len() as u32);
@@ -160,20 +164,20 @@ impl Rows {
         }
         // The longest first, so that whoever joins a slice fits it.
         given.sort_by_key(|(node, row)| (std::cmp::Reverse(row.len()), *node));
-        let mut slices: Vec<([bool; LANES], u32, u32)> = Vec::new();
+        let mut slices: Vec<([bool; SLICE_HEIGHT], u32, u32)> = Vec::new();
         let mut replaced = Replaced::default();
         for (node, row) in &mut given {
             row.sort_unstable_by_key(|directed| directed.0);
             let t = self.row_of[*node as usize];
             let width = row.len().div_ceil(4);
             if width > self.rows[t as usize][3] as usize {
-                let lane = t as usize % LANES;
+                let lane = t as usize % SLICE_HEIGHT;
                 let free = slices.iter().position(|(taken, _, _)| !taken[lane]);
                 let slice = match free {
                     Some(slice) => slice,
                     None => {
                         let base = self.new_slice(width)?;
-                        slices.push(([false; LANES], base, width as u32));
+                        slices.push(([false; SLICE_HEIGHT], base, width as u32));
                         slices.len() - 1
                     }
                 };
@@ -185,7 +189,7 @@ impl Rows {
             let [_, base, _, room] = self.rows[t as usize];
             replaced.rows.push(t);
             for e in 0..4 * room as usize {
-                let (column, spring) = places(base, t as usize, e);
+                let (column, spring) = entry_position(base, t as usize, e);
                 replaced.springs.push(spring as u32);
                 if e % 4 == 0 {
                     replaced.columns.push(column as u32);
@@ -198,17 +202,20 @@ impl Rows {
 
 /// Where entry e of row t lies, in the slice that begins at `base`: its texel in `columns`, its
 /// place in `springs`.
-fn places(base: u32, t: usize, e: usize) -> (usize, usize) {
-    let (base, lane) = (base as usize, t % LANES);
-    (base + e / 4 * LANES + lane, 4 * base + e * LANES + lane)
+fn entry_position(base: u32, t: usize, e: usize) -> (usize, usize) {
+    let (base, lane) = (base as usize, t % SLICE_HEIGHT);
+    (
+        base + e / 4 * SLICE_HEIGHT + lane,
+        4 * base + e * SLICE_HEIGHT + lane,
+    )
 }
 
 /// A spring as its two nodes see it, whose nodes rest at the local positions `rest`.
-pub(super) fn both_ways(
+pub(super) fn directed_pair(
     spring: &Spring,
     rest: impl Fn(u32) -> Vec3,
-    units: &Units,
-) -> [(u32, Directed); 2] {
+    units: &LocalUnits,
+) -> [(u32, DirectedSpring); 2] {
     let [i, j] = spring.nodes;
     let length = rest(i).as_dvec3().distance(rest(j).as_dvec3()) as f32;
     let stiffness = (spring.stiffness / units.stiffness()) as f32;
@@ -220,8 +227,8 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn rows_of(lists: &[Vec<Directed>]) -> Rows {
-        let empty = Rows {
+    fn rows_of(lists: &[Vec<DirectedSpring>]) -> SlicedEllpack {
+        let empty = SlicedEllpack {
             rows: Vec::new(),
             columns: Vec::new(),
             springs: Vec::new(),
@@ -238,12 +245,12 @@ mod tests {
     #[test]
     fn rows_are_replaced_moved_and_added() {
         let directed = |j: u32| (j, j as f32, 0.5);
-        let list = |node: u32, count: u32| -> Vec<Directed> {
+        let list = |node: u32, count: u32| -> Vec<DirectedSpring> {
             (0..count).map(|k| directed((node + 1 + k) % 90)).collect()
         };
-        let mut lists: Vec<Vec<Directed>> = (0..70).map(|i| list(i, 3 + i % 9)).collect();
+        let mut lists: Vec<Vec<DirectedSpring>> = (0..70).map(|i| list(i, 3 + i % 9)).collect();
         let mut rows = rows_of(&lists);
-        let check = |rows: &Rows, lists: &[Vec<Directed>]| {
+        let check = |rows: &SlicedEllpack, lists: &[Vec<DirectedSpring>]| {
             for (i, list) in lists.iter().enumerate() {
                 let mut list = list.clone();
                 list.sort_unstable_by_key(|d| d.0);
@@ -266,7 +273,7 @@ mod tests {
         );
         let replaced = rows.replace(given.to_vec()).unwrap();
         check(&rows, &lists);
-        assert_eq!(rows.columns.len(), texels + (8 + 5) * LANES);
+        assert_eq!(rows.columns.len(), texels + (8 + 5) * SLICE_HEIGHT);
         // What is not named has not changed.
         for (t, row) in before.0.iter().enumerate() {
             assert!(rows.rows[t] == *row || replaced.rows.contains(&(t as u32)));

@@ -1,9 +1,10 @@
 //! What everything that moves a body can do, whatever it is made of and whatever steps it.
 
 use super::{
-    Acting, Bodies, BodiesState, ConjugateGradients, CpuGridState, CpuState, Engine, GrabId,
-    GridState, Grip, Held, Joint, LedId, LevelId, Loads, NodeTerm, Nodes, Progress, Reaction,
-    Report, SelfContact, SolverKind, SpringNetwork, TetState, Tool, ToolId,
+    AmplitudeId, BodiesState, CgSettings, CpuGridState, CpuState, DiscreteModel, Engine, GrabId,
+    GrabMode, GrabbedNode, GridState, Joint, Loads, MultiBody, NodePositions, NodeTerm,
+    PrescribedMotionId, Reaction, Report, ScaledLoad, SelfContactSettings, SolverKind,
+    StepProgress, TetState, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -13,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// What is called by the thread of a body on the CPU whenever there are new positions to draw.
-pub type Waker = Arc<dyn Fn() + Send + Sync>;
+pub type StepCallback = Arc<dyn Fn() + Send + Sync>;
 
 /// A body and what moves it.
 ///
@@ -25,7 +26,7 @@ pub type Waker = Arc<dyn Fn() + Send + Sync>;
 /// body: before the last 256 at most), and can still be read and drawn; changing state, loads or
 /// pins clears the failure. What acts on the body is taken over with steps that come after.
 ///
-/// Who draws the body takes [`Simulator::nodes`] after [`Simulator::publish`]; their version tells
+/// Who draws the body takes [`Simulator::nodes`] after [`Simulator::update_nodes`]; their version tells
 /// whether they have moved. A grid body on the GPU may be drawn before its last steps were found
 /// sound.
 pub trait Simulator: Send {
@@ -45,10 +46,10 @@ pub trait Simulator: Send {
     fn masses(&self) -> &[f64];
 
     /// Which two of these nodes each spring ties.
-    fn springs(&self) -> Vec<[u32; 2]>;
+    fn spring_pairs(&self) -> Vec<[u32; 2]>;
 
     /// Masses and springs, of a body of tets.
-    fn network(&self) -> Option<&SpringNetwork> {
+    fn network(&self) -> Option<&DiscreteModel> {
         None
     }
 
@@ -56,7 +57,7 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// [`Error::Input`] for one that it does not have.
-    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()>;
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()>;
 
     /// Adds a term to its energy.
     ///
@@ -69,15 +70,15 @@ pub trait Simulator: Send {
         )))
     }
 
-    /// Adds a pressure or a muscle, whose level is 0 until [`Simulator::set_level`].
+    /// Adds a pressure or a muscle, whose level is 0 until [`Simulator::set_amplitude`].
     ///
     /// # Errors
     /// [`Error::Input`] for what makes no sense for this body, and for all but a body of tets on
     /// the processor.
-    fn add_acting(&mut self, acting: Acting) -> Result<LevelId> {
-        Err(only_cpu(match acting {
-            Acting::Pressure(_) => "pressure acts",
-            Acting::Muscle(_) => "muscles act",
+    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
+        Err(cpu_only_error(match acting {
+            ScaledLoad::Pressure(_) => "pressure acts",
+            ScaledLoad::Muscle(_) => "muscles act",
         }))
     }
 
@@ -86,19 +87,19 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// [`Error::Input`] for a level that makes no sense, or of nothing that was added.
-    fn set_level(&mut self, id: LevelId, level: f64) -> Result<()> {
+    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
         Err(Error::Input(format!(
             "nothing acts on this body at a level, so {id:?} cannot be set to {level}"
         )))
     }
 
-    /// Adds a tool that presses on the body's boundary. [`Loads::guide_tool`] says where it goes.
+    /// Adds a tool that presses on the body's boundary. [`Loads::set_tool_target`] says where it goes.
     ///
     /// # Errors
     /// [`Error::Input`] for a tool that makes no sense, and for all but a body of finite elements
     /// on the processor that `implicit` or `bdf2` steps.
     fn add_tool(&mut self, _: Tool) -> Result<ToolId> {
-        Err(only_cpu("tools press"))
+        Err(cpu_only_error("tools press"))
     }
 
     /// The tools, in the order in which they were added.
@@ -113,12 +114,12 @@ pub trait Simulator: Send {
     /// # Errors
     /// [`Error::Input`] for numbers that make no sense, and for all but a body of finite elements on
     /// the processor that `implicit` or `bdf2` steps.
-    fn set_self_contact(&mut self, _: SelfContact) -> Result<usize> {
-        Err(only_cpu("bodies feel themselves"))
+    fn set_self_contact(&mut self, _: SelfContactSettings) -> Result<usize> {
+        Err(cpu_only_error("bodies feel themselves"))
     }
 
     /// The body's contact with itself, if it has any.
-    fn self_contact(&self) -> Option<SelfContact> {
+    fn self_contact(&self) -> Option<SelfContactSettings> {
         None
     }
 
@@ -153,14 +154,14 @@ pub trait Simulator: Send {
         Ok(None)
     }
 
-    /// Leads nodes of the mesh along from now on: they are where [`Loads::set_led`] says, whatever
+    /// Leads nodes of the mesh along from now on: they are where [`Loads::set_prescribed_motion`] says, whatever
     /// pulls at them.
     ///
     /// # Errors
     /// [`Error::Input`] for nodes that are not there or held already, and for all but a body of
     /// tets on the processor.
-    fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
-        Err(only_cpu(match nodes.len() {
+    fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
+        Err(cpu_only_error(match nodes.len() {
             1 => "a node is led",
             _ => "nodes are led",
         }))
@@ -181,17 +182,17 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// [`Error::Solver`] when a step failed; the steps left are dropped.
-    fn progress(&mut self) -> Result<Progress>;
+    fn progress(&mut self) -> Result<StepProgress>;
 
     /// Waits for all steps asked for.
     ///
     /// # Errors
     /// As [`Simulator::progress`].
-    fn finish(&mut self) -> Result<Progress>;
+    fn finish(&mut self) -> Result<StepProgress>;
 
     /// Has `waker` called when steps were done that nobody waits for, so that a window sleeps until
     /// then; a body on the GPU has nobody who could call, and is to be looked at.
-    fn set_waker(&mut self, waker: Waker) {
+    fn set_waker(&mut self, waker: StepCallback) {
         let _ = waker;
     }
 
@@ -199,13 +200,13 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// As [`Simulator::advance`] and [`Simulator::finish`].
-    fn run(&mut self, steps: u32, dt: f64) -> Result<Progress> {
+    fn run(&mut self, steps: u32, dt: f64) -> Result<StepProgress> {
         self.advance(steps, dt)?;
         self.finish()
     }
 
     /// Records steps into the caller's own work, or does them where they are not the GPU's; see
-    /// [`Simulator::publish`].
+    /// [`Simulator::update_nodes`].
     ///
     /// # Errors
     /// As [`Simulator::advance`].
@@ -221,10 +222,10 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// What the device refuses.
-    fn publish(&mut self, work: &mut Recorder) -> Result<()>;
+    fn update_nodes(&mut self, work: &mut Recorder) -> Result<()>;
 
     /// The nodes on the GPU, for drawing.
-    fn nodes(&self) -> &Nodes;
+    fn nodes(&self) -> &NodePositions;
 
     /// The approximate normals of the nodes that its steps make, packed, on the GPU, and those at
     /// rest; none where whoever draws makes them.
@@ -253,8 +254,8 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// [`Error::Input`] for a grab that is not there.
-    fn held_by(&self, grab: GrabId) -> Result<Vec<Held>> {
-        self.loads().held_by(grab)
+    fn held_by(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
+        self.loads().grabbed_nodes(grab)
     }
 
     /// Where the nodes are, read back.
@@ -320,7 +321,7 @@ pub trait Simulator: Send {
     /// # Errors
     /// [`Error::Input`] where there is nothing to grab, or for numbers that
     /// make no sense.
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId>;
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId>;
 
     /// Moves the target of a grab: its nodes follow with the next step.
     ///
@@ -347,12 +348,12 @@ pub trait Simulator: Send {
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange>;
 
     /// The coarse body that carries the mesh, if one does.
-    fn carrier(&self) -> Option<&dyn Simulator> {
+    fn coarse_body(&self) -> Option<&dyn Simulator> {
         None
     }
 
     /// The bodies that it is made of, if it is several.
-    fn bodies(&self) -> Option<&Bodies> {
+    fn bodies(&self) -> Option<&MultiBody> {
         None
     }
 
@@ -363,11 +364,11 @@ pub trait Simulator: Send {
     fn report(&self) -> Result<Report>;
 
     /// Root mean square speed after the last step that is known of, in sizes of the body a second.
-    fn speed(&self) -> f64;
+    fn rms_speed(&self) -> f64;
 
     /// A number that changes whenever the body is changed from outside: its state, its loads, its
     /// shape.
-    fn touched(&self) -> u64;
+    fn change_count(&self) -> u64;
 
     /// Whether [`Simulator::state`] and [`Simulator::pose`] can be had of it.
     fn has_state(&self) -> bool {
@@ -392,16 +393,16 @@ pub trait Simulator: Send {
     ///
     /// # Errors
     /// What reading back gives.
-    fn pose(&self) -> Result<Pose>;
+    fn pose(&self) -> Result<ExactPositions>;
 
     /// Puts its nodes, without velocities, where a cut found them.
     ///
     /// # Errors
     /// [`Error::Input`] for the pose of another.
-    fn set_pose(&mut self, pose: &Pose) -> Result<()>;
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()>;
 }
 
-fn only_cpu(what: &str) -> Error {
+fn cpu_only_error(what: &str) -> Error {
     Error::Input(format!(
         "{what} on a body of tets on the processor only: --engine cpu, without [grid] or [cage], and one body in the scene"
     ))
@@ -425,15 +426,15 @@ impl TopologyChange {
 
 /// Where a body stands, to the bit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Pose {
+pub struct ExactPositions {
     /// Positions in the local frame.
     pub(crate) positions: Vec<[f32; 4]>,
     /// Packed normals, where its steps make them.
     pub(crate) normals: Vec<u32>,
     /// Displacements of a body on the CPU, in its own numbers.
-    pub(crate) exact: Vec<[f64; 3]>,
+    pub(crate) displacements: Vec<[f64; 3]>,
     /// Those of its bodies, where it is several.
-    pub(crate) parts: Vec<Pose>,
+    pub(crate) parts: Vec<ExactPositions>,
 }
 
 /// The state of a [`Simulator`]: see [`Simulator::state`].

@@ -1,6 +1,6 @@
 //! What is said of a simulator in one line where the trait takes several.
 
-use super::{HeldEnd, Simulator};
+use super::{ClampedEnd, Simulator};
 use crate::Result;
 use glam::DVec3;
 
@@ -34,16 +34,16 @@ impl dyn Simulator + '_ {
         Ok(nodes.len())
     }
 
-    /// Holds the body by the end that suits it ([`HeldEnd::of_pieces`]) and lets `gravity` (m/s²)
+    /// Holds the body by the end that suits it ([`ClampedEnd::of_largest_component`]) and lets `gravity` (m/s²)
     /// act across it. Returns a sentence that says so.
     ///
     /// # Errors
     /// As [`Simulator::pin_nodes`].
-    pub fn hold_one_end(&mut self, gravity: f64) -> Result<String> {
-        let (rest, springs) = (&self.mesh().nodes, self.springs().into_iter());
-        let (end, _) = HeldEnd::of_pieces(rest, self.masses(), springs, DVec3::NEG_Z);
+    pub fn clamp_one_end(&mut self, gravity: f64) -> Result<String> {
+        let (rest, springs) = (&self.mesh().nodes, self.spring_pairs().into_iter());
+        let (end, _) = ClampedEnd::of_largest_component(rest, self.masses(), springs, DVec3::NEG_Z);
         self.pin_nodes(&end.nodes)?;
-        self.loads_mut().set_gravity(gravity * end.across());
+        self.loads_mut().set_gravity(gravity * end.load_direction());
         let along = if end.axis == 2 { "-y" } else { "-z" };
         Ok(format!(
             "held {end}; gravity of {gravity} m/s² acts along {along}"
@@ -54,10 +54,10 @@ impl dyn Simulator + '_ {
     ///
     /// # Errors
     /// What the device refuses.
-    pub fn publish_now(&mut self) -> Result<()> {
+    pub fn sync_nodes(&mut self) -> Result<()> {
         let gpu = self.nodes().gpu().clone();
-        let mut work = gpu.record();
-        self.publish(&mut work)?;
+        let mut work = gpu.start_recording();
+        self.update_nodes(&mut work)?;
         work.submit()
     }
 }

@@ -1,7 +1,7 @@
 //! What every solver can do.
 
-use super::guard::{Progress, StepRecord};
-use super::{Body, SolverKind, SolverState};
+use super::guard::{StepProgress, StepRecord};
+use super::{GpuBody, SolverKind, SolverState};
 use crate::Result;
 use crate::gpu::Recorder;
 
@@ -25,14 +25,20 @@ pub trait Solver: Send {
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for a step that is not positive or another body than
     /// the solver was made for; otherwise what the device refuses.
-    fn record(&mut self, work: &mut Recorder, body: &mut Body, steps: u32, dt: f64) -> Result<()>;
+    fn record(
+        &mut self,
+        work: &mut Recorder,
+        body: &mut GpuBody,
+        steps: u32,
+        dt: f64,
+    ) -> Result<()>;
 
     /// Submits one step of `dt` seconds, without waiting for it.
     ///
     /// # Errors
     /// As [`Solver::record`].
-    fn step(&mut self, body: &mut Body, dt: f64) -> Result<()> {
-        let mut work = body.gpu.record();
+    fn step(&mut self, body: &mut GpuBody, dt: f64) -> Result<()> {
+        let mut work = body.gpu.start_recording();
         self.record(&mut work, body, 1, dt)?;
         work.submit()
     }
@@ -42,26 +48,26 @@ pub trait Solver: Send {
     ///
     /// # Errors
     /// As [`Solver::record`].
-    fn advance(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<()>;
+    fn advance(&mut self, body: &mut GpuBody, steps: u32, dt: f64) -> Result<()>;
 
     /// How far the steps asked for by [`Solver::advance`] have come as far as is known, without
     /// waiting; none before anything arrived. Submits more of them where the last were done.
     ///
     /// # Errors
     /// [`Error::Solver`](crate::Error::Solver) when a step failed; the steps left are dropped.
-    fn progress(&mut self, body: &mut Body) -> Result<Option<Progress>>;
+    fn progress(&mut self, body: &mut GpuBody) -> Result<Option<StepProgress>>;
 
     /// Waits for all steps asked for by [`Solver::advance`].
     ///
     /// # Errors
     /// As [`Solver::progress`].
-    fn finish(&mut self, body: &mut Body) -> Result<Progress>;
+    fn finish(&mut self, body: &mut GpuBody) -> Result<StepProgress>;
 
     /// Runs `steps` steps of `dt` seconds, and waits for them.
     ///
     /// # Errors
     /// As [`Solver::advance`] and [`Solver::finish`].
-    fn run(&mut self, body: &mut Body, steps: u32, dt: f64) -> Result<Progress> {
+    fn run(&mut self, body: &mut GpuBody, steps: u32, dt: f64) -> Result<StepProgress> {
         self.advance(body, steps, dt)?;
         self.finish(body)
     }
@@ -71,7 +77,7 @@ pub trait Solver: Send {
     /// # Errors
     /// [`Error::Solver`](crate::Error::Solver) when a step failed: solver, step, time, what was
     /// found, and what to change.
-    fn poll(&mut self, body: &Body) -> Result<Progress>;
+    fn poll(&mut self, body: &GpuBody) -> Result<StepProgress>;
 
     /// What the solver goes on from, apart from the state of its body, read back after the steps
     /// of a [`Solver::run`].
@@ -81,16 +87,16 @@ pub trait Solver: Send {
     fn state(&self) -> Result<SolverState>;
 
     /// Goes on from a state that [`Solver::state`] gave of this solver, or of one made in the same
-    /// way. `body` is its body, put into its own state by [`Body::set_state`] before.
+    /// way. `body` is its body, put into its own state by [`GpuBody::set_state`] before.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for the state of another solver.
-    fn set_state(&mut self, body: &Body, state: &SolverState) -> Result<()>;
+    fn set_state(&mut self, body: &GpuBody, state: &SolverState) -> Result<()>;
 
     /// Iterations, residual and energies of the latest steps (at most 1,024), oldest first, read
     /// back.
     ///
     /// # Errors
     /// What the device refuses.
-    fn history(&self, body: &Body) -> Result<Vec<StepRecord>>;
+    fn history(&self, body: &GpuBody) -> Result<Vec<StepRecord>>;
 }

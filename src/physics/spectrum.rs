@@ -7,8 +7,8 @@
 //! and 4 is the largest eigenvalue of M⁻¹(h²K + 2hC), of velocity Verlet M⁻¹(h²K + 4hC).
 
 use super::grid::GridModel;
-use super::lanczos::{Eigenpair, any_vector, dot, largest_eigenpair};
-use crate::physics::{Damping, Element, Law, SolverKind, SpringNetwork};
+use super::lanczos::{Eigenpair, dot, largest_eigenpair, start_vector};
+use crate::physics::{ConstitutiveModel, Damping, DiscreteModel, Element, SolverKind};
 use glam::{DMat3, DVec3};
 
 /// A damped swing ẍ + γ ẋ + λ x = 0.
@@ -122,9 +122,9 @@ pub struct StepLimit {
 
 /// A body linearised at rest.
 #[derive(Clone, Debug)]
-pub struct Linearised {
-    links: Vec<Link>,
-    tets: Vec<HookeTet>,
+pub struct LinearisedModel {
+    links: Vec<LinearSpring>,
+    tets: Vec<LinearTet>,
     /// What keeps the volumes around nodes: vectors that K has the squares of.
     volumes: Vec<Vec<(u32, DVec3)>>,
     /// Damping of the tets in proportion to their stiffness, s.
@@ -136,12 +136,12 @@ pub struct Linearised {
     /// Whether C = τK + drag M, so that the modes decouple.
     proportional: bool,
     /// Damping in proportion to mass, 1/s.
-    drag: f64,
+    mass_damping: f64,
 }
 
 /// A spring at rest: it resists along its direction.
 #[derive(Clone, Copy, Debug)]
-struct Link {
+struct LinearSpring {
     nodes: [usize; 2],
     direction: DVec3,
     /// N/m.
@@ -152,7 +152,7 @@ struct Link {
 
 /// An element at rest: Hooke's law.
 #[derive(Clone, Copy, Debug)]
-struct HookeTet {
+struct LinearTet {
     nodes: [usize; 4],
     /// Of the nodes' shape functions, 1/m.
     gradients: [DVec3; 4],
@@ -162,9 +162,9 @@ struct HookeTet {
     lame: [f64; 2],
 }
 
-impl HookeTet {
-    fn new(element: &Element, law: Law) -> HookeTet {
-        HookeTet {
+impl LinearTet {
+    fn new(element: &Element, law: ConstitutiveModel) -> LinearTet {
+        LinearTet {
             nodes: element.nodes.map(|v| v as usize),
             gradients: element.gradients(),
             volume: element.volume,
@@ -186,9 +186,9 @@ impl HookeTet {
     }
 }
 
-impl Linearised {
+impl LinearisedModel {
     /// `network` at rest, with these nodes pinned.
-    pub fn new(network: &SpringNetwork, pinned: &[bool]) -> Linearised {
+    pub fn new(network: &DiscreteModel, pinned: &[bool]) -> LinearisedModel {
         // Where there are elements, the springs are not simulated.
         let elements = &network.elements;
         let springs = match elements.is_empty() {
@@ -196,7 +196,7 @@ impl Linearised {
             false => &[],
         };
         // What is rigid is held together by its springs here, or loads would tear it apart.
-        let mut body = vec![u32::MAX; network.rest.len()];
+        let mut body = vec![u32::MAX; network.rest_positions.len()];
         for (b, rigid) in elements.rigid.iter().enumerate() {
             for v in &rigid.nodes {
                 body[*v as usize] = b as u32;
@@ -214,21 +214,22 @@ impl Linearised {
         let tets = elements.tets.iter();
         let links = springs.map(|s| {
             let [i, j] = s.nodes.map(|v| v as usize);
-            Link {
+            LinearSpring {
                 nodes: [i, j],
-                direction: (network.rest[j] - network.rest[i]).normalize_or_zero(),
+                direction: (network.rest_positions[j] - network.rest_positions[i])
+                    .normalize_or_zero(),
                 stiffness: s.stiffness,
                 damping: network.spring_damping(s),
             }
         });
         let undamped = network.damping == 0.0 && network.damping_time == 0.0;
         let axial = network.damping_kind == Damping::Axial;
-        Linearised {
+        LinearisedModel {
             links: links.collect(),
             tets: tets
-                .map(|e| HookeTet::new(&elements.own(e), elements.law))
+                .map(|e| LinearTet::new(&elements.without_averaged_lambda(e), elements.law))
                 .collect(),
-            volumes: elements.volume_slopes(&network.rest),
+            volumes: elements.volume_gradients(&network.rest_positions),
             damping_time: network.damping_time,
             weights: network
                 .masses
@@ -238,12 +239,12 @@ impl Linearised {
                 .collect(),
             kind: network.damping_kind,
             proportional: undamped || axial && network.damping == 0.0 || !elements.is_empty(),
-            drag: elements.mass_damping,
+            mass_damping: elements.mass_damping,
         }
     }
 
     /// The particles of a grid at rest.
-    pub fn of_grid(grid: &GridModel) -> Linearised {
+    pub fn from_grid(grid: &GridModel) -> LinearisedModel {
         let (shape, offsets) = (&grid.shape, grid.shape.offsets());
         let mut links = Vec::new();
         for i in shape.particles() {
@@ -252,16 +253,19 @@ impl Linearised {
                     continue;
                 }
                 let j = (i as i64 + offset) as usize;
-                links.push(Link {
+                links.push(LinearSpring {
                     nodes: [i, j],
-                    direction: (shape.place(j) - shape.place(i)).normalize_or_zero(),
-                    stiffness: 0.5 * (grid.factors[i] + grid.factors[j]) * grid.stiffness[kind],
+                    direction: (shape.rest_position(j) - shape.rest_position(i))
+                        .normalize_or_zero(),
+                    stiffness: 0.5
+                        * (grid.stiffness_scales[i] + grid.stiffness_scales[j])
+                        * grid.stiffness[kind],
                     damping: 0.0,
                 });
             }
         }
         let inverse = |m: &f64| if *m > 0.0 { 1.0 / m } else { 0.0 };
-        Linearised {
+        LinearisedModel {
             links,
             tets: Vec::new(),
             volumes: Vec::new(),
@@ -269,7 +273,7 @@ impl Linearised {
             weights: grid.masses.iter().map(|m| inverse(m).sqrt()).collect(),
             kind: Damping::Axial,
             proportional: true,
-            drag: grid.damping,
+            mass_damping: grid.damping,
         }
     }
 
@@ -307,7 +311,7 @@ impl Linearised {
         for ((f, w), y) in product.iter_mut().zip(&self.weights).zip(y) {
             *f = *f * *w
                 + if *w > 0.0 {
-                    b * self.drag * *y
+                    b * self.mass_damping * *y
                 } else {
                     DVec3::ZERO
                 };
@@ -316,17 +320,17 @@ impl Linearised {
     }
 
     /// The largest eigenpair of M^-½ (a K + b C) M^-½.
-    fn largest(&self, a: f64, b: f64) -> Eigenpair {
+    fn largest_eigenpair(&self, a: f64, b: f64) -> Eigenpair {
         largest_eigenpair(|y| self.product(a, b, y), self.start(), 1e-5, 100)
     }
 
     /// The stiffest mode of M⁻¹K: its λ = ω², with the damping it has.
     pub fn stiffest_mode(&self) -> Mode {
-        self.mode_of(&self.largest(1.0, 0.0).vector)
+        self.mode_of(&self.largest_eigenpair(1.0, 0.0).vector)
     }
 
     fn start(&self) -> Vec<DVec3> {
-        let mut start = any_vector(self.weights.len());
+        let mut start = start_vector(self.weights.len());
         for (y, w) in start.iter_mut().zip(&self.weights) {
             *y *= f64::from(u8::from(*w > 0.0));
         }
@@ -341,7 +345,7 @@ impl Linearised {
         }
     }
 
-    fn limit(&self, step: f64, exact: bool, y: &[DVec3]) -> StepLimit {
+    fn step_limit(&self, step: f64, exact: bool, y: &[DVec3]) -> StepLimit {
         let mut displacement: Vec<DVec3> =
             y.iter().zip(&self.weights).map(|(y, w)| *y * *w).collect();
         let longest = displacement.iter().map(|u| u.length()).fold(0.0, f64::max);
@@ -364,18 +368,18 @@ impl Linearised {
         Some(match scheme {
             SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => return None,
             SolverKind::Explicit => self.explicit_limit(),
-            _ => self.flip_limit(scheme),
+            _ => self.period_doubling_limit(scheme),
         })
     }
 
     /// h²λ + s hγ = 4 (s = 2 or 4) has its smallest h where y is an eigenvector of h²K + s hC; any
     /// other y gives a larger one, so that h only falls.
-    fn flip_limit(&self, scheme: SolverKind) -> StepLimit {
+    fn period_doubling_limit(&self, scheme: SolverKind) -> StepLimit {
         let share = match scheme {
             SolverKind::VelocityVerlet => 4.0,
             _ => 2.0,
         };
-        let mut y = self.largest(1.0, 0.0).vector;
+        let mut y = self.largest_eigenpair(1.0, 0.0).vector;
         let mut step = self.mode_of(&y).largest_step(scheme);
         if !self.proportional {
             for _ in 0..50 {
@@ -383,7 +387,7 @@ impl Linearised {
                     true => (step * step, share * step),
                     false => (0.0, 1.0),
                 };
-                y = self.largest(a, b).vector;
+                y = self.largest_eigenpair(a, b).vector;
                 let next = self.mode_of(&y).largest_step(scheme);
                 let fell = step - next;
                 step = step.min(next);
@@ -392,16 +396,16 @@ impl Linearised {
                 }
             }
         }
-        self.limit(step, true, &y)
+        self.step_limit(step, true, &y)
     }
 
     fn explicit_limit(&self) -> StepLimit {
-        let stiffest = self.largest(1.0, 0.0).vector;
+        let stiffest = self.largest_eigenpair(1.0, 0.0).vector;
         if self.proportional {
             let step = self.mode_of(&stiffest).largest_step(SolverKind::Explicit);
-            return self.limit(step, true, &stiffest);
+            return self.step_limit(step, true, &stiffest);
         }
-        let most_damped = self.largest(0.0, 1.0);
+        let most_damped = self.largest_eigenpair(0.0, 1.0);
         let ratio = self
             .links
             .iter()
@@ -410,22 +414,22 @@ impl Linearised {
             .fold(f64::INFINITY, f64::min);
         let overdamped = 2.0 / most_damped.value;
         match ratio <= overdamped {
-            true => self.limit(ratio, false, &stiffest),
-            false => self.limit(overdamped, false, &most_damped.vector),
+            true => self.step_limit(ratio, false, &stiffest),
+            false => self.step_limit(overdamped, false, &most_damped.vector),
         }
     }
 
     /// The largest stable step of Verlet with centred damping in proportion to mass, as grid
     /// bodies have it: 2/ω, whatever the damping.
     pub fn grid_limit(&self) -> StepLimit {
-        let y = self.largest(1.0, 0.0).vector;
-        self.limit(2.0 / self.mode_of(&y).stiffness.sqrt(), true, &y)
+        let y = self.largest_eigenpair(1.0, 0.0).vector;
+        self.step_limit(2.0 / self.mode_of(&y).stiffness.sqrt(), true, &y)
     }
 
     /// By how much a small displacement grows in each of `steps` steps of an explicit scheme, in
     /// the mean of the later half: an estimate of the spectral radius of the whole step matrix, for
     /// any damping, and the displacement by then, the longest 1.
-    pub fn growth(&self, scheme: SolverKind, h: f64, steps: usize) -> (f64, Vec<DVec3>) {
+    pub fn growth_rate(&self, scheme: SolverKind, h: f64, steps: usize) -> (f64, Vec<DVec3>) {
         let x = self.start();
         let mut state = [x.clone(), vec![DVec3::ZERO; x.len()], self.force(&x, None)];
         let (mut logarithm, mut counted) = (0.0, 0);
@@ -445,7 +449,7 @@ impl Linearised {
             }
         }
         let growth = (logarithm / f64::from(counted.max(1))).exp();
-        (growth, self.limit(h, true, &state[0]).displacement)
+        (growth, self.step_limit(h, true, &state[0]).displacement)
     }
 
     /// −Kx − Cv, of masses of 1.

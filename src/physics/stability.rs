@@ -1,35 +1,39 @@
 //! The largest step an explicit scheme can take, from the mesh.
 
 use super::kind::SolverKind;
-use super::network::SpringNetwork;
+use super::network::DiscreteModel;
 use super::terms::NodeTerm;
-use crate::physics::spectrum::Linearised;
+use crate::physics::spectrum::LinearisedModel;
 use std::sync::Arc;
 
 /// The largest stable time step of `solver` for `network` at rest with these nodes pinned, in
 /// seconds; `None` for implicit Euler, which has none.
 ///
 /// From the eigenvalues of the scheme's own step matrix, damping included: see
-/// [`Linearised::largest_step`]. Undamped it is 2/ω_max for the symplectic schemes; explicit Euler
+/// [`LinearisedModel::largest_step`]. Undamped it is 2/ω_max for the symplectic schemes; explicit Euler
 /// without damping is never stable: 0. A body stretched far from rest may need less.
 pub fn largest_stable_step(
-    network: &SpringNetwork,
+    network: &DiscreteModel,
     pinned: &[bool],
     solver: SolverKind,
 ) -> Option<f64> {
-    let limit = Linearised::new(network, pinned).largest_step(solver)?;
+    let limit = LinearisedModel::new(network, pinned).largest_step(solver)?;
     Some(limit.step)
 }
 
 /// A step that stays stable with `terms` where `limit` is without: their largest ω² is added to
 /// that of the springs, ω = 2/h.
-pub(super) fn with_terms(limit: f64, network: &SpringNetwork, terms: &[Arc<dyn NodeTerm>]) -> f64 {
+pub(super) fn limit_with_terms(
+    limit: f64,
+    network: &DiscreteModel,
+    terms: &[Arc<dyn NodeTerm>],
+) -> f64 {
     if limit == 0.0 {
         return 0.0;
     }
     let masses = || network.masses.iter().filter(|m| **m > 0.0);
     let squares = terms.iter().map(|term| {
-        let each = masses().map(|m| term.stiffness(*m) / m);
+        let each = masses().map(|m| term.max_stiffness(*m) / m);
         each.fold(0.0, f64::max)
     });
     let square = 4.0 / (limit * limit) + squares.sum::<f64>();

@@ -11,29 +11,29 @@ use super::guard::{Clock, HISTORY};
 use super::integrator::{Integrator, Timing};
 use super::loads::{LoadVersions, LoadsState};
 use super::stepper::Stepper;
-use super::{Body, GrabId, Grip};
+use super::{GpuBody, GrabId, GrabMode};
 use crate::gpu::{Array, Gpu};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
 /// Nodes that follow a target, as [`BodyState`] keeps them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct HeldState {
+pub(super) struct GrabState {
     pub id: GrabId,
     pub nodes: Vec<u32>,
     pub offsets: Vec<[f64; 3]>,
     pub target: [f64; 3],
-    pub grip: Grip,
+    pub grip: GrabMode,
 }
 
 /// The grabs of a body.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct GrabsState {
-    pub held: Vec<HeldState>,
+    pub held: Vec<GrabState>,
     pub next: u32,
 }
 
-/// The state of a [`Body`]: see [`Body::state`].
+/// The state of a [`GpuBody`]: see [`GpuBody::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodyState {
     positions: Vec<[f32; 4]>,
@@ -63,11 +63,15 @@ pub struct SolverState {
     /// afresh.
     prepared: Option<(f64, [u64; 2])>,
     /// What the scheme carries from step to step.
-    carried: Vec<Vec<[f32; 4]>>,
+    integrator_history: Vec<Vec<[f32; 4]>>,
 }
 
 /// Writes `texels` into `array`, whose length is known to be right only if this succeeds.
-pub(super) fn put_back<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, texels: &[T]) -> Result<()> {
+pub(super) fn restore_array<T: bytemuck::Pod>(
+    gpu: &Gpu,
+    array: &Array,
+    texels: &[T],
+) -> Result<()> {
     if texels.len() == array.len() as usize {
         return gpu.write_array(array, texels);
     }
@@ -78,7 +82,7 @@ pub(super) fn put_back<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, texels: &[T])
     )))
 }
 
-impl Body {
+impl GpuBody {
     /// Everything about the body that steps, grabs and cuts change, read back; of its shape only
     /// the number of cuts.
     ///
@@ -90,13 +94,13 @@ impl Body {
             velocities: self.gpu.read_array(&self.velocities)?,
             external: self.gpu.read_array(&self.external)?,
             generation: self.generation,
-            moves: self.moves,
+            moves: self.state_changes,
             loads: self.loads.state(),
-            written: self.written,
+            written: self.uploaded_loads,
         })
     }
 
-    /// Puts the body into a state that [`Body::state`] gave of it, or of one made and cut in the
+    /// Puts the body into a state that [`GpuBody::state`] gave of it, or of one made and cut in the
     /// same way. The state of its solver follows with
     /// [`Solver::set_state`](super::Solver::set_state).
     ///
@@ -109,24 +113,24 @@ impl Body {
                 state.generation, self.generation
             )));
         }
-        put_back(&self.gpu, &self.velocities, &state.velocities)?;
-        put_back(&self.gpu, &self.external, &state.external)?;
-        put_back(&self.gpu, self.nodes.array(), &state.positions)?;
+        restore_array(&self.gpu, &self.velocities, &state.velocities)?;
+        restore_array(&self.gpu, &self.external, &state.external)?;
+        restore_array(&self.gpu, self.nodes.array(), &state.positions)?;
         self.loads.set_state(&state.loads)?;
         // All but the external forces, which grabs and callers write on the GPU, is made again.
         self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
         self.flush_masses()?;
         if let Some(contact) = &mut self.contact {
-            contact.stand(&self.loads);
+            contact.reset_tools(&self.loads);
         }
-        self.written = state.written;
-        self.moves = state.moves;
+        self.uploaded_loads = state.written;
+        self.state_changes = state.moves;
         Ok(())
     }
 
     /// Puts the nodes, without velocities, where a cut found them.
-    pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]]) -> Result<()> {
-        put_back(&self.gpu, self.nodes.array(), texels)?;
+    pub(crate) fn set_exact_positions(&mut self, texels: &[[f32; 4]]) -> Result<()> {
+        restore_array(&self.gpu, self.nodes.array(), texels)?;
         Ok(())
     }
 }
@@ -135,7 +139,7 @@ impl<S: Integrator> Stepper<S> {
     pub(super) fn read_state(&self) -> Result<SolverState> {
         let gpu = &self.core.gpu;
         let status: Vec<Status> = gpu.read_buffer(&self.core.status)?;
-        let carried = self.scheme.carried().into_iter();
+        let carried = self.scheme.history_arrays().into_iter();
         Ok(SolverState {
             kind: S::NAME.to_owned(),
             status: bytemuck::cast_slice(&status).to_vec(),
@@ -144,16 +148,16 @@ impl<S: Integrator> Stepper<S> {
             iterations: self.iterations,
             generation: self.core.generation,
             prepared: self.prepared.as_ref().map(|p| {
-                let super::body::Revision { state, any } = p.revision;
+                let super::body::ChangeCounter { state, any } = p.revision;
                 (p.dt, [state, any])
             }),
-            carried: carried
+            integrator_history: carried
                 .map(|array| gpu.read_array(array))
                 .collect::<Result<_>>()?,
         })
     }
 
-    pub(super) fn write_state(&mut self, body: &Body, state: &SolverState) -> Result<()> {
+    pub(super) fn write_state(&mut self, body: &GpuBody, state: &SolverState) -> Result<()> {
         let words = size_of::<Status>() / size_of::<u32>();
         let wrong = |what: String| Err(Error::Input(what));
         if state.kind != S::NAME {
@@ -168,7 +172,7 @@ impl<S: Integrator> Stepper<S> {
             && state.iterations >= self.iterations.min(1)
             && state.iterations <= S::max_iterations(&self.scheme)
             && state.generation <= body.generation
-            && state.clock.sound();
+            && state.clock.is_valid();
         if body.id != self.core.body || !sound {
             return wrong("the state of another solver, or a damaged one".to_owned());
         }
@@ -178,21 +182,21 @@ impl<S: Integrator> Stepper<S> {
         queue.write_buffer(&self.core.history, 0, bytemuck::cast_slice(&state.history));
         self.clock = state.clock.clone();
         self.iterations = state.iterations;
-        self.forget();
-        self.unseen = false;
+        self.clear_pending();
+        self.status_stale = false;
         self.prepared = None;
         if state.generation != body.generation {
             // The body was cut after the last step: the next one starts afresh anyway.
             return Ok(());
         }
         self.core.follow(body)?;
-        self.scheme.follow(&self.core, body)?;
-        let arrays = self.scheme.carried();
-        if arrays.len() != state.carried.len() {
+        self.scheme.apply_cut(&self.core, body)?;
+        let arrays = self.scheme.history_arrays();
+        if arrays.len() != state.integrator_history.len() {
             return wrong("the state of another solver, or a damaged one".to_owned());
         }
-        for (array, texels) in arrays.into_iter().zip(&state.carried) {
-            put_back(&gpu, array, texels)?;
+        for (array, texels) in arrays.into_iter().zip(&state.integrator_history) {
+            restore_array(&gpu, array, texels)?;
         }
         let Some((dt, [state, any])) = state.prepared else {
             return Ok(());
@@ -203,11 +207,11 @@ impl<S: Integrator> Stepper<S> {
         }
         let timing = Timing {
             dt: local_dt,
-            before: local_dt,
+            previous_dt: local_dt,
         };
         let step = self.scheme.step(&self.core, body, timing)?;
         let mut prepared = self.core.prepare(body, step, dt, local_dt)?;
-        prepared.revision = super::body::Revision { state, any };
+        prepared.revision = super::body::ChangeCounter { state, any };
         self.prepared = Some(prepared);
         Ok(())
     }

@@ -1,8 +1,8 @@
 //! What the passes of every solver's step share: the candidate state, the forces, the guard.
 
-use super::Body;
-use super::body::Revision;
-use super::gpu_terms::Part;
+use super::GpuBody;
+use super::body::ChangeCounter;
+use super::gpu_terms::ProgramPart;
 use super::guard::gpu_data::Status;
 use super::guard::{ENERGY_FACTOR, ENERGY_FLOOR, HISTORY};
 use super::integrator::Step;
@@ -38,7 +38,7 @@ use gpu_data::{CheckParams, ForceParams};
 
 /// What all integrators on the GPU have: the candidate state, the forces, and the guard.
 #[derive(Debug)]
-pub struct Core {
+pub struct StepResources {
     pub(super) gpu: Gpu,
     pub(super) nodes: u32,
     /// Threads a workgroup, and workgroups, of passes that sum over the nodes.
@@ -58,26 +58,26 @@ pub struct Core {
 
 /// Passes ready to be recorded, and what they were made for.
 #[derive(Debug)]
-pub(super) struct Prepared {
+pub(super) struct PreparedStep {
     pub(super) dt: f64,
     pub(super) local_dt: f32,
     pub(super) gravity: DVec3,
     /// The body as it was last left or found.
-    pub(super) revision: Revision,
+    pub(super) revision: ChangeCounter,
     pub(super) step: Step,
-    /// The loads that `draw` was made for.
+    /// The loads that `grab_springs` was made for.
     pub(super) loads: Option<LoadVersions>,
     /// What grabs by springs pull with at the candidate's positions.
-    pub(super) draw: Option<Pass>,
+    pub(super) grab_springs: Option<Pass>,
     pub(super) forces: Vec<Pass>,
     pub(super) check: Pass,
     pub(super) commit: Pass,
     /// Clears a failure.
-    pub(super) forgive: Pass,
+    pub(super) clear_failure: Pass,
     /// Before the first step on a state that was changed from outside: everything from it.
     pub(super) restart: Vec<Pass>,
     /// Before the first step of any other recording: external forces may have changed.
-    pub(super) resume: Vec<Pass>,
+    pub(super) refresh_loads: Vec<Pass>,
 }
 
 /// Threads a workgroup, and workgroups, of passes that sum over `nodes`.
@@ -92,12 +92,12 @@ fn workgroups(gpu: &Gpu, nodes: usize) -> (u32, u32) {
     (workgroup, groups)
 }
 
-impl Core {
-    pub(super) fn new(gpu: &Gpu, body: &Body) -> Result<Core> {
+impl StepResources {
+    pub(super) fn new(gpu: &Gpu, body: &GpuBody) -> Result<StepResources> {
         let nodes = body.node_count();
         let (workgroup, groups) = workgroups(gpu, nodes);
-        let array = |label| gpu.roomy_array(label, Texel::F32x4, nodes);
-        Ok(Core {
+        let array = |label| gpu.array_with_headroom(label, Texel::F32x4, nodes);
+        Ok(StepResources {
             gpu: gpu.clone(),
             nodes: nodes as u32,
             workgroup,
@@ -110,12 +110,12 @@ impl Core {
             history: gpu.buffer("history", u64::from(HISTORY) * 16)?,
             body: body.id,
             generation: body.generation,
-            texels: body.matter().texels(),
+            texels: body.material_term().texels(),
         })
     }
 
     /// Makes its arrays as long as a cut has made the body; the count of steps goes on.
-    pub(super) fn follow(&mut self, body: &Body) -> Result<()> {
+    pub(super) fn follow(&mut self, body: &GpuBody) -> Result<()> {
         let (gpu, nodes) = (self.gpu.clone(), body.node_count());
         gpu.resize(&mut self.next_positions, "next positions", nodes)?;
         gpu.resize(&mut self.next_velocities, "next velocities", nodes)?;
@@ -127,7 +127,7 @@ impl Core {
         self.groups = groups;
         self.nodes = nodes as u32;
         self.generation = body.generation;
-        self.texels = body.matter().texels();
+        self.texels = body.material_term().texels();
         Ok(())
     }
 
@@ -165,11 +165,11 @@ impl Core {
 
     pub(super) fn prepare(
         &self,
-        body: &Body,
+        body: &GpuBody,
         step: Step,
         dt: f64,
         local_dt: f32,
-    ) -> Result<Prepared> {
+    ) -> Result<PreparedStep> {
         let seen = step.velocities()?;
         let velocities = seen.unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
@@ -179,13 +179,13 @@ impl Core {
         let kept = seen.unwrap_or(&body.velocities);
         let mut resume = self.force_passes(body, state, kept, false)?;
         resume.push(self.check_pass(1, local_dt)?);
-        Ok(Prepared {
+        Ok(PreparedStep {
             dt,
             local_dt,
             gravity: body.gravity(),
             revision: body.revision(),
             loads: None,
-            draw: None,
+            grab_springs: None,
             forces: self.force_passes(body, &self.next_positions, velocities, true)?,
             check: self.check_pass(0, local_dt)?,
             commit: self
@@ -196,14 +196,14 @@ impl Core {
                 .read(&self.status)
                 .write(state)
                 .write(&body.velocities)
-                .over(self.nodes)?,
-            forgive: self
+                .dispatch_items(self.nodes)?,
+            clear_failure: self
                 .gpu
                 .pass("physics/restart")
                 .write(&self.status)
-                .over(1)?,
+                .dispatch_items(1)?,
             restart,
-            resume,
+            refresh_loads: resume,
             step,
         })
     }
@@ -212,13 +212,13 @@ impl Core {
     /// there are any and they count.
     pub(super) fn force_passes(
         &self,
-        body: &Body,
+        body: &GpuBody,
         positions: &Array,
         velocities: &Array,
         tools: bool,
     ) -> Result<Vec<Pass>> {
-        let matter = body.matter();
-        let before = matter.before_forces(&self.gpu, positions, velocities, &self.status)?;
+        let matter = body.material_term();
+        let before = matter.prepare_forces(&self.gpu, positions, velocities, &self.status)?;
         let units = &body.units;
         let gravity = (body.gravity() / units.acceleration()).as_vec3();
         let params = ForceParams {
@@ -228,7 +228,7 @@ impl Core {
             _pad0: 0,
             _pad1: 0,
         };
-        let name = body.pressed("physics/forces", tools);
+        let name = body.shader_name_with_contact("physics/forces", tools);
         let pass = self
             .gpu
             .pass(&name)
@@ -242,7 +242,9 @@ impl Core {
             .write(&self.partials)
             .params(&params);
         let threads = self.groups * self.workgroup;
-        let gather = body.bind_pressed(pass, Part::Forces, tools).over(threads)?;
+        let gather = body
+            .bind_pressed(pass, ProgramPart::Forces, tools)
+            .dispatch_items(threads)?;
         Ok(before.into_iter().chain([gather]).collect())
     }
 
@@ -263,6 +265,6 @@ impl Core {
             .write(&self.status)
             .write(&self.history)
             .params(&params)
-            .over(self.workgroup)
+            .dispatch_items(self.workgroup)
     }
 }

@@ -3,10 +3,10 @@
 
 use super::guard::gpu_data::Status;
 use super::integrator::{Integrator, Stage, Timing};
-use super::{Body, Damping, Floor, ImplicitEuler, Material, NodeTerm, Solver, SpringNetwork};
+use super::{Damping, DiscreteModel, Floor, GpuBody, ImplicitEuler, Material, NodeTerm, Solver};
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{TetMesh, generate};
-use crate::physics::plain::springs::Particles;
+use crate::physics::plain::springs::ReferenceSprings;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -33,15 +33,15 @@ fn twins(
     gpu: &Gpu,
     mesh: &TetMesh,
     (damping_kind, terms): (Damping, Vec<Arc<dyn NodeTerm>>),
-) -> (Body, Particles) {
+) -> (GpuBody, ReferenceSprings) {
     let material = Material {
         damping: 0.2,
         damping_time: 1e-3,
         damping_kind,
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     };
-    let mut body = Body::new(gpu, mesh, &material).unwrap();
-    let mut truth = Particles::new(SpringNetwork::new(mesh, &material).unwrap());
+    let mut body = GpuBody::new(gpu, mesh, &material).unwrap();
+    let mut truth = ReferenceSprings::new(DiscreteModel::new(mesh, &material).unwrap());
     body.set_gravity(DVec3::new(1.0, 2.0, -9.81));
     truth.gravity = body.gravity();
     let nodes = mesh.nodes.len();
@@ -59,7 +59,7 @@ fn twins(
         .iter()
         .map(|f| f.as_vec3().as_dvec3())
         .collect();
-    let network = SpringNetwork::new(mesh, &material).unwrap();
+    let network = DiscreteModel::new(mesh, &material).unwrap();
     truth.x = body
         .positions()
         .unwrap()
@@ -124,7 +124,7 @@ fn forces_and_energies_match_float64() {
             let (body, mut truth) = twins(&gpu, &mesh, kind.clone());
             let solver = ImplicitEuler::new(&gpu, &body).unwrap();
             let state = body.nodes().array();
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             let passes = solver
                 .core
                 .force_passes(&body, state, &body.velocities, false);
@@ -133,7 +133,7 @@ fn forces_and_energies_match_float64() {
             }
             work.submit().unwrap();
             let found = read(&gpu, &solver.core.forces, body.units.force());
-            let scale = truth.force_scale();
+            let scale = truth.force_magnitude_sum();
             let error = worst(&found, &truth.forces(), &scale);
             assert!(error < 1e-5, "{kind:?}: {error}");
 
@@ -165,13 +165,16 @@ fn products_with_the_system_match_float64() {
         for kind in kinds() {
             let (mut body, mut truth) = twins(&gpu, &mesh, kind.clone());
             body.pin_nodes(&[2, 5]).unwrap();
-            body.flush().unwrap();
+            body.upload_changes().unwrap();
             truth.pinned[2] = true;
             truth.pinned[5] = true;
             let h = 0.01;
             let solver = ImplicitEuler::new(&gpu, &body).unwrap();
             let dt = (h / body.units.time) as f32;
-            let timing = Timing { dt, before: dt };
+            let timing = Timing {
+                dt,
+                previous_dt: dt,
+            };
             let mut p: Vec<DVec3> = vectors(mesh.nodes.len(), 9)
                 .iter()
                 .map(|p| p.as_vec3().as_dvec3())
@@ -212,7 +215,7 @@ fn products_with_the_system_match_float64() {
 fn product(
     gpu: &Gpu,
     solver: &ImplicitEuler,
-    body: &Body,
+    body: &GpuBody,
     timing: Timing,
     p: &[DVec3],
 ) -> Vec<DVec3> {
@@ -220,7 +223,7 @@ fn product(
     let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
         panic!("an implicit step begins with the system and its solve")
     };
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     begin[0].record(&mut work);
     work.submit().unwrap();
     let first: Vec<[f32; 4]> = p
@@ -229,7 +232,7 @@ fn product(
         .collect();
     gpu.write_array(&solver.scheme.preconditioned[0], &first)
         .unwrap();
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     gate.record(&mut work);
     rounds[0].record(&mut work);
     work.submit().unwrap();
@@ -245,7 +248,7 @@ fn an_unfinished_solve_is_continued() {
     let run = |iterations: u32| {
         let (mut body, _) = twins(&gpu, &mesh, (Damping::Axial, Vec::new()));
         let mut solver = ImplicitEuler::new(&gpu, &body).unwrap();
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         solver
             .record_steps(&mut work, &mut body, 6, 0.01, iterations)
             .unwrap();

@@ -1,12 +1,12 @@
 //! The units of a body's arrays on the GPU, chosen so that no size of model overflows f32.
 
 use super::elements::Element;
-use super::network::SpringNetwork;
+use super::network::DiscreteModel;
 
 /// Local units: the body's extent, its mean nodal mass, and the time in which a mean mass on a
 /// mean spring, or the mean element where there are no springs, turns by one radian.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Units {
+pub struct LocalUnits {
     /// Metres.
     pub length: f64,
     /// Kilograms.
@@ -15,19 +15,19 @@ pub struct Units {
     pub time: f64,
 }
 
-impl Units {
+impl LocalUnits {
     /// The units that suit `network`.
-    pub fn of(network: &SpringNetwork) -> Units {
+    pub fn from_model(network: &DiscreteModel) -> LocalUnits {
         let mass = mean(network.masses.iter().copied());
         // Young's modulus lies between 2 μ and 3 μ, the edge of a regular tet is 2.04 ∛V.
-        let of_element = |e: &Element| 5.0 * e.lame[0] * e.volume.cbrt();
+        let of_element = |e: &Element| 5.0 * e.lame_parameters[0] * e.volume.cbrt();
         let stiffness = mean(network.springs.iter().map(|s| s.stiffness))
             .or_else(|| mean(network.elements.tets.iter().map(of_element)));
         let time = match (mass, stiffness) {
             (Some(m), Some(k)) => (m / k).sqrt(),
             _ => 1.0,
         };
-        Units {
+        LocalUnits {
             length: network.frame.scale * network.length_unit,
             mass: mass.unwrap_or(1.0),
             time: if time.is_normal() { time } else { 1.0 },

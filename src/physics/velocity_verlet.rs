@@ -6,8 +6,8 @@
 //! in h as everything else is (Groot & Warren 1997 with λ = 1), where damping sets the limit at
 //! half the step.
 
-use super::integrator::{Core, Integrator, Stage, Step, Timing};
-use super::{Body, SolverKind, moves};
+use super::integrator::{Integrator, Stage, Step, StepResources, Timing};
+use super::{GpuBody, SolverKind, moves};
 use crate::Result;
 use crate::gpu::{Array, Texel};
 
@@ -31,10 +31,10 @@ pub struct Scheme {
 impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::VelocityVerlet;
 
-    fn new(core: &Core, body: &Body) -> Result<Scheme> {
+    fn new(core: &StepResources, body: &GpuBody) -> Result<Scheme> {
         let nodes = body.node_count();
         Ok(Scheme {
-            predicted_velocities: core.gpu.roomy_array(
+            predicted_velocities: core.gpu.array_with_headroom(
                 "predicted velocities",
                 Texel::F32x4,
                 nodes,
@@ -42,22 +42,22 @@ impl Integrator for Scheme {
         })
     }
 
-    fn follow(&mut self, core: &Core, body: &Body) -> Result<()> {
+    fn apply_cut(&mut self, core: &StepResources, body: &GpuBody) -> Result<()> {
         let predicted = &mut self.predicted_velocities;
         core.gpu
             .resize(predicted, "predicted velocities", body.node_count())?;
         Ok(())
     }
 
-    fn carried(&self) -> Vec<&Array> {
+    fn history_arrays(&self) -> Vec<&Array> {
         vec![&self.predicted_velocities]
     }
 
-    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+    fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step> {
         let (dt, kick) = (timing.dt, 0.5 * timing.dt);
         let predicted = &self.predicted_velocities;
         let shader = "physics/velocity_verlet";
-        let moved = moves::pass(core, body, shader, predicted, dt, kick)?;
+        let moved = moves::explicit_pass(core, body, shader, predicted, dt, kick)?;
         let kicked = core
             .gpu
             .pass("physics/velocity_verlet_kick")
@@ -71,7 +71,7 @@ impl Integrator for Scheme {
                 nodes: core.nodes,
                 kick,
             })
-            .over(core.nodes)?;
+            .dispatch_items(core.nodes)?;
         Ok(Step {
             stages: vec![
                 Stage::Passes(vec![moved]),

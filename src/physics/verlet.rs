@@ -5,8 +5,8 @@
 //! one of another length than the last, is kicked by the mean of the two lengths, which for
 //! h₋₁ = 0 is the start x₋₁ = x₀ − h v₀ + ½h² a₀.
 
-use super::integrator::{Core, Integrator, Stage, Step, Timing};
-use super::{Body, SolverKind, moves};
+use super::integrator::{Integrator, Stage, Step, StepResources, Timing};
+use super::{GpuBody, SolverKind, moves};
 use crate::Result;
 
 /// Nothing but its pass.
@@ -16,19 +16,19 @@ pub struct Scheme;
 impl Integrator for Scheme {
     const KIND: SolverKind = SolverKind::Verlet;
 
-    fn new(_: &Core, _: &Body) -> Result<Scheme> {
+    fn new(_: &StepResources, _: &GpuBody) -> Result<Scheme> {
         Ok(Scheme)
     }
 
-    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+    fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step> {
         let pass = |kick| {
             let target = &core.next_velocities;
-            moves::pass(core, body, "physics/verlet", target, timing.dt, kick)
+            moves::explicit_pass(core, body, "physics/verlet", target, timing.dt, kick)
         };
         let kicked = |kick| pass(kick).map(|pass| Some(Stage::Passes(vec![pass])));
         Ok(Step {
-            after_restart: kicked(0.5 * timing.dt)?,
-            after_change: kicked(0.5 * (timing.before + timing.dt))?,
+            first_stage_on_restart: kicked(0.5 * timing.dt)?,
+            after_change: kicked(0.5 * (timing.previous_dt + timing.dt))?,
             ..Step::explicit(pass(timing.dt)?)
         })
     }

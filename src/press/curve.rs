@@ -3,11 +3,11 @@
 use serde::Serialize;
 
 /// The part of the depth, from the deepest point on, over which stiffness is fitted.
-const FITTED: f64 = 0.5;
+const FIT_FRACTION: f64 = 0.5;
 
 /// One step of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Sample {
+pub struct PressSample {
     /// s.
     pub time_s: f64,
     /// `load` or `unload`.
@@ -42,7 +42,7 @@ pub struct PressReport {
 }
 
 pub(super) fn report(
-    samples: &[Sample],
+    samples: &[PressSample],
     [radius, poisson]: [f64; 2],
     engine: String,
     seconds: f64,
@@ -59,7 +59,7 @@ pub(super) fn report(
     let held = way_in.iter().position(|s| s[1] >= max_force);
     let way_in = &way_in[..held.map_or(0, |k| k + 1)];
     let deepest = way_in.iter().map(|s| s[0]).fold(0.0, f64::max);
-    let deeper = way_in.iter().filter(|s| s[0] >= FITTED * deepest);
+    let deeper = way_in.iter().filter(|s| s[0] >= FIT_FRACTION * deepest);
     let deeper: Vec<[f64; 2]> = deeper.copied().collect();
     let (mut hertz, mut weight) = (0.0, 0.0);
     for [depth, force] in way_in {
@@ -108,10 +108,10 @@ mod tests {
         let force =
             |d: f64| 4.0 / 3.0 * young / (1.0 - poisson * poisson) * radius.sqrt() * d.powf(1.5);
         let way = (-1..=16).chain((0..16).rev()).enumerate();
-        let samples: Vec<Sample> = way
+        let samples: Vec<PressSample> = way
             .map(|(k, depth)| {
                 let depth = 1e-4 * f64::from(depth);
-                Sample {
+                PressSample {
                     time_s: k as f64,
                     phase: if k < 18 { "load" } else { "unload" },
                     depth_m: depth,
@@ -127,7 +127,7 @@ mod tests {
         assert!((found.stiffness_n_per_m / chord - 1.0).abs() < 0.01);
         // What slips away in the end takes nothing from it.
         let mut slipped = samples[..18].to_vec();
-        slipped.push(Sample {
+        slipped.push(PressSample {
             depth_m: 1.7e-3,
             force_n: 0.1 * force(1.6e-3),
             ..slipped[17]

@@ -1,13 +1,13 @@
 //! A body pressed at the points of a grid from above, to find what is hard beneath.
 
-use super::curve::{self, Sample};
-use super::spot::{Boundary, Spot};
-use super::{AWAY, DEPTH, STEP, laid, on_table, only_tets, table};
+use super::curve::{self, PressSample};
+use super::spot::{Boundary, PressSite};
+use super::{DEPTH, INITIAL_CLEARANCE, STEP, laid, on_table, only_tets, table};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
 use crate::render::Image;
-use crate::scene::{CameraEntry, Motion, Scene, Stage, of_scene};
+use crate::scene::{CameraEntry, Motion, Scene, Stage, scene_hash};
 use crate::{Error, Result};
 use flate2::Crc;
 use glam::{DQuat, DVec3};
@@ -19,16 +19,16 @@ const STEPS: u32 = 6;
 /// The most points along a side.
 const MOST: u32 = 1_000;
 /// A body is too thin to be pressed where it is less than so many times as thick as presses are deep.
-const THIN: f64 = 3.0;
+const MIN_THICKNESS_RATIO: f64 = 3.0;
 /// Height of the view over the body's extent in it, and the part of its width that a legend takes.
-const VIEW: f64 = 1.15;
+const VIEW_SCALE: f64 = 1.15;
 const LEGEND: f64 = 0.2;
 /// The field that pictures show, N/m.
 const FIELD: &str = "stiffness (N/m)";
 
 /// Which points to press, and how; what is not said suits the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MapWanted {
+pub struct MapOptions {
     /// Points along the two sides of the body as it is seen from above.
     pub points: [u32; 2],
     /// Radius of the fingertip, in file units.
@@ -44,12 +44,12 @@ pub struct MapPoint {
     /// On the boundary, in file units.
     pub point: DVec3,
     /// What was found there; none yet at first.
-    pub pressed: Option<Pressed>,
+    pub pressed: Option<PointResult>,
 }
 
 /// What a press of a map found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Pressed {
+pub enum PointResult {
     /// The slope of force over depth in the deeper half of the way in, N/m.
     Stiffness(f64),
     /// A step of it failed.
@@ -60,7 +60,7 @@ impl MapPoint {
     /// The stiffness found there, N/m.
     pub fn stiffness(&self) -> Option<f64> {
         match self.pressed {
-            Some(Pressed::Stiffness(found)) => Some(found),
+            Some(PointResult::Stiffness(found)) => Some(found),
             _ => None,
         }
     }
@@ -77,8 +77,8 @@ pub struct PressMap {
     unit: f64,
     poisson: f64,
     /// Cells of the grid, low corner and steps in the two directions across.
-    grid: Grid,
-    spots: Vec<(Spot, f64)>,
+    grid: MapGrid,
+    spots: Vec<(PressSite, f64)>,
     points: Vec<MapPoint>,
     /// Which cell of the grid each point is in.
     cells: Vec<usize>,
@@ -87,20 +87,20 @@ pub struct PressMap {
 
 /// The body's extent as it is seen from above, shared out in cells.
 #[derive(Clone, Copy, Debug)]
-struct Grid {
+struct MapGrid {
     axes: [usize; 2],
     count: [u32; 2],
     low: DVec3,
     step: [f64; 2],
 }
 
-impl Grid {
-    fn new(mesh: &TetMesh, up: DVec3, count: [u32; 2]) -> Grid {
+impl MapGrid {
+    fn new(mesh: &TetMesh, up: DVec3, count: [u32; 2]) -> MapGrid {
         let axis = up.abs().max_position();
         let axes = [[1, 2], [0, 2], [0, 1]][axis];
         let (low, high) = mesh.bounds();
         let step = |k: usize| (high - low)[axes[k]] / f64::from(count[k]);
-        Grid {
+        MapGrid {
             axes,
             count,
             low,
@@ -155,7 +155,7 @@ impl PressMap {
     /// # Errors
     /// [`Error::Input`] for a scene of several bodies, a grid or a cage, numbers that make no sense,
     /// and a body that offers no point; otherwise what loading the mesh gives.
-    pub fn new(scene: &Scene, wanted: &MapWanted) -> Result<PressMap> {
+    pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         only_tets(scene)?;
         let [n, m] = wanted.points;
         if !([n, m].into_iter().all(|n| (1..=MOST).contains(&n))) {
@@ -176,10 +176,10 @@ impl PressMap {
         let mut up = DVec3::ZERO;
         let axis = down.abs().max_position();
         up[axis] = -down[axis].signum();
-        let grid = Grid::new(&mesh, up, wanted.points);
+        let grid = MapGrid::new(&mesh, up, wanted.points);
         let boundary = Boundary::new(&mesh);
-        let above = |cell: usize| boundary.met_above(up, grid.middle(cell));
-        let found: Vec<(usize, Spot)> = (0..grid.len())
+        let above = |cell: usize| boundary.first_from_above(up, grid.middle(cell));
+        let found: Vec<(usize, PressSite)> = (0..grid.len())
             .filter_map(|cell| Some((cell, above(cell)?)))
             .collect();
         let typical = median(found.iter().map(|(_, spot)| spot.thickness).collect());
@@ -189,12 +189,13 @@ impl PressMap {
             ));
         };
         let depth = wanted.depth.unwrap_or(DEPTH * typical);
-        let fits =
-            |spot: &Spot| !on_table(&mesh, down, spot.point) && spot.thickness >= THIN * depth;
+        let fits = |spot: &PressSite| {
+            !on_table(&mesh, down, spot.point) && spot.thickness >= MIN_THICKNESS_RATIO * depth
+        };
         let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
         if fit.is_empty() {
             return Err(Error::Input(format!(
-                "the body is less than {THIN} times as thick as presses of {depth} are deep wherever it could be pressed; give a smaller --depth"
+                "the body is less than {MIN_THICKNESS_RATIO} times as thick as presses of {depth} are deep wherever it could be pressed; give a smaller --depth"
             )));
         }
         let radius = wanted.radius.unwrap_or(boundary.fitting_radius(typical));
@@ -205,11 +206,11 @@ impl PressMap {
         let left = grid.len() - fit.len();
         if left > 0 {
             notes.push(format!(
-                "{left} points of the grid are left out: beside the body, steeper than 60°, or thinner than {THIN} presses are deep ({} of them)",
+                "{left} points of the grid are left out: beside the body, steeper than 60°, or thinner than {MIN_THICKNESS_RATIO} presses are deep ({} of them)",
                 thin.len()
             ));
         }
-        let spots: Vec<(Spot, f64)> = fit
+        let spots: Vec<(PressSite, f64)> = fit
             .iter()
             .map(|(_, spot)| (*spot, boundary.first_touch(spot, radius)))
             .collect();
@@ -253,23 +254,33 @@ impl PressMap {
 
     /// A number that is another one for another body, scene, grid or way of pressing: what was
     /// found under another number is not of this map.
-    pub fn mark(&self) -> u64 {
+    pub fn fingerprint(&self) -> u64 {
         let mut crc = Crc::new();
-        let said = format!("{:?} {} {}", self.grid, self.radius, self.depth);
+        let MapGrid {
+            axes,
+            count,
+            low,
+            step,
+        } = self.grid;
+        // The text is part of the format: a map that was begun goes on only under the same number.
+        let said = format!(
+            "Grid {{ axes: {axes:?}, count: {count:?}, low: {low:?}, step: {step:?} }} {} {}",
+            self.radius, self.depth
+        );
         crc.update(said.as_bytes());
         for p in &self.mesh.nodes {
             p.to_array()
                 .iter()
                 .for_each(|x| crc.update(&x.to_le_bytes()));
         }
-        (u64::from(of_scene(&self.scene)) << 32) | u64::from(crc.sum())
+        (u64::from(scene_hash(&self.scene)) << 32) | u64::from(crc.sum())
     }
 
     /// Takes over what was found before, in the points' order.
     ///
     /// # Errors
     /// [`Error::Input`] for another number of points.
-    pub fn take_over(&mut self, found: &[Option<Pressed>]) -> Result<()> {
+    pub fn restore(&mut self, found: &[Option<PointResult>]) -> Result<()> {
         if found.len() != self.points.len() {
             return Err(Error::Input(format!(
                 "{} results do not fit a map of {} points",
@@ -288,7 +299,7 @@ impl PressMap {
     ///
     /// # Errors
     /// What `each` gives, and what making a simulator gives. A press of which a step fails is
-    /// [`Pressed::Failed`].
+    /// [`PointResult::Failed`].
     pub fn measure(
         &mut self,
         gpu: &Gpu,
@@ -299,14 +310,14 @@ impl PressMap {
             .collect();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let next = AtomicUsize::new(0);
-        let (tell, told) = mpsc::channel::<Result<(usize, Pressed)>>();
+        let (tell, told) = mpsc::channel::<Result<(usize, PointResult)>>();
         let bench = Bench {
             gpu,
             scene: &self.scene.clone(),
             mesh: &self.mesh.clone(),
             radius: self.radius,
         };
-        let way = Way {
+        let way = PressSettings {
             up: self.up,
             depth: self.depth,
             unit: self.unit,
@@ -392,7 +403,7 @@ impl PressMap {
         picture.scale_bar = Some(true);
         scene.camera = self.view(scene.picture.size.unwrap_or([800, 600]));
         let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
-        stage.annotated_image()
+        stage.render_annotated()
     }
 
     /// From straight above, in a picture of that size with room for a legend.
@@ -400,7 +411,7 @@ impl PressMap {
         let (low, high) = self.mesh.bounds();
         let [across, ahead] = self.grid.axes.map(|axis| (high - low)[axis]);
         let aspect = f64::from(size[0]) / f64::from(size[1].max(1));
-        let height = (VIEW * ahead).max(VIEW * across / (aspect * (1.0 - LEGEND)));
+        let height = (VIEW_SCALE * ahead).max(VIEW_SCALE * across / (aspect * (1.0 - LEGEND)));
         let up = DVec3::AXES[self.grid.axes[1]];
         let right = up.cross(self.up);
         let aside = 0.5 * LEGEND * height * aspect * right;
@@ -440,7 +451,7 @@ impl PressMap {
 }
 
 /// How a point is pressed.
-struct Way {
+struct PressSettings {
     up: DVec3,
     depth: f64,
     unit: f64,
@@ -482,26 +493,31 @@ struct Finger {
 }
 
 impl Finger {
-    fn press(&mut self, way: &Way, (spot, touch): &(Spot, f64)) -> Result<Pressed> {
-        let at = |gone: f64| ToolPose::new(spot.point + (touch - gone) * spot.out, DQuat::IDENTITY);
+    fn press(
+        &mut self,
+        way: &PressSettings,
+        (spot, touch): &(PressSite, f64),
+    ) -> Result<PointResult> {
+        let at =
+            |gone: f64| ToolPose::new(spot.point + (touch - gone) * spot.outward, DQuat::IDENTITY);
         let (id, dt) = (self.id, self.motion.dt.max(STEP));
         let body = self.motion.simulator.as_mut();
         body.set_state(&self.rest)?;
-        let begin = -AWAY * way.radius;
-        body.loads_mut().put_tool(id, at(begin))?;
+        let begin = -INITIAL_CLEARANCE * way.radius;
+        body.loads_mut().teleport_tool(id, at(begin))?;
         let mut samples = Vec::new();
         for step in 1..=STEPS {
             let gone = begin + (way.depth - begin) * f64::from(step) / f64::from(STEPS);
-            body.loads_mut().guide_tool(id, at(gone))?;
+            body.loads_mut().set_tool_target(id, at(gone))?;
             match body.run(1, dt) {
-                Err(Error::Solver { .. }) => return Ok(Pressed::Failed),
+                Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
                 other => other?,
             };
             let force = body
                 .tool_forces()?
                 .first()
                 .map_or(DVec3::ZERO, |on| on.force);
-            samples.push(Sample {
+            samples.push(PressSample {
                 time_s: dt * f64::from(step),
                 phase: "load",
                 depth_m: way.unit * gone,
@@ -510,7 +526,7 @@ impl Finger {
         }
         let radius = way.unit * way.radius;
         let report = curve::report(&samples, [radius, way.poisson], String::new(), 0.0);
-        Ok(Pressed::Stiffness(report.stiffness_n_per_m))
+        Ok(PointResult::Stiffness(report.stiffness_n_per_m))
     }
 }
 

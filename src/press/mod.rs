@@ -8,14 +8,14 @@ mod curve;
 mod map;
 mod spot;
 
-pub use curve::{PressReport, Sample};
-pub use map::{MapPoint, MapWanted, PressMap, Pressed};
-pub use spot::Spot;
+pub use curve::{PressReport, PressSample};
+pub use map::{MapOptions, MapPoint, PointResult, PressMap};
+pub use spot::PressSite;
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{Engine, EngineChoice};
-use crate::render::{Inside, Plane};
+use crate::render::{Plane, Sections};
 use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
@@ -28,23 +28,23 @@ const STEP: f64 = 0.2;
 /// The depth, over the body's thickness there, where nothing is said; and the most at which a force
 /// is looked for.
 const DEPTH: f64 = 0.1;
-const DEEPEST: f64 = 0.5;
+const MAX_DEPTH: f64 = 0.5;
 /// The part of the way to a force that is gone at once: bodies resist the more the deeper.
-const WARY: f64 = 0.6;
+const FIRST_APPROACH_FRACTION: f64 = 0.6;
 /// The part of a force at which it counts as reached.
-const REACHED: f64 = 0.99;
+const FORCE_TOLERANCE: f64 = 0.99;
 /// How far from the body the tool begins, over its radius.
-const AWAY: f64 = 0.02;
+const INITIAL_CLEARANCE: f64 = 0.02;
 /// The part of the body's height along gravity that lies on the table.
-const TABLE: f64 = 0.04;
+const TABLE_HEIGHT_FRACTION: f64 = 0.04;
 /// A cut that is seen under more than this, as a cosine, is seen well.
-const SEEN: f64 = 0.35;
+const MIN_VIEW_COSINE: f64 = 0.35;
 /// What the tool is called.
 const NAME: &str = "fingertip";
 
 /// Where and how hard to press; what is not said suits the body.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Wanted {
+pub struct PressOptions {
     /// The point of the boundary nearest to this one, in file units.
     pub at: Option<DVec3>,
     /// What is seen at this point of the picture, in pixels; its middle where nothing is said.
@@ -58,7 +58,7 @@ pub struct Wanted {
     pub force: Option<f64>,
 }
 
-impl Wanted {
+impl PressOptions {
     fn check(&self) -> Result<()> {
         let lengths = [
             ("radius", self.radius),
@@ -84,7 +84,7 @@ impl Wanted {
 /// A press under way.
 pub struct Press {
     stage: Stage,
-    spot: Spot,
+    spot: PressSite,
     /// Radius, how far it is to go in and how far it has, in file units.
     radius: f64,
     depth: f64,
@@ -97,7 +97,7 @@ pub struct Press {
     poisson: f64,
     /// Steps up that are left; none while it goes down.
     left: Option<u32>,
-    samples: Vec<Sample>,
+    samples: Vec<PressSample>,
     notes: Vec<String>,
 }
 
@@ -108,7 +108,7 @@ impl Press {
     /// # Errors
     /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point that is nowhere
     /// near, or numbers that make no sense; otherwise as [`Stage::new`].
-    pub fn new(gpu: &Gpu, scene: &Scene, wanted: &Wanted) -> Result<Press> {
+    pub fn new(gpu: &Gpu, scene: &Scene, wanted: &PressOptions) -> Result<Press> {
         wanted.check()?;
         only_tets(scene)?;
         let mesh = scene.mesh.load()?;
@@ -118,7 +118,7 @@ impl Press {
         scene.solver.name = solver;
         let mesh = still.mesh().clone();
         let boundary = Boundary::new(&mesh);
-        let spot = spot::choose(&mut still, &boundary, wanted)?;
+        let spot = spot::find_site(&mut still, &boundary, wanted)?;
         let camera = *still.camera_mut();
         drop(still);
         if on_table(&mesh, down, spot.point) {
@@ -131,11 +131,11 @@ impl Press {
             .radius
             .unwrap_or(boundary.fitting_radius(spot.thickness));
         let depth = match wanted.force {
-            Some(_) => DEEPEST * spot.thickness,
+            Some(_) => MAX_DEPTH * spot.thickness,
             None => wanted.depth.unwrap_or(DEPTH * spot.thickness),
         };
         let touch = boundary.first_touch(&spot, radius);
-        let start = spot.point + (touch + AWAY * radius) * spot.out;
+        let start = spot.point + (touch + INITIAL_CLEARANCE * radius) * spot.outward;
         scene.tool.push(ToolEntry {
             name: Some(NAME.into()),
             sphere: Some(SphereEntry { radius }),
@@ -163,7 +163,7 @@ impl Press {
             spot,
             radius,
             depth,
-            gone: -AWAY * radius,
+            gone: -INITIAL_CLEARANCE * radius,
             touch,
             force: wanted.force,
             unit,
@@ -184,7 +184,7 @@ impl Press {
     }
 
     /// Where it presses.
-    pub fn spot(&self) -> &Spot {
+    pub fn site(&self) -> &PressSite {
         &self.spot
     }
 
@@ -199,7 +199,7 @@ impl Press {
     }
 
     /// What was measured so far.
-    pub fn samples(&self) -> &[Sample] {
+    pub fn samples(&self) -> &[PressSample] {
         &self.samples
     }
 
@@ -207,35 +207,36 @@ impl Press {
     /// along the body where the camera sees that well, else across the view.
     ///
     /// # Errors
-    /// As [`Stage::set_inside`].
-    pub fn cut_through(&mut self) -> Result<()> {
-        let out = self.spot.out;
+    /// As [`Stage::set_sections`].
+    pub fn clip_at_press(&mut self) -> Result<()> {
+        let out = self.spot.outward;
         let to_eye = self.stage.camera_mut().eye - self.spot.point;
         let across = (to_eye - out * out.dot(to_eye)).normalize_or(out.any_orthonormal_vector());
         let (low, high) = self.stage.mesh().bounds();
         let longest = DVec3::AXES[(high - low).max_position()];
         let beside = out.cross(longest).normalize_or_zero();
         let seen = beside.dot(to_eye.normalize_or_zero());
-        let across = match seen.abs() > SEEN && out.cross(longest).length() > SEEN {
-            true => beside * seen.signum(),
-            false => across,
-        };
-        let mut inside: Inside = self.stage.inside().clone();
+        let across =
+            match seen.abs() > MIN_VIEW_COSINE && out.cross(longest).length() > MIN_VIEW_COSINE {
+                true => beside * seen.signum(),
+                false => across,
+            };
+        let mut inside: Sections = self.stage.inside().clone();
         inside.planes.push(Plane::clip(self.spot.point, across));
-        self.stage.set_inside(&inside)
+        self.stage.set_sections(&inside)
     }
 
     /// Goes one step, down or, once it is deep enough, up again. `None` when it has let go.
     ///
     /// # Errors
     /// What a step gives: where the body cannot give way, the tool does not get past it.
-    pub fn advance(&mut self) -> Result<Option<Sample>> {
+    pub fn advance(&mut self) -> Result<Option<PressSample>> {
         let stride = self.stride();
         let (loads, goal) = match self.left {
             Some(0) => return Ok(None),
             Some(left) => (
                 false,
-                self.gone - (self.gone + AWAY * self.radius) / f64::from(left),
+                self.gone - (self.gone + INITIAL_CLEARANCE * self.radius) / f64::from(left),
             ),
             // So that rounding makes no further step.
             None => match self.gone + 1.001 * stride < self.depth {
@@ -243,19 +244,22 @@ impl Press {
                 false => (true, self.depth),
             },
         };
-        let place = self.spot.point + (self.touch - goal) * self.spot.out;
-        self.stage.guide_tool(0, place)?;
+        let place = self.spot.point + (self.touch - goal) * self.spot.outward;
+        self.stage.set_tool_target(0, place)?;
         self.stage.run(1, &mut |_| {})?;
         self.gone = goal;
-        let force = self.stage.tool_force(0)?.dot(self.spot.out);
-        let sample = Sample {
+        let force = self.stage.tool_force(0)?.dot(self.spot.outward);
+        let sample = PressSample {
             time_s: self.stage.time(),
             phase: if loads { "load" } else { "unload" },
             depth_m: self.unit * goal,
             force_n: force,
         };
         self.samples.push(sample);
-        let deep = goal >= self.depth || self.force.is_some_and(|most| force >= REACHED * most);
+        let deep = goal >= self.depth
+            || self
+                .force
+                .is_some_and(|most| force >= FORCE_TOLERANCE * most);
         self.left = match self.left {
             Some(left) => Some(left - 1),
             None if deep => Some(STEPS),
@@ -266,7 +270,7 @@ impl Press {
 
     /// How far the next step goes down: to a depth evenly, to a force as the last two steps foresee.
     fn stride(&self) -> f64 {
-        let even = (self.depth + AWAY * self.radius) / f64::from(STEPS);
+        let even = (self.depth + INITIAL_CLEARANCE * self.radius) / f64::from(STEPS);
         let Some(force) = self.force else {
             return even;
         };
@@ -274,21 +278,24 @@ impl Press {
         match self.samples.as_slice() {
             [.., a, b] if b.force_n > a.force_n && a.force_n > 0.0 => {
                 let slope = self.unit * (b.force_n - a.force_n) / (b.depth_m - a.depth_m);
-                (WARY * (force - b.force_n) / slope).clamp(0.05 * small, even)
+                (FIRST_APPROACH_FRACTION * (force - b.force_n) / slope).clamp(0.05 * small, even)
             }
             _ => small,
         }
     }
 
     /// Whether the deepest point has just been reached.
-    pub fn is_deepest(&self) -> bool {
+    pub fn at_max_depth(&self) -> bool {
         self.left == Some(STEPS)
     }
 
     /// Whether the force that was asked for was not reached.
-    pub fn falls_short(&self) -> bool {
+    pub fn force_not_reached(&self) -> bool {
         let most = self.samples.iter().map(|s| s.force_n).fold(0.0, f64::max);
-        self.left.is_some() && self.force.is_some_and(|force| most < REACHED * force)
+        self.left.is_some()
+            && self
+                .force
+                .is_some_and(|force| most < FORCE_TOLERANCE * force)
     }
 
     /// What it all says of the body, after `seconds` of computing.
@@ -332,7 +339,7 @@ fn laid(scene: &Scene) -> (Scene, DVec3) {
     laid.solver.sleep = Some(false);
     let engine = scene.solver.engine.unwrap_or(EngineChoice::Auto);
     laid.solver.engine = Some(match engine {
-        EngineChoice::Auto => EngineChoice::This(Engine::Cpu),
+        EngineChoice::Auto => EngineChoice::Exactly(Engine::Cpu),
         named => named,
     });
     (laid, down)
@@ -344,8 +351,8 @@ fn on_table(mesh: &TetMesh, down: DVec3, point: DVec3) -> bool {
     let (low, high) = mesh.bounds();
     let share = (point[axis] - low[axis]) / (high[axis] - low[axis]).max(f64::MIN_POSITIVE);
     match down[axis] < 0.0 {
-        true => share <= TABLE,
-        false => share >= 1.0 - TABLE,
+        true => share <= TABLE_HEIGHT_FRACTION,
+        false => share >= 1.0 - TABLE_HEIGHT_FRACTION,
     }
 }
 
@@ -356,8 +363,8 @@ fn table(down: DVec3) -> Region {
     Region {
         name: Some("table".into()),
         axis: Some([Axis::X, Axis::Y, Axis::Z][axis]),
-        below: up.then_some(TABLE),
-        above: (!up).then_some(1.0 - TABLE),
+        below: up.then_some(TABLE_HEIGHT_FRACTION),
+        above: (!up).then_some(1.0 - TABLE_HEIGHT_FRACTION),
         ..Region::default()
     }
 }

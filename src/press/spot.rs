@@ -1,9 +1,9 @@
 //! Where a press goes: a point of the boundary, which way is out of the body there, and how thick
 //! the body is.
 
-use super::Wanted;
-use crate::mesh::{TetMesh, Topology, Tree};
-use crate::render::{Ray, RayReference};
+use super::PressOptions;
+use crate::mesh::{TetMesh, Topology, TriangleBvh};
+use crate::render::{Ray, ReferenceRaycaster};
 use crate::scene::Stage;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
@@ -14,21 +14,21 @@ const RADIUS: f64 = 0.25;
 const EDGES: f64 = 1.5;
 const LARGEST: f64 = 0.05;
 /// The outward direction is that of faces within so many of their edges.
-const AROUND: f64 = 2.5;
+const NORMAL_RADIUS: f64 = 2.5;
 /// Steps of a ball until it touches.
 const TOUCHES: u32 = 200;
 /// The cosine from which on a face is too steep to be pressed from above.
-const STEEP: f64 = 0.5;
+const MIN_UP_COSINE: f64 = 0.5;
 /// Rings of points of the picture that are tried where its middle shows nothing.
-const RINGS: u32 = 12;
+const SEARCH_RINGS: u32 = 12;
 
 /// A place to press on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spot {
+pub struct PressSite {
     /// On the boundary, in file units.
     pub point: DVec3,
     /// Unit vector out of the body.
-    pub out: DVec3,
+    pub outward: DVec3,
     /// How thick the body is there, in file units.
     pub thickness: f64,
 }
@@ -36,8 +36,8 @@ pub struct Spot {
 /// The boundary of a body, as presses ask for it.
 pub(super) struct Boundary {
     faces: Vec<[DVec3; 3]>,
-    tree: Tree,
-    rays: RayReference,
+    tree: TriangleBvh,
+    rays: ReferenceRaycaster,
     /// Mean edge.
     edge: f64,
     low: DVec3,
@@ -59,8 +59,8 @@ impl Boundary {
         let (low, high) = mesh.bounds();
         Boundary {
             edge: edges.sum::<f64>() / faces.len().max(1) as f64,
-            tree: Tree::new(faces.clone()),
-            rays: RayReference::new(mesh, &mesh.nodes, &vec![0.0; mesh.nodes.len()]),
+            tree: TriangleBvh::new(faces.clone()),
+            rays: ReferenceRaycaster::new(mesh, &mesh.nodes, &vec![0.0; mesh.nodes.len()]),
             faces,
             low,
             high,
@@ -72,10 +72,10 @@ impl Boundary {
     }
 
     /// What there is to press on at a point of the boundary.
-    fn spot(&self, point: DVec3, out: DVec3) -> Spot {
-        Spot {
+    fn spot(&self, point: DVec3, out: DVec3) -> PressSite {
+        PressSite {
             point,
-            out,
+            outward: out,
             thickness: self.thickness(point, out),
         }
     }
@@ -97,7 +97,7 @@ impl Boundary {
 
     /// Which way is out of the body around a point of the boundary.
     fn outward(&self, point: DVec3) -> DVec3 {
-        let reach = AROUND * self.edge;
+        let reach = NORMAL_RADIUS * self.edge;
         let mut out = DVec3::ZERO;
         let mut nearest = (f64::INFINITY, DVec3::Z);
         for [a, b, c] in &self.faces {
@@ -137,11 +137,11 @@ impl Boundary {
 
     /// Where a ball that comes along a spot's outward direction first touches the body: how far its
     /// middle is from the point then, outwards.
-    pub fn first_touch(&self, spot: &Spot, radius: f64) -> f64 {
+    pub fn first_touch(&self, spot: &PressSite, radius: f64) -> f64 {
         // No distance changes faster than the ball moves.
         let mut height = radius + self.diagonal();
         for _ in 0..TOUCHES {
-            let free = self.tree.distance(spot.point + height * spot.out) - radius;
+            let free = self.tree.distance(spot.point + height * spot.outward) - radius;
             if free < 1e-6 * radius {
                 break;
             }
@@ -152,14 +152,14 @@ impl Boundary {
 
     /// The first point of the body that is met from far away against `up`, with the way up as the
     /// way out; none where nothing is met, or what is met is steeper than 60°.
-    pub fn met_above(&self, up: DVec3, beside: DVec3) -> Option<Spot> {
+    pub fn first_from_above(&self, up: DVec3, beside: DVec3) -> Option<PressSite> {
         let far = beside + up * (self.diagonal() - (beside - self.low).dot(up));
         let met = |face: &&[DVec3; 3]| hit(far, -up, face).is_some();
         let height = |face: &[DVec3; 3]| hit(far, -up, face).unwrap_or(f64::INFINITY);
         let over = self.faces.iter().filter(met);
         let first = over.min_by(|a, b| height(a).total_cmp(&height(b)))?;
         let point = far - height(first) * up;
-        let steep = self.outward(point).dot(up) < STEEP;
+        let steep = self.outward(point).dot(up) < MIN_UP_COSINE;
         (!steep).then(|| self.spot(point, up))
     }
 }
@@ -178,7 +178,11 @@ fn hit(origin: DVec3, direction: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
 }
 
 /// The place that is asked for, on a body of that `boundary`, which `stage` shows at rest.
-pub(super) fn choose(stage: &mut Stage, boundary: &Boundary, wanted: &Wanted) -> Result<Spot> {
+pub(super) fn find_site(
+    stage: &mut Stage,
+    boundary: &Boundary,
+    wanted: &PressOptions,
+) -> Result<PressSite> {
     let point = match wanted.at {
         Some(at) => {
             let near = |p: &DVec3| p.distance(at) <= 0.5 * boundary.diagonal();
@@ -207,8 +211,8 @@ fn seen(stage: &mut Stage, pick: Option<DVec2>) -> Result<DVec3> {
     }
     let size = stage.size().map(f64::from);
     let middle = 0.5 * DVec2::from(size);
-    for ring in 0..RINGS {
-        let radius = f64::from(ring) / f64::from(RINGS) * middle.min_element();
+    for ring in 0..SEARCH_RINGS {
+        let radius = f64::from(ring) / f64::from(SEARCH_RINGS) * middle.min_element();
         for k in 0..(1 + 6 * ring) {
             let angle = std::f64::consts::TAU * f64::from(k) / f64::from(1 + 6 * ring);
             let pixel = middle + radius * DVec2::from_angle(angle);

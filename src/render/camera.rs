@@ -42,7 +42,7 @@ pub struct Ray {
 }
 
 /// Share of the picture that a framed mesh fills.
-const FRAMED_SHARE: f64 = 0.92;
+const FIT_FRACTION: f64 = 0.92;
 /// The opening angle of framing cameras, in degrees.
 const FRAMING_FOV: f64 = 30.0;
 
@@ -68,18 +68,18 @@ impl Camera {
     }
 
     /// A view from somewhat above and beside that shows the whole of `mesh` in a square picture.
-    pub fn framing(mesh: &TetMesh) -> Camera {
-        Camera::framing_for(mesh, [1, 1])
+    pub fn fit_mesh(mesh: &TetMesh) -> Camera {
+        Camera::fit_mesh_in(mesh, [1, 1])
     }
 
-    /// As [`Camera::framing`], for a picture of `size` pixels (width, height).
-    pub fn framing_for(mesh: &TetMesh, size: [u32; 2]) -> Camera {
-        Camera::framing_points(mesh, &mesh.nodes, size)
+    /// As [`Camera::fit_mesh`], for a picture of `size` pixels (width, height).
+    pub fn fit_mesh_in(mesh: &TetMesh, size: [u32; 2]) -> Camera {
+        Camera::fit_points(mesh, &mesh.nodes, size)
     }
 
-    /// As [`Camera::framing_for`], with all of `points` in the picture in place of the mesh's
+    /// As [`Camera::fit_mesh_in`], with all of `points` in the picture in place of the mesh's
     /// nodes: of a body that moves, wherever it comes.
-    pub fn framing_points(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
+    pub fn fit_points(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
         let (low, high) = mesh.bounds();
         let extent = high - low;
         // The longest axis lies across the picture or stands up in it, never along the view.
@@ -97,7 +97,7 @@ impl Camera {
         camera.look_at = camera.eye - back;
         let axes = camera.axes();
         let aspect = f64::from(size[0].max(1)) / f64::from(size[1].max(1));
-        let slope = (FRAMING_FOV.to_radians() / 2.0).tan() * FRAMED_SHARE;
+        let slope = (FRAMING_FOV.to_radians() / 2.0).tan() * FIT_FRACTION;
         let distance = points
             .iter()
             .map(|p| {
@@ -137,7 +137,7 @@ impl Camera {
 
     /// The camera turned by `degrees` about the up direction through the point looked at,
     /// counter-clockwise seen from above.
-    pub fn turned(&self, degrees: f64) -> Camera {
+    pub fn orbited(&self, degrees: f64) -> Camera {
         let turn = glam::DQuat::from_axis_angle(self.up.normalize(), degrees.to_radians());
         Camera {
             eye: self.look_at + turn * (self.eye - self.look_at),
@@ -166,7 +166,7 @@ impl Camera {
     }
 
     /// Whether a picture of `size` pixels shows nothing of a ball (middle, radius) for certain.
-    pub(crate) fn misses(&self, (middle, radius): (DVec3, f64), size: [u32; 2]) -> bool {
+    pub(crate) fn is_outside_view(&self, (middle, radius): (DVec3, f64), size: [u32; 2]) -> bool {
         let [width, height] = size.map(f64::from);
         let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
         let rays = corners.map(|[x, y]| self.ray(DVec2::new(x, y), size));
@@ -280,7 +280,7 @@ mod tests {
                     let near = ray.origin + along.max(0.0) * ray.direction;
                     near.distance(ball.0) <= ball.1
                 });
-                let misses = camera.misses(ball, size);
+                let misses = camera.is_outside_view(ball, size);
                 assert!(!(met && misses), "{camera:?} {ball:?}");
                 missed[usize::from(misses)] += 1;
             }

@@ -11,7 +11,7 @@ use std::path::Path;
 ///
 /// Values are in the pictures' own range, 0..1 for colours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Difference {
+pub struct ImageDifference {
     /// Root mean square difference.
     pub rmse: f64,
     /// The difference that 99.9 % of the channel values stay within.
@@ -23,13 +23,13 @@ pub struct Difference {
     pub flip: Option<f64>,
 }
 
-impl Difference {
+impl ImageDifference {
     /// Compares `a` with `b`. A value that is not finite in one of them only is infinitely far
     /// from the other's.
     ///
     /// # Errors
     /// [`Error::Input`] when their sizes differ, or they have no pixels.
-    pub fn between(a: &Image, b: &Image) -> Result<Difference> {
+    pub fn between(a: &Image, b: &Image) -> Result<ImageDifference> {
         check_sizes(a, b)?;
         let mut apart: Vec<f64> = a
             .values
@@ -41,7 +41,7 @@ impl Difference {
         let rank = ((apart.len() as f64 * 0.999).ceil() as usize).clamp(1, apart.len()) - 1;
         let (_, percentile, _) = apart.select_nth_unstable_by(rank, f64::total_cmp);
         let percentile_999 = *percentile;
-        Ok(Difference {
+        Ok(ImageDifference {
             rmse,
             percentile_999,
             max: apart.iter().copied().fold(0.0, f64::max),
@@ -57,8 +57,8 @@ impl Difference {
     /// An opaque picture of the differences, `gain` times amplified.
     ///
     /// # Errors
-    /// As [`Difference::between`].
-    pub fn picture(a: &Image, b: &Image, gain: f32) -> Result<Image> {
+    /// As [`ImageDifference::between`].
+    pub fn difference_image(a: &Image, b: &Image, gain: f32) -> Result<Image> {
         check_sizes(a, b)?;
         let apart = |i: usize| distance(a.values[i], b.values[i]) as f32;
         let values = (0..a.values.len())
@@ -89,7 +89,7 @@ impl Image {
     ///
     /// # Errors
     /// When the file cannot be read or is no such picture.
-    pub fn open(path: impl AsRef<Path>) -> Result<Image> {
+    pub fn read_for_comparison(path: impl AsRef<Path>) -> Result<Image> {
         Image::open_file(path.as_ref())
     }
 
@@ -124,7 +124,7 @@ fn distance(x: f32, y: f32) -> f64 {
     if d.is_nan() { f64::INFINITY } else { d }
 }
 
-impl fmt::Display for Difference {
+impl fmt::Display for ImageDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,

@@ -1,7 +1,7 @@
 //! Films of pictures, written frame by frame: GIF, or MP4 by the installed program ffmpeg.
 
 use super::{Background, Image};
-use crate::io::UnfinishedFile;
+use crate::io::TempFile;
 use crate::{Error, Result};
 use std::ffi::OsStr;
 use std::fs::File;
@@ -14,16 +14,16 @@ const PROGRAM: &str = "ffmpeg";
 /// Of 1 (the best palettes) to 30 (the fastest).
 const PALETTE_SPEED: i32 = 10;
 /// Characters of the program's last words that go into an error.
-const LAST_WORDS: usize = 400;
+const MAX_STDERR_CHARS: usize = 400;
 
-/// A film being written under a temporary name: it has its own once it is [finished](Film::finish),
+/// A film being written under a temporary name: it has its own once it is [finished](Animation::finish),
 /// and leaves nothing where it is not.
 ///
 /// `.gif` is an endless animation with a palette of 256 colours for each frame, `.mp4` is made by
 /// the program ffmpeg, which has to be installed. No frame is kept in memory.
-pub struct Film {
+pub struct Animation {
     path: PathBuf,
-    unfinished: UnfinishedFile,
+    unfinished: TempFile,
     size: [u32; 2],
     fps: f64,
     frames: u32,
@@ -38,14 +38,14 @@ enum Writer {
 /// A program that runs; it is ended with this.
 struct Program(Child);
 
-impl Film {
+impl Animation {
     /// Begins a film of frames of `size` pixels, `fps` of them a second.
     ///
     /// # Errors
     /// [`Error::Input`] for a name that ends in neither `.gif` nor `.mp4`, a size of no film, a rate
     /// that is not positive (a GIF has up to 50 frames a second, an MP4 up to 240), or where ffmpeg
     /// is needed and not installed; [`Error::Io`] when the file cannot be made.
-    pub fn create(path: impl AsRef<Path>, size: [u32; 2], fps: f64) -> Result<Film> {
+    pub fn create(path: impl AsRef<Path>, size: [u32; 2], fps: f64) -> Result<Animation> {
         begin(path.as_ref(), size, fps, PROGRAM.as_ref())
     }
 
@@ -53,7 +53,7 @@ impl Film {
     /// frame.
     ///
     /// # Errors
-    /// As [`Film::create`].
+    /// As [`Animation::create`].
     pub fn check(path: impl AsRef<Path>, fps: f64) -> Result<()> {
         check(path.as_ref(), fps).map(drop)
     }
@@ -157,7 +157,7 @@ fn check(path: &Path, fps: f64) -> Result<Format> {
     Ok(format)
 }
 
-fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Film> {
+fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Animation> {
     let format = check(path, fps)?;
     let [width, height] = size;
     if size.iter().any(|n| !(1..=16_384).contains(n)) {
@@ -165,7 +165,7 @@ fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Film>
             "a film of {width} x {height} pixels; each side must be from 1 to 16384"
         )));
     }
-    let (file, unfinished) = UnfinishedFile::create(path)?;
+    let (file, unfinished) = TempFile::create(path)?;
     let writer = match format {
         Format::Gif => {
             let file = BufWriter::new(file);
@@ -182,7 +182,7 @@ fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Film>
             Writer::Ffmpeg(Program(child))
         }
     };
-    Ok(Film {
+    Ok(Animation {
         path: path.to_path_buf(),
         unfinished,
         size,
@@ -228,7 +228,7 @@ fn refused(child: &mut Child) -> Error {
     let from = said
         .char_indices()
         .rev()
-        .nth(LAST_WORDS)
+        .nth(MAX_STDERR_CHARS)
         .map_or(0, |(i, _)| i);
     let ended = child
         .wait()
@@ -264,7 +264,7 @@ mod tests {
     fn a_gif_has_the_frames_and_lasts_as_long_as_they_do() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.gif");
-        let mut film = Film::create(&path, [12, 7], 30.0).unwrap();
+        let mut film = Animation::create(&path, [12, 7], 30.0).unwrap();
         for i in 0..31 {
             let frame = frame([12, 7], i as f32 / 30.0);
             film.push(&frame, Background::Black).unwrap();
@@ -289,23 +289,28 @@ mod tests {
     fn what_is_given_up_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.gif");
-        let mut film = Film::create(&path, [4, 4], 10.0).unwrap();
+        let mut film = Animation::create(&path, [4, 4], 10.0).unwrap();
         film.push(&frame([4, 4], 0.5), Background::Black).unwrap();
         let other = film.push(&frame([4, 5], 0.5), Background::Black);
         assert!(other.unwrap_err().to_string().contains("4 x 5"));
         drop(film);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-        assert!(Film::create(&path, [4, 4], 10.0).unwrap().finish().is_err());
+        assert!(
+            Animation::create(&path, [4, 4], 10.0)
+                .unwrap()
+                .finish()
+                .is_err()
+        );
     }
 
     #[test]
     fn wrong_names_and_rates_are_said_so() {
-        let said = |path: &str, fps: f64| Film::check(path, fps).unwrap_err().to_string();
+        let said = |path: &str, fps: f64| Animation::check(path, fps).unwrap_err().to_string();
         assert!(said("film.avi", 10.0).contains(".gif or .mp4"));
         assert!(said("film.gif", 60.0).contains("0.01 to 50"));
         assert!(said("film.mp4", 0.0).contains("0.01 to 240"));
         assert!(said("film.mp4", f64::NAN).contains("NaN"));
-        assert!(Film::check("film.MP4", 60.0).is_ok());
+        assert!(Animation::check("film.MP4", 60.0).is_ok());
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub struct Hit {
 }
 
 /// What `ray` meets first of `triangles`, from either side, by trying each; none where it misses.
-pub fn first_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Option<Hit> {
+pub fn closest_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Option<Hit> {
     let hits = triangles.iter().enumerate().filter_map(|(i, corners)| {
         let corners = corners.map(|v| vertices[v as usize] - ray.origin);
         let (weights, distance) = meet(corners, ray.direction)?;

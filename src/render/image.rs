@@ -44,7 +44,7 @@ impl Image {
     }
 
     /// The picture at `size` pixels, linear between the middles of its pixels.
-    pub fn enlarged(&self, size: [u32; 2]) -> Image {
+    pub fn upscaled(&self, size: [u32; 2]) -> Image {
         if size == self.size {
             return self.clone();
         }
@@ -79,7 +79,7 @@ impl Image {
     /// The picture with a pixel for each square of `factor` by `factor` pixels, their mean; what is
     /// over at the right and below is left out. Colours are premultiplied by opacity, so that of
     /// half a body and half nothing it is the body's colour, half as opaque.
-    pub fn shrunk(&self, factor: u32) -> Image {
+    pub fn box_downsampled(&self, factor: u32) -> Image {
         let n = factor.max(1);
         let size = self.size.map(|side| side / n);
         let share = 1.0 / (n * n) as f32;
@@ -102,16 +102,16 @@ impl Image {
 
     /// The picture with four channels: lengths as they are shown, grey from 0 to the longest,
     /// which is the other thing returned; of a picture of four channels none.
-    pub fn in_colour(&self) -> (Image, Option<f32>) {
+    pub fn to_rgba(&self) -> (Image, Option<f32>) {
         if self.channels != 1 {
             return (self.clone(), None);
         }
         let longest = self.values.iter().copied().fold(0.0, f32::max);
-        (self.in_grey(longest), Some(longest))
+        (self.to_grey(longest), Some(longest))
     }
 
     /// A picture of one channel with four: grey, from 0 to what is `white`, and opaque.
-    pub fn in_grey(&self, white: f32) -> Image {
+    pub fn to_grey(&self, white: f32) -> Image {
         let unit = if white > 0.0 { white } else { 1.0 };
         let grey = |v: &f32| (v / unit).clamp(0.0, 1.0);
         let shown = self.values.iter().map(grey);
@@ -289,10 +289,10 @@ mod tests {
             channels: 1,
             values: (0..20).map(|v| v as f32).collect(),
         };
-        let small = large.shrunk(2);
+        let small = large.box_downsampled(2);
         assert_eq!(small.size, [2, 2]);
         assert_eq!(small.values, [3.0, 5.0, 13.0, 15.0]);
-        assert_eq!(large.shrunk(1), large);
+        assert_eq!(large.box_downsampled(1), large);
     }
 
     #[test]
@@ -324,7 +324,7 @@ mod tests {
             ]
             .concat(),
         };
-        assert_eq!(large.shrunk(2).values, [0.4, 0.2, 0.0, 0.5]);
+        assert_eq!(large.box_downsampled(2).values, [0.4, 0.2, 0.0, 0.5]);
     }
 
     #[test]
@@ -334,7 +334,7 @@ mod tests {
             channels: 1,
             values: vec![1.0, 4.0],
         };
-        let (grey, longest) = lengths.in_colour();
+        let (grey, longest) = lengths.to_rgba();
         assert_eq!(longest, Some(4.0));
         assert_eq!(grey.values, [0.25, 0.25, 0.25, 1.0, 1.0, 1.0, 1.0, 1.0]);
         assert_eq!(lengths.rgb(Background::White), [64, 64, 64, 255, 255, 255]);

@@ -2,7 +2,7 @@
 //! `shaders/lib/inside.wgsl`.
 
 use super::ResolvedTransfer;
-use super::ray_integral::{RayReference, Segment, segment_integral};
+use super::ray_integral::{ReferenceRaycaster, Segment, segment_integral};
 use super::table::TableRow;
 use super::transfer::named_colour;
 use crate::gpu::{Array, Gpu, Texel};
@@ -13,7 +13,7 @@ use glam::DVec3;
 use std::str::FromStr;
 
 /// Most planes of a picture, those of boxes and cut faces among them.
-const MOST_PLANES: usize = 32;
+const MAX_PLANES: usize = 32;
 /// Most isosurfaces of a picture: each costs a comparison a tet.
 const MOST_ISOSURFACES: usize = 64;
 /// Colours of the transfer function; `lib/inside.wgsl` has the same number.
@@ -62,7 +62,7 @@ impl Plane {
     }
 
     /// The same in the body at rest.
-    pub fn resting(self) -> Plane {
+    pub fn at_rest(self) -> Plane {
         Plane {
             at_rest: true,
             ..self
@@ -70,7 +70,7 @@ impl Plane {
     }
 
     /// The six planes that cut off what lies outside of a box from `low` to `high`.
-    pub fn around(low: DVec3, high: DVec3) -> [Plane; 6] {
+    pub fn clip_box(low: DVec3, high: DVec3) -> [Plane; 6] {
         let [x, y, z] = DVec3::AXES;
         [
             Plane::clip(low, -x),
@@ -192,45 +192,45 @@ impl FromStr for Isosurface {
 
 /// What is cut off a volume, and what is shown in it besides.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Inside {
+pub struct Sections {
     /// Planes, up to 32.
     pub planes: Vec<Plane>,
     /// Isosurfaces, up to 64.
     pub isosurfaces: Vec<Isosurface>,
     /// Whether the volume itself is drawn.
-    pub volume: bool,
+    pub draw_volume: bool,
 }
 
-impl Default for Inside {
-    fn default() -> Inside {
-        Inside {
+impl Default for Sections {
+    fn default() -> Sections {
+        Sections {
             planes: Vec::new(),
             isosurfaces: Vec::new(),
-            volume: true,
+            draw_volume: true,
         }
     }
 }
 
 /// A surface that a ray meets in a segment: where, from 0 at its front to 1, and which.
 #[derive(Clone, Copy, Debug)]
-enum Surface {
+enum SurfaceHit {
     Slice(f64),
     Iso(Isosurface),
 }
 
-impl Inside {
+impl Sections {
     /// Whether there is nothing but the volume.
-    pub fn is_plain(&self) -> bool {
-        self.planes.is_empty() && self.isosurfaces.is_empty() && self.volume
+    pub fn is_empty(&self) -> bool {
+        self.planes.is_empty() && self.isosurfaces.is_empty() && self.draw_volume
     }
 
     /// Whether any plane is given in the body at rest.
-    pub fn needs_rest(&self) -> bool {
+    pub fn needs_rest_positions(&self) -> bool {
         self.planes.iter().any(|p| p.at_rest)
     }
 
     /// Whether there are slices or isosurfaces.
-    pub fn shows_surfaces(&self) -> bool {
+    pub fn has_surfaces(&self) -> bool {
         !self.isosurfaces.is_empty() || self.slices().next().is_some()
     }
 
@@ -252,9 +252,9 @@ impl Inside {
     /// # Errors
     /// [`Error::Input`] where they do not, or there are too many.
     pub fn check(&self) -> Result<()> {
-        if self.planes.len() > MOST_PLANES || self.isosurfaces.len() > MOST_ISOSURFACES {
+        if self.planes.len() > MAX_PLANES || self.isosurfaces.len() > MOST_ISOSURFACES {
             return Err(Error::Input(format!(
-                "{} planes and {} isosurfaces: a picture has up to {MOST_PLANES} and {MOST_ISOSURFACES}",
+                "{} planes and {} isosurfaces: a picture has up to {MAX_PLANES} and {MOST_ISOSURFACES}",
                 self.planes.len(),
                 self.isosurfaces.len()
             )));
@@ -264,7 +264,7 @@ impl Inside {
     }
 
     /// Whether a place, which lies at `rest` when the body rests, is cut off.
-    pub(super) fn cuts_off(&self, place: DVec3, rest: DVec3) -> bool {
+    pub(super) fn is_clipped(&self, place: DVec3, rest: DVec3) -> bool {
         self.clips().any(|plane| plane.beyond(place, rest) > 0.0)
     }
 
@@ -320,9 +320,9 @@ impl Inside {
     }
 
     /// The surfaces in a part of a segment, front to back.
-    fn met(&self, s: [f64; 2], ends: [[DVec3; 2]; 2], within: [f64; 2]) -> Vec<(f64, Surface)> {
+    fn met(&self, s: [f64; 2], ends: [[DVec3; 2]; 2], within: [f64; 2]) -> Vec<(f64, SurfaceHit)> {
         let mut found = Vec::new();
-        let mut take = |[front, back]: [f64; 2], surface: Surface| {
+        let mut take = |[front, back]: [f64; 2], surface: SurfaceHit| {
             if (front < 0.0) != (back < 0.0) {
                 let u = front / (front - back);
                 if (within[0]..=within[1]).contains(&u) {
@@ -332,17 +332,17 @@ impl Inside {
         };
         for (plane, opacity) in self.slices() {
             let beyond = ends.map(|[place, rest]| plane.beyond(place, rest));
-            take(beyond, Surface::Slice(opacity));
+            take(beyond, SurfaceHit::Slice(opacity));
         }
         for iso in &self.isosurfaces {
-            take(s.map(|s| s - iso.value), Surface::Iso(*iso));
+            take(s.map(|s| s - iso.value), SurfaceHit::Iso(*iso));
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         found
     }
 }
 
-/// The light of a float64 picture: at a point of a tet, as [`RayReference::composite_lit`] asks for
+/// The light of a float64 picture: at a point of a tet, as [`ReferenceRaycaster::composite_lit`] asks for
 /// it, of the volume and of surfaces.
 pub struct Lighting<'a> {
     /// The factor on colours of the volume, and what is added in proportion to opacity.
@@ -351,15 +351,15 @@ pub struct Lighting<'a> {
     pub surface: &'a dyn Fn(u32, DVec3, DVec3) -> [f64; 2],
 }
 
-impl RayReference {
+impl ReferenceRaycaster {
     /// Emission and absorption along `ray` with planes and isosurfaces: premultiplied colour and
     /// opacity. `transfer` tells the transfer function of a tet, none where nothing of it is shown;
     /// `rest`, of a tet and weights of its corners, where that place is at rest.
-    pub fn composite_inside<'a>(
+    pub fn composite_sections<'a>(
         &self,
         ray: Ray,
         transfer: &dyn Fn(u32) -> Option<&'a ResolvedTransfer>,
-        inside: &Inside,
+        inside: &Sections,
         rest: &dyn Fn(u32, [f64; 4]) -> DVec3,
         light: Option<&Lighting>,
     ) -> [f64; 4] {
@@ -379,14 +379,14 @@ impl RayReference {
             };
             let ends = t.map(|t| {
                 let p = place(t);
-                [p, rest(tet, self.weights_in(tet, p))]
+                [p, rest(tet, self.barycentric_weights(tet, p))]
             });
             let Some(range) = inside.kept(ends) else {
                 continue;
             };
             let at = |u: f64, pair: [f64; 2]| pair[0] + u * (pair[1] - pair[0]);
             let volume = |from: f64, to: f64, add: &mut dyn FnMut([f64; 3], f64)| {
-                if !inside.volume || to <= from {
+                if !inside.draw_volume || to <= from {
                     return;
                 }
                 let length = at(to, t) - at(from, t);
@@ -400,8 +400,8 @@ impl RayReference {
                 volume(from, u, &mut add);
                 from = u;
                 let (colour, opacity) = match surface {
-                    Surface::Slice(opacity) => (transfer.colour(at(u, s)), opacity),
-                    Surface::Iso(iso) => {
+                    SurfaceHit::Slice(opacity) => (transfer.colour(at(u, s)), opacity),
+                    SurfaceHit::Iso(iso) => {
                         let own = iso.colour.unwrap_or_else(|| transfer.colour(iso.value));
                         let [factor, shine] =
                             light.map_or([1.0, 0.0], |l| (l.surface)(tet, place(at(u, t)), way));

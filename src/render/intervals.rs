@@ -5,33 +5,33 @@
 //! depth. Two that touch are one from then on: what goes from one machine to the next stays as long
 //! as the body has layers, however many pieces there are.
 
-use super::{Image, Ray, RayReference, ResolvedTransfer, segment_integral};
+use super::{Image, Ray, ReferenceRaycaster, ResolvedTransfer, segment_integral};
 use crate::{Error, Result};
 
 /// How near the end of one stretch is to the beginning of the next, in local units, for the two to be
 /// one: beyond what depths in f32 are off by, and thinner than anything that is seen.
-const TOUCHING: f32 = 4e-6;
+const MERGE_DISTANCE: f32 = 4e-6;
 /// The same in float64, as a share of the larger distance.
 const TOUCHING_EXACTLY: f64 = 1e-9;
 
 /// A stretch of a ray inside a piece.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub struct Interval {
+pub struct RaySegment {
     /// Which pixel's ray: column + width · row, from the upper left.
     pub pixel: u32,
     /// Depth along the view where it begins and ends, in units of the whole body's extent and from
     /// its middle.
     pub depths: [f32; 2],
     /// Colour premultiplied by opacity, and opacity.
-    pub seen: [f32; 4],
+    pub rgba: [f32; 4],
 }
 
 /// The stretches of the rays of a picture, in the order of pixels, and of each ray from the eye on.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Intervals {
+pub struct RaySegments {
     size: [u32; 2],
-    items: Vec<Interval>,
+    items: Vec<RaySegment>,
 }
 
 /// What is before, and behind it what is shown through it.
@@ -40,18 +40,18 @@ fn over(front: [f32; 4], back: [f32; 4]) -> [f32; 4] {
     std::array::from_fn(|k| front[k] + clear * back[k])
 }
 
-fn order(a: &Interval, b: &Interval) -> std::cmp::Ordering {
+fn order(a: &RaySegment, b: &RaySegment) -> std::cmp::Ordering {
     let by_pixel = a.pixel.cmp(&b.pixel);
     let by_front = by_pixel.then(a.depths[0].total_cmp(&b.depths[0]));
     by_front.then(a.depths[1].total_cmp(&b.depths[1]))
 }
 
-impl Intervals {
+impl RaySegments {
     /// Those of a picture of `size` pixels, in any order.
     ///
     /// # Errors
     /// [`Error::Input`] for pixels that are not in it.
-    pub fn new(size: [u32; 2], mut items: Vec<Interval>) -> Result<Intervals> {
+    pub fn new(size: [u32; 2], mut items: Vec<RaySegment>) -> Result<RaySegments> {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         if let Some(bad) = items.iter().find(|i| u64::from(i.pixel) >= pixels) {
             return Err(Error::Input(format!(
@@ -60,7 +60,7 @@ impl Intervals {
             )));
         }
         items.sort_unstable_by(order);
-        Ok(Intervals { size, items })
+        Ok(RaySegments { size, items })
     }
 
     /// Width and height of the picture, in pixels.
@@ -69,7 +69,7 @@ impl Intervals {
     }
 
     /// The stretches.
-    pub fn items(&self) -> &[Interval] {
+    pub fn items(&self) -> &[RaySegment] {
         &self.items
     }
 
@@ -78,14 +78,14 @@ impl Intervals {
     ///
     /// # Errors
     /// [`Error::Input`] for those of a picture of another size.
-    pub fn with(&self, other: &Intervals) -> Result<Intervals> {
+    pub fn merged(&self, other: &RaySegments) -> Result<RaySegments> {
         if self.size != other.size {
             return Err(Error::Input(format!(
                 "pieces were drawn for pictures of {} x {} and of {} x {} pixels; draw all of them in one size",
                 self.size[0], self.size[1], other.size[0], other.size[1]
             )));
         }
-        let mut items: Vec<Interval> = Vec::with_capacity(self.items.len() + other.items.len());
+        let mut items: Vec<RaySegment> = Vec::with_capacity(self.items.len() + other.items.len());
         let (mut ours, mut theirs) = (self.items.iter().peekable(), other.items.iter().peekable());
         loop {
             let next = match (ours.peek(), theirs.peek()) {
@@ -97,9 +97,9 @@ impl Intervals {
             match items.last_mut() {
                 Some(last)
                     if last.pixel == next.pixel
-                        && (next.depths[0] - last.depths[1]).abs() <= TOUCHING =>
+                        && (next.depths[0] - last.depths[1]).abs() <= MERGE_DISTANCE =>
                 {
-                    last.seen = over(last.seen, next.seen);
+                    last.rgba = over(last.rgba, next.rgba);
                     last.depths[1] = last.depths[1].max(next.depths[1]);
                 }
                 _ => items.push(*next),
@@ -107,7 +107,7 @@ impl Intervals {
         }
         // Most of it touched, perhaps.
         items.shrink_to_fit();
-        Ok(Intervals {
+        Ok(RaySegments {
             size: self.size,
             items,
         })
@@ -118,7 +118,7 @@ impl Intervals {
         let pixels = self.size[0] as usize * self.size[1] as usize;
         let mut values = vec![0.0; 4 * pixels];
         for ray in self.items.chunk_by(|a, b| a.pixel == b.pixel) {
-            let sum = ray.iter().fold([0.0; 4], |sum, i| over(sum, i.seen));
+            let sum = ray.iter().fold([0.0; 4], |sum, i| over(sum, i.rgba));
             let first = 4 * ray[0].pixel as usize;
             values[first..first + 4].copy_from_slice(&sum);
         }
@@ -129,44 +129,44 @@ impl Intervals {
         }
     }
 
-    /// As bytes, 28 a stretch, for [`Intervals::from_bytes`] on another machine.
+    /// As bytes, 28 a stretch, for [`RaySegments::from_bytes`] on another machine.
     pub fn to_bytes(&self) -> Vec<u8> {
         let head = [MAGIC, self.size[0], self.size[1]];
         let mut words: Vec<u8> = head.iter().flat_map(|n| n.to_le_bytes()).collect();
-        words.reserve(size_of::<Interval>() * self.items.len());
+        words.reserve(size_of::<RaySegment>() * self.items.len());
         for item in &self.items {
-            let floats = item.depths.iter().chain(&item.seen);
+            let floats = item.depths.iter().chain(&item.rgba);
             words.extend(item.pixel.to_le_bytes());
             words.extend(floats.flat_map(|x| x.to_le_bytes()));
         }
         words
     }
 
-    /// What [`Intervals::to_bytes`] made.
+    /// What [`RaySegments::to_bytes`] made.
     ///
     /// # Errors
     /// [`Error::Input`] for bytes that are none.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Intervals> {
+    pub fn from_bytes(bytes: &[u8]) -> Result<RaySegments> {
         let wrong = || Error::Input("these bytes are no intervals of a piece".into());
         let (words, rest) = bytes.as_chunks::<4>();
         let [magic, width, height, items @ ..] = words else {
             return Err(wrong());
         };
-        let (items, more) = items.as_chunks::<{ size_of::<Interval>() / 4 }>();
+        let (items, more) = items.as_chunks::<{ size_of::<RaySegment>() / 4 }>();
         if u32::from_le_bytes(*magic) != MAGIC || !(rest.is_empty() && more.is_empty()) {
             return Err(wrong());
         }
         let item = |words: &[[u8; 4]; 7]| {
             let [front, back, seen @ ..] =
                 std::array::from_fn::<f32, 6, _>(|k| f32::from_le_bytes(words[k + 1]));
-            Interval {
+            RaySegment {
                 pixel: u32::from_le_bytes(words[0]),
                 depths: [front, back],
-                seen,
+                rgba: seen,
             }
         };
         let size = [*width, *height].map(u32::from_le_bytes);
-        Intervals::new(size, items.iter().map(item).collect())
+        RaySegments::new(size, items.iter().map(item).collect())
     }
 }
 
@@ -175,13 +175,13 @@ const MAGIC: u32 = u32::from_le_bytes(*b"PLI1");
 
 /// A stretch of a ray in float64: distances along the ray of its ends, colour premultiplied by
 /// opacity, and opacity.
-pub type ExactInterval = ([f64; 2], [f64; 4]);
+pub type ReferenceSegment = ([f64; 2], [f64; 4]);
 
-impl RayReference {
+impl ReferenceRaycaster {
     /// The stretches of `ray` inside the mesh, from the eye on: the float64 form of
     /// [`Raycaster::intervals`](super::Raycaster::intervals).
-    pub fn intervals(&self, ray: Ray, transfer: &ResolvedTransfer) -> Vec<ExactInterval> {
-        let mut found: Vec<ExactInterval> = Vec::new();
+    pub fn intervals(&self, ray: Ray, transfer: &ResolvedTransfer) -> Vec<ReferenceSegment> {
+        let mut found: Vec<ReferenceSegment> = Vec::new();
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;
             let own = segment_integral(transfer, segment.s[0], segment.s[1], leave - enter);
@@ -202,7 +202,7 @@ fn over_exactly(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
 }
 
 /// Stretches of one ray, in any order, composited in that of depth, in float64.
-pub fn composite_intervals(stretches: &[ExactInterval]) -> [f64; 4] {
+pub fn composite_intervals(stretches: &[ReferenceSegment]) -> [f64; 4] {
     let mut ordered = stretches.to_vec();
     ordered.sort_by(|(a, _), (b, _)| a[0].total_cmp(&b[0]));
     let seen = ordered.iter().map(|(_, seen)| *seen);
@@ -214,11 +214,11 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn item(pixel: u32, front: f32, back: f32, seen: [f32; 4]) -> Interval {
-        Interval {
+    fn item(pixel: u32, front: f32, back: f32, seen: [f32; 4]) -> RaySegment {
+        RaySegment {
             pixel,
             depths: [front, back],
-            seen,
+            rgba: seen,
         }
     }
 
@@ -227,26 +227,26 @@ mod tests {
 
     #[test]
     fn the_nearer_stretch_is_before_the_farther_one_whoever_told_it() {
-        let near = Intervals::new([2, 1], vec![item(1, 0.0, 0.1, RED)]).unwrap();
-        let far = Intervals::new([2, 1], vec![item(1, 0.4, 0.5, GREEN)]).unwrap();
+        let near = RaySegments::new([2, 1], vec![item(1, 0.0, 0.1, RED)]).unwrap();
+        let far = RaySegments::new([2, 1], vec![item(1, 0.4, 0.5, GREEN)]).unwrap();
         let expected = [0.0, 0.0, 0.0, 0.0, 0.5, 0.25, 0.0, 0.75];
         for (a, b) in [(&near, &far), (&far, &near)] {
-            let both = a.with(b).unwrap();
+            let both = a.merged(b).unwrap();
             assert_eq!(both.items().len(), 2);
             assert_eq!(both.image().values, expected);
         }
-        let larger = Intervals::new([2, 2], Vec::new()).unwrap();
-        let told = near.with(&larger).unwrap_err().to_string();
+        let larger = RaySegments::new([2, 2], Vec::new()).unwrap();
+        let told = near.merged(&larger).unwrap_err().to_string();
         assert!(told.contains("2 x 1") && told.contains("2 x 2"), "{told}");
-        assert!(Intervals::new([2, 1], vec![item(2, 0.0, 0.1, RED)]).is_err());
+        assert!(RaySegments::new([2, 1], vec![item(2, 0.0, 0.1, RED)]).is_err());
     }
 
     #[test]
     fn what_touches_is_one_and_what_does_not_waits_for_what_is_between() {
-        let ends = Intervals::new([1, 1], vec![item(0, 0.0, 0.1, RED), item(0, 0.2, 0.3, RED)]);
-        let middle = Intervals::new([1, 1], vec![item(0, 0.1, 0.2, GREEN)]).unwrap();
+        let ends = RaySegments::new([1, 1], vec![item(0, 0.0, 0.1, RED), item(0, 0.2, 0.3, RED)]);
+        let middle = RaySegments::new([1, 1], vec![item(0, 0.1, 0.2, GREEN)]).unwrap();
         let ends = ends.unwrap();
-        let whole = ends.with(&middle).unwrap();
+        let whole = ends.merged(&middle).unwrap();
         assert_eq!(whole.items().len(), 1);
         assert_eq!(whole.items()[0].depths, [0.0, 0.3]);
         assert_eq!(whole.image().values, [0.625, 0.25, 0.0, 0.875]);
@@ -254,20 +254,20 @@ mod tests {
 
     #[test]
     fn bytes_come_back_and_others_are_refused() {
-        let one = Intervals::new(
+        let one = RaySegments::new(
             [3, 2],
             vec![item(5, 0.25, 0.5, RED), item(0, 0.0, 1.0, GREEN)],
         );
         let one = one.unwrap();
         let bytes = one.to_bytes();
         assert_eq!(bytes.len(), 12 + 2 * 28);
-        assert_eq!(Intervals::from_bytes(&bytes).unwrap(), one);
+        assert_eq!(RaySegments::from_bytes(&bytes).unwrap(), one);
         for cut in [0, 5, 11, 13, bytes.len() - 1] {
-            assert!(Intervals::from_bytes(&bytes[..cut]).is_err(), "{cut}");
+            assert!(RaySegments::from_bytes(&bytes[..cut]).is_err(), "{cut}");
         }
         // Fewer stretches than there were are stretches too; a pixel beyond the picture is not.
         let mut beyond = bytes.clone();
         beyond[12..16].copy_from_slice(&7u32.to_le_bytes());
-        assert!(Intervals::from_bytes(&beyond).is_err());
+        assert!(RaySegments::from_bytes(&beyond).is_err());
     }
 }

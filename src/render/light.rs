@@ -1,7 +1,7 @@
 //! Light on the inside: gradients at the nodes, and how bright they are, in float64; the twins of
 //! `shaders/render/node_gradients.wgsl` and `shaders/lib/shade.wgsl`.
 
-use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology, grouped};
+use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology, group_by_key};
 use crate::{Error, Result, parallel};
 use glam::DVec3;
 use std::str::FromStr;
@@ -10,12 +10,12 @@ use std::str::FromStr;
 /// how narrow its reflection is.
 const AMBIENT: f64 = 0.4;
 const DIFFUSE: f64 = 0.7;
-const SHINE: f64 = 0.22;
-const GLOSS: i32 = 32;
+const SPECULAR: f64 = 0.22;
+const SHININESS: i32 = 32;
 /// A gradient of this length, in ranges of the scalar over the size of the body, is lit by half.
-pub(in crate::render) const FAINT: f64 = 2.0;
+pub(in crate::render) const GRADIENT_HALF_SATURATION: f64 = 2.0;
 /// How long the direction into a body, or from one region into another, is taken to be.
-pub(super) const EDGE: f64 = 12.0;
+pub(super) const BOUNDARY_GRADIENT: f64 = 12.0;
 
 /// Where the light on the inside comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,7 +79,7 @@ impl FromStr for Light {
 }
 
 /// What each node of a mesh lights by.
-pub(super) struct Around {
+pub(super) struct NodeIncidence {
     /// Where the list of each node begins in `items`, their end last.
     pub firsts: Vec<u32>,
     /// The tets around each node, by number, if scalars are at the nodes; and, counted on from the
@@ -87,10 +87,10 @@ pub(super) struct Around {
     pub items: Vec<u32>,
     /// Faces at which the body or a region ends: three nodes, turned so that the normal points
     /// inwards, or to the larger of two regions, and `NO_NEIGHBOUR`.
-    pub ends: Vec<[u32; 4]>,
+    pub boundary_faces: Vec<[u32; 4]>,
 }
 
-impl Around {
+impl NodeIncidence {
     /// With `cells` regions are where these are equal; without, scalars are at the nodes. Tets are
     /// numbered by `place`.
     pub fn new(
@@ -98,8 +98,8 @@ impl Around {
         topology: &Topology,
         cells: Option<&[f64]>,
         place: impl Fn(usize) -> u32 + Copy,
-    ) -> Around {
-        let ends = parallel::collect(mesh.tets.len(), |range, ends| {
+    ) -> NodeIncidence {
+        let boundary_faces = parallel::collect(mesh.tets.len(), |range, ends| {
             for t in range {
                 let (tet, across) = (mesh.tets[t], topology.neighbours[t]);
                 for (face, code) in FACES.iter().zip(across) {
@@ -116,13 +116,13 @@ impl Around {
         });
         let shaded = mesh.tets.iter().filter(|_| cells.is_none()).enumerate();
         let tets = shaded.flat_map(move |(t, tet)| tet.map(|v| (v, place(t))));
-        let faces = (mesh.tets.len() as u32..).zip(&ends);
+        let faces = (mesh.tets.len() as u32..).zip(&boundary_faces);
         let faces = faces.flat_map(|(item, [a, b, c, _])| [*a, *b, *c].map(|v| (v, item)));
-        let (firsts, items) = grouped(mesh.nodes.len(), tets.chain(faces));
-        Around {
+        let (firsts, items) = group_by_key(mesh.nodes.len(), tets.chain(faces));
+        NodeIncidence {
             firsts,
             items,
-            ends,
+            boundary_faces,
         }
     }
 }
@@ -137,7 +137,7 @@ pub fn node_gradients(
     shares: &[f64],
     cells: Option<&[f64]>,
 ) -> Vec<DVec3> {
-    let around = Around::new(mesh, topology, cells, |t| t as u32);
+    let around = NodeIncidence::new(mesh, topology, cells, |t| t as u32);
     let of_node = |v: usize| {
         let (mut rise, mut volume) = (DVec3::ZERO, 0.0);
         let (mut area, mut areas) = (DVec3::ZERO, 0.0);
@@ -145,7 +145,7 @@ pub fn node_gradients(
         for item in &around.items[own] {
             let item = match (*item as usize).checked_sub(mesh.tets.len()) {
                 None => mesh.tets[*item as usize],
-                Some(end) => around.ends[end],
+                Some(end) => around.boundary_faces[end],
             };
             let p = positions[item[0] as usize];
             let edge = |k: usize| positions[item[k] as usize] - p;
@@ -165,7 +165,7 @@ pub fn node_gradients(
             gradient = rise / volume;
         }
         if areas > 0.0 {
-            gradient += EDGE / areas * area;
+            gradient += BOUNDARY_GRADIENT / areas * area;
         }
         gradient
     };
@@ -176,7 +176,12 @@ pub fn node_gradients(
 /// and what is added to them in proportion to opacity (Blinn 1977, after Phong).
 pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
     let steep = gradient.length();
-    shade_by(light, gradient, ray, steep / (steep + FAINT))
+    shade_by(
+        light,
+        gradient,
+        ray,
+        steep / (steep + GRADIENT_HALF_SATURATION),
+    )
 }
 
 /// The same of a surface that the gradient stands on, however steep it is.
@@ -199,7 +204,7 @@ fn shade_by(light: Light, gradient: DVec3, ray: DVec3, weight: f64) -> [f64; 2] 
     let diffuse = AMBIENT + DIFFUSE * n.dot(towards).abs();
     [
         1.0 + weight * (diffuse - 1.0),
-        SHINE * weight * facing.powi(GLOSS),
+        SPECULAR * weight * facing.powi(SHININESS),
     ]
 }
 
@@ -226,7 +231,10 @@ mod tests {
             } else if face {
                 let middle = 0.5 * (low + high);
                 let end = *g - slope;
-                assert!((end.length() / EDGE - 1.0).abs() < 1e-9, "{end}");
+                assert!(
+                    (end.length() / BOUNDARY_GRADIENT - 1.0).abs() < 1e-9,
+                    "{end}"
+                );
                 assert!(end.dot(middle - *p) > 0.0);
             }
         }

@@ -9,7 +9,7 @@
 use super::geometry::Geometry;
 use super::view::View;
 use crate::Result;
-use crate::gpu::{Draw, Gpu, Pass, Recorder, ScanMarks, Texel};
+use crate::gpu::{BitmaskPrefixSum, Draw, Gpu, Pass, Recorder, Texel};
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -22,17 +22,17 @@ mod gpu_data {
 
 /// Words of a layer's record of arguments: a draw of the boundary for the layer behind it, and
 /// a draw for its own walk, of the whole picture or of tiles of it.
-const RECORD: usize = 8;
+const RECORD_WORDS: usize = 8;
 /// Pixels of a tile each way; `lib/tiles.wgsl` has the same.
 const TILE: u32 = 16;
-const KEY: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
+const KEY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// What rays gather.
 pub(super) const SUM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 /// Sizes whose targets are kept: where pictures are coarse while something moves and fine at rest, they
 /// take turns.
-pub(crate) const KEPT: usize = 2;
+pub(crate) const CACHED_SIZES: usize = 2;
 
 /// The targets of one size, and the draws that find the layers.
 pub(super) struct Peel {
@@ -41,9 +41,9 @@ pub(super) struct Peel {
     /// Where rays of even and of odd layers start: depth bits and 4 tet + face.
     pub keys: [wgpu::TextureView; 2],
     /// Nearest back faces.
-    pub backs: wgpu::TextureView,
+    pub back_faces: wgpu::TextureView,
     /// What rays gathered up to even and odd layers.
-    pub sums: [wgpu::TextureView; 2],
+    pub accumulators: [wgpu::TextureView; 2],
     /// Arguments of even and odd layers.
     arguments: [wgpu::Buffer; 2],
     /// Of even and of odd layers the last that has a face in each tile; 0 for none but the first.
@@ -67,7 +67,7 @@ pub(super) struct Peel {
 }
 
 /// The draws that walk from the starts of a layer, for one mode.
-pub(super) struct Walks {
+pub(super) struct TraversalDraws {
     /// From back faces to an eye inside the mesh.
     pub back: Draw,
     /// Even and odd layers.
@@ -91,7 +91,7 @@ impl Peel {
             gpu.target("peel target", size, format, usage)
         };
         let bound = wgpu::TextureUsages::TEXTURE_BINDING;
-        let keys = [texture(KEY, bound)?, texture(KEY, bound)?];
+        let keys = [texture(KEY_FORMAT, bound)?, texture(KEY_FORMAT, bound)?];
         let sums = [texture(SUM, bound)?, texture(SUM, bound)?];
         let tiles = size[0].div_ceil(TILE) * size[1].div_ceil(TILE);
         let last = |name| gpu.buffer(name, 4 * u64::from(tiles.max(1)));
@@ -121,8 +121,8 @@ impl Peel {
         };
         let start = |first: bool, back: bool, writes: usize| {
             gpu.draw(start_name)
-                .constant("FIRST", f64::from(u8::from(first)))
-                .constant("BACK", f64::from(u8::from(back)))
+                .constant("FIRST_LAYER", f64::from(u8::from(first)))
+                .constant("BACK_FACES", f64::from(u8::from(back)))
                 .read(&geometry.projected)
                 .read(&geometry.boundary)
                 .read(&covers)
@@ -131,33 +131,33 @@ impl Peel {
                 .write(&arguments[writes])
                 .write(&last_layers[writes])
                 .params(view)
-                .target(KEY, None)
+                .target(KEY_FORMAT, None)
                 .depth(DEPTH, wgpu::CompareFunction::Greater, true)
-                .prepare()
+                .build()
         };
         let clear = |writes: usize| {
             gpu.draw("render/clear")
                 .read(&keys[1 - writes])
                 .read(&last_layers[1 - writes])
-                .target(KEY, None)
+                .target(KEY_FORMAT, None)
                 .depth(DEPTH, wgpu::CompareFunction::Always, true)
-                .prepare()
+                .build()
         };
         let cover = |stage: f64| {
             gpu.pass("render/cover")
-                .constant("STAGE", stage)
+                .constant("PASS", stage)
                 .read(&geometry.projected)
                 .read(&geometry.boundary)
                 .write(&marks)
                 .write(&covers)
                 .params(view)
-                .over(runs)
+                .dispatch_items(runs)
         };
         // Of layers of one parity, those of the other no more.
         let records = layers / 2 + 1;
         Ok(Peel {
             size,
-            backs: texture(KEY, bound)?,
+            back_faces: texture(KEY_FORMAT, bound)?,
             depth: texture(DEPTH, wgpu::TextureUsages::empty())?,
             project: gpu
                 .pass("render/project")
@@ -166,28 +166,28 @@ impl Peel {
                 .write(&geometry.projected)
                 .write(&inside)
                 .params(view)
-                .over(view.nodes)?,
+                .dispatch_items(view.nodes)?,
             cover: [
                 cover(0.0)?,
                 gpu.pass("gpu/scan_marks")
                     .write(&marks)
                     .write(&covered)
-                    .params(&ScanMarks { runs })
-                    .over_groups([1, 1, 1])?,
+                    .params(&BitmaskPrefixSum { runs })
+                    .dispatch_workgroups([1, 1, 1])?,
                 cover(1.0)?,
                 gpu.pass("render/cover_counts")
                     .read(&covered)
                     .write(&arguments[0])
                     .write(&arguments[1])
                     .params(&gpu_data::CoverCounts { records })
-                    .over(records)?,
+                    .dispatch_items(records)?,
             ],
             start_back: start(true, true, 0)?,
             start_first: start(true, false, 0)?,
             start_next: [start(false, false, 0)?, start(false, false, 1)?],
             clear: [clear(0)?, clear(1)?],
             keys,
-            sums,
+            accumulators: sums,
             arguments,
             fresh_arguments,
             last_layers,
@@ -206,7 +206,7 @@ impl Peel {
     pub fn record(
         &self,
         work: &mut Recorder,
-        walks: &Walks,
+        walks: &TraversalDraws,
         view: &View,
         report: bool,
     ) -> Result<()> {
@@ -238,25 +238,29 @@ impl Peel {
         self.cover.iter().for_each(|pass| pass.record(work));
         {
             let depth = self.depth_attachment(true);
-            let mut pass = work.render_pass("render/start", &[cleared(&self.backs, NO_KEY)], depth);
+            let mut pass = work.render_pass(
+                "render/start",
+                &[cleared(&self.back_faces, CLEAR_KEY)],
+                depth,
+            );
             self.start_back.record_indirect(&mut pass, &self.inside, 0);
         }
         {
             let depth = self.depth_attachment(true);
             let mut pass =
-                work.render_pass("render/start", &[cleared(&self.keys[0], NO_KEY)], depth);
+                work.render_pass("render/start", &[cleared(&self.keys[0], CLEAR_KEY)], depth);
             self.start_first
                 .record_indirect(&mut pass, &self.covered, 0);
         }
         {
-            let zero = cleared(&self.sums[1], wgpu::Color::TRANSPARENT);
+            let zero = cleared(&self.accumulators[1], wgpu::Color::TRANSPARENT);
             let mut pass = work.render_pass("render/walk", &[zero], None);
             walks
                 .back
                 .record_indirect(&mut pass, &self.inside, WALK_ARGUMENTS);
         }
         {
-            let zero = cleared(&self.sums[0], wgpu::Color::TRANSPARENT);
+            let zero = cleared(&self.accumulators[0], wgpu::Color::TRANSPARENT);
             let mut pass = work.render_pass("render/walk", &[zero], None);
             walks.layers[0].record(&mut pass, 3, 1);
         }
@@ -272,7 +276,8 @@ impl Peel {
                 self.start_next[parity].record_indirect(&mut pass, arguments, offset);
             }
             if layer < self.layers {
-                let mut pass = work.render_pass("render/walk", &[kept(&self.sums[parity])], None);
+                let mut pass =
+                    work.render_pass("render/walk", &[kept(&self.accumulators[parity])], None);
                 let offset = record_offset(layer) + WALK_ARGUMENTS;
                 walks.layers[parity].record_indirect(&mut pass, &self.arguments[parity], offset);
             }
@@ -285,7 +290,7 @@ impl Peel {
     ///
     /// # Errors
     /// As [`Gpu::read_buffer`].
-    pub fn layers_found(&self, gpu: &Gpu) -> Result<u32> {
+    pub fn layer_count(&self, gpu: &Gpu) -> Result<u32> {
         let records = [
             gpu.read_buffer::<u32>(&self.arguments[0])?,
             gpu.read_buffer::<u32>(&self.arguments[1])?,
@@ -320,7 +325,7 @@ impl Peel {
 const WALK_ARGUMENTS: u64 = 16;
 
 /// The key of no face: depth 0, face `NONE`.
-const NO_KEY: wgpu::Color = wgpu::Color {
+const CLEAR_KEY: wgpu::Color = wgpu::Color {
     r: 0.0,
     g: u32::MAX as f64,
     b: 0.0,
@@ -329,7 +334,7 @@ const NO_KEY: wgpu::Color = wgpu::Color {
 
 /// Byte offset of a layer's record in the buffer of its parity.
 fn record_offset(layer: u32) -> u64 {
-    u64::from(layer / 2) * (RECORD as u64) * 4
+    u64::from(layer / 2) * (RECORD_WORDS as u64) * 4
 }
 
 /// The arguments before a frame, for even and for odd layers: only layer 0 runs.

@@ -4,9 +4,9 @@
 //! tests that the raycaster starts its rays by. What comes back is 36 bytes. Where the nodes came from
 //! the processor it is held against them there, and nobody waits for the device.
 
-use super::first_hit::first_hit;
+use super::first_hit::closest_hit;
 use super::geometry::Geometry;
-use super::view::{LocalView, View, Window};
+use super::view::{CameraTransform, ImageRegion, View};
 use super::{Camera, Ray};
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{FACES, LocalFrame};
@@ -60,7 +60,7 @@ pub(crate) struct FirstHit {
 }
 
 /// Words that the shader finds.
-const FOUND: usize = 9;
+const RESULT_WORDS: usize = 9;
 
 impl Geometry {
     /// What is seen of the boundary at the point `pixel` of a picture of `size` pixels, where the
@@ -72,7 +72,7 @@ impl Geometry {
     /// [`Error::Input`] for a bad camera, or a point that does not lie in the picture;
     /// [`Error::Gpu`] when the device refuses.
     pub fn pick(&self, camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<Option<Pick>> {
-        let looked = Look {
+        let looked = PickRay {
             camera,
             pixel,
             size,
@@ -88,7 +88,7 @@ impl Geometry {
     /// # Errors
     /// [`Error::Input`] for a bad camera, a point that does not lie in the picture, or positions that
     /// are not the mesh's.
-    pub fn pick_at(
+    pub fn pick_positions(
         &self,
         positions: &[DVec3],
         camera: &Camera,
@@ -106,7 +106,7 @@ impl Geometry {
         let ray = camera.ray(pixel, size);
         let corners = self.boundary_faces.iter().map(|&[a, b, c, _]| [a, b, c]);
         let triangles: Vec<[u32; 3]> = corners.collect();
-        let Some(hit) = first_hit(positions, &triangles, ray) else {
+        let Some(hit) = closest_hit(positions, &triangles, ray) else {
             return Ok(None);
         };
         let point = ray.origin + hit.distance * ray.direction;
@@ -128,7 +128,7 @@ impl Geometry {
         let [a, b, c, code] = *self.boundary_faces.get(hit.triangle as usize)?;
         let nodes = [a, b, c];
         // Tets are kept in another order than the mesh has them.
-        let tet = self.place.iter().position(|slot| *slot == code / 4)?;
+        let tet = self.tet_order.iter().position(|slot| *slot == code / 4)?;
         Some(Pick {
             node: nodes[hit.corner],
             tet: tet as u32,
@@ -156,14 +156,14 @@ fn check(camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<()> {
 }
 
 /// A ray through a point of a picture, and the local frame of what it is to meet.
-pub(crate) struct Look<'a> {
+pub(crate) struct PickRay<'a> {
     pub camera: &'a Camera,
     pub pixel: DVec2,
     pub size: [u32; 2],
     pub frame: &'a LocalFrame,
 }
 
-impl Look<'_> {
+impl PickRay<'_> {
     /// The first of `triangles` (rgba32uint, three corners) that the ray meets; corner i is at
     /// item `stride` i of `positions`. Waits and reads back.
     ///
@@ -177,26 +177,26 @@ impl Look<'_> {
         triangles: &Array,
     ) -> Result<Option<FirstHit>> {
         check(self.camera, self.pixel, self.size)?;
-        let view = LocalView::new(self.camera, self.frame, Window::whole(self.size));
+        let view = CameraTransform::new(self.camera, self.frame, ImageRegion::full(self.size));
         let params = gpu_data::Pick {
             view: view.to_gpu(),
             pixel: self.pixel.as_vec2().to_array(),
             triangles: triangles.len(),
             _pad: 0,
         };
-        let mut nothing = [0; FOUND];
+        let mut nothing = [0; RESULT_WORDS];
         nothing[..2].fill(u32::MAX);
         let found = gpu.buffer_of("what a ray meets", &nothing)?;
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         for (stage, items) in [(0, triangles.len()), (1, triangles.len()), (2, 1)] {
             gpu.pass("render/pick")
-                .constant("STAGE", f64::from(stage))
-                .constant("STRIDE", f64::from(stride))
+                .constant("PASS", f64::from(stage))
+                .constant("TRIANGLES_PER_INVOCATION", f64::from(stride))
                 .read(positions)
                 .read(triangles)
                 .write(&found)
                 .params(&params)
-                .over(items)?
+                .dispatch_items(items)?
                 .record(&mut work);
         }
         work.submit()?;

@@ -12,9 +12,10 @@ struct Preset {
 }
 
 /// Perceptual colour maps rise in extinction with the scalar, so that high values show inside.
-const RISING: &[[f64; 2]] = &[[0.0, 0.8], [0.3, 1.6], [0.7, 6.0], [1.0, 20.0]];
+const SEQUENTIAL_EXTINCTION: &[[f64; 2]] = &[[0.0, 0.8], [0.3, 1.6], [0.7, 6.0], [1.0, 20.0]];
 /// Diverging colour maps show both ends and hide the middle.
-const BOTH_ENDS: &[[f64; 2]] = &[[0.0, 9.0], [0.35, 1.0], [0.5, 0.3], [0.65, 1.0], [1.0, 9.0]];
+const DIVERGING_EXTINCTION: &[[f64; 2]] =
+    &[[0.0, 9.0], [0.35, 1.0], [0.5, 0.3], [0.65, 1.0], [1.0, 9.0]];
 
 const PRESETS: &[Preset] = &[
     Preset {
@@ -129,7 +130,7 @@ const fn sequential(name: &'static str, gradient: Gradient, nodes: usize) -> Col
         name,
         colours: Colours::Gradient(gradient),
         nodes,
-        extinction: RISING,
+        extinction: SEQUENTIAL_EXTINCTION,
     }
 }
 
@@ -139,7 +140,7 @@ const fn diverging(name: &'static str, gradient: Gradient) -> ColourMap {
         name,
         colours: Colours::Gradient(gradient),
         nodes: 11,
-        extinction: BOTH_ENDS,
+        extinction: DIVERGING_EXTINCTION,
     }
 }
 
@@ -179,7 +180,7 @@ const MAPS: [ColourMap; 34] = [
             [0.706, 0.016, 0.149],
         ]),
         nodes: 5,
-        extinction: BOTH_ENDS,
+        extinction: DIVERGING_EXTINCTION,
     },
     diverging("Spectral", colorous::SPECTRAL),
     diverging("RdBu", colorous::RED_BLUE),
@@ -195,7 +196,7 @@ const MAPS: [ColourMap; 34] = [
     },
 ];
 /// What a name ends in that asks for a map the other way round, as matplotlib has it.
-const REVERSED: &str = "_r";
+const REVERSED_SUFFIX: &str = "_r";
 
 impl ColourMap {
     /// The map, or the other way round.
@@ -249,7 +250,7 @@ impl TransferFunction {
             return TransferFunction::relative(preset.colour.to_vec(), preset.extinction.to_vec());
         }
         let map = |name: &str| MAPS.iter().find(|m| is(m.name, name));
-        let reversed = name.strip_suffix(REVERSED).and_then(map);
+        let reversed = name.strip_suffix(REVERSED_SUFFIX).and_then(map);
         match (map(name), reversed) {
             (Some(map), _) => map.transfer(false),
             (None, Some(map)) => map.transfer(true),
@@ -274,7 +275,7 @@ mod tests {
         for name in TransferFunction::preset_names() {
             let tf = TransferFunction::preset(name)
                 .unwrap()
-                .resolved((0.0, 1.0), 1.0);
+                .to_absolute((0.0, 1.0), 1.0);
             assert!(tf.max_extinction() > 1.0, "{name} shows nothing");
         }
         let said = |name: &str| TransferFunction::preset(name).unwrap_err().to_string();
@@ -287,7 +288,7 @@ mod tests {
 
     fn colours(name: &str, scalars: &[f64]) -> Vec<[u8; 3]> {
         let transfer = TransferFunction::preset(name).unwrap();
-        let transfer = transfer.resolved((0.0, 1.0), 1.0);
+        let transfer = transfer.to_absolute((0.0, 1.0), 1.0);
         let bytes = |s: &f64| transfer.colour(*s).map(|c| (255.0 * c).round() as u8);
         scalars.iter().map(bytes).collect()
     }

@@ -7,7 +7,7 @@
 //! - where a ray ends. Rays that end at opacity 1 − q leave out q at most; over a whole picture
 //!   the root mean square of it was found to be up to 0.25 q.
 //! - the table's size, which is chosen so that a bound on its error stays within
-//!   [`RaycastOptions::accuracy`]. The root mean square found was up to 0.85 of that bound.
+//!   [`RaycastOptions::table_tolerance`]. The root mean square found was up to 0.85 of that bound.
 //!
 //! A scan that the mesh carries has a setting of its own: how far apart it is sampled.
 //!
@@ -21,18 +21,18 @@ use super::{Light, RaycastOptions, Xray};
 use crate::{Error, Result};
 
 /// The tolerance of the default options: half a level of an 8-bit channel.
-const DEFAULT: f64 = 0.5 / 255.0;
+const DEFAULT_TOLERANCE: f64 = 0.5 / 255.0;
 /// The share of the tolerance that the bound of the table's error may take, and the opacity that
 /// is left where rays end. By what was found above, both together stay within 0.7 of the
 /// tolerance: the rest is for pictures unlike those of the study.
-const TABLE_SHARE: f64 = 0.5;
-const END_SHARE: f64 = 1.0;
+const TABLE_ERROR_SHARE: f64 = 0.5;
+const CUTOFF_ERROR_SHARE: f64 = 1.0;
 /// What a scan that is sampled so many voxels apart misses grows as the square of that: so many levels
 /// of tolerance, times this, are one. A scan with edges as sharp as voxels can hold, through a dense
 /// transfer function, was found to miss 0.95 of a level a voxel apart.
-const SCAN_SHARE: f64 = 0.6;
+const SAMPLING_ERROR_SHARE: f64 = 0.6;
 /// Pictures of a larger error are nobody's wish.
-const MOST: f64 = 0.25;
+const MAX_TOLERANCE: f64 = 0.25;
 
 impl RaycastOptions {
     /// The cheapest options that keep the root mean square error of a picture's values, which lie
@@ -42,12 +42,12 @@ impl RaycastOptions {
     ///
     /// # Errors
     /// [`Error::Input`] for a tolerance that is not above 0 and up to 64/255.
-    pub fn within(tolerance: f64) -> Result<RaycastOptions> {
-        if !(tolerance > 0.0 && tolerance <= MOST) {
+    pub fn for_tolerance(tolerance: f64) -> Result<RaycastOptions> {
+        if !(tolerance > 0.0 && tolerance <= MAX_TOLERANCE) {
             return Err(Error::Input(format!(
                 "a picture cannot be drawn to an error of {} (in 1/255): choose above 0, and up to {:.0}",
                 255.0 * tolerance,
-                (255.0 * MOST).round()
+                (255.0 * MAX_TOLERANCE).round()
             )));
         }
         Ok(RaycastOptions::keeping(tolerance))
@@ -60,12 +60,12 @@ impl RaycastOptions {
             table: Default::default(),
             texel: Default::default(),
             table_size: None,
-            opaque: 1.0 - END_SHARE * tolerance,
+            opacity_cutoff: 1.0 - CUTOFF_ERROR_SHARE * tolerance,
             layers: 32,
-            accuracy: TABLE_SHARE * tolerance,
+            table_tolerance: TABLE_ERROR_SHARE * tolerance,
             light: Light::None,
             shadows: 0.0,
-            scan_step: (SCAN_SHARE * 255.0 * tolerance)
+            scan_step: (SAMPLING_ERROR_SHARE * 255.0 * tolerance)
                 .sqrt()
                 .clamp(1.0 / 64.0, 1.0),
             xray: Xray::default(),
@@ -75,6 +75,6 @@ impl RaycastOptions {
 
 impl Default for RaycastOptions {
     fn default() -> RaycastOptions {
-        RaycastOptions::keeping(DEFAULT)
+        RaycastOptions::keeping(DEFAULT_TOLERANCE)
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::mesh::{FACES, TetMesh};
 use crate::parallel;
-use crate::render::scan::{Scan, ScanTruth};
+use crate::render::scan::{Scan, ScanReference};
 use crate::render::{Camera, Ray, ResolvedTransfer};
 use glam::{DVec2, DVec3};
 
@@ -21,14 +21,14 @@ pub struct Segment {
 }
 
 /// A mesh prepared for exact rays.
-pub struct RayReference {
+pub struct ReferenceRaycaster {
     corners: Vec<[DVec3; 4]>,
     scalars: Vec<[f64; 4]>,
     boxes: Vec<BoxNode>,
     order: Vec<u32>,
     extent: f64,
     /// What is in place of the scalars.
-    scan: Option<ScanTruth>,
+    scan: Option<ScanReference>,
 }
 
 /// A node of the box hierarchy: a leaf holds `order[first..first + count]`, an inner node
@@ -43,27 +43,36 @@ struct BoxNode {
 const LEAF_TETS: usize = 4;
 /// Rays are moved aside by this share of the mesh's extent, so that none lies exactly in a face
 /// that two tets share, where it would be counted twice.
-const ASIDE: f64 = 1e-12;
+const RAY_PERTURBATION: f64 = 1e-12;
 
-impl RayReference {
+impl ReferenceRaycaster {
     /// Prepares `mesh` with its nodes at `positions` and `scalars` at its nodes.
-    pub fn new(mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> RayReference {
+    pub fn new(mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> ReferenceRaycaster {
         let corners = mesh.tets.iter().map(|t| t.map(|v| scalars[v as usize]));
-        RayReference::with_corner_scalars(mesh, positions, corners.collect())
+        ReferenceRaycaster::with_corner_scalars(mesh, positions, corners.collect())
     }
 
     /// The same with `scalars` in its tets, constant in each.
-    pub fn of_cells(mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> RayReference {
+    pub fn from_cell_scalars(
+        mesh: &TetMesh,
+        positions: &[DVec3],
+        scalars: &[f64],
+    ) -> ReferenceRaycaster {
         let corners = scalars.iter().map(|s| [*s; 4]);
-        RayReference::with_corner_scalars(mesh, positions, corners.collect())
+        ReferenceRaycaster::with_corner_scalars(mesh, positions, corners.collect())
     }
 
     /// The same with a scan of values that the mesh carries, `scan`'s: each tet's stretch of a ray
     /// comes in stretches of a voxel over `fine`, along which the scan is taken to be linear.
-    pub fn of_scan(mesh: &TetMesh, positions: &[DVec3], scan: &Scan, fine: f64) -> RayReference {
-        RayReference {
-            scan: Some(ScanTruth::new(mesh, scan, fine)),
-            ..RayReference::of_cells(mesh, positions, &vec![0.0; mesh.tets.len()])
+    pub fn from_scan(
+        mesh: &TetMesh,
+        positions: &[DVec3],
+        scan: &Scan,
+        fine: f64,
+    ) -> ReferenceRaycaster {
+        ReferenceRaycaster {
+            scan: Some(ScanReference::new(mesh, scan, fine)),
+            ..ReferenceRaycaster::from_cell_scalars(mesh, positions, &vec![0.0; mesh.tets.len()])
         }
     }
 
@@ -71,14 +80,14 @@ impl RayReference {
         mesh: &TetMesh,
         positions: &[DVec3],
         scalars: Vec<[f64; 4]>,
-    ) -> RayReference {
+    ) -> ReferenceRaycaster {
         let corners: Vec<[DVec3; 4]> = mesh
             .tets
             .iter()
             .map(|t| t.map(|v| positions[v as usize]))
             .collect();
         let (low, high) = crate::mesh::bounds(positions);
-        let mut reference = RayReference {
+        let mut reference = ReferenceRaycaster {
             order: (0..corners.len() as u32).collect(),
             corners,
             scalars,
@@ -144,7 +153,7 @@ impl RayReference {
         let aside = ray.direction.any_orthonormal_vector();
         let aside = aside + 0.618 * ray.direction.cross(aside);
         let ray = Ray {
-            origin: ray.origin + aside * (ASIDE * self.extent),
+            origin: ray.origin + aside * (RAY_PERTURBATION * self.extent),
             ..ray
         };
         let mut found = Vec::new();
@@ -165,7 +174,7 @@ impl RayReference {
         let Some(scan) = &self.scan else {
             return found;
         };
-        let weights = |tet, t: f64| self.weights_in(tet, ray.origin + ray.direction * t);
+        let weights = |tet, t: f64| self.barycentric_weights(tet, ray.origin + ray.direction * t);
         let parts = found.into_iter().flat_map(|whole| {
             let ends = whole.t.map(|t| weights(whole.tet, t));
             scan.split(whole, ends)
@@ -199,7 +208,7 @@ impl RayReference {
     }
 
     /// The weights of the corners of tet `t` at point `p`, clamped into the tet.
-    pub fn weights_in(&self, t: u32, p: DVec3) -> [f64; 4] {
+    pub fn barycentric_weights(&self, t: u32, p: DVec3) -> [f64; 4] {
         let v = self.corners[t as usize];
         let w: [f64; 4] = std::array::from_fn(|i| {
             let mut part = v;
@@ -212,7 +221,7 @@ impl RayReference {
 
     /// The scalar at point `p` of tet `t`.
     fn scalar_in(&self, t: u32, p: DVec3) -> f64 {
-        let (w, s) = (self.weights_in(t, p), self.scalars[t as usize]);
+        let (w, s) = (self.barycentric_weights(t, p), self.scalars[t as usize]);
         (0..4).map(|i| w[i] * s[i]).sum()
     }
 
@@ -263,14 +272,14 @@ impl RayReference {
     }
 
     /// A picture, row by row from the top, of what `of` gives for the ray of each pixel.
-    pub fn picture<T: Send>(
+    pub fn render<T: Send>(
         &self,
         camera: &Camera,
         size: [u32; 2],
         of: impl Fn(&Self, Ray) -> T + Sync,
     ) -> Vec<T> {
         let [width, height] = size.map(|n| n as usize);
-        parallel::map_heavy(width * height, |i| {
+        parallel::map_coarse(width * height, |i| {
             let (x, y) = ((i % width) as f64, (i / width) as f64);
             of(self, camera.ray(DVec2::new(x + 0.5, y + 0.5), size))
         })
@@ -314,7 +323,7 @@ pub fn segment_integral(
     let mut cuts = vec![0.0];
     if s_front != s_back {
         let at = |node: &f64| (node - s_front) / (s_back - s_front);
-        let mut inner: Vec<f64> = transfer.nodes().iter().map(at).collect();
+        let mut inner: Vec<f64> = transfer.breakpoints().iter().map(at).collect();
         inner.retain(|u| *u > 0.0 && *u < 1.0);
         inner.sort_by(f64::total_cmp);
         cuts.extend(inner);
@@ -419,7 +428,7 @@ mod tests {
             vec![[0.1, 0.0], [0.35, 9.0], [0.5, 1.0], [0.5, 6.0], [0.9, 0.0]],
         )
         .unwrap()
-        .resolved((0.0, 1.0), 1.0)
+        .to_absolute((0.0, 1.0), 1.0)
     }
 
     #[test]
@@ -456,7 +465,7 @@ mod tests {
     fn a_constant_medium_has_its_closed_form() {
         let tf = TransferFunction::new(vec![[0.0, 0.5, 0.25, 1.0]], vec![[0.0, 7.0]])
             .unwrap()
-            .resolved((0.0, 1.0), 1.0);
+            .to_absolute((0.0, 1.0), 1.0);
         let alpha = 1.0 - (-7.0f64 * 0.3).exp();
         let got = segment_integral(&tf, 0.1, 0.8, 0.3);
         for (got, expected) in got
@@ -471,7 +480,7 @@ mod tests {
     fn rays_through_a_box_are_as_long_as_the_box_is_thick() {
         let mesh = generate::benchmark_cube(5, false).unwrap();
         let scalars = vec![0.0; mesh.nodes.len()];
-        let reference = RayReference::new(&mesh, &mesh.nodes, &scalars);
+        let reference = ReferenceRaycaster::new(&mesh, &mesh.nodes, &scalars);
         // Along an axis, through nodes, edges and faces: the worst case for counting twice.
         let ray = |x: f64, y: f64| Ray {
             origin: DVec3::new(x, y, -1.0),

@@ -1,14 +1,14 @@
 //! What a raycaster is asked for: how rays walk, what they gather, and where that is drawn.
 
 use super::light::Light;
-use super::table::{TABLE_SIZES, TableForm, TableTexel};
+use super::table::{TABLE_SIZES, TableKind, TableTexel};
 use super::xray::Xray;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 
 /// How a ray finds its way from tet to tet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub enum Walk {
+pub enum Traversal {
     /// Three projected vertices carried along, one fetched a step: faster, and right also where
     /// a tet is inverted.
     #[default]
@@ -19,24 +19,24 @@ pub enum Walk {
 
 /// How a walk reads the mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub enum Reads {
+pub enum MeshAccess {
     /// As is faster on the adapter: from storage textures on a software driver, from sampled ones
     /// on a GPU.
     #[default]
-    ByAdapter,
+    Auto,
     /// From read-only storage textures.
     Stored,
     /// From sampled textures, without a sampler.
     Sampled,
 }
 
-impl Reads {
+impl MeshAccess {
     /// Whether they are from storage textures, on this device.
     pub(super) fn are_stored(self, gpu: &Gpu) -> bool {
         match self {
-            Reads::ByAdapter => gpu.adapter().device_type == wgpu::DeviceType::Cpu,
-            Reads::Stored => true,
-            Reads::Sampled => false,
+            MeshAccess::Auto => gpu.adapter().device_type == wgpu::DeviceType::Cpu,
+            MeshAccess::Stored => true,
+            MeshAccess::Sampled => false,
         }
     }
 }
@@ -63,7 +63,7 @@ pub enum Mode {
 
 /// What the shaders can gather: [`Mode`], or counts for a report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Gathered {
+pub(super) enum Integrand {
     Composite,
     /// The same, each way through the mesh also by itself.
     Intervals,
@@ -75,66 +75,69 @@ pub(super) enum Gathered {
     Xray,
 }
 
-impl Gathered {
+impl Integrand {
     /// Its number in `lib/segment.wgsl`.
     pub fn code(self) -> f64 {
         match self {
-            Gathered::Composite | Gathered::Intervals => 0.0,
-            Gathered::Thickness => 1.0,
-            Gathered::Statistics => 2.0,
-            Gathered::Maximum => 3.0,
-            Gathered::Minimum => 4.0,
-            Gathered::Mean => 5.0,
-            Gathered::Xray => 6.0,
+            Integrand::Composite | Integrand::Intervals => 0.0,
+            Integrand::Thickness => 1.0,
+            Integrand::Statistics => 2.0,
+            Integrand::Maximum => 3.0,
+            Integrand::Minimum => 4.0,
+            Integrand::Mean => 5.0,
+            Integrand::Xray => 6.0,
         }
     }
 
     /// Whether it is emission and absorption.
     pub fn is_composite(self) -> bool {
-        matches!(self, Gathered::Composite | Gathered::Intervals)
+        matches!(self, Integrand::Composite | Integrand::Intervals)
     }
 
     /// Whether it is a scalar's projection.
     pub fn is_projection(self) -> bool {
-        matches!(self, Gathered::Maximum | Gathered::Minimum | Gathered::Mean)
+        matches!(
+            self,
+            Integrand::Maximum | Integrand::Minimum | Integrand::Mean
+        )
     }
 }
 
-impl From<Mode> for Gathered {
-    fn from(mode: Mode) -> Gathered {
+impl From<Mode> for Integrand {
+    fn from(mode: Mode) -> Integrand {
         match mode {
-            Mode::Composite => Gathered::Composite,
-            Mode::Thickness => Gathered::Thickness,
-            Mode::Maximum => Gathered::Maximum,
-            Mode::Minimum => Gathered::Minimum,
-            Mode::Mean => Gathered::Mean,
-            Mode::Xray => Gathered::Xray,
+            Mode::Composite => Integrand::Composite,
+            Mode::Thickness => Integrand::Thickness,
+            Mode::Maximum => Integrand::Maximum,
+            Mode::Minimum => Integrand::Minimum,
+            Mode::Mean => Integrand::Mean,
+            Mode::Xray => Integrand::Xray,
         }
     }
 }
 
-/// Choices that a raycaster is made with; see [`RaycastOptions::within`].
+/// Choices that a raycaster is made with; see [`RaycastOptions::for_tolerance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaycastOptions {
     /// How rays walk.
-    pub walk: Walk,
+    pub walk: Traversal,
     /// How they read the mesh.
-    pub reads: Reads,
+    pub reads: MeshAccess,
     /// How segments are looked up.
-    pub table: TableForm,
+    pub table: TableKind,
     /// What the table's values are held in.
     pub texel: TableTexel,
-    /// Texels of the table along each scalar, and layers of a [`TableForm::Volume`]; chosen for
-    /// `accuracy` where nothing is said.
+    /// Texels of the table along each scalar, and layers of a [`TableKind::Volume`]; chosen for
+    /// `table_tolerance` where nothing is said.
     pub table_size: Option<u32>,
     /// A ray of more than this opacity is not followed further; 1 follows each to its end.
-    pub opaque: f64,
+    pub opacity_cutoff: f64,
     /// Most times a ray may enter the mesh (`--layers`).
     pub layers: u32,
     /// Error of a picture's values that the table's size is chosen for.
-    pub accuracy: f64,
+    pub table_tolerance: f64,
     /// The light on the inside, in [`Mode::Composite`]. The geometry has to be made ready for it
-    /// ([`Geometry::illuminate`](super::Geometry::illuminate)).
+    /// ([`Geometry::enable_lighting`](super::Geometry::enable_lighting)).
     pub light: Light,
     /// How dark the light is where the body keeps it off, from 0, which takes no time, to 1: soft
     /// shadows of a light that stands; by the light of the eye, how little of the sky a place sees.
@@ -154,16 +157,16 @@ impl RaycastOptions {
                 self.layers
             ));
         }
-        if !(self.opaque > 0.0 && self.opaque <= 1.0) {
+        if !(self.opacity_cutoff > 0.0 && self.opacity_cutoff <= 1.0) {
             return wrong(format!(
                 "rays cannot end at an opacity of {}: choose above 0, and up to 1",
-                self.opaque
+                self.opacity_cutoff
             ));
         }
-        if !(self.accuracy > 0.0 && self.accuracy.is_finite()) {
+        if !(self.table_tolerance > 0.0 && self.table_tolerance.is_finite()) {
             return wrong(format!(
                 "an accuracy of {} cannot be met: choose above 0, of a range from 0 to 1",
-                self.accuracy
+                self.table_tolerance
             ));
         }
         self.light.check()?;
@@ -197,9 +200,9 @@ impl RaycastOptions {
 pub struct Target<'a> {
     /// The colour attachment; its texture's size is the picture's.
     pub colour: &'a wgpu::TextureView,
-    /// Depths (`Depth32Float`, drawn with [`clip_from_file`](super::Raycaster::clip_from_file)) of opaque things that
+    /// Depths (`Depth32Float`, drawn with [`clip_from_file`](super::Raycaster::file_to_clip)) of opaque things that
     /// hide what lies behind them.
-    pub occluder: Option<&'a wgpu::TextureView>,
+    pub depth: Option<&'a wgpu::TextureView>,
     /// What was there before is replaced by this colour (red, green, blue, opacity) under the
     /// picture; without one, the picture is blended over it.
     pub background: Option<[f32; 4]>,

@@ -2,15 +2,15 @@
 
 use super::Camera;
 use super::peel::attachment;
-use super::raycast_options::{Gathered, RaycastReport, Target};
+use super::raycast_options::{Integrand, RaycastReport, Target};
 use super::raycaster::Raycaster;
-use super::tiles::{check_size, draw_in_tiles, put_tile};
-use super::view::{View, Window};
+use super::tiles::{check_size, copy_tile, draw_in_tiles};
+use super::view::{ImageRegion, View};
 use crate::Result;
 use crate::gpu::{Recorder, Texel};
 
 /// What the ways out of the mesh are counted in, 255ths, and how.
-const EXITS: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+const EXIT_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 const ADDED: wgpu::BlendComponent = wgpu::BlendComponent {
     src_factor: wgpu::BlendFactor::One,
     dst_factor: wgpu::BlendFactor::One,
@@ -26,7 +26,7 @@ impl Raycaster {
     pub fn report(&mut self, camera: &Camera, size: [u32; 2]) -> Result<RaycastReport> {
         check_size(size)?;
         let gpu = self.gpu.clone();
-        gpu.queue().write_buffer(&self.lost, 0, &[0; 4]);
+        gpu.queue().write_buffer(&self.lost_rays, 0, &[0; 4]);
         let mut layers = 0;
         let mut exits: Vec<u8> = Vec::new();
         let mut counter: Option<wgpu::TextureView> = None;
@@ -36,24 +36,24 @@ impl Raycaster {
                 None => counter.insert(gpu.target(
                     "exits",
                     window.size,
-                    EXITS,
+                    EXIT_FORMAT,
                     wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
                 )?),
             };
             let target = Target {
                 colour,
-                occluder: None,
+                depth: None,
                 background: Some([0.0; 4]),
             };
-            let mut work = gpu.record();
-            self.record_window(&mut work, camera, Gathered::Statistics, &target, window)?;
+            let mut work = gpu.start_recording();
+            self.record_window(&mut work, camera, Integrand::Statistics, &target, window)?;
             self.record_exits(&mut work, camera, window, counter)?;
             work.submit()?;
             layers = layers.max(self.layers_found()?);
-            put_tile(&mut exits, window, &gpu.read_texture(counter.texture())?);
+            copy_tile(&mut exits, window, &gpu.read_texture(counter.texture())?);
             Ok(())
         })?;
-        let lost = gpu.read_buffer::<u32>(&self.lost)?;
+        let lost = gpu.read_buffer::<u32>(&self.lost_rays)?;
         self.check_layers(layers)?;
         // What a ray counts: tets, whether it begins, how often it does.
         let met = |(p, out): (&[f32; 4], &u8)| p[1] > 0.0 || *out > 0;
@@ -67,7 +67,7 @@ impl Raycaster {
             lost_rays: u64::from(lost.first().copied().unwrap_or(0)) + missed,
             tets_per_ray: steps / (rays.max(1) as f64),
             peel_layers: layers,
-            inverted: self.geometry.inverted()?,
+            inverted: self.geometry.count_inverted()?,
         })
     }
 
@@ -77,25 +77,25 @@ impl Raycaster {
         &self,
         work: &mut Recorder,
         camera: &Camera,
-        window: Window,
+        window: ImageRegion,
         counter: &wgpu::TextureView,
     ) -> Result<()> {
         let view = self.view(camera, window);
         let draw = self
             .gpu
             .draw("render/count_exits")
-            .constant("BACK", 1.0)
+            .constant("BACK_FACES", 1.0)
             .read(&self.geometry.projected)
             .read(&self.geometry.boundary)
             .params(&view)
             .target(
-                EXITS,
+                EXIT_FORMAT,
                 Some(wgpu::BlendState {
                     color: ADDED,
                     alpha: ADDED,
                 }),
             )
-            .prepare()?;
+            .build()?;
         let clear = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
         let colour = [attachment(counter, clear)];
         let mut pass = work.render_pass("render/count_exits", &colour, None);
@@ -109,7 +109,7 @@ impl Raycaster {
     ///
     /// # Errors
     /// When the device cannot hold them.
-    pub fn look_up(&mut self, segments: &[[f64; 3]]) -> Result<Vec<[f32; 4]>> {
+    pub fn sample_table(&mut self, segments: &[[f64; 3]]) -> Result<Vec<[f32; 4]>> {
         let (low, high) = self.geometry.range;
         let share = |s: f64| ((s - low) / (high - low)) as f32;
         let scale = self.geometry.frame.scale;
@@ -125,7 +125,7 @@ impl Raycaster {
             opacity: table.opacity,
             nodes: given.len(),
             layers: table.layers,
-            reach: table.reach,
+            table_max_depth: table.max_depth,
             ..bytemuck::Zeroable::zeroed()
         };
         let form = table.form;
@@ -139,9 +139,9 @@ impl Raycaster {
         if form.is_sampled() {
             pass = pass.read(&self.sampler);
         }
-        let pass = pass.over(given.len())?;
+        let pass = pass.dispatch_items(given.len())?;
         self.looks.table.fill(&self.gpu)?;
-        let mut work = self.gpu.record();
+        let mut work = self.gpu.start_recording();
         pass.record(&mut work);
         work.submit()?;
         self.gpu.read_array(&found)

@@ -5,13 +5,13 @@
 //! Extinction is strewn into a coarse grid over the body as it stands, and light is followed from
 //! every node through it. It depends on the body and on what is seen of it, not on the camera.
 
-use super::inside::Inside;
-use super::light::{FAINT, Light};
+use super::inside::Sections;
+use super::light::{GRADIENT_HALF_SATURATION, Light};
 use crate::mesh::TetMesh;
 use glam::{DVec3, UVec3};
 
 /// How dark it is where no light comes, where shadows are asked for without saying.
-pub const SHADOWS: f64 = 0.7;
+pub const DEFAULT_STRENGTH: f64 = 0.7;
 /// An extent of the grid is at least this share of the largest.
 const FLAT: f64 = 1.0 / 64.0;
 /// Rounding makes no further cell.
@@ -23,27 +23,27 @@ const POINTS: u32 = 12;
 /// Points of the largest tets.
 const MOST_POINTS: f64 = 1024.0;
 /// Directions to the sky, and around a light.
-const SKY: u32 = 16;
-const SUN: u32 = 6;
+const AO_DIRECTIONS: u32 = 16;
+const SHADOW_DIRECTIONS: u32 = 6;
 /// How far the sky is looked for, over the largest extent of the body.
-const REACH: f64 = 0.3;
+const AO_RADIUS: f64 = 0.3;
 /// How far out of the surface that a node stands on light is looked for, in cells.
-pub(super) const OUT: f64 = 2.0;
+pub(super) const SURFACE_OFFSET: f64 = 2.0;
 /// Steps at most towards the sky, and towards a light.
-const STEPS: [u32; 2] = [24, 256];
+const MAX_MARCH_STEPS: [u32; 2] = [24, 256];
 /// Half the angle under which a light is seen, as a tangent.
-const WIDE: f64 = 0.2;
+const LIGHT_CONE_TANGENT: f64 = 0.2;
 
 /// How finely light is followed.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fineness {
+pub(super) struct ShadowResolution {
     pub cells: u32,
     pub points: u32,
 }
 
-impl Fineness {
+impl ShadowResolution {
     /// For so many tets.
-    pub fn of(tets: usize) -> Fineness {
+    pub fn of(tets: usize) -> ShadowResolution {
         let tets = u32::try_from(tets).unwrap_or(u32::MAX).max(1);
         let cells = tets.clamp(CELLS[0], CELLS[1]);
         let points = (POINTS * cells.div_ceil(tets)).min(8 * POINTS);
@@ -51,53 +51,53 @@ impl Fineness {
             true => (POINTS * cells / tets).max(1),
             false => points,
         };
-        Fineness { cells, points }
+        ShadowResolution { cells, points }
     }
 }
 
 /// The directions in which light is looked for.
 #[derive(Clone, Debug)]
-pub(super) struct Ways {
+pub(super) struct LightDirections {
     /// Unit vectors.
     pub list: Vec<DVec3>,
     /// Steps of a cell along each.
     pub steps: u32,
     /// What all of them are over the light that is counted as all: the half that a flat surface
     /// sees of the sky is.
-    pub gain: f64,
+    pub normalisation: f64,
 }
 
-impl Ways {
+impl LightDirections {
     /// To `light`, among so many cells.
-    pub fn to(light: Light, cells: u32) -> Ways {
+    pub fn to(light: Light, cells: u32) -> LightDirections {
         let Light::From(way) = light else {
             // Along a Fibonacci spiral.
             let turn = std::f64::consts::PI * (3.0 - 5f64.sqrt());
-            let list = (0..SKY).map(|k| {
-                let z = 1.0 - (2.0 * f64::from(k) + 1.0) / f64::from(SKY);
+            let list = (0..AO_DIRECTIONS).map(|k| {
+                let z = 1.0 - (2.0 * f64::from(k) + 1.0) / f64::from(AO_DIRECTIONS);
                 let (sin, cos) = (turn * f64::from(k)).sin_cos();
                 let r = (1.0 - z * z).sqrt();
                 DVec3::new(r * cos, r * sin, z)
             });
             // The cells of a cube are as many a side.
-            let steps = (REACH * f64::from(cells).cbrt()).ceil() as u32;
-            return Ways {
+            let steps = (AO_RADIUS * f64::from(cells).cbrt()).ceil() as u32;
+            return LightDirections {
                 list: list.collect(),
-                steps: steps.clamp(1, STEPS[0]),
-                gain: 2.0,
+                steps: steps.clamp(1, MAX_MARCH_STEPS[0]),
+                normalisation: 2.0,
             };
         };
         let axis = way.normalize_or_zero();
         let (u, v) = axis.any_orthonormal_pair();
-        let around = (0..SUN).map(|k| {
-            let turn = std::f64::consts::TAU * f64::from(k) / f64::from(SUN);
+        let around = (0..SHADOW_DIRECTIONS).map(|k| {
+            let turn = std::f64::consts::TAU * f64::from(k) / f64::from(SHADOW_DIRECTIONS);
             let aside = turn.cos() * u + turn.sin() * v;
-            (axis + WIDE * aside).normalize_or_zero()
+            (axis + LIGHT_CONE_TANGENT * aside).normalize_or_zero()
         });
-        Ways {
+        LightDirections {
             list: std::iter::once(axis).chain(around).collect(),
-            steps: STEPS[1],
-            gain: 1.0,
+            steps: MAX_MARCH_STEPS[1],
+            normalisation: 1.0,
         }
     }
 }
@@ -108,7 +108,7 @@ fn brightness(share: f64, strength: f64) -> f64 {
 }
 
 /// Cubes over the bounds of a body.
-struct Grid {
+struct ShadowGrid {
     low: DVec3,
     cell: f64,
     dims: UVec3,
@@ -116,8 +116,8 @@ struct Grid {
     extinction: Vec<f64>,
 }
 
-impl Grid {
-    fn over(positions: &[DVec3], cells: u32) -> Grid {
+impl ShadowGrid {
+    fn over(positions: &[DVec3], cells: u32) -> ShadowGrid {
         let (low, high) = crate::mesh::bounds(positions);
         let largest = (high - low).max_element().max(1e-6);
         let extent = (high - low).max(DVec3::splat(FLAT * largest));
@@ -127,7 +127,7 @@ impl Grid {
             cell *= 1.05;
         }
         let dims = dims(cell);
-        Grid {
+        ShadowGrid {
             low,
             cell,
             dims,
@@ -174,10 +174,10 @@ pub fn node_shadows(
     light: Light,
     strength: f64,
     extinction: &dyn Fn(usize, [f64; 4]) -> f64,
-    inside: &Inside,
+    inside: &Sections,
 ) -> Vec<f64> {
-    let Fineness { cells, points } = Fineness::of(mesh.tets.len());
-    let mut grid = Grid::over(positions, cells);
+    let ShadowResolution { cells, points } = ShadowResolution::of(mesh.tets.len());
+    let mut grid = ShadowGrid::over(positions, cells);
     for (t, tet) in mesh.tets.iter().enumerate() {
         let p = tet.map(|v| positions[v as usize]);
         let r = tet.map(|v| rest[v as usize]);
@@ -192,7 +192,7 @@ pub fn node_shadows(
             let w = weights(i);
             let mixed = |q: &[DVec3; 4]| (0..4).map(|k| w[k] * q[k]).sum::<DVec3>();
             let place = mixed(&p);
-            if inside.cuts_off(place, mixed(&r)) {
+            if inside.is_clipped(place, mixed(&r)) {
                 continue;
             }
             if let Some(k) = grid.at((place - grid.low) / grid.cell) {
@@ -200,17 +200,17 @@ pub fn node_shadows(
             }
         }
     }
-    let ways = Ways::to(light, cells);
+    let ways = LightDirections::to(light, cells);
     let of_node = |(p, gradient): (&DVec3, &DVec3)| {
         // Cells out of the surface that it stands on, which would dim itself.
-        let out = OUT * *gradient / gradient.length().max(FAINT);
+        let out = SURFACE_OFFSET * *gradient / gradient.length().max(GRADIENT_HALF_SATURATION);
         let start = (*p - grid.low) / grid.cell - out;
         let light = ways.list.iter().map(|way| {
             let cells = (1..=ways.steps).map_while(|k| grid.at(start + f64::from(k) * *way));
             let passed: f64 = cells.map(|k| grid.extinction[k]).sum();
             (-passed * grid.cell).exp()
         });
-        let share = ways.gain * light.sum::<f64>() / ways.list.len() as f64;
+        let share = ways.normalisation * light.sum::<f64>() / ways.list.len() as f64;
         brightness(share, strength)
     };
     positions.iter().zip(gradients).map(of_node).collect()
@@ -246,7 +246,7 @@ mod tests {
         let (low, high) = mesh.bounds();
         let size = (high - low).max_element();
         let dense = |_: usize, _: [f64; 4]| 5.0 / size;
-        let plain = Inside::default();
+        let plain = Sections::default();
         let gradients = ends_only(&mesh);
         let at = [&mesh.nodes[..], &mesh.nodes[..], &gradients[..]];
         let light = Light::From(DVec3::Z);
@@ -283,16 +283,16 @@ mod tests {
         let (low, high) = mesh.bounds();
         let middle = 0.5 * (low + high);
         let size = (high - low).max_element();
-        let cut = Inside {
-            planes: vec![super::super::Plane::clip(middle, DVec3::Z).resting()],
-            ..Inside::default()
+        let cut = Sections {
+            planes: vec![super::super::Plane::clip(middle, DVec3::Z).at_rest()],
+            ..Sections::default()
         };
         let gradients = ends_only(&mesh);
         let at = [&mesh.nodes[..], &mesh.nodes[..], &gradients[..]];
         let dense = |_: usize, _: [f64; 4]| 50.0 / size;
         let light = Light::From(DVec3::Z);
         let [whole, half] =
-            [&Inside::default(), &cut].map(|i| node_shadows(&mesh, at, light, 1.0, &dense, i));
+            [&Sections::default(), &cut].map(|i| node_shadows(&mesh, at, light, 1.0, &dense, i));
         let near = |p: &DVec3| (middle.z - p.z).abs() < 0.02 * size;
         let inner = |p: &DVec3| (p.truncate() - middle.truncate()).abs().max_element() < 0.2 * size;
         let mut seen = 0;

@@ -2,10 +2,10 @@
 
 use super::geometry::Geometry;
 use super::image::Image;
-use super::inside::Inside;
+use super::inside::Sections;
 use super::peel::attachment;
 use super::tiles::draw_in_tiles;
-use super::view::{LocalView, View, Window};
+use super::view::{CameraTransform, ImageRegion, View};
 use super::{Camera, TransferFunction};
 use crate::gpu::{Array, Draw, Gpu, Pass, Recorder, Texel};
 use crate::mesh::LocalFrame;
@@ -44,7 +44,7 @@ pub struct SurfaceTarget<'a> {
     /// The colour attachment; its texture's size is the picture's.
     pub colour: &'a wgpu::TextureView,
     /// A `Depth32Float` attachment of the same size, in the depths of
-    /// [`Raycaster::clip_from_file`](super::Raycaster::clip_from_file): nearer is larger.
+    /// [`Raycaster::file_to_clip`](super::Raycaster::file_to_clip): nearer is larger.
     pub depth: &'a wgpu::TextureView,
     /// Replaces what was in both; without it they are drawn over.
     pub background: Option<[f32; 4]>,
@@ -65,50 +65,53 @@ pub struct Surface {
     colour: SurfaceColour,
     shading: Shading,
     /// What planes leave of it.
-    clips: Clips,
+    clips: ClipPlanes,
     refresh: Pass,
     draws: HashMap<wgpu::TextureFormat, Draw>,
 }
 
 /// Clip planes as shaders read them, and where the nodes rest, if any is given there.
 #[derive(Clone)]
-pub(crate) struct Clips {
+pub(crate) struct ClipPlanes {
     pub count: usize,
     pub planes: Array,
-    pub rests: Option<Array>,
+    pub rest_positions: Option<Array>,
 }
 
-impl Clips {
+impl ClipPlanes {
     /// Those of `inside`, in `frame`; `rests` gives where nodes or vertices rest.
     pub fn new(
         gpu: &Gpu,
-        inside: &Inside,
+        inside: &Sections,
         frame: LocalFrame,
         rests: impl FnOnce() -> Result<Array>,
-    ) -> Result<Clips> {
+    ) -> Result<ClipPlanes> {
         inside.check()?;
         let at_rest = inside.clips().any(|p| p.at_rest);
-        Ok(Clips {
+        Ok(ClipPlanes {
             count: inside.clips().count(),
             planes: inside.to_gpu(gpu, frame, |s| s)?,
-            rests: at_rest.then(rests).transpose()?,
+            rest_positions: at_rest.then(rests).transpose()?,
         })
     }
 
     /// Where nodes rest; anything of the kind, where no plane asks.
     pub fn rests(&self) -> &Array {
-        self.rests.as_ref().unwrap_or(&self.planes)
+        self.rest_positions.as_ref().unwrap_or(&self.planes)
     }
 
     /// As the shaders' overrides: the number of planes, and whether any is given at rest.
     pub fn constants(&self) -> [f64; 2] {
-        [self.count as f64, f64::from(u8::from(self.rests.is_some()))]
+        [
+            self.count as f64,
+            f64::from(u8::from(self.rest_positions.is_some())),
+        ]
     }
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// Pictures in memory are drawn so many times larger each way, and averaged.
-const SAMPLES: u32 = 2;
+const SUPERSAMPLING: u32 = 2;
 
 impl Surface {
     /// Prepares to draw the boundary of `geometry`, whose nodes have the given `scalars`.
@@ -124,9 +127,9 @@ impl Surface {
     ) -> Result<Surface> {
         let nodes = geometry.projected.len();
         let (firsts, around) = faces_around(&geometry.boundary_faces, nodes as usize);
-        let firsts = gpu.roomy_array_of("first faces", Texel::U32, &firsts)?;
-        let around = gpu.roomy_array_of("faces around nodes", Texel::U32, &around)?;
-        let normals = gpu.roomy_array("normals", Texel::F32x4, nodes as usize)?;
+        let firsts = gpu.array_of_with_headroom("first faces", Texel::U32, &firsts)?;
+        let around = gpu.array_of_with_headroom("faces around nodes", Texel::U32, &around)?;
+        let normals = gpu.array_with_headroom("normals", Texel::F32x4, nodes as usize)?;
         let refresh = refresh_pass(geometry, &firsts, &around, &normals)?;
         let colours = colours(geometry, scalars, colour);
         Ok(Surface {
@@ -139,10 +142,10 @@ impl Surface {
             firsts,
             around,
             normals,
-            colours: gpu.roomy_array_of("colours", Texel::F32x4, &colours)?,
+            colours: gpu.array_of_with_headroom("colours", Texel::F32x4, &colours)?,
             colour: colour.clone(),
             shading,
-            clips: clips(gpu, &Inside::default(), geometry)?,
+            clips: clips(gpu, &Sections::default(), geometry)?,
             refresh,
             draws: HashMap::new(),
         })
@@ -154,7 +157,7 @@ impl Surface {
     /// # Errors
     /// [`Error::Input`] for numbers that make no sense, or a plane given at rest where `geometry`
     /// does not remember that.
-    pub fn set_inside(&mut self, inside: &Inside, geometry: &Geometry) -> Result<()> {
+    pub fn set_sections(&mut self, inside: &Sections, geometry: &Geometry) -> Result<()> {
         self.clips = clips(&self.gpu, inside, geometry)?;
         self.draws.clear();
         Ok(())
@@ -190,8 +193,8 @@ impl Surface {
         self.boundary = geometry.boundary.clone();
         self.corners = geometry.corners();
         self.nodes = nodes as u32;
-        if let Some(rests) = &mut self.clips.rests {
-            *rests = geometry.rests().unwrap_or(rests).clone();
+        if let Some(rests) = &mut self.clips.rest_positions {
+            *rests = geometry.rest_positions().unwrap_or(rests).clone();
             replaced = true;
         }
         if replaced {
@@ -227,7 +230,7 @@ impl Surface {
         target: &SurfaceTarget,
     ) -> Result<()> {
         let texture = target.colour.texture();
-        let window = Window::whole([texture.width(), texture.height()]);
+        let window = ImageRegion::full([texture.width(), texture.height()]);
         self.record_window(work, camera, target, window)
     }
 
@@ -236,7 +239,7 @@ impl Surface {
     /// # Errors
     /// As [`Surface::record`].
     pub fn image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<Image> {
-        self.image_of_samples(camera, size, SAMPLES)
+        self.image_of_samples(camera, size, SUPERSAMPLING)
     }
 
     /// As [`Surface::image`], drawn `samples` times larger each way and averaged.
@@ -259,14 +262,14 @@ impl Surface {
                 depth,
                 background: Some([0.0; 4]),
             };
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             self.record_window(&mut work, camera, &target, window)?;
             work.submit()
         })?;
         Ok(Image {
             size,
             channels: 4,
-            values: averaged(&pixels, size, samples),
+            values: downsampled(&pixels, size, samples),
         })
     }
 
@@ -275,13 +278,13 @@ impl Surface {
         work: &mut Recorder,
         camera: &Camera,
         target: &SurfaceTarget,
-        window: Window,
+        window: ImageRegion,
     ) -> Result<()> {
         camera.check()?;
         let view = View {
             nodes: self.nodes,
             corners: self.corners,
-            ..LocalView::new(camera, &self.frame, window).to_gpu()
+            ..CameraTransform::new(camera, &self.frame, window).to_gpu()
         };
         let format = target.colour.texture().format();
         if !self.draws.contains_key(&format) {
@@ -323,8 +326,8 @@ impl Surface {
         self.gpu
             .draw("render/surface")
             .constant("SMOOTH", f64::from(u8::from(smooth)))
-            .constant("CLIPS", clips)
-            .constant("RESTING", resting)
+            .constant("CLIP_PLANE_COUNT", clips)
+            .constant("USE_REST_POSITIONS", resting)
             .read(&self.positions)
             .read(&self.boundary)
             .read(&self.normals)
@@ -334,13 +337,13 @@ impl Surface {
             .read(self.clips.rests())
             .target(format, None)
             .depth(DEPTH, wgpu::CompareFunction::Greater, true)
-            .prepare()
+            .build()
     }
 }
 
-fn clips(gpu: &Gpu, inside: &Inside, geometry: &Geometry) -> Result<Clips> {
-    Clips::new(gpu, inside, geometry.frame, || {
-        geometry.rests().cloned().ok_or_else(|| {
+fn clips(gpu: &Gpu, inside: &Sections, geometry: &Geometry) -> Result<ClipPlanes> {
+    ClipPlanes::new(gpu, inside, geometry.frame, || {
+        geometry.rest_positions().cloned().ok_or_else(|| {
             Error::Input(
                 "the geometry does not know where it rests; call Geometry::remember_rest first"
                     .into(),
@@ -365,7 +368,7 @@ fn refresh_pass(
         .read(around)
         .write(normals)
         .params(&gpu_data::Normals { nodes })
-        .over(nodes)
+        .dispatch_items(nodes)
 }
 
 /// For each node where its boundary faces begin in the list of them, one entry more at the end;
@@ -395,7 +398,7 @@ fn colours(geometry: &Geometry, scalars: &[f64], colour: &SurfaceColour) -> Vec<
     match colour {
         SurfaceColour::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; scalars.len()],
         SurfaceColour::Field(transfer) => {
-            let resolved = transfer.resolved(geometry.range, geometry.frame.scale);
+            let resolved = transfer.to_absolute(geometry.range, geometry.frame.scale);
             let of = |s: &f64| {
                 let [r, g, b] = resolved.colour(*s).map(|c| c as f32);
                 [r, g, b, 1.0]
@@ -416,7 +419,7 @@ pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureVie
 }
 
 /// Averages the samples of each pixel of a picture of `size`, `samples` each way.
-pub(crate) fn averaged(fine: &[[f32; 4]], size: [u32; 2], samples: u32) -> Vec<f32> {
+pub(crate) fn downsampled(fine: &[[f32; 4]], size: [u32; 2], samples: u32) -> Vec<f32> {
     let (n, width) = (samples as usize, size[0] as usize);
     let pixel = |i: usize| {
         let (x, y) = (i % width * n, i / width * n);

@@ -1,6 +1,6 @@
 //! Pictures drawn in parts of bounded size, and put together.
 
-use super::view::Window;
+use super::view::ImageRegion;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 
@@ -15,7 +15,7 @@ const TILE: u32 = 1024;
 pub(crate) fn draw_in_tiles(
     gpu: &Gpu,
     size: [u32; 2],
-    mut draw: impl FnMut(&wgpu::TextureView, Window) -> Result<()>,
+    mut draw: impl FnMut(&wgpu::TextureView, ImageRegion) -> Result<()>,
 ) -> Result<Vec<[f32; 4]>> {
     check_size(size)?;
     let tile = size.map(|n| n.min(TILE));
@@ -37,13 +37,13 @@ pub(crate) fn draw_in_tiles(
     )?;
     for y in (0..size[1]).step_by(tile[1] as usize) {
         for x in (0..size[0]).step_by(tile[0] as usize) {
-            let window = Window {
+            let window = ImageRegion {
                 picture: size,
                 corner: [x, y],
                 size: tile,
             };
             draw(&view, window)?;
-            put_tile(&mut pixels, window, &gpu.read_texture(view.texture())?);
+            copy_tile(&mut pixels, window, &gpu.read_texture(view.texture())?);
         }
     }
     Ok(pixels)
@@ -51,7 +51,7 @@ pub(crate) fn draw_in_tiles(
 
 /// Puts the pixels of `window` into its picture, which grows with the rows of tiles: no memory is
 /// touched long before it is drawn. The last tiles of a row or column reach beyond the picture.
-pub(super) fn put_tile<T: Copy + Default>(picture: &mut Vec<T>, window: Window, tile: &[T]) {
+pub(super) fn copy_tile<T: Copy + Default>(picture: &mut Vec<T>, window: ImageRegion, tile: &[T]) {
     let [x, y] = window.corner;
     let [columns, rows] = window.picture.map(|n| n as usize);
     let below = (y + window.size[1]).min(window.picture[1]) as usize;

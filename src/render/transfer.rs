@@ -93,7 +93,7 @@ impl TransferFunction {
 
     /// In absolute terms, for a field whose values lie in `range` on a mesh of extent `size`
     /// (longest side of its bounds, in file units).
-    pub fn resolved(&self, range: (f64, f64), size: f64) -> ResolvedTransfer {
+    pub fn to_absolute(&self, range: (f64, f64), size: f64) -> ResolvedTransfer {
         let (mut colour, mut extinction) = (self.colour.clone(), self.extinction.clone());
         if self.relative {
             let scalar = |s: f64| range.0 + s * (range.1 - range.0);
@@ -106,14 +106,14 @@ impl TransferFunction {
     }
 
     /// The same colours with every extinction multiplied by `factor`.
-    pub fn denser(&self, factor: f64) -> TransferFunction {
+    pub fn scale_extinction(&self, factor: f64) -> TransferFunction {
         let mut denser = self.clone();
         denser.extinction.iter_mut().for_each(|n| n[1] *= factor);
         denser
     }
 
     /// The same extinction in one colour.
-    pub fn coloured(&self, [r, g, b]: [f64; 3]) -> TransferFunction {
+    pub fn with_colour(&self, [r, g, b]: [f64; 3]) -> TransferFunction {
         TransferFunction {
             colour: vec![[0.0, r, g, b]],
             ..self.clone()
@@ -122,7 +122,7 @@ impl TransferFunction {
 
     /// The same colours, all scalars of extinction `density` per unit of length of a mesh of extent
     /// `size` (longest side of its bounds).
-    pub fn as_dense(&self, density: f64, size: f64) -> TransferFunction {
+    pub fn with_constant_extinction(&self, density: f64, size: f64) -> TransferFunction {
         let unit = if self.relative { size } else { 1.0 };
         TransferFunction {
             extinction: vec![[0.0, density * unit]],
@@ -144,7 +144,7 @@ pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
 
 impl ResolvedTransfer {
     /// White, of one extinction.
-    pub(super) fn dense(extinction: f64) -> ResolvedTransfer {
+    pub(super) fn constant(extinction: f64) -> ResolvedTransfer {
         ResolvedTransfer {
             colour: vec![[0.0, 1.0, 1.0, 1.0]],
             extinction: vec![[0.0, extinction]],
@@ -188,7 +188,7 @@ impl ResolvedTransfer {
     }
 
     /// The scalars at which colour or extinction bend, sorted, each once.
-    pub fn nodes(&self) -> Vec<f64> {
+    pub fn breakpoints(&self) -> Vec<f64> {
         let mut nodes: Vec<f64> = self.colour.iter().map(|n| n[0]).collect();
         nodes.extend(self.extinction.iter().map(|n| n[0]));
         nodes.sort_by(f64::total_cmp);
@@ -254,7 +254,7 @@ mod tests {
             r#"{"colour": [[0, 1, 0, 0], [10, 0, 1, 0.5]], "extinction": [[4, 0], [6, 2], [8, 0]]}"#,
         )
         .unwrap()
-        .resolved((0.0, 1.0), 1.0);
+        .to_absolute((0.0, 1.0), 1.0);
         assert_eq!(tf.colour(5.0), [0.5, 0.5, 0.25]);
         assert_eq!(tf.colour(-1.0), [1.0, 0.0, 0.0]);
         assert_eq!(tf.colour(11.0), [0.0, 1.0, 0.5]);
@@ -262,7 +262,7 @@ mod tests {
             [5.0, 6.0, 7.5, 9.0].map(|s| tf.extinction(s)),
             [1.0, 2.0, 0.5, 0.0]
         );
-        assert_eq!(tf.nodes(), [0.0, 4.0, 6.0, 8.0, 10.0]);
+        assert_eq!(tf.breakpoints(), [0.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(tf.max_extinction(), 2.0);
     }
 
@@ -289,7 +289,7 @@ mod tests {
             vec![[0.5, 8.0]],
         )
         .unwrap();
-        let there = tf.resolved((100.0, 300.0), 4.0);
+        let there = tf.to_absolute((100.0, 300.0), 4.0);
         assert_eq!(there.colour(200.0), [0.5; 3]);
         assert_eq!(there.extinction(0.0), 2.0);
     }

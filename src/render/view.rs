@@ -6,7 +6,7 @@ use glam::{DMat4, DVec2, DVec4};
 
 /// The part of a picture that is drawn at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Window {
+pub(crate) struct ImageRegion {
     /// Size of the whole picture, in pixels.
     pub picture: [u32; 2],
     /// Its pixel that is the window's upper left one.
@@ -15,10 +15,10 @@ pub(crate) struct Window {
     pub size: [u32; 2],
 }
 
-impl Window {
+impl ImageRegion {
     /// The whole of a picture.
-    pub fn whole(size: [u32; 2]) -> Window {
-        Window {
+    pub fn full(size: [u32; 2]) -> ImageRegion {
+        ImageRegion {
             picture: size,
             corner: [0, 0],
             size,
@@ -43,9 +43,9 @@ pub(crate) mod gpu_data {
             pub opacity: f32,
             pub nodes: u32,
             pub corners: u32,
-            pub cap: u32,
+            pub max_steps: u32,
             pub layers: u32,
-            pub reach: f32,
+            pub table_max_depth: f32,
             pub pixel: [f32; 2],
             pub light: [f32; 4],
             pub xray: [f32; 4],
@@ -60,13 +60,13 @@ const NEAR: f64 = 1e-5;
 /// Rays pass this far beside the middle of their pixel, in pixels and at most in local units: a
 /// view along an axis of a regular mesh would else send many of them exactly through nodes and
 /// edges, where no sign test decides.
-const ASIDE: [f64; 2] = [0.61 / 256.0, 2.0e-6];
+const PIXEL_OFFSET: [f64; 2] = [0.61 / 256.0, 2.0e-6];
 /// What lies farther than this from the local origin along the view may be cut off, in local
 /// units; it bounds the depth range of far and of orthographic cameras.
-const REACH: f64 = 32.0;
+const FAR_DISTANCE: f64 = 32.0;
 
 /// What does not depend on the mesh, in f64.
-pub(crate) struct LocalView {
+pub(crate) struct CameraTransform {
     axes: [DVec4; 3],
     slope: DVec4,
     base: DVec4,
@@ -77,9 +77,9 @@ pub(crate) struct LocalView {
     pixel: DVec2,
 }
 
-impl LocalView {
+impl CameraTransform {
     /// The view of `camera` in `frame`, for the part `window` of its picture.
-    pub fn new(camera: &Camera, frame: &LocalFrame, window: Window) -> LocalView {
+    pub fn new(camera: &Camera, frame: &LocalFrame, window: ImageRegion) -> CameraTransform {
         let axes = camera.axes();
         // From the eye to the local origin, in local units.
         let away = (frame.origin - camera.eye) / frame.scale;
@@ -106,20 +106,20 @@ impl LocalView {
             Projection::Perspective { .. } => distance.abs().max(NEAR),
             Projection::Orthographic { .. } => 1.0,
         };
-        let aside = (ASIDE[0] * plane.x).min(ASIDE[1] / across);
+        let aside = (PIXEL_OFFSET[0] * plane.x).min(PIXEL_OFFSET[1] / across);
         let line = line + aside * DVec4::new(0.0, 0.0, 0.647, 1.0);
         let shrink = picture / size(window.size);
         let shift = (picture - 2.0 * corner) / size(window.size);
         let clip = (shrink / half).extend(shift.x - 1.0).extend(1.0 - shift.y);
         let (slope, base, depth, near) = match camera.projection {
-            Projection::Perspective { .. } if distance > 2.0 * REACH => {
+            Projection::Perspective { .. } if distance > 2.0 * FAR_DISTANCE => {
                 // Far away: a tight range about the mesh, from 1 at its near end to 0.
-                let near = distance - REACH;
-                let share = near / (2.0 * REACH);
+                let near = distance - FAR_DISTANCE;
+                let share = near / (2.0 * FAR_DISTANCE);
                 (
                     line,
                     line * distance,
-                    DVec4::new(-share, share * REACH, 1.0, distance),
+                    DVec4::new(-share, share * FAR_DISTANCE, 1.0, distance),
                     near,
                 )
             }
@@ -130,13 +130,13 @@ impl LocalView {
                 NEAR,
             ),
             Projection::Orthographic { .. } => {
-                let near = (distance - REACH).max(0.0);
-                let range = (distance + REACH).max(1.0) - near;
+                let near = (distance - FAR_DISTANCE).max(0.0);
+                let range = (distance + FAR_DISTANCE).max(1.0) - near;
                 let depth = DVec4::new(-1.0 / range, 1.0 - (distance - near) / range, 0.0, 1.0);
                 (DVec4::ZERO, line, depth, near)
             }
         };
-        LocalView {
+        CameraTransform {
             axes: [
                 axes.right.extend(away.dot(axes.right)),
                 axes.up.extend(away.dot(axes.up)),
@@ -198,7 +198,7 @@ mod tests {
             origin: DVec3::new(10.0, 20.0, -5.0),
             scale: 4.0,
         };
-        let window = Window {
+        let window = ImageRegion {
             picture: [300, 200],
             corner: [100, 40],
             size: [120, 90],
@@ -210,7 +210,7 @@ mod tests {
                 Camera::perspective(eye, frame.origin, DVec3::Y, 35.0 / far),
                 Camera::orthographic(eye, frame.origin, DVec3::Y, 5.0),
             ] {
-                let view = LocalView::new(&camera, &frame, window);
+                let view = CameraTransform::new(&camera, &frame, window);
                 let pixel = DVec2::new(130.5, 77.25);
                 let ray = camera.ray(pixel, window.picture);
                 let t = (frame.origin - ray.origin).dot(ray.direction) + 0.3;

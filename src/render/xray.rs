@@ -24,7 +24,7 @@ const COEFFICIENTS: [[f64; 3]; 8] = [
 /// g/cm³ of cortical bone.
 const BONE_DENSITY: f64 = 1.92;
 /// What scanners' CT numbers are made at, keV: the effective energy of 120 kV.
-const CT_ENERGY: f64 = 70.0;
+const CT_EFFECTIVE_ENERGY_KEV: f64 = 70.0;
 
 /// An X-ray source, and what the numbers of a picture's scalar stand for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +93,7 @@ impl Xray {
             bone / water - 1.0
         };
         let [water, _] = coefficients(self.energy);
-        [water, beyond(self.energy) / beyond(CT_ENERGY)]
+        [water, beyond(self.energy) / beyond(CT_EFFECTIVE_ENERGY_KEV)]
     }
 
     /// As `lib/xray.wgsl` reads it, scalars being shares of a range.
@@ -137,7 +137,7 @@ mod tests {
         assert_eq!(at(60.0).attenuation(-3000.0), 0.0);
         approx::assert_relative_eq!(at(60.0).attenuation(-500.0), 0.10295, max_relative = 1e-12);
         // Cortical bone has this number at 70 keV, and attenuates as itself at every energy.
-        let [water, bone] = coefficients(CT_ENERGY);
+        let [water, bone] = coefficients(CT_EFFECTIVE_ENERGY_KEV);
         let number = 1000.0 * (bone / water - 1.0);
         assert!((1000.0..2000.0).contains(&number), "{number}");
         for [energy, _, of_bone] in COEFFICIENTS {

@@ -1,43 +1,47 @@
 //! Pressures, moves and muscles of a scene, as time goes on.
 
-use super::path::{Way, acceleration, value_at};
+use super::path::{RigidTrajectory, second_difference, value_at};
 use super::region::{self, LabelOrName};
-use super::tool::Guided;
-use super::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene};
+use super::tool::ToolTrajectory;
+use super::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene, TimeSeries};
 use crate::mesh::{BoundaryFace, Location, TetMesh, Topology};
-use crate::physics::{Acting, LedId, LevelId, Muscle, Simulator, SolverKind};
+use crate::physics::{AmplitudeId, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// The cosine between a face's normal and the direction that it faces, at least.
-const FACING: f64 = std::f64::consts::FRAC_1_SQRT_2;
+const MIN_FACING_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// What of a scene acts on its body as time goes on.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Actors {
-    pub movers: Vec<Mover>,
-    pub tools: Vec<Guided>,
-    levels: Vec<(LevelId, Course)>,
+pub(super) struct TimeDependentLoads {
+    pub movers: Vec<ScheduledMotion>,
+    pub tools: Vec<ToolTrajectory>,
+    levels: Vec<(AmplitudeId, TimeSeries)>,
 }
 
 /// Nodes that move along a path.
 #[derive(Clone, Debug)]
-pub(super) struct Mover {
+pub(super) struct ScheduledMotion {
     /// In files of reactions.
     pub name: String,
     pub nodes: Vec<u32>,
-    id: LedId,
+    id: PrescribedMotionId,
     rest: Vec<DVec3>,
-    way: Way,
+    way: RigidTrajectory,
     about: DVec3,
 }
 
-impl Actors {
+impl TimeDependentLoads {
     /// Puts what `scene` has of them on its body, and notes what a user should know of them.
-    pub fn new(scene: &Scene, body: &mut dyn Simulator, notes: &mut Vec<String>) -> Result<Actors> {
-        let mut actors = Actors::default();
+    pub fn new(
+        scene: &Scene,
+        body: &mut dyn Simulator,
+        notes: &mut Vec<String>,
+    ) -> Result<TimeDependentLoads> {
+        let mut actors = TimeDependentLoads::default();
         for (i, entry) in scene.tool.iter().enumerate() {
-            let (guided, note) = entry.guided(i, body)?;
+            let (guided, note) = entry.add_to(i, body)?;
             actors.tools.push(guided);
             notes.extend(note);
         }
@@ -49,56 +53,58 @@ impl Actors {
             entry.pascal.check("pressure")?;
             actors
                 .levels
-                .push((body.add_acting(acting)?, entry.pascal.clone()));
+                .push((body.add_scaled_load(acting)?, entry.pascal.clone()));
         }
         for entry in &scene.muscle {
             let acting = entry.acting(body.mesh())?;
             entry.activation.check("activation")?;
-            let id = body.add_acting(acting)?;
+            let id = body.add_scaled_load(acting)?;
             actors.levels.push((id, entry.activation.clone()));
         }
         // All of its levels, so that one that makes no sense is known before the first step.
         for (id, course) in &actors.levels {
             let keys: Vec<f64> = match course {
-                Course::Steady(value) => vec![*value],
-                Course::Keys(keys) => keys.iter().map(|key| key[1]).collect(),
+                TimeSeries::Steady(value) => vec![*value],
+                TimeSeries::Keys(keys) => keys.iter().map(|key| key[1]).collect(),
             };
             keys.iter()
-                .try_for_each(|value| body.set_level(*id, *value))?;
+                .try_for_each(|value| body.set_amplitude(*id, *value))?;
         }
-        actors.act(body, 0.0, 0.0)?;
+        actors.apply(body, 0.0, 0.0)?;
         Ok(actors)
     }
 
     /// Whether anything changes as time goes on.
-    pub fn change(&self) -> bool {
-        let keyed = |(_, course): &(LevelId, Course)| matches!(course, Course::Keys(_));
-        let tools = self.tools.iter().any(Guided::moves);
+    pub fn is_time_dependent(&self) -> bool {
+        let keyed = |(_, course): &(AmplitudeId, TimeSeries)| matches!(course, TimeSeries::Keys(_));
+        let tools = self.tools.iter().any(ToolTrajectory::moves);
         tools || !self.movers.is_empty() || self.levels.iter().any(keyed)
     }
 
     /// Puts tools where they are at first.
     pub fn restart(&self, body: &mut dyn Simulator) -> Result<()> {
         let mut tools = self.tools.iter();
-        tools.try_for_each(|tool| body.loads_mut().put_tool(tool.id, tool.pose(0.0)))
+        tools.try_for_each(|tool| body.loads_mut().teleport_tool(tool.id, tool.pose(0.0)))
     }
 
     /// Sets all for the step of `dt` seconds, or for none, that begins at `time`.
-    pub fn act(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
+    pub fn apply(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
         for mover in &self.movers {
-            let now = mover.places(time);
+            let now = mover.positions_at(time);
             let velocities: Vec<DVec3> = match dt > 0.0 {
                 false => vec![DVec3::ZERO; now.len()],
                 true => {
-                    let then = mover.places(time + dt);
+                    let then = mover.positions_at(time + dt);
                     then.iter().zip(&now).map(|(b, a)| (*b - *a) / dt).collect()
                 }
             };
-            body.loads_mut().set_led(mover.id, &now, &velocities)?;
+            body.loads_mut()
+                .set_prescribed_motion(mover.id, &now, &velocities)?;
         }
         // Others are where who leads them by hand has them.
         for tool in self.tools.iter().filter(|tool| tool.moves()) {
-            body.loads_mut().guide_tool(tool.id, tool.pose(time + dt))?;
+            body.loads_mut()
+                .set_tool_target(tool.id, tool.pose(time + dt))?;
         }
         // Where in the step its forces are taken.
         let kind = body.integrator();
@@ -108,15 +114,15 @@ impl Actors {
             _ => time,
         };
         for (id, course) in &self.levels {
-            body.set_level(*id, course.at(at))?;
+            body.set_amplitude(*id, course.at(at))?;
         }
         Ok(())
     }
 }
 
-impl Course {
+impl TimeSeries {
     pub(super) fn check(&self, what: &str) -> Result<()> {
-        let Course::Keys(keys) = self else {
+        let TimeSeries::Keys(keys) = self else {
             return Ok(());
         };
         let ordered = keys.windows(2).all(|w| w[0][0] < w[1][0]);
@@ -130,14 +136,14 @@ impl Course {
 
     fn at(&self, time: f64) -> f64 {
         match self {
-            Course::Steady(value) => *value,
-            Course::Keys(keys) => value_at(keys, time),
+            TimeSeries::Steady(value) => *value,
+            TimeSeries::Keys(keys) => value_at(keys, time),
         }
     }
 }
 
 impl PressureEntry {
-    fn acting(&self, body: &dyn Simulator) -> Result<Acting> {
+    fn acting(&self, body: &dyn Simulator) -> Result<ScaledLoad> {
         let (mesh, topology) = (body.mesh(), body.topology());
         let mut inside = vec![self.on.is_none(); mesh.nodes.len()];
         if let Some(on) = &self.on {
@@ -155,7 +161,7 @@ impl PressureEntry {
             let [a, b, c] = face.map(|v| mesh.nodes[v as usize]);
             let normal = (b - a).cross(c - a).normalize_or_zero();
             face.iter().all(|v| inside[*v as usize])
-                && facing.is_none_or(|way| normal.dot(way.normalize()) >= FACING)
+                && facing.is_none_or(|way| normal.dot(way.normalize()) >= MIN_FACING_COSINE)
         };
         let mut faces = match &self.between {
             Some(between) => faces_between(mesh, topology, between)?,
@@ -174,7 +180,7 @@ impl PressureEntry {
                     .map_or("there".into(), |on| format!("in {on}"))
             )));
         }
-        Ok(Acting::Pressure(faces))
+        Ok(ScaledLoad::Pressure(faces))
     }
 }
 
@@ -203,9 +209,9 @@ fn faces_between(
 }
 
 impl MoveEntry {
-    fn mover(&self, number: usize, body: &mut dyn Simulator) -> Result<Mover> {
+    fn mover(&self, number: usize, body: &mut dyn Simulator) -> Result<ScheduledMotion> {
         let nodes = self.on.nodes(body.mesh())?;
-        let way = Way::new(
+        let way = RigidTrajectory::new(
             "move",
             (self.path.as_deref(), self.file.as_deref()),
             (self.turn.as_deref(), self.axis),
@@ -213,9 +219,9 @@ impl MoveEntry {
         let mesh = &body.mesh().nodes;
         let rest: Vec<DVec3> = nodes.iter().map(|v| mesh[*v as usize]).collect();
         let middle = rest.iter().sum::<DVec3>() / rest.len() as f64;
-        let id = body.lead(&nodes)?;
+        let id = body.add_prescribed_motion(&nodes)?;
         let name = self.name.clone();
-        Ok(Mover {
+        Ok(ScheduledMotion {
             name: name.unwrap_or_else(|| format!("move{}", number + 1)),
             nodes,
             id,
@@ -226,9 +232,9 @@ impl MoveEntry {
     }
 }
 
-impl Mover {
+impl ScheduledMotion {
     /// Where its nodes are at `time`.
-    pub fn places(&self, time: f64) -> Vec<DVec3> {
+    pub fn positions_at(&self, time: f64) -> Vec<DVec3> {
         self.rest
             .iter()
             .map(|rest| self.place(*rest, time))
@@ -244,11 +250,11 @@ impl Mover {
     /// units a second².
     pub fn accelerations(&self, time: f64, dt: f64) -> impl Iterator<Item = (u32, DVec3)> {
         let nodes = self.nodes.iter().zip(&self.rest);
-        nodes.map(move |(v, rest)| (*v, acceleration(|t| self.place(*rest, t), time, dt)))
+        nodes.map(move |(v, rest)| (*v, second_difference(|t| self.place(*rest, t), time, dt)))
     }
 
     /// Follows a cut: doubles move as the nodes they come from.
-    pub fn follow(&mut self, doubled: &[[u32; 2]]) {
+    pub fn apply_cut(&mut self, doubled: &[[u32; 2]]) {
         for [new, old] in doubled {
             if let Some(k) = self.nodes.iter().position(|v| v == old) {
                 self.nodes.push(*new);
@@ -259,7 +265,7 @@ impl Mover {
 }
 
 impl MuscleEntry {
-    fn acting(&self, mesh: &TetMesh) -> Result<Acting> {
+    fn acting(&self, mesh: &TetMesh) -> Result<ScaledLoad> {
         let tets = self.tets(mesh)?;
         let of_field = |name: &str| -> Result<Vec<DVec3>> {
             let field = mesh
@@ -287,7 +293,7 @@ impl MuscleEntry {
                 false => Ok((*t as u32, unit)),
             }
         });
-        Ok(Acting::Muscle(Muscle {
+        Ok(ScaledLoad::Muscle(Muscle {
             fibres: fibres.collect::<Result<_>>()?,
             tension: self.tension,
         }))

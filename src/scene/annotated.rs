@@ -8,12 +8,12 @@ use crate::annotate::{Annotations, BarColours, ColourBar, FrameTime, Legend, Sca
 use crate::mesh::{DEPTH, TetMesh, Topology};
 use crate::physics::BodyField;
 #[cfg(not(target_arch = "wasm32"))]
-use crate::render::Film;
+use crate::render::Animation;
 use crate::render::{Background, BitDepth, Camera, Image, Mode, TransferFunction};
 use std::path::Path;
 
 /// The strip of a legend is as opaque as this share of the body's extent.
-const WAY: f64 = 0.1;
+const STRIP_DEPTH: f64 = 0.1;
 /// Names of units, and metres in one.
 const UNITS: [(&str, f64); 5] = [
     ("m", 1.0),
@@ -24,7 +24,7 @@ const UNITS: [(&str, f64); 5] = [
 ];
 
 /// What does not change from picture to picture.
-pub(super) struct Surroundings {
+pub(super) struct AnnotationContext {
     transfer: TransferFunction,
     /// What shows each region, where regions are seen; none for one that is hidden.
     of_regions: Vec<Option<TransferFunction>>,
@@ -36,13 +36,13 @@ pub(super) struct Surroundings {
     time: Option<FrameTime>,
 }
 
-impl Surroundings {
+impl AnnotationContext {
     /// Those of `scene`, whose pictures show `seen` of `mesh`; and what is to be said of them.
     pub fn new(
         scene: &Scene,
         (mesh, topology): (&TetMesh, &Topology),
         seen: &ScalarField,
-    ) -> Result<(Surroundings, Vec<String>)> {
+    ) -> Result<(AnnotationContext, Vec<String>)> {
         let picture = &scene.picture;
         let mode = scene.display_mode()?;
         let with_planes = scene.plane.len() + scene.isosurface.len() > 0;
@@ -80,10 +80,10 @@ impl Surroundings {
                 return Some(transfer.clone());
             };
             let tet = cells.iter().position(|cell| *cell == scalar)?;
-            let row = (*looks.of_tets.get(tet)?)?;
+            let row = (*looks.tet_regions.get(tet)?)?;
             looks.transfers.get(row as usize).cloned()
         };
-        let surroundings = Surroundings {
+        let surroundings = AnnotationContext {
             of_regions: seen.regions.iter().map(|(_, s)| of_region(*s)).collect(),
             transfer,
             length_unit: unit.or(mesh.length_unit),
@@ -122,7 +122,7 @@ impl Stage {
     }
 
     /// Has pictures tell this time in place of the simulator's: of a recorded series, say.
-    pub fn tell_time(&mut self, time: FrameTime) {
+    pub fn set_displayed_time(&mut self, time: FrameTime) {
         self.surroundings.time = Some(time);
     }
 
@@ -140,7 +140,10 @@ impl Stage {
     fn legend(&self) -> Legend {
         let seen = &self.scalars;
         let frame = self.raycaster.geometry().frame();
-        let transfer = self.surroundings.transfer.resolved(seen.range, frame.scale);
+        let transfer = self
+            .surroundings
+            .transfer
+            .to_absolute(seen.range, frame.scale);
         if !seen.regions.is_empty() {
             return Legend::Regions {
                 name: seen.name.clone(),
@@ -150,7 +153,7 @@ impl Stage {
         let colours = match self.mode {
             DisplayMode::Inside(Mode::Composite) => BarColours::Transfer {
                 transfer,
-                way: Some(WAY * frame.scale),
+                way: Some(STRIP_DEPTH * frame.scale),
             },
             DisplayMode::Inside(_) => BarColours::Grey,
             DisplayMode::Surface | DisplayMode::Skin => BarColours::Transfer {
@@ -158,7 +161,7 @@ impl Stage {
                 way: None,
             },
         };
-        let computed = self.shown.as_ref().map(|shown| shown.field);
+        let computed = self.computed_field.as_ref().map(|shown| shown.field);
         let unit = match computed {
             Some(BodyField::Displacement) => self.surroundings.unit(),
             Some(field) => field.unit().to_owned(),
@@ -187,7 +190,7 @@ impl Stage {
             .iter()
             .zip(&self.surroundings.of_regions);
         let swatches = looks.filter_map(|((name, scalar), look)| {
-            let transfer = look.as_ref()?.resolved(range, size);
+            let transfer = look.as_ref()?.to_absolute(range, size);
             let seen = !through || transfer.extinction(*scalar) > 0.0;
             seen.then(|| Swatch {
                 name: name.clone(),
@@ -205,7 +208,7 @@ impl Stage {
     ///
     /// # Errors
     /// As [`Stage::image`].
-    pub fn annotated_image(&mut self) -> Result<Image> {
+    pub fn render_annotated(&mut self) -> Result<Image> {
         let image = self.image()?;
         let mut annotations = self.annotations();
         if self.mode == DisplayMode::Inside(Mode::Xray) {
@@ -226,7 +229,7 @@ impl Stage {
         if annotations.is_empty() {
             return Ok(image);
         }
-        let (mut image, longest) = image.in_colour();
+        let (mut image, longest) = image.to_rgba();
         if let (Some(longest), Some(_)) = (longest, &annotations.legend) {
             annotations.legend = Some(Legend::Bar(ColourBar {
                 name: "thickness".into(),
@@ -248,7 +251,7 @@ impl Stage {
         let path = path.as_ref();
         let image = match is_exr(path) {
             true => self.image()?,
-            false => self.annotated_image()?,
+            false => self.render_annotated()?,
         };
         image.save_as(path, self.background, self.bits)
     }
@@ -259,10 +262,10 @@ impl Stage {
     /// # Errors
     /// As [`Stage::image`].
     pub fn rgba(&mut self) -> Result<Vec<u8>> {
-        Ok(self.annotated_image()?.rgba8(self.background))
+        Ok(self.render_annotated()?.rgba8(self.background))
     }
 
-    /// What saves a picture that [`Stage::ask_image`] asked for, as the stage is now.
+    /// What saves a picture that [`Stage::render_async`] asked for, as the stage is now.
     pub fn picture_writer(&self) -> PictureWriter {
         PictureWriter {
             annotations: self.annotations(),
@@ -276,10 +279,10 @@ impl Stage {
     /// background.
     ///
     /// # Errors
-    /// As [`Stage::image`] and [`Film::push`].
+    /// As [`Stage::image`] and [`Animation::push`].
     #[cfg(not(target_arch = "wasm32"))]
-    pub fn film(&mut self, film: &mut Film) -> Result<()> {
-        let image = self.annotated_image()?;
+    pub fn film(&mut self, film: &mut Animation) -> Result<()> {
+        let image = self.render_annotated()?;
         film.push(&image, self.background)
     }
 

@@ -1,28 +1,28 @@
 //! A scene's grabs, as time goes on.
 
 use super::GrabEntry;
-use super::path::{acceleration, along, check};
-use crate::physics::{GrabId, Grip, Simulator};
+use super::path::{check, position_at, second_difference};
+use crate::physics::{GrabId, GrabMode, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// A grab of a scene: waiting, holding, or done.
 #[derive(Debug)]
-pub(super) struct Attachment {
+pub(super) struct ActiveGrab {
     entry: GrabEntry,
     pub(super) grab: Option<GrabId>,
     pub(super) done: bool,
 }
 
-impl Attachment {
-    pub fn new(entry: &GrabEntry) -> Result<Attachment> {
+impl ActiveGrab {
+    pub fn new(entry: &GrabEntry) -> Result<ActiveGrab> {
         check(&entry.path, 1, "grab")?;
         if entry.limit.is_some() && entry.spring.is_none() {
             return Err(Error::Input(
                 "a grab has a `limit` of force without a `spring`; nodes that follow exactly have none".into(),
             ));
         }
-        Ok(Attachment {
+        Ok(ActiveGrab {
             entry: entry.clone(),
             grab: None,
             done: false,
@@ -37,11 +37,11 @@ impl Attachment {
     /// The acceleration of its target over the step of length `dt` that ended at `time`, file units
     /// a second².
     pub fn acceleration(&self, time: f64, dt: f64) -> DVec3 {
-        acceleration(|time| along(&self.entry.path, time), time, dt)
+        second_difference(|time| position_at(&self.entry.path, time), time, dt)
     }
 
     /// Lets go of what it holds.
-    pub fn let_go(&mut self, body: &mut dyn Simulator) -> Result<()> {
+    pub fn release(&mut self, body: &mut dyn Simulator) -> Result<()> {
         if let Some(grab) = self.grab.take() {
             body.release(grab)?;
         }
@@ -49,7 +49,7 @@ impl Attachment {
     }
 
     /// Takes hold, moves or lets go, as the path has it at `time`.
-    pub fn act(&mut self, body: &mut dyn Simulator, time: f64) -> Result<()> {
+    pub fn update(&mut self, body: &mut dyn Simulator, time: f64) -> Result<()> {
         let begins = self.entry.path[0][0];
         if self.done || time < begins {
             return Ok(());
@@ -66,8 +66,8 @@ impl Attachment {
             Some(grab) => grab,
             None => {
                 let grip = match self.entry.spring {
-                    None => Grip::Follow,
-                    Some(stiffness) => Grip::Spring {
+                    None => GrabMode::Follow,
+                    Some(stiffness) => GrabMode::Spring {
                         stiffness,
                         limit: self.entry.limit.unwrap_or(f64::INFINITY),
                     },
@@ -77,6 +77,6 @@ impl Attachment {
                 grab
             }
         };
-        body.set_target(grab, at + along(&self.entry.path, time))
+        body.set_target(grab, at + position_at(&self.entry.path, time))
     }
 }

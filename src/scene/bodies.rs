@@ -1,13 +1,13 @@
 //! From a scene's `[[body]]` entries to several bodies that move as one.
 
-use super::acting::Actors;
-use super::reactions::PinSet;
-use super::simulator::Setup;
+use super::acting::TimeDependentLoads;
+use super::reactions::NamedPins;
+use super::simulator::SimulatorSetup;
 use super::{BodyEntry, MeshSource, Scene, SolverEntry};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridShape;
-use crate::physics::{Bodies, Member, SolverKind};
+use crate::physics::{Member, MultiBody, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -48,7 +48,7 @@ impl Scene {
                 "the scene has [[body]] entries, so [[pin]] and [[force]] belong to one of them: write [[body.pin]] and [[body.force]]".into(),
             ));
         }
-        if let Some(entry) = self.of_tets() {
+        if let Some(entry) = self.tets_only_entry() {
             return Err(Error::Input(format!(
                 "{entry} acts on a scene of one body, and the scene has [[body]] entries; leave it out, or make a scene of that body"
             )));
@@ -147,16 +147,16 @@ impl Scene {
 }
 
 /// The meshes of `sources` as one that nothing moves, and what was noted of them.
-pub(super) fn posed(sources: Vec<BodySource>) -> Result<(TetMesh, Vec<String>)> {
+pub(super) fn merge_static(sources: Vec<BodySource>) -> Result<(TetMesh, Vec<String>)> {
     let parts: Vec<_> = sources.iter().map(|s| (s.name.clone(), &s.mesh)).collect();
-    let mesh = TetMesh::merged(&parts)?;
+    let mesh = TetMesh::merge_meshes(&parts)?;
     let notes = sources.into_iter();
     let notes = notes.flat_map(|s| s.notes.into_iter().map(move |n| format!("{}: {n}", s.name)));
     Ok((mesh, notes.collect()))
 }
 
 /// Whether any of `sources` has a solver.
-pub(super) fn any_moves(sources: &[BodySource]) -> bool {
+pub(super) fn any_dynamic(sources: &[BodySource]) -> bool {
     sources.iter().any(|s| s.scene.solver.name.is_some())
 }
 
@@ -165,7 +165,7 @@ pub(super) fn setup(
     gpu: &Gpu,
     scene: &Scene,
     sources: Vec<BodySource>,
-) -> Result<(Setup, Vec<String>)> {
+) -> Result<(SimulatorSetup, Vec<String>)> {
     let (mut members, mut notes) = (Vec::new(), Vec::new());
     let (mut reach, mut moves, mut grids) = (Vec::new(), false, 0);
     let (mut pins, mut first) = (Vec::new(), 0);
@@ -178,19 +178,19 @@ pub(super) fn setup(
                 "body \"{name}\" has no solver while others have one; [solver] name = \"implicit\" gives all of them one"
             ))
         })?;
-        let own = Setup::new(gpu, &source.scene, kind, source.mesh, source.shape);
+        let own = SimulatorSetup::new(gpu, &source.scene, kind, source.mesh, source.shape);
         let (own, said) = own.map_err(|e| of_body(&name, e))?;
         let said = source.notes.into_iter().chain(said);
         notes.extend(said.map(|note| format!("{name}: {note}")));
         grids += usize::from(own.grid);
-        match own.reach {
+        match own.motion_envelope {
             Some(points) => {
                 moves = true;
                 reach.extend(points);
             }
             None => reach.extend(&own.simulator.mesh().nodes),
         }
-        pins.extend(own.pins.into_iter().map(|pin| PinSet {
+        pins.extend(own.pins.into_iter().map(|pin| NamedPins {
             name: format!("{name}/{}", pin.name),
             nodes: pin.nodes.iter().map(|v| v + first).collect(),
         }));
@@ -204,7 +204,7 @@ pub(super) fn setup(
     let longest = members.iter().map(|m| m.step).fold(0.0, f64::max);
     let dt = scene.solver.dt.unwrap_or(longest);
     let grid = grids == members.len();
-    let bodies = Bodies::new(gpu, members)?;
+    let bodies = MultiBody::new(gpu, members)?;
     for member in bodies.member_reports(dt) {
         if member.steps > 1 {
             notes.push(format!(
@@ -213,14 +213,14 @@ pub(super) fn setup(
             ));
         }
     }
-    let setup = Setup {
+    let setup = SimulatorSetup {
         simulator: Box::new(bodies),
         dt,
         cage: None,
         grid,
-        reach: moves.then_some(reach),
+        motion_envelope: moves.then_some(reach),
         pins,
-        actors: Actors::default(),
+        actors: TimeDependentLoads::default(),
     };
     Ok((setup, notes))
 }

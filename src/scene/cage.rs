@@ -1,12 +1,12 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
-use super::acting::Actors;
-use super::simulator::{Chosen, Setup, damping_to_bear, step_of};
-use crate::cage::{Cage, CageKind, Carried};
+use super::acting::TimeDependentLoads;
+use super::simulator::{ChosenSupport, SimulatorSetup, choose_step, stable_damping};
+use crate::cage::{Cage, CageKind, EmbeddedSimulator};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Material, MaterialModel, Simulator, SolverKind, SpringNetwork};
+use crate::physics::{DiscreteModel, Material, MaterialModel, Simulator, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -54,7 +54,7 @@ impl Scene {
         mesh: TetMesh,
         material: &Material,
         notes: &mut Vec<String>,
-    ) -> Result<Setup> {
+    ) -> Result<SimulatorSetup> {
         let form = entry.kind.unwrap_or_default();
         if form == CageKind::Grid && kind != SolverKind::Verlet {
             return Err(Error::Input(format!(
@@ -83,48 +83,50 @@ impl Scene {
                 material.model
             )));
         }
-        let fine = SpringNetwork::new(&mesh, material)?;
+        let fine = DiscreteModel::new(&mesh, material)?;
         let mut cage = Cage::new(&mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
         let (held, end) = self.held(&mesh, &fine)?;
         let mut own = Vec::new();
         for nodes in &held {
-            own.extend(cage.nodes_for(nodes));
+            own.extend(cage.coarse_nodes_for(nodes));
         }
         let fine_pinned = flags(&held.concat(), mesh.nodes.len());
         let pinned = flags(&own, cage.mesh.nodes.len());
         let forces = self.forces(&mesh, &fine.masses)?;
         // The step of an explicit scheme is not known yet; the load is one for implicit ones then.
-        let dt = step_of(self.solver.dt, None, notes);
+        let dt = choose_step(self.solver.dt, None, notes);
         let implicit = SolverKind::Implicit;
         let fine_held = Some((&fine, fine_pinned.as_slice()));
-        let pull = self.pull(implicit, fine_held, end, forces.as_deref(), dt, notes);
+        let pull = self.default_load(implicit, fine_held, end, forces.as_deref(), dt, notes);
         let gravity = pull.gravity;
         let load = forces.as_ref().map(|forces| -> Vec<DVec3> {
             let both = forces.iter().zip(&fine.masses);
             both.map(|(f, m)| *f + *m * gravity).collect()
         });
-        cage.fit(&fine, &fine_pinned, &pinned, load.as_deref())?;
+        cage.fit_stiffness(&fine, &fine_pinned, &pinned, load.as_deref())?;
         let report = cage.report();
         notes.push(format!(
             "a {form} of {} nodes of {} carries the {} of the mesh; it is {:.3} times as stiff as what its cells hold, so that it gives as the mesh does",
             report.nodes,
             material.model,
             mesh.nodes.len(),
-            report.fitted
+            report.stiffness_scale
         ));
-        let forces = forces.map(|f| cage.transfer().gather(&f)).transpose()?;
+        let forces = forces
+            .map(|f| cage.transfer().apply_transpose(&f))
+            .transpose()?;
         let grid = cage.grid.is_some();
         let mut inner: Box<dyn Simulator> = match cage.grid.take() {
             Some(mut model) => {
                 model.damping = entry.damping.unwrap_or(model.damping);
                 let engine = self.solver.engine.unwrap_or_default();
-                engine.grid(gpu, cage.mesh.clone(), model)?
+                engine.build_grid(gpu, cage.mesh.clone(), model)?
             }
             None => {
                 let mut network = cage.network.clone();
                 if !self.material.says_damping() && !kind.is_implicit() {
                     network.damping_time = 0.0;
-                    if let Some((damping, said)) = damping_to_bear(&network, kind) {
+                    if let Some((damping, said)) = stable_damping(&network, kind) {
                         network.damping_time = damping;
                         notes.push(said);
                     }
@@ -144,17 +146,17 @@ impl Scene {
                     Some(_) => None,
                     None => inner.largest_stable_step(),
                 };
-                step_of(self.solver.dt, limit, notes)
+                choose_step(self.solver.dt, limit, notes)
             }
         };
-        Ok(Setup {
-            simulator: Box::new(Carried::new(gpu, mesh, cage, inner)?),
+        Ok(SimulatorSetup {
+            simulator: Box::new(EmbeddedSimulator::new(gpu, mesh, cage, inner)?),
             dt,
             cage: Some(report),
             grid,
-            reach: pull.reach,
+            motion_envelope: pull.reach,
             pins: Vec::new(),
-            actors: Actors::default(),
+            actors: TimeDependentLoads::default(),
         })
     }
 
@@ -163,8 +165,8 @@ impl Scene {
     fn held(
         &self,
         mesh: &TetMesh,
-        fine: &SpringNetwork,
-    ) -> Result<(Vec<Vec<u32>>, Option<Chosen>)> {
+        fine: &DiscreteModel,
+    ) -> Result<(Vec<Vec<u32>>, Option<ChosenSupport>)> {
         if !self.pin.is_empty() {
             let held = self.pin.iter().map(|region| region.nodes(mesh));
             return Ok((held.collect::<Result<_>>()?, None));

@@ -2,13 +2,13 @@
 //! rigid regions of the body's mesh, which feel it by contact of the body with itself. What is no
 //! sphere, capsule or box is meshed.
 
-use super::tool::look;
+use super::tool::apply_appearance;
 use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::mesher::tets_in;
+use crate::mesher::mesh_file;
 use crate::physics::{Shape, Tool, ToolPose};
-use crate::skin::{Carrier, Mapping, Skin};
+use crate::skin::{Mapping, Skin, SkinBase};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -17,52 +17,52 @@ use std::collections::BTreeMap;
 const DENSITY: f64 = 1000.0;
 
 /// How often the faces of an icosahedron are quartered to make a ball.
-const QUARTERED: usize = 2;
+const ICOSPHERE_SUBDIVISIONS: usize = 2;
 
 /// The size of the core by which a spring holds a tool, over the ball that fits into it.
-const CORE: f64 = 0.5;
+const CORE_RATIO: f64 = 0.5;
 
 /// A closed surface is filled with about so many tets.
 const TETS: usize = 3000;
 
 /// A spring holds a tool of any other shape by so many nodes nearest to its centre of mass.
-const HELD: usize = 12;
+const SPRING_NODES: usize = 12;
 
 /// A tool as nodes and tets in its own frame, and the ball of nodes by which a spring holds it.
-struct Solid {
+struct DynamicToolMesh {
     nodes: Vec<DVec3>,
     tets: Vec<[u32; 4]>,
     middle: DVec3,
     reach: f64,
 }
 
-impl Solid {
-    fn of(entry: &ToolEntry, shape: &Shape, name: &str) -> Result<Solid> {
+impl DynamicToolMesh {
+    fn of(entry: &ToolEntry, shape: &Shape, name: &str) -> Result<DynamicToolMesh> {
         let convex = match (shape, &entry.surface) {
-            (Shape::Field(_), Some(file)) => {
-                let mesh = tets_in(file, TETS)?;
-                return Ok(Solid::held(mesh.nodes, mesh.tets));
+            (Shape::Sdf(_), Some(file)) => {
+                let mesh = mesh_file(file, TETS)?;
+                return Ok(DynamicToolMesh::held(mesh.nodes, mesh.tets));
             }
             (Shape::Sphere { radius }, _) => Convex::round(*radius, 0.0),
             (Shape::Capsule { radius, length }, _) => Convex::round(*radius, *length),
             (Shape::Box { half }, _) => Convex::cuboid(*half),
-            (Shape::Plane | Shape::Field(_), _) => {
+            (Shape::Plane | Shape::Sdf(_), _) => {
                 return Err(Error::Input(format!(
                     "the [[tool]] {name} has a mass or a spring, which spheres, capsules, boxes and closed surfaces can have; leave both out"
                 )));
             }
         };
         let (nodes, tets) = convex.filled();
-        Ok(Solid {
+        Ok(DynamicToolMesh {
             nodes,
             tets,
             middle: DVec3::ZERO,
-            reach: 1.01 * CORE * convex.within,
+            reach: 1.01 * CORE_RATIO * convex.within,
         })
     }
 
     /// Tets that a spring holds about their centre of mass.
-    fn held(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> Solid {
+    fn held(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> DynamicToolMesh {
         let (mut all, mut first) = (0.0, DVec3::ZERO);
         for tet in &tets {
             let corners = tet.map(|v| nodes[v as usize]);
@@ -73,8 +73,8 @@ impl Solid {
         let middle = first / all;
         let mut far: Vec<f64> = nodes.iter().map(|p| p.distance(middle)).collect();
         far.sort_by(f64::total_cmp);
-        let last = far.iter().take(HELD).next_back();
-        Solid {
+        let last = far.iter().take(SPRING_NODES).next_back();
+        DynamicToolMesh {
             reach: 1.001 * last.copied().unwrap_or(0.0),
             nodes,
             tets,
@@ -104,7 +104,7 @@ impl Convex {
     /// A ball that is drawn out by `length` along z.
     fn round(radius: f64, length: f64) -> Convex {
         let (mut vertices, mut triangles) = icosahedron();
-        for _ in 0..QUARTERED {
+        for _ in 0..ICOSPHERE_SUBDIVISIONS {
             triangles = quartered(&mut vertices, &triangles);
         }
         for p in &mut vertices {
@@ -143,7 +143,7 @@ impl Convex {
     fn filled(&self) -> (Vec<DVec3>, Vec<[u32; 4]>) {
         let count = self.vertices.len() as u32;
         let reach = self.vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
-        let shrunk = CORE * self.within / reach;
+        let shrunk = CORE_RATIO * self.within / reach;
         let mut nodes = self.vertices.clone();
         nodes.extend(self.vertices.iter().map(|p| shrunk * *p));
         nodes.push(DVec3::ZERO);
@@ -169,20 +169,20 @@ impl Convex {
 
 impl ToolEntry {
     /// Whether it is carried, and not led.
-    pub(super) fn is_carried(&self) -> bool {
+    pub(super) fn is_dynamic(&self) -> bool {
         self.mass.is_some() || self.spring.is_some()
     }
 
     /// Its surface as a skin of the body that `carrier` is, of which it is a region.
-    pub(super) fn carried_skin(&self, gpu: &Gpu, carrier: &Carrier) -> Result<Skin> {
-        let (at, turn) = self.stand()?;
+    pub(super) fn dynamic_tool_skin(&self, gpu: &Gpu, carrier: &SkinBase) -> Result<Skin> {
+        let (at, turn) = self.initial_pose()?;
         let mut surface = self.surface(0.0)?;
         surface
             .vertices
             .iter_mut()
             .for_each(|p| *p = at + turn * *p);
         let mut skin = Skin::new(gpu, &surface, carrier, Mapping::default())?;
-        look(self, &mut skin)?;
+        apply_appearance(self, &mut skin)?;
         Ok(skin)
     }
 
@@ -217,14 +217,14 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] for such tools that make no sense.
-    pub fn with_carried_tools(&self, mut mesh: TetMesh) -> Result<(Scene, TetMesh)> {
+    pub fn with_dynamic_tools(&self, mut mesh: TetMesh) -> Result<(Scene, TetMesh)> {
         let mut scene = self.clone();
         for (number, entry) in scene.tool.iter_mut().enumerate() {
             let name = || format!("tool{}", number + 1);
             entry.name.get_or_insert_with(name);
         }
         let all = std::mem::take(&mut scene.tool);
-        let (carried, led): (Vec<_>, Vec<_>) = all.into_iter().partition(ToolEntry::is_carried);
+        let (carried, led): (Vec<_>, Vec<_>) = all.into_iter().partition(ToolEntry::is_dynamic);
         scene.tool = led;
         if carried.is_empty() {
             return Ok((self.clone(), mesh));
@@ -234,7 +234,11 @@ impl Scene {
                 "a [[tool]] with a mass or a spring presses on one body of tets, not on [[body]], [grid] or [cage]; give it a path instead".into(),
             ));
         }
-        if self.pin.is_empty() && self.moves.is_empty() && self.floor.is_none() && !self.stands() {
+        if self.pin.is_empty()
+            && self.moves.is_empty()
+            && self.floor.is_none()
+            && !self.supports_body()
+        {
             return Err(Error::Input(
                 "beside a [[tool]] with a mass or a spring it has to be said what holds the body: give a [[pin]], or a [[tool]] that is a plane".into(),
             ));
@@ -258,7 +262,7 @@ impl Scene {
     fn carry(&mut self, entry: &ToolEntry, mesh: &mut TetMesh, unit: f64) -> Result<()> {
         let name = entry.name.clone().unwrap_or_default();
         entry.check_carried(&name)?;
-        let (at, turn) = entry.stand()?;
+        let (at, turn) = entry.initial_pose()?;
         let tool = Tool {
             shape: entry.shape()?,
             pose: ToolPose::new(at, turn),
@@ -266,7 +270,7 @@ impl Scene {
             gap: None,
         };
         tool.check()?;
-        let mut solid = Solid::of(entry, &tool.shape, &name)?;
+        let mut solid = DynamicToolMesh::of(entry, &tool.shape, &name)?;
         for p in &mut solid.nodes {
             *p = at + turn * *p;
         }
@@ -438,12 +442,12 @@ mod tests {
         let shift = DVec3::new(1.0, -2.0, 0.5);
         let (mut nodes, tets) = Convex::cuboid(DVec3::new(1.0, 2.0, 3.0)).filled();
         nodes.iter_mut().for_each(|p| *p += shift);
-        let solid = Solid::held(nodes, tets);
+        let solid = DynamicToolMesh::held(nodes, tets);
         assert!(solid.middle.distance(shift) < 1e-12, "{}", solid.middle);
         assert!((solid.volume() - 48.0).abs() < 1e-9);
         let held = solid.nodes.iter();
         let held = held.filter(|p| p.distance(solid.middle) <= solid.reach);
         // The core's nodes and the middle, and, all as far, the corners.
-        assert!(held.count() >= HELD);
+        assert!(held.count() >= SPRING_NODES);
     }
 }

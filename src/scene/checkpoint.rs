@@ -5,10 +5,10 @@
 //! they are made again, which gives the mesh, the springs, the skins and the lists for drawing
 //! as they were.
 
-use super::stage::{Drive, Stage};
-use super::{Run, Scene};
+use super::stage::{NodeSource, Stage};
+use super::{PlannedRun, Scene};
 use crate::mesh::{Blade, TetMesh};
-use crate::physics::{Engine, GrabId, Pose, Progress, SimulatorState};
+use crate::physics::{Engine, ExactPositions, GrabId, SimulatorState, StepProgress};
 use crate::scene::sleep::Sleep;
 use crate::{Error, Result};
 use flate2::Crc;
@@ -19,27 +19,27 @@ use std::path::Path;
 
 /// The first line of the file: what it is, and the version of Palpate that wrote it. Another
 /// version steps and cuts in its own way.
-const FIRST_LINE: &str = concat!("palpate checkpoint 5 ", env!("CARGO_PKG_VERSION"), "\n");
+const HEADER: &str = concat!("palpate checkpoint 5 ", env!("CARGO_PKG_VERSION"), "\n");
 
 /// A cut that was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct CutMade {
     /// The two ends of the blade's edge, at each of its positions.
     edges: Vec<[[f64; 3]; 2]>,
-    pose: Pose,
+    pose: ExactPositions,
 }
 
 /// What a stage notes so that it can be taken up again: what it began as, and its cuts.
 #[derive(Clone, Debug)]
-pub(super) struct Journal {
+pub(super) struct CutHistory {
     scene: u32,
     mesh: u32,
     cuts: Vec<CutMade>,
 }
 
-impl Journal {
+impl CutHistory {
     /// Takes note of a cut made along `blade` where the body stood in `pose`.
-    pub fn note(&mut self, blade: &Blade, pose: Pose) {
+    pub fn note(&mut self, blade: &Blade, pose: ExactPositions) {
         let edges = blade.edges().map(|e| e.map(|p| p.to_array())).collect();
         self.cuts.push(CutMade { edges, pose });
     }
@@ -52,14 +52,14 @@ pub struct Checkpoint {
     mesh: u32,
     adapter: String,
     engine: Engine,
-    run: Option<Run>,
+    run: Option<PlannedRun>,
     times: Vec<f64>,
     cuts: Vec<CutMade>,
     /// Of each cutter, the time up to which it has cut.
     cutters: Vec<Option<f64>>,
     attachments: Vec<(Option<GrabId>, bool)>,
     sleep: Sleep,
-    progress: Option<Progress>,
+    progress: Option<StepProgress>,
     dt: f64,
     /// Of a field that is computed for each picture, what it has been.
     found: Option<(f64, f64)>,
@@ -78,7 +78,7 @@ impl Checkpoint {
     }
 
     /// The run for which load, step and view were chosen where the scene does not give them.
-    pub fn run(&self) -> Option<Run> {
+    pub fn run(&self) -> Option<PlannedRun> {
         self.run
     }
 
@@ -94,14 +94,10 @@ impl Checkpoint {
         let content = postcard::to_stdvec(self)
             .map_err(|e| Error::format(path, format!("the checkpoint cannot be packed: {e}")))?;
         crate::io::atomic_write(path, |file| {
-            [
-                FIRST_LINE.as_bytes(),
-                &crc(&content).to_le_bytes(),
-                &content,
-            ]
-            .into_iter()
-            .try_for_each(|part| file.write_all(part))
-            .map_err(Error::io(path))
+            [HEADER.as_bytes(), &crc(&content).to_le_bytes(), &content]
+                .into_iter()
+                .try_for_each(|part| file.write_all(part))
+                .map_err(Error::io(path))
         })
     }
 
@@ -118,15 +114,13 @@ impl Checkpoint {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         let afresh = "run without --resume to start afresh";
         let kind = b"palpate checkpoint ";
-        let Some(rest) = bytes.strip_prefix(FIRST_LINE.as_bytes()) else {
+        let Some(rest) = bytes.strip_prefix(HEADER.as_bytes()) else {
             let line = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
             let what = match line.strip_prefix(kind) {
                 Some(version) if version.len() < 40 => format!(
                     "this checkpoint is of version {}, this is version {}, which does not step the same; {afresh}",
                     String::from_utf8_lossy(version),
-                    FIRST_LINE
-                        .trim_start_matches("palpate checkpoint ")
-                        .trim_end(),
+                    HEADER.trim_start_matches("palpate checkpoint ").trim_end(),
                 ),
                 _ => format!("this is no checkpoint; {afresh}"),
             };
@@ -149,7 +143,7 @@ fn crc(bytes: &[u8]) -> u32 {
 
 /// What tells a scene from another: all its entries, and the files that it names beside the mesh.
 /// Where these lie does not matter.
-pub(crate) fn of_scene(scene: &Scene) -> u32 {
+pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     let mut crc = Crc::new();
     let mut plain = scene.clone();
     let mut file = |path: &mut std::path::PathBuf| {
@@ -200,8 +194,8 @@ fn of_mesh(mesh: &TetMesh) -> u32 {
 impl Stage {
     /// Keeps what [`Stage::checkpoint`] needs from now on: to be called before the first step.
     pub fn keep_checkpoints(&mut self) {
-        self.journal = Some(Journal {
-            scene: of_scene(&self.scene),
+        self.journal = Some(CutHistory {
+            scene: scene_hash(&self.scene),
             mesh: of_mesh(self.mesh()),
             cuts: Vec::new(),
         });
@@ -213,7 +207,7 @@ impl Stage {
     /// [`Error::Input`] where nothing moves, or [`Stage::keep_checkpoints`] was not called;
     /// otherwise what reading back gives.
     pub fn checkpoint(&self, times: &[f64]) -> Result<Checkpoint> {
-        let (Some(journal), Drive::Simulated(motion)) = (&self.journal, &self.drive) else {
+        let (Some(journal), NodeSource::Simulated(motion)) = (&self.journal, &self.drive) else {
             return Err(Error::Input(
                 "a checkpoint is of a simulation that keeps them from its first step on".into(),
             ));
@@ -235,7 +229,7 @@ impl Stage {
             sleep: motion.sleep,
             progress: motion.progress,
             dt: motion.dt,
-            found: self.shown.as_ref().map(|s| s.found),
+            found: self.computed_field.as_ref().map(|s| s.observed_range),
             simulator: motion.simulator.state()?,
         })
     }
@@ -274,13 +268,13 @@ impl Stage {
         }
         for cut in &checkpoint.cuts {
             let edges: Vec<[DVec3; 2]> = cut.edges.iter().map(|e| e.map(DVec3::from)).collect();
-            let blade = Blade::swept(&edges)?;
-            if let Drive::Simulated(motion) = &mut self.drive {
+            let blade = Blade::from_sweep(&edges)?;
+            if let NodeSource::Simulated(motion) = &mut self.drive {
                 motion.simulator.set_pose(&cut.pose)?;
             }
             self.cut(&blade)?;
         }
-        let Drive::Simulated(motion) = &mut self.drive else {
+        let NodeSource::Simulated(motion) = &mut self.drive else {
             return other("kind: nothing moves in this scene");
         };
         let fits = motion.attachments.len() == checkpoint.attachments.len()
@@ -299,15 +293,15 @@ impl Stage {
         motion.simulator.set_state(&checkpoint.simulator)?;
         motion.sleep = checkpoint.sleep;
         motion.progress = checkpoint.progress;
-        if let (Some(shown), Some(found)) = (&mut self.shown, checkpoint.found) {
-            shown.found = found;
+        if let (Some(shown), Some(found)) = (&mut self.computed_field, checkpoint.found) {
+            shown.observed_range = found;
         }
         self.cached = None;
         Ok(())
     }
 
     /// Where the body stands, as a cut finds it.
-    pub(super) fn pose_now(&self) -> Result<Option<Pose>> {
+    pub(super) fn pose_now(&self) -> Result<Option<ExactPositions>> {
         let motion = self.motion();
         motion.map(|motion| motion.simulator.pose()).transpose()
     }

@@ -1,12 +1,12 @@
 //! A scene's cuts, as time goes on.
 
 use super::CutEntry;
-use super::path::{along, check};
+use super::path::{check, position_at};
 use super::picture::DisplayMode;
 use super::skin::carrier;
-use super::stage::{Drive, Stage};
+use super::stage::{NodeSource, Stage};
 use crate::mesh::Blade;
-use crate::skin::{Skin, SkinColour};
+use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -14,26 +14,26 @@ use glam::DVec3;
 const WALL: [f32; 3] = [0.55, 0.12, 0.12];
 
 /// How often a cut is made on a blade's way.
-const CUTS: f64 = 16.0;
+const STEPS_PER_PATH: f64 = 16.0;
 
 /// A cutter of a scene, on its way.
 #[derive(Debug)]
-pub(super) struct Cutter {
+pub(super) struct ActiveBlade {
     entry: CutEntry,
     /// The time up to which it has cut.
     pub(super) cut: Option<f64>,
 }
 
-impl Cutter {
-    pub fn new(entry: &CutEntry) -> Result<Cutter> {
+impl ActiveBlade {
+    pub fn new(entry: &CutEntry) -> Result<ActiveBlade> {
         check(&entry.path, 2, "cut")?;
-        let cutter = Cutter {
+        let cutter = ActiveBlade {
             entry: entry.clone(),
             cut: None,
         };
         // A blade that sweeps nothing is an error at once, not in the middle of a simulation.
         let [begin, end] = cutter.span();
-        Blade::swept(&[cutter.edge(begin), cutter.edge(end)])?;
+        Blade::from_sweep(&[cutter.edge(begin), cutter.edge(end)])?;
         Ok(cutter)
     }
 
@@ -46,10 +46,10 @@ impl Cutter {
     }
 
     /// The time between two cuts, while it cuts at `time`; none before and after.
-    pub fn pace(&self, time: f64) -> Option<f64> {
+    pub fn cut_interval(&self, time: f64) -> Option<f64> {
         let [begin, end] = self.span();
         (self.cut.is_none_or(|cut| cut < end) && time <= end).then(|| {
-            let pace = (end - begin) / CUTS;
+            let pace = (end - begin) / STEPS_PER_PATH;
             if time < begin {
                 pace.max(begin - time)
             } else {
@@ -59,7 +59,7 @@ impl Cutter {
     }
 
     /// What the blade has swept since the last time it was asked; none where that is nothing.
-    pub fn swept(&mut self, time: f64) -> Option<Blade> {
+    pub fn next_sweep(&mut self, time: f64) -> Option<Blade> {
         let [begin, end] = self.span();
         let from = self.cut.unwrap_or(begin);
         let to = time.min(end);
@@ -72,11 +72,11 @@ impl Cutter {
         let times: Vec<f64> = [from].into_iter().chain(between).chain([to]).collect();
         let edges: Vec<[DVec3; 2]> = times.iter().map(|t| self.edge(*t)).collect();
         // A blade at rest sweeps nothing.
-        Blade::swept(&edges).ok()
+        Blade::from_sweep(&edges).ok()
     }
 
     fn edge(&self, time: f64) -> [DVec3; 2] {
-        let moved = along(&self.entry.path, time);
+        let moved = position_at(&self.entry.path, time);
         self.entry.edge.map(|end| DVec3::from(end) + moved)
     }
 }
@@ -99,25 +99,25 @@ impl Stage {
             Some(_) => self.pose_now()?,
             None => None,
         };
-        let Drive::Simulated(motion) = &mut self.drive else {
+        let NodeSource::Simulated(motion) = &mut self.drive else {
             return Ok(false);
         };
         // What is told of a failed step here is not told again.
         let change = motion.simulator.cut(blade);
-        let change = change.inspect_err(|_| motion.asked = None)?;
+        let change = change.inspect_err(|_| motion.requested = None)?;
         let simulator = &mut motion.simulator;
         for pin in &mut motion.pins {
-            pin.follow(&change.mesh);
+            pin.apply_cut(&change.mesh);
         }
-        for mover in &mut motion.actors.movers {
-            mover.follow(&change.mesh.doubled);
+        for mover in &mut motion.time_dependent_loads.movers {
+            mover.apply_cut(&change.mesh.duplicated_nodes);
         }
         if !change.mesh.is_empty() {
-            self.scalars.follow(&change.mesh);
+            self.scalars.apply_cut(&change.mesh);
             let (mesh, topology) = (simulator.mesh(), simulator.topology());
             let (positions, scalars) = (simulator.nodes().array(), self.scalars.scalars());
             let geometry = self.raycaster.geometry_mut();
-            geometry.follow(mesh, topology, &change.mesh, positions, scalars)?;
+            geometry.apply_cut(mesh, topology, &change.mesh, positions, scalars)?;
             if !change.mesh.removed.is_empty() {
                 let transfer = self.scene.transfer(&self.scalars)?;
                 let looks = self.scene.region_looks(mesh, topology, &transfer)?;
@@ -138,14 +138,14 @@ impl Stage {
             self.skins.truncate(skins.count() + tools.count());
             let mut walls = Vec::new();
             for skin in &mut self.skins {
-                walls = skin.follow_cut(&carrier, blade)?.walls;
+                walls = skin.apply_cut(&carrier, blade)?.walls;
             }
             if self.mode == DisplayMode::Skin && !walls.is_empty() {
-                let mut walls = Skin::bare(&self.gpu, &carrier, Some(&walls))?;
+                let mut walls = Skin::body_surface(&self.gpu, &carrier, Some(&walls))?;
                 let colour = self.scene.skin.iter().find_map(|skin| skin.wall);
                 let colour = colour.unwrap_or(WALL);
-                walls.set_colour(&SkinColour::Plain(colour))?;
-                walls.set_inside(self.raycaster.inside())?;
+                walls.set_colour(&SkinColouring::Plain(colour))?;
+                walls.set_sections(self.raycaster.inside())?;
                 self.skins.push(walls);
             }
         }

@@ -1,9 +1,9 @@
 //! The pictures of a stage: drawn where the body is now, kept while nothing changes.
 
-use super::drawn_tool::DrawnTool;
+use super::drawn_tool::ToolSkin;
 use super::picture::DisplayMode;
-use super::stage::{Drive, Stage};
-use crate::gpu::{Pending, Recorder};
+use super::stage::{NodeSource, Stage};
+use crate::gpu::{PendingReadback, Recorder};
 use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
 use crate::{Error, Result};
 use glam::DVec2;
@@ -15,20 +15,20 @@ pub(super) struct CachedFrame {
     image: Image,
 }
 
-/// A picture on its way from the device; see [`Stage::ask_image`].
+/// A picture on its way from the device; see [`Stage::render_async`].
 #[derive(Debug)]
 pub struct PendingImage {
     size: [u32; 2],
-    pixels: Pending<[u8; 4]>,
+    pixels: PendingReadback<[u8; 4]>,
 }
 
 impl PendingImage {
     /// The picture, once it has arrived.
     ///
     /// # Errors
-    /// As [`Pending::look`].
-    pub fn look(&mut self) -> Result<Option<Image>> {
-        let pixels = self.pixels.look()?;
+    /// As [`PendingReadback::try_take`].
+    pub fn try_take(&mut self) -> Result<Option<Image>> {
+        let pixels = self.pixels.try_take()?;
         Ok(pixels.map(|pixels| Image {
             size: self.size,
             channels: 4,
@@ -44,15 +44,15 @@ impl PendingImage {
 impl Stage {
     /// Brings the nodes that are drawn to where the body is, at once.
     pub(super) fn publish_now(&mut self) -> Result<()> {
-        let mut work = self.gpu.record();
+        let mut work = self.gpu.start_recording();
         self.publish(&mut work)?;
         work.submit()
     }
 
     /// Brings the nodes that are drawn to where the body is.
     pub(super) fn publish(&mut self, work: &mut Recorder) -> Result<()> {
-        if let Drive::Simulated(motion) = &mut self.drive {
-            motion.simulator.publish(work)?;
+        if let NodeSource::Simulated(motion) = &mut self.drive {
+            motion.simulator.update_nodes(work)?;
         }
         let (geometry, mesh) = (self.raycaster.geometry(), self.drive.mesh());
         let drawn = [geometry.positions().len(), geometry.tet_count()].map(|n| n as usize);
@@ -74,7 +74,7 @@ impl Stage {
         self.publish_now()?;
         let geometry = self.raycaster.geometry();
         match self.drive.nodes().put() {
-            Some(positions) => geometry.pick_at(&positions, &self.camera, pixel, self.size),
+            Some(positions) => geometry.pick_positions(&positions, &self.camera, pixel, self.size),
             None => geometry.pick(&self.camera, pixel, self.size),
         }
     }
@@ -109,7 +109,7 @@ impl Stage {
     /// Brings the tools that are drawn to where they are. Whether any was elsewhere.
     fn follow_tools(&mut self) -> Result<bool> {
         let mut moved = false;
-        if let Drive::Simulated(motion) = &self.drive {
+        if let NodeSource::Simulated(motion) = &self.drive {
             for tool in &mut self.tools {
                 moved |= tool.follow(&self.gpu, motion)?;
             }
@@ -121,7 +121,7 @@ impl Stage {
         self.refresh_field()?;
         let samples = self.samples;
         let bare = self.skins.is_empty() && self.tools.is_empty();
-        let shows = self.raycaster.inside().shows_surfaces();
+        let shows = self.raycaster.inside().has_surfaces();
         let tools = self.tools.iter_mut().map(|tool| &mut tool.skin);
         match self.mode {
             DisplayMode::Inside(Mode::Composite) if !bare => {
@@ -134,7 +134,7 @@ impl Stage {
                 let image = self.raycaster.image(&self.camera, fine, mode)?;
                 Ok(match samples {
                     1 => image,
-                    n => image.shrunk(n),
+                    n => image.box_downsampled(n),
                 })
             }
             DisplayMode::Surface if shows || tools.len() > 0 => {
@@ -166,15 +166,15 @@ impl Stage {
         let background = Some(self.backdrop);
         let target = Target {
             colour,
-            occluder: None,
+            depth: None,
             background,
         };
         let size = [colour.texture().width(), colour.texture().height()];
         // Tools that are put away cost nothing.
-        let seen = |tool: &DrawnTool| tool.is_in_view(&self.camera, size);
+        let seen = |tool: &ToolSkin| tool.is_in_view(&self.camera, size);
         let seen: Vec<bool> = self.tools.iter().map(seen).collect();
         let has_tools = seen.contains(&true);
-        let shows = self.raycaster.inside().shows_surfaces();
+        let shows = self.raycaster.inside().has_surfaces();
         if self.mode == DisplayMode::Surface && !(shows || has_tools) {
             let depth = self.depth_for(colour)?;
             let target = SurfaceTarget {
@@ -213,19 +213,19 @@ impl Stage {
     ///
     /// # Errors
     /// As [`Stage::record`].
-    pub fn ask_image(&mut self) -> Result<PendingImage> {
+    pub fn render_async(&mut self) -> Result<PendingImage> {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let format = wgpu::TextureFormat::Rgba8Unorm;
         let target = self.gpu.target("picture", self.size, format, usage)?;
         let backdrop = std::mem::replace(&mut self.backdrop, [0.0; 4]);
-        let mut work = self.gpu.record();
+        let mut work = self.gpu.start_recording();
         let recorded = self.record(&mut work, &target);
         self.backdrop = backdrop;
         recorded?;
         work.submit()?;
         Ok(PendingImage {
             size: self.size,
-            pixels: self.gpu.ask_texture(target.texture())?,
+            pixels: self.gpu.read_texture_async(target.texture())?,
         })
     }
 

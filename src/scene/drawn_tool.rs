@@ -1,17 +1,17 @@
 //! Tools in pictures: surfaces that go where their tools are.
 
-use super::tool::look;
+use super::tool::apply_appearance;
 use super::{Motion, Scene};
 use crate::Result;
 use crate::gpu::{Array, Gpu};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::physics::ToolPose;
 use crate::render::{Camera, local_positions};
-use crate::skin::{Carrier, Skin};
+use crate::skin::{Skin, SkinBase};
 use glam::DVec3;
 
 /// The surface of a tool.
-pub(super) struct DrawnTool {
+pub(super) struct ToolSkin {
     /// Which of the scene's it is.
     number: usize,
     /// In the tool's frame, file units.
@@ -25,27 +25,31 @@ pub(super) struct DrawnTool {
     pub skin: Skin,
 }
 
-impl DrawnTool {
+impl ToolSkin {
     /// Those of a scene that are drawn, on a body in that frame.
-    pub fn all(
+    pub fn build_all(
         gpu: &Gpu,
         scene: &Scene,
         (mesh, frame): (&TetMesh, LocalFrame),
         motion: &Motion,
-    ) -> Result<Vec<DrawnTool>> {
+    ) -> Result<Vec<ToolSkin>> {
         let mut drawn = Vec::new();
         for (number, surface) in scene.tool_surfaces(mesh)? {
-            let pose = motion.actors.tools[number].pose(motion.time());
-            let places: Vec<DVec3> = surface.vertices.iter().map(|p| pose.of_point(*p)).collect();
+            let pose = motion.time_dependent_loads.tools[number].pose(motion.time());
+            let places: Vec<DVec3> = surface
+                .vertices
+                .iter()
+                .map(|p| pose.transform_point(*p))
+                .collect();
             let positions = local_positions(gpu, &frame, &places)?;
             let triangles = &surface.triangles;
-            let carrier = Carrier::with_area_normals(gpu, &positions, frame, &places, triangles)?;
-            let mut skin = Skin::bare(gpu, &carrier, None)?;
-            look(&scene.tool[number], &mut skin)?;
+            let carrier = SkinBase::with_area_normals(gpu, &positions, frame, &places, triangles)?;
+            let mut skin = Skin::body_surface(gpu, &carrier, None)?;
+            apply_appearance(&scene.tool[number], &mut skin)?;
             let (low, high) = crate::mesh::bounds(&surface.vertices);
             let middle = 0.5 * (low + high);
             let away = surface.vertices.iter().map(|p| p.distance(middle));
-            drawn.push(DrawnTool {
+            drawn.push(ToolSkin {
                 number,
                 ball: (middle, away.fold(0.0, f64::max)),
                 vertices: surface.vertices,
@@ -61,12 +65,12 @@ impl DrawnTool {
     /// Whether any of it may be seen in a picture of that size.
     pub fn is_in_view(&self, camera: &Camera, size: [u32; 2]) -> bool {
         let (middle, radius) = self.ball;
-        !camera.misses((self.pose.of_point(middle), radius), size)
+        !camera.is_outside_view((self.pose.transform_point(middle), radius), size)
     }
 
     /// Brings it to where its tool is. Whether it was elsewhere.
     pub fn follow(&mut self, gpu: &Gpu, motion: &Motion) -> Result<bool> {
-        let tool = &motion.actors.tools[self.number];
+        let tool = &motion.time_dependent_loads.tools[self.number];
         let pose = motion.simulator.loads().tool(tool.id)?;
         if pose == self.pose {
             return Ok(false);
@@ -74,7 +78,7 @@ impl DrawnTool {
         self.pose = pose;
         let local = |p: &DVec3| {
             self.frame
-                .to_local(pose.of_point(*p))
+                .to_local(pose.transform_point(*p))
                 .extend(0.0)
                 .to_array()
         };

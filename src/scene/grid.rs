@@ -16,7 +16,7 @@ impl Scene {
     /// Carves the grid body, and returns what was noted too. Its mesh has the labels and names of
     /// its regions and, of a volume cut by its values, these at the nodes.
     pub(super) fn carve(&self, grid: &GridEntry) -> Result<(GridShape, TetMesh, Vec<String>)> {
-        self.mesh.recipe()?.describe(|found| {
+        self.mesh.recipe()?.with_domain(|found| {
             let axes = found.volume.map_or(DMat3::IDENTITY, axes);
             let grown = Grown {
                 domain: found.domain,
@@ -25,11 +25,11 @@ impl Scene {
             let domain: &dyn Domain = &grown;
             let mut shape = match (grid.spacing, grid.nodes) {
                 (Some(Lengths::Same(s)), None) => {
-                    GridShape::carve(domain, DVec3::splat(s), axes)?
+                    GridShape::from_domain(domain, DVec3::splat(s), axes)?
                 }
-                (Some(Lengths::Each(s)), None) => GridShape::carve(domain, s.into(), axes)?,
+                (Some(Lengths::Each(s)), None) => GridShape::from_domain(domain, s.into(), axes)?,
                 (None, nodes) => {
-                    GridShape::carve_about(domain, nodes.unwrap_or(NODES), axes)?
+                    GridShape::from_domain_with_count(domain, nodes.unwrap_or(NODES), axes)?
                 }
                 (Some(_), Some(_)) => {
                     return Err(Error::Input(
@@ -48,7 +48,7 @@ impl Scene {
                 mesh.set_field(volume.onto_nodes(&mesh, "intensity"))?;
             }
             let mut notes = found.notes;
-            let thin = shape.thin().len();
+            let thin = shape.undefined_normal_particles().len();
             let [x, y, z] = shape.spacing.to_array().map(|s| format!("{s:.4}"));
             notes.push(format!(
                 "{} particles, {x} × {y} × {z} apart; {thin} of them, where the body is one particle thin, have no normal",
@@ -61,7 +61,7 @@ impl Scene {
     fn margin(&self, grid: &GridEntry) -> Result<f64> {
         let margin = grid.margin.unwrap_or(0.0);
         let of_volume = match &self.mesh.file {
-            Some(file) => io::kind(file)? == Kind::Volume,
+            Some(file) => io::detect_kind(file)? == Kind::Volume,
             None => false,
         };
         if !(margin.is_finite() && margin >= 0.0) || (margin > 0.0 && of_volume) {

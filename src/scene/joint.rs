@@ -40,8 +40,8 @@ impl JointEntry {
             }
         };
         Ok(Joint {
-            between,
-            at: DVec3::from(self.at),
+            regions: between,
+            anchor: DVec3::from(self.at),
             kind,
         })
     }

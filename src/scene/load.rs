@@ -3,29 +3,29 @@
 use super::simulator::GRAVITY;
 use crate::cage::Compliance;
 use crate::mesh::bounds;
-use crate::physics::{SolverKind, SpringNetwork};
+use crate::physics::{DiscreteModel, SolverKind};
 use glam::DVec3;
 
 /// How far a body should give, over its diagonal.
-const SAG: f64 = 0.12;
+const TARGET_SAG: f64 = 0.12;
 /// The most it may give on the way, where it swings back before the end, and the least it should
 /// have given at the end.
-const MOST: f64 = 0.25;
-const LEAST: f64 = 0.06;
+const MAX_DISPLACEMENT: f64 = 0.25;
+const MIN_DISPLACEMENT: f64 = 0.06;
 /// The load goes no further beyond the one that would give the sag in the end, however short the
 /// run is.
-const HASTE: f64 = 4.0;
+const MAX_LOAD_FACTOR: f64 = 4.0;
 /// A half swing takes at least so many steps.
 const STEPS_A_SWING: u32 = 20;
 /// How much farther than foreseen a body may go before it leaves the picture, and how far back
 /// beyond its rest.
-const MARGIN: f64 = 1.3;
+const FRAMING_MARGIN: f64 = 1.3;
 const RECOIL: f64 = 0.15;
 /// A body that would give farther than this, over its diagonal, swings like a pendulum.
 const FAR: f64 = 0.5;
 
 /// How a held body answers to a load that grows at once and stays.
-pub(super) struct Response {
+pub(super) struct LoadResponse {
     /// Where each node would come to rest, m from where it is.
     given: Vec<DVec3>,
     /// Rate of the slowest swing, rad/s.
@@ -42,13 +42,13 @@ struct Course {
     end: f64,
 }
 
-impl Response {
+impl LoadResponse {
     /// The answer of `network`, held at `pinned`, to the forces `load`, N on the nodes; none where
     /// nothing can move.
-    pub fn new(network: &SpringNetwork, pinned: &[bool], load: &[DVec3]) -> Option<Response> {
-        let (given, rate) = Compliance::new(network, pinned)?.answer(load);
-        let (low, high) = bounds(&network.rest);
-        let response = Response {
+    pub fn new(network: &DiscreteModel, pinned: &[bool], load: &[DVec3]) -> Option<LoadResponse> {
+        let (given, rate) = Compliance::new(network, pinned)?.solve_load(load);
+        let (low, high) = bounds(&network.rest_positions);
+        let response = LoadResponse {
             given,
             rate,
             diagonal: (high - low).length(),
@@ -99,35 +99,36 @@ impl Response {
     pub fn factor(&self, kind: SolverKind, steps: u32, dt: f64) -> f64 {
         let size = self.diagonal / self.most();
         let course = self.course(kind, steps, dt);
-        let mut factor = SAG * size / course.peak;
-        if course.end > 0.0 && factor * course.end < LEAST * size {
-            factor = (LEAST * size / course.end).min(MOST * size / course.peak);
+        let mut factor = TARGET_SAG * size / course.peak;
+        if course.end > 0.0 && factor * course.end < MIN_DISPLACEMENT * size {
+            factor =
+                (MIN_DISPLACEMENT * size / course.end).min(MAX_DISPLACEMENT * size / course.peak);
         }
         match factor.is_finite() && factor > 0.0 {
-            true => factor.min(HASTE * SAG * size),
-            false => SAG * size,
+            true => factor.min(MAX_LOAD_FACTOR * TARGET_SAG * size),
+            false => TARGET_SAG * size,
         }
     }
 
     /// Points, in the unit of `network.rest`, that a picture of the whole run should show, under
     /// `factor` times the load: where the nodes rest, and how far they go.
-    pub fn reach(
+    pub fn motion_envelope(
         &self,
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         pinned: &[bool],
         factor: f64,
         (kind, steps, dt): (SolverKind, u32, f64),
     ) -> Vec<DVec3> {
         let far = factor * self.course(kind, steps, dt).peak;
-        let mut points = network.rest.clone();
-        let moving = network.rest.iter().zip(&self.given);
+        let mut points = network.rest_positions.clone();
+        let moving = network.rest_positions.iter().zip(&self.given);
         if far * self.most() <= FAR * self.diagonal {
-            points.extend(moving.clone().map(|(x, u)| *x + MARGIN * far * *u));
+            points.extend(moving.clone().map(|(x, u)| *x + FRAMING_MARGIN * far * *u));
             points.extend(moving.map(|(x, u)| *x - RECOIL * far * *u));
             return points;
         }
         let held: Vec<DVec3> = network
-            .rest
+            .rest_positions
             .iter()
             .zip(pinned)
             .filter(|(_, pinned)| **pinned)
@@ -135,9 +136,9 @@ impl Response {
             .collect();
         let middle = held.iter().sum::<DVec3>() / held.len().max(1) as f64;
         let down = self.given.iter().sum::<DVec3>().normalize_or_zero();
-        for x in &network.rest {
+        for x in &network.rest_positions {
             let arm = *x - middle;
-            let length = MARGIN * arm.length();
+            let length = FRAMING_MARGIN * arm.length();
             let mirrored = 2.0 * arm.dot(down) * down - arm;
             for way in [arm, mirrored] {
                 let way = way.normalize_or_zero();
@@ -151,12 +152,12 @@ impl Response {
 }
 
 /// The weight of the nodes of `network` at 1 m/s² along `direction`, N.
-pub(super) fn weight(network: &SpringNetwork, direction: DVec3) -> Vec<DVec3> {
+pub(super) fn weight(network: &DiscreteModel, direction: DVec3) -> Vec<DVec3> {
     network.masses.iter().map(|m| *m * direction).collect()
 }
 
 /// How an acceleration is said: beside that of the earth where it is far from it.
-pub(super) fn said(gravity: f64) -> String {
+pub(super) fn format_acceleration(gravity: f64) -> String {
     let figures = match gravity {
         g if !(0.1..1e4).contains(&g) => format!("{g:.2e}"),
         g if g < 10.0 => format!("{g:.2}"),
@@ -180,19 +181,24 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::mesh::generate;
-    use crate::physics::{HeldEnd, Material};
+    use crate::physics::{ClampedEnd, Material};
 
     #[test]
     fn the_load_follows_the_stiffness_and_the_step_the_swing() {
         let bar = generate::paper_bar().unwrap();
         let factor = |young: f64| {
-            let network = SpringNetwork::new(&bar, &Material::young(young)).unwrap();
+            let network = DiscreteModel::new(&bar, &Material::from_young(young)).unwrap();
             let all: Vec<u32> = (0..bar.nodes.len() as u32).collect();
-            let end = HeldEnd::among(&network.rest, &network.masses, &all, DVec3::NEG_Z);
+            let end = ClampedEnd::from_points(
+                &network.rest_positions,
+                &network.masses,
+                &all,
+                DVec3::NEG_Z,
+            );
             let mut pinned = vec![false; bar.nodes.len()];
             end.nodes.iter().for_each(|v| pinned[*v as usize] = true);
             let load = weight(&network, DVec3::NEG_Z);
-            let response = Response::new(&network, &pinned, &load).unwrap();
+            let response = LoadResponse::new(&network, &pinned, &load).unwrap();
             let dt = response.step(50, 0.0);
             let swing = response.course(SolverKind::Implicit, 50, dt);
             assert!(
@@ -214,8 +220,8 @@ mod tests {
 
     #[test]
     fn accelerations_are_said_in_few_figures() {
-        assert_eq!(said(9.81), "9.81 m/s²");
-        assert_eq!(said(98.1), "98 m/s² (10 times the earth's)");
-        assert_eq!(said(1e-6), "1.00e-6 m/s²");
+        assert_eq!(format_acceleration(9.81), "9.81 m/s²");
+        assert_eq!(format_acceleration(98.1), "98 m/s² (10 times the earth's)");
+        assert_eq!(format_acceleration(1e-6), "1.00e-6 m/s²");
     }
 }

@@ -1,10 +1,10 @@
 //! From a scene's `[material]` to what the body is made of.
 
 use super::region::LabelOrName;
-use super::words::{DAMPING_KINDS, damping_kind, unknown};
+use super::words::{DAMPING_KINDS, damping_kind, unknown_keyword_error};
 use crate::mesh::{Location, TetMesh};
 use crate::physics::{
-    Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumeModel,
+    Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,
 };
 use crate::{Error, Result};
 use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
@@ -40,7 +40,7 @@ pub struct MaterialEntry {
     pub poisson: Option<f64>,
     /// What changes of volume of elements are measured on: `per-tet`, or `averaged`, which does
     /// not lock where ν nears ½.
-    pub volume: Option<VolumeModel>,
+    pub volume: Option<VolumetricFormulation>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
     /// A field of the tets, or else of the nodes, of factors on the stiffness.
@@ -49,7 +49,7 @@ pub struct MaterialEntry {
     pub density: Option<f64>,
     /// Damping κ_d of each spring, in N·s/m.
     pub damping: Option<f64>,
-    /// Damping ratio ζ of a swing of `damping_hz`, of elements; see [`Material::damped`].
+    /// Damping ratio ζ of a swing of `damping_hz`, of elements; see [`Material::with_damping_ratio`].
     pub damping_ratio: Option<f64>,
     /// The frequency at which the body has its `damping_ratio`, Hz.
     pub damping_hz: Option<f64>,
@@ -158,12 +158,12 @@ impl<'de> Deserialize<'de> for MaterialEntry {
 
         struct Volume;
         impl<'de> DeserializeSeed<'de> for Volume {
-            type Value = VolumeModel;
+            type Value = VolumetricFormulation;
 
             fn deserialize<D: Deserializer<'de>>(
                 self,
                 from: D,
-            ) -> std::result::Result<VolumeModel, D::Error> {
+            ) -> std::result::Result<VolumetricFormulation, D::Error> {
                 String::deserialize(from)?.parse().map_err(D::Error::custom)
             }
         }
@@ -261,7 +261,7 @@ impl MaterialEntry {
         if let Some(volume) = self.volume {
             material.volume = volume;
         }
-        material.factor_field = self.stiffness_field.clone();
+        material.stiffness_scale_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
             material.density = density;
         }
@@ -270,14 +270,14 @@ impl MaterialEntry {
             material.damping_time = 0.0;
         }
         if let Some((ratio, frequency)) = self.ratio(material.model)? {
-            material = material.damped(ratio, frequency);
+            material = material.with_damping_ratio(ratio, frequency);
         }
         material.damping_kind = match self.damping_kind.as_deref() {
             None => Damping::default(),
             Some("axial") => Damping::Axial,
             Some("relative") => Damping::Relative,
             Some(other) => {
-                return Err(unknown("damping kind", &DAMPING_KINDS, other));
+                return Err(unknown_keyword_error("damping kind", &DAMPING_KINDS, other));
             }
         };
         let notes = self.add_tissues(mesh, &mut material)?;

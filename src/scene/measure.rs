@@ -35,7 +35,8 @@ pub struct StageReport {
     pub step_dispatches: BTreeMap<String, u64>,
     /// Texture loads of each of these: outside of its loops, in a round of them, in one of those
     /// within.
-    pub step_loads: BTreeMap<String, Vec<u32>>,
+    #[serde(rename = "step_loads")]
+    pub step_texture_loads: BTreeMap<String, Vec<u32>>,
     /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
     pub passes: BTreeMap<String, f64>,
     /// Rays that meet the mesh.
@@ -70,11 +71,13 @@ pub struct StageReport {
     /// Whether the body is at rest and sleeps.
     pub asleep: bool,
     /// Steps that were not simulated because it slept.
-    pub steps_slept: u64,
+    #[serde(rename = "steps_slept")]
+    pub steps_skipped: u64,
     /// Pictures drawn before the measurement.
     pub pictures_drawn: u64,
     /// Pictures for which the one before stood, because nothing had changed.
-    pub pictures_kept: u64,
+    #[serde(rename = "pictures_kept")]
+    pub frames_reused: u64,
     /// How often each pass was recorded on the device before the measurement, by its shader:
     /// `render/refresh_geometry` makes normals and gradients, `render/table_slice` or
     /// `render/table_volume` a table, `skin/node_normals` and `render/surface_normals` normals to
@@ -116,7 +119,7 @@ impl Stage {
             force: on.force.to_array(),
             moment: on.moment.to_array(),
         };
-        Ok(motion.on_tools()?.into_iter().map(report).collect())
+        Ok(motion.tool_reactions()?.into_iter().map(report).collect())
     }
 
     /// Draws `frames` frames after a warm-up, steps the solver as often if there is one, and
@@ -145,7 +148,7 @@ impl Stage {
         // What is measured is done.
         let sleeps = self.motion().is_some_and(Motion::may_sleep);
         if let Some(motion) = self.motion_mut() {
-            motion.let_sleep(false);
+            motion.set_sleep_allowed(false);
         }
         let before = self.gpu.readbacks();
         let frame_ms = self.time_frames(frames)?;
@@ -157,7 +160,7 @@ impl Stage {
         let loads = |name: &String| Some((name.clone(), texture_loads(name).ok()?));
         let step_loads = step_dispatches.keys().filter_map(loads).collect();
         if let Some(motion) = self.motion_mut() {
-            motion.let_sleep(sleeps);
+            motion.set_sleep_allowed(sleeps);
         }
         Ok(StageReport {
             adapter: self.gpu.adapter_name(),
@@ -170,7 +173,7 @@ impl Stage {
             frames,
             step_ms,
             step_dispatches,
-            step_loads,
+            step_texture_loads: step_loads,
             passes,
             rays: picture.rays,
             lost_rays: picture.lost_rays,
@@ -187,9 +190,9 @@ impl Stage {
             time,
             cage: self.motion().and_then(Motion::cage),
             asleep,
-            steps_slept,
+            steps_skipped: steps_slept,
             pictures_drawn,
-            pictures_kept,
+            frames_reused: pictures_kept,
             passes_recorded,
         })
     }
@@ -257,8 +260,8 @@ impl Stage {
     /// Submits one frame, as if everything had moved since the last.
     fn record_frame(&mut self, target: &wgpu::TextureView) -> Result<()> {
         let gpu: Gpu = self.gpu.clone();
-        let mut work = gpu.record();
-        self.raycaster.geometry().positions().touch();
+        let mut work = gpu.start_recording();
+        self.raycaster.geometry().positions().mark_written();
         self.record(&mut work, target)?;
         work.submit()
     }

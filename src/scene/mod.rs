@@ -75,22 +75,22 @@ mod xray;
 pub use annotated::PictureWriter;
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
-pub(crate) use checkpoint::of_scene;
+pub(crate) use checkpoint::scene_hash;
 pub use drawing::PendingImage;
 pub use entries::*;
-pub use given::Given;
+pub use given::Preloaded;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
 #[cfg(feature = "study")]
 pub(crate) use measure::median_ms;
 pub use measure::{CgReport, StageReport, ToolReport};
 pub use motion::Motion;
-pub(crate) use picture::SIZE;
+pub(crate) use picture::DEFAULT_SIZE;
 pub use pieces::{Piece, write_pieces};
 pub use reactions::ReactionLog;
 pub use region::{Axis, LabelOrName, Region};
 pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
-pub use whole::Whole;
+pub use whole::MeshManifest;
 
 use crate::files;
 use crate::physics::EngineChoice;
@@ -141,7 +141,7 @@ pub struct Scene {
     /// What presses on it.
     #[serde(default)]
     pub tool: Vec<ToolEntry>,
-    /// Those of them that are regions of the mesh: see [`Scene::with_carried_tools`].
+    /// Those of them that are regions of the mesh: see [`Scene::with_dynamic_tools`].
     #[serde(skip)]
     pub(crate) carried: Vec<ToolEntry>,
     /// Joints between its rigid regions.
@@ -208,16 +208,17 @@ pub struct SolverEntry {
     /// an implicit step that suit its stiffness, in place of the earth's gravity and 0.01 s, and
     /// a view that nobody chose shows all that moves. Set by the command line.
     #[serde(skip)]
-    pub run: Option<Run>,
+    pub run: Option<PlannedRun>,
 }
 
 /// A run that is ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Run {
+pub struct PlannedRun {
     /// Its steps in all.
     pub steps: u32,
     /// Whether pictures are drawn on the way, which have to be framed before it is over.
-    pub drawn: bool,
+    #[serde(rename = "drawn")]
+    pub draws_frames: bool,
 }
 
 impl Scene {
@@ -286,14 +287,14 @@ impl Scene {
     }
 
     /// What it has that only a body of tets by itself knows of, by the name of its entry.
-    pub(crate) fn of_tets(&self) -> Option<&'static str> {
+    pub(crate) fn tets_only_entry(&self) -> Option<&'static str> {
         let tool = (!self.tool.is_empty()).then_some("[[tool]]");
         let joint = (!self.joint.is_empty()).then_some("[[joint]]");
-        self.of_cpu().or(tool).or(joint)
+        self.cpu_only_entry().or(tool).or(joint)
     }
 
     /// What it has that only the processor's engine knows of, by the name of its entry.
-    pub(crate) fn of_cpu(&self) -> Option<&'static str> {
+    pub(crate) fn cpu_only_entry(&self) -> Option<&'static str> {
         let all = [
             (self.pressure.is_empty(), "[[pressure]]"),
             (self.moves.is_empty(), "[[move]]"),

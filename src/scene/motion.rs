@@ -1,21 +1,21 @@
 //! A body that moves as its scene says.
 
 use super::Scene;
-use super::acting::Actors;
-use super::attachment::Attachment;
-use super::reactions::PinSet;
-use super::simulator::Setup;
+use super::acting::TimeDependentLoads;
+use super::attachment::ActiveGrab;
+use super::reactions::NamedPins;
+use super::simulator::SimulatorSetup;
 use super::sleep::Sleep;
 use crate::Result;
 use crate::cage::CageReport;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridShape;
-use crate::physics::{Engine, MemberReport, Progress, Reaction, Report, Simulator, SolverKind};
+use crate::physics::{Engine, MemberReport, Reaction, Report, Simulator, SolverKind, StepProgress};
 use glam::DVec3;
 
 /// Steps between two looks at whether all is well, so that progress can be shown.
-const STEPS_A_LOOK: u32 = 10;
+const STEPS_PER_POLL: u32 = 10;
 /// The same of a grid body, whose steps are short, free and held.
 const STEPS_OF_A_GRID: u32 = 256;
 const STEPS_OF_A_HELD_GRID: u32 = 16;
@@ -26,23 +26,23 @@ pub struct Motion {
     pub simulator: Box<dyn Simulator>,
     /// Step size, s.
     pub dt: f64,
-    pub(super) attachments: Vec<Attachment>,
-    pub(super) progress: Option<Progress>,
+    pub(super) attachments: Vec<ActiveGrab>,
+    pub(super) progress: Option<StepProgress>,
     /// Steps that were asked for and not waited for, how many there are in all after these, and the
     /// body's count of changes from outside before them.
-    pub(super) asked: Option<(u32, u64, u64)>,
+    pub(super) requested: Option<(u32, u64, u64)>,
     pub(super) sleep: Sleep,
     cage: Option<CageReport>,
     /// Whether its steps are those of a grid.
     grid: bool,
     /// Points, in file units, that pictures of the whole run should show.
-    pub(super) reach: Option<Vec<DVec3>>,
+    pub(super) motion_envelope: Option<Vec<DVec3>>,
     /// What is pinned, by name.
-    pub(super) pins: Vec<PinSet>,
+    pub(super) pins: Vec<NamedPins>,
     /// What acts on the body as time goes on.
-    pub(super) actors: Actors,
+    pub(super) time_dependent_loads: TimeDependentLoads,
     /// Tools that are regions of the mesh: their names.
-    pub(super) carried: Vec<String>,
+    pub(super) dynamic_tools: Vec<String>,
 }
 
 impl Motion {
@@ -59,27 +59,27 @@ impl Motion {
         mesh: TetMesh,
         shape: Option<GridShape>,
     ) -> Result<(Motion, Vec<String>)> {
-        let (scene, mesh) = scene.with_carried_tools(mesh)?;
-        let (setup, notes) = Setup::new(gpu, &scene, kind, mesh, shape)?;
+        let (scene, mesh) = scene.with_dynamic_tools(mesh)?;
+        let (setup, notes) = SimulatorSetup::new(gpu, &scene, kind, mesh, shape)?;
         Ok((Motion::of_setup(&scene, setup)?, notes))
     }
 
     /// A simulator that was set up for `scene`.
-    pub(super) fn of_setup(scene: &Scene, setup: Setup) -> Result<Motion> {
-        let attachments = scene.grab.iter().map(Attachment::new);
+    pub(super) fn of_setup(scene: &Scene, setup: SimulatorSetup) -> Result<Motion> {
+        let attachments = scene.grab.iter().map(ActiveGrab::new);
         Ok(Motion {
             simulator: setup.simulator,
             dt: setup.dt,
             attachments: attachments.collect::<Result<_>>()?,
             progress: None,
-            asked: None,
+            requested: None,
             sleep: Sleep::new(scene.solver.sleep.unwrap_or(true)),
             cage: setup.cage,
             grid: setup.grid,
-            reach: setup.reach,
+            motion_envelope: setup.motion_envelope,
             pins: setup.pins,
-            actors: setup.actors,
-            carried: scene
+            time_dependent_loads: setup.actors,
+            dynamic_tools: scene
                 .carried
                 .iter()
                 .filter_map(|t| t.name.clone())
@@ -89,11 +89,15 @@ impl Motion {
 
     /// What the body exerts on each of its tools, by name: those that are led, then those that are
     /// carried.
-    pub(super) fn on_tools(&mut self) -> Result<Vec<(String, Reaction)>> {
+    pub(super) fn tool_reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
         let led = self.simulator.tool_forces()?;
-        let names = self.actors.tools.iter().map(|tool| tool.name.clone());
+        let names = self
+            .time_dependent_loads
+            .tools
+            .iter()
+            .map(|tool| tool.name.clone());
         let mut all: Vec<(String, Reaction)> = names.zip(led).collect();
-        for name in &self.carried {
+        for name in &self.dynamic_tools {
             let names = &self.simulator.mesh().region_names;
             let found = names.iter().find(|(_, own)| *own == name);
             if let Some(label) = found.map(|(label, _)| *label)
@@ -112,17 +116,17 @@ impl Motion {
     /// last good state.
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
-        self.asked = None;
+        self.requested = None;
         while done < steps {
             let some = self.steps_at_once().min(steps - done);
             self.act(some)?;
-            match self.sleep.holds(self.simulator.touched()) {
-                true => self.sleep.pass(some, self.dt),
+            match self.sleep.is_asleep(self.simulator.change_count()) {
+                true => self.sleep.skip(some, self.dt),
                 false => {
                     self.progress = Some(self.simulator.run(some, self.dt)?);
-                    let speed = self.simulator.speed();
-                    let touched = self.simulator.touched();
-                    self.sleep.look(speed, some, self.dt, touched);
+                    let speed = self.simulator.rms_speed();
+                    let touched = self.simulator.change_count();
+                    self.sleep.update(speed, some, self.dt, touched);
                 }
             }
             done += some;
@@ -133,45 +137,45 @@ impl Motion {
 
     /// Asks for some of `steps` more steps, as many as may go by before loads of the scene change,
     /// and waits for none of them; where the body sleeps only time goes by. Once
-    /// [`Motion::under_way`] says that earlier ones are done.
+    /// [`Motion::poll_steps`] says that earlier ones are done.
     ///
     /// # Errors
     /// As [`Motion::run`].
-    pub fn ask(&mut self, steps: u32) -> Result<()> {
+    pub fn request_steps(&mut self, steps: u32) -> Result<()> {
         let some = self.steps_at_once().min(steps);
         if some == 0 {
             return Ok(());
         }
         self.act(some)?;
-        if self.sleep.holds(self.simulator.touched()) {
-            self.sleep.pass(some, self.dt);
+        if self.sleep.is_asleep(self.simulator.change_count()) {
+            self.sleep.skip(some, self.dt);
             return Ok(());
         }
         let done = self.simulator.progress()?.steps;
         self.simulator.advance(some, self.dt)?;
-        let touched = self.simulator.touched();
-        self.asked = Some((some, done + u64::from(some), touched));
+        let touched = self.simulator.change_count();
+        self.requested = Some((some, done + u64::from(some), touched));
         Ok(())
     }
 
-    /// Whether steps that [`Motion::ask`] asked for are still being computed, without waiting.
+    /// Whether steps that [`Motion::request_steps`] asked for are still being computed, without waiting.
     ///
     /// # Errors
     /// As [`Motion::run`].
-    pub fn under_way(&mut self) -> Result<bool> {
-        let Some((some, goal, touched)) = self.asked else {
+    pub fn poll_steps(&mut self) -> Result<bool> {
+        let Some((some, goal, touched)) = self.requested else {
             return Ok(false);
         };
         let now = self.simulator.progress();
         // Of a failure nothing is left to wait for.
-        let now = now.inspect_err(|_| self.asked = None)?;
+        let now = now.inspect_err(|_| self.requested = None)?;
         if now.steps < goal {
             return Ok(true);
         }
-        self.asked = None;
+        self.requested = None;
         self.progress = Some(now);
-        let speed = self.simulator.speed();
-        self.sleep.look(speed, some, self.dt, touched);
+        let speed = self.simulator.rms_speed();
+        self.sleep.update(speed, some, self.dt, touched);
         Ok(false)
     }
 
@@ -179,11 +183,12 @@ impl Motion {
     fn act(&mut self, steps: u32) -> Result<()> {
         let time = self.time() + f64::from(steps) * self.dt;
         for attachment in &mut self.attachments {
-            attachment.act(self.simulator.as_mut(), time)?;
+            attachment.update(self.simulator.as_mut(), time)?;
         }
-        if self.actors.change() {
+        if self.time_dependent_loads.is_time_dependent() {
             let (now, dt) = (self.time(), self.dt);
-            self.actors.act(self.simulator.as_mut(), now, dt)?;
+            self.time_dependent_loads
+                .apply(self.simulator.as_mut(), now, dt)?;
         }
         Ok(())
     }
@@ -212,7 +217,7 @@ impl Motion {
     }
 
     /// Lets the body fall asleep from now on, or not.
-    pub fn let_sleep(&mut self, allowed: bool) {
+    pub fn set_sleep_allowed(&mut self, allowed: bool) {
         let slept = self.sleep.slept;
         self.sleep = Sleep::new(allowed);
         self.sleep.slept = slept;
@@ -265,16 +270,16 @@ impl Motion {
     /// As [`Motion::new`].
     pub(crate) fn restart(&mut self, scene: &Scene) -> Result<()> {
         for attachment in &mut self.attachments {
-            attachment.let_go(self.simulator.as_mut())?;
+            attachment.release(self.simulator.as_mut())?;
         }
-        let attachments = scene.grab.iter().map(Attachment::new);
+        let attachments = scene.grab.iter().map(ActiveGrab::new);
         self.attachments = attachments.collect::<Result<_>>()?;
         self.dt = scene.solver.dt.unwrap_or(self.dt);
         self.progress = None;
-        self.asked = None;
+        self.requested = None;
         self.sleep = Sleep::new(scene.solver.sleep.unwrap_or(true));
         self.simulator.restart()?;
-        self.actors.restart(self.simulator.as_mut())?;
+        self.time_dependent_loads.restart(self.simulator.as_mut())?;
         let kind = self.simulator.integrator();
         self.simulator
             .set_integrator(kind, scene.conjugate_gradients())
@@ -283,10 +288,10 @@ impl Motion {
     /// Steps between two looks at whether all is well and where attachments are.
     fn steps_at_once(&self) -> u32 {
         match (
-            self.attachments.is_empty() && !self.actors.change(),
+            self.attachments.is_empty() && !self.time_dependent_loads.is_time_dependent(),
             self.grid,
         ) {
-            (true, false) => STEPS_A_LOOK,
+            (true, false) => STEPS_PER_POLL,
             (true, true) => STEPS_OF_A_GRID,
             (false, false) => 1,
             (false, true) => STEPS_OF_A_HELD_GRID,
@@ -304,7 +309,7 @@ impl Motion {
     }
 
     /// How far the simulation came, as of the last [`Motion::run`].
-    pub fn progress(&self) -> Option<Progress> {
+    pub fn progress(&self) -> Option<StepProgress> {
         self.progress
     }
 

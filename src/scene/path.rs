@@ -1,6 +1,6 @@
 //! Paths of attachments and cutters: places at times, linear between them.
 
-use super::Course;
+use super::TimeSeries;
 use crate::{Error, Result, files};
 use glam::{DQuat, DVec3};
 use std::path::Path;
@@ -64,12 +64,12 @@ pub(super) fn read_path(file: &Path) -> Result<Vec<[f64; 4]>> {
 }
 
 /// The second difference of places over the two steps of length `dt` that end at `time`.
-pub(super) fn acceleration(place: impl Fn(f64) -> DVec3, time: f64, dt: f64) -> DVec3 {
+pub(super) fn second_difference(place: impl Fn(f64) -> DVec3, time: f64, dt: f64) -> DVec3 {
     (place(time) - 2.0 * place(time - dt) + place(time - 2.0 * dt)) / (dt * dt)
 }
 
 /// Where a path is at `time`.
-pub(super) fn along(path: &[[f64; 4]], time: f64) -> DVec3 {
+pub(super) fn position_at(path: &[[f64; 4]], time: f64) -> DVec3 {
     let place = |p: &[f64; 4]| DVec3::new(p[1], p[2], p[3]);
     let after = path.partition_point(|p| p[0] <= time);
     match (
@@ -84,13 +84,13 @@ pub(super) fn along(path: &[[f64; 4]], time: f64) -> DVec3 {
 
 /// How something is moved and turned as time goes on.
 #[derive(Clone, Debug)]
-pub(super) struct Way {
+pub(super) struct RigidTrajectory {
     path: Vec<[f64; 4]>,
     turn: Vec<[f64; 2]>,
     axis: DVec3,
 }
 
-impl Way {
+impl RigidTrajectory {
     /// The way of a `what` with a path, or the file of one, and with a turn about an axis.
     ///
     /// # Errors
@@ -99,7 +99,7 @@ impl Way {
         what: &str,
         (path, file): (Option<&[[f64; 4]]>, Option<&Path>),
         (turn, axis): (Option<&[[f64; 2]]>, Option<[f64; 3]>),
-    ) -> Result<Way> {
+    ) -> Result<RigidTrajectory> {
         let path = match (path, file) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(format!(
@@ -113,7 +113,7 @@ impl Way {
         check(&path, 1, what)?;
         let turn = turn.unwrap_or_default().to_vec();
         if !turn.is_empty() {
-            Course::Keys(turn.clone()).check("turn")?;
+            TimeSeries::Keys(turn.clone()).check("turn")?;
         }
         let unit = DVec3::from(axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         if unit == DVec3::ZERO || axis.is_some() == turn.is_empty() {
@@ -121,7 +121,7 @@ impl Way {
                 "a [[{what}]] turns about an `axis`, a direction, by a `turn`, a list of [time, degrees]; give both or neither"
             )));
         }
-        Ok(Way {
+        Ok(RigidTrajectory {
             path,
             turn,
             axis: unit,
@@ -134,11 +134,11 @@ impl Way {
             true => DQuat::IDENTITY,
             false => DQuat::from_axis_angle(self.axis, value_at(&self.turn, time).to_radians()),
         };
-        (turned, along(&self.path, time))
+        (turned, position_at(&self.path, time))
     }
 
     /// Whether it is not always the same.
-    pub fn moves(&self) -> bool {
+    pub fn is_moving(&self) -> bool {
         let places = self.path.windows(2).any(|w| w[0][1..] != w[1][1..]);
         places || self.turn.windows(2).any(|w| w[0][1] != w[1][1])
     }

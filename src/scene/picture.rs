@@ -1,17 +1,17 @@
 //! What a scene says of its picture, made real: camera, what is shown, what draws it.
 
-use super::words::{BACKGROUNDS, MODES, WALKS, unknown};
+use super::words::{BACKGROUNDS, MODES, WALKS, unknown_keyword_error};
 use super::{ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};
-use crate::physics::Nodes;
+use crate::physics::NodePositions;
 use crate::render::*;
-use crate::skin::ComposeOptions;
+use crate::skin::CompositorOptions;
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// Picture size where a scene does not say.
-pub(crate) const SIZE: [u32; 2] = [1024, 768];
+pub(crate) const DEFAULT_SIZE: [u32; 2] = [1024, 768];
 /// Colour of a surface that shows no field.
 const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
 
@@ -32,13 +32,13 @@ pub(super) enum DisplayMode {
 impl Scene {
     /// What draws the inside of `mesh` and its boundary, its nodes standing where `nodes` has
     /// them.
-    pub(super) fn painters(
+    pub(super) fn build_renderers(
         &self,
         gpu: &Gpu,
         mesh: &TetMesh,
         topology: &Topology,
         (seen, scans): (&ScalarField, &[Scan]),
-        nodes: &Nodes,
+        nodes: &NodePositions,
         notes: &mut Vec<String>,
     ) -> Result<(Raycaster, Surface)> {
         let mode = self.display_mode()?;
@@ -57,7 +57,7 @@ impl Scene {
             false => SurfaceColour::Plain(SKIN_COLOUR),
         };
         let mut surface = Surface::new(gpu, &geometry, &seen.values, &colour, Shading::Smooth)?;
-        let mut options = self.options()?;
+        let mut options = self.raycast_options()?;
         let composite = DisplayMode::Inside(Mode::Composite);
         let with_isosurfaces = mode == DisplayMode::Surface && !self.isosurface.is_empty();
         if mode != composite && !with_isosurfaces {
@@ -67,7 +67,7 @@ impl Scene {
         let from_nodes = scans.is_empty() || options.shadows > 0.0;
         if options.light.is_on()
             && from_nodes
-            && let Err(why) = geometry.illuminate(mesh, topology, seen.scalars())
+            && let Err(why) = geometry.enable_lighting(mesh, topology, seen.scalars())
         {
             notes.push(format!("drawn without light: {why}"));
             options.light = Light::None;
@@ -77,15 +77,15 @@ impl Scene {
             options.xray = self.xray(mesh, seen.range, notes)?;
         }
         let mode_needs_rest = mode == DisplayMode::Inside(Mode::Xray);
-        if inside.needs_rest() || !scans.is_empty() || mode_needs_rest {
-            geometry.remember_rest(mesh)?;
+        if inside.needs_rest_positions() || !scans.is_empty() || mode_needs_rest {
+            geometry.store_rest_positions(mesh)?;
         }
         if mode == DisplayMode::Surface {
-            surface.set_inside(&inside, &geometry)?;
+            surface.set_sections(&inside, &geometry)?;
         }
         let mut raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
         notes.extend(raycaster.set_scans(mesh, scans)?);
-        raycaster.set_inside(&inside)?;
+        raycaster.set_sections(&inside)?;
         let looks = self.region_looks(mesh, topology, &transfer)?;
         if looks.is_some() {
             if matches!(mode, DisplayMode::Surface | DisplayMode::Skin) {
@@ -97,10 +97,10 @@ impl Scene {
     }
 
     /// The planes and isosurfaces of the picture. The lit boundary has its cut faces for a volume.
-    pub(super) fn inside(&self, mode: DisplayMode, notes: &mut Vec<String>) -> Result<Inside> {
-        let mut inside = Inside {
-            volume: self.picture.volume.unwrap_or(true),
-            ..Inside::default()
+    pub(super) fn inside(&self, mode: DisplayMode, notes: &mut Vec<String>) -> Result<Sections> {
+        let mut inside = Sections {
+            draw_volume: self.picture.volume.unwrap_or(true),
+            ..Sections::default()
         };
         for entry in &self.plane {
             inside.planes.extend(entry.planes()?);
@@ -112,7 +112,7 @@ impl Scene {
         let surfaces = inside.isosurfaces.len() + inside.planes.len() - inside.clips().count();
         match mode {
             DisplayMode::Inside(Mode::Composite) => {
-                if !inside.volume && surfaces == 0 {
+                if !inside.draw_volume && surfaces == 0 {
                     return Err(Error::Input(
                         "nothing is left to draw: volume = false (--no-volume) goes with slices or isosurfaces"
                             .into(),
@@ -126,7 +126,7 @@ impl Scene {
                     ..clip
                 });
                 inside.planes.extend(faces);
-                inside.volume = false;
+                inside.draw_volume = false;
                 if inside.check().is_err() {
                     return Err(Error::Input(
                         "in mode surface each clip plane has a cut face, which counts as another plane: give up to 16 of them (a box is six)"
@@ -135,7 +135,7 @@ impl Scene {
                 }
             }
             _ => {
-                if surfaces > 0 || !inside.volume {
+                if surfaces > 0 || !inside.draw_volume {
                     notes.push(
                         "slices and isosurfaces are drawn in mode composite or surface; they are passed over"
                             .into(),
@@ -143,7 +143,7 @@ impl Scene {
                 }
                 inside.planes.retain(|p| p.kind == PlaneKind::Clip);
                 inside.isosurfaces.clear();
-                inside.volume = true;
+                inside.draw_volume = true;
             }
         }
         Ok(inside)
@@ -170,17 +170,17 @@ impl Scene {
         }
     }
 
-    pub(super) fn options(&self) -> Result<RaycastOptions> {
+    pub(super) fn raycast_options(&self) -> Result<RaycastOptions> {
         let mut options = match self.picture.quality {
-            Some(tolerance) => RaycastOptions::within(tolerance / 255.0)?,
+            Some(tolerance) => RaycastOptions::for_tolerance(tolerance / 255.0)?,
             None => RaycastOptions::default(),
         };
         options.walk = match self.picture.walk.as_deref() {
             None => options.walk,
-            Some("vertices") => Walk::Vertices,
-            Some("planes") => Walk::Planes,
+            Some("vertices") => Traversal::Vertices,
+            Some("planes") => Traversal::Planes,
             Some(other) => {
-                return Err(unknown("walk", &WALKS, other));
+                return Err(unknown_keyword_error("walk", &WALKS, other));
             }
         };
         if let Some(accuracy) = self.picture.accuracy {
@@ -189,7 +189,7 @@ impl Scene {
                     "[picture] accuracy = {accuracy}: the error of a picture's values, a positive number, is expected"
                 )));
             }
-            options.accuracy = accuracy;
+            options.table_tolerance = accuracy;
         }
         options.layers = self.picture.layers.unwrap_or(options.layers);
         options.light = self.light.from.unwrap_or(Light::Head);
@@ -203,16 +203,16 @@ impl Scene {
         Ok(options)
     }
 
-    pub(super) fn compose_options(&self) -> Result<ComposeOptions> {
-        Ok(ComposeOptions {
+    pub(super) fn compose_options(&self) -> Result<CompositorOptions> {
+        Ok(CompositorOptions {
             samples: self.samples_each_way()?,
-            ..ComposeOptions::default()
+            ..CompositorOptions::default()
         })
     }
 
     /// How many times larger each way than it is shown the picture is drawn.
     pub(super) fn samples_each_way(&self) -> Result<u32> {
-        let skins = ComposeOptions::default().samples;
+        let skins = CompositorOptions::default().samples;
         let Some(samples) = self.picture.samples else {
             return Ok(match self.display_mode()? {
                 DisplayMode::Surface | DisplayMode::Skin => skins,
@@ -241,7 +241,7 @@ impl Scene {
                     .into(),
             )),
             Some("skin") => Ok(DisplayMode::Skin),
-            Some(other) => Err(unknown("mode", &MODES, other)),
+            Some(other) => Err(unknown_keyword_error("mode", &MODES, other)),
         }
     }
 
@@ -251,7 +251,7 @@ impl Scene {
             Some("transparent") => Ok(Background::Transparent),
             Some("black") => Ok(Background::Black),
             Some("white") => Ok(Background::White),
-            Some(other) => Err(unknown("background", &BACKGROUNDS, other)),
+            Some(other) => Err(unknown_keyword_error("background", &BACKGROUNDS, other)),
         }
     }
 
@@ -278,7 +278,7 @@ impl Scene {
         let legend = self.picture.legend == Some(true) && entry.is_unset();
         let mut camera = match legend {
             true => beside_legend(mesh, points, size),
-            false => Camera::framing_points(mesh, points, size),
+            false => Camera::fit_points(mesh, points, size),
         };
         if let Some(look_at) = entry.look_at {
             // The eye keeps its place relative to what is looked at.
@@ -309,7 +309,7 @@ impl Scene {
 /// A camera that frames `points` at the left of where a legend is.
 fn beside_legend(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
     let left = (1.0 - LEGEND) * f64::from(size[0]);
-    let mut camera = Camera::framing_points(mesh, points, [left as u32, size[1]]);
+    let mut camera = Camera::fit_points(mesh, points, [left as u32, size[1]]);
     let axes = camera.axes();
     let distance = camera.eye.distance(camera.look_at);
     let width = 2.0 * axes.half_height * distance * axes.aspect(size);

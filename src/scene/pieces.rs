@@ -1,13 +1,13 @@
 //! One body in pieces, each drawn where nothing but it is: on a machine, or by a device, that could
 //! not hold the whole.
 
-use super::picture::{DisplayMode, SIZE};
-use super::whole::Whole;
+use super::picture::{DEFAULT_SIZE, DisplayMode};
+use super::whole::MeshManifest;
 use super::{PictureEntry, Scene};
 use crate::gpu::Gpu;
 use crate::io;
-use crate::mesh::{MeshPiece, Parted, TetMesh, Topology, kd_parts};
-use crate::render::{Background, Geometry, Image, Intervals, Mode, Raycaster, local_positions};
+use crate::mesh::{MeshPartition, MeshPiece, TetMesh, Topology, kd_partition};
+use crate::render::{Background, Geometry, Image, Mode, RaySegments, Raycaster, local_positions};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -25,8 +25,8 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
             path.display()
         )));
     }
-    let part_of = kd_parts(mesh, count)?;
-    let (whole, extra) = Whole::new(mesh, count)?;
+    let part_of = kd_partition(mesh, count)?;
+    let (whole, extra) = MeshManifest::new(mesh, count)?;
     let told = whole.to_bytes()?;
     let held;
     let mesh = match extra {
@@ -38,14 +38,14 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
             &held
         }
     };
-    let parted = Parted::new(mesh, &part_of)?;
-    io::write_pieces(path, count, &told, |k| parted.piece(k))
+    let parted = MeshPartition::new(mesh, &part_of)?;
+    io::write_pieces(path, count, &told, |k| parted.extract(k))
 }
 
 /// A piece of a mesh, with what it knows of the whole.
 pub struct Piece {
     piece: MeshPiece,
-    whole: Whole,
+    whole: MeshManifest,
 }
 
 impl Piece {
@@ -56,7 +56,7 @@ impl Piece {
     /// As [`io::read_piece`].
     pub fn read(path: impl AsRef<Path>, number: usize) -> Result<Piece> {
         let (piece, told) = io::read_piece(path, number)?;
-        let whole = Whole::from_bytes(&told)?;
+        let whole = MeshManifest::from_bytes(&told)?;
         Ok(Piece { piece, whole })
     }
 
@@ -66,7 +66,7 @@ impl Piece {
     }
 
     /// What it knows of the whole.
-    pub fn whole(&self) -> &Whole {
+    pub fn whole(&self) -> &MeshManifest {
         &self.whole
     }
 
@@ -76,30 +76,34 @@ impl Piece {
     /// # Errors
     /// [`Error::Input`] for a scene that wants more than the inside of a body that nothing moves, and
     /// what makes no sense in it; as [`Raycaster::intervals`].
-    pub fn intervals(&self, gpu: &Gpu, scene: &Scene) -> Result<Intervals> {
+    pub fn intervals(&self, gpu: &Gpu, scene: &Scene) -> Result<RaySegments> {
         scene.check_in_pieces()?;
-        let MeshPiece { mesh, own, .. } = &self.piece;
+        let MeshPiece {
+            mesh,
+            owned_tets: own,
+            ..
+        } = &self.piece;
         let (seen, measures) = self.whole.scalar_field(scene, mesh)?;
         let frame = self.whole.frame();
         let topology = Topology::new(mesh);
         let positions = local_positions(gpu, &frame, &mesh.nodes)?;
-        let shown = topology.showing_first(*own);
+        let shown = topology.restricted_to(*own);
         let mut geometry = Geometry::new(gpu, mesh, &shown, frame, &positions, seen.scalars())?;
         geometry.set_scalars(mesh, seen.scalars(), measures.range)?;
-        geometry.take_measures(&measures);
+        geometry.set_table_statistics(&measures);
         let transfer = scene.transfer(&seen)?;
-        let options = scene.options()?;
+        let options = scene.raycast_options()?;
         if options.light.is_on() {
-            geometry.illuminate(mesh, &topology, seen.scalars())?;
+            geometry.enable_lighting(mesh, &topology, seen.scalars())?;
         }
         drop((topology, shown));
         let mut raycaster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
-        if scene.picture.looks_at_regions() {
+        if scene.picture.has_region_appearance() {
             let regions = self.whole.regions(mesh);
-            let looks = scene.looks_of_regions(mesh, regions, frame.scale, &transfer)?;
+            let looks = scene.region_appearances(mesh, regions, frame.scale, &transfer)?;
             raycaster.set_regions(Some(&looks))?;
         }
-        let size = scene.picture.size.unwrap_or(SIZE);
+        let size = scene.picture.size.unwrap_or(DEFAULT_SIZE);
         let camera = self.whole.camera(scene, size)?;
         raycaster.intervals(&camera, scene.drawn_size()?)
     }
@@ -107,7 +111,7 @@ impl Piece {
 
 impl PictureEntry {
     /// Whether regions are hidden, or have looks of their own.
-    pub(super) fn looks_at_regions(&self) -> bool {
+    pub(super) fn has_region_appearance(&self) -> bool {
         !(self.region.is_empty() && self.hide.is_empty())
     }
 }
@@ -118,7 +122,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Input`] where they were told for another size, and for what makes no sense in the
     /// scene.
-    pub fn picture_of(&self, told: &Intervals) -> Result<Image> {
+    pub fn composite(&self, told: &RaySegments) -> Result<Image> {
         let size = self.drawn_size()?;
         if told.size() != size {
             let ([a, b], [c, d]) = (told.size(), size);
@@ -128,24 +132,24 @@ impl Scene {
         }
         Ok(match self.samples_each_way()? {
             1 => told.image(),
-            n => told.image().shrunk(n),
+            n => told.image().box_downsampled(n),
         })
     }
 
     /// The same as a PNG has it: red, green, blue and opacity a pixel, and its width and height.
     ///
     /// # Errors
-    /// As [`Scene::picture_of`].
-    pub fn rgba_of(&self, told: &Intervals) -> Result<(Vec<u8>, [u32; 2])> {
+    /// As [`Scene::composite`].
+    pub fn composite_rgba(&self, told: &RaySegments) -> Result<(Vec<u8>, [u32; 2])> {
         let background: Background = self.background()?;
-        let image = self.picture_of(told)?;
+        let image = self.composite(told)?;
         Ok((image.rgba8(background), image.size))
     }
 
     /// Pixels that are drawn, several for one that is shown where it has several samples.
     fn drawn_size(&self) -> Result<[u32; 2]> {
         let samples = self.samples_each_way()?;
-        let size = self.picture.size.unwrap_or(SIZE);
+        let size = self.picture.size.unwrap_or(DEFAULT_SIZE);
         Ok(size.map(|n| n.saturating_mul(samples)))
     }
 

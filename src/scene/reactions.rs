@@ -3,7 +3,7 @@
 use super::stage::Stage;
 use crate::io::atomic_write;
 use crate::mesh::TetCut;
-use crate::physics::{Engine, Forces, Reaction};
+use crate::physics::{Engine, NodalForces, Reaction};
 use crate::{Error, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ const HEADER: &str = "time_s,name,fx,fy,fz,mx,my,mz";
 
 /// Nodes that are pinned as one, and what they are called.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct PinSet {
+pub(super) struct NamedPins {
     pub name: String,
     pub nodes: Vec<u32>,
 }
@@ -125,11 +125,14 @@ fn quoted(text: &str) -> String {
     }
 }
 
-impl PinSet {
+impl NamedPins {
     /// Follows a cut: doubles are pinned as the nodes they come from.
-    pub(super) fn follow(&mut self, cut: &TetCut) {
+    pub(super) fn apply_cut(&mut self, cut: &TetCut) {
         let own: std::collections::BTreeSet<u32> = self.nodes.iter().copied().collect();
-        let doubled = cut.doubled.iter().filter(|[_, old]| own.contains(old));
+        let doubled = cut
+            .duplicated_nodes
+            .iter()
+            .filter(|[_, old]| own.contains(old));
         self.nodes.extend(doubled.map(|[new, _]| *new));
     }
 }
@@ -149,21 +152,21 @@ impl Stage {
                 "what nothing moves exerts no reactions: name a solver (--solver implicit, for example)".into(),
             ));
         };
-        let of_tools = motion.on_tools()?;
+        let of_tools = motion.tool_reactions()?;
         // A GPU knows the forces on its tools, and not those on nodes.
         if motion.simulator.engine() == Engine::Gpu && !of_tools.is_empty() {
             return Ok(of_tools);
         }
-        let forces = Forces::of(motion.simulator.as_mut())?;
+        let forces = NodalForces::of(motion.simulator.as_mut())?;
         let body = motion.simulator.as_ref();
         let pins = motion.pins.iter();
         let mut all: Vec<(String, Reaction)> = pins
-            .map(|pin| (pin.name.clone(), forces.on_nodes(&pin.nodes)))
+            .map(|pin| (pin.name.clone(), forces.reaction_on_pins(&pin.nodes)))
             .collect();
         let unit = body.loads().frame_and_unit().1;
-        for mover in &motion.actors.movers {
+        for mover in &motion.time_dependent_loads.movers {
             let nodes = mover.accelerations(time, motion.dt);
-            let reaction = forces.on_moved(nodes.map(|(v, a)| (v, unit * a)));
+            let reaction = forces.reaction_on_motion(nodes.map(|(v, a)| (v, unit * a)));
             all.push((mover.name.clone(), reaction));
         }
         for (i, attachment) in motion.attachments.iter().enumerate() {
@@ -173,7 +176,7 @@ impl Stage {
                 None => Reaction::default(),
                 Some(grab) => {
                     let acceleration = unit * attachment.acceleration(time, motion.dt);
-                    forces.on_grab(body, grab, acceleration)?
+                    forces.reaction_on_grab(body, grab, acceleration)?
                 }
             };
             all.push((name, reaction));

@@ -1,7 +1,7 @@
 //! Frames of a recorded series, shown by a stage that nothing else moves.
 
 use super::Stage;
-use super::stage::Drive;
+use super::stage::NodeSource;
 use crate::mesh::{Field, Location};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -15,7 +15,7 @@ impl Stage {
     /// [`Error::Input`] for a body that moves, for nodes or fields of another mesh, and for a frame in
     /// which the field that is seen is not finite or lies elsewhere.
     pub fn show_frame(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
-        let Drive::Posed(posed) = &mut self.drive else {
+        let NodeSource::Posed(posed) = &mut self.drive else {
             return Err(Error::Input(
                 "the body moves, so frames of a series cannot be shown; leave the solver out"
                     .into(),
@@ -50,7 +50,7 @@ impl Stage {
         };
         let geometry = self.raycaster.geometry_mut();
         geometry.set_scalars(self.drive.mesh(), self.scalars.scalars(), range)?;
-        self.raycaster.refresh_range()?;
+        self.raycaster.update_range()?;
         let geometry = self.raycaster.geometry();
         self.surface.set_scalars(geometry, &self.scalars.values)
     }

@@ -1,15 +1,15 @@
 //! What each region of a picture looks like, where the scene says so.
 
-use super::{RegionLookEntry, Scene};
+use super::{RegionAppearanceEntry, Scene};
 use crate::mesh::{FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology};
-use crate::render::{RegionLooks, TransferFunction, named_colour};
+use crate::render::{RegionAppearance, TransferFunction, named_colour};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
 /// The opacity of a ray's mean way through a region that has a colour, and no opacity, of its own.
 const OPACITY: f64 = 0.9;
 /// What a region of opacity 1 lets through.
-const CLEAR: f64 = 1e-4;
+const MIN_TRANSMITTANCE: f64 = 1e-4;
 
 impl Scene {
     /// What the regions that `[picture.region]` and `[picture] hide` name look like, and all else by
@@ -19,29 +19,29 @@ impl Scene {
         mesh: &TetMesh,
         topology: &Topology,
         transfer: &TransferFunction,
-    ) -> Result<Option<RegionLooks>> {
-        if !self.picture.looks_at_regions() {
+    ) -> Result<Option<RegionAppearance>> {
+        if !self.picture.has_region_appearance() {
             return Ok(None);
         }
         let regions = mesh.region_field().map(|field| {
             let labels: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
-            let ways = mean_ways(mesh, topology, &labels);
+            let ways = mean_chords(mesh, topology, &labels);
             (labels, ways)
         });
-        let extent = LocalFrame::of_mesh(mesh).scale;
-        let looks = self.looks_of_regions(mesh, regions, extent, transfer)?;
+        let extent = LocalFrame::from_mesh(mesh).scale;
+        let looks = self.region_appearances(mesh, regions, extent, transfer)?;
         Ok(Some(looks))
     }
 
     /// The same of `mesh`, a whole or a piece: the label of each of its tets with the mean way of a ray
     /// through each region of the whole, and the extent of that.
-    pub(super) fn looks_of_regions(
+    pub(super) fn region_appearances(
         &self,
         mesh: &TetMesh,
         regions: Option<(Vec<i64>, BTreeMap<i64, f64>)>,
         extent: f64,
         transfer: &TransferFunction,
-    ) -> Result<RegionLooks> {
+    ) -> Result<RegionAppearance> {
         let (entries, hide) = (&self.picture.region, &self.picture.hide);
         let Some((labels, ways)) = regions else {
             return Err(Error::Input(
@@ -70,14 +70,14 @@ impl Scene {
             looks.insert(label, own);
         }
         let look = |label: &i64| looks.get(label).copied().unwrap_or(Some(0));
-        Ok(RegionLooks {
-            of_tets: labels.iter().map(look).collect(),
+        Ok(RegionAppearance {
+            tet_regions: labels.iter().map(look).collect(),
             transfers,
         })
     }
 }
 
-impl RegionLookEntry {
+impl RegionAppearanceEntry {
     /// What it makes of the picture's own transfer function.
     fn made(
         &self,
@@ -90,7 +90,7 @@ impl RegionLookEntry {
             None => own.clone(),
         };
         if let Some(colour) = &self.colour {
-            shown = shown.coloured(named_colour(colour)?);
+            shown = shown.with_colour(named_colour(colour)?);
         }
         let opacity = match (&self.transfer, &self.colour) {
             (None, Some(_)) => self.opacity.or(Some(OPACITY)),
@@ -105,7 +105,10 @@ impl RegionLookEntry {
             )));
         }
         let way = way.max(f64::MIN_POSITIVE);
-        Ok(shown.as_dense((1.0 - opacity).max(CLEAR).ln().abs() / way, extent))
+        Ok(shown.with_constant_extinction(
+            (1.0 - opacity).max(MIN_TRANSMITTANCE).ln().abs() / way,
+            extent,
+        ))
     }
 }
 
@@ -122,7 +125,11 @@ fn label(mesh: &TetMesh, ways: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, 
 }
 
 /// The mean way of a ray through each region, of volume V and surface S: 4V/S (Cauchy).
-pub(super) fn mean_ways(mesh: &TetMesh, topology: &Topology, labels: &[i64]) -> BTreeMap<i64, f64> {
+pub(super) fn mean_chords(
+    mesh: &TetMesh,
+    topology: &Topology,
+    labels: &[i64],
+) -> BTreeMap<i64, f64> {
     let mut sums: BTreeMap<i64, [f64; 2]> = BTreeMap::new();
     for (t, neighbours) in topology.neighbours.iter().enumerate() {
         let [volume, surface] = sums.entry(labels[t]).or_default();

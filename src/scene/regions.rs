@@ -20,15 +20,15 @@ const COLOURS: [[u8; 3]; 8] = [
 const TINTS: [f64; 3] = [0.0, 0.55, -0.45];
 /// Opacity of a ray's mean way through a region: of one that hides nothing, of one that encloses
 /// others, of one inside another.
-const PLAIN: f64 = 0.93;
-const ENCLOSING: f64 = 0.45;
-const ENCLOSED: f64 = 0.97;
+const DEFAULT_OPACITY: f64 = 0.93;
+const OUTER_OPACITY: f64 = 0.45;
+const INNER_OPACITY: f64 = 0.97;
 /// A region is inside where less than this share of its surface is the body's.
 const INSIDE: f64 = 0.25;
 /// Half of the scalars that take the colour of one region, the distance between two being 1.
-const PLATEAU: f64 = 0.35;
+const COLOUR_HALF_WIDTH: f64 = 0.35;
 /// Regions that a legend names.
-const NAMED: usize = 24;
+const MAX_LEGEND_ENTRIES: usize = 24;
 
 /// The regions of a mesh in the order of their values, numbered from 0.
 pub(super) struct Regions {
@@ -43,7 +43,7 @@ pub(super) struct Regions {
 }
 
 impl Regions {
-    /// The regions that `field` says; it is one that [`TetMesh::says_regions`] accepts.
+    /// The regions that `field` says; it is one that [`TetMesh::is_region_field`] accepts.
     pub fn new(mesh: &TetMesh, topology: &Topology, field: &Field) -> Result<Regions> {
         let all = mesh.regions_of(field);
         let number_of: BTreeMap<i64, usize> = all
@@ -58,7 +58,7 @@ impl Regions {
         let (mut colour, mut extinction) = (Vec::new(), Vec::new());
         for (i, sigma) in extinctions.iter().enumerate() {
             let [r, g, b] = colour_of(i).map(|c| f64::from(c) / 255.0);
-            for end in [i as f64 - PLATEAU, i as f64 + PLATEAU] {
+            for end in [i as f64 - COLOUR_HALF_WIDTH, i as f64 + COLOUR_HALF_WIDTH] {
                 colour.push([end, r, g, b]);
                 extinction.push([end, *sigma]);
             }
@@ -66,7 +66,7 @@ impl Regions {
         let mut named: Vec<String> = all
             .keys()
             .enumerate()
-            .take(NAMED)
+            .take(MAX_LEGEND_ENTRIES)
             .map(|(i, label)| {
                 let name = mesh.region_names.get(label);
                 let name = name.map_or(String::new(), |n| format!(" {n}"));
@@ -74,8 +74,8 @@ impl Regions {
                 format!("{label}{name} (#{r:02x}{g:02x}{b:02x})")
             })
             .collect();
-        if all.len() > NAMED {
-            named.push(format!("and {} more", all.len() - NAMED));
+        if all.len() > MAX_LEGEND_ENTRIES {
+            named.push(format!("and {} more", all.len() - MAX_LEGEND_ENTRIES));
         }
         Ok(Regions {
             numbers: numbers.iter().map(|n| *n as f64).collect(),
@@ -131,11 +131,11 @@ fn extinctions(
                 .filter(|([own, other], _)| *own == r && bare(*other) < INSIDE.min(bare(r)));
             let hidden: f64 = hides.map(|(_, area)| area).sum();
             let opacity = match bare(r) < INSIDE {
-                true => ENCLOSED,
+                true => INNER_OPACITY,
                 // A region that encloses little of others need not give way to them.
                 false => {
                     let share = (4.0 * hidden / surface[r].max(f64::MIN_POSITIVE)).min(1.0);
-                    PLAIN + share * (ENCLOSING - PLAIN)
+                    DEFAULT_OPACITY + share * (OUTER_OPACITY - DEFAULT_OPACITY)
                 }
             };
             let way = 4.0 * volumes[r] / surface[r].max(f64::MIN_POSITIVE);

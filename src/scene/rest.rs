@@ -12,7 +12,7 @@ impl Scene {
     /// Puts `mesh` where it rests, and returns where its nodes stand: by the mesh that `[mesh] rest`
     /// names, or, where the picture needs to know it, by a field `displacement`. What was assumed
     /// comes in words.
-    pub(super) fn at_rest(
+    pub(super) fn move_to_rest(
         &self,
         mesh: &mut TetMesh,
     ) -> Result<Option<(Vec<DVec3>, Option<String>)>> {
@@ -29,7 +29,7 @@ impl Scene {
                     file.display()
                 ))
             };
-            mesh.check_moved_from(&rest).map_err(wrong)?;
+            mesh.check_same_connectivity(&rest).map_err(wrong)?;
             let now = std::mem::replace(&mut mesh.nodes, rest.nodes);
             // Readers turned those that the motion has turned inside out.
             for t in 0..mesh.tets.len() {

@@ -1,28 +1,28 @@
 //! The scans of a scene, read and ready to be carried.
 
 use super::regions::colour_of;
-use super::{LabelLookEntry, ScalarField, ScanEntry, Scene, Unit};
+use super::{LabelAppearanceEntry, ScalarField, ScanEntry, Scene, Unit};
 use crate::mesh::TetMesh;
-use crate::render::{LabelLook, Scan, ScanLook, TransferFunction, named_colour};
+use crate::render::{LabelAppearance, Scan, ScanAppearance, TransferFunction, named_colour};
 use crate::volume::Volume;
 use crate::{Error, Result, io};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Different whole numbers up to which a scan is taken for a map of labels.
-const FEW: usize = 64;
+const MAX_LABEL_VALUES: usize = 64;
 /// The opacity of a ray's mean way through a label, alone and beside other scans.
-const ALONE: f64 = 0.9;
-const BESIDE: f64 = 0.5;
+const SINGLE_SCAN_OPACITY: f64 = 0.9;
+const MULTI_SCAN_OPACITY: f64 = 0.5;
 /// What a label of opacity 1 lets through.
 const CLEAR: f64 = 1e-4;
 /// A surface of voxels is so much larger than the smooth one it stands for, on average.
-const STAIRS: f64 = 1.5;
+const VOXEL_SURFACE_RATIO: f64 = 1.5;
 /// Half of the scalars that take the colour of one label in a legend.
 const PLATEAU: f64 = 0.35;
 
 /// The scans of a scene.
-pub(super) struct Scans {
+pub(super) struct SceneScans {
     pub scans: Vec<Scan>,
     /// The first, for a legend; its values are not at the nodes.
     pub seen: ScalarField,
@@ -31,7 +31,7 @@ pub(super) struct Scans {
 
 impl Scene {
     /// The scans that the scene has its body carry; none where it has none.
-    pub(super) fn scans(&self, mesh: &TetMesh) -> Result<Option<Scans>> {
+    pub(super) fn scans(&self, mesh: &TetMesh) -> Result<Option<SceneScans>> {
         if self.scan.is_empty() {
             return Ok(None);
         }
@@ -68,7 +68,11 @@ impl Scene {
                             labels.len()
                         ));
                     }
-                    let opacity = if alone { ALONE } else { BESIDE };
+                    let opacity = if alone {
+                        SINGLE_SCAN_OPACITY
+                    } else {
+                        MULTI_SCAN_OPACITY
+                    };
                     let looks = entry.label_looks(&volume, &labels, opacity, units_per_mm);
                     let looks = looks.map_err(named)?;
                     let field = label_field(&name, &volume, &looks)?;
@@ -77,7 +81,7 @@ impl Scene {
                             "[scan] {name}: no label is left to be seen"
                         )));
                     }
-                    (ScanLook::Labels(looks), field)
+                    (ScanAppearance::Labels(looks), field)
                 }
                 None => {
                     let first = k == 0;
@@ -89,7 +93,7 @@ impl Scene {
                     let range = entry.range.or(self.picture.range.filter(|_| first));
                     // X-rays go by what numbers are, not by what is shown of them.
                     let range = range.filter(|_| self.picture.mode.as_deref() != Some("xray"));
-                    let look = ScanLook::Values {
+                    let look = ScanAppearance::Values {
                         transfer: transfer.clone(),
                         range: range.map(|[low, high]| (low, high)),
                     };
@@ -99,7 +103,7 @@ impl Scene {
             let scan = Scan {
                 volume,
                 units_per_mm,
-                look,
+                appearance: look,
             };
             let field = ScalarField {
                 range: match field.regions.len() {
@@ -112,7 +116,7 @@ impl Scene {
             seen.get_or_insert(field);
             scans.push(scan);
         }
-        Ok(seen.map(|seen| Scans { scans, seen, notes }))
+        Ok(seen.map(|seen| SceneScans { scans, seen, notes }))
     }
 }
 
@@ -137,7 +141,7 @@ impl ScanEntry {
             )),
             (false, labels) => {
                 let few = |labels: &BTreeMap<i64, usize>| {
-                    labels.len() <= FEW && (self.transfer.is_none() && self.range.is_none())
+                    labels.len() <= MAX_LABEL_VALUES && (self.transfer.is_none() && self.range.is_none())
                 };
                 Ok(labels.filter(few))
             }
@@ -164,15 +168,15 @@ impl ScanEntry {
         labels: &BTreeMap<i64, usize>,
         opacity: f64,
         units_per_mm: f64,
-    ) -> Result<BTreeMap<i64, LabelLook>> {
-        let mut entries: BTreeMap<i64, &LabelLookEntry> = BTreeMap::new();
+    ) -> Result<BTreeMap<i64, LabelAppearance>> {
+        let mut entries: BTreeMap<i64, &LabelAppearanceEntry> = BTreeMap::new();
         for (name, entry) in &self.label {
-            let by_name = volume.names.iter().find(|(_, own)| *own == name);
+            let by_name = volume.label_names.iter().find(|(_, own)| *own == name);
             let label = by_name.map(|(label, _)| *label).or(name.parse().ok());
             let label = label.filter(|l| labels.contains_key(l)).ok_or_else(|| {
                 let all: Vec<String> = labels
                     .keys()
-                    .map(|l| match volume.names.get(l) {
+                    .map(|l| match volume.label_names.get(l) {
                         Some(name) => format!("{l} ({name})"),
                         None => l.to_string(),
                     })
@@ -208,7 +212,7 @@ impl ScanEntry {
             }
             let way = ways.get(label).copied().unwrap_or(1.0) * units_per_mm;
             let extinction = (1.0 - opacity).max(CLEAR).ln().abs() / way;
-            looks.insert(*label, LabelLook { colour, extinction });
+            looks.insert(*label, LabelAppearance { colour, extinction });
         }
         Ok(looks)
     }
@@ -246,7 +250,9 @@ fn mean_ways(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f6
         }
         sums[here] = [sums[here][0] + voxel, sums[here][1] + bare];
     }
-    let way = |[volume, surface]: [f64; 2]| 4.0 * volume * STAIRS / surface.max(f64::MIN_POSITIVE);
+    let way = |[volume, surface]: [f64; 2]| {
+        4.0 * volume * VOXEL_SURFACE_RATIO / surface.max(f64::MIN_POSITIVE)
+    };
     own.iter().copied().zip(sums.into_iter().map(way)).collect()
 }
 
@@ -267,7 +273,7 @@ fn value_field(name: &str, transfer: TransferFunction) -> ScalarField {
 fn label_field(
     name: &str,
     volume: &Volume,
-    looks: &BTreeMap<i64, LabelLook>,
+    looks: &BTreeMap<i64, LabelAppearance>,
 ) -> Result<ScalarField> {
     let (mut colour, mut extinction) = (Vec::new(), Vec::new());
     let mut regions = Vec::new();
@@ -277,7 +283,7 @@ fn label_field(
             colour.push([end, r, g, b]);
             extinction.push([end, look.extinction]);
         }
-        let called = volume.names.get(label).cloned();
+        let called = volume.label_names.get(label).cloned();
         regions.push((called.unwrap_or_else(|| label.to_string()), i as f64));
     }
     if regions.is_empty() {

@@ -1,6 +1,6 @@
 //! Fields computed of a body that moves, as it is drawn and written.
 
-use super::stage::{Drive, Stage};
+use super::stage::{NodeSource, Stage};
 use super::{Motion, ScalarField, Scene};
 use crate::mesh::{Field, Location, ScalarType};
 use crate::physics::BodyField;
@@ -12,38 +12,38 @@ const COLOURS: &str = "viridis";
 
 /// A field that is computed for each picture.
 #[derive(Clone, Debug)]
-pub(super) struct Shown {
+pub(super) struct ComputedField {
     pub(super) field: BodyField,
     /// The version of the nodes that it was computed of.
     version: Option<u64>,
     /// Whether the scene gives its range.
     given: bool,
     /// What it has been so far.
-    pub(super) found: (f64, f64),
+    pub(super) observed_range: (f64, f64),
     /// Differences below this are rounding.
     rounding: f64,
 }
 
-impl Shown {
+impl ComputedField {
     /// The field that `scene` names, if it is one that is computed of `drive`, and it where the
     /// body is now.
-    pub fn new(scene: &Scene, drive: &Drive) -> Result<Option<(Shown, ScalarField)>> {
+    pub fn new(scene: &Scene, drive: &NodeSource) -> Result<Option<(ComputedField, ScalarField)>> {
         let named = scene.picture.field.as_deref();
-        let (Some(name), Drive::Simulated(motion)) = (named, drive) else {
+        let (Some(name), NodeSource::Simulated(motion)) = (named, drive) else {
             return Ok(None);
         };
         let Ok(field) = name.parse::<BodyField>() else {
             return Ok(None);
         };
         let body = motion.simulator.as_ref();
-        let values = field.at_nodes(body)?;
+        let values = field.per_node(body)?;
         let found = range(&values);
-        let shown = Shown {
+        let shown = ComputedField {
             field,
             version: None,
             given: scene.picture.range.is_some(),
-            found,
-            rounding: field.rounding(body),
+            observed_range: found,
+            rounding: field.noise_floor(body),
         };
         let own = [Location::Node, Location::Cell];
         let own = own.iter().any(|at| body.mesh().field(name, *at).is_some());
@@ -72,7 +72,7 @@ impl Shown {
 
     /// What it has been so far, wider than rounding.
     fn range(&self) -> (f64, f64) {
-        let (low, high) = self.found;
+        let (low, high) = self.observed_range;
         let least = self.rounding.max(f64::MIN_POSITIVE);
         (
             low,
@@ -86,7 +86,7 @@ impl Shown {
 }
 
 /// Fields of `motion` by the names that a scene asks for, computed now.
-pub(super) fn asked(scene: &Scene, motion: &Motion) -> Result<Vec<Field>> {
+pub(super) fn output_fields(scene: &Scene, motion: &Motion) -> Result<Vec<Field>> {
     let mut fields = Vec::new();
     for (field, location) in wanted(scene)? {
         // Vectors of all nodes, which are written in any case.
@@ -95,8 +95,8 @@ pub(super) fn asked(scene: &Scene, motion: &Motion) -> Result<Vec<Field>> {
         }
         let body = motion.simulator.as_ref();
         let values = match location {
-            Location::Node => field.at_nodes(body)?,
-            Location::Cell => field.in_tets(body)?,
+            Location::Node => field.per_node(body)?,
+            Location::Cell => field.per_tet(body)?,
         };
         fields.push(Field {
             scalar_type: ScalarType::F32,
@@ -116,14 +116,14 @@ fn wanted(scene: &Scene) -> Result<Vec<(BodyField, Location)>> {
 }
 
 /// Refuses fields to be written that the body has not.
-pub(super) fn check_asked(scene: &Scene, drive: &Drive) -> Result<()> {
+pub(super) fn check_output_fields(scene: &Scene, drive: &NodeSource) -> Result<()> {
     let fields = wanted(scene)?;
     match (drive, fields.first()) {
-        (Drive::Posed(_), Some((field, _))) => Err(Error::Input(format!(
+        (NodeSource::Posed(_), Some((field, _))) => Err(Error::Input(format!(
             "{field} is written of a body that moves, and nothing does: name a solver (--solver implicit, for example)"
         ))),
-        (Drive::Posed(_), None) => Ok(()),
-        (Drive::Simulated(motion), _) => fields
+        (NodeSource::Posed(_), None) => Ok(()),
+        (NodeSource::Simulated(motion), _) => fields
             .iter()
             .try_for_each(|(field, _)| field.check(motion.simulator.as_ref())),
     }
@@ -133,7 +133,8 @@ impl Stage {
     /// Computes the field that is drawn where the body is now, if it is one that is computed and
     /// the nodes have moved. On the GPU positions are read back: those of the last work submitted.
     pub(super) fn refresh_field(&mut self) -> Result<()> {
-        let (Some(shown), Drive::Simulated(motion)) = (&mut self.shown, &self.drive) else {
+        let (Some(shown), NodeSource::Simulated(motion)) = (&mut self.computed_field, &self.drive)
+        else {
             return Ok(());
         };
         let body = motion.simulator.as_ref();
@@ -141,17 +142,20 @@ impl Stage {
         if shown.version == version {
             return Ok(());
         }
-        let values = shown.field.at_nodes(body)?;
+        let values = shown.field.per_node(body)?;
         shown.version = version;
         let (low, high) = range(&values);
-        shown.found = (shown.found.0.min(low), shown.found.1.max(high));
+        shown.observed_range = (
+            shown.observed_range.0.min(low),
+            shown.observed_range.1.max(high),
+        );
         self.scalars.values = values;
         if !shown.given {
             self.scalars.range = shown.range();
         }
         let geometry = self.raycaster.geometry_mut();
         geometry.set_scalars(body.mesh(), &self.scalars.values, self.scalars.range)?;
-        self.raycaster.refresh_range()?;
+        self.raycaster.update_range()?;
         let geometry = self.raycaster.geometry();
         self.surface.set_scalars(geometry, &self.scalars.values)
     }
@@ -159,8 +163,11 @@ impl Stage {
     /// Of a field that is computed for each picture: what it has been in the pictures so far, in
     /// words.
     pub fn field_note(&self) -> Option<String> {
-        let shown = self.shown.as_ref().filter(|s| s.version.is_some())?;
-        let (low, high) = shown.found;
+        let shown = self
+            .computed_field
+            .as_ref()
+            .filter(|s| s.version.is_some())?;
+        let (low, high) = shown.observed_range;
         let [low, high] = [low, high].map(|x| figures(x, shown.rounding));
         let unit = shown.field.unit();
         let space = if unit.is_empty() { "" } else { " " };

@@ -1,16 +1,16 @@
 //! From a scene's material, solver, pins and forces to the simulator that moves its body.
 
-use super::acting::Actors;
-use super::load::{Response, said, weight};
-use super::reactions::PinSet;
+use super::acting::TimeDependentLoads;
+use super::load::{LoadResponse, format_acceleration, weight};
+use super::reactions::NamedPins;
 use super::{FloorEntry, Scene};
 use crate::cage::{CageKind, CageReport};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    ConjugateGradients, Engine, EngineChoice, Floor, HeldEnd, Material, SelfContact, Simulator,
-    SolverKind, SpringNetwork, largest_stable_step,
+    CgSettings, ClampedEnd, DiscreteModel, Engine, EngineChoice, Floor, Material,
+    SelfContactSettings, Simulator, SolverKind, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -23,14 +23,14 @@ pub(super) const GRAVITY: f64 = 9.81;
 const IMPLICIT_STEP: f64 = 0.01;
 const EXPLICIT_SHARE: f64 = 0.9;
 /// A body longer than this, in metres, is remarked upon: its unit was probably forgotten.
-const REMARKABLE_LENGTH: f64 = 5.0;
+const SUSPICIOUS_LENGTH: f64 = 5.0;
 
 /// Of the stiffest tissue over the softest: from here on steps in 32 bits begin to lose what is
 /// soft, and at ten times as much they do (`palpate study scaling`, the bar with a rod).
 const GPU_CONTRAST: f64 = 1e4;
 
 /// A simulator, and what a scene that is silent was taken to mean.
-pub(super) struct Setup {
+pub(super) struct SimulatorSetup {
     pub simulator: Box<dyn Simulator>,
     /// Step size, s.
     pub dt: f64,
@@ -38,15 +38,15 @@ pub(super) struct Setup {
     /// Whether its steps are those of a grid.
     pub grid: bool,
     /// Points, in file units, that pictures of the whole run should show.
-    pub reach: Option<Vec<DVec3>>,
+    pub motion_envelope: Option<Vec<DVec3>>,
     /// What is pinned, by name.
-    pub pins: Vec<PinSet>,
+    pub pins: Vec<NamedPins>,
     /// What acts on it as time goes on.
-    pub actors: Actors,
+    pub actors: TimeDependentLoads,
 }
 
 /// What pulls a body, by which step it is followed, and how far it will go.
-pub(super) struct Pull {
+pub(super) struct DefaultLoad {
     /// m/s².
     pub gravity: DVec3,
     /// s.
@@ -56,9 +56,9 @@ pub(super) struct Pull {
 }
 
 /// An end that was chosen to be held, and the number of the body's pieces.
-pub(super) type Chosen = (HeldEnd, usize);
+pub(super) type ChosenSupport = (ClampedEnd, usize);
 
-impl Setup {
+impl SimulatorSetup {
     /// The simulator of `scene` and `mesh`, and in words what was assumed; see
     /// [`Motion::new`](super::Motion::new).
     pub fn new(
@@ -67,13 +67,13 @@ impl Setup {
         kind: SolverKind,
         mesh: TetMesh,
         shape: Option<GridShape>,
-    ) -> Result<(Setup, Vec<String>)> {
+    ) -> Result<(SimulatorSetup, Vec<String>)> {
         let mut notes = Vec::new();
         let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
         let unit = unit.or(mesh.length_unit);
         let (low, high) = mesh.bounds();
         let length = (high - low).max_element();
-        if unit.is_none() && length > REMARKABLE_LENGTH {
+        if unit.is_none() && length > SUSPICIOUS_LENGTH {
             notes.push(format!(
                 "one unit of the mesh is taken to be a metre, so the body is {length:.3} m long; --unit mm (or cm) says otherwise"
             ));
@@ -83,7 +83,7 @@ impl Setup {
         let (mut material, said) = scene.material.material(&mesh, of_tets)?;
         notes.extend(said);
         material.length_unit = unit.unwrap_or(1.0);
-        if let Some(entry) = scene.of_tets()
+        if let Some(entry) = scene.tets_only_entry()
             && (shape.is_some() || scene.cage.is_some())
         {
             return Err(Error::Input(format!(
@@ -120,13 +120,13 @@ impl FloorEntry {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let point = (DVec3::from(self.point) - frame.origin) * unit;
         let normal = self.normal.map_or(DVec3::Z, DVec3::from);
-        Floor::new(point, normal, self.rate.unwrap_or(Floor::RATE))
+        Floor::new(point, normal, self.rate.unwrap_or(Floor::DEFAULT_RATE))
     }
 }
 
 /// The step that the scene asks for, or a share of the largest stable one, `limit`; without a
 /// limit the step of an implicit solver.
-pub(super) fn step_of(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<String>) -> f64 {
+pub(super) fn choose_step(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<String>) -> f64 {
     if let Some(dt) = asked {
         return dt;
     }
@@ -146,8 +146,8 @@ pub(super) fn step_of(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<St
 
 /// A damping time that an explicit solver can bear with these springs, undamped as they are given,
 /// for damping costs it step size; and a sentence that says so.
-pub(super) fn damping_to_bear(undamped: &SpringNetwork, kind: SolverKind) -> Option<(f64, String)> {
-    let free = vec![false; undamped.rest.len()];
+pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Option<(f64, String)> {
+    let free = vec![false; undamped.rest_positions.len()];
     let limit = largest_stable_step(undamped, &free, SolverKind::Symplectic);
     let limit = limit.filter(|limit| limit.is_finite())?;
     // Explicit Euler is stable through damping alone; the others give up a twentieth of a step.
@@ -169,7 +169,7 @@ pub(super) fn damping_to_bear(undamped: &SpringNetwork, kind: SolverKind) -> Opt
 
 /// What is rigid, in words, and a warning of regions that are one body only because they share
 /// nodes.
-fn rigid_notes(mesh: &TetMesh, network: &SpringNetwork) -> Vec<String> {
+fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
     let bodies = &network.elements.rigid;
     if bodies.is_empty() {
         return Vec::new();
@@ -212,19 +212,19 @@ impl Scene {
         mesh: TetMesh,
         mut material: Material,
         notes: &mut Vec<String>,
-    ) -> Result<Setup> {
+    ) -> Result<SimulatorSetup> {
         if !self.material.says_damping() && !kind.is_implicit() {
             material.damping_time = 0.0;
             if let Some((damping, said)) =
-                damping_to_bear(&SpringNetwork::new(&mesh, &material)?, kind)
+                stable_damping(&DiscreteModel::new(&mesh, &material)?, kind)
             {
                 material.damping_time = damping;
                 notes.push(said);
             }
         }
-        let network = SpringNetwork::new(&mesh, &material)?;
+        let network = DiscreteModel::new(&mesh, &material)?;
         notes.extend(rigid_notes(&mesh, &network));
-        let contrast = network.elements.contrast();
+        let contrast = network.elements.stiffness_ratio();
         let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
         if kind.is_implicit() && simulator.engine() == Engine::Gpu && contrast >= GPU_CONTRAST {
             notes.push(format!(
@@ -239,28 +239,28 @@ impl Scene {
         &self,
         gpu: &Gpu,
         mesh: TetMesh,
-        network: SpringNetwork,
+        network: DiscreteModel,
         material: &Material,
         kind: SolverKind,
     ) -> Result<Box<dyn Simulator>> {
         let mut engine = self.solver.engine.unwrap_or_default();
-        if let Some(entry) = self.of_cpu() {
+        if let Some(entry) = self.cpu_only_entry() {
             engine = match engine {
-                EngineChoice::This(Engine::Gpu) => {
+                EngineChoice::Exactly(Engine::Gpu) => {
                     return Err(Error::Input(format!(
                         "{entry} acts on the processor's engine only: --engine cpu, or leave it to auto"
                     )));
                 }
                 // It has some of them, and refuses the others itself.
-                EngineChoice::This(Engine::Rapier) => engine,
-                _ => EngineChoice::This(Engine::Cpu),
+                EngineChoice::Exactly(Engine::Rapier) => engine,
+                _ => EngineChoice::Exactly(Engine::Cpu),
             };
         } else if engine == EngineChoice::Auto && !self.tool.is_empty() {
             // It takes tools on any body of elements, the GPU not on all.
-            engine = EngineChoice::This(Engine::Cpu);
+            engine = EngineChoice::Exactly(Engine::Cpu);
         }
         let how = (kind, self.conjugate_gradients());
-        engine.tets_of(gpu, (mesh, network), material, how)
+        engine.build_tets_from_model(gpu, (mesh, network), material, how)
     }
 
     fn grid_simulator(
@@ -271,7 +271,7 @@ impl Scene {
         shape: GridShape,
         material: &Material,
         notes: &mut Vec<String>,
-    ) -> Result<Setup> {
+    ) -> Result<SimulatorSetup> {
         if kind != SolverKind::Verlet {
             return Err(Error::Input(format!(
                 "a grid body is stepped by verlet, not by {kind}; name = \"verlet\", or leave [grid] out"
@@ -282,31 +282,35 @@ impl Scene {
             model.damping = rate;
         }
         let engine = self.solver.engine.unwrap_or_default();
-        let simulator = engine.grid(gpu, mesh, model)?;
+        let simulator = engine.build_grid(gpu, mesh, model)?;
         let setup = self.set_up(simulator, notes)?;
-        Ok(Setup {
+        Ok(SimulatorSetup {
             grid: true,
             ..setup
         })
     }
 
     /// Pins and pulls the body of `simulator` as the scene says, or by the end that suits it.
-    fn set_up(&self, mut simulator: Box<dyn Simulator>, notes: &mut Vec<String>) -> Result<Setup> {
+    fn set_up(
+        &self,
+        mut simulator: Box<dyn Simulator>,
+        notes: &mut Vec<String>,
+    ) -> Result<SimulatorSetup> {
         let mut pins = Vec::new();
         for (i, region) in self.pin.iter().enumerate() {
             let nodes = region.nodes(simulator.mesh())?;
             simulator.pin_nodes(&nodes)?;
             let name = region.name.clone();
             let name = name.unwrap_or_else(|| format!("pin{}", i + 1));
-            pins.push(PinSet { name, nodes });
+            pins.push(NamedPins { name, nodes });
         }
-        let actors = Actors::new(self, simulator.as_mut(), notes)?;
+        let actors = TimeDependentLoads::new(self, simulator.as_mut(), notes)?;
         for entry in &self.joint {
             let joint = entry.joint(simulator.mesh())?;
             simulator.add_joint(joint)?;
         }
         if let Some(entry) = &self.contact {
-            let through = simulator.set_self_contact(SelfContact {
+            let through = simulator.set_self_contact(SelfContactSettings {
                 friction: entry.friction.unwrap_or(0.0),
                 gap: entry.gap,
             })?;
@@ -320,14 +324,14 @@ impl Scene {
             simulator.add_term(Arc::new(floor.term(simulator.as_ref())?))?;
         }
         let held = !(self.pin.is_empty() && self.moves.is_empty()) || self.floor.is_some();
-        let loose = !(held || self.stands());
+        let loose = !(held || self.supports_body());
         let end = match loose {
             true => Some(self.held_end(simulator.as_ref())),
             false => None,
         };
         if let Some((end, _)) = &end {
             simulator.pin_nodes(&end.nodes)?;
-            pins.push(PinSet {
+            pins.push(NamedPins {
                 name: "held".into(),
                 nodes: end.nodes.clone(),
             });
@@ -340,25 +344,25 @@ impl Scene {
             Some(_) => None,
             None => simulator.largest_stable_step(),
         };
-        let dt = step_of(self.solver.dt, limit, notes);
+        let dt = choose_step(self.solver.dt, limit, notes);
         let held = simulator.network().zip(Some(simulator.loads().pinned()));
         let kind = simulator.integrator();
-        let pull = self.pull(kind, held, end, forces.as_deref(), dt, notes);
+        let pull = self.default_load(kind, held, end, forces.as_deref(), dt, notes);
         simulator.loads_mut().set_gravity(pull.gravity);
-        Ok(Setup {
+        Ok(SimulatorSetup {
             simulator,
             dt: pull.dt,
             cage: None,
             grid: false,
-            reach: pull.reach,
+            motion_envelope: pull.reach,
             pins,
             actors,
         })
     }
 
     /// When conjugate gradients stop.
-    pub(super) fn conjugate_gradients(&self) -> ConjugateGradients {
-        let mut settings = ConjugateGradients::default();
+    pub(super) fn conjugate_gradients(&self) -> CgSettings {
+        let mut settings = CgSettings::default();
         if let Some(tolerance) = self.solver.tolerance {
             settings.tolerance = tolerance;
             settings.acceptable = settings.acceptable.max(tolerance);
@@ -379,31 +383,38 @@ impl Scene {
     }
 
     /// The end by which a body is held that the scene does not pin.
-    fn held_end(&self, simulator: &dyn Simulator) -> Chosen {
+    fn held_end(&self, simulator: &dyn Simulator) -> ChosenSupport {
         let (rest, masses) = (&simulator.mesh().nodes, simulator.masses());
-        HeldEnd::of_pieces(rest, masses, simulator.springs().into_iter(), self.down())
+        ClampedEnd::of_largest_component(
+            rest,
+            masses,
+            simulator.spring_pairs().into_iter(),
+            self.down(),
+        )
     }
 
     /// The same of a fine body that is not simulated.
-    pub(super) fn held_end_of(&self, network: &SpringNetwork) -> Chosen {
-        network.held_end(self.down())
+    pub(super) fn held_end_of(&self, network: &DiscreteModel) -> ChosenSupport {
+        network.find_clamped_end(self.down())
     }
 
     /// Gravity and step: those of the scene; where it is silent and a run is ahead, such as suit
     /// the body's stiffness. `held` are the springs and which nodes are pinned, of a body of tets;
     /// `end` says which end was chosen for that, if one was.
-    pub(super) fn pull(
+    pub(super) fn default_load(
         &self,
         kind: SolverKind,
-        held: Option<(&SpringNetwork, &[bool])>,
-        end: Option<Chosen>,
+        held: Option<(&DiscreteModel, &[bool])>,
+        end: Option<ChosenSupport>,
         forces: Option<&[DVec3]>,
         dt: f64,
         notes: &mut Vec<String>,
-    ) -> Pull {
-        let across = end.as_ref().map_or(DVec3::NEG_Z, |(end, _)| end.across());
+    ) -> DefaultLoad {
+        let across = end
+            .as_ref()
+            .map_or(DVec3::NEG_Z, |(end, _)| end.load_direction());
         let given = self.solver.gravity.map(DVec3::from);
-        let mut pull = Pull {
+        let mut pull = DefaultLoad {
             gravity: given.unwrap_or(GRAVITY * across),
             dt,
             reach: None,
@@ -412,32 +423,37 @@ impl Scene {
             && forces.is_none()
             && self.grab.is_empty()
             && self.cut.is_empty()
-            && self.of_tets().is_none()
+            && self.tets_only_entry().is_none()
             && end.is_some();
         let ahead = self.solver.run.filter(|run| run.steps > 0);
-        let mut how = format!("gravity of {} acts", said(pull.gravity.length()));
+        let mut how = format!(
+            "gravity of {} acts",
+            format_acceleration(pull.gravity.length())
+        );
         if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
-            && let Some(response) = Response::new(network, pinned, &weight(network, across))
+            && let Some(response) = LoadResponse::new(network, pinned, &weight(network, across))
         {
             if self.solver.dt.is_none() && kind.is_implicit() {
                 pull.dt = response.step(run.steps, IMPLICIT_STEP);
             }
             let factor = response.factor(kind, run.steps, pull.dt);
             pull.gravity = factor * across;
-            pull.reach = Some(response.reach(network, pinned, factor, (kind, run.steps, pull.dt)));
+            pull.reach =
+                Some(response.motion_envelope(network, pinned, factor, (kind, run.steps, pull.dt)));
             how = format!(
                 "a load of {}, by which it gives about a tenth of its size, acts",
-                said(factor)
+                format_acceleration(factor)
             );
-        } else if let Some(run) = ahead.filter(|run| run.drawn && self.camera.is_unset())
+        } else if let Some(run) = ahead.filter(|run| run.draws_frames && self.camera.is_unset())
             && let Some((network, pinned)) = held
         {
             let mut load = weight(network, pull.gravity);
             for (load, force) in load.iter_mut().zip(forces.unwrap_or_default()) {
                 *load += *force;
             }
-            let response = Response::new(network, pinned, &load);
-            pull.reach = response.map(|r| r.reach(network, pinned, 1.0, (kind, run.steps, dt)));
+            let response = LoadResponse::new(network, pinned, &load);
+            pull.reach =
+                response.map(|r| r.motion_envelope(network, pinned, 1.0, (kind, run.steps, dt)));
         }
         if let Some((network, _)) = held {
             for point in pull.reach.iter_mut().flatten() {

@@ -1,32 +1,32 @@
 //! A scene's skins: read, and bound to the body.
 
 use super::SkinEntry;
-use super::stage::Drive;
+use super::stage::NodeSource;
 use crate::gpu::Gpu;
 use crate::mesh::TriMesh;
-use crate::mesher::{Labels, Recipe};
+use crate::mesher::{Labels, MeshingConfig};
 use crate::render::TransferFunction;
-use crate::skin::{Carrier, Map, Skin, SkinColour};
-use crate::{Error, Progress, Result};
+use crate::skin::{Map, Skin, SkinBase, SkinColouring};
+use crate::{Error, ProgressFn, Result};
 use std::sync::Arc;
 
 impl SkinEntry {
     /// Its surface, read from its file.
     ///
     /// # Errors
-    /// As [`Recipe::surface`].
-    pub fn read(&self, progress: Progress) -> Result<TriMesh> {
-        let recipe = Recipe {
+    /// As [`MeshingConfig::extract_surface`].
+    pub fn read(&self, progress: ProgressFn) -> Result<TriMesh> {
+        let recipe = MeshingConfig {
             input: vec![self.file.clone()],
             above: self.above.clone(),
             labels: self.labels.clone().map(Labels::These),
-            ..Recipe::default()
+            ..MeshingConfig::default()
         };
-        recipe.surface(self.smooth.unwrap_or(0), progress)
+        recipe.extract_surface(self.smooth.unwrap_or(0), progress)
     }
 
     /// The skin on `carrier`, and what a user should know of it, a sentence each.
-    pub(super) fn put_on(&self, gpu: &Gpu, carrier: &Carrier) -> Result<(Skin, Vec<String>)> {
+    pub(super) fn attach(&self, gpu: &Gpu, carrier: &SkinBase) -> Result<(Skin, Vec<String>)> {
         if self.height.is_some() && self.height_map.is_none() {
             return Err(Error::Input(
                 "a skin has a `height` without a `height_map`".into(),
@@ -34,18 +34,18 @@ impl SkinEntry {
         }
         let surface = match &self.surface.0 {
             Some(surface) => surface.clone(),
-            None => Arc::new(self.read(&crate::untold)?),
+            None => Arc::new(self.read(&crate::no_progress)?),
         };
         let mut skin = Skin::new(gpu, &surface, carrier, self.mapping.unwrap_or_default())?;
         match (&self.field, self.colour) {
             (Some(name), _) => {
                 let preset = self.transfer.as_deref().unwrap_or("viridis");
-                skin.set_colour(&SkinColour::Field {
+                skin.set_colour(&SkinColouring::Field {
                     name: name.clone(),
                     transfer: TransferFunction::preset(preset)?,
                 })?;
             }
-            (None, Some(colour)) => skin.set_colour(&SkinColour::Plain(colour))?,
+            (None, Some(colour)) => skin.set_colour(&SkinColouring::Plain(colour))?,
             (None, None) => {}
         }
         skin.set_opacity(self.opacity.unwrap_or(1.0))?;
@@ -63,14 +63,14 @@ impl SkinEntry {
 
 /// What carries the skins of a body: its boundary, with the normals that its steps make, or those
 /// of the faces around a node.
-pub(super) fn carrier(gpu: &Gpu, drive: &mut Drive) -> Result<Carrier> {
+pub(super) fn carrier(gpu: &Gpu, drive: &mut NodeSource) -> Result<SkinBase> {
     let normals = match drive {
-        Drive::Simulated(motion) => motion.simulator.normals()?,
-        Drive::Posed(_) => None,
+        NodeSource::Simulated(motion) => motion.simulator.normals()?,
+        NodeSource::Posed(_) => None,
     };
     let (nodes, mesh) = (drive.nodes(), drive.mesh());
     match normals {
-        Some((normals, at_rest)) => Carrier::with_normals(nodes, mesh, &normals, &at_rest),
-        None => Carrier::of_mesh(gpu, mesh, nodes.array(), nodes.frame()),
+        Some((normals, at_rest)) => SkinBase::with_normals(nodes, mesh, &normals, &at_rest),
+        None => SkinBase::from_mesh(gpu, mesh, nodes.array(), nodes.frame()),
     }
 }

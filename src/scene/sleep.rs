@@ -1,9 +1,9 @@
 //! Bodies at rest fall asleep: they are not stepped until something touches them.
 
 /// A body whose mean speed is below so many of its sizes a second …
-const SLOW: f64 = 1e-4;
+const SLEEP_SPEED: f64 = 1e-4;
 /// … for so many seconds and steps falls asleep.
-const WHILE: f64 = 0.2;
+const SLEEP_DELAY: f64 = 0.2;
 const STEPS: u32 = 20;
 
 /// Whether a body sleeps, decided from what a run of its solver tells anyway.
@@ -31,7 +31,7 @@ impl Sleep {
     }
 
     /// Whether it sleeps, where the body counts `touched` changes from outside.
-    pub fn holds(&mut self, touched: u64) -> bool {
+    pub fn is_asleep(&mut self, touched: u64) -> bool {
         if touched != self.touched {
             self.touched = touched;
             self.wake();
@@ -45,22 +45,22 @@ impl Sleep {
     }
 
     /// Takes note of `steps` of `dt` seconds that were not simulated.
-    pub fn pass(&mut self, steps: u32, dt: f64) {
+    pub fn skip(&mut self, steps: u32, dt: f64) {
         self.slept.0 += u64::from(steps);
         self.slept.1 += f64::from(steps) * dt;
     }
 
     /// Takes note of `steps` of `dt` seconds, after which the body, which counts `touched`
     /// changes from outside, moves at `speed`, in its sizes a second.
-    pub fn look(&mut self, speed: f64, steps: u32, dt: f64, touched: u64) {
+    pub fn update(&mut self, speed: f64, steps: u32, dt: f64, touched: u64) {
         self.touched = touched;
-        if speed >= SLOW || speed.is_nan() {
+        if speed >= SLEEP_SPEED || speed.is_nan() {
             self.slow = (0.0, 0);
             return;
         }
         self.slow.0 += f64::from(steps) * dt;
         self.slow.1 += steps;
-        self.asleep = self.allowed && self.slow.0 >= WHILE && self.slow.1 >= STEPS;
+        self.asleep = self.allowed && self.slow.0 >= SLEEP_DELAY && self.slow.1 >= STEPS;
     }
 
     pub fn allowed(&self) -> bool {

@@ -5,10 +5,10 @@ use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::generate::Lump;
 use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
-use crate::mesher::{Labels, Recipe, Size};
+use crate::mesher::{Labels, MeshingConfig, TargetSize};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
-use crate::{Error, Progress, Result, untold};
+use crate::{Error, ProgressFn, Result, no_progress};
 use glam::{DQuat, DVec3};
 
 /// Names that readers give to reference numbers: labels, not quantities.
@@ -23,7 +23,7 @@ impl MeshSource {
     /// [`Error::Input`] when neither or both of a file and a generator are named, or the
     /// generator is not known; otherwise what reading gives.
     pub fn load(&self) -> Result<TetMesh> {
-        self.load_telling(&untold)
+        self.load_with_progress(&no_progress)
     }
 
     /// As [`MeshSource::load`], telling `progress` what is being done, and which part of it is done,
@@ -31,7 +31,7 @@ impl MeshSource {
     ///
     /// # Errors
     /// [`Error::Cancelled`]; as [`MeshSource::load`].
-    pub fn load_telling(&self, progress: Progress) -> Result<TetMesh> {
+    pub fn load_with_progress(&self, progress: ProgressFn) -> Result<TetMesh> {
         let mut mesh = self.welded(progress)?;
         if !self.join.is_empty() {
             let others = self.join.iter().enumerate();
@@ -40,12 +40,12 @@ impl MeshSource {
             let first = ("first".to_owned(), &mesh);
             let rest = others.iter().map(|(name, mesh)| (name.clone(), mesh));
             let parts: Vec<(String, &TetMesh)> = std::iter::once(first).chain(rest).collect();
-            mesh = TetMesh::merged(&parts)?;
+            mesh = TetMesh::merge_meshes(&parts)?;
         }
         for [first, second] in &self.part {
-            let doubles = mesh.part(first.label(&mesh)?, second.label(&mesh)?)?;
+            let doubles = mesh.split_interface(first.label(&mesh)?, second.label(&mesh)?)?;
             if let Some(gap) = self.part_gap {
-                mesh.draw_apart(&doubles, gap)?;
+                mesh.open_interface_gap(&doubles, gap)?;
             }
         }
         Ok(mesh)
@@ -70,16 +70,16 @@ impl MeshSource {
         Ok(Some(lump).filter(|lump| lump.diameter != 0.0))
     }
 
-    fn welded(&self, progress: Progress) -> Result<TetMesh> {
+    fn welded(&self, progress: ProgressFn) -> Result<TetMesh> {
         let lump = self.lump()?;
         match (&self.file, &self.generate) {
-            (Some(file), None) if io::kind(file)? == Kind::Mesh => io::read(file),
+            (Some(file), None) if io::detect_kind(file)? == Kind::Mesh => io::read(file),
             (Some(_), None) => self.made(progress),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
                 ))),
-                tets => generate::telling(name, tets, lump, progress),
+                tets => generate::by_name_with_progress(name, tets, lump, progress),
             },
             _ => Err(Error::Input(
                 "[mesh] needs either file = \"…\" or generate = \"…\"".into(),
@@ -90,7 +90,7 @@ impl MeshSource {
 
 impl JoinEntry {
     /// The mesh where it is to be, and its name; `number` counts from 0.
-    fn load(&self, number: usize, progress: Progress) -> Result<(String, TetMesh)> {
+    fn load(&self, number: usize, progress: ProgressFn) -> Result<(String, TetMesh)> {
         let source = MeshSource {
             file: self.file.clone(),
             generate: self.generate.clone(),
@@ -115,7 +115,7 @@ impl JoinEntry {
 
 impl MeshSource {
     /// The mesh of a volume or a closed surface.
-    fn made(&self, progress: Progress) -> Result<TetMesh> {
+    fn made(&self, progress: ProgressFn) -> Result<TetMesh> {
         let made = self.recipe()?.mesh(progress)?;
         let mut mesh = made.mesh;
         mesh.repairs.warnings.extend(made.notes);
@@ -123,13 +123,13 @@ impl MeshSource {
     }
 
     /// What to make of the file.
-    pub(super) fn recipe(&self) -> Result<Recipe> {
+    pub(super) fn recipe(&self) -> Result<MeshingConfig> {
         let Some(file) = &self.file else {
             return Err(Error::Input(
                 "[mesh] needs file = \"…\" here: a volume, a closed surface or a tet mesh".into(),
             ));
         };
-        Ok(Recipe {
+        Ok(MeshingConfig {
             input: vec![file.clone()],
             labels: self.labels.as_ref().map(|labels| match labels {
                 LabelsEntry::All(_) => Labels::All,
@@ -143,13 +143,13 @@ impl MeshSource {
                         "[mesh] has both `edge` and `tets`; give one of them".into(),
                     ));
                 }
-                (Some(edge), None) => Some(Size::Edge(edge)),
-                (None, tets) => tets.map(Size::Tets),
+                (Some(edge), None) => Some(TargetSize::Edge(edge)),
+                (None, tets) => tets.map(TargetSize::Tets),
             },
             grading: self.grading,
             min_island: self.min_island,
             unit: self.unit.as_ref().map(|u| u.metres()).transpose()?,
-            ..Recipe::default()
+            ..MeshingConfig::default()
         })
     }
 }
@@ -188,7 +188,7 @@ impl ScalarField {
         let also = also.map(|f| format!("; --field \"{}\" shows that scalar", f.name));
         Ok(ScalarField {
             name: field.name.clone(),
-            values: mesh.means_around_nodes(&regions.numbers),
+            values: mesh.volume_weighted_node_means(&regions.numbers),
             range: (0.0, (regions.count - 1) as f64),
             cells: Some(regions.numbers),
             note: Some(regions.legend + also.as_deref().unwrap_or("")),
@@ -201,8 +201,8 @@ impl ScalarField {
     }
 
     /// Follows a cut of the mesh: doubles have the values of the nodes they come from.
-    pub(super) fn follow(&mut self, cut: &TetCut) {
-        for [_, from] in &cut.doubled {
+    pub(super) fn apply_cut(&mut self, cut: &TetCut) {
+        for [_, from] in &cut.duplicated_nodes {
             self.values.push(self.values[*from as usize]);
         }
         if let Some(cells) = self.cells.as_mut().filter(|_| !cut.removed.is_empty()) {
@@ -249,13 +249,13 @@ impl Scene {
                 ),
             },
         };
-        if plain && mesh.says_regions(&field) {
+        if plain && mesh.is_region_field(&field) {
             return ScalarField::regions(mesh, topology, &field, self.picture.field.is_none());
         }
-        let scalars = tuple_lengths(&field);
+        let scalars = magnitudes(&field);
         let (values, cells) = match field.location {
             Location::Node => (scalars, None),
-            Location::Cell => (mesh.means_around_nodes(&scalars), Some(scalars)),
+            Location::Cell => (mesh.volume_weighted_node_means(&scalars), Some(scalars)),
         };
         if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
@@ -269,7 +269,7 @@ impl Scene {
         });
         let range = self.picture.range.filter(|_| !xray);
         let range = range.map_or(found, |[low, high]| (low, high));
-        let regions = match mesh.says_regions(&field) {
+        let regions = match mesh.is_region_field(&field) {
             true => names_of_regions(mesh, &field).collect(),
             false => Vec::new(),
         };
@@ -328,7 +328,7 @@ fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
 }
 
 /// One number for each tuple: vectors by their length.
-pub(super) fn tuple_lengths(field: &Field) -> Vec<f64> {
+pub(super) fn magnitudes(field: &Field) -> Vec<f64> {
     match field.components {
         1 => field.values.clone(),
         n => field

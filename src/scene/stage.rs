@@ -1,26 +1,26 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
-use super::annotated::Surroundings;
+use super::annotated::AnnotationContext;
 use super::bodies;
-use super::checkpoint::Journal;
-use super::cutter::Cutter;
+use super::checkpoint::CutHistory;
+use super::cutter::ActiveBlade;
 use super::drawing::CachedFrame;
-use super::drawn_tool::DrawnTool;
-use super::looks::Looks;
+use super::drawn_tool::ToolSkin;
+use super::looks::SceneAppearance;
 use super::picture::DisplayMode;
-use super::shown::{self, Shown};
+use super::shown::{self, ComputedField};
 use super::xray::RadiographFilm;
 use super::{Motion, ScalarField, Scene, ToolEntry};
 use crate::gpu::Gpu;
 use crate::io::PvdSeries;
 use crate::mesh::{Blade, Field, Location, ScalarType, TetMesh, Topology};
 use crate::physics::grid::GridShape;
-use crate::physics::{Nodes, SolverKind, ToolId, ToolPose};
+use crate::physics::{NodePositions, SolverKind, ToolId, ToolPose};
 use crate::render::{
-    Background, BitDepth, Camera, Inside, Mode, Raycaster, ResolvedTransfer, Surface,
+    Background, BitDepth, Camera, Mode, Raycaster, ResolvedTransfer, Sections, Surface,
     TransferFunction,
 };
-use crate::skin::{Composer, Skin};
+use crate::skin::{Compositor, Skin};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -30,7 +30,7 @@ pub const STEPS: u32 = 50;
 /// A scene ready to be moved and drawn.
 pub struct Stage {
     pub(super) gpu: Gpu,
-    pub(super) drive: Drive,
+    pub(super) drive: NodeSource,
     pub(super) raycaster: Raycaster,
     pub(super) surface: Surface,
     pub(super) camera: Camera,
@@ -38,21 +38,21 @@ pub struct Stage {
     pub(super) mode: DisplayMode,
     pub(super) scalars: ScalarField,
     /// Where that is computed for each picture.
-    pub(super) shown: Option<Shown>,
+    pub(super) computed_field: Option<ComputedField>,
     pub(super) scene: Scene,
     pub(super) skins: Vec<Skin>,
     /// The tools that are drawn.
-    pub(super) tools: Vec<DrawnTool>,
-    pub(super) composer: Composer,
+    pub(super) tools: Vec<ToolSkin>,
+    pub(super) composer: Compositor,
     /// What is drawn onto its pictures.
-    pub(super) surroundings: Surroundings,
+    pub(super) surroundings: AnnotationContext,
     /// What X-rays are developed on.
     pub(super) film: RadiographFilm,
     /// How many times larger each way than they are shown pictures are drawn.
     pub(super) samples: u32,
-    pub(super) cutters: Vec<Cutter>,
+    pub(super) cutters: Vec<ActiveBlade>,
     /// What checkpoints need, where they are kept.
-    pub(super) journal: Option<Journal>,
+    pub(super) journal: Option<CutHistory>,
     pub(super) background: Background,
     /// What pictures are recorded on.
     pub(super) backdrop: [f32; 4],
@@ -67,21 +67,21 @@ pub struct Stage {
 }
 
 /// What moves the nodes.
-pub(super) enum Drive {
+pub(super) enum NodeSource {
     /// Nothing, or the caller, pose by pose.
-    Posed(Box<Posed>),
+    Posed(Box<StaticMesh>),
     /// A simulator.
     Simulated(Box<Motion>),
 }
 
 /// A mesh that nothing moves but the caller.
-pub(super) struct Posed {
+pub(super) struct StaticMesh {
     mesh: TetMesh,
     topology: Topology,
-    nodes: Nodes,
+    nodes: NodePositions,
 }
 
-impl Posed {
+impl StaticMesh {
     /// Has its nodes be there, with these fields.
     pub(super) fn show(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
         let before = std::mem::take(&mut self.mesh.fields);
@@ -96,36 +96,36 @@ impl Posed {
     }
 }
 
-impl Drive {
+impl NodeSource {
     /// `mesh`, which nothing moves but the caller.
-    fn posed(gpu: &Gpu, mesh: TetMesh) -> Result<Drive> {
-        Ok(Drive::Posed(Box::new(Posed {
+    fn posed(gpu: &Gpu, mesh: TetMesh) -> Result<NodeSource> {
+        Ok(NodeSource::Posed(Box::new(StaticMesh {
             topology: Topology::new(&mesh),
-            nodes: Nodes::new(gpu, &mesh)?,
+            nodes: NodePositions::new(gpu, &mesh)?,
             mesh,
         })))
     }
 
-    pub fn nodes(&self) -> &Nodes {
+    pub fn nodes(&self) -> &NodePositions {
         match self {
-            Drive::Posed(posed) => &posed.nodes,
-            Drive::Simulated(motion) => motion.simulator.nodes(),
+            NodeSource::Posed(posed) => &posed.nodes,
+            NodeSource::Simulated(motion) => motion.simulator.nodes(),
         }
     }
 
     /// The mesh at rest.
     pub fn mesh(&self) -> &TetMesh {
         match self {
-            Drive::Posed(posed) => &posed.mesh,
-            Drive::Simulated(motion) => motion.simulator.mesh(),
+            NodeSource::Posed(posed) => &posed.mesh,
+            NodeSource::Simulated(motion) => motion.simulator.mesh(),
         }
     }
 
     /// The neighbours in that mesh.
     pub fn topology(&self) -> &Topology {
         match self {
-            Drive::Posed(posed) => &posed.topology,
-            Drive::Simulated(motion) => motion.simulator.topology(),
+            NodeSource::Posed(posed) => &posed.topology,
+            NodeSource::Simulated(motion) => motion.simulator.topology(),
         }
     }
 }
@@ -152,14 +152,14 @@ impl Stage {
     /// The stage of a scene of several bodies.
     fn with_bodies(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
         let sources = scene.body_sources()?;
-        if !bodies::any_moves(&sources) {
-            let (mesh, said) = bodies::posed(sources)?;
-            let drive = Drive::posed(gpu, mesh)?;
+        if !bodies::any_dynamic(&sources) {
+            let (mesh, said) = bodies::merge_static(sources)?;
+            let drive = NodeSource::posed(gpu, mesh)?;
             return Stage::with_drive(gpu, scene, drive, said);
         }
         let (setup, said) = bodies::setup(gpu, scene, sources)?;
         let motion = Motion::of_setup(scene, setup)?;
-        Stage::with_drive(gpu, scene, Drive::Simulated(Box::new(motion)), said)
+        Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
     }
 
     /// As [`Stage::new`], with a mesh that is there already.
@@ -182,38 +182,47 @@ impl Stage {
                 "[mesh] rest (--rest) is where a deformed mesh rests that nothing moves; a solver moves the mesh from where its file has it".into(),
             ));
         }
-        let carried = scene.tool.iter().any(ToolEntry::is_carried) && solver.is_some();
+        let carried = scene.tool.iter().any(ToolEntry::is_dynamic) && solver.is_some();
         let (held, mut mesh) = match carried {
-            true => scene.with_carried_tools(mesh)?,
+            true => scene.with_dynamic_tools(mesh)?,
             false => (scene.clone(), mesh),
         };
         let scene = &held;
         let Some(kind) = solver.transpose()? else {
-            let Some((now, note)) = scene.at_rest(&mut mesh)? else {
-                return Stage::with_drive(gpu, scene, Drive::posed(gpu, mesh)?, Vec::new());
+            let Some((now, note)) = scene.move_to_rest(&mut mesh)? else {
+                return Stage::with_drive(gpu, scene, NodeSource::posed(gpu, mesh)?, Vec::new());
             };
-            let drive = Drive::posed(gpu, mesh)?;
+            let drive = NodeSource::posed(gpu, mesh)?;
             let mut stage = Stage::with_drive(gpu, scene, drive, note.into_iter().collect())?;
-            stage.pose(&now)?;
-            stage.frame(&[])?;
+            stage.set_positions(&now)?;
+            stage.fit_view(&[])?;
             return Ok(stage);
         };
         let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
-        Stage::with_drive(gpu, scene, Drive::Simulated(Box::new(motion)), said)
+        Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
     }
 
     /// The stage of a body, or several, that `drive` moves; `said` is what was assumed of it.
-    fn with_drive(gpu: &Gpu, scene: &Scene, mut drive: Drive, said: Vec<String>) -> Result<Stage> {
-        let cutters = scene.cut.iter().map(Cutter::new).collect::<Result<_>>()?;
+    fn with_drive(
+        gpu: &Gpu,
+        scene: &Scene,
+        mut drive: NodeSource,
+        said: Vec<String>,
+    ) -> Result<Stage> {
+        let cutters = scene
+            .cut
+            .iter()
+            .map(ActiveBlade::new)
+            .collect::<Result<_>>()?;
         let mut notes = drive.mesh().repairs.warnings.clone();
         let asked = !(scene.grab.is_empty() && scene.cut.is_empty() && scene.tool.is_empty())
             || scene.floor.is_some();
-        if matches!(drive, Drive::Posed(_)) && asked {
+        if matches!(drive, NodeSource::Posed(_)) && asked {
             let still =
                 "nothing moves, so grabs, cuts, floors and tools are passed over: name a solver";
             notes.push(still.into());
         }
-        let looks = Looks::new(gpu, scene, &mut drive)?;
+        let looks = SceneAppearance::new(gpu, scene, &mut drive)?;
         notes.extend(said);
         notes.extend(looks.notes);
         Ok(Stage {
@@ -238,7 +247,7 @@ impl Stage {
             tools: looks.tools,
             scene: scene.clone(),
             scalars: looks.scalars,
-            shown: looks.shown,
+            computed_field: looks.shown,
             drive,
             raycaster: looks.raycaster,
             surface: looks.surface,
@@ -252,7 +261,7 @@ impl Stage {
     ///
     /// # Errors
     /// As [`Stage::new`]; then all is as it was.
-    pub fn set_looks(&mut self, scene: &Scene) -> Result<Vec<String>> {
+    pub fn set_appearance(&mut self, scene: &Scene) -> Result<Vec<String>> {
         let scene = Scene {
             picture: scene.picture.clone(),
             light: scene.light.clone(),
@@ -265,7 +274,7 @@ impl Stage {
             camera: scene.camera.clone(),
             ..self.scene.clone()
         };
-        let looks = Looks::new(&self.gpu, &scene, &mut self.drive)?;
+        let looks = SceneAppearance::new(&self.gpu, &scene, &mut self.drive)?;
         self.surroundings = looks.surroundings;
         self.film = looks.film;
         self.samples = looks.samples;
@@ -276,7 +285,7 @@ impl Stage {
         self.skins = looks.skins;
         self.tools = looks.tools;
         self.scalars = looks.scalars;
-        self.shown = looks.shown;
+        self.computed_field = looks.shown;
         self.raycaster = looks.raycaster;
         self.surface = looks.surface;
         self.scene = scene;
@@ -284,15 +293,15 @@ impl Stage {
         Ok(looks.notes)
     }
 
-    /// As [`Stage::set_looks`], so quick that planes and isosurfaces can be dragged: of these alone in a
+    /// As [`Stage::set_appearance`], so quick that planes and isosurfaces can be dragged: of these alone in a
     /// picture of the inside.
     ///
     /// # Errors
-    /// As [`Stage::set_looks`].
+    /// As [`Stage::set_appearance`].
     pub fn set_planes(&mut self, scene: &Scene) -> Result<Vec<String>> {
         // Of other modes light goes by what there is inside.
         if self.mode != DisplayMode::Inside(Mode::Composite) {
-            return self.set_looks(scene);
+            return self.set_appearance(scene);
         }
         let scene = Scene {
             plane: scene.plane.clone(),
@@ -337,7 +346,7 @@ impl Stage {
     ///
     /// # Errors
     /// What reading back gives.
-    pub fn frame(&mut self, also: &[DVec3]) -> Result<()> {
+    pub fn fit_view(&mut self, also: &[DVec3]) -> Result<()> {
         if self.scene.camera.is_unset() {
             let mut points = self.seen()?;
             points.extend_from_slice(also);
@@ -346,19 +355,19 @@ impl Stage {
         Ok(())
     }
 
-    /// As [`Stage::frame`], with room for the body while the camera goes round it: see
-    /// [`Camera::turned`].
+    /// As [`Stage::fit_view`], with room for the body while the camera goes round it: see
+    /// [`Camera::orbited`].
     ///
     /// # Errors
     /// What reading back gives.
-    pub fn frame_all_round(&mut self, also: &[DVec3]) -> Result<()> {
+    pub fn fit_orbit(&mut self, also: &[DVec3]) -> Result<()> {
         if !self.scene.camera.is_unset() {
             return Ok(());
         }
         let mut points = self.seen()?;
         points.extend_from_slice(also);
-        if let Drive::Simulated(motion) = &self.drive {
-            points.extend(motion.reach.iter().flatten());
+        if let NodeSource::Simulated(motion) = &self.drive {
+            points.extend(motion.motion_envelope.iter().flatten());
         }
         let round = turned_round(&points, self.camera.up);
         let mut camera = self.scene.camera(self.mesh(), &round, self.size)?;
@@ -397,21 +406,21 @@ impl Stage {
     /// The body and its solver, if the scene has one.
     pub fn motion(&self) -> Option<&Motion> {
         match &self.drive {
-            Drive::Posed(_) => None,
-            Drive::Simulated(motion) => Some(motion),
+            NodeSource::Posed(_) => None,
+            NodeSource::Simulated(motion) => Some(motion),
         }
     }
 
     /// As [`Stage::motion`], to push and pull the body.
     pub fn motion_mut(&mut self) -> Option<&mut Motion> {
         match &mut self.drive {
-            Drive::Posed(_) => None,
-            Drive::Simulated(motion) => Some(motion),
+            NodeSource::Posed(_) => None,
+            NodeSource::Simulated(motion) => Some(motion),
         }
     }
 
     /// What pictures are cut by, and what they show inside.
-    pub fn inside(&self) -> &Inside {
+    pub fn inside(&self) -> &Sections {
         self.raycaster.inside()
     }
 
@@ -439,30 +448,31 @@ impl Stage {
     /// tools by planes in space.
     ///
     /// # Errors
-    /// As [`Raycaster::set_inside`].
-    pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+    /// As [`Raycaster::set_sections`].
+    pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         self.set_body_inside(inside)?;
         // Tools have no shape at rest.
         let mut in_space = inside.clone();
         in_space.planes.retain(|plane| !plane.at_rest);
         for tool in &mut self.tools {
-            tool.skin.set_inside(&in_space)?;
+            tool.skin.set_sections(&in_space)?;
         }
         Ok(())
     }
 
     /// The same of the body and its skins, and not of tools.
-    fn set_body_inside(&mut self, inside: &Inside) -> Result<()> {
-        if inside.needs_rest() && !self.raycaster.inside().needs_rest() {
+    fn set_body_inside(&mut self, inside: &Sections) -> Result<()> {
+        if inside.needs_rest_positions() && !self.raycaster.inside().needs_rest_positions() {
             let mesh = self.drive.mesh();
-            self.raycaster.geometry_mut().remember_rest(mesh)?;
+            self.raycaster.geometry_mut().store_rest_positions(mesh)?;
         }
-        self.raycaster.set_inside(inside)?;
+        self.raycaster.set_sections(inside)?;
         if self.mode == DisplayMode::Surface {
-            self.surface.set_inside(inside, self.raycaster.geometry())?;
+            self.surface
+                .set_sections(inside, self.raycaster.geometry())?;
         }
         for skin in &mut self.skins {
-            skin.set_inside(inside)?;
+            skin.set_sections(inside)?;
         }
         self.cached = None;
         Ok(())
@@ -473,26 +483,30 @@ impl Stage {
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for a tool that is not there, or that has a way of its own.
-    pub fn guide_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+    pub fn set_tool_target(&mut self, number: usize, place: DVec3) -> Result<()> {
         let (id, pose) = self.led_tool(number, place)?;
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
-        motion.simulator.loads_mut().guide_tool(id, pose)
+        motion.simulator.loads_mut().set_tool_target(id, pose)
     }
 
-    /// As [`Stage::guide_tool`], at once and through whatever is between.
+    /// As [`Stage::set_tool_target`], at once and through whatever is between.
     ///
     /// # Errors
-    /// As [`Stage::guide_tool`].
-    pub fn put_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+    /// As [`Stage::set_tool_target`].
+    pub fn teleport_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
         let (id, pose) = self.led_tool(number, place)?;
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
-        motion.simulator.loads_mut().put_tool(id, pose)
+        motion.simulator.loads_mut().teleport_tool(id, pose)
     }
 
     /// A tool that may be led by hand, and its pose at `place`.
     fn led_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
         let motion = self.motion().ok_or_else(|| no_tool(number))?;
-        let tool = motion.actors.tools.get(number).filter(|t| !t.moves());
+        let tool = motion
+            .time_dependent_loads
+            .tools
+            .get(number)
+            .filter(|t| !t.moves());
         let id = tool.ok_or_else(|| no_tool(number))?.id;
         let turn = motion.simulator.loads().tool(id)?.turn();
         Ok((id, ToolPose::new(place, turn)))
@@ -542,26 +556,26 @@ impl Stage {
     }
 
     /// Asks for some of `steps` more steps and waits for none of them, for windows: they are done
-    /// once [`Stage::under_way`] says so, and then more can be asked for.
+    /// once [`Stage::poll_steps`] says so, and then more can be asked for.
     ///
     /// # Errors
     /// As [`Stage::run`].
-    pub fn ask(&mut self, steps: u32) -> Result<()> {
+    pub fn request_steps(&mut self, steps: u32) -> Result<()> {
         let some = self.steps_until_cut(steps);
         match (some, self.motion_mut()) {
-            (Some(some), Some(motion)) => motion.ask(some),
+            (Some(some), Some(motion)) => motion.request_steps(some),
             _ => Ok(()),
         }
     }
 
-    /// Whether steps that [`Stage::ask`] asked for are still being computed, without waiting. What the
+    /// Whether steps that [`Stage::request_steps`] asked for are still being computed, without waiting. What the
     /// scene cuts is cut once they are done.
     ///
     /// # Errors
     /// As [`Stage::run`].
-    pub fn under_way(&mut self) -> Result<bool> {
+    pub fn poll_steps(&mut self) -> Result<bool> {
         let under_way = match self.motion_mut() {
-            Some(motion) => motion.under_way()?,
+            Some(motion) => motion.poll_steps()?,
             None => false,
         };
         if !under_way {
@@ -574,7 +588,7 @@ impl Stage {
     fn steps_until_cut(&self, steps: u32) -> Option<u32> {
         let motion = self.motion()?;
         let time = motion.time();
-        let pace = self.cutters.iter().filter_map(|k| k.pace(time));
+        let pace = self.cutters.iter().filter_map(|k| k.cut_interval(time));
         Some(match pace.min_by(f64::total_cmp) {
             None => steps,
             Some(pace) => ((pace / motion.dt).ceil() as u32)
@@ -586,7 +600,7 @@ impl Stage {
     /// Cuts where blades of the scene have been since the last time.
     fn cut_as_swept(&mut self) -> Result<()> {
         let time = self.time();
-        let swept = self.cutters.iter_mut().filter_map(|k| k.swept(time));
+        let swept = self.cutters.iter_mut().filter_map(|k| k.next_sweep(time));
         let blades: Vec<Blade> = swept.collect();
         for blade in &blades {
             self.cut(blade)?;
@@ -597,11 +611,11 @@ impl Stage {
     /// Puts the nodes where the caller wants them, in file units.
     ///
     /// # Errors
-    /// As [`Nodes::set_positions`].
-    pub fn pose(&mut self, positions: &[DVec3]) -> Result<()> {
+    /// As [`NodePositions::set_positions`].
+    pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         match &mut self.drive {
-            Drive::Posed(posed) => posed.nodes.set_positions(positions),
-            Drive::Simulated(motion) => motion.simulator.set_positions(positions),
+            NodeSource::Posed(posed) => posed.nodes.set_positions(positions),
+            NodeSource::Simulated(motion) => motion.simulator.set_positions(positions),
         }
     }
 
@@ -625,7 +639,7 @@ impl Stage {
     ///
     /// # Errors
     /// What reading back or writing gives.
-    pub fn push(&self, series: &mut PvdSeries) -> Result<()> {
+    pub fn write_frame(&self, series: &mut PvdSeries) -> Result<()> {
         let positions = self.positions()?;
         let fields = self.motion_fields(&positions)?;
         series.push_deformed(self.time(), self.mesh(), &positions, &fields)
@@ -643,8 +657,8 @@ impl Stage {
     /// Where the nodes of the mesh are, in file units, read back.
     fn positions(&self) -> Result<Vec<DVec3>> {
         match &self.drive {
-            Drive::Posed(posed) => posed.nodes.positions(),
-            Drive::Simulated(motion) => motion.positions(),
+            NodeSource::Posed(posed) => posed.nodes.positions(),
+            NodeSource::Simulated(motion) => motion.positions(),
         }
     }
 
@@ -657,7 +671,7 @@ impl Stage {
         if let Some(motion) = self.motion() {
             let velocities = motion.simulator.velocities()?;
             fields.push(vector_field("velocity", velocities.into_iter()));
-            fields.extend(shown::asked(&self.scene, motion)?);
+            fields.extend(shown::output_fields(&self.scene, motion)?);
         }
         Ok(fields)
     }

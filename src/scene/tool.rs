@@ -1,18 +1,18 @@
 //! Tools of a scene: their shapes, their ways, and the surfaces that are drawn.
 
-use super::path::Way;
+use super::path::RigidTrajectory;
 use super::{Scene, ToolEntry};
 use crate::mesh::{TetMesh, TriMesh};
-use crate::mesher::Recipe;
+use crate::mesher::MeshingConfig;
 use crate::physics::{DistanceField, Shape, Simulator, Tool, ToolId, ToolPose};
-use crate::skin::{Skin, SkinColour};
+use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
 use glam::{DQuat, DVec3};
 use std::path::Path;
 use std::sync::Arc;
 
 /// Vertices around round tools.
-const AROUND: usize = 48;
+const ROUND_SEGMENTS: usize = 48;
 
 /// The colour of tools to which none was given.
 pub(super) const GREY: [f32; 3] = [0.62, 0.66, 0.7];
@@ -22,16 +22,16 @@ const PLANE: f64 = 2.0;
 
 /// A tool on its way.
 #[derive(Clone, Debug)]
-pub(super) struct Guided {
+pub(super) struct ToolTrajectory {
     /// In files of reactions.
     pub name: String,
     pub id: ToolId,
-    way: Way,
+    way: RigidTrajectory,
     at: DVec3,
     turn: DQuat,
 }
 
-impl Guided {
+impl ToolTrajectory {
     /// Where it is at `time`.
     pub fn pose(&self, time: f64) -> ToolPose {
         let (turned, moved) = self.way.at(time);
@@ -40,32 +40,32 @@ impl Guided {
 
     /// Whether it moves at all.
     pub fn moves(&self) -> bool {
-        self.way.moves()
+        self.way.is_moving()
     }
 }
 
 impl ToolEntry {
     /// Puts the tool on `body`; what a user should know of it, in a sentence.
-    pub(super) fn guided(
+    pub(super) fn add_to(
         &self,
         number: usize,
         body: &mut dyn Simulator,
-    ) -> Result<(Guided, Option<String>)> {
+    ) -> Result<(ToolTrajectory, Option<String>)> {
         let name = self
             .name
             .clone()
             .unwrap_or_else(|| format!("tool{}", number + 1));
-        if self.is_carried() {
+        if self.is_dynamic() {
             return Err(Error::Input(format!(
                 "the [[tool]] {name} has a mass or a spring, which a tool of one body of tets can have that a scene moves; give it a path instead"
             )));
         }
-        let way = Way::new(
+        let way = RigidTrajectory::new(
             "tool",
             (self.path.as_deref(), self.file.as_deref()),
             (self.turn.as_deref(), self.axis),
         )?;
-        let (at, turn) = self.stand()?;
+        let (at, turn) = self.initial_pose()?;
         let (turned, moved) = way.at(0.0);
         let tool = Tool {
             shape: self.shape()?,
@@ -73,7 +73,7 @@ impl ToolEntry {
             friction: self.friction.unwrap_or(0.0),
             gap: self.gap,
         };
-        let overlap = tool.overlap(body.mesh(), body.topology());
+        let overlap = tool.initial_penetration(body.mesh(), body.topology());
         let note = (overlap.nodes > 0).then(|| {
             format!(
                 "{} nodes of the boundary lie up to {:.3} inside the [[tool]] {name} where it starts; they are pushed out",
@@ -81,7 +81,7 @@ impl ToolEntry {
             )
         });
         let id = body.add_tool(tool)?;
-        let guided = Guided {
+        let guided = ToolTrajectory {
             name,
             id,
             way,
@@ -92,7 +92,7 @@ impl ToolEntry {
     }
 
     /// Where it is before it moves, and how it is turned.
-    pub(super) fn stand(&self) -> Result<(DVec3, DQuat)> {
+    pub(super) fn initial_pose(&self) -> Result<(DVec3, DQuat)> {
         let along = DVec3::from(self.along.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let at = DVec3::from(self.at);
         if along == DVec3::ZERO || !at.is_finite() {
@@ -120,7 +120,7 @@ impl ToolEntry {
         match (shapes.next(), shapes.next(), &self.surface) {
             (Some(shape), None, None) => Ok(shape),
             (None, None, Some(file)) => {
-                Ok(Shape::Field(Arc::new(DistanceField::new(&read(file)?)?)))
+                Ok(Shape::Sdf(Arc::new(DistanceField::new(&read(file)?)?)))
             }
             _ => Err(Error::Input(
                 "a [[tool]] is one of `sphere`, `capsule`, `box`, `plane` and `surface`; give one of them".into(),
@@ -135,7 +135,7 @@ impl ToolEntry {
             Shape::Capsule { radius, length } => round(radius, length),
             Shape::Box { half } => cuboid(half),
             Shape::Plane => square(0.5 * PLANE * diagonal),
-            Shape::Field(_) => match &self.surface {
+            Shape::Sdf(_) => match &self.surface {
                 Some(file) => read(file)?,
                 None => TriMesh::default(),
             },
@@ -144,22 +144,22 @@ impl ToolEntry {
 }
 
 /// Gives the surface of a tool its looks.
-pub(super) fn look(entry: &ToolEntry, skin: &mut Skin) -> Result<()> {
-    skin.set_colour(&SkinColour::Plain(entry.colour.unwrap_or(GREY)))?;
+pub(super) fn apply_appearance(entry: &ToolEntry, skin: &mut Skin) -> Result<()> {
+    skin.set_colour(&SkinColouring::Plain(entry.colour.unwrap_or(GREY)))?;
     skin.set_opacity(entry.opacity.unwrap_or(1.0))
 }
 
 fn read(file: &Path) -> Result<TriMesh> {
-    let recipe = Recipe {
+    let recipe = MeshingConfig {
         input: vec![file.to_path_buf()],
-        ..Recipe::default()
+        ..MeshingConfig::default()
     };
-    recipe.surface(0, &crate::untold)
+    recipe.extract_surface(0, &crate::no_progress)
 }
 
 impl Scene {
     /// Whether a tool bears the body from below, so that nothing else has to hold it.
-    pub(super) fn stands(&self) -> bool {
+    pub(super) fn supports_body(&self) -> bool {
         self.tool.iter().any(|tool| tool.plane.is_some())
     }
 
@@ -179,7 +179,7 @@ impl Scene {
 
 /// A ball that is drawn out by `length` along z.
 fn round(radius: f64, length: f64) -> TriMesh {
-    let rings = AROUND / 2;
+    let rings = ROUND_SEGMENTS / 2;
     let mut vertices = Vec::new();
     // Both rings at the equator, so that the piece between is straight.
     let heights = (0..=rings / 2)
@@ -188,17 +188,17 @@ fn round(radius: f64, length: f64) -> TriMesh {
     for (k, end) in heights {
         let polar = std::f64::consts::PI * k as f64 / rings as f64;
         let (r, z) = (radius * polar.sin(), end * length - radius * polar.cos());
-        for n in 0..AROUND {
-            let angle = std::f64::consts::TAU * n as f64 / AROUND as f64;
+        for n in 0..ROUND_SEGMENTS {
+            let angle = std::f64::consts::TAU * n as f64 / ROUND_SEGMENTS as f64;
             vertices.push(DVec3::new(r * angle.cos(), r * angle.sin(), z));
         }
     }
     let mut triangles = Vec::new();
     let all = rings + 2;
     for ring in 0..all - 1 {
-        for n in 0..AROUND {
-            let next = (n + 1) % AROUND;
-            let at = |ring: usize, n: usize| (ring * AROUND + n) as u32;
+        for n in 0..ROUND_SEGMENTS {
+            let next = (n + 1) % ROUND_SEGMENTS;
+            let at = |ring: usize, n: usize| (ring * ROUND_SEGMENTS + n) as u32;
             let [a, b, c, d] = [
                 at(ring, n),
                 at(ring, next),

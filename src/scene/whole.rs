@@ -1,11 +1,11 @@
 //! What a piece of a mesh is to know of the whole, so that its pictures are parts of the whole's: the
 //! view, the fields' ranges, which field is seen, what its regions look like.
 
-use super::region_looks::mean_ways;
+use super::region_looks::mean_chords;
 use super::{ScalarField, Scene};
 use crate::io;
 use crate::mesh::{Field, LocalFrame, Location, TetMesh, Topology};
-use crate::render::{Camera, Measures, TransferFunction};
+use crate::render::{Camera, TableStatistics, TransferFunction};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ const LAYOUT: u32 = 1;
 
 /// What pieces are told of the mesh that they are of.
 #[derive(Clone, Debug, Deserialize, Serialize)]
-pub struct Whole {
+pub struct MeshManifest {
     layout: u32,
     /// How many pieces there are.
     pub pieces: usize,
@@ -42,7 +42,7 @@ struct WholeField {
     /// What pieces call it.
     stored: String,
     in_tets: bool,
-    measures: Measures,
+    measures: TableStatistics,
     /// How it came to be seen where nobody asked for it.
     note: Option<String>,
     regions: Option<WholeRegions>,
@@ -55,16 +55,16 @@ struct WholeRegions {
     /// The mean way of a ray through each.
     ways: Vec<f64>,
     /// Of their numbers, in that order.
-    measures: Measures,
+    measures: TableStatistics,
     colour: Vec<[f64; 4]>,
     extinction: Vec<[f64; 2]>,
     legend: Option<String>,
 }
 
-impl Whole {
+impl MeshManifest {
     /// What pieces of `mesh` are to know, and what is to be stored with them beside its fields: the
     /// depth below the surface, where that is seen.
-    pub(super) fn new(mesh: &TetMesh, pieces: usize) -> Result<(Whole, Option<Field>)> {
+    pub(super) fn new(mesh: &TetMesh, pieces: usize) -> Result<(MeshManifest, Option<Field>)> {
         let topology = Topology::new(mesh);
         let seen_in = |field: Option<&str>, plain: bool| {
             let mut scene = Scene::default();
@@ -83,7 +83,7 @@ impl Whole {
             let Ok(values) = seen_in(Some(&field.name), false) else {
                 continue;
             };
-            let regions = mesh.says_regions(field).then(|| {
+            let regions = mesh.is_region_field(field).then(|| {
                 let seen = seen_in(Some(&field.name), true)?;
                 WholeRegions::new(mesh, &topology, field, &seen)
             });
@@ -91,7 +91,7 @@ impl Whole {
                 name: field.name.clone(),
                 stored: field.name.clone(),
                 in_tets: values.cells.is_some(),
-                measures: Measures::new(mesh, values.scalars()),
+                measures: TableStatistics::new(mesh, values.scalars()),
                 note: None,
                 regions: regions.transpose()?,
             });
@@ -102,13 +102,13 @@ impl Whole {
             *chosen = match known {
                 Some(known) => known,
                 None => {
-                    let stored = format!("{}{}", io::OWN, seen.name);
+                    let stored = format!("{}{}", io::PRIVATE_PREFIX, seen.name);
                     extra = Some(Field::scalar(&stored, Location::Node, seen.values.clone()));
                     fields.push(WholeField {
                         name: seen.name.clone(),
                         stored,
                         in_tets: false,
-                        measures: Measures::new(mesh, seen.scalars()),
+                        measures: TableStatistics::new(mesh, seen.scalars()),
                         note: seen.note.clone(),
                         regions: None,
                     });
@@ -118,7 +118,7 @@ impl Whole {
         }
         let of_regions = mesh.region_field().map(|f| &f.name);
         let (low, high) = mesh.bounds();
-        let whole = Whole {
+        let whole = MeshManifest {
             layout: LAYOUT,
             pieces,
             nodes: mesh.nodes.len(),
@@ -132,19 +132,19 @@ impl Whole {
         Ok((whole, extra))
     }
 
-    /// As bytes, for [`Whole::from_bytes`].
+    /// As bytes, for [`MeshManifest::from_bytes`].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>> {
         serde_json::to_vec(self).map_err(|e| Error::Input(format!("the whole mesh: {e}")))
     }
 
-    /// What [`Whole::to_bytes`] made.
-    pub(super) fn from_bytes(bytes: &[u8]) -> Result<Whole> {
+    /// What [`MeshManifest::to_bytes`] made.
+    pub(super) fn from_bytes(bytes: &[u8]) -> Result<MeshManifest> {
         let wrong = |e: &dyn std::fmt::Display| {
             Error::Input(format!(
                 "what the piece says of the whole cannot be understood ({e}); cut the mesh anew with this version: palpate convert IN OUT.pvtu --pieces N"
             ))
         };
-        let whole: Whole = serde_json::from_slice(bytes).map_err(|e| wrong(&e))?;
+        let whole: MeshManifest = serde_json::from_slice(bytes).map_err(|e| wrong(&e))?;
         let fields = whole.fields.len();
         let known = whole
             .chosen
@@ -160,7 +160,7 @@ impl Whole {
     /// The frame that the whole is drawn in.
     pub fn frame(&self) -> LocalFrame {
         let [low, high] = self.bounds.map(DVec3::from);
-        LocalFrame::of_bounds(low, high)
+        LocalFrame::from_bounds(low, high)
     }
 
     /// The view of a scene: of the whole, where it says nothing else.
@@ -178,7 +178,7 @@ impl Whole {
         &self,
         scene: &Scene,
         mesh: &TetMesh,
-    ) -> Result<(ScalarField, Measures)> {
+    ) -> Result<(ScalarField, TableStatistics)> {
         let picture = &scene.picture;
         let plain = picture.transfer.is_none();
         let seen = match &picture.field {
@@ -224,7 +224,7 @@ impl Whole {
             measures = regions.measures.clone();
             found.range = measures.range;
         } else {
-            let values = super::source::tuple_lengths(field);
+            let values = super::source::magnitudes(field);
             match seen.in_tets {
                 true => found.cells = Some(values),
                 false => found.values = values,
@@ -232,7 +232,7 @@ impl Whole {
             if let Some([low, high]) = picture.range {
                 found.range = (low, high);
                 if low < high {
-                    measures = measures.in_range((low, high));
+                    measures = measures.with_range((low, high));
                 }
             }
         }
@@ -264,16 +264,16 @@ impl WholeRegions {
         seen: &ScalarField,
     ) -> Result<WholeRegions> {
         let labels: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
-        let ways = mean_ways(mesh, topology, &labels);
+        let ways = mean_chords(mesh, topology, &labels);
         let transfer = seen.transfer.as_ref().ok_or_else(|| {
             Error::Input(format!("the regions of \"{}\" have no colours", field.name))
         })?;
         // These are absolute, whatever they are resolved for.
-        let transfer = transfer.resolved(seen.range, 1.0);
+        let transfer = transfer.to_absolute(seen.range, 1.0);
         Ok(WholeRegions {
             labels: ways.keys().copied().collect(),
             ways: ways.into_values().collect(),
-            measures: Measures::new(mesh, seen.scalars()),
+            measures: TableStatistics::new(mesh, seen.scalars()),
             colour: transfer.colour_nodes().to_vec(),
             extinction: transfer.extinction_nodes().to_vec(),
             legend: seen.note.clone(),
@@ -284,7 +284,7 @@ impl WholeRegions {
 /// The nodes by which all of `mesh` is framed, whatever the shape of the picture: those that are
 /// farthest along an axis, and farthest out for their distance from the eye, sideways and upwards.
 fn outline(mesh: &TetMesh) -> Vec<DVec3> {
-    let axes = Camera::framing(mesh).axes();
+    let axes = Camera::fit_mesh(mesh).axes();
     let mut found = Vec::new();
     for k in 0..3 {
         let along = |p: &&DVec3, q: &&DVec3| p[k].total_cmp(&q[k]);

@@ -31,7 +31,7 @@ const AXES: [&str; 2] = ["xyz", "anatomical"];
 pub(super) const DAMPING_KINDS: [&str; 2] = ["axial", "relative"];
 
 /// That `word` is none of `words`.
-pub(super) fn unknown(what: &str, words: &[&str], word: &str) -> Error {
+pub(super) fn unknown_keyword_error(what: &str, words: &[&str], word: &str) -> Error {
     let (last, rest) = words.split_last().unwrap_or((&"", &[]));
     Error::Input(format!(
         "{what} \"{word}\" is not known; use {} or {last}",
@@ -42,7 +42,7 @@ pub(super) fn unknown(what: &str, words: &[&str], word: &str) -> Error {
 fn one_of(what: &str, words: &[&str], word: &str) -> Result<()> {
     match words.contains(&word) {
         true => Ok(()),
-        false => Err(unknown(what, words, word)),
+        false => Err(unknown_keyword_error(what, words, word)),
     }
 }
 
@@ -116,13 +116,15 @@ pub(super) fn axes<'de, D: Deserializer<'de>>(from: D) -> Entry<Axes, D::Error> 
         Said::Word(word) => match word.as_str() {
             "xyz" => Ok(Some(Axes::Xyz)),
             "anatomical" => Ok(Some(Axes::Anatomical)),
-            other => Err(D::Error::custom(unknown("axes", &AXES, other))),
+            other => Err(D::Error::custom(unknown_keyword_error(
+                "axes", &AXES, other,
+            ))),
         },
     }
 }
 
 pub(super) fn generator<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
-    checked(from, generate::known)
+    checked(from, generate::check_name)
 }
 
 /// A transfer function of a picture: a preset, JSON, or the name of a JSON file, which is read

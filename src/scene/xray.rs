@@ -85,6 +85,6 @@ impl RadiographFilm {
         let white = self.white.unwrap_or_else(most);
         // An empty picture says nothing of the next.
         self.white = Some(white).filter(|white| *white > 0.0);
-        (image.in_grey(white), white)
+        (image.to_grey(white), white)
     }
 }

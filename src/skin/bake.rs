@@ -2,7 +2,7 @@
 
 use super::map::Map;
 use super::vertices::{Vertices, check};
-use crate::mesh::{Tree, TriMesh};
+use crate::mesh::{TriMesh, TriangleBvh};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
@@ -48,7 +48,7 @@ pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, Ba
     let oriented = |surface: &TriMesh| {
         check(surface)?;
         let mut surface = surface.clone();
-        surface.orient();
+        surface.orient_consistently();
         Vertices::new(&surface)
     };
     let (coarse, fine) = (oriented(coarse)?, oriented(fine)?);
@@ -149,14 +149,14 @@ fn filled(mut texels: Vec<Option<[u8; 4]>>, [width, height]: [u32; 2]) -> Vec<[u
 /// The fine surface, to be looked for.
 struct Fine<'a> {
     vertices: &'a Vertices,
-    tree: Tree,
+    tree: TriangleBvh,
 }
 
 impl<'a> Fine<'a> {
     fn new(vertices: &'a Vertices) -> Fine<'a> {
         let corners = |t: &[u32; 3]| t.map(|v| vertices.positions[v as usize]);
         Fine {
-            tree: Tree::new(vertices.triangles.iter().map(corners).collect()),
+            tree: TriangleBvh::new(vertices.triangles.iter().map(corners).collect()),
             vertices,
         }
     }

@@ -9,11 +9,11 @@
 use glam::{DMat3, DVec3};
 
 /// Sines and lengths (of unit vectors' sums) below this count as zero.
-const FLAT: f64 = 1e-4;
+const DEGENERATE: f64 = 1e-4;
 
 /// What ties a vertex to its base triangle; vectors are along (T, N, B) of its basis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bound {
+pub struct VertexBinding {
     /// The nodes p₁, p₂ and p₃.
     pub nodes: [u32; 3],
     /// Whether the basis turns with the normals of the nodes (equation 8) or with the triangle
@@ -31,7 +31,7 @@ pub struct Bound {
 
 /// A vertex where its nodes have carried it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placed {
+pub struct SkinnedVertex {
     /// Where it is.
     pub position: DVec3,
     /// Its normal, of length 1 if it was so at rest.
@@ -42,11 +42,11 @@ pub struct Placed {
 
 /// T, N and B of the triangle `p` as columns (equation 6, N normalised); none if it is flat: N
 /// shorter than 10⁻⁴.
-pub fn triangle_basis([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
+pub fn triangle_frame([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
     let tangent = (p2 - p1).normalize_or_zero();
     let normal = tangent.cross((p3 - p1).normalize_or_zero());
     let size = normal.length();
-    (size > FLAT).then(|| {
+    (size > DEGENERATE).then(|| {
         let normal = normal / size;
         DMat3::from_cols(tangent, normal, normal.cross(tangent))
     })
@@ -55,15 +55,15 @@ pub fn triangle_basis([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
 /// T_c, N_c and B_c as columns (equation 8, normalised) for the edge direction `tangent` and the
 /// weighted sum `normal` of the nodes' normals; none where the sum vanishes or lies along the
 /// edge.
-pub fn interpolated_basis(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
+pub fn interpolated_frame(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
     let size = normal.length();
-    if size.is_nan() || size <= FLAT {
+    if size.is_nan() || size <= DEGENERATE {
         return None;
     }
     let normal = normal / size;
     let across = normal.cross(tangent);
     let length = across.length();
-    (length > FLAT).then(|| {
+    (length > DEGENERATE).then(|| {
         let across = across / length;
         DMat3::from_cols(across.cross(normal), normal, across)
     })
@@ -73,11 +73,11 @@ pub fn interpolated_basis(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
 /// triangle's, else any that has the edge p₁p₂ as T.
 pub fn basis(interpolated: bool, p: [DVec3; 3], normal: DVec3) -> DMat3 {
     let tangent = (p[1] - p[0]).normalize_or_zero();
-    let smooth = || interpolated_basis(tangent, normal);
+    let smooth = || interpolated_frame(tangent, normal);
     interpolated
         .then(smooth)
         .flatten()
-        .or_else(|| triangle_basis(p))
+        .or_else(|| triangle_frame(p))
         .unwrap_or_else(|| {
             let tangent = if tangent == DVec3::ZERO {
                 DVec3::X
@@ -95,7 +95,7 @@ pub fn basis(interpolated: bool, p: [DVec3; 3], normal: DVec3) -> DMat3 {
 }
 
 /// Σ wᵢ N_a(i) over those nodes that have a normal (equation 8).
-pub fn summed_normal(weights: [f64; 3], normals: [Option<DVec3>; 3]) -> DVec3 {
+pub fn interpolated_normal(weights: [f64; 3], normals: [Option<DVec3>; 3]) -> DVec3 {
     (0..3)
         .map(|k| weights[k] * normals[k].unwrap_or(DVec3::ZERO))
         .sum()
@@ -103,12 +103,16 @@ pub fn summed_normal(weights: [f64; 3], normals: [Option<DVec3>; 3]) -> DVec3 {
 
 /// Where the nodes carry a vertex (equation 9). `normals` are the nodes' packed or approximate
 /// normals, unpacked; none where a node has none.
-pub fn place(bound: &Bound, nodes: &[DVec3], normals: &[Option<DVec3>]) -> Placed {
+pub fn skin_vertex(
+    bound: &VertexBinding,
+    nodes: &[DVec3],
+    normals: &[Option<DVec3>],
+) -> SkinnedVertex {
     let p = bound.nodes.map(|i| nodes[i as usize]);
     let n = bound.nodes.map(|i| normals[i as usize]);
     let w = bound.weights;
-    let frame = basis(bound.interpolated, p, summed_normal(w, n));
-    Placed {
+    let frame = basis(bound.interpolated, p, interpolated_normal(w, n));
+    SkinnedVertex {
         position: w[0] * p[0] + w[1] * p[1] + w[2] * p[2] + frame * bound.offset,
         normal: frame * bound.normal,
         tangent: frame * bound.tangent,

@@ -1,34 +1,34 @@
 //! One vertex and its base triangle: where it is tied, and in which basis.
 
-use super::binding::{Base, Mapping};
+use super::binding::{BaseMesh, Mapping};
 use super::vertices::Vertices;
-use crate::mesh::{LocalFrame, Tree, unpack_normal};
-use crate::skin::basis::{Bound, basis, place, summed_normal};
+use crate::mesh::{LocalFrame, TriangleBvh, unpack_normal};
+use crate::skin::basis::{VertexBinding, basis, interpolated_normal, skin_vertex};
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// Triangles whose corners all have a smaller sine are flat: their normals would be noise.
 const FLAT_SINE: f64 = 1e-2;
 /// Sums of normals shorter than this, or with a smaller sine to the edge, are not relied on.
-const WEAK: f64 = 0.1;
+const MIN_NORMAL_LENGTH: f64 = 0.1;
 /// Auto: offsets up to this share of the triangle's longest edge look the same either way.
-const SHORT: f64 = 0.02;
+const MAX_AUTO_OFFSET: f64 = 0.02;
 /// Auto: so do longer ones where the reference point is nearer to a node than this share.
 const NEAR: f64 = 0.05;
 /// The normal-only mapping may use weights this far below 0, beyond the rim of a sheet.
-const BEYOND: f64 = 0.5;
+const MIN_OUTSIDE_WEIGHT: f64 = 0.5;
 /// Weights this far below 0 are on the rim.
-const ON_RIM: f64 = 1e-9;
+const RIM_TOLERANCE: f64 = 1e-9;
 /// Feet of normals this many times farther than the nearest point are not the vertex's own.
-const FAR_FOOT: f64 = 3.0;
+const MAX_FOOT_RATIO: f64 = 3.0;
 /// Distances below this, in local units, are none in single precision.
 const EXACT: f64 = 1e-6;
 
 /// Which triangles a vertex may be tied to, by their nodes.
-pub(super) type Accept<'a> = &'a dyn Fn([u32; 3]) -> bool;
+pub(super) type TriangleFilter<'a> = &'a dyn Fn([u32; 3]) -> bool;
 
 /// How a vertex was bound in the end.
-pub(super) enum Kind {
+pub(super) enum BindingKind {
     OneToOne,
     Constant,
     Interpolated,
@@ -56,7 +56,7 @@ impl Vertex {
 
 /// A place on a base triangle: its nodes and the weights of each.
 #[derive(Clone, Copy)]
-pub(super) struct Seat {
+pub(super) struct BindingSite {
     pub nodes: [u32; 3],
     pub weights: [f64; 3],
 }
@@ -68,10 +68,10 @@ pub(super) struct Binder<'a> {
     /// Those that have a plane; the corner nearest to a right angle first, whose edges turn with
     /// the triangle rather than with its shear.
     triangles: Vec<[u32; 3]>,
-    tree: Tree,
+    tree: TriangleBvh,
     /// The nodes of the triangles as triangles without extent, and for each a triangle that has
     /// it, and as which corner; made for the one-to-one mapping.
-    corner_tree: Option<(Tree, Vec<(usize, usize)>)>,
+    corner_tree: Option<(TriangleBvh, Vec<(usize, usize)>)>,
     /// Where each node's triangles begin in the list of them, and the list.
     around: (Vec<u32>, Vec<u32>),
 }
@@ -81,7 +81,7 @@ impl<'a> Binder<'a> {
     ///
     /// # Errors
     /// As [`bind`](super::bind()).
-    pub fn new(base: &'a Base, mapping: Mapping) -> Result<Binder<'a>> {
+    pub fn new(base: &'a BaseMesh, mapping: Mapping) -> Result<Binder<'a>> {
         let count = base.nodes.len();
         if base.normals.len() != count {
             return Err(Error::Input(format!(
@@ -123,7 +123,7 @@ impl<'a> Binder<'a> {
         Ok(Binder {
             nodes: base.nodes,
             normals: base.normals.iter().map(|n| unpack_normal(*n)).collect(),
-            tree: Tree::new(triangles.iter().map(corners).collect()),
+            tree: TriangleBvh::new(triangles.iter().map(corners).collect()),
             corner_tree: (mapping == Mapping::OneToOne).then(|| {
                 let mut owners: Vec<(usize, usize)> = (0..triangles.len())
                     .flat_map(|t| [(t, 0), (t, 1), (t, 2)])
@@ -132,7 +132,7 @@ impl<'a> Binder<'a> {
                 owners.sort_by_key(|o| (node(*o), *o));
                 owners.dedup_by_key(|o| node(*o));
                 let points = owners.iter().map(|o| [base.nodes[node(*o) as usize]; 3]);
-                (Tree::new(points.collect()), owners)
+                (TriangleBvh::new(points.collect()), owners)
             }),
             around: triangles_around(&triangles, count),
             triangles,
@@ -146,34 +146,39 @@ impl<'a> Binder<'a> {
 
     /// Ties `vertex` to the nearest triangle that `accept` takes; to the nearest of all when it
     /// takes none.
-    pub fn bind(&self, vertex: &Vertex, mapping: Mapping, accept: Accept) -> (Bound, Kind) {
+    pub fn bind(
+        &self,
+        vertex: &Vertex,
+        mapping: Mapping,
+        accept: TriangleFilter,
+    ) -> (VertexBinding, BindingKind) {
         let nearest = self
             .tree
-            .nearest_of(vertex.position, |t| accept(self.triangles[t]))
+            .nearest_accepted(vertex.position, |t| accept(self.triangles[t]))
             .or_else(|| self.tree.nearest(vertex.position));
         // There is a triangle: `new` has seen to it.
         let (t, weights) = nearest.unwrap_or_default();
-        let seat = Seat {
+        let seat = BindingSite {
             nodes: self.triangles[t],
             weights,
         };
-        let constant = |kind| (self.tie(vertex, seat, false), kind);
-        let interpolated = |seat| (self.tie(vertex, seat, true), Kind::Interpolated);
+        let constant = |kind| (self.bind_at(vertex, seat, false), kind);
+        let interpolated = |seat| (self.bind_at(vertex, seat, true), BindingKind::Interpolated);
         match mapping {
-            Mapping::OneToOne => (self.on_node(vertex, t, accept), Kind::OneToOne),
-            Mapping::Constant => constant(Kind::Constant),
+            Mapping::OneToOne => (self.on_node(vertex, t, accept), BindingKind::OneToOne),
+            Mapping::Constant => constant(BindingKind::Constant),
             Mapping::Interpolated => self
                 .smooth_seat(vertex, t, seat, accept)
-                .map_or_else(|| constant(Kind::Fallback), interpolated),
-            Mapping::Auto if self.looks_away(seat) => constant(Kind::Fallback),
-            Mapping::Auto if self.is_unseen(vertex, seat) => constant(Kind::Constant),
+                .map_or_else(|| constant(BindingKind::Fallback), interpolated),
+            Mapping::Auto if self.looks_away(seat) => constant(BindingKind::Fallback),
+            Mapping::Auto if self.is_unseen(vertex, seat) => constant(BindingKind::Constant),
             Mapping::Auto => self
                 .smooth_seat(vertex, t, seat, accept)
                 .filter(|seat| !self.looks_away(*seat))
-                .map_or_else(|| constant(Kind::Fallback), interpolated),
+                .map_or_else(|| constant(BindingKind::Fallback), interpolated),
             Mapping::NormalOnly => self.along_normal(vertex, t, accept).map_or_else(
-                || constant(Kind::Fallback),
-                |bound| (bound, Kind::NormalOnly),
+                || constant(BindingKind::Fallback),
+                |bound| (bound, BindingKind::NormalOnly),
             ),
         }
     }
@@ -187,15 +192,16 @@ impl<'a> Binder<'a> {
     }
 
     /// Whether the interpolated basis is well defined there.
-    pub fn is_smooth(&self, seat: Seat) -> bool {
+    pub fn is_smooth(&self, seat: BindingSite) -> bool {
         let [a, b, _] = self.corners(seat.nodes);
         let tangent = (b - a).normalize_or_zero();
-        let sum = summed_normal(seat.weights, self.corner_normals(seat.nodes));
-        sum.length() > WEAK && sum.cross(tangent).length() > WEAK * sum.length()
+        let sum = interpolated_normal(seat.weights, self.corner_normals(seat.nodes));
+        sum.length() > MIN_NORMAL_LENGTH
+            && sum.cross(tangent).length() > MIN_NORMAL_LENGTH * sum.length()
     }
 
     /// Whether a node of the triangle has no normal, or one turned away from it.
-    fn looks_away(&self, seat: Seat) -> bool {
+    fn looks_away(&self, seat: BindingSite) -> bool {
         let [a, b, c] = self.corners(seat.nodes);
         let normal = (b - a).cross(c - a);
         self.corner_normals(seat.nodes)
@@ -204,7 +210,7 @@ impl<'a> Binder<'a> {
     }
 
     /// Whether nobody would see the difference between the two bases: the paper's own economy.
-    fn is_unseen(&self, vertex: &Vertex, seat: Seat) -> bool {
+    fn is_unseen(&self, vertex: &Vertex, seat: BindingSite) -> bool {
         let p = self.corners(seat.nodes);
         let edge = [0, 1, 2]
             .map(|k| p[k].distance(p[(k + 1) % 3]))
@@ -213,16 +219,16 @@ impl<'a> Binder<'a> {
         let point = combined(seat.weights, p);
         let offset = vertex.position.distance(point);
         let near_node = p.iter().any(|q| q.distance(point) <= NEAR * edge);
-        offset <= SHORT * edge || (near_node && offset <= 2.0 * SHORT * edge)
+        offset <= MAX_AUTO_OFFSET * edge || (near_node && offset <= 2.0 * MAX_AUTO_OFFSET * edge)
     }
 
     /// Expresses `vertex` in a basis at `seat`, with the numbers that the GPU will have.
-    pub fn tie(&self, vertex: &Vertex, seat: Seat, interpolated: bool) -> Bound {
+    pub fn bind_at(&self, vertex: &Vertex, seat: BindingSite, interpolated: bool) -> VertexBinding {
         let weights = rounded(seat.weights);
         let p = self.corners(seat.nodes);
-        let normal = summed_normal(weights, self.corner_normals(seat.nodes));
+        let normal = interpolated_normal(weights, self.corner_normals(seat.nodes));
         let frame = basis(interpolated, p, normal).transpose();
-        Bound {
+        VertexBinding {
             nodes: seat.nodes,
             interpolated,
             weights,
@@ -234,16 +240,16 @@ impl<'a> Binder<'a> {
 
     /// Puts `vertex` on the nearest node of the base: an interpolated basis at that corner of one
     /// of its triangles, and no offset. Its normal is the node's.
-    fn on_node(&self, vertex: &Vertex, t: usize, accept: Accept) -> Bound {
+    fn on_node(&self, vertex: &Vertex, t: usize, accept: TriangleFilter) -> VertexBinding {
         let own = match &self.corner_tree {
             Some((tree, owners)) => tree
-                .nearest_of(vertex.position, |i| accept(self.triangles[owners[i].0]))
+                .nearest_accepted(vertex.position, |i| accept(self.triangles[owners[i].0]))
                 .map(|(i, _)| owners[i]),
             None => None,
         };
         let (own, first) = own.unwrap_or((t, 0));
         let nodes = [0, 1, 2].map(|k| self.triangles[own][(first + k) % 3]);
-        on_node(nodes)
+        bind_to_node(nodes)
     }
 
     fn around(&self, node: u32) -> impl Iterator<Item = usize> {
@@ -254,7 +260,13 @@ impl<'a> Binder<'a> {
 
     /// Finds the point of triangle `t` or of one around it whose interpolated normal meets
     /// `vertex`; weights may lie so far `beyond` 0.
-    fn normal_foot(&self, vertex: &Vertex, t: usize, beyond: f64, accept: Accept) -> Option<Seat> {
+    fn normal_foot(
+        &self,
+        vertex: &Vertex,
+        t: usize,
+        beyond: f64,
+        accept: TriangleFilter,
+    ) -> Option<BindingSite> {
         let mut candidates: Vec<usize> = self.triangles[t]
             .iter()
             .flat_map(|v| self.around(*v))
@@ -266,8 +278,8 @@ impl<'a> Binder<'a> {
             let nodes = self.triangles[t];
             let [a, b, c] = self.corner_normals(nodes);
             let (weights, height) = foot(vertex.position, self.corners(nodes), [a?, b?, c?])?;
-            let outside = weights.iter().fold(ON_RIM, |m, w| m.max(-w));
-            let seat = Seat { nodes, weights };
+            let outside = weights.iter().fold(RIM_TOLERANCE, |m, w| m.max(-w));
+            let seat = BindingSite { nodes, weights };
             let fits = outside <= beyond && self.is_smooth(seat);
             fits.then_some((outside, height.abs(), seat))
         };
@@ -279,12 +291,17 @@ impl<'a> Binder<'a> {
     }
 
     /// Ties `vertex` to the interpolated normal that meets it, with no offset across it.
-    fn along_normal(&self, vertex: &Vertex, t: usize, accept: Accept) -> Option<Bound> {
-        let seat = self.normal_foot(vertex, t, BEYOND, accept)?;
-        let mut bound = self.tie(vertex, seat, true);
+    fn along_normal(
+        &self,
+        vertex: &Vertex,
+        t: usize,
+        accept: TriangleFilter,
+    ) -> Option<VertexBinding> {
+        let seat = self.normal_foot(vertex, t, MIN_OUTSIDE_WEIGHT, accept)?;
+        let mut bound = self.bind_at(vertex, seat, true);
         bound.offset = DVec3::new(0.0, bound.offset.y, 0.0);
         // What is left over lies across the normal: there is none if the foot is right.
-        let back = place(&bound, self.nodes, &self.normals).position;
+        let back = skin_vertex(&bound, self.nodes, &self.normals).position;
         (back.distance(vertex.position) < EXACT).then_some(bound)
     }
 
@@ -294,25 +311,25 @@ impl<'a> Binder<'a> {
         &self,
         vertex: &Vertex,
         t: usize,
-        nearest: Seat,
-        accept: Accept,
-    ) -> Option<Seat> {
+        nearest: BindingSite,
+        accept: TriangleFilter,
+    ) -> Option<BindingSite> {
         let distance = vertex
             .position
             .distance(combined(nearest.weights, self.corners(nearest.nodes)));
-        let near = |seat: &Seat| {
+        let near = |seat: &BindingSite| {
             let foot = combined(seat.weights, self.corners(seat.nodes));
-            vertex.position.distance(foot) <= FAR_FOOT * distance + EXACT
+            vertex.position.distance(foot) <= MAX_FOOT_RATIO * distance + EXACT
         };
-        self.normal_foot(vertex, t, ON_RIM, accept)
+        self.normal_foot(vertex, t, RIM_TOLERANCE, accept)
             .filter(near)
             .or_else(|| Some(nearest).filter(|seat| self.is_smooth(*seat)))
     }
 }
 
 /// A vertex on the first of `nodes`, with that node's normal.
-pub(super) fn on_node(nodes: [u32; 3]) -> Bound {
-    Bound {
+pub(super) fn bind_to_node(nodes: [u32; 3]) -> VertexBinding {
+    VertexBinding {
         nodes,
         interpolated: true,
         weights: [1.0, 0.0, 0.0],

@@ -1,10 +1,10 @@
 //! Tying the vertices of a skin to the base triangles of a body, once, in float64.
 
-use super::binder::{Binder, Kind, Vertex};
+use super::binder::{Binder, BindingKind, Vertex};
 use super::vertices::Vertices;
 use crate::mesh::LocalFrame;
 use crate::parallel;
-use crate::skin::basis::Bound;
+use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -69,7 +69,7 @@ impl std::fmt::Display for Mapping {
 
 /// What carries a skin, at rest.
 #[derive(Clone, Copy, Debug)]
-pub struct Base<'a> {
+pub struct BaseMesh<'a> {
     /// Nodes as the GPU has them: in the local frame, rounded to single precision.
     pub nodes: &'a [DVec3],
     /// Base triangles, counter-clockwise seen from outside.
@@ -105,11 +105,11 @@ pub struct BindingReport {
 /// [`Error::Input`] when there is no triangle to bind to, one names a node that does not exist,
 /// or lists differ in length.
 pub fn bind(
-    base: &Base,
+    base: &BaseMesh,
     vertices: &Vertices,
     frame: &LocalFrame,
     mapping: Mapping,
-) -> Result<(Vec<Bound>, BindingReport)> {
+) -> Result<(Vec<VertexBinding>, BindingReport)> {
     let binder = Binder::new(base, mapping)?;
     let bound = parallel::map(vertices.positions.len(), |v| {
         binder.bind(&Vertex::new(vertices, v, frame), mapping, &|_| true)
@@ -120,11 +120,11 @@ pub fn bind(
     };
     for (bound, kind) in &bound {
         match kind {
-            Kind::OneToOne => report.one_to_one += 1,
-            Kind::Constant => report.constant += 1,
-            Kind::Interpolated => report.interpolated += 1,
-            Kind::NormalOnly => report.normal_only += 1,
-            Kind::Fallback => {
+            BindingKind::OneToOne => report.one_to_one += 1,
+            BindingKind::Constant => report.constant += 1,
+            BindingKind::Interpolated => report.interpolated += 1,
+            BindingKind::NormalOnly => report.normal_only += 1,
+            BindingKind::Fallback => {
                 report.constant += 1;
                 report.fallbacks += 1;
             }
@@ -139,14 +139,14 @@ pub fn bind(
 const INTERPOLATED: u32 = 1;
 
 /// The texels of all vertices, four each.
-pub(super) fn records(bound: &[Bound], vertices: &Vertices) -> Vec<[u32; 4]> {
+pub(super) fn vertex_texels(bound: &[VertexBinding], vertices: &Vertices) -> Vec<[u32; 4]> {
     let all = bound.iter().zip(&vertices.handedness);
     all.flat_map(|(b, handedness)| record(b, *handedness))
         .collect()
 }
 
 /// The four texels of a vertex, see `lib/skin.wgsl`.
-fn record(bound: &Bound, handedness: f64) -> [[u32; 4]; 4] {
+fn record(bound: &VertexBinding, handedness: f64) -> [[u32; 4]; 4] {
     let bits = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array().map(f32::to_bits);
     let [a, b, c] = bound.nodes;
     let flags = if bound.interpolated { INTERPOLATED } else { 0 };

@@ -2,11 +2,11 @@
 
 use super::basis::node_normals;
 use super::binder::triangles_around;
-use super::binding::Base;
+use super::binding::BaseMesh;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
 use crate::mesh::{LocalFrame, NO_NORMAL, TetMesh, Topology, pack_normal};
 use crate::physics::grid::GridBody;
-use crate::physics::{Nodes, Simulator};
+use crate::physics::{NodePositions, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -23,7 +23,7 @@ mod gpu_data {
 /// Whoever moves the nodes writes the array of positions; the normals follow from it on the GPU,
 /// made by the mover or here.
 #[derive(Clone, Debug)]
-pub struct Carrier {
+pub struct SkinBase {
     pub(super) positions: Array,
     pub(super) frame: LocalFrame,
     pub(super) normals: Array,
@@ -35,7 +35,7 @@ pub struct Carrier {
     refresh: Option<Pass>,
 }
 
-impl Carrier {
+impl SkinBase {
     /// Nodes whose mover makes their normals (a grid body: equation 3 of the paper).
     ///
     /// `positions` is rgba32float, xyz in `frame`; `normals` is r32uint, packed as by
@@ -53,7 +53,7 @@ impl Carrier {
         rest: &[DVec3],
         rest_normals: &[u32],
         triangles: &[[u32; 3]],
-    ) -> Result<Carrier> {
+    ) -> Result<SkinBase> {
         check(positions, rest, triangles)?;
         if normals.texel() != Texel::U32
             || normals.len() as usize != rest.len()
@@ -67,7 +67,7 @@ impl Carrier {
                 rest_normals.len()
             )));
         }
-        Ok(Carrier {
+        Ok(SkinBase {
             positions: positions.clone(),
             frame,
             normals: normals.clone(),
@@ -84,14 +84,14 @@ impl Carrier {
     /// Reads back once, so that the binding has the normals as the GPU makes them.
     ///
     /// # Errors
-    /// [`Error::Input`] as [`Carrier::new`]; [`Error::Gpu`] when the device cannot hold it.
+    /// [`Error::Input`] as [`SkinBase::new`]; [`Error::Gpu`] when the device cannot hold it.
     pub fn with_area_normals(
         gpu: &Gpu,
         positions: &Array,
         frame: LocalFrame,
         rest: &[DVec3],
         triangles: &[[u32; 3]],
-    ) -> Result<Carrier> {
+    ) -> Result<SkinBase> {
         check(positions, rest, triangles)?;
         let (firsts, around) = triangles_around(triangles, rest.len());
         let corners: Vec<[u32; 4]> = triangles.iter().map(|t| [t[0], t[1], t[2], 0]).collect();
@@ -107,7 +107,7 @@ impl Carrier {
                 .read(&around)
                 .write(normals)
                 .params(&gpu_data::Normals { nodes })
-                .over(nodes)
+                .dispatch_items(nodes)
         };
         let normals = gpu.array("packed normals", Texel::U32, rest.len())?;
         let refresh = pass(positions, &normals)?;
@@ -120,13 +120,13 @@ impl Carrier {
             false => {
                 let places = crate::render::local_positions(gpu, &frame, rest)?;
                 let made = gpu.array("packed normals at rest", Texel::U32, rest.len())?;
-                let mut work = gpu.record();
+                let mut work = gpu.start_recording();
                 pass(&places, &made)?.record(&mut work);
                 work.submit()?;
                 gpu.read_array(&made)?
             }
         };
-        Ok(Carrier {
+        Ok(SkinBase {
             positions: positions.clone(),
             frame,
             normals,
@@ -140,46 +140,46 @@ impl Carrier {
     /// The boundary of `mesh`, whose nodes stand at `positions`: xyz in `frame`.
     ///
     /// # Errors
-    /// As [`Carrier::with_area_normals`].
-    pub fn of_mesh(
+    /// As [`SkinBase::with_area_normals`].
+    pub fn from_mesh(
         gpu: &Gpu,
         mesh: &TetMesh,
         positions: &Array,
         frame: LocalFrame,
-    ) -> Result<Carrier> {
-        Carrier::with_area_normals(gpu, positions, frame, &mesh.nodes, &boundary(mesh))
+    ) -> Result<SkinBase> {
+        SkinBase::with_area_normals(gpu, positions, frame, &mesh.nodes, &boundary(mesh))
     }
 
     /// The boundary of a body that is simulated.
     ///
     /// # Errors
-    /// As [`Carrier::with_area_normals`].
-    pub fn of_body(gpu: &Gpu, body: &dyn Simulator) -> Result<Carrier> {
+    /// As [`SkinBase::with_area_normals`].
+    pub fn from_body(gpu: &Gpu, body: &dyn Simulator) -> Result<SkinBase> {
         let nodes = body.nodes();
-        Carrier::of_mesh(gpu, body.mesh(), nodes.array(), nodes.frame())
+        SkinBase::from_mesh(gpu, body.mesh(), nodes.array(), nodes.frame())
     }
 
     /// A grid body, with the approximate normals that its steps make (equation 3): its particles
     /// as the nodes, the boundary of its full cells as base triangles. Reads back once.
     ///
     /// # Errors
-    /// As [`Carrier::new`] and [`GridBody::rest_normals`].
-    pub fn of_grid(body: &mut GridBody) -> Result<Carrier> {
+    /// As [`SkinBase::new`] and [`GridBody::rest_normals`].
+    pub fn from_grid(body: &mut GridBody) -> Result<SkinBase> {
         let at_rest = body.rest_normals()?;
-        Carrier::with_normals(body.nodes(), body.mesh(), body.normals(), &at_rest)
+        SkinBase::with_normals(body.nodes(), body.mesh(), body.normals(), &at_rest)
     }
 
     /// The boundary of `mesh`, whose nodes have the packed `normals` on the GPU, and these at rest.
     ///
     /// # Errors
-    /// As [`Carrier::new`].
+    /// As [`SkinBase::new`].
     pub fn with_normals(
-        nodes: &Nodes,
+        nodes: &NodePositions,
         mesh: &TetMesh,
         normals: &Array,
         at_rest: &[u32],
-    ) -> Result<Carrier> {
-        Carrier::new(
+    ) -> Result<SkinBase> {
+        SkinBase::new(
             nodes.array(),
             nodes.frame(),
             normals,
@@ -195,8 +195,8 @@ impl Carrier {
     }
 
     /// What a skin is bound to.
-    pub fn base(&self) -> Base<'_> {
-        Base {
+    pub fn rest_mesh(&self) -> BaseMesh<'_> {
+        BaseMesh {
             nodes: &self.rest,
             triangles: &self.triangles,
             normals: &self.rest_normals,

@@ -4,11 +4,11 @@
 //! eye on; the volume is drawn once more up to each layer, and what it adds between two of them is
 //! the difference. So skin is blended before, inside and behind the volume, exactly.
 
-use super::draw::{How, Skin};
+use super::draw::{BlendMode, Skin};
 use crate::gpu::{Draw, Gpu, Recorder};
 use crate::render::{
-    Camera, Image, KEPT, Mode, Raycaster, Surface, SurfaceTarget, Target, Window, attachment,
-    averaged, draw_in_tiles,
+    CACHED_SIZES, Camera, Image, ImageRegion, Mode, Raycaster, Surface, SurfaceTarget, Target,
+    attachment, downsampled, draw_in_tiles,
 };
 use crate::{Error, Result};
 
@@ -20,9 +20,9 @@ mod gpu_data {
     }
 }
 
-/// Choices that a [`Composer`] is made with.
+/// Choices that a [`Compositor`] is made with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ComposeOptions {
+pub struct CompositorOptions {
     /// Most layers of translucent skin before each other that are seen; those behind are left out.
     /// Each costs another drawing of the volume.
     pub layers: u32,
@@ -30,9 +30,9 @@ pub struct ComposeOptions {
     pub samples: u32,
 }
 
-impl Default for ComposeOptions {
-    fn default() -> ComposeOptions {
-        ComposeOptions {
+impl Default for CompositorOptions {
+    fn default() -> CompositorOptions {
+        CompositorOptions {
             layers: 4,
             samples: 2,
         }
@@ -57,17 +57,17 @@ impl Drawn<'_> {
 }
 
 /// Draws skins and a volume into one picture.
-pub struct Composer {
+pub struct Compositor {
     gpu: Gpu,
-    options: ComposeOptions,
+    options: CompositorOptions,
     /// Of the last sizes that were drawn, the last one first.
     targets: Vec<Targets>,
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-const SUM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+const ACCUMULATOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 /// Most layers and samples that make sense.
-const MOST: u32 = 64;
+const MAX_LAYERS: u32 = 64;
 
 /// What is made for one size of picture.
 struct Targets {
@@ -84,19 +84,19 @@ struct Targets {
     blends: [Draw; 2],
 }
 
-impl Composer {
+impl Compositor {
     /// A composer.
     ///
     /// # Errors
     /// [`Error::Input`] for more than 64 layers, or samples that are not from 1 to 8.
-    pub fn new(gpu: &Gpu, options: ComposeOptions) -> Result<Composer> {
-        if options.layers > MOST || !(1..=8).contains(&options.samples) {
+    pub fn new(gpu: &Gpu, options: CompositorOptions) -> Result<Compositor> {
+        if options.layers > MAX_LAYERS || !(1..=8).contains(&options.samples) {
             return Err(Error::Input(format!(
-                "{} layers of skin and {} samples; choose up to {MOST}, and from 1 to 8",
+                "{} layers of skin and {} samples; choose up to {MAX_LAYERS}, and from 1 to 8",
                 options.layers, options.samples
             )));
         }
-        Ok(Composer {
+        Ok(Compositor {
             gpu: gpu.clone(),
             options,
             targets: Vec::new(),
@@ -118,7 +118,7 @@ impl Composer {
         target: &Target,
     ) -> Result<()> {
         let texture = target.colour.texture();
-        let window = Window::whole([texture.width(), texture.height()]);
+        let window = ImageRegion::full([texture.width(), texture.height()]);
         let scene = Drawn {
             boundary: None,
             skins: skins.into_iter().collect(),
@@ -127,11 +127,11 @@ impl Composer {
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// As [`Composer::record`], of the lit boundary, `skins` beside it and what `raycaster` draws of
+    /// As [`Compositor::record`], of the lit boundary, `skins` beside it and what `raycaster` draws of
     /// slices, isosurfaces and cut faces, where there are any.
     ///
     /// # Errors
-    /// As [`Composer::record`].
+    /// As [`Compositor::record`].
     pub fn record_boundary<'s>(
         &mut self,
         work: &mut Recorder,
@@ -141,7 +141,7 @@ impl Composer {
         target: &Target,
     ) -> Result<()> {
         let texture = target.colour.texture();
-        let window = Window::whole([texture.width(), texture.height()]);
+        let window = ImageRegion::full([texture.width(), texture.height()]);
         let scene = Drawn {
             boundary: Some(boundary),
             skins: skins.into_iter().collect(),
@@ -150,11 +150,11 @@ impl Composer {
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// The picture of [`Composer::record_boundary`], of `size` pixels, on nothing. Waits and reads
+    /// The picture of [`Compositor::record_boundary`], of `size` pixels, on nothing. Waits and reads
     /// back.
     ///
     /// # Errors
-    /// As [`Composer::record`].
+    /// As [`Compositor::record`].
     pub fn boundary_image<'s>(
         &mut self,
         (boundary, skins): (&mut Surface, impl IntoIterator<Item = &'s mut Skin>),
@@ -173,7 +173,7 @@ impl Composer {
     /// The picture of `camera`, of `size` pixels, on nothing. Waits and reads back.
     ///
     /// # Errors
-    /// As [`Composer::record`].
+    /// As [`Compositor::record`].
     pub fn image<'s>(
         &mut self,
         skins: impl IntoIterator<Item = &'s mut Skin>,
@@ -196,17 +196,17 @@ impl Composer {
         let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
             let target = Target {
                 colour,
-                occluder: None,
+                depth: None,
                 background: Some([0.0; 4]),
             };
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             self.record_window(&mut work, scene.again(), camera, &target, window)?;
             work.submit()
         })?;
         Ok(Image {
             size,
             channels: 4,
-            values: averaged(&pixels, size, samples),
+            values: downsampled(&pixels, size, samples),
         })
     }
 
@@ -216,7 +216,7 @@ impl Composer {
         scene: Drawn,
         camera: &Camera,
         target: &Target,
-        window: Window,
+        window: ImageRegion,
     ) -> Result<()> {
         camera.check()?;
         let Drawn {
@@ -241,12 +241,12 @@ impl Composer {
             Some(at) => self.targets.remove(at),
             None => Targets::new(&self.gpu, window.size)?,
         };
-        self.targets.truncate(KEPT - 1);
+        self.targets.truncate(CACHED_SIZES - 1);
         self.targets.insert(0, targets);
         let (gpu, targets) = (&self.gpu, &self.targets[0]);
         let translucent = skins.iter().any(|s| s.opacity() < 1.0);
         let layers = if translucent { self.options.layers } else { 0 };
-        targets.begin(gpu, work, target.occluder)?;
+        targets.begin(gpu, work, target.depth)?;
         if raycaster.is_none() {
             targets.clear_volumes(work);
         }
@@ -267,7 +267,7 @@ impl Composer {
                 depth: &targets.opaque_depth,
                 background: None,
             };
-            skin.record_window(work, camera, &into, window, How::default())?;
+            skin.record_window(work, camera, &into, window, BlendMode::default())?;
         }
         for i in 0..layers as usize {
             let (now, before) = (i % 2, 1 - i % 2);
@@ -278,7 +278,7 @@ impl Composer {
                     depth: &targets.depths[now],
                     background: None,
                 };
-                let how = How {
+                let how = BlendMode {
                     behind: (i > 0).then_some(&targets.depths[before]),
                     blended: false,
                 };
@@ -287,10 +287,10 @@ impl Composer {
             if let Some(raycaster) = raycaster.as_deref_mut() {
                 let into = Target {
                     colour: &targets.volumes[now],
-                    occluder: Some(&targets.depths[now]),
+                    depth: Some(&targets.depths[now]),
                     background: Some([0.0; 4]),
                 };
-                raycaster.record_part(work, camera, Mode::Composite, &into, window)?;
+                raycaster.record_region(work, camera, Mode::Composite, &into, window)?;
             }
             let colour = [attachment(&targets.sums[now], wgpu::LoadOp::Load)];
             let mut pass = work.render_pass("skin/blend", &colour, None);
@@ -304,10 +304,10 @@ impl Composer {
         if let Some(raycaster) = raycaster {
             let into = Target {
                 colour: &targets.volumes[now],
-                occluder: Some(&targets.opaque_depth),
+                depth: Some(&targets.opaque_depth),
                 background: Some([0.0; 4]),
             };
-            raycaster.record_part(work, camera, Mode::Composite, &into, window)?;
+            raycaster.record_region(work, camera, Mode::Composite, &into, window)?;
         }
         targets.finish(gpu, work, target, layers)
     }
@@ -329,13 +329,13 @@ impl Targets {
                     | copied,
             )
         };
-        let layer = texture(SUM)?;
-        let volumes = [texture(SUM)?, texture(SUM)?];
-        let sums = [texture(SUM)?, texture(SUM)?];
+        let layer = texture(ACCUMULATOR_FORMAT)?;
+        let volumes = [texture(ACCUMULATOR_FORMAT)?, texture(ACCUMULATOR_FORMAT)?];
+        let sums = [texture(ACCUMULATOR_FORMAT)?, texture(ACCUMULATOR_FORMAT)?];
         let blend = |now: usize, first: bool| {
             let before = 1 - now;
             gpu.draw("skin/blend")
-                .constant("FIRST", f64::from(u8::from(first)))
+                .constant("FIRST_LAYER", f64::from(u8::from(first)))
                 .read(&sums[before])
                 .read(&volumes[before])
                 .read(&volumes[now])
@@ -343,12 +343,12 @@ impl Targets {
                 .params(&gpu_data::Blend {
                     background: [0.0; 4],
                 })
-                .target(SUM, None)
-                .prepare()
+                .target(ACCUMULATOR_FORMAT, None)
+                .build()
         };
         Ok(Targets {
             size,
-            opaque: texture(SUM)?,
+            opaque: texture(ACCUMULATOR_FORMAT)?,
             opaque_depth: texture(DEPTH)?,
             depths: [texture(DEPTH)?, texture(DEPTH)?],
             first: blend(0, true)?,
@@ -380,7 +380,7 @@ impl Targets {
                 gpu.draw("skin/depth")
                     .read(occluder)
                     .depth(DEPTH, wgpu::CompareFunction::Always, true)
-                    .prepare()?,
+                    .build()?,
             ),
             None => None,
         };
@@ -413,8 +413,8 @@ impl Targets {
         let over = wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING;
         let draw = gpu
             .draw("skin/blend")
-            .constant("LAST", 1.0)
-            .constant("FIRST", f64::from(u8::from(layers == 0)))
+            .constant("LAST_LAYER", 1.0)
+            .constant("FIRST_LAYER", f64::from(u8::from(layers == 0)))
             .read(&self.sums[before])
             .read(&self.volumes[before])
             .read(&self.volumes[now])
@@ -426,7 +426,7 @@ impl Targets {
                 target.colour.texture().format(),
                 target.background.is_none().then_some(over),
             )
-            .prepare()?;
+            .build()?;
         let load = match target.background {
             Some(_) => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
             None => wgpu::LoadOp::Load,

@@ -5,14 +5,14 @@
 //! compares that with how much each was tilted at rest; two more list those that are drawn, in
 //! their order. The draw takes list and length from the GPU.
 
-use super::carrier::Carrier;
+use super::carrier::SkinBase;
 use super::draw::Skin;
 use crate::Result;
-use crate::gpu::{Gpu, Pass, Recorder, ScanMarks, Texel};
+use crate::gpu::{BitmaskPrefixSum, Gpu, Pass, Recorder, Texel};
 use crate::mesh::unpack_normal;
 use crate::render::View;
-use crate::skin::basis::Bound;
-use crate::skin::culling::{CullBase, Tilts};
+use crate::skin::basis::VertexBinding;
+use crate::skin::culling::{CullBase, CullData};
 
 mod gpu_data {
     use crate::render::View;
@@ -37,7 +37,7 @@ mod gpu_data {
 }
 
 /// Triangles that one invocation marks.
-const RUN: usize = 32;
+const TRIANGLES_PER_WORD: usize = 32;
 
 /// What decides which triangles are drawn, and the list of those.
 pub(super) struct Cull {
@@ -58,14 +58,14 @@ impl Cull {
     /// For the triangles `corners` of vertices `bound` to `carrier`, listed in `indices`.
     pub fn new(
         gpu: &Gpu,
-        carrier: &Carrier,
-        bound: &[Bound],
+        carrier: &SkinBase,
+        bound: &[VertexBinding],
         corners: &[[u32; 3]],
         indices: &wgpu::Buffer,
     ) -> Result<Cull> {
-        let rest = carrier.base();
+        let rest = carrier.rest_mesh();
         let normals: Vec<_> = rest.normals.iter().map(|n| unpack_normal(*n)).collect();
-        let Tilts { bases, triangles } = Tilts::new(rest.nodes, &normals, bound, corners);
+        let CullData { bases, triangles } = CullData::new(rest.nodes, &normals, bound, corners);
         let texels: Vec<[u32; 4]> = bases.iter().flat_map(base_texels).collect();
         let base = gpu.array_of("base triangles", Texel::U32x4, &texels)?;
         let texels: Vec<[u32; 4]> = triangles
@@ -74,7 +74,7 @@ impl Cull {
             .collect();
         let tilted = gpu.array_of("tilts", Texel::U32x4, &texels)?;
         let outlooks = gpu.array("outlooks", Texel::U32x4, bases.len())?;
-        let runs = triangles.len().div_ceil(RUN) as u32;
+        let runs = triangles.len().div_ceil(TRIANGLES_PER_WORD) as u32;
         let marks = gpu.buffer("marks", 8 * u64::from(runs))?;
         let fresh: [u32; 6] = [0, 1, 0, 0, 0, 0];
         let arguments = gpu.buffer_of("triangles drawn", &fresh)?;
@@ -92,7 +92,7 @@ impl Cull {
                     triangles: base_count,
                     ..bytemuck::Zeroable::zeroed()
                 })
-                .over(base_count)?,
+                .dispatch_items(base_count)?,
             marks: gpu
                 .pass("skin/cull")
                 .read(&tilted)
@@ -103,20 +103,20 @@ impl Cull {
                     triangles: count,
                     closed: 0,
                 })
-                .over(runs)?,
+                .dispatch_items(runs)?,
             scan: gpu
                 .pass("gpu/scan_marks")
                 .write(&marks)
                 .write(&arguments)
-                .params(&ScanMarks { runs })
-                .over_groups([1, 1, 1])?,
+                .params(&BitmaskPrefixSum { runs })
+                .dispatch_workgroups([1, 1, 1])?,
             list: gpu
                 .pass("skin/cull_list")
                 .read(&marks)
                 .read(indices)
                 .write(&drawn)
                 .params(&gpu_data::CullList { runs })
-                .over(runs)?,
+                .dispatch_items(runs)?,
             base_count,
             triangles: count,
             fresh: gpu.buffer_of("triangles drawn, fresh", &fresh)?,
@@ -153,7 +153,7 @@ impl Cull {
     }
 
     /// The triangles that were drawn last. Reads back.
-    pub fn listed(&self, gpu: &Gpu) -> Result<Vec<[u32; 3]>> {
+    pub fn read_visible(&self, gpu: &Gpu) -> Result<Vec<[u32; 3]>> {
         let arguments: Vec<u32> = gpu.read_buffer(&self.arguments)?;
         let mut drawn: Vec<[u32; 3]> = gpu.read_buffer(&self.drawn)?;
         drawn.truncate(arguments.first().map_or(0, |n| *n as usize / 3));
@@ -177,15 +177,15 @@ impl Skin {
     ///
     /// # Errors
     /// When the device refuses.
-    pub fn drawn(&self) -> Result<Vec<[u32; 3]>> {
+    pub fn visible_triangles(&self) -> Result<Vec<[u32; 3]>> {
         match &self.cull {
-            Some(cull) => cull.listed(&self.gpu),
+            Some(cull) => cull.read_visible(&self.gpu),
             None => Ok(self.shown_triangles()),
         }
     }
 
     pub(super) fn shown_triangles(&self) -> Vec<[u32; 3]> {
-        let triangles = self.vertices.triangles.iter().zip(&self.shown);
+        let triangles = self.vertices.triangles.iter().zip(&self.visible);
         triangles.filter(|(_, s)| **s).map(|(t, _)| *t).collect()
     }
 
@@ -224,7 +224,7 @@ fn base_texels(base: &CullBase) -> [[u32; 4]; 3] {
     let float = |x: f64| (x as f32).to_bits();
     let [a, b, c] = base.nodes;
     let [xx, xy, yy] = base.inverse.map(float);
-    let [ab, bc, ca] = base.bends.map(float);
+    let [ab, bc, ca] = base.bend_stretch.map(float);
     let kinds = u32::from(base.smooth) | u32::from(base.flat) << 1;
     [
         [a, b, c, float(base.offset)],

@@ -5,22 +5,22 @@
 //! against them. It was tilted by an angle a at rest; a strain s, the ratio of the largest to the
 //! smallest stretch, turns that into an angle of at most 2 atan(s tan(a / 2)).
 
-use super::basis::{Bound, place, summed_normal};
+use super::basis::{VertexBinding, interpolated_normal, skin_vertex};
 use crate::render::{Camera, Projection};
 use glam::DVec3;
 use std::collections::HashMap;
 
 /// Strains are bounded by this, and bends by less than 1.
-const MOST_STRAIN: f64 = 1e6;
+const MAX_STRAIN: f64 = 1e6;
 const MOST_BEND: f64 = 0.999;
 /// A right angle and a little slack.
-const AWAY: f64 = std::f64::consts::FRAC_PI_2 + 0.035;
+const BACKFACE_ANGLE: f64 = std::f64::consts::FRAC_PI_2 + 0.035;
 
 /// The tilt of a triangle that is always drawn, unless it is outside the picture.
-const ANY_WAY: f64 = 1e20;
+const NEVER_CULL: f64 = 1e20;
 /// How far vertices beyond the rim of their triangle are thought to move when it is stretched,
 /// at most.
-const STRETCHED: f64 = 2.0;
+const RIM_STRETCH: f64 = 2.0;
 /// Squares of areas below this share of an edge's fourth power are of no triangle.
 const NO_AREA: f64 = 1e-20;
 
@@ -36,7 +36,7 @@ pub struct CullBase {
     pub inverse: [f64; 3],
     /// By how much what stands off is stretched along each side, because the normals turn: offset
     /// times curvature.
-    pub bends: [f64; 3],
+    pub bend_stretch: [f64; 3],
     /// Whether something turns with the nodes' normals.
     pub smooth: bool,
     /// Whether something turns with the triangle alone.
@@ -54,7 +54,7 @@ impl CullBase {
             nodes,
             offset,
             inverse: [vv / det, -uv / det, uu / det],
-            bends: bends(rest, normals, offset),
+            bend_stretch: bends(rest, normals, offset),
             smooth: false,
             flat: false,
         }
@@ -77,7 +77,7 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
 
 /// How a base triangle stands to the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outlook {
+pub struct BaseVisibility {
     /// The least angle between the direction to the eye and the normals that carry something,
     /// seen from anywhere there; −1 where a node has no normal.
     pub angle: f64,
@@ -86,12 +86,12 @@ pub struct Outlook {
 }
 
 /// How `base` stands to `camera`, its nodes being at `nodes` with `normals`.
-pub fn outlook(
+pub fn base_visibility(
     base: &CullBase,
     nodes: &[DVec3],
     normals: &[Option<DVec3>],
     camera: &Camera,
-) -> Outlook {
+) -> BaseVisibility {
     let p = base.nodes.map(|i| nodes[i as usize]);
     let n = base.nodes.map(|i| normals[i as usize]);
     let (u, v) = (p[1] - p[0], p[2] - p[0]);
@@ -105,7 +105,7 @@ pub fn outlook(
     let known = n.map(|n| n.unwrap_or(DVec3::ZERO));
     let now = bends(p, known, base.offset);
     let mut bent: f64 = 1.0;
-    for (now, rest) in now.iter().zip(base.bends) {
+    for (now, rest) in now.iter().zip(base.bend_stretch) {
         for side in [1.0, -1.0] {
             let ratio = (1.0 + side * now) / (1.0 + side * rest);
             bent = bent.max(ratio).max(1.0 / ratio);
@@ -135,24 +135,24 @@ pub fn outlook(
         smooth.min(flat) - aside
     });
     let least = least.fold(f64::INFINITY, f64::min);
-    Outlook {
+    BaseVisibility {
         angle: if n.contains(&None) { -1.0 } else { least },
-        strain: strain.min(MOST_STRAIN),
+        strain: strain.min(MAX_STRAIN),
     }
 }
 
 /// Whether a triangle of a closed opaque skin faces away for certain: `tilt` is the tangent of
 /// half the largest angle at rest between its normal and those that carry its vertices, and
 /// `outlooks` are of their base triangles. The eye is outside.
-pub fn is_skipped(tilt: f64, outlooks: [Outlook; 3]) -> bool {
+pub fn is_skipped(tilt: f64, outlooks: [BaseVisibility; 3]) -> bool {
     let least = outlooks.iter().fold(f64::INFINITY, |m, o| m.min(o.angle));
     let strain = outlooks.iter().fold(0.0, |m: f64, o| m.max(o.strain));
-    least > AWAY + 2.0 * (strain * tilt).atan()
+    least > BACKFACE_ANGLE + 2.0 * (strain * tilt).atan()
 }
 
 /// What is known of a skin at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tilts {
+pub struct CullData {
     /// The base triangles that something is bound to.
     pub bases: Vec<CullBase>,
     /// Of each triangle the base triangles of its vertices, and the tangent of half the largest
@@ -160,16 +160,16 @@ pub struct Tilts {
     pub triangles: Vec<([u32; 3], f64)>,
 }
 
-impl Tilts {
+impl CullData {
     /// Of the triangles `corners`, whose vertices are `bound` to nodes that are at `nodes` with
     /// `normals` at rest. A triangle without area there, or with a vertex that no normal carries,
     /// counts as tilted right round.
     pub fn new(
         nodes: &[DVec3],
         normals: &[Option<DVec3>],
-        bound: &[Bound],
+        bound: &[VertexBinding],
         corners: &[[u32; 3]],
-    ) -> Tilts {
+    ) -> CullData {
         let (own, offsets) = stand_off(nodes, bound);
         let bases = offsets.iter().map(|(of, offset)| {
             let rest = of.map(|i| nodes[i as usize]);
@@ -186,9 +186,12 @@ impl Tilts {
         let carried = bound.iter().map(|b| {
             let p = b.nodes.map(|i| nodes[i as usize]);
             let face = (p[1] - p[0]).cross(p[2] - p[0]);
-            let smooth = summed_normal(b.weights, b.nodes.map(|i| normals[i as usize]));
+            let smooth = interpolated_normal(b.weights, b.nodes.map(|i| normals[i as usize]));
             let normal = if b.interpolated { smooth } else { face };
-            (place(b, nodes, normals).position, normal.try_normalize())
+            (
+                skin_vertex(b, nodes, normals).position,
+                normal.try_normalize(),
+            )
         });
         let carried: Vec<(DVec3, Option<DVec3>)> = carried.collect();
         let tilt = |t: &[u32; 3]| {
@@ -196,15 +199,15 @@ impl Tilts {
             let normal = (b - a).cross(c - a);
             let edge = (b - a).length_squared().max((c - a).length_squared());
             if normal.length_squared() <= NO_AREA * edge * edge {
-                return ANY_WAY;
+                return NEVER_CULL;
             }
             let half = t.map(|v| match carried[v as usize].1 {
                 Some(carries) => (0.5 * angle(normal, carries)).tan(),
-                None => ANY_WAY,
+                None => NEVER_CULL,
             });
-            half.into_iter().fold(0.0, f64::max).min(ANY_WAY)
+            half.into_iter().fold(0.0, f64::max).min(NEVER_CULL)
         };
-        Tilts {
+        CullData {
             bases,
             triangles: corners
                 .iter()
@@ -216,7 +219,7 @@ impl Tilts {
 
 /// For each vertex the number of its base triangle; and these, with how far vertices stand off
 /// from each at most.
-fn stand_off(nodes: &[DVec3], bound: &[Bound]) -> (Vec<u32>, Vec<([u32; 3], f64)>) {
+fn stand_off(nodes: &[DVec3], bound: &[VertexBinding]) -> (Vec<u32>, Vec<([u32; 3], f64)>) {
     let mut known: HashMap<[u32; 3], u32> = HashMap::new();
     let mut offsets: Vec<([u32; 3], f64)> = Vec::new();
     let own = bound.iter().map(|b| {
@@ -231,7 +234,7 @@ fn stand_off(nodes: &[DVec3], bound: &[Bound]) -> (Vec<u32>, Vec<([u32; 3], f64)
         let longest = sides.into_iter().fold(0.0, f64::max);
         let beyond = b.weights.iter().fold(0.0, |m: f64, w| m.max(-w));
         let most = &mut offsets[own as usize].1;
-        *most = most.max(b.offset.length() + 2.0 * STRETCHED * beyond * longest);
+        *most = most.max(b.offset.length() + 2.0 * RIM_STRETCH * beyond * longest);
         own
     });
     (own.collect(), offsets)

@@ -1,12 +1,12 @@
 //! Skins that open where their body was cut.
 
-use super::binder::{Binder, Seat, Vertex};
-use super::binding::{Mapping, records};
-use super::carrier::Carrier;
+use super::binder::{Binder, BindingSite, Vertex};
+use super::binding::{Mapping, vertex_texels};
+use super::carrier::SkinBase;
 use super::draw::Skin;
 use crate::mesh::Blade;
 use crate::parallel;
-use crate::skin::basis::Bound;
+use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
@@ -15,16 +15,16 @@ use std::collections::HashMap;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SkinCut {
     /// Vertices that were bound anew: their triangle or its normals have changed.
-    pub rebound: usize,
+    pub rebound_vertices: usize,
     /// Triangles across the cut, which are not drawn any more.
     pub hidden: usize,
     /// Base triangles that were not there before the first cut: the walls of this one and those
-    /// before it, in the nodes of the new carrier. [`Skin::bare`] draws them.
+    /// before it, in the nodes of the new carrier. [`Skin::body_surface`] draws them.
     pub walls: Vec<[u32; 3]>,
 }
 
 /// Where a triangle's corners are at rest, whatever their order.
-pub(super) type Key = [[u64; 3]; 3];
+pub(super) type TriangleKey = [[u64; 3]; 3];
 
 impl Skin {
     /// Follows its body, which `blade` (file units) has cut where it stands now: goes over to
@@ -35,27 +35,27 @@ impl Skin {
     ///
     /// # Errors
     /// [`Error::Input`] for a carrier of another local frame or without base triangles.
-    pub fn follow_cut(&mut self, carrier: &Carrier, blade: &Blade) -> Result<SkinCut> {
+    pub fn apply_cut(&mut self, carrier: &SkinBase, blade: &Blade) -> Result<SkinCut> {
         if carrier.frame != self.carrier.frame {
             return Err(Error::Input(
                 "a skin goes over to its own body after a cut, in the same local frame".into(),
             ));
         }
         // The arrays that the skin was carried by still have the places before the cut.
-        let placed = self.placed()?;
+        let placed = self.skinned_vertices()?;
         let positions: Vec<[f32; 4]> = self.gpu.read_array(&carrier.positions)?;
         let place = |p: &[f32; 4]| carrier.frame.to_file(Vec3::new(p[0], p[1], p[2]));
         let nodes: Vec<DVec3> = positions.iter().map(place).collect();
-        let (old, new) = (self.carrier.base(), carrier.base());
-        let key = |rest: &[DVec3], t: [u32; 3]| -> Key {
+        let (old, new) = (self.carrier.rest_mesh(), carrier.rest_mesh());
+        let key = |rest: &[DVec3], t: [u32; 3]| -> TriangleKey {
             let mut key = t.map(|v| bits(rest[v as usize]));
             key.sort_unstable();
             key
         };
-        let intact = self.intact.take();
+        let intact = self.uncut_triangles.take();
         let intact =
             intact.unwrap_or_else(|| old.triangles.iter().map(|t| key(old.nodes, *t)).collect());
-        let after: HashMap<Key, [u32; 3]> = new
+        let after: HashMap<TriangleKey, [u32; 3]> = new
             .triangles
             .iter()
             .map(|t| (key(new.nodes, *t), *t))
@@ -64,20 +64,23 @@ impl Skin {
         // Not `self`, whose device cannot go from thread to thread in a browser.
         let (seats, vertices, mapping) = (&self.bound, &self.vertices, self.mapping);
         let frame = &carrier.frame;
-        let follow = |v: usize| -> (Bound, Change) {
+        let follow = |v: usize| -> (VertexBinding, VertexChange) {
             let bound = seats[v];
             let vertex = Vertex::new(vertices, v, frame);
             let Some(left) = after.get(&key(old.nodes, bound.nodes)) else {
-                let parted = |n: u32| blade.parts(placed[v].position, nodes[n as usize]);
+                let parted = |n: u32| blade.separates(placed[v].position, nodes[n as usize]);
                 let accept = |t: [u32; 3]| !t.into_iter().any(parted);
-                return (binder.bind(&vertex, mapping, &accept).0, Change::Moved);
+                return (
+                    binder.bind(&vertex, mapping, &accept).0,
+                    VertexChange::Moved,
+                );
             };
             let same = |n: u32| {
                 let at = bits(old.nodes[n as usize]);
                 let found = left.iter().find(|m| bits(new.nodes[**m as usize]) == at);
                 found.copied().unwrap_or(n)
             };
-            let seat = Seat {
+            let seat = BindingSite {
                 nodes: bound.nodes.map(same),
                 weights: bound.weights,
             };
@@ -88,9 +91,9 @@ impl Skin {
             match turned && bound.interpolated && mapping != Mapping::OneToOne {
                 true => {
                     let smooth = binder.is_smooth(seat);
-                    (binder.tie(&vertex, seat, smooth), Change::Turned)
+                    (binder.bind_at(&vertex, seat, smooth), VertexChange::Turned)
                 }
-                false => (Bound { nodes, ..bound }, Change::None),
+                false => (VertexBinding { nodes, ..bound }, VertexChange::None),
             }
         };
         let followed = parallel::map(self.bound.len(), follow);
@@ -103,7 +106,7 @@ impl Skin {
         };
         let apart = |v: u32, w: u32| {
             let (v, w) = (v as usize, w as usize);
-            let moved = [v, w].iter().any(|v| followed[*v].1 == Change::Moved);
+            let moved = [v, w].iter().any(|v| followed[*v].1 == VertexChange::Moved);
             let shared: Vec<(u32, u32)> = (0..9)
                 .map(|k| (k / 3, k % 3))
                 .filter(|(i, j)| self.bound[v].nodes[*i] == self.bound[w].nodes[*j])
@@ -112,19 +115,22 @@ impl Skin {
             match !doubled || moved || shared.is_empty() {
                 true => {
                     (moved && !shared.is_empty() && !touch(v, w))
-                        || blade.parts(placed[v].position, placed[w].position)
+                        || blade.separates(placed[v].position, placed[w].position)
                 }
                 false => shared.iter().any(|(a, b)| a != b),
             }
         };
-        let shown = parallel::map(self.shown.len(), |t| {
+        let shown = parallel::map(self.visible.len(), |t| {
             let [a, b, c] = vertices.triangles[t];
-            self.shown[t] && !(apart(a, b) || apart(b, c) || apart(c, a))
+            self.visible[t] && !(apart(a, b) || apart(b, c) || apart(c, a))
         });
         let cut = SkinCut {
-            rebound: followed.iter().filter(|f| f.1 != Change::None).count(),
+            rebound_vertices: followed
+                .iter()
+                .filter(|f| f.1 != VertexChange::None)
+                .count(),
             hidden: self
-                .shown
+                .visible
                 .iter()
                 .zip(&shown)
                 .filter(|(a, b)| a != b)
@@ -136,20 +142,20 @@ impl Skin {
                 .copied()
                 .collect(),
         };
-        self.intact = Some(intact);
+        self.uncut_triangles = Some(intact);
         self.bound = followed.into_iter().map(|f| f.0).collect();
-        let records = records(&self.bound, &self.vertices);
+        let records = vertex_texels(&self.bound, &self.vertices);
         self.gpu.write_array(&self.records, &records)?;
         self.carrier = carrier.clone();
         self.draws.clear();
-        self.show_triangles(&shown)?;
+        self.set_visible_triangles(&shown)?;
         Ok(cut)
     }
 }
 
 /// What became of a vertex.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Change {
+enum VertexChange {
     /// Nothing but the numbers of its nodes.
     None,
     /// The normals of its nodes.

@@ -1,10 +1,10 @@
 //! Drawing a skin where its nodes are now.
 
-use super::binder::on_node;
-use super::binding::{BindingReport, Mapping, bind, records};
-use super::carrier::Carrier;
+use super::binder::bind_to_node;
+use super::binding::{BindingReport, Mapping, bind, vertex_texels};
+use super::carrier::SkinBase;
 use super::cull::Cull;
-use super::cut::Key;
+use super::cut::TriangleKey;
 use super::levels::Level;
 use super::report::SkinReport;
 use super::vertices::{Vertices, check};
@@ -12,10 +12,10 @@ use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
 use crate::physics::Simulator;
 use crate::render::{
-    Camera, Clips, Image, Inside, LocalView, SurfaceTarget, Window, attachment, averaged,
-    depth_target, draw_in_tiles, local_positions,
+    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget, attachment,
+    depth_target, downsampled, draw_in_tiles, local_positions,
 };
-use crate::skin::basis::Bound;
+use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{HashMap, HashSet};
@@ -26,7 +26,7 @@ mod gpu_data {
         pub(super) struct SkinParams {
             pub view: View,
             pub opacity: f32,
-            pub relief: f32,
+            pub parallax_depth: f32,
             pub _pad: [u32; 2],
         }
     }
@@ -35,18 +35,18 @@ mod gpu_data {
 /// A surface carried by the nodes of a body.
 pub struct Skin {
     pub(super) gpu: Gpu,
-    pub(super) carrier: Carrier,
+    pub(super) carrier: SkinBase,
     pub(super) vertices: Vertices,
-    pub(super) bound: Vec<Bound>,
+    pub(super) bound: Vec<VertexBinding>,
     pub(super) report: SkinReport,
     pub(super) scalars: Vec<Field>,
     pub(super) mapping: Mapping,
     /// Which triangles are drawn.
-    pub(super) shown: Vec<bool>,
+    pub(super) visible: Vec<bool>,
     /// Whether it is a body's own surface.
-    pub(super) is_bare: bool,
+    pub(super) is_body_surface: bool,
     /// The base triangles before the first cut, by their places; none before there was one.
-    pub(super) intact: Option<HashSet<Key>>,
+    pub(super) uncut_triangles: Option<HashSet<TriangleKey>>,
     /// What carries it at other levels; none in the place of the level in use.
     pub(super) levels: Vec<Option<Level>>,
     pub(super) level: usize,
@@ -62,8 +62,8 @@ pub struct Skin {
     no_depth: wgpu::TextureView,
     sampler: wgpu::Sampler,
     /// The planes, and what they leave of it.
-    pub(super) inside: Inside,
-    clips: Clips,
+    pub(super) inside: Sections,
+    clips: ClipPlanes,
     pub(super) draws: HashMap<Variant, Draw>,
     pub(super) culling: bool,
     /// Made for the present carrier and the triangles shown.
@@ -80,7 +80,7 @@ pub(super) struct Variant {
 
 /// How a skin is drawn into a picture with others.
 #[derive(Clone, Copy, Default)]
-pub(super) struct How<'a> {
+pub(super) struct BlendMode<'a> {
     /// Only what lies behind these depths.
     pub behind: Option<&'a wgpu::TextureView>,
     /// Over what is there, and without leaving depths.
@@ -91,7 +91,7 @@ const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// Pictures in memory are drawn so many times larger each way, and averaged.
 const SAMPLES: u32 = 2;
 /// The colour of a skin to which none was given.
-const FLESH: [f32; 3] = [0.85, 0.62, 0.53];
+const DEFAULT_COLOUR: [f32; 3] = [0.85, 0.62, 0.53];
 /// Most prepared draws that are kept: their targets come and go.
 const KEPT_DRAWS: usize = 32;
 
@@ -102,12 +102,12 @@ impl Skin {
     /// # Errors
     /// [`Error::Mesh`] for a surface that cannot be drawn, [`Error::Input`] for a carrier without
     /// base triangles, [`Error::Gpu`] when the device cannot hold it.
-    pub fn new(gpu: &Gpu, surface: &TriMesh, carrier: &Carrier, mapping: Mapping) -> Result<Skin> {
+    pub fn new(gpu: &Gpu, surface: &TriMesh, carrier: &SkinBase, mapping: Mapping) -> Result<Skin> {
         check(surface)?;
         let mut surface = surface.clone();
-        let turned = surface.orient();
+        let turned = surface.orient_consistently();
         let vertices = Vertices::new(&surface)?;
-        let (bound, binding) = bind(&carrier.base(), &vertices, &carrier.frame, mapping)?;
+        let (bound, binding) = bind(&carrier.rest_mesh(), &vertices, &carrier.frame, mapping)?;
         let description = SurfaceDescription::new(&surface);
         let report = SkinReport::new(&description, bound.len(), turned, binding);
         Skin::assemble(
@@ -125,8 +125,13 @@ impl Skin {
     ///
     /// # Errors
     /// As [`Skin::new`].
-    pub fn on(gpu: &Gpu, surface: &TriMesh, body: &dyn Simulator) -> Result<Skin> {
-        Skin::new(gpu, surface, &Carrier::of_body(gpu, body)?, Mapping::Auto)
+    pub fn for_body(gpu: &Gpu, surface: &TriMesh, body: &dyn Simulator) -> Result<Skin> {
+        Skin::new(
+            gpu,
+            surface,
+            &SkinBase::from_body(gpu, body)?,
+            Mapping::Auto,
+        )
     }
 
     /// The body's own surface, or a part of it, drawn as it is: every vertex on its node. For a
@@ -135,8 +140,12 @@ impl Skin {
     ///
     /// # Errors
     /// As [`Skin::new`].
-    pub fn bare(gpu: &Gpu, carrier: &Carrier, triangles: Option<&[[u32; 3]]>) -> Result<Skin> {
-        let base = carrier.base();
+    pub fn body_surface(
+        gpu: &Gpu,
+        carrier: &SkinBase,
+        triangles: Option<&[[u32; 3]]>,
+    ) -> Result<Skin> {
+        let base = carrier.rest_mesh();
         let triangles = triangles.unwrap_or(base.triangles);
         let place = |p: &DVec3| carrier.frame.to_file(p.as_vec3());
         let surface = TriMesh {
@@ -152,7 +161,7 @@ impl Skin {
             (0..3).for_each(|k| own[t[k] as usize] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]]);
         }
         let sources = vertices.sources.iter();
-        let bound: Vec<Bound> = sources.map(|v| on_node(own[*v as usize])).collect();
+        let bound: Vec<VertexBinding> = sources.map(|v| bind_to_node(own[*v as usize])).collect();
         let report = SkinReport::new(
             &SurfaceDescription::new(&surface),
             bound.len(),
@@ -165,21 +174,21 @@ impl Skin {
         let mapping = Mapping::OneToOne;
         let bare = Skin::assemble(gpu, carrier, mapping, vertices, bound, report, Vec::new())?;
         Ok(Skin {
-            is_bare: true,
+            is_body_surface: true,
             ..bare
         })
     }
 
     fn assemble(
         gpu: &Gpu,
-        carrier: &Carrier,
+        carrier: &SkinBase,
         mapping: Mapping,
         vertices: Vertices,
-        bound: Vec<Bound>,
+        bound: Vec<VertexBinding>,
         report: SkinReport,
         scalars: Vec<Field>,
     ) -> Result<Skin> {
-        let records = records(&bound, &vertices);
+        let records = vertex_texels(&bound, &vertices);
         let uvs: Vec<[f32; 2]> = match vertices.uvs.is_empty() {
             true => vec![[0.0; 2]; bound.len()],
             false => vertices
@@ -189,7 +198,7 @@ impl Skin {
                 .collect(),
         };
         let indices = vertices.triangles.as_flattened();
-        let [r, g, b] = FLESH;
+        let [r, g, b] = DEFAULT_COLOUR;
         let nothing =
             |format, label| gpu.target(label, [1, 1], format, wgpu::TextureUsages::TEXTURE_BINDING);
         Ok(Skin {
@@ -207,11 +216,11 @@ impl Skin {
             corners: indices.len() as u32,
             scalars,
             mapping,
-            is_bare: false,
-            intact: None,
+            is_body_surface: false,
+            uncut_triangles: None,
             levels: vec![None],
             level: 0,
-            shown: vec![true; vertices.triangles.len()],
+            visible: vec![true; vertices.triangles.len()],
             vertices,
             bound,
             opacity: 1.0,
@@ -227,8 +236,8 @@ impl Skin {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
-            inside: Inside::default(),
-            clips: Clips::new(gpu, &Inside::default(), carrier.frame, || {
+            inside: Sections::default(),
+            clips: ClipPlanes::new(gpu, &Sections::default(), carrier.frame, || {
                 gpu.array("rests of a skin", Texel::F32x4, 1)
             })?,
             draws: HashMap::new(),
@@ -242,9 +251,9 @@ impl Skin {
     /// # Errors
     /// [`Error::Input`] for numbers that make no sense; [`Error::Gpu`] when the device cannot hold
     /// where it rests.
-    pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+    pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         let frame = self.carrier.frame;
-        self.clips = Clips::new(&self.gpu, inside, frame, || {
+        self.clips = ClipPlanes::new(&self.gpu, inside, frame, || {
             local_positions(&self.gpu, &frame, &self.vertices.positions)
         })?;
         self.inside = inside.clone();
@@ -268,12 +277,12 @@ impl Skin {
     }
 
     /// What ties each of them to its nodes.
-    pub fn bound(&self) -> &[Bound] {
+    pub fn bound(&self) -> &[VertexBinding] {
         &self.bound
     }
 
     /// What carries it.
-    pub fn carrier(&self) -> &Carrier {
+    pub fn carrier(&self) -> &SkinBase {
         &self.carrier
     }
 
@@ -283,7 +292,7 @@ impl Skin {
     /// # Errors
     /// [`Error::Input`] for a wrong number of them; [`Error::Gpu`] when the device cannot hold
     /// their list.
-    pub fn show_triangles(&mut self, shown: &[bool]) -> Result<()> {
+    pub fn set_visible_triangles(&mut self, shown: &[bool]) -> Result<()> {
         if shown.len() != self.vertices.triangles.len() {
             return Err(Error::Input(format!(
                 "{} entries given for the {} triangles of a skin",
@@ -291,7 +300,7 @@ impl Skin {
                 self.vertices.triangles.len()
             )));
         }
-        self.shown.copy_from_slice(shown);
+        self.visible.copy_from_slice(shown);
         let kept = self.shown_triangles().into_flattened();
         self.corners = kept.len() as u32;
         self.cull = None;
@@ -317,11 +326,11 @@ impl Skin {
         target: &SurfaceTarget,
     ) -> Result<()> {
         let texture = target.colour.texture();
-        let window = Window::whole([texture.width(), texture.height()]);
+        let window = ImageRegion::full([texture.width(), texture.height()]);
         self.carrier.record_normals(work);
-        let how = How {
+        let how = BlendMode {
             blended: self.opacity < 1.0,
-            ..How::default()
+            ..BlendMode::default()
         };
         self.record_window(work, camera, target, window, how)
     }
@@ -344,16 +353,16 @@ impl Skin {
                 depth,
                 background: Some([0.0; 4]),
             };
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             self.carrier.record_normals(&mut work);
             // Four floats a pixel cannot be blended everywhere: the nearest layer alone.
-            self.record_window(&mut work, camera, &target, window, How::default())?;
+            self.record_window(&mut work, camera, &target, window, BlendMode::default())?;
             work.submit()
         })?;
         Ok(Image {
             size,
             channels: 4,
-            values: averaged(&pixels, size, SAMPLES),
+            values: downsampled(&pixels, size, SAMPLES),
         })
     }
 
@@ -363,14 +372,14 @@ impl Skin {
         work: &mut Recorder,
         camera: &Camera,
         target: &SurfaceTarget,
-        window: Window,
-        how: How,
+        window: ImageRegion,
+        how: BlendMode,
     ) -> Result<()> {
         camera.check()?;
         let params = gpu_data::SkinParams {
-            view: LocalView::new(camera, &self.carrier.frame, window).to_gpu(),
+            view: CameraTransform::new(camera, &self.carrier.frame, window).to_gpu(),
             opacity: self.opacity,
-            relief: self.height_map.as_ref().map_or(0.0, |h| h.1),
+            parallax_depth: self.height_map.as_ref().map_or(0.0, |h| h.1),
             _pad: [0; 2],
         };
         let variant = Variant {
@@ -423,7 +432,7 @@ impl Skin {
 
     /// Which triangles of the surface are drawn.
     pub fn shown(&self) -> &[bool] {
-        &self.shown
+        &self.visible
     }
 
     fn draw(&self, variant: &Variant, params: &gpu_data::SkinParams) -> Result<Draw> {
@@ -435,9 +444,9 @@ impl Skin {
             .draw("skin/draw")
             .constant("NORMAL_MAP", flag(self.normal_map.is_some()))
             .constant("HEIGHT_MAP", flag(height_map.is_some()))
-            .constant("PEELED", flag(variant.nearer.is_some()))
-            .constant("CLIPS", clips)
-            .constant("RESTING", resting)
+            .constant("DEPTH_PEELED", flag(variant.nearer.is_some()))
+            .constant("CLIP_PLANE_COUNT", clips)
+            .constant("USE_REST_POSITIONS", resting)
             .read(&self.carrier.positions)
             .read(&self.carrier.normals)
             .read(&self.records)
@@ -452,6 +461,6 @@ impl Skin {
             .read(self.clips.rests())
             .target(variant.format, variant.blended.then_some(over))
             .depth(DEPTH, wgpu::CompareFunction::Greater, !variant.blended)
-            .prepare()
+            .build()
     }
 }

@@ -1,16 +1,16 @@
 //! One skin on bodies of several resolutions, switched while running.
 
-use super::binding::{BindingReport, bind, records};
-use super::carrier::Carrier;
+use super::binding::{BindingReport, bind, vertex_texels};
+use super::carrier::SkinBase;
 use super::draw::Skin;
 use crate::gpu::{Array, Texel};
-use crate::skin::basis::Bound;
+use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
 
 /// What a skin has for each body that can carry it.
 pub(super) struct Level {
-    carrier: Carrier,
-    bound: Vec<Bound>,
+    carrier: SkinBase,
+    bound: Vec<VertexBinding>,
     records: Array,
     binding: BindingReport,
 }
@@ -21,19 +21,19 @@ impl Skin {
     ///
     /// # Errors
     /// As [`Skin::new`]; [`Error::Input`] for a bare surface, which is one body's own.
-    pub fn add_level(&mut self, carrier: &Carrier) -> Result<usize> {
-        if self.is_bare {
+    pub fn add_level(&mut self, carrier: &SkinBase) -> Result<usize> {
+        if self.is_body_surface {
             return Err(Error::Input(
                 "the bare surface of a body has one level: the body itself".into(),
             ));
         }
         let (bound, binding) = bind(
-            &carrier.base(),
+            &carrier.rest_mesh(),
             &self.vertices,
             &carrier.frame,
             self.mapping,
         )?;
-        let texels = records(&bound, &self.vertices);
+        let texels = vertex_texels(&bound, &self.vertices);
         let level = Level {
             carrier: carrier.clone(),
             records: self.gpu.array_of("skin vertices", Texel::U32x4, &texels)?,
@@ -50,7 +50,7 @@ impl Skin {
     ///
     /// # Errors
     /// [`Error::Input`] for a level that there is not.
-    pub fn use_level(&mut self, level: usize) -> Result<()> {
+    pub fn set_level(&mut self, level: usize) -> Result<()> {
         if level == self.level {
             return Ok(());
         }
@@ -68,11 +68,11 @@ impl Skin {
         };
         self.levels[self.level] = Some(kept);
         self.level = level;
-        self.intact = None;
+        self.uncut_triangles = None;
         self.cull = None;
         // Planes in the frame of the new body.
         let inside = self.inside.clone();
-        self.set_inside(&inside)
+        self.set_sections(&inside)
     }
 
     /// The level that carries it now.

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 
 /// What colours a skin.
 #[derive(Clone, Debug, PartialEq)]
-pub enum SkinColour {
+pub enum SkinColouring {
     /// One colour: red, green, blue.
     Plain([f32; 3]),
     /// The transfer function's colour of a scalar of the vertices.
@@ -32,15 +32,15 @@ impl Skin {
     /// # Errors
     /// [`Error::Input`] for a scalar that the surface does not have at its vertices, or one that
     /// is not finite.
-    pub fn set_colour(&mut self, colour: &SkinColour) -> Result<()> {
+    pub fn set_colour(&mut self, colour: &SkinColouring) -> Result<()> {
         let colours: Vec<[f32; 4]> = match colour {
-            SkinColour::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; self.bound.len()],
-            SkinColour::Field { name, transfer } => {
+            SkinColouring::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; self.bound.len()],
+            SkinColouring::Field { name, transfer } => {
                 let values = self.scalar(name)?;
                 let ends = values
                     .iter()
                     .fold((f64::MAX, f64::MIN), |(a, b), s| (a.min(*s), b.max(*s)));
-                let resolved = transfer.resolved(ends, self.carrier.frame.scale);
+                let resolved = transfer.to_absolute(ends, self.carrier.frame.scale);
                 let of = |v: &u32| {
                     let [r, g, b] = resolved.colour(values[*v as usize]).map(|c| c as f32);
                     [r, g, b, 1.0]

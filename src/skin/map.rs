@@ -105,7 +105,7 @@ impl Map {
             },
             view.texture().size(),
         );
-        gpu.check()?;
+        gpu.poll_errors()?;
         Ok(view)
     }
 }

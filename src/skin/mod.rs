@@ -24,12 +24,12 @@ mod report;
 mod vertices;
 
 pub use bake::{BakeReport, bake};
-pub use binding::{Base, BindingReport, Mapping, bind};
-pub use carrier::Carrier;
-pub use composer::{ComposeOptions, Composer};
+pub use binding::{BaseMesh, BindingReport, Mapping, bind};
+pub use carrier::SkinBase;
+pub use composer::{Compositor, CompositorOptions};
 pub use cut::SkinCut;
 pub use draw::Skin;
-pub use look::SkinColour;
+pub use look::SkinColouring;
 pub use map::Map;
 pub use pick::SkinPick;
 pub use report::SkinReport;

@@ -3,7 +3,7 @@
 use super::draw::Skin;
 use crate::Result;
 use crate::gpu::Texel;
-use crate::render::{Camera, Look};
+use crate::render::{Camera, PickRay};
 use glam::{DVec2, DVec3};
 
 /// What a pixel shows of a skin.
@@ -29,14 +29,16 @@ impl Skin {
     /// # Errors
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
     pub fn pick(&self, camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<Option<SkinPick>> {
-        let shown: Vec<usize> = (0..self.shown.len()).filter(|t| self.shown[*t]).collect();
+        let shown: Vec<usize> = (0..self.visible.len())
+            .filter(|t| self.visible[*t])
+            .collect();
         let corners = shown.iter().map(|t| {
             let [a, b, c] = self.vertices.triangles[*t];
             [a, b, c, 0]
         });
         let corners: Vec<[u32; 4]> = corners.collect();
         let corners = self.gpu.array_of("triangles", Texel::U32x4, &corners)?;
-        let look = Look {
+        let look = PickRay {
             camera,
             pixel,
             size,

@@ -3,7 +3,7 @@
 use super::draw::Skin;
 use crate::Result;
 use crate::gpu::{Array, Texel};
-use crate::skin::basis::Placed;
+use crate::skin::basis::SkinnedVertex;
 use glam::{DVec3, Vec3};
 
 mod gpu_data {
@@ -20,12 +20,12 @@ impl Skin {
     ///
     /// # Errors
     /// When the device refuses.
-    pub fn placed(&self) -> Result<Vec<Placed>> {
+    pub fn skinned_vertices(&self) -> Result<Vec<SkinnedVertex>> {
         let texels: Vec<[f32; 4]> = self.gpu.read_array(&self.placed_array()?)?;
         let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
         Ok(texels
             .chunks_exact(3)
-            .map(|t| Placed {
+            .map(|t| SkinnedVertex {
                 position: self.carrier.frame.to_file(vector(t[0])),
                 normal: vector(t[1]).as_dvec3(),
                 tangent: vector(t[2]).as_dvec3(),
@@ -47,8 +47,8 @@ impl Skin {
             .read(&self.records)
             .write(&result)
             .params(&gpu_data::Place { vertices: count })
-            .over(count)?;
-        let mut work = self.gpu.record();
+            .dispatch_items(count)?;
+        let mut work = self.gpu.start_recording();
         self.carrier.record_normals(&mut work);
         place.record(&mut work);
         work.submit()?;
@@ -59,9 +59,9 @@ impl Skin {
     /// its file; NaN for those that no triangle has. Waits and reads back.
     ///
     /// # Errors
-    /// As [`Skin::placed`].
+    /// As [`Skin::skinned_vertices`].
     pub fn vertices(&self) -> Result<Vec<DVec3>> {
-        let placed = self.placed()?;
+        let placed = self.skinned_vertices()?;
         let mut vertices = vec![DVec3::NAN; self.report.vertices];
         for (placed, source) in placed.iter().zip(&self.vertices.sources) {
             vertices[*source as usize] = placed.position;

@@ -13,7 +13,8 @@ pub struct SkinReport {
     /// Triangles.
     pub triangles: usize,
     /// Triangles that were turned to face the way their neighbours do.
-    pub turned: usize,
+    #[serde(rename = "turned")]
+    pub flipped_triangles: usize,
     /// Edges of one triangle only: the rims of holes.
     pub open_edges: usize,
     /// Edges of more than two triangles.
@@ -26,14 +27,14 @@ impl SkinReport {
     pub(super) fn new(
         surface: &SurfaceDescription,
         drawn_vertices: usize,
-        turned: usize,
+        flipped_triangles: usize,
         binding: BindingReport,
     ) -> SkinReport {
         SkinReport {
             vertices: surface.vertices,
             drawn_vertices,
             triangles: surface.triangles,
-            turned,
+            flipped_triangles,
             open_edges: surface.open_edges,
             nonmanifold_edges: surface.nonmanifold_edges,
             binding,
@@ -48,7 +49,10 @@ impl SkinReport {
                 notes.push(format!("{count} {text}"));
             }
         };
-        note(self.turned, "triangles were turned to face outward");
+        note(
+            self.flipped_triangles,
+            "triangles were turned to face outward",
+        );
         note(self.open_edges, "edges are open: the skin has holes");
         note(
             self.nonmanifold_edges,

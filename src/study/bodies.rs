@@ -11,7 +11,7 @@ use std::path::Path;
 const FLAT: f64 = 0.05;
 
 /// Of every so many tets one is flattened, if it can be.
-const EVERY: usize = 9;
+const FLATTEN_EVERY: usize = 9;
 
 /// A thick-walled body with a hollow right through it, 864 tets, in centimetres. One tet in about
 /// forty is a sliver, as in coarse meshes made of scans. Its node field `distance` is that
@@ -53,7 +53,7 @@ fn flatten(mesh: &mut TetMesh) {
         }
     }
     let mut moved = vec![false; mesh.nodes.len()];
-    for t in (0..mesh.tets.len()).step_by(EVERY) {
+    for t in (0..mesh.tets.len()).step_by(FLATTEN_EVERY) {
         let tet = mesh.tets[t];
         for corner in 0..4 {
             let v = tet[corner] as usize;
@@ -120,7 +120,7 @@ pub(super) fn named(path: &Path) -> Result<Scene> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::{BoundaryShape, QualityReport, Topology};
+    use crate::mesh::{BoundaryReport, QualityReport, Topology};
 
     #[test]
     fn the_hollow_body_has_slivers_and_a_hollow_and_no_inverted_tet() {
@@ -135,7 +135,7 @@ mod tests {
             mesh.tets.len()
         );
         let topology = Topology::new(&mesh);
-        assert_eq!(BoundaryShape::new(&mesh, &topology).euler_number(), 0);
+        assert_eq!(BoundaryReport::new(&mesh, &topology).euler_number(), 0);
     }
 
     #[test]

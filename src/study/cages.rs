@@ -1,6 +1,6 @@
 //! `study cages`: how true a motion stays, and what it costs, when a coarse cage carries the mesh.
 
-use super::{Axis, Cell, Chart, Look, Row, Run, Series};
+use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
 use crate::cage::CageKind;
 use crate::mesh::{TetMesh, bounds};
 use crate::physics::{MaterialModel, SolverKind};
@@ -13,16 +13,16 @@ use std::path::Path;
 use std::time::Instant;
 
 /// What bodies are made of, and the cages of that.
-const MATTERS: &[(MaterialModel, &[CageKind])] = &[
+const MATERIALS: &[(MaterialModel, &[CageKind])] = &[
     (MaterialModel::NeoHookean, &[CageKind::Lattice]),
     (MaterialModel::Springs, &[CageKind::Lattice, CageKind::Grid]),
 ];
 
 /// Seconds of motion, and looks at it.
 const SECONDS: f64 = 2.0;
-const LOOKS: u32 = 8;
+const COMPARISONS: u32 = 8;
 /// Nodes of the cages, over those of the mesh.
-const SHARES: [f64; 7] = [0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6];
+const NODE_FRACTIONS: [f64; 7] = [0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6];
 const QUICK_SHARES: [f64; 3] = [0.04, 0.1, 0.25];
 
 /// The limb, held at the elbow and pulled at the fingers.
@@ -51,13 +51,13 @@ struct Moved {
 fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<Moved> {
     let start = Instant::now();
     let (mut motion, _) = Motion::new(run.gpu, scene, kind, mesh.clone(), None)?;
-    motion.let_sleep(false);
+    motion.set_sleep_allowed(false);
     let prepared = start.elapsed().as_secs_f64();
-    let pace = SECONDS / f64::from(LOOKS);
+    let pace = SECONDS / f64::from(COMPARISONS);
     let steps = (pace / motion.dt).ceil().max(1.0) as u32;
     motion.dt = pace / f64::from(steps);
     let (mut places, mut taken) = (Vec::new(), 0.0);
-    for look in 0..LOOKS {
+    for look in 0..COMPARISONS {
         let start = Instant::now();
         motion.run(steps, &mut |_| {})?;
         // The first look has the making of the passes in it.
@@ -71,7 +71,7 @@ fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<M
         places,
         cost: 1e3 * taken / (SECONDS - pace),
         nodes: cage.map_or(mesh.nodes.len(), |c| c.nodes),
-        fitted: cage.map_or(1.0, |c| c.fitted),
+        fitted: cage.map_or(1.0, |c| c.stiffness_scale),
         prepared,
     })
 }
@@ -90,7 +90,7 @@ fn errors(found: &Moved, truth: &Moved, rest: &[DVec3]) -> [f64; 2] {
         }
         (off / moved).sqrt()
     };
-    let last = LOOKS as usize;
+    let last = COMPARISONS as usize;
     [share(0..last), share(last - 1..last)]
 }
 
@@ -109,7 +109,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             "a cage carries bodies of tets that are not cut; leave [grid] and [[cut]] out".into(),
         ));
     }
-    if let Some(entry) = scene.of_tets() {
+    if let Some(entry) = scene.tets_only_entry() {
         return Err(Error::Input(format!(
             "a cage carries no body that {entry} acts on; leave it out"
         )));
@@ -135,10 +135,20 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     // Elements have neither.
     let of_springs = scene.material.stiffness.is_some() || scene.material.damping.is_some();
     if of_springs {
-        run.note("a stiffness or damping of springs is given: the study leaves elements out");
+        run.report_note(
+            "a stiffness or damping of springs is given: the study leaves elements out",
+        );
     }
-    let matters = if of_springs { &MATTERS[1..] } else { MATTERS };
-    let shares: &[f64] = if run.quick { &QUICK_SHARES } else { &SHARES };
+    let matters = if of_springs {
+        &MATERIALS[1..]
+    } else {
+        MATERIALS
+    };
+    let shares: &[f64] = if run.quick {
+        &QUICK_SHARES
+    } else {
+        &NODE_FRACTIONS
+    };
     let count = mesh.nodes.len();
     let mut points: Vec<Vec<Cell>> = Vec::new();
     for (model, kinds) in matters {
@@ -163,7 +173,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         ],
         &points,
         |point| {
-            let Some((model, _)) = MATTERS.iter().find(|m| m.0.name() == point[2].text()) else {
+            let Some((model, _)) = MATERIALS.iter().find(|m| m.0.name() == point[2].text()) else {
                 return Ok(Vec::new());
             };
             let mut own = scene.clone();
@@ -228,7 +238,7 @@ fn point(
 fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
     let lines = |x: &str| {
         let mut lines = Vec::new();
-        for (model, kinds) in MATTERS {
+        for (model, kinds) in MATERIALS {
             for kind in *kinds {
                 let own = rows
                     .iter()
@@ -236,7 +246,7 @@ fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
                 let points = own.map(|r| [r.number(x), r.number("path error")]).collect();
                 lines.push(Series::new(
                     format!("{kind} of {model}"),
-                    Look::LineMarks,
+                    SeriesStyle::LineMarks,
                     points,
                 ));
             }
@@ -261,7 +271,7 @@ fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
         let cost = own.number("ms a second");
         series.push(Series::new(
             format!("the mesh itself, of {}", own.text("matter")),
-            Look::Dashed,
+            SeriesStyle::Dashed,
             vec![[cost, least], [cost, 1.0]],
         ));
     }
@@ -299,7 +309,7 @@ fn tell(run: &Run, rows: &[Row], mesh: &TetMesh, name: &str) -> Result<()> {
             row.number("stiffness factor")
         );
     }
-    run.tell(
+    run.write_findings(
         "cages",
         "Coarse cages that carry a fine mesh",
         &text,

@@ -27,7 +27,7 @@ const COLOURS: [RGBColor; 7] = [
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
+pub enum SeriesStyle {
     /// A line.
     Line,
     /// A dashed line: theory, or a guide.
@@ -48,12 +48,12 @@ pub struct Series {
     /// Places, in the units of the axes; what an axis cannot show is left out.
     pub points: Vec<[f64; 2]>,
     /// How it is drawn.
-    pub look: Look,
+    pub look: SeriesStyle,
 }
 
 impl Series {
     /// A series.
-    pub fn new(name: impl Into<String>, look: Look, points: Vec<[f64; 2]>) -> Series {
+    pub fn new(name: impl Into<String>, look: SeriesStyle, points: Vec<[f64; 2]>) -> Series {
         Series {
             name: name.into(),
             points,
@@ -86,16 +86,16 @@ impl Chart {
 }
 
 /// What is drawn both as an SVG and as a PNG.
-pub(super) trait Figure {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B>;
+pub(super) trait Drawable {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult<B>;
 }
 
 /// What drawing returns.
-pub(super) type Drawn<B> =
+pub(super) type DrawResult<B> =
     std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// Draws `figure` to `NAME.svg` and `NAME.png`.
-pub(super) fn save(dir: &Path, name: &str, figure: &impl Figure) -> Result<()> {
+pub(super) fn save(dir: &Path, name: &str, figure: &impl Drawable) -> Result<()> {
     static FONTS: Once = Once::new();
     FONTS.call_once(|| {
         // The fonts are part of the program; without them a chart has no letters and says so.
@@ -130,8 +130,8 @@ pub(super) fn save(dir: &Path, name: &str, figure: &impl Figure) -> Result<()> {
     picture.save(dir.join(format!("{name}.png")))
 }
 
-impl Figure for Chart {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+impl Drawable for Chart {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult<B> {
         area.fill(&WHITE)?;
         let (left, legend) = area.split_horizontally(SIZE.0 as i32 - LEGEND);
         let seen = |p: &&[f64; 2]| self.x.shows(p[0]) && self.y.shows(p[1]);
@@ -172,75 +172,75 @@ impl Figure for Chart {
                 .collect();
             let colour = colour(i);
             match series.look {
-                Look::Line | Look::LineMarks => {
+                SeriesStyle::Line | SeriesStyle::LineMarks => {
                     chart.draw_series(LineSeries::new(points.clone(), colour.stroke_width(4)))?;
                 }
-                Look::Dashed => {
+                SeriesStyle::Dashed => {
                     let style = colour.stroke_width(4);
                     chart.draw_series(DashedLineSeries::new(points.clone(), 14, 10, style))?;
                 }
-                Look::Marks | Look::Rings => {}
+                SeriesStyle::Marks | SeriesStyle::Rings => {}
             }
             match series.look {
-                Look::Marks | Look::LineMarks => {
+                SeriesStyle::Marks | SeriesStyle::LineMarks => {
                     let marks = points
                         .iter()
                         .map(|p| EmptyElement::at(*p) + mark(i, (0, 0)));
                     chart.draw_series(marks)?;
                 }
-                Look::Rings => {
+                SeriesStyle::Rings => {
                     let ring = BLACK.stroke_width(4);
                     chart.draw_series(points.iter().map(|p| Circle::new(*p, 18, ring)))?;
                 }
-                Look::Line | Look::Dashed => {}
+                SeriesStyle::Line | SeriesStyle::Dashed => {}
             }
         }
         let keys = self.series.iter().enumerate();
         for (line, (i, series)) in keys.filter(|(_, s)| !s.name.is_empty()).enumerate() {
-            key(&legend, line, i, series)?;
+            draw_legend_entry(&legend, line, i, series)?;
         }
         Ok(())
     }
 }
 
 /// One line of a legend.
-pub(super) fn key<B: DrawingBackend>(
+pub(super) fn draw_legend_entry<B: DrawingBackend>(
     legend: &DrawingArea<B, Shift>,
     line: usize,
     i: usize,
     series: &Series,
-) -> Drawn<B> {
+) -> DrawResult<B> {
     let at = (52, 120 + 52 * line as i32);
     let stroke = colour(i).stroke_width(4);
     match series.look {
-        Look::Line | Look::LineMarks => legend.draw(&PathElement::new(
+        SeriesStyle::Line | SeriesStyle::LineMarks => legend.draw(&PathElement::new(
             vec![(at.0 - 32, at.1), (at.0 + 32, at.1)],
             stroke,
         ))?,
-        Look::Dashed => {
+        SeriesStyle::Dashed => {
             for from in [-32, -8, 16] {
                 let dash = vec![(at.0 + from, at.1), (at.0 + from + 16, at.1)];
                 legend.draw(&PathElement::new(dash, stroke))?;
             }
         }
-        Look::Marks | Look::Rings => {}
+        SeriesStyle::Marks | SeriesStyle::Rings => {}
     }
     match series.look {
-        Look::Marks | Look::LineMarks => {
+        SeriesStyle::Marks | SeriesStyle::LineMarks => {
             legend.draw(&(EmptyElement::at(at) + mark(i, (0, 0))))?;
         }
-        Look::Rings => legend.draw(&Circle::new(at, 18, BLACK.stroke_width(4)))?,
-        Look::Line | Look::Dashed => {}
+        SeriesStyle::Rings => legend.draw(&Circle::new(at, 18, BLACK.stroke_width(4)))?,
+        SeriesStyle::Line | SeriesStyle::Dashed => {}
     }
-    words(legend, &series.name, at)
+    draw_label(legend, &series.name, at)
 }
 
 /// The words of a line of a legend.
-pub(super) fn words<B: DrawingBackend>(
+pub(super) fn draw_label<B: DrawingBackend>(
     legend: &DrawingArea<B, Shift>,
     name: &str,
     at: (i32, i32),
-) -> Drawn<B> {
+) -> DrawResult<B> {
     legend.draw(&Text::new(
         name.to_owned(),
         (at.0 + 48, at.1 - 16),

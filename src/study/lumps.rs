@@ -2,17 +2,17 @@
 
 use super::{Axis, Cell, Row, Run, StateMap};
 use crate::mesh::{Location, TetMesh};
-use crate::press::{MapWanted, PressMap};
+use crate::press::{MapOptions, PressMap};
 use crate::scene::Scene;
 use crate::{Error, Result};
 use glam::DVec3;
 use std::path::Path;
 
 /// Over the median, what stands out from the rest.
-const READS: f64 = 1.2;
+const STANDOUT_RATIO: f64 = 1.2;
 const CONTRASTS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
 /// Over the same breast with a lump no stiffer than the rest, what is felt beside that one.
-const FELT: f64 = 1.1;
+const PALPABLE_RATIO: f64 = 1.1;
 const WIDE_MM: [f64; 4] = [10.0, 15.0, 20.0, 25.0];
 const DEEP_MM: [f64; 4] = [5.0, 10.0, 15.0, 20.0];
 const STATES: [&str; 3] = ["found", "felt beside another", "missed"];
@@ -55,7 +55,7 @@ fn middle(mesh: &TetMesh) -> Result<DVec3> {
 fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     let scene = breast(subject.tets, lump)?;
     let place = middle(&scene.mesh.load()?)?;
-    let wanted = MapWanted {
+    let wanted = MapOptions {
         points: [subject.points; 2],
         radius: None,
         depth: None,
@@ -140,7 +140,7 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         charts.push(name);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.tell("lumps", "Which lumps are found", &told(&rows), &charts)
+    run.write_findings("lumps", "Which lumps are found", &told(&rows), &charts)
 }
 
 /// What is measured of one lump.
@@ -170,7 +170,10 @@ fn reading(rows: &[Row], [contrast, wide, deep]: [f64; 3]) -> Option<Reading> {
         stands_out,
         raised,
         off_mm: own.number("off_mm"),
-        state: match (there && stands_out >= READS, raised >= FELT) {
+        state: match (
+            there && stands_out >= STANDOUT_RATIO,
+            raised >= PALPABLE_RATIO,
+        ) {
             (true, true) => 0,
             (_, true) => 1,
             _ => 2,
@@ -214,7 +217,7 @@ fn told(rows: &[Row]) -> String {
     let healthy = rows.iter().filter(|r| r.number("contrast") == 1.0);
     let uneven = healthy.map(|r| r.number("largest_over_median"));
     format!(
-        "A breast of fat and gland, pressed at the points of a grid from above (`palpate press --map`), with a lump below its upper outer quadrant. Of {} lumps {} are found: the stiffest point of the map lies over them and reads at least {READS} times the median, and the place above them at least {FELT} times what it reads where the lump is no stiffer than the rest. {} more are felt beside such a breast, as one feels one side beside the other, but another point of the map is stiffer: a map without any lump reads up to {:.2} times its median, for a body gives more where it is steep.\n\n\
+        "A breast of fat and gland, pressed at the points of a grid from above (`palpate press --map`), with a lump below its upper outer quadrant. Of {} lumps {} are found: the stiffest point of the map lies over them and reads at least {STANDOUT_RATIO} times the median, and the place above them at least {PALPABLE_RATIO} times what it reads where the lump is no stiffer than the rest. {} more are felt beside such a breast, as one feels one side beside the other, but another point of the map is stiffer: a map without any lump reads up to {:.2} times its median, for a body gives more where it is steep.\n\n\
          | contrast | diameter, mm | depth, mm | above it, over no contrast | largest over median | off, mm | |\n| --- | --- | --- | --- | --- | --- | --- |\n{}",
         lumps.len(),
         count(0),

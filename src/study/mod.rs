@@ -19,7 +19,7 @@ mod state_map;
 pub mod statics;
 pub mod truth;
 
-pub use chart::{Chart, Look, Series};
+pub use chart::{Chart, Series, SeriesStyle};
 pub use run::Run;
 pub use scale::Axis;
 pub use scaling::computed_bytes;

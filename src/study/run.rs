@@ -1,6 +1,6 @@
 //! One run of a study: what it measures on, where it writes, how far it is.
 
-use super::sheet::{Cell, Row, Sheet};
+use super::sheet::{Cell, CsvTable, Row};
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::io::atomic_write;
@@ -46,7 +46,7 @@ impl Run<'_> {
     ) -> Result<Vec<Row>> {
         let path = self.dir.join(format!("{name}.csv"));
         let adapter = self.gpu.adapter_name();
-        let mut sheet = Sheet::open(&path, settings, results)?;
+        let mut sheet = CsvTable::open(&path, settings, results)?;
         let mut rows = Vec::with_capacity(points.len());
         for (i, point) in points.iter().enumerate() {
             if sheet.row(point, &adapter).is_none() && !self.stopped() {
@@ -60,7 +60,7 @@ impl Run<'_> {
     }
 
     /// Tells the user something beside the result.
-    pub fn note(&self, text: &str) {
+    pub fn report_note(&self, text: &str) {
         (self.note)(text);
     }
 
@@ -69,7 +69,13 @@ impl Run<'_> {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn tell(&self, name: &str, title: &str, text: &str, charts: &[&str]) -> Result<()> {
+    pub fn write_findings(
+        &self,
+        name: &str,
+        title: &str,
+        text: &str,
+        charts: &[&str],
+    ) -> Result<()> {
         let path = self.dir.join(format!("{name}.md"));
         let unfinished = match self.stopped() {
             true => "\n\nStopped early: some points are missing.",

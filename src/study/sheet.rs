@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// The columns that every sheet has after those of its study.
-const STAMP: [&str; 2] = ["adapter", "date"];
+const PROVENANCE_COLUMNS: [&str; 2] = ["adapter", "date"];
 
 /// One entry of a [`Row`].
 #[derive(Clone, Debug, PartialEq)]
@@ -93,7 +93,7 @@ impl Row {
 }
 
 /// The CSV of a study, in memory and on disk.
-pub(super) struct Sheet {
+pub(super) struct CsvTable {
     path: PathBuf,
     columns: Vec<String>,
     settings: usize,
@@ -102,12 +102,12 @@ pub(super) struct Sheet {
     places: HashMap<Vec<String>, usize>,
 }
 
-impl Sheet {
+impl CsvTable {
     /// The sheet at `path`, with what it has already.
-    pub fn open(path: &Path, settings: &[&str], results: &[&str]) -> Result<Sheet> {
-        let columns = settings.iter().chain(results).chain(&STAMP);
+    pub fn open(path: &Path, settings: &[&str], results: &[&str]) -> Result<CsvTable> {
+        let columns = settings.iter().chain(results).chain(&PROVENANCE_COLUMNS);
         let columns: Vec<String> = columns.map(|c| (*c).to_owned()).collect();
-        let mut sheet = Sheet {
+        let mut sheet = CsvTable {
             path: path.to_path_buf(),
             columns,
             settings: settings.len(),
@@ -142,7 +142,7 @@ impl Sheet {
 
     fn add(&mut self, entry: Vec<String>) {
         let mut key = entry[..self.settings].to_vec();
-        key.push(entry[entry.len() - STAMP.len()].clone());
+        key.push(entry[entry.len() - PROVENANCE_COLUMNS.len()].clone());
         self.places.insert(key, self.entries.len());
         self.entries.push(entry);
     }
@@ -158,13 +158,13 @@ impl Sheet {
 
     /// Adds a point and writes the file.
     pub fn push(&mut self, settings: &[Cell], results: &[Cell], adapter: &str) -> Result<()> {
-        if settings.len() + results.len() + STAMP.len() != self.columns.len() {
+        if settings.len() + results.len() + PROVENANCE_COLUMNS.len() != self.columns.len() {
             return Err(Error::Input(format!(
                 "a point of {} has {} settings and {} results for {} columns",
                 self.path.display(),
                 settings.len(),
                 results.len(),
-                self.columns.len() - STAMP.len()
+                self.columns.len() - PROVENANCE_COLUMNS.len()
             )));
         }
         let date = time::OffsetDateTime::now_utc().date().to_string();

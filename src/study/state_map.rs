@@ -1,6 +1,6 @@
 //! Maps of what becomes of each cell of a plane of settings.
 
-use super::chart::{Drawn, FONT, Figure, SIZE, Series, key, words};
+use super::chart::{DrawResult, Drawable, FONT, SIZE, Series, draw_label, draw_legend_entry};
 use super::scale::{Axis, Scale, tick};
 use crate::Result;
 use plotters::coord::Shift;
@@ -73,8 +73,8 @@ fn borders(axis: &Axis, places: &[f64]) -> Vec<f64> {
     borders
 }
 
-impl Figure for StateMap {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+impl Drawable for StateMap {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult<B> {
         area.fill(&WHITE)?;
         let (left, legend) = area.split_horizontally(SIZE.0 as i32 - LEGEND);
         let (xs, ys) = (borders(&self.x, &self.xs), borders(&self.y, &self.ys));
@@ -140,10 +140,10 @@ impl Figure for StateMap {
                     ink(state).stroke_width(4),
                 ))?;
             }
-            words(&legend, name, at)?;
+            draw_label(&legend, name, at)?;
         }
         for (i, curve) in self.curves.iter().enumerate() {
-            key(&legend, self.states.len() + i, 6 - i % 7, curve)?;
+            draw_legend_entry(&legend, self.states.len() + i, 6 - i % 7, curve)?;
         }
         Ok(())
     }

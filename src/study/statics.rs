@@ -5,7 +5,8 @@ use super::truth::converged;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{
-    CpuTets, Material, MaterialModel, Precision, Simulator, SolverKind, SpringNetwork, VolumeModel,
+    CpuTets, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
+    VolumetricFormulation,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -18,25 +19,45 @@ const MOST_STEPS: u32 = 100;
 
 /// What the models of matter are told apart by in tables: names, and the materials of Young's
 /// modulus `young` (Pa).
-pub fn matters(young: f64) -> Vec<(String, Material)> {
-    let springs = ("springs".to_owned(), Material::young(young));
+pub fn materials(young: f64) -> Vec<(String, Material)> {
+    let springs = ("springs".to_owned(), Material::from_young(young));
     let elements = [
-        (MaterialModel::NeoHookean, 0.25, VolumeModel::PerTet),
-        (MaterialModel::Corotated, 0.25, VolumeModel::PerTet),
-        (MaterialModel::NeoHookean, 0.45, VolumeModel::PerTet),
-        (MaterialModel::NeoHookean, 0.49, VolumeModel::PerTet),
-        (MaterialModel::NeoHookean, 0.49, VolumeModel::Averaged),
+        (
+            MaterialModel::NeoHookean,
+            0.25,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::Corotated,
+            0.25,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::NeoHookean,
+            0.45,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::NeoHookean,
+            0.49,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::NeoHookean,
+            0.49,
+            VolumetricFormulation::NodalAveraged,
+        ),
     ];
     let elements = elements.map(|(model, poisson, volume)| {
         let averaged = match volume {
-            VolumeModel::PerTet => "",
-            VolumeModel::Averaged => ", averaged",
+            VolumetricFormulation::PerTet => "",
+            VolumetricFormulation::NodalAveraged => ", averaged",
         };
         let material = Material {
             model,
             poisson,
             volume,
-            ..Material::young(young)
+            ..Material::from_young(young)
         };
         (format!("{} {poisson}{averaged}", model.name()), material)
     });
@@ -63,7 +84,7 @@ pub fn at_rest(
     (start, held): (&[DVec3], &[u32]),
     gravity: DVec3,
 ) -> Result<CpuTets> {
-    let network = SpringNetwork::new(mesh, material)?;
+    let network = DiscreteModel::new(mesh, material)?;
     let how = converged(SolverKind::Implicit);
     let own = (mesh.clone(), network);
     let mut body = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
@@ -104,12 +125,12 @@ pub struct Cantilever {
 }
 
 /// Of gravity, what the bar is bent by: so little that ways are in proportion to loads.
-const LITTLE: f64 = 1e-4;
+const GRAVITY_SCALE: f64 = 1e-4;
 
 impl Cantilever {
     /// How far its free end sinks, m, at Poisson's ratio `poisson`: Timoshenko's beam, w L⁴/8EI +
     /// w L²/2kGA with Cowper's k = 10 (1 + ν)/(12 + 11 ν) of a rectangle.
-    pub fn tip(&self, poisson: f64) -> f64 {
+    pub fn analytic_tip(&self, poisson: f64) -> f64 {
         let area = self.width * self.width;
         let inertia = area * area / 12.0;
         let load = self.density * self.gravity * area;
@@ -124,17 +145,17 @@ impl Cantilever {
     ///
     /// # Errors
     /// As [`at_rest`].
-    pub fn sunk(&self, gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<f64> {
+    pub fn measured_tip(&self, gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<f64> {
         let slack = 1e-9 * self.length;
         let nodes = (0u32..).zip(&mesh.nodes);
         let held: Vec<u32> = nodes.filter(|n| n.1.x < slack).map(|n| n.0).collect();
-        let gravity = LITTLE * self.gravity * DVec3::NEG_Z;
+        let gravity = GRAVITY_SCALE * self.gravity * DVec3::NEG_Z;
         let body = at_rest(gpu, mesh, material, (&mesh.nodes, &held), gravity)?;
         let now = body.positions()?;
         let end = mesh.nodes.iter().zip(&now);
         let ways: Vec<f64> = end
             .filter(|(rest, _)| rest.x > self.length - slack)
-            .map(|(rest, x)| (rest.z - x.z) / LITTLE)
+            .map(|(rest, x)| (rest.z - x.z) / GRAVITY_SCALE)
             .collect();
         Ok(ways.iter().sum::<f64>() / ways.len().max(1) as f64)
     }

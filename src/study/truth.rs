@@ -1,7 +1,7 @@
 //! Motions in float64, by the engine on the CPU, and the motion that they tend to as the step goes
 //! to nothing: what every solver's error is measured against.
 
-use crate::physics::{ConjugateGradients, Simulator, SolverKind};
+use crate::physics::{CgSettings, Simulator, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -10,20 +10,20 @@ const FARTHEST: f64 = 1e4;
 
 /// Where a body is, and how it moves.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct MotionState {
     /// Positions, m, from the origin of its frame.
     pub x: Vec<DVec3>,
     /// Velocities, m/s.
     pub v: Vec<DVec3>,
 }
 
-impl State {
+impl MotionState {
     /// At rest.
-    pub fn rest(simulator: &dyn Simulator) -> State {
+    pub fn rest(simulator: &dyn Simulator) -> MotionState {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let rest = simulator.mesh().nodes.iter();
         let x: Vec<DVec3> = rest.map(|p| (*p - frame.origin) * unit).collect();
-        State {
+        MotionState {
             v: vec![DVec3::ZERO; x.len()],
             x,
         }
@@ -33,10 +33,10 @@ impl State {
     ///
     /// # Errors
     /// What reading back gives.
-    pub fn of(simulator: &dyn Simulator) -> Result<State> {
+    pub fn from_simulator(simulator: &dyn Simulator) -> Result<MotionState> {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let (x, v) = (simulator.positions()?, simulator.velocities()?);
-        Ok(State {
+        Ok(MotionState {
             x: x.iter().map(|x| (*x - frame.origin) * unit).collect(),
             v: v.iter().map(|v| *v * unit).collect(),
         })
@@ -46,7 +46,7 @@ impl State {
     ///
     /// # Errors
     /// As [`Simulator::set_positions`].
-    pub fn put(&self, simulator: &mut dyn Simulator) -> Result<()> {
+    pub fn apply_to(&self, simulator: &mut dyn Simulator) -> Result<()> {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let x: Vec<DVec3> = self.x.iter().map(|x| *x / unit + frame.origin).collect();
         let v: Vec<DVec3> = self.v.iter().map(|v| *v / unit).collect();
@@ -56,11 +56,11 @@ impl State {
 }
 
 /// A scheme, and where its linear solves stop.
-pub type Scheme = (SolverKind, ConjugateGradients);
+pub type Scheme = (SolverKind, CgSettings);
 
 /// The scheme `kind`, its linear systems solved to the last digits of float64.
 pub fn converged(kind: SolverKind) -> Scheme {
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance: 1e-12,
         max_iterations: 20_000,
         acceptable: 1e-9,
@@ -75,19 +75,19 @@ pub fn converged(kind: SolverKind) -> Scheme {
 /// What the simulator refuses.
 pub fn motion(
     simulator: &mut dyn Simulator,
-    start: &State,
+    start: &MotionState,
     (kind, settings): Scheme,
     duration: f64,
     [stops, steps]: [u32; 2],
-) -> Result<Option<Vec<State>>> {
+) -> Result<Option<Vec<MotionState>>> {
     let h = duration / f64::from(stops) / f64::from(steps);
     let limit = FARTHEST * reach(&start.x);
     simulator.set_integrator(kind, settings)?;
-    start.put(simulator)?;
+    start.apply_to(simulator)?;
     let mut states = Vec::new();
     for _ in 0..stops {
         match simulator.run(steps, h) {
-            Ok(_) => states.push(State::of(simulator)?),
+            Ok(_) => states.push(MotionState::from_simulator(simulator)?),
             Err(Error::Solver { .. }) => return Ok(None),
             Err(error) => return Err(error),
         }
@@ -103,7 +103,7 @@ fn reach(x: &[DVec3]) -> f64 {
 }
 
 /// √ΣΣ|x − y|² over the nodes of all states, m.
-pub fn distance(a: &[State], b: &[State]) -> f64 {
+pub fn distance(a: &[MotionState], b: &[MotionState]) -> f64 {
     let squares = a.iter().zip(b).flat_map(|(a, b)| {
         let nodes = a.x.iter().zip(&b.x);
         nodes.map(|(x, y)| x.distance_squared(*y))
@@ -113,9 +113,9 @@ pub fn distance(a: &[State], b: &[State]) -> f64 {
 
 /// A motion that no smaller step would change by anything that matters.
 #[derive(Clone, Debug)]
-pub struct Truth {
+pub struct ReferenceMotion {
     /// Its states: those of the two smallest steps, extrapolated.
-    pub states: Vec<State>,
+    pub states: Vec<MotionState>,
     /// What halving the step did, the largest step first.
     pub halvings: Vec<Halving>,
 }
@@ -139,16 +139,16 @@ pub struct Halving {
 ///
 /// # Errors
 /// Those of `run`.
-pub fn truth(
+pub fn reference_motion(
     steps: u32,
     most: u32,
     tolerance: f64,
     scale: f64,
-    mut run: impl FnMut(u32) -> Result<Option<Vec<State>>>,
-) -> Result<Option<Truth>> {
+    mut run: impl FnMut(u32) -> Result<Option<Vec<MotionState>>>,
+) -> Result<Option<ReferenceMotion>> {
     let mut steps = steps.max(1);
     let mut coarse = run(steps)?;
-    let mut truth: Option<Truth> = None;
+    let mut truth: Option<ReferenceMotion> = None;
     while steps <= most / 2 {
         let fine = run(2 * steps)?;
         if let (Some(a), Some(b)) = (&coarse, &fine) {
@@ -163,7 +163,7 @@ pub fn truth(
                 change: distance(a, b) / scale,
                 extrapolated,
             });
-            truth = Some(Truth { states, halvings });
+            truth = Some(ReferenceMotion { states, halvings });
             if extrapolated < tolerance {
                 break;
             }
@@ -174,14 +174,14 @@ pub fn truth(
     Ok(truth)
 }
 
-fn extrapolate(coarse: &[State], fine: &[State]) -> Vec<State> {
+fn extrapolate(coarse: &[MotionState], fine: &[MotionState]) -> Vec<MotionState> {
     let better = |a: &[DVec3], b: &[DVec3]| -> Vec<DVec3> {
         let pairs = a.iter().zip(b);
         pairs.map(|(a, b)| *b + (*b - *a) / 3.0).collect()
     };
     let states = coarse.iter().zip(fine);
     states
-        .map(|(a, b)| State {
+        .map(|(a, b)| MotionState {
             x: better(&a.x, &b.x),
             v: better(&a.v, &b.v),
         })

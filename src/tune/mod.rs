@@ -11,19 +11,19 @@ mod picture;
 mod search;
 mod write;
 
-pub use motion::{Body, Cost, MotionPoint, Motions};
-pub use picture::{PicturePoint, Pictures};
-pub use search::{Found, Trial, cheapest};
-pub use write::{Change, Setting};
+pub use motion::{Body, Cost, MotionPoint, MotionSearch};
+pub use picture::{PicturePoint, PictureSearch};
+pub use search::{Candidates, SearchResult, cheapest};
+pub use write::{Change, EntryValue};
 
 use crate::gpu::Gpu;
 use crate::scene::Scene;
-use crate::{Error, Progress, Result};
+use crate::{Error, ProgressFn, Result};
 use std::path::Path;
 
 /// What a scene is tuned to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
+pub struct TuneTarget {
     /// The largest error: of motion, the root mean square distance from the true places over that
     /// of the true displacements; of a picture, the root mean square difference of its values.
     pub error: f64,
@@ -37,13 +37,13 @@ pub struct Wanted {
 #[derive(Clone, Debug)]
 pub struct Tuned {
     /// What moves the body, if anything does.
-    pub motion: Option<Found<MotionPoint>>,
+    pub motion: Option<SearchResult<MotionPoint>>,
     /// How it is drawn.
-    pub picture: Found<PicturePoint>,
+    pub picture: SearchResult<PicturePoint>,
     /// Milliseconds for a second of motion, and for a picture.
     pub cost: [f64; 2],
     /// Whether tolerance and pictures a second are met.
-    pub met: bool,
+    pub target_met: bool,
     /// What was chosen, and what would have to give where nothing meets what is wanted; a sentence
     /// each.
     pub notes: Vec<String>,
@@ -58,7 +58,7 @@ pub struct Tuned {
 /// [`Error::Cancelled`]; [`Error::Input`] for a tolerance that makes no sense, a scene whose body is a grid or is cut,
 /// or one in which nothing moves as far as can be seen; otherwise as
 /// [`Stage::new`](crate::scene::Stage::new).
-pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &Wanted, progress: Progress) -> Result<Tuned> {
+pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn) -> Result<Tuned> {
     let sound = |x: f64| x.is_finite() && x > 0.0;
     if !sound(wanted.error) || !sound(wanted.seconds) || !wanted.fps.is_none_or(sound) {
         return Err(Error::Input(format!(
@@ -77,18 +77,18 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &Wanted, progress: Progress) -> Re
     let (motion, there) = match &scene.solver.name {
         None => (None, None),
         Some(_) => {
-            let mut motions = Motions::new(gpu, scene, wanted.seconds, Cost::Time, progress)?;
+            let mut motions = MotionSearch::new(gpu, scene, wanted.seconds, Cost::Time, progress)?;
             let found = cheapest(&mut motions, wanted.error, &|f| progress("motion", f))?;
             cost[0] = found.cost;
-            notes.push(found.told("motion", "ms for a second of it", wanted.error));
+            notes.push(found.summary("motion", "ms for a second of it", wanted.error));
             found.point.apply(&mut tuned);
-            (Some(found), Some(motions.last_truth()))
+            (Some(found), Some(motions.final_reference()))
         }
     };
-    let mut pictures = Pictures::new(gpu, scene, there)?;
+    let mut pictures = PictureSearch::new(gpu, scene, there)?;
     let picture = cheapest(&mut pictures, wanted.error, &|f| progress("picture", f))?;
     cost[1] = picture.cost;
-    notes.push(picture.told("picture", "ms each", wanted.error));
+    notes.push(picture.summary("picture", "ms each", wanted.error));
     picture.point.apply(&mut tuned);
     let accurate = picture.met && motion.as_ref().is_none_or(|m| m.met);
     let mut met = accurate;
@@ -105,8 +105,10 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &Wanted, progress: Progress) -> Re
                 }
             ));
             for (found, what) in [
-                motion.as_ref().map(|m| (m.frontier.as_slice(), "motion")),
-                Some((picture.frontier.as_slice(), "picture")),
+                motion
+                    .as_ref()
+                    .map(|m| (m.pareto_front.as_slice(), "motion")),
+                Some((picture.pareto_front.as_slice(), "picture")),
             ]
             .into_iter()
             .flatten()
@@ -129,7 +131,7 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &Wanted, progress: Progress) -> Re
         motion,
         picture,
         cost,
-        met,
+        target_met: met,
         notes,
         scene: tuned,
     })

@@ -1,29 +1,29 @@
 //! Candidates of motion: a body or its cage, a solver, a step, a tolerance of its iterations.
 
-use super::search::Trial;
+use super::search::Candidates;
 use crate::cage::CageKind;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::SolverKind;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use crate::scene::{CageEntry, Motion, Scene};
-use crate::{Error, Progress, Result};
+use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::fmt;
 use web_time::Instant;
 
 /// Times at which motion is held against truth.
-const LOOKS: u32 = 4;
+const COMPARISONS: u32 = 4;
 /// Steps of a probe.
-const PROBE: u32 = 3;
+const PROBE_STEPS: u32 = 3;
 /// A cage has at most this share of the nodes it carries.
-const COARSER: f64 = 0.6;
+const MAX_CAGE_FRACTION: f64 = 0.6;
 /// The smallest cage, and by how much each is larger.
 const LEAST_CAGE: f64 = 60.0;
 const CAGES: usize = 4;
 /// Steps between two looks, over those that the scene's step makes.
-const PACES: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
+const STEP_RATIOS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Tolerances of conjugate gradients.
 const TOLERANCES: [f64; 2] = [0.1, 0.01];
 /// So many explicit steps cost at least what one implicit step does.
@@ -31,7 +31,7 @@ const MOST_EXPLICIT: f64 = 32.0;
 /// How often the elements of a body are gone through in a step, about.
 const EVALUATIONS: f64 = 3.0;
 /// The tolerance of truth.
-const TRUE_TOLERANCE: f64 = 1e-4;
+const REFERENCE_TOLERANCE: f64 = 1e-4;
 /// A share of a body's size below which nothing is called motion.
 const LEAST_MOTION: f64 = 1e-6;
 
@@ -108,7 +108,7 @@ pub enum Cost {
 }
 
 /// The candidates of a scene, and what is true of its motion.
-pub struct Motions<'a> {
+pub struct MotionSearch<'a> {
     gpu: Gpu,
     scene: Scene,
     mesh: TetMesh,
@@ -122,12 +122,12 @@ pub struct Motions<'a> {
     moved: f64,
     /// The motions made so far, by what is simulated and the solver.
     made: BTreeMap<(Body, &'static str), std::result::Result<Motion, String>>,
-    progress: Progress<'a>,
+    progress: ProgressFn<'a>,
     /// What is being done, and the part of it that is done.
     told: (&'static str, f64),
 }
 
-impl<'a> Motions<'a> {
+impl<'a> MotionSearch<'a> {
     /// Finds what is true of the first `seconds` of the motion of `scene`: with its own mesh, by
     /// implicit Euler (BDF2 of elements on the processor) with steps of an eighth and a sixteenth of
     /// its own, extrapolated to none.
@@ -140,14 +140,14 @@ impl<'a> Motions<'a> {
         scene: &Scene,
         seconds: f64,
         cost: Cost,
-        progress: Progress<'a>,
-    ) -> Result<Motions<'a>> {
+        progress: ProgressFn<'a>,
+    ) -> Result<MotionSearch<'a>> {
         if scene.grid.is_some() || !scene.cut.is_empty() {
             return Err(Error::Input(
                 "bodies of tets that are not cut can be tuned; leave [grid] and [[cut]] out".into(),
             ));
         }
-        if let Some(entry) = scene.of_tets() {
+        if let Some(entry) = scene.tets_only_entry() {
             return Err(Error::Input(format!(
                 "bodies under pins, forces, grabs and gravity can be tuned; leave {entry} out"
             )));
@@ -155,15 +155,17 @@ impl<'a> Motions<'a> {
         let mut scene = scene.clone();
         scene.solver.sleep = Some(false);
         let mesh = scene.mesh_of_one()?;
-        let pace = seconds / f64::from(LOOKS);
+        let pace = seconds / f64::from(COMPARISONS);
         let own = scene.solver.dt.unwrap_or(0.01).min(pace);
         let steps = (pace / own).ceil();
-        let counts: Vec<u32> = PACES.map(|p| (p * steps).ceil().max(1.0) as u32).to_vec();
+        let counts: Vec<u32> = STEP_RATIOS
+            .map(|p| (p * steps).ceil().max(1.0) as u32)
+            .to_vec();
         let finest = counts.iter().copied().max().unwrap_or(1);
         let mut counts = counts;
         counts.dedup();
         let nodes = mesh.nodes.len() as f64;
-        let most = COARSER * nodes;
+        let most = MAX_CAGE_FRACTION * nodes;
         let growth = (most / LEAST_CAGE)
             .max(1.0)
             .powf(1.0 / CAGES as f64)
@@ -187,7 +189,7 @@ impl<'a> Motions<'a> {
                 }
             }
         }
-        let mut motions = Motions {
+        let mut motions = MotionSearch {
             gpu: gpu.clone(),
             scene,
             mesh,
@@ -209,7 +211,7 @@ impl<'a> Motions<'a> {
     /// Candidates of second order, where the body is of elements on the processor; whether it is.
     fn add_second_order(&mut self, counts: &[u32]) -> bool {
         let mut found = false;
-        for solver in SolverKind::OF_ELEMENTS {
+        for solver in SolverKind::ELEMENT_ONLY {
             let candidates = counts.iter().flat_map(|count| {
                 TOLERANCES.map(|tolerance| MotionPoint {
                     body: Body::Own,
@@ -242,7 +244,7 @@ impl<'a> Motions<'a> {
                 body: Body::Own,
                 solver,
                 dt: self.pace / f64::from(count),
-                tolerance: TRUE_TOLERANCE,
+                tolerance: REFERENCE_TOLERANCE,
             };
             let mut path = Vec::new();
             self.run(&point, &mut |positions| {
@@ -304,7 +306,7 @@ impl<'a> Motions<'a> {
     }
 
     /// Where the nodes are at the end of what is true.
-    pub fn last_truth(&self) -> Vec<DVec3> {
+    pub fn final_reference(&self) -> Vec<DVec3> {
         self.truth.last().cloned().unwrap_or_default()
     }
 
@@ -312,10 +314,10 @@ impl<'a> Motions<'a> {
     fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
         let steps = (self.pace / point.dt).round() as u32;
         let (what, share) = self.told;
-        let part = Part::begin(self.progress, what, share)?;
+        let part = ProgressScope::begin(self.progress, what, share)?;
         let motion = self.motion(point)?.map_err(Error::Input)?;
-        for _ in 0..LOOKS {
-            part.check()?;
+        for _ in 0..COMPARISONS {
+            part.check_cancelled()?;
             motion.run(steps, &mut |_| {})?;
             if !look(&motion.positions()?) {
                 break;
@@ -346,7 +348,7 @@ impl<'a> Motions<'a> {
     }
 }
 
-impl Trial for Motions<'_> {
+impl Candidates for MotionSearch<'_> {
     type Point = MotionPoint;
 
     fn points(&self) -> Vec<MotionPoint> {
@@ -359,15 +361,15 @@ impl Trial for Motions<'_> {
             return Ok(f64::INFINITY);
         };
         // The first run is slower: passes are made, and iterations guessed.
-        if motion.run(PROBE, &mut |_| {}).is_err() {
+        if motion.run(PROBE_STEPS, &mut |_| {}).is_err() {
             return Ok(f64::INFINITY);
         }
         let start = Instant::now();
-        if motion.run(PROBE, &mut |_| {}).is_err() {
+        if motion.run(PROBE_STEPS, &mut |_| {}).is_err() {
             return Ok(f64::INFINITY);
         }
         let a_step = match cost {
-            Cost::Time => start.elapsed().as_secs_f64() * 1e3 / f64::from(PROBE),
+            Cost::Time => start.elapsed().as_secs_f64() * 1e3 / f64::from(PROBE_STEPS),
             Cost::Visits => visits(motion)?,
         };
         Ok(a_step / point.dt)
@@ -394,13 +396,13 @@ impl Trial for Motions<'_> {
 /// Visits of springs (and of the edges of elements) in the last steps, in millions a step.
 fn visits(motion: &Motion) -> Result<f64> {
     let simulator = motion.simulator.as_ref();
-    let simulator = simulator.carrier().unwrap_or(simulator);
-    let springs = simulator.springs().len() as f64;
+    let simulator = simulator.coarse_body().unwrap_or(simulator);
+    let springs = simulator.spring_pairs().len() as f64;
     // Elements are gone through a few times a step, six edges each; iterations go along edges.
     let elements = simulator.network().map_or(0, |n| n.elements.tets.len());
     let elements = 6.0 * EVALUATIONS * elements as f64;
     let last = simulator.iterations()?;
-    let last = &last[last.len().saturating_sub(PROBE as usize)..];
+    let last = &last[last.len().saturating_sub(PROBE_STEPS as usize)..];
     if simulator.network().is_none() && last.is_empty() {
         return Ok(2e-6 * (springs + elements));
     }

@@ -1,6 +1,6 @@
 //! Candidates of a picture: its size and its table.
 
-use super::search::Trial;
+use super::search::Candidates;
 use crate::gpu::Gpu;
 use crate::render::Image;
 use crate::scene::{OutputEntry, Scene, Stage};
@@ -13,7 +13,7 @@ const SIZES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Errors that tables are made for, in 255ths.
 const TABLES: [f64; 4] = [4.0, 1.0, 0.25, 0.06];
 /// That of truth.
-const TRUE_TABLE: f64 = 0.01;
+const REFERENCE_TABLE: f64 = 0.01;
 
 /// A candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,7 +42,7 @@ impl PicturePoint {
 }
 
 /// The candidates of a scene's picture, and the true one.
-pub struct Pictures {
+pub struct PictureSearch {
     gpu: Gpu,
     scene: Scene,
     there: Option<Vec<DVec3>>,
@@ -52,19 +52,19 @@ pub struct Pictures {
     stage: Option<(f64, Stage)>,
 }
 
-impl Pictures {
+impl PictureSearch {
     /// The picture of `scene` with its nodes at `there`, or at rest, with the finest table.
     ///
     /// # Errors
     /// As [`Stage::new`] and [`Stage::image`].
-    pub fn new(gpu: &Gpu, scene: &Scene, there: Option<Vec<DVec3>>) -> Result<Pictures> {
+    pub fn new(gpu: &Gpu, scene: &Scene, there: Option<Vec<DVec3>>) -> Result<PictureSearch> {
         let mut scene = scene.clone();
         // Posed, not moved.
         scene.solver.name = None;
         scene.cage = None;
         scene.grab.clear();
         scene.output = OutputEntry::default();
-        let full = scene.picture.size.unwrap_or(crate::scene::SIZE);
+        let full = scene.picture.size.unwrap_or(crate::scene::DEFAULT_SIZE);
         let shared = |share: f64| full.map(|n| ((share * f64::from(n)).round() as u32).max(1));
         let points = SIZES.iter().flat_map(|share| {
             TABLES.map(|table| PicturePoint {
@@ -72,7 +72,7 @@ impl Pictures {
                 accuracy: table / 255.0,
             })
         });
-        let mut pictures = Pictures {
+        let mut pictures = PictureSearch {
             gpu: gpu.clone(),
             scene,
             there,
@@ -86,7 +86,7 @@ impl Pictures {
         };
         pictures.truth = pictures.draw(&PicturePoint {
             size: full,
-            accuracy: TRUE_TABLE / 255.0,
+            accuracy: REFERENCE_TABLE / 255.0,
         })?;
         Ok(pictures)
     }
@@ -104,7 +104,7 @@ impl Pictures {
                 scene.picture.accuracy = Some(point.accuracy);
                 let mut stage = Stage::new(&self.gpu, &scene)?;
                 if let Some(there) = &self.there {
-                    stage.pose(there)?;
+                    stage.set_positions(there)?;
                 }
                 (point.accuracy, stage)
             }
@@ -114,7 +114,7 @@ impl Pictures {
     }
 }
 
-impl Trial for Pictures {
+impl Candidates for PictureSearch {
     type Point = PicturePoint;
 
     fn points(&self) -> Vec<PicturePoint> {

@@ -6,7 +6,7 @@ use std::fmt;
 use std::ops::ControlFlow;
 
 /// Candidates that can be timed and held against truth.
-pub trait Trial {
+pub trait Candidates {
     /// Names a candidate.
     type Point: Clone + fmt::Display;
 
@@ -29,7 +29,7 @@ pub trait Trial {
 
 /// What a search found.
 #[derive(Clone, Debug)]
-pub struct Found<P> {
+pub struct SearchResult<P> {
     /// The cheapest candidate within the tolerance; where there is none, the most accurate one.
     pub point: P,
     /// Its cost.
@@ -41,7 +41,7 @@ pub struct Found<P> {
     /// Candidates there are, and those that were held against truth.
     pub tried: [usize; 2],
     /// Cost and error of each of these; some errors are only known to be at least that.
-    pub frontier: Vec<(f64, f64)>,
+    pub pareto_front: Vec<(f64, f64)>,
 }
 
 /// The cheapest candidate of `trial` whose error is within `tolerance`.
@@ -51,12 +51,12 @@ pub struct Found<P> {
 /// of a cage may cancel.
 ///
 /// # Errors
-/// As [`Trial::cost`] and [`Trial::error`]; [`Error::Cancelled`] once `progress` breaks.
-pub fn cheapest<T: Trial>(
+/// As [`Candidates::cost`] and [`Candidates::error`]; [`Error::Cancelled`] once `progress` breaks.
+pub fn cheapest<T: Candidates>(
     trial: &mut T,
     tolerance: f64,
     progress: &dyn Fn(f64) -> ControlFlow<()>,
-) -> Result<Found<T::Point>> {
+) -> Result<SearchResult<T::Point>> {
     let points = trial.points();
     let count = points.len();
     let mut costs = Vec::with_capacity(count);
@@ -81,13 +81,13 @@ pub fn cheapest<T: Trial>(
     let chosen = met
         .or_else(|| least.map(|(i, _)| *i))
         .ok_or_else(|| Error::Input("no candidate of the search could be run at all".into()))?;
-    Ok(Found {
+    Ok(SearchResult {
         point: points[chosen].clone(),
         cost: costs[chosen],
         error: errors[&chosen],
         met: met.is_some(),
         tried: [count, errors.len()],
-        frontier: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
+        pareto_front: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
     })
 }
 
@@ -98,9 +98,9 @@ fn told(progress: &dyn Fn(f64) -> ControlFlow<()>, share: f64) -> Result<()> {
     }
 }
 
-impl<P: fmt::Display> Found<P> {
+impl<P: fmt::Display> SearchResult<P> {
     /// What was found, in a sentence.
-    pub fn told(&self, what: &str, cost: &str, tolerance: f64) -> String {
+    pub fn summary(&self, what: &str, cost: &str, tolerance: f64) -> String {
         let [there, tried] = self.tried;
         let (own, wanted) = (100.0 * self.error, 100.0 * tolerance);
         let chosen = format!("{what}: {}, {:.2} {cost}", self.point, self.cost);

@@ -15,26 +15,26 @@ pub struct Change {
     /// Its key there; without one all of the table goes.
     pub key: Option<&'static str>,
     /// What it becomes; it goes where nothing is said.
-    pub value: Option<Setting>,
+    pub value: Option<EntryValue>,
 }
 
 /// A value of an entry.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(missing_docs)]
-pub enum Setting {
+pub enum EntryValue {
     Text(String),
     Number(f64),
     Count(i64),
     Counts(Vec<i64>),
 }
 
-impl From<Setting> for Value {
-    fn from(setting: Setting) -> Value {
+impl From<EntryValue> for Value {
+    fn from(setting: EntryValue) -> Value {
         match setting {
-            Setting::Text(text) => text.into(),
-            Setting::Number(number) => number.into(),
-            Setting::Count(count) => count.into(),
-            Setting::Counts(counts) => counts.into(),
+            EntryValue::Text(text) => text.into(),
+            EntryValue::Number(number) => number.into(),
+            EntryValue::Count(count) => count.into(),
+            EntryValue::Counts(counts) => counts.into(),
         }
     }
 }
@@ -43,33 +43,33 @@ impl From<Setting> for Value {
 pub(super) fn changes(tuned: &Tuned) -> Vec<Change> {
     let chosen = &tuned.scene;
     let mut changes = Vec::new();
-    let mut put = |table, key, value: Option<Setting>| {
+    let mut put = |table, key, value: Option<EntryValue>| {
         changes.push(Change { table, key, value });
     };
     if tuned.motion.is_some() {
         put("cage", None, None);
         if let Some(cage) = &chosen.cage {
-            let nodes = cage.nodes.map(|n| Setting::Count(n as i64));
+            let nodes = cage.nodes.map(|n| EntryValue::Count(n as i64));
             put("cage", Some("nodes"), nodes);
-            let kind = cage.kind.map(|k| Setting::Text(k.name().into()));
+            let kind = cage.kind.map(|k| EntryValue::Text(k.name().into()));
             put("cage", Some("kind"), kind);
         }
         let solver = &chosen.solver;
-        let steps = solver.steps.map(|n| Setting::Count(n.into()));
+        let steps = solver.steps.map(|n| EntryValue::Count(n.into()));
         for (key, value) in [
-            ("name", solver.name.clone().map(Setting::Text)),
-            ("dt", solver.dt.map(Setting::Number)),
+            ("name", solver.name.clone().map(EntryValue::Text)),
+            ("dt", solver.dt.map(EntryValue::Number)),
             ("steps", steps),
-            ("tolerance", solver.tolerance.map(Setting::Number)),
+            ("tolerance", solver.tolerance.map(EntryValue::Number)),
             ("iterations", None),
         ] {
             put("solver", Some(key), value);
         }
     }
     let size = chosen.picture.size;
-    let size = size.map(|size| Setting::Counts(size.map(i64::from).to_vec()));
+    let size = size.map(|size| EntryValue::Counts(size.map(i64::from).to_vec()));
     put("picture", Some("size"), size);
-    let accuracy = chosen.picture.accuracy.map(Setting::Number);
+    let accuracy = chosen.picture.accuracy.map(EntryValue::Number);
     put("picture", Some("accuracy"), accuracy);
     put("picture", Some("quality"), None);
     changes

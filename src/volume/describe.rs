@@ -14,7 +14,8 @@ pub struct VolumeDescription {
     /// the left, the back and the top.
     pub orientation: String,
     /// Largest angle between a voxel axis and that of the world it is nearest to, degrees.
-    pub obliqueness: f64,
+    #[serde(rename = "obliqueness")]
+    pub obliquity_degrees: f64,
     /// The world-aligned box around all voxels, RAS in mm: lower and upper corner.
     pub bounds: [[f64; 3]; 2],
     /// The type of the stored numbers.
@@ -48,13 +49,13 @@ impl VolumeDescription {
     pub fn new(volume: &Volume) -> VolumeDescription {
         let axes = volume.to_world.matrix3;
         let mut orientation = String::new();
-        let mut obliqueness = 0f64;
+        let mut obliquity_degrees = 0f64;
         for axis in [axes.x_axis, axes.y_axis, axes.z_axis] {
             let nearest = axis.abs().max_position();
             let letters = [["L", "R"], ["P", "A"], ["I", "S"]][nearest];
             orientation += letters[usize::from(axis[nearest] > 0.0)];
             let cosine = axis[nearest].abs() / axis.length();
-            obliqueness = obliqueness.max(cosine.min(1.0).acos().to_degrees());
+            obliquity_degrees = obliquity_degrees.max(cosine.min(1.0).acos().to_degrees());
         }
         let (low, high) = volume.bounds();
         let labels = volume.labels().filter(|l| l.len() <= SHOWN_LABELS);
@@ -63,7 +64,7 @@ impl VolumeDescription {
             size: volume.size,
             spacing: volume.spacing().to_array(),
             orientation,
-            obliqueness,
+            obliquity_degrees,
             bounds: [low.to_array(), high.to_array()],
             scalar_type: format!("{:?}", volume.raw.scalar_type()).to_lowercase(),
             scaling: [volume.slope, volume.intercept],
@@ -71,7 +72,7 @@ impl VolumeDescription {
             labels: labels
                 .map(|(label, voxels)| LabelDescription {
                     label,
-                    name: volume.names.get(&label).cloned(),
+                    name: volume.label_names.get(&label).cloned(),
                     voxels,
                     volume: voxels as f64 * volume.voxel_volume(),
                 })
@@ -91,9 +92,9 @@ impl fmt::Display for VolumeDescription {
         let [x, y, z] = self.spacing;
         writeln!(f, "spacing       {x:.4} × {y:.4} × {z:.4} mm")?;
         write!(f, "orientation   {}", self.orientation)?;
-        match self.obliqueness < 0.01 {
+        match self.obliquity_degrees < 0.01 {
             true => writeln!(f)?,
-            false => writeln!(f, ", up to {:.1}° oblique", self.obliqueness)?,
+            false => writeln!(f, ", up to {:.1}° oblique", self.obliquity_degrees)?,
         }
         let [low, high] = self.bounds;
         writeln!(f, "bounds (RAS)  {low:.2?} to {high:.2?} mm")?;

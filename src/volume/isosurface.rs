@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 /// How near to a voxel's centre a vertex may come, in voxels: no triangle is without an area.
-const OFF_CENTRE: f64 = 1e-3;
+const MIN_VERTEX_OFFSET: f64 = 1e-3;
 
 /// An edge of the grid that no vertex lies on.
 const NONE: u32 = u32::MAX;
@@ -79,7 +79,7 @@ impl Volume {
             plane: (self.size[0] + 2) * (self.size[1] + 2),
         };
         let slabs = self.size[2] + 1;
-        let vertices = parallel::map_heavy(slabs, |k| grid.vertices(k));
+        let vertices = parallel::map_coarse(slabs, |k| grid.vertices(k));
         let mut first = Vec::with_capacity(vertices.len() + 1);
         let mut count = 0usize;
         for (_, slab) in &vertices {
@@ -94,7 +94,7 @@ impl Volume {
         // The last plane, all outside, has no vertices.
         first.push(count as u32);
         let mirrored = self.to_world.matrix3.determinant() < 0.0;
-        let triangles = parallel::map_heavy(slabs, |k| {
+        let triangles = parallel::map_coarse(slabs, |k| {
             let start = [first[k], first[k] + vertices[k].0 as u32, first[k + 1]];
             grid.triangles(k, start, mirrored)
         });
@@ -149,7 +149,7 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
         let t = (bound - inside) / (outside - inside);
         match t.is_nan() {
             true => 0.5,
-            false => t.clamp(OFF_CENTRE, 1.0 - OFF_CENTRE),
+            false => t.clamp(MIN_VERTEX_OFFSET, 1.0 - MIN_VERTEX_OFFSET),
         }
     }
 

@@ -18,7 +18,7 @@ use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 
 /// A volume of more different values than this is no label map.
-pub const MOST_LABELS: usize = 1000;
+pub const MAX_LABELS: usize = 1000;
 
 /// A scalar image on a regular 3D grid.
 ///
@@ -37,7 +37,7 @@ pub struct Volume {
     /// From voxel indices to world coordinates, RAS in mm.
     pub to_world: DAffine3,
     /// Names of labels, where the file has them.
-    pub names: BTreeMap<i64, String>,
+    pub label_names: BTreeMap<i64, String>,
 }
 
 /// Voxels as they are stored.
@@ -101,7 +101,7 @@ impl Volume {
     }
 
     /// The number of voxels of each label, if this is a label map: whole numbers, at most
-    /// [`MOST_LABELS`] different ones.
+    /// [`MAX_LABELS`] different ones.
     pub fn labels(&self) -> Option<BTreeMap<i64, usize>> {
         let mut counts = BTreeMap::new();
         let mut n = 0;
@@ -116,7 +116,7 @@ impl Volume {
                 n += 1;
             }
             *counts.entry(value as i64).or_insert(0) += n - first;
-            if counts.len() > MOST_LABELS {
+            if counts.len() > MAX_LABELS {
                 return None;
             }
         }

@@ -3,8 +3,8 @@
 //! Planes of voxels are done side by side, each by one thread: of the tets whose bounds meet a
 //! plane, row by row, the voxels between the half-planes that bound the tet's section.
 
-use super::tet::{Shift, Weights};
-use super::{Coverage, Way};
+use super::tet::{AffineDisplacement, Weights};
+use super::{Coverage, MapDirection};
 use crate::volume::Grid;
 use crate::{Result, parallel};
 use glam::DVec3;
@@ -15,7 +15,7 @@ const NONE: u32 = u32::MAX;
 const PLANES_A_THREAD: usize = 4;
 /// Voxels that bounds and intervals are widened by; what they let in too much is held against the
 /// weights.
-const ROOM: f64 = 1e-3;
+const BOUNDS_MARGIN: f64 = 1e-3;
 
 /// A plane of voxels and how far the matter at each goes.
 pub(super) struct Plane {
@@ -24,14 +24,14 @@ pub(super) struct Plane {
     /// Voxels in a row of it.
     pub width: usize,
     /// In mm, in the world, i running fastest; not a number where no tet is.
-    pub shifts: Vec<DVec3>,
+    pub displacements: Vec<DVec3>,
     pub coverage: Coverage,
 }
 
-impl Way<'_> {
+impl MapDirection<'_> {
     /// Makes something of each plane of `grid`, several at a time, and gives these to `take` in
     /// order.
-    pub(super) fn sweep<T: Send>(
+    pub(super) fn for_each_plane<T: Send>(
         &self,
         grid: &Grid,
         make: impl Fn(Plane) -> T + Sync,
@@ -49,7 +49,8 @@ impl Way<'_> {
         for first in (0..planes).step_by(slab) {
             let last = planes.min(first + slab);
             let tets = section.tets_between(first as f64, last as f64 - 1.0);
-            let made = parallel::map_heavy(last - first, |n| make(section.plane(first + n, &tets)));
+            let made =
+                parallel::map_coarse(last - first, |n| make(section.plane(first + n, &tets)));
             made.into_iter().try_for_each(&mut *take)?;
         }
         Ok(())
@@ -58,7 +59,7 @@ impl Way<'_> {
 
 /// A body in the voxel coordinates of a grid.
 struct Section<'a> {
-    way: Way<'a>,
+    way: MapDirection<'a>,
     nodes: &'a [DVec3],
     size: [usize; 3],
 }
@@ -74,7 +75,9 @@ impl Section<'_> {
             let meets = |t: &u32| {
                 let z = self.corners(*t).map(|p| p.z);
                 let (least, most) = ends(z);
-                self.way.upright[*t as usize] && least <= high + ROOM && most >= low - ROOM
+                self.way.upright[*t as usize]
+                    && least <= high + BOUNDS_MARGIN
+                    && most >= low - BOUNDS_MARGIN
             };
             found.extend((range.start as u32..range.end as u32).filter(meets));
         })
@@ -90,7 +93,7 @@ impl Section<'_> {
         for &t in tets {
             let corners = self.corners(t);
             let (low, high) = ends(corners.map(|p| p.z));
-            if low > z + ROOM || high < z - ROOM {
+            if low > z + BOUNDS_MARGIN || high < z - BOUNDS_MARGIN {
                 continue;
             }
             let weights = Weights::new(corners);
@@ -99,7 +102,7 @@ impl Section<'_> {
                 let row = DVec3::new(0.0, j as f64, z);
                 for i in whole_row(&weights, row, width) {
                     let p = DVec3::new(i as f64, row.y, z);
-                    let (holds, within) = weights.hold(weights.at(p));
+                    let (holds, within) = weights.contains(weights.at(p));
                     let n = i + width * j;
                     if holds && owners[n] == NONE {
                         owners[n] = t;
@@ -119,14 +122,14 @@ impl Section<'_> {
                 overlapping: inside.iter().filter(|n| **n > 1).count(),
                 beyond: 0,
             },
-            shifts: self.shifts(z, &owners),
+            displacements: self.shifts(z, &owners),
         }
     }
 
     /// How far the matter of each voxel goes, from the tets that hold them.
     fn shifts(&self, z: f64, owners: &[u32]) -> Vec<DVec3> {
         // Voxels of a tet come in runs.
-        let mut last: Option<(u32, Shift)> = None;
+        let mut last: Option<(u32, AffineDisplacement)> = None;
         let width = self.size[0];
         let shift = |(n, t): (usize, &u32)| {
             if *t == NONE {
@@ -134,7 +137,10 @@ impl Section<'_> {
             }
             let shift = match last {
                 Some((own, shift)) if own == *t => shift,
-                _ => Shift::new(&Weights::new(self.corners(*t)), self.way.shifts(*t)),
+                _ => AffineDisplacement::new(
+                    &Weights::new(self.corners(*t)),
+                    self.way.corner_displacements(*t),
+                ),
             };
             last = Some((*t, shift));
             shift.at(DVec3::new((n % width) as f64, (n / width) as f64, z))
@@ -152,8 +158,8 @@ fn ends(of: [f64; 4]) -> (f64, f64) {
 
 /// The whole numbers from `low` to `high` that are below `end`.
 fn whole(low: f64, high: f64, end: usize) -> std::ops::Range<usize> {
-    let first = (low - ROOM).ceil().max(0.0);
-    let last = (high + ROOM).floor().min(end as f64 - 1.0);
+    let first = (low - BOUNDS_MARGIN).ceil().max(0.0);
+    let last = (high + BOUNDS_MARGIN).floor().min(end as f64 - 1.0);
     match first <= last {
         true => first as usize..last as usize + 1,
         false => 0..0,
@@ -164,7 +170,7 @@ fn whole(low: f64, high: f64, end: usize) -> std::ops::Range<usize> {
 fn whole_row(weights: &Weights, row: DVec3, width: usize) -> std::ops::Range<usize> {
     let (mut low, mut high) = (0.0f64, width as f64);
     let start = weights.at(row);
-    for ((w, slope), slack) in start.into_iter().zip(weights.slopes).zip(weights.slack) {
+    for ((w, slope), slack) in start.into_iter().zip(weights.gradients).zip(weights.slack) {
         let w = w + slack;
         if slope.x > 0.0 {
             low = low.max(-w / slope.x);

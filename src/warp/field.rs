@@ -1,7 +1,7 @@
 //! Motions as vectors on a grid.
 
 use super::cover::Plane;
-use super::{Coverage, Warp, Way};
+use super::{Coverage, MapDirection, Warp};
 use crate::Result;
 use crate::volume::Grid;
 use glam::DVec3;
@@ -37,7 +37,7 @@ impl Warp<'_> {
     }
 }
 
-impl Way<'_> {
+impl MapDirection<'_> {
     fn field(&self, grid: &Grid) -> Result<DisplacementField> {
         let mut field = DisplacementField {
             grid: *grid,
@@ -45,7 +45,7 @@ impl Way<'_> {
             coverage: Coverage::default(),
         };
         let make = |plane: Plane| (vectors(&plane), plane.coverage);
-        self.sweep(grid, make, &mut |(vectors, coverage)| {
+        self.for_each_plane(grid, make, &mut |(vectors, coverage)| {
             field.vectors.extend(vectors);
             field.coverage.add(coverage);
             Ok(())
@@ -61,7 +61,7 @@ fn vectors(plane: &Plane) -> Vec<[f32; 3]> {
         true => [0.0; 3],
         false => shift.as_vec3().to_array(),
     };
-    plane.shifts.iter().map(vector).collect()
+    plane.displacements.iter().map(vector).collect()
 }
 
 /// The same as bytes of a file, in LPS.

@@ -47,7 +47,7 @@ impl WarpFiles<'_> {
         let all = [self.image, self.displacement, self.inverse];
         let all: Vec<&Path> = all.into_iter().flatten().collect();
         for (n, path) in all.iter().enumerate() {
-            VolumeFormat::of(path)?;
+            VolumeFormat::from_path(path)?;
             let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
             if let Some(folder) = folder.filter(|f| !f.is_dir()) {
                 return Err(Error::Input(format!(
@@ -119,7 +119,7 @@ impl Warp<'_> {
                 report.bent = Some(coverage);
             }
             let mut streams = [displacement, image, inverse].into_iter().flatten();
-            streams.try_for_each(VolumeStream::end)
+            streams.try_for_each(VolumeStream::close)
         };
         opened(files.displacement, vectors(&scans), &mut |displacement| {
             let mut displacement = displacement;
@@ -143,7 +143,7 @@ impl Warp<'_> {
         let mut coverage = Coverage::default();
         let way = self.forward();
         let make = |plane: Plane| (lps(&plane), plane.coverage);
-        way.sweep(grid, make, &mut |(bytes, own)| {
+        way.for_each_plane(grid, make, &mut |(bytes, own)| {
             coverage.add(own);
             step();
             stream.iter_mut().try_for_each(|s| s.push(&bytes))
@@ -164,7 +164,7 @@ impl Warp<'_> {
         let way = self.backward();
         let with_inverse = inverse.is_some();
         let make = |plane: Plane| {
-            let values = sampler.map(|sampler| sampler.plane(&plane));
+            let values = sampler.map(|sampler| sampler.sample_plane(&plane));
             let (bytes, beyond) = values.map_or((Vec::new(), 0), |(raw, n)| (raw.to_bytes(), n));
             let vectors = if with_inverse {
                 lps(&plane)
@@ -174,7 +174,7 @@ impl Warp<'_> {
             let own = plane.coverage;
             (bytes, vectors, Coverage { beyond, ..own })
         };
-        way.sweep(grid, make, &mut |(bytes, vectors, own)| {
+        way.for_each_plane(grid, make, &mut |(bytes, vectors, own)| {
             coverage.add(own);
             step();
             image.iter_mut().try_for_each(|s| s.push(&bytes))?;

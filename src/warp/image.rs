@@ -38,11 +38,11 @@ impl Warp<'_> {
     /// it is seen: no voxel lies in the body, or none of these was in the scan.
     pub fn image(&self, scan: &Volume, grid: &Grid, options: &WarpOptions) -> Result<WarpedImage> {
         let sampler = Sampler::new(scan, grid, options)?;
-        let mut raw = sampler.nothing();
+        let mut raw = sampler.empty_like();
         let mut coverage = Coverage::default();
         let way = self.backward();
-        let make = |plane: Plane| (sampler.plane(&plane), plane.coverage);
-        way.sweep(grid, make, &mut |((plane, beyond), own)| {
+        let make = |plane: Plane| (sampler.sample_plane(&plane), plane.coverage);
+        way.for_each_plane(grid, make, &mut |((plane, beyond), own)| {
             append(&mut raw, plane);
             coverage.add(Coverage { beyond, ..own });
             Ok(())
@@ -56,7 +56,7 @@ impl Warp<'_> {
                 raw,
                 slope: scan.slope,
                 intercept: scan.intercept,
-                names: scan.names.clone(),
+                label_names: scan.label_names.clone(),
             },
             coverage,
         })
@@ -113,7 +113,7 @@ impl<'a> Sampler<'a> {
     }
 
     /// No voxels, of the scan's type.
-    pub fn nothing(&self) -> Raw {
+    pub fn empty_like(&self) -> Raw {
         match self.scan.raw {
             Raw::I8(_) => Raw::I8(Vec::new()),
             Raw::U8(_) => Raw::U8(Vec::new()),
@@ -129,7 +129,7 @@ impl<'a> Sampler<'a> {
     }
 
     /// The voxels of a plane, and how many lie in a tet but were not in the scan.
-    pub fn plane(&self, plane: &Plane) -> (Raw, usize) {
+    pub fn sample_plane(&self, plane: &Plane) -> (Raw, usize) {
         match &self.scan.raw {
             Raw::I8(v) => self.typed(v, plane, Raw::I8),
             Raw::U8(v) => self.typed(v, plane, Raw::U8),
@@ -168,7 +168,7 @@ impl<'a> Sampler<'a> {
                 background
             })
         };
-        let values = plane.shifts.iter().enumerate().map(voxel).collect();
+        let values = plane.displacements.iter().enumerate().map(voxel).collect();
         (raw(values), beyond)
     }
 }

@@ -31,7 +31,7 @@ pub use field::DisplacementField;
 pub use files::{WarpFiles, WarpReport};
 pub use image::{WarpOptions, WarpedImage};
 
-use crate::mesh::{Hierarchy, TetMesh, bounds};
+use crate::mesh::{Bvh, TetMesh, bounds};
 use crate::volume::Grid;
 use crate::{Error, Result, parallel};
 use glam::DVec3;
@@ -47,12 +47,12 @@ pub struct Warp<'a> {
     /// Which tets have a volume, and not that of their mirror image, at rest and bent.
     upright: [Vec<bool>; 2],
     /// For single points; made when first asked.
-    search: [OnceLock<Hierarchy>; 2],
+    search: [OnceLock<Bvh>; 2],
 }
 
 /// A way through a [`Warp`]: from places of one state to those of the other.
 #[derive(Clone, Copy)]
-struct Way<'a> {
+struct MapDirection<'a> {
     tets: &'a [[u32; 4]],
     from: &'a [DVec3],
     to: &'a [DVec3],
@@ -120,27 +120,27 @@ impl<'a> Warp<'a> {
     }
 
     /// Where the matter at `p` of the body at rest is in the bent one; none where no tet is.
-    pub fn forward_at(&self, p: DVec3) -> Option<DVec3> {
-        self.at(0, p)
+    pub fn map_forward(&self, p: DVec3) -> Option<DVec3> {
+        self.map_point(0, p)
     }
 
     /// Where the matter at `p` of the bent body was at rest; none where no tet is.
-    pub fn inverse_at(&self, p: DVec3) -> Option<DVec3> {
-        self.at(1, p)
+    pub fn map_inverse(&self, p: DVec3) -> Option<DVec3> {
+        self.map_point(1, p)
     }
 
     /// From rest to bent.
-    fn forward(&self) -> Way<'_> {
+    fn forward(&self) -> MapDirection<'_> {
         self.way(0)
     }
 
     /// From bent to rest.
-    fn backward(&self) -> Way<'_> {
+    fn backward(&self) -> MapDirection<'_> {
         self.way(1)
     }
 
-    fn way(&self, from: usize) -> Way<'_> {
-        Way {
+    fn way(&self, from: usize) -> MapDirection<'_> {
+        MapDirection {
             tets: self.tets,
             from: self.nodes[from],
             to: self.nodes[1 - from],
@@ -159,7 +159,7 @@ impl Coverage {
     }
 
     /// Refuses a grid of which nothing lies in the body that `way` starts from.
-    fn require_any(&self, way: &Way, grid: &Grid) -> Result<()> {
+    fn require_any(&self, way: &MapDirection, grid: &Grid) -> Result<()> {
         if self.uncovered < self.voxels {
             return Ok(());
         }

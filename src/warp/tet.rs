@@ -7,7 +7,7 @@ const FLAT: f64 = 1e-12;
 
 /// How far outside of a face a place still counts as on it: in voxels, or for tets thinner than
 /// that as a weight. Far above rounding, far below what can be seen.
-const ON_FACE: f64 = 1e-6;
+const FACE_TOLERANCE: f64 = 1e-6;
 
 /// Whether a tet has a volume, and is not turned inside out.
 pub(super) fn has_volume([a, b, c, d]: [DVec3; 4]) -> bool {
@@ -22,7 +22,7 @@ pub(super) fn has_volume([a, b, c, d]: [DVec3; 4]) -> bool {
 pub(super) struct Weights {
     pub origin: DVec3,
     /// How each weight grows with the place; the first is 1 at the origin, the others 0.
-    pub slopes: [DVec3; 4],
+    pub gradients: [DVec3; 4],
     /// How far below 0 each may be on the tet's faces.
     pub slack: [f64; 4],
 }
@@ -32,22 +32,22 @@ impl Weights {
     pub fn new([a, b, c, d]: [DVec3; 4]) -> Weights {
         let inverse = DMat3::from_cols(b - a, c - a, d - a).inverse().transpose();
         let [x, y, z] = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
-        let slopes = [-(x + y + z), x, y, z];
+        let gradients = [-(x + y + z), x, y, z];
         Weights {
             origin: a,
-            slopes,
-            slack: slopes.map(|slope| ON_FACE * slope.length().min(1.0)),
+            gradients,
+            slack: gradients.map(|slope| FACE_TOLERANCE * slope.length().min(1.0)),
         }
     }
 
     /// The weights at `p`.
     pub fn at(&self, p: DVec3) -> [f64; 4] {
-        let [x, y, z] = [1, 2, 3].map(|n| self.slopes[n].dot(p - self.origin));
+        let [x, y, z] = [1, 2, 3].map(|n| self.gradients[n].dot(p - self.origin));
         [1.0 - x - y - z, x, y, z]
     }
 
     /// Whether the tet holds a place with these weights, its faces included; and whether inside.
-    pub fn hold(&self, weights: [f64; 4]) -> (bool, bool) {
+    pub fn contains(&self, weights: [f64; 4]) -> (bool, bool) {
         let (mut holds, mut inside) = (true, true);
         for (w, slack) in weights.into_iter().zip(self.slack) {
             holds &= w >= -slack;
@@ -60,19 +60,19 @@ impl Weights {
 /// How far a tet's matter goes, as an affine function of the place: exactly 0 where it does not
 /// move, however the weights are rounded.
 #[derive(Clone, Copy)]
-pub(super) struct Shift {
+pub(super) struct AffineDisplacement {
     origin: DVec3,
     first: DVec3,
     /// By the place less the origin.
     slope: DMat3,
 }
 
-impl Shift {
+impl AffineDisplacement {
     /// Of a tet whose corners, at which `weights` were made, move by `shifts`.
-    pub fn new(weights: &Weights, [a, b, c, d]: [DVec3; 4]) -> Shift {
-        let [_, x, y, z] = weights.slopes;
+    pub fn new(weights: &Weights, [a, b, c, d]: [DVec3; 4]) -> AffineDisplacement {
+        let [_, x, y, z] = weights.gradients;
         let rows = DMat3::from_cols(x, y, z).transpose();
-        Shift {
+        AffineDisplacement {
             origin: weights.origin,
             first: a,
             slope: DMat3::from_cols(b - a, c - a, d - a) * rows,
@@ -102,9 +102,9 @@ mod tests {
             for (m, w) in weights.at(corner).into_iter().enumerate() {
                 assert!((w - f64::from(u8::from(m == n))).abs() < 1e-15);
             }
-            assert_eq!(weights.hold(weights.at(corner)), (true, false));
+            assert_eq!(weights.contains(weights.at(corner)), (true, false));
         }
-        let of = |x, y, z| weights.hold(weights.at(DVec3::new(x, y, z)));
+        let of = |x, y, z| weights.contains(weights.at(DVec3::new(x, y, z)));
         assert_eq!(of(1.5, 1.5, 1.5), (true, true));
         assert_eq!(of(2.0, 2.0, 2.0), (true, false));
         assert_eq!(of(1.5, 1.5, 1.0), (true, false));
@@ -116,10 +116,10 @@ mod tests {
     fn shifts_are_those_of_the_corners() {
         let turn = DMat3::from_rotation_z(0.3);
         let moved = CORNERS.map(|p| turn * p - p);
-        let shift = Shift::new(&Weights::new(CORNERS), moved);
+        let shift = AffineDisplacement::new(&Weights::new(CORNERS), moved);
         let p = DVec3::new(1.7, 1.2, 2.1);
         assert!((p + shift.at(p)).abs_diff_eq(turn * p, 1e-14));
-        let none = Shift::new(&Weights::new(CORNERS), [DVec3::ZERO; 4]);
+        let none = AffineDisplacement::new(&Weights::new(CORNERS), [DVec3::ZERO; 4]);
         assert_eq!(none.at(p), DVec3::ZERO);
     }
 

@@ -66,7 +66,7 @@ fn a_picture_of_samples_is_the_mean_of_a_larger_one() {
         let picture = |samples: u32| format!("mode = \"{mode}\"\nsamples = {samples}\n");
         let fine = stage([126, 84], &picture(1)).image().unwrap();
         let drawn = stage([42, 28], &picture(9)).image().unwrap();
-        let expected = fine.shrunk(3);
+        let expected = fine.box_downsampled(3);
         assert_eq!(drawn.size, expected.size);
         let largest = expected.values.iter().copied().fold(0.0, f32::max);
         let off = drawn.values.iter().zip(&expected.values);
@@ -193,7 +193,7 @@ fn lengths_are_annotated_in_grey() {
     let mut thick = stage([200, 150], "mode = \"thickness\"\nlegend = true\n");
     assert!(thick.notes().iter().any(|n| n.contains("EXR")));
     let raw = thick.image().unwrap();
-    let image = thick.annotated_image().unwrap();
+    let image = thick.render_annotated().unwrap();
     let longest = raw.values.iter().copied().fold(0.0, f32::max);
     let [x, y] = [90, 75];
     let grey = raw.pixel(x, y)[0] / longest;
@@ -240,11 +240,11 @@ fn what_cannot_be_annotated_is_said() {
 #[test]
 fn the_camera_goes_round_without_losing_the_body() {
     let mut stage = stage([96, 96], "");
-    stage.frame_all_round(&[]).unwrap();
+    stage.fit_orbit(&[]).unwrap();
     let starts = *stage.camera_mut();
     let mut filled: f64 = 0.0;
     for eighth in 0..8 {
-        *stage.camera_mut() = starts.turned(45.0 * f64::from(eighth));
+        *stage.camera_mut() = starts.orbited(45.0 * f64::from(eighth));
         let image = stage.image().unwrap();
         let opaque = |x: u32, y: u32| image.pixel(x, y)[3] > 0.0;
         let edge = (0..96).any(|i| {

@@ -1,7 +1,7 @@
 //! The pass mechanism, on a real adapter (the software one will do; without any, these fail).
 
 use palpate::gpu::{
-    Gpu, GpuStruct, ROW, Texel, add_shader, check_layout, compose, parse, shader_names,
+    Gpu, GpuStruct, ROW_TEXELS, Texel, add_shader, check_layout, compose, parse, shader_names,
     texture_loads,
 };
 use palpate::{Error, gpu_struct};
@@ -79,12 +79,12 @@ fn a_pass_covers_every_item_and_order_is_kept() {
                 .read(from)
                 .write(to)
                 .params(&params)
-                .over(items as u32)
+                .dispatch_items(items as u32)
                 .unwrap()
         };
         let forth = scale(&a, &b, 2.0);
         let back = scale(&b, &a, -1.0);
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         forth.record(&mut work);
         back.record(&mut work);
         work.submit().unwrap();
@@ -112,15 +112,23 @@ fn a_sentence_that_disagrees_with_its_shader_is_refused() {
         factor: 1.0,
     };
     let refusals = [
-        gpu.pass("gpu/scale").read(&a).write(&b).over(8),
-        gpu.pass("gpu/scale").write(&a).read(&b).params(&p).over(8),
-        gpu.pass("gpu/scale").read(&a).write(&a).params(&p).over(8),
+        gpu.pass("gpu/scale").read(&a).write(&b).dispatch_items(8),
+        gpu.pass("gpu/scale")
+            .write(&a)
+            .read(&b)
+            .params(&p)
+            .dispatch_items(8),
+        gpu.pass("gpu/scale")
+            .read(&a)
+            .write(&a)
+            .params(&p)
+            .dispatch_items(8),
         gpu.pass("gpu/scale")
             .read(&a)
             .write(&narrow)
             .params(&p)
-            .over(8),
-        gpu.pass("gpu/nowhere").read(&a).over(8),
+            .dispatch_items(8),
+        gpu.pass("gpu/nowhere").read(&a).dispatch_items(8),
     ];
     for refusal in refusals {
         assert!(matches!(refusal, Err(Error::Gpu(_))), "{refusal:?}");
@@ -152,10 +160,10 @@ fn passes_are_timed_where_the_adapter_can() {
         .read(&a)
         .write(&b)
         .params(&p)
-        .over(100_000)
+        .dispatch_items(100_000)
         .unwrap();
     gpu.time_passes(true);
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     pass.record(&mut work);
     work.submit().unwrap();
     let times = gpu.timings().unwrap();
@@ -187,10 +195,13 @@ fn the_callers_device_is_used_as_it_is() {
         .read(&a)
         .write(&b)
         .params(&p)
-        .over(3)
+        .dispatch_items(3)
         .unwrap();
     let mut encoder = gpu.device().create_command_encoder(&Default::default());
-    pass.record(&mut palpate::gpu::Recorder::within(&gpu, &mut encoder));
+    pass.record(&mut palpate::gpu::Recorder::with_encoder(
+        &gpu,
+        &mut encoder,
+    ));
     gpu.queue().submit([encoder.finish()]);
     assert_eq!(gpu.read_array::<[f32; 4]>(&b).unwrap(), vec![[5.0; 4]; 3]);
 }
@@ -238,18 +249,18 @@ fn what_is_asked_back_arrives_without_waiting() {
     let gpu = Gpu::new().unwrap();
     let content: Vec<u32> = (0..5_000).collect();
     let array = gpu.array_of("asked for", Texel::U32, &content).unwrap();
-    assert!(gpu.ask_array::<[u32; 4]>(&array).is_err());
+    assert!(gpu.read_array_async::<[u32; 4]>(&array).is_err());
     let before = gpu.readbacks();
-    let mut pending = gpu.ask_array::<u32>(&array).unwrap();
+    let mut pending = gpu.read_array_async::<u32>(&array).unwrap();
     // Written after it was asked for: not seen.
     gpu.write_items(&array, 0, &[9u32]).unwrap();
     let found = (0..120_000).find_map(|_| {
         std::thread::sleep(std::time::Duration::from_millis(1));
-        pending.look().unwrap()
+        pending.try_take().unwrap()
     });
     assert_eq!(found.unwrap(), content);
     assert_eq!(gpu.readbacks(), before);
-    assert!(pending.look().is_err());
+    assert!(pending.try_take().is_err());
     assert_eq!(gpu.read_array::<u32>(&array).unwrap()[0], 9);
 }
 
@@ -292,10 +303,8 @@ fn the_device_has_webgpus_default_limits() {
     assert_eq!(limits.max_storage_buffers_per_shader_stage, 8);
     assert_eq!(limits.max_compute_workgroups_per_dimension, 65_535);
     // The largest array is the largest texture.
-    assert_eq!(gpu.most_items(), 8_192 * 8_192);
-    let error = gpu
-        .array("a", Texel::F32, gpu.most_items() + 1)
-        .unwrap_err();
+    assert_eq!(gpu.max_items(), 8_192 * 8_192);
+    let error = gpu.array("a", Texel::F32, gpu.max_items() + 1).unwrap_err();
     assert!(error.to_string().contains("67108864"), "{error}");
 }
 
@@ -307,14 +316,14 @@ fn arrays_of_any_length_are_written_read_copied_and_grow() {
         let array = gpu.array_of("a", Texel::U32x2, &content).unwrap();
         let [width, rows] = [array.texture().width(), array.texture().height()];
         // A full row only where there are several.
-        assert!(width * rows < len + ROW && (rows == 1 || width == ROW));
+        assert!(width * rows < len + ROW_TEXELS && (rows == 1 || width == ROW_TEXELS));
         assert!(rows > 1 || width < len + 256, "{len}: {width}");
         assert_eq!(gpu.read_array::<[u32; 2]>(&array).unwrap(), content);
         let roomy = gpu
-            .roomy_array("roomy", Texel::U32x2, len as usize)
+            .array_with_headroom("roomy", Texel::U32x2, len as usize)
             .unwrap();
         let mut back = gpu.array("back", Texel::U32x2, len as usize).unwrap();
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         work.copy_array(&array, &roomy);
         work.copy_array(&roomy, &back);
         work.submit().unwrap();
@@ -322,7 +331,7 @@ fn arrays_of_any_length_are_written_read_copied_and_grow() {
         let more = len + 9_000;
         assert!(gpu.resize(&mut back, "back", more as usize).unwrap());
         gpu.write_items(&back, more - 1, &[[1u32, 2]]).unwrap();
-        gpu.put(&back, &[len], &[[3u32, 4]]).unwrap();
+        gpu.scatter_items(&back, &[len], &[[3u32, 4]]).unwrap();
         let found: Vec<[u32; 2]> = gpu.read_array(&back).unwrap();
         assert_eq!(found[..len as usize], content);
         let zeros = &found[len as usize + 1..more as usize - 1];
@@ -362,10 +371,10 @@ fn large_arrays_go_and_come_in_pieces() {
     assert!(found[100..len - 33] == part);
     let rest = found[..100].iter().chain(&found[len - 33..]);
     assert!(found.len() == len && rest.into_iter().all(|item| *item == [0; 4]));
-    let mut pending = gpu.ask_array::<[u32; 4]>(&array).unwrap();
+    let mut pending = gpu.read_array_async::<[u32; 4]>(&array).unwrap();
     let arrived = (0..120_000).find_map(|_| {
         std::thread::sleep(std::time::Duration::from_millis(1));
-        pending.look().unwrap()
+        pending.try_take().unwrap()
     });
     assert!(arrived.unwrap() == found);
 }
@@ -377,29 +386,30 @@ fn single_items_are_put_where_they_belong() {
     let start: Vec<[u32; 4]> = (0..9_000).map(|i| [i; 4]).collect();
     let array = gpu.array_of("a", Texel::U32x4, &start).unwrap();
     let items = places.map(|p| [p + 1, 2, 3, u32::MAX]);
-    gpu.put(&array, &places, &items).unwrap();
+    gpu.scatter_items(&array, &places, &items).unwrap();
     let mut expected = start.clone();
     for (p, item) in places.iter().zip(items) {
         expected[*p as usize] = item;
     }
     assert_eq!(gpu.read_array::<[u32; 4]>(&array).unwrap(), expected);
     let pairs = gpu.array("b", Texel::U32x2, 9_000).unwrap();
-    gpu.put(&pairs, &places, &places.map(|p| [p, 9])).unwrap();
+    gpu.scatter_items(&pairs, &places, &places.map(|p| [p, 9]))
+        .unwrap();
     assert_eq!(
         gpu.read_array::<[u32; 2]>(&pairs).unwrap()[8_999],
         [8_999, 9]
     );
     let pairs = gpu.array("c", Texel::F32x2, 9_000).unwrap();
-    gpu.put(&pairs, &places, &places.map(|p| [p as f32, 0.5]))
+    gpu.scatter_items(&pairs, &places, &places.map(|p| [p as f32, 0.5]))
         .unwrap();
     assert_eq!(
         gpu.read_array::<[f32; 2]>(&pairs).unwrap()[8_192],
         [8_192.0, 0.5]
     );
-    assert!(gpu.put(&array, &[9_000], &[[0u32; 4]]).is_err());
-    assert!(gpu.put(&array, &places, &[[0u32; 4]]).is_err());
+    assert!(gpu.scatter_items(&array, &[9_000], &[[0u32; 4]]).is_err());
+    assert!(gpu.scatter_items(&array, &places, &[[0u32; 4]]).is_err());
     let vectors = gpu.array("d", Texel::F32x4, 8).unwrap();
-    assert!(gpu.put(&vectors, &[0], &[[0.0f32; 4]]).is_err());
+    assert!(gpu.scatter_items(&vectors, &[0], &[[0.0f32; 4]]).is_err());
 }
 
 #[test]
@@ -417,14 +427,20 @@ fn a_destroyed_device_says_so_in_every_call_after() {
         items: 3,
         factor: 5.0,
     };
-    let sentence = || gpu.pass("gpu/scale").read(&a).write(&b).params(&p).over(3);
+    let sentence = || {
+        gpu.pass("gpu/scale")
+            .read(&a)
+            .write(&b)
+            .params(&p)
+            .dispatch_items(3)
+    };
     let pass = sentence().unwrap();
     gpu.wait().unwrap();
     // Another device, dropped, is no loss to this one.
     drop(Gpu::new().unwrap());
-    gpu.check().unwrap();
+    gpu.poll_errors().unwrap();
     gpu.device().destroy();
-    lost("check", gpu.check());
+    lost("check", gpu.poll_errors());
     lost("wait", gpu.wait());
     lost("array", gpu.array("c", Texel::F32, 3).map(|_| ()));
     lost("buffer", gpu.buffer("c", 8).map(|_| ()));
@@ -436,11 +452,11 @@ fn a_destroyed_device_says_so_in_every_call_after() {
     );
     lost("pass", sentence().map(|_| ()));
     lost("read", gpu.read_array::<[f32; 4]>(&b).map(|_| ()));
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     lost("params", pass.set_params(&mut work, &p));
     pass.record(&mut work);
     lost("submit", work.submit());
-    lost("clone", gpu.clone().check());
+    lost("clone", gpu.clone().poll_errors());
 }
 
 #[test]
@@ -456,9 +472,9 @@ fn parameters_belong_to_the_recording() {
         .read(&a)
         .write(&b[0])
         .params(&scale(1.0))
-        .over(3)
+        .dispatch_items(3)
         .unwrap();
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     for (i, factor) in [2.0, 3.0, 2.0].into_iter().enumerate() {
         pass.set_params(&mut work, &scale(factor)).unwrap();
         pass.record(&mut work);
@@ -467,7 +483,7 @@ fn parameters_belong_to_the_recording() {
         }
     }
     // Another recording, submitted before.
-    let mut other = gpu.record();
+    let mut other = gpu.start_recording();
     pass.set_params(&mut other, &scale(9.0)).unwrap();
     pass.record(&mut other);
     other.submit().unwrap();
@@ -483,6 +499,8 @@ fn parameters_belong_to_the_recording() {
         factor: 1.0,
         more: [0; 2],
     };
-    let error = pass.set_params(&mut gpu.record(), &wide).unwrap_err();
+    let error = pass
+        .set_params(&mut gpu.start_recording(), &wide)
+        .unwrap_err();
     assert!(error.to_string().contains("16 bytes"), "{error}");
 }

@@ -3,7 +3,7 @@
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::Error;
-use palpate::press::{MapPoint, MapWanted, Press, PressMap, Pressed, Wanted};
+use palpate::press::{MapOptions, MapPoint, PointResult, Press, PressMap, PressOptions};
 use palpate::scene::Scene;
 
 fn block(more: &str) -> Scene {
@@ -14,7 +14,7 @@ fn block(more: &str) -> Scene {
 }
 
 /// All samples of a press.
-fn pressed(scene: &Scene, wanted: &Wanted) -> Press {
+fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
     let mut press = Press::new(&gpu(), scene, wanted).unwrap();
     while press.advance().unwrap().is_some() {}
     press
@@ -23,9 +23,9 @@ fn pressed(scene: &Scene, wanted: &Wanted) -> Press {
 #[test]
 fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
     let scene = block("");
-    let press = pressed(&scene, &Wanted::default());
-    let spot = *press.spot();
-    assert!(spot.out.is_normalized() && spot.thickness > 0.0);
+    let press = pressed(&scene, &PressOptions::default());
+    let spot = *press.site();
+    assert!(spot.outward.is_normalized() && spot.thickness > 0.0);
     let samples = press.samples();
     let deepest = samples.iter().map(|s| s.depth_m).fold(0.0, f64::max);
     assert!((deepest / (0.1 * spot.thickness) - 1.0).abs() < 1e-9);
@@ -64,7 +64,7 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
 #[test]
 fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes/knee.toml");
-    let press = pressed(&Scene::read(&file).unwrap(), &Wanted::default());
+    let press = pressed(&Scene::read(&file).unwrap(), &PressOptions::default());
     let forces = |phase: &str| -> Vec<f64> {
         let samples = press.samples().iter().filter(|s| s.phase == phase);
         samples.map(|s| s.force_n).collect()
@@ -79,24 +79,24 @@ fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
     let scene = block("");
     let mut stiff = scene.clone();
     stiff.material.young = Some(4e4);
-    let up = Wanted {
+    let up = PressOptions {
         at: Some(DVec3::new(0.05, 0.05, 0.1)),
         depth: Some(5e-3),
         radius: Some(0.02),
-        ..Wanted::default()
+        ..PressOptions::default()
     };
     let [one, two] = [&scene, &stiff].map(|s| pressed(s, &up).report(0.0));
     let ratio = two.max_force_n / one.max_force_n;
     assert!((ratio - 2.0).abs() < 0.02, "{ratio}");
     let force = 0.5 * one.max_force_n;
-    let by_force = Wanted {
+    let by_force = PressOptions {
         force: Some(force),
         depth: None,
         ..up
     };
     let press = pressed(&scene, &by_force);
     let found = press.report(0.0);
-    assert!((found.max_force_n / force - 1.0).abs() < 0.05 && !press.falls_short());
+    assert!((found.max_force_n / force - 1.0).abs() < 0.05 && !press.force_not_reached());
     // It stops at the first step at which the force is reached.
     let before = press.samples().iter().filter(|s| s.phase == "load");
     let before: Vec<f64> = before.map(|s| s.force_n).collect();
@@ -106,42 +106,42 @@ fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
 #[test]
 fn what_cannot_be_pressed_is_refused_in_words() {
     let gpu = gpu();
-    let told = |scene: &Scene, wanted: &Wanted| {
+    let told = |scene: &Scene, wanted: &PressOptions| {
         let found = Press::new(&gpu, scene, wanted);
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
     let scene = block("");
-    let far = Wanted {
+    let far = PressOptions {
         at: Some(DVec3::splat(50.0)),
-        ..Wanted::default()
+        ..PressOptions::default()
     };
     assert!(told(&scene, &far).contains("nowhere near the body"));
-    let below = Wanted {
+    let below = PressOptions {
         at: Some(DVec3::new(0.05, 0.05, 0.0)),
-        ..Wanted::default()
+        ..PressOptions::default()
     };
     assert!(told(&scene, &below).contains("lies on its table"));
-    let both = Wanted {
+    let both = PressOptions {
         depth: Some(0.1),
         force: Some(1.0),
-        ..Wanted::default()
+        ..PressOptions::default()
     };
     assert!(told(&scene, &both).contains("one of them"));
-    let wrong = Wanted {
+    let wrong = PressOptions {
         radius: Some(-1.0),
-        ..Wanted::default()
+        ..PressOptions::default()
     };
     assert!(told(&scene, &wrong).contains("a radius of -1"));
     let grid = Scene::parse("[grid]\ngenerate = \"heart\"\n");
     if let Ok(grid) = grid {
-        assert!(told(&grid, &Wanted::default()).contains("one body of tets"));
+        assert!(told(&grid, &PressOptions::default()).contains("one body of tets"));
     }
     let springs = block("model = \"springs\"\n");
-    assert!(!told(&springs, &Wanted::default()).is_empty());
+    assert!(!told(&springs, &PressOptions::default()).is_empty());
 }
 
-fn map_of(points: [u32; 2]) -> MapWanted {
-    MapWanted {
+fn map_of(points: [u32; 2]) -> MapOptions {
+    MapOptions {
         points,
         radius: None,
         depth: None,
@@ -174,7 +174,7 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
     assert!(mean(corner) < mean(middle));
     // Interrupted after five points, which are kept; a press knows nothing of those before it.
     let mut begun = PressMap::new(&scene, &map_of([4, 4])).unwrap();
-    assert_eq!(begun.mark(), whole.mark());
+    assert_eq!(begun.fingerprint(), whole.fingerprint());
     let mut done = 0;
     let ended = begun.measure(&gpu, &mut |_| {
         done += 1;
@@ -184,17 +184,17 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
         }
     });
     assert!(ended.unwrap_err().to_string().contains("enough"));
-    let found: Vec<Option<Pressed>> = begun.points().iter().map(|p| p.pressed).collect();
+    let found: Vec<Option<PointResult>> = begun.points().iter().map(|p| p.pressed).collect();
     assert_eq!(found.iter().flatten().count(), 5);
     let mut rest = PressMap::new(&scene, &map_of([4, 4])).unwrap();
-    rest.take_over(&found).unwrap();
+    rest.restore(&found).unwrap();
     rest.measure(&gpu, &mut |_| Ok(())).unwrap();
     for (k, p) in rest.points().iter().enumerate() {
         let known = stiffness(&whole, k);
         let over = p.stiffness().unwrap() / known;
         assert!((over - 1.0).abs() < 1e-9, "{k} {over}");
     }
-    assert!(rest.take_over(&[]).is_err());
+    assert!(rest.restore(&[]).is_err());
     let image = rest.image(&gpu).unwrap();
     assert_eq!(image.channels, 4);
     // Of another body, or pressed in another way.
@@ -202,23 +202,25 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
     let mut softer = scene.clone();
     softer.material.young = Some(1e3);
     let softer = PressMap::new(&softer, &map_of([4, 4])).unwrap();
-    assert!(finer.mark() != whole.mark() && softer.mark() != whole.mark());
+    assert!(
+        finer.fingerprint() != whole.fingerprint() && softer.fingerprint() != whole.fingerprint()
+    );
 }
 
 #[test]
 fn maps_that_make_no_sense_are_refused_in_words() {
     let scene = block("");
-    let told = |wanted: &MapWanted| {
+    let told = |wanted: &MapOptions| {
         let found = PressMap::new(&scene, wanted);
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
     assert!(told(&map_of([0, 4])).contains("1 to 1000"));
-    let deep = MapWanted {
+    let deep = MapOptions {
         depth: Some(0.05),
         ..map_of([2, 2])
     };
     assert!(told(&deep).contains("smaller --depth"));
-    let wrong = MapWanted {
+    let wrong = MapOptions {
         radius: Some(f64::NAN),
         ..map_of([2, 2])
     };

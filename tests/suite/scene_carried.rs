@@ -236,7 +236,7 @@ fn tools_that_are_carried_are_drawn() {
     let mut cut = stage(&format!("{BOX}{WEIGHT}"));
     assert_eq!(cut.skins().len(), 1);
     let corners = [[-1.0, 0.05], [1.0, 0.05], [1.0, 0.2], [-1.0, 0.2]];
-    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.07, y, z))).unwrap();
+    let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.07, y, z))).unwrap();
     assert!(cut.cut(&blade).unwrap());
     assert_eq!(cut.skins().len(), 1);
 }

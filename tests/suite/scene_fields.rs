@@ -147,7 +147,7 @@ fn nobody_who_does_not_ask_pays() {
             .unwrap();
         let before = gpu.readbacks();
         for _ in 0..3 {
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             stage.record(&mut work, &target).unwrap();
             work.submit().unwrap();
         }

@@ -3,7 +3,7 @@
 use crate::support::{gpu, real_data};
 use palpate::io;
 use palpate::mesh::{Field, Location, TetMesh, generate};
-use palpate::render::{Difference, Image, Intervals};
+use palpate::render::{Image, ImageDifference, RaySegments};
 use palpate::scene::{Piece, Scene, Stage, write_pieces};
 use std::path::{Path, PathBuf};
 
@@ -29,16 +29,16 @@ fn scene(picture: &str) -> Scene {
 
 /// The picture of all pieces that an index lists.
 fn in_pieces(index: &Path, scene: &Scene) -> Image {
-    let mut told: Option<Intervals> = None;
+    let mut told: Option<RaySegments> = None;
     for number in 0..io::piece_files(index).unwrap().len() {
         let piece = Piece::read(index, number).unwrap();
         let own = piece.intervals(&gpu(), scene).unwrap();
         told = Some(match told {
             None => own,
-            Some(before) => before.with(&own).unwrap(),
+            Some(before) => before.merged(&own).unwrap(),
         });
     }
-    scene.picture_of(&told.unwrap()).unwrap()
+    scene.composite(&told.unwrap()).unwrap()
 }
 
 /// Draws `mesh` in so many pieces and whole, as each of `pictures` says.
@@ -54,7 +54,7 @@ fn check(name: &str, mesh: &TetMesh, pieces: usize, pictures: &[&str]) {
             "{picture}: nothing is seen"
         );
         let image = in_pieces(&index, &scene);
-        let apart = Difference::between(&image, &whole).unwrap();
+        let apart = ImageDifference::between(&image, &whole).unwrap();
         println!("{name} {picture:?}: {apart:?}");
         assert!(255.0 * apart.rmse < 0.15, "{name}, {picture}: {apart:?}");
     }
@@ -130,7 +130,7 @@ fn pieces_are_read_as_the_mesh_that_was_cut() {
     // A piece knows those around it, and no more.
     let piece = Piece::read(&index, 1).unwrap();
     let own = piece.mesh();
-    assert!(own.own < own.tets.len() && own.tets.len() < mesh.tets.len());
+    assert!(own.owned_tets < own.tets.len() && own.tets.len() < mesh.tets.len());
     assert_eq!(piece.whole().tets, mesh.tets.len());
 }
 

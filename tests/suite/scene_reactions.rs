@@ -58,7 +58,7 @@ fn weight(stage: &Stage) -> Reaction {
     let unit = body.loads().frame_and_unit().1;
     let nodes = body.positions().unwrap();
     let nodes = nodes.iter().zip(body.masses());
-    Reaction::of(nodes.map(|(p, m)| (*m * GRAVITY * DVec3::NEG_Z, *p * unit)))
+    Reaction::from_point_forces(nodes.map(|(p, m)| (*m * GRAVITY * DVec3::NEG_Z, *p * unit)))
 }
 
 #[track_caller]

@@ -51,7 +51,7 @@ fn volume(size: [usize; 3], spacing: f64, first: f64, value: impl Fn(DVec3) -> f
         slope: 1.0,
         intercept: 0.0,
         to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 

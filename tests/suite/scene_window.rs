@@ -2,8 +2,8 @@
 
 use crate::support::gpu;
 use glam::DVec3;
-use palpate::physics::Waker;
-use palpate::render::{Difference, Image, TransferFunction};
+use palpate::physics::StepCallback;
+use palpate::render::{Image, ImageDifference, TransferFunction};
 use palpate::scene::{Scene, Stage};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -39,9 +39,9 @@ fn stage(text: &str) -> Stage {
 /// Asks for steps one by one, and looks until each is done.
 fn go(stage: &mut Stage, steps: u32) {
     for _ in 0..steps {
-        stage.ask(1).unwrap();
+        stage.request_steps(1).unwrap();
         let since = Instant::now();
-        while stage.under_way().unwrap() {
+        while stage.poll_steps().unwrap() {
             assert!(
                 since.elapsed() < Duration::from_secs(60),
                 "no end of a step"
@@ -52,7 +52,7 @@ fn go(stage: &mut Stage, steps: u32) {
 }
 
 fn apart(a: &Image, b: &Image) -> f64 {
-    Difference::between(a, b).unwrap().max
+    ImageDifference::between(a, b).unwrap().max
 }
 
 fn places(stage: &Stage) -> Vec<DVec3> {
@@ -86,17 +86,17 @@ fn who_waits_for_nothing_is_called() {
     let mut stage = stage(BOX);
     let calls = Arc::new(AtomicUsize::new(0));
     let counted = calls.clone();
-    let waker: Waker = Arc::new(move || {
+    let waker: StepCallback = Arc::new(move || {
         counted.fetch_add(1, Ordering::Relaxed);
     });
     stage.motion_mut().unwrap().simulator.set_waker(waker);
-    stage.ask(1).unwrap();
+    stage.request_steps(1).unwrap();
     let since = Instant::now();
     let mut answered = 0;
     loop {
         let now = calls.load(Ordering::Relaxed);
         // Loads that arrive before the step call too: only the state counts, looked at after a call.
-        if now > answered && !stage.under_way().unwrap() {
+        if now > answered && !stage.poll_steps().unwrap() {
             break;
         }
         answered = now;
@@ -109,17 +109,21 @@ fn who_waits_for_nothing_is_called() {
 #[test]
 fn a_finger_is_led_by_hand_and_put_elsewhere() {
     let mut stage = stage(&BOX.replace("[0, 0, -9.81]", "[0, 0, 0]"));
-    stage.guide_tool(0, DVec3::new(0.05, 0.05, 0.109)).unwrap();
+    stage
+        .set_tool_target(0, DVec3::new(0.05, 0.05, 0.109))
+        .unwrap();
     go(&mut stage, 1);
     assert!(stage.tool_force(0).unwrap().z > 0.05);
     // Through the box, to below it: nothing is pushed along.
-    stage.put_tool(0, DVec3::new(0.05, 0.05, -0.3)).unwrap();
+    stage
+        .teleport_tool(0, DVec3::new(0.05, 0.05, -0.3))
+        .unwrap();
     go(&mut stage, 20);
     let moved = places(&stage).into_iter().zip(&stage.mesh().nodes);
     let most = moved.map(|(x, p)| x.distance(*p)).fold(0.0, f64::max);
     assert!(most < 1e-3, "{most}");
     assert_eq!(stage.tool_force(0).unwrap(), DVec3::ZERO);
-    assert!(stage.put_tool(1, DVec3::ZERO).is_err());
+    assert!(stage.teleport_tool(1, DVec3::ZERO).is_err());
 }
 
 #[test]
@@ -138,7 +142,9 @@ fn looks_change_while_the_body_stays_where_it_is() {
         let mut made = stage(&text);
         made.run(5, &mut |_| {}).unwrap();
         *made.camera_mut() = *changed.camera_mut();
-        changed.set_looks(&Scene::parse(&text).unwrap()).unwrap();
+        changed
+            .set_appearance(&Scene::parse(&text).unwrap())
+            .unwrap();
         let image = changed.image().unwrap();
         assert!(apart(&image, &made.image().unwrap()) == 0.0, "{look}");
         assert!(apart(&image, &plain) > 0.0, "{look}");
@@ -147,22 +153,22 @@ fn looks_change_while_the_body_stays_where_it_is() {
     // Planes alone, which are quicker.
     for look in [looks[2], "[[isosurface]]\nvalue = 0.02\n", ""] {
         let scene = Scene::parse(&format!("{BOX}{look}")).unwrap();
-        changed.set_looks(&Scene::parse(BOX).unwrap()).unwrap();
+        changed.set_appearance(&Scene::parse(BOX).unwrap()).unwrap();
         changed.set_planes(&scene).unwrap();
         let image = changed.image().unwrap();
-        changed.set_looks(&scene).unwrap();
+        changed.set_appearance(&scene).unwrap();
         let apart = apart(&image, &changed.image().unwrap());
         assert!(apart == 0.0, "{look}: {apart}");
     }
     // What makes no sense leaves all as it was.
     let before = changed.image().unwrap();
     let wrong = Scene::parse(&BOX.replace("[picture]", "[picture]\nfield = \"nothing\"")).unwrap();
-    assert!(changed.set_looks(&wrong).is_err());
+    assert!(changed.set_appearance(&wrong).is_err());
     assert!(apart(&changed.image().unwrap(), &before) == 0.0);
     // It goes on from where it is.
     changed.run(1, &mut |_| {}).unwrap();
     assert!((changed.time() - 0.12).abs() < 1e-12);
-    changed.set_looks(&Scene::parse(BOX).unwrap()).unwrap();
+    changed.set_appearance(&Scene::parse(BOX).unwrap()).unwrap();
     let own = changed.transfer();
     let plain = changed.image().unwrap();
     let bone = TransferFunction::preset("bone").unwrap();

@@ -4,7 +4,7 @@
 use glam::{DQuat, DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, components};
-use palpate::physics::Grip;
+use palpate::physics::GrabMode;
 use palpate::render::Image;
 use palpate::scene::{Scene, Stage};
 use palpate::skin::Mapping;
@@ -104,7 +104,7 @@ fn bent(p: DVec3) -> DVec3 {
 fn bent_stage(gpu: &Gpu, body: Body, mode: &str) -> (Stage, TetMesh) {
     let mut stage = stage(gpu, body, mode, "");
     let there: Vec<DVec3> = stage.mesh().nodes.iter().map(|p| bent(*p)).collect();
-    stage.pose(&there).unwrap();
+    stage.set_positions(&there).unwrap();
     let mesh = stage.deformed_mesh().unwrap();
     (stage, mesh)
 }
@@ -236,7 +236,7 @@ fn skin(gpu: &Gpu, body: Body, mapping: Mapping) -> Vec<Number> {
         far.fold(0.0, f64::max) / SIZE
     };
     let placed = |stage: &Stage| -> Vec<DVec3> {
-        let placed = stage.skins()[0].placed().unwrap();
+        let placed = stage.skins()[0].skinned_vertices().unwrap();
         placed.iter().map(|p| p.position).collect()
     };
     let drawn = stage.skins()[0].rest();
@@ -251,12 +251,12 @@ fn skin(gpu: &Gpu, body: Body, mapping: Mapping) -> Vec<Number> {
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, -2.0, 0.7).normalize(), 1.1);
     let moved = |p: &DVec3| turn * *p + DVec3::new(0.01, -0.02, 0.015);
     let there: Vec<DVec3> = stage.mesh().nodes.iter().map(moved).collect();
-    stage.pose(&there).unwrap();
+    stage.set_positions(&there).unwrap();
     let turned: Vec<DVec3> = start.iter().map(moved).collect();
     let rigid = apart(&placed(&stage), &turned);
     // Bent, its picture is where its vertices are.
     let there: Vec<DVec3> = stage.mesh().nodes.iter().map(|p| bent(*p)).collect();
-    stage.pose(&there).unwrap();
+    stage.set_positions(&there).unwrap();
     let image = stage.image().unwrap();
     let truth = seen(&placed(&stage), &triangles);
     vec![
@@ -336,14 +336,14 @@ fn momentum(stage: &Stage) -> (f64, DVec3) {
 /// The plane x = `x` through the whole view.
 fn blade(x: f64) -> Blade {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-    Blade::quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap()
+    Blade::from_quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap()
 }
 
 /// Springs and edges of tets that pass through the plane x = `x` at rest: none survives a cut.
 fn crossings(stage: &Stage, x: f64) -> usize {
     let (low, high) = (|p: DVec3| p.x < x - 1e-6, |p: DVec3| p.x > x + 1e-6);
     let simulator = &stage.motion().unwrap().simulator;
-    let springs = simulator.springs();
+    let springs = simulator.spring_pairs();
     if simulator.network().is_none() {
         let places = springs
             .iter()
@@ -439,7 +439,7 @@ fn the_walls_of_a_cut_are_drawn_under_its_skin() {
         // In two strokes: the walls of the first are still there after the second.
         let half = |low: f64, high: f64| {
             let corners = [[-1.0, low], [1.0, low], [1.0, high], [-1.0, high]];
-            Blade::quad(corners.map(|[y, z]| DVec3::new(0.0013, y, z))).unwrap()
+            Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.0013, y, z))).unwrap()
         };
         let strokes = match body {
             Body::Grid => vec![half(-1.0, 0.004), half(0.003, 1.0)],
@@ -474,7 +474,7 @@ fn the_walls_of_a_cut_are_drawn_under_its_skin() {
         };
         // What little shows when it is closed lies where the skin has opened.
         let closed = green(&mut stage);
-        stage.pose(&there).unwrap();
+        stage.set_positions(&there).unwrap();
         let open = green(&mut stage);
         assert!(
             closed < 300 && open > 3000,
@@ -498,22 +498,22 @@ fn what_hits_nothing_is_said_and_harmless() {
         assert!(!stage.cut(&blade(0.3)).unwrap());
         let simulator = &mut stage.motion_mut().unwrap().simulator;
         let said = |e: palpate::Result<()>| e.unwrap_err().to_string();
-        let nothing = simulator.grab(DVec3::splat(0.2), 0.01, Grip::Follow);
+        let nothing = simulator.grab(DVec3::splat(0.2), 0.01, GrabMode::Follow);
         assert!(said(nothing.map(drop)).contains("nothing to grab"));
         for (centre, radius) in [
             (DVec3::NAN, 0.1),
             (DVec3::ZERO, f64::NAN),
             (DVec3::ZERO, -1.0),
         ] {
-            let wrong = simulator.grab(centre, radius, Grip::Follow);
+            let wrong = simulator.grab(centre, radius, GrabMode::Follow);
             assert!(said(wrong.map(drop)).contains("makes no sense"));
         }
         let top = DVec3::new(0.0, 0.0, 0.05);
-        let grab = simulator.grab(top, 0.02, Grip::Follow).unwrap();
+        let grab = simulator.grab(top, 0.02, GrabMode::Follow).unwrap();
         assert!(said(simulator.set_target(grab, DVec3::NAN)).contains("not a point"));
         let far = DVec3::splat(1e6);
         assert!(said(simulator.set_target(grab, far)).contains("farther away"));
-        assert!(Blade::quad([DVec3::NAN, DVec3::X, DVec3::Y, DVec3::Z]).is_err());
+        assert!(Blade::from_quad([DVec3::NAN, DVec3::X, DVec3::Y, DVec3::Z]).is_err());
         // Nothing has moved and nothing was cut.
         stage.run(4, &mut |_| {}).unwrap();
         assert_eq!(stage.mesh().tets, tets);

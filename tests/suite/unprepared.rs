@@ -4,9 +4,9 @@
 use crate::support::{gpu, real_data};
 use glam::DVec3;
 use palpate::io;
-use palpate::mesh::{Description, Field, Location, TetMesh, generate};
+use palpate::mesh::{Field, Location, MeshDescription, TetMesh, generate};
 use palpate::render::Image;
-use palpate::scene::{Run, Scene, Stage};
+use palpate::scene::{PlannedRun, Scene, Stage};
 
 const FRAMES: u32 = 6;
 
@@ -14,7 +14,10 @@ const FRAMES: u32 = 6;
 fn unprepared(drawn: bool, steps: u32) -> Scene {
     let mut scene = Scene::parse("mesh = {}\n[solver]\nname = \"implicit\"").unwrap();
     scene.solver.steps = Some(steps);
-    scene.solver.run = Some(Run { steps, drawn });
+    scene.solver.run = Some(PlannedRun {
+        steps,
+        draws_frames: drawn,
+    });
     scene.picture.size = Some([96, 72]);
     scene
 }
@@ -63,7 +66,7 @@ fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
     println!("{name}: {ratio:.3} of the diagonal; {said}");
     assert!((0.03..0.3).contains(&ratio), "{name}: {ratio}; {said}");
     // One picture of the end is framed for the end.
-    stage.frame(&[]).unwrap();
+    stage.fit_view(&[]).unwrap();
     assert!(!touches_the_border(&stage.image().unwrap()), "{name}");
 }
 
@@ -115,7 +118,7 @@ fn what_is_given_is_obeyed() {
     let mut stage = Stage::with_mesh(&gpu(), &scene, bar).unwrap();
     stage.run(4, &mut |_| {}).unwrap();
     assert!((stage.time() - 0.008).abs() < 1e-12);
-    stage.frame(&[]).unwrap();
+    stage.fit_view(&[]).unwrap();
     assert_eq!(stage.camera_mut().eye, DVec3::new(1.0, 2.0, 3.0));
     let said = stage.notes().join("\n");
     assert!(said.contains("gravity of 3.00 m/s²"), "{said}");
@@ -181,7 +184,7 @@ fn cored(name: &str) -> TetMesh {
 fn regions_are_seen_a_colour_each_whatever_their_field_is_called() {
     for name in ["gmsh:physical", "part", "Region_Id", "anything"] {
         let mesh = cored(name);
-        let info = Description::new(&mesh);
+        let info = MeshDescription::new(&mesh);
         assert_eq!(info.region_field.as_deref(), Some(name));
         assert_eq!(info.regions.len(), 2);
         let mut scene = Scene::parse("mesh = {}").unwrap();

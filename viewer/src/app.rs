@@ -1,27 +1,27 @@
 //! The window: what is open, and a frame of the interface.
 
-use crate::ask::Ask;
-use crate::blit::Presented;
+use crate::ask::PathPrompt;
+use crate::blit::PresentCallback;
 use crate::document::Document;
 use crate::examples::Example;
-use crate::hand::{Area, Hand, Stroke};
+use crate::hand::{PointerGesture, PointerTool, Viewport};
 use crate::histogram::Histogram;
 #[cfg(not(target_arch = "wasm32"))]
-use crate::kept::Kept;
+use crate::kept::UiCache;
 use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
-use crate::opening::Watched;
+use crate::opening::WatchedFile;
 use crate::orbit::Orbit;
-use crate::panel::Taking;
-use crate::saving::SavedPicture;
+use crate::panel::PendingImport;
+use crate::saving::PendingScreenshot;
 use crate::screen::Screen;
 use crate::settings::{Settings, Theme};
-use crate::show::Show;
-use crate::system::Chosen;
+use crate::show::BodySession;
+use crate::system::DialogResult;
 use eframe::egui;
 use eframe::egui_wgpu::{SurfaceConfig, WgpuConfiguration, WgpuSetupCreateNew};
 use glam::DVec3;
-use palpate::gpu::{Gpu, submitting};
+use palpate::gpu::{Gpu, submit_time};
 use palpate::render::Camera;
 use palpate::{Error, Result};
 use std::path::PathBuf;
@@ -33,22 +33,22 @@ use web_time::Instant;
 /// How deep strokes cut where nobody chose, over the body's diagonal.
 const CUT_DEPTH: f64 = 0.1;
 /// Where the rest is narrower, in points, panels are shown only to who asks for them.
-const NARROW: f32 = 480.0;
+const COMPACT_WIDTH: f32 = 480.0;
 /// Width of the tools at the left, in points.
-const HANDS: f32 = 72.0;
+const TOOLBAR_WIDTH: f32 = 72.0;
 
 /// What the viewer is started with.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
     /// What is opened.
-    pub open: Opened,
+    pub open: InitialFile,
     /// Where to write what each frame took.
     pub log: Option<PathBuf>,
 }
 
 /// What is opened first.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Opened {
+pub enum InitialFile {
     /// Nothing yet.
     #[default]
     Nothing,
@@ -82,14 +82,14 @@ pub(crate) fn device() -> WgpuConfiguration {
 
 /// What the device says without being asked: why it is gone, and what it refused.
 #[derive(Default)]
-pub(crate) struct Trouble {
+pub(crate) struct DeviceFault {
     pub lost: Option<String>,
     refused: Option<String>,
 }
 
 /// Has what goes wrong on the device noted, and looked at by the next frame.
-fn listen(device: &wgpu::Device, context: &egui::Context) -> Arc<Mutex<Trouble>> {
-    let trouble = Arc::new(Mutex::new(Trouble::default()));
+fn listen(device: &wgpu::Device, context: &egui::Context) -> Arc<Mutex<DeviceFault>> {
+    let trouble = Arc::new(Mutex::new(DeviceFault::default()));
     let (noted, looks) = (trouble.clone(), context.clone());
     device.set_device_lost_callback(move |_, why| {
         lock(&noted).lost = Some(why);
@@ -103,12 +103,12 @@ fn listen(device: &wgpu::Device, context: &egui::Context) -> Arc<Mutex<Trouble>>
     trouble
 }
 
-fn lock(trouble: &Mutex<Trouble>) -> MutexGuard<'_, Trouble> {
+fn lock(trouble: &Mutex<DeviceFault>) -> MutexGuard<'_, DeviceFault> {
     trouble.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Who is told of every frame.
-pub(crate) type Told = Box<dyn FnMut(&Frame)>;
+pub(crate) type FrameObserver = Box<dyn FnMut(&Frame)>;
 
 /// The window.
 pub struct App {
@@ -118,14 +118,14 @@ pub struct App {
     pub(crate) context: egui::Context,
     pub(crate) document: Option<Document>,
     pub(crate) loading: Option<Loading>,
-    pub(crate) show: Option<Show>,
+    pub(crate) show: Option<BodySession>,
     pub(crate) orbit: Orbit,
     pub(crate) settings: Settings,
-    pub(crate) hand: Hand,
-    pub(crate) stroke: Stroke,
-    pub(crate) area: Option<Area>,
+    pub(crate) pointer_tool: PointerTool,
+    pub(crate) stroke: PointerGesture,
+    pub(crate) area: Option<Viewport>,
     /// Whether the picture is going to be drawn finer.
-    pub(crate) finer: bool,
+    pub(crate) refine_pending: bool,
     /// Whether the picture is as large as in the frame before.
     pub(crate) settled: bool,
     pub(crate) ruler: Option<[DVec3; 2]>,
@@ -137,21 +137,21 @@ pub struct App {
     /// The point of the transfer function that is dragged.
     pub(crate) dragged: Option<usize>,
     /// What a path is asked for, while it is.
-    pub(crate) ask: Option<Ask>,
+    pub(crate) ask: Option<PathPrompt>,
     /// Width and height of pictures that are saved.
     pub(crate) picture: [u32; 2],
     /// What is said in the status line, and whether it is an error.
-    pub(crate) said: (String, bool),
-    pub(crate) chosen: (Sender<Chosen>, Receiver<Chosen>),
+    pub(crate) status: (String, bool),
+    pub(crate) chosen: (Sender<DialogResult>, Receiver<DialogResult>),
     pub(crate) screen: Screen,
-    pub(crate) watched: Option<Watched>,
+    pub(crate) watched: Option<WatchedFile>,
     /// A scan or a skin that is being read.
-    pub(crate) taking: Option<Taking>,
+    pub(crate) taking: Option<PendingImport>,
     /// What is tuned, and to what.
     #[cfg(not(target_arch = "wasm32"))]
     pub(crate) tuning: crate::panel::Tuning,
     /// A picture that is saved as soon as it is there.
-    pub(crate) saved_picture: Option<SavedPicture>,
+    pub(crate) saved_picture: Option<PendingScreenshot>,
     /// A film that is being made.
     #[cfg(not(target_arch = "wasm32"))]
     pub(crate) recording: Option<crate::recording::Recording>,
@@ -159,8 +159,8 @@ pub struct App {
     /// Whether the panels are shown, where somebody said.
     pub(crate) panels_shown: Option<bool>,
     /// Told of every frame.
-    pub(crate) told: Option<Told>,
-    trouble: Arc<Mutex<Trouble>>,
+    pub(crate) told: Option<FrameObserver>,
+    trouble: Arc<Mutex<DeviceFault>>,
     /// Bodies that were opened.
     pub(crate) opened: u64,
     pub(crate) frames: Frames,
@@ -182,12 +182,12 @@ pub(crate) struct Frames {
     pointer: Option<[f32; 2]>,
     down: bool,
     keys: u64,
-    screen: Arc<Mutex<OnScreen>>,
+    screen: Arc<Mutex<Presentation>>,
 }
 
 /// What came onto the screen.
 #[derive(Default)]
-struct OnScreen {
+struct Presentation {
     /// When the last frame did.
     at: Option<Instant>,
     /// How long after what it shows was asked for by hand the last such picture did, ms.
@@ -207,9 +207,9 @@ impl Frames {
     }
 
     /// Notes when the frame that this is part of is on the screen; it shows what was asked for then.
-    pub fn until_presented(&self, asked: Option<Instant>) -> Presented {
+    pub fn until_presented(&self, asked: Option<Instant>) -> PresentCallback {
         let screen = self.screen.clone();
-        Presented(Box::new(move || {
+        PresentCallback(Box::new(move || {
             let mut screen = screen.lock().unwrap_or_else(PoisonError::into_inner);
             let now = Instant::now();
             screen.at = Some(now);
@@ -250,11 +250,11 @@ impl App {
             show: None,
             orbit: Orbit::of(&still, 1.0),
             settings: Settings::read(),
-            hand: Hand::default(),
-            stroke: Stroke::default(),
+            pointer_tool: PointerTool::default(),
+            stroke: PointerGesture::default(),
             area: None,
             settled: false,
-            finer: false,
+            refine_pending: false,
             ruler: None,
             cut_depth: CUT_DEPTH,
             histogram: None,
@@ -262,7 +262,7 @@ impl App {
             dragged: None,
             ask: None,
             picture: [1024, 768],
-            said: (String::new(), false),
+            status: (String::new(), false),
             chosen: channel(),
             screen: Screen::default(),
             watched: None,
@@ -293,12 +293,12 @@ impl App {
         };
         // A browser's own driver is no software driver.
         #[cfg(not(target_arch = "wasm32"))]
-        creation.egui_ctx.add_plugin(Kept::new(state));
-        app.wear_theme(&creation.egui_ctx);
+        creation.egui_ctx.add_plugin(UiCache::new(state));
+        app.apply_theme(&creation.egui_ctx);
         match &options.open {
-            Opened::Nothing => {}
-            Opened::File(file) => app.open(file, &creation.egui_ctx),
-            Opened::Example(name) => {
+            InitialFile::Nothing => {}
+            InitialFile::File(file) => app.open(file, &creation.egui_ctx),
+            InitialFile::Example(name) => {
                 let example = Example::named(name).map_err(|e| e.to_string())?;
                 app.open_example(example, &creation.egui_ctx);
             }
@@ -307,7 +307,7 @@ impl App {
     }
 
     /// Has the interface dark or light.
-    pub(crate) fn wear_theme(&self, context: &egui::Context) {
+    pub(crate) fn apply_theme(&self, context: &egui::Context) {
         context.set_theme(match self.settings.theme {
             Theme::System => egui::ThemePreference::System,
             Theme::Dark => egui::ThemePreference::Dark,
@@ -316,20 +316,20 @@ impl App {
     }
 
     /// Says something in the status line.
-    pub(crate) fn say(&mut self, what: String) {
-        self.said = (what, false);
+    pub(crate) fn set_status(&mut self, what: String) {
+        self.status = (what, false);
     }
 
     /// Says why something failed, in the status line.
-    pub(crate) fn tell_error(&mut self, result: Result<()>) {
+    pub(crate) fn show_error(&mut self, result: Result<()>) {
         if let Err(why) = result {
-            self.said = (why.to_string(), true);
+            self.status = (why.to_string(), true);
         }
     }
 
     /// Writes what the frame took.
     fn note_frame(&mut self, (began, submitted): (Instant, Duration), frame_ms: f64) {
-        let driver = submitting().saturating_sub(submitted);
+        let driver = submit_time().saturating_sub(submitted);
         self.frames.driver_ms = 1e3 * driver.as_secs_f64();
         let pictures = self.screen.pictures;
         let (since, before) = self.frames.since;
@@ -351,7 +351,7 @@ impl App {
             && let Err(why) = log.push(&frame)
         {
             self.log = None;
-            self.said = (why.to_string(), true);
+            self.status = (why.to_string(), true);
         }
         self.frames.done = Instant::now();
     }
@@ -374,20 +374,22 @@ impl App {
             pictures: self.screen.pictures,
             tets: show.map_or(0, |s| s.stage().mesh().tets.len()),
             camera: [camera.eye.to_array(), camera.look_at.to_array()],
-            force_n: show.and_then(Show::force),
+            force_n: show.and_then(BodySession::force),
             depth_m: show.and_then(|s| s.samples.last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
             lost: lock(&self.trouble).lost.clone(),
             opened: self.opened,
-            said: self.said.0.clone(),
-            error: self.said.1,
+            said: self.status.0.clone(),
+            error: self.status.1,
             name: self.document.as_ref().map(|d| d.name.clone()),
             loading: self.loading.as_ref().map(|l| l.name.clone()),
-            time_s: show.map_or(0.0, Show::time),
+            time_s: show.map_or(0.0, BodySession::time),
             playing: show.is_some_and(|s| s.playing),
             series_frame: show.and_then(|s| Some(s.player.as_ref()?.shown())),
             planes: self.plane_values(),
-            busy: self.loading.is_some() || self.finer || show.is_some_and(Show::is_going),
+            busy: self.loading.is_some()
+                || self.refine_pending
+                || show.is_some_and(BodySession::is_going),
             pointer: self.frames.pointer,
             down: self.frames.down,
             keys: self.frames.keys,
@@ -396,7 +398,7 @@ impl App {
 
     /// What went wrong on the device since the last frame; once it is gone, that.
     fn device_trouble(&self) -> Option<Error> {
-        let checked = self.gpu.check().err();
+        let checked = self.gpu.poll_errors().err();
         let mut trouble = lock(&self.trouble);
         let refused = trouble.refused.take();
         match &trouble.lost {
@@ -418,32 +420,32 @@ impl eframe::App for App {
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
-        let (began, submitted) = (Instant::now(), submitting());
+        let (began, submitted) = (Instant::now(), submit_time());
         let frame_ms = 1e3 * began.duration_since(self.frames.last).as_secs_f64();
         self.frames.last = began;
         let context = ui.ctx().clone();
         self.frames.look(&context);
         self.take_files(&context);
-        self.take_over(&context);
-        self.take_read();
+        self.install_body(&context);
+        self.finish_import();
         let saved = self.save_arrived(&context);
-        self.tell_error(saved);
+        self.show_error(saved);
         #[cfg(not(target_arch = "wasm32"))]
         self.film(&context);
         self.watch(&context);
         let (held, pressed) = context.input(|i| (i.pointer.any_down(), i.pointer.any_pressed()));
         if let Some(document) = &mut self.document {
-            document.hold(held, pressed);
+            document.track_drag(held, pressed);
         }
-        self.keys(&context);
-        let patience = self.keep_in_touch(&context);
+        self.handle_shortcuts(&context);
+        let patience = self.update_interaction(&context);
         if let Some(show) = &mut self.show {
-            show.tick(patience);
+            show.advance_to_now(patience);
             if let Some(remark) = show.remark.take() {
-                self.said = (remark, false);
+                self.status = (remark, false);
             }
             if let Some(why) = show.failure.take() {
-                self.said = (format!("the simulation stopped: {why}"), true);
+                self.status = (format!("the simulation stopped: {why}"), true);
             }
         }
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui));
@@ -452,10 +454,13 @@ impl eframe::App for App {
             egui::Panel::bottom("series").show(ui, |ui| self.scrubber(ui));
         }
         egui::Panel::left("hands")
-            .exact_size(HANDS)
-            .show(ui, |ui| self.hands(ui));
+            .exact_size(TOOLBAR_WIDTH)
+            .show(ui, |ui| self.toolbar(ui));
         // On a phone they would leave no room for the picture.
-        if self.panels_shown.unwrap_or(ui.available_width() >= NARROW) {
+        if self
+            .panels_shown
+            .unwrap_or(ui.available_width() >= COMPACT_WIDTH)
+        {
             egui::Panel::right("panels")
                 .default_size(300.0)
                 .size_range(220.0..=480.0)
@@ -463,14 +468,14 @@ impl eframe::App for App {
         }
         egui::CentralPanel::default()
             .frame(egui::Frame::NONE)
-            .show(ui, |ui| self.central(ui, frame));
+            .show(ui, |ui| self.draw_viewport(ui, frame));
         if let Some(why) = self.device_trouble() {
-            self.said = (why.to_string(), true);
+            self.status = (why.to_string(), true);
         }
         if self.loading.is_some() || self.taking.is_some() {
             context.request_repaint_after(Duration::from_millis(100));
         }
-        if let Some(look) = self.show.as_ref().and_then(Show::next_look) {
+        if let Some(look) = self.show.as_ref().and_then(BodySession::next_poll) {
             context.request_repaint_after(look);
         }
         self.note_frame((began, submitted), frame_ms);

@@ -1,14 +1,14 @@
 //! Where to open from and save to: a path that is typed, or chosen in the system's dialog.
 
 use crate::app::App;
-use crate::panel::Purpose;
-use crate::system::{self, Place};
+use crate::panel::ImportKind;
+use crate::system::{self, SaveDialog};
 use eframe::egui::{self, Key};
 use std::path::{Path, PathBuf};
 
 /// What can be saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Saved {
+pub(crate) enum SaveKind {
     /// The picture.
     Picture,
     /// The scene with its view.
@@ -22,13 +22,13 @@ pub(crate) enum Saved {
     Film,
 }
 
-impl Saved {
+impl SaveKind {
     /// Whether it has a size in pixels.
     fn has_size(self) -> bool {
         match self {
-            Saved::Picture => true,
+            SaveKind::Picture => true,
             #[cfg(not(target_arch = "wasm32"))]
-            Saved::Film => true,
+            SaveKind::Film => true,
             _ => false,
         }
     }
@@ -36,36 +36,36 @@ impl Saved {
     /// What it is called, what its file is called after the body, and which endings it may have.
     fn named(self) -> (&'static str, &'static str, &'static [&'static str]) {
         match self {
-            Saved::Picture => ("Save picture", ".png", &["png", "exr"]),
-            Saved::Scene => ("Save scene", "_view.toml", &["toml"]),
-            Saved::Mesh => (
+            SaveKind::Picture => ("Save picture", ".png", &["png", "exr"]),
+            SaveKind::Scene => ("Save scene", "_view.toml", &["toml"]),
+            SaveKind::Mesh => (
                 "Save body as it is",
                 "_bent.vtu",
                 &["vtu", "vtk", "msh", "mesh", "inp"],
             ),
-            Saved::Press => ("Save press", "_press.csv", &["csv"]),
+            SaveKind::Press => ("Save press", "_press.csv", &["csv"]),
             #[cfg(not(target_arch = "wasm32"))]
-            Saved::Film => ("Save a film", ".gif", &["gif", "mp4"]),
+            SaveKind::Film => ("Save a film", ".gif", &["gif", "mp4"]),
         }
     }
 }
 
 /// A path that is asked for.
-pub(crate) struct Ask {
+pub(crate) struct PathPrompt {
     /// What is to be saved there; opened where nothing is said.
-    what: Option<Saved>,
+    what: Option<SaveKind>,
     /// What the file that is not saved is for.
-    purpose: Purpose,
+    purpose: ImportKind,
     /// As it is typed.
     pub path: String,
     /// The file that may be replaced: who saves again where one is there already means it.
     replaced: Option<PathBuf>,
 }
 
-impl Ask {
+impl PathPrompt {
     /// Asks for a file.
-    pub fn of(purpose: Purpose) -> Ask {
-        Ask {
+    pub fn of(purpose: ImportKind) -> PathPrompt {
+        PathPrompt {
             what: None,
             purpose,
             path: String::new(),
@@ -76,7 +76,7 @@ impl Ask {
 
 impl App {
     /// Asks where to save something: beside what is open, where nothing else is said.
-    pub(crate) fn ask_place(&mut self, what: Saved) {
+    pub(crate) fn prompt_save_path(&mut self, what: SaveKind) {
         let Some(document) = self.document.as_ref().filter(|_| self.show.is_some()) else {
             return;
         };
@@ -85,9 +85,9 @@ impl App {
         let folder = document.file.as_deref().and_then(Path::parent);
         let here = std::env::current_dir().unwrap_or_default();
         let place = folder.unwrap_or(&here).join(name + what.named().1);
-        self.ask = Some(Ask {
+        self.ask = Some(PathPrompt {
             what: Some(what),
-            purpose: Purpose::Open,
+            purpose: ImportKind::Open,
             path: place.to_string_lossy().into_owned(),
             replaced: None,
         });
@@ -113,7 +113,7 @@ impl App {
                 if ui.memory(|m| m.focused().is_none()) && !entered {
                     response.request_focus();
                 }
-                if ask.what.is_some_and(Saved::has_size) {
+                if ask.what.is_some_and(SaveKind::has_size) {
                     ui.horizontal(|ui| {
                         let [width, height] = &mut self.picture;
                         ui.add(egui::DragValue::new(width).range(16..=8192));
@@ -127,7 +127,7 @@ impl App {
                     if ui.button(go).clicked() || entered {
                         done = Some(true);
                     }
-                    browse = system::ASKS && ui.button("Browse…").clicked();
+                    browse = system::HAS_SAVE_DIALOG && ui.button("Browse…").clicked();
                     let escaped = ui.input(|i| i.key_pressed(Key::Escape));
                     if ui.button("Cancel").clicked() || escaped {
                         done = Some(false);
@@ -141,9 +141,9 @@ impl App {
         match (done, ask.what) {
             (None, _) => self.ask = Some(ask),
             (Some(false), _) => {}
-            (Some(true), None) => self.take(ask.purpose, &path, context),
+            (Some(true), None) => self.start_import(ask.purpose, &path, context),
             (Some(true), Some(_)) if path.exists() && ask.replaced.as_ref() != Some(&path) => {
-                self.say(format!(
+                self.set_status(format!(
                     "{} is there already; save again to replace it",
                     path.display()
                 ));
@@ -152,7 +152,7 @@ impl App {
             }
             (Some(true), Some(what)) => {
                 if let Err(why) = self.save(what, &path, context) {
-                    self.tell_error(Err(why));
+                    self.show_error(Err(why));
                     self.ask = Some(ask);
                 }
             }
@@ -160,13 +160,13 @@ impl App {
     }
 
     /// Has the system's dialog ask for what is asked for.
-    fn browse(&self, ask: &Ask, context: &egui::Context) {
-        let wish = self.wish(context);
-        match ask.what.map(Saved::named) {
+    fn browse(&self, ask: &PathPrompt, context: &egui::Context) {
+        let wish = self.dialog_sender(context);
+        match ask.what.map(SaveKind::named) {
             None => system::choose_file(wish, ask.purpose),
             Some((title, _, kinds)) => {
                 let path = Path::new(&ask.path);
-                system::choose_place(&Place { title, kinds, path }, wish);
+                system::choose_place(&SaveDialog { title, kinds, path }, wish);
             }
         }
     }

@@ -97,7 +97,7 @@ impl Blit {
     }
 
     /// The texture, ready to be drawn.
-    pub fn of(&self, device: &wgpu::Device, view: &wgpu::TextureView) -> wgpu::BindGroup {
+    pub fn bind_texture(&self, device: &wgpu::Device, view: &wgpu::TextureView) -> wgpu::BindGroup {
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("blit"),
             layout: &self.layout,
@@ -120,9 +120,9 @@ impl Blit {
         &self,
         texture: &wgpu::BindGroup,
         rect: egui::Rect,
-        until: Option<Presented>,
+        until: Option<PresentCallback>,
     ) -> egui::Shape {
-        let drawn = Drawn {
+        let drawn = TexturedRect {
             pipeline: self.pipeline.clone(),
             texture: texture.clone(),
             sides: None,
@@ -133,13 +133,13 @@ impl Blit {
 
     /// The shape that draws the sides of a `texture` that is as large as the `screen`.
     #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
-    pub fn sides(
+    pub fn border_shape(
         &self,
         texture: &wgpu::BindGroup,
         screen: egui::Rect,
-        sides: Sides,
+        sides: ImageBorders,
     ) -> egui::Shape {
-        let drawn = Drawn {
+        let drawn = TexturedRect {
             pipeline: self.pipeline.clone(),
             texture: texture.clone(),
             sides: Some(sides),
@@ -151,25 +151,25 @@ impl Blit {
 
 /// Rectangles of pixels, from one corner to the other.
 #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
-pub(crate) struct Sides(pub [[[u32; 2]; 2]; 4]);
+pub(crate) struct ImageBorders(pub [[[u32; 2]; 2]; 4]);
 
 /// Says when the frame that it is part of was put onto the screen: when it is dropped.
-pub(crate) struct Presented(pub Box<dyn Fn() + Send + Sync>);
+pub(crate) struct PresentCallback(pub Box<dyn Fn() + Send + Sync>);
 
-impl Drop for Presented {
+impl Drop for PresentCallback {
     fn drop(&mut self) {
         (self.0)();
     }
 }
 
-struct Drawn {
+struct TexturedRect {
     pipeline: wgpu::RenderPipeline,
     texture: wgpu::BindGroup,
-    sides: Option<Sides>,
-    _until: Option<Presented>,
+    sides: Option<ImageBorders>,
+    _until: Option<PresentCallback>,
 }
 
-impl egui_wgpu::CallbackTrait for Drawn {
+impl egui_wgpu::CallbackTrait for TexturedRect {
     fn paint(
         &self,
         info: egui::PaintCallbackInfo,
@@ -178,7 +178,7 @@ impl egui_wgpu::CallbackTrait for Drawn {
     ) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.texture, &[]);
-        let Some(Sides(sides)) = &self.sides else {
+        let Some(ImageBorders(sides)) = &self.sides else {
             pass.draw(0..3, 0..1);
             return;
         };

@@ -10,12 +10,12 @@ use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value};
 use web_time::Instant;
 
 /// Edits of one thing that follow each other within this time are undone together.
-const AT_ONCE: Duration = Duration::from_millis(800);
+const UNDO_MERGE_WINDOW: Duration = Duration::from_millis(800);
 /// Edits that can be undone.
-const MOST: usize = 200;
+const MAX_UNDO: usize = 200;
 
 /// The tables that say how the body looks, and not what it is.
-const LOOKS: [&str; 9] = [
+const APPEARANCE_TABLES: [&str; 9] = [
     "camera",
     "isosurface",
     "light",
@@ -37,7 +37,7 @@ pub struct Document {
     /// The recorded series that it shows, if it is one: a `.pvd`.
     pub series: Option<PathBuf>,
     /// Of what ships with the viewer, the files that it reads.
-    pub ships: &'static [(&'static str, &'static [u8])],
+    pub bundled_files: &'static [(&'static str, &'static [u8])],
     /// What paths in it are relative to.
     folder: PathBuf,
     text: DocumentMut,
@@ -106,7 +106,7 @@ impl Document {
             name,
             file: None,
             series: None,
-            ships: &[],
+            bundled_files: &[],
             folder,
             text: parsed(text)?,
             undo: Vec::new(),
@@ -125,7 +125,7 @@ impl Document {
     }
 
     /// The path of a file as its text names it.
-    pub fn beside(&self, file: &Path) -> String {
+    pub fn relative_path(&self, file: &Path) -> String {
         let beside = file.strip_prefix(&self.folder).unwrap_or(file);
         beside.to_string_lossy().into_owned()
     }
@@ -151,11 +151,11 @@ impl Document {
         let scene = Scene::parse_in(&text.to_string(), &self.folder)?;
         let now = Instant::now();
         let goes_on = self.last.as_ref().is_some_and(|(last, at)| {
-            last == what && (self.held || now.duration_since(*at) < AT_ONCE)
+            last == what && (self.held || now.duration_since(*at) < UNDO_MERGE_WINDOW)
         });
         if !goes_on {
             self.undo.push(self.text.to_string());
-            if self.undo.len() > MOST {
+            if self.undo.len() > MAX_UNDO {
                 self.undo.remove(0);
             }
         }
@@ -167,7 +167,7 @@ impl Document {
 
     /// Notes whether a button of the mouse is held, and whether it was pressed just now: all that is
     /// dragged in one go is undone together, and apart from what was before.
-    pub fn hold(&mut self, held: bool, pressed: bool) {
+    pub fn track_drag(&mut self, held: bool, pressed: bool) {
         self.held = held;
         if pressed {
             self.last = None;
@@ -179,7 +179,7 @@ impl Document {
     /// # Errors
     /// [`Error::Input`] for one that there is not.
     #[cfg(target_arch = "wasm32")]
-    pub fn show_by(&mut self, preset: &str) -> Result<()> {
+    pub fn set_initial_preset(&mut self, preset: &str) -> Result<()> {
         self.edit("transfer", |text| {
             set(text, "picture", "transfer", Some(Value::from(preset)));
         })?;
@@ -190,7 +190,7 @@ impl Document {
     /// The part of the text that says what moves, and how.
     pub fn body(&self) -> String {
         let mut text = self.text.clone();
-        LOOKS.iter().for_each(|table| {
+        APPEARANCE_TABLES.iter().for_each(|table| {
             text.remove(table);
         });
         text.to_string()
@@ -198,7 +198,7 @@ impl Document {
 
     /// Its text as [`Document::text_in`], with the view of `camera` and pictures of `size`; of a series
     /// that of a frame: its file, and the range that its field is shown in.
-    pub fn text_seen(
+    pub fn text_with_view(
         &self,
         folder: &Path,
         camera: &Camera,
@@ -207,7 +207,7 @@ impl Document {
     ) -> String {
         let mut text = self.text.clone();
         if let Some((file, range)) = frame {
-            let beside = Value::from(self.beside(file));
+            let beside = Value::from(self.relative_path(file));
             set(&mut text, "mesh", "file", Some(beside));
             if let Some(range) = range {
                 set(&mut text, "picture", "range", Some(numbers(range)));
@@ -228,7 +228,7 @@ impl Document {
         set(&mut text, "camera", "orthographic", height.map(Value::from));
         let size = Value::Array(size.into_iter().map(i64::from).collect());
         set(&mut text, "picture", "size", Some(size));
-        match self.ships {
+        match self.bundled_files {
             [] => moved(text, &self.folder, folder),
             // They are saved beside it.
             _ => text.to_string(),
@@ -241,7 +241,7 @@ impl Document {
     }
 
     /// Whether there is anything to undo, and to redo.
-    pub fn can(&self) -> [bool; 2] {
+    pub fn can_undo_redo(&self) -> [bool; 2] {
         [!self.undo.is_empty(), !self.redo.is_empty()]
     }
 
@@ -249,7 +249,7 @@ impl Document {
     ///
     /// # Errors
     /// None that a text could have which was a scene before.
-    pub fn step_back(&mut self, again: bool) -> Result<bool> {
+    pub fn undo(&mut self, again: bool) -> Result<bool> {
         let (from, to) = match again {
             false => (&mut self.undo, &mut self.redo),
             true => (&mut self.redo, &mut self.undo),
@@ -389,18 +389,18 @@ mod tests {
             document.scene().unwrap().picture.mode.as_deref(),
             Some("mip")
         );
-        assert!(document.step_back(false).unwrap());
+        assert!(document.undo(false).unwrap());
         assert_eq!(document.scene().unwrap().picture.mode, None);
         // Both edits of one thing at once.
-        assert!(document.step_back(false).unwrap());
+        assert!(document.undo(false).unwrap());
         assert_eq!(document.text_in(Path::new("")), TEXT);
-        assert!(!document.step_back(false).unwrap());
-        assert!(document.step_back(true).unwrap() && document.step_back(true).unwrap());
+        assert!(!document.undo(false).unwrap());
+        assert!(document.undo(true).unwrap() && document.undo(true).unwrap());
         assert_eq!(
             document.scene().unwrap().picture.mode.as_deref(),
             Some("mip")
         );
-        assert_eq!(document.can(), [true, false]);
+        assert_eq!(document.can_undo_redo(), [true, false]);
     }
 
     #[test]
@@ -411,17 +411,19 @@ mod tests {
             document
                 .edit("mode", |t| set(t, "picture", "mode", Some(mode)))
                 .unwrap();
-            document.hold(true, false);
+            document.track_drag(true, false);
             document.edits()
         };
         assert_eq!([drag("mip"), drag("mean"), drag("minip")], [1, 1, 1]);
         // However long the pointer rests meanwhile.
-        document.last = document.last.map(|(what, at)| (what, at - 4 * AT_ONCE));
+        document.last = document
+            .last
+            .map(|(what, at)| (what, at - 4 * UNDO_MERGE_WINDOW));
         document
             .edit("mode", |t| set(t, "picture", "mode", None))
             .unwrap();
         assert_eq!(document.edits(), 1);
-        document.hold(true, true);
+        document.track_drag(true, true);
         let mode = Some(Value::from("mip"));
         document
             .edit("mode", |t| set(t, "picture", "mode", mode))
@@ -437,7 +439,7 @@ mod tests {
         });
         assert!(wrong.is_err());
         assert_eq!(document.text_in(Path::new("")), TEXT);
-        assert_eq!(document.can(), [false, false]);
+        assert_eq!(document.can_undo_redo(), [false, false]);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use crate::app::App;
 use crate::document::Document;
 use crate::loading::Loading;
-use crate::show::{Anew, Show};
-use crate::touches::Touch;
+use crate::show::{BodySession, RebuildRequest};
+use crate::touches::BodyEdit;
 use eframe::egui;
 use palpate::Result;
 use palpate::scene::Scene;
@@ -12,22 +12,22 @@ use toml_edit::DocumentMut;
 
 impl App {
     /// Edits how the body looks; it follows at once.
-    pub(crate) fn edit_looks(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
-        let result = self.try_edit(what, change, Show::set_looks);
-        self.tell_error(result);
+    pub(crate) fn edit_appearance(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
+        let result = self.try_edit(what, change, BodySession::set_appearance);
+        self.show_error(result);
     }
 
     /// The same of planes and isosurfaces, as they are dragged.
     pub(crate) fn edit_planes(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
-        let result = self.try_edit(what, change, Show::set_planes);
-        self.tell_error(result);
+        let result = self.try_edit(what, change, BodySession::set_planes);
+        self.show_error(result);
     }
 
     fn try_edit(
         &mut self,
         what: &str,
         change: impl FnOnce(&mut DocumentMut),
-        follow: fn(&mut Show, &Scene) -> Result<()>,
+        follow: fn(&mut BodySession, &Scene) -> Result<()>,
     ) -> Result<()> {
         let Some(document) = &mut self.document else {
             return Ok(());
@@ -56,8 +56,8 @@ impl App {
         };
         let before = document.clone();
         match document.edit(what, change) {
-            Ok(_) => self.restart(None, Some(before), context),
-            Err(why) => self.tell_error(Err(why)),
+            Ok(_) => self.rebuild_body(None, Some(before), context),
+            Err(why) => self.show_error(Err(why)),
         }
     }
 
@@ -67,7 +67,7 @@ impl App {
             true => self.undo_touch(again, context),
             false => self.try_undo(again, context),
         };
-        self.tell_error(result);
+        self.show_error(result);
     }
 
     /// How many edits of the scene can be undone.
@@ -77,7 +77,10 @@ impl App {
 
     /// Whether there is anything to undo, and to redo.
     pub(crate) fn can_undo(&self) -> [bool; 2] {
-        let edits = self.document.as_ref().map_or([false; 2], Document::can);
+        let edits = self
+            .document
+            .as_ref()
+            .map_or([false; 2], Document::can_undo_redo);
         let touches = self.can_undo_touch();
         [0, 1].map(|n| edits[n] || touches[n])
     }
@@ -85,7 +88,7 @@ impl App {
     /// Whether the next of these is something that was done to the body.
     fn can_undo_touch(&self) -> [bool; 2] {
         let edits = self.edits();
-        let touches = self.show.as_ref().map(|show| show.touches.can(edits));
+        let touches = self.show.as_ref().map(|show| show.edits.can(edits));
         touches.unwrap_or_default()
     }
 
@@ -97,15 +100,17 @@ impl App {
         if again {
             return show.redo(edits);
         }
-        let Some(touch) = show.touches.clone().undo() else {
+        let Some(touch) = show.edits.clone().undo() else {
             return Ok(());
         };
         match touch.as_ref() {
-            Touch::Pins(_) => show.undo_pins(),
-            Touch::Cut(..) => {
+            BodyEdit::Pins(_) => show.undo_pins(),
+            BodyEdit::Cut(..) => {
                 let name = self.document.as_ref().map(|d| d.name.clone());
-                let (anew, name) = (Anew::of(show), name.unwrap_or_default());
-                self.loading = Some(Loading::back(&self.gpu, name, anew, touch, context));
+                let (anew, name) = (RebuildRequest::of(show), name.unwrap_or_default());
+                self.loading = Some(Loading::rebuild_before_cut(
+                    &self.gpu, name, anew, touch, context,
+                ));
                 Ok(())
             }
         }
@@ -116,18 +121,18 @@ impl App {
             return Ok(());
         };
         let before = document.clone();
-        if !document.step_back(again)? {
+        if !document.undo(again)? {
             return Ok(());
         }
         if document.body() != before.body() {
-            self.restart(None, Some(before), context);
+            self.rebuild_body(None, Some(before), context);
             return Ok(());
         }
         let scene = document.scene()?;
         let Some(show) = &mut self.show else {
             return Ok(());
         };
-        if let Err(why) = show.set_looks(&scene) {
+        if let Err(why) = show.set_appearance(&scene) {
             *document = before;
             return Err(why);
         }

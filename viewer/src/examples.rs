@@ -86,9 +86,9 @@ impl Example {
     /// # Errors
     /// [`Error::Io`] where that cannot be.
     pub fn open(&self) -> Result<Document> {
-        let folder = system::put_ready(self.files)?;
+        let folder = system::bundle_files(self.files)?;
         let mut document = Document::new(self.name.to_owned(), folder, self.text)?;
-        document.ships = self.files;
+        document.bundled_files = self.files;
         Ok(document)
     }
 }

@@ -1,9 +1,9 @@
 //! What the pointer does in the picture: it moves the view, or touches the body.
 
 use crate::app::App;
-use crate::handles::Hold;
-use crate::settings::Habit;
-use crate::show::Show;
+use crate::handles::HandlePart;
+use crate::settings::MouseBindings;
+use crate::show::BodySession;
 use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
 use glam::{DVec2, DVec3};
 use palpate::Result;
@@ -14,11 +14,11 @@ use std::time::Duration;
 use web_time::Instant;
 
 /// So long after the frame before, one of a body in touch waits for its step.
-const PATIENCE: Duration = Duration::from_millis(50);
+const MAX_STEP_WAIT: Duration = Duration::from_millis(50);
 
 /// What the left button does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Hand {
+pub enum PointerTool {
     /// Goes round the body.
     #[default]
     Look,
@@ -36,47 +36,47 @@ pub enum Hand {
     Ruler,
 }
 
-impl Hand {
+impl PointerTool {
     /// All of them: what they are called, the key that takes them, and what to do with them.
-    pub const ALL: [(Hand, &'static str, egui::Key, &'static str); 7] = [
+    pub const ALL: [(PointerTool, &'static str, egui::Key, &'static str); 7] = [
         (
-            Hand::Look,
+            PointerTool::Look,
             "Look",
             egui::Key::Num1,
             "Drag to go round the body",
         ),
         (
-            Hand::Press,
+            PointerTool::Press,
             "Press",
             egui::Key::Num2,
             "Press on the body and drag away from there, or turn the wheel, to go deeper",
         ),
         (
-            Hand::Grab,
+            PointerTool::Grab,
             "Grab",
             egui::Key::Num3,
             "Take hold of the body and pull",
         ),
         (
-            Hand::Cut,
+            PointerTool::Cut,
             "Cut",
             egui::Key::Num4,
             "Draw a stroke across the body, beginning on it",
         ),
         (
-            Hand::Pin,
+            PointerTool::Pin,
             "Pin",
             egui::Key::Num5,
             "Paint what is to stay where it is",
         ),
         (
-            Hand::Probe,
+            PointerTool::Probe,
             "Probe",
             egui::Key::Num6,
             "Click on the body to be told what is there",
         ),
         (
-            Hand::Ruler,
+            PointerTool::Ruler,
             "Ruler",
             egui::Key::Num7,
             "Drag from one point of the body to another",
@@ -86,12 +86,12 @@ impl Hand {
 
 /// What the pointer is doing.
 #[derive(Clone, Debug, Default)]
-pub enum Stroke {
+pub enum PointerGesture {
     /// Nothing.
     #[default]
     Idle,
     /// Moves the view.
-    View(Move),
+    View(CameraMotion),
     /// Presses, from where and how deep the wheel went, in file units.
     Press(Pos2, f64),
     /// Pulls, from where; file units a point of the interface.
@@ -103,12 +103,12 @@ pub enum Stroke {
     /// Measures.
     Ruler,
     /// Moves or tilts the plane of this number by its handle.
-    Plane(usize, Hold),
+    Plane(usize, HandlePart),
 }
 
 /// How the view moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Move {
+pub enum CameraMotion {
     /// Round the body.
     Orbit,
     /// Across.
@@ -120,29 +120,29 @@ pub enum Move {
 }
 
 /// How a button moves the view.
-fn move_of(habit: Habit, button: PointerButton, held: Modifiers) -> Option<Move> {
+fn move_of(habit: MouseBindings, button: PointerButton, held: Modifiers) -> Option<CameraMotion> {
     Some(match (habit, button) {
-        (Habit::ParaView, PointerButton::Primary) if held.shift => Move::Roll,
-        (Habit::Slicer, PointerButton::Primary) if held.shift => Move::Pan,
-        (Habit::ParaView, PointerButton::Primary) if held.command => Move::Zoom,
-        (Habit::Slicer, PointerButton::Primary) if held.command => Move::Roll,
-        (_, PointerButton::Primary) => Move::Orbit,
-        (_, PointerButton::Middle) => Move::Pan,
-        (_, PointerButton::Secondary) => Move::Zoom,
+        (MouseBindings::ParaView, PointerButton::Primary) if held.shift => CameraMotion::Roll,
+        (MouseBindings::Slicer, PointerButton::Primary) if held.shift => CameraMotion::Pan,
+        (MouseBindings::ParaView, PointerButton::Primary) if held.command => CameraMotion::Zoom,
+        (MouseBindings::Slicer, PointerButton::Primary) if held.command => CameraMotion::Roll,
+        (_, PointerButton::Primary) => CameraMotion::Orbit,
+        (_, PointerButton::Middle) => CameraMotion::Pan,
+        (_, PointerButton::Secondary) => CameraMotion::Zoom,
         _ => return None,
     })
 }
 
 /// The picture within the window.
 #[derive(Clone, Copy, Debug)]
-pub struct Area {
+pub struct Viewport {
     /// Where it is, in points.
     pub rect: Rect,
     /// Its pixels.
     pub size: [u32; 2],
 }
 
-impl Area {
+impl Viewport {
     /// The pixel at a point of the interface.
     fn pixel(&self, at: Pos2) -> DVec2 {
         let share = (at - self.rect.min) / self.rect.size();
@@ -156,7 +156,7 @@ impl Area {
     }
 
     /// Where a place is seen, if it is before the eye.
-    pub fn seen(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
+    pub fn project(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
         let middle = camera.ray(0.5 * DVec2::from(self.size.map(f64::from)), self.size);
         let away = (place - middle.origin).dot(middle.direction);
         if away <= 0.0 {
@@ -182,7 +182,7 @@ impl Area {
 
 impl App {
     /// Does what the pointer does in the picture.
-    pub(crate) fn hand(&mut self, ui: &egui::Ui, response: &Response, area: Area) {
+    pub(crate) fn handle_pointer(&mut self, ui: &egui::Ui, response: &Response, area: Viewport) {
         let (held, scroll, zoom, turned) = ui.input(|i| {
             (
                 i.modifiers,
@@ -194,7 +194,7 @@ impl App {
         });
         let height = f64::from(area.rect.height().max(1.0));
         if response.hovered() || response.dragged() {
-            if let (Stroke::Press(_, wheel), Some(show)) = (&mut self.stroke, &self.show)
+            if let (PointerGesture::Press(_, wheel), Some(show)) = (&mut self.stroke, &self.show)
                 && scroll != 0.0
             {
                 *wheel += 0.004 * f64::from(scroll) * show.radius;
@@ -211,7 +211,7 @@ impl App {
             }
         }
         let Some(at) = response.interact_pointer_pos() else {
-            self.let_go();
+            self.end_gesture();
             return;
         };
         let begun = [
@@ -222,43 +222,43 @@ impl App {
         .into_iter()
         .find(|b| ui.input(|i| i.pointer.button_pressed(*b)));
         if let Some(button) = begun
-            && matches!(self.stroke, Stroke::Idle)
+            && matches!(self.stroke, PointerGesture::Idle)
         {
             let handle = match button {
                 PointerButton::Primary => self.handle_at(at, area),
                 _ => None,
             };
             let touches = button == PointerButton::Primary
-                && self.hand != Hand::Look
+                && self.pointer_tool != PointerTool::Look
                 && !held.shift
                 && !held.command;
             let result = match (handle, touches) {
                 (Some((number, hold)), _) => {
-                    self.stroke = Stroke::Plane(number, hold);
+                    self.stroke = PointerGesture::Plane(number, hold);
                     Ok(())
                 }
                 (None, true) => self.touch(at, area),
                 (None, false) => {
-                    let moves = move_of(self.settings.habit, button, held);
-                    self.stroke = moves.map_or(Stroke::Idle, Stroke::View);
+                    let moves = move_of(self.settings.mouse_bindings, button, held);
+                    self.stroke = moves.map_or(PointerGesture::Idle, PointerGesture::View);
                     Ok(())
                 }
             };
-            self.tell_error(result);
+            self.show_error(result);
         }
         if response.drag_delta() != egui::Vec2::ZERO || scroll != 0.0 {
             let moved = response.drag_delta();
             let moved = DVec2::new(f64::from(moved.x), f64::from(moved.y)) / height;
             let result = self.draw_on(at, moved, area);
-            self.tell_error(result);
+            self.show_error(result);
         }
         if ui.input(|i| i.pointer.any_released()) {
-            self.let_go();
+            self.end_gesture();
         }
     }
 
     /// What is seen at a point of the picture, and which way one looks there.
-    fn picked(&mut self, at: Pos2, area: Area) -> Result<Option<(Pick, DVec3)>> {
+    fn picked(&mut self, at: Pos2, area: Viewport) -> Result<Option<(Pick, DVec3)>> {
         let (camera, pixel) = (self.orbit.camera(), area.pixel(at));
         let Some(show) = &mut self.show else {
             return Ok(None);
@@ -269,9 +269,9 @@ impl App {
     }
 
     /// Begins to touch what is at a point of the picture; beside the body the view goes round.
-    fn touch(&mut self, at: Pos2, area: Area) -> Result<()> {
+    fn touch(&mut self, at: Pos2, area: Viewport) -> Result<()> {
         let Some((pick, sight)) = self.picked(at, area)? else {
-            self.stroke = Stroke::View(Move::Orbit);
+            self.stroke = PointerGesture::View(CameraMotion::Orbit);
             return Ok(());
         };
         let edits = self.edits();
@@ -285,26 +285,26 @@ impl App {
         let Some(show) = &mut self.show else {
             return Ok(());
         };
-        match self.hand {
-            Hand::Look => {}
-            Hand::Press => {
+        match self.pointer_tool {
+            PointerTool::Look => {}
+            PointerTool::Press => {
                 show.press(&pick, sight)?;
-                self.stroke = Stroke::Press(at, 0.0);
+                self.stroke = PointerGesture::Press(at, 0.0);
             }
-            Hand::Grab => {
+            PointerTool::Grab => {
                 show.grab(&pick)?;
-                self.stroke = Stroke::Grab(at, point);
+                self.stroke = PointerGesture::Grab(at, point);
             }
-            Hand::Cut => self.stroke = Stroke::Cut(vec![at], pick.point),
-            Hand::Pin => {
+            PointerTool::Cut => self.stroke = PointerGesture::Cut(vec![at], pick.point),
+            PointerTool::Pin => {
                 let count = show.pin(&pick, edits, true)?;
-                self.say(format!("{count} nodes held"));
-                self.stroke = Stroke::Pin;
+                self.set_status(format!("{count} nodes held"));
+                self.stroke = PointerGesture::Pin;
             }
-            Hand::Probe => self.probe(&pick),
-            Hand::Ruler => {
+            PointerTool::Probe => self.probe(&pick),
+            PointerTool::Ruler => {
                 self.ruler = Some([pick.point; 2]);
-                self.stroke = Stroke::Ruler;
+                self.stroke = PointerGesture::Ruler;
             }
         }
         Ok(())
@@ -314,7 +314,7 @@ impl App {
     /// metres deep; goes on with the press that there is.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing is seen there; as [`Show::press`](crate::show::Show::press).
+    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::show::BodySession::press).
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
         let nothing = || palpate::Error::Input("there is nothing to press on".into());
@@ -336,7 +336,7 @@ impl App {
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn let_go_of_press(&mut self) {
         if let Some(show) = &mut self.show {
-            show.let_go();
+            show.retract();
         }
     }
 
@@ -348,37 +348,40 @@ impl App {
 
     /// Has what is pressed or pulled go to where the pointer is. Until when this frame may wait for the step
     /// under way: of a body in touch, frames in which it is where it was take from the step.
-    pub(crate) fn keep_in_touch(&mut self, context: &egui::Context) -> Option<Instant> {
-        if !matches!(self.stroke, Stroke::Press(..) | Stroke::Grab(..)) {
+    pub(crate) fn update_interaction(&mut self, context: &egui::Context) -> Option<Instant> {
+        if !matches!(
+            self.stroke,
+            PointerGesture::Press(..) | PointerGesture::Grab(..)
+        ) {
             return None;
         }
         let at = context.input(|i| i.pointer.latest_pos());
         if let (Some(at), Some(area)) = (at, self.area) {
             let done = self.draw_on(at, DVec2::ZERO, area);
-            self.tell_error(done);
+            self.show_error(done);
         }
-        Some(self.frames.done + PATIENCE)
+        Some(self.frames.done + MAX_STEP_WAIT)
     }
 
     /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.
-    fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Area) -> Result<()> {
-        if matches!(self.stroke, Stroke::View(_)) {
+    fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Viewport) -> Result<()> {
+        if matches!(self.stroke, PointerGesture::View(_)) {
             self.frames.moved.get_or_insert_with(Instant::now);
         }
         match &mut self.stroke {
-            Stroke::Idle => {}
-            Stroke::View(Move::Orbit) => self.orbit.orbit(moved),
-            Stroke::View(Move::Pan) => self.orbit.pan(moved),
-            Stroke::View(Move::Zoom) => self.orbit.zoom((-3.0 * moved.y).exp()),
-            Stroke::View(Move::Roll) => self.orbit.roll(3.0 * (moved.y - moved.x)),
-            Stroke::Press(from, wheel) => {
+            PointerGesture::Idle => {}
+            PointerGesture::View(CameraMotion::Orbit) => self.orbit.orbit(moved),
+            PointerGesture::View(CameraMotion::Pan) => self.orbit.pan(moved),
+            PointerGesture::View(CameraMotion::Zoom) => self.orbit.zoom((-3.0 * moved.y).exp()),
+            PointerGesture::View(CameraMotion::Roll) => self.orbit.roll(3.0 * (moved.y - moved.x)),
+            PointerGesture::Press(from, wheel) => {
                 let point = self.orbit.height() / f64::from(area.rect.height().max(1.0));
                 let depth = f64::from(from.distance(at)) * point + *wheel;
                 if let Some(show) = &mut self.show {
                     show.press_to(depth);
                 }
             }
-            Stroke::Grab(from, point) => {
+            PointerGesture::Grab(from, point) => {
                 let (way, point) = (at - *from, *point);
                 let aside = DVec3::new(f64::from(way.x), -f64::from(way.y), 0.0) * point;
                 let aside = self.orbit.turn * aside;
@@ -386,16 +389,16 @@ impl App {
                     show.pull(aside)?;
                 }
             }
-            Stroke::Cut(way, _) => {
+            PointerGesture::Cut(way, _) => {
                 if way.last().is_none_or(|last| last.distance(at) > 4.0) {
                     way.push(at);
                 }
             }
-            Stroke::Plane(number, hold) => {
+            PointerGesture::Plane(number, hold) => {
                 let (number, hold) = (*number, *hold);
                 self.drag_handle(number, hold, at, area);
             }
-            Stroke::Pin => {
+            PointerGesture::Pin => {
                 let edits = self.edits();
                 if let Some((pick, _)) = self.picked(at, area)?
                     && let Some(show) = &mut self.show
@@ -403,7 +406,7 @@ impl App {
                     show.pin(&pick, edits, false)?;
                 }
             }
-            Stroke::Ruler => {
+            PointerGesture::Ruler => {
                 if let Some((pick, _)) = self.picked(at, area)?
                     && let Some([_, end]) = &mut self.ruler
                 {
@@ -415,20 +418,20 @@ impl App {
     }
 
     /// Ends what was begun.
-    pub(crate) fn let_go(&mut self) {
+    pub(crate) fn end_gesture(&mut self) {
         let stroke = std::mem::take(&mut self.stroke);
         let result = match stroke {
-            Stroke::Press(..) => {
+            PointerGesture::Press(..) => {
                 if let Some(show) = &mut self.show {
-                    show.let_go();
+                    show.retract();
                 }
                 Ok(())
             }
-            Stroke::Grab(..) => self.show.as_mut().map_or(Ok(()), |show| show.release()),
-            Stroke::Cut(way, place) => self.cut(&way, place),
+            PointerGesture::Grab(..) => self.show.as_mut().map_or(Ok(()), |show| show.release()),
+            PointerGesture::Cut(way, place) => self.cut(&way, place),
             _ => Ok(()),
         };
-        self.tell_error(result);
+        self.show_error(result);
     }
 
     /// Cuts along a stroke, as deep as is asked for from the surface that was seen where it began.
@@ -452,7 +455,7 @@ impl App {
                 [on - above * ray.direction, on + below * ray.direction]
             })
             .collect();
-        show.cut(Blade::swept(&edges)?, edits);
+        show.cut(Blade::from_sweep(&edges)?, edits);
         Ok(())
     }
 
@@ -488,7 +491,7 @@ impl App {
         let stress = stress_there(show, pick.tet);
         let p = pick.point;
         let mm = 1e3 * show.unit * (pick.point - rest).length();
-        self.say(format!(
+        self.set_status(format!(
             "{}{} {value:.4}, moved {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
             label.map_or(String::new(), |l| format!("{l}: ")),
             field.name,
@@ -501,12 +504,12 @@ impl App {
 }
 
 /// The stress in a tet in words; nothing where the body has none.
-fn stress_there(show: &Show, tet: u32) -> String {
+fn stress_there(show: &BodySession, tet: u32) -> String {
     let Some(motion) = show.stage().motion() else {
         return String::new();
     };
     let of = |field: BodyField| {
-        let all = field.in_tets(motion.simulator.as_ref()).ok()?;
+        let all = field.per_tet(motion.simulator.as_ref()).ok()?;
         all.get(tet as usize).copied()
     };
     match (of(BodyField::VonMises), of(BodyField::Stress1)) {
@@ -534,7 +537,7 @@ mod tests {
 
     #[test]
     fn places_are_seen_where_their_rays_are() {
-        let area = Area {
+        let area = Viewport {
             rect: Rect::from_min_size(Pos2::new(100.0, 50.0), egui::vec2(400.0, 300.0)),
             size: [800, 600],
         };
@@ -546,13 +549,13 @@ mod tests {
             for at in [Pos2::new(120.0, 60.0), Pos2::new(333.0, 290.0)] {
                 let ray = camera.ray(area.pixel(at), area.size);
                 let place = ray.origin + 4.0 * ray.direction;
-                let seen = area.seen(&camera, place);
+                let seen = area.project(&camera, place);
                 assert!(
                     seen.is_some_and(|seen| seen.distance(at) < 0.01),
                     "{seen:?}"
                 );
             }
-            assert!(area.seen(&camera, eye - (to - eye)).is_none());
+            assert!(area.project(&camera, eye - (to - eye)).is_none());
         }
     }
 
@@ -560,12 +563,21 @@ mod tests {
     fn habits_are_those_of_other_programs() {
         let left = |habit, held| move_of(habit, PointerButton::Primary, held);
         let none = Modifiers::NONE;
-        assert_eq!(left(Habit::ParaView, none), Some(Move::Orbit));
-        assert_eq!(left(Habit::Slicer, Modifiers::SHIFT), Some(Move::Pan));
-        assert_eq!(left(Habit::ParaView, Modifiers::SHIFT), Some(Move::Roll));
         assert_eq!(
-            move_of(Habit::Slicer, PointerButton::Middle, none),
-            Some(Move::Pan)
+            left(MouseBindings::ParaView, none),
+            Some(CameraMotion::Orbit)
+        );
+        assert_eq!(
+            left(MouseBindings::Slicer, Modifiers::SHIFT),
+            Some(CameraMotion::Pan)
+        );
+        assert_eq!(
+            left(MouseBindings::ParaView, Modifiers::SHIFT),
+            Some(CameraMotion::Roll)
+        );
+        assert_eq!(
+            move_of(MouseBindings::Slicer, PointerButton::Middle, none),
+            Some(CameraMotion::Pan)
         );
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::app::App;
 use crate::document::set_all;
-use crate::hand::{Area, Stroke};
+use crate::hand::{PointerGesture, Viewport};
 use crate::panel::plane_table;
 use eframe::egui::{self, Color32, Pos2, Shape, Stroke as Line};
 use glam::DVec3;
@@ -12,12 +12,12 @@ use palpate::scene::PlaneEntry;
 /// How long the arrow of a handle is, over the body's diagonal.
 const ARROW: f64 = 0.3;
 /// How near the pointer takes an end of it, and the rest of it, in points.
-const NEAR: f32 = 11.0;
+const GRAB_RADIUS: f32 = 11.0;
 const NEAR_SHAFT: f32 = 6.0;
 /// Radius of what is drawn at its ends, in points.
-const KNOB: f32 = 6.5;
+const KNOB_RADIUS: f32 = 6.5;
 /// Rays that go nearly along a normal tell no place on it.
-const ALONG: f64 = 0.02;
+const MIN_NORMAL_ANGLE: f64 = 0.02;
 
 /// A plane, and where its handle is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub(crate) struct Handle {
 
 /// What of a handle is held.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Hold {
+pub enum HandlePart {
     /// The plane moves along its normal: the place on that which the pointer took, from the middle.
     Move(f64),
     /// It tilts about its middle.
@@ -63,7 +63,7 @@ impl Handle {
         let (d, n) = (ray.direction.normalize(), self.normal);
         let across = d.dot(n);
         let apart = 1.0 - across * across;
-        if apart < ALONG * ALONG {
+        if apart < MIN_NORMAL_ANGLE * MIN_NORMAL_ANGLE {
             return None;
         }
         let w = self.middle - ray.origin;
@@ -100,19 +100,22 @@ impl Handle {
     }
 
     /// What of it is at a point of the picture, and how near.
-    fn at(&self, at: Pos2, area: Area, camera: &Camera) -> Option<(f32, Hold)> {
-        let middle = area.seen(camera, self.middle)?;
-        let tip = area.seen(camera, self.tip());
+    fn at(&self, at: Pos2, area: Viewport, camera: &Camera) -> Option<(f32, HandlePart)> {
+        let middle = area.project(camera, self.middle)?;
+        let tip = area.project(camera, self.tip());
         let from = self.along(&area.ray(camera, at)).unwrap_or(0.0);
-        if let Some(away) = tip.map(|tip| tip.distance(at)).filter(|away| *away <= NEAR) {
-            return Some((away, Hold::Tilt));
+        if let Some(away) = tip
+            .map(|tip| tip.distance(at))
+            .filter(|away| *away <= GRAB_RADIUS)
+        {
+            return Some((away, HandlePart::Tilt));
         }
         let away = middle.distance(at);
-        if away <= NEAR {
-            return Some((away, Hold::Move(from)));
+        if away <= GRAB_RADIUS {
+            return Some((away, HandlePart::Move(from)));
         }
         let away = distance_to(at, middle, tip?);
-        (away <= NEAR_SHAFT).then_some((away, Hold::Move(from)))
+        (away <= NEAR_SHAFT).then_some((away, HandlePart::Move(from)))
     }
 
     /// As the entry of a scene has it.
@@ -176,7 +179,7 @@ impl App {
     }
 
     /// The plane whose handle is at a point of the picture, and what of it.
-    pub(crate) fn handle_at(&self, at: Pos2, area: Area) -> Option<(usize, Hold)> {
+    pub(crate) fn handle_at(&self, at: Pos2, area: Viewport) -> Option<(usize, HandlePart)> {
         let camera = self.orbit.camera();
         let all = self.handles().into_iter();
         let near = all.filter_map(|(n, handle)| Some((n, handle.at(at, area, &camera)?)));
@@ -185,7 +188,13 @@ impl App {
     }
 
     /// Has a plane follow the pointer by what is held of it.
-    pub(crate) fn drag_handle(&mut self, number: usize, hold: Hold, at: Pos2, area: Area) {
+    pub(crate) fn drag_handle(
+        &mut self,
+        number: usize,
+        hold: HandlePart,
+        at: Pos2,
+        area: Viewport,
+    ) {
         let ray = area.ray(&self.orbit.camera(), at);
         let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
             return;
@@ -198,8 +207,8 @@ impl App {
             return;
         };
         let moved = match hold {
-            Hold::Move(from) => handle.moved(&ray, from, show.bounds),
-            Hold::Tilt => handle.tilted(&ray),
+            HandlePart::Move(from) => handle.moved(&ray, from, show.bounds),
+            HandlePart::Tilt => handle.tilted(&ray),
         };
         let Some(moved) = moved.filter(|moved| *moved != handle) else {
             return;
@@ -213,13 +222,13 @@ impl App {
     }
 
     /// Draws the handles over the picture.
-    pub(crate) fn draw_handles(&self, ui: &egui::Ui, area: Area, camera: &Camera) {
+    pub(crate) fn draw_handles(&self, ui: &egui::Ui, area: Viewport, camera: &Camera) {
         let Some(show) = &self.show else { return };
         let painter = ui.painter_at(area.rect);
         let pointer = ui.input(|i| i.pointer.latest_pos());
         let held = match self.stroke {
-            Stroke::Plane(number, hold) => Some((number, hold)),
-            Stroke::Idle => pointer.and_then(|at| self.handle_at(at, area)),
+            PointerGesture::Plane(number, hold) => Some((number, hold)),
+            PointerGesture::Idle => pointer.and_then(|at| self.handle_at(at, area)),
             _ => None,
         };
         for (number, handle) in self.handles() {
@@ -231,32 +240,33 @@ impl App {
             };
             let line = Line::new(if strong { 2.5 } else { 1.5 }, colour);
             let around = handle.outline(show.bounds);
-            let around: Option<Vec<Pos2>> = around.iter().map(|p| area.seen(camera, *p)).collect();
+            let around: Option<Vec<Pos2>> =
+                around.iter().map(|p| area.project(camera, *p)).collect();
             if let Some(around) = around.filter(|around| around.len() > 2) {
                 painter.add(Shape::closed_line(around, Line::new(1.0, colour)));
             }
-            let Some(middle) = area.seen(camera, handle.middle) else {
+            let Some(middle) = area.project(camera, handle.middle) else {
                 continue;
             };
             let fill = ui.visuals().extreme_bg_color;
-            if let Some(tip) = area.seen(camera, handle.tip()) {
+            if let Some(tip) = area.project(camera, handle.tip()) {
                 painter.line_segment([middle, tip], line);
-                let filled = if own == Some(Hold::Tilt) {
+                let filled = if own == Some(HandlePart::Tilt) {
                     colour
                 } else {
                     fill
                 };
-                painter.circle(tip, KNOB, filled, line);
+                painter.circle(tip, KNOB_RADIUS, filled, line);
             }
-            let moves = matches!(own, Some(Hold::Move(_)));
+            let moves = matches!(own, Some(HandlePart::Move(_)));
             let filled = if moves { colour } else { fill };
-            let square = egui::Rect::from_center_size(middle, egui::Vec2::splat(2.0 * KNOB));
+            let square = egui::Rect::from_center_size(middle, egui::Vec2::splat(2.0 * KNOB_RADIUS));
             painter.rect(square, 2.0, filled, line, egui::StrokeKind::Middle);
         }
         if let Some((_, hold)) = held {
             ui.ctx().set_cursor_icon(match hold {
-                Hold::Move(_) => egui::CursorIcon::Grab,
-                Hold::Tilt => egui::CursorIcon::Crosshair,
+                HandlePart::Move(_) => egui::CursorIcon::Grab,
+                HandlePart::Tilt => egui::CursorIcon::Crosshair,
             });
         }
     }

@@ -1,30 +1,30 @@
 //! The interface around the picture, kept as an image: only what has changed is drawn again. On a
 //! software driver the panels take longer to draw than the body does.
 
-use crate::blit::{Blit, Sides};
+use crate::blit::{Blit, ImageBorders};
 use eframe::egui::epaint::ClippedShape;
 use eframe::egui::{self, Pos2, Rect};
 use eframe::egui_wgpu::{RenderState, ScreenDescriptor};
 
 /// Frames for which letters that are new are on their way to the device.
-const FRESH: u32 = 3;
+const FONT_UPLOAD_FRAMES: u32 = 3;
 /// What is drawn may reach so far beyond its bounds, in points: smooth edges.
-const SOFT: f32 = 1.5;
+const ANTIALIAS_MARGIN: f32 = 1.5;
 
 /// The interface around the picture.
-pub(crate) struct Kept {
+pub(crate) struct UiCache {
     state: RenderState,
     /// Where the picture is; none where it is not known.
     pub picture: Option<Rect>,
     blit: Blit,
     /// What was drawn last, above, below, left and right of the picture.
-    drawn: Option<Drawn>,
+    drawn: Option<CachedUiImage>,
     /// Frames left for which nothing is kept.
     fresh: u32,
 }
 
 /// An image of the interface, and what it shows.
-struct Drawn {
+struct CachedUiImage {
     view: wgpu::TextureView,
     shown: wgpu::BindGroup,
     sides: [Rect; 4],
@@ -32,15 +32,15 @@ struct Drawn {
     shapes: [Vec<ClippedShape>; 4],
 }
 
-impl Kept {
+impl UiCache {
     /// For what the interface is drawn into.
-    pub fn new(state: &RenderState) -> Kept {
-        Kept {
+    pub fn new(state: &RenderState) -> UiCache {
+        UiCache {
             blit: Blit::exact(state),
             state: state.clone(),
             picture: None,
             drawn: None,
-            fresh: FRESH,
+            fresh: FONT_UPLOAD_FRAMES,
         }
     }
 
@@ -52,7 +52,7 @@ impl Kept {
         sides: [Rect; 4],
         shapes: [Vec<ClippedShape>; 4],
     ) {
-        let fits = |drawn: &Drawn| {
+        let fits = |drawn: &CachedUiImage| {
             let texture = drawn.view.texture();
             (drawn.sides, drawn.scale) == (sides, scale)
                 && [texture.width(), texture.height()] == size
@@ -83,7 +83,7 @@ impl Kept {
         self.drawn = Some(drawn);
     }
 
-    fn blank(&self, size: [u32; 2], scale: f32, sides: [Rect; 4]) -> Drawn {
+    fn blank(&self, size: [u32; 2], scale: f32, sides: [Rect; 4]) -> CachedUiImage {
         let texture = self.state.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("interface"),
             size: wgpu::Extent3d {
@@ -99,8 +99,8 @@ impl Kept {
             view_formats: &[],
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-        Drawn {
-            shown: self.blit.of(&self.state.device, &view),
+        CachedUiImage {
+            shown: self.blit.bind_texture(&self.state.device, &view),
             view,
             sides,
             scale,
@@ -148,7 +148,7 @@ impl Kept {
     }
 }
 
-impl egui::Plugin for Kept {
+impl egui::Plugin for UiCache {
     fn debug_name(&self) -> &'static str {
         "kept"
     }
@@ -160,7 +160,7 @@ impl egui::Plugin for Kept {
         self.fresh = match output.textures_delta.is_empty() {
             true => self.fresh.saturating_sub(1),
             // What was drawn may show letters that have moved to other places of their texture.
-            false => FRESH,
+            false => FONT_UPLOAD_FRAMES,
         };
         if self.fresh > 0 {
             self.drawn = None;
@@ -180,7 +180,9 @@ impl egui::Plugin for Kept {
                 [side.min, side.max]
                     .map(|p| [p.x, p.y].map(|n| (n * scale).round().max(0.0) as u32))
             });
-            let shape = self.blit.sides(&drawn.shown, screen, Sides(pixels));
+            let shape = self
+                .blit
+                .border_shape(&drawn.shown, screen, ImageBorders(pixels));
             output.shapes.push(ClippedShape::new(screen, shape));
         }
         output.shapes.append(&mut over);
@@ -220,11 +222,11 @@ fn parted(
             continue;
         }
         let hidden = covered.iter().any(|rect| rect.intersects(seen));
-        let within = |side: &Rect| side.expand(SOFT).contains_rect(seen);
+        let within = |side: &Rect| side.expand(ANTIALIAS_MARGIN).contains_rect(seen);
         match sides.iter().position(within).filter(|_| !hidden) {
             Some(side) => kept[side].push(shape),
             None => {
-                if !picture.expand(SOFT).contains_rect(seen) {
+                if !picture.expand(ANTIALIAS_MARGIN).contains_rect(seen) {
                     covered.push(seen);
                 }
                 over.push(shape);
@@ -251,7 +253,7 @@ fn changed(before: &[ClippedShape], now: &[ClippedShape]) -> Rect {
         .iter()
         .chain(&now[..now.len() - last]);
     let all = all.fold(Rect::NOTHING, |rect, shape| rect.union(bounds(shape)));
-    all.expand(SOFT)
+    all.expand(ANTIALIAS_MARGIN)
 }
 
 /// The pixels that a rectangle touches, in points.

@@ -37,6 +37,6 @@ pub mod web;
 #[cfg(not(target_arch = "wasm32"))]
 mod window;
 
-pub use app::{Opened, Options};
+pub use app::{InitialFile, Options};
 #[cfg(not(target_arch = "wasm32"))]
 pub use window::run;

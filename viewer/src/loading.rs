@@ -2,14 +2,14 @@
 
 use crate::document::Document;
 use crate::series::Series;
-use crate::show::{Anew, Show};
+use crate::show::{BodySession, RebuildRequest};
 use crate::system;
-use crate::touches::Touch;
+use crate::touches::BodyEdit;
 use eframe::egui;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
 use palpate::scene::{ScanEntry, Scene};
-use palpate::{Error, Progress, Result, io};
+use palpate::{Error, ProgressFn, Result, io};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -17,38 +17,38 @@ use std::sync::{Arc, Mutex, PoisonError};
 use web_time::Instant;
 
 /// The body, whose steps wake the window.
-fn waking(mut show: Show, context: &egui::Context) -> Show {
+fn waking(mut show: BodySession, context: &egui::Context) -> BodySession {
     let woken = context.clone();
     show.set_waker(Arc::new(move || woken.request_repaint()), context);
     show
 }
 
 /// Long work on a thread: how far it is, and what comes of it. It ends soon once this is dropped.
-pub(crate) struct Work<T> {
+pub(crate) struct BackgroundTask<T> {
     since: Instant,
     told: Arc<Mutex<(String, f64)>>,
     ends: Arc<AtomicBool>,
     made: Receiver<Result<T>>,
 }
 
-impl<T> Drop for Work<T> {
+impl<T> Drop for BackgroundTask<T> {
     fn drop(&mut self) {
         self.ends.store(true, Ordering::Relaxed);
     }
 }
 
-impl<T: Send + 'static> Work<T> {
+impl<T: Send + 'static> BackgroundTask<T> {
     /// Begins `work`, which is `what` at first; the window is woken by its end.
-    pub fn begin(
+    pub fn spawn(
         what: &str,
         context: &egui::Context,
-        work: impl FnOnce(Progress) -> Result<T> + Send + 'static,
-    ) -> Work<T> {
+        work: impl FnOnce(ProgressFn) -> Result<T> + Send + 'static,
+    ) -> BackgroundTask<T> {
         let (send, made) = channel();
         let told = Arc::new(Mutex::new((what.to_owned(), 0.0)));
         let ends = Arc::new(AtomicBool::new(false));
         let (context, tell, ended) = (context.clone(), told.clone(), ends.clone());
-        system::later(move || {
+        system::spawn(move || {
             let progress = |what: &str, share: f64| {
                 *tell.lock().unwrap_or_else(PoisonError::into_inner) = (what.to_owned(), share);
                 match ended.load(Ordering::Relaxed) {
@@ -60,7 +60,7 @@ impl<T: Send + 'static> Work<T> {
             let _ = send.send(work(&progress));
             context.request_repaint();
         });
-        Work {
+        BackgroundTask {
             since: Instant::now(),
             told,
             ends,
@@ -69,9 +69,9 @@ impl<T: Send + 'static> Work<T> {
     }
 }
 
-impl<T> Work<T> {
+impl<T> BackgroundTask<T> {
     /// What came of it, once it has ended.
-    pub fn ready(&self) -> Option<Result<T>> {
+    pub fn try_take(&self) -> Option<Result<T>> {
         match self.made.try_recv() {
             Ok(made) => Some(made),
             Err(TryRecvError::Empty) => None,
@@ -105,11 +105,11 @@ pub struct Loading {
     pub text: String,
     /// The scene that there was before it was edited so.
     pub before: Option<Document>,
-    work: Work<Show>,
+    work: BackgroundTask<BodySession>,
 }
 
 /// What a body is made anew from that is there already.
-pub struct Kept {
+pub struct ReusableBody {
     /// Its mesh at rest.
     pub mesh: Arc<TetMesh>,
     /// Of the finger.
@@ -135,10 +135,10 @@ impl Loading {
     ///
     /// # Errors
     /// As [`Loading::open`].
-    pub fn again(
+    pub fn rebuild(
         gpu: &Gpu,
         document: &Document,
-        kept: Kept,
+        kept: ReusableBody,
         before: Option<Document>,
         context: &egui::Context,
     ) -> Result<Loading> {
@@ -147,19 +147,19 @@ impl Loading {
     }
 
     /// Has the body as it was before the cut that `touch` is.
-    pub fn back(
+    pub fn rebuild_before_cut(
         gpu: &Gpu,
         name: String,
-        anew: Anew,
-        touch: Arc<Touch>,
+        anew: RebuildRequest,
+        touch: Arc<BodyEdit>,
         context: &egui::Context,
     ) -> Loading {
         let (gpu, woken) = (gpu.clone(), context.clone());
-        let work = Work::begin("undoing the cut", context, move |_| {
-            let Touch::Cut(_, before) = touch.as_ref() else {
+        let work = BackgroundTask::spawn("undoing the cut", context, move |_| {
+            let BodyEdit::Cut(_, before) = touch.as_ref() else {
                 return Err(Error::Input("what is undone is no cut".into()));
             };
-            Ok(waking(anew.back(&gpu, before)?, &woken))
+            Ok(waking(anew.rebuild(&gpu, before)?, &woken))
         });
         Loading {
             name,
@@ -179,28 +179,28 @@ impl Loading {
     fn begin(
         gpu: &Gpu,
         document: &Document,
-        kept: Option<Kept>,
+        kept: Option<ReusableBody>,
         context: &egui::Context,
     ) -> Result<Loading> {
         let (scene, series) = (document.scene()?, document.series.clone());
         let (gpu, woken) = (gpu.clone(), context.clone());
-        let work = Work::begin("reading", context, move |progress| {
+        let work = BackgroundTask::spawn("reading", context, move |progress| {
             let mut scene = scene;
             let kept = match (kept, series) {
                 (Some(kept), _) => kept,
                 (None, Some(file)) => {
                     let (series, mesh) = Series::read(&file, progress)?;
-                    Kept {
+                    ReusableBody {
                         mesh: Arc::new(mesh),
                         radius: 0.0,
                         series: Some(Arc::new(series)),
                     }
                 }
                 // Scenes of several bodies and of grids make their own.
-                (None, None) => Kept {
+                (None, None) => ReusableBody {
                     mesh: match !scene.body.is_empty() || scene.grid.is_some() {
                         true => Arc::default(),
-                        false => Arc::new(scene.mesh.load_telling(progress)?),
+                        false => Arc::new(scene.mesh.load_with_progress(progress)?),
                     },
                     radius: 0.0,
                     series: None,
@@ -212,8 +212,8 @@ impl Loading {
             }
             let radius = Some(kept.radius).filter(|radius| *radius > 0.0);
             let mut show = match kept.series {
-                Some(series) => Show::of_series(&gpu, &scene, kept.mesh, series)?,
-                None => Show::new(&gpu, &scene, kept.mesh, radius)?,
+                Some(series) => BodySession::of_series(&gpu, &scene, kept.mesh, series)?,
+                None => BodySession::new(&gpu, &scene, kept.mesh, radius)?,
             };
             show.keep_read(scans, Vec::new());
             // Where there is one thread it would take as long. What fails is told by the first picture.
@@ -232,8 +232,8 @@ impl Loading {
     }
 
     /// The body, once it is ready.
-    pub fn ready(&self) -> Option<Result<Show>> {
-        self.work.ready()
+    pub fn ready(&self) -> Option<Result<BodySession>> {
+        self.work.try_take()
     }
 
     /// What is being done, the part of it that is done, and for how long, s.
@@ -243,7 +243,7 @@ impl Loading {
 }
 
 /// Reads the scans and skins of a scene, so that edits of how it looks need not read them again.
-fn read_carried(scene: &mut Scene, progress: Progress) -> Result<Vec<ReadScan>> {
+fn read_carried(scene: &mut Scene, progress: ProgressFn) -> Result<Vec<ReadScan>> {
     let mut scans = Vec::new();
     for scan in &mut scene.scan {
         let read = read_scan(scan, progress)?;
@@ -257,7 +257,7 @@ fn read_carried(scene: &mut Scene, progress: Progress) -> Result<Vec<ReadScan>> 
 }
 
 /// Labels that are told one by one.
-const FEW: usize = 64;
+const MAX_LISTED_LABELS: usize = 64;
 
 /// A scan with its volume, and its labels by number and name where they are few.
 pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
@@ -266,7 +266,7 @@ pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
 ///
 /// # Errors
 /// What reading gives; [`Error::Cancelled`].
-pub(crate) fn read_scan(scan: &ScanEntry, progress: Progress) -> Result<ReadScan> {
+pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadScan> {
     let told = |what| match progress(what, 0.0).is_break() {
         true => Err(Error::Cancelled),
         false => Ok(()),
@@ -274,11 +274,11 @@ pub(crate) fn read_scan(scan: &ScanEntry, progress: Progress) -> Result<ReadScan
     told("reading the scan")?;
     let volume = io::read_volume(&scan.file)?;
     told("looking for labels")?;
-    let labels = volume.labels().filter(|all| all.len() <= FEW);
+    let labels = volume.labels().filter(|all| all.len() <= MAX_LISTED_LABELS);
     let labels = labels.map(|all| {
         let shown = all.into_keys().filter(|label| *label != 0);
         let named = shown.map(|label| {
-            let name = volume.names.get(&label).cloned();
+            let name = volume.label_names.get(&label).cloned();
             (label, name.unwrap_or_else(|| format!("label {label}")))
         });
         named.collect()

@@ -1,7 +1,7 @@
 //! `palpate-view`: press on a body in a window and see inside it while it gives.
 
 use clap::Parser;
-use palpate_view::{Opened, Options};
+use palpate_view::{InitialFile, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -36,8 +36,8 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let options = Options {
         open: match (arguments.file, arguments.example) {
-            (Some(file), _) => Opened::File(file),
-            (None, name) => Opened::Example(name.unwrap_or_else(|| "limb".into())),
+            (Some(file), _) => InitialFile::File(file),
+            (None, name) => InitialFile::Example(name.unwrap_or_else(|| "limb".into())),
         },
         log: arguments.log,
     };

@@ -1,20 +1,20 @@
 //! Menus, keys, the tools at the left and the line at the bottom.
 
 use crate::app::App;
-use crate::ask::{Ask, Saved};
+use crate::ask::{PathPrompt, SaveKind};
 use crate::examples::EXAMPLES;
-use crate::hand::{Hand, Stroke};
+use crate::hand::{PointerGesture, PointerTool};
 use crate::orbit::Side;
-use crate::panel::Purpose;
-use crate::settings::{Habit, Theme};
+use crate::panel::ImportKind;
+use crate::settings::{MouseBindings, Theme};
 use crate::system;
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 use glam::DVec2;
 use std::f64::consts::PI;
 
 /// By how much a key turns the view, in parts of the picture's height, and moves it.
-const TURN: f64 = 1.0 / 12.0;
-const MOVE: f64 = 0.05;
+const KEY_ROTATION: f64 = 1.0 / 12.0;
+const KEY_PAN: f64 = 0.05;
 /// How fast time may go by.
 const SPEEDS: [f64; 5] = [0.1, 0.25, 0.5, 1.0, 2.0];
 
@@ -29,7 +29,7 @@ const RESTART: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key:
 
 impl App {
     /// Does what keys do, unless something is typed.
-    pub(crate) fn keys(&mut self, context: &egui::Context) {
+    pub(crate) fn handle_shortcuts(&mut self, context: &egui::Context) {
         // Ctrl+Z takes back what is typed.
         if context.text_edit_focused() {
             return;
@@ -43,28 +43,28 @@ impl App {
             self.undo(false, context);
         }
         if pressed(&OPEN) {
-            system::choose_file(self.wish(context), Purpose::Open);
+            system::choose_file(self.dialog_sender(context), ImportKind::Open);
         }
         if pressed(&OPEN_PATH) {
-            self.ask = Some(Ask::of(Purpose::Open));
+            self.ask = Some(PathPrompt::of(ImportKind::Open));
         }
         if pressed(&SAVE_PICTURE) {
-            self.ask_place(Saved::Picture);
+            self.prompt_save_path(SaveKind::Picture);
         }
         if pressed(&SAVE_SCENE) {
-            self.ask_place(Saved::Scene);
+            self.prompt_save_path(SaveKind::Scene);
         }
         if pressed(&RESTART) {
-            self.restart(None, None, context);
+            self.rebuild_body(None, None, context);
         }
         if context.memory(|m| m.focused().is_some()) {
             return;
         }
         let shift = context.input(|i| i.modifiers.shift);
         let hit = |key: Key| context.input(|i| i.key_pressed(key));
-        for (hand, _, key, _) in Hand::ALL {
+        for (hand, _, key, _) in PointerTool::ALL {
             if hit(key) {
-                self.hand = hand;
+                self.pointer_tool = hand;
             }
         }
         let sides = [Key::R, Key::L, Key::A, Key::P, Key::S, Key::I];
@@ -81,8 +81,8 @@ impl App {
         ];
         for (key, way) in ways {
             match (hit(key), shift) {
-                (true, false) => self.orbit.orbit(TURN * way),
-                (true, true) => self.orbit.pan(MOVE * way),
+                (true, false) => self.orbit.orbit(KEY_ROTATION * way),
+                (true, true) => self.orbit.pan(KEY_PAN * way),
                 _ => {}
             }
         }
@@ -96,9 +96,9 @@ impl App {
                 self.orbit.zoom(factor);
             }
         }
-        for (key, forward) in [(Key::PageUp, MOVE), (Key::PageDown, -MOVE)] {
+        for (key, forward) in [(Key::PageUp, KEY_PAN), (Key::PageDown, -KEY_PAN)] {
             if hit(key) {
-                self.orbit.fly(forward, 0.0);
+                self.orbit.dolly(forward, 0.0);
             }
         }
         for (key, angle) in [
@@ -110,7 +110,7 @@ impl App {
             }
         }
         if hit(Key::F) || hit(Key::Home) {
-            self.fit();
+            self.fit_view();
         }
         if hit(Key::O) {
             self.orbit.orthographic = !self.orbit.orthographic;
@@ -125,12 +125,12 @@ impl App {
             self.go_on(-1);
         }
         if hit(Key::Escape) {
-            if matches!(self.stroke, Stroke::Cut(..)) {
-                self.stroke = Stroke::Idle;
+            if matches!(self.stroke, PointerGesture::Cut(..)) {
+                self.stroke = PointerGesture::Idle;
             }
-            self.let_go();
+            self.end_gesture();
             self.ruler = None;
-            self.hand = Hand::Look;
+            self.pointer_tool = PointerTool::Look;
         }
     }
 
@@ -141,12 +141,12 @@ impl App {
         }
         let Some(show) = &mut self.show else { return };
         show.playing = false;
-        let result = match show.stage_mut().under_way() {
+        let result = match show.stage_mut().poll_steps() {
             Ok(true) => Ok(()),
             Ok(false) => show.step(),
             Err(why) => Err(why),
         };
-        self.tell_error(result);
+        self.show_error(result);
     }
 
     /// The menus.
@@ -169,13 +169,13 @@ impl App {
                     "Body back to rest, whole",
                     Some(&RESTART),
                 ) {
-                    self.restart(None, None, &context);
+                    self.rebuild_body(None, None, &context);
                 }
             });
             ui.menu_button("View", |ui| self.menu_view(ui, &context));
             ui.menu_button("Help", |ui| {
                 ui.label("Drag to go round the body, turn the wheel to come nearer.");
-                for (_, name, key, help) in Hand::ALL {
+                for (_, name, key, help) in PointerTool::ALL {
                     ui.label(format!("{}  {name}: {help}", key.name()));
                 }
                 ui.label("Space: play and pause   .: one step or frame   ,: one frame back");
@@ -189,10 +189,10 @@ impl App {
 
     fn menu_file(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         if item(ui, true, "Open…", Some(&OPEN)) {
-            system::choose_file(self.wish(context), Purpose::Open);
+            system::choose_file(self.dialog_sender(context), ImportKind::Open);
         }
         if item(ui, true, "Open path…", Some(&OPEN_PATH)) {
-            self.ask = Some(Ask::of(Purpose::Open));
+            self.ask = Some(PathPrompt::of(ImportKind::Open));
         }
         ui.menu_button("Open recent", |ui| {
             let recent = self.settings.recent.clone();
@@ -225,17 +225,19 @@ impl App {
         ui.separator();
         let open = self.show.is_some();
         if item(ui, open, "Save picture…", Some(&SAVE_PICTURE)) {
-            self.ask_place(Saved::Picture);
+            self.prompt_save_path(SaveKind::Picture);
         }
         if item(ui, open, "Save scene…", Some(&SAVE_SCENE)) {
-            self.ask_place(Saved::Scene);
+            self.prompt_save_path(SaveKind::Scene);
         }
         if item(ui, open, "Save body as it is…", None) {
-            self.ask_place(Saved::Mesh);
+            self.prompt_save_path(SaveKind::Mesh);
         }
         #[cfg(not(target_arch = "wasm32"))]
         match self.recording.is_some() {
-            false if item(ui, open, "Save a film…", None) => self.ask_place(Saved::Film),
+            false if item(ui, open, "Save a film…", None) => {
+                self.prompt_save_path(SaveKind::Film)
+            }
             true if item(ui, true, "Stop the film", None) => self.end_film(),
             _ => {}
         }
@@ -247,7 +249,7 @@ impl App {
 
     fn menu_view(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         if item(ui, true, "Fit (F)", None) {
-            self.fit();
+            self.fit_view();
         }
         for (side, letter, name) in Side::ALL {
             if item(ui, true, &format!("{name} ({letter})"), None) {
@@ -263,8 +265,16 @@ impl App {
         ui.separator();
         let before = self.settings.clone();
         ui.label("Mouse as in");
-        ui.radio_value(&mut self.settings.habit, Habit::ParaView, "ParaView");
-        ui.radio_value(&mut self.settings.habit, Habit::Slicer, "3D Slicer");
+        ui.radio_value(
+            &mut self.settings.mouse_bindings,
+            MouseBindings::ParaView,
+            "ParaView",
+        );
+        ui.radio_value(
+            &mut self.settings.mouse_bindings,
+            MouseBindings::Slicer,
+            "3D Slicer",
+        );
         ui.separator();
         ui.radio_value(&mut self.settings.theme, Theme::Dark, "Dark");
         ui.radio_value(&mut self.settings.theme, Theme::Light, "Light");
@@ -274,17 +284,17 @@ impl App {
             "As the system has it",
         );
         if self.settings != before {
-            self.wear_theme(context);
+            self.apply_theme(context);
             self.settings.write();
         }
     }
 
     /// The tools at the left.
-    pub(crate) fn hands(&mut self, ui: &mut egui::Ui) {
+    pub(crate) fn toolbar(&mut self, ui: &mut egui::Ui) {
         ui.add_space(4.0);
-        for (hand, name, key, help) in Hand::ALL {
+        for (hand, name, key, help) in PointerTool::ALL {
             let help = format!("{help} ({})", key.name());
-            ui.selectable_value(&mut self.hand, hand, name)
+            ui.selectable_value(&mut self.pointer_tool, hand, name)
                 .on_hover_text(help);
         }
         ui.separator();
@@ -302,7 +312,7 @@ impl App {
             .on_hover_text("Show all of the body (F)")
             .clicked()
         {
-            self.fit();
+            self.fit_view();
         }
     }
 
@@ -348,7 +358,7 @@ impl App {
                     self.step();
                 }
                 if rest {
-                    self.restart(None, None, &context);
+                    self.rebuild_body(None, None, &context);
                 }
             }
             #[cfg(not(target_arch = "wasm32"))]
@@ -365,7 +375,7 @@ impl App {
                 }
             }
             ui.separator();
-            let (said, wrong) = &self.said;
+            let (said, wrong) = &self.status;
             let text = match wrong {
                 true => egui::RichText::new(said).color(ui.visuals().error_fg_color),
                 false => egui::RichText::new(said),

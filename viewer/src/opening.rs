@@ -3,21 +3,21 @@
 use crate::app::App;
 use crate::document::Document;
 use crate::examples::Example;
-use crate::hand::Stroke;
-use crate::loading::{Kept, Loading};
+use crate::hand::PointerGesture;
+use crate::loading::{Loading, ReusableBody};
 use crate::orbit::Orbit;
-use crate::show::Show;
-use crate::system::{self, Chosen, Wish};
+use crate::show::BodySession;
+use crate::system::{self, DialogResult, DialogSender};
 use eframe::egui;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use web_time::Instant;
 
 /// How often the file that is open is looked at.
-const LOOK: Duration = Duration::from_secs(1);
+const FILE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// The file that is open, and when it was changed last.
-pub(crate) struct Watched {
+pub(crate) struct WatchedFile {
     file: PathBuf,
     at: Option<SystemTime>,
     looked: Instant,
@@ -30,8 +30,8 @@ fn changed(file: &Path) -> Option<SystemTime> {
 
 impl App {
     /// Where what dialogs were closed with is sent to.
-    pub(crate) fn wish(&self, context: &egui::Context) -> Wish {
-        Wish {
+    pub(crate) fn dialog_sender(&self, context: &egui::Context) -> DialogSender {
+        DialogSender {
             send: self.chosen.0.clone(),
             context: context.clone(),
         }
@@ -41,7 +41,7 @@ impl App {
     pub(crate) fn open(&mut self, file: &Path, context: &egui::Context) {
         match Document::open(file) {
             Ok(document) => self.begin(document, context),
-            Err(why) => self.tell_error(Err(why)),
+            Err(why) => self.show_error(Err(why)),
         }
     }
 
@@ -52,13 +52,13 @@ impl App {
             if let Some(preset) = transfer
                 && document.scene()?.picture.transfer.is_none()
             {
-                document.show_by(preset)?;
+                document.set_initial_preset(preset)?;
             }
             Ok(document)
         });
         match opened {
             Ok(document) => self.begin(document, context),
-            Err(why) => self.tell_error(Err(why)),
+            Err(why) => self.show_error(Err(why)),
         }
     }
 
@@ -66,32 +66,32 @@ impl App {
     pub(crate) fn open_example(&mut self, example: &Example, context: &egui::Context) {
         match example.open() {
             Ok(document) => self.begin(document, context),
-            Err(why) => self.tell_error(Err(why)),
+            Err(why) => self.show_error(Err(why)),
         }
     }
 
     fn begin(&mut self, document: Document, context: &egui::Context) {
-        self.said = (format!("opening {}", document.name), false);
+        self.status = (format!("opening {}", document.name), false);
         match Loading::open(&self.gpu, document, context) {
             Ok(loading) => self.loading = Some(loading),
-            Err(why) => self.tell_error(Err(why)),
+            Err(why) => self.show_error(Err(why)),
         }
     }
 
     /// Drops what is being opened or read.
     pub(crate) fn cancel_loading(&mut self) {
         if self.loading.is_none() && self.taking.take().is_some() {
-            return self.say("it was left out".into());
+            return self.set_status("it was left out".into());
         }
         if let Some(loading) = self.loading.take() {
             // Its thread ends soon, wherever it is.
-            self.say(format!("{} was not opened", loading.name));
+            self.set_status(format!("{} was not opened", loading.name));
         }
     }
 
     /// Makes the body anew from its scene, at rest, with a finger of `radius`, or the one it has.
     /// Where that cannot be, the scene becomes again what it was `before`.
-    pub(crate) fn restart(
+    pub(crate) fn rebuild_body(
         &mut self,
         radius: Option<f64>,
         before: Option<Document>,
@@ -104,19 +104,19 @@ impl App {
         if self.loading.as_ref().is_some_and(Loading::opens) {
             return;
         }
-        let kept = Kept {
+        let kept = ReusableBody {
             mesh: show.mesh.clone(),
             radius: radius.unwrap_or(show.radius),
             series: show.player.as_ref().map(|player| player.series().clone()),
         };
-        match Loading::again(&self.gpu, document, kept, before, context) {
+        match Loading::rebuild(&self.gpu, document, kept, before, context) {
             Ok(loading) => self.loading = Some(loading),
-            Err(why) => self.tell_error(Err(why)),
+            Err(why) => self.show_error(Err(why)),
         }
     }
 
     /// Takes over a body that is ready.
-    pub(crate) fn take_over(&mut self, context: &egui::Context) {
+    pub(crate) fn install_body(&mut self, context: &egui::Context) {
         // How it is seen depends on how large the picture is, which the first frames find out.
         if self.loading.is_some() && !self.settled {
             context.request_repaint();
@@ -137,10 +137,10 @@ impl App {
                 {
                     self.document = Some(before);
                 }
-                return self.tell_error(Err(why));
+                return self.show_error(Err(why));
             }
         };
-        self.said = (show.notes.join("; "), false);
+        self.status = (show.notes.join("; "), false);
         match (loading.document, &self.show, &self.document) {
             (Some(document), ..) => {
                 let again = self
@@ -150,7 +150,7 @@ impl App {
                 if let Some(file) = &document.file {
                     self.settings.opened(file);
                 }
-                self.watched = document.file.as_ref().map(|file| Watched {
+                self.watched = document.file.as_ref().map(|file| WatchedFile {
                     file: file.clone(),
                     at: changed(file),
                     looked: Instant::now(),
@@ -170,22 +170,24 @@ impl App {
                 show.speed = old.speed;
                 show.playing = old.playing || old.failed;
                 if document.text() != loading.text {
-                    let result = document.scene().and_then(|scene| show.set_looks(&scene));
-                    self.tell_error(result);
+                    let result = document
+                        .scene()
+                        .and_then(|scene| show.set_appearance(&scene));
+                    self.show_error(result);
                 }
             }
             (None, ..) => {}
         }
-        self.stroke = Stroke::Idle;
+        self.stroke = PointerGesture::Idle;
         self.taking = None;
         self.ruler = None;
         self.histogram = None;
-        self.screen.forget();
+        self.screen.invalidate();
         self.show = Some(show);
     }
 
     /// Looks at a body as its scene has it.
-    fn see(&mut self, show: &mut Show) {
+    fn see(&mut self, show: &mut BodySession) {
         let camera = *show.stage_mut().camera_mut();
         self.orbit = Orbit::of(&camera, show.diagonal());
         // All that a wider picture would show.
@@ -200,20 +202,20 @@ impl App {
     pub(crate) fn take_files(&mut self, context: &egui::Context) {
         let dropped = context.input(|i| i.raw.dropped_files.clone());
         if !dropped.is_empty() {
-            system::take_dropped(&dropped, &self.wish(context));
+            system::take_dropped(&dropped, &self.dialog_sender(context));
         }
         while let Ok(chosen) = self.chosen.1.try_recv() {
             match chosen {
-                Chosen::File(purpose, file) => {
+                DialogResult::File(purpose, file) => {
                     self.ask = None;
-                    self.take(purpose, &file, context);
+                    self.start_import(purpose, &file, context);
                 }
-                Chosen::Place(file) => {
+                DialogResult::Place(file) => {
                     if let Some(ask) = &mut self.ask {
                         ask.path = file.to_string_lossy().into_owned();
                     }
                 }
-                Chosen::Failed(why) => self.said = (why, true),
+                DialogResult::Failed(why) => self.status = (why, true),
             }
         }
     }
@@ -223,8 +225,8 @@ impl App {
         let Some(watched) = &mut self.watched else {
             return;
         };
-        context.request_repaint_after(LOOK);
-        if watched.looked.elapsed() < LOOK || self.loading.is_some() {
+        context.request_repaint_after(FILE_POLL_INTERVAL);
+        if watched.looked.elapsed() < FILE_POLL_INTERVAL || self.loading.is_some() {
             return;
         }
         watched.looked = Instant::now();
@@ -235,8 +237,8 @@ impl App {
         // It is looked at once, whatever comes of it.
         watched.at = now;
         let file = watched.file.clone();
-        match self.document.as_ref().is_some_and(|d| d.can()[0]) {
-            true => self.say(format!(
+        match self.document.as_ref().is_some_and(|d| d.can_undo_redo()[0]) {
+            true => self.set_status(format!(
                 "{} has changed; what was edited here is kept until it is opened again",
                 file.display()
             )),

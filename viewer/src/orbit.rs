@@ -4,13 +4,13 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use palpate::render::{Camera, Projection};
 
 /// Radians that the eye goes round in the time the pointer crosses the picture.
-const ROUND: f64 = std::f64::consts::PI;
+const ORBIT_RADIANS: f64 = std::f64::consts::PI;
 /// The nearest that the eye comes to the point it looks at, over the size of the body.
 const NEAREST: f64 = 1e-3;
 /// The farthest.
 const FARTHEST: f64 = 100.0;
 /// The part of the picture's height that a body fills.
-const FILLED: f64 = 0.9;
+const FIT_FRACTION: f64 = 0.9;
 
 /// A standard view, named by where the eye is: right, left, anterior, posterior, superior, inferior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,8 +108,8 @@ impl Orbit {
 
     /// Goes round by what the pointer went, in parts of the picture's height: to the right, and down.
     pub fn orbit(&mut self, moved: DVec2) {
-        let aside = DQuat::from_axis_angle(DVec3::Y, -ROUND * moved.x);
-        let over = DQuat::from_axis_angle(DVec3::X, -ROUND * moved.y);
+        let aside = DQuat::from_axis_angle(DVec3::Y, -ORBIT_RADIANS * moved.x);
+        let over = DQuat::from_axis_angle(DVec3::X, -ORBIT_RADIANS * moved.y);
         self.turn = (self.turn * aside * over).normalize();
     }
 
@@ -131,7 +131,7 @@ impl Orbit {
     }
 
     /// Flies by `forward` and `aside`, in parts of the body's size.
-    pub fn fly(&mut self, forward: f64, aside: f64) {
+    pub fn dolly(&mut self, forward: f64, aside: f64) {
         self.focus += self.turn * DVec3::new(aside, 0.0, -forward) * self.size;
     }
 
@@ -145,7 +145,7 @@ impl Orbit {
     pub fn fit(&mut self, (low, high): (DVec3, DVec3), aspect: f64) {
         self.focus = 0.5 * (low + high);
         self.size = low.distance(high).max(f64::MIN_POSITIVE);
-        let slope = half_slope(self.fov) * FILLED;
+        let slope = half_slope(self.fov) * FIT_FRACTION;
         let axes = DMat3::from_quat(self.turn).transpose();
         let corners = (0..8).map(|k| {
             let pick = |axis: usize| [low, high][k >> axis & 1][axis];
@@ -256,7 +256,7 @@ mod tests {
                     .max(local.y.abs() / half)
                     .max(local.x.abs() / half / aspect);
             }
-            assert!((most - FILLED).abs() < 1e-9, "{most}");
+            assert!((most - FIT_FRACTION).abs() < 1e-9, "{most}");
             camera.check().unwrap_or_else(|e| panic!("{e}"));
         }
     }

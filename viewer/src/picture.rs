@@ -1,9 +1,9 @@
 //! The picture in the window, and what is drawn over it.
 
 use crate::app::App;
-use crate::hand::{Area, Stroke};
+use crate::hand::{PointerGesture, Viewport};
 #[cfg(not(target_arch = "wasm32"))]
-use crate::kept::Kept;
+use crate::kept::UiCache;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
 use palpate::render::Camera;
@@ -11,7 +11,7 @@ use std::time::Duration;
 
 impl App {
     /// Shows all of the body.
-    pub(crate) fn fit(&mut self) {
+    pub(crate) fn fit_view(&mut self) {
         if let (Some(show), Some(area)) = (&self.show, self.area) {
             let aspect = f64::from(area.size[0]) / f64::from(area.size[1].max(1));
             self.orbit.fit(show.bounds, aspect);
@@ -19,21 +19,21 @@ impl App {
     }
 
     /// The picture, and what is drawn over it.
-    pub(crate) fn central(&mut self, ui: &mut egui::Ui, frame: &eframe::Frame) {
+    pub(crate) fn draw_viewport(&mut self, ui: &mut egui::Ui, frame: &eframe::Frame) {
         let rect = ui.available_rect_before_wrap();
         let scale = ui.ctx().pixels_per_point();
         let pixels = (rect.size() * scale).round();
-        let area = Area {
+        let area = Viewport {
             rect,
             size: [pixels.x.max(1.0) as u32, pixels.y.max(1.0) as u32],
         };
         let response = ui.allocate_rect(rect, Sense::click_and_drag());
         #[cfg(not(target_arch = "wasm32"))]
         ui.ctx()
-            .with_plugin(|kept: &mut Kept| kept.picture = Some(rect));
+            .with_plugin(|kept: &mut UiCache| kept.picture = Some(rect));
         let before = self.area.replace(area);
         self.settled = before.is_some_and(|before| before.size == area.size);
-        self.hand(ui, &response, area);
+        self.handle_pointer(ui, &response, area);
         let dark = ui.visuals().dark_mode;
         let backdrop = if dark {
             [0.05, 0.06, 0.08, 1.0]
@@ -46,7 +46,7 @@ impl App {
             let pictures = self.screen.pictures;
             match self.screen.draw(with, show, (&camera, backdrop), area.size) {
                 Ok(finer) => {
-                    self.finer = finer;
+                    self.refine_pending = finer;
                     let drawn = self.screen.pictures > pictures;
                     let shows = [self.frames.moved.take(), show.shown.take()];
                     let since = shows.into_iter().flatten().min().filter(|_| drawn);
@@ -56,23 +56,23 @@ impl App {
                         ui.ctx().request_repaint_after(Duration::from_millis(40));
                     }
                 }
-                Err(why) => self.said = (why.to_string(), true),
+                Err(why) => self.status = (why.to_string(), true),
             }
         }
         self.overlay(ui, area, &camera);
     }
 
-    fn overlay(&mut self, ui: &mut egui::Ui, area: Area, camera: &Camera) {
+    fn overlay(&mut self, ui: &mut egui::Ui, area: Viewport, camera: &Camera) {
         let mut cancelled = false;
         let painter = ui.painter_at(area.rect);
         let strong = ui.visuals().strong_text_color();
         let line = Line::new(2.0, ui.visuals().selection.stroke.color);
         self.draw_handles(ui, area, camera);
-        if let Stroke::Cut(way, _) = &self.stroke {
+        if let PointerGesture::Cut(way, _) = &self.stroke {
             painter.line(way.clone(), line);
         }
         if let (Some([from, to]), Some(show)) = (self.ruler, &self.show)
-            && let (Some(a), Some(b)) = (area.seen(camera, from), area.seen(camera, to))
+            && let (Some(a), Some(b)) = (area.project(camera, from), area.project(camera, to))
         {
             painter.line_segment([a, b], line);
             for end in [a, b] {

@@ -2,7 +2,7 @@
 
 use crate::app::App;
 use eframe::egui;
-use palpate::render::{Background, Film, Image};
+use palpate::render::{Animation, Background, Image};
 use palpate::scene::PendingImage;
 use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -31,9 +31,9 @@ impl Recording {
     /// Begins a film.
     ///
     /// # Errors
-    /// As [`Film::create`].
+    /// As [`Animation::create`].
     fn begin(file: &Path, size: [u32; 2], context: &egui::Context) -> Result<Recording> {
-        let film = Film::create(file, size, FPS)?;
+        let film = Animation::create(file, size, FPS)?;
         let (pictures, written) = sync_channel(WAITING);
         let (end, ended) = channel();
         let context = context.clone();
@@ -74,7 +74,7 @@ impl Recording {
 }
 
 /// Writes pictures until no more come. How many there are.
-fn write(mut film: Film, pictures: &Receiver<(Image, u64)>) -> Result<u64> {
+fn write(mut film: Animation, pictures: &Receiver<(Image, u64)>) -> Result<u64> {
     let mut all = 0;
     while let Ok((image, count)) = pictures.recv() {
         for _ in 0..count {
@@ -90,10 +90,10 @@ impl App {
     /// Begins a film of what is seen from now on, in the size of saved pictures.
     ///
     /// # Errors
-    /// As [`Film::create`].
+    /// As [`Animation::create`].
     pub(crate) fn begin_film(&mut self, file: &Path, context: &egui::Context) -> Result<()> {
         self.recording = Some(Recording::begin(file, self.picture, context)?);
-        self.say("the film goes on until it is stopped, at the bottom".into());
+        self.set_status("the film goes on until it is stopped, at the bottom".into());
         Ok(())
     }
 
@@ -109,7 +109,7 @@ impl App {
         if let Some(recording) = &mut self.recording {
             recording.pictures = None;
             recording.pending = None;
-            self.say("writing what is left of the film".into());
+            self.set_status("writing what is left of the film".into());
         }
     }
 
@@ -122,12 +122,12 @@ impl App {
             Ok(Ok(count)) => {
                 let seconds = count as f64 / FPS;
                 let file = recording.file.display();
-                return self.say(format!("saved {file}, {seconds:.1} s"));
+                return self.set_status(format!("saved {file}, {seconds:.1} s"));
             }
-            Ok(Err(why)) => return self.tell_error(Err(why)),
+            Ok(Err(why)) => return self.show_error(Err(why)),
             Err(TryRecvError::Disconnected) => {
                 let why = "writing the film ended without a word; this is a mistake in the program";
-                return self.tell_error(Err(Error::Input(why.into())));
+                return self.show_error(Err(Error::Input(why.into())));
             }
             Err(TryRecvError::Empty) => {}
         }
@@ -136,7 +136,7 @@ impl App {
         if taken.is_err() {
             self.end_film();
         }
-        self.tell_error(taken);
+        self.show_error(taken);
         context.request_repaint_after(Duration::from_secs_f64(0.5 / FPS));
     }
 
@@ -145,7 +145,7 @@ impl App {
             return Ok(());
         }
         if let Some(mut pending) = recording.pending.take() {
-            match pending.look()? {
+            match pending.try_take()? {
                 Some(image) => recording.hand(image),
                 None => recording.pending = Some(pending),
             }

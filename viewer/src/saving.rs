@@ -1,9 +1,9 @@
 //! What is saved: pictures, the scene, the body, the numbers of a press.
 
 use crate::app::App;
-use crate::ask::Saved;
+use crate::ask::SaveKind;
 use crate::document::Document;
-use crate::loading::Work;
+use crate::loading::BackgroundTask;
 use crate::system;
 use eframe::egui;
 use palpate::scene::{PendingImage, PictureWriter};
@@ -11,11 +11,11 @@ use palpate::{Error, Result, io};
 use std::path::{Path, PathBuf};
 
 /// A picture that is being saved.
-pub(crate) enum SavedPicture {
+pub(crate) enum PendingScreenshot {
     /// On its way from the device.
     Asked(PendingImage, Box<PictureWriter>, PathBuf),
     /// On its way into a file.
-    Written(Work<PathBuf>),
+    Written(BackgroundTask<PathBuf>),
 }
 
 impl App {
@@ -23,18 +23,23 @@ impl App {
     ///
     /// # Errors
     /// What drawing or writing gives.
-    pub(crate) fn save(&mut self, what: Saved, file: &Path, context: &egui::Context) -> Result<()> {
+    pub(crate) fn save(
+        &mut self,
+        what: SaveKind,
+        file: &Path,
+        context: &egui::Context,
+    ) -> Result<()> {
         let camera = self.orbit.camera();
         let (Some(document), Some(show)) = (&self.document, &mut self.show) else {
             return Ok(());
         };
         match what {
             #[cfg(not(target_arch = "wasm32"))]
-            Saved::Film => return self.begin_film(file, context),
+            SaveKind::Film => return self.begin_film(file, context),
             // A browser cannot wait for it, and a window does not where it can do without.
-            Saved::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
+            SaveKind::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
                 let (pending, writer) = self.ask_picture(self.picture)?;
-                self.saved_picture = Some(SavedPicture::Asked(
+                self.saved_picture = Some(PendingScreenshot::Asked(
                     pending,
                     Box::new(writer),
                     file.to_path_buf(),
@@ -42,13 +47,13 @@ impl App {
                 context.request_repaint();
                 return Ok(());
             }
-            Saved::Picture => {
+            SaveKind::Picture => {
                 let stage = show.stage_mut();
                 *stage.camera_mut() = camera;
                 stage.set_size(self.picture);
                 stage.save(file)?;
             }
-            Saved::Scene => {
+            SaveKind::Scene => {
                 let file = system::absolute(file)?;
                 let folder = file.parent().unwrap_or(Path::new(""));
                 let frame = show.player.as_ref().and_then(|player| {
@@ -60,21 +65,21 @@ impl App {
                         range.map(|(a, b)| [a, b]),
                     ))
                 });
-                let text = document.text_seen(folder, &camera, self.picture, frame);
+                let text = document.text_with_view(folder, &camera, self.picture, frame);
                 write(&file, text.as_bytes())?;
                 // What an example reads lies in no place that lasts.
-                for (name, bytes) in document.ships {
+                for (name, bytes) in document.bundled_files {
                     let beside = folder.join(name);
                     if !io::exists(&beside) {
                         write(&beside, bytes)?;
-                        system::hand_over(&beside)?;
+                        system::start_download(&beside)?;
                     }
                 }
             }
-            Saved::Mesh => {
+            SaveKind::Mesh => {
                 io::write(file, &show.stage().deformed_mesh()?)?;
             }
-            Saved::Press => {
+            SaveKind::Press => {
                 let mut lines = "time_s,depth_m,force_n\n".to_owned();
                 for s in &show.samples {
                     lines += &format!("{},{},{}\n", s.time_s, s.depth_m, s.force_n);
@@ -97,9 +102,9 @@ impl App {
     }
 
     fn saved(&mut self, file: &Path) -> Result<()> {
-        system::hand_over(file)?;
+        system::start_download(file)?;
         self.watch_from_now();
-        self.say(format!("saved {}", file.display()));
+        self.set_status(format!("saved {}", file.display()));
         Ok(())
     }
 
@@ -110,17 +115,21 @@ impl App {
     pub(crate) fn save_arrived(&mut self, context: &egui::Context) -> Result<()> {
         let next = match self.saved_picture.take() {
             None => return Ok(()),
-            Some(SavedPicture::Asked(mut pending, writer, file)) => match pending.look()? {
-                None => {
-                    context.request_repaint();
-                    SavedPicture::Asked(pending, writer, file)
+            Some(PendingScreenshot::Asked(mut pending, writer, file)) => {
+                match pending.try_take()? {
+                    None => {
+                        context.request_repaint();
+                        PendingScreenshot::Asked(pending, writer, file)
+                    }
+                    Some(image) => PendingScreenshot::Written(BackgroundTask::spawn(
+                        "saving",
+                        context,
+                        move |_| writer.save(image, &file).map(|()| file),
+                    )),
                 }
-                Some(image) => SavedPicture::Written(Work::begin("saving", context, move |_| {
-                    writer.save(image, &file).map(|()| file)
-                })),
-            },
-            Some(SavedPicture::Written(work)) => match work.ready() {
-                None => SavedPicture::Written(work),
+            }
+            Some(PendingScreenshot::Written(work)) => match work.try_take() {
+                None => PendingScreenshot::Written(work),
                 Some(file) => return self.saved(&file?),
             },
         };

@@ -1,7 +1,7 @@
 //! The picture within the window: a texture that the interface shows, coarser while something moves.
 
-use crate::blit::{Blit, Presented};
-use crate::show::Show;
+use crate::blit::{Blit, PresentCallback};
+use crate::show::BodySession;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 use palpate::Result;
@@ -12,15 +12,15 @@ use std::time::Duration;
 use web_time::Instant;
 
 /// A picture is to be there within this time while something moves.
-const SOON: f64 = 0.03;
+const FRAME_BUDGET: f64 = 0.03;
 /// Pixels each way of a picture that moves, over those of the window: from fine to coarse.
-const SHARES: [f64; 4] = [1.0, 0.8, 0.64, 0.5];
+const RESOLUTION_SCALES: [f64; 4] = [1.0, 0.8, 0.64, 0.5];
 /// For so long nothing has moved when it is drawn at full resolution.
-const STILL: Duration = Duration::from_millis(120);
+const IDLE_DELAY: Duration = Duration::from_millis(120);
 
 /// What a picture shows.
 #[derive(Clone, Copy, PartialEq)]
-struct Shown {
+struct DrawnState {
     version: u64,
     camera: Camera,
     backdrop: [f32; 4],
@@ -32,12 +32,12 @@ struct Shown {
 pub struct Screen {
     texture: Option<Texture>,
     blit: Option<Blit>,
-    shown: Option<Shown>,
+    shown: Option<DrawnState>,
     moved: Option<Instant>,
     /// Which of the shares is drawn while something moves.
     coarse: usize,
     /// The last picture that was sent: when, how many pixels; and how long a million of them took.
-    sent: Arc<Mutex<Sent>>,
+    sent: Arc<Mutex<SubmittedFrame>>,
     /// Pictures that were drawn.
     pub pictures: u64,
 }
@@ -49,7 +49,7 @@ struct Texture {
 }
 
 #[derive(Default)]
-struct Sent {
+struct SubmittedFrame {
     at: Option<(Instant, f64)>,
     seconds_a_million: Option<f64>,
 }
@@ -59,22 +59,22 @@ impl Screen {
     /// Whether it will be drawn finer.
     ///
     /// # Errors
-    /// As [`Show::record`].
+    /// As [`BodySession::record`].
     pub fn draw(
         &mut self,
         (gpu, state): (&Gpu, &RenderState),
-        show: &mut Show,
+        show: &mut BodySession,
         (camera, backdrop): (&Camera, [f32; 4]),
         size: [u32; 2],
     ) -> Result<bool> {
         let now = Instant::now();
-        let wanted = |size| Shown {
+        let wanted = |size| DrawnState {
             version: show.version,
             camera: *camera,
             backdrop,
             size,
         };
-        let differs = |a: &Shown, b: &Shown| {
+        let differs = |a: &DrawnState, b: &DrawnState| {
             (a.version, a.camera, a.backdrop) != (b.version, b.camera, b.backdrop)
         };
         let full = wanted(size);
@@ -87,12 +87,14 @@ impl Screen {
         }
         let still = self
             .moved
-            .is_none_or(|moved| now.duration_since(moved) >= STILL);
+            .is_none_or(|moved| now.duration_since(moved) >= IDLE_DELAY);
         let size = match still {
             true => size,
             false => {
                 self.choose(size);
-                size.map(|n| ((f64::from(n) * SHARES[self.coarse]).round() as u32).max(1))
+                size.map(|n| {
+                    ((f64::from(n) * RESOLUTION_SCALES[self.coarse]).round() as u32).max(1)
+                })
             }
         };
         let next = wanted(size);
@@ -105,7 +107,7 @@ impl Screen {
             return Ok(self.shown != Some(full));
         }
         let view = self.target(state, size);
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         show.record(&mut work, camera, (&view, backdrop))?;
         work.submit()?;
         self.note(state, now, size);
@@ -115,7 +117,7 @@ impl Screen {
     }
 
     /// Has the next picture drawn, whatever it shows.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.shown = None;
     }
 
@@ -137,14 +139,17 @@ impl Screen {
     /// Takes the finest of the shares whose picture is there soon.
     fn choose(&mut self, [width, height]: [u32; 2]) {
         let Some(seconds) = lock(&self.sent).seconds_a_million else {
-            self.coarse = SHARES.len() - 1;
+            self.coarse = RESOLUTION_SCALES.len() - 1;
             return;
         };
         let pixels = 1e-6 * f64::from(width) * f64::from(height);
-        let soon = |share: &f64| seconds * pixels * share * share <= SOON;
-        let best = SHARES.iter().position(soon).unwrap_or(SHARES.len() - 1);
+        let soon = |share: &f64| seconds * pixels * share * share <= FRAME_BUDGET;
+        let best = RESOLUTION_SCALES
+            .iter()
+            .position(soon)
+            .unwrap_or(RESOLUTION_SCALES.len() - 1);
         // Not to and fro: finer only where there is time to spare.
-        let spare = seconds * pixels * SHARES[best].powi(2) <= 0.7 * SOON;
+        let spare = seconds * pixels * RESOLUTION_SCALES[best].powi(2) <= 0.7 * FRAME_BUDGET;
         if best > self.coarse || spare {
             self.coarse = best;
         }
@@ -174,7 +179,7 @@ impl Screen {
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
         let blit = self.blit.get_or_insert_with(|| Blit::new(state));
         self.texture = Some(Texture {
-            shown: blit.of(&state.device, &view),
+            shown: blit.bind_texture(&state.device, &view),
             view: view.clone(),
         });
         view
@@ -182,12 +187,12 @@ impl Screen {
 
     /// What shows the picture over `rect`; none before there is one. `until` is dropped once it is on
     /// the screen.
-    pub(crate) fn shape(&self, rect: egui::Rect, until: Presented) -> Option<egui::Shape> {
+    pub(crate) fn shape(&self, rect: egui::Rect, until: PresentCallback) -> Option<egui::Shape> {
         let (blit, texture) = (self.blit.as_ref()?, self.texture.as_ref()?);
         Some(blit.shape(&texture.shown, rect, Some(until)))
     }
 }
 
-fn lock(sent: &Mutex<Sent>) -> std::sync::MutexGuard<'_, Sent> {
+fn lock(sent: &Mutex<SubmittedFrame>) -> std::sync::MutexGuard<'_, SubmittedFrame> {
     sent.lock().unwrap_or_else(PoisonError::into_inner)
 }

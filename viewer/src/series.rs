@@ -1,24 +1,24 @@
 //! A recorded series: its frames, and how they go by.
 
-use crate::loading::Work;
-use crate::show::Show;
+use crate::loading::BackgroundTask;
+use crate::show::BodySession;
 use eframe::egui;
 use glam::DVec3;
 use palpate::annotate::FrameTime;
 use palpate::mesh::{Field, TetMesh};
 use palpate::scene::Scene;
-use palpate::{Error, Progress, Result, io};
+use palpate::{Error, ProgressFn, Result, io};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 /// Bytes of frames that are kept; those beyond are read again when they are shown.
-const KEPT: usize = 1 << 30;
+const CACHE_BYTES: usize = 1 << 30;
 /// Frames a second of a series whose times say nothing.
 const FPS: f64 = 12.0;
 /// No more time goes by between two looks.
-const LONGEST: f64 = 0.5;
+const MAX_FRAME_INTERVAL: f64 = 0.5;
 
 /// A frame of a series.
 pub struct Frame {
@@ -51,11 +51,11 @@ impl Series {
     /// # Errors
     /// What reading gives; [`Error::Format`] for a series without frames, or whose frames are not of one
     /// mesh; [`Error::Cancelled`].
-    pub fn read(file: &Path, progress: Progress) -> Result<(Series, TetMesh)> {
-        Series::read_keeping(file, KEPT, progress)
+    pub fn read(file: &Path, progress: ProgressFn) -> Result<(Series, TetMesh)> {
+        Series::read_keeping(file, CACHE_BYTES, progress)
     }
 
-    fn read_keeping(file: &Path, most: usize, progress: Progress) -> Result<(Series, TetMesh)> {
+    fn read_keeping(file: &Path, most: usize, progress: ProgressFn) -> Result<(Series, TetMesh)> {
         let listed = io::read_pvd(file)?;
         let Some(first) = listed.first() else {
             return Err(Error::format(file, "the series has no frames"));
@@ -183,7 +183,7 @@ pub struct Player {
     wanted: usize,
     /// Since the first frame, s.
     clock: f64,
-    reading: Option<(usize, Work<Frame>)>,
+    reading: Option<(usize, BackgroundTask<Frame>)>,
     /// What is woken by a frame that was read.
     context: egui::Context,
 }
@@ -233,7 +233,7 @@ impl Player {
 
     /// Has time go by, s; whether any is left.
     fn pass(&mut self, seconds: f64) -> bool {
-        self.clock += seconds.min(LONGEST);
+        self.clock += seconds.min(MAX_FRAME_INTERVAL);
         self.wanted = self.series.at(self.clock);
         !self.at_end()
     }
@@ -247,7 +247,7 @@ impl Player {
     /// The frame that is to be shown, once it is there and another is shown.
     fn next(&mut self) -> Result<Option<(usize, Arc<Frame>)>> {
         if let Some((frame, work)) = &self.reading
-            && let Some(read) = work.ready()
+            && let Some(read) = work.try_take()
         {
             let frame = *frame;
             self.reading = None;
@@ -263,7 +263,7 @@ impl Player {
         if self.reading.is_none() {
             let (file, series) = (entry.file.clone(), self.series.clone());
             let first = series.entries[0].kept.clone();
-            let work = Work::begin("reading", &self.context, move |_| {
+            let work = BackgroundTask::spawn("reading", &self.context, move |_| {
                 let frame = Frame::of(io::read(&file)?);
                 match first.is_none_or(|first| first.nodes.len() == frame.nodes.len()) {
                     true => Ok(frame),
@@ -279,7 +279,7 @@ impl Player {
     }
 }
 
-impl Show {
+impl BodySession {
     /// The first frame of a series whose mesh is `mesh`.
     ///
     /// # Errors
@@ -289,22 +289,22 @@ impl Show {
         scene: &Scene,
         mesh: Arc<TetMesh>,
         series: Arc<Series>,
-    ) -> Result<Show> {
-        let mut show = Show::still(gpu, scene, mesh)?;
+    ) -> Result<BodySession> {
+        let mut show = BodySession::static_body(gpu, scene, mesh)?;
         show.bounds = series.bounds;
         show.player = Some(Player::new(series));
-        show.widen(scene)?;
+        show.use_series_range(scene)?;
         let (low, high) = show.bounds;
         let corners = (0..8).map(|k| {
             let pick = |axis: usize| [low, high][k >> axis & 1][axis];
             DVec3::new(pick(0), pick(1), pick(2))
         });
-        show.stage_mut().frame(&corners.collect::<Vec<_>>())?;
+        show.stage_mut().fit_view(&corners.collect::<Vec<_>>())?;
         Ok(show)
     }
 
     /// The scene with the range of what is shown over the whole series, where it says none.
-    pub(crate) fn in_series(&self, scene: &Scene) -> Option<Scene> {
+    pub(crate) fn with_series_range(&self, scene: &Scene) -> Option<Scene> {
         let series = &self.player.as_ref()?.series;
         let field = self.stage().scalar_field();
         let (low, high) = series.range(&field.name)?;
@@ -341,7 +341,7 @@ impl Show {
                     self.remark = Some(format!("frame {}: {why}", frame + 1));
                     return;
                 }
-                stage.tell_time(FrameTime {
+                stage.set_displayed_time(FrameTime {
                     seconds,
                     resolution,
                 });
@@ -400,11 +400,11 @@ mod tests {
         (series.path(), mesh)
     }
 
-    fn shown(show: &mut Show, frame: usize) {
+    fn shown(show: &mut BodySession, frame: usize) {
         show.player.as_mut().unwrap().seek(frame);
         let until = Instant::now() + Duration::from_secs(30);
         while show.player.as_ref().unwrap().shown() != frame {
-            show.tick(None);
+            show.advance_to_now(None);
             assert!(Instant::now() < until, "{:?}", show.remark);
         }
         assert!(show.remark.is_none(), "{:?}", show.remark);
@@ -416,8 +416,8 @@ mod tests {
         let (file, mesh) = recorded(folder.path());
         let gpu = Gpu::new().unwrap();
         // With all frames in memory, and with none.
-        for most in [KEPT, 0] {
-            let (series, first) = Series::read_keeping(&file, most, &palpate::untold).unwrap();
+        for most in [CACHE_BYTES, 0] {
+            let (series, first) = Series::read_keeping(&file, most, &palpate::no_progress).unwrap();
             assert_eq!(series.count(), 4);
             let (low, high) = series.range("heat").unwrap();
             assert!(
@@ -427,7 +427,7 @@ mod tests {
             let scene =
                 Scene::parse("[picture]\nfield = \"heat\"\ntransfer = \"viridis\"\n").unwrap();
             let mut show =
-                Show::of_series(&gpu, &scene, Arc::new(first), Arc::new(series)).unwrap();
+                BodySession::of_series(&gpu, &scene, Arc::new(first), Arc::new(series)).unwrap();
             assert_eq!(show.stage().scalar_field().range, (low, high));
             for frame in [2, 0, 3, 1] {
                 shown(&mut show, frame);
@@ -444,7 +444,7 @@ mod tests {
     fn time_goes_by_as_it_was_recorded_and_ends() {
         let folder = tempfile::tempdir().unwrap();
         let (file, _) = recorded(folder.path());
-        let (series, _) = Series::read(&file, &palpate::untold).unwrap();
+        let (series, _) = Series::read(&file, &palpate::no_progress).unwrap();
         let mut player = Player::new(Arc::new(series));
         assert!(player.pass(0.15));
         assert_eq!(player.wanted(), 1);
@@ -463,7 +463,7 @@ mod tests {
         let (file, _) = recorded(folder.path());
         let other = bar_of_about(300, DVec3::new(0.12, 0.06, 0.06)).unwrap();
         io::write(folder.path().join("bar_00002.vtu"), &other).unwrap();
-        let said = Series::read(&file, &palpate::untold)
+        let said = Series::read(&file, &palpate::no_progress)
             .map(|_| ())
             .unwrap_err();
         assert!(
@@ -472,7 +472,7 @@ mod tests {
             "{said}"
         );
         PvdSeries::create(folder.path(), "none").unwrap();
-        let none = Series::read(&folder.path().join("none.pvd"), &palpate::untold);
+        let none = Series::read(&folder.path().join("none.pvd"), &palpate::no_progress);
         assert!(
             none.map(|_| ())
                 .unwrap_err()

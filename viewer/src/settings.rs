@@ -9,7 +9,7 @@ const RECENT: usize = 10;
 
 /// Which buttons of the mouse do what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Habit {
+pub enum MouseBindings {
     /// As ParaView has it: left goes round, middle moves, right comes nearer; with Shift left rolls.
     #[default]
     ParaView,
@@ -32,7 +32,8 @@ pub enum Theme {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Settings {
     /// Which buttons of the mouse do what.
-    pub habit: Habit,
+    #[serde(rename = "habit")]
+    pub mouse_bindings: MouseBindings,
     /// Dark or light.
     pub theme: Theme,
     /// Files that were opened, the last one first.
@@ -49,7 +50,7 @@ impl Settings {
         let mut settings = Settings::default();
         let all: serde_json::Value = serde_json::from_str(text).unwrap_or_default();
         let one = |key: &str| all.get(key).cloned().unwrap_or_default();
-        settings.habit = serde_json::from_value(one("habit")).unwrap_or_default();
+        settings.mouse_bindings = serde_json::from_value(one("habit")).unwrap_or_default();
         settings.theme = serde_json::from_value(one("theme")).unwrap_or_default();
         settings.recent = serde_json::from_value(one("recent")).unwrap_or_default();
         settings
@@ -83,7 +84,7 @@ mod tests {
     #[test]
     fn they_are_read_as_they_were_written_and_old_ones_too() {
         let mut settings = Settings {
-            habit: Habit::Slicer,
+            mouse_bindings: MouseBindings::Slicer,
             ..Settings::default()
         };
         for name in ["a.vtu", "b.vtu", "a.vtu"] {
@@ -93,10 +94,16 @@ mod tests {
         let text = serde_json::to_string_pretty(&settings).unwrap();
         assert_eq!(Settings::of(&text), settings);
         let old = Settings::of(r#"{"theme": "Light"}"#);
-        assert_eq!((old.theme, old.habit), (Theme::Light, Habit::ParaView));
+        assert_eq!(
+            (old.theme, old.mouse_bindings),
+            (Theme::Light, MouseBindings::ParaView)
+        );
         // One word that is not known takes nothing else away.
         let newer = Settings::of(r#"{"theme": "Sepia", "habit": "Slicer", "recent": ["a"]}"#);
-        assert_eq!((newer.theme, newer.habit), (Theme::Dark, Habit::Slicer));
+        assert_eq!(
+            (newer.theme, newer.mouse_bindings),
+            (Theme::Dark, MouseBindings::Slicer)
+        );
         assert_eq!(newer.recent, [Path::new("a")]);
         assert_eq!(Settings::of("nonsense"), Settings::default());
     }

@@ -2,12 +2,12 @@
 
 use crate::loading::ReadScan;
 use crate::series::Player;
-use crate::touches::{Before, Touch, Touches};
+use crate::touches::{BodyEdit, BodyEditHistory, BodySnapshot};
 use eframe::egui;
 use glam::{DVec2, DVec3};
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Blade, TetMesh, Topology};
-use palpate::physics::{Engine, GrabId, Grip, SolverKind, Waker};
+use palpate::physics::{Engine, GrabId, GrabMode, SolverKind, StepCallback};
 use palpate::render::{Camera, Pick};
 use palpate::scene::{
     Axis, Motion, PendingImage, Region, Scene, SkinEntry, SphereEntry, Stage, ToolEntry,
@@ -19,7 +19,7 @@ use std::time::Duration;
 use web_time::Instant;
 
 /// Of a body that nothing else holds, the part of its height along gravity that lies on a table.
-const TABLE: f64 = 0.04;
+const TABLE_HEIGHT_FRACTION: f64 = 0.04;
 /// Length of a step where a scene does not say, s.
 const STEP: f64 = 0.02;
 /// The finger's radius where nobody chose one, over the body's diagonal, at least so many edges of its
@@ -27,19 +27,19 @@ const STEP: f64 = 0.02;
 const RADIUS: f64 = 0.04;
 const EDGES: f64 = 1.5;
 /// The finger goes in by this part of its radius in a step at most.
-const STRIDE: f64 = 0.06;
+const MAX_STEP_ADVANCE: f64 = 0.06;
 /// How far it goes out of the body before it is put away, over its radius.
-const OUT: f64 = 0.5;
+const RETRACT_DISTANCE: f64 = 0.5;
 /// Where it is put away, in diagonals of the body from its middle.
-const AWAY: f64 = 20.0;
+const PARKED_DISTANCE: f64 = 20.0;
 /// No more time is owed to a body that is slower than its time.
-const OWED: Duration = Duration::from_millis(100);
+const MAX_TIME_DEBT: Duration = Duration::from_millis(100);
 /// How often a body on the GPU is looked at.
-const LOOK: Duration = Duration::from_millis(15);
+const POLL_INTERVAL: Duration = Duration::from_millis(15);
 /// Over how long steps are counted.
-const COUNTED: Duration = Duration::from_secs(1);
+const RATE_WINDOW: Duration = Duration::from_secs(1);
 /// How far a grab reaches, over the finger's radius.
-const GRABBED: f64 = 1.0;
+const GRAB_RADIUS: f64 = 1.0;
 
 /// What was measured in a step of a press.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +70,7 @@ struct Press {
 }
 
 /// A body that is open.
-pub struct Show {
+pub struct BodySession {
     stage: Stage,
     /// As it was read or made.
     pub mesh: Arc<TetMesh>,
@@ -88,7 +88,7 @@ pub struct Show {
     /// Where it is to be cut, after how many edits of the scene, and whether again.
     blade: Option<(Blade, usize, bool)>,
     /// What was done to it by hand.
-    pub touches: Touches,
+    pub edits: BodyEditHistory,
     /// The scene that it was made of.
     made: Scene,
     /// Scans and skins that were read.
@@ -130,12 +130,17 @@ pub struct Show {
     pub notes: Vec<String>,
 }
 
-impl Show {
+impl BodySession {
     /// The body of `scene`, whose mesh is `mesh`, with a finger of `radius`, or one that suits it.
     ///
     /// # Errors
     /// As [`Stage::with_mesh`].
-    pub fn new(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>, radius: Option<f64>) -> Result<Show> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        mesh: Arc<TetMesh>,
+        radius: Option<f64>,
+    ) -> Result<BodySession> {
         let made = scene.clone();
         let (mut scene, touchable) = held(scene);
         let mut radius = radius;
@@ -168,16 +173,22 @@ impl Show {
                 (stage, Err(why))
             }
         };
-        Ok(Show::on(stage, (&scene, made), mesh, radius, finger))
+        Ok(BodySession::on(stage, (&scene, made), mesh, radius, finger))
     }
 
     /// The body of `scene`, which nothing moves.
-    pub(crate) fn still(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>) -> Result<Show> {
+    pub(crate) fn static_body(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>) -> Result<BodySession> {
         let mut still = scene.clone();
         still.solver.name = None;
         let stage = Stage::with_mesh(gpu, &still, (*mesh).clone())?;
         let finger = Err("it was recorded, and is not simulated".into());
-        Ok(Show::on(stage, (&still, scene.clone()), mesh, None, finger))
+        Ok(BodySession::on(
+            stage,
+            (&still, scene.clone()),
+            mesh,
+            None,
+            finger,
+        ))
     }
 
     /// What is on a stage that was made of a scene, as it was `made` of the one that was given.
@@ -187,7 +198,7 @@ impl Show {
         mesh: Arc<TetMesh>,
         radius: Option<f64>,
         finger: std::result::Result<usize, String>,
-    ) -> Show {
+    ) -> BodySession {
         let mut stage = stage;
         let timed = !(scene.grab.is_empty()
             && scene.cut.is_empty()
@@ -210,7 +221,7 @@ impl Show {
             false => mesh,
         };
         let radius = radius.unwrap_or_else(|| fitting_radius(&mesh));
-        Show {
+        BodySession {
             bounds: stage.mesh().bounds(),
             unit: unit.or(mesh.length_unit).unwrap_or(1.0),
             notes: stage.notes().to_vec(),
@@ -222,7 +233,7 @@ impl Show {
             press: None,
             grab: None,
             blade: None,
-            touches: Touches::default(),
+            edits: BodyEditHistory::default(),
             read: (Vec::new(), made.skin.clone()),
             made,
             player: None,
@@ -263,18 +274,18 @@ impl Show {
     /// Shows the body as `scene` has it from now on; what was assumed is told by `notes`.
     ///
     /// # Errors
-    /// As [`Stage::set_looks`].
-    pub fn set_looks(&mut self, scene: &Scene) -> Result<()> {
+    /// As [`Stage::set_appearance`].
+    pub fn set_appearance(&mut self, scene: &Scene) -> Result<()> {
         self.version += 1;
         let scene = self.with_read(scene);
-        self.notes = self.stage.set_looks(&scene)?;
-        self.widen(&scene)
+        self.notes = self.stage.set_appearance(&scene)?;
+        self.use_series_range(&scene)
     }
 
     /// Has what a recorded series shows be in the range of all its frames.
-    pub(crate) fn widen(&mut self, scene: &Scene) -> Result<()> {
-        if let Some(wider) = self.in_series(scene) {
-            self.notes = self.stage.set_looks(&wider)?;
+    pub(crate) fn use_series_range(&mut self, scene: &Scene) -> Result<()> {
+        if let Some(wider) = self.with_series_range(scene) {
+            self.notes = self.stage.set_appearance(&wider)?;
         }
         Ok(())
     }
@@ -342,7 +353,7 @@ impl Show {
     }
 
     /// Has `waker` called when steps were done.
-    pub fn set_waker(&mut self, waker: Waker, context: &egui::Context) {
+    pub fn set_waker(&mut self, waker: StepCallback, context: &egui::Context) {
         if let Some(player) = &mut self.player {
             player.wake(context);
         }
@@ -375,7 +386,7 @@ impl Show {
     }
 
     /// When the body is to be looked at again, where nothing calls before.
-    pub fn next_look(&self) -> Option<Duration> {
+    pub fn next_poll(&self) -> Option<Duration> {
         if self.blade.is_some() && !self.under_way {
             return Some(Duration::ZERO);
         }
@@ -384,7 +395,7 @@ impl Show {
         }
         let motion = self.stage.motion().filter(|_| self.is_busy())?;
         match (self.under_way, motion.engine()) {
-            (true, Engine::Gpu) => Some(LOOK),
+            (true, Engine::Gpu) => Some(POLL_INTERVAL),
             (true, _) => None,
             (false, _) => {
                 let left = (motion.dt - self.owed).max(0.0) / self.speed;
@@ -399,7 +410,7 @@ impl Show {
         // In a browser steps are done once they are asked for.
         let waits = !cfg!(target_arch = "wasm32") && self.stage.motion().is_some_and(on_cpu);
         loop {
-            let under_way = self.stage.under_way()?;
+            let under_way = self.stage.poll_steps()?;
             if !(under_way && waits && until.is_some_and(|until| Instant::now() < until)) {
                 return Ok(under_way);
             }
@@ -409,7 +420,7 @@ impl Show {
 
     /// Has the body go on to now: takes over steps that are done, and asks for more of them. One that is
     /// under way is waited for `until` then, if it says so.
-    pub fn tick(&mut self, until: Option<Instant>) {
+    pub fn advance_to_now(&mut self, until: Option<Instant>) {
         let under_way = self.under_way_until(until);
         let now = Instant::now();
         let passed = now.duration_since(self.last);
@@ -420,7 +431,7 @@ impl Show {
         }
         // Also while a step is under way: a body that is slower than its time never waits for the next.
         match self.playing || self.touched() {
-            true => self.owed += self.speed * passed.min(OWED).as_secs_f64(),
+            true => self.owed += self.speed * passed.min(MAX_TIME_DEBT).as_secs_f64(),
             false => self.owed = 0.0,
         }
         match under_way {
@@ -472,7 +483,7 @@ impl Show {
         press.stepped = false;
         let place = press.spot + (radius - press.gone) * press.out;
         self.stirred = true;
-        self.stage.guide_tool(*finger, place).is_ok()
+        self.stage.set_tool_target(*finger, place).is_ok()
     }
 
     fn fail(&mut self, why: &Error) {
@@ -484,7 +495,7 @@ impl Show {
         self.owed = 0.0;
         if let (Some(_), Ok(finger)) = (self.press.take(), &self.finger) {
             // It stays in the picture where even that cannot be.
-            let _ = self.stage.put_tool(*finger, put_away(self.bounds));
+            let _ = self.stage.teleport_tool(*finger, put_away(self.bounds));
             self.version += 1;
         }
     }
@@ -492,7 +503,7 @@ impl Show {
     fn count(&mut self, now: Instant) {
         let (since, before) = self.counted;
         let passed = now.duration_since(since);
-        if passed >= COUNTED {
+        if passed >= RATE_WINDOW {
             self.rate = (self.steps - before) as f64 / passed.as_secs_f64();
             self.counted = (now, self.steps);
         }
@@ -501,17 +512,17 @@ impl Show {
     /// Asks for one step, with the finger where it is to go.
     pub fn step(&mut self) -> Result<()> {
         if let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) {
-            let most = STRIDE * self.radius;
+            let most = MAX_STEP_ADVANCE * self.radius;
             // Out it goes as fast as it likes.
             let by = (press.goal - press.gone).clamp(-8.0 * most, most);
             press.before = press.gone;
             press.gone += by;
             press.stepped = true;
             let place = press.spot + (self.radius - press.gone) * press.out;
-            self.stage.guide_tool(*finger, place)?;
+            self.stage.set_tool_target(*finger, place)?;
             self.asked[1] = self.asked[0].take();
         }
-        self.stage.ask(1)?;
+        self.stage.request_steps(1)?;
         self.stirred = false;
         self.under_way = true;
         self.steps += 1;
@@ -536,7 +547,7 @@ impl Show {
         }
         if press.ends && press.gone <= press.goal {
             self.press = None;
-            self.stage.put_tool(finger, put_away(self.bounds))?;
+            self.stage.teleport_tool(finger, put_away(self.bounds))?;
             self.version += 1;
         }
         Ok(())
@@ -563,7 +574,7 @@ impl Show {
             .map_err(|why| Error::Input(why.clone()))?;
         let out = self.outward(pick, sight)?;
         self.stage
-            .put_tool(finger, pick.point + 1.02 * self.radius * out)?;
+            .teleport_tool(finger, pick.point + 1.02 * self.radius * out)?;
         self.samples.clear();
         self.failed = false;
         self.stirred = true;
@@ -596,9 +607,9 @@ impl Show {
     }
 
     /// Takes the finger out again.
-    pub fn let_go(&mut self) {
+    pub fn retract(&mut self) {
         if let Some(press) = &mut self.press {
-            press.goal = -OUT * self.radius;
+            press.goal = -RETRACT_DISTANCE * self.radius;
             press.ends = true;
         }
     }
@@ -628,10 +639,10 @@ impl Show {
     /// # Errors
     /// [`Error::Input`] where nothing moves, or nothing is there to take hold of.
     pub fn grab(&mut self, pick: &Pick) -> Result<()> {
-        let reach = GRABBED * self.radius;
+        let reach = GRAB_RADIUS * self.radius;
         let motion = self.stage.motion_mut().ok_or_else(still)?;
         self.failed = false;
-        let id = motion.simulator.grab(pick.point, reach, Grip::Follow)?;
+        let id = motion.simulator.grab(pick.point, reach, GrabMode::Follow)?;
         self.grab = Some((id, pick.point, DVec3::ZERO));
         Ok(())
     }
@@ -680,11 +691,11 @@ impl Show {
             true => {
                 match before {
                     Some(before) => {
-                        let touch = Touch::Cut(blade, Box::new(before));
-                        self.touches.push(edits, touch, again);
+                        let touch = BodyEdit::Cut(blade, Box::new(before));
+                        self.edits.push(edits, touch, again);
                     }
                     // What was done before cannot be undone either.
-                    None => self.touches = Touches::default(),
+                    None => self.edits = BodyEditHistory::default(),
                 }
                 format!("cut; {} tets now", self.stage.mesh().tets.len())
             }
@@ -698,13 +709,13 @@ impl Show {
     }
 
     /// The body as it stands between two steps; none of one whose state cannot be had.
-    fn before(&self) -> Result<Option<Before>> {
+    fn before(&self) -> Result<Option<BodySnapshot>> {
         let Some(motion) = self.stage.motion().filter(|m| m.has_state()) else {
             return Ok(None);
         };
         let pinned = motion.simulator.loads().pinned().iter().enumerate();
         let pinned = pinned.filter_map(|(v, pinned)| pinned.then_some(v as u32));
-        Ok(Some(Before {
+        Ok(Some(BodySnapshot {
             pinned: pinned.collect(),
             checkpoint: self.stage.checkpoint(&[])?,
         }))
@@ -715,10 +726,10 @@ impl Show {
     /// # Errors
     /// [`Error::Input`] where nothing moves.
     pub fn undo_pins(&mut self) -> Result<()> {
-        let Some(touch) = self.touches.undo() else {
+        let Some(touch) = self.edits.undo() else {
             return Ok(());
         };
-        let Touch::Pins(nodes) = touch.as_ref() else {
+        let BodyEdit::Pins(nodes) = touch.as_ref() else {
             return Ok(());
         };
         let motion = self.stage.motion_mut().ok_or_else(still)?;
@@ -735,14 +746,14 @@ impl Show {
     /// Does again what was undone last, after so many edits of the scene.
     ///
     /// # Errors
-    /// As [`Show::hold`].
+    /// As [`BodySession::hold`].
     pub fn redo(&mut self, edits: usize) -> Result<()> {
-        match self.touches.redo().as_deref() {
-            Some(Touch::Cut(blade, _)) => self.blade = Some((blade.clone(), edits, true)),
-            Some(Touch::Pins(nodes)) => {
+        match self.edits.redo().as_deref() {
+            Some(BodyEdit::Cut(blade, _)) => self.blade = Some((blade.clone(), edits, true)),
+            Some(BodyEdit::Pins(nodes)) => {
                 let motion = self.stage.motion_mut().ok_or_else(still)?;
                 motion.simulator.pin_nodes(nodes)?;
-                self.touches.push(edits, Touch::Pins(nodes.clone()), true);
+                self.edits.push(edits, BodyEdit::Pins(nodes.clone()), true);
                 self.stirred = true;
             }
             None => {}
@@ -765,16 +776,16 @@ impl Show {
             match begins {
                 true => {
                     let count = fresh.len();
-                    self.touches.push(edits, Touch::Pins(fresh), false);
+                    self.edits.push(edits, BodyEdit::Pins(fresh), false);
                     return Ok(count);
                 }
-                false => self.touches.extend(edits, &fresh),
+                false => self.edits.extend(edits, &fresh),
             }
         }
         Ok(fresh.len())
     }
 
-    /// Holds what is within the finger's radius of `pick` where it is, as [`Show::hold`].
+    /// Holds what is within the finger's radius of `pick` where it is, as [`BodySession::hold`].
     ///
     /// # Errors
     /// [`Error::Input`] where nothing moves.
@@ -807,11 +818,11 @@ impl Show {
     /// Makes what pictures are drawn with, so that the first of them need not.
     ///
     /// # Errors
-    /// As [`Stage::ask_image`].
+    /// As [`Stage::render_async`].
     pub(crate) fn prepare_pictures(&mut self) -> Result<()> {
         let size = self.stage.size();
         self.stage.set_size([64, 64]);
-        let asked = self.stage.ask_image();
+        let asked = self.stage.render_async();
         self.stage.set_size(size);
         asked.map(|_| ())
     }
@@ -819,11 +830,11 @@ impl Show {
     /// Asks for the picture of `camera`, `size` pixels large, and waits for none of it.
     ///
     /// # Errors
-    /// As [`Stage::ask_image`].
+    /// As [`Stage::render_async`].
     pub fn ask_image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<PendingImage> {
         *self.stage.camera_mut() = *camera;
         self.stage.set_size(size);
-        self.stage.ask_image()
+        self.stage.render_async()
     }
 
     /// The force of the last step of a press, N; none where nothing is pressed.
@@ -834,19 +845,19 @@ impl Show {
 }
 
 /// What a body is made anew from, on another thread.
-pub struct Anew {
+pub struct RebuildRequest {
     made: Scene,
     mesh: Arc<TetMesh>,
     radius: f64,
-    touches: Touches,
+    touches: BodyEditHistory,
 }
 
-impl Anew {
+impl RebuildRequest {
     /// Of a body, whose last touch is to be undone.
-    pub fn of(show: &Show) -> Anew {
-        let mut touches = show.touches.clone();
+    pub fn of(show: &BodySession) -> RebuildRequest {
+        let mut touches = show.edits.clone();
         touches.undo();
-        Anew {
+        RebuildRequest {
             made: show.made.clone(),
             mesh: show.mesh.clone(),
             radius: show.radius,
@@ -857,14 +868,14 @@ impl Anew {
     /// The body as it was before.
     ///
     /// # Errors
-    /// As [`Show::new`] and [`Stage::resume`].
-    pub fn back(self, gpu: &Gpu, before: &Before) -> Result<Show> {
-        let mut show = Show::new(gpu, &self.made, self.mesh, Some(self.radius))?;
+    /// As [`BodySession::new`] and [`Stage::resume`].
+    pub fn rebuild(self, gpu: &Gpu, before: &BodySnapshot) -> Result<BodySession> {
+        let mut show = BodySession::new(gpu, &self.made, self.mesh, Some(self.radius))?;
         show.stage.resume(&before.checkpoint)?;
         if let Some(motion) = show.stage.motion_mut() {
             motion.simulator.pin_nodes(&before.pinned)?;
         }
-        show.touches = self.touches;
+        show.edits = self.touches;
         show.notes = vec!["the cut is undone".into()];
         Ok(show)
     }
@@ -897,7 +908,7 @@ fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
             scene.pin.push(Region {
                 name: Some("table".into()),
                 axis: Some(Axis::Z),
-                below: Some(TABLE),
+                below: Some(TABLE_HEIGHT_FRACTION),
                 ..Region::default()
             });
         }
@@ -913,7 +924,7 @@ fn led(scene: &Scene) -> usize {
 
 /// Where a finger is put away that presses on what lies between two corners.
 fn put_away((low, high): (DVec3, DVec3)) -> DVec3 {
-    0.5 * (low + high) + DVec3::splat(AWAY * low.distance(high))
+    0.5 * (low + high) + DVec3::splat(PARKED_DISTANCE * low.distance(high))
 }
 
 /// A radius that suits a body.

@@ -5,15 +5,15 @@ use palpate::scene::Checkpoint;
 use std::sync::Arc;
 
 /// Something that was done to the body.
-pub enum Touch {
+pub enum BodyEdit {
     /// It was cut, and stood so before.
-    Cut(Blade, Box<Before>),
+    Cut(Blade, Box<BodySnapshot>),
     /// These nodes were held.
     Pins(Vec<u32>),
 }
 
 /// A body before it was cut.
-pub struct Before {
+pub struct BodySnapshot {
     /// Where it stood, and how it had been cut.
     pub checkpoint: Checkpoint,
     /// The nodes that were held.
@@ -23,14 +23,14 @@ pub struct Before {
 /// What was done and can be undone, and what was undone and can be done again; each with how many
 /// edits of the scene there were before, so that both are undone in one order.
 #[derive(Clone, Default)]
-pub struct Touches {
-    done: Vec<(usize, Arc<Touch>)>,
-    undone: Vec<(usize, Arc<Touch>)>,
+pub struct BodyEditHistory {
+    done: Vec<(usize, Arc<BodyEdit>)>,
+    undone: Vec<(usize, Arc<BodyEdit>)>,
 }
 
-impl Touches {
+impl BodyEditHistory {
     /// Notes that something was done after so many edits; `again` where it had been undone.
-    pub fn push(&mut self, edits: usize, touch: Touch, again: bool) {
+    pub fn push(&mut self, edits: usize, touch: BodyEdit, again: bool) {
         if !again {
             self.undone.clear();
         }
@@ -41,8 +41,8 @@ impl Touches {
     pub fn extend(&mut self, edits: usize, nodes: &[u32]) {
         let last = self.done.last_mut().map(|(_, touch)| touch);
         match last.and_then(Arc::get_mut) {
-            Some(Touch::Pins(own)) => own.extend_from_slice(nodes),
-            _ => self.push(edits, Touch::Pins(nodes.to_vec()), false),
+            Some(BodyEdit::Pins(own)) => own.extend_from_slice(nodes),
+            _ => self.push(edits, BodyEdit::Pins(nodes.to_vec()), false),
         }
     }
 
@@ -55,14 +55,14 @@ impl Touches {
     }
 
     /// What is undone next.
-    pub fn undo(&mut self) -> Option<Arc<Touch>> {
+    pub fn undo(&mut self) -> Option<Arc<BodyEdit>> {
         let (edits, touch) = self.done.pop()?;
         self.undone.push((edits, touch.clone()));
         Some(touch)
     }
 
     /// What is done again next.
-    pub fn redo(&mut self) -> Option<Arc<Touch>> {
+    pub fn redo(&mut self) -> Option<Arc<BodyEdit>> {
         self.undone.pop().map(|(_, touch)| touch)
     }
 }
@@ -71,7 +71,7 @@ impl Touches {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::show::{Anew, Show};
+    use crate::show::{BodySession, RebuildRequest};
     use glam::DVec3;
     use palpate::gpu::Gpu;
     use palpate::mesh::generate::bar_of_about;
@@ -79,17 +79,17 @@ mod tests {
     use std::time::{Duration, Instant};
 
     /// Lets the body do what it was asked for, and so many steps.
-    fn steps(show: &mut Show, count: u32) {
+    fn steps(show: &mut BodySession, count: u32) {
         let until = Instant::now() + Duration::from_secs(60);
         let first = show.steps;
-        while show.steps < first + u64::from(count) || show.stage_mut().under_way().unwrap() {
-            show.tick(None);
+        while show.steps < first + u64::from(count) || show.stage_mut().poll_steps().unwrap() {
+            show.advance_to_now(None);
             assert!(show.failure.is_none(), "{:?}", show.failure);
             assert!(Instant::now() < until);
             std::thread::sleep(Duration::from_millis(2));
         }
         show.playing = false;
-        show.tick(None);
+        show.advance_to_now(None);
     }
 
     #[test]
@@ -100,10 +100,10 @@ mod tests {
         let scene = Scene::parse(text).unwrap();
         let mesh = bar_of_about(400, DVec3::new(0.12, 0.06, 0.06));
         let mesh = Arc::new(mesh.unwrap());
-        let mut show = Show::new(&gpu, &scene, mesh.clone(), None).unwrap();
+        let mut show = BodySession::new(&gpu, &scene, mesh.clone(), None).unwrap();
         steps(&mut show, 4);
         let place = show.stage().motion().unwrap().positions().unwrap();
-        let pinned = |show: &Show| {
+        let pinned = |show: &BodySession| {
             let loads = show.stage().motion().unwrap().simulator.loads();
             loads.pinned().iter().filter(|p| **p).count()
         };
@@ -122,35 +122,35 @@ mod tests {
                 DVec3::new(x, high.y + 1.0, z),
             ]
         };
-        let blade = Blade::swept(&[edge(low.z - 1.0), edge(high.z + 1.0)]).unwrap();
+        let blade = Blade::from_sweep(&[edge(low.z - 1.0), edge(high.z + 1.0)]).unwrap();
         show.cut(blade, 0);
-        show.tick(None);
+        show.advance_to_now(None);
         assert!(show.stage().mesh().nodes.len() > mesh.nodes.len());
-        assert_eq!(show.touches.can(0), [true, false]);
-        assert_eq!(show.touches.can(1), [false, false], "an edit came after");
-        let touch = show.touches.clone().undo().unwrap();
-        let Touch::Cut(_, before) = touch.as_ref() else {
+        assert_eq!(show.edits.can(0), [true, false]);
+        assert_eq!(show.edits.can(1), [false, false], "an edit came after");
+        let touch = show.edits.clone().undo().unwrap();
+        let BodyEdit::Cut(_, before) = touch.as_ref() else {
             panic!("the cut is undone first");
         };
-        let mut back = Anew::of(&show).back(&gpu, before).unwrap();
+        let mut back = RebuildRequest::of(&show).rebuild(&gpu, before).unwrap();
         assert_eq!(back.stage().mesh().nodes.len(), mesh.nodes.len());
         let there = back.stage().motion().unwrap().positions().unwrap();
         assert!(there == place, "it stands where it stood");
         assert!(place != mesh.nodes, "and that is not where it rested");
         assert_eq!(pinned(&back), held + 3);
-        assert_eq!(back.touches.can(0), [true, true]);
+        assert_eq!(back.edits.can(0), [true, true]);
         // The pins next, as the body stands.
         back.undo_pins().unwrap();
         assert_eq!(pinned(&back), held);
-        assert_eq!(back.touches.can(0), [false, true]);
+        assert_eq!(back.edits.can(0), [false, true]);
         back.redo(0).unwrap();
         assert_eq!(pinned(&back), held + 3);
         back.redo(0).unwrap();
-        back.tick(None);
+        back.advance_to_now(None);
         assert_eq!(
             back.stage().mesh().nodes.len(),
             show.stage().mesh().nodes.len()
         );
-        assert_eq!(back.touches.can(0), [true, false]);
+        assert_eq!(back.edits.can(0), [true, false]);
     }
 }

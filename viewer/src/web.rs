@@ -1,6 +1,6 @@
 //! The viewer in a page: what its JavaScript calls.
 
-use crate::app::{App, Opened, Options, device};
+use crate::app::{App, InitialFile, Options, device};
 use crate::log::Frame;
 use crate::orbit::Orbit;
 use eframe::egui::{FontData, FontDefinitions};
@@ -15,9 +15,9 @@ use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::JsFuture;
 
 /// Between two looks at whether a picture has arrived, ms.
-const LOOK: i32 = 10;
+const POLL_INTERVAL_MS: i32 = 10;
 /// Where a picture lies until it is handed on.
-const PICTURE: &str = "picture.png";
+const SCREENSHOT_NAME: &str = "picture.png";
 
 /// A viewer on a canvas.
 #[wasm_bindgen]
@@ -66,7 +66,7 @@ impl Viewer {
     ) -> Result<(), JsValue> {
         tell_of_end(ended);
         let options = Options {
-            open: example.map_or(Opened::Nothing, Opened::Example),
+            open: example.map_or(InitialFile::Nothing, InitialFile::Example),
             log: None,
         };
         let web = eframe::WebOptions {
@@ -100,7 +100,7 @@ impl Viewer {
 
     /// Puts a file ready that others name.
     pub fn put(&self, name: &str, bytes: Vec<u8>) {
-        io::put(name, bytes);
+        io::insert_file(name, bytes);
     }
 
     /// Opens a file that was put ready, shown by a preset of colours.
@@ -121,7 +121,7 @@ impl Viewer {
     /// Where the viewer is not shown.
     pub fn say(&self, why: String) -> Result<(), JsValue> {
         self.with(|app| {
-            app.said = (why, true);
+            app.status = (why, true);
             Ok(())
         })
     }
@@ -192,11 +192,12 @@ impl Viewer {
     pub async fn picture(&self, width: u32, height: u32) -> Result<Vec<u8>, JsValue> {
         let (mut pending, writer) = self.with(|app| app.ask_picture([width, height]))?;
         loop {
-            if let Some(image) = pending.look().map_err(wrong)? {
-                writer.save(image, PICTURE).map_err(wrong)?;
-                return io::take(PICTURE).ok_or_else(|| wrong("the picture is not there"));
+            if let Some(image) = pending.try_take().map_err(wrong)? {
+                writer.save(image, SCREENSHOT_NAME).map_err(wrong)?;
+                return io::take_file(SCREENSHOT_NAME)
+                    .ok_or_else(|| wrong("the picture is not there"));
             }
-            pause(LOOK).await;
+            pause(POLL_INTERVAL_MS).await;
         }
     }
 
@@ -235,12 +236,12 @@ fn letters() -> FontDefinitions {
 
 thread_local! {
     /// Who is told once the module cannot go on.
-    static ENDED: RefCell<Vec<js_sys::Function>> = const { RefCell::new(Vec::new()) };
+    static EXIT_CALLBACKS: RefCell<Vec<js_sys::Function>> = const { RefCell::new(Vec::new()) };
 }
 
 /// Has `ended` called with the message of a panic, after which nothing of the module can be called.
 fn tell_of_end(ended: js_sys::Function) {
-    let first = ENDED.with_borrow_mut(|all| {
+    let first = EXIT_CALLBACKS.with_borrow_mut(|all| {
         all.push(ended);
         all.len() == 1
     });
@@ -251,7 +252,7 @@ fn tell_of_end(ended: js_sys::Function) {
     std::panic::set_hook(Box::new(move |panic| {
         before(panic);
         let why = JsValue::from(panic.to_string());
-        ENDED.with_borrow(|all| {
+        EXIT_CALLBACKS.with_borrow(|all| {
             for ended in all {
                 // What the page makes of it is its own matter.
                 let _ = ended.call1(&JsValue::NULL, &why);

@@ -62,7 +62,7 @@ pub fn labels() -> Volume {
         slope: 1.0,
         intercept: 0.0,
         to_world: DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(VOXEL)), first),
-        names: BTreeMap::from(names.map(|(label, name)| (label, name.to_owned()))),
+        label_names: BTreeMap::from(names.map(|(label, name)| (label, name.to_owned()))),
     }
 }
 

@@ -88,7 +88,7 @@ pub fn knee() -> Volume {
     let to_world = centred(turn * axes, size, DVec3::new(2.0, 4.0, 0.0));
     let names = KNEE.map(|(label, name)| (i64::from(label), name.to_owned()));
     Volume {
-        names: names.into(),
+        label_names: names.into(),
         ..volume(size, to_world, knee_label, Raw::U8)
     }
 }
@@ -220,7 +220,7 @@ pub fn volume<T>(
         slope: 1.0,
         intercept: 0.0,
         to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 

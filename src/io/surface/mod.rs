@@ -12,12 +12,12 @@ mod write;
 pub use write::write_surface;
 
 use super::cells::RawMesh;
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use crate::mesh::TriMesh;
 use crate::{Error, Result};
 use std::path::Path;
 
-pub(super) type Reader = fn(&[u8]) -> Parse<RawMesh>;
+pub(super) type Reader = fn(&[u8]) -> ParseResult<RawMesh>;
 
 /// The reader for STL, PLY or OBJ.
 pub(super) fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
@@ -46,7 +46,7 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<TriMesh> {
 }
 
 /// The surface in the content of a file with that extension.
-pub(super) fn surface_of(bytes: &[u8], extension: &str) -> Parse<TriMesh> {
+pub(super) fn surface_of(bytes: &[u8], extension: &str) -> ParseResult<TriMesh> {
     let reader = match reader_of(bytes, extension) {
         Some(reader) => reader,
         None => super::format_of(bytes, extension)?,

@@ -2,7 +2,7 @@
 //! normals where every corner has them. Groups and materials are passed over.
 
 use crate::io::cells::RawMesh;
-use crate::io::cursor::{Cursor, Parse, integer, number};
+use crate::io::cursor::{Cursor, ParseResult, integer, number};
 use crate::mesh::{Field, Location, NORMAL, UV};
 
 /// VTK's number for a triangle.
@@ -80,7 +80,7 @@ fn item(word: &[u8], count: usize) -> Option<usize> {
 }
 
 /// Reads the content of an OBJ file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut at = Cursor::with_comments(bytes);
     let mut mesh = RawMesh::default();
     let mut uvs = Extra::new(UV, "texture coordinates", 2);

@@ -4,7 +4,7 @@
 //! kind are passed over.
 
 use crate::io::cells::RawMesh;
-use crate::io::cursor::{Cursor, Parse};
+use crate::io::cursor::{Cursor, ParseResult};
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
@@ -37,7 +37,7 @@ struct Element {
 }
 
 /// Reads the content of a PLY file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut at = Cursor::new(bytes);
     let (encoding, elements) = header(&mut at)?;
     at.binary = encoding != Encoding::Ascii;
@@ -46,7 +46,7 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     for element in &elements {
         let least: usize = element.properties.iter().map(|p| p.least(encoding)).sum();
         let count = i64::try_from(element.count).unwrap_or(i64::MAX);
-        body.at.check_count(
+        body.at.validate_count(
             count,
             format_args!("the number of elements \"{}\"", element.name),
             least.max(1),
@@ -61,7 +61,7 @@ pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
     Ok(mesh)
 }
 
-fn header(at: &mut Cursor) -> Parse<(Encoding, Vec<Element>)> {
+fn header(at: &mut Cursor) -> ParseResult<(Encoding, Vec<Element>)> {
     at.rest_of_line(); // ply
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
@@ -159,7 +159,7 @@ struct Body<'a> {
 }
 
 impl Body<'_> {
-    fn number(&mut self, scalar: ScalarType, of: &str) -> Parse<f64> {
+    fn number(&mut self, scalar: ScalarType, of: &str) -> ParseResult<f64> {
         if self.encoding == Encoding::Ascii {
             return self.at.number(format_args!("{of}"));
         }
@@ -185,7 +185,7 @@ impl Body<'_> {
     }
 
     /// The items of a property: one, or those of a list.
-    fn items(&mut self, property: &Property) -> Parse<Vec<f64>> {
+    fn items(&mut self, property: &Property) -> ParseResult<Vec<f64>> {
         let count = match property.count {
             None => 1,
             Some(count) => {
@@ -197,7 +197,7 @@ impl Body<'_> {
                 let whole = said.fract() == 0.0 && said >= 0.0;
                 let said = if whole { said as i64 } else { -1 };
                 let what = format_args!("the length of list \"{}\"", property.name);
-                self.at.check_count(said, what, least)?
+                self.at.validate_count(said, what, least)?
             }
         };
         (0..count)
@@ -205,7 +205,7 @@ impl Body<'_> {
             .collect()
     }
 
-    fn pass_over(&mut self, element: &Element) -> Parse<()> {
+    fn pass_over(&mut self, element: &Element) -> ParseResult<()> {
         for _ in 0..element.count {
             for property in &element.properties {
                 self.items(property)?;
@@ -214,7 +214,7 @@ impl Body<'_> {
         Ok(())
     }
 
-    fn vertices(&mut self, element: &Element, mesh: &mut RawMesh) -> Parse<()> {
+    fn vertices(&mut self, element: &Element, mesh: &mut RawMesh) -> ParseResult<()> {
         let place = |name: &str| element.properties.iter().position(|p| p.name == name);
         let (Some(x), Some(y), Some(z)) = (place("x"), place("y"), place("z")) else {
             return Err("the vertices have no properties x, y and z".into());
@@ -244,7 +244,7 @@ impl Body<'_> {
         Ok(())
     }
 
-    fn faces(&mut self, element: &Element, mesh: &mut RawMesh) -> Parse<()> {
+    fn faces(&mut self, element: &Element, mesh: &mut RawMesh) -> ParseResult<()> {
         for _ in 0..element.count {
             for property in &element.properties {
                 let items = self.items(property)?;
@@ -262,7 +262,7 @@ impl Body<'_> {
     }
 
     /// Strips of triangles in one list, with −1 between them.
-    fn strips(&mut self, element: &Element, mesh: &mut RawMesh) -> Parse<()> {
+    fn strips(&mut self, element: &Element, mesh: &mut RawMesh) -> ParseResult<()> {
         const STRIP: u8 = 6;
         for _ in 0..element.count {
             for property in &element.properties {

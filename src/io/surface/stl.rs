@@ -1,7 +1,7 @@
 //! Reader for STL, ASCII and binary: triangles one by one.
 
 use crate::io::cells::RawMesh;
-use crate::io::cursor::{Cursor, Parse};
+use crate::io::cursor::{Cursor, ParseResult};
 use glam::DVec3;
 
 /// VTK's number for a triangle.
@@ -11,7 +11,7 @@ const HEADER: usize = 84;
 const RECORD: usize = 50;
 
 /// Reads the content of an STL file.
-pub(super) fn read(bytes: &[u8]) -> Parse<RawMesh> {
+pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     // Binary files may begin with "solid" as well: the length tells, and that text has no zeros.
     let count = bytes.get(80..HEADER).map(|c| {
         let mut number = [0; 4];
@@ -69,7 +69,7 @@ fn push_triangle(mesh: &mut RawMesh) {
     mesh.cells.push(TRIANGLE, end - 3..end);
 }
 
-fn read_text(bytes: &[u8]) -> Parse<RawMesh> {
+fn read_text(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut at = Cursor::new(bytes);
     let mut mesh = RawMesh::default();
     at.rest_of_line(); // solid NAME

@@ -1,13 +1,13 @@
 //! From the cells of a file to triangles: the stage that all surface readers share.
 
 use crate::io::cells::RawMesh;
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use crate::mesh::{Field, Location, TriMesh};
 use glam::DVec3;
 use std::collections::HashMap;
 
 /// The surface cells of `raw` as triangles.
-pub(super) fn into_surface(raw: RawMesh) -> Parse<TriMesh> {
+pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
     let mut surface = TriMesh {
         notes: raw.warnings.clone(),
         ..TriMesh::default()
@@ -83,7 +83,7 @@ fn used(triangles: &[[u32; 3]]) -> impl Iterator<Item = u32> {
 
 /// The triangles of all cells, the cell of each, and the number of cells that are no polygons.
 #[allow(clippy::type_complexity)]
-fn triangulated(raw: &RawMesh) -> Parse<(Vec<[u32; 3]>, Vec<u32>, usize)> {
+fn triangulated(raw: &RawMesh) -> ParseResult<(Vec<[u32; 3]>, Vec<u32>, usize)> {
     let (mut triangles, mut cells, mut dropped) = (Vec::new(), Vec::new(), 0);
     let mut cell = 0;
     while let Some((kind, nodes)) = raw.cells.get(cell) {

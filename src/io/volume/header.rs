@@ -31,7 +31,7 @@ impl<'a> Layout<'a> {
             components: 1,
             slope: volume.slope,
             intercept: volume.intercept,
-            names: Some(&volume.names),
+            names: Some(&volume.label_names),
         }
     }
 

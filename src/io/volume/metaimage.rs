@@ -5,7 +5,7 @@
 use super::pattern::numbered;
 use super::voxels::{Packing, decode, decode_text, extent, unpack};
 use super::{Fetch, joined};
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
 use glam::{DAffine3, DMat3, DVec3};
@@ -38,7 +38,7 @@ struct Header {
 }
 
 /// The bytes of `file` as a volume.
-pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
+pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     let (header, attached) = Header::parse(file)?;
     let dimensions = header.whole("NDims")?.unwrap_or(3);
     let sizes = header.numbers("DimSize", None)?;
@@ -105,13 +105,13 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
             .real("ElementToIntensityFunctionOffset")?
             .unwrap_or(0.0),
         to_world: header.to_world(dimensions)?,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     })
 }
 
 impl Header {
     /// The header, and what follows its line `ElementDataFile`.
-    fn parse(file: &[u8]) -> Parse<(Header, &[u8])> {
+    fn parse(file: &[u8]) -> ParseResult<(Header, &[u8])> {
         let mut header = Header {
             fields: HashMap::new(),
             rest_of_names: Vec::new(),
@@ -155,7 +155,7 @@ impl Header {
     }
 
     /// The numbers of a field, as many as `count` says.
-    fn numbers(&self, name: &str, count: Option<usize>) -> Parse<Option<Vec<f64>>> {
+    fn numbers(&self, name: &str, count: Option<usize>) -> ParseResult<Option<Vec<f64>>> {
         let Some((line, text)) = self.get(name) else {
             return Ok(None);
         };
@@ -173,11 +173,11 @@ impl Header {
         }
     }
 
-    fn real(&self, name: &str) -> Parse<Option<f64>> {
+    fn real(&self, name: &str) -> ParseResult<Option<f64>> {
         Ok(self.numbers(name, Some(1))?.map(|n| n[0]))
     }
 
-    fn whole(&self, name: &str) -> Parse<Option<usize>> {
+    fn whole(&self, name: &str) -> ParseResult<Option<usize>> {
         let Some((line, text)) = self.get(name) else {
             return Ok(None);
         };
@@ -189,7 +189,7 @@ impl Header {
         }
     }
 
-    fn flag(&self, name: &str) -> Parse<Option<bool>> {
+    fn flag(&self, name: &str) -> ParseResult<Option<bool>> {
         match self.get(name) {
             None => Ok(None),
             Some((line, text)) => match text.to_lowercase().as_str() {
@@ -202,7 +202,7 @@ impl Header {
         }
     }
 
-    fn scalar_type(&self) -> Parse<ScalarType> {
+    fn scalar_type(&self) -> ParseResult<ScalarType> {
         let (line, name) = self
             .get("ElementType")
             .ok_or("the header has no field `ElementType`")?;
@@ -227,7 +227,7 @@ impl Header {
     }
 
     /// The data, from this file or from those it names, without their headers.
-    fn data(&self, attached: &[u8], fetch: Fetch, bytes: usize) -> Parse<Vec<u8>> {
+    fn data(&self, attached: &[u8], fetch: Fetch, bytes: usize) -> ParseResult<Vec<u8>> {
         let (line, named) = self.get("ElementDataFile").unwrap_or((0, ""));
         let names = if named.eq_ignore_ascii_case("LOCAL") {
             return Ok(self.after_header(attached, bytes)?.to_vec());
@@ -256,7 +256,7 @@ impl Header {
         })
     }
 
-    fn after_header<'a>(&self, file: &'a [u8], bytes: usize) -> Parse<&'a [u8]> {
+    fn after_header<'a>(&self, file: &'a [u8], bytes: usize) -> ParseResult<&'a [u8]> {
         match self.get("HeaderSize") {
             None => Ok(file),
             // The data are the last bytes of the file.
@@ -273,8 +273,8 @@ impl Header {
         }
     }
 
-    fn to_world(&self, dimensions: usize) -> Parse<DAffine3> {
-        let first = |names: &[&str], count: usize| -> Parse<Option<Vec<f64>>> {
+    fn to_world(&self, dimensions: usize) -> ParseResult<DAffine3> {
+        let first = |names: &[&str], count: usize| -> ParseResult<Option<Vec<f64>>> {
             for name in names {
                 if let Some(numbers) = self.numbers(name, Some(count))? {
                     return Ok(Some(numbers));

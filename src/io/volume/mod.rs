@@ -16,7 +16,7 @@ pub(crate) use header::Layout;
 pub(crate) use stream::{VolumeFormat, VolumeStream};
 pub use write::write_volume;
 
-use super::cursor::Parse;
+use super::cursor::ParseResult;
 use crate::files;
 use crate::volume::Volume;
 use crate::{Error, Result};
@@ -24,7 +24,7 @@ use std::path::Path;
 
 /// Fetches the bytes of a data file that a header names, relative to the header's folder. A name
 /// that begins with `*` has the header's own name there, without its extension.
-type Fetch<'a> = &'a dyn Fn(&str) -> Parse<Vec<u8>>;
+type Fetch<'a> = &'a dyn Fn(&str) -> ParseResult<Vec<u8>>;
 
 /// Reads a volume of any format that is known: NIfTI, NRRD, MetaImage. The content decides,
 /// then the extension.
@@ -76,7 +76,7 @@ pub(super) fn is_volume(bytes: &[u8], extension: &str) -> bool {
     reader_of(bytes, extension).is_some()
 }
 
-type Reader = fn(&[u8], Fetch) -> Parse<Volume>;
+type Reader = fn(&[u8], Fetch) -> ParseResult<Volume>;
 
 fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
     if bytes.starts_with(nrrd::MAGIC) {
@@ -97,7 +97,7 @@ fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
 }
 
 /// The volume in the content of a file.
-pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> Parse<Volume> {
+pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> ParseResult<Volume> {
     let reader = reader_of(bytes, extension).ok_or(
         "this is no volume that Palpate reads: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and MetaImage (.mhd, .mha) are",
     )?;
@@ -106,7 +106,7 @@ pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> Parse<Vo
 
 /// The data of several files, one after the other. Stops when there are far more bytes than
 /// `bytes` of voxels can take, in text even.
-fn joined(names: &[String], bytes: usize, fetch: Fetch) -> Parse<Vec<u8>> {
+fn joined(names: &[String], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> {
     let limit = bytes.saturating_mul(32).saturating_add(1 << 20);
     let mut data = Vec::new();
     for name in names {

@@ -4,7 +4,7 @@
 
 use super::Fetch;
 use super::voxels::{Packing, bytes_in, decode, extent, unpack};
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
 use flate2::read::MultiGzDecoder;
@@ -45,7 +45,7 @@ struct Header<'a> {
 }
 
 /// The bytes of `file` as a volume.
-pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
+pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     let start = beginning(file);
     let header = Header::new(&start).ok_or("the file does not begin with a NIfTI header")?;
     let size = header.size()?;
@@ -81,7 +81,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
         slope,
         intercept,
         to_world: header.to_world()?,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     })
 }
 
@@ -158,7 +158,7 @@ impl<'a> Header<'a> {
         }
     }
 
-    fn size(&self) -> Parse<[usize; 3]> {
+    fn size(&self) -> ParseResult<[usize; 3]> {
         let dim = |n: usize| match self.second {
             false => self.i16(40 + 2 * n),
             true => self.i64(16 + 8 * n),
@@ -181,7 +181,7 @@ impl<'a> Header<'a> {
         Ok([size(0)?, size(1)?, size(2)?])
     }
 
-    fn scalar_type(&self) -> Parse<ScalarType> {
+    fn scalar_type(&self) -> ParseResult<ScalarType> {
         let code = self.i16(if self.second { 12 } else { 70 });
         let scalar = match code {
             2 => ScalarType::U8,
@@ -218,7 +218,7 @@ impl<'a> Header<'a> {
         Ok(scalar)
     }
 
-    fn offset(&self) -> Parse<usize> {
+    fn offset(&self) -> ParseResult<usize> {
         let offset = match self.second {
             false => self.real([108, 0], 0),
             true => self.i64(168) as f64,
@@ -256,7 +256,7 @@ impl<'a> Header<'a> {
     }
 
     /// The sform where there is one, else the qform, else the spacing alone.
-    fn to_world(&self) -> Parse<DAffine3> {
+    fn to_world(&self) -> ParseResult<DAffine3> {
         let spacing = |n: usize| self.real([76, 104], n);
         let spacings = DVec3::new(spacing(1), spacing(2), spacing(3)).abs();
         let sized = spacings.cmpgt(DVec3::ZERO).all() && spacings.is_finite();

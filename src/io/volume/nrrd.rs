@@ -6,7 +6,7 @@ use super::nrrd_space::Axes;
 use super::pattern::numbered;
 use super::voxels::{Packing, bytes_in, decode, decode_text, extent, unpack};
 use super::{Fetch, joined};
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
 use std::collections::{BTreeMap, HashMap};
@@ -22,7 +22,7 @@ pub(super) struct Header {
 }
 
 /// The bytes of `file` as a volume.
-pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
+pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     if !file.starts_with(MAGIC) {
         return Err("line 1: the file should begin with NRRD0001 to NRRD0005".into());
     }
@@ -64,13 +64,13 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> Parse<Volume> {
         slope: 1.0,
         intercept: 0.0,
         to_world: axes.to_world,
-        names: header.segment_names(),
+        label_names: header.segment_names(),
     })
 }
 
 impl Header {
     /// The header, and the bytes after its empty line.
-    fn parse(file: &[u8]) -> Parse<(Header, &[u8])> {
+    fn parse(file: &[u8]) -> ParseResult<(Header, &[u8])> {
         let mut header = Header {
             fields: HashMap::new(),
             pairs: Vec::new(),
@@ -124,12 +124,12 @@ impl Header {
         found.map(|(line, value)| (*line, value.as_str()))
     }
 
-    pub fn require(&self, name: &str) -> Parse<(usize, &str)> {
+    pub fn require(&self, name: &str) -> ParseResult<(usize, &str)> {
         self.get(name)
             .ok_or_else(|| format!("the header has no field `{name}`"))
     }
 
-    pub fn number(&self, name: &str) -> Parse<Option<usize>> {
+    pub fn number(&self, name: &str) -> ParseResult<Option<usize>> {
         let Some((line, value)) = self.get(name) else {
             return Ok(None);
         };
@@ -142,7 +142,7 @@ impl Header {
     }
 
     /// `byte skip`; none where it is -1, which means "the last bytes of the file".
-    fn byte_skip(&self) -> Parse<Option<usize>> {
+    fn byte_skip(&self) -> ParseResult<Option<usize>> {
         match self.get("byte skip") {
             None => Ok(Some(0)),
             Some((_, "-1")) => Ok(None),
@@ -151,7 +151,7 @@ impl Header {
     }
 
     /// The data, from this file or from those it names.
-    fn data(&self, attached: &[u8], bytes: usize, fetch: Fetch) -> Parse<Vec<u8>> {
+    fn data(&self, attached: &[u8], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> {
         let Some((line, named)) = self.get("data file") else {
             if attached.is_empty() {
                 return Err("the file ends after its header, where the voxels should be".into());
@@ -189,7 +189,7 @@ impl Header {
 
     /// `data` after the lines and bytes that are to be skipped; `wanted` bytes at the end where
     /// the header says so.
-    fn skipped<'a>(&self, data: &'a [u8], wanted: Option<usize>) -> Parse<&'a [u8]> {
+    fn skipped<'a>(&self, data: &'a [u8], wanted: Option<usize>) -> ParseResult<&'a [u8]> {
         let data = after_lines(data, self.number("line skip")?.unwrap_or(0))?;
         match (self.byte_skip()?, wanted) {
             (Some(skip), _) => data.get(skip..).ok_or_else(|| {
@@ -203,7 +203,7 @@ impl Header {
         }
     }
 
-    fn big_endian(&self, scalar: ScalarType) -> Parse<bool> {
+    fn big_endian(&self, scalar: ScalarType) -> ParseResult<bool> {
         match self.get("endian") {
             Some((_, value)) if value.eq_ignore_ascii_case("little") => Ok(false),
             Some((_, value)) if value.eq_ignore_ascii_case("big") => Ok(true),
@@ -233,7 +233,7 @@ impl Header {
     }
 }
 
-fn after_lines(mut data: &[u8], lines: usize) -> Parse<&[u8]> {
+fn after_lines(mut data: &[u8], lines: usize) -> ParseResult<&[u8]> {
     for skipped in 0..lines {
         let end = data.iter().position(|b| *b == b'\n').ok_or_else(|| {
             format!("`line skip` is {lines}, but the data has only {skipped} lines")
@@ -243,7 +243,7 @@ fn after_lines(mut data: &[u8], lines: usize) -> Parse<&[u8]> {
     Ok(data)
 }
 
-fn scalar_type(header: &Header) -> Parse<ScalarType> {
+fn scalar_type(header: &Header) -> ParseResult<ScalarType> {
     let (line, name) = header.require("type")?;
     Ok(match name.to_lowercase().as_str() {
         "signed char" | "int8" | "int8_t" => ScalarType::I8,

@@ -1,7 +1,7 @@
 //! Where a NRRD lies in space: its axes, and its frame brought to RAS in mm.
 
 use super::nrrd::Header;
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use glam::{DAffine3, DMat3, DVec3};
 
 /// The three axes of space.
@@ -11,7 +11,7 @@ pub(super) struct Axes {
 }
 
 impl Axes {
-    pub fn new(header: &Header) -> Parse<Axes> {
+    pub fn new(header: &Header) -> ParseResult<Axes> {
         let (line, sizes) = header.require("sizes")?;
         let sizes: Vec<usize> = sizes
             .split_whitespace()
@@ -87,7 +87,7 @@ impl Axes {
 
 impl Header {
     /// The spacing of each axis, 1 where it is not known.
-    fn spacings(&self, axes: usize) -> Parse<Vec<f64>> {
+    fn spacings(&self, axes: usize) -> ParseResult<Vec<f64>> {
         let Some((line, text)) = self.get("spacings") else {
             return Ok(vec![1.0; axes]);
         };
@@ -108,7 +108,7 @@ impl Header {
 impl Header {
     /// Where the first sample of each axis lies, in samples: from `axis mins`, which is the
     /// border of the first cell where `centers` says so; 0 where nothing is said.
-    fn axis_starts(&self, axes: usize) -> Parse<Vec<f64>> {
+    fn axis_starts(&self, axes: usize) -> ParseResult<Vec<f64>> {
         let named = self.get("axis mins").or_else(|| self.get("axismins"));
         let Some((line, text)) = named else {
             return Ok(vec![0.0; axes]);
@@ -140,7 +140,7 @@ impl Header {
 }
 
 /// `count` vectors such as `(1,0,0)`; `none` where an axis is not one of space.
-fn vectors(line: usize, text: &str, count: usize) -> Parse<Vec<Option<DVec3>>> {
+fn vectors(line: usize, text: &str, count: usize) -> ParseResult<Vec<Option<DVec3>>> {
     let wrong = || {
         format!(
             "line {line}: {count} vectors of three numbers, such as (0.5,0,0), are expected, found \"{text}\""
@@ -172,7 +172,7 @@ fn vectors(line: usize, text: &str, count: usize) -> Parse<Vec<Option<DVec3>>> {
 }
 
 /// From the header's space, in its units, to RAS in mm.
-fn to_ras(header: &Header) -> Parse<DMat3> {
+fn to_ras(header: &Header) -> ParseResult<DMat3> {
     let signs = match header.get("space") {
         // Nothing is said: as the numbers are.
         None => DVec3::ONE,

@@ -17,7 +17,7 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 
 /// Bytes that are packed by themselves: enough that little is lost by it.
-const PIECE: usize = 1 << 18;
+const BLOCK_BYTES: usize = 1 << 18;
 /// A gzip member without a name, of no particular system.
 const GZIP: [u8; 10] = [0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 0xff];
 /// The last block of a deflate stream, with nothing in it.
@@ -33,7 +33,7 @@ pub(crate) enum VolumeFormat {
 
 impl VolumeFormat {
     /// The one that the name of a file asks for.
-    pub fn of(path: &Path) -> Result<VolumeFormat> {
+    pub fn from_path(path: &Path) -> Result<VolumeFormat> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         match extension(path).as_str() {
             "nrrd" => Ok(VolumeFormat::Nrrd),
@@ -84,10 +84,10 @@ impl Blocks {
 
     /// Packs what is there in whole pieces, or all of it.
     fn pack(&mut self, all: bool, out: &mut dyn Write) -> io::Result<()> {
-        let whole = self.waiting.len() / PIECE * PIECE;
+        let whole = self.waiting.len() / BLOCK_BYTES * BLOCK_BYTES;
         let length = if all { self.waiting.len() } else { whole };
-        let pieces: Vec<&[u8]> = self.waiting[..length].chunks(PIECE).collect();
-        let packed = parallel::map_heavy(pieces.len(), |n| {
+        let pieces: Vec<&[u8]> = self.waiting[..length].chunks(BLOCK_BYTES).collect();
+        let packed = parallel::map_coarse(pieces.len(), |n| {
             let mut crc = Crc::new();
             crc.update(pieces[n]);
             deflated(pieces[n], self.level).map(|bytes| (bytes, crc))
@@ -141,7 +141,7 @@ impl<'a> VolumeStream<'a> {
         layout: Layout<'a>,
         out: &'a mut BufWriter<OutFile>,
     ) -> Result<VolumeStream<'a>> {
-        let format = VolumeFormat::of(path)?;
+        let format = VolumeFormat::from_path(path)?;
         // The last digits of displacements are noise, which no effort packs.
         let level = Compression::new(if layout.components > 1 { 1 } else { 6 });
         let packed = match format {
@@ -209,7 +209,7 @@ impl<'a> VolumeStream<'a> {
     }
 
     /// Writes what is left, all of it into the file.
-    pub fn end(self) -> Result<()> {
+    pub fn close(self) -> Result<()> {
         let path = self.path;
         self.finish().map_err(Error::io(path))
     }
@@ -265,12 +265,12 @@ mod tests {
                 .wrapping_add(1442695040888963407);
             (noise >> 56) as u8
         };
-        let mut bytes: Vec<u8> = (0..3 * PIECE + 77).map(|_| next()).collect();
-        bytes.extend((0..2 * PIECE).map(|n| (n / 1000) as u8));
+        let mut bytes: Vec<u8> = (0..3 * BLOCK_BYTES + 77).map(|_| next()).collect();
+        bytes.extend((0..2 * BLOCK_BYTES).map(|n| (n / 1000) as u8));
         for level in [1, 6] {
             let mut blocks = Blocks::new(Compression::new(level));
             let mut packed = GZIP.to_vec();
-            for part in bytes.chunks(PIECE / 3 + 5) {
+            for part in bytes.chunks(BLOCK_BYTES / 3 + 5) {
                 blocks.waiting.extend_from_slice(part);
                 blocks.pack(false, &mut packed).unwrap();
             }

@@ -1,6 +1,6 @@
 //! From a file's bytes to voxels.
 
-use crate::io::cursor::{Cursor, Parse, number};
+use crate::io::cursor::{Cursor, ParseResult, number};
 use crate::mesh::ScalarType;
 use crate::volume::Raw;
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
@@ -17,7 +17,7 @@ pub(super) fn bytes_in(scalar: ScalarType) -> usize {
 }
 
 /// Number of voxels and of their bytes, if neither overflows.
-pub(super) fn extent(size: [usize; 3], scalar: ScalarType) -> Parse<(usize, usize)> {
+pub(super) fn extent(size: [usize; 3], scalar: ScalarType) -> ParseResult<(usize, usize)> {
     let voxels = size.iter().try_fold(1usize, |n, s| n.checked_mul(*s));
     voxels
         .and_then(|n| Some((n, n.checked_mul(bytes_in(scalar))?)))
@@ -42,7 +42,7 @@ const MOST_PADDING: usize = 16;
 
 /// The `wanted` bytes of the voxels out of `packed`. Grows with what is there, not with what is
 /// said to be.
-pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> Parse<Vec<u8>> {
+pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> ParseResult<Vec<u8>> {
     let mut bytes = Vec::new();
     let limit = (wanted as u64).saturating_add(MOST_PADDING as u64 + 1);
     let read = match packing {
@@ -104,10 +104,10 @@ pub(super) fn decode(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Raw 
 }
 
 /// Voxels written as text.
-pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> Parse<Raw> {
+pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> ParseResult<Raw> {
     let mut cursor = Cursor::new(bytes);
     // Every number takes a character and a separator.
-    let voxels = cursor.check_count(
+    let voxels = cursor.validate_count(
         i64::try_from(voxels).unwrap_or(i64::MAX),
         format_args!("the number of voxels"),
         2,

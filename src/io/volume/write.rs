@@ -28,7 +28,7 @@ pub fn write_volume(path: impl AsRef<Path>, volume: &Volume) -> Result<()> {
     }
     let layout = Layout::of(volume);
     let voxels = volume.raw.to_bytes();
-    let bytes = match VolumeFormat::of(path)? {
+    let bytes = match VolumeFormat::from_path(path)? {
         VolumeFormat::Nrrd => [layout.nrrd()?, gzip(&voxels)?].concat(),
         VolumeFormat::Nifti => gzip(&[layout.nifti()?, voxels].concat())?,
         VolumeFormat::MetaImage => {

@@ -6,7 +6,7 @@ use glam::DVec3;
 use std::collections::HashMap;
 
 /// The faces whose two tets have their centroids on different sides of the blade, sorted.
-pub(super) fn faces_across(
+pub(super) fn faces_crossing_blade(
     mesh: &TetMesh,
     topology: &Topology,
     positions: &[DVec3],
@@ -39,7 +39,7 @@ pub(super) fn faces_across(
                 face: face as u32,
             });
         blade
-            .parts(centroid(t), centroid(other))
+            .separates(centroid(t), centroid(other))
             .then_some([here, there])
     };
     parallel::collect(mesh.tets.len(), |range, faces| {
@@ -51,7 +51,7 @@ pub(super) fn faces_across(
 
 /// Leaves out the faces around tets that would be cut off on their own: such a tet goes with its
 /// neighbours, wherever its centroid lies. Of two that would be alone, both are.
-pub(super) fn keep_chips(topology: &Topology, faces: &mut Vec<[BoundaryFace; 2]>) {
+pub(super) fn skip_isolated_tets(topology: &Topology, faces: &mut Vec<[BoundaryFace; 2]>) {
     let mut links: HashMap<u32, usize> = HashMap::new();
     for face in faces.iter().flatten() {
         let linked = || {

@@ -1,12 +1,12 @@
 //! Which nodes come apart when faces are opened: those around which the tets fall into several fans.
 
-use crate::mesh::{BoundaryFace, FACES, Groups, Location, NO_NEIGHBOUR, TetMesh, Topology};
+use crate::mesh::{BoundaryFace, DisjointSets, FACES, Location, NO_NEIGHBOUR, TetMesh, Topology};
 use crate::parallel;
 use std::collections::HashMap;
 
 /// Nodes doubled, and the tets around the faces that were opened.
-pub(super) struct Parted {
-    pub doubled: Vec<[u32; 2]>,
+pub(super) struct SplitNodes {
+    pub duplicated: Vec<[u32; 2]>,
     pub star: Vec<u32>,
     /// Nodes of the tets of `star` as they were.
     pub before: Vec<[u32; 4]>,
@@ -15,12 +15,12 @@ pub(super) struct Parted {
 /// Doubles every node around which the faces `opened`, which have lost their links, part a fan of
 /// tets into several: the fan with the smallest tet keeps the node. Tets that are `gone` do not
 /// count.
-pub(super) fn part_nodes(
+pub(super) fn split_nodes(
     mesh: &mut TetMesh,
     topology: &Topology,
     opened: &[[BoundaryFace; 2]],
     gone: &[bool],
-) -> Parted {
+) -> SplitNodes {
     let mut marked = vec![false; mesh.nodes.len()];
     for [face, _] in opened {
         for v in face_nodes(mesh, *face) {
@@ -38,7 +38,7 @@ pub(super) fn part_nodes(
         place[*t as usize] = s;
     }
     // Corner i of the s-th tet of the star is item 4 s + i.
-    let join = |groups: &mut Groups, here: BoundaryFace, other: u32| {
+    let join = |groups: &mut DisjointSets, here: BoundaryFace, other: u32| {
         let (s, o) = (place[here.tet as usize], place[other as usize]);
         if s == 0 || o == 0 {
             return;
@@ -49,12 +49,12 @@ pub(super) fn part_nodes(
                 i.map(|i| 4 * s + i as u32)
             };
             if let (true, Some(a), Some(b)) = (marked[v as usize], corner(s - 1), corner(o - 1)) {
-                groups.join(a, b);
+                groups.union(a, b);
             }
         }
     };
-    let mut after = Groups::new(4 * star.len());
-    let mut whole = Groups::new(4 * star.len());
+    let mut after = DisjointSets::new(4 * star.len());
+    let mut whole = DisjointSets::new(4 * star.len());
     for tet in &star {
         for (face, code) in (0..).zip(topology.neighbours[*tet as usize]) {
             if code != NO_NEIGHBOUR && code / 4 > *tet {
@@ -74,11 +74,7 @@ pub(super) fn part_nodes(
         }
         for (i, v) in tet.iter().enumerate().filter(|(_, v)| marked[**v as usize]) {
             let corner = (4 * s + i) as u32;
-            fans.push([
-                *v,
-                whole.representative(corner),
-                after.representative(corner),
-            ]);
+            fans.push([*v, whole.find(corner), after.find(corner)]);
         }
     }
     let corners = fans.clone();
@@ -113,8 +109,8 @@ pub(super) fn part_nodes(
             }
         }
     }
-    Parted {
-        doubled,
+    SplitNodes {
+        duplicated: doubled,
         star,
         before,
     }

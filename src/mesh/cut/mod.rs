@@ -4,10 +4,12 @@
 mod faces;
 mod fans;
 
-use super::{Blade, BoundaryFace, Location, NO_NEIGHBOUR, TET_EDGES, TetMesh, Topology, splice};
+use super::{
+    Blade, BoundaryFace, Location, NO_NEIGHBOUR, TET_EDGES, TetMesh, Topology, replace_sorted,
+};
 use crate::{Error, Result};
-use faces::{faces_across, keep_chips};
-use fans::{part_nodes, sorted_face};
+use faces::{faces_crossing_blade, skip_isolated_tets};
+use fans::{sorted_face, split_nodes};
 use glam::DVec3;
 
 /// What a cut, or the removal of tets, changed in a mesh.
@@ -15,19 +17,19 @@ use glam::DVec3;
 pub struct TetCut {
     /// Faces opened, each as its two tets see it. Both are boundary now. Of a removal: the faces
     /// laid bare, the second of each that of a tet now gone, both numbered as they were before.
-    pub opened: Vec<[BoundaryFace; 2]>,
+    pub opened_faces: Vec<[BoundaryFace; 2]>,
     /// Each new node, and the node it is a double of. New nodes come last, in this order.
-    pub doubled: Vec<[u32; 2]>,
+    pub duplicated_nodes: Vec<[u32; 2]>,
     /// Tets whose nodes or neighbours have changed, ascending.
     pub tets: Vec<u32>,
     /// Nodes that were doubled, and their doubles, ascending.
     pub nodes: Vec<u32>,
     /// The tets at these nodes, ascending.
-    pub star: Vec<u32>,
+    pub incident_tets: Vec<u32>,
     /// The edges at these nodes before the cut, sorted.
-    pub edges_before: Vec<[u32; 2]>,
+    pub previous_edges: Vec<[u32; 2]>,
     /// The edges at these nodes now, each with every tet around it, sorted.
-    pub around: Vec<([u32; 2], u32)>,
+    pub edge_tets: Vec<([u32; 2], u32)>,
     /// Tets that were removed, ascending, by their numbers before; those that stay keep their
     /// order. After a removal `tets`, `star` and edges are not listed.
     pub removed: Vec<u32>,
@@ -36,7 +38,7 @@ pub struct TetCut {
 impl TetCut {
     /// Whether nothing was hit, and nothing has changed.
     pub fn is_empty(&self) -> bool {
-        self.opened.is_empty() && self.removed.is_empty()
+        self.opened_faces.is_empty() && self.removed.is_empty()
     }
 }
 
@@ -67,13 +69,13 @@ pub fn cut(
             mesh.nodes.len()
         )));
     }
-    let mut faces = faces_across(mesh, topology, positions, blade);
-    keep_chips(topology, &mut faces);
+    let mut faces = faces_crossing_blade(mesh, topology, positions, blade);
+    skip_isolated_tets(topology, &mut faces);
     for [a, b] in &faces {
         topology.neighbours[a.tet as usize][a.face as usize] = NO_NEIGHBOUR;
         topology.neighbours[b.tet as usize][b.face as usize] = NO_NEIGHBOUR;
     }
-    let parted = part_nodes(mesh, topology, &faces, &[]);
+    let parted = split_nodes(mesh, topology, &faces, &[]);
     let (opened, closed): (Vec<_>, Vec<_>) = faces
         .into_iter()
         .partition(|[a, b]| sorted_face(mesh, *a) != sorted_face(mesh, *b));
@@ -83,7 +85,7 @@ pub fn cut(
     }
     let mut bare: Vec<BoundaryFace> = opened.iter().flatten().copied().collect();
     bare.sort_unstable();
-    splice(&mut topology.boundary, |f| *f, &[], &bare);
+    replace_sorted(&mut topology.boundary, |f| *f, &[], &bare);
     let mut tets: Vec<u32> = bare.iter().map(|f| f.tet).collect();
     let renamed = parted.star.iter().zip(&parted.before);
     tets.extend(
@@ -94,23 +96,23 @@ pub fn cut(
     tets.sort_unstable();
     tets.dedup();
     let mut touched = vec![false; mesh.nodes.len()];
-    for v in parted.doubled.iter().flatten() {
+    for v in parted.duplicated.iter().flatten() {
         touched[*v as usize] = true;
     }
     let around = edges_around(mesh, &parted.star, &touched);
     let mut edges: Vec<[u32; 2]> = around.iter().map(|(edge, _)| *edge).collect();
     edges.dedup();
-    let edges_before = edges_as_they_were(&edges, &parted.doubled);
+    let edges_before = edges_as_they_were(&edges, &parted.duplicated);
     let at_touched = |t: &u32| mesh.tets[*t as usize].iter().any(|v| touched[*v as usize]);
     let star = parted.star.into_iter().filter(at_touched).collect();
     Ok(TetCut {
-        nodes: both(&parted.doubled),
-        star,
-        opened,
-        doubled: parted.doubled,
+        nodes: both(&parted.duplicated),
+        incident_tets: star,
+        opened_faces: opened,
+        duplicated_nodes: parted.duplicated,
         tets,
-        edges_before,
-        around,
+        previous_edges: edges_before,
+        edge_tets: around,
         removed: Vec::new(),
     })
 }
@@ -162,7 +164,7 @@ pub fn remove(mesh: &mut TetMesh, topology: &mut Topology, tets: &[u32]) -> Resu
             }
         }
     }
-    let parted = part_nodes(mesh, topology, &opened, &gone);
+    let parted = split_nodes(mesh, topology, &opened, &gone);
     let mut keep = gone.iter().map(|gone| !gone);
     mesh.tets.retain(|_| keep.next().unwrap_or(true));
     for field in &mut mesh.fields {
@@ -174,9 +176,9 @@ pub fn remove(mesh: &mut TetMesh, topology: &mut Topology, tets: &[u32]) -> Resu
     }
     *topology = Topology::new(mesh);
     Ok(TetCut {
-        opened,
-        nodes: both(&parted.doubled),
-        doubled: parted.doubled,
+        opened_faces: opened,
+        nodes: both(&parted.duplicated),
+        duplicated_nodes: parted.duplicated,
         removed,
         ..TetCut::default()
     })

@@ -3,7 +3,7 @@
 use super::grid::{check_size, from_parts};
 use super::solid::fill_solid;
 use crate::mesh::TetMesh;
-use crate::{Error, Result, untold};
+use crate::{Error, Result, no_progress};
 use glam::DVec3;
 
 /// More cells than this have more tets than can be held.
@@ -23,7 +23,12 @@ pub fn ball(radius: f64, cells: usize) -> Result<TetMesh> {
     }
     let across = 0.5 * cells as f64;
     let centre = DVec3::splat(across);
-    let filled = fill_solid(2.0 * centre, 0.0, |p| across - p.distance(centre), &untold)?;
+    let filled = fill_solid(
+        2.0 * centre,
+        0.0,
+        |p| across - p.distance(centre),
+        &no_progress,
+    )?;
     let place = |p: &DVec3| (*p - centre) * (radius / across);
     from_parts(filled.nodes.iter().map(place).collect(), filled.tets)
 }

@@ -2,8 +2,8 @@
 
 use super::solid::{fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::mesher::Filling;
-use crate::{Error, Result, untold};
+use crate::mesher::MeshedDomain;
+use crate::{Error, Result, no_progress};
 use glam::DVec3;
 
 /// Half of its length, and of that of its belly, m.
@@ -43,7 +43,7 @@ pub fn biceps(tets: usize) -> Result<TetMesh> {
         )));
     }
     let step = lattice_step(tets, TRIAL_STEPS, |step| Ok(filled(step)?.tets.len()))?;
-    let Filling { nodes, tets, .. } = filled(step)?;
+    let MeshedDomain { nodes, tets, .. } = filled(step)?;
     let middles = tets
         .iter()
         .map(|tet| tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0);
@@ -72,7 +72,7 @@ pub fn biceps(tets: usize) -> Result<TetMesh> {
 }
 
 /// Its mesh on a lattice of the given step.
-fn filled(step: f64) -> Result<Filling> {
+fn filled(step: f64) -> Result<MeshedDomain> {
     let corner = DVec3::new(THICK, THICK, HALF);
     let inside = |q: DVec3| {
         let p = q * step - corner;
@@ -81,7 +81,7 @@ fn filled(step: f64) -> Result<Filling> {
         let past = (p.z.abs() - (HALF - TENDON)).max(0.0);
         (r - p.truncate().length().hypot(past)) / (step * (1.0 + slope * slope).sqrt())
     };
-    let mut filled = fill_solid(2.0 * corner / step, 0.0, inside, &untold)?;
+    let mut filled = fill_solid(2.0 * corner / step, 0.0, inside, &no_progress)?;
     filled
         .nodes
         .iter_mut()

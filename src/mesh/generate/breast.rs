@@ -3,7 +3,7 @@
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, rod, smooth_union};
 use crate::mesh::TetMesh;
-use crate::{Progress, Result, untold};
+use crate::{ProgressFn, Result, no_progress};
 use glam::DVec3;
 
 /// Radius of its base and its height, m; how boxy its profile is.
@@ -18,18 +18,18 @@ const LUMP: [f64; 2] = [0.022, 0.022];
 /// A breast of about `tets` tets, 14 cm wide and 5 cm high, in metres: its base lies at z = 0 and it
 /// rises along z. The cell field `label` has fat, gland, the muscle of the chest and, where one is
 /// asked for, a lump below its upper outer quadrant; `stiffness` is the lump's contrast there and 1
-/// elsewhere, for [`Material::factor_field`](crate::physics::Material::factor_field). It has no
+/// elsewhere, for [`Material::stiffness_scale_field`](crate::physics::Material::stiffness_scale_field). It has no
 /// skin: a millimetre and a half is less than its tets can carry. Deterministic.
 ///
 /// # Errors
 /// [`Error::Input`](crate::Error::Input) for fewer than 1,000 tets or more than 20 million, and for
 /// a lump that does not fit or makes no sense.
 pub fn breast(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    telling(tets, lump, &untold)
+    telling(tets, lump, &no_progress)
 }
 
 /// As [`breast`], telling how far it is.
-pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: Progress) -> Result<TetMesh> {
+pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> Result<TetMesh> {
     organ(Breast, tets, lump, progress)
 }
 

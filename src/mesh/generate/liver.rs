@@ -3,7 +3,7 @@
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, smooth_union};
 use crate::mesh::TetMesh;
-use crate::{Progress, Result, untold};
+use crate::{ProgressFn, Result, no_progress};
 use glam::DVec3;
 
 /// Where its back is, on which it lies, m.
@@ -19,11 +19,11 @@ const LUMP: [f64; 2] = [-0.03, 0.0];
 /// # Errors
 /// As [`breast`](super::breast).
 pub fn liver(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    telling(tets, lump, &untold)
+    telling(tets, lump, &no_progress)
 }
 
 /// As [`liver`], telling how far it is.
-pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: Progress) -> Result<TetMesh> {
+pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> Result<TetMesh> {
     organ(Liver, tets, lump, progress)
 }
 

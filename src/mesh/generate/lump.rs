@@ -1,19 +1,19 @@
 //! Organs with a lump in them: what the phantoms for presses share.
 
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
-use crate::{Error, Progress, Result};
+use crate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
+use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use std::f64::consts::PI;
 
 /// The field of factors on the stiffness that organs with a lump have.
 const FACTORS: &str = "stiffness";
 /// What is left between a lump and the organ's back, m.
-const BEHIND: f64 = 2e-3;
+const MIN_BACK_CLEARANCE: f64 = 2e-3;
 /// A lump is made at most this many times wider, for its volume.
-const LARGER: f64 = 1.2;
+const MAX_WIDENING: f64 = 1.2;
 /// A weight changes by at most so much per metre: what tells boxes that lie in one region.
-const STEEPEST: f64 = 4.0;
+const MAX_GRADIENT: f64 = 4.0;
 
 /// A ball of stiffer tissue below the surface of an organ.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,7 +86,7 @@ impl<O: Organ> Domain for Lumped<O> {
     }
 
     fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
-        let reach = 0.5 * STEEPEST * low.distance(high);
+        let reach = 0.5 * MAX_GRADIENT * low.distance(high);
         let mut weights = Vec::new();
         self.weights(0.5 * (low + high), &mut weights);
         weights.push((0, 0.0));
@@ -100,7 +100,7 @@ pub(super) fn organ<O: Organ>(
     organ: O,
     tets: usize,
     lump: Option<Lump>,
-    progress: Progress,
+    progress: ProgressFn,
 ) -> Result<TetMesh> {
     let wrong = |why: String| Err(Error::Input(why));
     if !(1_000..=20_000_000).contains(&tets) {
@@ -120,14 +120,14 @@ pub(super) fn organ<O: Organ>(
         grading: 2.0,
         ..MeshOptions::default()
     };
-    let mut filled = fill(&domain, &options, progress)?;
+    let mut filled = mesh_domain(&domain, &options, progress)?;
     let own = O::TISSUES.len() as u16 + 1;
     if let Some((_, radius)) = &mut domain.lump {
         // Flat tets in a ball hold too little: another one holds what this one should.
         let over = volume(&filled, own) / (4.0 / 3.0 * PI * radius.powi(3));
         if over > 0.0 {
-            *radius *= over.cbrt().recip().min(LARGER);
-            filled = fill(&domain, &options, progress)?;
+            *radius *= over.cbrt().recip().min(MAX_WIDENING);
+            filled = mesh_domain(&domain, &options, progress)?;
         }
     }
     if lump.is_some() && !filled.regions.contains(&own) {
@@ -161,7 +161,7 @@ pub(super) fn organ<O: Organ>(
 }
 
 /// The volume of a region.
-fn volume(filled: &Filling, region: u16) -> f64 {
+fn volume(filled: &MeshedDomain, region: u16) -> f64 {
     let own = filled.tets.iter().zip(&filled.regions);
     let own = own.filter(|(_, r)| **r == region).map(|(tet, _)| {
         let [a, b, c, d] = tet.map(|v| filled.nodes[v as usize]);
@@ -185,7 +185,7 @@ fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     let radius = 0.5 * lump.diameter;
     let (top, out) = organ.above_lump();
     let middle = top - (lump.depth + radius) * out;
-    match organ.inside(0, middle) >= radius + BEHIND {
+    match organ.inside(0, middle) >= radius + MIN_BACK_CLEARANCE {
         true => Ok((middle, radius)),
         false => wrong(format!(
             "a lump of {} mm, {} mm deep, does not fit into the {}; give less of either",

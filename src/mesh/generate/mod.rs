@@ -31,4 +31,4 @@ pub use limb::{TISSUES, Tissue, limb};
 pub use liver::liver;
 pub use lump::Lump;
 pub use named::{GENERATORS, by_name, with_lump};
-pub(crate) use named::{has_lump, known, telling};
+pub(crate) use named::{by_name_with_progress, check_name, has_lump};

@@ -5,7 +5,7 @@ use super::{
     breast, duct, foot, limb, liver,
 };
 use crate::mesh::TetMesh;
-use crate::{Error, Progress, Result, untold};
+use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
 
 /// The names that [`by_name`] knows, and what each of them makes.
@@ -49,7 +49,7 @@ pub(crate) fn has_lump(name: &str) -> bool {
 ///
 /// # Errors
 /// [`Error::Input`] where there is none; the message lists those there are.
-pub(crate) fn known(name: &str) -> Result<()> {
+pub(crate) fn check_name(name: &str) -> Result<()> {
     match GENERATORS.iter().any(|g| g.0 == name) {
         true => Ok(()),
         false => Err(unknown(name)),
@@ -78,15 +78,15 @@ pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
 /// # Errors
 /// As [`by_name`], and for a lump that the organ has no room for.
 pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
-    telling(name, tets, lump, &untold)
+    by_name_with_progress(name, tets, lump, &no_progress)
 }
 
 /// As [`with_lump`], telling `progress` how far the large ones are.
-pub(crate) fn telling(
+pub(crate) fn by_name_with_progress(
     name: &str,
     tets: Option<usize>,
     lump: Option<Lump>,
-    progress: Progress,
+    progress: ProgressFn,
 ) -> Result<TetMesh> {
     // Cells along each side when a unit cube of cells has this many tets.
     let side =

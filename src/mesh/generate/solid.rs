@@ -1,7 +1,7 @@
 //! Solids given by a function, filled by the mesher with tets of even size.
 
-use crate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
-use crate::{Progress, Result};
+use crate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
+use crate::{ProgressFn, Result};
 use glam::DVec3;
 
 /// A solid in lattice units: {p : inside(p) > 0} in the box from the origin to `size`.
@@ -27,22 +27,22 @@ pub(super) fn fill_solid(
     size: DVec3,
     least: f64,
     inside: impl Fn(DVec3) -> f64 + Sync,
-    progress: Progress,
-) -> Result<Filling> {
+    progress: ProgressFn,
+) -> Result<MeshedDomain> {
     let options = MeshOptions {
         spacing: Spacing::Edge(1.0),
         grading: 1.0,
         min_island: least,
         ..MeshOptions::default()
     };
-    fill(&Solid { size, inside }, &options, progress)
+    mesh_domain(&Solid { size, inside }, &options, progress)
 }
 
 /// Which tets are of which bone so that no two bones share a node: as stiff ones, let alone rigid
 /// ones, they would be one. Of each tet of a mesh of so many nodes, `nearest` has the nearest bone
 /// and how far its surface is from the tet's middle, negative inside. At a node between bones the
 /// one that reaches deepest stays.
-pub(super) fn bones_apart(
+pub(super) fn separate_bones(
     tets: &[[u32; 4]],
     nodes: usize,
     nearest: &[(usize, f64)],
@@ -66,7 +66,7 @@ pub(super) fn bones_apart(
 }
 
 /// Below this number of tets the step is corrected by making the mesh.
-const TRIAL_BELOW: usize = 20_000;
+const MAX_TRIAL_TETS: usize = 20_000;
 
 /// The lattice step with which a solid has about `tets` tets, estimated from the `count` of two
 /// coarse meshes: they are as many as a/step³ + b/step², for the volume and for the surface.
@@ -88,7 +88,7 @@ pub(super) fn lattice_step(
         }
     }
     let mut step = 0.5 * (low + high);
-    if tets < TRIAL_BELOW {
+    if tets < MAX_TRIAL_TETS {
         // Where cells are as large as fingers the estimate is poor, but trying costs little.
         for _ in 0..3 {
             step *= (count(step)? / tets as f64).cbrt();

@@ -1,7 +1,7 @@
 //! Edges collapsed to one of their ends.
 
-use super::shape::shape;
-use super::work::Work;
+use super::shape::quality;
+use super::work::EditableMesh;
 use crate::mesh::TET_EDGES;
 use crate::mesher::stencil::Piece;
 use std::collections::{BTreeMap, BTreeSet};
@@ -15,7 +15,7 @@ const OUTSIDE: u32 = u32::MAX;
 /// The parts of a link: nodes, edges and faces, each with its nodes rising.
 type Link = BTreeSet<Vec<u32>>;
 
-impl Work<'_> {
+impl EditableMesh<'_> {
     /// Collapses the first edge of tet `t` that makes a better worst tet.
     pub(super) fn collapse_around(&mut self, t: u32) -> bool {
         let tet = self.corners(t);
@@ -38,7 +38,7 @@ impl Work<'_> {
             return false;
         }
         let star = self.star(u).to_vec();
-        let worst = self.worst(&star);
+        let worst = self.min_quality(&star);
         let mut new: Vec<Piece> = Vec::with_capacity(star.len());
         for t in &star {
             let (mut tet, region) = self.pieces[*t as usize];
@@ -50,7 +50,7 @@ impl Work<'_> {
                     *corner = v;
                 }
             }
-            if shape(self.positions(tet)) <= worst {
+            if quality(self.positions(tet)) <= worst {
                 return false;
             }
             new.push((tet, region));
@@ -66,7 +66,7 @@ impl Work<'_> {
     /// condition of Dey et al., *Topology preserving edge contraction* (1999), in the body with
     /// the outside as one more node, and in the boundaries.
     fn may_collapse(&self, u: u32, v: u32) -> bool {
-        let around = self.around(u, v);
+        let around = self.edge_ring(u, v);
         let mut regions: Vec<u16> = around.iter().map(|t| self.pieces[*t as usize].1).collect();
         let (of_u, of_v) = (self.link(u), self.link(v));
         let shared: Link = of_u.intersection(&of_v).cloned().collect();

@@ -1,14 +1,14 @@
 //! Other edges and faces between the same nodes, within one region.
 
-use super::shape::shape;
-use super::work::Work;
+use super::shape::quality;
+use super::work::EditableMesh;
 use crate::mesh::{FACES, TET_EDGES};
 use crate::mesher::stencil::Piece;
 
 /// Rings of more tets around an edge are not tried.
 const MAX_RING: usize = 7;
 
-impl Work<'_> {
+impl EditableMesh<'_> {
     /// Flips the first edge or face of tet `t` that makes a better worst tet.
     pub(super) fn flip_around(&mut self, t: u32) -> bool {
         let tet = self.corners(t);
@@ -20,7 +20,7 @@ impl Work<'_> {
 
     /// Replaces the tets around an edge by those over the best triangulation of their ring.
     fn remove_edge(&mut self, a: u32, b: u32) -> bool {
-        let around = self.around(a, b);
+        let around = self.edge_ring(a, b);
         if around.len() < 3 || around.len() > MAX_RING {
             return false;
         }
@@ -31,7 +31,7 @@ impl Work<'_> {
         let Some(ring) = self.ring(a, b, &around) else {
             return false;
         };
-        let worst = self.worst(&around);
+        let worst = self.min_quality(&around);
         let n = ring.len();
         let cap = |i: usize, j: usize, k: usize| {
             [
@@ -47,7 +47,7 @@ impl Work<'_> {
                 let j = i + length;
                 best[i][j] = (f64::NEG_INFINITY, 0);
                 for k in i + 1..j {
-                    let own = cap(i, k, j).map(|tet| shape(self.positions(tet)));
+                    let own = cap(i, k, j).map(|tet| quality(self.positions(tet)));
                     let all = own[0].min(own[1]).min(best[i][k].0).min(best[k][j].0);
                     if all > best[i][j].0 {
                         best[i][j] = (all, k);
@@ -114,9 +114,9 @@ impl Work<'_> {
         let [p, q, r] = face;
         // The face runs anticlockwise seen from the far side.
         let new = [[p, q], [q, r], [r, p]].map(|[u, v]| [apex, u, v, far]);
-        let shapes = new.map(|tet| shape(self.positions(tet)));
+        let shapes = new.map(|tet| quality(self.positions(tet)));
         let least = shapes.into_iter().fold(f64::INFINITY, f64::min);
-        if least <= self.worst(&[t, other]) {
+        if least <= self.min_quality(&[t, other]) {
             return false;
         }
         self.replace(&[t, other], &new.map(|tet| (tet, region)));

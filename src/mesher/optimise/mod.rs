@@ -10,28 +10,29 @@ mod shape;
 mod smooth;
 mod work;
 
-use super::domain::Weighed;
+use super::domain::OffsetDomain;
 use super::stencil::Piece;
 use crate::Result;
 use crate::parallel;
-use crate::progress::Part;
+use crate::progress::ProgressScope;
 use glam::DVec3;
-use work::Work;
+use work::EditableMesh;
 
 /// Tets of a lesser shape than this are worked on: 11.5° in the acute angles.
-const GOAL: f64 = 0.2;
+const TARGET_QUALITY: f64 = 0.2;
 
 /// Rounds over the bad tets.
-const ROUNDS: usize = 6;
+const MAX_PASSES: usize = 6;
 
 /// Tets between two looks at whether to go on.
-const LOOK: usize = 256;
+const CANCEL_CHECK_INTERVAL: usize = 256;
 
 /// What was done to improve the shape of tets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct OptimiserReport {
     /// Tets that asked for it.
-    pub bad: usize,
+    #[serde(rename = "bad")]
+    pub below_target: usize,
     /// Times that a node was moved.
     pub moved: usize,
     /// Edges or faces that were replaced by others.
@@ -39,29 +40,30 @@ pub struct OptimiserReport {
     /// Edges that were collapsed to a node.
     pub collapsed: usize,
     /// Tets that are still below the goal.
-    pub left: usize,
+    #[serde(rename = "left")]
+    pub remaining: usize,
 }
 
 /// Improves the worst tets. Nodes from number `doubled` on, and those at the same places, stay.
-pub(super) fn improve(
-    domain: Weighed,
+pub(super) fn optimise(
+    domain: OffsetDomain,
     edge: f64,
     doubled: usize,
     (nodes, pieces): (&mut Vec<DVec3>, &mut Vec<Piece>),
-    part: &Part,
+    part: &ProgressScope,
 ) -> Result<OptimiserReport> {
     let mut report = OptimiserReport::default();
     let mut bad = bad_tets(nodes, pieces);
-    report.bad = bad.len();
+    report.below_target = bad.len();
     if bad.is_empty() {
         return Ok(report);
     }
     let (own_nodes, own_pieces) = (std::mem::take(nodes), std::mem::take(pieces));
-    let mut work = Work::new(domain, edge, doubled, own_nodes, own_pieces);
-    for _ in 0..ROUNDS {
+    let mut work = EditableMesh::new(domain, edge, doubled, own_nodes, own_pieces);
+    for _ in 0..MAX_PASSES {
         let before = report;
-        for some in bad.chunks(LOOK) {
-            part.check()?;
+        for some in bad.chunks(CANCEL_CHECK_INTERVAL) {
+            part.check_cancelled()?;
             for t in some {
                 work.better(*t, &mut report);
             }
@@ -71,7 +73,7 @@ pub(super) fn improve(
             break;
         }
     }
-    report.left = bad.len();
+    report.remaining = bad.len();
     (*nodes, *pieces) = (work.nodes, work.pieces);
     pieces.retain(|p| p.1 != 0);
     Ok(report)
@@ -79,17 +81,17 @@ pub(super) fn improve(
 
 /// The tets below the goal, the worst first.
 fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
-    let shape = |t: usize| shape::shape(pieces[t].0.map(|v| nodes[v as usize]));
+    let shape = |t: usize| shape::quality(pieces[t].0.map(|v| nodes[v as usize]));
     let mut bad: Vec<(f64, u32)> = parallel::collect(pieces.len(), |range, bad| {
         let inside = range.filter(|t| pieces[*t].1 != 0);
         let shapes = inside.map(|t| (shape(t), t as u32));
-        bad.extend(shapes.filter(|(shape, _)| *shape < GOAL));
+        bad.extend(shapes.filter(|(shape, _)| *shape < TARGET_QUALITY));
     });
     bad.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     bad.into_iter().map(|b| b.1).collect()
 }
 
-impl Work<'_> {
+impl EditableMesh<'_> {
     /// Tries what may help tet `t`, until it is good enough or nothing does.
     fn better(&mut self, t: u32, report: &mut OptimiserReport) {
         for _ in 0..4 {
@@ -121,6 +123,6 @@ impl Work<'_> {
     }
 
     fn is_bad(&self, t: u32) -> bool {
-        self.pieces[t as usize].1 != 0 && self.shape_of(t) < GOAL
+        self.pieces[t as usize].1 != 0 && self.tet_quality(t) < TARGET_QUALITY
     }
 }

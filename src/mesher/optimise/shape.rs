@@ -4,11 +4,11 @@ use glam::DVec3;
 
 /// Obtuse angles count as if their sine were this much less: with it, the bounds of 10.7° and
 /// 164.8° are about the same.
-const OBTUSE: f64 = 0.7;
+const OBTUSE_PENALTY: f64 = 0.7;
 
 /// The least sine of the dihedral angles, those of obtuse ones taken 0.7 times; the least of all
 /// negative volumes is as bad as none.
-pub(super) fn shape(v: [DVec3; 4]) -> f64 {
+pub(super) fn quality(v: [DVec3; 4]) -> f64 {
     let [a, b, c] = [v[1] - v[0], v[2] - v[0], v[3] - v[0]];
     let volume = a.cross(b).dot(c);
     if volume <= 0.0 {
@@ -30,7 +30,7 @@ pub(super) fn shape(v: [DVec3; 4]) -> f64 {
     for (edge, i, j) in edges {
         let sine = volume * edge.length() / (size[i] * size[j]);
         let weighed = match n[i].dot(n[j]) > 0.0 {
-            true => OBTUSE * sine,
+            true => OBTUSE_PENALTY * sine,
             false => sine,
         };
         least = least.min(weighed);
@@ -57,15 +57,19 @@ mod tests {
         ];
         for tet in tets {
             let weighed = dihedral_angles(tet)
-                .map(|a| a.to_radians().sin() * if a > 90.0 { OBTUSE } else { 1.0 });
+                .map(|a| a.to_radians().sin() * if a > 90.0 { OBTUSE_PENALTY } else { 1.0 });
             let least = weighed.into_iter().fold(f64::INFINITY, f64::min);
             let mut of = tet;
             if crate::mesh::signed_volume(of) < 0.0 {
                 of.swap(0, 1);
             }
-            assert!((shape(of) - least).abs() < 1e-12, "{} {least}", shape(of));
+            assert!(
+                (quality(of) - least).abs() < 1e-12,
+                "{} {least}",
+                quality(of)
+            );
             of.swap(0, 1);
-            assert_eq!(shape(of), -1.0);
+            assert_eq!(quality(of), -1.0);
         }
     }
 }

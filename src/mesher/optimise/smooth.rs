@@ -3,23 +3,23 @@
 //! Nodes on boundaries slide along them: a move is followed by one onto the place where the
 //! regions around the node weigh the same.
 
-use super::shape::shape;
-use super::work::Work;
+use super::shape::quality;
+use super::work::EditableMesh;
 use glam::{DMat3, DVec3};
 
 /// Steps that are tried, as parts of the mean length of the edges at the node.
 const STEPS: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
 
 /// Nodes on a boundary stay as near to it as this part of the lattice's edge.
-const NEAR: f64 = 0.08;
+const MAX_BOUNDARY_DRIFT: f64 = 0.08;
 
 /// Gradients of weights are differences over this part of the lattice's edge.
-const DIFFERENCE: f64 = 0.02;
+const FINITE_DIFFERENCE_STEP: f64 = 0.02;
 
 /// A move must improve the worst shape by this much.
-const LEAST_GAIN: f64 = 1e-3;
+const MIN_IMPROVEMENT: f64 = 1e-3;
 
-impl Work<'_> {
+impl EditableMesh<'_> {
     /// Moves node `v` to the best of some places around it, if one is better.
     pub(super) fn smooth(&mut self, v: u32) -> bool {
         if self.is_fixed(v) {
@@ -44,7 +44,7 @@ impl Work<'_> {
                 None => return false,
             },
         };
-        let mut best = (self.worst(&star) + LEAST_GAIN, None);
+        let mut best = (self.min_quality(&star) + MIN_IMPROVEMENT, None);
         for step in STEPS {
             for n in (0..27).filter(|n| *n != 13) {
                 let direction = DVec3::from([n % 3, n / 3 % 3, n / 9].map(|c| f64::from(c) - 1.0));
@@ -81,7 +81,7 @@ impl Work<'_> {
                     *position = to;
                 }
             }
-            least = least.min(shape(at));
+            least = least.min(quality(at));
             if least <= enough {
                 break;
             }
@@ -92,13 +92,15 @@ impl Work<'_> {
     /// By how much the first region outweighs each other one at `p`; unused entries are 0.
     fn gaps(&mut self, p: DVec3, regions: &[u16]) -> DVec3 {
         let of = |i: usize| regions.get(i).copied().unwrap_or(regions[0]);
-        let [a, b, c, d] = self.sampler.of(p, [regions[0], of(1), of(2), of(3)]);
+        let [a, b, c, d] = self
+            .sampler
+            .weights_of(p, [regions[0], of(1), of(2), of(3)]);
         DVec3::new(a - b, a - c, a - d)
     }
 
     /// The boundary between `regions` at `p`, linearised; none where weights do not change.
     fn boundary_at(&mut self, p: DVec3, regions: &[u16]) -> Option<Boundary> {
-        let step = DIFFERENCE * self.edge;
+        let step = FINITE_DIFFERENCE_STEP * self.edge;
         let slope = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
             let ahead = self.gaps(p + step * axis, regions);
             (ahead - self.gaps(p - step * axis, regions)) / (2.0 * step)
@@ -120,7 +122,7 @@ impl Work<'_> {
 
     /// `p` moved onto the boundary; none when it does not come near.
     fn onto(&mut self, boundary: &Boundary, mut p: DVec3, regions: &[u16]) -> Option<DVec3> {
-        let near = NEAR * self.edge;
+        let near = MAX_BOUNDARY_DRIFT * self.edge;
         for _ in 0..3 {
             let off = boundary.back.mul_vec3(self.gaps(p, regions));
             p -= off.clamp_length_max(0.5 * self.edge);

@@ -1,15 +1,15 @@
 //! A mesh that is worked on.
 
-use super::shape::shape;
-use crate::mesher::domain::{Sampler, Weighed};
-use crate::mesher::fans::Fans;
+use super::shape::quality;
+use crate::mesher::domain::{OffsetDomain, Sampler};
+use crate::mesher::fans::VertexFans;
 use crate::mesher::keys::{KeyMap, KeySet};
 use crate::mesher::stars::Stars;
 use crate::mesher::stencil::Piece;
 use glam::DVec3;
 
 /// A mesh with the tets at each node, kept up as it changes.
-pub(super) struct Work<'a> {
+pub(super) struct EditableMesh<'a> {
     pub nodes: Vec<DVec3>,
     /// Tets that were removed have the region 0.
     pub pieces: Vec<Piece>,
@@ -22,14 +22,14 @@ pub(super) struct Work<'a> {
     fixed: KeySet<u32>,
 }
 
-impl<'a> Work<'a> {
+impl<'a> EditableMesh<'a> {
     pub(super) fn new(
-        domain: Weighed<'a>,
+        domain: OffsetDomain<'a>,
         edge: f64,
         doubled: usize,
         nodes: Vec<DVec3>,
         pieces: Vec<Piece>,
-    ) -> Work<'a> {
+    ) -> EditableMesh<'a> {
         let places: KeySet<[u64; 3]> = nodes[doubled..].iter().map(bits).collect();
         let fixed = match places.is_empty() {
             true => KeySet::default(),
@@ -37,7 +37,7 @@ impl<'a> Work<'a> {
                 .filter(|v| places.contains(&bits(&nodes[*v as usize])))
                 .collect(),
         };
-        Work {
+        EditableMesh {
             stars: Stars::new(nodes.len(), &pieces),
             nodes,
             pieces,
@@ -69,25 +69,25 @@ impl<'a> Work<'a> {
         tet.map(|v| self.nodes[v as usize])
     }
 
-    pub(super) fn shape_of(&self, t: u32) -> f64 {
-        shape(self.positions(self.corners(t)))
+    pub(super) fn tet_quality(&self, t: u32) -> f64 {
+        quality(self.positions(self.corners(t)))
     }
 
     /// The worst shape of some tets.
-    pub(super) fn worst(&self, tets: &[u32]) -> f64 {
-        let shapes = tets.iter().map(|t| self.shape_of(*t));
+    pub(super) fn min_quality(&self, tets: &[u32]) -> f64 {
+        let shapes = tets.iter().map(|t| self.tet_quality(*t));
         shapes.fold(f64::INFINITY, f64::min)
     }
 
     /// The tets at the edge between two nodes.
-    pub(super) fn around(&self, a: u32, b: u32) -> Vec<u32> {
+    pub(super) fn edge_ring(&self, a: u32, b: u32) -> Vec<u32> {
         let star = self.star(a).iter().copied();
         star.filter(|t| self.corners(*t).contains(&b)).collect()
     }
 
     /// The regions at node `v`, rising; 0 is there where it lies on the boundary.
     pub(super) fn regions_at(&self, v: u32) -> Vec<u16> {
-        Fans::new(v, self.star(v), &self.pieces).regions()
+        VertexFans::new(v, self.star(v), &self.pieces).regions()
     }
 
     /// Takes the tets `old` out and puts others, of these corners and regions, in.

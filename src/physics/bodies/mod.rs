@@ -5,14 +5,14 @@ mod simulator;
 mod whole;
 
 use super::loads::{LoadVersions, LoadsState};
-use super::{Engine, GrabId, Loads, Nodes, Simulator, SimulatorState};
+use super::{Engine, GrabId, Loads, NodePositions, Simulator, SimulatorState};
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 use glam::DVec3;
-use place::Place;
+use place::NodeScatterPass;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use whole::{Part, Whole};
+use whole::{MergedMesh, MeshRef};
 
 /// One of several bodies.
 pub struct Member {
@@ -43,21 +43,21 @@ pub struct MemberReport {
 
 /// Several bodies, each with its own matter, scheme and engine, as one [`Simulator`].
 ///
-/// Its mesh is theirs, one after the other (see [`TetMesh::merged`](crate::mesh::TetMesh::merged)).
+/// Its mesh is theirs, one after the other (see [`TetMesh::merge_meshes`](crate::mesh::TetMesh::merge_meshes)).
 /// A step is one or several of each, so that stiff bodies do not make soft ones slow. They do not
 /// feel each other. What acts on it acts on each: gravity, pins and forces by the numbers of its
 /// nodes, grabs and cuts by where they are. Its progress counts the steps of the body that took
 /// the fewest.
-pub struct Bodies {
+pub struct MultiBody {
     gpu: Gpu,
     members: Vec<Member>,
-    whole: Whole,
+    whole: MergedMesh,
     masses: Vec<f64>,
-    nodes: Nodes,
-    places: Vec<Place>,
+    nodes: NodePositions,
+    places: Vec<NodeScatterPass>,
     loads: Loads,
     /// The loads that its members have.
-    handed: LoadVersions,
+    synced_loads: LoadVersions,
     gravity: DVec3,
     pinned: Vec<bool>,
     /// Of each grab, those of its members.
@@ -65,7 +65,7 @@ pub struct Bodies {
     next_grab: u32,
 }
 
-/// The state of [`Bodies`]: see [`Simulator::state`].
+/// The state of [`MultiBody`]: see [`Simulator::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodiesState {
     members: Vec<SimulatorState>,
@@ -77,13 +77,13 @@ pub struct BodiesState {
     next_grab: u32,
 }
 
-impl Bodies {
+impl MultiBody {
     /// `members` as one; their meshes are in one unit.
     ///
     /// # Errors
     /// [`Error::Input`] for none, a step that is not positive, or meshes in different units;
     /// [`Error::Gpu`] when all nodes together do not fit the device.
-    pub fn new(gpu: &Gpu, members: Vec<Member>) -> Result<Bodies> {
+    pub fn new(gpu: &Gpu, members: Vec<Member>) -> Result<MultiBody> {
         let Some(first) = members.first() else {
             return Err(Error::Input("there are no bodies to simulate".into()));
         };
@@ -99,15 +99,15 @@ impl Bodies {
         let parts: Vec<_> = parts
             .map(|m| (m.name.clone(), m.simulator.mesh()))
             .collect();
-        let whole = Whole::new(&parts)?;
-        let nodes = Nodes::new(gpu, &whole.mesh)?;
+        let whole = MergedMesh::new(&parts)?;
+        let nodes = NodePositions::new(gpu, &whole.mesh)?;
         let mut loads = Loads::new(whole.mesh.nodes.len(), nodes.frame(), length_unit);
         loads.set_gravity(gravity);
         let (mut pinned, mut forces) = (Vec::new(), vec![DVec3::ZERO; whole.mesh.nodes.len()]);
-        for (member, places) in members.iter().zip(&whole.places) {
+        for (member, places) in members.iter().zip(&whole.node_map) {
             let own = member.simulator.loads();
             // Of a mesh in a cage, the nodes of the cage.
-            if own.pinned().len() == places.len() && member.simulator.carrier().is_none() {
+            if own.pinned().len() == places.len() && member.simulator.coarse_body().is_none() {
                 let of_nodes = places.iter().zip(own.pinned()).zip(own.forces());
                 for ((v, is), force) in of_nodes {
                     forces[*v as usize] = *force;
@@ -119,11 +119,11 @@ impl Bodies {
         }
         loads.pin_nodes(&pinned)?;
         loads.set_forces(&forces)?;
-        let mut bodies = Bodies {
+        let mut bodies = MultiBody {
             gpu: gpu.clone(),
             masses: Vec::new(),
             places: Vec::new(),
-            handed: loads.versions,
+            synced_loads: loads.versions,
             pinned: loads.pinned().to_vec(),
             gravity,
             loads,
@@ -133,7 +133,7 @@ impl Bodies {
             grabs: BTreeMap::new(),
             next_grab: 0,
         };
-        bodies.settle()?;
+        bodies.rebuild_index()?;
         Ok(bodies)
     }
 
@@ -157,15 +157,15 @@ impl Bodies {
     }
 
     /// Masses of all nodes, and the ways of each body's to where all are.
-    fn settle(&mut self) -> Result<()> {
+    fn rebuild_index(&mut self) -> Result<()> {
         self.masses = vec![0.0; self.whole.mesh.nodes.len()];
         self.places.clear();
-        for (member, places) in self.members.iter().zip(&self.whole.places) {
+        for (member, places) in self.members.iter().zip(&self.whole.node_map) {
             let simulator = member.simulator.as_ref();
-            let place = Place::new(&self.gpu, simulator.nodes(), places, &self.nodes)?;
+            let place = NodeScatterPass::new(&self.gpu, simulator.nodes(), places, &self.nodes)?;
             self.places.push(place);
             // The masses of a cage are not those of the mesh that it carries.
-            if simulator.carrier().is_none() {
+            if simulator.coarse_body().is_none() {
                 for (v, mass) in places.iter().zip(simulator.masses()) {
                     self.masses[*v as usize] = *mass;
                 }
@@ -175,9 +175,9 @@ impl Bodies {
     }
 
     /// Hands to each body what has changed of the loads on all.
-    fn hand_over(&mut self) -> Result<()> {
+    fn sync_loads(&mut self) -> Result<()> {
         let versions = self.loads.versions;
-        if versions == self.handed {
+        if versions == self.synced_loads {
             return Ok(());
         }
         let gravity = self.loads.gravity();
@@ -187,16 +187,16 @@ impl Bodies {
             }
             self.gravity = gravity;
         }
-        if versions.forces != self.handed.forces {
-            for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+        if versions.forces != self.synced_loads.forces {
+            for (member, places) in self.members.iter_mut().zip(&self.whole.node_map) {
                 let forces = member_values(self.loads.forces(), places);
                 member.named(|s| s.set_forces(&forces))?;
             }
         }
-        if versions.held != self.handed.held {
+        if versions.constraints != self.synced_loads.constraints {
             let pinned = self.loads.pinned();
             let let_go = self.pinned.iter().zip(pinned).any(|(was, is)| *was && !is);
-            for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+            for (member, places) in self.members.iter_mut().zip(&self.whole.node_map) {
                 if let_go {
                     member.simulator.loads_mut().unpin_all();
                 }
@@ -208,15 +208,15 @@ impl Bodies {
             }
             self.pinned = pinned.to_vec();
         }
-        self.handed = versions;
+        self.synced_loads = versions;
         Ok(())
     }
 
     /// Vectors of all nodes, from those of each body's.
-    fn gathered(&self, of: impl Fn(&dyn Simulator) -> Result<Vec<DVec3>>) -> Result<Vec<DVec3>> {
+    fn gather(&self, of: impl Fn(&dyn Simulator) -> Result<Vec<DVec3>>) -> Result<Vec<DVec3>> {
         let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
-        for (member, places) in self.members.iter().zip(&self.whole.places) {
-            let own = of(member.simulator.as_ref()).map_err(|e| member.of_error(e))?;
+        for (member, places) in self.members.iter().zip(&self.whole.node_map) {
+            let own = of(member.simulator.as_ref()).map_err(|e| member.name_error(e))?;
             for (v, own) in places.iter().zip(own) {
                 all[*v as usize] = own;
             }
@@ -225,7 +225,7 @@ impl Bodies {
     }
 
     /// Gives each body its share of vectors at all nodes.
-    fn share_out(
+    fn scatter(
         &mut self,
         what: &str,
         vectors: &[DVec3],
@@ -238,7 +238,7 @@ impl Bodies {
                 vectors.len()
             )));
         }
-        for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+        for (member, places) in self.members.iter_mut().zip(&self.whole.node_map) {
             let own = member_values(vectors, places);
             member.named(|s| put(s, &own))?;
         }
@@ -246,7 +246,7 @@ impl Bodies {
     }
 
     /// Each body's mesh and neighbours, as cuts have left them.
-    fn parts(members: &[Member]) -> Vec<Part<'_>> {
+    fn parts(members: &[Member]) -> Vec<MeshRef<'_>> {
         let parts = members.iter().map(|m| m.simulator.as_ref());
         parts.map(|s| (s.mesh(), s.topology())).collect()
     }
@@ -262,15 +262,15 @@ impl Member {
 
     /// `of` its simulator; an error says whose it is.
     fn named<T>(&mut self, of: impl FnOnce(&mut dyn Simulator) -> Result<T>) -> Result<T> {
-        of(self.simulator.as_mut()).map_err(|e| self.of_error(e))
+        of(self.simulator.as_mut()).map_err(|e| self.name_error(e))
     }
 
     /// What its simulator gave; an error says whose it is.
-    pub(super) fn told<T>(&self, given: Result<T>) -> Result<T> {
-        given.map_err(|e| self.of_error(e))
+    pub(super) fn with_body_name<T>(&self, given: Result<T>) -> Result<T> {
+        given.map_err(|e| self.name_error(e))
     }
 
-    fn of_error(&self, error: Error) -> Error {
+    fn name_error(&self, error: Error) -> Error {
         let name = &self.name;
         match error {
             Error::Input(what) => Error::Input(format!("body \"{name}\": {what}")),

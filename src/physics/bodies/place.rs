@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::gpu::{Gpu, Pass, Recorder, Texel};
-use crate::physics::Nodes;
+use crate::physics::NodePositions;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -17,15 +17,20 @@ mod gpu_data {
 
 /// The way of one body's nodes to those of all.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(super) struct NodeScatterPass {
     pass: Pass,
     /// The version of the body's nodes that was brought there.
-    brought: Option<u64>,
+    scattered_version: Option<u64>,
 }
 
-impl Place {
+impl NodeScatterPass {
     /// Brings node i of `body` to item `places[i]` of `whole`.
-    pub fn new(gpu: &Gpu, body: &Nodes, places: &[u32], whole: &Nodes) -> Result<Place> {
+    pub fn new(
+        gpu: &Gpu,
+        body: &NodePositions,
+        places: &[u32],
+        whole: &NodePositions,
+    ) -> Result<NodeScatterPass> {
         let (from, to) = (body.frame(), whole.frame());
         let shift = ((from.origin - to.origin) / to.scale).as_vec3();
         let params = gpu_data::Place {
@@ -40,18 +45,18 @@ impl Place {
             .read(&places)
             .write(whole.array())
             .params(&params)
-            .over(params.nodes)?;
-        Ok(Place {
+            .dispatch_items(params.nodes)?;
+        Ok(NodeScatterPass {
             pass,
-            brought: None,
+            scattered_version: None,
         })
     }
 
     /// Records the bringing of `body`, the nodes it was made with, if they may have moved.
-    pub fn record(&mut self, work: &mut Recorder, body: &Nodes) {
+    pub fn record(&mut self, work: &mut Recorder, body: &NodePositions) {
         let version = Some(body.version());
-        if self.brought != version {
-            self.brought = version;
+        if self.scattered_version != version {
+            self.scattered_version = version;
             self.pass.record(work);
         }
     }

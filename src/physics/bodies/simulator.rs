@@ -1,18 +1,19 @@
 //! What several bodies do as one.
 
-use super::{Bodies, BodiesState, Member};
+use super::{BodiesState, Member, MultiBody};
 use crate::gpu::Recorder;
 use crate::mesh::{Blade, TetMesh, Topology};
-use crate::physics::grab::unknown as unknown_grab;
+use crate::physics::grab::unknown_grab_error as unknown_grab;
 use crate::physics::{
-    ConjugateGradients, Energy, Engine, GrabId, Grip, Held, Loads, NodeTerm, Nodes, Pose, Progress,
-    Report, Simulator, SimulatorState, SolverKind, StepRecord, TopologyChange,
+    CgSettings, Energy, Engine, ExactPositions, GrabId, GrabMode, GrabbedNode, Loads,
+    NodePositions, NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress,
+    StepRecord, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-impl Simulator for Bodies {
+impl Simulator for MultiBody {
     fn integrator(&self) -> SolverKind {
         self.members[0].simulator.integrator()
     }
@@ -42,23 +43,23 @@ impl Simulator for Bodies {
     }
 
     /// Without those of cages.
-    fn springs(&self) -> Vec<[u32; 2]> {
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
         let mut springs = Vec::new();
-        for (member, places) in self.members.iter().zip(&self.whole.places) {
-            if member.simulator.carrier().is_none() {
-                let own = member.simulator.springs().into_iter();
+        for (member, places) in self.members.iter().zip(&self.whole.node_map) {
+            if member.simulator.coarse_body().is_none() {
+                let own = member.simulator.spring_pairs().into_iter();
                 springs.extend(own.map(|s| s.map(|v| places[v as usize])));
             }
         }
         springs
     }
 
-    fn bodies(&self) -> Option<&Bodies> {
+    fn bodies(&self) -> Option<&MultiBody> {
         Some(self)
     }
 
     /// Where it is the first body's already, each keeps its own and takes the settings.
-    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         let keep = kind == self.integrator();
         for member in &mut self.members {
             let own = member.simulator.integrator();
@@ -81,25 +82,25 @@ impl Simulator for Bodies {
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
-        self.each_step(steps, dt, |s, steps, dt| s.advance(steps, dt))
+        self.advance_members(steps, dt, |s, steps, dt| s.advance(steps, dt))
     }
 
-    fn set_waker(&mut self, waker: crate::physics::Waker) {
+    fn set_waker(&mut self, waker: crate::physics::StepCallback) {
         for member in &mut self.members {
             member.simulator.set_waker(waker.clone());
         }
     }
 
-    fn progress(&mut self) -> Result<Progress> {
-        self.progress_of(|s| s.progress())
+    fn progress(&mut self) -> Result<StepProgress> {
+        self.collect_progress(|s| s.progress())
     }
 
-    fn finish(&mut self) -> Result<Progress> {
-        self.progress_of(|s| s.finish())
+    fn finish(&mut self) -> Result<StepProgress> {
+        self.collect_progress(|s| s.finish())
     }
 
     fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
-        self.each_step(steps, dt, |s, steps, dt| s.record(work, steps, dt))
+        self.advance_members(steps, dt, |s, steps, dt| s.record(work, steps, dt))
     }
 
     /// Those of the body that took the most.
@@ -110,26 +111,26 @@ impl Simulator for Bodies {
         Ok(most.unwrap_or_default())
     }
 
-    fn publish(&mut self, work: &mut Recorder) -> Result<()> {
+    fn update_nodes(&mut self, work: &mut Recorder) -> Result<()> {
         for (member, place) in self.members.iter_mut().zip(&mut self.places) {
-            member.named(|s| s.publish(work))?;
+            member.named(|s| s.update_nodes(work))?;
             place.record(work, member.simulator.nodes());
         }
         Ok(())
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
     fn positions(&self) -> Result<Vec<DVec3>> {
-        self.gathered(|s| s.positions())
+        self.gather(|s| s.positions())
     }
 
     fn forces(&mut self) -> Result<Vec<DVec3>> {
-        self.hand_over()?;
+        self.sync_loads()?;
         let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
-        for (member, places) in self.members.iter_mut().zip(&self.whole.places) {
+        for (member, places) in self.members.iter_mut().zip(&self.whole.node_map) {
             let own = member.named(|s| s.forces())?;
             for (v, own) in places.iter().zip(own) {
                 all[*v as usize] = own;
@@ -138,13 +139,13 @@ impl Simulator for Bodies {
         Ok(all)
     }
 
-    fn held_by(&self, grab: GrabId) -> Result<Vec<Held>> {
+    fn held_by(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
         let own = self.grabs.get(&grab).ok_or_else(unknown_grab)?;
         let mut all = Vec::new();
         for (i, own) in own {
-            let places = &self.whole.places[*i];
+            let places = &self.whole.node_map[*i];
             let held = self.members[*i].simulator.held_by(*own)?;
-            all.extend(held.into_iter().map(|held| Held {
+            all.extend(held.into_iter().map(|held| GrabbedNode {
                 node: places[held.node as usize],
                 ..held
             }));
@@ -153,15 +154,15 @@ impl Simulator for Bodies {
     }
 
     fn velocities(&self) -> Result<Vec<DVec3>> {
-        self.gathered(|s| s.velocities())
+        self.gather(|s| s.velocities())
     }
 
     fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
-        self.share_out("positions", positions, |s, own| s.set_positions(own))
+        self.scatter("positions", positions, |s, own| s.set_positions(own))
     }
 
     fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
-        self.share_out("velocities", velocities, |s, own| s.set_velocities(own))
+        self.scatter("velocities", velocities, |s, own| s.set_velocities(own))
     }
 
     fn restart(&mut self) -> Result<()> {
@@ -178,8 +179,8 @@ impl Simulator for Bodies {
     }
 
     /// Grabs nodes of every body that has some there.
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
-        self.hand_over()?;
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
+        self.sync_loads()?;
         let (mut held, mut refused) = (Vec::new(), None);
         for (i, member) in self.members.iter_mut().enumerate() {
             match member.named(|s| s.grab(centre, radius, grip)) {
@@ -190,7 +191,7 @@ impl Simulator for Bodies {
         if let (true, Some(error)) = (held.is_empty(), refused) {
             return Err(error);
         }
-        let id = GrabId::numbered(self.next_grab);
+        let id = GrabId::from_raw(self.next_grab);
         self.next_grab += 1;
         self.grabs.insert(id, held);
         Ok(id)
@@ -214,14 +215,14 @@ impl Simulator for Bodies {
     }
 
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
-        let caged = |m: &&Member| m.simulator.carrier().is_some();
+        let caged = |m: &&Member| m.simulator.coarse_body().is_some();
         if let Some(member) = self.members.iter().find(caged) {
             return Err(Error::Input(format!(
                 "bodies of which a cage carries one, \"{}\", cannot be cut; leave its cage out",
                 member.name
             )));
         }
-        self.hand_over()?;
+        self.sync_loads()?;
         let changes = self.members.iter_mut();
         let changes = changes.map(|m| m.named(|s| s.cut(blade)));
         let changes: Vec<TopologyChange> = changes.collect::<Result<_>>()?;
@@ -230,17 +231,19 @@ impl Simulator for Bodies {
             return Ok(TopologyChange::default());
         }
         let first = self.whole.mesh.nodes.len();
-        let cut = self.whole.follow(&changes, &Bodies::parts(&self.members));
+        let cut = self
+            .whole
+            .follow(&changes, &MultiBody::parts(&self.members));
         let frame = self.nodes.frame();
         let doubles = self.whole.mesh.nodes[first..].iter();
         let texels: Vec<[f32; 4]> = doubles
             .map(|p| frame.to_local(*p).extend(1.0).to_array())
             .collect();
         self.nodes.extend(&texels)?;
-        self.settle()?;
+        self.rebuild_index()?;
         // The bodies have shared out their loads already, in the same way.
-        self.loads.follow(&cut, &self.masses);
-        self.handed = self.loads.versions;
+        self.loads.apply_cut(&cut, &self.masses);
+        self.synced_loads = self.loads.versions;
         self.pinned = self.loads.pinned().to_vec();
         Ok(TopologyChange { mesh: cut, springs })
     }
@@ -258,17 +261,17 @@ impl Simulator for Bodies {
             total: kinetic + elastic,
         };
         let positions = self.positions()?;
-        Ok(Report::of_positions(energy, &self.whole.mesh, &positions))
+        Ok(Report::from_positions(energy, &self.whole.mesh, &positions))
     }
 
     /// Of the fastest, in its own size.
-    fn speed(&self) -> f64 {
-        let speeds = self.members.iter().map(|m| m.simulator.speed());
+    fn rms_speed(&self) -> f64 {
+        let speeds = self.members.iter().map(|m| m.simulator.rms_speed());
         speeds.fold(0.0, f64::max)
     }
 
-    fn touched(&self) -> u64 {
-        let each = self.members.iter().map(|m| m.simulator.touched());
+    fn change_count(&self) -> u64 {
+        let each = self.members.iter().map(|m| m.simulator.change_count());
         each.fold(self.loads.version(), u64::wrapping_add)
     }
 
@@ -281,7 +284,7 @@ impl Simulator for Bodies {
         Ok(SimulatorState::Bodies(Box::new(BodiesState {
             members: members.collect::<Result<_>>()?,
             loads: self.loads.state(),
-            handed: self.handed,
+            handed: self.synced_loads,
             gravity: self.gravity.to_array(),
             handed_pins: self.pinned.clone(),
             grabs: self.grabs.clone(),
@@ -305,7 +308,7 @@ impl Simulator for Bodies {
         for (member, state) in self.members.iter_mut().zip(&state.members) {
             member.named(|s| s.set_state(state))?;
         }
-        self.handed = state.handed;
+        self.synced_loads = state.handed;
         self.gravity = state.gravity.into();
         self.pinned.clone_from(&state.handed_pins);
         self.grabs.clone_from(&state.grabs);
@@ -313,15 +316,15 @@ impl Simulator for Bodies {
         Ok(())
     }
 
-    fn pose(&self) -> Result<Pose> {
+    fn pose(&self) -> Result<ExactPositions> {
         let parts = self.members.iter().map(|m| m.simulator.pose());
-        Ok(Pose {
+        Ok(ExactPositions {
             parts: parts.collect::<Result<_>>()?,
-            ..Pose::default()
+            ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
         if pose.parts.len() != self.members.len() {
             return Err(Error::Input("the pose of other bodies".into()));
         }
@@ -330,15 +333,15 @@ impl Simulator for Bodies {
     }
 }
 
-impl Bodies {
+impl MultiBody {
     /// Asks each body for `steps` steps of `dt` seconds, in as many of its own as it needs.
-    fn each_step(
+    fn advance_members(
         &mut self,
         steps: u32,
         dt: f64,
         mut ask: impl FnMut(&mut dyn Simulator, u32, f64) -> Result<()>,
     ) -> Result<()> {
-        self.hand_over()?;
+        self.sync_loads()?;
         for member in &mut self.members {
             let own = member.steps(dt);
             let Some(all) = steps.checked_mul(own) else {
@@ -353,15 +356,15 @@ impl Bodies {
     }
 
     /// The progress of all, which is that of the last; the first error, after all have told.
-    fn progress_of(
+    fn collect_progress(
         &mut self,
-        of: impl Fn(&mut dyn Simulator) -> Result<Progress>,
-    ) -> Result<Progress> {
-        let (mut all, mut failed) = (None::<Progress>, None);
+        of: impl Fn(&mut dyn Simulator) -> Result<StepProgress>,
+    ) -> Result<StepProgress> {
+        let (mut all, mut failed) = (None::<StepProgress>, None);
         for member in &mut self.members {
             match member.named(&of) {
                 Err(error) => failed = failed.or(Some(error)),
-                Ok(own) => all = Some(all.map_or(own, |all| together(all, own))),
+                Ok(own) => all = Some(all.map_or(own, |all| merge_progress(all, own))),
             }
         }
         match (failed, all) {
@@ -372,8 +375,8 @@ impl Bodies {
 }
 
 /// How far two bodies are.
-fn together(a: Progress, b: Progress) -> Progress {
-    Progress {
+fn merge_progress(a: StepProgress, b: StepProgress) -> StepProgress {
+    StepProgress {
         steps: a.steps.min(b.steps),
         time: a.time.min(b.time),
         last: StepRecord {

@@ -8,56 +8,57 @@ use crate::physics::TopologyChange;
 ///
 /// Tets of a body stay together, one body after the other; nodes that cuts have doubled come
 /// after those of all bodies.
-pub(super) struct Whole {
+pub(super) struct MergedMesh {
     pub mesh: TetMesh,
     pub topology: Topology,
     /// Of each body, the number of its nodes among all.
-    pub places: Vec<Vec<u32>>,
+    pub node_map: Vec<Vec<u32>>,
 }
 
 /// A body's mesh, with its neighbours.
-pub(super) type Part<'a> = (&'a TetMesh, &'a Topology);
+pub(super) type MeshRef<'a> = (&'a TetMesh, &'a Topology);
 
-impl Whole {
+impl MergedMesh {
     /// The meshes of `parts`, by name, as one.
-    pub fn new(parts: &[(String, &TetMesh)]) -> Result<Whole> {
-        let mesh = TetMesh::merged(parts)?;
+    pub fn new(parts: &[(String, &TetMesh)]) -> Result<MergedMesh> {
+        let mesh = TetMesh::merge_meshes(parts)?;
         let mut first = 0;
         let places = parts.iter().map(|(_, part)| {
             let nodes = part.nodes.len() as u32;
             first += nodes;
             (first - nodes..first).collect()
         });
-        Ok(Whole {
-            places: places.collect(),
+        Ok(MergedMesh {
+            node_map: places.collect(),
             topology: Topology::new(&mesh),
             mesh,
         })
     }
 
     /// Follows the cuts of its bodies, one for each; `parts` are they as cuts have left them.
-    pub fn follow(&mut self, changes: &[TopologyChange], parts: &[Part]) -> TetCut {
+    pub fn follow(&mut self, changes: &[TopologyChange], parts: &[MeshRef]) -> TetCut {
         let mut whole = TetCut::default();
         let mut first = 0;
         for (i, (change, (mesh, _))) in changes.iter().zip(parts).enumerate() {
             let cut = &change.mesh;
             let tets = (mesh.tets.len() + cut.removed.len()) as u32;
-            for [new, old] in &cut.doubled {
-                let old = self.places[i][*old as usize];
-                whole.doubled.push([self.double(old), old]);
-                self.places[i].push(self.mesh.nodes.len() as u32 - 1);
-                debug_assert_eq!(*new as usize + 1, self.places[i].len());
+            for [new, old] in &cut.duplicated_nodes {
+                let old = self.node_map[i][*old as usize];
+                whole.duplicated_nodes.push([self.duplicate_node(old), old]);
+                self.node_map[i].push(self.mesh.nodes.len() as u32 - 1);
+                debug_assert_eq!(*new as usize + 1, self.node_map[i].len());
             }
-            add(&mut whole, cut, first, &self.places[i]);
+            add(&mut whole, cut, first, &self.node_map[i]);
             first += tets;
         }
         if !whole.removed.is_empty() {
             // As after any removal: numbers have changed.
-            let (doubled, opened, removed) = (whole.doubled, whole.opened, whole.removed);
+            let (doubled, opened, removed) =
+                (whole.duplicated_nodes, whole.opened_faces, whole.removed);
             let nodes = whole.nodes;
             whole = TetCut {
-                doubled,
-                opened,
+                duplicated_nodes: doubled,
+                opened_faces: opened,
                 removed,
                 nodes,
                 ..TetCut::default()
@@ -65,14 +66,14 @@ impl Whole {
             self.drop_cell_values(&whole.removed);
         }
         whole.nodes.sort_unstable();
-        whole.edges_before.sort_unstable();
-        whole.around.sort_unstable();
-        self.join(parts);
+        whole.previous_edges.sort_unstable();
+        whole.edge_tets.sort_unstable();
+        self.rebuild(parts);
         whole
     }
 
     /// Adds a double of node `old`, and returns its number.
-    fn double(&mut self, old: u32) -> u32 {
+    fn duplicate_node(&mut self, old: u32) -> u32 {
         let new = self.mesh.nodes.len() as u32;
         self.mesh.nodes.push(self.mesh.nodes[old as usize]);
         for field in &mut self.mesh.fields {
@@ -102,12 +103,12 @@ impl Whole {
     }
 
     /// Tets, neighbours and boundary of all parts.
-    fn join(&mut self, parts: &[Part]) {
+    fn rebuild(&mut self, parts: &[MeshRef]) {
         let (mesh, all) = (&mut self.mesh, &mut self.topology);
         mesh.tets.clear();
         all.neighbours.clear();
         all.boundary.clear();
-        for ((part, topology), places) in parts.iter().zip(&self.places) {
+        for ((part, topology), places) in parts.iter().zip(&self.node_map) {
             let first = mesh.tets.len() as u32;
             let place = |v: u32| places[v as usize];
             mesh.tets.extend(part.tets.iter().map(|t| t.map(place)));
@@ -128,19 +129,21 @@ impl Whole {
 fn add(whole: &mut TetCut, cut: &TetCut, first: u32, places: &[u32]) {
     let place = |v: u32| places[v as usize];
     let tet = |t: &u32| t + first;
-    let opened = cut.opened.iter();
+    let opened = cut.opened_faces.iter();
     whole
-        .opened
+        .opened_faces
         .extend(opened.map(|pair| pair.map(|f| shifted(f, first))));
     whole.tets.extend(cut.tets.iter().map(tet));
-    whole.star.extend(cut.star.iter().map(tet));
+    whole
+        .incident_tets
+        .extend(cut.incident_tets.iter().map(tet));
     whole.removed.extend(cut.removed.iter().map(tet));
     whole.nodes.extend(cut.nodes.iter().map(|v| place(*v)));
-    let before = cut.edges_before.iter();
-    whole.edges_before.extend(before.map(|e| e.map(place)));
-    let around = cut.around.iter();
+    let before = cut.previous_edges.iter();
+    whole.previous_edges.extend(before.map(|e| e.map(place)));
+    let around = cut.edge_tets.iter();
     whole
-        .around
+        .edge_tets
         .extend(around.map(|(e, t)| (e.map(place), t + first)));
 }
 
@@ -176,14 +179,14 @@ mod tests {
         };
         let parts = named(&meshes);
         let parts: Vec<(String, &TetMesh)> = parts.iter().map(|(n, m)| (n.clone(), m)).collect();
-        let mut whole = Whole::new(&parts).unwrap();
+        let mut whole = MergedMesh::new(&parts).unwrap();
         let (mut mesh, mut topology) = (whole.mesh.clone(), whole.topology.clone());
         let size = high - low;
         let blade = |at: f64, y: [f64; 2]| {
             let x = low.x + at * size.x;
             let reach = [low.z - size.z, high.z + size.z];
             let edge = |y: f64| reach.map(|z| DVec3::new(x, y, z));
-            Blade::swept(&y.map(edge)).unwrap()
+            Blade::from_sweep(&y.map(edge)).unwrap()
         };
         let ends = [low.y - size.y, high.y + size.y];
         let both = [ends[0], ends[1] + away.y];
@@ -198,24 +201,27 @@ mod tests {
                     springs: 0,
                 });
             }
-            let parts: Vec<Part> = meshes.iter().zip(&topologies).collect();
+            let parts: Vec<MeshRef> = meshes.iter().zip(&topologies).collect();
             let mut edges: BTreeSet<[u32; 2]> = whole.mesh.edges().into_iter().collect();
             let told = whole.follow(&changes, &parts);
             assert!(!told.is_empty());
             let at = mesh.nodes.clone();
             let truth = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
-            assert_eq!(told.doubled.len(), truth.doubled.len());
-            assert_eq!((&told.tets, &told.star), (&truth.tets, &truth.star));
+            assert_eq!(told.duplicated_nodes.len(), truth.duplicated_nodes.len());
+            assert_eq!(
+                (&told.tets, &told.incident_tets),
+                (&truth.tets, &truth.incident_tets)
+            );
             assert_eq!(whole.topology.neighbours, topology.neighbours);
             assert_eq!(whole.topology.boundary, topology.boundary);
             assert_eq!(whole.mesh.edges().len(), mesh.edges().len());
-            assert!(told.edges_before.iter().all(|edge| edges.remove(edge)));
-            edges.extend(told.around.iter().map(|(edge, _)| *edge));
+            assert!(told.previous_edges.iter().all(|edge| edges.remove(edge)));
+            edges.extend(told.edge_tets.iter().map(|(edge, _)| *edge));
             assert_eq!(edges, whole.mesh.edges().into_iter().collect());
             assert_eq!(whole.mesh.nodes.len(), mesh.nodes.len());
             let sorted = |list: &[[u32; 2]]| list.windows(2).all(|w| w[0] <= w[1]);
-            assert!(sorted(&told.edges_before) && told.nodes.is_sorted());
-            for [new, old] in &told.doubled {
+            assert!(sorted(&told.previous_edges) && told.nodes.is_sorted());
+            for [new, old] in &told.duplicated_nodes {
                 assert_eq!(
                     whole.mesh.nodes[*new as usize],
                     whole.mesh.nodes[*old as usize]

@@ -1,6 +1,6 @@
 //! The signed distance of any closed surface, on a grid made once.
 
-use super::Touch;
+use super::SurfaceDistance;
 use crate::Result;
 use crate::mesh::TriMesh;
 use crate::mesher::ClosedSurface;
@@ -8,10 +8,10 @@ use crate::parallel;
 use glam::{DMat3, DVec3};
 
 /// Points of the grid along the longest edge of the surface's bounds.
-const POINTS: f64 = 64.0;
+const GRID_POINTS: f64 = 64.0;
 
 /// Points around these bounds.
-const AROUND: f64 = 4.0;
+const PADDING_POINTS: f64 = 4.0;
 
 /// Signed distances on a grid, between which quadratic B-splines run: with a gradient that is
 /// continuous. Edges and corners are rounded by about a spacing, the 64th part of the longest
@@ -24,7 +24,7 @@ pub struct DistanceField {
     counts: [usize; 3],
     values: std::sync::Arc<Vec<f64>>,
     /// What one of these values is.
-    unit: f64,
+    value_scale: f64,
     size: f64,
     radius: f64,
     /// What it is the distance of, as that was given.
@@ -39,9 +39,9 @@ impl DistanceField {
     pub fn new(surface: &TriMesh) -> Result<DistanceField> {
         let closed = ClosedSurface::new(surface)?;
         let (low, high) = closed.bounds();
-        let spacing = (high - low).max_element() / POINTS;
-        let low = low - AROUND * spacing;
-        let counts = ((high - low) / spacing + AROUND).ceil();
+        let spacing = (high - low).max_element() / GRID_POINTS;
+        let low = low - PADDING_POINTS * spacing;
+        let counts = ((high - low) / spacing + PADDING_POINTS).ceil();
         let counts = counts.to_array().map(|n| n as usize + 1);
         let [nx, ny, nz] = counts;
         let values = parallel::map(nx * ny * nz, |i| {
@@ -54,7 +54,7 @@ impl DistanceField {
             low,
             spacing,
             counts,
-            unit: 1.0,
+            value_scale: 1.0,
             size: -deepest,
             radius: far.fold(0.0, f64::max),
             surface: std::sync::Arc::new(surface.clone()),
@@ -64,13 +64,13 @@ impl DistanceField {
 
     /// The same, so many times as large.
     #[must_use]
-    pub fn scaled(&self, by: f64) -> DistanceField {
+    pub fn with_scale(&self, by: f64) -> DistanceField {
         DistanceField {
             low: by * self.low,
             spacing: by * self.spacing,
             counts: self.counts,
             values: self.values.clone(),
-            unit: by * self.unit,
+            value_scale: by * self.value_scale,
             size: by * self.size,
             radius: by * self.radius,
             surface: self.surface.clone(),
@@ -85,13 +85,16 @@ impl DistanceField {
     /// The vertices and triangles of the surface that it is the distance of.
     pub fn surface(&self) -> (impl Iterator<Item = DVec3>, &[[u32; 3]]) {
         let vertices = self.surface.vertices.iter();
-        (vertices.map(|p| self.unit * *p), &self.surface.triangles)
+        (
+            vertices.map(|p| self.value_scale * *p),
+            &self.surface.triangles,
+        )
     }
 
     /// The first point of the grid, how many there are along each axis, the values there, and what
     /// one of these is.
     pub(in crate::physics) fn grid(&self) -> (DVec3, [usize; 3], &[f64], f64) {
-        (self.low, self.counts, &self.values, self.unit)
+        (self.low, self.counts, &self.values, self.value_scale)
     }
 
     /// How deep inside a point can be.
@@ -105,7 +108,7 @@ impl DistanceField {
     }
 
     /// The point nearest to `p` that has points all around, from the first in spacings.
-    fn within(&self, p: DVec3) -> (DVec3, DVec3) {
+    fn clamp_to_grid(&self, p: DVec3) -> (DVec3, DVec3) {
         let last = DVec3::from(self.counts.map(|n| n as f64 - 2.5));
         let high = self.low + self.spacing * last;
         let near = p.clamp(self.low + 1.5 * self.spacing, high);
@@ -114,12 +117,12 @@ impl DistanceField {
 
     /// The signed distance of `p`; beyond the grid that from it, which is less.
     pub fn distance(&self, p: DVec3) -> f64 {
-        self.touch(p).distance
+        self.evaluate(p).distance
     }
 
     /// Where `p` stands to it.
-    pub fn touch(&self, p: DVec3) -> Touch {
-        let (at, beyond) = self.within(p);
+    pub fn evaluate(&self, p: DVec3) -> SurfaceDistance {
+        let (at, beyond) = self.clamp_to_grid(p);
         let first = (at - 0.5).floor();
         let weights: [[[f64; 3]; 3]; 3] = std::array::from_fn(|k| quadratic(at[k] - first[k]));
         let start = first.to_array().map(|k| k as usize);
@@ -151,17 +154,20 @@ impl DistanceField {
         }
         let [value, x, y, z, xx, yy, zz, xy, xz, yz] = sums;
         // Values are in units, the spline's argument in spacings.
-        let (slope, bend) = (self.unit / self.spacing, self.unit / self.spacing.powi(2));
-        let touch = Touch {
-            distance: self.unit * value,
+        let (slope, bend) = (
+            self.value_scale / self.spacing,
+            self.value_scale / self.spacing.powi(2),
+        );
+        let touch = SurfaceDistance {
+            distance: self.value_scale * value,
             normal: slope * DVec3::new(x, y, z),
             curvature: DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]) * bend,
         };
         let far = beyond.length();
         match far > 0.0 {
             false => touch,
-            true => Touch {
-                distance: far + (AROUND - 1.5) * self.spacing,
+            true => SurfaceDistance {
+                distance: far + (PADDING_POINTS - 1.5) * self.spacing,
                 normal: beyond / far,
                 curvature: DMat3::ZERO,
             },
@@ -209,7 +215,7 @@ mod tests {
             DVec3::new(0.6, -0.6, 0.6),
             DVec3::new(0.0, 0.3, -0.5),
         ] {
-            let touch = field.touch(p);
+            let touch = field.evaluate(p);
             let exact = p.length() - 1.0;
             // Faces run inside the ball, and the spline rounds by the square of a spacing.
             let near = 0.02 * (1.0 + exact.abs());
@@ -221,8 +227,8 @@ mod tests {
         assert!(least < exact && least > 0.7 * exact, "{least} {exact}");
         assert!((field.size() - 1.0).abs() < 0.05);
         assert!((field.radius() - 1.0).abs() < 1e-9);
-        let far = field.scaled(3.0).touch(DVec3::new(3.3, 0.3, -0.6));
-        let near = field.touch(DVec3::new(1.1, 0.1, -0.2));
+        let far = field.with_scale(3.0).evaluate(DVec3::new(3.3, 0.3, -0.6));
+        let near = field.evaluate(DVec3::new(1.1, 0.1, -0.2));
         assert!((far.distance - 3.0 * near.distance).abs() < 1e-12);
         assert!(far.normal.distance(near.normal) < 1e-12);
     }
@@ -234,9 +240,9 @@ mod tests {
         for i in 0..400 {
             let t = f64::from(i);
             let p = 0.9 * DVec3::new((0.7 * t).sin(), (1.3 * t).cos(), (0.4 * t).sin());
-            let touch = field.touch(p);
+            let touch = field.evaluate(p);
             for (k, axis) in DVec3::AXES.into_iter().enumerate() {
-                let (a, b) = (field.touch(p - h * axis), field.touch(p + h * axis));
+                let (a, b) = (field.evaluate(p - h * axis), field.evaluate(p + h * axis));
                 let by_value = (b.distance - a.distance) / (2.0 * h);
                 assert!((by_value - touch.normal[k]).abs() < 1e-5, "{p}");
                 assert!(a.normal.distance(b.normal) < 1e-4, "{p}");

@@ -10,12 +10,12 @@ mod pair;
 mod shape;
 mod tool;
 
-pub(super) use barrier::{Barrier, Slip};
+pub(super) use barrier::{Barrier, FrictionMollifier};
 pub use field::DistanceField;
-pub use own::SelfContact;
+pub use own::SelfContactSettings;
 #[cfg(test)]
-pub(crate) use pair::scattered;
-pub(super) use pair::{Features, KEPT};
-pub use shape::{Shape, Touch};
-pub use tool::{Overlap, Tool, ToolId, ToolPose};
-pub(super) use tool::{ToolPath, check_pose};
+pub(crate) use pair::pseudo_random_points;
+pub(super) use pair::{MIN_DISTANCE_RATIO, PrimitivePair};
+pub use shape::{Shape, SurfaceDistance};
+pub use tool::{InitialPenetration, Tool, ToolId, ToolPose};
+pub(super) use tool::{ToolMotion, check_pose};

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 /// another. What is nearer at rest has a smaller gap of its own; what coincides at rest, such as the
 /// two sides of a cut, is left alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SelfContact {
+pub struct SelfContactSettings {
     /// μ of Coulomb friction.
     pub friction: f64,
     /// The gap from which on parts push each other, in file units; a 20th of the boundary's mean
@@ -17,7 +17,7 @@ pub struct SelfContact {
     pub gap: Option<f64>,
 }
 
-impl SelfContact {
+impl SelfContactSettings {
     /// Refuses what makes no sense.
     ///
     /// # Errors

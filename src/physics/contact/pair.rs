@@ -1,21 +1,21 @@
 //! Pairs of features of a boundary that may touch: a vertex and a face, or two edges.
 
-use crate::mesh::nearest_weights;
+use crate::mesh::closest_point_weights;
 use glam::DVec3;
 
 /// Advances of one pair at most.
-const ADVANCES: usize = 64;
+const MAX_CCD_ITERATIONS: usize = 64;
 
 /// The part of its distance that a pair keeps on its way.
-pub(in crate::physics) const KEPT: f64 = 0.2;
+pub(in crate::physics) const MIN_DISTANCE_RATIO: f64 = 0.2;
 
 /// Edges count as parallel by the square of the sine between them from this on, in part (Li et al.
 /// 2020, equation 23).
-const PARALLEL: f64 = 1e-3;
+const PARALLEL_SINE_SQUARED: f64 = 1e-3;
 
 /// The two features of a pair, by four points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(in crate::physics) enum Features {
+pub(in crate::physics) enum PrimitivePair {
     /// A vertex, and the three of a face.
     VertexFace,
     /// Two of an edge, and two of another.
@@ -24,7 +24,7 @@ pub(in crate::physics) enum Features {
 
 /// Where two features are nearest to each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::physics) struct Nearest {
+pub(in crate::physics) struct ClosestPoints {
     /// Σ w x over the four points leads from the second feature to the first.
     pub weights: [f64; 4],
     pub distance: f64,
@@ -32,22 +32,22 @@ pub(in crate::physics) struct Nearest {
     pub normal: DVec3,
 }
 
-impl Features {
+impl PrimitivePair {
     /// Where they are nearest with their points at `x`.
-    pub fn nearest(self, x: &[DVec3; 4]) -> Nearest {
+    pub fn closest_points(self, x: &[DVec3; 4]) -> ClosestPoints {
         let weights = match self {
-            Features::VertexFace => {
-                let [a, b, c] = nearest_weights(x[0], [x[1], x[2], x[3]]);
+            PrimitivePair::VertexFace => {
+                let [a, b, c] = closest_point_weights(x[0], [x[1], x[2], x[3]]);
                 [1.0, -a, -b, -c]
             }
-            Features::EdgeEdge => {
-                let [s, t] = nearest_of_edges(x);
+            PrimitivePair::EdgeEdge => {
+                let [s, t] = edge_edge_parameters(x);
                 [1.0 - s, s, t - 1.0, -t]
             }
         };
         let apart: DVec3 = (0..4).map(|k| weights[k] * x[k]).sum();
         let distance = apart.length();
-        Nearest {
+        ClosestPoints {
             weights,
             distance,
             normal: if distance > 0.0 {
@@ -59,22 +59,22 @@ impl Features {
     }
 
     /// By how much two features approach each other at most when their points move by these.
-    pub fn approach(self, moved: &[DVec3; 4]) -> f64 {
+    pub fn max_approach(self, moved: &[DVec3; 4]) -> f64 {
         let mean = moved.iter().sum::<DVec3>() / 4.0;
         let [a, b, c, d] = moved.map(|by| (by - mean).length());
         match self {
-            Features::VertexFace => a + b.max(c).max(d),
-            Features::EdgeEdge => a.max(b) + c.max(d),
+            PrimitivePair::VertexFace => a + b.max(c).max(d),
+            PrimitivePair::EdgeEdge => a.max(b) + c.max(d),
         }
     }
 
     /// The part of the straight ways of four points on which the features keep the part `kept` of
     /// their distance: by conservative advancement, after Li et al. 2021, "Codimensional incremental
     /// potential contact", section 5.
-    pub fn free_way(self, from: &[DVec3; 4], to: &[DVec3; 4], kept: f64) -> f64 {
+    pub fn collision_free_fraction(self, from: &[DVec3; 4], to: &[DVec3; 4], kept: f64) -> f64 {
         let moved = [0, 1, 2, 3].map(|k| to[k] - from[k]);
-        let approach = self.approach(&moved);
-        let distance = self.nearest(from).distance;
+        let approach = self.max_approach(&moved);
+        let distance = self.closest_points(from).distance;
         if distance <= 0.0 {
             // There is nothing to keep.
             return 1.0;
@@ -82,7 +82,7 @@ impl Features {
         let least = kept * distance;
         let start = distance - least;
         let (mut t, mut free) = (0.0, start);
-        for _ in 0..ADVANCES {
+        for _ in 0..MAX_CCD_ITERATIONS {
             if (1.0 - t) * approach <= free {
                 return 1.0;
             }
@@ -91,21 +91,21 @@ impl Features {
             }
             t += free / approach;
             let at = [0, 1, 2, 3].map(|k| from[k].lerp(to[k], t));
-            free = self.nearest(&at).distance - least;
+            free = self.closest_points(&at).distance - least;
         }
         t
     }
 
     /// How much two edges count that are nearly parallel, where their distance turns sharply, and
     /// the slope of that at the four points; `rest` are their lengths at rest. 1 of other pairs.
-    pub fn share(self, x: &[DVec3; 4], rest: [f64; 2]) -> (f64, [DVec3; 4]) {
+    pub fn edge_edge_mollifier(self, x: &[DVec3; 4], rest: [f64; 2]) -> (f64, [DVec3; 4]) {
         let whole = (1.0, [DVec3::ZERO; 4]);
-        if self == Features::VertexFace {
+        if self == PrimitivePair::VertexFace {
             return whole;
         }
         let (a, b) = (x[1] - x[0], x[3] - x[2]);
         let across = a.cross(b);
-        let least = PARALLEL * (rest[0] * rest[1]).powi(2);
+        let least = PARALLEL_SINE_SQUARED * (rest[0] * rest[1]).powi(2);
         let part = across.length_squared() / least;
         if part >= 1.0 || least <= 0.0 {
             return whole;
@@ -118,7 +118,7 @@ impl Features {
 
 /// Where on two edges the points are that are nearest to each other, from 0 to 1 (Ericson,
 /// *Real-Time Collision Detection*, 5.1.9).
-fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
+fn edge_edge_parameters([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
     let (u, v, w) = (*b - *a, *d - *c, *a - *c);
     let (uu, vv, uv) = (u.length_squared(), v.length_squared(), u.dot(v));
     let (uw, vw) = (u.dot(w), v.dot(w));
@@ -147,7 +147,7 @@ fn nearest_of_edges([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
 
 /// Points in a cube from −1 to 1, by a linear congruential generator.
 #[cfg(test)]
-pub(crate) fn scattered(count: usize, seed: u64) -> Vec<DVec3> {
+pub(crate) fn pseudo_random_points(count: usize, seed: u64) -> Vec<DVec3> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut next = || {
         state = state
@@ -164,29 +164,29 @@ pub(crate) fn scattered(count: usize, seed: u64) -> Vec<DVec3> {
 mod tests {
     use super::*;
 
-    const ALL: [Features; 2] = [Features::VertexFace, Features::EdgeEdge];
+    const ALL: [PrimitivePair; 2] = [PrimitivePair::VertexFace, PrimitivePair::EdgeEdge];
 
     /// So many sets of four points.
     fn points(count: usize, seed: u64) -> Vec<[DVec3; 4]> {
-        let all = scattered(4 * count, seed);
+        let all = pseudo_random_points(4 * count, seed);
         let fours = all.chunks_exact(4);
         fours.map(|x| [x[0], x[1], x[2], x[3]]).collect()
     }
 
     /// The least distance over a lattice on both features.
-    fn searched(features: Features, x: &[DVec3; 4]) -> f64 {
+    fn searched(features: PrimitivePair, x: &[DVec3; 4]) -> f64 {
         let n = 60;
         let part = |k: i32| f64::from(k) / f64::from(n);
         let mut least = f64::INFINITY;
         for i in 0..=n {
             for j in 0..=n {
                 let (p, q) = match features {
-                    Features::VertexFace if i + j <= n => {
+                    PrimitivePair::VertexFace if i + j <= n => {
                         let along = part(i) * (x[2] - x[1]) + part(j) * (x[3] - x[1]);
                         (x[0], x[1] + along)
                     }
-                    Features::VertexFace => continue,
-                    Features::EdgeEdge => (x[0].lerp(x[1], part(i)), x[2].lerp(x[3], part(j))),
+                    PrimitivePair::VertexFace => continue,
+                    PrimitivePair::EdgeEdge => (x[0].lerp(x[1], part(i)), x[2].lerp(x[3], part(j))),
                 };
                 least = least.min(p.distance(q));
             }
@@ -198,7 +198,7 @@ mod tests {
     fn nearest_points_are_nearest() {
         for features in ALL {
             for x in points(200, 1) {
-                let found = features.nearest(&x);
+                let found = features.closest_points(&x);
                 let sum: f64 = found.weights.iter().sum();
                 assert!(sum.abs() < 1e-12);
                 let least = searched(features, &x);
@@ -216,15 +216,18 @@ mod tests {
         let mut stopped = 0;
         for features in ALL {
             for (from, to) in points(500, 2).into_iter().zip(points(500, 3)) {
-                let way = features.free_way(&from, &to, KEPT);
+                let way = features.collision_free_fraction(&from, &to, MIN_DISTANCE_RATIO);
                 let at = |t: f64| {
                     let x = [0, 1, 2, 3].map(|k| from[k].lerp(to[k], t));
-                    features.nearest(&x).distance
+                    features.closest_points(&x).distance
                 };
                 let start = at(0.0);
                 for k in 0..=200 {
                     let t = way * f64::from(k) / 200.0;
-                    assert!(at(t) >= 0.99 * KEPT * start, "{features:?} {way} {t}");
+                    assert!(
+                        at(t) >= 0.99 * MIN_DISTANCE_RATIO * start,
+                        "{features:?} {way} {t}"
+                    );
                 }
                 if way < 1.0 {
                     // Stopped by something near.
@@ -247,7 +250,7 @@ mod tests {
             // Nearly parallel.
             x[3] = x[2] + (x[1] - x[0]) + 0.02 * (x[3] - x[2]);
             let rest = [x[0].distance(x[1]), x[2].distance(x[3])];
-            let (share, slope) = Features::EdgeEdge.share(&x, rest);
+            let (share, slope) = PrimitivePair::EdgeEdge.edge_edge_mollifier(&x, rest);
             assert!((0.0..=1.0).contains(&share));
             some += u32::from(share < 1.0);
             for k in 0..4 {
@@ -256,7 +259,7 @@ mod tests {
                     let moved = |by: f64| {
                         let mut y = x;
                         y[k] += by * axis;
-                        Features::EdgeEdge.share(&y, rest).0
+                        PrimitivePair::EdgeEdge.edge_edge_mollifier(&y, rest).0
                     };
                     let found = (moved(e) - moved(-e)) / (2.0 * e);
                     let own = slope[k].dot(axis);

@@ -27,12 +27,12 @@ pub enum Shape {
     /// All below the plane z = 0.
     Plane,
     /// Any closed surface.
-    Field(Arc<DistanceField>),
+    Sdf(Arc<DistanceField>),
 }
 
 /// Where a point stands to a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
+pub struct SurfaceDistance {
     /// Signed distance, negative inside.
     pub distance: f64,
     /// Its gradient: away from the shape, of length 1 (of fields: about 1).
@@ -43,9 +43,9 @@ pub struct Touch {
 
 impl Shape {
     /// Where `p` stands to it.
-    pub fn touch(&self, p: DVec3) -> Touch {
+    pub fn surface_distance(&self, p: DVec3) -> SurfaceDistance {
         match self {
-            Shape::Sphere { radius } => around(p, *radius, DMat3::IDENTITY),
+            Shape::Sphere { radius } => offset_distance(p, *radius, DMat3::IDENTITY),
             Shape::Capsule { radius, length } => {
                 let along = p.z.clamp(-0.5 * length, 0.5 * length);
                 // Beside the piece it bends around the axis only.
@@ -53,7 +53,7 @@ impl Shape {
                     true => DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0)),
                     false => DMat3::IDENTITY,
                 };
-                around(p - DVec3::new(0.0, 0.0, along), *radius, across)
+                offset_distance(p - DVec3::new(0.0, 0.0, along), *radius, across)
             }
             Shape::Box { half } => {
                 let sign = DVec3::select(p.cmplt(DVec3::ZERO), DVec3::NEG_ONE, DVec3::ONE);
@@ -62,14 +62,14 @@ impl Shape {
                     let k = out.max_position();
                     let mut normal = DVec3::ZERO;
                     normal[k] = sign[k];
-                    return flat(out[k], normal);
+                    return plane_distance(out[k], normal);
                 }
                 let beyond = out.max(DVec3::ZERO);
                 let axes = DVec3::select(out.cmpgt(DVec3::ZERO), DVec3::ONE, DVec3::ZERO);
-                around(sign * beyond, 0.0, DMat3::from_diagonal(axes))
+                offset_distance(sign * beyond, 0.0, DMat3::from_diagonal(axes))
             }
-            Shape::Plane => flat(p.z, DVec3::Z),
-            Shape::Field(field) => field.touch(p),
+            Shape::Plane => plane_distance(p.z, DVec3::Z),
+            Shape::Sdf(field) => field.evaluate(p),
         }
     }
 
@@ -77,8 +77,8 @@ impl Shape {
     pub fn distance(&self, p: DVec3) -> f64 {
         match self {
             Shape::Sphere { radius } => p.length() - radius,
-            Shape::Field(field) => field.distance(p),
-            other => other.touch(p).distance,
+            Shape::Sdf(field) => field.distance(p),
+            other => other.surface_distance(p).distance,
         }
     }
 
@@ -89,33 +89,33 @@ impl Shape {
             Shape::Sphere { radius } | Shape::Capsule { radius, .. } => *radius,
             Shape::Box { half } => half.min_element(),
             Shape::Plane => f64::INFINITY,
-            Shape::Field(field) => field.spacing(),
+            Shape::Sdf(field) => field.spacing(),
         }
     }
 
     /// How large its features are: a sphere's radius, half of a box's shortest edge. Infinite of a
     /// plane.
-    pub fn size(&self) -> f64 {
+    pub fn feature_size(&self) -> f64 {
         match self {
-            Shape::Field(field) => field.size(),
+            Shape::Sdf(field) => field.size(),
             other => other.half_thickness(),
         }
     }
 
     /// The radius of a ball around the origin that has it inside; infinite of a plane.
-    pub fn radius(&self) -> f64 {
+    pub fn bounding_radius(&self) -> f64 {
         match self {
             Shape::Sphere { radius } => *radius,
             Shape::Capsule { radius, length } => radius + 0.5 * length,
             Shape::Box { half } => half.length(),
             Shape::Plane => f64::INFINITY,
-            Shape::Field(field) => field.radius(),
+            Shape::Sdf(field) => field.radius(),
         }
     }
 
     /// The same, so many times as large.
     #[must_use]
-    pub fn scaled(&self, by: f64) -> Shape {
+    pub fn with_scale(&self, by: f64) -> Shape {
         match self {
             Shape::Sphere { radius } => Shape::Sphere {
                 radius: by * radius,
@@ -126,13 +126,13 @@ impl Shape {
             },
             Shape::Box { half } => Shape::Box { half: by * *half },
             Shape::Plane => Shape::Plane,
-            Shape::Field(field) => Shape::Field(Arc::new(field.scaled(by))),
+            Shape::Sdf(field) => Shape::Sdf(Arc::new(field.with_scale(by))),
         }
     }
 }
 
-fn flat(distance: f64, normal: DVec3) -> Touch {
-    Touch {
+fn plane_distance(distance: f64, normal: DVec3) -> SurfaceDistance {
+    SurfaceDistance {
         distance,
         normal,
         curvature: DMat3::ZERO,
@@ -140,14 +140,14 @@ fn flat(distance: f64, normal: DVec3) -> Touch {
 }
 
 /// Of all within `radius` of a place from which the point is `off`; it bends in `across`.
-fn around(off: DVec3, radius: f64, across: DMat3) -> Touch {
+fn offset_distance(off: DVec3, radius: f64, across: DMat3) -> SurfaceDistance {
     let length = off.length();
     if length <= f64::MIN_POSITIVE {
-        return flat(-radius, DVec3::X);
+        return plane_distance(-radius, DVec3::X);
     }
     let normal = off / length;
     let outer = DMat3::from_cols(normal * normal.x, normal * normal.y, normal * normal.z);
-    Touch {
+    SurfaceDistance {
         distance: length - radius,
         normal,
         curvature: (across - outer) * (1.0 / length),
@@ -161,10 +161,13 @@ mod tests {
     /// The distance by which gradients and second derivatives differ from differences of it.
     pub(crate) fn off(shape: &Shape, p: DVec3) -> (f64, f64) {
         let h = 1e-5;
-        let touch = shape.touch(p);
+        let touch = shape.surface_distance(p);
         let (mut slope, mut bend) = (0.0f64, 0.0f64);
         for (axis, column) in DVec3::AXES.into_iter().zip([0, 1, 2]) {
-            let (a, b) = (shape.touch(p - h * axis), shape.touch(p + h * axis));
+            let (a, b) = (
+                shape.surface_distance(p - h * axis),
+                shape.surface_distance(p + h * axis),
+            );
             let by_value = (b.distance - a.distance) / (2.0 * h);
             let by_slope = (b.normal - a.normal) / (2.0 * h);
             slope = slope.max((by_value - touch.normal[column]).abs());
@@ -194,10 +197,10 @@ mod tests {
             ] {
                 let (slope, bend) = off(shape, p);
                 assert!(slope < 1e-8 && bend < 1e-8, "{shape:?} {p}: {slope} {bend}");
-                let touch = shape.touch(p);
+                let touch = shape.surface_distance(p);
                 assert!((touch.normal.length() - 1.0).abs() < 1e-12);
                 assert!((touch.distance - shape.distance(p)).abs() < 1e-14);
-                let twice = shape.scaled(2.0).touch(2.0 * p);
+                let twice = shape.with_scale(2.0).surface_distance(2.0 * p);
                 assert!((twice.distance - 2.0 * touch.distance).abs() < 1e-12);
                 // On the surface there is no distance left.
                 let on = p - touch.distance * touch.normal;
@@ -211,15 +214,19 @@ mod tests {
         let block = Shape::Box {
             half: DVec3::new(1.0, 2.0, 3.0),
         };
-        let touch = block.touch(DVec3::new(-0.8, 0.5, 1.0));
+        let touch = block.surface_distance(DVec3::new(-0.8, 0.5, 1.0));
         assert!((touch.distance + 0.2).abs() < 1e-15);
         assert_eq!(touch.normal, DVec3::NEG_X);
         assert_eq!(
-            Shape::Plane.touch(DVec3::new(5.0, 6.0, -2.0)).distance,
+            Shape::Plane
+                .surface_distance(DVec3::new(5.0, 6.0, -2.0))
+                .distance,
             -2.0
         );
         assert_eq!(
-            Shape::Sphere { radius: 2.0 }.touch(DVec3::ZERO).distance,
+            Shape::Sphere { radius: 2.0 }
+                .surface_distance(DVec3::ZERO)
+                .distance,
             -2.0
         );
     }

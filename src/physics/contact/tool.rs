@@ -14,36 +14,38 @@ pub struct ToolId(pub(in crate::physics) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ToolPose {
     /// The origin of its shape.
-    pub place: [f64; 3],
+    #[serde(rename = "place")]
+    pub position: [f64; 3],
     /// How it is turned: x, y, z, w.
-    pub turn: [f64; 4],
+    #[serde(rename = "turn")]
+    pub rotation: [f64; 4],
 }
 
 impl ToolPose {
     /// At `place`, turned by `turn`.
     pub fn new(place: DVec3, turn: DQuat) -> ToolPose {
         ToolPose {
-            place: place.to_array(),
-            turn: turn.normalize().to_array(),
+            position: place.to_array(),
+            rotation: turn.normalize().to_array(),
         }
     }
 
     /// The origin of its shape.
     pub fn place(&self) -> DVec3 {
-        self.place.into()
+        self.position.into()
     }
 
     /// How it is turned.
     pub fn turn(&self) -> DQuat {
-        DQuat::from_array(self.turn)
+        DQuat::from_array(self.rotation)
     }
 
     /// Where a point of the tool, in its shape's frame, is.
-    pub fn of_point(&self, p: DVec3) -> DVec3 {
+    pub fn transform_point(&self, p: DVec3) -> DVec3 {
         self.place() + self.turn() * p
     }
 
-    fn is_sound(&self) -> bool {
+    fn is_finite(&self) -> bool {
         let turn = self.turn();
         self.place().is_finite() && turn.is_finite() && turn.length() > 0.0
     }
@@ -65,14 +67,14 @@ pub struct Tool {
 
 /// The way of a tool in a step, local units: place and turn at either end.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::physics) struct ToolPath {
+pub(in crate::physics) struct ToolMotion {
     pub from: [[f64; 4]; 2],
     pub to: [[f64; 4]; 2],
 }
 
 /// What of a body lies inside a tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Overlap {
+pub struct InitialPenetration {
     /// How many nodes of its boundary.
     pub nodes: usize,
     /// How deep the deepest of them is, in file units.
@@ -120,9 +122,9 @@ impl Tool {
     }
 
     /// What of the boundary of `mesh` lies inside the tool where it is at first.
-    pub fn overlap(&self, mesh: &TetMesh, topology: &Topology) -> Overlap {
+    pub fn initial_penetration(&self, mesh: &TetMesh, topology: &Topology) -> InitialPenetration {
         let mut seen = vec![false; mesh.nodes.len()];
-        let mut found = Overlap::default();
+        let mut found = InitialPenetration::default();
         let back = self.pose.turn().inverse();
         for face in &topology.boundary {
             for v in topology.boundary_nodes(mesh, *face) {
@@ -143,11 +145,11 @@ impl Tool {
 
 /// Refuses a pose that is none.
 pub(in crate::physics) fn check_pose(pose: &ToolPose) -> Result<()> {
-    match pose.is_sound() {
+    match pose.is_finite() {
         true => Ok(()),
         false => Err(Error::Input(format!(
             "a tool at {:?}, turned by {:?}, makes no sense; give finite numbers",
-            pose.place, pose.turn
+            pose.position, pose.rotation
         ))),
     }
 }

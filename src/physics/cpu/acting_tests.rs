@@ -2,34 +2,32 @@
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuBody;
-use super::loads::Attachment;
-use super::muscle::Fibres;
-use super::terms::{At, Share, Term};
+use super::loads::NodeConstraint;
+use super::muscle::MuscleTerm;
+use super::terms::{StateRef, SystemContribution, Term};
 use super::tests::some;
-use super::vectors::{V4, of_metres, to_metres};
+use super::vectors::{V4, from_metres, to_metres};
 use crate::mesh::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology};
-use crate::physics::{
-    ConjugateGradients, Material, MaterialModel, Muscle, SolverKind, SpringNetwork,
-};
+use crate::physics::{CgSettings, DiscreteModel, Material, MaterialModel, Muscle, SolverKind};
 use glam::{DMat3, DVec3};
 
 const YOUNG: f64 = 2e4;
 
-fn network(mesh: &TetMesh, poisson: f64, damping_time: f64) -> SpringNetwork {
+fn network(mesh: &TetMesh, poisson: f64, damping_time: f64) -> DiscreteModel {
     let material = Material {
         model: MaterialModel::NeoHookean,
         poisson,
         damping_time,
-        ..Material::young(YOUNG)
+        ..Material::from_young(YOUNG)
     };
-    SpringNetwork::new(mesh, &material).unwrap()
+    DiscreteModel::new(mesh, &material).unwrap()
 }
 
-fn body(network: &SpringNetwork, kind: SolverKind, chunks: usize) -> CpuBody<f64> {
-    let settings = ConjugateGradients {
+fn body(network: &DiscreteModel, kind: SolverKind, chunks: usize) -> CpuBody<f64> {
+    let settings = CgSettings {
         tolerance: 1e-10,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     };
     CpuBody::new(network, kind, settings, Some(chunks)).unwrap()
 }
@@ -44,7 +42,7 @@ fn faces(mesh: &TetMesh) -> Vec<[u32; 3]> {
 }
 
 /// Forces of a pressure alone, on a body whose nodes are moved.
-fn pressed(network: &SpringNetwork, faces: &[[u32; 3]], x: &[DVec3], chunks: usize) -> Vec<DVec3> {
+fn pressed(network: &DiscreteModel, faces: &[[u32; 3]], x: &[DVec3], chunks: usize) -> Vec<DVec3> {
     let mut body = body(network, SolverKind::Implicit, chunks);
     body.set_state(x, &vec![DVec3::ZERO; x.len()]).unwrap();
     let before = body.forces();
@@ -63,7 +61,7 @@ fn pressure_on_a_closed_surface_pushes_and_turns_nothing() {
     // Bent, and turned.
     let turn = DMat3::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), 1.0);
     let bent = |p: &DVec3| turn * (*p + DVec3::new(4.0 * p.y * p.y, 0.3 * p.z, 2.0 * p.x * p.y));
-    let x: Vec<DVec3> = network.rest.iter().map(bent).collect();
+    let x: Vec<DVec3> = network.rest_positions.iter().map(bent).collect();
     let forces = pressed(&network, &faces, &x, 1);
     let size: f64 = forces.iter().map(|f| f.length()).sum();
     let sum: DVec3 = forces.iter().sum();
@@ -108,8 +106,8 @@ fn a_cube_under_pressure_shrinks_by_its_modulus() {
         let strain = -pressure * (1.0 - 2.0 * poisson) / YOUNG;
         let x = body.positions();
         let middle = x.iter().sum::<DVec3>() / x.len() as f64;
-        let rest_middle = network.rest.iter().sum::<DVec3>() / x.len() as f64;
-        for (x, rest) in x.iter().zip(&network.rest) {
+        let rest_middle = network.rest_positions.iter().sum::<DVec3>() / x.len() as f64;
+        for (x, rest) in x.iter().zip(&network.rest_positions) {
             let moved = (*x - middle) - (*rest - rest_middle);
             let expected = strain * (*rest - rest_middle);
             let off = (moved - expected).length();
@@ -139,9 +137,9 @@ fn a_muscle_is_its_energy_s_derivatives() {
     let mut muscle = muscle(&mesh, |t| ways[t], 3e4);
     muscle.fibres.retain(|(t, _)| t % 3 != 0);
     let x: Vec<DVec3> = network
-        .rest
+        .rest_positions
         .iter()
-        .zip(some(network.rest.len(), 1, 0.004))
+        .zip(some(network.rest_positions.len(), 1, 0.004))
         .map(|(x, d)| *x + d)
         .collect();
     // Energy by its definition, tet by tet.
@@ -149,7 +147,7 @@ fn a_muscle_is_its_energy_s_derivatives() {
     let energy = |x: &[DVec3]| -> f64 {
         let of = |(t, m): &(u32, DVec3)| {
             let element = network.elements.tets[*t as usize];
-            let f = element.deformation(&mesh.tets[*t as usize].map(|v| x[v as usize]));
+            let f = element.deformation_gradient(&mesh.tets[*t as usize].map(|v| x[v as usize]));
             0.5 * level * muscle.tension * element.volume * (f * *m).length_squared()
         };
         muscle.fibres.iter().map(of).sum()
@@ -157,24 +155,29 @@ fn a_muscle_is_its_energy_s_derivatives() {
     let mut all = Vec::new();
     for chunks in [1, 3] {
         let host = body(&network, SolverKind::Implicit, chunks);
-        let (order, units, plan) = host.sharing();
+        let (order, units, plan) = host.layout();
         let mut place = vec![0u32; order.len()];
         order
             .iter()
             .enumerate()
             .for_each(|(k, v)| place[*v as usize] = k as u32);
         let with = (&place[..], units, plan);
-        let mut term = Fibres::<f64>::new(&muscle, 0, (&network, &mesh.tets), with);
+        let mut term = MuscleTerm::<f64>::new(&muscle, 0, (&network, &mesh.tets), with);
         let local = |x: &[DVec3]| -> Vec<V4<f64>> {
-            let of = |v: &u32| of_metres(x[*v as usize] - network.rest[*v as usize], units.length);
+            let of = |v: &u32| {
+                from_metres(
+                    x[*v as usize] - network.rest_positions[*v as usize],
+                    units.length,
+                )
+            };
             order.iter().map(of).collect()
         };
         let u = local(&x);
-        let forces = |term: &Fibres<f64>, u: &[V4<f64>]| {
+        let forces = |term: &MuscleTerm<f64>, u: &[V4<f64>]| {
             let mut f = vec![[0.0; 4]; u.len()];
             let energy: f64 = (0..plan.chunks())
                 .map(|c| {
-                    let e = term.elastic(c, u, &mut f[plan.range(c)]);
+                    let e = term.elastic_forces(c, u, &mut f[plan.range(c)]);
                     assert_eq!(e, term.energy(c, u));
                     e
                 })
@@ -183,9 +186,9 @@ fn a_muscle_is_its_energy_s_derivatives() {
         };
         // Slack it does nothing.
         assert!(forces(&term, &u).0.iter().flatten().all(|f| *f == 0.0));
-        term.set_levels(&[level]);
+        term.set_amplitudes(&[level]);
         let (f, found) = forces(&term, &u);
-        let expected = energy(&x) - energy(&network.rest);
+        let expected = energy(&x) - energy(&network.rest_positions);
         assert!(
             (found - expected).abs() < 1e-12 * expected.abs().max(energy(&x)),
             "{found} {expected}"
@@ -204,15 +207,15 @@ fn a_muscle_is_its_energy_s_derivatives() {
         assert!((work + slope).abs() < 1e-10 * slope.abs(), "{work} {slope}");
         let p: Vec<V4<f64>> = order
             .iter()
-            .map(|v| of_metres(way[*v as usize], units.length))
+            .map(|v| from_metres(way[*v as usize], units.length))
             .collect();
         let h = 0.7;
         let (mut diagonal, mut change) = (vec![[0.0; 8]; u.len()], vec![[0.0; 4]; u.len()]);
-        let share = Share {
+        let share = SystemContribution {
             diagonal: &mut diagonal,
-            change: &mut change,
+            stiffness_velocity: &mut change,
         };
-        term.linearise(plan, At { u: &u, v: &p }, h, share);
+        term.linearise(plan, StateRef { u: &u, v: &p }, h, share);
         let mut y = vec![[0.0; 4]; u.len()];
         (0..plan.chunks()).for_each(|c| term.multiply(c, &p, &mut y[plan.range(c)]));
         let after = forces(&term, &local(&moved(1.0))).0;
@@ -228,7 +231,7 @@ fn a_muscle_is_its_energy_s_derivatives() {
         let mut z: Vec<V4<f64>> = (0..u.len())
             .map(|i| std::array::from_fn(|k| if k < 3 { diagonal[i][k] * p[i][k] } else { 0.0 }))
             .collect();
-        term.pairs(&mut |[i, j], block| {
+        term.visit_off_diagonal(&mut |[i, j], block| {
             let (i, j) = (i as usize, j as usize);
             for k in 0..3 {
                 z[i][k] += block.col(k)[k] * p[j][k];
@@ -327,9 +330,9 @@ fn a_body_led_along_steadily_feels_nothing() {
     let elements = network(&mesh, 0.3, 0.02);
     let springs = Material {
         damping_time: 0.002,
-        ..Material::young(YOUNG)
+        ..Material::from_young(YOUNG)
     };
-    let springs = SpringNetwork::new(&mesh, &springs).unwrap();
+    let springs = DiscreteModel::new(&mesh, &springs).unwrap();
     let velocity = DVec3::new(0.3, -0.2, 0.5);
     for (network, kind, h) in [
         (&elements, SolverKind::Implicit, 0.01),
@@ -341,37 +344,37 @@ fn a_body_led_along_steadily_feels_nothing() {
         (&springs, SolverKind::VelocityVerlet, 1e-4),
     ] {
         let mut body = body(network, kind, 1);
-        let count = network.rest.len();
+        let count = network.rest_positions.len();
         let ends: Vec<u32> = (0..count as u32)
             .filter(|v| mesh.nodes[*v as usize].x < 1e-9)
             .collect();
-        body.set_state(&network.rest, &vec![velocity; count])
+        body.set_state(&network.rest_positions, &vec![velocity; count])
             .unwrap();
         let mut off = 0.0f64;
         for n in 0..40 {
             let moved = f64::from(n) * h * velocity;
-            let led: Vec<Attachment> = ends
+            let led: Vec<NodeConstraint> = ends
                 .iter()
-                .map(|v| Attachment::Lead {
+                .map(|v| NodeConstraint::Prescribed {
                     node: *v,
-                    place: network.rest[*v as usize] + moved,
+                    place: network.rest_positions[*v as usize] + moved,
                     velocity,
                 })
                 .collect();
             body.set_attachments(&led).unwrap();
             body.run(1, h).unwrap();
             let after = moved + h * velocity;
-            for (x, rest) in body.positions().iter().zip(&network.rest) {
+            for (x, rest) in body.positions().iter().zip(&network.rest_positions) {
                 off = off.max(x.distance(*rest + after));
             }
         }
         assert!(off < 1e-9, "{kind} {off}");
         // Put there without a velocity, as a pin that jumps, they hold the body back.
-        let holds: Vec<Attachment> = ends
+        let holds: Vec<NodeConstraint> = ends
             .iter()
-            .map(|v| Attachment::Hold {
+            .map(|v| NodeConstraint::Fixed {
                 node: *v,
-                place: network.rest[*v as usize] + 41.0 * h * velocity,
+                place: network.rest_positions[*v as usize] + 41.0 * h * velocity,
             })
             .collect();
         body.set_attachments(&holds).unwrap();
@@ -380,7 +383,7 @@ fn a_body_led_along_steadily_feels_nothing() {
         let late = body
             .positions()
             .iter()
-            .zip(&network.rest)
+            .zip(&network.rest_positions)
             .map(late)
             .fold(0.0, f64::max);
         assert!(late > 1e-7, "{kind} {late}");

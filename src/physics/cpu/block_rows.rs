@@ -4,19 +4,19 @@
 //! are added up, those below are their transposes, and those on it less the sum of their rows.
 
 use super::real::Real;
-use super::vectors::{Columns, Symmetric, V4, total, zero};
+use super::vectors::{Mat3Columns, SymMat3, V4, sum_f64, zero};
 use glam::DMat3;
 use std::ops::Range;
 
 /// No slot.
-pub(super) const NONE: u32 = u32::MAX;
+pub(super) const NO_SLOT: u32 = u32::MAX;
 
 /// Marks the slot of a block that is to be added transposed.
-pub(super) const TURNED: u32 = 1 << 31;
+pub(super) const TRANSPOSED_FLAG: u32 = 1 << 31;
 
 /// Rows in compressed form: columns ascending, each a node of the body.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Rows<T> {
+pub(super) struct BlockCsr<T> {
     nodes: Range<usize>,
     starts: Vec<u32>,
     columns: Vec<u32>,
@@ -25,12 +25,12 @@ pub(super) struct Rows<T> {
     /// The slot above the diagonal that this one is the transpose of, or none.
     mirror: Vec<u32>,
     /// A block a slot, columns padded.
-    pub values: Vec<Columns<T>>,
+    pub values: Vec<Mat3Columns<T>>,
 }
 
-impl<T: Real> Rows<T> {
+impl<T: Real> BlockCsr<T> {
     /// The rows `nodes` of a matrix that ties the nodes of every tet to each other.
-    pub fn new<'a>(nodes: Range<usize>, tets: impl Iterator<Item = &'a [u32; 4]>) -> Rows<T> {
+    pub fn new<'a>(nodes: Range<usize>, tets: impl Iterator<Item = &'a [u32; 4]>) -> BlockCsr<T> {
         let mut entries: Vec<(u32, u32)> = nodes.clone().map(|i| (i as u32, i as u32)).collect();
         for tet in tets {
             for i in tet.iter().filter(|i| nodes.contains(&(**i as usize))) {
@@ -40,11 +40,11 @@ impl<T: Real> Rows<T> {
         entries.sort_unstable();
         entries.dedup();
         let count = entries.len();
-        let mut rows = Rows {
+        let mut rows = BlockCsr {
             starts: vec![0],
             columns: entries.iter().map(|e| e.1).collect(),
             diagonal: Vec::with_capacity(nodes.len()),
-            mirror: vec![NONE; count],
+            mirror: vec![NO_SLOT; count],
             values: vec![[zero(); 3]; count],
             nodes,
         };
@@ -58,7 +58,7 @@ impl<T: Real> Rows<T> {
         }
         for (k, (i, j)) in entries.iter().enumerate() {
             if j < i {
-                rows.mirror[k] = rows.slot(*j, *i).unwrap_or(NONE);
+                rows.mirror[k] = rows.slot(*j, *i).unwrap_or(NO_SLOT);
             }
         }
         rows
@@ -66,9 +66,9 @@ impl<T: Real> Rows<T> {
 
     /// Where a block between two nodes is added up: above the diagonal if that row is here, else
     /// below it, else nowhere. i < j.
-    pub fn place(&self, i: u32, j: u32) -> u32 {
-        let below = || self.slot(j, i).map(|s| s | TURNED);
-        self.slot(i, j).or_else(below).unwrap_or(NONE)
+    pub fn entry_slot(&self, i: u32, j: u32) -> u32 {
+        let below = || self.slot(j, i).map(|s| s | TRANSPOSED_FLAG);
+        self.slot(i, j).or_else(below).unwrap_or(NO_SLOT)
     }
 
     fn slot(&self, i: u32, j: u32) -> Option<u32> {
@@ -81,19 +81,19 @@ impl<T: Real> Rows<T> {
 
     /// Adds a block above the diagonal.
     #[inline(always)]
-    pub fn add(&mut self, slot: u32, block: &Columns<T>) {
+    pub fn add(&mut self, slot: u32, block: &Mat3Columns<T>) {
         add(&mut self.values[slot as usize], block);
     }
 
-    /// Adds a block where [`Rows::place`] said.
+    /// Adds a block where [`BlockCsr::entry_slot`] said.
     #[inline(always)]
-    pub fn add_placed(&mut self, place: u32, block: &Columns<T>) {
-        if place == NONE {
+    pub fn add_placed(&mut self, place: u32, block: &Mat3Columns<T>) {
+        if place == NO_SLOT {
             return;
         }
-        match place & TURNED {
+        match place & TRANSPOSED_FLAG {
             0 => self.add(place, block),
-            _ => self.add(place & !TURNED, &transposed(block)),
+            _ => self.add(place & !TRANSPOSED_FLAG, &transposed(block)),
         }
     }
 
@@ -106,7 +106,7 @@ impl<T: Real> Rows<T> {
                     continue;
                 }
                 let from = self.mirror[k];
-                if from != NONE {
+                if from != NO_SLOT {
                     self.values[k] = transposed(&self.values[from as usize]);
                 }
                 for (s, c) in sum.iter_mut().zip(&self.values[k]) {
@@ -118,7 +118,7 @@ impl<T: Real> Rows<T> {
     }
 
     /// Adds the blocks on the diagonal to those of the chunk's nodes.
-    pub fn add_diagonal(&self, out: &mut [Symmetric<T>]) {
+    pub fn add_diagonal(&self, out: &mut [SymMat3<T>]) {
         for (d, own) in out.iter_mut().zip(&self.diagonal) {
             let [x, y, z] = self.values[*own as usize];
             for (d, m) in d.iter_mut().zip([x[0], y[1], z[2], y[0], z[0], z[1]]) {
@@ -129,7 +129,7 @@ impl<T: Real> Rows<T> {
 
     /// Adds `values` times p to the chunk's nodes; the fourth lanes may be anything.
     #[inline]
-    pub fn multiply(&self, values: &[Columns<T>], p: &[V4<T>], y: &mut [V4<T>]) {
+    pub fn multiply(&self, values: &[Mat3Columns<T>], p: &[V4<T>], y: &mut [V4<T>]) {
         self.each_product(values, p, y, |y, sum| {
             *y = T::array(T::lanes(y) + sum);
             0.0
@@ -137,21 +137,21 @@ impl<T: Real> Rows<T> {
     }
 
     /// Takes `values` times w from the chunk's nodes. Returns their part of w·values w.
-    pub fn resist(&self, values: &[Columns<T>], w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+    pub fn subtract_product(&self, values: &[Mat3Columns<T>], w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let first = self.nodes.start;
         let mut node = first;
         self.each_product(values, w, f, |f, sum| {
             *f = T::array(T::lanes(f) - sum);
             let product = T::array(T::lanes(&w[node]) * sum);
             node += 1;
-            total(product)
+            sum_f64(product)
         })
     }
 
     #[inline(always)]
     fn each_product(
         &self,
-        values: &[Columns<T>],
+        values: &[Mat3Columns<T>],
         p: &[V4<T>],
         y: &mut [V4<T>],
         mut take: impl FnMut(&mut V4<T>, T::Lanes) -> f64,
@@ -174,7 +174,7 @@ impl<T: Real> Rows<T> {
     }
 
     /// Tells the blocks above the diagonal.
-    pub fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+    pub fn visit_upper_blocks(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         self.pairs_of(self.nodes.clone(), visit);
     }
 
@@ -183,7 +183,7 @@ impl<T: Real> Rows<T> {
         for i in nodes.start.max(self.nodes.start)..nodes.end.min(self.nodes.end) {
             let row = i - self.nodes.start;
             for k in self.diagonal[row] as usize + 1..self.starts[row + 1] as usize {
-                let wide = |c: V4<T>| glam::DVec3::new(c[0].wide(), c[1].wide(), c[2].wide());
+                let wide = |c: V4<T>| glam::DVec3::new(c[0].to_f64(), c[1].to_f64(), c[2].to_f64());
                 let [x, y, z] = self.values[k].map(wide);
                 visit([i as u32, self.columns[k]], &DMat3::from_cols(x, y, z));
             }
@@ -192,14 +192,14 @@ impl<T: Real> Rows<T> {
 }
 
 #[inline(always)]
-fn add<T: Real>(to: &mut Columns<T>, block: &Columns<T>) {
+fn add<T: Real>(to: &mut Mat3Columns<T>, block: &Mat3Columns<T>) {
     for (to, b) in to.iter_mut().zip(block) {
         *to = T::array(T::lanes(to) + T::lanes(b));
     }
 }
 
 #[inline(always)]
-fn transposed<T: Real>([x, y, z]: &Columns<T>) -> Columns<T> {
+fn transposed<T: Real>([x, y, z]: &Mat3Columns<T>) -> Mat3Columns<T> {
     let o = T::ZERO;
     [
         [x[0], y[0], z[0], o],

@@ -1,19 +1,19 @@
 //! Conjugate gradients on one vector a node, preconditioned by the inverse diagonal blocks and,
 //! added to them, a coarse space.
 
-use super::cholesky::V8;
-use super::coarse::{Coarse, moved};
-use super::pool::{Groups, Nodes, Plan};
+use super::cholesky::Vec6Padded;
+use super::coarse::{CoarseSpace, rigid_displacement};
+use super::pool::{Groups, Nodes, Partition};
 use super::real::Real;
 use super::sum::dot;
 use super::terms::Term;
-use super::tied::Tied;
-use super::vectors::{Columns, V4, add, add_scaled, scale, total, zero};
+use super::tied::RigidProjection;
+use super::vectors::{Mat3Columns, V4, add, add_scaled, scale, sum_f64, zero};
 
 /// The matrix A.
-pub struct Matrix<'a, T> {
+pub struct SystemOperator<'a, T> {
     /// How the nodes are shared out.
-    pub plan: &'a Plan,
+    pub plan: &'a Partition,
     /// What stands on the diagonal apart from the terms.
     pub masses: &'a [T],
     /// 1, or 0 for nodes that stay: their rows are zero.
@@ -22,141 +22,143 @@ pub struct Matrix<'a, T> {
     pub terms: &'a [Box<dyn Term<T>>],
 }
 
-impl<T: Real> Matrix<'_, T> {
+impl<T: Real> SystemOperator<'_, T> {
     /// y = A p, for p that is zero at nodes that stay. Returns p·y.
     pub fn multiply(&self, p: &[V4<T>], y: &mut [V4<T>]) -> f64 {
-        let [sum] = self.plan.each((Nodes(y), ()), &|chunk, nodes, (y, ())| {
-            let p_here = &p[nodes.clone()];
-            for ((y, p), m) in y.0.iter_mut().zip(p_here).zip(&self.masses[nodes.clone()]) {
-                *y = scale(*m, *p);
-            }
-            for term in self.terms {
-                term.multiply(chunk, p, y.0);
-            }
-            for (y, free) in y.0.iter_mut().zip(&self.free[nodes]) {
-                *y = [*free * y[0], *free * y[1], *free * y[2], T::ZERO];
-            }
-            [dot(p_here, y.0)]
-        });
+        let [sum] = self
+            .plan
+            .for_each_chunk((Nodes(y), ()), &|chunk, nodes, (y, ())| {
+                let p_here = &p[nodes.clone()];
+                for ((y, p), m) in y.0.iter_mut().zip(p_here).zip(&self.masses[nodes.clone()]) {
+                    *y = scale(*m, *p);
+                }
+                for term in self.terms {
+                    term.multiply(chunk, p, y.0);
+                }
+                for (y, free) in y.0.iter_mut().zip(&self.free[nodes]) {
+                    *y = [*free * y[0], *free * y[1], *free * y[2], T::ZERO];
+                }
+                [dot(p_here, y.0)]
+            });
         sum
     }
 }
 
 /// Where conjugate gradients stop.
 #[derive(Clone, Copy, Debug)]
-pub struct Stop {
+pub struct CgTolerance {
     /// Relative residual √(rᵀD⁻¹r / bᵀD⁻¹b) to reach.
     pub tolerance: f64,
     /// rᵀD⁻¹r that is as good as none.
     pub floor: f64,
     /// Iterations at most.
-    pub most: u32,
+    pub max_iterations: u32,
 }
 
 /// How far they came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Outcome {
+pub struct CgResult {
     /// Iterations.
     pub iterations: u32,
     /// The relative residual.
     pub residual: f64,
     /// Whether it is what was asked for.
-    pub met: bool,
-    /// Of [`Solver::solve_afresh`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
-    pub gain: f64,
-    /// Of [`Solver::solve_afresh`]: whether it ended where the matrix is not positive definite.
+    pub converged: bool,
+    /// Of [`CgSolver::solve_from_zero`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
+    pub predicted_decrease: f64,
+    /// Of [`CgSolver::solve_from_zero`]: whether it ended where the matrix is not positive definite.
     pub indefinite: bool,
 }
 
 /// The vectors of conjugate gradients, and the solutions of the last two systems.
 #[derive(Clone, Debug)]
-pub struct Solver<T> {
+pub struct CgSolver<T> {
     /// The inverse diagonal blocks; zero for nodes that stay.
-    pub inverse: Vec<Columns<T>>,
+    pub inverse: Vec<Mat3Columns<T>>,
     /// b; then what is left of it.
     pub residual: Vec<V4<T>>,
     /// The solution.
     pub solution: Vec<V4<T>>,
     /// The last solution and the one before.
-    pub known: [Vec<V4<T>>; 2],
+    pub previous_solutions: [Vec<V4<T>>; 2],
     /// How many of those there are.
     pub count: usize,
     direction: Vec<V4<T>>,
     product: Vec<V4<T>>,
     /// D⁻¹ r.
-    smoothed: Vec<V4<T>>,
+    preconditioned: Vec<V4<T>>,
     other: Vec<V4<T>>,
-    motions: Vec<V8<T>>,
-    forces: Vec<V8<T>>,
+    motions: Vec<Vec6Padded<T>>,
+    forces: Vec<Vec6Padded<T>>,
     /// Nodes that move together.
-    pub tied: Tied<T>,
+    pub rigid_projection: RigidProjection<T>,
 }
 
-impl<T: Real> Solver<T> {
+impl<T: Real> CgSolver<T> {
     /// For a body shared out by `plan`.
-    pub fn new(plan: &Plan) -> Solver<T> {
+    pub fn new(plan: &Partition) -> CgSolver<T> {
         let vector = || vec![zero(); plan.nodes()];
-        Solver {
+        CgSolver {
             inverse: vec![[zero(); 3]; plan.nodes()],
             residual: vector(),
             solution: vector(),
-            known: [vector(), vector()],
+            previous_solutions: [vector(), vector()],
             count: 0,
             direction: vector(),
             product: vector(),
-            smoothed: vector(),
+            preconditioned: vector(),
             other: vector(),
             motions: vec![[T::ZERO; 8]; plan.groups()],
             forces: vec![[T::ZERO; 8]; plan.groups()],
-            tied: Tied::none(),
+            rigid_projection: RigidProjection::empty(),
         }
     }
 
-    /// Solves A x = b, b in [`Solver::residual`] with bᵀD⁻¹b = `start`; x is left in
-    /// [`Solver::solution`].
+    /// Solves A x = b, b in [`CgSolver::residual`] with bᵀD⁻¹b = `start`; x is left in
+    /// [`CgSolver::solution`].
     pub fn solve(
         &mut self,
-        a: &Matrix<'_, T>,
-        coarse: &mut Option<Coarse<T>>,
+        a: &SystemOperator<'_, T>,
+        coarse: &mut Option<CoarseSpace<T>>,
         start: f64,
-        stop: Stop,
-    ) -> Outcome {
-        self.begin(a, self.count);
+        stop: CgTolerance,
+    ) -> CgResult {
+        self.initialise(a, self.count);
         self.iterate(a, coarse, start, stop, false)
     }
 
-    /// As [`Solver::solve`], from nothing, and of a matrix that may not be positive definite:
+    /// As [`CgSolver::solve`], from nothing, and of a matrix that may not be positive definite:
     /// there it ends.
-    pub fn solve_afresh(
+    pub fn solve_from_zero(
         &mut self,
-        a: &Matrix<'_, T>,
-        coarse: &mut Option<Coarse<T>>,
+        a: &SystemOperator<'_, T>,
+        coarse: &mut Option<CoarseSpace<T>>,
         start: f64,
-        stop: Stop,
-    ) -> Outcome {
-        self.begin(a, 0);
+        stop: CgTolerance,
+    ) -> CgResult {
+        self.initialise(a, 0);
         self.iterate(a, coarse, start, stop, true)
     }
 
     fn iterate(
         &mut self,
-        a: &Matrix<'_, T>,
-        coarse: &mut Option<Coarse<T>>,
+        a: &SystemOperator<'_, T>,
+        coarse: &mut Option<CoarseSpace<T>>,
         start: f64,
-        stop: Stop,
+        stop: CgTolerance,
         may_be_indefinite: bool,
-    ) -> Outcome {
+    ) -> CgResult {
         let goal = (stop.tolerance * stop.tolerance * start).max(stop.floor);
-        let mut coarse = coarse.as_mut().filter(|c| c.ready());
-        let mut smooth = self.descend(a.plan, coarse.as_deref(), T::ZERO);
+        let mut coarse = coarse.as_mut().filter(|c| c.is_factorised());
+        let mut smooth = self.update_solution(a.plan, coarse.as_deref(), T::ZERO);
         let (mut before, mut iterations) = (0.0, 0);
         let (mut gain, mut indefinite) = (0.0, false);
         // Not a number goes on as converged, and is found in the state.
-        while smooth > goal && iterations < stop.most {
-            let rz = smooth + self.correct(&mut coarse);
+        while smooth > goal && iterations < stop.max_iterations {
+            let rz = smooth + self.apply_coarse(&mut coarse);
             let beta = if before > 0.0 { rz / before } else { 0.0 };
             before = rz;
-            self.turn(a.plan, coarse.as_deref(), T::of(beta));
+            self.update_direction(a.plan, coarse.as_deref(), T::from_f64(beta));
             let pq = a.multiply(&self.direction, &mut self.product);
             if may_be_indefinite && pq <= 0.0 {
                 indefinite = true;
@@ -164,7 +166,7 @@ impl<T: Real> Solver<T> {
             }
             // The matrix is positive definite; if rounding says otherwise, stay where we are.
             let alpha = if pq > 0.0 { rz / pq } else { 0.0 };
-            smooth = self.descend(a.plan, coarse.as_deref(), T::of(alpha));
+            smooth = self.update_solution(a.plan, coarse.as_deref(), T::from_f64(alpha));
             gain += alpha * rz;
             iterations += 1;
             if pq.is_nan() {
@@ -176,27 +178,27 @@ impl<T: Real> Solver<T> {
         } else {
             0.0
         };
-        Outcome {
+        CgResult {
             iterations,
             residual,
-            met: smooth <= goal,
-            gain,
+            converged: smooth <= goal,
+            predicted_decrease: gain,
             indefinite,
         }
     }
 
     /// Keeps the solution for the start of the next solve.
-    pub fn keep(&mut self) {
-        self.known.rotate_right(1);
-        std::mem::swap(&mut self.known[0], &mut self.solution);
+    pub fn store_solution(&mut self) {
+        self.previous_solutions.rotate_right(1);
+        std::mem::swap(&mut self.previous_solutions[0], &mut self.solution);
         self.count = (self.count + 1).min(2);
     }
 
     /// The start: what of the space of the last two solutions has the lowest ½xᵀAx − bᵀx.
     ///
     /// That is never higher than of nothing, of the last solution, or of what both extrapolate to.
-    fn begin(&mut self, a: &Matrix<'_, T>, count: usize) {
-        let [last, older] = &self.known;
+    fn initialise(&mut self, a: &SystemOperator<'_, T>, count: usize) {
+        let [last, older] = &self.previous_solutions;
         let mut weights = [0.0; 2];
         if count > 0 {
             let aa = a.multiply(last, &mut self.product);
@@ -215,14 +217,14 @@ impl<T: Real> Solver<T> {
                 }
             }
         }
-        let [s, t] = weights.map(T::of);
+        let [s, t] = weights.map(T::from_f64);
         let (product, other) = (&self.product, &self.other);
         let data = (
             Nodes(&mut self.solution),
             Nodes(&mut self.residual),
             Nodes(&mut self.direction),
         );
-        a.plan.each(data, &|_, nodes, (x, r, p)| {
+        a.plan.for_each_chunk(data, &|_, nodes, (x, r, p)| {
             p.0.fill(zero());
             x.0.fill(zero());
             for (n, i) in nodes.enumerate() {
@@ -242,17 +244,22 @@ impl<T: Real> Solver<T> {
 
     /// x += α p, r −= α A p, and the forces that the coarse space and tied nodes see. Returns
     /// rᵀD⁻¹r, D having the blocks of tied nodes too.
-    fn descend(&mut self, plan: &Plan, coarse: Option<&Coarse<T>>, alpha: T) -> f64 {
+    fn update_solution(
+        &mut self,
+        plan: &Partition,
+        coarse: Option<&CoarseSpace<T>>,
+        alpha: T,
+    ) -> f64 {
         let (p, q, inverse) = (&self.direction, &self.product, &self.inverse);
-        let tied = &self.tied;
+        let tied = &self.rigid_projection;
         let data = (
             Nodes(&mut self.solution),
             Nodes(&mut self.residual),
-            Nodes(&mut self.smoothed),
+            Nodes(&mut self.preconditioned),
             Groups(&mut self.forces),
         );
         let step = alpha.splat();
-        let [sum] = plan.each(data, &|chunk, nodes, (x, r, z, forces)| {
+        let [sum] = plan.for_each_chunk(data, &|chunk, nodes, (x, r, z, forces)| {
             let mut sum = 0.0;
             for (g, force) in plan.groups_of(chunk).zip(forces.0) {
                 let here = plan.group(g);
@@ -271,10 +278,10 @@ impl<T: Real> Solver<T> {
                     *z = T::array(smooth);
                     lanes = lanes + smooth * rest;
                 }
-                sum += total(T::array(lanes));
+                sum += sum_f64(T::array(lanes));
                 if let Some(body) = tied.of(g) {
                     *force = body.restrict(|n| r[n]);
-                    sum += body.weigh(force);
+                    sum += body.energy(force);
                 } else if let Some(coarse) = coarse {
                     *force = coarse.restrict(first, r);
                 }
@@ -286,28 +293,32 @@ impl<T: Real> Solver<T> {
 
     /// The answers of the coarse space and of tied nodes to the forces they see. Returns the part of
     /// r·z that is not in rᵀD⁻¹r: the coarse space's.
-    fn correct(&mut self, coarse: &mut Option<&mut Coarse<T>>) -> f64 {
+    fn apply_coarse(&mut self, coarse: &mut Option<&mut CoarseSpace<T>>) -> f64 {
         let Some(coarse) = coarse else {
-            self.tied.answer(&self.forces, &mut self.motions, false);
+            self.rigid_projection
+                .apply_inverse(&self.forces, &mut self.motions, false);
             return 0.0;
         };
         self.motions.copy_from_slice(&self.forces);
-        self.tied.leave_out(&mut self.motions);
+        self.rigid_projection
+            .remove_constrained_forces(&mut self.motions);
         coarse.solve(&mut self.motions);
         let mut sum = 0.0;
         for (f, m) in self.forces.iter().zip(&self.motions) {
             for k in 0..6 {
-                sum += (f[k] * m[k]).wide();
+                sum += (f[k] * m[k]).to_f64();
             }
         }
-        self.tied.answer(&self.forces, &mut self.motions, true);
+        self.rigid_projection
+            .apply_inverse(&self.forces, &mut self.motions, true);
         sum
     }
 
     /// p = z + β p.
-    fn turn(&mut self, plan: &Plan, coarse: Option<&Coarse<T>>, beta: T) {
-        let (smoothed, motions, tied) = (&self.smoothed, &self.motions, &self.tied);
-        plan.each(
+    fn update_direction(&mut self, plan: &Partition, coarse: Option<&CoarseSpace<T>>, beta: T) {
+        let (smoothed, motions, tied) =
+            (&self.preconditioned, &self.motions, &self.rigid_projection);
+        plan.for_each_chunk(
             (Nodes(&mut self.direction), ()),
             &|chunk, nodes, (p, ())| {
                 for g in plan.groups_of(chunk) {
@@ -315,7 +326,7 @@ impl<T: Real> Solver<T> {
                     let p = &mut p.0[here.start - nodes.start..here.end - nodes.start];
                     let (z, first) = (&smoothed[here.clone()], here.start);
                     if let Some(body) = tied.of(g) {
-                        body.turn(&motions[g], beta, p);
+                        body.update_direction(&motions[g], beta, p);
                         continue;
                     }
                     match coarse {
@@ -327,7 +338,7 @@ impl<T: Real> Solver<T> {
                         Some(coarse) => {
                             let motion = &motions[g];
                             for ((p, z), a) in p.iter_mut().zip(z).zip(coarse.arms(first)) {
-                                *p = add_scaled(add(*z, moved(a, motion)), beta, *p);
+                                *p = add_scaled(add(*z, rigid_displacement(a, motion)), beta, *p);
                             }
                         }
                     }

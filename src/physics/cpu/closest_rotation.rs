@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 /// Newton steps at most; four or five are usual.
-const MOST: usize = 60;
+const MAX_ITERATIONS: usize = 60;
 
 /// The rotation R within reach of `start` that makes Σ m x·R y largest, of `m` = Σ m x yᵀ: it has
 /// the least Σ m |x − R y|². Only turns that the projection `within` leaves are made.
@@ -13,7 +13,7 @@ const MOST: usize = 60;
 pub(in crate::physics) fn closest_rotation(m: &DMat3, start: DQuat, within: DMat3) -> DQuat {
     let mut turn = start;
     let rest = DMat3::IDENTITY - within;
-    for _ in 0..MOST {
+    for _ in 0..MAX_ITERATIONS {
         let c = *m * DMat3::from_quat(turn).transpose();
         let torque = DVec3::new(
             c.y_axis.z - c.z_axis.y,

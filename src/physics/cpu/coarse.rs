@@ -4,38 +4,38 @@
 //! hundreds; stiff parts in soft ones are worse still. Rigid motions of groups of nodes, 40 in a small
 //! body and hundreds in a large one (Galerkin, added to block Jacobi), catch that rest.
 
-use super::cholesky::{Block, Cholesky, V8};
-use super::pool::Plan;
+use super::cholesky::{Block, SparseCholesky, Vec6Padded};
+use super::pool::Partition;
 use super::real::Real;
 use super::terms::Term;
-use super::tied::Tied;
-use super::vectors::{Symmetric, V4, add};
+use super::tied::RigidProjection;
+use super::vectors::{SymMat3, V4, add};
 use glam::{DMat3, DVec3};
 
 /// By how much the diagonal of the coarse matrix is made larger: rotations of a group whose nodes
 /// lie on a line, or of one that is held, move nothing.
-const SHIFT: f64 = 1e-7;
+const DIAGONAL_SHIFT: f64 = 1e-7;
 
 /// The rigid motions of groups of nodes, and the factor of their matrix.
 #[derive(Clone, Debug)]
-pub struct Coarse<T> {
+pub struct CoarseSpace<T> {
     /// Of every node: where it lies from the middle of its group, in the group's radii; the
     /// fourth lane is 1, or 0 for nodes that stay.
-    arms: Vec<V4<T>>,
+    lever_arms: Vec<V4<T>>,
     /// The group of every node.
     group: Vec<u32>,
-    factor: Cholesky<T>,
+    factor: SparseCholesky<T>,
     ready: bool,
 }
 
-impl<T: Real> Coarse<T> {
+impl<T: Real> CoarseSpace<T> {
     /// Analyses which groups of `plan` are tied to which by `terms`, which were linearised before.
-    pub fn new(plan: &Plan, terms: &[Box<dyn Term<T>>]) -> Coarse<T> {
-        let group = groups_of_nodes(plan);
+    pub fn new(plan: &Partition, terms: &[Box<dyn Term<T>>]) -> CoarseSpace<T> {
+        let group = node_groups(plan);
         let mut pairs = Vec::new();
         let mut last = (u32::MAX, u32::MAX);
         for term in terms {
-            term.pairs(&mut |[i, j], _| {
+            term.visit_off_diagonal(&mut |[i, j], _| {
                 let pair = (group[i as usize], group[j as usize]);
                 if pair.0 != pair.1 && pair != last {
                     pairs.push(pair);
@@ -50,34 +50,34 @@ impl<T: Real> Coarse<T> {
         }
         pairs.sort_unstable();
         pairs.dedup();
-        Coarse {
-            arms: vec![[T::ZERO; 4]; plan.nodes()],
-            factor: Cholesky::new(plan.groups(), &pairs),
+        CoarseSpace {
+            lever_arms: vec![[T::ZERO; 4]; plan.nodes()],
+            factor: SparseCholesky::new(plan.groups(), &pairs),
             group,
             ready: false,
         }
     }
 
     /// Whether there is a factor to solve with.
-    pub fn ready(&self) -> bool {
+    pub fn is_factorised(&self) -> bool {
         self.ready
     }
 
     /// Makes the matrix and its factor, of the system that `terms` were linearised to. `points`
     /// are the nodes' positions, `free` says which of them move; a body that is `tied` is a group
     /// whose motions are its own.
-    pub fn build(
+    pub fn factorise(
         &mut self,
-        plan: &Plan,
+        plan: &Partition,
         points: impl Fn(usize) -> DVec3,
         free: impl Fn(usize) -> bool,
-        diagonal: &[Symmetric<T>],
+        diagonal: &[SymMat3<T>],
         terms: &[Box<dyn Term<T>>],
-        tied: &Tied<T>,
+        tied: &RigidProjection<T>,
     ) {
         for g in 0..plan.groups() {
             let first = plan.group(g).start;
-            let arms = &mut self.arms[plan.group(g)];
+            let arms = &mut self.lever_arms[plan.group(g)];
             if let Some(body) = tied.of(g) {
                 // One that is held somewhere has not all of these motions.
                 match body.free() {
@@ -97,51 +97,51 @@ impl<T: Real> Coarse<T> {
                 *arm = [T::ZERO; 4];
                 if free(first + n) {
                     let r = (points(first + n) - middle) * over;
-                    *arm = [T::of(r.x), T::of(r.y), T::of(r.z), T::ONE];
+                    *arm = [T::from_f64(r.x), T::from_f64(r.y), T::from_f64(r.z), T::ONE];
                 }
             }
         }
         self.factor.clear();
         let mut known = (u32::MAX, u32::MAX, 0, false);
         for (i, d) in diagonal.iter().enumerate() {
-            let d = d.map(Real::wide);
+            let d = d.map(Real::to_f64);
             let m = DMat3::from_cols_array(&[d[0], d[3], d[4], d[3], d[1], d[5], d[4], d[5], d[2]]);
             let g = self.group[i];
-            if let Some((place, _)) = self.factor.place(g, g) {
-                project(
+            if let Some((place, _)) = self.factor.block_index(g, g) {
+                add_projected_block(
                     &m,
-                    &self.arms[i],
-                    &self.arms[i],
+                    &self.lever_arms[i],
+                    &self.lever_arms[i],
                     self.factor.block_mut(place),
                     false,
                 );
             }
         }
-        let (arms, group, factor) = (&self.arms, &self.group, &mut self.factor);
+        let (arms, group, factor) = (&self.lever_arms, &self.group, &mut self.factor);
         for term in terms {
-            term.pairs(&mut |[i, j], m| {
+            term.visit_off_diagonal(&mut |[i, j], m| {
                 let [a, b] = [i, j].map(|v| group[v as usize]);
                 let (i, j) = (&arms[i as usize], &arms[j as usize]);
                 if (known.0, known.1) != (a, b) {
-                    let Some((place, turned)) = factor.place(a, b) else {
+                    let Some((place, turned)) = factor.block_index(a, b) else {
                         return;
                     };
                     known = (a, b, place, turned);
                 }
                 let block = factor.block_mut(known.2);
                 if a == b {
-                    project(m, i, j, block, false);
+                    add_projected_block(m, i, j, block, false);
                 }
-                project(m, i, j, block, known.3 || a == b);
+                add_projected_block(m, i, j, block, known.3 || a == b);
             });
         }
         for g in 0..plan.groups() as u32 {
-            if let Some((place, _)) = self.factor.place(g, g) {
+            if let Some((place, _)) = self.factor.block_index(g, g) {
                 let block = self.factor.block_mut(place);
                 let largest = (0..6).map(|k| block[k][k]).fold(0.0, f64::max);
                 for (k, column) in block.iter_mut().enumerate() {
                     match largest > 0.0 {
-                        true => column[k] += SHIFT * largest,
+                        true => column[k] += DIAGONAL_SHIFT * largest,
                         // All of the group is held.
                         false => column[k] = 1.0,
                     }
@@ -154,9 +154,9 @@ impl<T: Real> Coarse<T> {
     /// What the motions of a group see of the forces `r` on its nodes, the first of which is
     /// `first`.
     #[inline]
-    pub fn restrict(&self, first: usize, r: &[V4<T>]) -> V8<T> {
+    pub fn restrict(&self, first: usize, r: &[V4<T>]) -> Vec6Padded<T> {
         let (mut sum, mut turn) = ([T::ZERO; 4], [T::ZERO; 4]);
-        for (r, a) in r.iter().zip(&self.arms[first..]) {
+        for (r, a) in r.iter().zip(&self.lever_arms[first..]) {
             let w = a[3];
             sum = add(sum, [w * r[0], w * r[1], w * r[2], T::ZERO]);
             turn = add(turn, cross(*a, *r));
@@ -166,19 +166,19 @@ impl<T: Real> Coarse<T> {
     }
 
     /// Solves the coarse system in place: one vector a group.
-    pub fn solve(&mut self, x: &mut [V8<T>]) {
+    pub fn solve(&mut self, x: &mut [Vec6Padded<T>]) {
         self.factor.solve(x);
     }
 
-    /// The arms of the nodes from `first` on, for [`moved`].
+    /// The arms of the nodes from `first` on, for [`rigid_displacement`].
     pub fn arms(&self, first: usize) -> &[V4<T>] {
-        &self.arms[first..]
+        &self.lever_arms[first..]
     }
 }
 
 /// How a node with that arm moves with the motion of its group.
 #[inline(always)]
-pub fn moved<T: Real>(arm: &V4<T>, m: &V8<T>) -> V4<T> {
+pub fn rigid_displacement<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
     let w = arm[3];
     add(
         [w * m[0], w * m[1], w * m[2], T::ZERO],
@@ -186,7 +186,7 @@ pub fn moved<T: Real>(arm: &V4<T>, m: &V8<T>) -> V4<T> {
     )
 }
 
-fn groups_of_nodes(plan: &Plan) -> Vec<u32> {
+fn node_groups(plan: &Partition) -> Vec<u32> {
     let mut of = vec![0; plan.nodes()];
     for g in 0..plan.groups() {
         of[plan.group(g)].fill(g as u32);
@@ -205,15 +205,15 @@ fn cross<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
 }
 
 /// Adds P_iᵀ m P_j, or its transpose, to a block: P = w [I, −[a]×].
-pub(super) fn project<T: Real>(
+pub(super) fn add_projected_block<T: Real>(
     m: &DMat3,
     i: &V4<T>,
     j: &V4<T>,
     block: &mut Block,
     transposed: bool,
 ) {
-    let [a, b] = [i, j].map(|v| DVec3::new(v[0].wide(), v[1].wide(), v[2].wide()));
-    let [wa, wb] = [i, j].map(|v| v[3].wide());
+    let [a, b] = [i, j].map(|v| DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64()));
+    let [wa, wb] = [i, j].map(|v| v[3].to_f64());
     let columns = [
         m.x_axis * wb,
         m.y_axis * wb,

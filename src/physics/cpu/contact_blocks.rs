@@ -1,8 +1,8 @@
 //! Blocks of contact in the linear system: each of them acts on a mean of nodes.
 
-use super::pool::Plan;
+use super::pool::Partition;
 use super::real::Real;
-use super::vectors::{Symmetric, V4, add, add_scaled, apply_symmetric, scale, zero};
+use super::vectors::{SymMat3, V4, add, add_scaled, apply_symmetric, scale, zero};
 use glam::DMat3;
 
 /// A mean of nodes, of which some weights may be negative or 0, and its 3×3 block.
@@ -10,7 +10,7 @@ use glam::DMat3;
 struct Block<T> {
     nodes: [u32; 4],
     weights: [f64; 4],
-    block: Symmetric<T>,
+    block: SymMat3<T>,
 }
 
 impl<T: Real> Block<T> {
@@ -23,16 +23,16 @@ impl<T: Real> Block<T> {
 
 /// The blocks as last linearised.
 #[derive(Clone, Debug)]
-pub(super) struct Blocks<T> {
+pub(super) struct PointBlocks<T> {
     all: Vec<Block<T>>,
     /// Those with a node in each chunk.
     of_chunks: Vec<Vec<u32>>,
 }
 
-impl<T: Real> Blocks<T> {
+impl<T: Real> PointBlocks<T> {
     /// None yet, for so many chunks.
-    pub fn new(chunks: usize) -> Blocks<T> {
-        Blocks {
+    pub fn new(chunks: usize) -> PointBlocks<T> {
+        PointBlocks {
             all: Vec::new(),
             of_chunks: vec![Vec::new(); chunks],
         }
@@ -46,10 +46,10 @@ impl<T: Real> Blocks<T> {
     /// Adds a block, also to the diagonal.
     pub fn push(
         &mut self,
-        plan: &Plan,
+        plan: &Partition,
         (nodes, weights): ([u32; 4], [f64; 4]),
         block: &DMat3,
-        diagonal: &mut [Symmetric<T>],
+        diagonal: &mut [SymMat3<T>],
     ) {
         if *block == DMat3::ZERO {
             return;
@@ -57,11 +57,11 @@ impl<T: Real> Blocks<T> {
         let added = Block {
             nodes,
             weights,
-            block: packed(block),
+            block: pack_symmetric(block),
         };
         let number = self.all.len() as u32;
         for (i, w) in added.corners() {
-            let square = T::of(w * w);
+            let square = T::from_f64(w * w);
             let own = diagonal[i].iter_mut().zip(&added.block);
             own.for_each(|(d, b)| *d += square * *b);
             let chunk = &mut self.of_chunks[plan.chunk_of(i)];
@@ -78,20 +78,20 @@ impl<T: Real> Blocks<T> {
             let own = &self.all[*k as usize];
             let mut sum = zero();
             for (i, w) in own.corners() {
-                sum = add_scaled(sum, T::of(w), p[i]);
+                sum = add_scaled(sum, T::from_f64(w), p[i]);
             }
             let force = apply_symmetric(&own.block, sum);
             for (i, w) in own.corners() {
                 // Nodes before the chunk wrap around and are beyond its end.
                 if let Some(y) = y.get_mut(i.wrapping_sub(first)) {
-                    *y = add(*y, scale(T::of(w), force));
+                    *y = add(*y, scale(T::from_f64(w), force));
                 }
             }
         }
     }
 
     /// Tells the blocks of pairs of nodes.
-    pub fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+    pub fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for own in &self.all {
             let m = unpacked(&own.block);
             for (i, v) in own.corners() {
@@ -103,12 +103,12 @@ impl<T: Real> Blocks<T> {
     }
 }
 
-fn packed<T: Real>(m: &DMat3) -> Symmetric<T> {
+fn pack_symmetric<T: Real>(m: &DMat3) -> SymMat3<T> {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    [x.x, y.y, z.z, x.y, x.z, y.z, 0.0, 0.0].map(T::of)
+    [x.x, y.y, z.z, x.y, x.z, y.z, 0.0, 0.0].map(T::from_f64)
 }
 
-fn unpacked<T: Real>(m: &Symmetric<T>) -> DMat3 {
-    let [a, b, c, d, e, f, ..] = m.map(Real::wide);
+fn unpacked<T: Real>(m: &SymMat3<T>) -> DMat3 {
+    let [a, b, c, d, e, f, ..] = m.map(Real::to_f64);
     DMat3::from_cols_array(&[a, d, e, d, b, f, e, f, c])
 }

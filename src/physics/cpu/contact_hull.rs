@@ -4,35 +4,35 @@
 //! that none lets it through. They keep their places in the faces: what they feel is smooth in the
 //! nodes' places, and so many areas under a pressure.
 
-use super::contact::{Pressing, wide};
-use super::pool::Plan;
+use super::contact::{ToolState, to_dvec};
+use super::pool::Partition;
 use super::real::Real;
 use super::vectors::V4;
 use glam::DVec3;
 
 /// Points of a face's lattice are nearer to each other at rest than this part of a tool's size.
-const FINE: f64 = 0.2;
+const MAX_SPACING_RATIO: f64 = 0.2;
 
 /// The finest lattice has so many points along an edge of a face.
-const FINEST: f64 = 12.0;
+const MAX_SUBDIVISIONS: f64 = 12.0;
 
 /// A point whose nodes are free by less than this has nowhere to go.
-const FREE: f64 = 0.25;
+const MIN_MOBILITY: f64 = 0.25;
 
 /// A point of the boundary and a tool that it may come near to.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sample {
+pub(super) struct ContactPoint {
     nodes: [u32; 3],
     weights: [f64; 3],
     pub tool: u32,
     /// A K: its area by the stiffness of what is behind it.
-    pub weight: f64,
+    pub area_stiffness: f64,
     /// The chunk that counts its energy.
-    pub home: u32,
+    pub owner_chunk: u32,
     chunks: [u32; 3],
 }
 
-impl Sample {
+impl ContactPoint {
     /// Its nodes, with their weights.
     #[inline]
     pub fn corners(&self) -> impl Iterator<Item = (usize, f64)> + use<> {
@@ -60,14 +60,14 @@ impl Sample {
 
 /// A tool, and from how far away points come near that do not move.
 #[derive(Clone, Copy)]
-pub(super) struct Near<'a> {
-    pub tool: &'a Pressing,
+pub(super) struct ToolNeighbourhood<'a> {
+    pub tool: &'a ToolState,
     pub extra: f64,
 }
 
 /// The boundary of a body: local units, the engine's numbers.
 #[derive(Clone, Debug)]
-pub(in crate::physics) struct Hull {
+pub(in crate::physics) struct BoundarySurface {
     /// Rest positions of all nodes of the body.
     pub rest: Vec<DVec3>,
     /// Nodes of the boundary, each with A K.
@@ -77,14 +77,14 @@ pub(in crate::physics) struct Hull {
     /// The mean edge of these.
     pub edge: f64,
     /// Where the nodes were when points were last chosen, and how far they may go from there.
-    known: Vec<DVec3>,
+    reference_positions: Vec<DVec3>,
     pub margin: f64,
 }
 
-impl Hull {
+impl BoundarySurface {
     /// Of `faces`, by the engine's numbers, each of them with the stiffness of what is behind it,
     /// in a body whose nodes rest at `rest`.
-    pub fn new(rest: Vec<DVec3>, faces: &[([u32; 3], f64)]) -> Hull {
+    pub fn new(rest: Vec<DVec3>, faces: &[([u32; 3], f64)]) -> BoundarySurface {
         let mut nodes = std::collections::BTreeMap::new();
         let (mut edges, mut own) = (0.0, Vec::with_capacity(faces.len()));
         for (face, stiffness) in faces {
@@ -96,7 +96,7 @@ impl Hull {
                 *nodes.entry(*v).or_insert(0.0) += area * stiffness / 3.0;
             }
         }
-        Hull {
+        BoundarySurface {
             rest,
             edge: edges / (3.0 * faces.len().max(1) as f64),
             // A node of faces without area is kept out all the same.
@@ -105,55 +105,58 @@ impl Hull {
                 .filter(|(_, weight)| *weight > 0.0)
                 .collect(),
             faces: own,
-            known: Vec::new(),
+            reference_positions: Vec::new(),
             margin: 0.0,
         }
     }
 
     /// Where node `i` is at the displacements `u`.
     #[inline]
-    pub fn place<T: Real>(&self, i: usize, u: &[V4<T>]) -> DVec3 {
-        self.rest[i] + wide(u[i])
+    pub fn position<T: Real>(&self, i: usize, u: &[V4<T>]) -> DVec3 {
+        self.rest[i] + to_dvec(u[i])
     }
 
     /// How far the boundary comes from `p`.
-    pub fn reach<T: Real>(&self, p: DVec3, u: &[V4<T>]) -> f64 {
-        let all = self.nodes.iter().map(|(i, _)| self.place(*i as usize, u));
+    pub fn max_distance_from<T: Real>(&self, p: DVec3, u: &[V4<T>]) -> f64 {
+        let all = self
+            .nodes
+            .iter()
+            .map(|(i, _)| self.position(*i as usize, u));
         all.map(|x| x.distance(p)).fold(0.0, f64::max)
     }
 
     /// The farthest that a node of the boundary is at `u` from where it was when points were last
     /// chosen.
-    pub fn moved<T: Real>(&self, u: &[V4<T>]) -> f64 {
-        let nodes = self.nodes.iter().zip(&self.known);
-        let off = nodes.map(|((i, _), x)| x.distance_squared(self.place(*i as usize, u)));
+    pub fn max_displacement_since<T: Real>(&self, u: &[V4<T>]) -> f64 {
+        let nodes = self.nodes.iter().zip(&self.reference_positions);
+        let off = nodes.map(|((i, _), x)| x.distance_squared(self.position(*i as usize, u)));
         off.fold(0.0, f64::max).sqrt()
     }
 
     /// Chooses the points that may come near to tools while no node moves by more than `margin`:
     /// those that are nearer than that and what tools have in addition. Nodes that are not free do not
     /// feel tools.
-    pub(super) fn choose<T: Real>(
+    pub(super) fn build_candidates<T: Real>(
         &mut self,
-        (u, free, plan): (&[V4<T>], &[T], &Plan),
+        (u, free, plan): (&[V4<T>], &[T], &Partition),
         margin: f64,
-        tools: &[Near<'_>],
-    ) -> Vec<Sample> {
+        tools: &[ToolNeighbourhood<'_>],
+    ) -> Vec<ContactPoint> {
         self.margin = margin;
-        self.known.clear();
+        self.reference_positions.clear();
         let places = self
             .nodes
             .iter()
-            .map(|(i, _)| self.rest[*i as usize] + wide(u[*i as usize]));
-        self.known.extend(places);
+            .map(|(i, _)| self.rest[*i as usize] + to_dvec(u[*i as usize]));
+        self.reference_positions.extend(places);
         let mut samples = Vec::new();
         for (t, near) in tools.iter().enumerate() {
-            let distance = |p: DVec3| near.tool.shape.distance(near.tool.from.inward(p));
-            let (extra, size) = (near.extra, near.tool.shape.size());
-            for ((i, weight), x) in self.nodes.iter().zip(&self.known) {
+            let distance = |p: DVec3| near.tool.shape.distance(near.tool.from.to_local(p));
+            let (extra, size) = (near.extra, near.tool.shape.feature_size());
+            for ((i, weight), x) in self.nodes.iter().zip(&self.reference_positions) {
                 if distance(*x) < margin + extra {
                     let point = ([*i; 3], [1.0, 0.0, 0.0], *weight);
-                    samples.extend(made(point, t, (free, plan)));
+                    samples.extend(contact_point(point, t, (free, plan)));
                 }
             }
             // No face comes nearer to a plane than its nodes.
@@ -163,11 +166,13 @@ impl Hull {
             for (face, weight) in &self.faces {
                 // At rest: points that came with a face's stretch could be inside already.
                 let longest = edges(face.map(|v| self.rest[v as usize]));
-                let parts = (longest / (FINE * size)).ceil().min(FINEST) as usize;
+                let parts = (longest / (MAX_SPACING_RATIO * size))
+                    .ceil()
+                    .min(MAX_SUBDIVISIONS) as usize;
                 if parts < 2 {
                     continue;
                 }
-                let corners = face.map(|v| self.rest[v as usize] + wide(u[v as usize]));
+                let corners = face.map(|v| self.rest[v as usize] + to_dvec(u[v as usize]));
                 let middle = corners.iter().sum::<DVec3>() / 3.0;
                 if distance(middle) >= margin + extra + edges(corners) {
                     continue;
@@ -181,7 +186,7 @@ impl Hull {
                         }
                         let weights = [i, j, k].map(|n| n as f64 / parts as f64);
                         let point = (*face, weights, weight / count);
-                        samples.extend(made(point, t, (free, plan)));
+                        samples.extend(contact_point(point, t, (free, plan)));
                     }
                 }
             }
@@ -196,22 +201,22 @@ fn edges([a, b, c]: [DVec3; 3]) -> f64 {
 }
 
 /// The point of these nodes with these weights, for tool `t`; none where it has nowhere to go.
-fn made<T: Real>(
+fn contact_point<T: Real>(
     (nodes, weights, weight): ([u32; 3], [f64; 3], f64),
     t: usize,
-    (free, plan): (&[T], &Plan),
-) -> Option<Sample> {
+    (free, plan): (&[T], &Partition),
+) -> Option<ContactPoint> {
     let corners = nodes.iter().zip(weights);
     let moves = corners
-        .map(|(i, w)| w * free[*i as usize].wide())
+        .map(|(i, w)| w * free[*i as usize].to_f64())
         .sum::<f64>();
     let chunks = nodes.map(|i| plan.chunk_of(i as usize) as u32);
-    (moves >= FREE).then_some(Sample {
+    (moves >= MIN_MOBILITY).then_some(ContactPoint {
         nodes,
         weights,
         tool: t as u32,
-        weight,
-        home: chunks[0],
+        area_stiffness: weight,
+        owner_chunk: chunks[0],
         chunks,
     })
 }

@@ -1,42 +1,42 @@
 //! The tools on a body that another engine steps, in float64: the form that its kernels are held
 //! against, and what tells the forces on its tools.
 
-use super::contact::{Contact, Pressing, ToolPlace};
-use super::contact_hull::Hull;
-use super::pool::Plan;
-use super::terms::At;
+use super::contact::{LocalToolPose, ToolContact, ToolState};
+use super::contact_hull::BoundarySurface;
+use super::pool::Partition;
+use super::terms::StateRef;
 #[cfg(test)]
-use super::terms::{Share, Term};
+use super::terms::{SystemContribution, Term};
 use super::vectors::V4;
 #[cfg(test)]
-use super::vectors::of_metres;
+use super::vectors::from_metres;
 use crate::physics::Shape;
-use crate::physics::contact::ToolPath;
+use crate::physics::contact::ToolMotion;
 use glam::DVec3;
 
 /// The boundary of a body, and the tools near it; local units, nodes as they are numbered there.
-pub(in crate::physics) struct PlainContact {
-    contact: Contact<f64>,
-    plan: Plan,
+pub(in crate::physics) struct ReferenceToolContact {
+    contact: ToolContact<f64>,
+    plan: Partition,
 }
 
-impl PlainContact {
+impl ReferenceToolContact {
     /// No tools yet; friction holds below a speed.
-    pub fn new(hull: Hull, least_speed: f64) -> PlainContact {
-        let plan = Plan::with(vec![0, hull.rest.len()], 1);
-        PlainContact {
-            contact: Contact::new(hull, &plan, least_speed),
+    pub fn new(hull: BoundarySurface, least_speed: f64) -> ReferenceToolContact {
+        let plan = Partition::with_chunks(vec![0, hull.rest.len()], 1);
+        ReferenceToolContact {
+            contact: ToolContact::new(hull, &plan, least_speed),
             plan,
         }
     }
 
     /// Adds a tool of this friction that pushes from a gap on.
     pub fn add(&mut self, shape: Shape, friction: f64, gap: f64) {
-        let nowhere = ToolPlace {
+        let nowhere = LocalToolPose {
             place: DVec3::ZERO,
             turn: glam::DQuat::IDENTITY,
         };
-        self.contact.tools.push(Pressing {
+        self.contact.tools.push(ToolState {
             shape,
             from: nowhere,
             at: nowhere,
@@ -54,10 +54,10 @@ impl PlainContact {
         &mut self,
         u: &[V4<f64>],
         free: &[f64],
-        paths: &[ToolPath],
+        paths: &[ToolMotion],
         (time, margin): (f64, f64),
     ) {
-        let place = |[place, turn]: [[f64; 4]; 2]| ToolPlace {
+        let place = |[place, turn]: [[f64; 4]; 2]| LocalToolPose {
             place: DVec3::new(place[0], place[1], place[2]),
             turn: glam::DQuat::from_array(turn).normalize(),
         };
@@ -65,7 +65,7 @@ impl PlainContact {
             (tool.from, tool.to) = (place(path.from), place(path.to));
         }
         self.contact.begin(u, (free, &self.plan), (time, margin));
-        self.contact.stage(1.0);
+        self.contact.set_tool_fraction(1.0);
     }
 
     /// The force of the body on each tool, and its moment about the origin of the tool's shape, at the
@@ -74,12 +74,12 @@ impl PlainContact {
         &mut self,
         [u, v]: [&[V4<f64>]; 2],
         free: &[f64],
-        paths: &[ToolPath],
+        paths: &[ToolMotion],
         time: f64,
     ) -> Vec<[DVec3; 2]> {
         self.begin(u, free, paths, (time, 0.0));
-        self.contact.rub(u);
-        self.contact.reactions(At { u, v })
+        self.contact.update_friction(u);
+        self.contact.reactions(StateRef { u, v })
     }
 
     /// Forces on all nodes at the end of tools' paths, and −h² ∂f/∂u − h ∂f/∂v by `way`, after a step
@@ -89,20 +89,21 @@ impl PlainContact {
         &mut self,
         before: &[V4<f64>],
         [u, v]: [&[V4<f64>]; 2],
-        (free, paths): (&[f64], &[ToolPath]),
+        (free, paths): (&[f64], &[ToolMotion]),
         (time, way): (f64, &[V4<f64>]),
     ) -> [Vec<V4<f64>>; 2] {
         self.begin(before, free, paths, (time, 1.0));
-        let mut f = vec![of_metres(DVec3::ZERO, 1.0); u.len()];
-        self.contact.forces(0, At { u, v }, &mut f);
+        let mut f = vec![from_metres(DVec3::ZERO, 1.0); u.len()];
+        self.contact.forces(0, StateRef { u, v }, &mut f);
         let (mut diagonal, mut change) = (vec![[0.0; 8]; u.len()], f.clone());
-        let share = Share {
+        let share = SystemContribution {
             diagonal: &mut diagonal,
-            change: &mut change,
+            stiffness_velocity: &mut change,
         };
-        self.contact.project(true);
-        self.contact.linearise(&self.plan, At { u, v }, time, share);
-        let mut y = vec![of_metres(DVec3::ZERO, 1.0); u.len()];
+        self.contact.set_psd_projection(true);
+        self.contact
+            .linearise(&self.plan, StateRef { u, v }, time, share);
+        let mut y = vec![from_metres(DVec3::ZERO, 1.0); u.len()];
         self.contact.multiply(0, way, &mut y);
         [f, y]
     }
@@ -110,8 +111,14 @@ impl PlainContact {
     /// The part of the way between two displacements on which no point goes too deep into a tool at
     /// the end of its path.
     #[cfg(test)]
-    pub fn way(&mut self, [from, to]: [&[V4<f64>]; 2], free: &[f64], paths: &[ToolPath]) -> f64 {
+    pub fn collision_free_fraction(
+        &mut self,
+        [from, to]: [&[V4<f64>]; 2],
+        free: &[f64],
+        paths: &[ToolMotion],
+    ) -> f64 {
         self.begin(from, free, paths, (1.0, 1.0));
-        self.contact.way(from, to, (free, &self.plan))
+        self.contact
+            .collision_free_fraction(from, to, (free, &self.plan))
     }
 }

@@ -7,54 +7,54 @@
 //! ∂²Ψ/∂σ², and for each pair of axes a twist (Ψ_i + Ψ_j)/(σ_i + σ_j) and a flip
 //! (Ψ_i − Ψ_j)/(σ_i − σ_j).
 
-use super::element_batches::{L3, L33, cross, dot, times, with_unit};
+use super::element_batches::{LaneMat3, LaneVec3, add_identity, cross, dot, times};
 use super::lanes::Lane;
-use crate::physics::Law;
+use crate::physics::ConstitutiveModel;
 
 /// What a twist is divided by, at least: the corotated energy has a ridge where it is zero.
-const RIDGE: f64 = 1e-4;
+const MIN_TWIST_DENOMINATOR: f64 = 1e-4;
 
 /// The parts of F.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Svd<L> {
     /// Columns.
-    pub u: L33<L>,
+    pub u: LaneMat3<L>,
     /// Columns.
-    pub v: L33<L>,
+    pub v: LaneMat3<L>,
     /// Σ.
-    pub sigma: L3<L>,
+    pub sigma: LaneVec3<L>,
     /// Σ − 1.
-    pub stretch: L3<L>,
+    pub stretch: LaneVec3<L>,
 }
 
 /// Second derivatives of the energy by F, times the volume, in the frame of the tet.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Curvature<L> {
-    u: L33<L>,
+pub(super) struct PrincipalHessian<L> {
+    u: LaneMat3<L>,
     /// xx, yy, zz, yz, xz, xy of ∂²Ψ/∂σ².
     a: [L; 6],
     /// How P_ij goes with F_ij, where k is neither i nor j.
-    p: L3<L>,
+    p: LaneVec3<L>,
     /// And with F_ji.
-    q: L3<L>,
+    q: LaneVec3<L>,
 }
 
 /// One of Jacobi's rotations: makes a_pq zero.
 #[inline(always)]
-fn rotate<L: Lane>(a: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
-    let (one, four) = (L::of(1.0), L::of(4.0));
+fn rotate<L: Lane>(a: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize) {
+    let (one, four) = (L::splat(1.0), L::splat(4.0));
     let d = a[q][q] - a[p][p];
     let apq = a[p][q];
-    let reach = d.size() + (d * d + four * apq * apq).root();
-    let t = (apq + apq) / reach.above(L::of(0.0), reach, one);
-    let t = L::of(0.0).above(d, -t, t);
-    let c = one / (t * t + one).root();
+    let reach = d.abs() + (d * d + four * apq * apq).sqrt();
+    let t = (apq + apq) / reach.select_greater(L::splat(0.0), reach, one);
+    let t = L::splat(0.0).select_greater(d, -t, t);
+    let c = one / (t * t + one).sqrt();
     let s = t * c;
     let r = 3 - p - q;
     let (arp, arq) = (a[r][p], a[r][q]);
     a[p][p] = a[p][p] - t * apq;
     a[q][q] = a[q][q] + t * apq;
-    a[p][q] = L::of(0.0);
+    a[p][q] = L::splat(0.0);
     a[q][p] = a[p][q];
     a[r][p] = c * arp - s * arq;
     a[p][r] = a[r][p];
@@ -67,12 +67,12 @@ fn rotate<L: Lane>(a: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
 
 /// Makes a symmetric matrix diagonal; returns its eigenvectors as columns.
 #[inline(always)]
-fn diagonalise<L: Lane>(a: &mut L33<L>) -> L33<L> {
-    let mut v = with_unit(&[[L::of(0.0); 3]; 3]);
+fn diagonalise<L: Lane>(a: &mut LaneMat3<L>) -> LaneMat3<L> {
+    let mut v = add_identity(&[[L::splat(0.0); 3]; 3]);
     for _ in 0..L::SWEEPS {
         let own = a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2];
         let rest = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
-        if !rest.any_above(own * L::of(L::ROUND)) {
+        if !rest.any_above(own * L::splat(L::OFF_DIAGONAL_TOLERANCE)) {
             break;
         }
         rotate(a, &mut v, 0, 1);
@@ -85,16 +85,16 @@ fn diagonalise<L: Lane>(a: &mut L33<L>) -> L33<L> {
 /// Turns two columns of W = F V, and of V, until those of W are across each other (Hestenes'
 /// one-sided rotation), where they are not to the digits there are.
 #[inline(always)]
-fn polish<L: Lane>(w: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
-    let (zero, one) = (L::of(0.0), L::of(1.0));
+fn orthogonalise_columns<L: Lane>(w: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize) {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
     let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
     let d = b - a;
-    let reach = d.size() + (d * d + L::of(4.0) * c * c).root();
-    let t = (c + c) / reach.above(zero, reach, one);
-    let t = zero.above(d, -t, t);
+    let reach = d.abs() + (d * d + L::splat(4.0) * c * c).sqrt();
+    let t = (c + c) / reach.select_greater(zero, reach, one);
+    let t = zero.select_greater(d, -t, t);
     // Squares of small stretches are within the range of f32 as long as these are above 1e-9.
-    let skew = (c * c).above(L::of(L::SKEW) * a * b, t, zero);
-    let cos = one / (skew * skew + one).root();
+    let skew = (c * c).select_greater(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b, t, zero);
+    let cos = one / (skew * skew + one).sqrt();
     let sin = skew * cos;
     for m in [w, v] {
         let (x, y) = (m[p], m[q]);
@@ -106,67 +106,70 @@ fn polish<L: Lane>(w: &mut L33<L>, v: &mut L33<L>, p: usize, q: usize) {
 impl<L: Lane> Svd<L> {
     /// Of F = I + `g`.
     #[inline(always)]
-    pub fn new(g: &L33<L>) -> Svd<L> {
+    pub fn new(g: &LaneMat3<L>) -> Svd<L> {
         // FᵀF − I, in which nothing cancels; its eigenvalues are σ² − 1.
-        let strain: L33<L> =
+        let strain: LaneMat3<L> =
             std::array::from_fn(|j| std::array::from_fn(|i| g[j][i] + g[i][j] + dot(g[i], g[j])));
         let mut v = diagonalise(&mut { strain });
-        let f = with_unit(g);
+        let f = add_identity(g);
         let mut w = v.map(|v| times(&f, v));
         // Of a tet that is nearly a line or a point the strain says too little.
         for _ in 0..3 {
             let skew = |p: usize, q: usize| {
                 let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
-                (c * c).any_above(L::of(L::SKEW) * a * b)
+                (c * c).any_above(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b)
             };
             if !(skew(0, 1) || skew(0, 2) || skew(1, 2)) {
                 break;
             }
             for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-                polish(&mut w, &mut v, p, q);
+                orthogonalise_columns(&mut w, &mut v, p, q);
             }
         }
-        let mut e: L3<L> = std::array::from_fn(|k| dot(v[k], times(&strain, v[k])));
+        let mut e: LaneVec3<L> = std::array::from_fn(|k| dot(v[k], times(&strain, v[k])));
         let mut n = w.map(|w| dot(w, w));
         for (p, q) in [(0, 1), (1, 2), (0, 1)] {
             let (a, b) = (n[p], n[q]);
-            n[p] = b.above(a, b, a);
-            n[q] = b.above(a, a, b);
-            (e[p], e[q]) = (b.above(a, e[q], e[p]), b.above(a, e[p], e[q]));
+            n[p] = b.select_greater(a, b, a);
+            n[q] = b.select_greater(a, a, b);
+            (e[p], e[q]) = (
+                b.select_greater(a, e[q], e[p]),
+                b.select_greater(a, e[p], e[q]),
+            );
             // Turned a quarter, not swapped: V stays a rotation.
             for m in [&mut v, &mut w] {
                 let (x, y) = (m[p], m[q]);
-                m[p] = std::array::from_fn(|i| b.above(a, y[i], x[i]));
-                m[q] = std::array::from_fn(|i| b.above(a, -x[i], y[i]));
+                m[p] = std::array::from_fn(|i| b.select_greater(a, y[i], x[i]));
+                m[q] = std::array::from_fn(|i| b.select_greater(a, -x[i], y[i]));
             }
         }
-        let (zero, one, tiny) = (L::of(0.0), L::of(1.0), L::of(L::TINY));
+        let (zero, one, tiny) = (L::splat(0.0), L::splat(1.0), L::splat(L::TINY));
         let n0 = dot(w[0], w[0]);
-        let point = L::of(1e-30);
-        let over = one / n0.above(point, n0, one).root();
+        let point = L::splat(1e-30);
+        let over = one / n0.select_greater(point, n0, one).sqrt();
         // Of a tet that is a point any frame will do; of one that is a line, any across it.
-        let u0: L3<L> = std::array::from_fn(|i| {
-            n0.above(point, w[0][i] * over, if i == 0 { one } else { zero })
+        let u0: LaneVec3<L> = std::array::from_fn(|i| {
+            n0.select_greater(point, w[0][i] * over, if i == 0 { one } else { zero })
         });
         let d = dot(u0, w[1]);
-        let across: L3<L> = std::array::from_fn(|i| w[1][i] - d * u0[i]);
-        let x = u0[0].size().above(L::of(0.8), zero, one);
+        let across: LaneVec3<L> = std::array::from_fn(|i| w[1][i] - d * u0[i]);
+        let x = u0[0].abs().select_greater(L::splat(0.8), zero, one);
         let any = cross(u0, [x, one - x, zero]);
         let thin = tiny * n0 + point;
         let n1 = dot(across, across);
-        let u1: L3<L> = std::array::from_fn(|i| n1.above(thin, across[i], any[i]));
-        let over = one / dot(u1, u1).root();
+        let u1: LaneVec3<L> = std::array::from_fn(|i| n1.select_greater(thin, across[i], any[i]));
+        let over = one / dot(u1, u1).sqrt();
         let u1 = u1.map(|x| x * over);
         // Where it was nearly a line, rounding left something along u0.
         let d = dot(u0, u1);
-        let u1: L3<L> = std::array::from_fn(|i| u1[i] - d * u0[i]);
-        let over = one / dot(u1, u1).root();
+        let u1: LaneVec3<L> = std::array::from_fn(|i| u1[i] - d * u0[i]);
+        let over = one / dot(u1, u1).sqrt();
         let u1 = u1.map(|x| x * over);
         let u = [u0, u1, cross(u0, u1)];
-        let sigma: L3<L> = std::array::from_fn(|i| dot(u[i], w[i]));
+        let sigma: LaneVec3<L> = std::array::from_fn(|i| dot(u[i], w[i]));
         let stretch = std::array::from_fn(|i| {
             let s = sigma[i];
-            s.above(L::of(0.5), e[i] / (one + s.or_more(zero)), s - one)
+            s.select_greater(L::splat(0.5), e[i] / (one + s.max(zero)), s - one)
         });
         Svd {
             u,
@@ -178,9 +181,9 @@ impl<L: Lane> Svd<L> {
 
     /// U d Vᵀ for a diagonal d, by columns.
     #[inline(always)]
-    pub fn with(&self, d: L3<L>) -> L33<L> {
+    pub fn compose(&self, d: LaneVec3<L>) -> LaneMat3<L> {
         let v = &self.v;
-        let scaled: L33<L> = std::array::from_fn(|k| self.u[k].map(|x| x * d[k]));
+        let scaled: LaneMat3<L> = std::array::from_fn(|k| self.u[k].map(|x| x * d[k]));
         std::array::from_fn(|j| {
             std::array::from_fn(|i| {
                 scaled[0][i] * v[0][j] + scaled[1][i] * v[1][j] + scaled[2][i] * v[2][j]
@@ -193,12 +196,12 @@ impl<L: Lane> Svd<L> {
     #[inline(always)]
     pub fn curvature(
         &self,
-        law: Law,
+        law: ConstitutiveModel,
         [mu, lambda]: [L; 2],
         push: L,
         projected: bool,
-    ) -> Curvature<L> {
-        let (s, one, half, zero) = (self.sigma, L::of(1.0), L::of(0.5), L::of(0.0));
+    ) -> PrincipalHessian<L> {
+        let (s, one, half, zero) = (self.sigma, L::splat(1.0), L::splat(0.5), L::splat(0.0));
         let m = &self.stretch;
         // J − 1 from the stretches.
         let pairs = m[0] * m[1] + m[1] * m[2] + m[2] * m[0];
@@ -206,18 +209,18 @@ impl<L: Lane> Svd<L> {
         let [own, lambda] = super::element_kernels::volume_stress([mu, lambda], growth);
         let pressure = own + push;
         let rest = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
-        let clamp = |x: L| if projected { x.or_more(zero) } else { x };
+        let clamp = |x: L| if projected { x.max(zero) } else { x };
         let across = match law {
-            Law::NeoHookean => pressure - mu,
-            Law::Corotated => pressure,
+            ConstitutiveModel::NeoHookean => pressure - mu,
+            ConstitutiveModel::Corotated => pressure,
         };
         let (mut p, mut q) = ([zero; 3], [zero; 3]);
         for k in 0..3 {
             let (twist, flip) = match law {
-                Law::NeoHookean => (mu + across * s[k], mu - across * s[k]),
-                Law::Corotated => {
+                ConstitutiveModel::NeoHookean => (mu + across * s[k], mu - across * s[k]),
+                ConstitutiveModel::Corotated => {
                     let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-                    let sum = (s[i] + s[j]).or_more(L::of(RIDGE));
+                    let sum = (s[i] + s[j]).max(L::splat(MIN_TWIST_DENOMINATOR));
                     let two = mu + mu;
                     // 2 μ (σ_i + σ_j − 2)/(σ_i + σ_j).
                     (
@@ -231,11 +234,11 @@ impl<L: Lane> Svd<L> {
             q[k] = half * (flip - twist);
         }
         let own = match law {
-            Law::NeoHookean => mu,
-            Law::Corotated => mu + mu,
+            ConstitutiveModel::NeoHookean => mu,
+            ConstitutiveModel::Corotated => mu + mu,
         };
         let j = growth + one;
-        let mut a: L33<L> = std::array::from_fn(|i| {
+        let mut a: LaneMat3<L> = std::array::from_fn(|i| {
             std::array::from_fn(|k| match i == k {
                 true => own + lambda * rest[i] * rest[i],
                 false => s[3 - i - k] * (lambda * j + across),
@@ -243,14 +246,14 @@ impl<L: Lane> Svd<L> {
         });
         if projected {
             let v = diagonalise(&mut a);
-            let e = [a[0][0], a[1][1], a[2][2]].map(|x| x.or_more(zero));
+            let e = [a[0][0], a[1][1], a[2][2]].map(|x| x.max(zero));
             a = std::array::from_fn(|i| {
                 std::array::from_fn(|k| {
                     e[0] * v[0][i] * v[0][k] + e[1] * v[1][i] * v[1][k] + e[2] * v[2][i] * v[2][k]
                 })
             });
         }
-        Curvature {
+        PrincipalHessian {
             u: self.u,
             a: [a[0][0], a[1][1], a[2][2], a[1][2], a[0][2], a[0][1]],
             p,
@@ -259,12 +262,12 @@ impl<L: Lane> Svd<L> {
     }
 }
 
-impl<L: Lane> Curvature<L> {
+impl<L: Lane> PrincipalHessian<L> {
     /// The block between two nodes with the gradients `x` and `y` in the frame of V (Vᵀ g), by
     /// columns.
     #[inline(always)]
-    pub fn block(&self, x: L3<L>, y: L3<L>) -> L33<L> {
-        let m: L33<L> = std::array::from_fn(|k| {
+    pub fn block(&self, x: LaneVec3<L>, y: LaneVec3<L>) -> LaneMat3<L> {
+        let m: LaneMat3<L> = std::array::from_fn(|k| {
             std::array::from_fn(|i| match i == k {
                 true => {
                     let (j, l) = ((i + 1) % 3, (i + 2) % 3);

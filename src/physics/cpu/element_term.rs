@@ -4,26 +4,26 @@
 //! latter are computed by every chunk that has a node of them, so that no chunk writes to
 //! another's nodes.
 
-use super::block_rows::Rows;
-use super::element_batches::Batch;
-use super::element_volumes::{Beyond, Volumes};
+use super::block_rows::BlockCsr;
+use super::element_batches::TetBatch;
+use super::element_volumes::{NodalVolumeTerm, VolumeSources};
 use super::lanes::Lane;
-use super::pool::{Chunks, Nodes, Plan};
+use super::pool::{Chunks, Nodes, Partition};
 use super::real::Real;
-use super::terms::{At, Share, Term};
-use super::vectors::{Columns, V4, scale, sub, total, zero};
-use crate::physics::{Elements, Law, SpringNetwork, Units};
+use super::terms::{StateRef, SystemContribution, Term};
+use super::vectors::{Mat3Columns, V4, scale, sub, sum_f64, zero};
+use crate::physics::{ConstitutiveModel, DiscreteModel, Elements, LocalUnits};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
 /// Tets of a chunk, four at a time.
 #[derive(Clone, Debug, Default)]
 struct List<T: Real> {
-    batches: Vec<Batch<T>>,
+    batches: Vec<TetBatch<T>>,
     /// Where each tet's blocks go, in the order of the pairs of its nodes.
-    places: Vec<[[u32; 6]; 4]>,
+    block_slots: Vec<[[u32; 6]; 4]>,
     /// 1, or 0 for tets whose energy another chunk counts.
-    counted: Vec<V4<T>>,
+    energy_mask: Vec<V4<T>>,
 }
 
 /// The tets of a chunk of nodes.
@@ -31,22 +31,22 @@ struct List<T: Real> {
 struct Chunk<T: Real> {
     first: usize,
     /// All of their nodes are in the chunk.
-    inner: List<T>,
+    interior: List<T>,
     /// Some are.
-    outer: List<T>,
+    shared: List<T>,
     /// Where what is around a node keeps its volume.
-    volumes: Option<Volumes<T>>,
-    rows: Rows<T>,
+    volumes: Option<NodalVolumeTerm<T>>,
+    rows: BlockCsr<T>,
     /// β K of the damping, in the pattern of the rows.
-    damping: Vec<Columns<T>>,
+    damping: Vec<Mat3Columns<T>>,
     /// α m of every node, where there is an α.
-    drag: Vec<T>,
+    mass_damping: Vec<T>,
 }
 
 /// All tets of a body.
 #[derive(Debug)]
-pub struct Tets<T: Real> {
-    law: Law,
+pub struct ElementTerm<T: Real> {
+    law: ConstitutiveModel,
     chunks: Vec<Chunk<T>>,
     /// β, local units.
     damping: T,
@@ -55,8 +55,8 @@ pub struct Tets<T: Real> {
 
 /// What is made of the tets of a chunk when they are linearised.
 #[derive(Clone, Copy)]
-struct How<T> {
-    law: Law,
+struct AssemblyOptions<T> {
+    law: ConstitutiveModel,
     projected: bool,
     /// What the blocks are multiplied by.
     scale: T,
@@ -64,14 +64,14 @@ struct How<T> {
     damping: T,
 }
 
-impl<T: Real> Tets<T> {
+impl<T: Real> ElementTerm<T> {
     /// The elements of `network`, of which node `order[k]` is the engine's k-th, shared out by
     /// `plan`; `implicit` if they are to be linearised.
     pub fn new(
-        network: &SpringNetwork,
-        (order, units, plan): (&[u32], Units, &Plan),
+        network: &DiscreteModel,
+        (order, units, plan): (&[u32], LocalUnits, &Partition),
         implicit: bool,
-    ) -> Tets<T> {
+    ) -> ElementTerm<T> {
         let mut place = vec![0u32; order.len()];
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
@@ -79,7 +79,7 @@ impl<T: Real> Tets<T> {
         let elements = &network.elements;
         let tets = &elements.tets;
         // Nodes ascending, so that blocks above the diagonal are those of the pairs.
-        let mut sorted: Vec<Sorted> = tets
+        let mut sorted: Vec<SortedTet> = tets
             .iter()
             .enumerate()
             .map(|(t, tet)| {
@@ -105,32 +105,32 @@ impl<T: Real> Tets<T> {
             }
         }
         let alpha = network.elements.mass_damping / units.damping();
-        let drag = |v: &u32| T::of(alpha * network.masses[*v as usize]);
+        let drag = |v: &u32| T::from_f64(alpha * network.masses[*v as usize]);
         let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
             let mine = || inner.iter().chain(&outer).map(|t| &t.0.0);
             let rows = match implicit {
-                true => Rows::new(plan.range(c), mine()),
-                false => Rows::default(),
+                true => BlockCsr::new(plan.range(c), mine()),
+                false => BlockCsr::default(),
             };
             let fill = plan.range(c).start as u32;
             let list = |own: &[_]| List::new(own, elements, &units, &rows, fill);
             let volumes = (!cells.cells.is_empty()).then(|| {
-                let beyond = Beyond {
+                let beyond = VolumeSources {
                     elements,
                     units: &units,
                     cells: &cells,
                     place: &place,
                     sorted: &sorted,
                 };
-                Volumes::new(&beyond, plan.range(c), [&inner, &outer], implicit)
+                NodalVolumeTerm::new(&beyond, plan.range(c), [&inner, &outer], implicit)
             });
             Chunk {
                 volumes,
                 first: plan.range(c).start,
-                inner: list(&inner),
-                outer: list(&outer),
+                interior: list(&inner),
+                shared: list(&outer),
                 damping: Vec::new(),
-                drag: order[plan.range(c)]
+                mass_damping: order[plan.range(c)]
                     .iter()
                     .filter(|_| alpha > 0.0)
                     .map(drag)
@@ -138,10 +138,10 @@ impl<T: Real> Tets<T> {
                 rows,
             }
         });
-        let mut tets = Tets {
+        let mut tets = ElementTerm {
             law: network.elements.law,
             chunks: chunks.collect(),
-            damping: T::of(network.damping_time / units.time),
+            damping: T::from_f64(network.damping_time / units.time),
             projected: false,
         };
         if tets.damping > T::ZERO {
@@ -157,32 +157,37 @@ impl<T: Real> Tets<T> {
 }
 
 /// A tet, its nodes ascending, with the places they had.
-pub(super) type Sorted = ([u32; 4], [usize; 4], u32);
+pub(super) type SortedTet = ([u32; 4], [usize; 4], u32);
 
 /// And whether its energy is counted.
-pub(super) type Listed = (Sorted, bool);
+pub(super) type CountedTet = (SortedTet, bool);
 
-impl<T: Real> Batch<T> {
+impl<T: Real> TetBatch<T> {
     /// Up to four of the elements; the rest are at node `fill`.
-    pub fn new(own: &[Listed], elements: &Elements, units: &Units, fill: u32) -> Batch<T> {
+    pub fn new(
+        own: &[CountedTet],
+        elements: &Elements,
+        units: &LocalUnits,
+        fill: u32,
+    ) -> TetBatch<T> {
         let mut nodes = [[fill; 4]; 4];
         let mut gradients = [[[T::ZERO; 4]; 3]; 3];
         let mut lame = [[T::ZERO; 4]; 2];
         for (l, ((sorted, turn, t), _)) in own.iter().enumerate() {
-            let tet = elements.own(&elements.tets[*t as usize]);
+            let tet = elements.without_averaged_lambda(&elements.tets[*t as usize]);
             nodes[l] = *sorted;
             let all = tet.gradients();
             for k in 0..3 {
                 let g: DVec3 = all[turn[k + 1]] * units.length;
                 for (axis, x) in g.to_array().into_iter().enumerate() {
-                    gradients[k][axis][l] = T::of(x);
+                    gradients[k][axis][l] = T::from_f64(x);
                 }
             }
-            for (to, modulus) in lame.iter_mut().zip(tet.lame) {
-                to[l] = T::of(modulus * tet.volume / units.energy());
+            for (to, modulus) in lame.iter_mut().zip(tet.lame_parameters) {
+                to[l] = T::from_f64(modulus * tet.volume / units.energy());
             }
         }
-        Batch {
+        TetBatch {
             nodes,
             gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
             lame: lame.map(|l| T::lanes(&l)),
@@ -192,10 +197,10 @@ impl<T: Real> Batch<T> {
 
 impl<T: Real> List<T> {
     fn new(
-        own: &[Listed],
+        own: &[CountedTet],
         elements: &Elements,
-        units: &Units,
-        rows: &Rows<T>,
+        units: &LocalUnits,
+        rows: &BlockCsr<T>,
         fill: u32,
     ) -> List<T> {
         let mut list = List::default();
@@ -203,24 +208,26 @@ impl<T: Real> List<T> {
             let mut places = [[0; 6]; 4];
             let mut counted = [T::ZERO; 4];
             for (l, ((sorted, ..), counts)) in four.iter().enumerate() {
-                for (place, [a, b]) in places[l].iter_mut().zip(super::element_kernels::PAIRS) {
-                    *place = rows.place(sorted[a], sorted[b]);
+                for (place, [a, b]) in places[l].iter_mut().zip(super::element_kernels::NODE_PAIRS)
+                {
+                    *place = rows.entry_slot(sorted[a], sorted[b]);
                 }
                 counted[l] = T::of_bit(u32::from(*counts));
             }
-            list.batches.push(Batch::new(four, elements, units, fill));
-            list.places.push(places);
-            list.counted.push(counted);
+            list.batches
+                .push(TetBatch::new(four, elements, units, fill));
+            list.block_slots.push(places);
+            list.energy_mask.push(counted);
         }
         list
     }
 
-    fn energy(&self, law: Law, u: &[V4<T>]) -> f64 {
-        let batches = self.batches.iter().zip(&self.counted);
+    fn energy(&self, law: ConstitutiveModel, u: &[V4<T>]) -> f64 {
+        let batches = self.batches.iter().zip(&self.energy_mask);
         batches
             .map(|(batch, counted)| {
                 let energy = batch.energy(law, &batch.gradient(u));
-                total(T::array(energy * T::lanes(counted)))
+                sum_f64(T::array(energy * T::lanes(counted)))
             })
             .sum()
     }
@@ -235,19 +242,19 @@ impl<T: Real> List<T> {
     #[inline(always)]
     fn forces<const INNER: bool, const DAMPED: bool>(
         &self,
-        law: Law,
+        law: ConstitutiveModel,
         (u, v, damping): (&[V4<T>], &[V4<T>], T),
         push: impl Fn(usize) -> [T::Lanes; 2],
         first: usize,
         f: &mut [V4<T>],
     ) -> f64 {
         let mut sum = 0.0;
-        for (n, (batch, counted)) in self.batches.iter().zip(&self.counted).enumerate() {
+        for (n, (batch, counted)) in self.batches.iter().zip(&self.energy_mask).enumerate() {
             let g = batch.gradient(u);
             let push = push(n);
             let (mut stress, energy) = batch.stress(law, &g, push[0]);
             if DAMPED {
-                let change = batch.stress_change(law, &g, &batch.gradient(v), push);
+                let change = batch.stress_differential(law, &g, &batch.gradient(v), push);
                 for (s, c) in stress
                     .as_flattened_mut()
                     .iter_mut()
@@ -257,7 +264,7 @@ impl<T: Real> List<T> {
                 }
             }
             batch.scatter::<INNER>(&stress, first, f);
-            sum += total(T::array(energy * T::lanes(counted)));
+            sum += sum_f64(T::array(energy * T::lanes(counted)));
         }
         sum
     }
@@ -265,12 +272,12 @@ impl<T: Real> List<T> {
     #[inline(always)]
     fn assemble<const INNER: bool>(
         &self,
-        how: How<T>,
+        how: AssemblyOptions<T>,
         u: &[V4<T>],
         push: impl Fn(usize) -> [T::Lanes; 2],
-        rows: &mut Rows<T>,
+        rows: &mut BlockCsr<T>,
     ) {
-        for (k, (batch, places)) in self.batches.iter().zip(&self.places).enumerate() {
+        for (k, (batch, places)) in self.batches.iter().zip(&self.block_slots).enumerate() {
             let g = batch.gradient(u);
             let (law, scale) = ((how.law, how.projected), how.scale.splat());
             batch.blocks(law, &g, push(k)[0], scale, |n, blocks| {
@@ -286,7 +293,7 @@ impl<T: Real> List<T> {
 }
 
 impl<T: Real> Chunk<T> {
-    fn assemble(&mut self, how: How<T>, u: &[V4<T>]) {
+    fn assemble(&mut self, how: AssemblyOptions<T>, u: &[V4<T>]) {
         if how.damping > T::ZERO {
             for (to, from) in self.rows.values.iter_mut().zip(&self.damping) {
                 *to = from.map(|c| scale(how.damping, c));
@@ -294,13 +301,13 @@ impl<T: Real> Chunk<T> {
         } else {
             self.rows.values.fill([zero(); 3]);
         }
-        let (inner, outer, rows) = (&self.inner, &self.outer, &mut self.rows);
+        let (inner, outer, rows) = (&self.interior, &self.shared, &mut self.rows);
         if let Some(volumes) = &mut self.volumes {
             let lists = [&inner.batches[..], &outer.batches];
             {
                 let changes = volumes.changes::<false>(u, u, lists);
-                inner.assemble::<true>(how, u, |n| changes.push(&volumes.inner, n), rows);
-                outer.assemble::<false>(how, u, |n| changes.push(&volumes.outer, n), rows);
+                inner.assemble::<true>(how, u, |n| changes.tet_pressures(&volumes.inner, n), rows);
+                outer.assemble::<false>(how, u, |n| changes.tet_pressures(&volumes.outer, n), rows);
             }
             volumes.linearise(u, lists, how.scale, how.damping);
         } else {
@@ -313,52 +320,52 @@ impl<T: Real> Chunk<T> {
     #[inline(always)]
     fn forces<const DAMPED: bool>(
         &self,
-        law: Law,
+        law: ConstitutiveModel,
         with: (&[V4<T>], &[V4<T>], T),
         f: &mut [V4<T>],
     ) -> f64 {
-        let (inner, outer, first) = (&self.inner, &self.outer, self.first);
+        let (inner, outer, first) = (&self.interior, &self.shared, self.first);
         let Some(volumes) = &self.volumes else {
             return inner.forces::<true, DAMPED>(law, with, nothing, first, f)
                 + outer.forces::<false, DAMPED>(law, with, nothing, first, f);
         };
         let lists = [&inner.batches[..], &outer.batches];
         let changes = volumes.changes::<DAMPED>(with.0, with.1, lists);
-        let push = |n| changes.push(&volumes.inner, n);
+        let push = |n| changes.tet_pressures(&volumes.inner, n);
         let sum = inner.forces::<true, DAMPED>(law, with, push, first, f);
-        let push = |n| changes.push(&volumes.outer, n);
+        let push = |n| changes.tet_pressures(&volumes.outer, n);
         sum + outer.forces::<false, DAMPED>(law, with, push, first, f) + volumes.energy(&changes)
     }
 
-    fn energy(&self, law: Law, u: &[V4<T>]) -> f64 {
+    fn energy(&self, law: ConstitutiveModel, u: &[V4<T>]) -> f64 {
         let shared = self.volumes.as_ref().map_or(0.0, |volumes| {
-            let lists = [&self.inner.batches[..], &self.outer.batches];
+            let lists = [&self.interior.batches[..], &self.shared.batches];
             volumes.energy(&volumes.changes::<false>(u, u, lists))
         });
-        self.inner.energy(law, u) + self.outer.energy(law, u) + shared
+        self.interior.energy(law, u) + self.shared.energy(law, u) + shared
     }
 }
 
 /// No push.
 #[inline(always)]
 fn nothing<L: Lane>(_: usize) -> [L; 2] {
-    [L::of(0.0); 2]
+    [L::splat(0.0); 2]
 }
 
-impl<T: Real> Term<T> for Tets<T> {
-    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
-        let drag = &self.chunks[chunk].drag;
+impl<T: Real> Term<T> for ElementTerm<T> {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let drag = &self.chunks[chunk].mass_damping;
         let velocities = &at.v[self.chunks[chunk].first..];
         for ((f, v), c) in f.iter_mut().zip(velocities).zip(drag) {
             *f = sub(*f, scale(*c, *v));
         }
         if self.damping == T::ZERO {
-            return self.elastic(chunk, at.u, f);
+            return self.elastic_forces(chunk, at.u, f);
         }
         self.chunks[chunk].forces::<true>(self.law, (at.u, at.v, self.damping), f)
     }
 
-    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         self.chunks[chunk].forces::<false>(self.law, (u, u, T::ZERO), f)
     }
 
@@ -368,25 +375,25 @@ impl<T: Real> Term<T> for Tets<T> {
 
     fn inverted(&self, chunk: usize, u: &[V4<T>]) -> bool {
         let chunk = &self.chunks[chunk];
-        chunk.inner.inverted(u) || chunk.outer.inverted(u)
+        chunk.interior.inverted(u) || chunk.shared.inverted(u)
     }
 
-    fn lag(&mut self, plan: &Plan, u: &[V4<T>]) {
+    fn freeze_damping(&mut self, plan: &Partition, u: &[V4<T>]) {
         if self.damping == T::ZERO {
             return;
         }
-        let how = How {
+        let how = AssemblyOptions {
             law: self.law,
             projected: true,
             scale: self.damping,
             damping: T::ZERO,
         };
-        plan.each((Chunks(&mut self.chunks), ()), &|_, _, (chunks, ())| {
+        plan.for_each_chunk((Chunks(&mut self.chunks), ()), &|_, _, (chunks, ())| {
             for chunk in chunks.0 {
                 chunk.assemble(how, u);
                 std::mem::swap(&mut chunk.rows.values, &mut chunk.damping);
                 if let Some(volumes) = &mut chunk.volumes {
-                    volumes.lag();
+                    volumes.freeze_damping();
                 }
             }
             []
@@ -397,29 +404,35 @@ impl<T: Real> Term<T> for Tets<T> {
         self.damping > T::ZERO
     }
 
-    fn resist(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+    fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let chunk = &self.chunks[chunk];
         if chunk.damping.is_empty() {
             return 0.0;
         }
         let shared = chunk.volumes.as_ref();
         let shared = shared.map_or(0.0, |v| v.resist(chunk.first, at.v, f));
-        0.5 * (chunk.rows.resist(&chunk.damping, at.v, f) + shared)
+        0.5 * (chunk.rows.subtract_product(&chunk.damping, at.v, f) + shared)
     }
 
-    fn project(&mut self, projected: bool) {
+    fn set_psd_projection(&mut self, projected: bool) {
         self.projected = projected;
     }
 
-    fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
-        let how = How {
+    fn linearise(
+        &mut self,
+        plan: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
+        let how = AssemblyOptions {
             law: self.law,
             projected: self.projected,
             scale: h * h,
             damping: if self.damping > T::ZERO { h } else { T::ZERO },
         };
         let data = (Chunks(&mut self.chunks), Nodes(share.diagonal));
-        plan.each(data, &|_, _, (chunks, diagonal)| {
+        plan.for_each_chunk(data, &|_, _, (chunks, diagonal)| {
             for chunk in chunks.0 {
                 chunk.assemble(how, at.u);
                 chunk.rows.add_diagonal(diagonal.0);
@@ -444,16 +457,16 @@ impl<T: Real> Term<T> for Tets<T> {
         }
     }
 
-    fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+    fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for chunk in &self.chunks {
-            chunk.rows.pairs(visit);
+            chunk.rows.visit_upper_blocks(visit);
             if let Some(volumes) = &chunk.volumes {
                 volumes.pairs(visit);
             }
         }
     }
 
-    fn pairs_within(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+    fn visit_off_diagonal_in(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         let inside = nodes.end as u32;
         for chunk in &self.chunks {
             chunk.rows.pairs_of(nodes.clone(), &mut |[i, j], m| {

@@ -1,26 +1,29 @@
 //! The finite elements against their plain float64 form, and what steps of them must keep to.
 #![allow(clippy::unwrap_used, clippy::needless_range_loop)]
 
-use super::element_batches::Batch;
-use super::element_kernels::PAIRS;
-use super::element_term::Tets;
+use super::element_batches::TetBatch;
+use super::element_kernels::NODE_PAIRS;
+use super::element_term::ElementTerm;
 use super::lanes::Lane;
-use super::order::Lumps;
-use super::pool::Plan;
+use super::order::Aggregates;
+use super::pool::Partition;
 use super::real::Real;
-use super::terms::{At, Share, Term};
+use super::terms::{StateRef, SystemContribution, Term};
 use super::tests::{noise, some};
-use super::vectors::{V4, apply_symmetric, of_metres};
+use super::vectors::{V4, apply_symmetric, from_metres};
 use crate::mesh::generate;
 use crate::physics::elements::eigen;
-use crate::physics::{Element, Elements, Law, Material, SpringNetwork, Units, VolumeModel};
+use crate::physics::{
+    ConstitutiveModel, DiscreteModel, Element, Elements, LocalUnits, Material,
+    VolumetricFormulation,
+};
 use glam::{DMat3, DVec3};
 
-const LAWS: [Law; 2] = [Law::NeoHookean, Law::Corotated];
+const LAWS: [ConstitutiveModel; 2] = [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated];
 
 /// Tets of some shape and where their corners are: a little off, far off, turned, inverted, nearly
 /// flat, and flat.
-fn cases(law: Law) -> Vec<(Element, [DVec3; 4])> {
+fn cases(law: ConstitutiveModel) -> Vec<(Element, [DVec3; 4])> {
     let mut next = noise(5);
     let mut vector = |size: f64| size * DVec3::new(next(), next(), next());
     let mut all = Vec::new();
@@ -29,7 +32,11 @@ fn cases(law: Law) -> Vec<(Element, [DVec3; 4])> {
         let e = Element::new([0, 1, 2, 3], corners, 1e4, 0.3, law).unwrap();
         let turn = DMat3::from_axis_angle(vector(1.0).normalize(), 3.0 * f64::from(n % 7));
         // Where two stretches are each other's negative the corotated energy has a ridge.
-        let mirrored = if law == Law::Corotated { -0.5 } else { -1.0 };
+        let mirrored = if law == ConstitutiveModel::Corotated {
+            -0.5
+        } else {
+            -1.0
+        };
         let squash = [1.0, 1.0, 0.5, -0.7, 1e-3, -1e-3, 0.0, mirrored][n as usize % 8];
         let shape = DMat3::from_diagonal(DVec3::new(1.0, 1.3, squash));
         let size = [1e-6, 0.01, 0.1, 0.2][n as usize / 16];
@@ -40,28 +47,28 @@ fn cases(law: Law) -> Vec<(Element, [DVec3; 4])> {
 }
 
 /// Four cases as a batch whose rest positions are those of the cases, with displacements.
-fn batch<T: Real>(four: &[(Element, [DVec3; 4])]) -> (Batch<T>, Vec<V4<T>>) {
+fn batch<T: Real>(four: &[(Element, [DVec3; 4])]) -> (TetBatch<T>, Vec<V4<T>>) {
     let mut u = Vec::new();
     let mut gradients = [[[T::ZERO; 4]; 3]; 3];
     let mut lame = [[T::ZERO; 4]; 2];
     for (l, (e, corners)) in four.iter().enumerate() {
         // Rest positions of the tet, but for where it is.
-        let edges = e.inverse.inverse();
+        let edges = e.inverse_rest_shape.inverse();
         for (a, p) in corners.iter().enumerate() {
             let rest = if a > 0 { edges.col(a - 1) } else { DVec3::ZERO };
             let d = *p - corners[0] - rest;
-            u.push([d.x, d.y, d.z, 0.0].map(T::of));
+            u.push([d.x, d.y, d.z, 0.0].map(T::from_f64));
         }
         for k in 0..3 {
             for axis in 0..3 {
-                gradients[k][axis][l] = T::of(e.gradients()[k + 1][axis]);
+                gradients[k][axis][l] = T::from_f64(e.gradients()[k + 1][axis]);
             }
         }
         for k in 0..2 {
-            lame[k][l] = T::of(e.lame[k] * e.volume);
+            lame[k][l] = T::from_f64(e.lame_parameters[k] * e.volume);
         }
     }
-    let batch = Batch {
+    let batch = TetBatch {
         nodes: std::array::from_fn(|l| std::array::from_fn(|a| (4 * l + a) as u32)),
         gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
         lame: lame.map(|x| T::lanes(&x)),
@@ -70,22 +77,26 @@ fn batch<T: Real>(four: &[(Element, [DVec3; 4])]) -> (Batch<T>, Vec<V4<T>>) {
 }
 
 fn vector<T: Real>(a: V4<T>) -> DVec3 {
-    DVec3::new(a[0].wide(), a[1].wide(), a[2].wide())
+    DVec3::new(a[0].to_f64(), a[1].to_f64(), a[2].to_f64())
 }
 
 /// The largest errors of energy, force and exact and projected blocks over their sizes.
-fn errors<T: Real>(law: Law, spoil: impl Fn(&mut Element)) -> [f64; 4] {
+fn errors<T: Real>(law: ConstitutiveModel, spoil: impl Fn(&mut Element)) -> [f64; 4] {
     let mut worst = [0.0f64; 4];
     for four in cases(law).chunks(4) {
         let (batch, u) = batch::<T>(four);
         let g = batch.gradient(&u);
         let energy = T::array(batch.energy(law, &g));
         let mut forces = vec![[T::ZERO; 4]; 16];
-        let (stress, same) = batch.stress(law, &g, T::Lanes::of(0.0));
+        let (stress, same) = batch.stress(law, &g, T::Lanes::splat(0.0));
         batch.scatter::<true>(&stress, 0, &mut forces);
         let mut blocks = [[[DMat3::ZERO; 6]; 4]; 2];
         for (projected, blocks) in blocks.iter_mut().enumerate() {
-            let (with, none, one) = ((law, projected > 0), T::Lanes::of(0.0), T::Lanes::of(1.0));
+            let (with, none, one) = (
+                (law, projected > 0),
+                T::Lanes::splat(0.0),
+                T::Lanes::splat(1.0),
+            );
             batch.blocks(with, &g, none, one, |n, tets| {
                 for (l, [x, y, z]) in tets.into_iter().enumerate() {
                     blocks[l][n] = DMat3::from_cols(vector(x), vector(y), vector(z));
@@ -95,11 +106,11 @@ fn errors<T: Real>(law: Law, spoil: impl Fn(&mut Element)) -> [f64; 4] {
         for (l, (e, corners)) in four.iter().enumerate() {
             let mut e = *e;
             spoil(&mut e);
-            let size = e.volume * e.lame[0];
+            let size = e.volume * e.lame_parameters[0];
             let true_energy = e.energy(law, corners);
-            let error = (energy[l].wide() - true_energy).abs() / true_energy.abs();
+            let error = (energy[l].to_f64() - true_energy).abs() / true_energy.abs();
             worst[0] = worst[0].max(error);
-            assert!((T::array(same)[l].wide() / energy[l].wide() - 1.0).abs() < 1e-3);
+            assert!((T::array(same)[l].to_f64() / energy[l].to_f64() - 1.0).abs() < 1e-3);
             let plain = e.forces(law, corners);
             let scale: f64 = plain.iter().map(|f| f.length()).sum::<f64>();
             for (a, f) in plain.iter().enumerate() {
@@ -112,7 +123,7 @@ fn errors<T: Real>(law: Law, spoil: impl Fn(&mut Element)) -> [f64; 4] {
             ];
             for (k, plain) in plain.iter().enumerate() {
                 let gradient = e.gradients()[1].length();
-                for (n, [a, b]) in PAIRS.iter().enumerate() {
+                for (n, [a, b]) in NODE_PAIRS.iter().enumerate() {
                     let d = blocks[k][l][n] - plain[*a][*b];
                     let error = (0..3).map(|c| d.col(c).length()).fold(0.0, f64::max);
                     worst[2 + k] = worst[2 + k].max(error / (size * gradient * gradient));
@@ -132,7 +143,7 @@ fn kernels_are_the_plain_form() {
         assert!(wide.iter().all(|e| *e < 1e-9), "{wide:?}");
         // Flat tets are where crushed ones resist most steeply.
         assert!(narrow.iter().all(|e| *e < 3e-3), "{narrow:?}");
-        let spoiled = errors::<f64>(law, |e| e.lame[0] *= 1.001);
+        let spoiled = errors::<f64>(law, |e| e.lame_parameters[0] *= 1.001);
         assert!(spoiled.iter().all(|e| *e > 1e-5), "{spoiled:?}");
     }
 }
@@ -141,7 +152,7 @@ fn kernels_are_the_plain_form() {
 fn the_plain_form_is_the_slope_of_its_energy() {
     for law in LAWS {
         for (e, corners) in cases(law) {
-            let size = e.volume * e.lame[0];
+            let size = e.volume * e.lame_parameters[0];
             let gradient = e.gradients()[1].length();
             let (forces, stiffness) = (e.forces(law, &corners), e.stiffness(law, &corners));
             for a in 0..4 {
@@ -218,21 +229,21 @@ fn projected_blocks_lower_no_energy() {
                 e.stiffness(law, corners),
                 e.projected_stiffness(law, corners),
             ];
-            !x[0][1].abs_diff_eq(y[0][1], 1e-6 * e.lame[0])
+            !x[0][1].abs_diff_eq(y[0][1], 1e-6 * e.lame_parameters[0])
         });
         assert!(indefinite.count() > 10);
     }
 }
 
 /// A bar, pulled about, of elements with springs along its edges or none.
-pub fn bar(cells: [usize; 3], law: Law, springs: bool) -> SpringNetwork {
+pub fn bar(cells: [usize; 3], law: ConstitutiveModel, springs: bool) -> DiscreteModel {
     let mesh = generate::bar(cells, DVec3::new(0.8, 0.2, 0.2)).unwrap();
-    let mut network = SpringNetwork::new(&mesh, &Material::young(1e5)).unwrap();
+    let mut network = DiscreteModel::new(&mesh, &Material::from_young(1e5)).unwrap();
     if !springs {
         network.springs.clear();
     }
     network.elements.law = law;
-    let (tets, rest) = (mesh.tets.iter(), &network.rest);
+    let (tets, rest) = (mesh.tets.iter(), &network.rest_positions);
     let element = |t: &[u32; 4]| Element::new(*t, t.map(|v| rest[v as usize]), 1e6, 0.3, law);
     network.elements.tets = tets.map(|t| element(t).unwrap()).collect();
     network
@@ -240,10 +251,10 @@ pub fn bar(cells: [usize; 3], law: Law, springs: bool) -> SpringNetwork {
 
 /// The bar of tets that keep their volumes so, of two materials, one `contrast` times as stiff; a
 /// few tets do not belong.
-fn mixed(law: Law, volume: VolumeModel, contrast: f64) -> SpringNetwork {
+fn mixed(law: ConstitutiveModel, volume: VolumetricFormulation, contrast: f64) -> DiscreteModel {
     let mut network = bar([5, 3, 2], law, false);
     network.elements.volume = volume;
-    let (rest, tets) = (&network.rest, &mut network.elements.tets);
+    let (rest, tets) = (&network.rest_positions, &mut network.elements.tets);
     for e in tets {
         let corners = e.nodes.map(|v| rest[v as usize]);
         let stiff = corners.iter().map(|x| x.x).sum::<f64>() > 0.3;
@@ -263,22 +274,22 @@ fn mixed(law: Law, volume: VolumeModel, contrast: f64) -> SpringNetwork {
 
 #[test]
 fn the_term_is_the_plain_form() {
-    use VolumeModel::{Averaged, PerTet};
+    use VolumetricFormulation::{NodalAveraged, PerTet};
     for (law, volume, contrast) in [
-        (Law::NeoHookean, PerTet, 1.0),
-        (Law::Corotated, PerTet, 1.0),
-        (Law::NeoHookean, Averaged, 1.0),
-        (Law::NeoHookean, Averaged, 1e5),
-        (Law::Corotated, Averaged, 30.0),
+        (ConstitutiveModel::NeoHookean, PerTet, 1.0),
+        (ConstitutiveModel::Corotated, PerTet, 1.0),
+        (ConstitutiveModel::NeoHookean, NodalAveraged, 1.0),
+        (ConstitutiveModel::NeoHookean, NodalAveraged, 1e5),
+        (ConstitutiveModel::Corotated, NodalAveraged, 30.0),
     ] {
         let mut network = mixed(law, volume, contrast);
         network.damping_time = 0.3;
         let elements = &network.elements;
-        let count = network.rest.len();
+        let count = network.rest_positions.len();
         let moved: Vec<DVec3> = some(count, 3, 0.02);
         let p = some(count, 4, 1.0);
         let places: Vec<DVec3> = network
-            .rest
+            .rest_positions
             .iter()
             .zip(&moved)
             .map(|(x, d)| *x + *d)
@@ -308,19 +319,19 @@ fn the_term_is_the_plain_form() {
             of.iter().zip(more).map(|(x, d)| *x + by * *d).collect()
         };
         for chunks in [1, 2, 3] {
-            let lumps = Lumps::new(&network.rest, 12);
-            let plan = Plan::with(lumps.starts, chunks);
-            let units = Units::of(&network);
+            let lumps = Aggregates::new(&network.rest_positions, 12);
+            let plan = Partition::with_chunks(lumps.group_starts, chunks);
+            let units = LocalUnits::from_model(&network);
             let local = |v: &[DVec3], unit: f64| -> Vec<V4<f64>> {
                 let places = lumps.order.iter();
-                places.map(|i| of_metres(v[*i as usize], unit)).collect()
+                places.map(|i| from_metres(v[*i as usize], unit)).collect()
             };
             let (u, q) = (local(&moved, units.length), local(&p, units.length));
-            let mut term = Tets::<f64>::new(&network, (&lumps.order, units, &plan), true);
+            let mut term = ElementTerm::<f64>::new(&network, (&lumps.order, units, &plan), true);
             let mut f = vec![[0.0; 4]; count];
             let sum = |f: &mut [V4<f64>]| -> f64 {
                 (0..chunks)
-                    .map(|c| term.elastic(c, &u, &mut f[plan.range(c)]))
+                    .map(|c| term.elastic_forces(c, &u, &mut f[plan.range(c)]))
                     .sum()
             };
             let same = sum(&mut f) * units.energy();
@@ -337,7 +348,7 @@ fn the_term_is_the_plain_form() {
             // Of explicit schemes the damping is exact, and where the body is.
             let mut f = vec![[0.0; 4]; count];
             let w = local(&p, units.length / units.time);
-            let at = At { u: &u, v: &w };
+            let at = StateRef { u: &u, v: &w };
             for c in 0..chunks {
                 term.forces(c, at, &mut f[plan.range(c)]);
             }
@@ -346,10 +357,10 @@ fn the_term_is_the_plain_form() {
             assert!(far(&f, &damped, units.force()) < 1e-10);
             assert!(far(&f, &forces, units.force()) > 1e-3);
             // Of implicit ones it is projected, and may be from elsewhere.
-            term.lag(&plan, &u);
+            term.freeze_damping(&plan, &u);
             let mut f = vec![[0.0; 4]; count];
             let half_power: f64 = (0..chunks)
-                .map(|c| term.resist(c, at, &mut f[plan.range(c)]))
+                .map(|c| term.damping_forces(c, at, &mut f[plan.range(c)]))
                 .sum();
             let damped = with(
                 -network.damping_time,
@@ -363,14 +374,14 @@ fn the_term_is_the_plain_form() {
             for (projected, product) in products.iter().enumerate() {
                 let mut diagonal = vec![[0.0; 8]; count];
                 let mut change = vec![[0.0; 4]; count];
-                let share = Share {
+                let share = SystemContribution {
                     diagonal: &mut diagonal,
-                    change: &mut change,
+                    stiffness_velocity: &mut change,
                 };
-                term.project(projected > 0);
+                term.set_psd_projection(projected > 0);
                 let h = 0.7;
                 let seconds = h * units.time;
-                term.linearise(&plan, At { u: &u, v: &u }, h, share);
+                term.linearise(&plan, StateRef { u: &u, v: &u }, h, share);
                 let mut y = vec![[0.0; 4]; count];
                 for c in 0..chunks {
                     term.multiply(c, &q, &mut y[plan.range(c)]);
@@ -387,7 +398,7 @@ fn the_term_is_the_plain_form() {
                 let mut z: Vec<V4<f64>> = (0..count)
                     .map(|k| apply_symmetric(&diagonal[k], q[k]))
                     .collect();
-                term.pairs(&mut |[i, j], m| {
+                term.visit_off_diagonal(&mut |[i, j], m| {
                     let (i, j) = (i as usize, j as usize);
                     for (to, d) in [(i, *m * vector(q[j])), (j, m.transpose() * vector(q[i]))] {
                         for (z, d) in z[to].iter_mut().zip(d.to_array()) {
@@ -405,14 +416,17 @@ fn the_term_is_the_plain_form() {
 /// the tets where all are strained alike and at most that anywhere.
 #[test]
 fn averaged_volumes_have_one_energy() {
-    for (law, contrast) in [(Law::NeoHookean, 1e5), (Law::Corotated, 3.0)] {
-        let network = mixed(law, VolumeModel::Averaged, contrast);
+    for (law, contrast) in [
+        (ConstitutiveModel::NeoHookean, 1e5),
+        (ConstitutiveModel::Corotated, 3.0),
+    ] {
+        let network = mixed(law, VolumetricFormulation::NodalAveraged, contrast);
         let per_tet = Elements {
-            volume: VolumeModel::PerTet,
+            volume: VolumetricFormulation::PerTet,
             ..network.elements.clone()
         };
         let elements = &network.elements;
-        let rest = &network.rest;
+        let rest = &network.rest_positions;
         let strain = DMat3::from_cols(
             DVec3::new(1.1, 0.2, 0.0),
             DVec3::new(-0.1, 0.9, 0.3),

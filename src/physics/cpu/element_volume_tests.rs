@@ -5,23 +5,24 @@ use super::body::CpuBody;
 use super::element_tests::bar;
 use super::real::Real;
 use crate::physics::{
-    ConjugateGradients, Element, Law, Newton, SolverKind, SpringNetwork, VolumeModel,
+    CgSettings, ConstitutiveModel, DiscreteModel, Element, NewtonSettings, SolverKind,
+    VolumetricFormulation,
 };
 use glam::DVec3;
 
-const EXACT: Newton = Newton {
+const EXACT: NewtonSettings = NewtonSettings {
     iterations: 40,
     tolerance: 1e-10,
-    linear: 1e-3,
+    linear_tolerance: 1e-3,
 };
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
 /// The bar of ν = 0.49.
-fn soft_bar(cells: [usize; 3], law: Law) -> SpringNetwork {
+fn soft_bar(cells: [usize; 3], law: ConstitutiveModel) -> DiscreteModel {
     let mut network = bar(cells, law, false);
-    network.elements.volume = VolumeModel::Averaged;
-    let rest = &network.rest;
+    network.elements.volume = VolumetricFormulation::NodalAveraged;
+    let rest = &network.rest_positions;
     for e in &mut network.elements.tets {
         let corners = e.nodes.map(|v| rest[v as usize]);
         *e = Element::new(e.nodes, corners, 1e6, 0.49, law).unwrap();
@@ -29,8 +30,8 @@ fn soft_bar(cells: [usize; 3], law: Law) -> SpringNetwork {
     network
 }
 
-fn body<T: Real>(network: &SpringNetwork, chunks: usize, settings: Newton) -> CpuBody<T> {
-    let (kind, cg) = (SolverKind::Implicit, ConjugateGradients::default());
+fn body<T: Real>(network: &DiscreteModel, chunks: usize, settings: NewtonSettings) -> CpuBody<T> {
+    let (kind, cg) = (SolverKind::Implicit, CgSettings::default());
     let mut body = CpuBody::new(network, kind, cg, Some(chunks)).unwrap();
     body.set_newton(settings).unwrap();
     body.set_pinned(&end(network)).unwrap();
@@ -39,14 +40,25 @@ fn body<T: Real>(network: &SpringNetwork, chunks: usize, settings: Newton) -> Cp
 }
 
 /// The nodes of the end at low x.
-fn end(network: &SpringNetwork) -> Vec<bool> {
-    let low = network.rest.iter().map(|p| p.x).fold(f64::MAX, f64::min);
-    network.rest.iter().map(|p| p.x < low + 1e-9).collect()
+fn end(network: &DiscreteModel) -> Vec<bool> {
+    let low = network
+        .rest_positions
+        .iter()
+        .map(|p| p.x)
+        .fold(f64::MAX, f64::min);
+    network
+        .rest_positions
+        .iter()
+        .map(|p| p.x < low + 1e-9)
+        .collect()
 }
 
 #[test]
 fn a_step_solves_its_equation() {
-    for (law, chunks) in [(Law::NeoHookean, 1), (Law::Corotated, 3)] {
+    for (law, chunks) in [
+        (ConstitutiveModel::NeoHookean, 1),
+        (ConstitutiveModel::Corotated, 3),
+    ] {
         let network = soft_bar([5, 3, 2], law);
         let mut body = body::<f64>(&network, chunks, EXACT);
         let h = 0.004;
@@ -70,10 +82,10 @@ fn a_step_solves_its_equation() {
 
 #[test]
 fn f32_and_chunks_step_as_f64_and_one() {
-    let network = soft_bar([12, 3, 3], Law::NeoHookean);
+    let network = soft_bar([12, 3, 3], ConstitutiveModel::NeoHookean);
     let mut truth = body::<f64>(&network, 1, EXACT);
     let mut shared = body::<f64>(&network, 2, EXACT);
-    let mut quick = body::<f32>(&network, 2, Newton::default());
+    let mut quick = body::<f32>(&network, 2, NewtonSettings::default());
     let (mut errors, mut motion) = ([0.0f64; 2], 0.0);
     for _ in 0..40 {
         truth.run(1, 0.01).unwrap();
@@ -84,7 +96,7 @@ fn f32_and_chunks_step_as_f64_and_one() {
             |a: &[DVec3]| -> f64 { a.iter().zip(&x).map(|(a, x)| a.distance_squared(*x)).sum() };
         errors[0] += square(&shared.positions());
         errors[1] += square(&quick.positions());
-        motion += square(&network.rest);
+        motion += square(&network.rest_positions);
     }
     let worst = errors.map(|e| (e / motion).sqrt());
     println!("two chunks {:.1e}, default {:.1e}", worst[0], worst[1]);
@@ -96,21 +108,21 @@ fn f32_and_chunks_step_as_f64_and_one() {
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn wrecks_recover() {
-    for law in [Law::NeoHookean, Law::Corotated] {
+    for law in [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated] {
         let mut network = soft_bar([8, 4, 4], law);
         network.elements.mass_damping = 4.0;
-        let mut settled = body::<f64>(&network, 1, Newton::default());
+        let mut settled = body::<f64>(&network, 1, NewtonSettings::default());
         settled.run(400, 0.01).unwrap();
         let rest = settled.positions();
         for name in ["flat", "mirrored", "stretched"] {
-            let mut body = body::<f32>(&network, 1, Newton::default());
+            let mut body = body::<f32>(&network, 1, NewtonSettings::default());
             let pinned = end(&network);
             let ruin = |p: DVec3| match name {
                 "flat" => p * DVec3::new(1.0, 1.0, 0.0),
                 "mirrored" => p * DVec3::new(1.0, 1.0, -1.0),
                 _ => p * DVec3::new(3.0, 1.0, 1.0),
             };
-            let places = network.rest.iter().zip(&pinned);
+            let places = network.rest_positions.iter().zip(&pinned);
             let wreck: Vec<DVec3> = places
                 .map(|(p, pinned)| if *pinned { *p } else { ruin(*p) })
                 .collect();
@@ -119,7 +131,8 @@ fn wrecks_recover() {
             body.run(400, 0.01).unwrap();
             let x = body.positions();
             let tets = network.elements.tets.iter();
-            let inverted = tets.filter(|e| e.deformation(&e.corners(&x)).determinant() <= 0.0);
+            let inverted =
+                tets.filter(|e| e.deformation_gradient(&e.node_positions(&x)).determinant() <= 0.0);
             let inverted = inverted.count();
             let apart = x.iter().zip(&rest).map(|(a, b)| a.distance(*b));
             let apart = apart.fold(0.0, f64::max);

@@ -8,31 +8,31 @@
 //! A chunk has the cells of all of its tets, and computes them whole: `beyond` are the tets that
 //! it needs for that only.
 
-use super::element_batches::{Batch, L3, cofactor_of_gradient, dot, times};
-use super::element_term::{Listed, Sorted};
+use super::element_batches::{LaneVec3, TetBatch, cofactor_from_gradient, dot, times};
+use super::element_term::{CountedTet, SortedTet};
 use super::lanes::Lane;
 use super::real::Real;
-use super::vectors::{Symmetric, V4, scale, total, zero};
-use crate::physics::element_volume::{Cells, NO_CELL};
-use crate::physics::{Elements, Units};
+use super::vectors::{SymMat3, V4, scale, sum_f64, zero};
+use crate::physics::element_volume::{NO_NODAL_VOLUME, NodalVolumes};
+use crate::physics::{Elements, LocalUnits};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// What the cells of a chunk are made from.
-pub(super) struct Beyond<'a> {
+pub(super) struct VolumeSources<'a> {
     pub elements: &'a Elements,
-    pub units: &'a Units,
-    pub cells: &'a Cells,
+    pub units: &'a LocalUnits,
+    pub cells: &'a NodalVolumes,
     /// The engine's number of each of the network's nodes.
     pub place: &'a [u32],
     /// All tets.
-    pub sorted: &'a [Sorted],
+    pub sorted: &'a [SortedTet],
 }
 
 /// The cells of the tets of a list, four tets at a time.
 #[derive(Clone, Debug)]
-pub(super) struct Corners<T: Real> {
+pub(super) struct TetVolumeLinks<T: Real> {
     /// Of each tet, in the order of its nodes.
     cells: Vec<[[u32; 4]; 4]>,
     /// Λ_t/4.
@@ -43,64 +43,68 @@ pub(super) struct Corners<T: Real> {
 
 /// What the cells of a chunk go through.
 #[derive(Debug, Default)]
-pub(super) struct Changes<T> {
+pub(super) struct VolumeStrains<T> {
     /// θ.
-    growth: Vec<T>,
+    volume_strain: Vec<T>,
     /// And how it changes with the velocities, if that was asked for.
     rate: Vec<T>,
 }
 
 /// The cells of a chunk of nodes.
 #[derive(Debug)]
-pub(super) struct Volumes<T: Real> {
-    pub inner: Corners<T>,
-    pub outer: Corners<T>,
-    beyond: (Vec<Batch<T>>, Corners<T>),
+pub(super) struct NodalVolumeTerm<T: Real> {
+    pub inner: TetVolumeLinks<T>,
+    pub outer: TetVolumeLinks<T>,
+    beyond: (Vec<TetBatch<T>>, TetVolumeLinks<T>),
     /// 1/Λ_a; the last, of tets that have no cells, is 0.
-    over: Vec<T>,
+    inverse_moduli: Vec<T>,
     /// Λ_a, or 0 where another chunk counts the energy.
     counted: Vec<T>,
     /// The nodes of each cell, ascending.
     starts: Vec<u32>,
     columns: Vec<u32>,
     /// √s Λ_a^½ ∂θ_a/∂x, s what the second derivatives are multiplied by; one more at the end.
-    slopes: Vec<V4<T>>,
+    gradients: Vec<V4<T>>,
     /// The same of the damping, if there is any, and what its squares are multiplied by.
-    lagged: Vec<V4<T>>,
+    damping_gradients: Vec<V4<T>>,
     damping: T,
     /// Room; only the chunk's own thread asks for it.
-    changes: Mutex<Changes<T>>,
+    changes: Mutex<VolumeStrains<T>>,
 }
 
-impl<T: Real> Volumes<T> {
+impl<T: Real> NodalVolumeTerm<T> {
     /// The cells of the tets of the chunk `nodes`: `lists` are those of which all nodes are in it,
     /// and those of which some are. `implicit` if they are to be linearised.
     pub fn new(
-        of: &Beyond<'_>,
+        of: &VolumeSources<'_>,
         nodes: Range<usize>,
-        lists: [&[Listed]; 2],
+        lists: [&[CountedTet]; 2],
         implicit: bool,
-    ) -> Volumes<T> {
+    ) -> NodalVolumeTerm<T> {
         // Numbers within the chunk, in the order of their nodes.
         let mut own: Vec<(u32, u32)> = Vec::new();
         let corners = |t: u32| of.cells.of_tet[t as usize];
         let place = |c: u32| of.place[of.cells.cells[c as usize].node as usize];
         for ((.., t), _) in lists.into_iter().flatten() {
-            let known = corners(*t).into_iter().filter(|c| *c != NO_CELL);
+            let known = corners(*t).into_iter().filter(|c| *c != NO_NODAL_VOLUME);
             own.extend(known.map(|c| (place(c), c)));
         }
         own.sort_unstable();
         own.dedup();
-        let mut number = vec![NO_CELL; of.cells.cells.len()];
+        let mut number = vec![NO_NODAL_VOLUME; of.cells.cells.len()];
         for (n, (_, c)) in own.iter().enumerate() {
             number[*c as usize] = n as u32;
         }
-        let is_own = |c: &u32| number.get(*c as usize).is_some_and(|n| *n != NO_CELL);
+        let is_own = |c: &u32| {
+            number
+                .get(*c as usize)
+                .is_some_and(|n| *n != NO_NODAL_VOLUME)
+        };
         let mut listed = vec![false; of.elements.tets.len()];
         for ((.., t), _) in lists.into_iter().flatten() {
             listed[*t as usize] = true;
         }
-        let beyond: Vec<Listed> = of
+        let beyond: Vec<CountedTet> = of
             .sorted
             .iter()
             .filter(|(.., t)| !listed[*t as usize] && corners(*t).iter().any(is_own))
@@ -126,8 +130,8 @@ impl<T: Real> Volumes<T> {
         };
         let (nowhere, spare) = (own.len() as u32, columns.len() as u32);
         let joules = of.units.energy();
-        let corners_of = |list: &[Listed]| {
-            let mut all = Corners {
+        let corners_of = |list: &[CountedTet]| {
+            let mut all = TetVolumeLinks {
                 cells: Vec::new(),
                 shares: Vec::new(),
                 slots: Vec::new(),
@@ -138,8 +142,8 @@ impl<T: Real> Volumes<T> {
                 let mut shares = [T::ZERO; 4];
                 for (l, ((sorted, turn, t), _)) in four.iter().enumerate() {
                     let tet = &of.elements.tets[*t as usize];
-                    let share = 0.25 * tet.volume * of.elements.averaged(tet);
-                    shares[l] = T::of(share / joules);
+                    let share = 0.25 * tet.volume * of.elements.averaged_lambda(tet);
+                    shares[l] = T::from_f64(share / joules);
                     let mine = turn.map(|a| corners(*t)[a]);
                     for a in (0..4).filter(|a| is_own(&mine[*a])) {
                         let n = number[mine[a] as usize];
@@ -156,27 +160,27 @@ impl<T: Real> Volumes<T> {
             all
         };
         let fill = nodes.start as u32;
-        let batch = |four: &[Listed]| Batch::new(four, of.elements, of.units, fill);
+        let batch = |four: &[CountedTet]| TetBatch::new(four, of.elements, of.units, fill);
         let stiffness = |c: u32| of.cells.cells[c as usize].stiffness / joules;
         let counts = |c: u32| nodes.contains(&(place(c) as usize));
-        Volumes {
+        NodalVolumeTerm {
             inner: corners_of(lists[0]),
             outer: corners_of(lists[1]),
-            over: own
+            inverse_moduli: own
                 .iter()
-                .map(|(_, c)| T::of(1.0 / stiffness(*c)))
+                .map(|(_, c)| T::from_f64(1.0 / stiffness(*c)))
                 .chain([T::ZERO])
                 .collect(),
             counted: own
                 .iter()
-                .map(|(_, c)| T::of(if counts(*c) { stiffness(*c) } else { 0.0 }))
+                .map(|(_, c)| T::from_f64(if counts(*c) { stiffness(*c) } else { 0.0 }))
                 .chain([T::ZERO])
                 .collect(),
-            slopes: vec![zero(); if implicit { columns.len() + 1 } else { 0 }],
-            lagged: Vec::new(),
+            gradients: vec![zero(); if implicit { columns.len() + 1 } else { 0 }],
+            damping_gradients: Vec::new(),
             damping: T::ZERO,
-            changes: Mutex::new(Changes {
-                growth: vec![T::ZERO; own.len() + 1],
+            changes: Mutex::new(VolumeStrains {
+                volume_strain: vec![T::ZERO; own.len() + 1],
                 rate: vec![T::ZERO; own.len() + 1],
             }),
             beyond: (beyond.chunks(4).map(batch).collect(), corners_of(&beyond)),
@@ -187,13 +191,13 @@ impl<T: Real> Volumes<T> {
 
     /// Makes room for damping.
     pub fn damp(&mut self) {
-        self.lagged = vec![zero(); self.slopes.len()];
+        self.damping_gradients = vec![zero(); self.gradients.len()];
     }
 
     fn lists<'a>(
         &'a self,
-        [inner, outer]: [&'a [Batch<T>]; 2],
-    ) -> [(&'a [Batch<T>], &'a Corners<T>); 3] {
+        [inner, outer]: [&'a [TetBatch<T>]; 2],
+    ) -> [(&'a [TetBatch<T>], &'a TetVolumeLinks<T>); 3] {
         let (beyond, corners) = &self.beyond;
         [
             (inner, &self.inner),
@@ -207,25 +211,28 @@ impl<T: Real> Volumes<T> {
         &self,
         u: &[V4<T>],
         v: &[V4<T>],
-        lists: [&[Batch<T>]; 2],
-    ) -> MutexGuard<'_, Changes<T>> {
+        lists: [&[TetBatch<T>]; 2],
+    ) -> MutexGuard<'_, VolumeStrains<T>> {
         let mut changes = self.changes.lock().unwrap_or_else(PoisonError::into_inner);
-        let Changes { growth, rate } = &mut *changes;
+        let VolumeStrains {
+            volume_strain: growth,
+            rate,
+        } = &mut *changes;
         growth.fill(T::ZERO);
         rate.fill(T::ZERO);
         for (batches, corners) in self.lists(lists) {
             let all = corners.cells.iter().zip(&corners.shares);
             for (batch, (cells, share)) in batches.iter().zip(all) {
-                let (c, _, more) = cofactor_of_gradient(&batch.gradient(u));
-                add_up(growth, cells, T::array(more * *share));
+                let (c, _, more) = cofactor_from_gradient(&batch.gradient(u));
+                accumulate(growth, cells, T::array(more * *share));
                 if RATES {
                     let d = batch.gradient(v);
                     let more = dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2]);
-                    add_up(rate, cells, T::array(more * *share));
+                    accumulate(rate, cells, T::array(more * *share));
                 }
             }
         }
-        for (k, over) in self.over.iter().enumerate() {
+        for (k, over) in self.inverse_moduli.iter().enumerate() {
             growth[k] = growth[k] * *over;
             rate[k] = rate[k] * *over;
         }
@@ -233,23 +240,23 @@ impl<T: Real> Volumes<T> {
     }
 
     /// The part of their energy that this chunk counts.
-    pub fn energy(&self, changes: &Changes<T>) -> f64 {
-        let each = self.counted.iter().zip(&changes.growth);
-        0.5 * each.map(|(c, j)| (*c * *j * *j).wide()).sum::<f64>()
+    pub fn energy(&self, changes: &VolumeStrains<T>) -> f64 {
+        let each = self.counted.iter().zip(&changes.volume_strain);
+        0.5 * each.map(|(c, j)| (*c * *j * *j).to_f64()).sum::<f64>()
     }
 
     /// Takes note of the slopes at `u`, of second derivatives that are multiplied by `by`, beside
     /// `damping` times those of the damping.
-    pub fn linearise(&mut self, u: &[V4<T>], lists: [&[Batch<T>]; 2], by: T, damping: T) {
-        let mut slopes = std::mem::take(&mut self.slopes);
+    pub fn linearise(&mut self, u: &[V4<T>], lists: [&[TetBatch<T>]; 2], by: T, damping: T) {
+        let mut slopes = std::mem::take(&mut self.gradients);
         slopes.fill(zero());
         for (batches, corners) in self.lists(lists) {
             let all = corners.slots.iter().zip(&corners.shares);
             for (batch, (slots, share)) in batches.iter().zip(all) {
-                let (c, ..) = cofactor_of_gradient(&batch.gradient(u));
+                let (c, ..) = cofactor_from_gradient(&batch.gradient(u));
                 let of_nodes = batch.all_gradients().map(|g| {
-                    let [x, y, z]: L3<T::Lanes> = times(&c, g).map(|x| *share * x);
-                    T::Lanes::transpose([x, y, z, T::Lanes::of(0.0)])
+                    let [x, y, z]: LaneVec3<T::Lanes> = times(&c, g).map(|x| *share * x);
+                    T::Lanes::transpose([x, y, z, T::Lanes::splat(0.0)])
                 });
                 for (l, slots) in slots.iter().enumerate() {
                     for (b, of_node) in of_nodes.iter().enumerate() {
@@ -261,19 +268,24 @@ impl<T: Real> Volumes<T> {
                 }
             }
         }
-        for (n, over) in self.over.iter().enumerate().take(self.starts.len() - 1) {
-            let factor = (by * *over).root();
+        for (n, over) in self
+            .inverse_moduli
+            .iter()
+            .enumerate()
+            .take(self.starts.len() - 1)
+        {
+            let factor = (by * *over).sqrt();
             for slope in &mut slopes[self.starts[n] as usize..self.starts[n + 1] as usize] {
                 *slope = scale(factor, *slope);
             }
         }
-        self.slopes = slopes;
+        self.gradients = slopes;
         self.damping = damping;
     }
 
     /// Makes what was linearised last the damping.
-    pub fn lag(&mut self) {
-        std::mem::swap(&mut self.slopes, &mut self.lagged);
+    pub fn freeze_damping(&mut self) {
+        std::mem::swap(&mut self.gradients, &mut self.damping_gradients);
     }
 
     /// The nodes and slopes of every cell.
@@ -287,12 +299,12 @@ impl<T: Real> Volumes<T> {
     /// What is linearised, with what each part of it is multiplied by.
     fn parts(&self) -> impl Iterator<Item = (&[V4<T>], T)> {
         let damped = self.damping > T::ZERO;
-        let damping = damped.then_some((&self.lagged[..], self.damping));
-        [(&self.slopes[..], T::ONE)].into_iter().chain(damping)
+        let damping = damped.then_some((&self.damping_gradients[..], self.damping));
+        [(&self.gradients[..], T::ONE)].into_iter().chain(damping)
     }
 
     /// Adds the blocks on the diagonal to those of the chunk's nodes, which begin with `first`.
-    pub fn add_diagonal(&self, first: usize, out: &mut [Symmetric<T>]) {
+    pub fn add_diagonal(&self, first: usize, out: &mut [SymMat3<T>]) {
         for (slopes, by) in self.parts() {
             for (columns, slopes) in self.each(slopes) {
                 for (v, s) in columns.iter().zip(slopes) {
@@ -310,7 +322,7 @@ impl<T: Real> Volumes<T> {
     /// Adds the squares times p to the chunk's nodes, which begin with `first`.
     pub fn multiply(&self, first: usize, p: &[V4<T>], y: &mut [V4<T>]) {
         for (slopes, by) in self.parts() {
-            self.square(slopes, p, |along, v, s| {
+            self.apply_rank_one(slopes, p, |along, v, s| {
                 if let Some(y) = y.get_mut((v as usize).wrapping_sub(first)) {
                     *y = T::array(T::lanes(y) + (by * along).splat() * T::lanes(s));
                 }
@@ -322,10 +334,10 @@ impl<T: Real> Volumes<T> {
     /// Returns their part of w times that.
     pub fn resist(&self, first: usize, w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let mut sum = 0.0;
-        self.square(&self.lagged, w, |along, v, s| {
+        self.apply_rank_one(&self.damping_gradients, w, |along, v, s| {
             if let Some(f) = f.get_mut((v as usize).wrapping_sub(first)) {
                 let force = along.splat() * T::lanes(s);
-                sum += total(T::array(force * T::lanes(&w[v as usize])));
+                sum += sum_f64(T::array(force * T::lanes(&w[v as usize])));
                 *f = T::array(T::lanes(f) - force);
             }
         });
@@ -333,7 +345,7 @@ impl<T: Real> Volumes<T> {
     }
 
     #[inline(always)]
-    fn square(&self, slopes: &[V4<T>], p: &[V4<T>], mut take: impl FnMut(T, u32, &V4<T>)) {
+    fn apply_rank_one(&self, slopes: &[V4<T>], p: &[V4<T>], mut take: impl FnMut(T, u32, &V4<T>)) {
         for (columns, slopes) in self.each(slopes) {
             let mut lanes = T::ZERO.splat();
             for (v, s) in columns.iter().zip(slopes) {
@@ -353,9 +365,9 @@ impl<T: Real> Volumes<T> {
                 if self.counted[n] == T::ZERO {
                     continue;
                 }
-                let wide = |s: &V4<T>| DVec3::new(s[0].wide(), s[1].wide(), s[2].wide());
+                let wide = |s: &V4<T>| DVec3::new(s[0].to_f64(), s[1].to_f64(), s[2].to_f64());
                 for (i, a) in columns.iter().zip(slopes) {
-                    let left = wide(a) * by.wide();
+                    let left = wide(a) * by.to_f64();
                     for (j, b) in columns.iter().zip(slopes).filter(|(j, _)| *j > i) {
                         let b = wide(b);
                         visit(
@@ -369,12 +381,12 @@ impl<T: Real> Volumes<T> {
     }
 }
 
-impl<T: Real> Changes<T> {
+impl<T: Real> VolumeStrains<T> {
     /// What presses in the tets of a batch, times their volume, and how that changes.
     #[inline(always)]
-    pub fn push(&self, corners: &Corners<T>, batch: usize) -> [T::Lanes; 2] {
+    pub fn tet_pressures(&self, corners: &TetVolumeLinks<T>, batch: usize) -> [T::Lanes; 2] {
         let share = corners.shares[batch];
-        [&self.growth, &self.rate].map(|of| {
+        [&self.volume_strain, &self.rate].map(|of| {
             let sums = corners.cells[batch].map(|cells| {
                 let [a, b, c, d] = cells.map(|c| of[c as usize]);
                 (a + b) + (c + d)
@@ -385,7 +397,7 @@ impl<T: Real> Changes<T> {
 }
 
 #[inline(always)]
-fn add_up<T: Real>(to: &mut [T], cells: &[[u32; 4]; 4], of_tets: [T; 4]) {
+fn accumulate<T: Real>(to: &mut [T], cells: &[[u32; 4]; 4], of_tets: [T; 4]) {
     for (cells, more) in cells.iter().zip(of_tets) {
         for c in cells {
             to[*c as usize] += more;

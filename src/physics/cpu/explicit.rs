@@ -1,14 +1,14 @@
 //! The explicit schemes: each proposes where the nodes go, from their state and the forces there.
 //! The twins of `plain::steppers`.
 
-use super::pool::{Nodes, Plan};
+use super::pool::{Nodes, Partition};
 use super::real::Real;
 use super::vectors::{V4, add_scaled};
 use crate::physics::SolverKind;
 
 /// A state and the forces in it, in local units.
 #[derive(Clone, Copy, Debug)]
-pub struct From<'a, T> {
+pub struct ExplicitInput<'a, T> {
     /// Displacements.
     pub u: &'a [V4<T>],
     /// Velocities.
@@ -24,15 +24,15 @@ pub struct From<'a, T> {
 ///
 /// `kick` is what Verlet's velocity (x − x₋₁)/h, half a step old, is advanced by: h, or the mean
 /// of two steps' lengths where they differ, which for a first step is ½h.
-pub fn propose<T: Real>(
-    plan: &Plan,
+pub fn explicit_update<T: Real>(
+    plan: &Partition,
     kind: SolverKind,
     [h, kick]: [T; 2],
-    from: From<'_, T>,
+    from: ExplicitInput<'_, T>,
     next: (&mut [V4<T>], &mut [V4<T>]),
 ) {
-    plan.each((Nodes(next.0), Nodes(next.1)), &|_, nodes, (x, w)| {
-        let from = From {
+    plan.for_each_chunk((Nodes(next.0), Nodes(next.1)), &|_, nodes, (x, w)| {
+        let from = ExplicitInput {
             u: &from.u[nodes.clone()],
             v: &from.v[nodes.clone()],
             f: &from.f[nodes.clone()],
@@ -61,7 +61,7 @@ pub fn propose<T: Real>(
 
 #[inline(always)]
 fn each<T: Real>(
-    from: From<'_, T>,
+    from: ExplicitInput<'_, T>,
     x: &mut [V4<T>],
     w: &mut [V4<T>],
     advance: impl Fn(V4<T>, V4<T>, V4<T>) -> (V4<T>, V4<T>),
@@ -74,7 +74,12 @@ fn each<T: Real>(
 }
 
 /// The end of a step of velocity Verlet: v' = v + ½h (a + a').
-pub fn finish_velocity_verlet<T: Real>(h: T, before: From<'_, T>, f: &[V4<T>], v: &mut [V4<T>]) {
+pub fn finish_velocity_verlet<T: Real>(
+    h: T,
+    before: ExplicitInput<'_, T>,
+    f: &[V4<T>],
+    v: &mut [V4<T>],
+) {
     let half = T::HALF * h;
     let forces = before.f.iter().zip(f).zip(before.inverse);
     for ((out, v), ((a, b), m)) in v.iter_mut().zip(before.v).zip(forces) {

@@ -1,16 +1,16 @@
 //! A grid body as a simulator, stepped on the CPU.
 
-use super::guard::Failure;
-use super::sending::{all_loads, send_loads};
+use super::guard::StepFailure;
+use super::sending::{full_load_update, send_loads};
 use super::stepped::{GridParticles, Precision};
-use super::worker::{Errand, Refusal, Span, Worker};
+use super::worker::{StepClock, Worker, WorkerCommand, WorkerError};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::{Blade, NO_NORMAL, TetMesh, Topology, pack_normal};
-use crate::physics::grid::{GridModel, drop_tets};
+use crate::physics::grid::{GridModel, retain_tets};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
-    ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
-    SimulatorState, SolverKind, TopologyChange, Waker,
+    CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, Report, Simulator,
+    SimulatorState, SolverKind, StepCallback, StepProgress, TopologyChange,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -24,17 +24,17 @@ pub struct CpuGrid {
     model: GridModel,
     loads: Loads,
     /// The loads that the worker has.
-    sent: Option<LoadVersions>,
+    synced_loads: Option<LoadVersions>,
     precision: Precision,
     worker: Worker<dyn GridParticles>,
-    nodes: Nodes,
+    nodes: NodePositions,
     /// The positions that were uploaded.
-    shown: u64,
+    uploaded_version: u64,
     /// The packed normals of the particles, once somebody asked for them.
     normals: Option<Array>,
     /// Counts changes of state and shape from outside.
     changes: u64,
-    progress: Progress,
+    progress: StepProgress,
 }
 
 /// The state of a [`CpuGrid`].
@@ -45,8 +45,8 @@ pub struct CpuGridState {
     loads: LoadsState,
     sent: Option<LoadVersions>,
     changes: u64,
-    progress: Progress,
-    span: Span,
+    progress: StepProgress,
+    span: StepClock,
     /// In how many parts the nodes are shared out among threads: sums depend on it.
     parts: usize,
 }
@@ -64,7 +64,7 @@ impl CpuGrid {
         precision: Precision,
     ) -> Result<CpuGrid> {
         model.check_mesh(&mesh)?;
-        let nodes = Nodes::new(gpu, &mesh)?;
+        let nodes = NodePositions::new(gpu, &mesh)?;
         Ok(CpuGrid {
             gpu: gpu.clone(),
             topology: Topology::new(&mesh),
@@ -73,28 +73,28 @@ impl CpuGrid {
             worker: Worker::new(precision.grid(&model, None)),
             mesh,
             model,
-            sent: None,
+            synced_loads: None,
             nodes,
-            shown: 0,
+            uploaded_version: 0,
             normals: None,
             changes: 0,
-            progress: Progress::default(),
+            progress: StepProgress::default(),
         })
     }
 
-    fn error(&mut self, refusal: Refusal) -> Error {
+    fn error(&mut self, refusal: WorkerError) -> Error {
         match refusal {
-            Refusal::Wrong(error) => {
+            WorkerError::Wrong(error) => {
                 // Loads that were refused are sent again.
-                self.sent = None;
+                self.synced_loads = None;
                 error
             }
-            Refusal::Failed(Failure::BadStep { h }, ..) => Error::Input(format!(
+            WorkerError::Failed(StepFailure::BadStep { h }, ..) => Error::Input(format!(
                 "a time step of {h} s makes no sense; give a positive number of seconds"
             )),
-            Refusal::Failed(_, dt, progress) => {
+            WorkerError::Failed(_, dt, progress) => {
                 self.progress = progress;
-                let stable = self.model.stable_step();
+                let stable = self.model.conservative_step();
                 Error::Solver {
                     solver: "verlet on the grid",
                     step: progress.steps + 1,
@@ -131,11 +131,11 @@ impl CpuGrid {
     }
 
     /// Uploads the positions that were put out last, if they are new.
-    fn upload(&mut self) -> Result<()> {
-        let Some((version, positions)) = self.worker.published(self.shown) else {
+    fn upload_published(&mut self) -> Result<()> {
+        let Some((version, positions)) = self.worker.published(self.uploaded_version) else {
             return Ok(());
         };
-        self.shown = version;
+        self.uploaded_version = version;
         let places = self.places(&positions);
         self.nodes.set_positions(&places)?;
         match &self.normals {
@@ -148,7 +148,7 @@ impl CpuGrid {
     }
 
     /// Makes the particles anew in so many parts, where they are not; their state is to be set.
-    fn share_out(&mut self, parts: usize) -> Result<()> {
+    fn repartition(&mut self, parts: usize) -> Result<()> {
         let mut body = self.worker.body();
         if body.parts() != parts {
             *body = self.precision.grid(&self.model, Some(parts));
@@ -157,13 +157,13 @@ impl CpuGrid {
     }
 
     /// Uploads the positions of now.
-    fn show(&mut self) -> Result<()> {
+    fn upload_now(&mut self) -> Result<()> {
         self.worker.publish();
-        self.upload()
+        self.upload_published()
     }
 
     /// Puts the particles at positions with velocities, in file units.
-    fn put(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+    fn set_particles(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let frame = self.nodes.frame();
         self.nodes
             .check("positions", positions, |p| frame.to_local(p))?;
@@ -172,7 +172,7 @@ impl CpuGrid {
         let speeds: Vec<DVec3> = velocities.iter().map(|v| *v * unit).collect();
         self.worker.body().set_state(&metres, &speeds)?;
         self.changes += 1;
-        self.show()
+        self.upload_now()
     }
 }
 
@@ -205,11 +205,11 @@ impl Simulator for CpuGrid {
         &self.model.masses
     }
 
-    fn springs(&self) -> Vec<[u32; 2]> {
-        self.model.ties()
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+        self.model.spring_pairs()
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, _: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, _: CgSettings) -> Result<()> {
         match kind {
             SolverKind::Verlet => Ok(()),
             kind => Err(Error::Input(format!(
@@ -219,7 +219,7 @@ impl Simulator for CpuGrid {
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
-        Some(self.model.stable_step())
+        Some(self.model.conservative_step())
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
@@ -228,18 +228,18 @@ impl Simulator for CpuGrid {
                 "a time step of {dt} s makes no sense; give a positive number of seconds"
             )));
         }
-        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
         match steps {
             0 => Ok(()),
-            steps => self.worker.ask(Errand::Steps(steps, dt)),
+            steps => self.worker.enqueue(WorkerCommand::Steps(steps, dt)),
         }
     }
 
-    fn set_waker(&mut self, waker: Waker) {
+    fn set_waker(&mut self, waker: StepCallback) {
         self.worker.set_waker(waker);
     }
 
-    fn progress(&mut self) -> Result<Progress> {
+    fn progress(&mut self) -> Result<StepProgress> {
         self.progress = match self.worker.progress() {
             Ok(progress) => progress,
             Err(refusal) => return Err(self.error(refusal)),
@@ -247,7 +247,7 @@ impl Simulator for CpuGrid {
         Ok(self.progress)
     }
 
-    fn finish(&mut self) -> Result<Progress> {
+    fn finish(&mut self) -> Result<StepProgress> {
         self.progress = match self.worker.finish() {
             Ok(progress) => progress,
             Err(refusal) => return Err(self.error(refusal)),
@@ -257,18 +257,18 @@ impl Simulator for CpuGrid {
 
     fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
         self.run(steps, dt)?;
-        self.publish(work)
+        self.update_nodes(work)
     }
 
     fn iterations(&self) -> Result<Vec<u32>> {
         Ok(Vec::new())
     }
 
-    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
-        self.upload()
+    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
+        self.upload_published()
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
@@ -300,12 +300,12 @@ impl Simulator for CpuGrid {
     }
 
     fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
-        self.put(positions, &vec![DVec3::ZERO; positions.len()])
+        self.set_particles(positions, &vec![DVec3::ZERO; positions.len()])
     }
 
     fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
         let positions = self.positions()?;
-        self.put(&positions, velocities)
+        self.set_particles(&positions, velocities)
     }
 
     fn loads(&self) -> &Loads {
@@ -316,7 +316,7 @@ impl Simulator for CpuGrid {
         &mut self.loads
     }
 
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         let positions = self.positions()?;
         let masses = &self.model.masses;
         let there = |i: usize| masses[i] > 0.0;
@@ -325,16 +325,16 @@ impl Simulator for CpuGrid {
 
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
         self.finish()?;
-        let crossed = self.model.crossed(blade, &self.positions()?);
+        let crossed = self.model.springs_crossing(blade, &self.positions()?);
         if crossed.is_empty() {
             return Ok(TopologyChange::default());
         }
         let left = self.model.erase(&crossed)?;
         self.worker.body().set_springs(&self.model.springs)?;
         self.changes += 1;
-        self.show()?;
+        self.upload_now()?;
         Ok(TopologyChange {
-            mesh: drop_tets(&mut self.mesh, &mut self.topology, &left.tets),
+            mesh: retain_tets(&mut self.mesh, &mut self.topology, &left.tets),
             springs: crossed.len(),
         })
     }
@@ -342,10 +342,10 @@ impl Simulator for CpuGrid {
     fn report(&self) -> Result<Report> {
         let (positions, velocities) = (self.positions()?, self.velocities()?);
         let energy = self.model.energy(&positions, &velocities);
-        Ok(Report::of_positions(energy, &self.mesh, &positions))
+        Ok(Report::from_positions(energy, &self.mesh, &positions))
     }
 
-    fn speed(&self) -> f64 {
+    fn rms_speed(&self) -> f64 {
         if self.progress.steps == 0 {
             return f64::INFINITY;
         }
@@ -354,19 +354,19 @@ impl Simulator for CpuGrid {
         speed / (self.model.frame.scale * self.model.length_unit)
     }
 
-    fn touched(&self) -> u64 {
+    fn change_count(&self) -> u64 {
         self.changes + self.loads.version()
     }
 
     fn state(&self) -> Result<SimulatorState> {
         let (particles, parts) = {
             let body = self.worker.body();
-            (body.packed()?, body.parts())
+            (body.serialise_state()?, body.parts())
         };
         Ok(SimulatorState::CpuGrid(Box::new(CpuGridState {
             particles,
             loads: self.loads.state(),
-            sent: self.sent,
+            sent: self.synced_loads,
             changes: self.changes,
             progress: self.progress,
             span: self.worker.span(),
@@ -380,33 +380,33 @@ impl Simulator for CpuGrid {
                 "the state of another kind of body, or of another engine".into(),
             ));
         };
-        self.worker.rest();
+        self.worker.cancel_pending();
         self.loads.set_state(&state.loads)?;
-        self.share_out(state.parts)?;
+        self.repartition(state.parts)?;
         {
             let mut body = self.worker.body();
-            body.take_over(all_loads(&self.loads))?;
+            body.apply_loads(full_load_update(&self.loads))?;
             body.resume(&state.particles)?;
         }
-        self.sent = state.sent;
+        self.synced_loads = state.sent;
         self.changes = state.changes;
         self.progress = state.progress;
         self.worker.set_progress(state.progress, state.span);
-        self.show()
+        self.upload_now()
     }
 
-    fn pose(&self) -> Result<Pose> {
+    fn pose(&self) -> Result<ExactPositions> {
         let positions = self.worker.body().positions();
-        Ok(Pose {
-            exact: positions.iter().map(|x| x.to_array()).collect(),
-            ..Pose::default()
+        Ok(ExactPositions {
+            displacements: positions.iter().map(|x| x.to_array()).collect(),
+            ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
-        let metres: Vec<DVec3> = pose.exact.iter().map(|x| DVec3::from(*x)).collect();
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+        let metres: Vec<DVec3> = pose.displacements.iter().map(|x| DVec3::from(*x)).collect();
         let still = vec![DVec3::ZERO; metres.len()];
         self.worker.body().set_state(&metres, &still)?;
-        self.show()
+        self.upload_now()
     }
 }

@@ -1,7 +1,7 @@
 //! When a step is refused, and what is noted of one that is not. The twin of
 //! `shaders/physics/check.wgsl`.
 
-use crate::physics::guard::CROWDED;
+use crate::physics::guard::TOOLS_OVERCONSTRAINED_MESSAGE;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -15,7 +15,7 @@ pub const ENERGY_FLOOR: f64 = 1e-9;
 
 /// Why a step was refused. The body stands as it stood before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Failure {
+pub enum StepFailure {
     /// A step length that is not positive, or nothing in the body's own time.
     BadStep {
         /// It, in seconds.
@@ -31,7 +31,7 @@ pub enum Failure {
         work: f64,
     },
     /// Particles of a grid flew farther apart than any load would take them.
-    FlewApart,
+    Diverged,
     /// Conjugate gradients ended above the residual that is acceptable.
     NotConverged {
         /// Iterations there were.
@@ -40,31 +40,31 @@ pub enum Failure {
         residual: f64,
     },
     /// Tools press so hard that points of the boundary stayed inside them.
-    Pierced,
+    ToolPenetration,
     /// Parts of the body press so hard on each other that they would go through.
-    Blocked,
+    SelfContactBlocked,
 }
 
-impl fmt::Display for Failure {
+impl fmt::Display for StepFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Failure::BadStep { h } => write!(
+            StepFailure::BadStep { h } => write!(
                 f,
                 "a time step of {h} s makes no sense for this body; give a positive number of seconds"
             ),
-            Failure::NonFinite => {
+            StepFailure::NonFinite => {
                 f.write_str("a position, velocity or force is no longer a finite number")
             }
-            Failure::RunawayEnergy { baseline, work } => write!(
+            StepFailure::RunawayEnergy { baseline, work } => write!(
                 f,
                 "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
             ),
-            Failure::FlewApart => f.write_str("particles flew apart"),
-            Failure::Pierced => f.write_str(CROWDED),
-            Failure::Blocked => f.write_str(
+            StepFailure::Diverged => f.write_str("particles flew apart"),
+            StepFailure::ToolPenetration => f.write_str(TOOLS_OVERCONSTRAINED_MESSAGE),
+            StepFailure::SelfContactBlocked => f.write_str(
                 "parts of the body are pressed so hard against each other that they would go through; leave them more room, or move what is moved less far or more slowly",
             ),
-            Failure::NotConverged {
+            StepFailure::NotConverged {
                 iterations,
                 residual,
             } => write!(
@@ -77,7 +77,7 @@ impl fmt::Display for Failure {
 
 /// What is added up over a state, in local units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Sums {
+pub struct StepTotals {
     /// Energy of motion.
     pub kinetic: f64,
     /// Energy of the terms.
@@ -85,28 +85,28 @@ pub struct Sums {
     /// Power of gravity, forces and springs to targets.
     pub power: f64,
     /// Zero, or not a number where anything is not finite.
-    pub bad: f64,
+    pub non_finite: f64,
 }
 
 /// What the rule against runaways remembers, in local units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Guard {
+pub struct EnergyGuard {
     /// Energy at the start.
     pub baseline: f64,
     /// |Work| done since.
     pub work: f64,
     /// Sums of the last sound state.
-    pub last: Sums,
+    pub last: StepTotals,
 }
 
-impl Guard {
+impl EnergyGuard {
     /// Takes the energy of a state that was put there from outside for the start.
     ///
     /// # Errors
-    /// [`Failure::NonFinite`].
-    pub fn restart(&mut self, sums: Sums) -> Result<(), Failure> {
+    /// [`StepFailure::NonFinite`].
+    pub fn restart(&mut self, sums: StepTotals) -> Result<(), StepFailure> {
         finite(sums)?;
-        *self = Guard {
+        *self = EnergyGuard {
             baseline: sums.kinetic + sums.elastic,
             work: 0.0,
             last: sums,
@@ -117,8 +117,8 @@ impl Guard {
     /// Takes note of a state that no energy is judged of.
     ///
     /// # Errors
-    /// [`Failure::NonFinite`].
-    pub fn note(&mut self, sums: Sums) -> Result<(), Failure> {
+    /// [`StepFailure::NonFinite`].
+    pub fn check_finite(&mut self, sums: StepTotals) -> Result<(), StepFailure> {
         finite(sums)?;
         self.last = sums;
         Ok(())
@@ -128,14 +128,20 @@ impl Guard {
     /// `joules` in one of energy.
     ///
     /// # Errors
-    /// [`Failure::NonFinite`], [`Failure::RunawayEnergy`].
-    pub fn judge(&mut self, sums: Sums, h: f64, nodes: usize, joules: f64) -> Result<(), Failure> {
+    /// [`StepFailure::NonFinite`], [`StepFailure::RunawayEnergy`].
+    pub fn check_step(
+        &mut self,
+        sums: StepTotals,
+        h: f64,
+        nodes: usize,
+        joules: f64,
+    ) -> Result<(), StepFailure> {
         finite(sums)?;
         let work = (sums.power * h).abs();
         let floor = ENERGY_FLOOR * nodes as f64;
         let allowed = self.baseline + self.work + work + floor;
         if sums.kinetic + sums.elastic > ENERGY_FACTOR * allowed {
-            return Err(Failure::RunawayEnergy {
+            return Err(StepFailure::RunawayEnergy {
                 baseline: self.baseline * joules,
                 work: self.work * joules,
             });
@@ -146,10 +152,10 @@ impl Guard {
     }
 }
 
-fn finite(sums: Sums) -> Result<(), Failure> {
-    let all = sums.kinetic + sums.elastic + sums.power + sums.bad;
+fn finite(sums: StepTotals) -> Result<(), StepFailure> {
+    let all = sums.kinetic + sums.elastic + sums.power + sums.non_finite;
     match all.is_finite() {
         true => Ok(()),
-        false => Err(Failure::NonFinite),
+        false => Err(StepFailure::NonFinite),
     }
 }

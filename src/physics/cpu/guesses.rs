@@ -1,83 +1,95 @@
 //! Where Newton may start.
 
-use super::implicit::Scene;
-use super::newton::Outside;
+use super::implicit::StepContext;
+use super::newton::StepInput;
 use super::pool::Nodes;
 use super::real::Real;
 use super::rigid::RigidBodies;
 use super::rigid_pose::narrow;
-use super::rules::Form;
+use super::rules::StepCoefficients;
 use super::vectors::{V4, add, add_scaled, scale, sub, zero};
 
 /// A displacement to start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Guess {
+pub enum InitialGuess {
     /// The velocity changes as it did in the last step.
-    Curved,
+    ConstantAcceleration,
     /// It does not.
-    Straight,
+    ConstantVelocity,
     /// Nothing but what acts from outside: δ̂.
-    Inert,
+    InertialTarget,
     /// Nothing moves.
-    Still,
+    AtRest,
 }
 
-impl Guess {
+impl InitialGuess {
     /// All of them; those that are the best most often come first.
-    pub const ALL: [Guess; 4] = [Guess::Curved, Guess::Straight, Guess::Inert, Guess::Still];
+    pub const ALL: [InitialGuess; 4] = [
+        InitialGuess::ConstantAcceleration,
+        InitialGuess::ConstantVelocity,
+        InitialGuess::InertialTarget,
+        InitialGuess::AtRest,
+    ];
 }
 
 /// The guesses of a step, and what inertia pulls to.
 #[derive(Clone, Debug)]
-pub struct Guesses<T> {
+pub struct InitialGuesses<T> {
     /// δ̂.
-    goal: Vec<V4<T>>,
+    inertial_target: Vec<V4<T>>,
     /// b.
-    base: Vec<V4<T>>,
-    /// Of [`Guess::Curved`].
+    history_offset: Vec<V4<T>>,
+    /// Of [`InitialGuess::ConstantAcceleration`].
     curved: Vec<V4<T>>,
-    known: bool,
-    reach: T,
+    has_history: bool,
+    evaluation_time: T,
 }
 
-impl<T: Real> Guesses<T> {
+impl<T: Real> InitialGuesses<T> {
     /// Of so many nodes.
-    pub fn new(nodes: usize) -> Guesses<T> {
-        Guesses {
-            goal: vec![zero(); nodes],
-            base: vec![zero(); nodes],
+    pub fn new(nodes: usize) -> InitialGuesses<T> {
+        InitialGuesses {
+            inertial_target: vec![zero(); nodes],
+            history_offset: vec![zero(); nodes],
             curved: vec![zero(); nodes],
-            known: false,
-            reach: T::ZERO,
+            has_history: false,
+            evaluation_time: T::ZERO,
         }
     }
 
     /// For a step from `scene`, before which velocities and displacements changed by `history`.
     pub fn prepare(
         &mut self,
-        scene: &Scene<'_, T>,
-        outside: Outside<'_, T>,
+        scene: &StepContext<'_, T>,
+        outside: StepInput<'_, T>,
         history: Option<&[Vec<V4<T>>; 2]>,
-        form: Form,
+        form: StepCoefficients,
         rigid: &RigidBodies,
     ) {
-        self.known = history.is_some() && form.bend > 0.0;
-        self.reach = T::of(form.reach);
-        let [gamma, back, reach, bend] =
-            [form.gamma, form.history, form.reach, form.bend].map(T::of);
+        self.has_history = history.is_some() && form.velocity_extrapolation > 0.0;
+        self.evaluation_time = T::from_f64(form.evaluation_time);
+        let [gamma, back, reach, bend] = [
+            form.gamma,
+            form.history,
+            form.evaluation_time,
+            form.velocity_extrapolation,
+        ]
+        .map(T::from_f64);
         let data = (
-            Nodes(&mut self.goal),
-            Nodes(&mut self.base),
+            Nodes(&mut self.inertial_target),
+            Nodes(&mut self.history_offset),
             Nodes(&mut self.curved),
         );
         scene
             .plan
-            .each(data, &|chunk, nodes, (goal, base, curved)| {
+            .for_each_chunk(data, &|chunk, nodes, (goal, base, curved)| {
                 let (masses, u) = (scene.masses, scene.at.u);
-                outside.loads.put(scene.plan, chunk, masses, u, goal.0);
+                outside
+                    .loads
+                    .write_forces(scene.plan, chunk, masses, u, goal.0);
                 for (b, body) in rigid.bodies.iter().enumerate() {
                     if nodes.contains(&body.nodes.start) {
-                        rigid.load(b, nodes.start, goal.0);
+                        rigid.transfer_surface_forces(b, nodes.start, goal.0);
                     }
                 }
                 for (n, i) in nodes.clone().enumerate() {
@@ -94,8 +106,8 @@ impl<T: Real> Guesses<T> {
                 }
                 for (b, body) in rigid.bodies.iter().enumerate() {
                     if rigid.midpoint && nodes.contains(&body.nodes.start) {
-                        let places = rigid.aim(b, form.gamma, scene.at.v);
-                        for (i, place) in body.carriers().zip(places) {
+                        let places = rigid.inertial_target(b, form.gamma, scene.at.v);
+                        for (i, place) in body.proxy_nodes().zip(places) {
                             let goal = &mut goal.0[i - nodes.start];
                             let straight = scale(gamma, scene.at.v[i]);
                             *goal = add(sub(*goal, straight), narrow(place));
@@ -107,30 +119,30 @@ impl<T: Real> Guesses<T> {
     }
 
     /// Whether there is such a guess.
-    pub fn has(&self, guess: Guess) -> bool {
-        guess != Guess::Curved || self.known
+    pub fn has(&self, guess: InitialGuess) -> bool {
+        guess != InitialGuess::ConstantAcceleration || self.has_history
     }
 
     /// Where it puts node `i`.
     #[inline(always)]
-    pub fn at(&self, guess: Guess, scene: &Scene<'_, T>, i: usize) -> V4<T> {
+    pub fn at(&self, guess: InitialGuess, scene: &StepContext<'_, T>, i: usize) -> V4<T> {
         match guess {
-            Guess::Curved => self.curved[i],
-            Guess::Straight => scale(self.reach, scene.at.v[i]),
-            Guess::Inert => self.goal[i],
-            Guess::Still => zero(),
+            InitialGuess::ConstantAcceleration => self.curved[i],
+            InitialGuess::ConstantVelocity => scale(self.evaluation_time, scene.at.v[i]),
+            InitialGuess::InertialTarget => self.inertial_target[i],
+            InitialGuess::AtRest => zero(),
         }
     }
 
     /// δ̂ of node `i`.
     #[inline(always)]
     pub fn goal(&self, i: usize) -> V4<T> {
-        self.goal[i]
+        self.inertial_target[i]
     }
 
     /// b of node `i`.
     #[inline(always)]
     pub fn base(&self, i: usize) -> V4<T> {
-        self.base[i]
+        self.history_offset[i]
     }
 }

@@ -18,21 +18,21 @@ pub trait Lane:
     /// Sweeps of Jacobi's rotations after which 3×3 matrices are diagonal to all digits.
     const SWEEPS: usize;
     /// Square of what is as good as zero off the diagonal, over the squares on it.
-    const ROUND: f64;
+    const OFF_DIAGONAL_TOLERANCE: f64;
     /// Square of the cosine between vectors that are across each other but for rounding.
-    const SKEW: f64;
+    const ORTHOGONALITY_TOLERANCE: f64;
     /// What is as good as zero beside 1, squared.
     const TINY: f64;
     /// The same number in all lanes.
-    fn of(x: f64) -> Self;
+    fn splat(x: f64) -> Self;
     /// The square root.
-    fn root(self) -> Self;
+    fn sqrt(self) -> Self;
     /// The absolute value.
-    fn size(self) -> Self;
+    fn abs(self) -> Self;
     /// The larger.
-    fn or_more(self, other: Self) -> Self;
+    fn max(self, other: Self) -> Self;
     /// `yes` where this is more than `than`, else `no`.
-    fn above(self, than: Self, yes: Self, no: Self) -> Self;
+    fn select_greater(self, than: Self, yes: Self, no: Self) -> Self;
     /// Whether any lane is more than that of `than`.
     fn any_above(self, than: Self) -> bool;
     /// Lane j of the i-th as lane i of the j-th.
@@ -43,27 +43,27 @@ macro_rules! lane {
     ($vector:ty, $matrix:ty, $real:ty, $sweeps:expr, $round:expr, $skew:expr, $tiny:expr) => {
         impl Lane for $vector {
             const SWEEPS: usize = $sweeps;
-            const ROUND: f64 = $round;
-            const SKEW: f64 = $skew;
+            const OFF_DIAGONAL_TOLERANCE: f64 = $round;
+            const ORTHOGONALITY_TOLERANCE: f64 = $skew;
             const TINY: f64 = $tiny;
             #[inline(always)]
-            fn of(x: f64) -> Self {
+            fn splat(x: f64) -> Self {
                 <$vector>::splat(x as $real)
             }
             #[inline(always)]
-            fn root(self) -> Self {
+            fn sqrt(self) -> Self {
                 self.sqrt()
             }
             #[inline(always)]
-            fn size(self) -> Self {
+            fn abs(self) -> Self {
                 self.abs()
             }
             #[inline(always)]
-            fn or_more(self, other: Self) -> Self {
+            fn max(self, other: Self) -> Self {
                 self.max(other)
             }
             #[inline(always)]
-            fn above(self, than: Self, yes: Self, no: Self) -> Self {
+            fn select_greater(self, than: Self, yes: Self, no: Self) -> Self {
                 <$vector>::select(self.cmpgt(than), yes, no)
             }
             #[inline(always)]

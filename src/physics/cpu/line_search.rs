@@ -1,65 +1,71 @@
 //! How far to go along a direction: back from a whole step until the potential is lower.
 
-use super::implicit::{Implicit, Scene};
-use super::newton::Minimiser;
-use super::newton_contact::{contact, touching};
+use super::implicit::{LinearStepSolver, StepContext};
+use super::newton::NewtonSolver;
+use super::newton_contact::{self_contact, tool_contact};
 use super::real::Real;
-use super::rules::Form;
+use super::rules::StepCoefficients;
 use super::terms::Term;
 use super::vectors::{V4, add_scaled};
 
 /// A step of the line search is taken that lowers Φ by this part of what its slope promises.
-const ENOUGH: f64 = 1e-4;
+const ARMIJO_C1: f64 = 1e-4;
 
 /// The shortest step of the line search.
-const SHORTEST: f64 = 1e-7;
+const MIN_STEP: f64 = 1e-7;
 
 /// Where something touches, a length between what was reached and what was too far is tried so often,
 /// as long as Φ falls by that part of what its slope promises: what is met on the way is met at once,
 /// and a parabola tells little of where.
-const BETWEEN: u32 = 3;
-const STEEP: f64 = 0.7;
+const MAX_REFINEMENTS: u32 = 3;
+const CURVATURE_RATIO: f64 = 0.7;
 
-impl<T: Real> Minimiser<T> {
+impl<T: Real> NewtonSolver<T> {
     /// Goes along the solution until Φ is lower. Returns how much of it was gone, and how much
     /// lower; `None` where it is not to be had.
-    pub(super) fn search(
+    pub(super) fn line_search(
         &mut self,
-        implicit: &Implicit<T>,
-        scene: &Scene<'_, T>,
+        implicit: &LinearStepSolver<T>,
+        scene: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: Form,
+        form: StepCoefficients,
         gain: f64,
     ) -> Option<(f64, f64)> {
         let direction = &implicit.solver.solution;
         self.rigid.read_directions(direction);
-        let mut length = self.free_way(scene, terms, direction);
-        self.weigh_anew(scene, terms, form);
-        let (before, slack) = (self.best.total(), self.best.slack());
-        let how = self.how(form);
+        let mut length = self.collision_free_step(scene, terms, direction);
+        self.reevaluate(scene, terms, form);
+        let (before, slack) = (self.best.total(), self.best.rounding_error());
+        let how = self.trial_coefficients(form);
         let mut too_far = None;
-        while length >= SHORTEST {
-            let step = T::of(length);
-            self.rigid.go(length);
+        while length >= MIN_STEP {
+            let step = T::from_f64(length);
+            self.rigid.move_trial(length);
             let (from, trial, rigid) = (&self.best.delta, &mut self.trial, &self.rigid);
             let at = |i: usize| add_scaled(from[i], step, direction[i]);
-            trial.put(scene, &self.guesses, how, rigid, at);
-            if self.passes(scene, terms) {
+            trial.set_displacement(scene, &self.guesses, how, rigid, at);
+            if self.trial_collides(scene, terms) {
                 length *= 0.5;
                 continue;
             }
             let trial = &mut self.trial;
-            trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
+            trial.evaluate(
+                scene,
+                terms,
+                &self.damping_displacements,
+                &mut self.forces,
+                form,
+            );
             let fall = before - trial.total();
-            if fall >= ENOUGH * length * gain - slack {
+            if fall >= ARMIJO_C1 * length * gain - slack {
                 std::mem::swap(&mut self.best, &mut self.trial);
-                self.rigid.accept();
-                let tools = contact(terms).is_some_and(|c| !c.samples.is_empty());
-                let touch = tools || touching(terms).is_some_and(|own| !own.is_empty());
+                self.rigid.accept_trial();
+                let tools = tool_contact(terms).is_some_and(|c| !c.contact_points.is_empty());
+                let touch = tools || self_contact(terms).is_some_and(|own| !own.is_empty());
                 return Some(match too_far.filter(|_| touch) {
                     Some(far) => {
                         let slope = (before, gain);
-                        self.go_on(scene, terms, form, direction, (length, far), slope)
+                        self.refine_bracket(scene, terms, form, direction, (length, far), slope)
                     }
                     None => (length, fall),
                 });
@@ -78,37 +84,43 @@ impl<T: Real> Minimiser<T> {
 
     /// Goes on along the direction from the part `near` of it to less than `far`, which is too far,
     /// where Φ falls all the way; it was `before` at the start, with the slope `-gain`. As
-    /// [`Minimiser::search`].
-    fn go_on(
+    /// [`NewtonSolver::line_search`].
+    fn refine_bracket(
         &mut self,
-        scene: &Scene<'_, T>,
+        scene: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: Form,
+        form: StepCoefficients,
         direction: &[V4<T>],
         (mut near, mut far): (f64, f64),
         (before, gain): (f64, f64),
     ) -> (f64, f64) {
-        let how = self.how(form);
-        for _ in 0..BETWEEN {
-            if before - self.best.total() < STEEP * near * gain {
+        let how = self.trial_coefficients(form);
+        for _ in 0..MAX_REFINEMENTS {
+            if before - self.best.total() < CURVATURE_RATIO * near * gain {
                 break;
             }
             // Of lengths that differ by their size.
             let length = (near * far).sqrt();
-            let (more, step) = (length - near, T::of(length - near));
-            self.rigid.go(more);
+            let (more, step) = (length - near, T::from_f64(length - near));
+            self.rigid.move_trial(more);
             let (from, trial, rigid) = (&self.best.delta, &mut self.trial, &self.rigid);
             let at = |i: usize| add_scaled(from[i], step, direction[i]);
-            trial.put(scene, &self.guesses, how, rigid, at);
-            if self.passes(scene, terms) {
+            trial.set_displacement(scene, &self.guesses, how, rigid, at);
+            if self.trial_collides(scene, terms) {
                 far = length;
                 continue;
             }
             let trial = &mut self.trial;
-            trial.weigh(scene, terms, &self.lagged, &mut self.forces, form);
+            trial.evaluate(
+                scene,
+                terms,
+                &self.damping_displacements,
+                &mut self.forces,
+                form,
+            );
             if trial.total() < self.best.total() {
                 std::mem::swap(&mut self.best, &mut self.trial);
-                self.rigid.accept();
+                self.rigid.accept_trial();
                 near = length;
             } else {
                 far = length;

@@ -1,25 +1,25 @@
 //! What acts on a body from outside: gravity, forces, pins, and attachments.
 
-use super::pool::Plan;
+use super::pool::Partition;
 use super::pressure::Pressure;
 use super::real::Real;
-use super::vectors::{V4, add, of_metres, scale, sub, zero};
-use crate::physics::Units;
+use super::vectors::{V4, add, from_metres, scale, sub, zero};
+use crate::physics::LocalUnits;
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// What holds a node or pulls at it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Attachment {
+pub enum NodeConstraint {
     /// The node is where it is told to be, at rest.
-    Hold {
+    Fixed {
         /// Which, by the file's numbers.
         node: u32,
         /// Where, m from the frame's origin.
         place: DVec3,
     },
     /// The node is at a place, and goes on from there at a velocity.
-    Lead {
+    Prescribed {
         /// Which, by the file's numbers.
         node: u32,
         /// Where it is now, m from the frame's origin.
@@ -28,7 +28,7 @@ pub enum Attachment {
         velocity: DVec3,
     },
     /// A spring without length from the node to a target.
-    Pull {
+    Spring {
         /// Which, by the file's numbers.
         node: u32,
         /// Where to, m from the frame's origin.
@@ -40,23 +40,23 @@ pub enum Attachment {
     },
 }
 
-impl Attachment {
+impl NodeConstraint {
     /// The node.
     pub fn node(&self) -> u32 {
         match self {
-            Attachment::Hold { node, .. }
-            | Attachment::Lead { node, .. }
-            | Attachment::Pull { node, .. } => *node,
+            NodeConstraint::Fixed { node, .. }
+            | NodeConstraint::Prescribed { node, .. }
+            | NodeConstraint::Spring { node, .. } => *node,
         }
     }
 
-    fn sound(&self) -> bool {
+    fn is_finite(&self) -> bool {
         match self {
-            Attachment::Hold { place, .. } => place.is_finite(),
-            Attachment::Lead {
+            NodeConstraint::Fixed { place, .. } => place.is_finite(),
+            NodeConstraint::Prescribed {
                 place, velocity, ..
             } => place.is_finite() && velocity.is_finite(),
-            Attachment::Pull {
+            NodeConstraint::Spring {
                 target,
                 stiffness,
                 limit,
@@ -68,7 +68,7 @@ impl Attachment {
 
 /// A spring to a target, in local units.
 #[derive(Clone, Copy, Debug)]
-struct Draw<T> {
+struct NodeTargetSpring<T> {
     node: usize,
     /// From the node's rest position to the target.
     to: V4<T>,
@@ -81,19 +81,19 @@ struct Draw<T> {
 pub struct Loads<T> {
     gravity: V4<T>,
     forces: Vec<V4<T>>,
-    forced: bool,
-    draws: Vec<Draw<T>>,
+    has_forces: bool,
+    target_springs: Vec<NodeTargetSpring<T>>,
     pressures: Vec<Pressure<T>>,
 }
 
 impl<T: Real> Loads<T> {
     /// Nothing, on `nodes` nodes.
-    pub fn none(nodes: usize) -> Loads<T> {
+    pub fn empty(nodes: usize) -> Loads<T> {
         Loads {
             gravity: zero(),
             forces: vec![zero(); nodes],
-            forced: false,
-            draws: Vec::new(),
+            has_forces: false,
+            target_springs: Vec::new(),
             pressures: Vec::new(),
         }
     }
@@ -105,78 +105,96 @@ impl<T: Real> Loads<T> {
 
     /// Takes the pressures from among all levels.
     pub fn set_levels(&mut self, levels: &[f64]) {
-        self.pressures.iter_mut().for_each(|p| p.set_level(levels));
+        self.pressures
+            .iter_mut()
+            .for_each(|p| p.set_amplitude(levels));
     }
 
     /// Sets gravity, m/s².
-    pub fn set_gravity(&mut self, gravity: DVec3, units: &Units) {
-        self.gravity = of_metres(gravity, units.acceleration());
+    pub fn set_gravity(&mut self, gravity: DVec3, units: &LocalUnits) {
+        self.gravity = from_metres(gravity, units.acceleration());
     }
 
     /// Sets the force on every node, N, in the file's order.
-    pub fn set_forces(&mut self, forces: &[DVec3], order: &[u32], units: &Units) {
-        self.forced = forces.iter().any(|f| *f != DVec3::ZERO);
+    pub fn set_forces(&mut self, forces: &[DVec3], order: &[u32], units: &LocalUnits) {
+        self.has_forces = forces.iter().any(|f| *f != DVec3::ZERO);
         for (f, v) in self.forces.iter_mut().zip(order) {
-            *f = of_metres(forces[*v as usize], units.force());
+            *f = from_metres(forces[*v as usize], units.force());
         }
     }
 
     /// Sets the springs to targets: those of `attachments` that pull. `place` is the engine's
     /// number of every node, `rest` the rest positions in the file's order, m.
-    pub fn set_draws(
+    pub fn set_target_springs(
         &mut self,
-        attachments: &[Attachment],
+        attachments: &[NodeConstraint],
         place: &[u32],
         rest: &[DVec3],
-        units: &Units,
+        units: &LocalUnits,
     ) {
-        self.draws.clear();
+        self.target_springs.clear();
         for a in attachments {
-            if let Attachment::Pull {
+            if let NodeConstraint::Spring {
                 node,
                 target,
                 stiffness,
                 limit,
             } = *a
             {
-                self.draws.push(Draw {
+                self.target_springs.push(NodeTargetSpring {
                     node: place[node as usize] as usize,
-                    to: of_metres(target - rest[node as usize], units.length),
-                    stiffness: T::of(stiffness / units.stiffness()),
-                    limit: T::of((limit / units.force()).min(1e30)),
+                    to: from_metres(target - rest[node as usize], units.length),
+                    stiffness: T::from_f64(stiffness / units.stiffness()),
+                    limit: T::from_f64((limit / units.force()).min(1e30)),
                 });
             }
         }
-        self.draws.sort_by_key(|d| d.node);
+        self.target_springs.sort_by_key(|d| d.node);
     }
 
     /// Puts the loads on the nodes of a chunk into `f`, where springs to targets pull as they do
     /// at the displacements `u`.
-    pub fn put(&self, plan: &Plan, chunk: usize, masses: &[T], u: &[V4<T>], f: &mut [V4<T>]) {
+    pub fn write_forces(
+        &self,
+        plan: &Partition,
+        chunk: usize,
+        masses: &[T],
+        u: &[V4<T>],
+        f: &mut [V4<T>],
+    ) {
         let nodes = plan.range(chunk);
         for (f, m) in f.iter_mut().zip(&masses[nodes.clone()]) {
             *f = scale(*m, self.gravity);
         }
-        if self.forced {
+        if self.has_forces {
             for (f, e) in f.iter_mut().zip(&self.forces[nodes.clone()]) {
                 *f = add(*f, *e);
             }
         }
-        let from = self.draws.partition_point(|d| d.node < nodes.start);
-        let mine = self.draws[from..].iter();
+        let from = self
+            .target_springs
+            .partition_point(|d| d.node < nodes.start);
+        let mine = self.target_springs[from..].iter();
         for d in mine.take_while(|d| d.node < nodes.end) {
             let i = d.node - nodes.start;
-            f[i] = add(f[i], d.pull(u));
+            f[i] = add(f[i], d.spring_force(u));
         }
         for pressure in &self.pressures {
-            pressure.put(chunk, nodes.start, u, f);
+            pressure.add_forces(chunk, nodes.start, u, f);
         }
     }
 }
 
 impl<T: Real> Loads<T> {
     /// The power of the loads on a chunk's nodes, which move with `v`.
-    pub fn power(&self, plan: &Plan, chunk: usize, masses: &[T], u: &[V4<T>], v: &[V4<T>]) -> f64 {
+    pub fn power(
+        &self,
+        plan: &Partition,
+        chunk: usize,
+        masses: &[T],
+        u: &[V4<T>],
+        v: &[V4<T>],
+    ) -> f64 {
         // Few nodes at a time, so that nothing is allocated.
         let nodes = plan.range(chunk);
         let g = self.gravity;
@@ -187,13 +205,15 @@ impl<T: Real> Loads<T> {
             .zip(&self.forces[nodes.clone()])
         {
             let f = add(scale(*m, g), *f);
-            sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).wide();
+            sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).to_f64();
         }
-        let from = self.draws.partition_point(|d| d.node < nodes.start);
-        let mine = self.draws[from..].iter();
+        let from = self
+            .target_springs
+            .partition_point(|d| d.node < nodes.start);
+        let mine = self.target_springs[from..].iter();
         for d in mine.take_while(|d| d.node < nodes.end) {
-            let (f, v) = (d.pull(u), v[d.node - nodes.start]);
-            sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).wide();
+            let (f, v) = (d.spring_force(u), v[d.node - nodes.start]);
+            sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).to_f64();
         }
         let pressures = self.pressures.iter();
         sum + pressures
@@ -202,11 +222,11 @@ impl<T: Real> Loads<T> {
     }
 }
 
-impl<T: Real> Draw<T> {
+impl<T: Real> NodeTargetSpring<T> {
     /// The force at the displacements `u`.
-    fn pull(&self, u: &[V4<T>]) -> V4<T> {
+    fn spring_force(&self, u: &[V4<T>]) -> V4<T> {
         let pull = scale(self.stiffness, sub(self.to, u[self.node]));
-        let strength = (pull[0] * pull[0] + pull[1] * pull[1] + pull[2] * pull[2]).root();
+        let strength = (pull[0] * pull[0] + pull[1] * pull[1] + pull[2] * pull[2]).sqrt();
         match strength > self.limit {
             true => scale(self.limit / strength, pull),
             false => pull,
@@ -218,8 +238,8 @@ impl<T: Real> Draw<T> {
 ///
 /// # Errors
 /// [`Error::Input`].
-pub fn check_attachments(attachments: &[Attachment], nodes: usize) -> Result<()> {
-    let strange = |a: &&Attachment| a.node() as usize >= nodes || !a.sound();
+pub fn check_attachments(attachments: &[NodeConstraint], nodes: usize) -> Result<()> {
+    let strange = |a: &&NodeConstraint| a.node() as usize >= nodes || !a.is_finite();
     match attachments.iter().find(strange) {
         None => Ok(()),
         Some(a) => Err(Error::Input(format!(

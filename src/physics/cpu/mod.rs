@@ -91,21 +91,21 @@ mod worker;
 
 #[cfg(feature = "rapier")]
 pub(super) use closest_rotation::closest_rotation;
-pub(super) use contact_hull::Hull;
-pub(super) use contact_plain::PlainContact;
+pub(super) use contact_hull::BoundarySurface;
+pub(super) use contact_plain::ReferenceToolContact;
 #[cfg(feature = "rapier")]
-pub(super) use guard::Failure;
+pub(super) use guard::StepFailure;
 #[cfg(feature = "rapier")]
-pub(super) use loads::{Attachment, check_attachments};
+pub(super) use loads::{NodeConstraint, check_attachments};
 #[cfg(feature = "rapier")]
 pub(super) use sending::send_loads;
 #[cfg(feature = "rapier")]
-pub(super) use stepped::{LoadChange, Stepped};
+pub(super) use stepped::{LoadUpdate, Steppable};
+pub(super) use tools::{STATIC_FRICTION_SPEED, check_contact, face_stiffnesses, tool_gap};
 #[cfg(feature = "rapier")]
-pub(super) use tools::{Guided, faces_through};
-pub(super) use tools::{HOLDS, check_contact, gap_of, stiff_faces};
+pub(super) use tools::{ToolTarget, count_intersecting_faces};
 #[cfg(feature = "rapier")]
-pub(super) use worker::{Errand, Refusal, Worker};
+pub(super) use worker::{Worker, WorkerCommand, WorkerError};
 
 pub use grid::{CpuGrid, CpuGridState};
 pub use simulator::{CpuState, CpuTets};

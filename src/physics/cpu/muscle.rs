@@ -6,11 +6,11 @@
 //! Rows of k add up to nothing: differences of displacements are taken, in which translations are
 //! gone.
 
-use super::pool::Plan;
+use super::pool::Partition;
 use super::real::Real;
-use super::terms::{At, Share, Term};
-use super::vectors::{V4, add, add_scaled, of_metres, scale, sub, weight, zero};
-use crate::physics::{Muscle, SpringNetwork, Units};
+use super::terms::{StateRef, SystemContribution, Term};
+use super::vectors::{V4, add, add_scaled, dot_f64, from_metres, scale, sub, zero};
+use crate::physics::{DiscreteModel, LocalUnits, Muscle};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -23,14 +23,14 @@ struct Rows<T> {
     starts: Vec<u32>,
     columns: Vec<u32>,
     /// k_ij, i ≠ j.
-    ties: Vec<T>,
+    coupling: Vec<T>,
     /// b_i.
-    pulls: Vec<V4<T>>,
+    linear_forces: Vec<V4<T>>,
 }
 
 /// A muscle on the nodes of a body, in its order and units.
 #[derive(Clone, Debug)]
-pub(super) struct Fibres<T> {
+pub(super) struct MuscleTerm<T> {
     chunks: Vec<Rows<T>>,
     /// Which level is the activation.
     level: usize,
@@ -39,16 +39,16 @@ pub(super) struct Fibres<T> {
     scale: T,
 }
 
-impl<T: Real> Fibres<T> {
+impl<T: Real> MuscleTerm<T> {
     /// `muscle` of `network`, whose tets are `tets`, at the level of this number; slack as yet.
     pub fn new(
         muscle: &Muscle,
         level: usize,
-        (network, tets): (&SpringNetwork, &[[u32; 4]]),
-        (place, units, plan): (&[u32], Units, &Plan),
-    ) -> Fibres<T> {
+        (network, tets): (&DiscreteModel, &[[u32; 4]]),
+        (place, units, plan): (&[u32], LocalUnits, &Partition),
+    ) -> MuscleTerm<T> {
         // Nothing contracts what is rigid.
-        let mut bones = vec![u32::MAX; network.rest.len()];
+        let mut bones = vec![u32::MAX; network.rest_positions.len()];
         for (b, body) in network.elements.rigid.iter().enumerate() {
             body.nodes
                 .iter()
@@ -61,7 +61,7 @@ impl<T: Real> Fibres<T> {
             if bone != u32::MAX && nodes.iter().all(|v| bones[*v as usize] == bone) {
                 continue;
             }
-            let corners = nodes.map(|v| network.rest[v as usize]);
+            let corners = nodes.map(|v| network.rest_positions[v as usize]);
             let edges = DMat3::from_cols(
                 corners[1] - corners[0],
                 corners[2] - corners[0],
@@ -92,16 +92,16 @@ impl<T: Real> Fibres<T> {
             };
             for (i, (pull, ties)) in rows.range(nodes.start as u32..nodes.end as u32) {
                 own.nodes.push(*i);
-                own.pulls.push(of_metres(*pull, 1.0));
+                own.linear_forces.push(from_metres(*pull, 1.0));
                 for (j, tie) in ties {
                     own.columns.push(*j);
-                    own.ties.push(T::of(*tie));
+                    own.coupling.push(T::from_f64(*tie));
                 }
                 own.starts.push(own.columns.len() as u32);
             }
             own
         };
-        Fibres {
+        MuscleTerm {
             chunks: (0..plan.chunks()).map(|c| chunk(plan.range(c))).collect(),
             level,
             activation: T::ZERO,
@@ -124,9 +124,9 @@ impl<T: Real> Rows<T> {
 
     /// Σ_j k_ij (p_j − p_i).
     #[inline]
-    fn tied(&self, i: usize, span: Range<usize>, p: &[V4<T>]) -> V4<T> {
+    fn coupling_product(&self, i: usize, span: Range<usize>, p: &[V4<T>]) -> V4<T> {
         let mut sum = zero();
-        for (j, tie) in self.columns[span.clone()].iter().zip(&self.ties[span]) {
+        for (j, tie) in self.columns[span.clone()].iter().zip(&self.coupling[span]) {
             sum = add_scaled(sum, *tie, sub(p[*j as usize], p[i]));
         }
         sum
@@ -134,46 +134,52 @@ impl<T: Real> Rows<T> {
 
     /// Σ u_i·(b_i + ½ Σ_j k_ij u_j), telling each node's force at full activation.
     #[inline]
-    fn weigh(&self, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) -> f64 {
+    fn evaluate(&self, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) -> f64 {
         let mut energy = 0.0;
         for (n, i, span) in self.each() {
-            let (pull, tied) = (self.pulls[n], self.tied(i, span, u));
-            energy += weight(u[i], add_scaled(pull, T::HALF, tied));
+            let (pull, tied) = (self.linear_forces[n], self.coupling_product(i, span, u));
+            energy += dot_f64(u[i], add_scaled(pull, T::HALF, tied));
             take(i, sub(zero(), add(pull, tied)));
         }
         energy
     }
 }
 
-impl<T: Real> Term<T> for Fibres<T> {
-    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
-        self.elastic(chunk, at.u, f)
+impl<T: Real> Term<T> for MuscleTerm<T> {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        self.elastic_forces(chunk, at.u, f)
     }
 
-    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         if self.activation == T::ZERO {
             return 0.0;
         }
         let rows = &self.chunks[chunk];
-        let energy = rows.weigh(u, |i, force| {
+        let energy = rows.evaluate(u, |i, force| {
             let f = &mut f[i - rows.first];
             *f = add_scaled(*f, self.activation, force);
         });
-        self.activation.wide() * energy
+        self.activation.to_f64() * energy
     }
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
         match self.activation == T::ZERO {
             true => 0.0,
-            false => self.activation.wide() * self.chunks[chunk].weigh(u, |_, _| {}),
+            false => self.activation.to_f64() * self.chunks[chunk].evaluate(u, |_, _| {}),
         }
     }
 
-    fn set_levels(&mut self, levels: &[f64]) {
-        self.activation = T::of(levels.get(self.level).copied().unwrap_or(0.0));
+    fn set_amplitudes(&mut self, levels: &[f64]) {
+        self.activation = T::from_f64(levels.get(self.level).copied().unwrap_or(0.0));
     }
 
-    fn linearise(&mut self, _: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
+    fn linearise(
+        &mut self,
+        _: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
         self.scale = h * h * self.activation;
         if self.activation == T::ZERO {
             return;
@@ -181,12 +187,14 @@ impl<T: Real> Term<T> for Fibres<T> {
         for rows in &self.chunks {
             for (_, i, span) in rows.each() {
                 let mut own = T::ZERO;
-                rows.ties[span.clone()].iter().for_each(|tie| own -= *tie);
+                rows.coupling[span.clone()]
+                    .iter()
+                    .for_each(|tie| own -= *tie);
                 for d in &mut share.diagonal[i][..3] {
                     *d += self.scale * own;
                 }
-                let kv = scale(self.activation, rows.tied(i, span, at.v));
-                share.change[i] = sub(share.change[i], kv);
+                let kv = scale(self.activation, rows.coupling_product(i, span, at.v));
+                share.stiffness_velocity[i] = sub(share.stiffness_velocity[i], kv);
             }
         }
     }
@@ -198,16 +206,17 @@ impl<T: Real> Term<T> for Fibres<T> {
         let rows = &self.chunks[chunk];
         for (_, i, span) in rows.each() {
             let y = &mut y[i - rows.first];
-            *y = add_scaled(*y, self.scale, rows.tied(i, span, p));
+            *y = add_scaled(*y, self.scale, rows.coupling_product(i, span, p));
         }
     }
 
-    fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+    fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for rows in &self.chunks {
             for (_, i, span) in rows.each() {
-                for (j, tie) in rows.columns[span.clone()].iter().zip(&rows.ties[span]) {
+                for (j, tie) in rows.columns[span.clone()].iter().zip(&rows.coupling[span]) {
                     if i < *j as usize {
-                        let block = DMat3::from_diagonal(DVec3::splat((self.scale * *tie).wide()));
+                        let block =
+                            DMat3::from_diagonal(DVec3::splat((self.scale * *tie).to_f64()));
                         visit([i as u32, *j], &block);
                     }
                 }

@@ -1,41 +1,43 @@
 //! The slope of the incremental potential.
 
-use super::implicit::{Implicit, Scene};
-use super::newton::Minimiser;
+use super::implicit::{LinearStepSolver, StepContext};
+use super::newton::NewtonSolver;
 use super::pool::Nodes;
 use super::real::Real;
-use super::rules::Form;
-use super::terms::{At, Term};
-use super::vectors::{add, apply, scale, sub, weight, zero};
+use super::rules::StepCoefficients;
+use super::terms::{StateRef, Term};
+use super::vectors::{add, apply, dot_f64, scale, sub, zero};
 
-impl<T: Real> Minimiser<T> {
+impl<T: Real> NewtonSolver<T> {
     /// Puts γ² times the slope of −Φ into the residual of the solver. Returns the square of what
     /// it is measured by: γ² times the forces, or the momentum they change.
     pub(super) fn residual(
         &mut self,
-        implicit: &mut Implicit<T>,
-        scene: &Scene<'_, T>,
+        implicit: &mut LinearStepSolver<T>,
+        scene: &StepContext<'_, T>,
         terms: &[Box<dyn Term<T>>],
-        form: Form,
+        form: StepCoefficients,
     ) -> f64 {
-        let square = T::of(form.gamma * form.gamma);
-        let heavier = T::of(self.mass_damping * form.gamma);
-        let (best, guesses, lagged) = (&self.best, &self.guesses, &self.lagged);
+        let square = T::from_f64(form.gamma * form.gamma);
+        let heavier = T::from_f64(self.mass_damping * form.gamma);
+        let (best, guesses, lagged) = (&self.best, &self.guesses, &self.damping_displacements);
         let solver = &mut implicit.solver;
-        solver.tied.pose(&self.rigid, &self.rigid.best);
-        let (inverses, tied) = (&solver.inverse, &solver.tied);
+        solver
+            .rigid_projection
+            .update_poses(&self.rigid, &self.rigid.best);
+        let (inverses, tied) = (&solver.inverse, &solver.rigid_projection);
         let data = (Nodes(&mut solver.residual), ());
-        let [pull, push] = scene.plan.each(data, &|chunk, nodes, (b, ())| {
+        let [pull, push] = scene.plan.for_each_chunk(data, &|chunk, nodes, (b, ())| {
             let start = nodes.start;
             b.0.fill(zero());
             for term in terms {
-                term.elastic(chunk, &best.place, b.0);
+                term.elastic_forces(chunk, &best.displacements, b.0);
                 if term.damped() {
-                    let at = At {
+                    let at = StateRef {
                         u: lagged,
-                        v: &best.speed,
+                        v: &best.velocities,
                     };
-                    term.resist(chunk, at, b.0);
+                    term.damping_forces(chunk, at, b.0);
                 }
             }
             let (mut pull, mut push) = (0.0, 0.0);
@@ -43,8 +45,8 @@ impl<T: Real> Minimiser<T> {
                 let (m, free) = (scene.masses[i], scene.free[i]);
                 let force = scale(free * square, b.0[n]);
                 let goal = scale(free * m, guesses.goal(i));
-                pull += weight(force, apply(&inverses[i], force));
-                push += weight(goal, apply(&inverses[i], goal));
+                pull += dot_f64(force, apply(&inverses[i], force));
+                push += dot_f64(goal, apply(&inverses[i], goal));
                 let off = scale(m, sub(best.delta[i], guesses.goal(i)));
                 let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
                 b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
@@ -58,8 +60,8 @@ impl<T: Real> Minimiser<T> {
                     scale(scene.masses[i], add(off, drag))
                 };
                 let force = |n: usize| add(b.0[first + n - start], inertia(first + n));
-                pull += body.weigh(&body.restrict(force));
-                push += body.weigh(&body.restrict(|n| goal(first + n)));
+                pull += body.energy(&body.restrict(force));
+                push += body.energy(&body.restrict(|n| goal(first + n)));
             }
             [pull, push]
         });

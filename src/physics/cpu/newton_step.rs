@@ -1,21 +1,21 @@
 //! Steps of bodies with finite elements.
 
 use super::body::CpuBody;
-use super::guard::{Failure, Sums};
-use super::implicit::Scene;
-use super::newton::Outside;
-use super::newton_contact::{contact, touching_mut};
+use super::guard::{StepFailure, StepTotals};
+use super::implicit::StepContext;
+use super::newton::StepInput;
+use super::newton_contact::{tool_contact, touching_mut};
 use super::real::Real;
-use super::rules::Rule;
-use super::sum::motion;
-use super::terms::At;
+use super::rules::ImplicitScheme;
+use super::sum::kinetic_totals;
+use super::terms::StateRef;
 use super::vectors::{scale, sub, zero};
 use crate::physics::StepRecord;
 #[cfg(test)]
-use crate::{Error, Result, physics::Newton};
+use crate::{Error, Result, physics::NewtonSettings};
 
 /// What is noted of a step, or why it was refused.
-type Refusable = std::result::Result<StepRecord, Failure>;
+type StepResult = std::result::Result<StepRecord, StepFailure>;
 
 impl<T: Real> CpuBody<T> {
     /// Says when the minimisation of a step of a body of elements stops; bodies without elements,
@@ -24,11 +24,11 @@ impl<T: Real> CpuBody<T> {
     /// # Errors
     /// [`Error::Input`] for settings that make no sense.
     #[cfg(test)]
-    pub fn set_newton(&mut self, settings: Newton) -> Result<()> {
-        let Newton {
+    pub fn set_newton(&mut self, settings: NewtonSettings) -> Result<()> {
+        let NewtonSettings {
             iterations,
             tolerance,
-            linear,
+            linear_tolerance: linear,
         } = settings;
         let sound =
             iterations > 0 && (0.0..1.0).contains(&tolerance) && linear > 0.0 && linear < 1.0;
@@ -46,106 +46,115 @@ impl<T: Real> CpuBody<T> {
     /// Says by which implicit rule a body of elements steps; others take no notice. The next step
     /// is a first one.
     #[cfg(test)]
-    pub fn set_rule(&mut self, rule: Rule) {
+    pub fn set_scheme(&mut self, rule: ImplicitScheme) {
         if let Some(newton) = &mut self.newton {
             newton.rule = rule;
-            self.lag = 0.0;
+            self.previous_dt = 0.0;
             if let Some(implicit) = &mut self.implicit {
-                implicit.forget_solutions();
+                implicit.clear_history();
             }
         }
     }
 
     /// One step of `h` local units; `None` where the body has none of this kind.
-    pub(super) fn advance_newton(&mut self, h: f64) -> Option<Refusable> {
-        self.set_out(h);
+    pub(super) fn advance_newton(&mut self, h: f64) -> Option<StepResult> {
+        self.set_constraint_velocities(h);
         let done = self.minimise(h);
-        self.arrive(matches!(done, Some(Ok(_))));
-        self.keep_tools(matches!(done, Some(Ok(_))));
+        self.commit_constraints(matches!(done, Some(Ok(_))));
+        self.commit_tools(matches!(done, Some(Ok(_))));
         done
     }
 
     /// Gives nodes that are held and have to go to their places the velocities that take them there
     /// in a step of `h`.
-    fn set_out(&mut self, h: f64) {
-        let over = T::of(1.0 / h);
-        for (k, to) in &self.underway {
-            self.now.v[*k] = scale(over, sub(*to, self.now.u[*k]));
+    fn set_constraint_velocities(&mut self, h: f64) {
+        let over = T::from_f64(1.0 / h);
+        for (k, to) in &self.moving_constraints {
+            self.state.v[*k] = scale(over, sub(*to, self.state.u[*k]));
         }
     }
 
     /// Has them stay there after a step that was sound.
-    fn arrive(&mut self, sound: bool) {
-        for (k, to) in &self.underway {
-            self.now.v[*k] = zero();
+    fn commit_constraints(&mut self, sound: bool) {
+        for (k, to) in &self.moving_constraints {
+            self.state.v[*k] = zero();
             if sound {
-                self.now.u[*k] = *to;
+                self.state.u[*k] = *to;
             }
         }
         if sound {
-            self.underway.clear();
+            self.moving_constraints.clear();
         }
     }
 
-    fn minimise(&mut self, h: f64) -> Option<Refusable> {
+    fn minimise(&mut self, h: f64) -> Option<StepResult> {
         let (Some(newton), Some(implicit)) = (&mut self.newton, &mut self.implicit) else {
             return None;
         };
-        let scene = Scene {
+        let scene = StepContext {
             plan: &self.plan,
             masses: &self.masses,
-            free: &self.free,
+            free: &self.free_mask,
             rest: &self.rest_local,
-            at: At {
-                u: &self.now.u,
-                v: &self.now.v,
+            at: StateRef {
+                u: &self.state.u,
+                v: &self.state.v,
             },
-            f: &self.now.f,
+            f: &self.state.f,
         };
-        let outside = Outside {
+        let outside = StepInput {
             loads: &self.loads,
-            inverse: &self.inverse,
-            last: self.lag,
+            inverse: &self.inverse_masses,
+            last: self.previous_dt,
         };
         let found = newton.step(implicit, &scene, &mut self.terms, outside, h);
         let Some(descent) = found else {
-            return Some(Err(Failure::NonFinite));
+            return Some(Err(StepFailure::NonFinite));
         };
-        if contact(&self.terms).is_some_and(|c| c.pierced(&newton.best.place)) {
-            return Some(Err(Failure::Pierced));
+        if tool_contact(&self.terms)
+            .is_some_and(|c| c.exceeds_penetration_limit(&newton.best.displacements))
+        {
+            return Some(Err(StepFailure::ToolPenetration));
         }
         let own = touching_mut(&mut self.terms);
-        if newton.led < 1.0 || own.is_some_and(|own| own.passed(&newton.best.place)) {
-            return Some(Err(Failure::Blocked));
+        if newton.prescribed_fraction < 1.0
+            || own.is_some_and(|own| own.has_new_intersections(&newton.best.displacements))
+        {
+            return Some(Err(StepFailure::SelfContactBlocked));
         }
         let next = &mut self.next;
-        newton.finish(&scene, implicit, (h, self.lag), (&mut next.u, &mut next.v));
+        newton.finish(
+            &scene,
+            implicit,
+            (h, self.previous_dt),
+            (&mut next.u, &mut next.v),
+        );
         let mut elastic = descent.elastic;
-        if newton.rule == Rule::Midpoint {
+        if newton.rule == ImplicitScheme::Midpoint {
             let terms = &self.terms;
-            [elastic] = self.plan.each((), &|chunk, _, ()| {
+            [elastic] = self.plan.for_each_chunk((), &|chunk, _, ()| {
                 [terms.iter().map(|t| t.energy(chunk, &next.u)).sum()]
             });
         }
         let (masses, u, v) = (&self.masses, &next.u, &next.v);
-        let [kinetic, bad] = self.plan.each((), &|_, nodes, ()| {
+        let [kinetic, bad] = self.plan.for_each_chunk((), &|_, nodes, ()| {
             let u = &u[nodes.clone()];
-            let (kinetic, bad) = motion(&masses[nodes.clone()], u, &v[nodes], u);
+            let (kinetic, bad) = kinetic_totals(&masses[nodes.clone()], u, &v[nodes], u);
             [kinetic, bad]
         });
-        let sums = Sums {
+        let sums = StepTotals {
             kinetic,
             elastic,
             power: 0.0,
-            bad,
+            non_finite: bad,
         };
         // Nothing runs away: the potential of a step is never raised.
-        if let Err(failure) = self.guard.note(sums) {
+        if let Err(failure) = self.guard.check_finite(sums) {
             return Some(Err(failure));
         }
         newton.keep(implicit);
-        std::mem::swap(&mut self.now, &mut self.next);
-        self.lag = h;
+        std::mem::swap(&mut self.state, &mut self.next);
+        self.previous_dt = h;
         self.steps += 1;
         Some(Ok(self.record(descent.iterations, descent.residual)))
     }

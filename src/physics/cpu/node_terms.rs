@@ -1,36 +1,42 @@
 //! A term that acts on each node by itself, on the CPU.
 
-use super::pool::Plan;
+use super::pool::Partition;
 use super::real::Real;
-use super::terms::{At, Share, Term};
-use super::vectors::{Symmetric, V4, add, apply_symmetric, of_metres, sub, to_metres};
-use crate::physics::{NodeTerm, SpringNetwork, Units};
+use super::terms::{StateRef, SystemContribution, Term};
+use super::vectors::{SymMat3, V4, add, apply_symmetric, from_metres, sub, to_metres};
+use crate::physics::{DiscreteModel, LocalUnits, NodeTerm};
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
 /// A [`NodeTerm`] on the nodes of a body, in its order and units. It is computed in float64.
 pub(super) struct NodeTerms<T> {
     term: Arc<dyn NodeTerm>,
-    units: Units,
+    units: LocalUnits,
     first: Vec<usize>,
     /// Rest positions, m, and masses, kg.
     rest: Vec<DVec3>,
     masses: Vec<f64>,
     /// h² times the block of each node, as last linearised.
-    blocks: Vec<Symmetric<T>>,
+    blocks: Vec<SymMat3<T>>,
 }
 
 impl<T: Real> NodeTerms<T> {
     /// `term` on the nodes of `network`, in `order` and shared out by `plan`.
     pub fn new(
         term: Arc<dyn NodeTerm>,
-        network: &SpringNetwork,
-        (order, units, plan): (&[u32], Units, &Plan),
+        network: &DiscreteModel,
+        (order, units, plan): (&[u32], LocalUnits, &Partition),
     ) -> Self {
         // What lies inside rigid bodies is beyond the plan; their carriers are no nodes of the
         // network, and have no mass here.
         let order = &order[..plan.nodes()];
-        let rest = |v: &u32| network.rest.get(*v as usize).copied().unwrap_or_default();
+        let rest = |v: &u32| {
+            network
+                .rest_positions
+                .get(*v as usize)
+                .copied()
+                .unwrap_or_default()
+        };
         let mass = |v: &u32| network.masses.get(*v as usize).copied().unwrap_or_default();
         NodeTerms {
             term,
@@ -48,20 +54,20 @@ impl<T: Real> NodeTerms<T> {
 }
 
 impl<T: Real> Term<T> for NodeTerms<T> {
-    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let first = self.first[chunk];
         let mut energy = 0.0;
         for (i, f) in f.iter_mut().enumerate() {
             let k = first + i;
             let (m, x) = (self.masses[k], self.place(k, at.u[k]));
-            *f = add(*f, of_metres(self.term.force(m, x), self.units.force()));
+            *f = add(*f, from_metres(self.term.force(m, x), self.units.force()));
             energy += self.term.energy(m, x);
         }
         energy / self.units.energy()
     }
 
-    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
-        self.forces(chunk, At { u, v: u }, f)
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        self.forces(chunk, StateRef { u, v: u }, f)
     }
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
@@ -71,13 +77,19 @@ impl<T: Real> Term<T> for NodeTerms<T> {
         all.sum::<f64>() / self.units.energy()
     }
 
-    fn linearise(&mut self, _: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
+    fn linearise(
+        &mut self,
+        _: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
         let stiffness = self.units.stiffness();
         for k in 0..self.rest.len() {
             let x = self.place(k, at.u[k]);
-            let block = packed(&(self.term.block(self.masses[k], x) * (1.0 / stiffness)));
+            let block = packed(&(self.term.hessian(self.masses[k], x) * (1.0 / stiffness)));
             let kv = apply_symmetric(&block, at.v[k]);
-            share.change[k] = sub(share.change[k], kv);
+            share.stiffness_velocity[k] = sub(share.stiffness_velocity[k], kv);
             let of_step = block.map(|b| h * h * b);
             for (all, b) in share.diagonal[k].iter_mut().zip(of_step) {
                 *all += b;
@@ -93,10 +105,10 @@ impl<T: Real> Term<T> for NodeTerms<T> {
         }
     }
 
-    fn pairs(&self, _: &mut dyn FnMut([u32; 2], &DMat3)) {}
+    fn visit_off_diagonal(&self, _: &mut dyn FnMut([u32; 2], &DMat3)) {}
 }
 
-fn packed<T: Real>(m: &DMat3) -> Symmetric<T> {
+fn packed<T: Real>(m: &DMat3) -> SymMat3<T> {
     let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    [x.x, y.y, z.z, x.y, x.z, y.z, 0.0, 0.0].map(T::of)
+    [x.x, y.y, z.z, x.y, x.z, y.z, 0.0, 0.0].map(T::from_f64)
 }

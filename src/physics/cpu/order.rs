@@ -10,20 +10,23 @@ use glam::DVec3;
 
 /// Nodes in an order, and in groups.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lumps {
+pub struct Aggregates {
     /// The node that comes k-th, for every k.
     pub order: Vec<u32>,
     /// Where each group begins, and the number of nodes.
-    pub starts: Vec<usize>,
+    pub group_starts: Vec<usize>,
 }
 
-impl Lumps {
+impl Aggregates {
     /// Nodes at `points` in groups of at most `most`. The same on every run.
-    pub fn new(points: &[DVec3], most: usize) -> Lumps {
+    pub fn new(points: &[DVec3], most: usize) -> Aggregates {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
-        let mut starts = vec![0];
-        bisect(points, &mut order, most.max(1), &mut starts);
-        Lumps { order, starts }
+        let mut group_starts = vec![0];
+        bisect(points, &mut order, most.max(1), &mut group_starts);
+        Aggregates {
+            order,
+            group_starts,
+        }
     }
 }
 

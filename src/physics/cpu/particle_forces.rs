@@ -9,11 +9,11 @@ use super::real::Real;
 use std::ops::Range;
 
 /// Three arrays: x, y and z of every particle.
-pub type Axes<T> = [Vec<T>; 3];
+pub type SoaVec3<T> = [Vec<T>; 3];
 
 /// A kind of spring in local units.
 #[derive(Clone, Copy, Debug)]
-pub struct Kind<T> {
+pub struct SpringKind<T> {
     /// From a particle's number to its neighbour's.
     pub offset: isize,
     /// From a particle to its neighbour, at rest.
@@ -26,7 +26,7 @@ pub struct Kind<T> {
 
 /// The springs of a kind that lead forward from consecutive particles.
 #[derive(Clone, Copy, Debug)]
-pub struct Run {
+pub struct SpringRun {
     /// The first particle.
     pub first: usize,
     /// How many.
@@ -34,25 +34,25 @@ pub struct Run {
     /// Which kind.
     pub kind: usize,
     /// Whether the particles, and their neighbours, are the slab's own.
-    pub own: [bool; 2],
+    pub owned: [bool; 2],
 }
 
 /// Consecutive rows of the grid, and what acts on their particles.
 #[derive(Clone, Debug)]
 pub struct Slab<T> {
     /// The runs with an end in the slab.
-    pub runs: Vec<Run>,
+    pub runs: Vec<SpringRun>,
     /// Runs of particles to be moved, numbered in the whole grid.
     pub particles: Vec<Range<usize>>,
     /// Forces on all particles of the slab, from its first on.
-    pub forces: Axes<T>,
-    share: Axes<T>,
+    pub forces: SoaVec3<T>,
+    scratch: SoaVec3<T>,
 }
 
 impl<T: Real> Slab<T> {
     /// A slab of `length` particles, runs of at most `longest`.
     pub fn new(
-        runs: Vec<Run>,
+        runs: Vec<SpringRun>,
         particles: Vec<Range<usize>>,
         length: usize,
         longest: usize,
@@ -62,17 +62,17 @@ impl<T: Real> Slab<T> {
             runs,
             particles,
             forces: zeros(length),
-            share: zeros(longest),
+            scratch: zeros(longest),
         }
     }
 
     /// Puts the spring forces at the displacements `u` into [`Slab::forces`]. `factors` and
     /// `springs` are every particle's; `first` is the slab's first particle.
-    pub fn pull(
+    pub fn spring_forces(
         &mut self,
         first: usize,
-        kinds: &[Kind<T>; 9],
-        u: &Axes<T>,
+        kinds: &[SpringKind<T>; 9],
+        u: &SoaVec3<T>,
         factors: &[T],
         springs: &[u32],
     ) {
@@ -83,7 +83,7 @@ impl<T: Real> Slab<T> {
             let (i, n) = (run.first, run.count);
             let kind = &kinds[run.kind];
             let j = i.wrapping_add_signed(kind.offset);
-            let [sx, sy, sz] = self.share.each_mut().map(|s| &mut s[..n]);
+            let [sx, sy, sz] = self.scratch.each_mut().map(|s| &mut s[..n]);
             pull(
                 kind,
                 2 * run.kind as u32,
@@ -92,13 +92,13 @@ impl<T: Real> Slab<T> {
                 &springs[i..i + n],
                 [sx, sy, sz],
             );
-            for (f, share) in self.forces.iter_mut().zip(&self.share) {
-                if run.own[0] {
+            for (f, share) in self.forces.iter_mut().zip(&self.scratch) {
+                if run.owned[0] {
                     for (f, s) in f[i - first..i - first + n].iter_mut().zip(&share[..n]) {
                         *f += *s;
                     }
                 }
-                if run.own[1] {
+                if run.owned[1] {
                     for (f, s) in f[j - first..j - first + n].iter_mut().zip(&share[..n]) {
                         *f -= *s;
                     }
@@ -111,7 +111,7 @@ impl<T: Real> Slab<T> {
 /// Forces of the springs of one kind on the particles that they lead forward from.
 #[inline(never)]
 fn pull<T: Real>(
-    kind: &Kind<T>,
+    kind: &SpringKind<T>,
     bit: u32,
     [x, y, z]: [(&[T], &[T]); 3],
     factors: (&[T], &[T]),
@@ -129,11 +129,13 @@ fn pull<T: Real>(
     for m in 0..n {
         let (ex, ey, ez) = (xb[m] - xa[m], yb[m] - ya[m], zb[m] - za[m]);
         let (dx, dy, dz) = (rx + ex, ry + ey, rz + ez);
-        let l = (dx * dx + dy * dy + dz * dz).or_more(T::COINCIDENT).root();
+        let l = (dx * dx + dy * dy + dz * dz)
+            .max(T::MIN_DISTANCE_SQUARED)
+            .sqrt();
         // |d|² − L², without cancellation.
         let gain = ex * (rx + dx) + ey * (ry + dy) + ez * (rz + dz);
         // What a wave has hardly reached yet would be subnormal, and ten times as slow.
-        let some = gain > T::NOTHING || gain < -T::NOTHING;
+        let some = gain > T::MIN_LENGTH_CHANGE || gain < -T::MIN_LENGTH_CHANGE;
         let gain = if some { gain } else { T::ZERO };
         let there = T::of_bit(springs[m] >> bit & 1);
         let k = half * (fa[m] + fb[m]) * there;

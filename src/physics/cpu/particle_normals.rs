@@ -1,6 +1,6 @@
 //! The approximate normals of a grid body: what its surface is shaded by.
 
-use super::particles::Particles;
+use super::particles::CpuGridBody;
 use super::real::Real;
 use crate::parallel;
 use glam::DVec3;
@@ -9,7 +9,7 @@ use glam::DVec3;
 /// where they come to less than this, the node has no side that it could face.
 const LEAST_NORMAL: f64 = 0.5;
 
-impl<T: Real> Particles<T> {
+impl<T: Real> CpuGridBody<T> {
     /// The unit normal of every particle, normalize(Σ_j normalize(x_i − x_j)) over its springs;
     /// zero where that sum nearly vanishes: inside, where the body is one particle thin, and for
     /// particles that it has not.

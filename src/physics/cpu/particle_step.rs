@@ -1,68 +1,70 @@
 //! Steps of a grid body: forces, the next positions, and whether all went well.
 
-use super::guard::Failure;
-use super::loads::Attachment;
-use super::particles::Particles;
-use super::pool::{Chunks, Nodes, Plan};
+use super::guard::StepFailure;
+use super::loads::NodeConstraint;
+use super::particles::CpuGridBody;
+use super::pool::{Chunks, Nodes, Partition};
 use super::real::Real;
 use std::sync::Arc;
 
 /// A body farther than this from where it rests, in its own sizes, has flown apart.
-const FARTHEST: f64 = 1e4;
+const MAX_DISTANCE: f64 = 1e4;
 
 /// What a step is made of.
 #[derive(Clone, Copy)]
-struct Rates<T> {
-    kept: T,
+struct VerletCoefficients<T> {
+    damping_factor: T,
     /// h²/m of the mean particle, with the gain.
     spring: T,
     pull: [T; 3],
 }
 
-impl<T: Real> Particles<T> {
+impl<T: Real> CpuGridBody<T> {
     /// Takes `steps` steps of `h` seconds: x' = x + ((1 − γh/2)(x − x₋₁) + h² a) / (1 + γh/2).
     ///
     /// # Errors
     /// Why a step was refused; the body stands as it stood before that one.
-    pub fn run(&mut self, steps: u32, h: f64) -> Result<(), Failure> {
+    pub fn run(&mut self, steps: u32, h: f64) -> Result<(), StepFailure> {
         if !(h > 0.0 && h.is_finite() && h * h > 0.0) {
-            return Err(Failure::BadStep { h });
+            return Err(StepFailure::BadStep { h });
         }
         let plan = Arc::clone(&self.plan);
-        plan.enter(|| (0..steps).try_for_each(|_| self.step(&plan, h)))
+        plan.in_pool(|| (0..steps).try_for_each(|_| self.step(&plan, h)))
     }
 
-    fn step(&mut self, plan: &Plan, h: f64) -> Result<(), Failure> {
-        let first = self.lag.is_none();
-        if self.lag != Some(h) {
+    fn step(&mut self, plan: &Partition, h: f64) -> Result<(), StepFailure> {
+        let first = self.previous_dt.is_none();
+        if self.previous_dt != Some(h) {
             self.begin(h);
         }
         let gain = 1.0 / (1.0 + 0.5 * self.damping * h);
         let share = if first { 0.5 } else { 1.0 };
         let rate = share * gain * h * h;
         for (kind, k) in self.kinds.iter_mut().zip(self.stiffness) {
-            kind.stiffness = T::of(rate * k / self.mean_mass);
+            kind.stiffness = T::from_f64(rate * k / self.mean_mass);
         }
-        let rates = Rates {
-            kept: T::of((1.0 - 0.5 * self.damping * h) * gain),
-            spring: T::of(rate / self.mean_mass),
-            pull: (rate / self.length * self.gravity).to_array().map(T::of),
+        let rates = VerletCoefficients {
+            damping_factor: T::from_f64((1.0 - 0.5 * self.damping * h) * gain),
+            spring: T::from_f64(rate / self.mean_mass),
+            pull: (rate / self.length * self.gravity)
+                .to_array()
+                .map(T::from_f64),
         };
-        self.draw();
+        self.collect_pulls();
         let (kinds, now, before) = (&self.kinds, &self.now, &self.before);
         let (factors, springs) = (&self.factors[..], &self.springs[..]);
-        let (inverse, forces, drawn) = (&self.inverse, &self.forces, &self.drawn);
+        let (inverse, forces, drawn) = (&self.inverse, &self.forces, &self.pulls);
         let [x, y, z] = self.next.each_mut().map(|a| Nodes(&mut a[..]));
         let data = (Chunks(&mut self.slabs), (x, y, z));
-        let [bad, far] = plan.each(data, &|_, nodes, (slabs, (x, y, z))| {
+        let [bad, far] = plan.for_each_chunk(data, &|_, nodes, (slabs, (x, y, z))| {
             let Some(slab) = slabs.0.first_mut() else {
                 return [0.0; 2];
             };
-            slab.pull(nodes.start, kinds, now, factors, springs);
+            slab.spring_forces(nodes.start, kinds, now, factors, springs);
             for (i, f) in drawn {
                 if nodes.contains(i) {
                     for (axis, f) in f.to_array().iter().enumerate() {
-                        slab.forces[axis][*i - nodes.start] += rates.spring * T::of(*f);
+                        slab.forces[axis][*i - nodes.start] += rates.spring * T::from_f64(*f);
                     }
                 }
             }
@@ -81,35 +83,35 @@ impl<T: Real> Particles<T> {
             }
             // Sums over slabs: any that is not zero tells.
             [
-                lost[0].wide(),
-                f64::from(u8::from(lost[1].wide() > FARTHEST)),
+                lost[0].to_f64(),
+                f64::from(u8::from(lost[1].to_f64() > MAX_DISTANCE)),
             ]
         });
         if !bad.is_finite() {
-            return Err(Failure::NonFinite);
+            return Err(StepFailure::NonFinite);
         }
         if far > 0.0 {
-            return Err(Failure::FlewApart);
+            return Err(StepFailure::Diverged);
         }
         std::mem::swap(&mut self.before, &mut self.now);
         std::mem::swap(&mut self.now, &mut self.next);
-        self.lag = Some(h);
+        self.previous_dt = Some(h);
         self.steps += 1;
         Ok(())
     }
 
     /// Makes the positions before a first step, or before one of another length than the last.
     fn begin(&mut self, h: f64) {
-        let ratio = T::of(self.lag.map_or(0.0, |lag| h / lag));
+        let ratio = T::from_f64(self.previous_dt.map_or(0.0, |lag| h / lag));
         // Such that the first step, with its damping, is exact to second order.
-        let drift = match self.lag {
+        let drift = match self.previous_dt {
             None => h * (1.0 + 0.5 * self.damping * h) / self.length,
             Some(_) => 0.0,
         };
         for axis in 0..3 {
             let states = self.before[axis].iter_mut().zip(&self.now[axis]);
             for ((before, now), v) in states.zip(&self.velocities) {
-                *before = *now - ratio * (*now - *before) - T::of(drift * v[axis]);
+                *before = *now - ratio * (*now - *before) - T::from_f64(drift * v[axis]);
             }
         }
         for axis in 0..3 {
@@ -119,11 +121,11 @@ impl<T: Real> Particles<T> {
     }
 
     /// Takes note of what pulls at particles, over the length unit, N/m.
-    fn draw(&mut self) {
-        let mut drawn = std::mem::take(&mut self.drawn);
+    fn collect_pulls(&mut self) {
+        let mut drawn = std::mem::take(&mut self.pulls);
         drawn.clear();
         for a in &self.attachments {
-            if let Attachment::Pull {
+            if let NodeConstraint::Spring {
                 node,
                 target,
                 stiffness,
@@ -137,14 +139,14 @@ impl<T: Real> Particles<T> {
                 drawn.push((i, pull * share / self.length));
             }
         }
-        self.drawn = drawn;
+        self.pulls = drawn;
     }
 }
 
 /// The next displacements of a run along one axis.
 #[inline(always)]
 fn advance<T: Real>(
-    rates: Rates<T>,
+    rates: VerletCoefficients<T>,
     pull: T,
     (now, before): (&[T], &[T]),
     (f, external, inverse): (&[T], Option<&[T]>, &[T]),
@@ -159,7 +161,7 @@ fn advance<T: Real>(
         if let Some(e) = external {
             a += w * rates.spring * e[m];
         }
-        let step = rates.kept * (now[m] - before[m]) + a;
+        let step = rates.damping_factor * (now[m] - before[m]) + a;
         out[m] = now[m] + if w > T::ZERO { step } else { T::ZERO };
     }
     let mut lanes = [[T::ZERO; 8]; 2];
@@ -167,12 +169,12 @@ fn advance<T: Real>(
         for (k, x) in eight.iter().enumerate() {
             lanes[0][k] += *x * T::ZERO;
             let far = if *x > T::ZERO { *x } else { -*x };
-            lanes[1][k] = far.or_more(lanes[1][k]);
+            lanes[1][k] = far.max(lanes[1][k]);
         }
     }
     let [sums, farthest] = lanes;
     for (sum, far) in sums.into_iter().zip(farthest) {
         lost[0] += sum;
-        lost[1] = far.or_more(lost[1]);
+        lost[1] = far.max(lost[1]);
     }
 }

@@ -1,14 +1,14 @@
 //! Grid bodies against their float64 twin.
 #![allow(clippy::unwrap_used)]
 
-use super::guard::Failure;
-use super::loads::Attachment;
-use super::particles::Particles;
+use super::guard::StepFailure;
+use super::loads::NodeConstraint;
+use super::particles::CpuGridBody;
 use super::real::Real;
 use super::tests::some;
 use crate::mesher::Domain;
 use crate::physics::Material;
-use crate::physics::grid::plain::GridTwin;
+use crate::physics::grid::plain::GridReference;
 use crate::physics::grid::{GridModel, GridShape};
 use glam::{DMat3, DVec3};
 
@@ -29,9 +29,9 @@ impl Domain for Ball {
 
 fn model(wanted: usize) -> GridModel {
     let axes = DMat3::from_rotation_z(0.3) * DMat3::from_rotation_x(0.2);
-    let shape = GridShape::carve_about(&Ball, wanted, axes).unwrap();
-    let mut model = GridModel::new(shape, &Material::young(1e4)).unwrap();
-    for (i, f) in model.factors.iter_mut().enumerate() {
+    let shape = GridShape::from_domain_with_count(&Ball, wanted, axes).unwrap();
+    let mut model = GridModel::new(shape, &Material::from_young(1e4)).unwrap();
+    for (i, f) in model.stiffness_scales.iter_mut().enumerate() {
         *f *= 1.0 + 0.3 * (i as f64).sin();
     }
     model.damping = 3.0;
@@ -39,9 +39,12 @@ fn model(wanted: usize) -> GridModel {
 }
 
 /// A body that stands deformed and moves, some of it pinned, pushed, held and drawn.
-fn pair<T: Real>(model: &GridModel, slabs: usize) -> (Particles<T>, GridTwin, Vec<Attachment>) {
-    let mut body = Particles::<T>::with_slabs(model, slabs);
-    let mut twin = model.twin();
+fn pair<T: Real>(
+    model: &GridModel,
+    slabs: usize,
+) -> (CpuGridBody<T>, GridReference, Vec<NodeConstraint>) {
+    let mut body = CpuGridBody::<T>::with_slabs(model, slabs);
+    let mut twin = model.reference();
     let count = twin.x.len();
     let has = |i: usize| model.masses[i] > 0.0;
     let spacing = model.shape.spacing.x * model.length_unit;
@@ -57,7 +60,7 @@ fn pair<T: Real>(model: &GridModel, slabs: usize) -> (Particles<T>, GridTwin, Ve
         }
     }
     twin.gravity = DVec3::new(1.0, 2.0, -9.0);
-    let h = 0.4 * model.stable_step();
+    let h = 0.4 * model.conservative_step();
     let speeds = some(count, 5, 0.02 * spacing / h);
     let v: Vec<DVec3> = (0..count)
         .map(|i| {
@@ -72,8 +75,8 @@ fn pair<T: Real>(model: &GridModel, slabs: usize) -> (Particles<T>, GridTwin, Ve
     let held = twin.particles[twin.particles.len() - 9];
     let place = twin.x[held as usize] + DVec3::splat(0.1 * spacing);
     let attachments = vec![
-        Attachment::Hold { node: held, place },
-        Attachment::Pull {
+        NodeConstraint::Fixed { node: held, place },
+        NodeConstraint::Spring {
             node: last,
             target: twin.x[last as usize] + DVec3::splat(spacing),
             stiffness: 0.1,
@@ -94,13 +97,13 @@ fn pair<T: Real>(model: &GridModel, slabs: usize) -> (Particles<T>, GridTwin, Ve
 }
 
 fn step_both<T: Real>(
-    body: &mut Particles<T>,
-    twin: &mut GridTwin,
-    pull: &Attachment,
+    body: &mut CpuGridBody<T>,
+    twin: &mut GridReference,
+    pull: &NodeConstraint,
     h: f64,
     n: u32,
 ) {
-    let Attachment::Pull {
+    let NodeConstraint::Spring {
         node,
         target,
         stiffness,
@@ -124,8 +127,8 @@ fn step_both<T: Real>(
     twin.forces[i] = plain;
 }
 
-fn error<T: Real>(body: &Particles<T>, twin: &GridTwin, model: &GridModel) -> f64 {
-    let rest = model.twin().x;
+fn error<T: Real>(body: &CpuGridBody<T>, twin: &GridReference, model: &GridModel) -> f64 {
+    let rest = model.reference().x;
     let (mut off, mut motion) = (0.0, 0.0);
     for (i, x) in body.positions().iter().enumerate() {
         off += x.distance_squared(twin.x[i]);
@@ -137,7 +140,7 @@ fn error<T: Real>(body: &Particles<T>, twin: &GridTwin, model: &GridModel) -> f6
 #[test]
 fn grids_step_as_the_twin() {
     let model = model(3000);
-    let h = 0.4 * model.stable_step();
+    let h = 0.4 * model.conservative_step();
     for slabs in [1, 2, 5] {
         let (mut body, mut twin, attached) = pair::<f64>(&model, slabs);
         step_both(&mut body, &mut twin, &attached[1], h, 100);
@@ -169,7 +172,7 @@ fn grids_step_as_the_twin() {
 #[test]
 fn cut_springs_are_gone_and_resumed_runs_are_the_same() {
     let model = model(2000);
-    let h = 0.4 * model.stable_step();
+    let h = 0.4 * model.conservative_step();
     let (mut body, mut twin, attached) = pair::<f64>(&model, 2);
     step_both(&mut body, &mut twin, &attached[1], h, 10);
     let particle = twin.particles[twin.particles.len() / 2] as usize;
@@ -201,7 +204,7 @@ fn cut_springs_are_gone_and_resumed_runs_are_the_same() {
 fn grids_that_fly_apart_stay_where_they_were() {
     let model = model(1000);
     let (mut body, _, _) = pair::<f32>(&model, 2);
-    let h = 4.0 * model.stable_step();
+    let h = 4.0 * model.conservative_step();
     let mut before = body.positions();
     let failure = loop {
         match body.run(1, h) {
@@ -211,16 +214,16 @@ fn grids_that_fly_apart_stay_where_they_were() {
         assert!(body.steps() < 1000);
     };
     assert!(
-        matches!(failure, Failure::FlewApart | Failure::NonFinite),
+        matches!(failure, StepFailure::Diverged | StepFailure::NonFinite),
         "{failure}"
     );
     assert_eq!(before, body.positions());
     assert!(matches!(
         body.run(1, f64::NAN),
-        Err(Failure::BadStep { .. })
+        Err(StepFailure::BadStep { .. })
     ));
     body.set_forces(&vec![DVec3::splat(1e300); before.len()])
         .unwrap();
-    assert_eq!(body.run(1, 1e-3), Err(Failure::NonFinite));
+    assert_eq!(body.run(1, 1e-3), Err(StepFailure::NonFinite));
     assert_eq!(before, body.positions());
 }

@@ -1,11 +1,11 @@
 //! Grid bodies on the CPU: Verlet on particles with 18 implicit neighbours (Mosegaard, Herborg &
 //! Sørensen 2005). The twin of `shaders/physics/grid_verlet.wgsl` and `physics::grid::plain`.
 
-use super::loads::{Attachment, check_attachments};
-use super::particle_forces::{Axes, Kind, Run, Slab};
-use super::pool::Plan;
+use super::loads::{NodeConstraint, check_attachments};
+use super::particle_forces::{Slab, SoaVec3, SpringKind, SpringRun};
+use super::pool::Partition;
 use super::real::Real;
-use crate::physics::grid::{GridModel, STEPS};
+use crate::physics::grid::{GridModel, SPRING_OFFSETS};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -16,10 +16,10 @@ use std::sync::Arc;
 const PARTICLES_A_THREAD: usize = 1500;
 
 /// So many particles that the body has not may be a part of a run.
-const GAP: usize = 16;
+const MAX_RUN_GAP: usize = 16;
 
 /// Particles in a run of springs at most: its forces stay in the first cache.
-const LONGEST: usize = 512;
+const MAX_RUN: usize = 512;
 
 /// A grid body stepped on the CPU in numbers of type `T`.
 ///
@@ -27,39 +27,45 @@ const LONGEST: usize = 512;
 /// SI units, positions in metres from the origin of the model's frame. Kept are displacements from
 /// the rest positions in units of the body's size, so that f32 has its digits where they matter.
 #[derive(Clone, Debug)]
-pub struct Particles<T: Real> {
+pub struct CpuGridBody<T: Real> {
     pub(super) rest: Vec<DVec3>,
     pub(super) length: f64,
     pub(super) mean_mass: f64,
     pub(super) masses: Vec<f64>,
     pub(super) damping: f64,
     pub(super) gravity: DVec3,
-    pub(super) kinds: [Kind<T>; 9],
+    pub(super) kinds: [SpringKind<T>; 9],
     pub(super) stiffness: [f64; 9],
     pub(super) springs: Vec<u32>,
     pub(super) factors: Vec<T>,
     /// Mean mass over mass; 0 for particles that stay.
     pub(super) inverse: Vec<T>,
-    pub(super) forces: Option<Axes<T>>,
+    pub(super) forces: Option<SoaVec3<T>>,
     pub(super) external: Vec<DVec3>,
     pub(super) pinned: Vec<bool>,
-    pub(super) attachments: Vec<Attachment>,
-    pub(super) plan: Arc<Plan>,
+    pub(super) attachments: Vec<NodeConstraint>,
+    pub(super) plan: Arc<Partition>,
     pub(super) slabs: Vec<Slab<T>>,
-    pub(super) before: Axes<T>,
-    pub(super) now: Axes<T>,
-    pub(super) next: Axes<T>,
+    pub(super) before: SoaVec3<T>,
+    pub(super) now: SoaVec3<T>,
+    pub(super) next: SoaVec3<T>,
     pub(super) velocities: Vec<DVec3>,
     /// What pulls at particles now.
-    pub(super) drawn: Vec<(usize, DVec3)>,
+    pub(super) pulls: Vec<(usize, DVec3)>,
     /// Length of the last step, s; none at first.
-    pub(super) lag: Option<f64>,
+    pub(super) previous_dt: Option<f64>,
     pub(super) steps: u64,
 }
 
 /// The parts of a run of particles of which the springs of a kind, that lead `offset` on, begin or
 /// end in the slab of the particles `mine`.
-fn within(run: &Range<usize>, kind: usize, offset: isize, mine: &Range<usize>, out: &mut Vec<Run>) {
+fn within(
+    run: &Range<usize>,
+    kind: usize,
+    offset: isize,
+    mine: &Range<usize>,
+    out: &mut Vec<SpringRun>,
+) {
     let mut ends = [mine.start, mine.end, run.end, run.end].map(|e| e as isize);
     ends[2] = mine.start as isize - offset;
     ends[3] = mine.end as isize - offset;
@@ -69,12 +75,12 @@ fn within(run: &Range<usize>, kind: usize, offset: isize, mine: &Range<usize>, o
         let end = end.clamp(from as isize, run.end as isize) as usize;
         let own = [from, from.wrapping_add_signed(offset)].map(|i| mine.contains(&i));
         if end > from && own != [false, false] {
-            for first in (from..end).step_by(LONGEST) {
-                out.push(Run {
+            for first in (from..end).step_by(MAX_RUN) {
+                out.push(SpringRun {
                     first,
-                    count: LONGEST.min(end - first),
+                    count: MAX_RUN.min(end - first),
                     kind,
-                    own,
+                    owned: own,
                 });
             }
         }
@@ -82,11 +88,11 @@ fn within(run: &Range<usize>, kind: usize, offset: isize, mine: &Range<usize>, o
     }
 }
 
-/// What [`Particles::state`] gives.
+/// What [`CpuGridBody::state`] gives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParticlesState<T> {
     /// Displacements now and a step before.
-    pub u: [Axes<T>; 2],
+    pub u: [SoaVec3<T>; 2],
     /// Velocities to begin with, m/s; of use before the first step only.
     pub velocities: Vec<[f64; 3]>,
     /// Length of the last step, s.
@@ -95,17 +101,17 @@ pub struct ParticlesState<T> {
     pub steps: u64,
 }
 
-impl<T: Real> Particles<T> {
+impl<T: Real> CpuGridBody<T> {
     /// The body of `model`, at rest; nothing pinned, no gravity.
-    pub fn new(model: &GridModel) -> Particles<T> {
+    pub fn new(model: &GridModel) -> CpuGridBody<T> {
         let bodies = model.masses.iter().filter(|m| **m > 0.0).count();
         let threads = rayon::current_num_threads();
-        Particles::with_slabs(model, threads.min(bodies / PARTICLES_A_THREAD))
+        CpuGridBody::with_slabs(model, threads.min(bodies / PARTICLES_A_THREAD))
     }
 
-    /// As [`Particles::new`], its rows shared out in that many slabs, or fewer.
-    pub fn with_slabs(model: &GridModel, slabs: usize) -> Particles<T> {
-        let rest = model.places();
+    /// As [`CpuGridBody::new`], its rows shared out in that many slabs, or fewer.
+    pub fn with_slabs(model: &GridModel, slabs: usize) -> CpuGridBody<T> {
+        let rest = model.rest_positions_m();
         let count = rest.len();
         let length = model.frame.scale * model.length_unit;
         let bodies = model.masses.iter().filter(|m| **m > 0.0);
@@ -114,17 +120,17 @@ impl<T: Real> Particles<T> {
         let shape = &model.shape;
         let (offsets, lengths) = (shape.offsets(), shape.rest_lengths());
         let kinds = std::array::from_fn(|k| {
-            let step = DVec3::from(STEPS[k].map(|n| n as f64));
+            let step = DVec3::from(SPRING_OFFSETS[k].map(|n| n as f64));
             let step = shape.axes * (shape.spacing * step) * model.length_unit / length;
-            Kind {
+            SpringKind {
                 offset: offsets[k] as isize,
-                rest: step.to_array().map(T::of),
-                length: T::of(lengths[k] * model.length_unit / length),
+                rest: step.to_array().map(T::from_f64),
+                length: T::from_f64(lengths[k] * model.length_unit / length),
                 stiffness: T::ONE,
             }
         });
         let zeros = || std::array::from_fn(|_| vec![T::ZERO; count]);
-        let mut body = Particles {
+        let mut body = CpuGridBody {
             rest,
             length,
             mean_mass,
@@ -134,20 +140,24 @@ impl<T: Real> Particles<T> {
             kinds,
             stiffness: model.stiffness,
             springs: model.springs.clone(),
-            factors: model.factors.iter().map(|f| T::of(*f)).collect(),
+            factors: model
+                .stiffness_scales
+                .iter()
+                .map(|f| T::from_f64(*f))
+                .collect(),
             inverse: vec![T::ZERO; count],
             forces: None,
             external: vec![DVec3::ZERO; count],
             pinned: vec![false; count],
             attachments: Vec::new(),
-            plan: Arc::new(Plan::with(vec![0, count], 1)),
-            drawn: Vec::new(),
+            plan: Arc::new(Partition::with_chunks(vec![0, count], 1)),
+            pulls: Vec::new(),
             slabs: Vec::new(),
             before: zeros(),
             now: zeros(),
             next: zeros(),
             velocities: vec![DVec3::ZERO; count],
-            lag: None,
+            previous_dt: None,
             steps: 0,
         };
         body.share_out(model.shape.size[0], slabs);
@@ -169,7 +179,7 @@ impl<T: Real> Particles<T> {
         }
         starts.push(count);
         let chunks = starts.len() - 1;
-        self.plan = Arc::new(Plan::with(starts, chunks));
+        self.plan = Arc::new(Partition::with_chunks(starts, chunks));
         // Particles one after the other, and what lies between where that is little: springs that
         // are not there cost less than to begin a run.
         let mut runs: Vec<Range<usize>> = Vec::new();
@@ -177,7 +187,7 @@ impl<T: Real> Particles<T> {
         for i in (0..count).filter(has) {
             let here = self.plan.chunk_of(i);
             match runs.last_mut() {
-                Some(run) if i - run.end <= GAP && here == slab => run.end = i + 1,
+                Some(run) if i - run.end <= MAX_RUN_GAP && here == slab => run.end = i + 1,
                 _ => runs.push(i..i + 1),
             }
             slab = here;
@@ -190,7 +200,7 @@ impl<T: Real> Particles<T> {
                     within(run, kind, k.offset, &mine, &mut list);
                 }
             }
-            list.sort_by_key(|r: &Run| (r.first, r.kind));
+            list.sort_by_key(|r: &SpringRun| (r.first, r.kind));
             let longest = list.iter().map(|r| r.count).max().unwrap_or(0);
             let particles = runs.iter().filter(|r| mine.contains(&r.start));
             Slab::new(list, particles.cloned().collect(), mine.len(), longest)
@@ -201,14 +211,14 @@ impl<T: Real> Particles<T> {
     fn free_particles(&mut self) {
         for (i, inverse) in self.inverse.iter_mut().enumerate() {
             let free = self.masses[i] > 0.0 && !self.pinned[i];
-            *inverse = T::of(if free {
+            *inverse = T::from_f64(if free {
                 self.mean_mass / self.masses[i]
             } else {
                 0.0
             });
         }
         for a in &self.attachments {
-            if let Attachment::Hold { node, .. } = a {
+            if let NodeConstraint::Fixed { node, .. } = a {
                 self.inverse[*node as usize] = T::ZERO;
             }
         }
@@ -248,7 +258,12 @@ impl<T: Real> Particles<T> {
         self.check_vectors("forces", forces)?;
         self.external.copy_from_slice(forces);
         let some = forces.iter().any(|f| *f != DVec3::ZERO);
-        let axis = |a: usize| forces.iter().map(|f| T::of(f[a] / self.length)).collect();
+        let axis = |a: usize| {
+            forces
+                .iter()
+                .map(|f| T::from_f64(f[a] / self.length))
+                .collect()
+        };
         self.forces = some.then(|| std::array::from_fn(axis));
         Ok(())
     }
@@ -275,25 +290,29 @@ impl<T: Real> Particles<T> {
     ///
     /// # Errors
     /// [`Error::Input`] for attachments that make no sense.
-    pub fn set_attachments(&mut self, attachments: &[Attachment]) -> Result<()> {
+    pub fn set_attachments(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
         check_attachments(attachments, self.rest.len())?;
         self.attachments = attachments.to_vec();
         self.free_particles();
         for a in attachments {
-            if let Attachment::Hold { node, place } = a {
+            if let NodeConstraint::Fixed { node, place } = a {
                 let i = *node as usize;
                 let u = (*place - self.rest[i]) / self.length;
                 for axis in 0..3 {
-                    self.now[axis][i] = T::of(u[axis]);
-                    self.before[axis][i] = T::of(u[axis]);
+                    self.now[axis][i] = T::from_f64(u[axis]);
+                    self.before[axis][i] = T::from_f64(u[axis]);
                 }
             }
         }
         Ok(())
     }
 
-    pub(super) fn displacement(&self, axes: &Axes<T>, i: usize) -> DVec3 {
-        DVec3::new(axes[0][i].wide(), axes[1][i].wide(), axes[2][i].wide()) * self.length
+    pub(super) fn displacement(&self, axes: &SoaVec3<T>, i: usize) -> DVec3 {
+        DVec3::new(
+            axes[0][i].to_f64(),
+            axes[1][i].to_f64(),
+            axes[2][i].to_f64(),
+        ) * self.length
     }
 
     /// Positions, m from the frame's origin.
@@ -306,7 +325,7 @@ impl<T: Real> Particles<T> {
 
     /// Velocities, m/s: the mean over the last step, or what was set before the first.
     pub fn velocities(&self) -> Vec<DVec3> {
-        match self.lag {
+        match self.previous_dt {
             None => self.velocities.clone(),
             Some(h) => (0..self.rest.len())
                 .map(|i| {
@@ -319,13 +338,13 @@ impl<T: Real> Particles<T> {
 
     /// Energy of motion, Σ ½mv² of the mean velocity over the last step, J; zero before the first.
     pub fn kinetic_energy(&self) -> f64 {
-        let Some(h) = self.lag else {
+        let Some(h) = self.previous_dt else {
             return 0.0;
         };
         let unit = self.length / h;
         let mut sum = 0.0;
         for (i, m) in self.masses.iter().enumerate().filter(|(_, m)| **m > 0.0) {
-            let moved = |a: usize| (self.now[a][i] - self.before[a][i]).wide();
+            let moved = |a: usize| (self.now[a][i] - self.before[a][i]).to_f64();
             let square: f64 = (0..3).map(|a| moved(a) * moved(a)).sum();
             sum += 0.5 * m * square;
         }
@@ -343,11 +362,11 @@ impl<T: Real> Particles<T> {
         for (i, x) in positions.iter().enumerate() {
             let u = (*x - self.rest[i]) / self.length;
             for axis in 0..3 {
-                self.now[axis][i] = T::of(u[axis]);
+                self.now[axis][i] = T::from_f64(u[axis]);
             }
         }
         self.velocities.copy_from_slice(velocities);
-        self.lag = None;
+        self.previous_dt = None;
         Ok(())
     }
 
@@ -356,12 +375,12 @@ impl<T: Real> Particles<T> {
         ParticlesState {
             u: [self.now.clone(), self.before.clone()],
             velocities: self.velocities.iter().map(|v| v.to_array()).collect(),
-            lag: self.lag,
+            lag: self.previous_dt,
             steps: self.steps,
         }
     }
 
-    /// Goes on from a state that [`Particles::state`] gave of this body or of one made in the same
+    /// Goes on from a state that [`CpuGridBody::state`] gave of this body or of one made in the same
     /// way.
     ///
     /// # Errors
@@ -376,7 +395,7 @@ impl<T: Real> Particles<T> {
         self.now.clone_from(&state.u[0]);
         self.before.clone_from(&state.u[1]);
         self.velocities = state.velocities.iter().map(|v| DVec3::from(*v)).collect();
-        self.lag = state.lag;
+        self.previous_dt = state.lag;
         self.steps = state.steps;
         Ok(())
     }

@@ -6,11 +6,11 @@
 use std::ops::Range;
 
 /// Nodes below which a second thread costs more than it gives.
-const NODES_A_THREAD: usize = 1600;
+const MIN_NODES_PER_THREAD: usize = 1600;
 
 /// How a body's nodes are shared out.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
+pub struct Partition {
     /// First node of each chunk, and the number of nodes.
     bounds: Vec<usize>,
     /// First group of each chunk, and the number of groups.
@@ -19,17 +19,17 @@ pub struct Plan {
     starts: Vec<usize>,
 }
 
-impl Plan {
+impl Partition {
     /// Nodes in groups that begin at `starts` (the number of nodes last), in chunks of whole
     /// groups: one, or as many as there are threads where there is work for them.
-    pub fn new(starts: Vec<usize>) -> Plan {
+    pub fn new(starts: Vec<usize>) -> Partition {
         let nodes = starts.last().copied().unwrap_or(0);
         let threads = rayon::current_num_threads();
-        Plan::with(starts, threads.min(nodes / NODES_A_THREAD))
+        Partition::with_chunks(starts, threads.min(nodes / MIN_NODES_PER_THREAD))
     }
 
     /// The same in `chunks` chunks, or fewer where there are not as many groups.
-    pub fn with(starts: Vec<usize>, chunks: usize) -> Plan {
+    pub fn with_chunks(starts: Vec<usize>, chunks: usize) -> Partition {
         let groups = starts.len().saturating_sub(1);
         let nodes = starts.last().copied().unwrap_or(0);
         let chunks = chunks.clamp(1, groups.max(1));
@@ -40,7 +40,7 @@ impl Plan {
             group_bounds.push(near.clamp(group_bounds[c - 1] + 1, groups - (chunks - c)));
         }
         group_bounds.push(groups);
-        Plan {
+        Partition {
             bounds: group_bounds.iter().map(|g| starts[*g]).collect(),
             group_bounds,
             starts,
@@ -84,15 +84,15 @@ impl Plan {
 
     /// Calls `work(chunk, its nodes, its share of data)` for every chunk, at the same time, and
     /// adds up what they return.
-    pub fn each<const K: usize, S: Share>(
+    pub fn for_each_chunk<const K: usize, S: SplitData>(
         &self,
         data: S,
         work: &(impl Fn(usize, Range<usize>, S) -> [f64; K] + Sync),
     ) -> [f64; K] {
-        self.some(0, self.chunks(), data, work)
+        self.for_each_in(0, self.chunks(), data, work)
     }
 
-    fn some<const K: usize, S: Share>(
+    fn for_each_in<const K: usize, S: SplitData>(
         &self,
         from: usize,
         to: usize,
@@ -104,22 +104,22 @@ impl Plan {
         }
         let middle = (from + to) / 2;
         let nodes = self.bounds[middle] - self.bounds[from];
-        let (left, right) = data.split(Cut {
+        let (left, right) = data.split(SplitPoint {
             chunks: middle - from,
             nodes,
             groups: self.group_bounds[middle] - self.group_bounds[from],
         });
         let (mut left, mut right) = (Some(left), Some(right));
         let (mut sums, mut others) = ([0.0; K], [0.0; K]);
-        both(
+        join(
             &mut || {
                 if let Some(data) = left.take() {
-                    sums = self.some(from, middle, data, work);
+                    sums = self.for_each_in(from, middle, data, work);
                 }
             },
             &mut || {
                 if let Some(data) = right.take() {
-                    others = self.some(middle, to, data, work);
+                    others = self.for_each_in(middle, to, data, work);
                 }
             },
         );
@@ -130,8 +130,8 @@ impl Plan {
     }
 
     /// Runs `work` on a thread of the pool where the plan has several chunks: from outside every
-    /// single call of [`Plan::each`] would have to wake it.
-    pub fn enter<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+    /// single call of [`Partition::for_each_chunk`] would have to wake it.
+    pub fn in_pool<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match self.chunks() {
             1 => work(),
             _ => rayon::scope(|_| work()),
@@ -140,26 +140,26 @@ impl Plan {
 }
 
 /// Does both at the same time. What rayon needs for it is compiled once, and not for every `work`.
-fn both(left: &mut (dyn FnMut() + Send), right: &mut (dyn FnMut() + Send)) {
+fn join(left: &mut (dyn FnMut() + Send), right: &mut (dyn FnMut() + Send)) {
     rayon::join(left, right);
 }
 
 /// How much of each kind of data goes left.
 #[derive(Clone, Copy, Debug)]
-pub struct Cut {
+pub struct SplitPoint {
     chunks: usize,
     nodes: usize,
     groups: usize,
 }
 
 /// Data that can be shared out among chunks.
-pub trait Share: Sized + Send {
+pub trait SplitData: Sized + Send {
     /// The part of the chunks on the left, and that of the others.
-    fn split(self, cut: Cut) -> (Self, Self);
+    fn split(self, cut: SplitPoint) -> (Self, Self);
 }
 
-impl Share for () {
-    fn split(self, _: Cut) -> (Self, Self) {
+impl SplitData for () {
+    fn split(self, _: SplitPoint) -> (Self, Self) {
         ((), ())
     }
 }
@@ -170,8 +170,8 @@ macro_rules! share_slice {
         #[derive(Debug)]
         pub struct $name<'a, A>(pub &'a mut [A]);
 
-        impl<A: Send> Share for $name<'_, A> {
-            fn split(self, cut: Cut) -> (Self, Self) {
+        impl<A: Send> SplitData for $name<'_, A> {
+            fn split(self, cut: SplitPoint) -> (Self, Self) {
                 let (left, right) = self.0.split_at_mut(cut.$count.min(self.0.len()));
                 ($name(left), $name(right))
             }
@@ -197,8 +197,8 @@ share_slice!(
 
 macro_rules! share_tuple {
     ($($name:ident $n:tt),+) => {
-        impl<$($name: Share),+> Share for ($($name,)+) {
-            fn split(self, cut: Cut) -> (Self, Self) {
+        impl<$($name: SplitData),+> SplitData for ($($name,)+) {
+            fn split(self, cut: SplitPoint) -> (Self, Self) {
                 let parts = ($(self.$n.split(cut),)+);
                 (($(parts.$n.0,)+), ($(parts.$n.1,)+))
             }

@@ -1,6 +1,6 @@
 //! Where a body stands, to the bit, without how it moves.
 
-use super::body::{CpuBody, Start};
+use super::body::{CpuBody, ForceStatus};
 use super::real::Real;
 use crate::{Error, Result};
 
@@ -8,13 +8,13 @@ impl<T: Real> CpuBody<T> {
     /// Displacements of the nodes from their rest, in local units and the engine's order; then three
     /// lines a rigid body: its shift, and the four numbers of its turn.
     pub fn displacements(&self) -> Vec<[f64; 3]> {
-        let own = |u: &[T; 4]| [u[0], u[1], u[2]].map(Real::wide);
+        let own = |u: &[T; 4]| [u[0], u[1], u[2]].map(Real::to_f64);
         let rigid = self.newton.as_ref().map(|n| n.rigid.now.as_slice());
         let poses = rigid.unwrap_or_default().iter().flat_map(|pose| {
-            let [a, b, c, x, y, z, w] = pose.numbers();
+            let [a, b, c, x, y, z, w] = pose.to_array();
             [[a, b, c], [x, y, z], [w, 0.0, 0.0]]
         });
-        self.now.u.iter().map(own).chain(poses).collect()
+        self.state.u.iter().map(own).chain(poses).collect()
     }
 
     /// Puts the nodes where [`CpuBody::displacements`] found them. Schemes begin afresh.
@@ -23,7 +23,7 @@ impl<T: Real> CpuBody<T> {
     /// [`Error::Input`] for those of another body.
     pub fn set_displacements(&mut self, displacements: &[[f64; 3]]) -> Result<()> {
         let bodies = self.newton.as_ref().map_or(0, |n| n.rigid.bodies.len());
-        let slots = self.now.u.len();
+        let slots = self.state.u.len();
         if displacements.len() != slots + 3 * bodies {
             return Err(Error::Input(format!(
                 "the pose of {} nodes does not fit a body of {}",
@@ -31,16 +31,16 @@ impl<T: Real> CpuBody<T> {
                 self.node_count()
             )));
         }
-        for (u, [x, y, z]) in self.now.u.iter_mut().zip(displacements) {
-            *u = [*x, *y, *z, 0.0].map(T::of);
+        for (u, [x, y, z]) in self.state.u.iter_mut().zip(displacements) {
+            *u = [*x, *y, *z, 0.0].map(T::from_f64);
         }
         if let Some(newton) = &mut self.newton {
             let poses = displacements[slots..].as_chunks::<3>().0;
             for (pose, [[a, b, c], [x, y, z], [w, ..]]) in newton.rigid.now.iter_mut().zip(poses) {
-                *pose = super::rigid_pose::Pose::of_numbers([*a, *b, *c, *x, *y, *z, *w]);
+                *pose = super::rigid_pose::Pose::from_array([*a, *b, *c, *x, *y, *z, *w]);
             }
         }
-        self.changed(Start::Restart);
+        self.invalidate(ForceStatus::Restart);
         Ok(())
     }
 }

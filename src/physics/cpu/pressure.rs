@@ -3,10 +3,10 @@
 //! On each node of a face −⅓ p A n, A n = ½ (x₁ − x₀) × (x₂ − x₀) where the nodes are. Implicit
 //! steps take it at their start, as they do all loads: it has no part in the second derivatives.
 
-use super::pool::Plan;
+use super::pool::Partition;
 use super::real::Real;
-use super::vectors::{V4, add, of_metres, scale, sub, zero};
-use crate::physics::Units;
+use super::vectors::{V4, add, from_metres, scale, sub, zero};
+use crate::physics::LocalUnits;
 use glam::DVec3;
 
 /// A face, counter-clockwise seen from outside.
@@ -23,9 +23,9 @@ pub(super) struct Pressure<T> {
     /// The faces with a node in each chunk.
     chunks: Vec<Vec<Face<T>>>,
     /// Which level is the pressure.
-    level: usize,
+    amplitude_index: usize,
     /// A sixth of it, local units.
-    sixth: T,
+    pressure_over_six: T,
     /// Pa.
     unit: f64,
 }
@@ -35,10 +35,10 @@ impl<T: Real> Pressure<T> {
     /// the engine's number of every node, `rest` their rest positions, m.
     pub fn new(
         faces: &[[u32; 3]],
-        level: usize,
+        amplitude_index: usize,
         (place, rest): (&[u32], &[DVec3]),
-        units: &Units,
-        plan: &Plan,
+        units: &LocalUnits,
+        plan: &Partition,
     ) -> Pressure<T> {
         let mut chunks = vec![Vec::new(); plan.chunks()];
         for face in faces {
@@ -46,7 +46,7 @@ impl<T: Real> Pressure<T> {
             let nodes = face.map(|v| place[v as usize]);
             let made = Face {
                 nodes,
-                edges: [b - a, c - a].map(|e| of_metres(e, units.length)),
+                edges: [b - a, c - a].map(|e| from_metres(e, units.length)),
             };
             let mut homes = nodes.map(|v| plan.chunk_of(v as usize)).to_vec();
             homes.sort_unstable();
@@ -55,22 +55,22 @@ impl<T: Real> Pressure<T> {
         }
         Pressure {
             chunks,
-            level,
-            sixth: T::ZERO,
+            amplitude_index,
+            pressure_over_six: T::ZERO,
             unit: units.force() / (units.length * units.length),
         }
     }
 
     /// Takes its pressure, Pa, from among all levels.
-    pub fn set_level(&mut self, levels: &[f64]) {
-        let pressure = levels.get(self.level).copied().unwrap_or(0.0);
-        self.sixth = T::of(pressure / (6.0 * self.unit));
+    pub fn set_amplitude(&mut self, levels: &[f64]) {
+        let pressure = levels.get(self.amplitude_index).copied().unwrap_or(0.0);
+        self.pressure_over_six = T::from_f64(pressure / (6.0 * self.unit));
     }
 
     /// Tells the force on each node of a chunk's faces, node by node.
     #[inline]
     fn each(&self, chunk: usize, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) {
-        if self.sixth == T::ZERO {
+        if self.pressure_over_six == T::ZERO {
             return;
         }
         for Face { nodes, edges } in &self.chunks[chunk] {
@@ -83,13 +83,13 @@ impl<T: Real> Pressure<T> {
                 e[0] * d[1] - e[1] * d[0],
                 T::ZERO,
             ];
-            let share = sub(zero(), scale(self.sixth, normal));
+            let share = sub(zero(), scale(self.pressure_over_six, normal));
             nodes.iter().for_each(|v| take(*v as usize, share));
         }
     }
 
     /// Adds the forces on the nodes of a chunk, which begins with node `first`.
-    pub fn put(&self, chunk: usize, first: usize, u: &[V4<T>], f: &mut [V4<T>]) {
+    pub fn add_forces(&self, chunk: usize, first: usize, u: &[V4<T>], f: &mut [V4<T>]) {
         self.each(chunk, u, |v, share| {
             // Nodes before the chunk wrap around and are beyond its end.
             if let Some(f) = f.get_mut(v.wrapping_sub(first)) {
@@ -103,7 +103,7 @@ impl<T: Real> Pressure<T> {
         let mut sum = 0.0;
         self.each(chunk, u, |node, share| {
             if let Some(v) = v.get(node.wrapping_sub(first)) {
-                sum += super::vectors::weight(share, *v);
+                sum += super::vectors::dot_f64(share, *v);
             }
         });
         sum

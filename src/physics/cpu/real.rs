@@ -36,11 +36,11 @@ pub trait Real:
     /// ½.
     const HALF: Self;
     /// Square of a length, in local units, below which two nodes are in the same place.
-    const COINCIDENT: Self;
+    const MIN_DISTANCE_SQUARED: Self;
     /// Change of a squared length, in local units, that is as good as none.
-    const NOTHING: Self;
+    const MIN_LENGTH_CHANGE: Self;
     /// What sums of energies are wrong by at most, over themselves: rounding.
-    const ROUNDING: f64;
+    const ENERGY_ROUNDING: f64;
     /// Movement in one step, in units of the body's extent, that positions do not show.
     const NEGLIGIBLE: f64;
 
@@ -53,16 +53,16 @@ pub trait Real:
     /// a·b over all four, four times.
     fn dot(a: Self::Lanes, b: Self::Lanes) -> Self::Lanes;
     /// The nearest number to `x`.
-    fn of(x: f64) -> Self;
+    fn from_f64(x: f64) -> Self;
     /// 0 or 1.
     fn of_bit(bit: u32) -> Self;
     /// The same number as f64.
-    fn wide(self) -> f64;
+    fn to_f64(self) -> f64;
     /// The square root.
-    fn root(self) -> Self;
+    fn sqrt(self) -> Self;
     /// The larger of both; `other` where `self` is not a number.
     #[inline(always)]
-    fn or_more(self, other: Self) -> Self {
+    fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
 }
@@ -74,9 +74,9 @@ macro_rules! real {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const HALF: Self = 0.5;
-            const COINCIDENT: Self = $coincident;
-            const NOTHING: Self = $nothing;
-            const ROUNDING: f64 = $rounding;
+            const MIN_DISTANCE_SQUARED: Self = $coincident;
+            const MIN_LENGTH_CHANGE: Self = $nothing;
+            const ENERGY_ROUNDING: f64 = $rounding;
             const NEGLIGIBLE: f64 = $negligible;
 
             #[inline(always)]
@@ -96,7 +96,7 @@ macro_rules! real {
                 <$lanes>::splat(a.dot(b))
             }
             #[inline(always)]
-            fn of(x: f64) -> Self {
+            fn from_f64(x: f64) -> Self {
                 x as $real
             }
             #[inline(always)]
@@ -105,11 +105,11 @@ macro_rules! real {
                 bit as i32 as $real
             }
             #[inline(always)]
-            fn wide(self) -> f64 {
+            fn to_f64(self) -> f64 {
                 f64::from(self)
             }
             #[inline(always)]
-            fn root(self) -> Self {
+            fn sqrt(self) -> Self {
                 self.sqrt()
             }
         }

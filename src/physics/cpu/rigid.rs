@@ -12,7 +12,8 @@
 use super::closest_rotation::closest_rotation;
 use super::real::Real;
 use super::rigid_pose::{
-    CARRIERS, CORNERS, Freedom, Pose, Rigid, inertia_of, narrow, outer, turned_by, wide,
+    DegreesOfFreedom, PROXY_NODES, PROXY_POSITIONS, Pose, RigidGroup, inertia_of, narrow, outer,
+    rotation_response, wide,
 };
 use super::vectors::V4;
 use glam::{DMat3, DQuat, DVec3};
@@ -23,9 +24,9 @@ pub(super) struct RigidBodies {
     /// The first slot of any.
     pub first: usize,
     /// One after the other, a group of the plan each.
-    pub bodies: Vec<Rigid>,
+    pub bodies: Vec<RigidGroup>,
     /// Where each of their nodes is, from the first slot on: from its body's centre at rest.
-    pub arms: Vec<DVec3>,
+    pub lever_arms: Vec<DVec3>,
     /// The body of each.
     owner: Vec<u32>,
     /// Mass of each of the mesh's nodes, which its body carries for it.
@@ -36,7 +37,7 @@ pub(super) struct RigidBodies {
     pub trial: Vec<Pose>,
     /// Where bodies that are held go in the step, and how much of that way trials have gone.
     pub targets: Vec<Option<Pose>>,
-    pub led: f64,
+    pub prescribed_fraction: f64,
     /// Shift and change of rotation from now to the last trial.
     changes: Vec<(DVec3, DMat3)>,
     /// Of the direction that is searched along: shift and rotation vector.
@@ -57,11 +58,11 @@ impl RigidBodies {
     /// At rest, free.
     pub fn new(
         first: usize,
-        bodies: Vec<Rigid>,
-        arms: Vec<DVec3>,
+        bodies: Vec<RigidGroup>,
+        lever_arms: Vec<DVec3>,
         weights: Vec<f64>,
     ) -> RigidBodies {
-        let mut owner = vec![0; arms.len()];
+        let mut owner = vec![0; lever_arms.len()];
         for (b, body) in bodies.iter().enumerate() {
             for slots in [&body.nodes, &body.inner] {
                 owner[slots.start - first..slots.end - first].fill(b as u32);
@@ -70,14 +71,14 @@ impl RigidBodies {
         let poses = vec![Pose::REST; bodies.len()];
         RigidBodies {
             first,
-            arms,
+            lever_arms,
             owner,
             weights,
             now: poses.clone(),
             best: poses.clone(),
             trial: poses,
             targets: vec![None; bodies.len()],
-            led: 1.0,
+            prescribed_fraction: 1.0,
             changes: vec![(DVec3::ZERO, DMat3::ZERO); bodies.len()],
             directions: vec![(DVec3::ZERO, DVec3::ZERO); bodies.len()],
             torques: vec![DVec3::ZERO; bodies.len()],
@@ -92,33 +93,33 @@ impl RigidBodies {
     }
 
     /// The body that has slot `i`.
-    pub fn of(&self, i: usize) -> Option<usize> {
+    pub fn body_of(&self, i: usize) -> Option<usize> {
         let n = i.checked_sub(self.first)?;
         self.owner.get(n).map(|b| *b as usize)
     }
 
     /// The displacement of a slot from its rest in a pose of its body.
     pub fn displacement(&self, i: usize, pose: &Pose) -> DVec3 {
-        let r = self.arms[i - self.first];
-        pose.shift + (pose.turn * r - r)
+        let r = self.lever_arms[i - self.first];
+        pose.translation + (pose.rotation * r - r)
     }
 
     /// Takes the poses nearest to where `at` displaces the carriers from now for a trial.
-    pub fn guess<T: Real>(&mut self, at: impl Fn(usize) -> V4<T>) {
+    pub fn set_trial_from<T: Real>(&mut self, at: impl Fn(usize) -> V4<T>) {
         for (b, body) in self.bodies.iter().enumerate() {
             let from = self.now[b];
-            let mut targets = [DVec3::ZERO; CARRIERS];
-            for (x, i) in targets.iter_mut().zip(body.carriers()) {
-                let r = from.turn * self.arms[i - self.first];
-                *x = body.centre + from.shift + r + wide(at(i));
+            let mut targets = [DVec3::ZERO; PROXY_NODES];
+            for (x, i) in targets.iter_mut().zip(body.proxy_nodes()) {
+                let r = from.rotation * self.lever_arms[i - self.first];
+                *x = body.centre + from.translation + r + wide(at(i));
             }
-            self.trial[b] = body.nearest(&from, targets);
+            self.trial[b] = body.closest_pose(&from, targets);
         }
         self.note_changes();
     }
 
     /// Stays for a trial.
-    pub fn stay(&mut self) {
+    pub fn reset_trial(&mut self) {
         self.trial.copy_from_slice(&self.now);
         self.note_changes();
     }
@@ -130,30 +131,30 @@ impl RigidBodies {
             let pose = &self.best[b];
             let (pivot, within) = body.pivot(pose);
             let (mut sum, mut moment, mut inertia) = (DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
-            for i in body.carriers() {
-                let a = pose.turn * (self.arms[i - self.first] - pivot);
+            for i in body.proxy_nodes() {
+                let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
                 let s = wide(vector[i]);
                 sum += s;
                 moment += a.cross(s);
                 inertia += inertia_of(a);
             }
-            let free = body.freedom == Freedom::Free;
+            let free = body.freedom == DegreesOfFreedom::Free;
             let shift = if free {
-                sum / CARRIERS as f64
+                sum / PROXY_NODES as f64
             } else {
                 DVec3::ZERO
             };
-            self.directions[b] = (shift, within * turned_by(inertia, moment, within));
+            self.directions[b] = (shift, within * rotation_response(inertia, moment, within));
         }
     }
 
     /// Goes so far along the direction from the best trial, for a trial.
-    pub fn go(&mut self, length: f64) {
+    pub fn move_trial(&mut self, length: f64) {
         for (b, body) in self.bodies.iter().enumerate() {
             let (shift, by) = self.directions[b];
             self.trial[b] = match body.freedom {
-                Freedom::Fixed => self.now[b],
-                _ => body.moved(&self.best[b], shift * length, by * length),
+                DegreesOfFreedom::Fixed => self.now[b],
+                _ => body.displaced(&self.best[b], shift * length, by * length),
             };
         }
         self.note_changes();
@@ -162,8 +163,8 @@ impl RigidBodies {
     /// Shifts the bodies of the last trial that are free to.
     pub fn shift(&mut self, by: &[DVec3]) {
         for ((pose, body), by) in self.trial.iter_mut().zip(&self.bodies).zip(by) {
-            if body.freedom == Freedom::Free {
-                pose.shift += *by;
+            if body.freedom == DegreesOfFreedom::Free {
+                pose.translation += *by;
             }
         }
         self.note_changes();
@@ -172,14 +173,14 @@ impl RigidBodies {
     /// Shifts the bodies that are free to, now.
     pub fn shift_now(&mut self, by: &[DVec3]) {
         for ((pose, body), by) in self.now.iter_mut().zip(&self.bodies).zip(by) {
-            if body.freedom == Freedom::Free {
-                pose.shift += *by;
+            if body.freedom == DegreesOfFreedom::Free {
+                pose.translation += *by;
             }
         }
     }
 
     /// Takes the poses of the best trial for another.
-    pub fn repeat(&mut self) {
+    pub fn copy_best_to_trial(&mut self) {
         self.trial.copy_from_slice(&self.best);
         self.note_changes();
     }
@@ -190,18 +191,18 @@ impl RigidBodies {
                 continue;
             };
             let body = &self.bodies[b];
-            let led = self.now[b].toward(target, self.led);
+            let led = self.now[b].interpolate(target, self.prescribed_fraction);
             self.trial[b] = match body.freedom {
                 // It turns as it likes about where what holds it goes.
-                Freedom::Turns(pivot, axis) => {
-                    let turn = self.trial[b].turn;
+                DegreesOfFreedom::Rotational(pivot, axis) => {
+                    let turn = self.trial[b].rotation;
                     let along = axis.map_or(DQuat::IDENTITY, |axis| {
-                        DQuat::from_rotation_arc(turn * axis, led.turn * axis)
+                        DQuat::from_rotation_arc(turn * axis, led.rotation * axis)
                     });
                     let turn = (along * turn).normalize();
                     Pose {
-                        shift: led.shift + led.turn * pivot - turn * pivot,
-                        turn,
+                        translation: led.translation + led.rotation * pivot - turn * pivot,
+                        rotation: turn,
                     }
                 }
                 _ => led,
@@ -209,8 +210,8 @@ impl RigidBodies {
         }
         for (b, change) in self.changes.iter_mut().enumerate() {
             let (now, then) = (&self.now[b], &self.trial[b]);
-            let turn = DMat3::from_quat(then.turn) - DMat3::from_quat(now.turn);
-            *change = (then.shift - now.shift, turn);
+            let turn = DMat3::from_quat(then.rotation) - DMat3::from_quat(now.rotation);
+            *change = (then.translation - now.translation, turn);
         }
     }
 
@@ -218,22 +219,22 @@ impl RigidBodies {
     pub fn change<T: Real>(&self, i: usize) -> V4<T> {
         let n = i - self.first;
         let (shift, turn) = &self.changes[self.owner[n] as usize];
-        narrow(*shift + *turn * self.arms[n])
+        narrow(*shift + *turn * self.lever_arms[n])
     }
 
     /// Makes the last trial the best.
-    pub fn accept(&mut self) {
+    pub fn accept_trial(&mut self) {
         std::mem::swap(&mut self.best, &mut self.trial);
     }
 
     /// Makes the best trial what is now.
-    pub fn keep(&mut self) {
+    pub fn commit(&mut self) {
         self.now.copy_from_slice(&self.best);
         self.targets.fill(None);
     }
 
     /// Puts the nodes of all bodies where the `poses` have them.
-    pub fn put<T: Real>(&self, poses: &[Pose], u: &mut [V4<T>]) {
+    pub fn write_nodes<T: Real>(&self, poses: &[Pose], u: &mut [V4<T>]) {
         for (n, b) in self.owner.iter().enumerate() {
             let i = self.first + n;
             u[i] = narrow(self.displacement(i, &poses[*b as usize]));
@@ -241,20 +242,20 @@ impl RigidBodies {
     }
 
     /// Gives the nodes of a body, or those inside only, the velocities that its carriers say.
-    pub fn carry<T: Real>(&self, b: usize, all: bool, v: &mut [V4<T>]) {
+    pub fn write_velocities<T: Real>(&self, b: usize, all: bool, v: &mut [V4<T>]) {
         let body = &self.bodies[b];
-        let carriers: [DVec3; CARRIERS] =
-            std::array::from_fn(|k| wide(v[body.carriers().start + k]));
-        let mean = carriers.iter().sum::<DVec3>() / CARRIERS as f64;
+        let carriers: [DVec3; PROXY_NODES] =
+            std::array::from_fn(|k| wide(v[body.proxy_nodes().start + k]));
+        let mean = carriers.iter().sum::<DVec3>() / PROXY_NODES as f64;
         let mut change = DMat3::ZERO;
-        for (v, t) in carriers.iter().zip(CORNERS) {
+        for (v, t) in carriers.iter().zip(PROXY_POSITIONS) {
             change += outer(*v, t);
         }
-        let change = change * body.gather * (1.0 / CARRIERS as f64);
+        let change = change * body.inverse_inertia_map * (1.0 / PROXY_NODES as f64);
         let surface =
-            body.nodes.start..body.nodes.end - if all { CARRIERS } else { body.nodes.len() };
+            body.nodes.start..body.nodes.end - if all { PROXY_NODES } else { body.nodes.len() };
         for i in surface.chain(body.inner.clone()) {
-            v[i] = narrow(mean + change * self.arms[i - self.first]);
+            v[i] = narrow(mean + change * self.lever_arms[i - self.first]);
         }
     }
 
@@ -264,17 +265,19 @@ impl RigidBodies {
         let (body, pose) = (&self.bodies[b], &self.now[b]);
         let (pivot, within) = body.pivot(pose);
         let mut inertia = DMat3::ZERO;
-        for i in body.carriers() {
-            let a = pose.turn * (self.arms[i - self.first] - pivot);
-            inertia += inertia_of(a) * (body.mass / CARRIERS as f64);
+        for i in body.proxy_nodes() {
+            let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
+            inertia += inertia_of(a) * (body.mass / PROXY_NODES as f64);
         }
         let (linear, spin) = match body.freedom {
-            Freedom::Free => (sum / body.mass, inertia.inverse() * moment),
-            Freedom::Turns(..) => (DVec3::ZERO, turned_by(inertia, moment, within)),
-            Freedom::Fixed => (DVec3::ZERO, DVec3::ZERO),
+            DegreesOfFreedom::Free => (sum / body.mass, inertia.inverse() * moment),
+            DegreesOfFreedom::Rotational(..) => {
+                (DVec3::ZERO, rotation_response(inertia, moment, within))
+            }
+            DegreesOfFreedom::Fixed => (DVec3::ZERO, DVec3::ZERO),
         };
         for i in body.nodes.clone().chain(body.inner.clone()) {
-            let a = pose.turn * (self.arms[i - self.first] - pivot);
+            let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
             v[i] = narrow(linear + spin.cross(a));
         }
     }
@@ -283,10 +286,10 @@ impl RigidBodies {
     pub fn momentum<T: Real>(&self, b: usize, v: &[V4<T>]) -> (DVec3, DVec3) {
         let (body, pose) = (&self.bodies[b], &self.now[b]);
         let (pivot, _) = body.pivot(pose);
-        let m = body.mass / CARRIERS as f64;
+        let m = body.mass / PROXY_NODES as f64;
         let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
-        for i in body.carriers() {
-            let a = pose.turn * (self.arms[i - self.first] - pivot);
+        for i in body.proxy_nodes() {
+            let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
             sum += m * wide(v[i]);
             moment += m * a.cross(wide(v[i]));
         }
@@ -295,7 +298,7 @@ impl RigidBodies {
 
     /// Takes the poses and the momenta that suit positions and velocities of the mesh's nodes best,
     /// each by its mass; `of` gives those of a slot, local units. Writes all nodes' of the bodies.
-    pub fn fit<T: Real>(
+    pub fn fit_state<T: Real>(
         &mut self,
         of: impl Fn(usize) -> (DVec3, DVec3),
         u: &mut [V4<T>],
@@ -303,22 +306,22 @@ impl RigidBodies {
     ) {
         for b in 0..self.bodies.len() {
             let body = &self.bodies[b];
-            let surface = body.nodes.start..body.nodes.end - CARRIERS;
+            let surface = body.nodes.start..body.nodes.end - PROXY_NODES;
             let nodes = || surface.clone().chain(body.inner.clone());
             let weight = |i: usize| self.weights[i - self.first] / body.mass;
             let at: DVec3 = nodes().map(|i| weight(i) * of(i).0).sum();
             let mut m = DMat3::ZERO;
             for i in nodes() {
-                m += outer(of(i).0 - at, self.arms[i - self.first]) * weight(i);
+                m += outer(of(i).0 - at, self.lever_arms[i - self.first]) * weight(i);
             }
-            let start = crate::physics::elements::polar(&m).0;
+            let start = crate::physics::elements::polar_decomposition(&m).0;
             let start = DQuat::from_mat3(&start).normalize();
             self.now[b] = Pose {
-                shift: at - body.centre,
-                turn: closest_rotation(&m, start, DMat3::IDENTITY),
+                translation: at - body.centre,
+                rotation: closest_rotation(&m, start, DMat3::IDENTITY),
             };
             let (pivot, _) = body.pivot(&self.now[b]);
-            let pivot = at + self.now[b].turn * pivot;
+            let pivot = at + self.now[b].rotation * pivot;
             let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
             for i in nodes() {
                 let (x, v) = of(i);
@@ -328,34 +331,34 @@ impl RigidBodies {
             }
             self.set_momentum(b, (sum, moment), v);
         }
-        self.put(&self.now, u);
+        self.write_nodes(&self.now, u);
     }
 
     /// Says which nodes of a body stay: how it can move follows. Slots.
-    pub fn hold(&mut self, b: usize, held: impl Iterator<Item = usize>) {
-        let arms = held.map(|i| self.arms[i - self.first]);
-        self.bodies[b].freedom = Freedom::of(arms, self.bodies[b].radius());
+    pub fn set_constraints(&mut self, b: usize, held: impl Iterator<Item = usize>) {
+        let arms = held.map(|i| self.lever_arms[i - self.first]);
+        self.bodies[b].freedom = DegreesOfFreedom::of(arms, self.bodies[b].radius());
     }
 
     /// The pose of a body in which nodes of it are as near to places as they can be: pairs of slots
     /// and displacements, all that stays of it among them.
-    pub fn follow(&self, b: usize, held: &[(usize, DVec3)]) -> Pose {
+    pub fn pose_from_constraints(&self, b: usize, held: &[(usize, DVec3)]) -> Pose {
         let body = &self.bodies[b];
         let from = self.now[b];
         let count = held.len() as f64;
-        let arm = |i: usize| self.arms[i - self.first];
+        let arm = |i: usize| self.lever_arms[i - self.first];
         let place = |(i, u): &(usize, DVec3)| body.centre + arm(*i) + *u;
         let at = held.iter().map(place).sum::<DVec3>() / count;
         let middle = held.iter().map(|(i, _)| arm(*i)).sum::<DVec3>() / count;
         // Where they leave a turn open, it stays as it is.
-        let mut m = DMat3::from_quat(from.turn) * (1e-9 * body.radius().powi(2));
+        let mut m = DMat3::from_quat(from.rotation) * (1e-9 * body.radius().powi(2));
         for one in held {
             m += outer(place(one) - at, arm(one.0) - middle);
         }
-        let turn = closest_rotation(&m, from.turn, DMat3::IDENTITY);
+        let turn = closest_rotation(&m, from.rotation, DMat3::IDENTITY);
         Pose {
-            shift: at - turn * middle - body.centre,
-            turn,
+            translation: at - turn * middle - body.centre,
+            rotation: turn,
         }
     }
 }

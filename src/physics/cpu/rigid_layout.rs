@@ -1,11 +1,11 @@
 //! How a body's nodes are laid out where some of it is rigid: what is soft in lumps, then each rigid
 //! body as a group of its own, and beyond the plan what lies inside these.
 
-use super::order::Lumps;
+use super::order::Aggregates;
 use super::rigid::RigidBodies;
-use super::rigid_pose::{CARRIERS, Freedom, Rigid, carriers};
-use crate::physics::rigid::{Moments, owners};
-use crate::physics::{SolverKind, SpringNetwork, Units};
+use super::rigid_pose::{DegreesOfFreedom, PROXY_NODES, RigidGroup, carriers};
+use crate::physics::rigid::{MassProperties, node_owners};
+use crate::physics::{DiscreteModel, LocalUnits, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::borrow::Cow;
@@ -14,7 +14,7 @@ use std::borrow::Cow;
 ///
 /// # Errors
 /// [`Error::Input`].
-fn steps_rigid(kind: SolverKind) -> Result<()> {
+fn check_rigid_support(kind: SolverKind) -> Result<()> {
     match kind {
         SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => Ok(()),
         _ => Err(Error::Input(format!(
@@ -24,51 +24,51 @@ fn steps_rigid(kind: SolverKind) -> Result<()> {
 }
 
 /// The network that the engine keeps of `network`, the order of its nodes, and what of it is rigid;
-/// `most` as for [`Layout::new`].
+/// `most` as for [`RigidLayout::new`].
 ///
 /// # Errors
-/// As [`Layout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
-pub(super) fn laid_out<'a>(
-    network: &'a SpringNetwork,
+/// As [`RigidLayout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
+pub(super) fn build_layout<'a>(
+    network: &'a DiscreteModel,
     kind: SolverKind,
-    units: &Units,
+    units: &LocalUnits,
     most: impl Fn(usize) -> usize,
-) -> Result<(Cow<'a, SpringNetwork>, Lumps, RigidBodies)> {
+) -> Result<(Cow<'a, DiscreteModel>, Aggregates, RigidBodies)> {
     if network.elements.rigid.is_empty() {
-        let lumps = Lumps::new(&network.rest, most(network.rest.len()));
+        let lumps = Aggregates::new(&network.rest_positions, most(network.rest_positions.len()));
         return Ok((Cow::Borrowed(network), lumps, RigidBodies::default()));
     }
-    steps_rigid(kind)?;
-    let Layout {
+    check_rigid_support(kind)?;
+    let RigidLayout {
         network,
         lumps,
         rigid,
-    } = Layout::new(network, units, most)?;
+    } = RigidLayout::new(network, units, most)?;
     Ok((Cow::Owned(network), lumps, rigid))
 }
 
 /// A network with carriers for nodes, and the order of all of its nodes.
-struct Layout {
+struct RigidLayout {
     /// The carriers come last, four a body; they have the mass of its nodes, which have none.
-    network: SpringNetwork,
-    lumps: Lumps,
+    network: DiscreteModel,
+    lumps: Aggregates,
     rigid: RigidBodies,
 }
 
-impl Layout {
+impl RigidLayout {
     /// Of `network`, which has rigid bodies, its soft nodes in groups of at most `most(their
     /// number)`.
     ///
     /// # Errors
     /// [`Error::Input`] for a body without mass, a flat one, or of nodes that are not there.
     fn new(
-        network: &SpringNetwork,
-        units: &Units,
+        network: &DiscreteModel,
+        units: &LocalUnits,
         most: impl Fn(usize) -> usize,
-    ) -> Result<Layout> {
-        let count = network.rest.len();
+    ) -> Result<RigidLayout> {
+        let count = network.rest_positions.len();
         let bodies = &network.elements.rigid;
-        let owner = owners(bodies, count)?;
+        let owner = node_owners(bodies, count)?;
         // What soft tets pull at takes part, wherever it is.
         let mut outside = vec![false; count];
         let surface = bodies.iter().flat_map(|b| &b.surface);
@@ -83,14 +83,17 @@ impl Layout {
             .filter(|v| owner[*v as usize].is_none())
             .collect();
         let points = |nodes: &[u32]| -> Vec<DVec3> {
-            nodes.iter().map(|v| network.rest[*v as usize]).collect()
+            nodes
+                .iter()
+                .map(|v| network.rest_positions[*v as usize])
+                .collect()
         };
         let mut lumps = match free.is_empty() {
-            true => Lumps {
+            true => Aggregates {
                 order: Vec::new(),
-                starts: vec![0],
+                group_starts: vec![0],
             },
-            false => Lumps::new(&points(&free), most(free.len())),
+            false => Aggregates::new(&points(&free), most(free.len())),
         };
         for v in &mut lumps.order {
             *v = free[*v as usize];
@@ -106,29 +109,29 @@ impl Layout {
                 .copied()
                 .filter(|v| outside[*v as usize])
                 .collect();
-            let near = Lumps::new(&points(&shown), usize::MAX).order;
+            let near = Aggregates::new(&points(&shown), usize::MAX).order;
             lumps.order.extend(near.iter().map(|v| shown[*v as usize]));
-            let own = (count + CARRIERS * b) as u32;
-            lumps.order.extend(own..own + CARRIERS as u32);
-            lumps.starts.push(lumps.order.len());
-            let one = Moments::of(network, body, units)?;
+            let own = (count + PROXY_NODES * b) as u32;
+            lumps.order.extend(own..own + PROXY_NODES as u32);
+            lumps.group_starts.push(lumps.order.len());
+            let one = MassProperties::of(network, body, units)?;
             let (arms, spread) = carriers(&one);
             let places = arms.map(|r| (one.centre + r) * units.length);
-            extended.rest.extend(places);
+            extended.rest_positions.extend(places);
             for v in &body.nodes {
                 extended.masses[*v as usize] = 0.0;
             }
-            let share = one.mass * units.mass / CARRIERS as f64;
-            extended.masses.extend([share; CARRIERS]);
-            rigid.push(Rigid {
+            let share = one.mass * units.mass / PROXY_NODES as f64;
+            extended.masses.extend([share; PROXY_NODES]);
+            rigid.push(RigidGroup {
                 nodes: start..lumps.order.len(),
                 inner: 0..0,
                 centre: one.centre,
                 mass: one.mass,
-                spread,
-                gather: spread.inverse(),
-                freedom: Freedom::Free,
-                alone: !body.nodes.iter().any(|v| held[*v as usize]),
+                inertia_map: spread,
+                inverse_inertia_map: spread.inverse(),
+                freedom: DegreesOfFreedom::Free,
+                is_isolated: !body.nodes.iter().any(|v| held[*v as usize]),
             });
         }
         for (body, rigid) in bodies.iter().zip(&mut rigid) {
@@ -140,7 +143,7 @@ impl Layout {
         let slots = &lumps.order[first..];
         let mut arms: Vec<DVec3> = slots
             .iter()
-            .map(|v| extended.rest[*v as usize] / units.length)
+            .map(|v| extended.rest_positions[*v as usize] / units.length)
             .collect();
         for body in &rigid {
             for i in body.nodes.clone().chain(body.inner.clone()) {
@@ -154,7 +157,7 @@ impl Layout {
                 .map_or(0.0, |m| m / units.mass)
         };
         let weights = slots.iter().map(weight).collect();
-        Ok(Layout {
+        Ok(RigidLayout {
             network: extended,
             rigid: RigidBodies::new(first, rigid, arms, weights),
             lumps,

@@ -12,12 +12,14 @@
 
 use super::real::Real;
 use super::rigid::RigidBodies;
-use super::rigid_pose::{CARRIERS, Freedom, Pose, inertia_of, narrow, turned_by};
+use super::rigid_pose::{
+    DegreesOfFreedom, PROXY_NODES, Pose, inertia_of, narrow, rotation_response,
+};
 use super::vectors::V4;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Rounds in which a guess is found; each is right to a power more of the turn.
-const ROUNDS: usize = 12;
+const FIXED_POINT_ITERATIONS: usize = 12;
 
 impl RigidBodies {
     /// The inertia of a body about its pivot in a pose turned so.
@@ -25,75 +27,80 @@ impl RigidBodies {
         let body = &self.bodies[b];
         let (pivot, _) = body.pivot(&self.now[b]);
         let mut sum = DMat3::ZERO;
-        for i in body.carriers() {
-            sum += inertia_of(turn * (self.arms[i - self.first] - pivot));
+        for i in body.proxy_nodes() {
+            sum += inertia_of(turn * (self.lever_arms[i - self.first] - pivot));
         }
-        sum * (body.mass / CARRIERS as f64)
+        sum * (body.mass / PROXY_NODES as f64)
     }
 
     /// Where inertia pulls a body's carriers to in a step of 2 `gamma`, but for forces: from its
     /// pose, its velocities `v` and the torque of the step before. Displacements from now.
-    pub fn aim<T: Real>(&self, b: usize, gamma: f64, v: &[V4<T>]) -> [DVec3; CARRIERS] {
+    pub fn inertial_target<T: Real>(
+        &self,
+        b: usize,
+        gamma: f64,
+        v: &[V4<T>],
+    ) -> [DVec3; PROXY_NODES] {
         let (body, now) = (&self.bodies[b], &self.now[b]);
         let (pivot, within) = body.pivot(now);
         let (sum, spin) = self.momentum(b, v);
         let mean = match body.freedom {
-            Freedom::Free => sum * (gamma / body.mass),
+            DegreesOfFreedom::Free => sum * (gamma / body.mass),
             _ => DVec3::ZERO,
         };
         let expected = spin + self.torques[b] * gamma;
         let mut by = DVec3::ZERO;
-        for _ in 0..ROUNDS {
-            let inertia = self.inertia(b, DQuat::from_scaled_axis(by) * now.turn);
-            by = turned_by(inertia, expected, within) * gamma;
+        for _ in 0..FIXED_POINT_ITERATIONS {
+            let inertia = self.inertia(b, DQuat::from_scaled_axis(by) * now.rotation);
+            by = rotation_response(inertia, expected, within) * gamma;
         }
-        let turn = DQuat::from_scaled_axis(by) * now.turn;
-        let on = turned_by(self.inertia(b, turn), spin, within) * gamma - by;
-        let mut places = [DVec3::ZERO; CARRIERS];
-        for (x, i) in places.iter_mut().zip(body.carriers()) {
-            let r = self.arms[i - self.first] - pivot;
+        let turn = DQuat::from_scaled_axis(by) * now.rotation;
+        let on = rotation_response(self.inertia(b, turn), spin, within) * gamma - by;
+        let mut places = [DVec3::ZERO; PROXY_NODES];
+        for (x, i) in places.iter_mut().zip(body.proxy_nodes()) {
+            let r = self.lever_arms[i - self.first] - pivot;
             let there = turn * r;
-            *x = mean + there + on.cross(there) - now.turn * r;
+            *x = mean + there + on.cross(there) - now.rotation * r;
         }
         places
     }
 
     /// Ends a step of 2 `gamma` of which the best trial is the middle: the poses at the end are the
     /// best then, and the velocities of the bodies' nodes are those there.
-    pub fn reflect<T: Real>(&mut self, gamma: f64, before: &[V4<T>], after: &mut [V4<T>]) {
+    pub fn extrapolate_end<T: Real>(&mut self, gamma: f64, before: &[V4<T>], after: &mut [V4<T>]) {
         for b in 0..self.bodies.len() {
             let (now, middle) = (self.now[b], self.best[b]);
             let (pivot, within) = self.bodies[b].pivot(&now);
             let (sum, spin) = self.momentum(b, before);
-            let step = (middle.turn * now.turn.inverse()).normalize();
+            let step = (middle.rotation * now.rotation.inverse()).normalize();
             // Of the two ways round the shorter.
             let step = if step.w < 0.0 { -step } else { step };
             let by = within * step.to_scaled_axis();
-            let turn = (DQuat::from_scaled_axis(by) * middle.turn).normalize();
-            let at = |pose: &Pose| pose.shift + pose.turn * pivot;
-            let free = self.bodies[b].freedom == Freedom::Free;
+            let turn = (DQuat::from_scaled_axis(by) * middle.rotation).normalize();
+            let at = |pose: &Pose| pose.translation + pose.rotation * pivot;
+            let free = self.bodies[b].freedom == DegreesOfFreedom::Free;
             let moved = if free {
                 at(&middle) - at(&now)
             } else {
                 DVec3::ZERO
             };
-            let half = self.inertia(b, middle.turn) * by / gamma;
+            let half = self.inertia(b, middle.rotation) * by / gamma;
             self.torques[b] = (half - spin) / gamma;
             self.best[b] = match self.bodies[b].freedom {
-                Freedom::Fixed => now,
+                DegreesOfFreedom::Fixed => now,
                 _ => Pose {
-                    shift: at(&now) + 2.0 * moved - turn * pivot,
-                    turn,
+                    translation: at(&now) + 2.0 * moved - turn * pivot,
+                    rotation: turn,
                 },
             };
             let linear = moved * (2.0 / gamma) - sum / self.bodies[b].mass;
-            let spin = turned_by(self.inertia(b, turn), 2.0 * half - spin, within);
+            let spin = rotation_response(self.inertia(b, turn), 2.0 * half - spin, within);
             let body = &self.bodies[b];
             for i in body.nodes.clone().chain(body.inner.clone()) {
-                let a = turn * (self.arms[i - self.first] - pivot);
+                let a = turn * (self.lever_arms[i - self.first] - pivot);
                 let own = if free { linear } else { DVec3::ZERO };
                 after[i] = match body.freedom {
-                    Freedom::Fixed => narrow(DVec3::ZERO),
+                    DegreesOfFreedom::Fixed => narrow(DVec3::ZERO),
                     _ => narrow(own + spin.cross(a)),
                 };
             }
@@ -101,7 +108,7 @@ impl RigidBodies {
     }
 
     /// Forgets the torques of the last step.
-    pub fn restart(&mut self) {
+    pub fn clear_torques(&mut self) {
         self.torques.fill(DVec3::ZERO);
     }
 }

@@ -2,19 +2,19 @@
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuBody;
-use super::loads::Attachment;
+use super::loads::NodeConstraint;
 use super::real::Real;
 use crate::mesh::{Field, Location, generate};
 use crate::physics::{
-    ConjugateGradients, Material, MaterialModel, Newton, RegionMaterial, SolverKind, SpringNetwork,
+    CgSettings, DiscreteModel, Material, MaterialModel, NewtonSettings, RegionMaterial, SolverKind,
     Stiffness,
 };
 use glam::{DMat3, DQuat, DVec3};
 
-const EXACT: Newton = Newton {
+const EXACT: NewtonSettings = NewtonSettings {
     iterations: 60,
     tolerance: 1e-11,
-    linear: 1e-4,
+    linear_tolerance: 1e-4,
 };
 
 /// A bar of soft material in which region 1 is what `bone` says, rigid, or of Young's modulus
@@ -24,7 +24,7 @@ fn bar(
     bone: impl Fn(DVec3) -> bool,
     young: Option<f64>,
     damping_time: f64,
-) -> SpringNetwork {
+) -> DiscreteModel {
     let size = DVec3::new(0.8, 0.2, 0.2);
     let mut mesh = generate::bar(cells, size).unwrap();
     let labels = (0..mesh.tets.len()).map(|t| {
@@ -38,7 +38,7 @@ fn bar(
         poisson: 0.3,
         damping_time,
         region_field: Some("label".into()),
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     };
     let made = RegionMaterial {
         stiffness: young.unwrap_or(1e5),
@@ -50,22 +50,30 @@ fn bar(
         material.rigid.insert(1);
     }
     assert!(matches!(material.stiffness, Stiffness::Young(_)));
-    SpringNetwork::new(&mesh, &material).unwrap()
+    DiscreteModel::new(&mesh, &material).unwrap()
 }
 
-fn body<T: Real>(network: &SpringNetwork, kind: SolverKind, newton: Newton) -> CpuBody<T> {
-    let mut body = CpuBody::new(network, kind, ConjugateGradients::default(), Some(2)).unwrap();
+fn body<T: Real>(network: &DiscreteModel, kind: SolverKind, newton: NewtonSettings) -> CpuBody<T> {
+    let mut body = CpuBody::new(network, kind, CgSettings::default(), Some(2)).unwrap();
     body.set_newton(newton).unwrap();
     body
 }
 
-fn low_end(network: &SpringNetwork) -> Vec<bool> {
-    let low = network.rest.iter().map(|p| p.x).fold(f64::MAX, f64::min);
-    network.rest.iter().map(|p| p.x < low + 1e-9).collect()
+fn low_end(network: &DiscreteModel) -> Vec<bool> {
+    let low = network
+        .rest_positions
+        .iter()
+        .map(|p| p.x)
+        .fold(f64::MAX, f64::min);
+    network
+        .rest_positions
+        .iter()
+        .map(|p| p.x < low + 1e-9)
+        .collect()
 }
 
 /// Mass, centre and angular momentum about it.
-fn moments(network: &SpringNetwork, x: &[DVec3], v: &[DVec3]) -> (f64, DVec3, DVec3) {
+fn moments(network: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> (f64, DVec3, DVec3) {
     let mass: f64 = network.masses.iter().sum();
     let all = || network.masses.iter().zip(x).zip(v);
     let centre = all().map(|((m, x), _)| *m * *x).sum::<DVec3>() / mass;
@@ -75,10 +83,10 @@ fn moments(network: &SpringNetwork, x: &[DVec3], v: &[DVec3]) -> (f64, DVec3, DV
 
 /// Where a free rigid body with this turning is after a time: its rotation, by Runge and Kutta's
 /// rule in many small steps, of a constant angular momentum.
-fn rotor(network: &SpringNetwork, spin: DVec3, time: f64) -> DQuat {
-    let (_, centre, _) = moments(network, &network.rest, &network.rest);
+fn rotor(network: &DiscreteModel, spin: DVec3, time: f64) -> DQuat {
+    let (_, centre, _) = moments(network, &network.rest_positions, &network.rest_positions);
     let mut inertia = DMat3::ZERO;
-    for (m, x) in network.masses.iter().zip(&network.rest) {
+    for (m, x) in network.masses.iter().zip(&network.rest_positions) {
         let r = *x - centre;
         inertia += (DMat3::from_diagonal(DVec3::splat(r.length_squared()))
             - DMat3::from_cols(r * r.x, r * r.y, r * r.z))
@@ -107,14 +115,14 @@ fn a_free_body_flies_and_spins_as_known() {
     let network = bar([4, 3, 2], |_| true, None, 0.0);
     assert!(network.elements.tets.is_empty() && network.elements.rigid.len() == 1);
     let gravity = DVec3::new(1.0, -2.0, -9.81);
-    let (_, centre, _) = moments(&network, &network.rest, &network.rest);
+    let (_, centre, _) = moments(&network, &network.rest_positions, &network.rest_positions);
     let (start, whirl) = (DVec3::new(0.3, 0.1, 2.0), DVec3::new(3.0, 1.0, -0.5));
     let speeds: Vec<DVec3> = network
-        .rest
+        .rest_positions
         .iter()
         .map(|x| start + whirl.cross(*x - centre))
         .collect();
-    let (_, _, spin) = moments(&network, &network.rest, &speeds);
+    let (_, _, spin) = moments(&network, &network.rest_positions, &speeds);
     let time = 0.4;
     let truth = rotor(&network, spin, time);
     let rules = [
@@ -127,7 +135,7 @@ fn a_free_body_flies_and_spins_as_known() {
         for steps in [80u32, 160, 320] {
             let mut body = body::<f64>(&network, kind, EXACT);
             body.set_gravity(gravity);
-            body.set_state(&network.rest, &speeds).unwrap();
+            body.set_state(&network.rest_positions, &speeds).unwrap();
             let h = time / f64::from(steps);
             body.run(steps, h).unwrap();
             let (x, v) = (body.positions(), body.velocities());
@@ -142,7 +150,7 @@ fn a_free_body_flies_and_spins_as_known() {
             }
             let turned: f64 = x
                 .iter()
-                .zip(&network.rest)
+                .zip(&network.rest_positions)
                 .map(|(x, r)| (*x - at).distance(truth * (*r - centre)))
                 .fold(0.0, f64::max);
             errors.push((after.distance(spin) / spin.length(), turned));
@@ -162,22 +170,22 @@ fn a_free_body_flies_and_spins_as_known() {
 fn bones_stay_what_they_are_and_cost_next_to_nothing() {
     let network = bar([12, 6, 6], |p| p.x > 0.5 && p.x < 0.92, None, 1e-3);
     let rigid = &network.elements.rigid[0];
-    let mut body = body::<f32>(&network, SolverKind::Implicit, Newton::default());
+    let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
     body.set_pinned(&low_end(&network)).unwrap();
     body.set_gravity(DVec3::new(0.0, 3.0, -9.81));
     // All nodes but those inside, and four of its own.
     let inside = rigid.nodes.len() - rigid.surface.len();
     assert!(inside > 50);
-    assert_eq!(body.active(), network.rest.len() - inside + 4);
+    assert_eq!(body.active(), network.rest_positions.len() - inside + 4);
     let some: Vec<usize> = rigid.nodes.iter().step_by(7).map(|v| *v as usize).collect();
     let (mut worst, mut moved) = (0.0f64, 0.0f64);
     for _ in 0..200 {
         body.run(1, 0.01).unwrap();
         let x = body.positions();
         for i in &some {
-            moved = moved.max(x[*i].distance(network.rest[*i]));
+            moved = moved.max(x[*i].distance(network.rest_positions[*i]));
             for j in &some {
-                let rest = network.rest[*i].distance(network.rest[*j]);
+                let rest = network.rest_positions[*i].distance(network.rest_positions[*j]);
                 worst = worst.max((x[*i].distance(x[*j]) - rest).abs());
             }
         }
@@ -187,7 +195,7 @@ fn bones_stay_what_they_are_and_cost_next_to_nothing() {
 }
 
 /// Positions after some steps of a bar pinned at one end, the other third of it bone.
-fn swung<T: Real>(network: &SpringNetwork, kind: SolverKind, newton: Newton) -> Vec<DVec3> {
+fn swung<T: Real>(network: &DiscreteModel, kind: SolverKind, newton: NewtonSettings) -> Vec<DVec3> {
     let mut body = body::<T>(network, kind, newton);
     body.set_pinned(&low_end(network)).unwrap();
     body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
@@ -195,11 +203,11 @@ fn swung<T: Real>(network: &SpringNetwork, kind: SolverKind, newton: Newton) -> 
     body.positions()
 }
 
-fn apart(network: &SpringNetwork, a: &[DVec3], b: &[DVec3]) -> f64 {
+fn apart(network: &DiscreteModel, a: &[DVec3], b: &[DVec3]) -> f64 {
     let square = |a: &[DVec3], b: &[DVec3]| -> f64 {
         a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
     };
-    (square(a, b) / square(b, &network.rest)).sqrt()
+    (square(a, b) / square(b, &network.rest_positions)).sqrt()
 }
 
 #[test]
@@ -208,7 +216,7 @@ fn rigid_is_what_very_stiff_comes_to() {
     for kind in [SolverKind::Implicit, SolverKind::Bdf2] {
         let rigid = bar([8, 2, 2], bone, None, 0.0);
         let truth = swung::<f64>(&rigid, kind, EXACT);
-        let quick = swung::<f32>(&rigid, kind, Newton::default());
+        let quick = swung::<f32>(&rigid, kind, NewtonSettings::default());
         let off = apart(&rigid, &quick, &truth);
         let errors = [1e1, 1e2, 1e3, 1e4].map(|contrast| {
             let stiff = bar([8, 2, 2], bone, Some(1e5 * contrast), 0.0);
@@ -230,7 +238,7 @@ fn rules_of_second_order_are_that_with_bones() {
     let network = bar([4, 2, 2], bone, None, 0.0);
     let centre = DVec3::new(0.2, 0.0, 0.0);
     let speeds: Vec<DVec3> = network
-        .rest
+        .rest_positions
         .iter()
         .map(|x| match x.x > 0.01 {
             true => DVec3::new(6.0, 1.0, 3.0).cross(*x - centre),
@@ -241,7 +249,7 @@ fn rules_of_second_order_are_that_with_bones() {
         let mut body = body::<f64>(&network, kind, EXACT);
         body.set_pinned(&low_end(&network)).unwrap();
         body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
-        body.set_state(&network.rest, &speeds).unwrap();
+        body.set_state(&network.rest_positions, &speeds).unwrap();
         body.run(steps, 0.05 / f64::from(steps)).unwrap();
         body.positions()
     };
@@ -338,7 +346,7 @@ fn the_potential_is_least_among_rigid_motions() {
     let i = *network.elements.rigid[0].nodes.first().unwrap() as usize;
     let alone = slope(1e-6, &|s, y| y[i] += s * DVec3::X).abs();
     assert!(alone > 1e-2 * weight, "{alone}");
-    assert_eq!(Pose::of_numbers([0.5; 7]).numbers(), [0.5; 7]);
+    assert_eq!(Pose::from_array([0.5; 7]).to_array(), [0.5; 7]);
 }
 
 #[test]
@@ -351,7 +359,7 @@ fn a_state_goes_on_to_the_bit() {
 fn state_of(kind: SolverKind) {
     let network = bar([8, 4, 4], |p| p.x > 0.5 && p.x < 0.9, None, 1e-3);
     let make = || {
-        let mut body = body::<f32>(&network, kind, Newton::default());
+        let mut body = body::<f32>(&network, kind, NewtonSettings::default());
         body.set_pinned(&low_end(&network)).unwrap();
         body.set_gravity(DVec3::new(0.0, 3.0, -9.81));
         body
@@ -390,13 +398,13 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
     let network = bar([6, 3, 3], |_| true, None, 0.0);
     let gravity = DVec3::new(0.0, 0.0, -9.81);
     let corner = |p: DVec3| {
-        let at = |v: &usize| network.rest[*v].distance(p - DVec3::new(0.4, 0.1, 0.1));
-        (0..network.rest.len())
+        let at = |v: &usize| network.rest_positions[*v].distance(p - DVec3::new(0.4, 0.1, 0.1));
+        (0..network.rest_positions.len())
             .min_by(|a, b| at(a).total_cmp(&at(b)))
             .unwrap()
     };
     let pins = |nodes: &[usize]| {
-        let mut pinned = vec![false; network.rest.len()];
+        let mut pinned = vec![false; network.rest_positions.len()];
         nodes.iter().for_each(|v| pinned[*v] = true);
         pinned
     };
@@ -412,17 +420,17 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
         body.run(60, 0.005).unwrap();
         let x = body.positions();
         for v in nodes {
-            assert!(x[*v].distance(network.rest[*v]) < 1e-13);
+            assert!(x[*v].distance(network.rest_positions[*v]) < 1e-13);
         }
         x
     };
     let far = corner(DVec3::new(0.8, 0.0, 0.0));
-    assert_eq!(swing(&[a, b, c], gravity), network.rest);
+    assert_eq!(swing(&[a, b, c], gravity), network.rest_positions);
     // A compound pendulum about y: its angle by the equation θ'' = m g l cos(θ + θ₀) / I.
     let hinged = swing(&[a, b], gravity);
     let (mut inertia, mut first) = (0.0, DVec3::ZERO);
-    for (m, x) in network.masses.iter().zip(&network.rest) {
-        let r = *x - network.rest[a];
+    for (m, x) in network.masses.iter().zip(&network.rest_positions) {
+        let r = *x - network.rest_positions[a];
         inertia += m * (r.x * r.x + r.z * r.z);
         first += *m * r;
     }
@@ -432,26 +440,26 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
         rate += h * 9.81 * arm / inertia;
         angle += h * rate;
     }
-    let at = hinged[far] - network.rest[a];
+    let at = hinged[far] - network.rest_positions[a];
     let found = (-at.z).atan2(at.x);
     println!("the pendulum is at {found} rad after 0.3 s, and should be at {angle}");
     assert!((found - angle).abs() < 2e-3 && angle > 0.5);
     // About a point a push along y turns it about z, too; about the hinge it does not.
     let aside = gravity + DVec3::new(0.0, 5.0, 0.0);
     let (ball, hinge) = (swing(&[a], aside), swing(&[a, b], aside));
-    assert!((ball[far].y - network.rest[far].y) > 0.05);
-    assert!((hinge[far].y - network.rest[far].y).abs() < 1e-12);
+    assert!((ball[far].y - network.rest_positions[far].y) > 0.05);
+    assert!((hinge[far].y - network.rest_positions[far].y).abs() < 1e-12);
     // Held nodes take the bone along: here a quarter turn about z, and up.
-    let mut body = body::<f32>(&network, SolverKind::Implicit, Newton::default());
+    let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
     let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
     let place = |x: DVec3| turn * x + DVec3::Z;
-    let holds = [a, b, c].map(|v| Attachment::Hold {
+    let holds = [a, b, c].map(|v| NodeConstraint::Fixed {
         node: v as u32,
-        place: place(network.rest[v]),
+        place: place(network.rest_positions[v]),
     });
     body.set_attachments(&holds).unwrap();
     body.run(2, 0.01).unwrap();
-    for (x, r) in body.positions().iter().zip(&network.rest) {
+    for (x, r) in body.positions().iter().zip(&network.rest_positions) {
         assert!(x.distance(place(*r)) < 1e-7, "{x}");
     }
 }
@@ -465,13 +473,13 @@ fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
         .find(|v| !network.elements.rigid[0].surface.contains(v))
         .copied()
         .unwrap() as usize;
-    let (mass, centre, _) = moments(&network, &network.rest, &network.rest);
+    let (mass, centre, _) = moments(&network, &network.rest_positions, &network.rest_positions);
     let force = DVec3::new(0.3, -1.0, 2.0) * mass;
     let h = 1e-4;
-    let still = vec![DVec3::ZERO; network.rest.len()];
+    let still = vec![DVec3::ZERO; network.rest_positions.len()];
     let of = |set: &dyn Fn(&mut CpuBody<f64>)| {
         let mut body = body::<f64>(&network, SolverKind::Implicit, EXACT);
-        body.set_state(&network.rest, &still).unwrap();
+        body.set_state(&network.rest_positions, &still).unwrap();
         set(&mut body);
         body.run(1, h).unwrap();
         let (x, v) = (body.positions(), body.velocities());
@@ -480,14 +488,14 @@ fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
         (momentum / h, spin / h)
     };
     for node in [inside, 0] {
-        let torque = (network.rest[node] - centre).cross(force);
+        let torque = (network.rest_positions[node] - centre).cross(force);
         let mut forces = still.clone();
         forces[node] = force;
         let pushed = of(&|body| body.set_forces(&forces).unwrap());
         // A spring that pulls as hard as its limit.
-        let pull = Attachment::Pull {
+        let pull = NodeConstraint::Spring {
             node: node as u32,
-            target: network.rest[node] + force.normalize(),
+            target: network.rest_positions[node] + force.normalize(),
             stiffness: 1e9,
             limit: force.length(),
         };
@@ -512,19 +520,19 @@ fn without_rigid_regions_great_contrasts_converge() {
     let still = rigid.clone();
     let stiff = bar([16, 4, 4], bone, Some(1e10), 0.0);
     let soft = bar([16, 4, 4], bone, Some(1e5), 0.0);
-    let fine = Newton {
+    let fine = NewtonSettings {
         iterations: 40,
         tolerance: 1e-6,
-        linear: 1e-3,
+        linear_tolerance: 1e-3,
     };
-    let iterations = |network: &SpringNetwork, newton: Newton| {
+    let iterations = |network: &DiscreteModel, newton: NewtonSettings| {
         let mut body = body::<f64>(network, SolverKind::Implicit, newton);
         body.set_pinned(&low_end(network)).unwrap();
         body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
         let all = (0..20).map(|_| body.run(1, 0.01).unwrap().iterations);
         (all.sum::<u32>(), body.positions())
     };
-    for (name, newton) in [("default", Newton::default()), ("to 1e-6", fine)] {
+    for (name, newton) in [("default", NewtonSettings::default()), ("to 1e-6", fine)] {
         let all = [&soft, &stiff, &rigid].map(|n| iterations(n, newton));
         let [soft, stiff, rigid] = all.each_ref().map(|a| a.0);
         let off = apart(&still, &all[1].1, &all[2].1);
@@ -536,7 +544,7 @@ fn without_rigid_regions_great_contrasts_converge() {
             "{soft} {stiff} {rigid}"
         );
         // One Newton iteration turns so stiff a bone along chords, and is held back by that.
-        assert!(off < 5e-3 || newton == Newton::default(), "{off}");
+        assert!(off < 5e-3 || newton == NewtonSettings::default(), "{off}");
     }
 }
 
@@ -549,8 +557,8 @@ fn a_bone_comes_to_rest_on_a_floor() {
     assert!(rigid.surface.len() < rigid.nodes.len());
     let floor = Floor::new(DVec3::new(0.0, 0.0, -0.13), DVec3::Z, 200.0).unwrap();
     let floor = std::sync::Arc::new(floor);
-    let mut body = body::<f32>(&network, SolverKind::Implicit, Newton::default());
-    let term = NodeTerms::new(floor.clone(), &network, body.sharing());
+    let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
+    let term = NodeTerms::new(floor.clone(), &network, body.layout());
     body.add_term(Box::new(term));
     body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
     body.run(300, 0.01).unwrap();
@@ -569,7 +577,7 @@ fn a_bone_comes_to_rest_on_a_floor() {
 fn what_cannot_be_is_refused() {
     let network = bar([4, 2, 2], |p| p.x > 0.5, None, 0.0);
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {
-        let made = CpuBody::<f32>::new(&network, kind, ConjugateGradients::default(), None);
+        let made = CpuBody::<f32>::new(&network, kind, CgSettings::default(), None);
         let said = made.err().unwrap().to_string();
         assert!(said.contains("take implicit, bdf2 or midpoint"), "{said}");
     }
@@ -578,11 +586,6 @@ fn what_cannot_be_is_refused() {
         .elements
         .rigid
         .push(strange.elements.rigid[0].clone());
-    let made = CpuBody::<f32>::new(
-        &strange,
-        SolverKind::Implicit,
-        ConjugateGradients::default(),
-        None,
-    );
+    let made = CpuBody::<f32>::new(&strange, SolverKind::Implicit, CgSettings::default(), None);
     assert!(made.err().unwrap().to_string().contains("two rigid bodies"));
 }

@@ -12,7 +12,7 @@
 
 /// An implicit rule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Rule {
+pub enum ImplicitScheme {
     /// Implicit Euler: of first order, it damps.
     #[default]
     Euler,
@@ -24,44 +24,44 @@ pub enum Rule {
 
 /// What a rule makes of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Form {
+pub struct StepCoefficients {
     /// γ.
     pub gamma: f64,
     /// c.
     pub history: f64,
     /// The time from the start to where forces are taken.
-    pub reach: f64,
+    pub evaluation_time: f64,
     /// How much of the last change of velocity is expected in the mean velocity until there.
-    pub bend: f64,
+    pub velocity_extrapolation: f64,
     /// How much farther than δ the step goes.
-    pub stride: f64,
+    pub end_scale: f64,
 }
 
-impl Rule {
+impl ImplicitScheme {
     /// For a step of length `h` after one of length `last`; 0 for a first one.
-    pub fn form(self, h: f64, last: f64) -> Form {
+    pub fn coefficients(self, h: f64, last: f64) -> StepCoefficients {
         let grows = if last > 0.0 { h / last } else { 0.0 };
         match self {
-            Rule::Bdf2 if last > 0.0 => Form {
+            ImplicitScheme::Bdf2 if last > 0.0 => StepCoefficients {
                 gamma: h * (1.0 + grows) / (1.0 + 2.0 * grows),
                 history: grows * grows / (1.0 + 2.0 * grows),
-                reach: h,
-                bend: 0.5 * grows,
-                stride: 1.0,
+                evaluation_time: h,
+                velocity_extrapolation: 0.5 * grows,
+                end_scale: 1.0,
             },
-            Rule::Midpoint => Form {
+            ImplicitScheme::Midpoint => StepCoefficients {
                 gamma: 0.5 * h,
                 history: 0.0,
-                reach: 0.5 * h,
-                bend: 0.5 * grows,
-                stride: 2.0,
+                evaluation_time: 0.5 * h,
+                velocity_extrapolation: 0.5 * grows,
+                end_scale: 2.0,
             },
-            _ => Form {
+            _ => StepCoefficients {
                 gamma: h,
                 history: 0.0,
-                reach: h,
-                bend: grows,
-                stride: 1.0,
+                evaluation_time: h,
+                velocity_extrapolation: grows,
+                end_scale: 1.0,
             },
         }
     }

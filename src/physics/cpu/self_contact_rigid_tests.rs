@@ -1,7 +1,7 @@
 //! Contact of rigid regions with each other.
 #![allow(clippy::unwrap_used)]
 
-use super::loads::Attachment;
+use super::loads::NodeConstraint;
 use super::self_contact_tests::{Meeting, joined, soft};
 use super::tests::some;
 use crate::mesh::generate::{Split, box_mesh};
@@ -176,9 +176,9 @@ fn a_bone_that_is_held_and_moved_presses_on_what_is_soft() {
         let mut most = 0;
         let at = |node: u32, step: i32| start[node as usize] + f64::from(step) * h * velocity;
         for step in 0..16 {
-            let led: Vec<Attachment> = held
+            let led: Vec<NodeConstraint> = held
                 .iter()
-                .map(|node| Attachment::Hold {
+                .map(|node| NodeConstraint::Fixed {
                     node: *node,
                     place: at(*node, step),
                 })

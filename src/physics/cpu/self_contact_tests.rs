@@ -3,16 +3,16 @@
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuBody;
-use super::newton_contact::{touching, touching_mut};
+use super::newton_contact::{self_contact, touching_mut};
 use super::real::Real;
-use super::terms::{At, Share, Term};
+use super::terms::{StateRef, SystemContribution, Term};
 use super::tests::some;
-use super::vectors::{V4, of_metres, to_metres};
-use crate::mesh::crossing;
+use super::vectors::{V4, from_metres, to_metres};
 use crate::mesh::generate::{Split, ball, box_mesh};
+use crate::mesh::intersect_edge_face;
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::{
-    ConjugateGradients, Material, MaterialModel, SelfContact, Shape, SolverKind, SpringNetwork,
+    CgSettings, DiscreteModel, Material, MaterialModel, SelfContactSettings, Shape, SolverKind,
     Tool, ToolPose,
 };
 use glam::{DQuat, DVec3};
@@ -20,7 +20,7 @@ use glam::{DQuat, DVec3};
 /// Bodies as one mesh, which feel each other or not.
 pub(super) struct Meeting<T: Real> {
     pub body: CpuBody<T>,
-    pub network: SpringNetwork,
+    pub network: DiscreteModel,
     pub faces: Vec<[u32; 3]>,
     pub through: usize,
 }
@@ -31,7 +31,7 @@ pub(super) fn soft(young: f64) -> Material {
         poisson: 0.3,
         damping_time: 0.0,
         density: 1000.0,
-        ..Material::young(young)
+        ..Material::from_young(young)
     }
 }
 
@@ -63,11 +63,11 @@ impl<T: Real> Meeting<T> {
         friction: Option<f64>,
         kind: SolverKind,
     ) -> Meeting<T> {
-        let network = SpringNetwork::new(mesh, material).unwrap();
-        let settings = ConjugateGradients::default();
+        let network = DiscreteModel::new(mesh, material).unwrap();
+        let settings = CgSettings::default();
         let mut body = CpuBody::new(&network, kind, settings, Some(2)).unwrap();
         let faces = boundary(mesh);
-        let wanted = |friction| SelfContact {
+        let wanted = |friction| SelfContactSettings {
             friction,
             gap: None,
         };
@@ -105,7 +105,8 @@ impl<T: Real> Meeting<T> {
                 low.cmple(*to).all()
                     && from.cmple(high).all()
                     && edge.iter().all(|v| !face.contains(v))
-                    && crossing(edge.map(|v| x[v as usize]), face.map(|v| x[v as usize])).is_some()
+                    && intersect_edge_face(edge.map(|v| x[v as usize]), face.map(|v| x[v as usize]))
+                        .is_some()
             })
         };
         edges.iter().filter(through).count()
@@ -127,10 +128,10 @@ fn forces_are_the_slope_of_the_energy() {
         (&block, DQuat::IDENTITY, DVec3::ZERO),
         (&block, turn, DVec3::new(0.02, 0.01, 0.0425)),
     ]);
-    let network = SpringNetwork::new(&mesh, &soft(1e4)).unwrap();
-    let settings = ConjugateGradients::default();
+    let network = DiscreteModel::new(&mesh, &soft(1e4)).unwrap();
+    let settings = CgSettings::default();
     let mut body = CpuBody::<f64>::new(&network, SolverKind::Implicit, settings, Some(2)).unwrap();
-    let wanted = SelfContact {
+    let wanted = SelfContactSettings {
         friction: 0.0,
         gap: Some(0.02),
     };
@@ -140,27 +141,27 @@ fn forces_are_the_slope_of_the_energy() {
     );
     body.run(1, 1e-9).unwrap();
     let plan = body.plan.clone();
-    let nodes = body.now.u.len();
+    let nodes = body.state.u.len();
     // Apart from where they rest, for what is near at rest has a gap of its own.
-    let mut u: Vec<V4<f64>> = body.now.u.clone();
+    let mut u: Vec<V4<f64>> = body.state.u.clone();
     let noise = some(nodes, 7, 2e-3);
     u.iter_mut().zip(&noise).for_each(|(u, by)| {
-        *u = of_metres(to_metres(*u, 1.0) + *by, 1.0);
+        *u = from_metres(to_metres(*u, 1.0) + *by, 1.0);
     });
     for v in block.nodes.len()..mesh.nodes.len() {
-        u[body.place[v] as usize][2] -= 1.6e-3 / body.units.length;
+        u[body.engine_index[v] as usize][2] -= 1.6e-3 / body.units.length;
     }
     let term = touching_mut(&mut body.terms).unwrap();
     let free = vec![1.0; nodes];
     let rigid = Default::default();
     assert!(term.begin((&u, &free, &plan), &rigid, &|_| DVec3::ZERO));
-    assert!(term.nearest(&u) < 0.8, "{}", term.nearest(&u));
+    assert!(term.min_gap_ratio(&u) < 0.8, "{}", term.min_gap_ratio(&u));
     let energy = |u: &[V4<f64>]| -> f64 { (0..plan.chunks()).map(|c| term.energy(c, u)).sum() };
     let mut forces = vec![[0.0; 4]; nodes];
     let mut shares = 0.0;
     for chunk in 0..plan.chunks() {
         let range = plan.range(chunk);
-        shares += term.elastic(chunk, &u, &mut forces[range]);
+        shares += term.elastic_forces(chunk, &u, &mut forces[range]);
     }
     assert!((shares / energy(&u) - 1.0).abs() < 1e-12 && shares > 0.0);
     let sum: DVec3 = forces.iter().map(|f| to_metres(*f, 1.0)).sum();
@@ -184,21 +185,21 @@ fn forces_are_the_slope_of_the_energy() {
     assert!(off < 2e-4 * largest, "{off} of {largest}");
     assert!(wrong > 0.05 * largest);
     // What is multiplied by is what pairs tell and the diagonal has.
-    let at = At {
+    let at = StateRef {
         u: &u,
         v: &vec![[0.0; 4]; nodes],
     };
     let mut diagonal = vec![[0.0; 8]; nodes];
     let mut change = vec![[0.0; 4]; nodes];
-    let share = Share {
+    let share = SystemContribution {
         diagonal: &mut diagonal,
-        change: &mut change,
+        stiffness_velocity: &mut change,
     };
     let term = touching_mut(&mut body.terms).unwrap();
     term.linearise(&plan, at, 1.0, share);
     let p: Vec<V4<f64>> = some(nodes, 9, 1.0)
         .iter()
-        .map(|p| of_metres(*p, 1.0))
+        .map(|p| from_metres(*p, 1.0))
         .collect();
     let mut product = vec![[0.0; 4]; nodes];
     for chunk in 0..plan.chunks() {
@@ -209,7 +210,7 @@ fn forces_are_the_slope_of_the_energy() {
         .zip(&p)
         .map(|(d, p)| to_metres(super::vectors::apply_symmetric(d, *p), 1.0))
         .collect();
-    term.pairs(&mut |[i, j], m| {
+    term.visit_off_diagonal(&mut |[i, j], m| {
         let (i, j) = (i as usize, j as usize);
         told[i] += *m * to_metres(p[j], 1.0);
         told[j] += m.transpose() * to_metres(p[i], 1.0);
@@ -238,8 +239,8 @@ fn two_elastic_balls_bounce_off_each_other_and_keep_their_momentum() {
     for _ in 0..60 {
         meeting.body.run(1, 1e-3).unwrap();
         assert_eq!(meeting.pierced(), 0);
-        let own = touching(&meeting.body.terms).unwrap();
-        touched |= own.nearest(&meeting.body.now.u) < 1.0;
+        let own = self_contact(&meeting.body.terms).unwrap();
+        touched |= own.min_gap_ratio(&meeting.body.state.u) < 1.0;
         let off = meeting.momentum().distance(before);
         assert!(off < 1e-4 * mass, "{}", off / mass);
     }
@@ -379,11 +380,11 @@ fn a_fold_that_is_pressed_shut_does_not_go_through_itself() {
                 (ToolPose::new(metres + DVec3::X * away * *side, turn), 0)
             })
             .collect();
-        meeting.body.guide_tools(&guided).unwrap();
+        meeting.body.set_tool_targets(&guided).unwrap();
         meeting.body.run(1, 0.05).unwrap();
         assert_eq!(meeting.pierced(), 0, "step {step}");
-        let own = touching(&meeting.body.terms).unwrap();
-        nearest = nearest.min(own.nearest(&meeting.body.now.u));
+        let own = self_contact(&meeting.body.terms).unwrap();
+        nearest = nearest.min(own.min_gap_ratio(&meeting.body.state.u));
     }
     assert!(nearest < 1.0, "{nearest}");
 }

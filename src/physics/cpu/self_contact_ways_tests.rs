@@ -2,7 +2,7 @@
 //! led.
 #![allow(clippy::unwrap_used)]
 
-use super::loads::Attachment;
+use super::loads::NodeConstraint;
 use super::self_contact_tests::{Meeting, joined, plane, soft};
 use crate::mesh::TetMesh;
 use crate::mesh::generate::{Split, ball, box_mesh};
@@ -108,16 +108,16 @@ fn what_is_led_pushes_what_is_in_its_way() {
         let velocity = DVec3::new(0.0, 0.0, -0.6);
         let mut most = 0;
         for step in 0..10 {
-            let led: Vec<Attachment> = top
+            let led: Vec<NodeConstraint> = top
                 .iter()
                 .map(|v| {
                     let at = |step| start[*v as usize] + f64::from(step) * h * velocity;
                     match held {
-                        true => Attachment::Hold {
+                        true => NodeConstraint::Fixed {
                             node: *v,
                             place: at(step + 1),
                         },
-                        false => Attachment::Lead {
+                        false => NodeConstraint::Prescribed {
                             node: *v,
                             place: at(step),
                             velocity,
@@ -151,8 +151,8 @@ fn what_is_led_against_what_is_held_is_refused_in_words() {
     let all = 0..mesh.nodes.len() as u32;
     let start = meeting.body.positions();
     let down = DVec3::new(0.0, 0.0, -2.0);
-    let led: Vec<Attachment> = all
-        .map(|node| Attachment::Lead {
+    let led: Vec<NodeConstraint> = all
+        .map(|node| NodeConstraint::Prescribed {
             node,
             place: start[node as usize],
             velocity: match mesh.nodes[node as usize].z {
@@ -160,7 +160,7 @@ fn what_is_led_against_what_is_held_is_refused_in_words() {
                 _ => DVec3::ZERO,
             },
         })
-        .filter(|a| matches!(a, Attachment::Lead { node, velocity, .. } if *velocity != DVec3::ZERO || mesh.nodes[*node as usize].z < 0.021))
+        .filter(|a| matches!(a, NodeConstraint::Prescribed { node, velocity, .. } if *velocity != DVec3::ZERO || mesh.nodes[*node as usize].z < 0.021))
         .collect();
     meeting.body.set_attachments(&led).unwrap();
     let refused = meeting.body.run(1, 0.02).unwrap_err();

@@ -1,16 +1,16 @@
 //! Loads on their way to the thread that steps a body.
 
-use super::loads::Attachment;
-use super::stepped::{LoadChange, Stepped};
-use super::tools::Guided;
-use super::worker::{Errand, Worker};
+use super::loads::NodeConstraint;
+use super::stepped::{LoadUpdate, Steppable};
+use super::tools::ToolTarget;
+use super::worker::{Worker, WorkerCommand};
 use crate::Result;
 use crate::physics::loads::LoadVersions;
-use crate::physics::{Grip, Held, Loads, ToolPose};
+use crate::physics::{GrabMode, GrabbedNode, Loads, ToolPose};
 use glam::DVec3;
 
 /// Sends the loads that have changed since those of the versions in `sent`.
-pub(in crate::physics) fn send_loads<B: Stepped + ?Sized>(
+pub(in crate::physics) fn send_loads<B: Steppable + ?Sized>(
     loads: &Loads,
     sent: &mut Option<LoadVersions>,
     worker: &mut Worker<B>,
@@ -21,32 +21,32 @@ pub(in crate::physics) fn send_loads<B: Stepped + ?Sized>(
     }
     let known = *sent;
     let differs = |of: fn(&LoadVersions) -> u64| known.is_none_or(|k| of(&k) != of(&versions));
-    let change = LoadChange {
+    let change = LoadUpdate {
         gravity: loads.gravity(),
-        pinned: differs(|v| v.held).then(|| loads.pinned().to_vec()),
+        pinned: differs(|v| v.constraints).then(|| loads.pinned().to_vec()),
         forces: differs(|v| v.forces).then(|| loads.forces().to_vec()),
-        attachments: differs(|v| v.grabs).then(|| attachments(loads)),
-        levels: differs(|v| v.levels).then(|| loads.levels().to_vec()),
+        attachments: differs(|v| v.grabs).then(|| node_constraints(loads)),
+        levels: differs(|v| v.levels).then(|| loads.amplitudes().to_vec()),
         tools: differs(|v| v.tools).then(|| tools(loads)),
     };
     *sent = Some(versions);
-    worker.ask(Errand::Loads(Box::new(change)))
+    worker.enqueue(WorkerCommand::Loads(Box::new(change)))
 }
 
 /// All loads.
-pub(super) fn all_loads(loads: &Loads) -> LoadChange {
-    LoadChange {
+pub(super) fn full_load_update(loads: &Loads) -> LoadUpdate {
+    LoadUpdate {
         gravity: loads.gravity(),
         pinned: Some(loads.pinned().to_vec()),
         forces: Some(loads.forces().to_vec()),
-        attachments: Some(attachments(loads)),
-        levels: Some(loads.levels().to_vec()),
+        attachments: Some(node_constraints(loads)),
+        levels: Some(loads.amplitudes().to_vec()),
         tools: Some(tools(loads)),
     }
 }
 
 /// Where tools go, in metres.
-fn tools(loads: &Loads) -> Vec<Guided> {
+fn tools(loads: &Loads) -> Vec<ToolTarget> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |pose: &ToolPose| ToolPose::new((pose.place() - frame.origin) * unit, pose.turn());
     let all = loads.tools().iter();
@@ -54,23 +54,24 @@ fn tools(loads: &Loads) -> Vec<Guided> {
 }
 
 /// The nodes that grabs hold or pull, in metres.
-fn attachments(loads: &Loads) -> Vec<Attachment> {
+fn node_constraints(loads: &Loads) -> Vec<NodeConstraint> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |p: DVec3| (p - frame.origin) * unit;
-    let led = loads.led().iter().flat_map(|led| {
-        led.each().map(|(node, place, velocity)| Attachment::Lead {
-            node,
-            place: metres(place),
-            velocity: velocity * unit,
-        })
+    let led = loads.prescribed_motions().iter().flat_map(|led| {
+        led.iter()
+            .map(|(node, place, velocity)| NodeConstraint::Prescribed {
+                node,
+                place: metres(place),
+                velocity: velocity * unit,
+            })
     });
     let held = loads.grabs.iter().flat_map(|grab| grab.held());
-    let held = held.map(|Held { node, place, grip }| match grip {
-        Grip::Follow => Attachment::Hold {
+    let held = held.map(|GrabbedNode { node, place, grip }| match grip {
+        GrabMode::Follow => NodeConstraint::Fixed {
             node,
             place: metres(place),
         },
-        Grip::Spring { stiffness, limit } => Attachment::Pull {
+        GrabMode::Spring { stiffness, limit } => NodeConstraint::Spring {
             node,
             target: metres(place),
             stiffness,

@@ -1,18 +1,18 @@
 //! A body of tets as a simulator, stepped on the CPU.
 
-use super::guard::Failure;
-use super::sending::{all_loads, send_loads};
-use super::stepped::{LoadChange, Precision, TetBody};
+use super::guard::StepFailure;
+use super::sending::{full_load_update, send_loads};
+use super::stepped::{LoadUpdate, Precision, TetBody};
 use super::tools::check_contact;
-use super::worker::{Errand, Refusal, Span, Worker};
+use super::worker::{StepClock, Worker, WorkerCommand, WorkerError};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology, cut};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
-    Acting, ConjugateGradients, Energy, Engine, GrabId, Grip, LedId, LevelId, Loads, Material,
-    NodeTerm, Nodes, Pose, Progress, Reaction, Report, SelfContact, Simulator, SimulatorState,
-    SolverKind, SpringNetwork, Tool, ToolId, TopologyChange, Waker, advice, largest_stable_step,
-    with_terms,
+    AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ExactPositions, GrabId, GrabMode,
+    Loads, Material, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad,
+    SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, Tool,
+    ToolId, TopologyChange, largest_stable_step, limit_with_terms, time_step_advice,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -26,25 +26,25 @@ pub struct CpuTets {
     mesh: TetMesh,
     topology: Topology,
     material: Material,
-    network: SpringNetwork,
-    settings: ConjugateGradients,
+    network: DiscreteModel,
+    settings: CgSettings,
     kind: SolverKind,
     loads: Loads,
     /// The loads that the worker has.
-    sent: Option<LoadVersions>,
+    synced_loads: Option<LoadVersions>,
     terms: Vec<Arc<dyn NodeTerm>>,
     /// Pressures and muscles, in the order of their levels.
-    acting: Vec<Acting>,
+    scaled_loads: Vec<ScaledLoad>,
     tools: Vec<Tool>,
-    self_contact: Option<SelfContact>,
+    self_contact: Option<SelfContactSettings>,
     precision: Precision,
     worker: Worker<dyn TetBody>,
-    nodes: Nodes,
+    nodes: NodePositions,
     /// The positions that were uploaded.
-    shown: u64,
+    uploaded_version: u64,
     /// Counts changes of state and shape from outside.
     changes: u64,
-    progress: Progress,
+    progress: StepProgress,
 }
 
 /// The state of a [`CpuTets`].
@@ -55,8 +55,8 @@ pub struct CpuState {
     loads: LoadsState,
     sent: Option<LoadVersions>,
     changes: u64,
-    progress: Progress,
-    span: Span,
+    progress: StepProgress,
+    span: StepClock,
     /// In how many parts the nodes are shared out among threads: sums depend on it.
     parts: usize,
 }
@@ -73,10 +73,10 @@ impl CpuTets {
         mesh: TetMesh,
         material: &Material,
         kind: SolverKind,
-        settings: ConjugateGradients,
+        settings: CgSettings,
         precision: Precision,
     ) -> Result<CpuTets> {
-        let network = SpringNetwork::new(&mesh, material)?;
+        let network = DiscreteModel::new(&mesh, material)?;
         CpuTets::of_network(gpu, (mesh, network), material, (kind, settings), precision)
     }
 
@@ -86,20 +86,20 @@ impl CpuTets {
     /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`CpuTets::new`].
     pub fn of_network(
         gpu: &Gpu,
-        (mesh, network): (TetMesh, SpringNetwork),
+        (mesh, network): (TetMesh, DiscreteModel),
         material: &Material,
-        (kind, settings): (SolverKind, ConjugateGradients),
+        (kind, settings): (SolverKind, CgSettings),
         precision: Precision,
     ) -> Result<CpuTets> {
-        if network.rest.len() != mesh.nodes.len() {
+        if network.rest_positions.len() != mesh.nodes.len() {
             return Err(Error::Input(format!(
                 "masses of {} nodes are given for a mesh of {}",
-                network.rest.len(),
+                network.rest_positions.len(),
                 mesh.nodes.len()
             )));
         }
         let body = precision.tets(&network, (kind, settings), None)?;
-        let nodes = Nodes::new(gpu, &mesh)?;
+        let nodes = NodePositions::new(gpu, &mesh)?;
         Ok(CpuTets {
             topology: Topology::new(&mesh),
             material: material.clone(),
@@ -108,46 +108,46 @@ impl CpuTets {
             network,
             settings,
             kind,
-            sent: None,
+            synced_loads: None,
             terms: Vec::new(),
-            acting: Vec::new(),
+            scaled_loads: Vec::new(),
             tools: Vec::new(),
             self_contact: None,
             precision,
             worker: Worker::new(body),
             nodes,
-            shown: 0,
+            uploaded_version: 0,
             changes: 0,
-            progress: Progress::default(),
+            progress: StepProgress::default(),
         })
     }
 
     /// What is told of a step that was refused.
-    fn error(&mut self, refusal: Refusal) -> Error {
+    fn error(&mut self, refusal: WorkerError) -> Error {
         match refusal {
-            Refusal::Wrong(error) => {
+            WorkerError::Wrong(error) => {
                 // Loads that were refused are sent again.
-                self.sent = None;
+                self.synced_loads = None;
                 error
             }
-            Refusal::Failed(Failure::BadStep { h }, ..) => Error::Input(format!(
+            WorkerError::Failed(StepFailure::BadStep { h }, ..) => Error::Input(format!(
                 "a time step of {h} s makes no sense for this body; give a positive number of seconds"
             )),
-            Refusal::Failed(failure, dt, progress) => {
+            WorkerError::Failed(failure, dt, progress) => {
                 self.progress = progress;
                 Error::Solver {
                     solver: self.kind.name(),
                     step: progress.steps + 1,
                     time: progress.time,
                     cause: match failure {
-                        Failure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
-                        Failure::NotConverged { .. } | Failure::Pierced | Failure::Blocked => {
-                            FailureCause::NotConverged
-                        }
+                        StepFailure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
+                        StepFailure::NotConverged { .. }
+                        | StepFailure::ToolPenetration
+                        | StepFailure::SelfContactBlocked => FailureCause::NotConverged,
                         _ => FailureCause::NotFinite,
                     },
                     what: failure.to_string(),
-                    advice: advice(
+                    advice: time_step_advice(
                         self.kind,
                         dt,
                         (&self.network, &self.terms),
@@ -165,21 +165,21 @@ impl CpuTets {
             .collect()
     }
 
-    fn file(&self, metres: &[DVec3]) -> Vec<DVec3> {
+    fn to_file_units(&self, metres: &[DVec3]) -> Vec<DVec3> {
         metres.iter().map(|x| self.network.to_file(*x)).collect()
     }
 
-    fn speeds(&self, velocities: &[DVec3]) -> Vec<DVec3> {
+    fn velocities_to_file_units(&self, velocities: &[DVec3]) -> Vec<DVec3> {
         let unit = self.network.length_unit;
         velocities.iter().map(|v| *v * unit).collect()
     }
 
     /// Uploads the positions that were put out last, if they are new.
     fn upload(&mut self) -> Result<()> {
-        let Some((version, positions)) = self.worker.published(self.shown) else {
+        let Some((version, positions)) = self.worker.published(self.uploaded_version) else {
             return Ok(());
         };
-        self.shown = version;
+        self.uploaded_version = version;
         let unit = self.network.length_unit;
         let origin = self.network.frame.origin;
         let places: Vec<DVec3> = positions.iter().map(|x| origin + *x / unit).collect();
@@ -187,7 +187,7 @@ impl CpuTets {
     }
 
     /// Uploads the positions of now.
-    fn show(&mut self) -> Result<()> {
+    fn upload_now(&mut self) -> Result<()> {
         self.worker.publish();
         self.upload()
     }
@@ -200,8 +200,8 @@ impl CpuTets {
         for term in &self.terms {
             body.add_node_term(term.clone(), &self.network);
         }
-        for (level, acting) in self.acting.iter().enumerate() {
-            self.act(&mut *body, acting, level);
+        for (level, acting) in self.scaled_loads.iter().enumerate() {
+            self.apply_scaled_load(&mut *body, acting, level);
         }
         let faces = self.boundary();
         for (tool, (pose, _)) in self.tools.iter().zip(self.loads.tools()) {
@@ -214,11 +214,11 @@ impl CpuTets {
         if let Some(wanted) = &self.self_contact {
             body.set_self_contact(wanted, &faces, &self.network);
         }
-        body.take_over(LoadChange {
+        body.apply_loads(LoadUpdate {
             gravity: self.loads.gravity(),
-            levels: Some(self.loads.levels().to_vec()),
+            levels: Some(self.loads.amplitudes().to_vec()),
             pinned: Some(self.loads.pinned().to_vec()),
-            ..LoadChange::default()
+            ..LoadUpdate::default()
         })?;
         Ok(body)
     }
@@ -231,31 +231,34 @@ impl CpuTets {
     }
 
     /// Has `acting` act on `body`, made of this mesh and network.
-    fn act(&self, body: &mut dyn TetBody, acting: &Acting, level: usize) {
+    fn apply_scaled_load(&self, body: &mut dyn TetBody, acting: &ScaledLoad, level: usize) {
         match acting {
-            Acting::Pressure(faces) => {
+            ScaledLoad::Pressure(faces) => {
                 let (mesh, topology) = (&self.mesh, &self.topology);
                 let faces = faces.iter().map(|f| topology.boundary_nodes(mesh, *f));
                 body.add_pressure(&faces.collect::<Vec<_>>(), level);
             }
-            Acting::Muscle(muscle) => {
+            ScaledLoad::Muscle(muscle) => {
                 body.add_muscle(muscle, level, (&self.network, &self.mesh.tets));
             }
         }
     }
 
     /// Makes the body anew of what the network is now, in the state that it is in.
-    fn remake(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+    fn rebuild_body(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let mut body = self.body(None)?;
-        body.set_state(&self.metres(positions), &self.speeds(velocities))?;
+        body.set_state(
+            &self.metres(positions),
+            &self.velocities_to_file_units(velocities),
+        )?;
         *self.worker.body() = body;
-        self.sent = None;
+        self.synced_loads = None;
         self.changes += 1;
-        self.show()
+        self.upload_now()
     }
 
     /// Makes the body one in so many parts, where it is not; its state is to be set.
-    fn share_out(&mut self, parts: usize) -> Result<()> {
+    fn repartition(&mut self, parts: usize) -> Result<()> {
         if self.worker.body().parts() != parts {
             let body = self.body(Some(parts))?;
             *self.worker.body() = body;
@@ -285,27 +288,28 @@ impl Simulator for CpuTets {
         &self.network.masses
     }
 
-    fn springs(&self) -> Vec<[u32; 2]> {
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
         self.network.springs.iter().map(|s| s.nodes).collect()
     }
 
-    fn network(&self) -> Option<&SpringNetwork> {
+    fn network(&self) -> Option<&DiscreteModel> {
         Some(&self.network)
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         if !self.tools.is_empty() {
             check_contact("tools", &self.network, kind)?;
         }
         if self.self_contact.is_some() {
             check_contact("itself", &self.network, kind)?;
         }
-        self.worker.rest();
+        self.worker.cancel_pending();
         let (positions, velocities) = (self.positions()?, self.velocities()?);
         (self.kind, self.settings) = (kind, settings);
-        self.progress = Progress::default();
-        self.worker.set_progress(self.progress, Span::default());
-        self.remake(&positions, &velocities)
+        self.progress = StepProgress::default();
+        self.worker
+            .set_progress(self.progress, StepClock::default());
+        self.rebuild_body(&positions, &velocities)
     }
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
@@ -316,21 +320,21 @@ impl Simulator for CpuTets {
         Ok(())
     }
 
-    fn add_acting(&mut self, acting: Acting) -> Result<LevelId> {
+    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
         acting.check(&self.mesh, &self.network)?;
-        let level = self.acting.len();
-        self.act(&mut **self.worker.body(), &acting, level);
-        self.acting.push(acting);
+        let level = self.scaled_loads.len();
+        self.apply_scaled_load(&mut **self.worker.body(), &acting, level);
+        self.scaled_loads.push(acting);
         self.changes += 1;
-        Ok(self.loads.add_level())
+        Ok(self.loads.add_amplitude())
     }
 
-    fn set_level(&mut self, id: LevelId, level: f64) -> Result<()> {
-        let acting = self.acting.get(id.0).ok_or_else(|| {
+    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
+        let acting = self.scaled_loads.get(id.0).ok_or_else(|| {
             Error::Input(format!("nothing acts on this body at the level {}", id.0))
         })?;
-        acting.check_level(level)?;
-        self.loads.set_level(id, level);
+        acting.check_amplitude(level)?;
+        self.loads.set_amplitude(id, level);
         Ok(())
     }
 
@@ -349,7 +353,7 @@ impl Simulator for CpuTets {
         &self.tools
     }
 
-    fn set_self_contact(&mut self, wanted: SelfContact) -> Result<usize> {
+    fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
         wanted.check()?;
         check_contact("itself", &self.network, self.kind)?;
         let faces = self.boundary();
@@ -361,7 +365,7 @@ impl Simulator for CpuTets {
         Ok(through)
     }
 
-    fn self_contact(&self) -> Option<SelfContact> {
+    fn self_contact(&self) -> Option<SelfContactSettings> {
         self.self_contact
     }
 
@@ -385,7 +389,7 @@ impl Simulator for CpuTets {
         }))
     }
 
-    fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
+    fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
         let mut bones = self.network.elements.rigid.iter();
         if bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
             return Err(Error::Input(
@@ -395,12 +399,13 @@ impl Simulator for CpuTets {
         let positions = self.positions()?;
         let place = |v: &u32| positions.get(*v as usize).copied();
         let places: Option<Vec<DVec3>> = nodes.iter().map(place).collect();
-        self.loads.lead(nodes, &places.unwrap_or_default())
+        self.loads
+            .add_prescribed_motion(nodes, &places.unwrap_or_default())
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
         let limit = largest_stable_step(&self.network, self.loads.pinned(), self.kind)?;
-        Some(with_terms(limit, &self.network, &self.terms))
+        Some(limit_with_terms(limit, &self.network, &self.terms))
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
@@ -409,18 +414,18 @@ impl Simulator for CpuTets {
                 "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
             )));
         }
-        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
         match steps {
             0 => Ok(()),
-            steps => self.worker.ask(Errand::Steps(steps, dt)),
+            steps => self.worker.enqueue(WorkerCommand::Steps(steps, dt)),
         }
     }
 
-    fn set_waker(&mut self, waker: Waker) {
+    fn set_waker(&mut self, waker: StepCallback) {
         self.worker.set_waker(waker);
     }
 
-    fn progress(&mut self) -> Result<Progress> {
+    fn progress(&mut self) -> Result<StepProgress> {
         self.progress = match self.worker.progress() {
             Ok(progress) => progress,
             Err(refusal) => return Err(self.error(refusal)),
@@ -428,7 +433,7 @@ impl Simulator for CpuTets {
         Ok(self.progress)
     }
 
-    fn finish(&mut self) -> Result<Progress> {
+    fn finish(&mut self) -> Result<StepProgress> {
         self.progress = match self.worker.finish() {
             Ok(progress) => progress,
             Err(refusal) => return Err(self.error(refusal)),
@@ -438,28 +443,28 @@ impl Simulator for CpuTets {
 
     fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
         self.run(steps, dt)?;
-        self.publish(work)
+        self.update_nodes(work)
     }
 
     fn iterations(&self) -> Result<Vec<u32>> {
         Ok(self.worker.iterations())
     }
 
-    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
         self.upload()
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
     fn positions(&self) -> Result<Vec<DVec3>> {
         let metres = self.worker.body().positions();
-        Ok(self.file(&metres))
+        Ok(self.to_file_units(&metres))
     }
 
     fn forces(&mut self) -> Result<Vec<DVec3>> {
-        send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
+        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
         self.finish()?;
         let mut forces = self.worker.body().forces();
         let rigid = self.network.elements.rigid.iter();
@@ -485,11 +490,11 @@ impl Simulator for CpuTets {
             body.set_state(&metres, &velocities)?;
         }
         self.changes += 1;
-        self.show()
+        self.upload_now()
     }
 
     fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
-        let velocities = self.speeds(velocities);
+        let velocities = self.velocities_to_file_units(velocities);
         let mut body = self.worker.body();
         let positions = body.positions();
         body.set_state(&positions, &velocities)?;
@@ -505,9 +510,9 @@ impl Simulator for CpuTets {
         &mut self.loads
     }
 
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         // As they were before a step under way: nobody waits for that.
-        let positions = self.file(&self.worker.positions());
+        let positions = self.to_file_units(&self.worker.positions());
         self.loads
             .grab(&positions, |_| true, (centre, radius), grip)
     }
@@ -519,16 +524,18 @@ impl Simulator for CpuTets {
         if done.is_empty() {
             return Ok(TopologyChange::default());
         }
-        self.network.follow(&self.mesh, &self.material, &done)?;
-        self.acting.iter_mut().for_each(|a| a.follow(&done));
-        for [_, old] in &done.doubled {
+        self.network.apply_cut(&self.mesh, &self.material, &done)?;
+        self.scaled_loads
+            .iter_mut()
+            .for_each(|a| a.apply_cut(&done));
+        for [_, old] in &done.duplicated_nodes {
             positions.push(positions[*old as usize]);
             velocities.push(velocities[*old as usize]);
         }
-        self.loads.follow(&done, &self.network.masses);
-        let blank = vec![[0.0; 4]; done.doubled.len()];
+        self.loads.apply_cut(&done, &self.network.masses);
+        let blank = vec![[0.0; 4]; done.duplicated_nodes.len()];
         self.nodes.extend(&blank)?;
-        self.remake(&positions, &velocities)?;
+        self.rebuild_body(&positions, &velocities)?;
         Ok(TopologyChange {
             mesh: done,
             springs: 0,
@@ -538,11 +545,11 @@ impl Simulator for CpuTets {
     fn report(&self) -> Result<Report> {
         let positions = self.positions()?;
         let velocities = self.velocities()?;
-        let energy = Energy::of(&self.network, &self.terms, &positions, &velocities);
-        Ok(Report::of_positions(energy, &self.mesh, &positions))
+        let energy = Energy::from_state(&self.network, &self.terms, &positions, &velocities);
+        Ok(Report::from_positions(energy, &self.mesh, &positions))
     }
 
-    fn speed(&self) -> f64 {
+    fn rms_speed(&self) -> f64 {
         if self.progress.steps == 0 {
             return f64::INFINITY;
         }
@@ -551,19 +558,19 @@ impl Simulator for CpuTets {
         speed / (self.network.frame.scale * self.network.length_unit)
     }
 
-    fn touched(&self) -> u64 {
+    fn change_count(&self) -> u64 {
         self.changes + self.loads.version()
     }
 
     fn state(&self) -> Result<SimulatorState> {
         let (body, parts) = {
             let body = self.worker.body();
-            (body.packed()?, body.parts())
+            (body.serialise_state()?, body.parts())
         };
         Ok(SimulatorState::Cpu(Box::new(CpuState {
             body,
             loads: self.loads.state(),
-            sent: self.sent,
+            sent: self.synced_loads,
             changes: self.changes,
             progress: self.progress,
             span: self.worker.span(),
@@ -577,30 +584,30 @@ impl Simulator for CpuTets {
                 "the state of another kind of body, or of another engine".into(),
             ));
         };
-        self.worker.rest();
+        self.worker.cancel_pending();
         self.loads.set_state(&state.loads)?;
-        self.share_out(state.parts)?;
+        self.repartition(state.parts)?;
         {
             let mut body = self.worker.body();
-            body.take_over(all_loads(&self.loads))?;
+            body.apply_loads(full_load_update(&self.loads))?;
             body.resume(&state.body)?;
         }
-        self.sent = state.sent;
+        self.synced_loads = state.sent;
         self.changes = state.changes;
         self.progress = state.progress;
         self.worker.set_progress(state.progress, state.span);
-        self.show()
+        self.upload_now()
     }
 
-    fn pose(&self) -> Result<Pose> {
-        Ok(Pose {
-            exact: self.worker.body().displacements(),
-            ..Pose::default()
+    fn pose(&self) -> Result<ExactPositions> {
+        Ok(ExactPositions {
+            displacements: self.worker.body().displacements(),
+            ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
-        self.worker.body().set_displacements(&pose.exact)?;
-        self.show()
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+        self.worker.body().set_displacements(&pose.displacements)?;
+        self.upload_now()
     }
 }

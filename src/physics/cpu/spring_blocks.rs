@@ -4,24 +4,24 @@
 //! what comes out.
 
 use super::real::Real;
-use super::vectors::{Symmetric, V4, add, sub};
+use super::vectors::{SymMat3, V4, add, sub};
 
 /// Springs in a block.
-pub(super) const B: usize = 64;
+pub(super) const BLOCK_SIZE: usize = 64;
 
 /// A vector a spring.
-pub(super) type Vectors<T> = [V4<T>; B];
+pub(super) type BlockVectors<T> = [V4<T>; BLOCK_SIZE];
 
 /// Springs side by side; what fills up the last block of a list has no stiffness.
 #[derive(Clone, Debug)]
 pub(super) struct Block<T> {
-    pub i: [u32; B],
-    pub j: [u32; B],
-    pub rest: [[T; B]; 3],
-    pub length: [T; B],
+    pub i: [u32; BLOCK_SIZE],
+    pub j: [u32; BLOCK_SIZE],
+    pub rest: [[T; BLOCK_SIZE]; 3],
+    pub length: [T; BLOCK_SIZE],
     /// |D|² − L².
-    pub excess: [T; B],
-    pub stiffness: [T; B],
+    pub squared_stretch: [T; BLOCK_SIZE],
+    pub stiffness: [T; BLOCK_SIZE],
     /// How many of them are springs.
     pub count: usize,
 }
@@ -29,12 +29,12 @@ pub(super) struct Block<T> {
 /// Each spring's part of A as q qᵀ + b I, kept as q and b: in the diagonal blocks of its ends, and
 /// negative between them.
 #[derive(Clone, Debug)]
-pub(super) struct Links<T>(pub [V4<T>; B]);
+pub(super) struct SpringHessians<T>(pub [V4<T>; BLOCK_SIZE]);
 
 impl<T: Real> Block<T> {
     /// b_j − a_i.
     #[inline(always)]
-    pub fn differences(&self, [a, b]: [&[V4<T>]; 2], out: &mut Vectors<T>) {
+    pub fn differences(&self, [a, b]: [&[V4<T>]; 2], out: &mut BlockVectors<T>) {
         for ((o, i), j) in out.iter_mut().zip(&self.i).zip(&self.j) {
             *o = sub(b[*j as usize], a[*i as usize]);
         }
@@ -42,7 +42,7 @@ impl<T: Real> Block<T> {
 
     /// Adds what was computed to the nodes i and, of springs within a chunk, takes it from j.
     #[inline(always)]
-    pub fn scatter(&self, both: bool, shares: &Vectors<T>, out: &mut [V4<T>]) {
+    pub fn scatter(&self, both: bool, shares: &BlockVectors<T>, out: &mut [V4<T>]) {
         for ((s, i), j) in shares.iter().zip(&self.i).zip(&self.j) {
             let (i, j) = (*i as usize, *j as usize);
             out[i] = add(out[i], *s);
@@ -62,16 +62,16 @@ impl<T: Real> Block<T> {
         ];
         // The fourth lane is zero; read, the four are one load.
         let square = (d[0] * d[0] + d[1] * d[1]) + (d[2] * d[2] + e[3] * e[3]);
-        let square = square.or_more(T::COINCIDENT);
-        let l = square.root();
+        let square = square.max(T::MIN_DISTANCE_SQUARED);
+        let l = square.sqrt();
         let over = T::ONE / ((l + self.length[n]) * l);
         // |d|² − L².
         let gain = e[0] * (self.rest[0][n] + d[0])
             + e[1] * (self.rest[1][n] + d[1])
             + e[2] * (self.rest[2][n] + d[2]);
-        let gain = gain + self.excess[n];
+        let gain = gain + self.squared_stretch[n];
         // What a wave has hardly reached yet would be subnormal, and ten times as slow.
-        let some = gain > T::NOTHING || gain < -T::NOTHING;
+        let some = gain > T::MIN_LENGTH_CHANGE || gain < -T::MIN_LENGTH_CHANGE;
         (d, square, over, if some { gain } else { T::ZERO })
     }
 
@@ -80,12 +80,12 @@ impl<T: Real> Block<T> {
     pub fn pull<const DAMPED: u8>(
         &self,
         damping: [T; 2],
-        e: &Vectors<T>,
-        w: &Vectors<T>,
-        f: &mut Vectors<T>,
-        energy: &mut [T; B],
+        e: &BlockVectors<T>,
+        w: &BlockVectors<T>,
+        f: &mut BlockVectors<T>,
+        energy: &mut [T; BLOCK_SIZE],
     ) {
-        for n in 0..B {
+        for n in 0..BLOCK_SIZE {
             let (d, square, over, gain) = self.lengths(n, e[n]);
             let k = self.stiffness[n];
             // Stretch over length.
@@ -96,7 +96,7 @@ impl<T: Real> Block<T> {
             if DAMPED == 1 {
                 let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
                 // As with the stretch: what is as good as nothing is nothing.
-                let some = dw > T::NOTHING || dw < -T::NOTHING;
+                let some = dw > T::MIN_LENGTH_CHANGE || dw < -T::MIN_LENGTH_CHANGE;
                 let dw = if some { dw } else { T::ZERO };
                 along += (damping[0] + damping[1] * k) * dw / square;
             }
@@ -119,11 +119,11 @@ impl<T: Real> Block<T> {
         &self,
         damping: [T; 2],
         axial: bool,
-        e: &Vectors<T>,
-        w: &Vectors<T>,
-        f: &mut Vectors<T>,
+        e: &BlockVectors<T>,
+        w: &BlockVectors<T>,
+        f: &mut BlockVectors<T>,
     ) {
-        for n in 0..B {
+        for n in 0..BLOCK_SIZE {
             let (d, square, _, _) = self.lengths(n, e[n]);
             let c = damping[0] + damping[1] * self.stiffness[n];
             let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
@@ -140,15 +140,15 @@ impl<T: Real> Block<T> {
     pub fn linearise(
         &self,
         (h, damping, axial): (T, [T; 2], bool),
-        [e, w]: [&Vectors<T>; 2],
-        links: &mut Links<T>,
-        change: &mut Vectors<T>,
+        [e, w]: [&BlockVectors<T>; 2],
+        links: &mut SpringHessians<T>,
+        change: &mut BlockVectors<T>,
     ) {
-        for n in 0..B {
+        for n in 0..BLOCK_SIZE {
             let (d, square, over, gain) = self.lengths(n, e[n]);
             let k = self.stiffness[n];
             // Without a direction only a spring of no length pushes back, in all of them.
-            let stretch = (gain * over).or_more(T::ZERO);
+            let stretch = (gain * over).max(T::ZERO);
             let t = match self.length[n] > T::ZERO {
                 true => stretch,
                 false => T::ONE,
@@ -159,7 +159,7 @@ impl<T: Real> Block<T> {
                 false => (T::ZERO, c),
             };
             let stiff = k * (T::ONE - t);
-            let q = ((h * h * stiff + axial) / square).or_more(T::ZERO).root();
+            let q = ((h * h * stiff + axial) / square).max(T::ZERO).sqrt();
             let b = h * h * k * t + relative;
             links.0[n] = [q * d[0], q * d[1], q * d[2], b];
             let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
@@ -177,10 +177,10 @@ impl<T: Real> Block<T> {
     }
 }
 
-impl<T: Real> Links<T> {
+impl<T: Real> SpringHessians<T> {
     /// The blocks themselves.
     #[inline(always)]
-    pub fn blocks(&self, out: &mut [Symmetric<T>; B]) {
+    pub fn blocks(&self, out: &mut [SymMat3<T>; BLOCK_SIZE]) {
         for (out, [x, y, z, b]) in out.iter_mut().zip(self.0) {
             *out = [
                 x * x + b,

@@ -10,12 +10,12 @@
 //! and those that leave it; the latter are computed on both sides, so that no chunk writes to
 //! another's nodes.
 
-use super::pool::{Chunks, Nodes, Plan};
+use super::pool::{Chunks, Nodes, Partition};
 use super::real::Real;
-use super::spring_blocks::{B, Block, Links};
-use super::terms::{At, Share, Term};
+use super::spring_blocks::{BLOCK_SIZE, Block, SpringHessians};
+use super::terms::{StateRef, SystemContribution, Term};
 use super::vectors::V4;
-use crate::physics::{Damping, SpringNetwork, Units};
+use crate::physics::{Damping, DiscreteModel, LocalUnits};
 use glam::DMat3;
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ use std::ops::Range;
 #[derive(Clone, Debug, Default)]
 struct List<T> {
     blocks: Vec<Block<T>>,
-    links: Vec<Links<T>>,
+    links: Vec<SpringHessians<T>>,
 }
 
 /// The springs of a chunk of nodes.
@@ -49,7 +49,12 @@ pub struct Springs<T> {
 impl<T: Real> Springs<T> {
     /// The springs of `network`, of which node `order[k]` is the engine's k-th, shared out by
     /// `plan`.
-    pub fn new(network: &SpringNetwork, order: &[u32], units: &Units, plan: &Plan) -> Springs<T> {
+    pub fn new(
+        network: &DiscreteModel,
+        order: &[u32],
+        units: &LocalUnits,
+        plan: &Partition,
+    ) -> Springs<T> {
         let mut place = vec![0u32; order.len()];
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
@@ -72,19 +77,20 @@ impl<T: Real> Springs<T> {
         }
         let fill = |(i, j, s): (u32, u32, u32), [first, base]: [u32; 2], block: &mut Block<T>| {
             let spring = &network.springs[s as usize];
-            let [p, q] = [i, j].map(|v| network.rest[order[v as usize] as usize] / units.length);
+            let [p, q] =
+                [i, j].map(|v| network.rest_positions[order[v as usize] as usize] / units.length);
             let (d, l, n) = (q - p, spring.length / units.length, block.count);
             block.i[n] = i - first;
             block.j[n] = j - base;
             for axis in 0..3 {
-                block.rest[axis][n] = T::of(d[axis]);
+                block.rest[axis][n] = T::from_f64(d[axis]);
             }
-            block.length[n] = T::of(l);
+            block.length[n] = T::from_f64(l);
             let excess = d.length_squared() - l * l;
             // A spring that is as long as its edge has none, whatever the rounding says.
             let none = excess.abs() <= 1e-14 * l * l;
-            block.excess[n] = T::of(if none { 0.0 } else { excess });
-            block.stiffness[n] = T::of(spring.stiffness / units.stiffness());
+            block.squared_stretch[n] = T::from_f64(if none { 0.0 } else { excess });
+            block.stiffness[n] = T::from_f64(spring.stiffness / units.stiffness());
             block.count += 1;
         };
         let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
@@ -104,7 +110,7 @@ impl<T: Real> Springs<T> {
         let time = network.damping_time / units.time;
         Springs {
             chunks: chunks.collect(),
-            damping: [constant, time].map(T::of),
+            damping: [constant, time].map(T::from_f64),
             damped: constant > 0.0 || time > 0.0,
             kind: network.damping_kind,
         }
@@ -120,11 +126,11 @@ impl<T: Real> List<T> {
     ) -> List<T> {
         springs.sort_unstable();
         let mut blocks = Vec::new();
-        for run in springs.chunks_mut(B) {
+        for run in springs.chunks_mut(BLOCK_SIZE) {
             // Springs of the same node one after the other would each wait for the sum of the one
             // before: first the first spring of each node, then the second.
             let mut rank = 0u32;
-            let mut ranked: Vec<(u32, (u32, u32, u32))> = Vec::with_capacity(B);
+            let mut ranked: Vec<(u32, (u32, u32, u32))> = Vec::with_capacity(BLOCK_SIZE);
             for (n, s) in run.iter().enumerate() {
                 rank = match n > 0 && run[n - 1].0 == s.0 {
                     true => rank + 1,
@@ -134,12 +140,16 @@ impl<T: Real> List<T> {
             }
             ranked.sort_unstable();
             let mut block = Block {
-                i: [0; B],
-                j: [same; B],
-                rest: [[T::ONE; B], [T::ZERO; B], [T::ZERO; B]],
-                length: [T::ONE; B],
-                excess: [T::ZERO; B],
-                stiffness: [T::ZERO; B],
+                i: [0; BLOCK_SIZE],
+                j: [same; BLOCK_SIZE],
+                rest: [
+                    [T::ONE; BLOCK_SIZE],
+                    [T::ZERO; BLOCK_SIZE],
+                    [T::ZERO; BLOCK_SIZE],
+                ],
+                length: [T::ONE; BLOCK_SIZE],
+                squared_stretch: [T::ZERO; BLOCK_SIZE],
+                stiffness: [T::ZERO; BLOCK_SIZE],
                 count: 0,
             };
             for (_, s) in ranked {
@@ -160,13 +170,13 @@ impl<T: Real> List<T> {
         nodes: &Range<usize>,
         both: bool,
         damping: [T; 2],
-        at: At<'_, T>,
+        at: StateRef<'_, T>,
         f: &mut [V4<T>],
     ) -> f64 {
         let [u, v] = [at.u, at.v].map(|a| ends(a, nodes, both));
-        let zero = [[T::ZERO; 4]; B];
+        let zero = [[T::ZERO; 4]; BLOCK_SIZE];
         let (mut e, mut w, mut pull) = (zero, zero, zero);
-        let mut energy = [T::ZERO; B];
+        let mut energy = [T::ZERO; BLOCK_SIZE];
         let mut sum = 0.0;
         for block in &self.blocks {
             block.differences(u, &mut e);
@@ -181,7 +191,7 @@ impl<T: Real> List<T> {
                     *l += *e;
                 }
             }
-            sum += lanes.map(Real::wide).iter().sum::<f64>();
+            sum += lanes.map(Real::to_f64).iter().sum::<f64>();
         }
         // Both sides count a spring that leaves a chunk.
         sum * if both { 0.5 } else { 0.25 }
@@ -189,14 +199,14 @@ impl<T: Real> List<T> {
 
     fn energy(&self, nodes: &Range<usize>, both: bool, u: &[V4<T>]) -> f64 {
         let u = ends(u, nodes, both);
-        let zero = [[T::ZERO; 4]; B];
+        let zero = [[T::ZERO; 4]; BLOCK_SIZE];
         let (mut e, mut pull) = (zero, zero);
-        let mut energy = [T::ZERO; B];
+        let mut energy = [T::ZERO; BLOCK_SIZE];
         let mut sum = 0.0;
         for block in &self.blocks {
             block.differences(u, &mut e);
             block.pull::<0>([T::ZERO; 2], &e, &zero, &mut pull, &mut energy);
-            sum += energy.map(Real::wide).iter().sum::<f64>();
+            sum += energy.map(Real::to_f64).iter().sum::<f64>();
         }
         sum * if both { 0.5 } else { 0.25 }
     }
@@ -206,11 +216,11 @@ impl<T: Real> List<T> {
         nodes: &Range<usize>,
         both: bool,
         (damping, axial): ([T; 2], bool),
-        at: At<'_, T>,
+        at: StateRef<'_, T>,
         f: &mut [V4<T>],
     ) -> f64 {
         let [u, v] = [at.u, at.v].map(|a| ends(a, nodes, both));
-        let zero = [[T::ZERO; 4]; B];
+        let zero = [[T::ZERO; 4]; BLOCK_SIZE];
         let (mut e, mut w, mut pull) = (zero, zero, zero);
         let mut sum = 0.0;
         for block in &self.blocks {
@@ -219,7 +229,7 @@ impl<T: Real> List<T> {
             block.resist(damping, axial, &e, &w, &mut pull);
             block.scatter(both, &pull, f);
             for (pull, w) in pull.iter().zip(&w) {
-                sum += (pull[0] * w[0] + pull[1] * w[1] + pull[2] * w[2]).wide();
+                sum += (pull[0] * w[0] + pull[1] * w[1] + pull[2] * w[2]).to_f64();
             }
         }
         sum * if both { 0.5 } else { 0.25 }
@@ -230,20 +240,20 @@ impl<T: Real> List<T> {
         nodes: &Range<usize>,
         both: bool,
         how: (T, [T; 2], bool),
-        at: At<'_, T>,
-        share: Share<'_, T>,
+        at: StateRef<'_, T>,
+        share: SystemContribution<'_, T>,
     ) {
-        let zero = [[T::ZERO; 4]; B];
+        let zero = [[T::ZERO; 4]; BLOCK_SIZE];
         let (mut e, mut w, mut change) = (zero, zero, zero);
-        let mut blocks = [[T::ZERO; 8]; B];
-        let empty = Links([[T::ZERO; 4]; B]);
+        let mut blocks = [[T::ZERO; 8]; BLOCK_SIZE];
+        let empty = SpringHessians([[T::ZERO; 4]; BLOCK_SIZE]);
         self.links.resize(self.blocks.len(), empty);
         let [u, v] = [at.u, at.v].map(|a| ends(a, nodes, both));
         for (block, links) in self.blocks.iter().zip(&mut self.links) {
             block.differences(u, &mut e);
             block.differences(v, &mut w);
             block.linearise(how, [&e, &w], links, &mut change);
-            block.scatter(both, &change, share.change);
+            block.scatter(both, &change, share.stiffness_velocity);
             links.blocks(&mut blocks);
             for ((s, i), j) in blocks.iter().zip(&block.i).zip(&block.j) {
                 let ends = [*i, *j].map(|v| v as usize);
@@ -282,7 +292,7 @@ fn ends<'a, T>(a: &'a [V4<T>], nodes: &Range<usize>, both: bool) -> [&'a [V4<T>]
 }
 
 impl<T: Real> Term<T> for Springs<T> {
-    fn forces(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let Chunk {
             nodes,
             inner,
@@ -298,13 +308,13 @@ impl<T: Real> Term<T> for Springs<T> {
         both[0] + both[1]
     }
 
-    fn elastic(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let Chunk {
             nodes,
             inner,
             outer,
         } = &self.chunks[chunk];
-        let at = At { u, v: u };
+        let at = StateRef { u, v: u };
         let c = [T::ZERO; 2];
         inner.forces::<0>(nodes, true, c, at, f) + outer.forces::<0>(nodes, false, c, at, f)
     }
@@ -322,7 +332,7 @@ impl<T: Real> Term<T> for Springs<T> {
         self.damped
     }
 
-    fn resist(&self, chunk: usize, at: At<'_, T>, f: &mut [V4<T>]) -> f64 {
+    fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         if !self.damped {
             return 0.0;
         }
@@ -335,19 +345,25 @@ impl<T: Real> Term<T> for Springs<T> {
         inner.resist(nodes, true, how, at, f) + outer.resist(nodes, false, how, at, f)
     }
 
-    fn linearise(&mut self, plan: &Plan, at: At<'_, T>, h: T, share: Share<'_, T>) {
+    fn linearise(
+        &mut self,
+        plan: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
         let (damping, axial) = (self.damping, self.kind == Damping::Axial);
         let data = (
             Chunks(&mut self.chunks),
             Nodes(share.diagonal),
-            Nodes(share.change),
+            Nodes(share.stiffness_velocity),
         );
-        plan.each(data, &|_, _, (chunks, diagonal, change)| {
+        plan.for_each_chunk(data, &|_, _, (chunks, diagonal, change)| {
             if let [chunk] = chunks.0 {
                 for (list, both) in [(&mut chunk.inner, true), (&mut chunk.outer, false)] {
-                    let share = Share {
+                    let share = SystemContribution {
                         diagonal: &mut *diagonal.0,
-                        change: &mut *change.0,
+                        stiffness_velocity: &mut *change.0,
                     };
                     list.linearise(&chunk.nodes, both, (h, damping, axial), at, share);
                 }
@@ -362,7 +378,7 @@ impl<T: Real> Term<T> for Springs<T> {
         chunk.outer.multiply(&chunk.nodes, false, p, y);
     }
 
-    fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+    fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for chunk in &self.chunks {
             let first = chunk.nodes.start as u32;
             for (list, base) in [(&chunk.inner, first), (&chunk.outer, 0)] {
@@ -373,7 +389,7 @@ impl<T: Real> Term<T> for Springs<T> {
                         if i > j {
                             continue;
                         }
-                        let [x, y, z, b] = links.0[n].map(Real::wide);
+                        let [x, y, z, b] = links.0[n].map(Real::to_f64);
                         let q = [x, y, z];
                         let mut m = DMat3::from_diagonal(glam::DVec3::splat(-b));
                         for (column, across) in q.iter().enumerate() {

@@ -4,12 +4,12 @@
 //! What is set from outside (pins, loads, attachments) and what follows from the network is not
 //! part of it.
 
-use super::body::{CpuBody, Start};
-use super::guard::Guard;
-use super::implicit::{Basis, Scene};
+use super::body::{CpuBody, ForceStatus};
+use super::guard::EnergyGuard;
+use super::implicit::{CoarseSpaceState, StepContext};
 use super::real::Real;
 use super::rigid_pose::Pose;
-use super::terms::At;
+use super::terms::StateRef;
 use super::vectors::V4;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -22,15 +22,15 @@ pub(super) struct BodyState<T> {
     /// Velocities.
     pub v: Vec<V4<T>>,
     /// Of velocity Verlet: the velocities that the last forces saw; else none.
-    pub seen: Vec<V4<T>>,
+    pub damping_velocities: Vec<V4<T>>,
     /// Of implicit Euler: the last solutions, newest first.
     pub solutions: Vec<Vec<V4<T>>>,
     /// Of implicit Euler: what its coarse space was built from.
-    pub basis: Option<Basis<T>>,
+    pub basis: Option<CoarseSpaceState<T>>,
     /// What the rule against runaways remembers.
-    pub guard: Guard,
+    pub guard: EnergyGuard,
     /// Length of the last step, local units; 0 where the next is a first one.
-    pub lag: f64,
+    pub previous_dt: f64,
     /// Steps taken.
     pub steps: u64,
     /// Where rigid bodies are: shift and turn.
@@ -40,7 +40,7 @@ pub(super) struct BodyState<T> {
     /// Where tools are.
     pub tools: Vec<[f64; 7]>,
     /// Whether forces are as old as the state, only older than what acts, or of no use.
-    pub begin: u8,
+    pub force_status: u8,
 }
 
 impl<T: Real> CpuBody<T> {
@@ -48,28 +48,30 @@ impl<T: Real> CpuBody<T> {
     pub fn state(&self) -> BodyState<T> {
         let implicit = self.implicit.as_ref();
         BodyState {
-            u: self.now.u.clone(),
-            v: self.now.v.clone(),
-            seen: self.now.seen.clone(),
-            solutions: implicit.map_or(Vec::new(), |i| i.solver.known[..i.solver.count].to_vec()),
-            basis: implicit.map(|i| Basis {
-                left: self.newton.as_ref().map_or(0, |n| n.projected),
+            u: self.state.u.clone(),
+            v: self.state.v.clone(),
+            damping_velocities: self.state.damping_velocities.clone(),
+            solutions: implicit.map_or(Vec::new(), |i| {
+                i.solver.previous_solutions[..i.solver.count].to_vec()
+            }),
+            basis: implicit.map(|i| CoarseSpaceState {
+                projected_solves_left: self.newton.as_ref().map_or(0, |n| n.projected),
                 ..i.basis.clone()
             }),
             guard: self.guard,
-            lag: self.lag,
+            previous_dt: self.previous_dt,
             steps: self.steps,
             poses: self.newton.as_ref().map_or(Vec::new(), |n| {
-                n.rigid.now.iter().map(Pose::numbers).collect()
+                n.rigid.now.iter().map(Pose::to_array).collect()
             }),
             torques: self.newton.as_ref().map_or(Vec::new(), |n| {
                 n.rigid.torques.iter().map(|t| t.to_array()).collect()
             }),
             tools: self.tool_places(),
-            begin: match self.start {
-                Start::Ready => 0,
-                Start::Resume => 1,
-                Start::Restart => 2,
+            force_status: match self.start {
+                ForceStatus::Ready => 0,
+                ForceStatus::Resume => 1,
+                ForceStatus::Restart => 2,
             },
         }
     }
@@ -80,14 +82,14 @@ impl<T: Real> CpuBody<T> {
     /// # Errors
     /// [`Error::Input`] for the state of another body.
     pub fn resume(&mut self, state: &BodyState<T>) -> Result<()> {
-        let (slots, nodes) = (self.now.u.len(), self.plan.nodes());
+        let (slots, nodes) = (self.state.u.len(), self.plan.nodes());
         let bodies = self.newton.as_ref().map_or(0, |n| n.rigid.bodies.len());
         let fits = state.u.len() == slots
             && state.v.len() == slots
             && state.poses.len() == bodies
             && state.torques.len() == bodies
             && state.tools.len() == self.tool_places().len()
-            && state.seen.len() == self.now.seen.len()
+            && state.damping_velocities.len() == self.state.damping_velocities.len()
             && state.solutions.len() <= 2
             && state.solutions.iter().all(|s| s.len() == nodes)
             && state.basis.is_some() == self.implicit.is_some()
@@ -95,26 +97,28 @@ impl<T: Real> CpuBody<T> {
             && state
                 .basis
                 .as_ref()
-                .is_none_or(|b| [0, slots].contains(&b.lagged.len()))
+                .is_none_or(|b| [0, slots].contains(&b.damping_displacements.len()))
             && state
                 .basis
                 .as_ref()
                 .is_none_or(|b| [0, bodies].contains(&b.poses.len()))
-            && state.begin <= 2;
+            && state.force_status <= 2;
         if !fits {
             return Err(Error::Input(
                 "the state of another body, or a damaged one".into(),
             ));
         }
-        self.now.u.copy_from_slice(&state.u);
-        self.now.v.copy_from_slice(&state.v);
-        self.now.seen.copy_from_slice(&state.seen);
+        self.state.u.copy_from_slice(&state.u);
+        self.state.v.copy_from_slice(&state.v);
+        self.state
+            .damping_velocities
+            .copy_from_slice(&state.damping_velocities);
         self.guard = state.guard;
-        self.lag = state.lag;
+        self.previous_dt = state.previous_dt;
         self.steps = state.steps;
         if let Some(newton) = &mut self.newton {
             for (pose, numbers) in newton.rigid.now.iter_mut().zip(&state.poses) {
-                *pose = Pose::of_numbers(*numbers);
+                *pose = Pose::from_array(*numbers);
             }
             for (torque, numbers) in newton.rigid.torques.iter_mut().zip(&state.torques) {
                 *torque = (*numbers).into();
@@ -122,35 +126,42 @@ impl<T: Real> CpuBody<T> {
         }
         self.resume_tools(&state.tools);
         // Forces are made anew in any case, from the same numbers.
-        self.start = match state.begin {
-            2 => Start::Restart,
-            _ => Start::Resume,
+        self.start = match state.force_status {
+            2 => ForceStatus::Restart,
+            _ => ForceStatus::Resume,
         };
         if let (Some(implicit), Some(basis)) = (&mut self.implicit, &state.basis) {
             implicit.solver.count = state.solutions.len();
-            for (known, s) in implicit.solver.known.iter_mut().zip(&state.solutions) {
+            for (known, s) in implicit
+                .solver
+                .previous_solutions
+                .iter_mut()
+                .zip(&state.solutions)
+            {
                 known.copy_from_slice(s);
             }
-            let scene = Scene {
+            let scene = StepContext {
                 plan: &self.plan,
                 masses: &self.masses,
-                free: &self.free,
+                free: &self.free_mask,
                 rest: &self.rest_local,
-                at: At {
-                    u: &self.now.u,
-                    v: &self.now.v,
+                at: StateRef {
+                    u: &self.state.u,
+                    v: &self.state.v,
                 },
-                f: &self.now.f,
+                f: &self.state.f,
             };
             // The coarse space is of the levels that it was built at.
             let terms = &mut self.terms;
-            terms.iter_mut().for_each(|t| t.set_levels(&basis.levels));
+            terms
+                .iter_mut()
+                .for_each(|t| t.set_amplitudes(&basis.levels));
             match &mut self.newton {
                 Some(newton) => newton.resume(implicit, &scene, terms, basis.clone()),
                 None => implicit.resume(&scene, terms, basis.clone()),
             }
             let levels = &implicit.levels;
-            terms.iter_mut().for_each(|t| t.set_levels(levels));
+            terms.iter_mut().for_each(|t| t.set_amplitudes(levels));
         }
         Ok(())
     }

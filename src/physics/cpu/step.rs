@@ -1,12 +1,12 @@
 //! Steps of a body: propose, weigh, judge, accept.
 
-use super::body::{CpuBody, Start};
-use super::explicit::{self, From};
-use super::guard::{Failure, Sums};
-use super::implicit::Scene;
+use super::body::{CpuBody, ForceStatus};
+use super::explicit::{self, ExplicitInput};
+use super::guard::{StepFailure, StepTotals};
+use super::implicit::StepContext;
 use super::real::Real;
-use super::sum::Sources;
-use super::terms::At;
+use super::sum::ForceSources;
+use super::terms::StateRef;
 use crate::physics::{SolverKind, StepRecord};
 use std::sync::Arc;
 
@@ -17,15 +17,15 @@ impl<T: Real> CpuBody<T> {
     /// # Errors
     /// Why a step was refused; the body stands as it stood before that one. How many were taken
     /// is what [`CpuBody::steps`] counts.
-    pub fn run(&mut self, steps: u32, h: f64) -> Result<StepRecord, Failure> {
+    pub fn run(&mut self, steps: u32, h: f64) -> Result<StepRecord, StepFailure> {
         let local = h / self.units.time;
-        let fits = T::of(local);
-        if !(h > 0.0 && h.is_finite() && fits > T::ZERO && (T::ONE / fits).wide().is_finite()) {
-            return Err(Failure::BadStep { h });
+        let fits = T::from_f64(local);
+        if !(h > 0.0 && h.is_finite() && fits > T::ZERO && (T::ONE / fits).to_f64().is_finite()) {
+            return Err(StepFailure::BadStep { h });
         }
         let plan = Arc::clone(&self.plan);
-        plan.enter(|| {
-            self.begin()?;
+        plan.in_pool(|| {
+            self.prepare_forces()?;
             let mut record = self.record(0, 0.0);
             for _ in 0..steps {
                 record = self.advance(local)?;
@@ -50,80 +50,87 @@ impl<T: Real> CpuBody<T> {
     }
 
     /// Computes the forces of a state that was changed from outside.
-    fn begin(&mut self) -> Result<(), Failure> {
-        if self.start == Start::Ready {
+    fn prepare_forces(&mut self) -> Result<(), StepFailure> {
+        if self.start == ForceStatus::Ready {
             return Ok(());
         }
-        let restart = self.start == Start::Restart;
+        let restart = self.start == ForceStatus::Restart;
         if restart {
-            self.lag = 0.0;
+            self.previous_dt = 0.0;
         }
         let verlet = self.kind == SolverKind::VelocityVerlet;
         if verlet && restart {
-            self.now.seen.copy_from_slice(&self.now.v);
+            self.state.damping_velocities.copy_from_slice(&self.state.v);
         }
         if restart {
-            self.clear_tools();
+            self.resolve_initial_penetration();
         }
-        let sources = Sources {
+        let sources = ForceSources {
             plan: &self.plan,
             masses: &self.masses,
             loads: &self.loads,
             terms: &self.terms,
         };
-        let v = if verlet { &self.now.seen } else { &self.now.v };
-        let at = At { u: &self.now.u, v };
-        let sums = sources.forces(at, &mut self.now.f);
+        let v = if verlet {
+            &self.state.damping_velocities
+        } else {
+            &self.state.v
+        };
+        let at = StateRef {
+            u: &self.state.u,
+            v,
+        };
+        let sums = sources.forces(at, &mut self.state.f);
         // What nodes that are led do to the body is no work of loads.
-        if restart || self.leads() {
+        if restart || self.has_prescribed_motion() {
             self.guard.restart(sums)?;
         }
-        self.start = Start::Ready;
+        self.start = ForceStatus::Ready;
         Ok(())
     }
 
     /// One step of `h` local units.
-    fn advance(&mut self, h: f64) -> Result<StepRecord, Failure> {
+    fn advance(&mut self, h: f64) -> Result<StepRecord, StepFailure> {
         if let Some(done) = self.advance_newton(h) {
             return done;
         }
-        let step = T::of(h);
+        let step = T::from_f64(h);
         let (mut iterations, mut residual) = (0, 0.0);
         if self.kind.is_implicit() {
-            (iterations, residual) = self.propose_implicit(step)?;
+            (iterations, residual) = self.implicit_update(step)?;
         } else {
             self.propose_explicit(h);
         }
-        let sums = self.weigh(step);
+        let sums = self.evaluate_forces(step);
         let (nodes, joules) = (self.rest.len(), self.units.energy());
-        self.guard.judge(sums, h, nodes, joules)?;
-        std::mem::swap(&mut self.now, &mut self.next);
+        self.guard.check_step(sums, h, nodes, joules)?;
+        std::mem::swap(&mut self.state, &mut self.next);
         if let Some(implicit) = &mut self.implicit {
-            implicit.solver.keep();
+            implicit.solver.store_solution();
         }
-        self.lag = h;
+        self.previous_dt = h;
         self.steps += 1;
         Ok(self.record(iterations, residual))
     }
 
-    fn from(&self) -> From<'_, T> {
-        From {
-            u: &self.now.u,
-            v: &self.now.v,
-            f: &self.now.f,
-            inverse: &self.inverse,
+    fn from(&self) -> ExplicitInput<'_, T> {
+        ExplicitInput {
+            u: &self.state.u,
+            v: &self.state.v,
+            f: &self.state.f,
+            inverse: &self.inverse_masses,
         }
     }
 
     fn propose_explicit(&mut self, h: f64) {
-        let kick = 0.5 * (self.lag + h);
+        let kick = 0.5 * (self.previous_dt + h);
         let mut next = std::mem::take(&mut self.next);
         let w = match self.kind {
-            SolverKind::VelocityVerlet => &mut next.seen,
+            SolverKind::VelocityVerlet => &mut next.damping_velocities,
             _ => &mut next.v,
         };
-        let lengths = [h, kick].map(T::of);
-        explicit::propose(
+        let lengths = [h, kick].map(T::from_f64);
+        explicit::explicit_update(
             &self.plan,
             self.kind,
             lengths,
@@ -133,29 +140,29 @@ impl<T: Real> CpuBody<T> {
         self.next = next;
     }
 
-    fn propose_implicit(&mut self, h: T) -> Result<(u32, f64), Failure> {
+    fn implicit_update(&mut self, h: T) -> Result<(u32, f64), StepFailure> {
         let Some(implicit) = &mut self.implicit else {
             return Ok((0, 0.0));
         };
-        let at = At {
-            u: &self.now.u,
-            v: &self.now.v,
+        let at = StateRef {
+            u: &self.state.u,
+            v: &self.state.v,
         };
-        let scene = Scene {
+        let scene = StepContext {
             plan: &self.plan,
             masses: &self.masses,
-            free: &self.free,
+            free: &self.free_mask,
             rest: &self.rest_local,
             at,
-            f: &self.now.f,
+            f: &self.state.f,
         };
         let outcome = implicit.solve(&scene, &mut self.terms, h);
         let acceptable = implicit.settings.acceptable;
         if outcome.residual.is_nan() {
-            return Err(Failure::NonFinite);
+            return Err(StepFailure::NonFinite);
         }
-        if !outcome.met && outcome.residual > acceptable {
-            return Err(Failure::NotConverged {
+        if !outcome.converged && outcome.residual > acceptable {
+            return Err(StepFailure::NotConverged {
                 iterations: outcome.iterations,
                 residual: outcome.residual,
             });
@@ -166,8 +173,8 @@ impl<T: Real> CpuBody<T> {
     }
 
     /// Forces and energies of the proposed state.
-    fn weigh(&mut self, h: T) -> Sums {
-        let sources = Sources {
+    fn evaluate_forces(&mut self, h: T) -> StepTotals {
+        let sources = ForceSources {
             plan: &self.plan,
             masses: &self.masses,
             loads: &self.loads,
@@ -175,19 +182,19 @@ impl<T: Real> CpuBody<T> {
         };
         let next = &mut self.next;
         if self.kind == SolverKind::VelocityVerlet {
-            let before = From {
-                u: &self.now.u,
-                v: &self.now.v,
-                f: &self.now.f,
-                inverse: &self.inverse,
+            let before = ExplicitInput {
+                u: &self.state.u,
+                v: &self.state.v,
+                f: &self.state.f,
+                inverse: &self.inverse_masses,
             };
-            let at = At {
+            let at = StateRef {
                 u: &next.u,
-                v: &next.seen,
+                v: &next.damping_velocities,
             };
             sources.finish_velocity_verlet(at, &mut next.f, &mut next.v, h, before)
         } else {
-            let at = At {
+            let at = StateRef {
                 u: &next.u,
                 v: &next.v,
             };

@@ -2,15 +2,15 @@
 //! generic over these would be compiled again by every program that uses the library.
 
 use super::body::CpuBody;
-use super::guard::Failure;
-use super::loads::Attachment;
+use super::guard::StepFailure;
+use super::loads::NodeConstraint;
 use super::node_terms::NodeTerms;
-use super::particles::Particles;
+use super::particles::CpuGridBody;
 use super::real::Real;
-use super::tools::Guided;
+use super::tools::ToolTarget;
 use crate::physics::grid::GridModel;
 use crate::physics::{
-    ConjugateGradients, Muscle, NodeTerm, SelfContact, SolverKind, SpringNetwork, StepRecord, Tool,
+    CgSettings, DiscreteModel, Muscle, NodeTerm, SelfContactSettings, SolverKind, StepRecord, Tool,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -30,22 +30,22 @@ pub enum Precision {
 
 /// The loads that have changed.
 #[derive(Debug, Default)]
-pub(in crate::physics) struct LoadChange {
+pub(in crate::physics) struct LoadUpdate {
     pub gravity: DVec3,
     pub pinned: Option<Vec<bool>>,
     pub forces: Option<Vec<DVec3>>,
-    pub attachments: Option<Vec<Attachment>>,
+    pub attachments: Option<Vec<NodeConstraint>>,
     pub levels: Option<Vec<f64>>,
-    pub tools: Option<Vec<Guided>>,
+    pub tools: Option<Vec<ToolTarget>>,
 }
 
 /// What a worker steps.
-pub(in crate::physics) trait Stepped: Send + 'static {
+pub(in crate::physics) trait Steppable: Send + 'static {
     /// Whether its steps are long and take iterations, each to be told of.
-    fn iterates(&self) -> bool;
+    fn has_long_steps(&self) -> bool;
 
     /// Takes steps of so many seconds; what is noted of the last.
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure>;
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, StepFailure>;
 
     /// Steps taken.
     fn steps(&self) -> u64;
@@ -60,39 +60,39 @@ pub(in crate::physics) trait Stepped: Send + 'static {
     fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()>;
 
     /// Takes over loads.
-    fn take_over(&mut self, change: LoadChange) -> Result<()>;
+    fn apply_loads(&mut self, change: LoadUpdate) -> Result<()>;
 
     /// In how many parts its nodes are shared out.
     fn parts(&self) -> usize;
 
     /// The whole state, packed.
-    fn packed(&self) -> Result<Vec<u8>>;
+    fn serialise_state(&self) -> Result<Vec<u8>>;
 
-    /// Goes on from a state that [`Stepped::packed`] gave of a body made in the same way.
+    /// Goes on from a state that [`Steppable::serialise_state`] gave of a body made in the same way.
     fn resume(&mut self, packed: &[u8]) -> Result<()>;
 }
 
 /// A body of tets.
-pub(super) trait TetBody: Stepped {
+pub(super) trait TetBody: Steppable {
     /// Adds a term on the nodes of `network`, which this body is.
-    fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &SpringNetwork);
+    fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &DiscreteModel);
 
     /// Adds pressure on faces, three nodes each, at the level of this number.
     fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize);
 
     /// Adds a muscle of `network`, which this body is, and its tets, at the level of this number.
-    fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&SpringNetwork, &[[u32; 4]]));
+    fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&DiscreteModel, &[[u32; 4]]));
 
     /// Adds a tool that presses on the boundary faces of `network`, which this body is.
-    fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork);
+    fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &DiscreteModel);
 
     /// Has the body feel itself at the boundary faces of `network`, which it is; how many of these go
     /// through others.
     fn set_self_contact(
         &mut self,
-        wanted: &SelfContact,
+        wanted: &SelfContactSettings,
         faces: &[[u32; 3]],
-        network: &SpringNetwork,
+        network: &DiscreteModel,
     ) -> usize;
 
     /// The force on each tool, N, and its moment about the origin of the tool's shape, N·m.
@@ -112,7 +112,7 @@ pub(super) trait TetBody: Stepped {
 }
 
 /// The particles of a grid.
-pub(super) trait GridParticles: Stepped {
+pub(super) trait GridParticles: Steppable {
     /// Takes over which springs there are.
     fn set_springs(&mut self, springs: &[u32]) -> Result<()>;
 
@@ -124,8 +124,8 @@ impl Precision {
     /// The body that `network` is, in so many parts, or as many as suit it.
     pub(super) fn tets(
         self,
-        network: &SpringNetwork,
-        (kind, settings): (SolverKind, ConjugateGradients),
+        network: &DiscreteModel,
+        (kind, settings): (SolverKind, CgSettings),
         parts: Option<usize>,
     ) -> Result<Box<dyn TetBody>> {
         Ok(match self {
@@ -136,15 +136,15 @@ impl Precision {
 
     /// The particles of `model`, in so many parts, or as many as suit them.
     pub(super) fn grid(self, model: &GridModel, parts: Option<usize>) -> Box<dyn GridParticles> {
-        fn made<T: Real>(model: &GridModel, parts: Option<usize>) -> Box<dyn GridParticles> {
+        fn build<T: Real>(model: &GridModel, parts: Option<usize>) -> Box<dyn GridParticles> {
             Box::new(match parts {
-                Some(parts) => Particles::<T>::with_slabs(model, parts),
-                None => Particles::<T>::new(model),
+                Some(parts) => CpuGridBody::<T>::with_slabs(model, parts),
+                None => CpuGridBody::<T>::new(model),
             })
         }
         match self {
-            Precision::Single => made::<f32>(model, parts),
-            Precision::Double => made::<f64>(model, parts),
+            Precision::Single => build::<f32>(model, parts),
+            Precision::Double => build::<f64>(model, parts),
         }
     }
 }
@@ -158,12 +158,12 @@ fn unpack<S: DeserializeOwned>(packed: &[u8]) -> Result<S> {
         .map_err(|_| Error::Input("the state of a body of other numbers, or a damaged one".into()))
 }
 
-impl<T: Real> Stepped for CpuBody<T> {
-    fn iterates(&self) -> bool {
+impl<T: Real> Steppable for CpuBody<T> {
+    fn has_long_steps(&self) -> bool {
         self.kind().is_implicit()
     }
 
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, StepFailure> {
         CpuBody::run(self, steps, dt)
     }
 
@@ -183,7 +183,7 @@ impl<T: Real> Stepped for CpuBody<T> {
         CpuBody::set_state(self, positions, velocities)
     }
 
-    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+    fn apply_loads(&mut self, change: LoadUpdate) -> Result<()> {
         self.set_gravity(change.gravity);
         if let Some(levels) = change.levels {
             self.set_levels(&levels);
@@ -195,7 +195,7 @@ impl<T: Real> Stepped for CpuBody<T> {
             self.set_forces(&forces)?;
         }
         if let Some(tools) = change.tools {
-            self.guide_tools(&tools)?;
+            self.set_tool_targets(&tools)?;
         }
         match change.attachments {
             Some(attachments) => self.set_attachments(&attachments),
@@ -204,10 +204,10 @@ impl<T: Real> Stepped for CpuBody<T> {
     }
 
     fn parts(&self) -> usize {
-        CpuBody::parts(self)
+        CpuBody::chunk_count(self)
     }
 
-    fn packed(&self) -> Result<Vec<u8>> {
+    fn serialise_state(&self) -> Result<Vec<u8>> {
         pack(&self.state())
     }
 
@@ -217,8 +217,8 @@ impl<T: Real> Stepped for CpuBody<T> {
 }
 
 impl<T: Real> TetBody for CpuBody<T> {
-    fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &SpringNetwork) {
-        let own = NodeTerms::new(term, network, self.sharing());
+    fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &DiscreteModel) {
+        let own = NodeTerms::new(term, network, self.layout());
         self.add_term(Box::new(own));
     }
 
@@ -226,19 +226,19 @@ impl<T: Real> TetBody for CpuBody<T> {
         CpuBody::add_pressure(self, faces, level);
     }
 
-    fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&SpringNetwork, &[[u32; 4]])) {
+    fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&DiscreteModel, &[[u32; 4]])) {
         CpuBody::add_muscle(self, muscle, level, of);
     }
 
-    fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &SpringNetwork) {
+    fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &DiscreteModel) {
         CpuBody::add_tool(self, tool, faces, network);
     }
 
     fn set_self_contact(
         &mut self,
-        wanted: &SelfContact,
+        wanted: &SelfContactSettings,
         faces: &[[u32; 3]],
-        network: &SpringNetwork,
+        network: &DiscreteModel,
     ) -> usize {
         CpuBody::set_self_contact(self, wanted, faces, network)
     }
@@ -264,13 +264,13 @@ impl<T: Real> TetBody for CpuBody<T> {
     }
 }
 
-impl<T: Real> Stepped for Particles<T> {
-    fn iterates(&self) -> bool {
+impl<T: Real> Steppable for CpuGridBody<T> {
+    fn has_long_steps(&self) -> bool {
         false
     }
 
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
-        Particles::run(self, steps, dt)?;
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, StepFailure> {
+        CpuGridBody::run(self, steps, dt)?;
         Ok(StepRecord {
             kinetic: self.kinetic_energy(),
             ..StepRecord::default()
@@ -278,22 +278,22 @@ impl<T: Real> Stepped for Particles<T> {
     }
 
     fn steps(&self) -> u64 {
-        Particles::steps(self)
+        CpuGridBody::steps(self)
     }
 
     fn positions(&self) -> Vec<DVec3> {
-        Particles::positions(self)
+        CpuGridBody::positions(self)
     }
 
     fn velocities(&self) -> Vec<DVec3> {
-        Particles::velocities(self)
+        CpuGridBody::velocities(self)
     }
 
     fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
-        Particles::set_state(self, positions, velocities)
+        CpuGridBody::set_state(self, positions, velocities)
     }
 
-    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+    fn apply_loads(&mut self, change: LoadUpdate) -> Result<()> {
         self.set_gravity(change.gravity);
         if let Some(pinned) = change.pinned {
             self.set_pinned(&pinned)?;
@@ -308,24 +308,24 @@ impl<T: Real> Stepped for Particles<T> {
     }
 
     fn parts(&self) -> usize {
-        Particles::parts(self)
+        CpuGridBody::parts(self)
     }
 
-    fn packed(&self) -> Result<Vec<u8>> {
+    fn serialise_state(&self) -> Result<Vec<u8>> {
         pack(&self.state())
     }
 
     fn resume(&mut self, packed: &[u8]) -> Result<()> {
-        Particles::resume(self, &unpack(packed)?)
+        CpuGridBody::resume(self, &unpack(packed)?)
     }
 }
 
-impl<T: Real> GridParticles for Particles<T> {
+impl<T: Real> GridParticles for CpuGridBody<T> {
     fn set_springs(&mut self, springs: &[u32]) -> Result<()> {
-        Particles::set_springs(self, springs)
+        CpuGridBody::set_springs(self, springs)
     }
 
     fn normals(&self) -> Vec<DVec3> {
-        Particles::normals(self)
+        CpuGridBody::normals(self)
     }
 }

@@ -2,22 +2,22 @@
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuBody;
-use super::guard::Failure;
-use super::loads::Attachment;
+use super::guard::StepFailure;
+use super::loads::NodeConstraint;
 use super::node_terms::NodeTerms;
-use super::order::Lumps;
-use super::pool::Plan;
+use super::order::Aggregates;
+use super::pool::Partition;
 use super::real::Real;
 use super::springs::Springs;
-use super::terms::{At, Share, Term};
+use super::terms::{StateRef, SystemContribution, Term};
 use super::vectors::{self, V4};
 use crate::mesh::generate;
 use crate::physics::Floor;
-use crate::physics::Units;
-use crate::physics::plain::springs::Particles;
+use crate::physics::LocalUnits;
+use crate::physics::plain::springs::ReferenceSprings;
 use crate::physics::plain::steppers;
 use crate::physics::{
-    ConjugateGradients, Damping, Material, SolverKind, Spring, SpringNetwork, largest_stable_step,
+    CgSettings, Damping, DiscreteModel, Material, SolverKind, Spring, largest_stable_step,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -42,17 +42,17 @@ pub fn some(count: usize, seed: u64, size: f64) -> Vec<DVec3> {
 }
 
 /// A bar of so many tets, in a unit of so many metres.
-fn bar(tets: usize, unit: f64, time: f64, constant: f64, kind: Damping) -> SpringNetwork {
+fn bar(tets: usize, unit: f64, time: f64, constant: f64, kind: Damping) -> DiscreteModel {
     let mesh = generate::bar_of_about(tets, DVec3::new(0.3, 0.1, 0.1)).unwrap();
-    let mut material = Material::young(3e4);
+    let mut material = Material::from_young(3e4);
     material.damping_time = time;
     material.damping = constant;
     material.damping_kind = kind;
     material.length_unit = unit;
-    SpringNetwork::new(&mesh, &material).unwrap()
+    DiscreteModel::new(&mesh, &material).unwrap()
 }
 
-const EXACT: ConjugateGradients = ConjugateGradients {
+const EXACT: CgSettings = CgSettings {
     tolerance: 1e-12,
     acceptable: 1e-6,
     max_iterations: 5000,
@@ -61,7 +61,7 @@ const EXACT: ConjugateGradients = ConjugateGradients {
 /// A body and its twin that stand bent and moving, pinned at one end, pushed and pulled at.
 struct Pair<T: Real> {
     body: CpuBody<T>,
-    twin: Particles,
+    twin: ReferenceSprings,
     pulls: Vec<(usize, DVec3, f64, f64)>,
     external: Vec<DVec3>,
     /// Sum of the squares of the velocities at first.
@@ -72,18 +72,22 @@ struct Pair<T: Real> {
 
 impl<T: Real> Pair<T> {
     fn new(
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         kind: SolverKind,
-        settings: ConjugateGradients,
+        settings: CgSettings,
         chunks: usize,
     ) -> Pair<T> {
         let mut body = CpuBody::<T>::new(network, kind, settings, Some(chunks)).unwrap();
-        let mut twin = Particles::new(network.clone());
-        let count = network.rest.len();
+        let mut twin = ReferenceSprings::new(network.clone());
+        let count = network.rest_positions.len();
         let size = network.frame.scale * network.length_unit;
-        let low = network.rest.iter().map(|p| p.x).fold(f64::MAX, f64::min);
+        let low = network
+            .rest_positions
+            .iter()
+            .map(|p| p.x)
+            .fold(f64::MAX, f64::min);
         let pinned: Vec<bool> = network
-            .rest
+            .rest_positions
             .iter()
             .map(|p| p.x < low + 1e-6 * size)
             .collect();
@@ -92,7 +96,7 @@ impl<T: Real> Pair<T> {
         }
         let time = body.units.time;
         twin.x = network
-            .rest
+            .rest_positions
             .iter()
             .zip(some(count, 7, 0.003 * size))
             .map(|(x, d)| *x + d)
@@ -135,11 +139,11 @@ impl<T: Real> Pair<T> {
             let target = self.twin.x[v] + 5.0 * off;
             (v, target, k * stiffness, limit * stiffness * size)
         });
-        let mut all = vec![Attachment::Hold {
+        let mut all = vec![NodeConstraint::Fixed {
             node: hold as u32,
             place,
         }];
-        all.extend(pulls.iter().map(|p| Attachment::Pull {
+        all.extend(pulls.iter().map(|p| NodeConstraint::Spring {
             node: p.0 as u32,
             target: p.1,
             stiffness: p.2,
@@ -186,7 +190,7 @@ impl<T: Real> Pair<T> {
         let square = |a: &[DVec3], b: &[DVec3]| -> f64 {
             a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
         };
-        let motion = square(&self.twin.x, &self.twin.network.rest);
+        let motion = square(&self.twin.x, &self.twin.network.rest_positions);
         [
             (square(&x, &self.twin.x) / motion).sqrt(),
             (square(&v, &self.twin.v) / self.speed).sqrt(),
@@ -195,8 +199,8 @@ impl<T: Real> Pair<T> {
 }
 
 /// A step that the scheme holds with all that a test body has.
-fn step_of(network: &SpringNetwork, kind: SolverKind) -> f64 {
-    let free = vec![false; network.rest.len()];
+fn step_of(network: &DiscreteModel, kind: SolverKind) -> f64 {
+    let free = vec![false; network.rest_positions.len()];
     let verlet = largest_stable_step(network, &free, SolverKind::Verlet).unwrap();
     match kind {
         SolverKind::Implicit => 10.0 * verlet,
@@ -206,14 +210,14 @@ fn step_of(network: &SpringNetwork, kind: SolverKind) -> f64 {
     }
 }
 
-fn compare<T: Real>(network: &SpringNetwork, attach: bool, limit: [f64; 2], tolerance: f64) {
+fn compare<T: Real>(network: &DiscreteModel, attach: bool, limit: [f64; 2], tolerance: f64) {
     for kind in SolverKind::ALL {
         if attach && kind == SolverKind::VelocityVerlet {
             continue;
         }
         let h = step_of(network, kind);
         for chunks in [1, 3] {
-            let settings = ConjugateGradients { tolerance, ..EXACT };
+            let settings = CgSettings { tolerance, ..EXACT };
             let mut pair = Pair::<T>::new(network, kind, settings, chunks);
             if attach {
                 pair.attach();
@@ -224,8 +228,8 @@ fn compare<T: Real>(network: &SpringNetwork, attach: bool, limit: [f64; 2], tole
             let error = pair.error();
             println!(
                 "{kind} in {} chunks, {} nodes, damped {} {} {:?}: {error:?}",
-                pair.body.parts(),
-                network.rest.len(),
+                pair.body.chunk_count(),
+                network.rest_positions.len(),
                 network.damping,
                 network.damping_time,
                 network.damping_kind,
@@ -263,16 +267,16 @@ fn f32_steps_as_the_twin() {
 }
 
 /// Springs between any nodes, some of them without length, some nodes without mass.
-pub fn any_network(seed: u64) -> SpringNetwork {
+pub fn any_network(seed: u64) -> DiscreteModel {
     let mut next = noise(seed);
     let mut network = bar(200, 1.0, 1e-5, 1e-3, Damping::Axial);
-    let count = network.rest.len();
+    let count = network.rest_positions.len();
     for _ in 0..3 * count {
         let mut pick = || (((next() + 1.0) * 0.5 * count as f64) as usize).min(count - 1);
         let (a, b) = (pick(), pick());
         if a != b {
             let kind = pick() % 4;
-            let rest = network.rest[a].distance(network.rest[b]);
+            let rest = network.rest_positions[a].distance(network.rest_positions[b]);
             network.springs.push(Spring {
                 nodes: [a.min(b) as u32, a.max(b) as u32],
                 stiffness: 100.0 * (1.1 + next()),
@@ -284,7 +288,7 @@ pub fn any_network(seed: u64) -> SpringNetwork {
         network.masses[i] = 0.0;
     }
     // Two nodes in one place, on a spring that wants them there.
-    network.rest[4] = network.rest[5];
+    network.rest_positions[4] = network.rest_positions[5];
     for s in &mut network.springs {
         if s.nodes == [4, 5] {
             s.length = 0.0;
@@ -303,7 +307,7 @@ fn any_network_steps_as_the_twin() {
 #[test]
 fn a_twin_that_differs_by_little_is_told_apart() {
     let network = bar(600, 1.0, 1e-4, 1e-3, Damping::Axial);
-    let spoil: [fn(&mut Particles); 4] = [
+    let spoil: [fn(&mut ReferenceSprings); 4] = [
         |p| p.network.springs[100].stiffness *= 1.001,
         |p| p.network.damping_kind = Damping::Relative,
         |p| p.gravity *= 1.001,
@@ -322,10 +326,13 @@ fn a_twin_that_differs_by_little_is_told_apart() {
 }
 
 /// The springs of a network as a term, with states in its order: displacements and velocities.
-fn term_of(network: &SpringNetwork, chunks: usize) -> (Springs<f64>, Plan, Vec<u32>, Units) {
-    let lumps = Lumps::new(&network.rest, 24);
-    let plan = Plan::with(lumps.starts, chunks);
-    let units = Units::of(network);
+fn term_of(
+    network: &DiscreteModel,
+    chunks: usize,
+) -> (Springs<f64>, Partition, Vec<u32>, LocalUnits) {
+    let lumps = Aggregates::new(&network.rest_positions, 24);
+    let plan = Partition::with_chunks(lumps.group_starts, chunks);
+    let units = LocalUnits::from_model(network);
     let springs = Springs::new(network, &lumps.order, &units, &plan);
     (springs, plan, lumps.order, units)
 }
@@ -333,7 +340,7 @@ fn term_of(network: &SpringNetwork, chunks: usize) -> (Springs<f64>, Plan, Vec<u
 fn local(v: &[DVec3], order: &[u32], unit: f64) -> Vec<V4<f64>> {
     let places = order.iter();
     places
-        .map(|i| vectors::of_metres(v[*i as usize], unit))
+        .map(|i| vectors::from_metres(v[*i as usize], unit))
         .collect()
 }
 
@@ -346,11 +353,11 @@ fn the_matrix_is_that_of_the_twin() {
     ] {
         let mut network = any_network(seed);
         network.damping_kind = kind;
-        let count = network.rest.len();
-        let mut twin = Particles::new(network.clone());
+        let count = network.rest_positions.len();
+        let mut twin = ReferenceSprings::new(network.clone());
         twin.x = (0..count)
             .zip(some(count, 11, 0.01))
-            .map(|(i, d)| network.rest[i] + d)
+            .map(|(i, d)| network.rest_positions[i] + d)
             .collect();
         twin.v = some(count, 12, 0.1);
         // The masses are no term's.
@@ -365,7 +372,7 @@ fn the_matrix_is_that_of_the_twin() {
             let moved: Vec<DVec3> = twin
                 .x
                 .iter()
-                .zip(&network.rest)
+                .zip(&network.rest_positions)
                 .map(|(x, r)| *x - *r)
                 .collect();
             let (u, v) = (
@@ -375,11 +382,11 @@ fn the_matrix_is_that_of_the_twin() {
             let p = local(&p, &order, 1.0);
             let mut diagonal = vec![[0.0; 8]; count];
             let mut kv = vec![[0.0; 4]; count];
-            let share = Share {
+            let share = SystemContribution {
                 diagonal: &mut diagonal,
-                change: &mut kv,
+                stiffness_velocity: &mut kv,
             };
-            springs.linearise(&plan, At { u: &u, v: &v }, h / units.time, share);
+            springs.linearise(&plan, StateRef { u: &u, v: &v }, h / units.time, share);
             let mut y = vec![[0.0; 4]; count];
             for c in 0..plan.chunks() {
                 springs.multiply(c, &p, &mut y[plan.range(c)]);
@@ -389,7 +396,7 @@ fn the_matrix_is_that_of_the_twin() {
                 .map(|k| vectors::apply_symmetric(&diagonal[k], p[k]))
                 .collect();
             let vector = |a: V4<f64>| DVec3::new(a[0], a[1], a[2]);
-            springs.pairs(&mut |[i, j], m| {
+            springs.visit_off_diagonal(&mut |[i, j], m| {
                 let (i, j) = (i as usize, j as usize);
                 for (to, d) in [(i, *m * vector(p[j])), (j, m.transpose() * vector(p[i]))] {
                     for (z, d) in z[to].iter_mut().zip(d.to_array()) {
@@ -430,7 +437,7 @@ fn forces_are_the_slope_of_the_energy() {
         let sum = |u: &[V4<f64>], f: &mut [V4<f64>]| -> f64 {
             f.fill([0.0; 4]);
             (0..plan.chunks())
-                .map(|c| term.forces(c, At { u, v: &v }, &mut f[plan.range(c)]))
+                .map(|c| term.forces(c, StateRef { u, v: &v }, &mut f[plan.range(c)]))
                 .sum()
         };
         let (mut f, mut other) = (vec![[0.0; 4]; count], vec![[0.0; 4]; count]);
@@ -475,7 +482,7 @@ fn a_step_too_long_is_refused_and_leaves_the_body_as_it_was() {
             assert!(pair.body.steps() < 200, "{kind}");
         };
         assert!(
-            matches!(failure, Failure::RunawayEnergy { .. }),
+            matches!(failure, StepFailure::RunawayEnergy { .. }),
             "{failure}"
         );
         assert_eq!(before, pair.body.positions());
@@ -483,7 +490,7 @@ fn a_step_too_long_is_refused_and_leaves_the_body_as_it_was() {
         assert!(pair.body.run(1, h).is_err());
         assert_eq!(before, pair.body.positions());
         // A shorter step goes.
-        let rest = network.rest.clone();
+        let rest = network.rest_positions.clone();
         pair.body
             .set_state(&rest, &vec![DVec3::ZERO; rest.len()])
             .unwrap();
@@ -494,7 +501,7 @@ fn a_step_too_long_is_refused_and_leaves_the_body_as_it_was() {
 #[test]
 fn what_cannot_be_stepped_says_why() {
     let network = bar(600, 1.0, 0.0, 0.0, Damping::Axial);
-    let few = ConjugateGradients {
+    let few = CgSettings {
         tolerance: 1e-6,
         acceptable: 1e-5,
         max_iterations: 2,
@@ -503,26 +510,26 @@ fn what_cannot_be_stepped_says_why() {
     let before = pair.body.positions();
     let failure = pair.body.run(1, 0.01).unwrap_err();
     assert!(
-        matches!(failure, Failure::NotConverged { iterations: 2, .. }),
+        matches!(failure, StepFailure::NotConverged { iterations: 2, .. }),
         "{failure}"
     );
     assert_eq!(before, pair.body.positions());
     for h in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-80] {
         assert!(
-            matches!(pair.body.run(1, h), Err(Failure::BadStep { .. })),
+            matches!(pair.body.run(1, h), Err(StepFailure::BadStep { .. })),
             "{h}"
         );
     }
     for kind in SolverKind::ALL {
         let mut pair = Pair::<f32>::new(&network, kind, EXACT, 1);
-        let count = network.rest.len();
+        let count = network.rest_positions.len();
         pair.body.run(1, 1e-6).unwrap();
         let before = pair.body.positions();
         let mut forces = vec![DVec3::ZERO; count];
         forces[count - 1].x = 1e200;
         pair.body.set_forces(&forces).unwrap();
         let failure = pair.body.run(1, 1e-6).unwrap_err();
-        assert_eq!(failure, Failure::NonFinite, "{kind}");
+        assert_eq!(failure, StepFailure::NonFinite, "{kind}");
         assert_eq!(before, pair.body.positions());
         pair.body.set_forces(&vec![DVec3::ZERO; count]).unwrap();
         pair.body.run(1, 1e-6).unwrap();
@@ -532,13 +539,13 @@ fn what_cannot_be_stepped_says_why() {
                 .set_state(&before, &vec![DVec3::NAN; count])
                 .is_err()
         );
-        let far = Attachment::Hold {
+        let far = NodeConstraint::Fixed {
             node: count as u32,
             place: DVec3::ZERO,
         };
         assert!(pair.body.set_attachments(&[far]).is_err());
     }
-    let none = ConjugateGradients {
+    let none = CgSettings {
         tolerance: 0.0,
         ..EXACT
     };
@@ -550,7 +557,7 @@ fn a_run_that_is_resumed_takes_the_same_steps() {
     let network = bar(1500, 1.0, 1e-4, 0.0, Damping::Axial);
     for kind in SolverKind::ALL {
         for (first, chunks) in [(7, 1), (45, 3)] {
-            let settings = ConjugateGradients::default();
+            let settings = CgSettings::default();
             let mut pair = Pair::<f32>::new(&network, kind, settings, chunks);
             let h = step_of(&network, kind);
             pair.attach();

@@ -5,31 +5,31 @@
 //! inverse of the body's own block of Pᵀ A P. That is conjugate gradients on Pᵀ A P, without that
 //! matrix.
 
-use super::cholesky::{Block, N, V8, inverse_factor};
-use super::coarse::{moved, project};
-use super::pool::Plan;
+use super::cholesky::{Block, DOF_PER_GROUP, Vec6Padded, inverse_factor};
+use super::coarse::{add_projected_block, rigid_displacement};
+use super::pool::Partition;
 use super::real::Real;
 use super::rigid::RigidBodies;
-use super::rigid_pose::{Freedom, Pose, Rigid};
+use super::rigid_pose::{DegreesOfFreedom, Pose, RigidGroup};
 use super::terms::Term;
-use super::vectors::{Symmetric, V4, add, zero};
+use super::vectors::{SymMat3, V4, add, zero};
 use glam::{DMat3, DQuat, DVec3};
 use std::ops::Range;
 
 /// A group of nodes that are one body.
 #[derive(Clone, Debug)]
-pub struct Body<T> {
+pub struct RigidBlock<T> {
     nodes: Range<usize>,
     /// Where each of them is from the pivot, in the body's radii; the fourth lane is 1, or 0 where
     /// the pivot stays. All zero where the body stays.
     arms: Vec<V4<T>>,
     /// Which turns it makes.
-    within: DMat3,
+    rotation_projector: DMat3,
     /// B.
-    inverse: [V8<T>; N],
+    inverse: [Vec6Padded<T>; DOF_PER_GROUP],
     /// It as it was made, how the body was turned then, and whether its block was positive
     /// definite.
-    made: Option<Block>,
+    built_block: Option<Block>,
     turned: DQuat,
     turn: DQuat,
     /// Whether it moves as a group of a coarse space does.
@@ -38,18 +38,18 @@ pub struct Body<T> {
 
 /// The last groups of a plan, each a body; mostly there is none.
 #[derive(Clone, Debug)]
-pub struct Tied<T> {
+pub struct RigidProjection<T> {
     /// The first of these groups.
     first: usize,
     /// The first of their nodes.
     node: usize,
-    bodies: Vec<Body<T>>,
+    bodies: Vec<RigidBlock<T>>,
 }
 
-impl<T: Real> Tied<T> {
+impl<T: Real> RigidProjection<T> {
     /// No nodes are tied.
-    pub fn none() -> Tied<T> {
-        Tied {
+    pub fn empty() -> RigidProjection<T> {
+        RigidProjection {
             first: usize::MAX,
             node: usize::MAX,
             bodies: Vec::new(),
@@ -57,21 +57,21 @@ impl<T: Real> Tied<T> {
     }
 
     /// The rigid bodies of a plan.
-    pub(super) fn new(plan: &Plan, rigid: &RigidBodies) -> Tied<T> {
+    pub(super) fn new(plan: &Partition, rigid: &RigidBodies) -> RigidProjection<T> {
         if rigid.is_empty() {
-            return Tied::none();
+            return RigidProjection::empty();
         }
-        let body = |b: &Rigid| Body {
+        let body = |b: &RigidGroup| RigidBlock {
             nodes: b.nodes.clone(),
             arms: vec![zero(); b.nodes.len()],
-            within: DMat3::ZERO,
-            inverse: [[T::ZERO; 8]; N],
-            made: None,
+            rotation_projector: DMat3::ZERO,
+            inverse: [[T::ZERO; 8]; DOF_PER_GROUP],
+            built_block: None,
             turned: DQuat::IDENTITY,
             turn: DQuat::IDENTITY,
             free: false,
         };
-        Tied {
+        RigidProjection {
             first: plan.groups() - rigid.bodies.len(),
             node: rigid.first,
             bodies: rigid.bodies.iter().map(body).collect(),
@@ -80,7 +80,7 @@ impl<T: Real> Tied<T> {
 
     /// The body that a group is, if it is one.
     #[inline(always)]
-    pub fn of(&self, group: usize) -> Option<&Body<T>> {
+    pub fn of(&self, group: usize) -> Option<&RigidBlock<T>> {
         self.bodies.get(group.checked_sub(self.first)?)
     }
 
@@ -91,66 +91,66 @@ impl<T: Real> Tied<T> {
     }
 
     /// Lets the arms be those of `poses`, and B turn with its body.
-    pub(super) fn pose(&mut self, rigid: &RigidBodies, poses: &[Pose]) {
+    pub(super) fn update_poses(&mut self, rigid: &RigidBodies, poses: &[Pose]) {
         for ((body, known), pose) in self.bodies.iter_mut().zip(&rigid.bodies).zip(poses) {
             let (pivot, within) = known.pivot(pose);
             let over = 1.0 / known.radius();
-            body.free = known.freedom == Freedom::Free;
-            body.within = within;
+            body.free = known.freedom == DegreesOfFreedom::Free;
+            body.rotation_projector = within;
             let weight = if body.free { T::ONE } else { T::ZERO };
-            let stays = known.freedom == Freedom::Fixed;
+            let stays = known.freedom == DegreesOfFreedom::Fixed;
             for (arm, i) in body.arms.iter_mut().zip(body.nodes.clone()) {
-                let r = rigid.arms[i - rigid.first] - pivot;
-                let a = pose.turn * r * if stays { 0.0 } else { over };
-                *arm = [T::of(a.x), T::of(a.y), T::of(a.z), weight];
+                let r = rigid.lever_arms[i - rigid.first] - pivot;
+                let a = pose.rotation * r * if stays { 0.0 } else { over };
+                *arm = [T::from_f64(a.x), T::from_f64(a.y), T::from_f64(a.z), weight];
             }
-            body.turn = pose.turn;
+            body.turn = pose.rotation;
             body.turn_inverse();
         }
     }
 
     /// Makes the bodies' blocks of what was linearised, `diagonal` being its diagonal blocks. They
     /// are kept as long as a coarse space is.
-    pub(super) fn build(&mut self, diagonal: &[Symmetric<T>], terms: &[Box<dyn Term<T>>]) {
+    pub(super) fn build(&mut self, diagonal: &[SymMat3<T>], terms: &[Box<dyn Term<T>>]) {
         for body in &mut self.bodies {
             let (first, arms) = (body.nodes.start, &body.arms);
-            let mut block: Block = [[0.0; N]; N];
+            let mut block: Block = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
             for (d, arm) in diagonal[body.nodes.clone()].iter().zip(arms) {
-                let d = d.map(Real::wide);
+                let d = d.map(Real::to_f64);
                 let x = DVec3::new(d[0], d[3], d[4]);
                 let (y, z) = (DVec3::new(d[3], d[1], d[5]), DVec3::new(d[4], d[5], d[2]));
                 let m = DMat3::from_cols(x, y, z);
-                project(&m, arm, arm, &mut block, false);
+                add_projected_block(&m, arm, arm, &mut block, false);
             }
             for term in terms {
-                term.pairs_within(body.nodes.clone(), &mut |[i, j], m| {
+                term.visit_off_diagonal_in(body.nodes.clone(), &mut |[i, j], m| {
                     let [a, b] = [i, j].map(|v| &arms[v as usize - first]);
-                    project(m, a, b, &mut block, false);
-                    project(m, a, b, &mut block, true);
+                    add_projected_block(m, a, b, &mut block, false);
+                    add_projected_block(m, a, b, &mut block, true);
                 });
             }
-            body.made = inverse_within(&block, body.free, &body.within);
+            body.built_block = inverse_within(&block, body.free, &body.rotation_projector);
             body.turned = body.turn;
             body.turn_inverse();
         }
     }
 
     /// Whether all blocks were positive definite.
-    pub(super) fn sound(&self) -> bool {
-        self.bodies.iter().all(|body| body.made.is_some())
+    pub(super) fn is_positive_definite(&self) -> bool {
+        self.bodies.iter().all(|body| body.built_block.is_some())
     }
 
     /// The nodes from `first` on that are a body's, among those of a chunk, body by body.
     pub(super) fn bodies_of(
         &self,
-        plan: &Plan,
+        plan: &Partition,
         chunk: usize,
-    ) -> impl Iterator<Item = &Body<T>> + '_ {
+    ) -> impl Iterator<Item = &RigidBlock<T>> + '_ {
         plan.groups_of(chunk).filter_map(|g| self.of(g))
     }
 
     /// Takes the forces out that a coarse space must not see: of bodies that are held somewhere.
-    pub fn leave_out(&self, forces: &mut [V8<T>]) {
+    pub fn remove_constrained_forces(&self, forces: &mut [Vec6Padded<T>]) {
         for (body, f) in self.bodies.iter().zip(forces.iter_mut().skip(self.first)) {
             if !body.free {
                 *f = [T::ZERO; 8];
@@ -160,7 +160,12 @@ impl<T: Real> Tied<T> {
 
     /// Adds the motions of the bodies by their own blocks under `forces` to those that a coarse
     /// space gave, if there was one.
-    pub fn answer(&self, forces: &[V8<T>], motions: &mut [V8<T>], coarse: bool) {
+    pub fn apply_inverse(
+        &self,
+        forces: &[Vec6Padded<T>],
+        motions: &mut [Vec6Padded<T>],
+        coarse: bool,
+    ) {
         let from = self.first.min(forces.len());
         let all = forces[from..].iter().zip(&mut motions[from..]);
         for (body, (f, m)) in self.bodies.iter().zip(all) {
@@ -173,13 +178,13 @@ impl<T: Real> Tied<T> {
     }
 }
 
-impl<T: Real> Body<T> {
+impl<T: Real> RigidBlock<T> {
     fn turn_inverse(&mut self) {
-        let Some(made) = &self.made else {
+        let Some(made) = &self.built_block else {
             return;
         };
         let by = DMat3::from_quat(self.turn * self.turned.inverse());
-        let mut q = [[0.0; N]; N];
+        let mut q = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
         for k in 0..3 {
             for r in 0..3 {
                 (q[k][r], q[3 + k][3 + r]) = (by.col(k)[r], by.col(k)[r]);
@@ -187,7 +192,13 @@ impl<T: Real> Body<T> {
         }
         let back: Block = std::array::from_fn(|c| std::array::from_fn(|r| q[r][c]));
         let inverse = times(&times(&q, made), &back);
-        let entry = |c: usize, r: usize| if r < N { T::of(inverse[c][r]) } else { T::ZERO };
+        let entry = |c: usize, r: usize| {
+            if r < DOF_PER_GROUP {
+                T::from_f64(inverse[c][r])
+            } else {
+                T::ZERO
+            }
+        };
         self.inverse = std::array::from_fn(|c| std::array::from_fn(|r| entry(c, r)));
     }
 
@@ -198,24 +209,24 @@ impl<T: Real> Body<T> {
 
     /// Pᵀ r of its nodes: `at` gives r of the n-th of them.
     #[inline]
-    pub fn restrict(&self, at: impl Fn(usize) -> V4<T>) -> V8<T> {
+    pub fn restrict(&self, at: impl Fn(usize) -> V4<T>) -> Vec6Padded<T> {
         let (mut sum, mut turn) = ([0.0; 3], [0.0; 3]);
         for (n, arm) in self.arms.iter().enumerate() {
-            let [a, r] = [arm, &at(n)].map(|v| [v[0].wide(), v[1].wide(), v[2].wide()]);
-            let w = arm[3].wide();
+            let [a, r] = [arm, &at(n)].map(|v| [v[0].to_f64(), v[1].to_f64(), v[2].to_f64()]);
+            let w = arm[3].to_f64();
             for k in 0..3 {
                 let (i, j) = ((k + 1) % 3, (k + 2) % 3);
                 sum[k] += w * r[k];
                 turn[k] += a[i] * r[j] - a[j] * r[i];
             }
         }
-        let [[x, y, z], [a, b, c]] = [sum, turn].map(|v| v.map(T::of));
+        let [[x, y, z], [a, b, c]] = [sum, turn].map(|v| v.map(T::from_f64));
         [x, y, z, a, b, c, T::ZERO, T::ZERO]
     }
 
     /// B f.
     #[inline]
-    pub fn answer(&self, f: &V8<T>) -> V8<T> {
+    pub fn answer(&self, f: &Vec6Padded<T>) -> Vec6Padded<T> {
         let mut out = [T::ZERO; 8];
         for (column, f) in self.inverse.iter().zip(f) {
             for (o, c) in out.iter_mut().zip(column) {
@@ -227,12 +238,12 @@ impl<T: Real> Body<T> {
 
     /// f·B f.
     #[inline]
-    pub fn weigh(&self, f: &V8<T>) -> f64 {
+    pub fn energy(&self, f: &Vec6Padded<T>) -> f64 {
         let m = self.answer(f);
-        (0..N).map(|k| (f[k] * m[k]).wide()).sum()
+        (0..DOF_PER_GROUP).map(|k| (f[k] * m[k]).to_f64()).sum()
     }
 
-    /// The arms, for [`moved`].
+    /// The arms, for [`rigid_displacement`].
     pub fn arms(&self) -> &[V4<T>] {
         &self.arms
     }
@@ -244,9 +255,9 @@ impl<T: Real> Body<T> {
 
     /// p = z + P m + β p of its nodes, z being what the diagonal blocks say.
     #[inline]
-    pub fn turn(&self, m: &V8<T>, beta: T, p: &mut [V4<T>]) {
+    pub fn update_direction(&self, m: &Vec6Padded<T>, beta: T, p: &mut [V4<T>]) {
         for (p, arm) in p.iter_mut().zip(&self.arms) {
-            let z = moved(arm, m);
+            let z = rigid_displacement(arm, m);
             *p = add(z, [beta * p[0], beta * p[1], beta * p[2], T::ZERO]);
         }
     }
@@ -254,13 +265,15 @@ impl<T: Real> Body<T> {
 
 /// a b.
 fn times(a: &Block, b: &Block) -> Block {
-    std::array::from_fn(|c| std::array::from_fn(|r| (0..N).map(|k| a[k][r] * b[c][k]).sum::<f64>()))
+    std::array::from_fn(|c| {
+        std::array::from_fn(|r| (0..DOF_PER_GROUP).map(|k| a[k][r] * b[c][k]).sum::<f64>())
+    })
 }
 
 /// The inverse of a body's block, of those of its motions that there are.
 fn inverse_within(block: &Block, free: bool, within: &DMat3) -> Option<Block> {
     let keep = f64::from(u8::from(free));
-    let mut p = [[0.0; N]; N];
+    let mut p = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
     for k in 0..3 {
         p[k][k] = keep;
         for r in 0..3 {
@@ -268,17 +281,21 @@ fn inverse_within(block: &Block, free: bool, within: &DMat3) -> Option<Block> {
         }
     }
     let mut whole = times(&times(&p, block), &p);
-    let scale = (0..N).map(|k| whole[k][k]).fold(0.0, f64::max);
+    let scale = (0..DOF_PER_GROUP).map(|k| whole[k][k]).fold(0.0, f64::max);
     let scale = if scale > 0.0 { scale } else { 1.0 };
-    for c in 0..N {
-        for r in 0..N {
+    for c in 0..DOF_PER_GROUP {
+        for r in 0..DOF_PER_GROUP {
             whole[c][r] += scale * (f64::from(u8::from(r == c)) - p[c][r]);
         }
     }
     let lower = inverse_factor(&whole)?;
     // A⁻¹ = L⁻ᵀ L⁻¹.
     let inverse: Block = std::array::from_fn(|c| {
-        std::array::from_fn(|r| (0..N).map(|k| lower[r][k] * lower[c][k]).sum::<f64>())
+        std::array::from_fn(|r| {
+            (0..DOF_PER_GROUP)
+                .map(|k| lower[r][k] * lower[c][k])
+                .sum::<f64>()
+        })
     });
     Some(times(&times(&p, &inverse), &p))
 }

@@ -4,14 +4,14 @@
 use super::body::CpuBody;
 use super::newton_contact::contact_mut;
 use super::real::Real;
-use super::terms::{At, Share, Term};
+use super::terms::{StateRef, SystemContribution, Term};
 use super::tests::some;
-use super::vectors::{V4, of_metres, to_metres};
+use super::vectors::{V4, from_metres, to_metres};
 use crate::mesh::generate::{Split, box_mesh};
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::{
-    ConjugateGradients, Material, MaterialModel, Shape, SolverKind, SpringNetwork, Tool, ToolPose,
-    VolumeModel,
+    CgSettings, DiscreteModel, Material, MaterialModel, Shape, SolverKind, Tool, ToolPose,
+    VolumetricFormulation,
 };
 use glam::{DQuat, DVec3};
 
@@ -20,7 +20,7 @@ const YOUNG: f64 = 2e4;
 /// A body with tools, and what it is made of.
 struct Pressed<T: Real> {
     body: CpuBody<T>,
-    network: SpringNetwork,
+    network: DiscreteModel,
     faces: Vec<[u32; 3]>,
 }
 
@@ -30,7 +30,7 @@ fn material(poisson: f64) -> Material {
         poisson,
         damping_time: 0.0,
         density: 1000.0,
-        ..Material::young(YOUNG)
+        ..Material::from_young(YOUNG)
     }
 }
 
@@ -44,8 +44,8 @@ fn boundary(mesh: &TetMesh) -> Vec<[u32; 3]> {
 
 impl<T: Real> Pressed<T> {
     fn new(mesh: &TetMesh, material: &Material, kind: SolverKind, chunks: usize) -> Pressed<T> {
-        let network = SpringNetwork::new(mesh, material).unwrap();
-        let settings = ConjugateGradients::default();
+        let network = DiscreteModel::new(mesh, material).unwrap();
+        let settings = CgSettings::default();
         Pressed {
             body: CpuBody::new(&network, kind, settings, Some(chunks)).unwrap(),
             faces: boundary(mesh),
@@ -69,7 +69,7 @@ impl<T: Real> Pressed<T> {
     fn guide(&mut self, to: DVec3) {
         let metres = self.network.to_metres(to);
         let guided = [(ToolPose::new(metres, DQuat::IDENTITY), 0)];
-        self.body.guide_tools(&guided).unwrap();
+        self.body.set_tool_targets(&guided).unwrap();
     }
 
     /// Steps once with the first tool going to a place.
@@ -146,7 +146,12 @@ fn dimitriadis(depth: f64, poisson: f64) -> f64 {
 
 /// The force of a sphere that is pressed so deep into a block of so many cells, over what Hertz
 /// and Dimitriadis say; and over what the pins bear.
-fn indented(cells: [usize; 2], depth: f64, poisson: f64, volume: VolumeModel) -> [f64; 2] {
+fn indented(
+    cells: [usize; 2],
+    depth: f64,
+    poisson: f64,
+    volume: VolumetricFormulation,
+) -> [f64; 2] {
     let mesh = graded(cells);
     let mut material = material(poisson);
     material.volume = volume;
@@ -181,7 +186,10 @@ fn indented(cells: [usize; 2], depth: f64, poisson: f64, volume: VolumeModel) ->
 #[test]
 #[ignore = "long: ten tets across the contact"]
 fn a_sphere_presses_as_hertz_and_dimitriadis_say() {
-    for (poisson, volume) in [(0.3, VolumeModel::PerTet), (0.45, VolumeModel::Averaged)] {
+    for (poisson, volume) in [
+        (0.3, VolumetricFormulation::PerTet),
+        (0.45, VolumetricFormulation::NodalAveraged),
+    ] {
         let [force, held] = indented([28, 14], 0.06, poisson, volume);
         assert!((held - 1.0).abs() < 1e-3, "{held}");
         assert!((force - 1.0).abs() < 0.05, "{force}");
@@ -190,26 +198,29 @@ fn a_sphere_presses_as_hertz_and_dimitriadis_say() {
 
 #[test]
 fn a_sphere_presses_as_it_should_on_a_coarse_block_too() {
-    let [force, held] = indented([12, 6], 0.06, 0.3, VolumeModel::PerTet);
+    let [force, held] = indented([12, 6], 0.06, 0.3, VolumetricFormulation::PerTet);
     assert!((held - 1.0).abs() < 1e-3, "{held}");
     assert!((force - 1.0).abs() < 0.2, "{force}");
 }
 
 /// Energy, forces and blocks of the tools of a body alone.
 fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [f64; 3] {
-    let (free, plan) = (pressed.body.free.clone(), pressed.body.plan.clone());
+    let (free, plan) = (pressed.body.free_mask.clone(), pressed.body.plan.clone());
     let contact = contact_mut(&mut pressed.body.terms).unwrap();
     assert_eq!(contact.begin(u, (&free, &plan), (0.1, 0.5)), 1);
-    contact.stage(1.0);
-    assert!(contact.rub(u) > 0.0);
-    assert!(contact.touches(u));
+    contact.set_tool_fraction(1.0);
+    assert!(contact.update_friction(u) > 0.0);
+    assert!(contact.has_contact(u));
     let n = u.len();
     let (count, h) = (plan.chunks(), 1e-7);
     let chunk = |c: usize| plan.range(c);
-    let way: Vec<V4<T>> = some(n, 9, 1.0).iter().map(|w| of_metres(*w, 1.0)).collect();
+    let way: Vec<V4<T>> = some(n, 9, 1.0)
+        .iter()
+        .map(|w| from_metres(*w, 1.0))
+        .collect();
     let off = |x: &[V4<T>], by: f64| -> Vec<V4<T>> {
         let moved = x.iter().zip(&way).map(|(x, w)| {
-            let by = T::of(by);
+            let by = T::from_f64(by);
             std::array::from_fn(|k| x[k] + by * w[k])
         });
         moved.collect()
@@ -218,7 +229,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
         let mut f = vec![[T::ZERO; 4]; n];
         (0..count)
             .map(|c| {
-                let own = contact.resist(c, At { u, v }, &mut f[chunk(c)]);
+                let own = contact.damping_forces(c, StateRef { u, v }, &mut f[chunk(c)]);
                 contact.energy(c, u) + own
             })
             .sum()
@@ -226,7 +237,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
     let forces = |contact: &dyn Term<T>, u: &[V4<T>], v: &[V4<T>]| -> Vec<V4<T>> {
         let mut f = vec![[T::ZERO; 4]; n];
         for c in 0..count {
-            contact.forces(c, At { u, v }, &mut f[chunk(c)]);
+            contact.forces(c, StateRef { u, v }, &mut f[chunk(c)]);
         }
         f
     };
@@ -246,12 +257,12 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
     let step = 0.3;
     let mut diagonal = vec![[T::ZERO; 8]; n];
     let mut change = vec![[T::ZERO; 4]; n];
-    contact.project(false);
-    let share = Share {
+    contact.set_psd_projection(false);
+    let share = SystemContribution {
         diagonal: &mut diagonal,
-        change: &mut change,
+        stiffness_velocity: &mut change,
     };
-    contact.linearise(&plan, At { u, v }, T::of(step), share);
+    contact.linearise(&plan, StateRef { u, v }, T::from_f64(step), share);
     let mut y = vec![[T::ZERO; 4]; n];
     for c in 0..count {
         contact.multiply(c, &way, &mut y[chunk(c)]);
@@ -272,7 +283,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
     for (i, d) in diagonal.iter().enumerate() {
         z[i] += to_metres(super::vectors::apply_symmetric(d, way[i]), 1.0);
     }
-    contact.pairs(&mut |[i, j], m| {
+    contact.visit_off_diagonal(&mut |[i, j], m| {
         let (i, j) = (i as usize, j as usize);
         z[i] += *m * to_metres(way[j], 1.0);
         z[j] += *m * to_metres(way[i], 1.0);
@@ -316,8 +327,8 @@ fn forces_and_blocks_are_the_slopes_of_the_potentials() {
         pressed.body.add_tool(&tool, &faces, &pressed.network);
         let to = at + DVec3::new(0.01, 0.02, 0.0);
         pressed.guide(to);
-        let n = pressed.body.now.u.len();
-        let local = |x: &DVec3| of_metres(*x, 1.0);
+        let n = pressed.body.state.u.len();
+        let local = |x: &DVec3| from_metres(*x, 1.0);
         let u: Vec<V4<f64>> = some(n, 3, 0.004).iter().map(local).collect();
         for speed in [1e-5, 2.0] {
             let v: Vec<V4<f64>> = some(n, 5, speed).iter().map(local).collect();
@@ -431,7 +442,7 @@ fn what_lies_inside_a_tool_at_first_is_pushed_out() {
     pressed.pin(&mesh, 1e-3);
     let at = DVec3::new(0.5, 0.5, 0.7);
     let tool = tool(shape.clone(), at, 0.0);
-    let overlap = tool.overlap(&mesh, &Topology::new(&mesh));
+    let overlap = tool.initial_penetration(&mesh, &Topology::new(&mesh));
     assert!(
         overlap.nodes > 0 && (overlap.depth - 0.1).abs() < 1e-9,
         "{overlap:?}"

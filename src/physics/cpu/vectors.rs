@@ -7,10 +7,10 @@ use glam::DVec3;
 pub type V4<T> = [T; 4];
 
 /// A 3×3 block as three columns.
-pub type Columns<T> = [V4<T>; 3];
+pub type Mat3Columns<T> = [V4<T>; 3];
 
 /// A symmetric 3×3 block: xx, yy, zz, xy, xz, yz, and two lanes without meaning.
-pub type Symmetric<T> = [T; 8];
+pub type SymMat3<T> = [T; 8];
 
 /// The zero vector.
 #[inline(always)]
@@ -49,25 +49,25 @@ pub fn add_scaled<T: Real>(a: V4<T>, s: T, b: V4<T>) -> V4<T> {
 
 /// The sum of the lanes, in f64.
 #[inline(always)]
-pub fn total<T: Real>(a: V4<T>) -> f64 {
-    (a[0].wide() + a[1].wide()) + (a[2].wide() + a[3].wide())
+pub fn sum_f64<T: Real>(a: V4<T>) -> f64 {
+    (a[0].to_f64() + a[1].to_f64()) + (a[2].to_f64() + a[3].to_f64())
 }
 
 /// a·b, in f64.
 #[inline(always)]
-pub fn weight<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
-    total([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
+pub fn dot_f64<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
+    sum_f64([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
 }
 
 /// m a.
 #[inline(always)]
-pub fn apply<T: Real>(m: &Columns<T>, a: V4<T>) -> V4<T> {
+pub fn apply<T: Real>(m: &Mat3Columns<T>, a: V4<T>) -> V4<T> {
     add_scaled(add_scaled(scale(a[0], m[0]), a[1], m[1]), a[2], m[2])
 }
 
 /// m a of a symmetric block.
 #[inline(always)]
-pub fn apply_symmetric<T: Real>(m: &Symmetric<T>, a: V4<T>) -> V4<T> {
+pub fn apply_symmetric<T: Real>(m: &SymMat3<T>, a: V4<T>) -> V4<T> {
     [
         m[0] * a[0] + m[3] * a[1] + m[4] * a[2],
         m[3] * a[0] + m[1] * a[1] + m[5] * a[2],
@@ -77,19 +77,24 @@ pub fn apply_symmetric<T: Real>(m: &Symmetric<T>, a: V4<T>) -> V4<T> {
 }
 
 /// A vector in units of `unit`.
-pub fn of_metres<T: Real>(v: DVec3, unit: f64) -> V4<T> {
+pub fn from_metres<T: Real>(v: DVec3, unit: f64) -> V4<T> {
     let v = v / unit;
-    [T::of(v.x), T::of(v.y), T::of(v.z), T::ZERO]
+    [
+        T::from_f64(v.x),
+        T::from_f64(v.y),
+        T::from_f64(v.z),
+        T::ZERO,
+    ]
 }
 
 /// The vector that is `v` in units of `unit`.
 pub fn to_metres<T: Real>(v: V4<T>, unit: f64) -> DVec3 {
-    DVec3::new(v[0].wide(), v[1].wide(), v[2].wide()) * unit
+    DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64()) * unit
 }
 
 /// As [`inverse`], and whether the block is positive definite.
-pub fn inverse_definite<T: Real>(m: &Symmetric<T>) -> (Columns<T>, bool) {
-    let [a, b, c, d, e, f, ..] = m.map(Real::wide);
+pub fn inverse_definite<T: Real>(m: &SymMat3<T>) -> (Mat3Columns<T>, bool) {
+    let [a, b, c, d, e, f, ..] = m.map(Real::to_f64);
     let minor = a * b - d * d;
     let determinant = c * minor - f * (a * f - d * e) - e * (b * e - d * f);
     let definite = a > 0.0 && minor > 0.0 && determinant > 0.0;
@@ -98,8 +103,8 @@ pub fn inverse_definite<T: Real>(m: &Symmetric<T>) -> (Columns<T>, bool) {
 
 /// The inverse of a symmetric block that is positive definite; of one that is not to the digits of
 /// T, that of its plain diagonal.
-pub fn inverse<T: Real>(m: &Symmetric<T>) -> Columns<T> {
-    let m = m.map(Real::wide);
+pub fn inverse<T: Real>(m: &SymMat3<T>) -> Mat3Columns<T> {
+    let m = m.map(Real::to_f64);
     // Scaled to its largest entry, so that the determinant stays in range.
     let largest = m[0].max(m[1]).max(m[2]);
     let [a, b, c, d, e, f] = [m[0], m[1], m[2], m[3], m[4], m[5]].map(|x| x / largest);
@@ -114,11 +119,11 @@ pub fn inverse<T: Real>(m: &Symmetric<T>) -> Columns<T> {
     let over = 1.0 / (determinant * largest);
     let z = T::ZERO;
     if safe {
-        let [xx, xy, xz, yy, yz, zz] = [xx, xy, xz, yy, yz, zz].map(|x| T::of(x * over));
+        let [xx, xy, xz, yy, yz, zz] = [xx, xy, xz, yy, yz, zz].map(|x| T::from_f64(x * over));
         [[xx, xy, xz, z], [xy, yy, yz, z], [xz, yz, zz, z]]
     } else {
         // A node held by next to nothing in some direction.
-        let [x, y, w] = [m[0], m[1], m[2]].map(|x| T::of(1.0 / x));
+        let [x, y, w] = [m[0], m[1], m[2]].map(|x| T::from_f64(1.0 / x));
         [[x, z, z, z], [z, y, z, z], [z, z, w, z]]
     }
 }

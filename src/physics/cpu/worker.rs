@@ -1,9 +1,9 @@
 //! A body on a thread of its own: steps are asked for and done behind the caller's back, who looks
 //! how far they are and takes the positions that were put out last.
 
-use super::guard::Failure;
-use super::stepped::{LoadChange, Stepped};
-use crate::physics::{Progress, StepRecord, Waker};
+use super::guard::StepFailure;
+use super::stepped::{LoadUpdate, Steppable};
+use crate::physics::{StepCallback, StepProgress, StepRecord};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -14,50 +14,50 @@ use std::thread::JoinHandle;
 use web_time::{Duration, Instant};
 
 /// Positions are put out this often while steps go on.
-const PICTURE: Duration = Duration::from_millis(15);
+const PUBLISH_INTERVAL: Duration = Duration::from_millis(15);
 
 /// Steps of which the iterations are kept.
 const HISTORY: usize = 1024;
 
 /// What a body is asked to do, in turn.
 #[derive(Debug)]
-pub(in crate::physics) enum Errand {
+pub(in crate::physics) enum WorkerCommand {
     /// So many steps of so many seconds.
     Steps(u32, f64),
     /// To take over loads.
-    Loads(Box<LoadChange>),
+    Loads(Box<LoadUpdate>),
 }
 
 /// What is known of the steps, and those that are left.
 #[derive(Debug, Default)]
 struct Queue {
-    errands: VecDeque<Errand>,
+    commands: VecDeque<WorkerCommand>,
     busy: bool,
     quit: bool,
     /// Whether what is left of the steps under way is to be dropped.
-    dropping: bool,
-    progress: Progress,
+    cancelling: bool,
+    progress: StepProgress,
     /// Steps of one length, and the time before them.
-    span: Span,
+    span: StepClock,
     iterations: VecDeque<u32>,
     /// Why the last step was refused, its length, and how far the steps were.
-    failure: Option<(Failure, f64, Progress)>,
+    failure: Option<(StepFailure, f64, StepProgress)>,
     refused: Option<Error>,
 }
 
 /// Steps of one length since a time: their sum is not rounded step by step, so that it is the same
 /// however they were shared out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(in crate::physics) struct Span {
+pub(in crate::physics) struct StepClock {
     since: f64,
     steps: u64,
     dt: f64,
 }
 
-impl Span {
+impl StepClock {
     fn add(&mut self, steps: u32, dt: f64) {
         if self.dt != dt {
-            *self = Span {
+            *self = StepClock {
                 since: self.time(),
                 steps: 0,
                 dt,
@@ -73,23 +73,23 @@ impl Span {
 
 /// Positions in metres, as they were put out last.
 #[derive(Debug, Default)]
-struct Published {
+struct PositionSnapshot {
     version: u64,
     positions: Vec<DVec3>,
 }
 
-struct Shared<B: Stepped + ?Sized> {
+struct Shared<B: Steppable + ?Sized> {
     body: Mutex<Box<B>>,
     queue: Mutex<Queue>,
     /// There is something to do, or nothing any more.
     wake: Condvar,
-    idle: Condvar,
-    published: Mutex<Published>,
-    waker: Mutex<Option<Waker>>,
+    idle_signal: Condvar,
+    published: Mutex<PositionSnapshot>,
+    waker: Mutex<Option<StepCallback>>,
 }
 
 /// A body and its thread.
-pub(in crate::physics) struct Worker<B: Stepped + ?Sized> {
+pub(in crate::physics) struct Worker<B: Steppable + ?Sized> {
     shared: Arc<Shared<B>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -98,14 +98,14 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl<B: Stepped + ?Sized> Worker<B> {
+impl<B: Steppable + ?Sized> Worker<B> {
     pub fn new(body: Box<B>) -> Worker<B> {
         Worker {
             shared: Arc::new(Shared {
                 body: Mutex::new(body),
                 queue: Mutex::default(),
                 wake: Condvar::new(),
-                idle: Condvar::new(),
+                idle_signal: Condvar::new(),
                 published: Mutex::default(),
                 waker: Mutex::default(),
             }),
@@ -134,11 +134,11 @@ impl<B: Stepped + ?Sized> Worker<B> {
     ///
     /// # Errors
     /// [`Error::Input`] where no thread can be had.
-    pub fn ask(&mut self, errand: Errand) -> Result<()> {
+    pub fn enqueue(&mut self, errand: WorkerCommand) -> Result<()> {
         if cfg!(target_arch = "wasm32") {
             // Without threads it is done at once.
-            lock(&self.shared.queue).errands.push_back(errand);
-            while self.shared.turn() {}
+            lock(&self.shared.queue).commands.push_back(errand);
+            while self.shared.process_next() {}
             self.publish();
             return Ok(());
         }
@@ -150,47 +150,47 @@ impl<B: Stepped + ?Sized> Worker<B> {
                 Error::Input(format!("no thread can be had for the simulation: {e}"))
             })?);
         }
-        lock(&self.shared.queue).errands.push_back(errand);
+        lock(&self.shared.queue).commands.push_back(errand);
         self.shared.wake.notify_one();
         Ok(())
     }
 
     /// How far the steps are, or why one was refused, and its length; that is told once.
-    pub fn progress(&self) -> std::result::Result<Progress, Refusal> {
+    pub fn progress(&self) -> std::result::Result<StepProgress, WorkerError> {
         let mut queue = lock(&self.shared.queue);
-        told(&mut queue)
+        take_result(&mut queue)
     }
 
     /// The same after everything that was asked for.
-    pub fn finish(&self) -> std::result::Result<Progress, Refusal> {
+    pub fn finish(&self) -> std::result::Result<StepProgress, WorkerError> {
         let mut queue = lock(&self.shared.queue);
-        while queue.busy || !queue.errands.is_empty() {
-            let waited = self.shared.idle.wait(queue);
+        while queue.busy || !queue.commands.is_empty() {
+            let waited = self.shared.idle_signal.wait(queue);
             queue = waited.unwrap_or_else(PoisonError::into_inner);
         }
-        told(&mut queue)
+        take_result(&mut queue)
     }
 
     /// Drops what was asked for, and what became of it; waits for a step under way.
-    pub fn rest(&self) {
+    pub fn cancel_pending(&self) {
         let mut queue = lock(&self.shared.queue);
-        queue.errands.clear();
-        queue.dropping = true;
+        queue.commands.clear();
+        queue.cancelling = true;
         while queue.busy {
-            let waited = self.shared.idle.wait(queue);
+            let waited = self.shared.idle_signal.wait(queue);
             queue = waited.unwrap_or_else(PoisonError::into_inner);
         }
-        queue.dropping = false;
+        queue.cancelling = false;
         (queue.failure, queue.refused) = (None, None);
     }
 
     /// How far the steps are, for another worker to go on from.
-    pub fn span(&self) -> Span {
+    pub fn span(&self) -> StepClock {
         lock(&self.shared.queue).span
     }
 
     /// Goes on counting from so far.
-    pub fn set_progress(&self, progress: Progress, span: Span) {
+    pub fn set_progress(&self, progress: StepProgress, span: StepClock) {
         let mut queue = lock(&self.shared.queue);
         (queue.progress, queue.span) = (progress, span);
         queue.iterations.clear();
@@ -212,7 +212,7 @@ impl<B: Stepped + ?Sized> Worker<B> {
     }
 
     /// Has `waker` called, by the body's thread, whenever positions were put out.
-    pub fn set_waker(&self, waker: Waker) {
+    pub fn set_waker(&self, waker: StepCallback) {
         *lock(&self.shared.waker) = Some(waker);
     }
 
@@ -222,7 +222,7 @@ impl<B: Stepped + ?Sized> Worker<B> {
     }
 }
 
-impl<B: Stepped + ?Sized> Drop for Worker<B> {
+impl<B: Steppable + ?Sized> Drop for Worker<B> {
     fn drop(&mut self) {
         lock(&self.shared.queue).quit = true;
         self.shared.wake.notify_one();
@@ -234,29 +234,29 @@ impl<B: Stepped + ?Sized> Drop for Worker<B> {
 }
 
 /// Why a step was refused.
-pub(in crate::physics) enum Refusal {
+pub(in crate::physics) enum WorkerError {
     /// The simulation failed, at a step of that many seconds.
-    Failed(Failure, f64, Progress),
+    Failed(StepFailure, f64, StepProgress),
     /// What was asked for makes no sense.
     Wrong(Error),
 }
 
-fn told(queue: &mut Queue) -> std::result::Result<Progress, Refusal> {
+fn take_result(queue: &mut Queue) -> std::result::Result<StepProgress, WorkerError> {
     if let Some(error) = queue.refused.take() {
-        return Err(Refusal::Wrong(error));
+        return Err(WorkerError::Wrong(error));
     }
     match queue.failure.take() {
-        Some((failure, dt, progress)) => Err(Refusal::Failed(failure, dt, progress)),
+        Some((failure, dt, progress)) => Err(WorkerError::Failed(failure, dt, progress)),
         None => Ok(queue.progress),
     }
 }
 
-impl<B: Stepped + ?Sized> Shared<B> {
+impl<B: Steppable + ?Sized> Shared<B> {
     fn work(&self) {
         loop {
             {
                 let mut queue = lock(&self.queue);
-                while queue.errands.is_empty() && !queue.quit {
+                while queue.commands.is_empty() && !queue.quit {
                     queue = self
                         .wake
                         .wait(queue)
@@ -269,10 +269,10 @@ impl<B: Stepped + ?Sized> Shared<B> {
             }
             let done = catch_unwind(AssertUnwindSafe(|| {
                 let mut put_out = Instant::now();
-                while self.turn() {
-                    if put_out.elapsed() > PICTURE {
+                while self.process_next() {
+                    if put_out.elapsed() > PUBLISH_INTERVAL {
                         self.publish(&**lock(&self.body));
-                        self.call();
+                        self.notify();
                         put_out = Instant::now();
                     }
                 }
@@ -280,19 +280,19 @@ impl<B: Stepped + ?Sized> Shared<B> {
             }));
             let mut queue = lock(&self.queue);
             if done.is_err() {
-                queue.errands.clear();
+                queue.commands.clear();
                 let why = "the simulation broke off by a fault of its own; please report it";
                 queue.refused = Some(Error::Input(why.into()));
             }
             queue.busy = false;
             drop(queue);
-            self.idle.notify_all();
-            self.call();
+            self.idle_signal.notify_all();
+            self.notify();
         }
     }
 
     /// Calls who wants to be told.
-    fn call(&self) {
+    fn notify(&self) {
         let waker = lock(&self.waker).clone();
         if let Some(waker) = waker {
             waker();
@@ -300,28 +300,28 @@ impl<B: Stepped + ?Sized> Shared<B> {
     }
 
     /// Does one thing, at most a few milliseconds of steps; whether there was any.
-    fn turn(&self) -> bool {
+    fn process_next(&self) -> bool {
         let errand = {
             let mut queue = lock(&self.queue);
             if queue.quit {
                 return false;
             }
             let failed = queue.failure.is_some();
-            let mut errand = queue.errands.pop_front();
+            let mut errand = queue.commands.pop_front();
             // Steps asked for before the failure was looked at are not taken.
-            while failed && matches!(errand, Some(Errand::Steps(..))) {
-                errand = queue.errands.pop_front();
+            while failed && matches!(errand, Some(WorkerCommand::Steps(..))) {
+                errand = queue.commands.pop_front();
             }
             errand
         };
         match errand {
             None => return false,
-            Some(Errand::Loads(change)) => {
-                if let Err(error) = lock(&self.body).take_over(*change) {
-                    self.drop_steps().refused = Some(error);
+            Some(WorkerCommand::Loads(change)) => {
+                if let Err(error) = lock(&self.body).apply_loads(*change) {
+                    self.discard_steps().refused = Some(error);
                 }
             }
-            Some(Errand::Steps(left, dt)) => self.steps(left, dt),
+            Some(WorkerCommand::Steps(left, dt)) => self.steps(left, dt),
         }
         true
     }
@@ -329,12 +329,12 @@ impl<B: Stepped + ?Sized> Shared<B> {
     fn steps(&self, left: u32, dt: f64) {
         let mut body = lock(&self.body);
         // Every implicit step is told of; explicit ones are short.
-        let implicit = body.iterates();
+        let implicit = body.has_long_steps();
         let mut some = 1;
         let (start, mut done) = (Instant::now(), 0);
         let mut record: Option<StepRecord> = None;
         let mut failure = None;
-        while done < left && failure.is_none() && start.elapsed() < PICTURE / 2 {
+        while done < left && failure.is_none() && start.elapsed() < PUBLISH_INTERVAL / 2 {
             let before = body.steps();
             match body.run(some.min(left - done), dt) {
                 Ok(last) => record = Some(last),
@@ -363,15 +363,19 @@ impl<B: Stepped + ?Sized> Shared<B> {
         if let Some(why) = failure {
             let progress = queue.progress;
             drop(queue);
-            self.drop_steps().failure = Some((why, dt, progress));
-        } else if done < left && !queue.dropping {
-            queue.errands.push_front(Errand::Steps(left - done, dt));
+            self.discard_steps().failure = Some((why, dt, progress));
+        } else if done < left && !queue.cancelling {
+            queue
+                .commands
+                .push_front(WorkerCommand::Steps(left - done, dt));
         }
     }
 
-    fn drop_steps(&self) -> MutexGuard<'_, Queue> {
+    fn discard_steps(&self) -> MutexGuard<'_, Queue> {
         let mut queue = lock(&self.queue);
-        queue.errands.retain(|e| !matches!(e, Errand::Steps(..)));
+        queue
+            .commands
+            .retain(|e| !matches!(e, WorkerCommand::Steps(..)));
         queue
     }
 

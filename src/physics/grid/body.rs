@@ -1,12 +1,12 @@
 //! A grid body on the GPU: its state, what holds it and what acts on it.
 
 use super::model::GridModel;
-use super::verlet::{Flight, Prepared, STATUS, Touch, Turn};
-use crate::gpu::{Array, Gpu, Ring, Texel};
+use super::verlet::{BufferIndices, GrabPasses, InFlightSteps, Prepared, STATUS};
+use crate::gpu::{Array, Gpu, ReadbackRing, Texel};
 use crate::mesh::{NO_NORMAL, TetMesh};
 use crate::physics::grab_lists::GrabLists;
 use crate::physics::loads::LoadVersions;
-use crate::physics::{GrabId, Grip, Loads, Nodes, Report};
+use crate::physics::{GrabId, GrabMode, Loads, NodePositions, Report};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use std::collections::VecDeque;
@@ -18,7 +18,7 @@ pub struct GridBody {
     pub(super) model: GridModel,
     pub(super) mesh: TetMesh,
     /// Its array is the first of the three.
-    pub(super) nodes: Nodes,
+    pub(super) nodes: NodePositions,
     pub(super) positions: [Array; 3],
     pub(super) normals: Array,
     pub(super) particles: Array,
@@ -27,20 +27,20 @@ pub struct GridBody {
     /// Copies of the positions to fall back to.
     pub(super) backup: [Array; 2],
     pub(super) status: wgpu::Buffer,
-    pub(super) turn: Turn,
+    pub(super) buffers: BufferIndices,
     pub(super) mean_mass: f64,
     pub(super) loads: Loads,
     /// The loads that the arrays on the GPU have.
     pub(super) written: Option<LoadVersions>,
     /// Whether the step reads the forces.
-    pub(super) forced: bool,
+    pub(super) has_forces: bool,
     /// The step by which `before` lies back; none where it is to be made from the velocities.
-    pub(super) lag: Option<f64>,
+    pub(super) previous_dt: Option<f64>,
     pub(super) dirty: bool,
     pub(super) prepared: Option<Prepared>,
     grabs: GrabLists,
     /// What the grabs do to each of the three arrays.
-    pub(super) touch: Touch,
+    pub(super) grab_passes: GrabPasses,
     pub(super) steps: u64,
     pub(super) time: f64,
     /// Counts changes from outside, but for those of loads.
@@ -48,10 +48,10 @@ pub struct GridBody {
     /// The root mean square speed after the last look, in sizes of the body a second.
     pub(super) speed: f64,
     /// Steps asked for that are not submitted, and their length.
-    pub(super) errands: VecDeque<(u32, f64)>,
+    pub(super) pending_steps: VecDeque<(u32, f64)>,
     /// Those under way, and their status on its way back.
-    pub(super) flight: Option<Flight>,
-    pub(super) ring: Ring,
+    pub(super) in_flight: Option<InFlightSteps>,
+    pub(super) ring: ReadbackRing,
 }
 
 impl GridBody {
@@ -61,7 +61,7 @@ impl GridBody {
     /// [`Error::Gpu`] when it does not fit the device; [`Error::Input`] when no cell is whole.
     pub fn new(gpu: &Gpu, model: GridModel) -> Result<GridBody> {
         let mesh = model.shape.mesh(&model.springs)?;
-        let nodes = Nodes::new(gpu, &mesh)?;
+        let nodes = NodePositions::new(gpu, &mesh)?;
         let rest = rest(&model, &mesh);
         gpu.write_array(nodes.array(), &rest)?;
         let total = rest.len();
@@ -83,23 +83,23 @@ impl GridBody {
                 gpu.array("backup before", Texel::F32x4, total)?,
             ],
             status: gpu.buffer("grid status", STATUS)?,
-            turn: Turn::FIRST,
+            buffers: BufferIndices::FIRST,
             mean_mass: mass / count as f64,
             loads: Loads::new(total, model.frame, model.length_unit),
             written: None,
-            forced: false,
-            lag: None,
+            has_forces: false,
+            previous_dt: None,
             dirty: true,
             prepared: None,
             grabs: GrabLists::default(),
-            touch: Touch::default(),
+            grab_passes: GrabPasses::default(),
             steps: 0,
             time: 0.0,
             changes: 0,
             speed: 0.0,
-            errands: VecDeque::new(),
-            flight: None,
-            ring: Ring::new(gpu, STATUS),
+            pending_steps: VecDeque::new(),
+            in_flight: None,
+            ring: ReadbackRing::new(gpu, STATUS),
             model,
             mesh,
             nodes,
@@ -115,7 +115,7 @@ impl GridBody {
     }
 
     /// An array of normals that are none.
-    pub(super) fn blank_normals(&self) -> Result<Array> {
+    pub(super) fn undefined_normals(&self) -> Result<Array> {
         let none = vec![NO_NORMAL; self.mesh.nodes.len()];
         self.gpu.array_of("normals at rest", Texel::U32, &none)
     }
@@ -131,7 +131,7 @@ impl GridBody {
     }
 
     /// The positions, for drawing. Their fourth component is the particle's relative stiffness.
-    pub fn nodes(&self) -> &Nodes {
+    pub fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
@@ -196,21 +196,21 @@ impl GridBody {
     /// Moves the particles to `positions` in file units, at rest there.
     ///
     /// # Errors
-    /// As [`Nodes::set_positions`].
+    /// As [`NodePositions::set_positions`].
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         let frame = self.nodes.frame();
         let mut local = self
             .nodes
             .check("positions", positions, |p| frame.to_local(p))?;
-        for (p, k) in local.iter_mut().zip(&self.model.factors) {
+        for (p, k) in local.iter_mut().zip(&self.model.stiffness_scales) {
             p[3] = *k as f32;
         }
         for array in &self.positions {
             self.gpu.write_array(array, &local)?;
         }
-        self.turn = Turn::FIRST;
+        self.buffers = BufferIndices::FIRST;
         // What was under way has nothing to fall back to any more.
-        self.flight = None;
+        self.in_flight = None;
         self.set_velocities(&vec![DVec3::ZERO; local.len()])?;
         self.refresh_normals()
     }
@@ -226,7 +226,7 @@ impl GridBody {
             .check("velocities", velocities, |v| (v / scale).as_vec3())?;
         self.gpu.write_array(&self.velocities, &local)?;
         self.changes += 1;
-        self.lag = None;
+        self.previous_dt = None;
         Ok(())
     }
 
@@ -251,11 +251,11 @@ impl GridBody {
                 .map(|p| Vec3::new(p[0], p[1], p[2]).as_dvec3() * self.model.frame.scale)
                 .collect())
         };
-        let Some(lag) = self.lag else {
+        let Some(lag) = self.previous_dt else {
             return vectors(&self.velocities);
         };
-        let now = vectors(&self.positions[self.turn.now])?;
-        let before = vectors(&self.positions[self.turn.before])?;
+        let now = vectors(&self.positions[self.buffers.now])?;
+        let before = vectors(&self.positions[self.buffers.before])?;
         Ok(now
             .iter()
             .zip(before)
@@ -272,12 +272,12 @@ impl GridBody {
         let positions = self.positions()?;
         let velocities = self.velocities()?;
         let energy = self.model.energy(&positions, &velocities);
-        Ok(Report::of_positions(energy, &self.mesh, &positions))
+        Ok(Report::from_positions(energy, &self.mesh, &positions))
     }
 
     /// A number that changes whenever the body is changed from outside: its state, pins, forces,
     /// grabs or springs.
-    pub fn touched(&self) -> u64 {
+    pub fn change_count(&self) -> u64 {
         self.changes + self.loads.version()
     }
 
@@ -289,7 +289,7 @@ impl GridBody {
 
     /// Steps completed as far as is known, and simulated time in seconds.
     pub fn clock(&self) -> (u64, f64) {
-        let flight = self.flight.as_ref();
+        let flight = self.in_flight.as_ref();
         flight.map_or((self.steps, self.time), |flight| flight.clock)
     }
 
@@ -297,7 +297,7 @@ impl GridBody {
     ///
     /// # Errors
     /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
-    pub fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    pub fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         let positions = self.positions()?;
         let regions = &self.model.shape.regions;
         let there = |i: usize| regions[i] != 0;
@@ -321,7 +321,7 @@ impl GridBody {
     }
 
     /// Writes what has changed on the CPU: grabs; numbers, springs and inverse masses.
-    pub(super) fn flush(&mut self) -> Result<()> {
+    pub(super) fn upload_changes(&mut self) -> Result<()> {
         let versions = self.loads.versions;
         if !self.dirty && self.written == Some(versions) {
             return Ok(());
@@ -331,21 +331,22 @@ impl GridBody {
             || known.grabs != versions.grabs
             || known.forces != versions.forces
         {
-            let factors = &self.model.factors;
+            let factors = &self.model.stiffness_scales;
             self.grabs = GrabLists::new(&self.gpu, &self.loads, |i| factors[i] as f32)?;
             let forces = self.loads.forces().iter();
             let texels: Vec<[f32; 4]> =
                 forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
             self.gpu.write_array(&self.external, &texels)?;
-            self.touch = Touch::new(&self.gpu, &self.grabs, &self.positions, &self.external)?;
+            self.grab_passes =
+                GrabPasses::new(&self.gpu, &self.grabs, &self.positions, &self.external)?;
             let loaded = self.loads.forces().iter().any(|f| *f != DVec3::ZERO);
-            let forced = loaded || self.grabs.draws();
-            if forced != self.forced {
-                self.forced = forced;
+            let forced = loaded || self.grabs.has_springs();
+            if forced != self.has_forces {
+                self.has_forces = forced;
                 self.prepared = None;
             }
         }
-        if self.dirty || known.held != versions.held {
+        if self.dirty || known.constraints != versions.constraints {
             self.write_particles()?;
         }
         self.written = Some(versions);
@@ -353,7 +354,7 @@ impl GridBody {
     }
 
     fn write_particles(&mut self) -> Result<()> {
-        let held = self.loads.held();
+        let held = self.loads.constrained_nodes();
         let particles: Vec<[u32; 4]> = self
             .model
             .shape
@@ -374,7 +375,7 @@ impl GridBody {
 
 /// Rest positions in the local frame, and the relative stiffness of each particle.
 fn rest(model: &GridModel, mesh: &TetMesh) -> Vec<[f32; 4]> {
-    let places = mesh.nodes.iter().zip(&model.factors);
+    let places = mesh.nodes.iter().zip(&model.stiffness_scales);
     places
         .map(|(p, k)| model.frame.to_local(*p).extend(*k as f32).to_array())
         .collect()

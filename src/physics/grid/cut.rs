@@ -21,7 +21,11 @@ pub struct GridCut {
 impl GridModel {
     /// The springs that `blade` (file units) crosses where the particles stand at `positions`,
     /// each by its particle and its kind forward.
-    pub(crate) fn crossed(&self, blade: &Blade, positions: &[DVec3]) -> Vec<(usize, usize)> {
+    pub(crate) fn springs_crossing(
+        &self,
+        blade: &Blade,
+        positions: &[DVec3],
+    ) -> Vec<(usize, usize)> {
         let offsets = self.shape.offsets();
         let springs = &self.springs;
         let particles: Vec<usize> = self.shape.particles().collect();
@@ -29,7 +33,7 @@ impl GridModel {
             for i in &particles[range] {
                 let kinds = (0..SPRING_KINDS).filter(|k| springs[*i] >> (2 * k) & 1 == 1);
                 let j = |k: usize| (*i as i64 + offsets[k]) as usize;
-                let crossing = kinds.filter(|k| blade.parts(positions[*i], positions[j(*k)]));
+                let crossing = kinds.filter(|k| blade.separates(positions[*i], positions[j(*k)]));
                 crossed.extend(crossing.map(|k| (*i, k)));
             }
         })
@@ -56,7 +60,11 @@ impl GridModel {
 
 /// Leaves out of `mesh`, and of its fields, the tets that are not among those `left`, which are in
 /// its order.
-pub(crate) fn drop_tets(mesh: &mut TetMesh, topology: &mut Topology, left: &[[u32; 4]]) -> TetCut {
+pub(crate) fn retain_tets(
+    mesh: &mut TetMesh,
+    topology: &mut Topology,
+    left: &[[u32; 4]],
+) -> TetCut {
     let mut left = left.iter().peekable();
     let tets = mesh.tets.iter();
     let stays: Vec<bool> = tets
@@ -97,7 +105,7 @@ impl GridBody {
     /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`] when no cell would
     /// be left.
     pub fn cut(&mut self, blade: &Blade) -> Result<GridCut> {
-        let crossed = self.model.crossed(blade, &self.positions()?);
+        let crossed = self.model.springs_crossing(blade, &self.positions()?);
         self.erase(&crossed)
     }
 
@@ -153,7 +161,7 @@ impl GridBody {
     /// As [`Gpu::array`](crate::gpu::Gpu::array) and
     /// [`Gpu::read_array`](crate::gpu::Gpu::read_array).
     pub fn rest_normals(&mut self) -> Result<Vec<u32>> {
-        self.flush()?;
+        self.upload_changes()?;
         let rest = self.rest();
         let rest = self
             .gpu
@@ -161,8 +169,8 @@ impl GridBody {
         let unused = self
             .gpu
             .array("unused", Texel::F32x4, rest.len() as usize)?;
-        let normals = self.blank_normals()?;
-        let mut work = self.gpu.record();
+        let normals = self.undefined_normals()?;
+        let mut work = self.gpu.start_recording();
         self.normals_pass(&rest, &unused, &normals)?
             .record(&mut work);
         work.submit()?;

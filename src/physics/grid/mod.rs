@@ -16,9 +16,9 @@ mod verlet;
 
 pub use body::GridBody;
 pub use cut::GridCut;
-pub(crate) use cut::drop_tets;
+pub(crate) use cut::retain_tets;
 pub use model::GridModel;
-pub(crate) use model::isotropic;
-pub use shape::{GridShape, SPRING_KINDS, STEPS};
+pub(crate) use model::isotropic_stiffness;
+pub use shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
 pub use simulator::GpuGrid;
 pub use state::GridState;

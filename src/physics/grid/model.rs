@@ -1,9 +1,9 @@
 //! The masses and springs of a grid body, in float64 and SI units.
 
-use super::shape::{GridShape, SPRING_KINDS, STEPS};
+use super::shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::mesher::Domain;
-use crate::physics::grid::plain::GridTwin;
+use crate::physics::grid::plain::GridReference;
 use crate::physics::{Energy, Material, MaterialModel, RegionMaterial, Stiffness};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -22,7 +22,7 @@ pub struct GridModel {
     /// Equation 2 of the paper assumes a spacing of 1 and carries ½k; κ is that ½k.
     pub stiffness: [f64; SPRING_KINDS],
     /// Stiffness of each particle over the body's; a spring has the mean of its ends'.
-    pub factors: Vec<f64>,
+    pub stiffness_scales: Vec<f64>,
     /// The frame that the GPU's positions are in.
     pub frame: LocalFrame,
     /// Metres in a file unit.
@@ -35,9 +35,13 @@ impl GridModel {
     /// About `particles` particles inside `domain`, made of `material`.
     ///
     /// # Errors
-    /// As [`GridShape::carve_about`] and [`GridModel::new`].
-    pub fn carved(domain: &dyn Domain, particles: usize, material: &Material) -> Result<GridModel> {
-        let shape = GridShape::carve_about(domain, particles, DMat3::IDENTITY)?;
+    /// As [`GridShape::from_domain_with_count`] and [`GridModel::new`].
+    pub fn from_domain(
+        domain: &dyn Domain,
+        particles: usize,
+        material: &Material,
+    ) -> Result<GridModel> {
+        let shape = GridShape::from_domain_with_count(domain, particles, DMat3::IDENTITY)?;
         GridModel::new(shape, material)
     }
 
@@ -45,7 +49,7 @@ impl GridModel {
     ///
     /// Of Young's modulus: κ by kind such that the grid is isotropic with that modulus and a
     /// Poisson ratio of ¼, whatever its spacing; with equal spacing s, all κ are 0.4 E s. Of a
-    /// uniform stiffness, all κ are that. `damping_time`, `damping` and `factor_field` of the
+    /// uniform stiffness, all κ are that. `damping_time`, `damping` and `stiffness_scale_field` of the
     /// material do not apply here; `regions` do, by the particles' regions.
     ///
     /// # Errors
@@ -82,7 +86,7 @@ impl GridModel {
         };
         let stiffness = match material.stiffness {
             Stiffness::Uniform(_) => [body; SPRING_KINDS],
-            Stiffness::Young(_) => isotropic(shape.spacing * unit, body)?,
+            Stiffness::Young(_) => isotropic_stiffness(shape.spacing * unit, body)?,
         };
         let over = |k: f64| if body > 0.0 { k / body } else { 0.0 };
         let masses: Vec<f64> = shape
@@ -99,7 +103,7 @@ impl GridModel {
             springs: shape.springs(),
             masses,
             stiffness,
-            factors: shape
+            stiffness_scales: shape
                 .regions
                 .iter()
                 .map(|r| if *r == 0 { 0.0 } else { over(of(*r).stiffness) })
@@ -113,7 +117,7 @@ impl GridModel {
 
     /// A step that is surely stable, in seconds: h = 2/ω, with ω² at most twice the largest sum
     /// of κ/m around a particle (Gershgorin). The true limit is a little larger.
-    pub fn stable_step(&self) -> f64 {
+    pub fn conservative_step(&self) -> f64 {
         let worst = self
             .shape
             .particles()
@@ -125,7 +129,7 @@ impl GridModel {
                     .sum();
                 // A neighbour may be stiffer than the particle itself.
                 let stiffest = self.stiffest_around(i, springs);
-                2.0 * 0.5 * (self.factors[i] + stiffest) * sum / self.masses[i]
+                2.0 * 0.5 * (self.stiffness_scales[i] + stiffest) * sum / self.masses[i]
             })
             .fold(0.0, f64::max);
         if worst > 0.0 {
@@ -141,9 +145,9 @@ impl GridModel {
             .filter(|bit| springs >> bit & 1 == 1)
             .map(|bit| {
                 let step = if bit % 2 == 0 { 1 } else { -1 } * offsets[bit / 2];
-                self.factors[(i as i64 + step) as usize]
+                self.stiffness_scales[(i as i64 + step) as usize]
             })
-            .fold(self.factors[i], f64::max)
+            .fold(self.stiffness_scales[i], f64::max)
     }
 
     /// Refuses a mesh that is not the one over its full cells, to which fields may have been given.
@@ -166,7 +170,8 @@ impl GridModel {
             kinetic += 0.5 * self.masses[i] * (velocities[i] * unit).length_squared();
             for k in (0..SPRING_KINDS).filter(|k| self.springs[i] >> (2 * k) & 1 == 1) {
                 let j = (i as i64 + offsets[k]) as usize;
-                let stiffness = 0.5 * (self.factors[i] + self.factors[j]) * self.stiffness[k];
+                let stiffness =
+                    0.5 * (self.stiffness_scales[i] + self.stiffness_scales[j]) * self.stiffness[k];
                 let stretch = (positions[i].distance(positions[j]) - lengths[k]) * unit;
                 elastic += 0.5 * stiffness * stretch * stretch;
             }
@@ -179,7 +184,7 @@ impl GridModel {
     }
 
     /// The two particles that each spring ties.
-    pub fn ties(&self) -> Vec<[u32; 2]> {
+    pub fn spring_pairs(&self) -> Vec<[u32; 2]> {
         let offsets = self.shape.offsets();
         let forward = self.shape.particles().flat_map(|i| {
             let kinds = (0..SPRING_KINDS).filter(move |k| self.springs[i] >> (2 * k) & 1 == 1);
@@ -189,17 +194,17 @@ impl GridModel {
     }
 
     /// The particles' places at rest, in metres from the frame's origin.
-    pub(crate) fn places(&self) -> Vec<DVec3> {
+    pub(crate) fn rest_positions_m(&self) -> Vec<DVec3> {
         (0..self.shape.regions.len())
-            .map(|i| (self.shape.place(i) - self.frame.origin) * self.length_unit)
+            .map(|i| (self.shape.rest_position(i) - self.frame.origin) * self.length_unit)
             .collect()
     }
 
     /// The particles at rest in float64, in metres from the frame's origin: what engines are held
     /// against.
-    pub fn twin(&self) -> GridTwin {
-        let x = self.places();
-        GridTwin {
+    pub fn reference(&self) -> GridReference {
+        let x = self.rest_positions_m();
+        GridReference {
             previous: x.clone(),
             springs: self.springs.clone(),
             inverse_masses: self
@@ -207,7 +212,7 @@ impl GridModel {
                 .iter()
                 .map(|m| if *m > 0.0 { 1.0 / m } else { 0.0 })
                 .collect(),
-            factors: self.factors.clone(),
+            factors: self.stiffness_scales.clone(),
             forces: vec![DVec3::ZERO; x.len()],
             offsets: self.shape.offsets(),
             lengths: self.shape.rest_lengths().map(|l| l * self.length_unit),
@@ -222,11 +227,11 @@ impl GridModel {
 
 /// κ of every kind for Young's modulus `young` at a spacing in metres: the springs' stiffness
 /// tensor is then λ = μ = young / 2.5 in all directions.
-pub(crate) fn isotropic(spacing: DVec3, young: f64) -> Result<[f64; SPRING_KINDS]> {
+pub(crate) fn isotropic_stiffness(spacing: DVec3, young: f64) -> Result<[f64; SPRING_KINDS]> {
     let mu = young / 2.5;
     let s = spacing.to_array();
     let mut stiffness = [0.0; SPRING_KINDS];
-    for (k, step) in STEPS.iter().enumerate() {
+    for (k, step) in SPRING_OFFSETS.iter().enumerate() {
         let along: Vec<usize> = (0..3).filter(|a| step[*a] != 0).collect();
         stiffness[k] = match along.as_slice() {
             [a] => {

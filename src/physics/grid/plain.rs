@@ -3,7 +3,7 @@
 
 use crate::parallel;
 
-macro_rules! grid_twin {
+macro_rules! grid_reference {
     ($(#[$doc:meta])* $name:ident, $real:ty, $vector:ty) => {
         $(#[$doc])*
         #[derive(Clone, Debug)]
@@ -102,25 +102,25 @@ macro_rules! grid_twin {
     };
 }
 
-grid_twin!(
+grid_reference!(
     /// The particles in float64, SI units.
-    GridTwin,
+    GridReference,
     f64,
     glam::DVec3
 );
-grid_twin!(
+grid_reference!(
     /// The same in float32: a plain loop over the particles, to be measured against.
-    GridTwin32,
+    GridReferenceF32,
     f32,
     glam::Vec3
 );
 
-impl GridTwin {
+impl GridReference {
     /// The same particles in float32.
-    pub fn single(&self) -> GridTwin32 {
+    pub fn to_f32(&self) -> GridReferenceF32 {
         let vectors = |v: &[glam::DVec3]| v.iter().map(|p| p.as_vec3()).collect();
         let reals = |v: &[f64]| v.iter().map(|x| *x as f32).collect();
-        GridTwin32 {
+        GridReferenceF32 {
             x: vectors(&self.x),
             previous: vectors(&self.previous),
             springs: self.springs.clone(),

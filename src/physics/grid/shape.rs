@@ -14,7 +14,7 @@ const MOST: usize = 1 << 27;
 pub const SPRING_KINDS: usize = 9;
 
 /// The neighbour that a spring of each kind leads to, in steps of the grid.
-pub const STEPS: [[i64; 3]; SPRING_KINDS] = [
+pub const SPRING_OFFSETS: [[i64; 3]; SPRING_KINDS] = [
     [1, 0, 0],
     [0, 1, 0],
     [0, 0, 1],
@@ -28,7 +28,7 @@ pub const STEPS: [[i64; 3]; SPRING_KINDS] = [
 
 /// Of the springs' unit vectors around a node, summed: where they come to less than this, the
 /// node has no side that it could face. A flat surface gives 3.8.
-pub const LEAST_NORMAL: f64 = 0.5;
+pub const MIN_NORMAL_SUM: f64 = 0.5;
 
 /// Six tets of a cell whose corners are numbered x + 2 y + 4 z.
 const TETS: [[usize; 4]; 6] = [
@@ -68,7 +68,7 @@ impl GridShape {
     ///
     /// # Errors
     /// [`Error::Input`] for a spacing or axes that make no sense, too many particles, or none.
-    pub fn carve(domain: &dyn Domain, spacing: DVec3, axes: DMat3) -> Result<GridShape> {
+    pub fn from_domain(domain: &dyn Domain, spacing: DVec3, axes: DMat3) -> Result<GridShape> {
         check(spacing, axes)?;
         let (low, high) = domain.bounds();
         let corners = (0..8).map(|c| {
@@ -106,7 +106,7 @@ impl GridShape {
             let mut weights = Vec::new();
             regions.extend(range.map(|i| match shape.is_border(i) {
                 true => 0,
-                false => region_at(domain, shape.place(i), &mut weights),
+                false => region_at(domain, shape.rest_position(i), &mut weights),
             }));
         });
         let last = shape.regions.iter().copied().max().unwrap_or(0);
@@ -119,12 +119,16 @@ impl GridShape {
         }
     }
 
-    /// As [`GridShape::carve`], with the spacing that gives about `wanted` particles, as far
+    /// As [`GridShape::from_domain`], with the spacing that gives about `wanted` particles, as far
     /// apart along all axes.
     ///
     /// # Errors
-    /// As [`GridShape::carve`].
-    pub fn carve_about(domain: &dyn Domain, wanted: usize, axes: DMat3) -> Result<GridShape> {
+    /// As [`GridShape::from_domain`].
+    pub fn from_domain_with_count(
+        domain: &dyn Domain,
+        wanted: usize,
+        axes: DMat3,
+    ) -> Result<GridShape> {
         if !(8..=MOST / 4).contains(&wanted) {
             return Err(Error::Input(format!(
                 "a grid of about {wanted} particles cannot be made; ask for 8 to {}",
@@ -136,7 +140,7 @@ impl GridShape {
         let mut spacing = (2.0 * volume / wanted as f64).cbrt();
         let mut best: Option<(f64, GridShape)> = None;
         for _ in 0..10 {
-            let shape = match GridShape::carve(domain, DVec3::splat(spacing), axes) {
+            let shape = match GridShape::from_domain(domain, DVec3::splat(spacing), axes) {
                 Ok(shape) => shape,
                 Err(_) if best.is_none() && spacing > 1e-3 * volume.cbrt() => {
                     spacing *= 0.5;
@@ -170,7 +174,7 @@ impl GridShape {
     }
 
     /// Where particle `i` is at rest, in file units.
-    pub fn place(&self, i: usize) -> DVec3 {
+    pub fn rest_position(&self, i: usize) -> DVec3 {
         let [x, y, z] = self.coordinates(i).map(|n| n as f64);
         self.origin + self.axes * (self.spacing * DVec3::new(x, y, z))
     }
@@ -178,12 +182,12 @@ impl GridShape {
     /// From a particle's number to that of its neighbour along a spring of each kind.
     pub fn offsets(&self) -> [i64; SPRING_KINDS] {
         let [nx, ny, _] = self.size.map(|n| n as i64);
-        STEPS.map(|[x, y, z]| x + nx * (y + ny * z))
+        SPRING_OFFSETS.map(|[x, y, z]| x + nx * (y + ny * z))
     }
 
     /// The rest length of the springs of each kind, in file units.
     pub fn rest_lengths(&self) -> [f64; SPRING_KINDS] {
-        STEPS.map(|s| (self.spacing * DVec3::from(s.map(|n| n as f64))).length())
+        SPRING_OFFSETS.map(|s| (self.spacing * DVec3::from(s.map(|n| n as f64))).length())
     }
 
     /// The springs of every particle: bit 2 k leads forward along kind k, bit 2 k + 1 back.
@@ -204,18 +208,18 @@ impl GridShape {
     /// body is one particle thin.
     pub fn rest_normal(&self, springs: u32) -> Option<DVec3> {
         let mut sum = DVec3::ZERO;
-        for (k, step) in STEPS.iter().enumerate() {
+        for (k, step) in SPRING_OFFSETS.iter().enumerate() {
             let along = self.spacing * DVec3::from(step.map(|n| n as f64));
             let along = self.axes * along.normalize();
             sum -= f64::from(springs >> (2 * k) & 1) * along;
             sum += f64::from(springs >> (2 * k + 1) & 1) * along;
         }
-        (sum.length() >= LEAST_NORMAL).then(|| sum.normalize())
+        (sum.length() >= MIN_NORMAL_SUM).then(|| sum.normalize())
     }
 
     /// The particles on the surface whose approximate normal is undefined: those where the body
     /// is one particle thin.
-    pub fn thin(&self) -> Vec<u32> {
+    pub fn undefined_normal_particles(&self) -> Vec<u32> {
         let springs = self.springs();
         let all = (1 << (2 * SPRING_KINDS)) - 1;
         let thin = |i: &usize| springs[*i] != all && self.rest_normal(springs[*i]).is_none();
@@ -236,7 +240,7 @@ impl GridShape {
             .flat_map(|c| (0..SPRING_KINDS).map(move |k| (c, k)))
             .filter(|(c, k)| {
                 let at = [c & 1, c >> 1 & 1, c >> 2].map(|n| n as i64);
-                (0..3).all(|a| (0..=1).contains(&(at[a] + STEPS[*k][a])))
+                (0..3).all(|a| (0..=1).contains(&(at[a] + SPRING_OFFSETS[*k][a])))
             })
             .collect();
         let frame = self.frame();
@@ -252,11 +256,11 @@ impl GridShape {
             }
             for tet in TETS {
                 let mut tet = tet.map(|c| (i + corner(c)) as u32);
-                if signed_volume(tet.map(|v| self.place(v as usize))) < 0.0 {
+                if signed_volume(tet.map(|v| self.rest_position(v as usize))) < 0.0 {
                     tet.swap(1, 2);
                 }
                 tets.push(tet);
-                labels.push(self.majority(&tet));
+                labels.push(self.majority_label(&tet));
             }
         }
         if tets.is_empty() {
@@ -267,7 +271,7 @@ impl GridShape {
         let nodes = (0..self.regions.len())
             .map(|i| match self.regions[i] {
                 0 => frame.origin,
-                _ => self.place(i),
+                _ => self.rest_position(i),
             })
             .collect();
         let label = Field {
@@ -289,9 +293,9 @@ impl GridShape {
 
     /// The local frame of the body at rest.
     pub fn frame(&self) -> LocalFrame {
-        let places: Vec<DVec3> = self.particles().map(|i| self.place(i)).collect();
+        let places: Vec<DVec3> = self.particles().map(|i| self.rest_position(i)).collect();
         let (low, high) = bounds(&places);
-        LocalFrame::of_bounds(low, high)
+        LocalFrame::from_bounds(low, high)
     }
 
     /// The label of a region.
@@ -302,7 +306,7 @@ impl GridShape {
     }
 
     /// The label that most corners of a tet belong to, the lowest of several.
-    fn majority(&self, tet: &[u32; 4]) -> f64 {
+    fn majority_label(&self, tet: &[u32; 4]) -> f64 {
         let regions = tet.map(|v| self.regions[v as usize]);
         let count = |r: u16| regions.iter().filter(|s| **s == r).count();
         let best = regions.iter().max_by_key(|r| (count(**r), u16::MAX - **r));

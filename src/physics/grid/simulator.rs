@@ -1,12 +1,12 @@
 //! A grid body as a simulator, stepped on the GPU.
 
 use super::GridBody;
-use super::cut::drop_tets;
+use super::cut::retain_tets;
 use crate::gpu::{Array, Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::{
-    ConjugateGradients, Engine, GrabId, Grip, Loads, Nodes, Pose, Progress, Report, Simulator,
-    SimulatorState, SolverKind, StepRecord, TopologyChange,
+    CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, Report, Simulator,
+    SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -34,9 +34,9 @@ impl GpuGrid {
         })
     }
 
-    fn progress_now(&self) -> Progress {
+    fn progress_now(&self) -> StepProgress {
         let (steps, time) = self.body.clock();
-        Progress {
+        StepProgress {
             steps,
             time,
             last: StepRecord::default(),
@@ -65,11 +65,11 @@ impl Simulator for GpuGrid {
         &self.body.model().masses
     }
 
-    fn springs(&self) -> Vec<[u32; 2]> {
-        self.body.model().ties()
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+        self.body.model().spring_pairs()
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, _: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, _: CgSettings) -> Result<()> {
         match kind {
             SolverKind::Verlet => Ok(()),
             kind => Err(Error::Input(format!(
@@ -79,19 +79,19 @@ impl Simulator for GpuGrid {
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
-        Some(self.body.model().stable_step())
+        Some(self.body.model().conservative_step())
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
         self.body.advance(steps, dt)
     }
 
-    fn progress(&mut self) -> Result<Progress> {
-        self.body.look(false)?;
+    fn progress(&mut self) -> Result<StepProgress> {
+        self.body.poll(false)?;
         Ok(self.progress_now())
     }
 
-    fn finish(&mut self) -> Result<Progress> {
+    fn finish(&mut self) -> Result<StepProgress> {
         self.body.finish()?;
         Ok(self.progress_now())
     }
@@ -104,11 +104,11 @@ impl Simulator for GpuGrid {
         Ok(Vec::new())
     }
 
-    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
         Ok(())
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         self.body.nodes()
     }
 
@@ -141,14 +141,14 @@ impl Simulator for GpuGrid {
         self.body.loads_mut()
     }
 
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         self.body.grab(centre, radius, grip)
     }
 
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
         let cut = self.body.cut(blade)?;
         Ok(TopologyChange {
-            mesh: drop_tets(&mut self.mesh, &mut self.topology, &self.body.mesh().tets),
+            mesh: retain_tets(&mut self.mesh, &mut self.topology, &self.body.mesh().tets),
             springs: cut.springs,
         })
     }
@@ -157,12 +157,12 @@ impl Simulator for GpuGrid {
         self.body.report()
     }
 
-    fn speed(&self) -> f64 {
+    fn rms_speed(&self) -> f64 {
         self.body.speed()
     }
 
-    fn touched(&self) -> u64 {
-        self.body.touched()
+    fn change_count(&self) -> u64 {
+        self.body.change_count()
     }
 
     fn state(&self) -> Result<SimulatorState> {
@@ -178,15 +178,15 @@ impl Simulator for GpuGrid {
         }
     }
 
-    fn pose(&self) -> Result<Pose> {
-        Ok(Pose {
+    fn pose(&self) -> Result<ExactPositions> {
+        Ok(ExactPositions {
             positions: self.gpu.read_array(self.body.nodes().array())?,
             normals: self.gpu.read_array(self.body.normals())?,
-            ..Pose::default()
+            ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &Pose) -> Result<()> {
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
         self.body.stand_at(&pose.positions, &pose.normals)
     }
 }

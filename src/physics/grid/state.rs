@@ -1,9 +1,9 @@
 //! The whole state of a grid body, out of the GPU and back to the bit.
 
 use super::body::GridBody;
-use super::verlet::Turn;
+use super::verlet::BufferIndices;
 use crate::physics::loads::LoadsState;
-use crate::physics::state::put_back;
+use crate::physics::state::restore_array;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
@@ -38,8 +38,8 @@ impl GridBody {
             normals: gpu.read_array(&self.normals)?,
             velocities: gpu.read_array(&self.velocities)?,
             external: gpu.read_array(&self.external)?,
-            turn: [self.turn.now as u8, self.turn.before as u8],
-            lag: self.lag,
+            turn: [self.buffers.now as u8, self.buffers.before as u8],
+            lag: self.previous_dt,
             steps: self.steps,
             time: self.time,
             changes: self.changes,
@@ -62,28 +62,28 @@ impl GridBody {
             ));
         }
         for (array, texels) in self.positions.iter().zip(&state.positions) {
-            put_back(&self.gpu, array, texels)?;
+            restore_array(&self.gpu, array, texels)?;
         }
-        put_back(&self.gpu, &self.normals, &state.normals)?;
-        put_back(&self.gpu, &self.velocities, &state.velocities)?;
-        put_back(&self.gpu, &self.external, &state.external)?;
+        restore_array(&self.gpu, &self.normals, &state.normals)?;
+        restore_array(&self.gpu, &self.velocities, &state.velocities)?;
+        restore_array(&self.gpu, &self.external, &state.external)?;
         self.loads.set_state(&state.loads)?;
         self.written = None;
-        self.turn = Turn { now, before };
-        self.lag = state.lag;
+        self.buffers = BufferIndices { now, before };
+        self.previous_dt = state.lag;
         (self.steps, self.time) = (state.steps, state.time);
         (self.changes, self.speed) = (state.changes, state.speed);
         self.dirty = true;
-        self.errands.clear();
-        self.flight = None;
+        self.pending_steps.clear();
+        self.in_flight = None;
         self.ring.clear();
         Ok(())
     }
 
     /// Puts the particles where a cut found them, with the normals they had there.
     pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]], normals: &[u32]) -> Result<()> {
-        put_back(&self.gpu, self.nodes.array(), texels)?;
-        put_back(&self.gpu, &self.normals, normals)?;
+        restore_array(&self.gpu, self.nodes.array(), texels)?;
+        restore_array(&self.gpu, &self.normals, normals)?;
         Ok(())
     }
 }

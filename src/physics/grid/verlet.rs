@@ -2,7 +2,7 @@
 //! next.
 
 use super::body::GridBody;
-use super::shape::LEAST_NORMAL;
+use super::shape::MIN_NORMAL_SUM;
 use crate::gpu::{Array, Gpu, Pass, Recorder};
 use crate::physics::grab_lists::GrabLists;
 use crate::{Error, FailureCause, Result};
@@ -15,8 +15,8 @@ mod gpu_data {
             pub springs: [[f32; 4]; 9],
             pub pull: [f32; 4],
             pub count: u32,
-            pub kept: f32,
-            pub gain: f32,
+            pub damping_factor: f32,
+            pub acceleration_scale: f32,
             pub least_normal: f32,
         }
     }
@@ -38,7 +38,7 @@ mod gpu_data {
     crate::gpu_struct! {
         /// See `shaders/physics/grid_check.wgsl`.
         pub struct GridStatus {
-            pub lost: f32,
+            pub out_of_range: f32,
             pub motion: f32,
             pub reach: f32,
             pub _pad0: u32,
@@ -48,28 +48,28 @@ mod gpu_data {
 use gpu_data::{GridCheckParams, GridParams, GridStatus, StartParams};
 
 /// A body farther than this from the middle of its frame, in its own sizes, has run away.
-const FARTHEST: f32 = 1e4;
+const MAX_DISTANCE: f32 = 1e4;
 
 /// Steps in one submit.
 const STEPS_A_SUBMIT: u32 = 256;
 
 /// Which of the three arrays of positions hold the last step, and the one before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Turn {
+pub(super) struct BufferIndices {
     pub now: usize,
     pub before: usize,
 }
 
-impl Turn {
-    pub const FIRST: Turn = Turn { now: 0, before: 1 };
+impl BufferIndices {
+    pub const FIRST: BufferIndices = BufferIndices { now: 0, before: 1 };
 
     /// The array that is free.
     fn next(self) -> usize {
         3 - self.now - self.before
     }
 
-    fn step(self) -> Turn {
-        Turn {
+    fn step(self) -> BufferIndices {
+        BufferIndices {
             now: self.next(),
             before: self.now,
         }
@@ -82,27 +82,27 @@ pub(super) struct Prepared {
     dt: f64,
     gravity: DVec3,
     /// For each turn: the step, and the step that writes normals too.
-    steps: Vec<(Turn, [Pass; 2])>,
+    steps: Vec<(BufferIndices, [Pass; 2])>,
 }
 
 /// The passes of the grabs: for each array of positions what holds particles there, and what
 /// draws them from there.
 #[derive(Debug, Default)]
-pub(super) struct Touch {
+pub(super) struct GrabPasses {
     hold: Vec<Option<Pass>>,
     draw: Vec<Option<Pass>>,
 }
 
-impl Touch {
+impl GrabPasses {
     pub fn new(
         gpu: &Gpu,
         grabs: &GrabLists,
         positions: &[Array; 3],
         external: &Array,
-    ) -> Result<Touch> {
+    ) -> Result<GrabPasses> {
         let hold = positions.iter().map(|p| grabs.hold_pass(gpu, p));
         let draw = positions.iter().map(|p| grabs.draw_pass(gpu, p, external));
-        Ok(Touch {
+        Ok(GrabPasses {
             hold: hold.collect::<Result<_>>()?,
             draw: draw.collect::<Result<_>>()?,
         })
@@ -111,8 +111,8 @@ impl Touch {
 
 /// Steps under way, and what is to be restored if they fail.
 #[derive(Debug)]
-pub(super) struct Flight {
-    turn: Turn,
+pub(super) struct InFlightSteps {
+    turn: BufferIndices,
     lag: Option<f64>,
     /// Steps and time before them.
     pub clock: (u64, f64),
@@ -155,19 +155,19 @@ impl GridBody {
     pub fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
         check(dt)?;
         if steps > 0 {
-            self.errands.push_back((steps, dt));
+            self.pending_steps.push_back((steps, dt));
         }
-        self.launch()
+        self.submit_pending()
     }
 
     /// Waits for all steps asked for.
     ///
     /// # Errors
-    /// As [`GridBody::look`].
+    /// As [`GridBody::poll`].
     pub fn finish(&mut self) -> Result<()> {
-        while self.ring.flying() > 0 || !self.errands.is_empty() {
-            self.launch()?;
-            self.look(true)?;
+        while self.ring.in_flight() > 0 || !self.pending_steps.is_empty() {
+            self.submit_pending()?;
+            self.poll(true)?;
         }
         Ok(())
     }
@@ -177,44 +177,44 @@ impl GridBody {
     /// # Errors
     /// [`Error::Solver`] when particles were lost: the body stands where it was before the last
     /// submit of at most 256 steps, and those left are dropped.
-    pub fn look(&mut self, wait: bool) -> Result<()> {
-        let Some(status) = self.ring.arrived::<GridStatus>(wait)? else {
+    pub fn poll(&mut self, wait: bool) -> Result<()> {
+        let Some(status) = self.ring.next_completed::<GridStatus>(wait)? else {
             return Ok(());
         };
-        if let (Some(flight), Some(status)) = (self.flight.take(), status.first()) {
+        if let (Some(flight), Some(status)) = (self.in_flight.take(), status.first()) {
             let dt = flight.dt;
-            let sound = status.lost == 0.0 && status.reach < FARTHEST * FARTHEST;
+            let sound = status.out_of_range == 0.0 && status.reach < MAX_DISTANCE * MAX_DISTANCE;
             if !sound {
-                self.errands.clear();
-                self.fall_back(&flight)?;
+                self.pending_steps.clear();
+                self.restore_backup(&flight)?;
                 return Err(self.failure(flight.steps, dt));
             }
             let mean = f64::from(status.motion) / f64::from(self.particles.len());
             self.speed = mean.sqrt() / dt;
         }
-        self.launch()
+        self.submit_pending()
     }
 
     /// Submits steps that were asked for, where none are under way.
-    fn launch(&mut self) -> Result<()> {
-        if self.ring.flying() > 0 {
+    fn submit_pending(&mut self) -> Result<()> {
+        if self.ring.in_flight() > 0 {
             return Ok(());
         }
-        let Some((left, dt)) = self.errands.pop_front() else {
+        let Some((left, dt)) = self.pending_steps.pop_front() else {
             return Ok(());
         };
         let some = left.min(STEPS_A_SUBMIT);
         if left > some {
-            self.errands.push_front((left - some, dt));
+            self.pending_steps.push_front((left - some, dt));
         }
-        let flight = Flight {
-            turn: self.turn,
-            lag: self.lag,
+        let flight = InFlightSteps {
+            turn: self.buffers,
+            lag: self.previous_dt,
             clock: (self.steps, self.time),
             steps: some,
             dt,
         };
-        let mut work = self.gpu.record();
+        let mut work = self.gpu.start_recording();
         for (backup, n) in self
             .backup
             .iter()
@@ -224,14 +224,14 @@ impl GridBody {
         }
         self.record(&mut work, some, dt)?;
         self.check(&mut work)?;
-        self.flight = Some(flight);
+        self.in_flight = Some(flight);
         self.ring.submit(work, &self.status)
     }
 
     /// Puts the body back to where it was before a flight.
-    fn fall_back(&mut self, flight: &Flight) -> Result<()> {
-        let mut work = self.gpu.record();
-        (self.turn, self.lag) = (flight.turn, flight.lag);
+    fn restore_backup(&mut self, flight: &InFlightSteps) -> Result<()> {
+        let mut work = self.gpu.start_recording();
+        (self.buffers, self.previous_dt) = (flight.turn, flight.lag);
         (self.steps, self.time) = flight.clock;
         for (backup, n) in self
             .backup
@@ -254,7 +254,7 @@ impl GridBody {
         if steps == 0 {
             return Ok(());
         }
-        self.flush()?;
+        self.upload_changes()?;
         let gravity = self.loads.gravity();
         let known = self.prepared.take();
         let known = known.filter(|p| p.dt == dt && p.gravity == gravity);
@@ -263,26 +263,26 @@ impl GridBody {
             None => self.prepare(dt)?,
         };
         let mut first = false;
-        if self.lag != Some(dt) {
-            first = self.lag.is_none();
+        if self.previous_dt != Some(dt) {
+            first = self.previous_dt.is_none();
             self.start(dt)?.record(work);
             // The start is written into the free array, in place of the position before.
-            self.turn.before = self.turn.next();
+            self.buffers.before = self.buffers.next();
         }
-        self.lag = Some(dt);
+        self.previous_dt = Some(dt);
         for step in 0..steps {
-            let turn = self.turn;
-            record(&self.touch.draw, turn.now, work);
+            let turn = self.buffers;
+            record(&self.grab_passes.draw, turn.now, work);
             if first && step == 0 {
                 // Made for this turn alone.
                 self.step_pass(dt, turn, steps == 1, 0.5)?.record(work);
             } else if let Some((_, passes)) = prepared.steps.iter().find(|s| s.0 == turn) {
                 passes[usize::from(step + 1 == steps)].record(work);
             }
-            self.turn = turn.step();
-            record(&self.touch.hold, self.turn.now, work);
+            self.buffers = turn.step();
+            record(&self.grab_passes.hold, self.buffers.now, work);
         }
-        self.bring_home(work);
+        self.copy_to_public_array(work);
         self.prepared = Some(prepared);
         self.steps += u64::from(steps);
         self.time += f64::from(steps) * dt;
@@ -290,24 +290,24 @@ impl GridBody {
     }
 
     /// Brings the last positions into the array that others know.
-    fn bring_home(&mut self, work: &mut Recorder) {
-        let Turn { now, before } = self.turn;
+    fn copy_to_public_array(&mut self, work: &mut Recorder) {
+        let BufferIndices { now, before } = self.buffers;
         if now == 0 {
             return;
         }
         if before == 0 {
-            let free = self.turn.next();
+            let free = self.buffers.next();
             work.copy_array(&self.positions[0], &self.positions[free]);
-            self.turn.before = free;
+            self.buffers.before = free;
         }
         work.copy_array(&self.positions[now], &self.positions[0]);
-        self.turn.now = 0;
+        self.buffers.now = 0;
     }
 
     fn prepare(&self, dt: f64) -> Result<Prepared> {
         let turns = (0..3).flat_map(|now| {
             let others = (0..3).filter(move |before| *before != now);
-            others.map(move |before| Turn { now, before })
+            others.map(move |before| BufferIndices { now, before })
         });
         let steps = turns
             .map(|turn| {
@@ -323,7 +323,7 @@ impl GridBody {
     }
 
     /// The pass of a step: `share` of the acceleration acts.
-    fn step_pass(&self, dt: f64, turn: Turn, normals: bool, share: f64) -> Result<Pass> {
+    fn step_pass(&self, dt: f64, turn: BufferIndices, normals: bool, share: f64) -> Result<Pass> {
         let model = &self.model;
         let length = model.frame.scale * model.length_unit;
         let gain = 1.0 / (1.0 + 0.5 * model.damping * dt);
@@ -343,15 +343,15 @@ impl GridBody {
             springs,
             pull: gravity.extend((rate / length) as f32).to_array(),
             count: self.particles.len(),
-            kept: ((1.0 - 0.5 * model.damping * dt) * gain) as f32,
-            gain: gain as f32,
-            least_normal: LEAST_NORMAL as f32,
+            damping_factor: ((1.0 - 0.5 * model.damping * dt) * gain) as f32,
+            acceleration_scale: gain as f32,
+            least_normal: MIN_NORMAL_SUM as f32,
         };
         let flag = |on: bool| f64::from(u8::from(on));
         self.gpu
             .pass("physics/grid_verlet")
             .constant("NORMALS", flag(normals))
-            .constant("EXTERNAL", flag(self.forced))
+            .constant("EXTERNAL", flag(self.has_forces))
             .read(&self.positions[turn.now])
             .read(&self.positions[turn.before])
             .read(&self.particles)
@@ -359,17 +359,17 @@ impl GridBody {
             .write(&self.positions[turn.next()])
             .write(&self.normals)
             .params(&params)
-            .over(self.particles.len())
+            .dispatch_items(self.particles.len())
     }
 
     /// Makes the normals of the present positions, with the springs there are; steps do so
     /// themselves.
     pub(super) fn refresh_normals(&mut self) -> Result<()> {
-        self.flush()?;
+        self.upload_changes()?;
         // The next step overwrites the free array.
-        let free = &self.positions[self.turn.next()];
-        let pass = self.normals_pass(&self.positions[self.turn.now], free, &self.normals)?;
-        let mut work = self.gpu.record();
+        let free = &self.positions[self.buffers.next()];
+        let pass = self.normals_pass(&self.positions[self.buffers.now], free, &self.normals)?;
+        let mut work = self.gpu.start_recording();
         pass.record(&mut work);
         work.submit()
     }
@@ -388,9 +388,9 @@ impl GridBody {
             springs: std::array::from_fn(|k| [offset(k), 0.0, 0.0, 0.0]),
             pull: [0.0; 4],
             count: self.particles.len(),
-            kept: 0.0,
-            gain: 0.0,
-            least_normal: LEAST_NORMAL as f32,
+            damping_factor: 0.0,
+            acceleration_scale: 0.0,
+            least_normal: MIN_NORMAL_SUM as f32,
         };
         self.gpu
             .pass("physics/grid_verlet")
@@ -403,16 +403,16 @@ impl GridBody {
             .write(unused)
             .write(normals)
             .params(&params)
-            .over(self.particles.len())
+            .dispatch_items(self.particles.len())
     }
 
     /// The pass that makes the position before the first step of `dt`.
     fn start(&self, dt: f64) -> Result<Pass> {
         let params = StartParams {
             count: self.particles.len(),
-            ratio: self.lag.map_or(0.0, |lag| dt / lag) as f32,
+            ratio: self.previous_dt.map_or(0.0, |lag| dt / lag) as f32,
             // Such that the first step, with its damping, is exact to second order.
-            h: match self.lag {
+            h: match self.previous_dt {
                 None => (dt * (1.0 + 0.5 * self.model.damping * dt)) as f32,
                 Some(_) => 0.0,
             },
@@ -420,13 +420,13 @@ impl GridBody {
         };
         self.gpu
             .pass("physics/grid_start")
-            .read(&self.positions[self.turn.now])
-            .read(&self.positions[self.turn.before])
+            .read(&self.positions[self.buffers.now])
+            .read(&self.positions[self.buffers.before])
             .read(&self.velocities)
             .read(&self.particles)
-            .write(&self.positions[self.turn.next()])
+            .write(&self.positions[self.buffers.next()])
             .params(&params)
-            .over(self.particles.len())
+            .dispatch_items(self.particles.len())
     }
 
     fn check(&self, work: &mut Recorder) -> Result<()> {
@@ -435,18 +435,18 @@ impl GridBody {
         };
         self.gpu
             .pass("physics/grid_check")
-            .read(&self.positions[self.turn.now])
-            .read(&self.positions[self.turn.before])
+            .read(&self.positions[self.buffers.now])
+            .read(&self.positions[self.buffers.before])
             .read(&self.particles)
             .write(&self.status)
             .params(&params)
-            .over_groups([1, 1, 1])?
+            .dispatch_workgroups([1, 1, 1])?
             .record(work);
         Ok(())
     }
 
     fn failure(&self, steps: u32, dt: f64) -> Error {
-        let stable = self.model.stable_step();
+        let stable = self.model.conservative_step();
         let advice = match dt > stable {
             true => format!("use --dt {stable:.3e} or less"),
             false => "the forces on it are too large, or its particles were moved too far".into(),

@@ -2,16 +2,16 @@
 //!
 //! Everything is in SI units, positions in metres from the network's origin.
 
-use crate::physics::{Damping, NodeTerm, Spring, SpringNetwork};
+use crate::physics::{Damping, DiscreteModel, NodeTerm, Spring};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A network that can be pushed and held, and its state.
 #[derive(Clone, Debug)]
-pub struct Particles {
+pub struct ReferenceSprings {
     /// Masses and springs.
-    pub network: SpringNetwork,
+    pub network: DiscreteModel,
     /// Positions, m.
     pub x: Vec<DVec3>,
     /// Velocities, m/s.
@@ -28,18 +28,18 @@ pub struct Particles {
     rows: Vec<Vec<u32>>,
 }
 
-impl Particles {
+impl ReferenceSprings {
     /// The particles of `network`, at rest.
-    pub fn new(network: SpringNetwork) -> Particles {
-        let nodes = network.rest.len();
+    pub fn new(network: DiscreteModel) -> ReferenceSprings {
+        let nodes = network.rest_positions.len();
         let mut rows = vec![Vec::new(); nodes];
         for (s, spring) in network.springs.iter().enumerate() {
             for v in spring.nodes {
                 rows[v as usize].push(s as u32);
             }
         }
-        Particles {
-            x: network.rest.clone(),
+        ReferenceSprings {
+            x: network.rest_positions.clone(),
             v: vec![DVec3::ZERO; nodes],
             external: vec![DVec3::ZERO; nodes],
             gravity: DVec3::ZERO,
@@ -52,7 +52,7 @@ impl Particles {
     }
 
     /// Sums `share(spring, other node)` over the springs of every node.
-    fn gather(&self, share: impl Fn(usize, usize, &Spring) -> DVec3 + Sync) -> Vec<DVec3> {
+    fn accumulate(&self, share: impl Fn(usize, usize, &Spring) -> DVec3 + Sync) -> Vec<DVec3> {
         self.rows
             .par_iter()
             // A small body is summed faster than its work is shared out.
@@ -72,7 +72,7 @@ impl Particles {
 
     /// Forces on all nodes: equations 2 and 3 of Tejada & Ertl, gravity and external forces, N.
     pub fn forces(&self) -> Vec<DVec3> {
-        let mut f = self.gather(|i, j, s| {
+        let mut f = self.accumulate(|i, j, s| {
             let d = self.x[j] - self.x[i];
             let w = self.v[j] - self.v[i];
             let n = d.normalize_or_zero();
@@ -93,8 +93,8 @@ impl Particles {
     }
 
     /// Σ κ(|x| + L) over the springs of each node: what errors of forces are measured by, N.
-    pub fn force_scale(&self) -> Vec<f64> {
-        self.gather(|i, j, s| {
+    pub fn force_magnitude_sum(&self) -> Vec<f64> {
+        self.accumulate(|i, j, s| {
             DVec3::splat(s.stiffness * (self.x[j].distance(self.x[i]) + s.length))
         })
         .iter()
@@ -145,10 +145,11 @@ impl Particles {
 
     /// (∂f/∂x) p of the springs' elastic forces; `clamped` gives K̃ p instead.
     pub fn stiffness_product(&self, p: &[DVec3], clamped: bool) -> Vec<DVec3> {
-        let mut kp = self.gather(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]));
+        let mut kp =
+            self.accumulate(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]));
         for term in &self.terms {
             for (i, kp) in kp.iter_mut().enumerate() {
-                *kp -= term.block(self.network.masses[i], self.x[i]) * p[i];
+                *kp -= term.hessian(self.network.masses[i], self.x[i]) * p[i];
             }
         }
         kp
@@ -156,7 +157,7 @@ impl Particles {
 
     /// (∂f/∂v) p of the damping forces (equation 5).
     pub fn damping_product(&self, p: &[DVec3]) -> Vec<DVec3> {
-        self.gather(|i, j, s| {
+        self.accumulate(|i, j, s| {
             let w = p[j] - p[i];
             let n = (self.x[j] - self.x[i]).normalize_or_zero();
             self.network.spring_damping(s)
@@ -214,7 +215,7 @@ impl Particles {
         for (block, (m, x)) in blocks.iter_mut().zip(nodes) {
             *block += DMat3::IDENTITY * *m;
             for term in &self.terms {
-                *block += h * h * term.block(*m, *x);
+                *block += h * h * term.hessian(*m, *x);
             }
         }
         blocks

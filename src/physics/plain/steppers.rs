@@ -1,23 +1,23 @@
 //! The time integrators in float64: the twins of `physics`' solvers.
 
 use super::linear::{Solution, conjugate_gradients};
-use super::springs::Particles;
+use super::springs::ReferenceSprings;
 use glam::DVec3;
 
 /// Explicit Euler: x' = x + h v, v' = v + h a.
-pub fn explicit_euler(p: &mut Particles, h: f64) {
+pub fn explicit_euler(p: &mut ReferenceSprings, h: f64) {
     let a = accelerations(p);
     let v = p.v.clone();
-    drift(p, h, &v);
-    kick(p, h, &a);
+    update_positions(p, h, &v);
+    update_velocities(p, h, &a);
 }
 
 /// Symplectic Euler: v' = v + h a, x' = x + h v'.
-pub fn symplectic_euler(p: &mut Particles, h: f64) {
+pub fn symplectic_euler(p: &mut ReferenceSprings, h: f64) {
     let a = accelerations(p);
-    kick(p, h, &a);
+    update_velocities(p, h, &a);
     let v = p.v.clone();
-    drift(p, h, &v);
+    update_positions(p, h, &v);
 }
 
 /// Verlet, x' = 2x − x₋₁ + h² a, with damping forces from the velocity (x − x₋₁)/h: half a step
@@ -29,7 +29,7 @@ pub struct Verlet {
 
 impl Verlet {
     /// One step; the first begins with x₋₁ = x₀ − h v₀ + ½h² a₀. Leaves (x' − x)/h in `p.v`.
-    pub fn step(&mut self, p: &mut Particles, h: f64) {
+    pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
         let a = accelerations(p);
         let previous = self.previous.take().unwrap_or_else(|| {
             (0..p.x.len())
@@ -58,17 +58,17 @@ pub struct VelocityVerlet {
 
 impl VelocityVerlet {
     /// One step.
-    pub fn step(&mut self, p: &mut Particles, h: f64) {
+    pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
         let a = self.acceleration.take().unwrap_or_else(|| accelerations(p));
         let start = p.v.clone();
-        kick(p, 0.5 * h, &a);
+        update_velocities(p, 0.5 * h, &a);
         let middle = p.v.clone();
-        drift(p, h, &middle);
-        kick(p, 0.5 * h, &a);
+        update_positions(p, h, &middle);
+        update_velocities(p, 0.5 * h, &a);
         let next = accelerations(p);
         p.v = start;
-        kick(p, 0.5 * h, &a);
-        kick(p, 0.5 * h, &next);
+        update_velocities(p, 0.5 * h, &a);
+        update_velocities(p, 0.5 * h, &next);
         self.acceleration = Some(next);
     }
 }
@@ -77,7 +77,7 @@ impl VelocityVerlet {
 /// gradients to the relative residual `tolerance`; v' = v + Δv, x' = x + h v'.
 ///
 /// Returns the iterations it took, or `None` when 20 a node were not enough.
-pub fn implicit_euler(p: &mut Particles, h: f64, tolerance: f64) -> Option<u32> {
+pub fn implicit_euler(p: &mut ReferenceSprings, h: f64, tolerance: f64) -> Option<u32> {
     let most = 20 * p.x.len() as u32;
     let solution = solve_implicit(p, h, tolerance, most);
     if solution.residual > tolerance {
@@ -89,13 +89,18 @@ pub fn implicit_euler(p: &mut Particles, h: f64, tolerance: f64) -> Option<u32> 
 
 /// The same with at most `most` iterations, whatever they come to. Returns how many there were,
 /// and the relative residual that was left.
-pub fn implicit_euler_within(p: &mut Particles, h: f64, tolerance: f64, most: u32) -> (u32, f64) {
+pub fn implicit_euler_within(
+    p: &mut ReferenceSprings,
+    h: f64,
+    tolerance: f64,
+    most: u32,
+) -> (u32, f64) {
     let solution = solve_implicit(p, h, tolerance, most);
     advance_implicit(p, h, &solution.x);
     (solution.iterations, solution.residual)
 }
 
-fn solve_implicit(p: &Particles, h: f64, tolerance: f64, most: u32) -> Solution {
+fn solve_implicit(p: &ReferenceSprings, h: f64, tolerance: f64, most: u32) -> Solution {
     let f = p.forces();
     let kv = p.stiffness_product(&p.v, true);
     let b: Vec<DVec3> = (0..f.len())
@@ -112,13 +117,13 @@ fn solve_implicit(p: &Particles, h: f64, tolerance: f64, most: u32) -> Solution 
     conjugate_gradients(product, &blocks, &p.pinned, b, tolerance, most)
 }
 
-fn advance_implicit(p: &mut Particles, h: f64, change: &[DVec3]) {
-    kick(p, 1.0, change);
+fn advance_implicit(p: &mut ReferenceSprings, h: f64, change: &[DVec3]) {
+    update_velocities(p, 1.0, change);
     let v = p.v.clone();
-    drift(p, h, &v);
+    update_positions(p, h, &v);
 }
 
-fn accelerations(p: &Particles) -> Vec<DVec3> {
+fn accelerations(p: &ReferenceSprings) -> Vec<DVec3> {
     let masses = &p.network.masses;
     p.forces()
         .iter()
@@ -133,7 +138,7 @@ fn accelerations(p: &Particles) -> Vec<DVec3> {
         .collect()
 }
 
-fn kick(p: &mut Particles, h: f64, a: &[DVec3]) {
+fn update_velocities(p: &mut ReferenceSprings, h: f64, a: &[DVec3]) {
     for (i, v) in p.v.iter_mut().enumerate() {
         *v = if p.pinned[i] {
             DVec3::ZERO
@@ -143,7 +148,7 @@ fn kick(p: &mut Particles, h: f64, a: &[DVec3]) {
     }
 }
 
-fn drift(p: &mut Particles, h: f64, v: &[DVec3]) {
+fn update_positions(p: &mut ReferenceSprings, h: f64, v: &[DVec3]) {
     for (i, x) in p.x.iter_mut().enumerate() {
         if !p.pinned[i] {
             *x += h * v[i];

@@ -1,36 +1,38 @@
 //! A body of rapier as its worker sees it: loads, steps, state.
 
-use super::balance::inner_forces;
-use super::joints::Joined;
-use super::matter::Matter;
-use super::springs::Spring;
+use super::balance::internal_forces;
+use super::joints::RegionJoint;
+use super::matter::SoftBodyModel;
+use super::springs::TargetSpring;
 use super::world::{Contacts, World};
-use crate::physics::cpu::{Attachment, Failure, Guided, LoadChange, Stepped, check_attachments};
+use crate::physics::cpu::{
+    LoadUpdate, NodeConstraint, StepFailure, Steppable, ToolTarget, check_attachments,
+};
 use crate::physics::{
-    ConjugateGradients, Joint, Reaction, SelfContact, SpringNetwork, StepRecord, Tool, ToolPose,
+    CgSettings, DiscreteModel, Joint, Reaction, SelfContactSettings, StepRecord, Tool, ToolPose,
 };
 use crate::{Error, Result};
 use glam::DVec3;
 
 /// Nodes nearer than that to a tool, in mean edges beyond the gap, may have a share in its contact:
 /// faces touch where they have no node.
-const REACH: f64 = 1.5;
+const TOOL_SEARCH_RADIUS: f64 = 1.5;
 
 /// A body of tets in a world of its own.
 pub(super) struct RapierBody {
-    matter: Matter,
-    settings: ConjugateGradients,
+    matter: SoftBodyModel,
+    settings: CgSettings,
     contacts: Contacts,
-    joints: Vec<Joined>,
+    joints: Vec<RegionJoint>,
     world: World,
     /// Of every node, kg.
     masses: Vec<f64>,
     gravity: DVec3,
     forces: Vec<DVec3>,
     pinned: Vec<bool>,
-    attachments: Vec<Attachment>,
+    attachments: Vec<NodeConstraint>,
     /// Where tools are or go, m, and how often each was put elsewhere.
-    tools: Vec<Guided>,
+    tools: Vec<ToolTarget>,
     steps: u64,
     /// The length of the last step, s, and the velocities before it, m/s.
     last: Option<(f64, Vec<DVec3>)>,
@@ -42,9 +44,9 @@ impl RapierBody {
     /// # Errors
     /// None that is not one of rapier's.
     pub fn new(
-        matter: Matter,
+        matter: SoftBodyModel,
         masses: Vec<f64>,
-        settings: ConjugateGradients,
+        settings: CgSettings,
         unit: f64,
     ) -> Result<RapierBody> {
         let contacts = Contacts {
@@ -73,9 +75,9 @@ impl RapierBody {
     ///
     /// # Errors
     /// As [`RapierBody::add_tool`].
-    pub fn set_settings(&mut self, settings: ConjugateGradients) -> Result<()> {
+    pub fn set_settings(&mut self, settings: CgSettings) -> Result<()> {
         self.settings = settings;
-        self.remake(&self.positions(), &self.velocities())
+        self.rebuild_world(&self.positions(), &self.velocities())
     }
 
     /// Adds a tool, which stands at `place` (m).
@@ -97,9 +99,9 @@ impl RapierBody {
     ///
     /// # Errors
     /// [`Error::Input`] for what rapier cannot have; nothing is changed then.
-    pub fn set_self_contact(&mut self, wanted: SelfContact) -> Result<()> {
+    pub fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<()> {
         let before = self.contacts.clone();
-        self.contacts.itself = Some(wanted);
+        self.contacts.self_contact = Some(wanted);
         self.contact(before)
     }
 
@@ -108,9 +110,9 @@ impl RapierBody {
     /// # Errors
     /// [`Error::Input`] for regions that are not rigid; nothing is changed then.
     pub fn add_joint(&mut self, joint: &Joint, at: DVec3) -> Result<()> {
-        let joined = Joined::new(joint, at, &self.matter.bones, self.contacts.unit)?;
+        let joined = RegionJoint::new(joint, at, &self.matter.bones, self.contacts.unit)?;
         self.joints.push(joined);
-        self.remake(&self.positions(), &self.velocities())
+        self.rebuild_world(&self.positions(), &self.velocities())
     }
 
     /// What all else of the body exerted on the rigid region with this label in the last step, by
@@ -136,7 +138,7 @@ impl RapierBody {
             let damping = f64::from(self.matter.mass_damping) * v[i];
             add(i, *m * (change + damping - self.gravity) - self.forces[i]);
         }
-        for spring in Spring::of(&self.attachments) {
+        for spring in TargetSpring::of(&self.attachments) {
             let i = spring.node as usize;
             if self.matter.owners[i] == Some(b as u32) {
                 let pull = spring.stiffness * (spring.target - x[i]);
@@ -149,7 +151,10 @@ impl RapierBody {
     /// Makes the world anew with the contacts of now, or goes back to those of `before`.
     fn contact(&mut self, before: Contacts) -> Result<()> {
         let (x, v) = (self.positions(), self.velocities());
-        let done = self.contacts.check().and_then(|()| self.remake(&x, &v));
+        let done = self
+            .contacts
+            .check()
+            .and_then(|()| self.rebuild_world(&x, &v));
         if done.is_err() {
             self.contacts = before;
         }
@@ -158,20 +163,20 @@ impl RapierBody {
 
     /// Makes the world anew, with the nodes at `x` (m) and `v` (m/s). What rapier keeps of former
     /// steps would not fit a state that it did not come to.
-    fn remake(&mut self, x: &[DVec3], v: &[DVec3]) -> Result<()> {
+    fn rebuild_world(&mut self, x: &[DVec3], v: &[DVec3]) -> Result<()> {
         let places: Vec<ToolPose> = self.tools.iter().map(|t| t.0).collect();
         let scenery = (&self.contacts, self.joints.as_slice());
         let mut world = World::new(&self.matter, self.settings, scenery, &places)?;
         let scale = self.matter.scale;
         world.set(x, v, &self.matter);
         world.set_gravity(scale.vector(self.gravity));
-        for spring in Spring::of(&self.attachments) {
+        for spring in TargetSpring::of(&self.attachments) {
             world.add_spring(&spring, &self.matter);
         }
         self.world = world;
         self.last = None;
-        self.hold();
-        self.world.push(&self.forces, &self.matter);
+        self.apply_pins();
+        self.world.apply_forces(&self.forces, &self.matter);
         Ok(())
     }
 
@@ -179,7 +184,8 @@ impl RapierBody {
     fn held(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
         for a in &self.attachments {
-            if let Attachment::Hold { node, .. } | Attachment::Lead { node, .. } = a {
+            if let NodeConstraint::Fixed { node, .. } | NodeConstraint::Prescribed { node, .. } = a
+            {
                 held[*node as usize] = true;
             }
         }
@@ -187,36 +193,36 @@ impl RapierBody {
     }
 
     /// Holds the nodes that are held, where they are, and lets go of the others.
-    fn hold(&mut self) {
+    fn apply_pins(&mut self) {
         self.world.hold(&self.held(), &self.matter);
     }
 
     /// Says where nodes that are held or led are at the end of a step of `dt` seconds.
-    fn aim(&mut self, dt: f64) {
-        let targets = Spring::of(&self.attachments).map(|s| s.target);
+    fn set_constraint_targets(&mut self, dt: f64) {
+        let targets = TargetSpring::of(&self.attachments).map(|s| s.target);
         self.world.aim_springs(targets, &self.matter);
         for a in &mut self.attachments {
             match a {
-                Attachment::Hold { node, place } => {
-                    self.world.lead(*node, *place, &self.matter);
+                NodeConstraint::Fixed { node, place } => {
+                    self.world.set_node_target(*node, *place, &self.matter);
                 }
-                Attachment::Lead {
+                NodeConstraint::Prescribed {
                     node,
                     place,
                     velocity,
                 } => {
                     *place += dt * *velocity;
-                    self.world.lead(*node, *place, &self.matter);
+                    self.world.set_node_target(*node, *place, &self.matter);
                 }
-                Attachment::Pull { .. } => {}
+                NodeConstraint::Spring { .. } => {}
             }
         }
     }
 
     /// The force on every node of `network`, which the body is, N: of its tets, damping and loads; NaN
     /// for nodes of rigid regions.
-    pub fn forces(&self, network: &SpringNetwork) -> Vec<DVec3> {
-        let mut forces = inner_forces(network, &self.positions(), &self.velocities());
+    pub fn forces(&self, network: &DiscreteModel) -> Vec<DVec3> {
+        let mut forces = internal_forces(network, &self.positions(), &self.velocities());
         let loads = self.masses.iter().zip(&self.forces);
         for (f, (m, load)) in forces.iter_mut().zip(loads) {
             *f += *m * self.gravity + *load;
@@ -232,7 +238,7 @@ impl RapierBody {
     /// that they made in the last step.
     pub fn tool_forces(
         &self,
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         boundary: impl IntoIterator<Item = u32>,
     ) -> Vec<Reaction> {
         let (x, v) = (self.positions(), self.velocities());
@@ -241,7 +247,7 @@ impl RapierBody {
         let nodes = boundary.into_iter().map(|i| i as usize);
         let free = nodes.filter(|i| !held[*i] && self.matter.owners[*i].is_none());
         for i in free {
-            let Some((tool, place)) = self.touched(x[i]) else {
+            let Some((tool, place)) = self.nearest_tool(x[i]) else {
                 continue;
             };
             let change = match &self.last {
@@ -256,11 +262,11 @@ impl RapierBody {
     }
 
     /// The tool that a node at `x` (m) is nearest to, if it is near any, and where that is.
-    fn touched(&self, x: DVec3) -> Option<(usize, DVec3)> {
-        let reach = REACH * self.matter.scale.length;
+    fn nearest_tool(&self, x: DVec3) -> Option<(usize, DVec3)> {
+        let reach = TOOL_SEARCH_RADIUS * self.matter.scale.length;
         let near = self.tools.iter().zip(&self.contacts.tools).enumerate();
         near.map(|(k, ((pose, _), tool))| {
-            let shape = tool.shape.scaled(self.contacts.unit);
+            let shape = tool.shape.with_scale(self.contacts.unit);
             let at = pose.turn().inverse() * (x - pose.place());
             let gap = tool.gap.unwrap_or(0.0) * self.contacts.unit;
             (shape.distance(at) - gap, k, pose.place())
@@ -276,23 +282,23 @@ impl RapierBody {
     }
 }
 
-impl Stepped for RapierBody {
-    fn iterates(&self) -> bool {
+impl Steppable for RapierBody {
+    fn has_long_steps(&self) -> bool {
         false
     }
 
-    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, Failure> {
+    fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, StepFailure> {
         if !(dt as f32 > 0.0 && (dt as f32).is_finite()) {
-            return Err(Failure::BadStep { h: dt });
+            return Err(StepFailure::BadStep { h: dt });
         }
         let mut record = StepRecord::default();
         for _ in 0..steps {
             let (x, v) = (self.positions(), self.velocities());
-            self.aim(dt);
+            self.set_constraint_targets(dt);
             if !self.world.step(dt, &self.forces, &self.matter) {
                 // The body stays as it was before the step.
-                let _ = self.remake(&x, &v);
-                return Err(Failure::NonFinite);
+                let _ = self.rebuild_world(&x, &v);
+                return Err(StepFailure::NonFinite);
             }
             self.steps += 1;
             record.kinetic = self.kinetic_energy(&self.velocities());
@@ -323,10 +329,10 @@ impl Stepped for RapierBody {
                 velocities.len()
             )));
         }
-        self.remake(positions, velocities)
+        self.rebuild_world(positions, velocities)
     }
 
-    fn take_over(&mut self, change: LoadChange) -> Result<()> {
+    fn apply_loads(&mut self, change: LoadUpdate) -> Result<()> {
         self.gravity = change.gravity;
         let gravity = self.matter.scale.vector(change.gravity);
         self.world.set_gravity(gravity);
@@ -335,23 +341,23 @@ impl Stepped for RapierBody {
         }
         if let Some(attachments) = change.attachments {
             check_attachments(&attachments, self.masses.len())?;
-            let known: Vec<Spring> = Spring::of(&self.attachments).collect();
-            let wanted: Vec<Spring> = Spring::of(&attachments).collect();
+            let known: Vec<TargetSpring> = TargetSpring::of(&self.attachments).collect();
+            let wanted: Vec<TargetSpring> = TargetSpring::of(&attachments).collect();
             let mut pairs = known.iter().zip(&wanted);
-            let same = known.len() == wanted.len() && pairs.all(|(a, b)| a.is_like(b));
+            let same = known.len() == wanted.len() && pairs.all(|(a, b)| a.same_parameters(b));
             self.attachments = attachments;
             if !same {
-                self.remake(&self.positions(), &self.velocities())?;
+                self.rebuild_world(&self.positions(), &self.velocities())?;
             }
         }
-        self.hold();
+        self.apply_pins();
         if let Some(forces) = change.forces {
             self.forces = forces;
-            self.world.push(&self.forces, &self.matter);
+            self.world.apply_forces(&self.forces, &self.matter);
         }
         for (k, tool) in change.tools.into_iter().flatten().enumerate() {
             let jumped = self.tools.get(k).is_some_and(|t| t.1 != tool.1);
-            self.world.guide(k, &tool.0, &self.matter, jumped);
+            self.world.set_tool_target(k, &tool.0, &self.matter, jumped);
             if let Some(own) = self.tools.get_mut(k) {
                 *own = tool;
             }
@@ -363,7 +369,7 @@ impl Stepped for RapierBody {
         1
     }
 
-    fn packed(&self) -> Result<Vec<u8>> {
+    fn serialise_state(&self) -> Result<Vec<u8>> {
         Err(no_state())
     }
 

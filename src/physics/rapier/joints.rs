@@ -1,6 +1,6 @@
 //! Joints between rigid regions, and of one to the world: rapier's.
 
-use super::rigid::{Bone, BoneBody};
+use super::rigid::{RigidRegion, RigidRegionBody};
 use super::scale::Scale;
 use crate::physics::{Joint, JointKind};
 use crate::{Error, Result};
@@ -13,7 +13,7 @@ use rapier3d::prelude::{
 
 /// A joint between bones, by their numbers; the second is none for the world.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Joined {
+pub(super) struct RegionJoint {
     bones: (usize, Option<usize>),
     /// m.
     at: DVec3,
@@ -22,12 +22,12 @@ pub(super) struct Joined {
     unit: f64,
 }
 
-impl Joined {
+impl RegionJoint {
     /// `joint`, which is at `at` (m), of a body with these bones.
     ///
     /// # Errors
     /// [`Error::Input`] for regions that are not rigid, or are one body.
-    pub fn new(joint: &Joint, at: DVec3, bones: &[Bone], unit: f64) -> Result<Joined> {
+    pub fn new(joint: &Joint, at: DVec3, bones: &[RigidRegion], unit: f64) -> Result<RegionJoint> {
         let find = |label: i64| {
             let mut those = bones.iter().enumerate();
             let found = those.find(|(_, bone)| bone.labels.contains(&label));
@@ -37,7 +37,7 @@ impl Joined {
                 ))
             })
         };
-        let (a, b) = joint.between;
+        let (a, b) = joint.regions;
         let bones = (find(a)?, b.map(find).transpose()?);
         if bones.1 == Some(bones.0) {
             return Err(Error::Input(format!(
@@ -45,7 +45,7 @@ impl Joined {
                 b.unwrap_or(a)
             )));
         }
-        Ok(Joined {
+        Ok(RegionJoint {
             bones,
             at,
             kind: joint.kind,
@@ -57,8 +57,8 @@ impl Joined {
     pub fn insert(
         &self,
         physics: &mut PhysicsWorld,
-        bones: &[Bone],
-        bodies: &[BoneBody],
+        bones: &[RigidRegion],
+        bodies: &[RigidRegionBody],
         scale: Scale,
     ) {
         let arm = |b: usize| scale.vector(self.at - bones[b].centre);

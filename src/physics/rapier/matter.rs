@@ -1,23 +1,23 @@
 //! What a body is made of, as rapier has it, and what of that it cannot have.
 
-use super::rigid::Bone;
+use super::rigid::RigidRegion;
 use super::scale::Scale;
-use crate::physics::rigid::owners;
-use crate::physics::{Element, Law, SpringNetwork, VolumeModel};
+use crate::physics::rigid::node_owners;
+use crate::physics::{ConstitutiveModel, DiscreteModel, Element, VolumetricFormulation};
 use crate::{Error, Result};
 use glam::DVec3;
 use rapier3d::math::Vector;
 use rapier3d::prelude::{SoftBodyCellModel, SoftBodyMaterial};
 
 /// How many stiffnesses a body may have: each is a pass over all tets when the body is made.
-const MOST_STIFFNESSES: usize = 256;
+const MAX_STIFFNESS_GROUPS: usize = 256;
 
 /// What of a difference between two stiffnesses, or two Poisson's ratios, is rounding.
 const SAME: f64 = 1e-6;
 
 /// A body's particles and cells in rapier's units, and what of it is rigid.
 #[derive(Clone, Debug)]
-pub(super) struct Matter {
+pub(super) struct SoftBodyModel {
     pub scale: Scale,
     /// The node that each particle is, ascending: all but those of rigid regions that no soft tet has.
     pub nodes: Vec<u32>,
@@ -25,12 +25,12 @@ pub(super) struct Matter {
     pub particles: Vec<Option<u32>>,
     /// The rigid region that each node belongs to.
     pub owners: Vec<Option<u32>>,
-    pub bones: Vec<Bone>,
+    pub bones: Vec<RigidRegion>,
     /// Where the particles rest.
     pub rest: Vec<Vector>,
     pub masses: Vec<f32>,
     /// The particles of every tet.
-    pub cells: Vec<[u32; 4]>,
+    pub tets: Vec<[u32; 4]>,
     pub model: SoftBodyCellModel,
     pub material: SoftBodyMaterial,
     /// Tets that are not as stiff as `material`: groups of them, with how many times as stiff.
@@ -39,13 +39,13 @@ pub(super) struct Matter {
     pub mass_damping: f32,
 }
 
-impl Matter {
+impl SoftBodyModel {
     /// That of `network`, whose boundary has these faces.
     ///
     /// # Errors
     /// [`Error::Input`] for what rapier cannot have: springs, nothing soft, averaged volume,
     /// several Poisson's ratios, or more stiffnesses than a few hundred.
-    pub fn new(network: &SpringNetwork, boundary: &[[u32; 3]]) -> Result<Matter> {
+    pub fn new(network: &DiscreteModel, boundary: &[[u32; 3]]) -> Result<SoftBodyModel> {
         let elements = &network.elements;
         let refused = |what: &str| Err(Error::Input(format!("rapier {what}")));
         if elements.is_empty() {
@@ -58,7 +58,7 @@ impl Matter {
                 "steps a soft body, and all of this one is rigid; leave a region soft, or take --engine cpu",
             );
         }
-        if elements.volume != VolumeModel::PerTet {
+        if elements.volume != VolumetricFormulation::PerTet {
             return refused(
                 "keeps the volume of each tet and averages none; leave `volume` out, or take --engine cpu",
             );
@@ -71,16 +71,16 @@ impl Matter {
                 "has one Poisson's ratio for a body, and this one has {poisson:.4} and {other:.4}; give all regions the same, or take --engine cpu"
             ));
         }
-        let scale = Scale::of(network);
-        let count = network.rest.len();
+        let scale = Scale::from_model(network);
+        let count = network.rest_positions.len();
         let mut soft = vec![elements.rigid.is_empty(); count];
         for v in elements.tets.iter().flat_map(|t| &t.nodes) {
             soft[*v as usize] = true;
         }
-        let owners = owners(&elements.rigid, count)?;
+        let owners = node_owners(&elements.rigid, count)?;
         let bones = elements.rigid.iter();
-        let bones = bones.map(|body| Bone::new(network, body, boundary, &soft, scale));
-        let bones = bones.collect::<Result<Vec<Bone>>>()?;
+        let bones = bones.map(|body| RigidRegion::new(network, body, boundary, &soft, scale));
+        let bones = bones.collect::<Result<Vec<RigidRegion>>>()?;
         let is_particle = |v: &u32| soft[*v as usize] || owners[*v as usize].is_none();
         let nodes: Vec<u32> = (0..count as u32).filter(is_particle).collect();
         let mut particles = vec![None; count];
@@ -88,18 +88,18 @@ impl Matter {
             particles[*v as usize] = Some(p);
         }
         let mass = |v: &u32| {
-            let share = owners[*v as usize].map_or(1.0, |_| Bone::PARTICLE);
+            let share = owners[*v as usize].map_or(1.0, |_| RigidRegion::PARTICLE);
             (share * network.masses[*v as usize] / scale.mass) as f32
         };
-        let rest = nodes.iter().map(|v| network.rest[*v as usize]);
+        let rest = nodes.iter().map(|v| network.rest_positions[*v as usize]);
         let cell = |t: &Element| t.nodes.map(|v| particles[v as usize].unwrap_or_default());
-        Ok(Matter {
+        Ok(SoftBodyModel {
             rest: rest.map(|x| scale.vector(x)).collect(),
             masses: nodes.iter().map(mass).collect(),
-            cells: elements.tets.iter().map(cell).collect(),
+            tets: elements.tets.iter().map(cell).collect(),
             model: match law {
-                Law::NeoHookean => SoftBodyCellModel::NeoHookean,
-                Law::Corotated => SoftBodyCellModel::Corotational,
+                ConstitutiveModel::NeoHookean => SoftBodyCellModel::NeoHookean,
+                ConstitutiveModel::Corotated => SoftBodyCellModel::Corotational,
             },
             material: SoftBodyMaterial {
                 young_modulus: scale.stress(young),
@@ -119,14 +119,14 @@ impl Matter {
 }
 
 /// Young's modulus (Pa) and Poisson's ratio of a tet.
-fn constants(tet: &Element, law: Law) -> [f64; 2] {
+fn constants(tet: &Element, law: ConstitutiveModel) -> [f64; 2] {
     let [mu, lambda] = tet.small_strain(law);
     let poisson = 0.5 * lambda / (lambda + mu);
     [2.0 * mu * (1.0 + poisson), poisson]
 }
 
 /// The tets that are not as stiff as `young` Pa, by stiffness.
-fn groups(tets: &[Element], law: Law, young: f64) -> Result<Vec<(Vec<u32>, f32)>> {
+fn groups(tets: &[Element], law: ConstitutiveModel, young: f64) -> Result<Vec<(Vec<u32>, f32)>> {
     let factors = tets.iter().map(|t| constants(t, law)[0] / young);
     let mut others: Vec<(f64, u32)> = factors
         .zip(0u32..)
@@ -138,10 +138,10 @@ fn groups(tets: &[Element], law: Law, young: f64) -> Result<Vec<(Vec<u32>, f32)>
         .chunk_by(alike)
         .map(|group| (group.iter().map(|g| g.1).collect(), group[0].0 as f32))
         .collect();
-    match groups.len() < MOST_STIFFNESSES {
+    match groups.len() < MAX_STIFFNESS_GROUPS {
         true => Ok(groups),
         false => Err(Error::Input(format!(
-            "rapier takes up to {MOST_STIFFNESSES} stiffnesses of a body, and this one has {}; round the field that scales them, or take --engine cpu",
+            "rapier takes up to {MAX_STIFFNESS_GROUPS} stiffnesses of a body, and this one has {}; round the field that scales them, or take --engine cpu",
             groups.len() + 1
         ))),
     }
@@ -149,12 +149,12 @@ fn groups(tets: &[Element], law: Law, young: f64) -> Result<Vec<(Vec<u32>, f32)>
 
 /// The damping ratio that gives tets the damping time of `network`, on average over the volume:
 /// rapier has one ratio for all.
-fn damping_ratio(network: &SpringNetwork) -> f64 {
+fn damping_ratio(network: &DiscreteModel) -> f64 {
     let tets = network
         .elements
         .tets
         .iter()
-        .map(|t| (t.volume, unit_damping(t, network)));
+        .map(|t| (t.volume, damping_time_per_ratio(t, network)));
     let (times, volume) = tets
         .filter(|(_, time)| *time > 0.0)
         .fold((0.0, 0.0), |(times, all), (volume, time)| {
@@ -167,14 +167,14 @@ fn damping_ratio(network: &SpringNetwork) -> f64 {
 }
 
 /// The damping time of every tet, s.
-pub(super) fn damping_times(network: &SpringNetwork) -> impl Iterator<Item = f64> {
+pub(super) fn damping_times(network: &DiscreteModel) -> impl Iterator<Item = f64> {
     let ratio = damping_ratio(network);
     let tets = network.elements.tets.iter();
-    tets.map(move |t| ratio * unit_damping(t, network))
+    tets.map(move |t| ratio * damping_time_per_ratio(t, network))
 }
 
 /// The damping time of a tet of damping ratio 1, s: two over the mean frequency of its six strains.
-fn unit_damping(tet: &Element, network: &SpringNetwork) -> f64 {
+fn damping_time_per_ratio(tet: &Element, network: &DiscreteModel) -> f64 {
     let [mu, lambda] = tet.small_strain(network.elements.law);
     // Of G = Σ g gᵀ/m only the diagonal counts.
     let mut softness = DVec3::ZERO;

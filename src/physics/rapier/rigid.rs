@@ -3,8 +3,8 @@
 
 use super::scale::Scale;
 use crate::physics::cpu::closest_rotation;
-use crate::physics::rigid::{Freedom, Moments, RigidBody};
-use crate::physics::{SpringNetwork, Units};
+use crate::physics::rigid::{DegreesOfFreedom, MassProperties as RegionMass, RigidBody};
+use crate::physics::{DiscreteModel, LocalUnits};
 use crate::{Error, Result};
 use glam::{DMat3, DQuat, DVec3};
 use rapier3d::math::{Matrix, Vector};
@@ -16,23 +16,23 @@ use rapier3d::prelude::{
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Of the mass of a node that is a particle too, what is the rigid body's.
-const SHARE: f64 = 0.5;
+const RIGID_MASS_FRACTION: f64 = 0.5;
 
 /// A region whose convex hull is no larger than that many times its volume is that hull to rapier.
-const CONVEX: f32 = 1.02;
+const CONVEX_VOLUME_RATIO: f32 = 1.02;
 
 /// Rigid regions and what is soft: regions that soft tets hold do not feel what is soft.
-const SOFT: Group = Group::GROUP_1;
+const SOFT_GROUP: Group = Group::GROUP_1;
 const HELD_BY_SOFT: Group = Group::GROUP_2;
 
 /// A rigid region at rest.
 #[derive(Clone, Debug)]
-pub(super) struct Bone {
+pub(super) struct RigidRegion {
     pub labels: BTreeSet<i64>,
     /// All of its nodes, ascending, their masses (kg), and where they are from its centre of mass (m).
     pub nodes: Vec<u32>,
     pub masses: Vec<f64>,
-    pub arms: Vec<DVec3>,
+    pub lever_arms: Vec<DVec3>,
     /// m.
     pub centre: DVec3,
     /// Radius of gyration, m.
@@ -42,27 +42,30 @@ pub(super) struct Bone {
     /// Faces of the boundary, by the numbers of its own nodes.
     faces: Vec<[u32; 3]>,
     /// Whether nothing soft hangs on it.
-    pub alone: bool,
+    pub is_isolated: bool,
 }
 
-impl Bone {
+impl RigidRegion {
     /// That of `body` of `network`, whose boundary is `boundary`; `soft` nodes are particles too.
     ///
     /// # Errors
     /// [`Error::Input`] for one that is flat or without mass.
     pub fn new(
-        network: &SpringNetwork,
+        network: &DiscreteModel,
         body: &RigidBody,
         boundary: &[[u32; 3]],
         soft: &[bool],
         scale: Scale,
-    ) -> Result<Bone> {
-        let units = Units::of(network);
-        let moments = Moments::of(network, body, &units)?;
+    ) -> Result<RigidRegion> {
+        let units = LocalUnits::from_model(network);
+        let moments = RegionMass::of(network, body, &units)?;
         let centre = moments.centre * units.length;
         let masses = body.nodes.iter().map(|v| network.masses[*v as usize]);
         let masses: Vec<f64> = masses.collect();
-        let rest = body.nodes.iter().map(|v| network.rest[*v as usize]);
+        let rest = body
+            .nodes
+            .iter()
+            .map(|v| network.rest_positions[*v as usize]);
         let arms: Vec<DVec3> = rest.map(|x| x - centre).collect();
         let own = |v: u32| body.nodes.binary_search(&v).ok().map(|k| k as u32);
         let faces = boundary.iter().filter_map(|f| {
@@ -70,37 +73,41 @@ impl Bone {
             Some([own(a)?, own(b)?, own(c)?])
         });
         let shares = body.nodes.iter().zip(&masses).map(|(v, m)| {
-            let share = if soft[*v as usize] { SHARE } else { 1.0 };
+            let share = if soft[*v as usize] {
+                RIGID_MASS_FRACTION
+            } else {
+                1.0
+            };
             share * m
         });
         let principal = moments.principal.0.iter().sum::<f64>();
-        Ok(Bone {
+        Ok(RigidRegion {
             labels: body.labels.clone(),
             inertia: inertia(shares.collect(), &arms, scale),
             faces: faces.collect(),
-            alone: !body.nodes.iter().any(|v| soft[*v as usize]),
+            is_isolated: !body.nodes.iter().any(|v| soft[*v as usize]),
             radius: (principal / moments.mass).sqrt() * units.length,
             nodes: body.nodes.clone(),
             masses,
-            arms,
+            lever_arms: arms,
             centre,
         })
     }
 
     /// The part of a particle's mass that is the particle's.
-    pub const PARTICLE: f64 = 1.0 - SHARE;
+    pub const PARTICLE: f64 = 1.0 - RIGID_MASS_FRACTION;
 
     /// The pose, as the place of the centre (m) and the turn, that brings the nodes `of` (by its own
     /// numbers) nearest to `places` (m), from the turn `near` on.
-    fn fit(&self, of: &[usize], places: &[DVec3], near: DQuat) -> (DVec3, DQuat) {
+    fn fit_pose(&self, of: &[usize], places: &[DVec3], near: DQuat) -> (DVec3, DQuat) {
         let weight: f64 = of.iter().map(|k| self.masses[*k]).sum();
         let each = || of.iter().zip(places);
         let middle = each().map(|(k, x)| self.masses[*k] * *x).sum::<DVec3>() / weight;
-        let arm = of.iter().map(|k| self.masses[*k] * self.arms[*k]);
+        let arm = of.iter().map(|k| self.masses[*k] * self.lever_arms[*k]);
         let arm = arm.sum::<DVec3>() / weight;
         let mut m = DMat3::ZERO;
         for (k, x) in each() {
-            let (a, b) = (self.masses[*k] * (*x - middle), self.arms[*k] - arm);
+            let (a, b) = (self.masses[*k] * (*x - middle), self.lever_arms[*k] - arm);
             m += DMat3::from_cols(a * b.x, a * b.y, a * b.z);
         }
         let turn = closest_rotation(&m, near, DMat3::IDENTITY);
@@ -115,7 +122,7 @@ impl Bone {
         if self.faces.is_empty() {
             return Ok(None);
         }
-        let vertices: Vec<Vector> = self.arms.iter().map(|r| scale.vector(*r)).collect();
+        let vertices: Vec<Vector> = self.lever_arms.iter().map(|r| scale.vector(*r)).collect();
         let mut used = vec![u32::MAX; vertices.len()];
         let mut points = Vec::new();
         let mut faces = self.faces.clone();
@@ -132,13 +139,13 @@ impl Bone {
             a.dot(b.cross(c))
         };
         let volume = faces.iter().map(six).sum::<f32>() / 6.0;
-        if self.alone
+        if self.is_isolated
             && let Some(hull) = SharedShape::convex_hull(&points)
-            && hull.mass_properties(1.0).mass() <= CONVEX * volume
+            && hull.mass_properties(1.0).mass() <= CONVEX_VOLUME_RATIO * volume
         {
             return Ok(Some(ColliderBuilder::new(hull)));
         }
-        let flags = match self.alone {
+        let flags = match self.is_isolated {
             true => TriMeshFlags::FIX_INTERNAL_EDGES | TriMeshFlags::ORIENTED,
             false => TriMeshFlags::FIX_INTERNAL_EDGES,
         };
@@ -176,7 +183,7 @@ fn inertia(masses: Vec<f64>, arms: &[DVec3], scale: Scale) -> MassProperties {
 }
 
 /// A rigid region in a world, and what holds it.
-pub(super) struct BoneBody {
+pub(super) struct RigidRegionBody {
     pub handle: RigidBodyHandle,
     /// Nodes that are held, by its own numbers, and where they go, m.
     held: BTreeMap<usize, DVec3>,
@@ -184,19 +191,19 @@ pub(super) struct BoneBody {
     anchors: Vec<(usize, RigidBodyHandle)>,
 }
 
-impl BoneBody {
+impl RigidRegionBody {
     /// Puts `bone` into the world at rest, with a collider where `friction` is given, of a skin so
     /// thick, and so damped.
     ///
     /// # Errors
-    /// As [`Bone::collider`].
+    /// As [`RigidRegion::collider`].
     pub fn new(
         physics: &mut PhysicsWorld,
-        bone: &Bone,
+        bone: &RigidRegion,
         scale: Scale,
         contact: Option<(f64, f32)>,
         damping: f32,
-    ) -> Result<BoneBody> {
+    ) -> Result<RigidRegionBody> {
         let body = RigidBodyBuilder::dynamic()
             .translation(scale.vector(bone.centre))
             .additional_mass_properties(bone.inertia)
@@ -208,11 +215,11 @@ impl BoneBody {
         if let Some((friction, skin)) = contact
             && let Some(collider) = bone.collider(scale)?
         {
-            let groups = match bone.alone {
+            let groups = match bone.is_isolated {
                 true => InteractionGroups::default(),
                 false => InteractionGroups::new(
                     HELD_BY_SOFT,
-                    Group::ALL.difference(SOFT),
+                    Group::ALL.difference(SOFT_GROUP),
                     InteractionTestMode::And,
                 ),
             };
@@ -223,7 +230,7 @@ impl BoneBody {
                 .collision_groups(groups);
             physics.insert_collider(collider, Some(handle));
         }
-        Ok(BoneBody {
+        Ok(RigidRegionBody {
             handle,
             held: BTreeMap::new(),
             anchors: Vec::new(),
@@ -249,17 +256,17 @@ impl BoneBody {
     pub fn set(
         &self,
         physics: &mut PhysicsWorld,
-        bone: &Bone,
+        bone: &RigidRegion,
         (x, v): (&[DVec3], &[DVec3]),
         scale: Scale,
     ) {
         let all: Vec<usize> = (0..bone.nodes.len()).collect();
         let places: Vec<DVec3> = bone.nodes.iter().map(|i| x[*i as usize]).collect();
         let near = self.pose(physics, scale).1;
-        let (centre, turn) = bone.fit(&all, &places, near);
+        let (centre, turn) = bone.fit_pose(&all, &places, near);
         let mass: f64 = bone.masses.iter().sum();
         let (mut mean, mut spin, mut inertia) = (DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
-        for ((i, m), r) in bone.nodes.iter().zip(&bone.masses).zip(&bone.arms) {
+        for ((i, m), r) in bone.nodes.iter().zip(&bone.masses).zip(&bone.lever_arms) {
             let (r, v) = (turn * *r, v[*i as usize]);
             mean += *m * v / mass;
             spin += *m * r.cross(v);
@@ -282,7 +289,7 @@ impl BoneBody {
     pub fn hold(
         &mut self,
         physics: &mut PhysicsWorld,
-        bone: &Bone,
+        bone: &RigidRegion,
         held: &[bool],
         x: &[DVec3],
         scale: Scale,
@@ -297,15 +304,16 @@ impl BoneBody {
             physics.remove_body(anchor);
         }
         self.held = wanted;
-        let freedom = Freedom::of(self.held.keys().map(|k| bone.arms[*k]), bone.radius);
+        let freedom =
+            DegreesOfFreedom::of(self.held.keys().map(|k| bone.lever_arms[*k]), bone.radius);
         let kind = match freedom {
-            Freedom::Fixed => RigidBodyType::KinematicPositionBased,
+            DegreesOfFreedom::Fixed => RigidBodyType::KinematicPositionBased,
             _ => RigidBodyType::Dynamic,
         };
         physics.bodies[self.handle].set_body_type(kind, true);
         let joined: Vec<usize> = match (freedom, self.held.keys().next()) {
-            (Freedom::Turns(at, axis), Some(first)) => {
-                let far = |k: &&usize| bone.arms[**k].distance(at);
+            (DegreesOfFreedom::Rotational(at, axis), Some(first)) => {
+                let far = |k: &&usize| bone.lever_arms[**k].distance(at);
                 let last = self.held.keys().max_by(|a, b| far(a).total_cmp(&far(b)));
                 let last = last.filter(|_| axis.is_some()).copied();
                 std::iter::once(*first).chain(last).collect()
@@ -316,14 +324,15 @@ impl BoneBody {
             let at = RigidBodyBuilder::kinematic_position_based();
             let at = at.translation(scale.vector(self.held[&k]));
             let anchor = physics.insert_body(at);
-            let joint = SphericalJointBuilder::new().local_anchor2(scale.vector(bone.arms[k]));
+            let joint =
+                SphericalJointBuilder::new().local_anchor2(scale.vector(bone.lever_arms[k]));
             physics.insert_impulse_joint(anchor, self.handle, joint);
             self.anchors.push((k, anchor));
         }
     }
 
     /// Has the node `node` of the mesh, if it is held here, go to `place` (m) with the next step.
-    pub fn lead(&mut self, bone: &Bone, node: u32, place: DVec3) {
+    pub fn set_node_target(&mut self, bone: &RigidRegion, node: u32, place: DVec3) {
         let own = bone.nodes.binary_search(&node).ok();
         if let Some(held) = own.and_then(|k| self.held.get_mut(&k)) {
             *held = place;
@@ -331,7 +340,7 @@ impl BoneBody {
     }
 
     /// Has it go where its held nodes go with the next step.
-    pub fn aim(&self, physics: &mut PhysicsWorld, bone: &Bone, scale: Scale) {
+    pub fn apply_targets(&self, physics: &mut PhysicsWorld, bone: &RigidRegion, scale: Scale) {
         for (k, anchor) in &self.anchors {
             let to = scale.vector(self.held[k]);
             physics.bodies[*anchor].set_next_kinematic_translation(to);
@@ -340,19 +349,25 @@ impl BoneBody {
             let of: Vec<usize> = self.held.keys().copied().collect();
             let places: Vec<DVec3> = self.held.values().copied().collect();
             let near = self.pose(physics, scale).1;
-            let (centre, turn) = bone.fit(&of, &places, near);
+            let (centre, turn) = bone.fit_pose(&of, &places, near);
             let body = &mut physics.bodies[self.handle];
             body.set_next_kinematic_position(scale.pose(centre, turn));
         }
     }
 
     /// Puts the forces (N, of all nodes) on it where its nodes are now.
-    pub fn push(&self, physics: &mut PhysicsWorld, bone: &Bone, forces: &[DVec3], scale: Scale) {
+    pub fn apply_forces(
+        &self,
+        physics: &mut PhysicsWorld,
+        bone: &RigidRegion,
+        forces: &[DVec3],
+        scale: Scale,
+    ) {
         let (centre, turn) = self.pose(physics, scale);
         let body = &mut physics.bodies[self.handle];
         body.reset_forces(true);
         body.reset_torques(true);
-        for (v, arm) in bone.nodes.iter().zip(&bone.arms) {
+        for (v, arm) in bone.nodes.iter().zip(&bone.lever_arms) {
             let force = forces[*v as usize];
             if force != DVec3::ZERO {
                 let at = scale.vector(centre + turn * *arm);

@@ -1,6 +1,6 @@
 //! The units that rapier computes in: its tolerances are absolute, and meant for cells of about one.
 
-use crate::physics::SpringNetwork;
+use crate::physics::DiscreteModel;
 use glam::{DQuat, DVec3};
 use rapier3d::math::{Pose, Rotation, Vector};
 
@@ -17,7 +17,7 @@ pub(super) struct Scale {
 
 impl Scale {
     /// The units that suit `network`: its mean edge and mean nodal mass.
-    pub fn of(network: &SpringNetwork) -> Scale {
+    pub fn from_model(network: &DiscreteModel) -> Scale {
         let edges = network.springs.iter().map(|s| s.length);
         let extent = network.frame.scale * network.length_unit;
         Scale {

@@ -21,7 +21,7 @@ pub(super) fn collider(shape: &Shape) -> Result<ColliderBuilder> {
             ColliderBuilder::cuboid(single(half.x), single(half.y), single(half.z))
         }
         Shape::Plane => ColliderBuilder::new(rapier3d::prelude::SharedShape::halfspace(Vector::Z)),
-        Shape::Field(field) => {
+        Shape::Sdf(field) => {
             let (vertices, triangles) = field.surface();
             let vertices = vertices.map(|p: DVec3| {
                 let [x, y, z] = p.as_vec3().to_array();

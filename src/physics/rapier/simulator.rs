@@ -1,15 +1,18 @@
 //! A body of tets as a simulator, stepped by rapier.
 
 use super::body::{RapierBody, no_state};
-use super::matter::Matter;
+use super::matter::SoftBodyModel;
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
-use crate::physics::cpu::{Errand, Failure, Refusal, Stepped, Worker, faces_through, send_loads};
+use crate::physics::cpu::{
+    StepFailure, Steppable, Worker, WorkerCommand, WorkerError, count_intersecting_faces,
+    send_loads,
+};
 use crate::physics::loads::LoadVersions;
 use crate::physics::{
-    ConjugateGradients, Energy, Engine, GrabId, Grip, Joint, LedId, Loads, NodeTerm, Nodes, Pose,
-    Progress, Reaction, Report, SelfContact, Simulator, SimulatorState, SolverKind, SpringNetwork,
-    Tool, ToolId, ToolPose, TopologyChange, Waker,
+    CgSettings, DiscreteModel, Energy, Engine, ExactPositions, GrabId, GrabMode, Joint, Loads,
+    NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, SelfContactSettings, Simulator,
+    SimulatorState, SolverKind, StepCallback, StepProgress, Tool, ToolId, ToolPose, TopologyChange,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -20,19 +23,19 @@ use std::sync::Arc;
 pub struct RapierTets {
     mesh: TetMesh,
     topology: Topology,
-    network: SpringNetwork,
+    network: DiscreteModel,
     loads: Loads,
     /// The loads that the worker has.
     sent: Option<LoadVersions>,
     tools: Vec<Tool>,
-    self_contact: Option<SelfContact>,
+    self_contact: Option<SelfContactSettings>,
     worker: Worker<RapierBody>,
-    nodes: Nodes,
+    nodes: NodePositions,
     /// The positions that were uploaded.
     shown: u64,
     /// Counts changes of state and shape from outside.
     changes: u64,
-    progress: Progress,
+    progress: StepProgress,
 }
 
 impl RapierTets {
@@ -44,24 +47,24 @@ impl RapierTets {
     /// [`Error::Gpu`] when the nodes do not fit the device.
     pub fn new(
         gpu: &Gpu,
-        (mesh, network): (TetMesh, SpringNetwork),
-        (kind, settings): (SolverKind, ConjugateGradients),
+        (mesh, network): (TetMesh, DiscreteModel),
+        (kind, settings): (SolverKind, CgSettings),
     ) -> Result<RapierTets> {
         check_kind(kind)?;
-        if network.rest.len() != mesh.nodes.len() {
+        if network.rest_positions.len() != mesh.nodes.len() {
             return Err(Error::Input(format!(
                 "masses of {} nodes are given for a mesh of {}",
-                network.rest.len(),
+                network.rest_positions.len(),
                 mesh.nodes.len()
             )));
         }
         let topology = Topology::new(&mesh);
         let (matter, unit) = (
-            Matter::new(&network, &boundary(&mesh, &topology))?,
+            SoftBodyModel::new(&network, &boundary(&mesh, &topology))?,
             network.length_unit,
         );
         let body = RapierBody::new(matter, network.masses.clone(), settings, unit)?;
-        let nodes = Nodes::new(gpu, &mesh)?;
+        let nodes = NodePositions::new(gpu, &mesh)?;
         Ok(RapierTets {
             topology,
             loads: Loads::new(mesh.nodes.len(), nodes.frame(), unit),
@@ -74,20 +77,20 @@ impl RapierTets {
             nodes,
             shown: 0,
             changes: 0,
-            progress: Progress::default(),
+            progress: StepProgress::default(),
         })
     }
 
     /// What is told of a step that was refused.
-    fn error(&mut self, refusal: Refusal) -> Error {
+    fn error(&mut self, refusal: WorkerError) -> Error {
         match refusal {
-            Refusal::Wrong(error) => {
+            WorkerError::Wrong(error) => {
                 // Loads that were refused are sent again.
                 self.sent = None;
                 error
             }
-            Refusal::Failed(Failure::BadStep { h }, ..) => bad_step(h),
-            Refusal::Failed(failure, dt, progress) => {
+            WorkerError::Failed(StepFailure::BadStep { h }, ..) => bad_step(h),
+            WorkerError::Failed(failure, dt, progress) => {
                 self.progress = progress;
                 Error::Solver {
                     solver: "rapier",
@@ -169,18 +172,18 @@ impl Simulator for RapierTets {
         &self.network.masses
     }
 
-    fn springs(&self) -> Vec<[u32; 2]> {
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
         self.network.springs.iter().map(|s| s.nodes).collect()
     }
 
-    fn network(&self) -> Option<&SpringNetwork> {
+    fn network(&self) -> Option<&DiscreteModel> {
         Some(&self.network)
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, settings: ConjugateGradients) -> Result<()> {
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         check_kind(kind)?;
-        self.worker.rest();
-        self.progress = Progress::default();
+        self.worker.cancel_pending();
+        self.progress = StepProgress::default();
         self.worker.set_progress(self.progress, Default::default());
         self.worker.body().set_settings(settings)?;
         self.changes += 1;
@@ -209,10 +212,10 @@ impl Simulator for RapierTets {
         &self.tools
     }
 
-    fn set_self_contact(&mut self, wanted: SelfContact) -> Result<usize> {
+    fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
         wanted.check()?;
         let mut body = self.worker.body();
-        let through = faces_through(
+        let through = count_intersecting_faces(
             &self.network,
             &boundary(&self.mesh, &self.topology),
             &body.positions(),
@@ -224,13 +227,13 @@ impl Simulator for RapierTets {
         Ok(through)
     }
 
-    fn self_contact(&self) -> Option<SelfContact> {
+    fn self_contact(&self) -> Option<SelfContactSettings> {
         self.self_contact
     }
 
     fn add_joint(&mut self, joint: Joint) -> Result<()> {
         joint.check()?;
-        let at = self.network.to_metres(joint.at);
+        let at = self.network.to_metres(joint.anchor);
         self.worker.body().add_joint(&joint, at)?;
         self.changes += 1;
         Ok(())
@@ -256,11 +259,12 @@ impl Simulator for RapierTets {
         Ok(self.worker.body().forces(&self.network))
     }
 
-    fn lead(&mut self, nodes: &[u32]) -> Result<LedId> {
+    fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
         let positions = self.positions()?;
         let place = |v: &u32| positions.get(*v as usize).copied();
         let places: Option<Vec<DVec3>> = nodes.iter().map(place).collect();
-        self.loads.lead(nodes, &places.unwrap_or_default())
+        self.loads
+            .add_prescribed_motion(nodes, &places.unwrap_or_default())
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
@@ -274,15 +278,15 @@ impl Simulator for RapierTets {
         send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
         match steps {
             0 => Ok(()),
-            steps => self.worker.ask(Errand::Steps(steps, dt)),
+            steps => self.worker.enqueue(WorkerCommand::Steps(steps, dt)),
         }
     }
 
-    fn set_waker(&mut self, waker: Waker) {
+    fn set_waker(&mut self, waker: StepCallback) {
         self.worker.set_waker(waker);
     }
 
-    fn progress(&mut self) -> Result<Progress> {
+    fn progress(&mut self) -> Result<StepProgress> {
         self.progress = match self.worker.progress() {
             Ok(progress) => progress,
             Err(refusal) => return Err(self.error(refusal)),
@@ -290,7 +294,7 @@ impl Simulator for RapierTets {
         Ok(self.progress)
     }
 
-    fn finish(&mut self) -> Result<Progress> {
+    fn finish(&mut self) -> Result<StepProgress> {
         self.progress = match self.worker.finish() {
             Ok(progress) => progress,
             Err(refusal) => return Err(self.error(refusal)),
@@ -300,18 +304,18 @@ impl Simulator for RapierTets {
 
     fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
         self.run(steps, dt)?;
-        self.publish(work)
+        self.update_nodes(work)
     }
 
     fn iterations(&self) -> Result<Vec<u32>> {
         Ok(Vec::new())
     }
 
-    fn publish(&mut self, _: &mut Recorder) -> Result<()> {
+    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
         self.upload()
     }
 
-    fn nodes(&self) -> &Nodes {
+    fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
@@ -357,7 +361,7 @@ impl Simulator for RapierTets {
         &mut self.loads
     }
 
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: Grip) -> Result<GrabId> {
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         let positions = self.positions()?;
         self.loads
             .grab(&positions, |_| true, (centre, radius), grip)
@@ -371,11 +375,11 @@ impl Simulator for RapierTets {
 
     fn report(&self) -> Result<Report> {
         let (positions, velocities) = (self.positions()?, self.velocities()?);
-        let energy = Energy::of(&self.network, &[], &positions, &velocities);
-        Ok(Report::of_positions(energy, &self.mesh, &positions))
+        let energy = Energy::from_state(&self.network, &[], &positions, &velocities);
+        Ok(Report::from_positions(energy, &self.mesh, &positions))
     }
 
-    fn speed(&self) -> f64 {
+    fn rms_speed(&self) -> f64 {
         if self.progress.steps == 0 {
             return f64::INFINITY;
         }
@@ -384,7 +388,7 @@ impl Simulator for RapierTets {
         speed / (self.network.frame.scale * self.network.length_unit)
     }
 
-    fn touched(&self) -> u64 {
+    fn change_count(&self) -> u64 {
         self.changes + self.loads.version()
     }
 
@@ -400,11 +404,11 @@ impl Simulator for RapierTets {
         Err(no_state())
     }
 
-    fn pose(&self) -> Result<Pose> {
+    fn pose(&self) -> Result<ExactPositions> {
         Err(no_state())
     }
 
-    fn set_pose(&mut self, _: &Pose) -> Result<()> {
+    fn set_pose(&mut self, _: &ExactPositions) -> Result<()> {
         Err(no_state())
     }
 }

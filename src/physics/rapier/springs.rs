@@ -2,10 +2,10 @@
 //! rapier has them pull at the node's own mass and not at all that hangs on it, so that a node comes
 //! to rest off its place, the less the shorter the step.
 
-use super::matter::Matter;
-use super::rigid::{Bone, BoneBody};
+use super::matter::SoftBodyModel;
+use super::rigid::{RigidRegion, RigidRegionBody};
 use super::scale::Scale;
-use crate::physics::cpu::Attachment;
+use crate::physics::cpu::NodeConstraint;
 use glam::DVec3;
 use rapier3d::math::Vector;
 use rapier3d::prelude::{
@@ -17,7 +17,7 @@ const AXES: [JointAxis; 3] = [JointAxis::LinX, JointAxis::LinY, JointAxis::LinZ]
 
 /// A spring without length from a node to a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Spring {
+pub(super) struct TargetSpring {
     pub node: u32,
     /// m.
     pub target: DVec3,
@@ -27,16 +27,16 @@ pub(super) struct Spring {
     pub limit: f64,
 }
 
-impl Spring {
+impl TargetSpring {
     /// Those among `attachments`.
-    pub fn of(attachments: &[Attachment]) -> impl Iterator<Item = Spring> {
+    pub fn of(attachments: &[NodeConstraint]) -> impl Iterator<Item = TargetSpring> {
         attachments.iter().filter_map(|a| match *a {
-            Attachment::Pull {
+            NodeConstraint::Spring {
                 node,
                 target,
                 stiffness,
                 limit,
-            } => Some(Spring {
+            } => Some(TargetSpring {
                 node,
                 target,
                 stiffness,
@@ -47,31 +47,31 @@ impl Spring {
     }
 
     /// Whether it is the other but for where it pulls to.
-    pub fn is_like(&self, other: &Spring) -> bool {
+    pub fn same_parameters(&self, other: &TargetSpring) -> bool {
         let target = self.target;
-        *self == Spring { target, ..*other }
+        *self == TargetSpring { target, ..*other }
     }
 }
 
 /// What a spring hangs on: a body of rapier's, and where on it.
-pub(super) struct Hook {
+pub(super) struct SpringAnchor {
     body: RigidBodyHandle,
     arm: Vector,
     /// The particle that it is, if it is one.
     particle: Option<usize>,
 }
 
-impl Hook {
+impl SpringAnchor {
     /// A node that is soft; `None` for one that is not there.
     pub fn particle(
         physics: &mut PhysicsWorld,
         body: SoftBodyHandle,
-        matter: &Matter,
+        matter: &SoftBodyModel,
         node: u32,
-    ) -> Option<Hook> {
+    ) -> Option<SpringAnchor> {
         let particle = matter.particles[node as usize]?;
         let cluster = physics.add_soft_body_cluster(body, &[particle])?;
-        Some(Hook {
+        Some(SpringAnchor {
             body: physics.soft_bodies[body].cluster_proxy(cluster)?,
             arm: Vector::ZERO,
             particle: Some(particle as usize),
@@ -79,11 +79,16 @@ impl Hook {
     }
 
     /// A node of a rigid region.
-    pub fn bone(bone: &Bone, body: &BoneBody, node: u32, scale: Scale) -> Option<Hook> {
+    pub fn bone(
+        bone: &RigidRegion,
+        body: &RigidRegionBody,
+        node: u32,
+        scale: Scale,
+    ) -> Option<SpringAnchor> {
         let own = bone.nodes.binary_search(&node).ok()?;
-        Some(Hook {
+        Some(SpringAnchor {
             body: body.handle,
-            arm: scale.vector(bone.arms[own]),
+            arm: scale.vector(bone.lever_arms[own]),
             particle: None,
         })
     }
@@ -98,17 +103,22 @@ impl Hook {
 }
 
 /// A spring in a world.
-pub(super) struct Hung {
-    hook: Hook,
+pub(super) struct AttachedSpring {
+    hook: SpringAnchor,
     /// In rapier's units.
     limit: f32,
     anchor: RigidBodyHandle,
     joint: ImpulseJointHandle,
 }
 
-impl Hung {
+impl AttachedSpring {
     /// Hangs `spring` on what it pulls at.
-    pub fn new(physics: &mut PhysicsWorld, hook: Hook, spring: &Spring, scale: Scale) -> Hung {
+    pub fn new(
+        physics: &mut PhysicsWorld,
+        hook: SpringAnchor,
+        spring: &TargetSpring,
+        scale: Scale,
+    ) -> AttachedSpring {
         let anchor = RigidBodyBuilder::kinematic_position_based();
         let anchor = physics.insert_body(anchor.translation(scale.vector(spring.target)));
         let stiffness = (spring.stiffness / scale.mass) as f32;
@@ -119,7 +129,7 @@ impl Hung {
                 .motor_position(axis, 0.0, stiffness, 0.0);
         }
         let limit = spring.limit / (scale.mass * scale.length);
-        Hung {
+        AttachedSpring {
             limit: limit.min(f64::from(f32::MAX)) as f32,
             joint: physics.insert_impulse_joint(anchor, hook.body, joint),
             hook,
@@ -129,7 +139,7 @@ impl Hung {
 
     /// Has it pull to `target` (m) in the next step. Motors have a limit along each axis: they share
     /// that of the spring as the pull does.
-    pub fn aim(
+    pub fn set_target(
         &self,
         physics: &mut PhysicsWorld,
         body: SoftBodyHandle,

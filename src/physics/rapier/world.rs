@@ -1,11 +1,11 @@
 //! A world of rapier with one soft body in it, its rigid regions, and the tools that press on both.
 
-use super::joints::Joined;
-use super::matter::Matter;
-use super::rigid::BoneBody;
+use super::joints::RegionJoint;
+use super::matter::SoftBodyModel;
+use super::rigid::RigidRegionBody;
 use super::shape::collider;
-use super::springs::{Hook, Hung, Spring};
-use crate::physics::{ConjugateGradients, SelfContact, Tool, ToolPose};
+use super::springs::{AttachedSpring, SpringAnchor, TargetSpring};
+use crate::physics::{CgSettings, SelfContactSettings, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;
 use rapier3d::math::Vector;
@@ -18,17 +18,17 @@ use rapier3d::prelude::{
 const SUBSTEPS: usize = 4;
 
 /// Residual of the linear solves, of the right side, where nothing is said: rapier's own default.
-const RESIDUAL: f64 = 1e-5;
+const DEFAULT_TOLERANCE: f64 = 1e-5;
 
 /// What rapier takes for a metre, in units: its tolerances are meant for cells of about a tenth.
-const METRE: f32 = 8.0;
+const LENGTH_UNIT: f32 = 8.0;
 
 /// The skin around the boundary, where no gap is given, in units: mean edges.
-const SKIN: f64 = 0.02;
+const COLLIDER_MARGIN: f64 = 0.02;
 
 /// Degrees of freedom up to which a body that touches something has its matrix factorized, once a
 /// step: every contact costs a solve with it.
-const FACTORIZED: usize = 9000;
+const DIRECT_SOLVE_MAX_DOF: usize = 9000;
 
 /// What a body touches, and how.
 #[derive(Clone, Debug, Default)]
@@ -36,7 +36,7 @@ pub(super) struct Contacts {
     /// In file units.
     pub tools: Vec<Tool>,
     /// In file units.
-    pub itself: Option<SelfContact>,
+    pub self_contact: Option<SelfContactSettings>,
     /// Metres in a file unit.
     pub unit: f64,
 }
@@ -44,7 +44,7 @@ pub(super) struct Contacts {
 impl Contacts {
     /// Whether there are any.
     pub fn any(&self) -> bool {
-        self.itself.is_some() || !self.tools.is_empty()
+        self.self_contact.is_some() || !self.tools.is_empty()
     }
 
     /// Refuses what rapier cannot tell apart.
@@ -52,7 +52,7 @@ impl Contacts {
     /// # Errors
     /// [`Error::Input`] for a tool that is smoother than the body is to itself, or nearer.
     pub fn check(&self) -> Result<()> {
-        let Some(own) = self.itself else {
+        let Some(own) = self.self_contact else {
             return Ok(());
         };
         let refused = |what: &str, has: f64, least: f64| {
@@ -79,11 +79,11 @@ impl Contacts {
     /// from twice that on, tools from that and their own.
     fn skin(&self, length: f64) -> f64 {
         let local = |gap: f64| gap * self.unit / length;
-        if let Some(gap) = self.itself.and_then(|c| c.gap) {
+        if let Some(gap) = self.self_contact.and_then(|c| c.gap) {
             return local(0.5 * gap);
         }
         let gaps = self.tools.iter().filter_map(|t| t.gap);
-        gaps.map(local).fold(SKIN, f64::min)
+        gaps.map(local).fold(COLLIDER_MARGIN, f64::min)
     }
 }
 
@@ -91,9 +91,9 @@ impl Contacts {
 pub(super) struct World {
     physics: PhysicsWorld,
     body: SoftBodyHandle,
-    bones: Vec<BoneBody>,
+    bones: Vec<RigidRegionBody>,
     tools: Vec<RigidBodyHandle>,
-    springs: Vec<Hung>,
+    springs: Vec<AttachedSpring>,
 }
 
 impl World {
@@ -102,31 +102,31 @@ impl World {
     /// # Errors
     /// [`Error::Input`] for a tool or a rigid region whose surface rapier refuses.
     pub fn new(
-        matter: &Matter,
-        settings: ConjugateGradients,
-        (contacts, joints): (&Contacts, &[Joined]),
+        matter: &SoftBodyModel,
+        settings: CgSettings,
+        (contacts, joints): (&Contacts, &[RegionJoint]),
         places: &[ToolPose],
     ) -> Result<World> {
         let mut physics = PhysicsWorld::new();
         let parameters = &mut physics.integration_parameters;
         parameters.num_solver_iterations = SUBSTEPS;
-        parameters.length_unit = METRE;
-        parameters.normalized_max_linear_velocity = f32::MAX / METRE;
+        parameters.length_unit = LENGTH_UNIT;
+        parameters.normalized_max_linear_velocity = f32::MAX / LENGTH_UNIT;
         // Contacts of what hardly moves are found anew too: the body changes its shape.
         parameters.contact_recycling = false;
         let fem = &mut parameters.soft_bodies.fem;
-        let wanted = ConjugateGradients::default();
+        let wanted = CgSettings::default();
         fem.linear_tolerance = match settings.tolerance == wanted.tolerance {
-            true => RESIDUAL as f32,
+            true => DEFAULT_TOLERANCE as f32,
             false => settings.tolerance as f32,
         };
         fem.max_linear_iterations = settings.max_iterations as usize;
         fem.max_dense_dofs = match contacts.any() {
-            true => FACTORIZED,
+            true => DIRECT_SOLVE_MAX_DOF,
             false => 0,
         };
         let body = physics.insert_soft_body(builder(matter, contacts));
-        stiffen(&mut physics, body, matter);
+        set_group_stiffness(&mut physics, body, matter);
         let bones = bones(&mut physics, body, matter, contacts)?;
         for joint in joints {
             joint.insert(&mut physics, &matter.bones, &bones, matter.scale);
@@ -137,7 +137,7 @@ impl World {
             let gap = tool
                 .gap
                 .map_or(0.0, |gap| gap * contacts.unit / scale.length);
-            let shape = collider(&tool.shape.scaled(contacts.unit / scale.length))?
+            let shape = collider(&tool.shape.with_scale(contacts.unit / scale.length))?
                 .friction(tool.friction as f32)
                 .friction_combine_rule(CoefficientCombineRule::Max)
                 .contact_skin((gap - contacts.skin(scale.length)).max(0.0) as f32);
@@ -155,23 +155,24 @@ impl World {
     }
 
     /// Adds a spring to a target.
-    pub fn add_spring(&mut self, spring: &Spring, matter: &Matter) {
+    pub fn add_spring(&mut self, spring: &TargetSpring, matter: &SoftBodyModel) {
         let hook = match matter.owners[spring.node as usize] {
-            None => Hook::particle(&mut self.physics, self.body, matter, spring.node),
+            None => SpringAnchor::particle(&mut self.physics, self.body, matter, spring.node),
             Some(b) => {
                 let (bone, own) = (&matter.bones[b as usize], &self.bones[b as usize]);
-                Hook::bone(bone, own, spring.node, matter.scale)
+                SpringAnchor::bone(bone, own, spring.node, matter.scale)
             }
         };
-        let hung = hook.map(|hook| Hung::new(&mut self.physics, hook, spring, matter.scale));
+        let hung =
+            hook.map(|hook| AttachedSpring::new(&mut self.physics, hook, spring, matter.scale));
         self.springs.extend(hung);
     }
 
     /// Has the springs, in the order in which they were added, pull to `targets` (m) in the next
     /// step.
-    pub fn aim_springs(&mut self, targets: impl Iterator<Item = DVec3>, matter: &Matter) {
+    pub fn aim_springs(&mut self, targets: impl Iterator<Item = DVec3>, matter: &SoftBodyModel) {
         for (hung, target) in self.springs.iter().zip(targets) {
-            hung.aim(&mut self.physics, self.body, target, matter.scale);
+            hung.set_target(&mut self.physics, self.body, target, matter.scale);
         }
     }
 
@@ -180,7 +181,7 @@ impl World {
     }
 
     /// Puts all nodes at `x` (m), moving by `v` (m/s); rigid regions as near to that as they can be.
-    pub fn set(&mut self, x: &[DVec3], v: &[DVec3], matter: &Matter) {
+    pub fn set(&mut self, x: &[DVec3], v: &[DVec3], matter: &SoftBodyModel) {
         let (scale, body) = (matter.scale, &mut self.physics.soft_bodies[self.body]);
         for (p, node) in matter.nodes.iter().enumerate() {
             body.set_particle_position(p, scale.vector(x[*node as usize]));
@@ -192,7 +193,7 @@ impl World {
     }
 
     /// Holds the nodes that are `held`, where they are, and lets go of the others.
-    pub fn hold(&mut self, held: &[bool], matter: &Matter) {
+    pub fn hold(&mut self, held: &[bool], matter: &SoftBodyModel) {
         let body = &mut self.physics.soft_bodies[self.body];
         for (p, node) in matter.nodes.iter().enumerate() {
             // Rigid regions take their particles along.
@@ -213,12 +214,14 @@ impl World {
     }
 
     /// Has a node that is held go to `place` (m) with the next step.
-    pub fn lead(&mut self, node: u32, place: DVec3, matter: &Matter) {
+    pub fn set_node_target(&mut self, node: u32, place: DVec3, matter: &SoftBodyModel) {
         match (
             matter.owners[node as usize],
             matter.particles[node as usize],
         ) {
-            (Some(b), _) => self.bones[b as usize].lead(&matter.bones[b as usize], node, place),
+            (Some(b), _) => {
+                self.bones[b as usize].set_node_target(&matter.bones[b as usize], node, place)
+            }
             (None, Some(p)) => {
                 let body = &mut self.physics.soft_bodies[self.body];
                 body.set_particle_kinematic_target(p as usize, matter.scale.vector(place));
@@ -228,7 +231,7 @@ impl World {
     }
 
     /// Puts forces (N, of all nodes) on the particles.
-    pub fn push(&mut self, forces: &[DVec3], matter: &Matter) {
+    pub fn apply_forces(&mut self, forces: &[DVec3], matter: &SoftBodyModel) {
         let body = &mut self.physics.soft_bodies[self.body];
         body.reset_forces(true);
         for (p, node) in matter.nodes.iter().enumerate() {
@@ -245,7 +248,13 @@ impl World {
     }
 
     /// Has a tool go to `place` (m) with the next step, or puts it there at once.
-    pub fn guide(&mut self, tool: usize, place: &ToolPose, matter: &Matter, at_once: bool) {
+    pub fn set_tool_target(
+        &mut self,
+        tool: usize,
+        place: &ToolPose,
+        matter: &SoftBodyModel,
+        at_once: bool,
+    ) {
         let pose = matter.scale.pose(place.place(), place.turn());
         let Some(rigid) = self.tools.get(tool) else {
             return;
@@ -259,10 +268,10 @@ impl World {
 
     /// A step of `dt` seconds, `forces` (N, of all nodes) acting on what is rigid; whether the body
     /// stayed sound.
-    pub fn step(&mut self, dt: f64, forces: &[DVec3], matter: &Matter) -> bool {
+    pub fn step(&mut self, dt: f64, forces: &[DVec3], matter: &SoftBodyModel) -> bool {
         for (own, bone) in self.bones.iter().zip(&matter.bones) {
-            own.aim(&mut self.physics, bone, matter.scale);
-            own.push(&mut self.physics, bone, forces, matter.scale);
+            own.apply_targets(&mut self.physics, bone, matter.scale);
+            own.apply_forces(&mut self.physics, bone, forces, matter.scale);
         }
         self.physics.integration_parameters.dt = dt as f32;
         self.physics.step();
@@ -280,7 +289,7 @@ impl World {
     }
 
     /// Positions of all nodes, m.
-    pub fn positions(&self, matter: &Matter) -> Vec<DVec3> {
+    pub fn positions(&self, matter: &SoftBodyModel) -> Vec<DVec3> {
         let scale = matter.scale;
         let mut all = vec![DVec3::ZERO; matter.particles.len()];
         for (node, x) in matter.nodes.iter().zip(self.body().particle_positions()) {
@@ -288,7 +297,7 @@ impl World {
         }
         for (own, bone) in self.bones.iter().zip(&matter.bones) {
             let (centre, turn) = own.pose(&self.physics, scale);
-            for (node, arm) in bone.nodes.iter().zip(&bone.arms) {
+            for (node, arm) in bone.nodes.iter().zip(&bone.lever_arms) {
                 all[*node as usize] = centre + turn * *arm;
             }
         }
@@ -296,7 +305,7 @@ impl World {
     }
 
     /// Velocities of all nodes, m/s.
-    pub fn velocities(&self, matter: &Matter) -> Vec<DVec3> {
+    pub fn velocities(&self, matter: &SoftBodyModel) -> Vec<DVec3> {
         let scale = matter.scale;
         let mut all = vec![DVec3::ZERO; matter.particles.len()];
         for (node, v) in matter.nodes.iter().zip(self.body().particle_velocities()) {
@@ -304,7 +313,7 @@ impl World {
         }
         for (own, bone) in self.bones.iter().zip(&matter.bones) {
             let (centre, turn) = own.pose(&self.physics, scale);
-            for (node, arm) in bone.nodes.iter().zip(&bone.arms) {
+            for (node, arm) in bone.nodes.iter().zip(&bone.lever_arms) {
                 let at = centre + turn * *arm;
                 all[*node as usize] = own.velocity(&self.physics, at, scale);
             }
@@ -317,16 +326,16 @@ impl World {
 fn bones(
     physics: &mut PhysicsWorld,
     body: SoftBodyHandle,
-    matter: &Matter,
+    matter: &SoftBodyModel,
     contacts: &Contacts,
-) -> Result<Vec<BoneBody>> {
+) -> Result<Vec<RigidRegionBody>> {
     let scale = matter.scale;
-    let friction = contacts.itself.map_or(0.0, |c| c.friction);
+    let friction = contacts.self_contact.map_or(0.0, |c| c.friction);
     let skin = contacts.skin(scale.length) as f32;
     let contact = contacts.any().then_some((friction, skin));
     let mut bones = Vec::with_capacity(matter.bones.len());
     for bone in &matter.bones {
-        let own = BoneBody::new(physics, bone, scale, contact, matter.mass_damping)?;
+        let own = RigidRegionBody::new(physics, bone, scale, contact, matter.mass_damping)?;
         for particle in bone
             .nodes
             .iter()
@@ -341,10 +350,10 @@ fn bones(
 }
 
 /// The soft body of `matter`.
-fn builder(matter: &Matter, contacts: &Contacts) -> SoftBodyBuilder {
+fn builder(matter: &SoftBodyModel, contacts: &Contacts) -> SoftBodyBuilder {
     let skin = contacts.skin(matter.scale.length) as f32;
     let body = SoftBodyBuilder::new(matter.rest.clone())
-        .cells(matter.cells.clone())
+        .cells(matter.tets.clone())
         .masses(matter.masses.clone())
         .cell_model(matter.model)
         .material(matter.material)
@@ -355,28 +364,28 @@ fn builder(matter: &Matter, contacts: &Contacts) -> SoftBodyBuilder {
     if !contacts.any() {
         return body.no_surface_collider();
     }
-    let own = contacts.itself.map_or(0.0, |c| c.friction);
+    let own = contacts.self_contact.map_or(0.0, |c| c.friction);
     let surface = ColliderBuilder::ball(skin)
         .density(0.0)
         .friction(own as f32);
     body.surface_collider(surface)
-        .self_contacts(contacts.itself.is_some())
+        .self_contacts(contacts.self_contact.is_some())
 }
 
 /// Makes groups of tets as stiff as they are. What rapier can name is all tets between some nodes:
 /// those that are named so and are of another group are set right by themselves.
-fn stiffen(physics: &mut PhysicsWorld, body: SoftBodyHandle, matter: &Matter) {
-    let mut wanted = vec![1.0f32; matter.cells.len()];
+fn set_group_stiffness(physics: &mut PhysicsWorld, body: SoftBodyHandle, matter: &SoftBodyModel) {
+    let mut wanted = vec![1.0f32; matter.tets.len()];
     for (cells, factor) in &matter.groups {
         cells.iter().for_each(|c| wanted[*c as usize] = *factor);
-        let corners = cells.iter().flat_map(|c| matter.cells[*c as usize]);
+        let corners = cells.iter().flat_map(|c| matter.tets[*c as usize]);
         set_stiffness(physics, body, corners.collect(), *factor);
     }
     let found =
         |physics: &PhysicsWorld, c: usize| physics.soft_bodies[body].cells()[c].stiffness_scale;
     for (c, factor) in wanted.iter().enumerate() {
         if found(physics, c) != *factor {
-            set_stiffness(physics, body, matter.cells[c].to_vec(), *factor);
+            set_stiffness(physics, body, matter.tets[c].to_vec(), *factor);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::NodeTerm;
 use crate::mesh::LocalFrame;
-use crate::physics::Units;
+use crate::physics::LocalUnits;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
@@ -17,12 +17,12 @@ pub struct Floor {
     /// n · x of its surface, m from the frame's origin.
     offset: f64,
     /// ω, 1/s.
-    rate: f64,
+    angular_frequency: f64,
 }
 
 impl Floor {
     /// The rate where nothing is said, 1/s.
-    pub const RATE: f64 = 1000.0;
+    pub const DEFAULT_RATE: f64 = 1000.0;
 
     /// The floor through `point` (metres from the frame's origin) that pushes along `normal`, as
     /// hard as makes a node swing `rate` radians a second.
@@ -39,11 +39,11 @@ impl Floor {
         Ok(Floor {
             normal: unit,
             offset: unit.dot(point),
-            rate,
+            angular_frequency: rate,
         })
     }
 
-    fn depth(&self, x: DVec3) -> f64 {
+    fn penetration(&self, x: DVec3) -> f64 {
         self.offset - self.normal.dot(x)
     }
 }
@@ -53,9 +53,14 @@ impl NodeTerm for Floor {
         "floor"
     }
 
-    fn numbers(&self, frame: &LocalFrame, units: &Units, length_unit: f64) -> [[f32; 4]; 2] {
+    fn gpu_parameters(
+        &self,
+        frame: &LocalFrame,
+        units: &LocalUnits,
+        length_unit: f64,
+    ) -> [[f32; 4]; 2] {
         let offset = self.offset / (frame.scale * length_unit);
-        let rate = self.rate * units.time;
+        let rate = self.angular_frequency * units.time;
         [
             self.normal.as_vec3().extend(offset as f32).to_array(),
             [(rate * rate) as f32, 0.0, 0.0, 0.0],
@@ -63,23 +68,23 @@ impl NodeTerm for Floor {
     }
 
     fn energy(&self, m: f64, x: DVec3) -> f64 {
-        0.5 * self.stiffness(m) * self.depth(x).max(0.0).powi(2)
+        0.5 * self.max_stiffness(m) * self.penetration(x).max(0.0).powi(2)
     }
 
     fn force(&self, m: f64, x: DVec3) -> DVec3 {
-        self.stiffness(m) * self.depth(x).max(0.0) * self.normal
+        self.max_stiffness(m) * self.penetration(x).max(0.0) * self.normal
     }
 
-    fn block(&self, m: f64, x: DVec3) -> DMat3 {
-        if self.depth(x) <= 0.0 {
+    fn hessian(&self, m: f64, x: DVec3) -> DMat3 {
+        if self.penetration(x) <= 0.0 {
             return DMat3::ZERO;
         }
         let n = self.normal;
-        self.stiffness(m) * DMat3::from_cols(n * n.x, n * n.y, n * n.z)
+        self.max_stiffness(m) * DMat3::from_cols(n * n.x, n * n.y, n * n.z)
     }
 
-    fn stiffness(&self, m: f64) -> f64 {
-        m * self.rate * self.rate
+    fn max_stiffness(&self, m: f64) -> f64 {
+        m * self.angular_frequency * self.angular_frequency
     }
 }
 
@@ -99,7 +104,7 @@ mod tests {
                 let slope = (floor.energy(m, b) - floor.energy(m, a)) / (2.0 * h);
                 assert!((floor.force(m, x).dot(axis) + slope).abs() < 1e-6);
                 let change = (floor.force(m, b) - floor.force(m, a)) / (2.0 * h);
-                assert!((floor.block(m, x) * axis + change).length() < 1e-6);
+                assert!((floor.hessian(m, x) * axis + change).length() < 1e-6);
             }
         }
         assert!(floor.energy(m, DVec3::new(-0.5, 0.1, 0.9)) > 0.0);

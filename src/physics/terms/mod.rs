@@ -8,7 +8,7 @@ mod floor;
 
 pub use floor::Floor;
 
-use super::Units;
+use super::LocalUnits;
 use crate::mesh::LocalFrame;
 use glam::{DMat3, DVec3};
 use std::fmt::Debug;
@@ -19,7 +19,12 @@ pub trait NodeTerm: Debug + Send + Sync {
     fn name(&self) -> &'static str;
 
     /// Its numbers as that file reads them, in local units.
-    fn numbers(&self, frame: &LocalFrame, units: &Units, length_unit: f64) -> [[f32; 4]; 2];
+    fn gpu_parameters(
+        &self,
+        frame: &LocalFrame,
+        units: &LocalUnits,
+        length_unit: f64,
+    ) -> [[f32; 4]; 2];
 
     /// Energy of a node of mass `m` (kg) at `x`, J.
     fn energy(&self, m: f64, x: DVec3) -> f64;
@@ -28,9 +33,9 @@ pub trait NodeTerm: Debug + Send + Sync {
     fn force(&self, m: f64, x: DVec3) -> DVec3;
 
     /// −∂f/∂x, N/m: symmetric and positive semidefinite.
-    fn block(&self, m: f64, x: DVec3) -> DMat3;
+    fn hessian(&self, m: f64, x: DVec3) -> DMat3;
 
-    /// The largest eigenvalue that [`NodeTerm::block`] has for a node of mass `m`, N/m: what
+    /// The largest eigenvalue that [`NodeTerm::hessian`] has for a node of mass `m`, N/m: what
     /// bounds the step of explicit schemes.
-    fn stiffness(&self, m: f64) -> f64;
+    fn max_stiffness(&self, m: f64) -> f64;
 }

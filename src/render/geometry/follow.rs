@@ -1,9 +1,9 @@
 //! A geometry that follows the cuts made in its mesh.
 
-use super::placed::Placed;
+use super::placed::ReorderedMesh;
 use super::{Geometry, Scalars, check_input, count_pass, share};
 use crate::gpu::Array;
-use crate::mesh::{NO_NEIGHBOUR, TetCut, TetMesh, Topology, splice};
+use crate::mesh::{NO_NEIGHBOUR, TetCut, TetMesh, Topology, replace_sorted};
 use crate::{Error, Result};
 
 impl Geometry {
@@ -15,7 +15,7 @@ impl Geometry {
     ///
     /// # Errors
     /// As [`Geometry::new`]; nothing is changed when `mesh` is not the one cut.
-    pub fn follow<'a>(
+    pub fn apply_cut<'a>(
         &mut self,
         mesh: &TetMesh,
         topology: &Topology,
@@ -26,19 +26,19 @@ impl Geometry {
         let scalars = scalars.into();
         check_input(mesh, positions, scalars)?;
         let known = self.scalars.len() as usize;
-        if matches!(scalars, Scalars::Cells(_)) != self.per_cell {
+        if matches!(scalars, Scalars::Cells(_)) != self.is_cell_scalar {
             return Err(Error::Input(
                 "a geometry made with scalars at the nodes, or in the tets, follows a cut with scalars there"
                     .into(),
             ));
         }
-        if known + cut.doubled.len() != mesh.nodes.len()
-            || self.place.len() != mesh.tets.len() + cut.removed.len()
+        if known + cut.duplicated_nodes.len() != mesh.nodes.len()
+            || self.tet_order.len() != mesh.tets.len() + cut.removed.len()
         {
             return Err(Error::Input(format!(
                 "a geometry of {known} nodes and {} tets cannot follow a cut that doubled {} nodes and removed {} tets, to a mesh of {} and {}; give it every cut in turn",
-                self.place.len(),
-                cut.doubled.len(),
+                self.tet_order.len(),
+                cut.duplicated_nodes.len(),
                 cut.removed.len(),
                 mesh.nodes.len(),
                 mesh.tets.len()
@@ -59,15 +59,15 @@ impl Geometry {
         }
         self.generation = generation;
         if lit {
-            self.make_gradients(mesh, topology, scalars)?;
+            self.build_gradients(mesh, topology, scalars)?;
         }
         if remembers {
-            self.remember_rest(mesh)?;
+            self.store_rest_positions(mesh)?;
         }
         Ok(())
     }
 
-    /// [`Geometry::follow`], where no tets were removed.
+    /// [`Geometry::apply_cut`], where no tets were removed.
     fn open(
         &mut self,
         mesh: &TetMesh,
@@ -83,7 +83,7 @@ impl Geometry {
                 let new = values[known as usize..].iter();
                 new.map(|s| share(*s, self.range)).collect()
             }
-            Scalars::Cells(_) => vec![0.0; cut.doubled.len()],
+            Scalars::Cells(_) => vec![0.0; cut.duplicated_nodes.len()],
         };
         let nodes = mesh.nodes.len();
         let replaced = gpu.resize(&mut self.scalars, "scalars", nodes)?;
@@ -92,15 +92,15 @@ impl Geometry {
         let moved_away = self.positions.texture() != positions.texture();
         self.positions = positions.clone();
 
-        let placed = Placed {
+        let placed = ReorderedMesh {
             mesh,
             topology,
-            place: &self.place,
+            place: &self.tet_order,
         };
-        let slot = |t: &u32| self.place[*t as usize];
+        let slot = |t: &u32| self.tet_order[*t as usize];
         let slots: Vec<u32> = cut.tets.iter().map(slot).collect();
         let tets: Vec<[u32; 4]> = cut.tets.iter().map(|t| mesh.tets[*t as usize]).collect();
-        gpu.put(&self.tets, &slots, &tets)?;
+        gpu.scatter_items(&self.tets, &slots, &tets)?;
         // A link holds the nodes of the tet behind it.
         let behind = cut
             .tets
@@ -117,16 +117,20 @@ impl Geometry {
             .flat_map(|t| [0, 1, 2, 3].map(|k| 4 * slot(t) + k))
             .collect();
         let links: Vec<[u32; 2]> = linked.iter().flat_map(|t| placed.links(*t)).collect();
-        gpu.put(&self.links, &places, &links)?;
+        gpu.scatter_items(&self.links, &places, &links)?;
 
-        let mut bare: Vec<[u32; 4]> = cut.tets.iter().flat_map(|t| placed.bare(*t)).collect();
+        let mut bare: Vec<[u32; 4]> = cut
+            .tets
+            .iter()
+            .flat_map(|t| placed.boundary_faces(*t))
+            .collect();
         bare.sort_unstable_by_key(|face| face[3]);
         let mut gone: Vec<u32> = slots
             .iter()
             .flat_map(|s| [0, 1, 2, 3].map(|f| 4 * s + f))
             .collect();
         gone.sort_unstable();
-        splice(&mut self.boundary_faces, |face| face[3], &gone, &bare);
+        replace_sorted(&mut self.boundary_faces, |face| face[3], &gone, &bare);
         gpu.resize(&mut self.boundary, "boundary", self.boundary_faces.len())?;
         let first_code = gone.first().copied().unwrap_or(0);
         let first = self.boundary_faces.partition_point(|f| f[3] < first_code);

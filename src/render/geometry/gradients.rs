@@ -4,7 +4,7 @@
 use super::{Geometry, Scalars};
 use crate::gpu::{Array, Pass, Recorder, Texel};
 use crate::mesh::{TetMesh, Topology};
-use crate::render::light::{Around, EDGE};
+use crate::render::light::{BOUNDARY_GRADIENT, NodeIncidence};
 use crate::{Error, Result};
 
 mod gpu_data {
@@ -34,10 +34,10 @@ impl Gradients {
         cells: Option<&[f64]>,
     ) -> Result<Gradients> {
         let gpu = &geometry.gpu;
-        let around = Around::new(mesh, topology, cells, |t| geometry.place[t]);
+        let around = NodeIncidence::new(mesh, topology, cells, |t| geometry.tet_order[t]);
         let firsts = gpu.array_of("first entries of nodes", Texel::U32, &around.firsts)?;
         let items = gpu.array_of("what is around nodes", Texel::U32, &around.items)?;
-        let ends = gpu.array_of("faces at ends", Texel::U32x4, &around.ends)?;
+        let ends = gpu.array_of("faces at ends", Texel::U32x4, &around.boundary_faces)?;
         let nodes = mesh.nodes.len();
         let array = gpu.array("gradients at nodes", Texel::F32x4, nodes)?;
         let pass = gpu
@@ -52,9 +52,9 @@ impl Gradients {
             .params(&gpu_data::Gradients {
                 nodes: nodes as u32,
                 tets: mesh.tets.len() as u32,
-                edge: EDGE as f32,
+                edge: BOUNDARY_GRADIENT as f32,
             })
-            .over(nodes as u32)?;
+            .dispatch_items(nodes as u32)?;
         Ok(Gradients {
             array,
             pass,
@@ -71,7 +71,7 @@ impl Geometry {
     /// # Errors
     /// [`Error::Input`] for other scalars than it has; [`Error::Gpu`] when the lists do not fit
     /// the device.
-    pub fn illuminate<'a>(
+    pub fn enable_lighting<'a>(
         &mut self,
         mesh: &TetMesh,
         topology: &Topology,
@@ -80,19 +80,19 @@ impl Geometry {
         let scalars = scalars.into();
         let items = mesh.nodes.len() == self.projected.len() as usize
             && mesh.tets.len() == self.tets.len() as usize;
-        if !items || matches!(scalars, Scalars::Cells(_)) != self.per_cell {
+        if !items || matches!(scalars, Scalars::Cells(_)) != self.is_cell_scalar {
             return Err(Error::Input(
                 "light needs the mesh and the scalars that the geometry was made of".into(),
             ));
         }
-        self.make_gradients(mesh, topology, scalars)?;
+        self.build_gradients(mesh, topology, scalars)?;
         // What was prepared without them is prepared anew.
         self.generation += 1;
         Ok(())
     }
 
     /// The lists and gradients of the mesh as it is now.
-    pub(super) fn make_gradients(
+    pub(super) fn build_gradients(
         &mut self,
         mesh: &TetMesh,
         topology: &Topology,
@@ -113,7 +113,7 @@ impl Geometry {
     }
 
     /// Has them made anew for the next picture that is lit.
-    pub(super) fn forget_gradients(&mut self) {
+    pub(super) fn invalidate_gradients(&mut self) {
         if let Some(gradients) = &mut self.gradients {
             gradients.made_of = None;
         }

@@ -6,13 +6,13 @@ use crate::parallel;
 
 /// Parts of the range of scalars that are told apart where it is asked what is frequent, and tets that
 /// are looked at for it.
-const SPREAD: usize = 256;
+const HISTOGRAM_BINS: usize = 256;
 const TETS_OF_SPREAD: usize = 1 << 16;
 
 /// What the tables of pictures are made for, of a mesh with a scalar. Pieces of a mesh take over
 /// those of the whole, so that all are drawn by one table.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
-pub struct Measures {
+pub struct TableStatistics {
     /// The longest edge, in the mesh's unit.
     pub longest_edge: f64,
     /// Mean length of a random ray in a tet, in the mesh's unit.
@@ -23,28 +23,28 @@ pub struct Measures {
     pub spread: Vec<f64>,
 }
 
-impl Measures {
+impl TableStatistics {
     /// Those of `mesh` with these scalars.
-    pub fn new(mesh: &TetMesh, scalars: Scalars) -> Measures {
+    pub fn new(mesh: &TetMesh, scalars: Scalars) -> TableStatistics {
         let range = scalar_range(scalars.values());
-        Measures {
+        TableStatistics {
             longest_edge: longest_edge(mesh),
             mean_chord: mean_chord(mesh),
             range,
-            spread: spread(mesh, scalars, range).to_vec(),
+            spread: scalar_histogram(mesh, scalars, range).to_vec(),
         }
     }
 
     /// The same with the scalars seen in another range, whose ends stand for all that is beyond them.
-    pub fn in_range(&self, range: (f64, f64)) -> Measures {
+    pub fn with_range(&self, range: (f64, f64)) -> TableStatistics {
         let width = (self.range.1 - self.range.0) / self.spread.len().max(1) as f64;
-        let mut moved = vec![0.0; SPREAD];
+        let mut moved = vec![0.0; HISTOGRAM_BINS];
         for (k, part) in self.spread.iter().enumerate() {
             let middle = self.range.0 + (k as f64 + 0.5) * width;
-            let bin = (share(middle, range) * SPREAD as f32) as usize;
-            moved[bin.min(SPREAD - 1)] += part;
+            let bin = (share(middle, range) * HISTOGRAM_BINS as f32) as usize;
+            moved[bin.min(HISTOGRAM_BINS - 1)] += part;
         }
-        Measures {
+        TableStatistics {
             range,
             spread: moved,
             ..self.clone()
@@ -55,7 +55,7 @@ impl Measures {
 impl Geometry {
     /// Has tables made for what these say, in place of its own mesh: of a piece of a mesh, those of
     /// the whole. Its range of scalars stays; see [`Geometry::set_scalars`].
-    pub fn take_measures(&mut self, measures: &Measures) {
+    pub fn set_table_statistics(&mut self, measures: &TableStatistics) {
         self.longest_edge = measures.longest_edge / self.frame.scale;
         self.mean_chord = measures.mean_chord / self.frame.scale;
         self.spread = measures.spread.as_slice().into();
@@ -103,10 +103,14 @@ pub(super) fn mean_chord(mesh: &TetMesh) -> f64 {
     4.0 * volume / surface.max(f64::MIN_POSITIVE)
 }
 
-/// The share of the volume whose scalar lies in each of [`SPREAD`] equal parts of the range: of every
+/// The share of the volume whose scalar lies in each of [`HISTOGRAM_BINS`] equal parts of the range: of every
 /// so many tets in large meshes.
-pub(super) fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> std::sync::Arc<[f64]> {
-    let mut spread = vec![0.0; SPREAD];
+pub(super) fn scalar_histogram(
+    mesh: &TetMesh,
+    scalars: Scalars,
+    range: (f64, f64),
+) -> std::sync::Arc<[f64]> {
+    let mut spread = vec![0.0; HISTOGRAM_BINS];
     let every = mesh.tets.len().div_ceil(TETS_OF_SPREAD).max(1);
     for t in (0..mesh.tets.len()).step_by(every) {
         let middle = match scalars {
@@ -115,8 +119,8 @@ pub(super) fn spread(mesh: &TetMesh, scalars: Scalars, range: (f64, f64)) -> std
             }
             Scalars::Cells(values) => values[t],
         };
-        let bin = (share(middle, range) * SPREAD as f32) as usize;
-        spread[bin.min(SPREAD - 1)] += mesh.tet_volume(t).abs();
+        let bin = (share(middle, range) * HISTOGRAM_BINS as f32) as usize;
+        spread[bin.min(HISTOGRAM_BINS - 1)] += mesh.tet_volume(t).abs();
     }
     let whole: f64 = spread.iter().sum();
     let each = |part: &mut f64| *part /= whole.max(f64::MIN_POSITIVE);

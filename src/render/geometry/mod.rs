@@ -16,10 +16,10 @@ mod records;
 mod scalars;
 
 use gradients::Gradients;
-pub use measures::Measures;
-use measures::{longest_edge, mean_chord, scalar_range, spread};
-use placed::Placed;
-use records::Records;
+pub use measures::TableStatistics;
+use measures::{longest_edge, mean_chord, scalar_histogram, scalar_range};
+use placed::ReorderedMesh;
+use records::TetRecords;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -30,9 +30,9 @@ mod gpu_data {
 }
 
 /// Links of a tet, one a face.
-const LINKS: usize = 4;
+const LINKS_PER_TET: usize = 4;
 /// Tets whose data are made and sent at a time, so that no list of all is needed.
-const TETS_AT_ONCE: usize = 1 << 20;
+const UPLOAD_BATCH: usize = 1 << 20;
 /// The scalar that is seen.
 #[derive(Clone, Copy, Debug)]
 pub enum Scalars<'a> {
@@ -77,20 +77,20 @@ pub struct Geometry {
     pub(super) scalars: Array,
     /// One scalar a tet; a single item where scalars are at the nodes.
     pub(super) cells: Array,
-    pub(super) per_cell: bool,
+    pub(super) is_cell_scalar: bool,
     pub(super) tets: Array,
     pub(super) links: Array,
     pub(super) boundary: Array,
     /// The same on the CPU.
     pub(super) boundary_faces: Vec<[u32; 4]>,
     /// What the walk over planes reads, where it was asked for.
-    records: Option<Records>,
+    records: Option<TetRecords>,
     /// The nodes in camera space, made anew for each picture.
     pub(super) projected: Array,
     inverted: wgpu::Buffer,
     count_inverted: Pass,
     /// Where each tet of the mesh is kept.
-    pub(super) place: Vec<u32>,
+    pub(super) tet_order: Vec<u32>,
     /// Counts cuts: what is prepared for its arrays is made for one generation.
     pub(super) generation: u64,
     /// What light needs, where there is some.
@@ -124,7 +124,7 @@ impl Geometry {
     ///
     /// # Errors
     /// As [`Geometry::new`].
-    pub fn following<'a, 'b>(
+    pub fn from_nodes<'a, 'b>(
         gpu: &Gpu,
         mesh: &TetMesh,
         nodes: impl Into<Positions<'a>>,
@@ -144,11 +144,11 @@ impl Geometry {
         range: (f64, f64),
     ) -> Result<Geometry> {
         check_input(mesh, positions, scalars)?;
-        let (count, most) = (mesh.tets.len(), gpu.most_items() / LINKS);
+        let (count, most) = (mesh.tets.len(), gpu.max_items() / LINKS_PER_TET);
         if count > most {
             return Err(Error::Gpu(format!(
-                "{count} tets are more than the {most} that this device can draw: it holds {} links in one texture, {LINKS} for each tet; use a coarser mesh",
-                gpu.most_items()
+                "{count} tets are more than the {most} that this device can draw: it holds {} links in one texture, {LINKS_PER_TET} for each tet; use a coarser mesh",
+                gpu.max_items()
             )));
         }
         let order = morton_order(mesh);
@@ -156,21 +156,21 @@ impl Geometry {
         for (slot, t) in order.iter().enumerate() {
             place[*t as usize] = slot as u32;
         }
-        let placed = Placed {
+        let placed = ReorderedMesh {
             mesh,
             topology,
             place: &place,
         };
         let tets = gpu.array("tets", Texel::U32x4, count)?;
-        let links = gpu.array("links", Texel::U32x2, LINKS * count)?;
-        for (first, part) in (0..).step_by(TETS_AT_ONCE).zip(order.chunks(TETS_AT_ONCE)) {
+        let links = gpu.array("links", Texel::U32x2, LINKS_PER_TET * count)?;
+        for (first, part) in (0..).step_by(UPLOAD_BATCH).zip(order.chunks(UPLOAD_BATCH)) {
             let nodes = parallel::map(part.len(), |k| mesh.tets[part[k] as usize]);
             gpu.write_items(&tets, first, &nodes)?;
             let across = parallel::map(part.len(), |k| placed.links(part[k]));
-            gpu.write_items(&links, LINKS as u32 * first, across.as_flattened())?;
+            gpu.write_items(&links, LINKS_PER_TET as u32 * first, across.as_flattened())?;
         }
         let boundary_faces = parallel::collect(count, |range, faces| {
-            faces.extend(range.flat_map(|slot| placed.bare(order[slot])));
+            faces.extend(range.flat_map(|slot| placed.boundary_faces(order[slot])));
         });
         let (nodes, cells): (Vec<f32>, Vec<f32>) = match scalars {
             Scalars::Nodes(values) => {
@@ -189,20 +189,24 @@ impl Geometry {
             range,
             longest_edge: longest_edge(mesh) / frame.scale,
             mean_chord: mean_chord(mesh) / frame.scale,
-            spread: spread(mesh, scalars, range),
+            spread: scalar_histogram(mesh, scalars, range),
             positions: positions.clone(),
-            scalars: gpu.roomy_array_of("scalars", Texel::F32, &nodes)?,
+            scalars: gpu.array_of_with_headroom("scalars", Texel::F32, &nodes)?,
             cells: gpu.array_of("cell scalars", Texel::F32, &cells)?,
-            per_cell: matches!(scalars, Scalars::Cells(_)),
-            boundary: gpu.roomy_array_of("boundary", Texel::U32x4, &boundary_faces)?,
+            is_cell_scalar: matches!(scalars, Scalars::Cells(_)),
+            boundary: gpu.array_of_with_headroom("boundary", Texel::U32x4, &boundary_faces)?,
             boundary_faces,
             count_inverted: count_pass(gpu, positions, &tets, &inverted)?,
             tets,
             links,
-            projected: gpu.roomy_array("projected nodes", Texel::F32x4, mesh.nodes.len())?,
+            projected: gpu.array_with_headroom(
+                "projected nodes",
+                Texel::F32x4,
+                mesh.nodes.len(),
+            )?,
             records: None,
             inverted,
-            place,
+            tet_order: place,
             generation: 0,
             gradients: None,
             rests: None,
@@ -218,7 +222,7 @@ impl Geometry {
         mesh: &TetMesh,
         scalars: impl Into<Scalars<'a>>,
     ) -> Result<Geometry> {
-        let frame = LocalFrame::of_mesh(mesh);
+        let frame = LocalFrame::from_mesh(mesh);
         let positions = local_positions(gpu, &frame, &mesh.nodes)?;
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &positions, scalars)
     }
@@ -228,7 +232,7 @@ impl Geometry {
     ///
     /// # Errors
     /// [`Error::Input`] for another mesh; [`Error::Gpu`] when it does not fit the device.
-    pub fn remember_rest(&mut self, mesh: &TetMesh) -> Result<()> {
+    pub fn store_rest_positions(&mut self, mesh: &TetMesh) -> Result<()> {
         if mesh.nodes.len() != self.projected.len() as usize {
             return Err(Error::Input(
                 "the rest of a body is that of the mesh that its geometry was made of".into(),
@@ -241,7 +245,7 @@ impl Geometry {
     }
 
     /// Where the nodes rest, xyz in the local frame, if it remembers.
-    pub(super) fn rests(&self) -> Option<&Array> {
+    pub(super) fn rest_positions(&self) -> Option<&Array> {
         self.rests.as_ref()
     }
 
@@ -275,8 +279,8 @@ impl Geometry {
     ///
     /// # Errors
     /// As [`Gpu::read_buffer`].
-    pub fn inverted(&self) -> Result<u32> {
-        let mut work = self.gpu.record();
+    pub fn count_inverted(&self) -> Result<u32> {
+        let mut work = self.gpu.start_recording();
         work.encoder().clear_buffer(&self.inverted, 0, None);
         self.count_inverted.record(&mut work);
         work.submit()?;
@@ -333,7 +337,7 @@ fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffe
         .read(tets)
         .write(inverted)
         .params(&gpu_data::Count { tets: tets.len() })
-        .over(tets.len())
+        .dispatch_items(tets.len())
 }
 
 /// A scalar as a share of the range, whose ends stand for what is beyond them.

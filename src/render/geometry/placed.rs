@@ -4,13 +4,13 @@ use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology};
 
 /// A mesh whose tets are kept elsewhere than they are listed: tets are asked for by their number
 /// in the mesh, and told by their place.
-pub(super) struct Placed<'a> {
+pub(super) struct ReorderedMesh<'a> {
     pub mesh: &'a TetMesh,
     pub topology: &'a Topology,
     pub place: &'a [u32],
 }
 
-impl Placed<'_> {
+impl ReorderedMesh<'_> {
     /// Across the face opposite the k-th smallest node: the neighbour, and the exclusive or of
     /// its nodes.
     pub fn links(&self, t: u32) -> [[u32; 2]; 4] {
@@ -30,7 +30,7 @@ impl Placed<'_> {
     }
 
     /// Its boundary faces: nodes, counter-clockwise from outside, and 4 tet + face.
-    pub fn bare(&self, t: u32) -> impl Iterator<Item = [u32; 4]> + use<> {
+    pub fn boundary_faces(&self, t: u32) -> impl Iterator<Item = [u32; 4]> + use<> {
         let (tet, across) = (
             self.mesh.tets[t as usize],
             self.topology.neighbours[t as usize],

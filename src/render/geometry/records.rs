@@ -20,10 +20,10 @@ mod gpu_data {
 }
 
 /// Texels of a tet's record (see `refresh_geometry.wgsl`).
-const RECORD: usize = 8;
+const RECORD_TEXELS: usize = 8;
 
 /// The records, and the passes that fill them.
-pub(super) struct Records {
+pub(super) struct TetRecords {
     array: Array,
     passes: Passes,
     /// Whether neighbours are those of the mesh as it is now.
@@ -39,24 +39,24 @@ struct Passes {
 
 /// Arrays of a geometry that records are made of.
 #[derive(Clone, Copy)]
-pub(super) struct Sources<'a> {
+pub(super) struct RecordInputs<'a> {
     pub positions: &'a Array,
     pub scalars: &'a Array,
     pub tets: &'a Array,
     pub links: &'a Array,
 }
 
-impl Records {
-    fn new(gpu: &Gpu, sources: Sources) -> Result<Records> {
-        let (tets, most) = (sources.tets.len() as usize, gpu.most_items() / RECORD);
+impl TetRecords {
+    fn new(gpu: &Gpu, sources: RecordInputs) -> Result<TetRecords> {
+        let (tets, most) = (sources.tets.len() as usize, gpu.max_items() / RECORD_TEXELS);
         if tets > most {
             return Err(Error::Gpu(format!(
                 "the walk over planes keeps {} bytes for each tet, and this device can hold them for {most} tets; there are {tets}: walk over vertices (--walk vertices, Walk::Vertices), or use a coarser mesh",
-                16 * RECORD
+                16 * RECORD_TEXELS
             )));
         }
-        let array = gpu.array("tet records", Texel::U32x4, RECORD * tets)?;
-        Ok(Records {
+        let array = gpu.array("tet records", Texel::U32x4, RECORD_TEXELS * tets)?;
+        Ok(TetRecords {
             passes: passes(gpu, sources, &array)?,
             array,
             linked: false,
@@ -65,12 +65,12 @@ impl Records {
     }
 
     /// Has planes and gradients made anew.
-    pub fn forget(&mut self) {
+    pub fn invalidate(&mut self) {
         self.made_of = None;
     }
 
     /// Has all made anew, of `sources`, where a cut has put others in the place of the old.
-    pub fn follow(&mut self, gpu: &Gpu, sources: Sources) -> Result<()> {
+    pub fn follow(&mut self, gpu: &Gpu, sources: RecordInputs) -> Result<()> {
         self.passes = passes(gpu, sources, &self.array)?;
         self.linked = false;
         self.made_of = None;
@@ -78,7 +78,7 @@ impl Records {
     }
 }
 
-fn passes(gpu: &Gpu, sources: Sources, records: &Array) -> Result<Passes> {
+fn passes(gpu: &Gpu, sources: RecordInputs, records: &Array) -> Result<Passes> {
     let tets = sources.tets.len();
     Ok(Passes {
         neighbours: gpu
@@ -87,7 +87,7 @@ fn passes(gpu: &Gpu, sources: Sources, records: &Array) -> Result<Passes> {
             .read(sources.links)
             .write(records)
             .params(&gpu_data::Neighbours { tets })
-            .over(tets)?,
+            .dispatch_items(tets)?,
         refresh: gpu
             .pass("render/refresh_geometry")
             .read(sources.positions)
@@ -95,14 +95,14 @@ fn passes(gpu: &Gpu, sources: Sources, records: &Array) -> Result<Passes> {
             .read(sources.tets)
             .write(records)
             .params(&gpu_data::Refresh { tets })
-            .over(tets)?,
+            .dispatch_items(tets)?,
     })
 }
 
 impl Geometry {
     /// What records are made of.
-    pub(super) fn sources(&self) -> Sources<'_> {
-        Sources {
+    pub(super) fn sources(&self) -> RecordInputs<'_> {
+        RecordInputs {
             positions: &self.positions,
             scalars: &self.scalars,
             tets: &self.tets,
@@ -125,7 +125,7 @@ impl Geometry {
     pub fn record_refresh(&mut self, work: &mut Recorder) -> Result<()> {
         let records = match self.records.take() {
             Some(records) => records,
-            None => Records::new(&self.gpu, self.sources())?,
+            None => TetRecords::new(&self.gpu, self.sources())?,
         };
         let records = self.records.insert(records);
         if !records.linked {
@@ -149,19 +149,19 @@ mod tests {
     #[test]
     fn records_that_do_not_fit_are_refused_with_the_walk_that_needs_none() {
         let gpu = Gpu::new().unwrap();
-        let most = gpu.most_items() / RECORD;
+        let most = gpu.max_items() / RECORD_TEXELS;
         let [positions, scalars] = [Texel::F32x4, Texel::F32].map(|texel| gpu.array("a", texel, 4));
         let (positions, scalars) = (positions.unwrap(), scalars.unwrap());
         let links = gpu.array("links", Texel::U32x2, 16).unwrap();
         let made = |tets: usize| {
             let tets = gpu.array("tets", Texel::U32x4, tets).unwrap();
-            let sources = Sources {
+            let sources = RecordInputs {
                 positions: &positions,
                 scalars: &scalars,
                 tets: &tets,
                 links: &links,
             };
-            Records::new(&gpu, sources).map(|_| ())
+            TetRecords::new(&gpu, sources).map(|_| ())
         };
         assert!(made(4).is_ok());
         let said = made(most + 1).unwrap_err().to_string();

@@ -1,18 +1,18 @@
 //! Other scalars in place of those that a geometry was made with: of a body that moves.
 
-use super::{Geometry, Scalars, check_input, share, spread};
+use super::{Geometry, Scalars, check_input, scalar_histogram, share};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 
 impl Geometry {
     /// Shows `scalars` from the next picture on, at the nodes or in the tets as those before were,
     /// in a `range` whose ends stand for all that is beyond them. `mesh` is the one it was made of.
-    /// Who draws it takes the range over: [`Raycaster::refresh_range`].
+    /// Who draws it takes the range over: [`Raycaster::update_range`].
     ///
     /// # Errors
     /// [`Error::Input`] for scalars that do not fit, or a range that is none.
     ///
-    /// [`Raycaster::refresh_range`]: crate::render::Raycaster::refresh_range
+    /// [`Raycaster::update_range`]: crate::render::Raycaster::update_range
     pub fn set_scalars<'a>(
         &mut self,
         mesh: &TetMesh,
@@ -27,14 +27,14 @@ impl Geometry {
                 "a range of scalars from {low} to {high} makes no sense; give a smaller and a larger number"
             )));
         }
-        if matches!(scalars, Scalars::Cells(_)) != self.per_cell {
+        if matches!(scalars, Scalars::Cells(_)) != self.is_cell_scalar {
             return Err(Error::Input(
                 "a geometry made with scalars at the nodes, or in the tets, shows others there"
                     .into(),
             ));
         }
         self.range = range;
-        self.spread = spread(mesh, scalars, range);
+        self.spread = scalar_histogram(mesh, scalars, range);
         match scalars {
             Scalars::Nodes(values) => {
                 let shares: Vec<f32> = values.iter().map(|s| share(*s, range)).collect();
@@ -42,16 +42,16 @@ impl Geometry {
             }
             Scalars::Cells(values) => {
                 let mut shares = vec![0.0; values.len()];
-                for (place, value) in self.place.iter().zip(values) {
+                for (place, value) in self.tet_order.iter().zip(values) {
                     shares[*place as usize] = share(*value, range);
                 }
                 self.gpu.write_items(&self.cells, 0, &shares)?;
             }
         }
         if let Some(records) = &mut self.records {
-            records.forget();
+            records.invalidate();
         }
-        self.forget_gradients();
+        self.invalidate_gradients();
         Ok(())
     }
 }

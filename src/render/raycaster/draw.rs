@@ -3,11 +3,11 @@
 use super::Raycaster;
 use crate::gpu::{Draw, Recorder};
 use crate::render::Camera;
-use crate::render::peel::{KEPT, Peel, SUM, Walks, attachment};
-use crate::render::raycast_options::{Gathered, Target, Walk};
-use crate::render::scan::Held;
+use crate::render::peel::{CACHED_SIZES, Peel, SUM, TraversalDraws, attachment};
+use crate::render::raycast_options::{Integrand, Target, Traversal};
+use crate::render::scan::ScanSet;
 use crate::render::tiles::check_size;
-use crate::render::view::{LocalView, View, Window};
+use crate::render::view::{CameraTransform, ImageRegion, View};
 use crate::{Error, Result};
 use std::collections::HashMap;
 
@@ -22,14 +22,14 @@ mod gpu_data {
 }
 
 /// A walk is given up after this many tets beyond those there are.
-const CAP_SLACK: u32 = 16;
+const STEP_LIMIT_MARGIN: u32 = 16;
 
 /// What is made for one size of picture.
 pub(super) struct Frame {
     /// Of the geometry that it was made for.
     generation: u64,
     pub peel: Peel,
-    walks: HashMap<(Gathered, bool), Walks>,
+    walks: HashMap<(Integrand, bool), TraversalDraws>,
     /// The occluder that the walks were prepared with.
     occluder: Option<wgpu::TextureView>,
     /// By format, whether blended over what is there, and whether a projection is shown.
@@ -37,7 +37,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    pub fn forget_walks(&mut self) {
+    pub fn invalidate_draws(&mut self) {
         self.walks.clear();
     }
 }
@@ -47,16 +47,16 @@ impl Raycaster {
         &mut self,
         work: &mut Recorder,
         camera: &Camera,
-        gathered: Gathered,
+        gathered: Integrand,
         target: &Target,
-        window: Window,
+        window: ImageRegion,
     ) -> Result<()> {
         camera.check()?;
         check_size(window.size)?;
         let view = self.view_of(camera, window, gathered);
         self.looks.check(&self.geometry)?;
         self.looks.table.fill(&self.gpu)?;
-        if self.options.walk == Walk::Planes {
+        if self.options.walk == Traversal::Planes {
             self.geometry.record_refresh(work)?;
         }
         if self.options.light.is_on() && gathered.is_composite() {
@@ -71,15 +71,15 @@ impl Raycaster {
                 self.record_shadows(work, anew)?;
             }
         }
-        if gathered == Gathered::Xray && self.geometry.rests().is_none() {
+        if gathered == Integrand::Xray && self.geometry.rest_positions().is_none() {
             return Err(Error::Input(
                 "X-rays go by how dense the body is against its rest, which the geometry does not know; call Geometry::remember_rest first".into(),
             ));
         }
-        let of_labels = |(held, _): (&Held, _)| held.transfer().is_none();
+        let of_labels = |(held, _): (&ScanSet, _)| held.transfer().is_none();
         let sums_values = matches!(
             gathered,
-            Gathered::Xray | Gathered::Maximum | Gathered::Minimum | Gathered::Mean
+            Integrand::Xray | Integrand::Maximum | Integrand::Minimum | Integrand::Mean
         );
         if sums_values && self.looks.scans().is_some_and(of_labels) {
             return Err(Error::Input(
@@ -107,7 +107,7 @@ impl Raycaster {
             },
         };
         let drawn = self.draw(work, &mut frame, &view, gathered, target);
-        self.frames.truncate(KEPT - 1);
+        self.frames.truncate(CACHED_SIZES - 1);
         self.frames.insert(0, frame);
         drawn
     }
@@ -117,20 +117,20 @@ impl Raycaster {
         work: &mut Recorder,
         frame: &mut Frame,
         view: &View,
-        gathered: Gathered,
+        gathered: Integrand,
         target: &Target,
     ) -> Result<()> {
-        if frame.occluder.as_ref() != target.occluder {
+        if frame.occluder.as_ref() != target.depth {
             frame.walks.retain(|(_, occluded), _| !occluded);
-            frame.occluder = target.occluder.cloned();
+            frame.occluder = target.depth.cloned();
         }
-        let key = (gathered, target.occluder.is_some());
+        let key = (gathered, target.depth.is_some());
         if !frame.walks.contains_key(&key) {
-            let walks = self.walks(&frame.peel, view, gathered, target.occluder)?;
+            let walks = self.walks(&frame.peel, view, gathered, target.depth)?;
             frame.walks.insert(key, walks);
         }
         if let Some(walks) = frame.walks.get(&key) {
-            let report = gathered == Gathered::Statistics;
+            let report = gathered == Integrand::Statistics;
             frame.peel.record(work, walks, view, report)?;
         }
         self.resolve(work, frame, target, gathered.is_projection())
@@ -158,14 +158,14 @@ impl Raycaster {
             let draw = self
                 .gpu
                 .draw("render/resolve")
-                .constant("PROJECTED", f64::from(u8::from(projected)))
-                .read(&peel.sums[0])
-                .read(&peel.sums[1])
+                .constant("PROJECTION_MODE", f64::from(u8::from(projected)))
+                .read(&peel.accumulators[0])
+                .read(&peel.accumulators[1])
                 .read(&peel.last_layers[0])
                 .read(&peel.last_layers[1])
                 .params(&params)
                 .target(format, blend.then_some(over))
-                .prepare()?;
+                .build()?;
             frame.resolves.insert(key, draw);
         }
         if let Some(draw) = frame.resolves.get(&key) {
@@ -185,40 +185,43 @@ impl Raycaster {
         &self,
         peel: &Peel,
         view: &View,
-        gathered: Gathered,
+        gathered: Integrand,
         occluder: Option<&wgpu::TextureView>,
-    ) -> Result<Walks> {
+    ) -> Result<TraversalDraws> {
         let flag = |on: bool| f64::from(u8::from(on));
         let form = self.looks.table.form;
         let stored = self.options.reads.are_stored(&self.gpu);
         let walk = match self.options.walk {
-            Walk::Vertices => "render/walk_vertices",
-            Walk::Planes => "render/walk_planes",
+            Traversal::Vertices => "render/walk_vertices",
+            Traversal::Planes => "render/walk_planes",
         };
         let reads = if stored { "stored" } else { "sampled" };
         let scans = self.looks.scans();
         let scan = if scans.is_some() { " scan" } else { "" };
         let told = self.told.as_ref();
-        let told = told.filter(|_| gathered == Gathered::Intervals);
+        let told = told.filter(|_| gathered == Integrand::Intervals);
         let intervals = if told.is_some() { " intervals" } else { "" };
         let name = format!("{walk} {reads} {}{scan}{intervals}", form.term(stored));
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
-            let sum = &peel.sums[1 - writes];
+            let sum = &peel.accumulators[1 - writes];
             let opaque = occluder.unwrap_or(&self.nothing_opaque);
             let geometry = &self.geometry;
             let lit = self.options.light.is_on() && gathered.is_composite();
             let looks = &self.looks;
             let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
-            let resting = looks.needs_rest() || gathered == Gathered::Xray;
+            let resting = looks.needs_rest() || gathered == Integrand::Xray;
             // What is not read is given something small.
-            let nothing = &looks.cuts;
+            let nothing = &looks.sections;
             let shadows = self.shadows.as_ref().filter(|_| lit);
             let gradients = shadows.map(|s| &s.lit).or(geometry.gradients());
             let gradients = gradients.unwrap_or(nothing);
-            let rests = geometry.rests().filter(|_| resting).unwrap_or(nothing);
+            let rests = geometry
+                .rest_positions()
+                .filter(|_| resting)
+                .unwrap_or(nothing);
             let rows = looks.rows().unwrap_or(&self.no_rows);
             let builder = match self.options.walk {
-                Walk::Vertices => self
+                Traversal::Vertices => self
                     .gpu
                     .draw(&name)
                     .read(&geometry.projected)
@@ -226,7 +229,7 @@ impl Raycaster {
                     .read(gradients)
                     .read(&geometry.tets)
                     .read(&geometry.cells),
-                Walk::Planes => {
+                Traversal::Planes => {
                     let records = geometry.records().ok_or_else(|| {
                         Error::Gpu("the records of the walk over planes are not made".into())
                     })?;
@@ -248,10 +251,10 @@ impl Raycaster {
                     .read(&held.texture)
                     .read(&held.sampler)
                     .read(places)
-                    .constant("SCANS", held.scans.len() as f64)
+                    .constant("SCAN_COUNT", held.scans.len() as f64)
                     .constant("LABELS", flag(held.has_labels()))
-                    .constant("STEP", self.options.scan_step)
-                    .constant("SCANNED", 1.0);
+                    .constant("SCAN_STEP", self.options.scan_step)
+                    .constant("HAS_SCANS", 1.0);
             }
             if let Some(told) = told {
                 builder = builder.write(told);
@@ -260,24 +263,24 @@ impl Raycaster {
                 builder = builder.constant(constant, *value);
             }
             builder
-                .constant("LIT", flag(lit))
-                .constant("SHADOWED", flag(shadows.is_some()))
+                .constant("LIGHTING", flag(lit))
+                .constant("SHADOWS", flag(shadows.is_some()))
                 .constant(
-                    "NODE_LIGHT",
+                    "PER_NODE_LIGHT",
                     flag(lit && (scans.is_none() || shadows.is_some())),
                 )
-                .constant("CLIPS", clips)
-                .constant("SLICES", slices)
-                .constant("ISOS", isosurfaces)
-                .constant("RESTING", flag(resting))
-                .constant("VOLUME", flag(looks.inside().volume))
-                .constant("REGIONS", flag(looks.rows().is_some()))
-                .constant("CELLS", flag(geometry.per_cell))
-                .constant("MODE", gathered.code())
-                .constant("OPAQUE", self.options.opaque)
-                .constant("BACKWARDS", flag(backwards))
-                .constant("OCCLUDED", flag(occluder.is_some()))
-                .read(&looks.cuts)
+                .constant("CLIP_PLANE_COUNT", clips)
+                .constant("SLICE_COUNT", slices)
+                .constant("ISOSURFACE_COUNT", isosurfaces)
+                .constant("USE_REST_POSITIONS", flag(resting))
+                .constant("DRAW_VOLUME", flag(looks.inside().draw_volume))
+                .constant("HAS_REGIONS", flag(looks.rows().is_some()))
+                .constant("CELL_SCALARS", flag(geometry.is_cell_scalar))
+                .constant("INTEGRAND", gathered.code())
+                .constant("OPACITY_CUTOFF", self.options.opacity_cutoff)
+                .constant("BACKWARD_TRAVERSAL", flag(backwards))
+                .constant("HAS_DEPTH", flag(occluder.is_some()))
+                .read(&looks.sections)
                 .read(&looks.colours)
                 .read(rests)
                 .read(rows)
@@ -285,15 +288,15 @@ impl Raycaster {
                 .read(&peel.keys[0])
                 .read(sum)
                 .read(opaque)
-                .write(&self.lost)
+                .write(&self.lost_rays)
                 .read(&peel.last_layers[writes])
                 .params(view)
                 .target(SUM, None)
-                .prepare()
+                .build()
         };
-        Ok(Walks {
+        Ok(TraversalDraws {
             // The walk towards the eye comes before layer 0, and leaves its sum to it.
-            back: draw(&peel.backs, 1, true)?,
+            back: draw(&peel.back_faces, 1, true)?,
             layers: [
                 draw(&peel.keys[0], 0, false)?,
                 draw(&peel.keys[1], 1, false)?,
@@ -302,9 +305,9 @@ impl Raycaster {
     }
 
     /// As [`Raycaster::view`], of a picture of `gathered`.
-    fn view_of(&self, camera: &Camera, window: Window, gathered: Gathered) -> View {
+    fn view_of(&self, camera: &Camera, window: ImageRegion, gathered: Integrand) -> View {
         let view = self.view(camera, window);
-        if !gathered.is_projection() && gathered != Gathered::Xray {
+        if !gathered.is_projection() && gathered != Integrand::Xray {
             return view;
         }
         // Scalars are shares of the range already, and no table is looked up.
@@ -314,19 +317,19 @@ impl Raycaster {
         }
     }
 
-    pub(in crate::render) fn view(&self, camera: &Camera, window: Window) -> View {
+    pub(in crate::render) fn view(&self, camera: &Camera, window: ImageRegion) -> View {
         let (geometry, table) = (&self.geometry, &self.looks.table);
         View {
             scalar: table.scalar,
             opacity: table.opacity,
             nodes: geometry.projected.len(),
             corners: geometry.corners(),
-            cap: geometry.tet_count().saturating_add(CAP_SLACK),
+            max_steps: geometry.tet_count().saturating_add(STEP_LIMIT_MARGIN),
             layers: table.layers,
-            reach: table.reach,
+            table_max_depth: table.max_depth,
             light: self.options.light.to_gpu(),
             xray: self.options.xray.to_gpu(self.looks.range()),
-            ..LocalView::new(camera, &geometry.frame, window).to_gpu()
+            ..CameraTransform::new(camera, &geometry.frame, window).to_gpu()
         }
     }
 }

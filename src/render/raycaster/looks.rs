@@ -3,27 +3,27 @@
 
 use crate::gpu::{Array, Gpu, Texel};
 use crate::render::geometry::Geometry;
-use crate::render::inside::{Inside, colours};
-use crate::render::scan::Held;
-use crate::render::table::{Table, TableForm, TableRow, Wanted};
+use crate::render::inside::{Sections, colours};
+use crate::render::scan::ScanSet;
+use crate::render::table::{Table, TableKind, TableRequest, TableRow};
 use crate::render::{RaycastOptions, TransferFunction};
 use crate::{Error, Result};
 use std::sync::Arc;
 
 /// What is not shown at all; `lib/segment.wgsl` has the same number.
-const HIDDEN: u32 = 0xffff;
+const HIDDEN_ROW: u32 = 0xffff;
 /// What marks a row where scans show nothing; the same.
-const CLEAR: u32 = 0x8000;
+const TRANSPARENT_FLAG: u32 = 0x8000;
 /// Transfer functions in a table: two rows of texels each, within what every device holds.
-const MOST_LOOKS: usize = 1024;
+const MAX_TRANSFER_FUNCTIONS: usize = 1024;
 
 /// What each region of a body looks like.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct RegionLooks {
+pub struct RegionAppearance {
     /// The transfer functions; up to 1,024.
     pub transfers: Vec<TransferFunction>,
     /// Of each tet, in the order of the mesh, which of them; none for a tet that is not shown.
-    pub of_tets: Vec<Option<u32>>,
+    pub tet_regions: Vec<Option<u32>>,
 }
 
 /// Regions as they are drawn.
@@ -42,18 +42,18 @@ struct Asked {
     /// Of the first scan, where it shows values.
     of_scan: Option<TransferFunction>,
     regions: Option<Regions>,
-    inside: Inside,
-    scans: Option<Arc<Held>>,
+    inside: Sections,
+    scans: Option<Arc<ScanSet>>,
 }
 
 /// All that decides what a segment of a ray looks like.
-pub(in crate::render) struct Looks {
+pub(in crate::render) struct Appearance {
     asked: Asked,
     /// The range of scalars that the table was made for.
     range: (f64, f64),
     pub table: Table,
     /// Planes and isosurfaces.
-    pub cuts: Array,
+    pub sections: Array,
     pub colours: Array,
     /// The row of each tet, where the geometry keeps it: where regions have looks of their own, or
     /// scans are shown.
@@ -62,24 +62,29 @@ pub(in crate::render) struct Looks {
     scans: Option<wgpu::Buffer>,
 }
 
-impl Looks {
+impl Appearance {
     pub fn new(
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
         transfer: &TransferFunction,
-    ) -> Result<Looks> {
+    ) -> Result<Appearance> {
         let asked = Asked {
             transfer: transfer.clone(),
             of_scan: None,
             regions: None,
-            inside: Inside::default(),
+            inside: Sections::default(),
             scans: None,
         };
-        Looks::of(gpu, geometry, options, asked)
+        Appearance::of(gpu, geometry, options, asked)
     }
 
-    fn of(gpu: &Gpu, geometry: &Geometry, options: &RaycastOptions, asked: Asked) -> Result<Looks> {
+    fn of(
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        asked: Asked,
+    ) -> Result<Appearance> {
         asked.check(geometry)?;
         let (rows, first) = asked.rows(geometry);
         let table = Table::new(gpu, &asked.wanted(geometry, options, &rows))?;
@@ -87,8 +92,8 @@ impl Looks {
             Some(held) => Some(held.to_gpu(gpu, geometry.frame, first)?),
             None => None,
         };
-        Ok(Looks {
-            cuts: cuts(gpu, geometry, rows[0].range, &table, &asked.inside)?,
+        Ok(Appearance {
+            sections: cuts(gpu, geometry, rows[0].range, &table, &asked.inside)?,
             colours: asked.colours(gpu, &rows, first, most(geometry, &table))?,
             rows: asked.tet_rows(gpu, geometry, &rows, first)?,
             range: rows[0].range,
@@ -109,24 +114,24 @@ impl Looks {
     }
 
     /// Whether its table is the one for the scalars that `geometry` has now.
-    pub fn suit(&self, geometry: &Geometry, options: &RaycastOptions) -> bool {
+    pub fn matches(&self, geometry: &Geometry, options: &RaycastOptions) -> bool {
         let (rows, _) = self.asked.rows(geometry);
         let wanted = self.asked.wanted(geometry, options, &rows);
-        self.range == rows[0].range && self.table.suits(&wanted)
+        self.range == rows[0].range && self.table.matches(&wanted)
     }
 
-    pub fn inside(&self) -> &Inside {
+    pub fn inside(&self) -> &Sections {
         &self.asked.inside
     }
 
     /// The scans it shows, and where these lie.
-    pub fn scans(&self) -> Option<(&Held, &wgpu::Buffer)> {
+    pub fn scans(&self) -> Option<(&ScanSet, &wgpu::Buffer)> {
         self.asked.scans.as_deref().zip(self.scans.as_ref())
     }
 
     /// Whether rays are to know where the body rests.
     pub fn needs_rest(&self) -> bool {
-        self.asked.inside.needs_rest() || self.asked.scans.is_some()
+        self.asked.inside.needs_rest_positions() || self.asked.scans.is_some()
     }
 
     /// The row of each tet, where not all have the first.
@@ -157,7 +162,7 @@ impl Looks {
     ) -> Result<()> {
         let mut asked = self.asked.clone();
         *asked.of_scan.as_mut().unwrap_or(&mut asked.transfer) = transfer.clone();
-        *self = Looks::of(gpu, geometry, options, asked)?;
+        *self = Appearance::of(gpu, geometry, options, asked)?;
         Ok(())
     }
 
@@ -167,7 +172,7 @@ impl Looks {
         geometry: &Geometry,
         options: &RaycastOptions,
     ) -> Result<()> {
-        *self = Looks::of(gpu, geometry, options, self.asked.clone())?;
+        *self = Appearance::of(gpu, geometry, options, self.asked.clone())?;
         Ok(())
     }
 
@@ -176,11 +181,11 @@ impl Looks {
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
-        regions: Option<&RegionLooks>,
+        regions: Option<&RegionAppearance>,
     ) -> Result<()> {
         let mut asked = self.asked.clone();
         asked.regions = regions.map(|r| Regions::new(geometry, r)).transpose()?;
-        *self = Looks::of(gpu, geometry, options, asked)?;
+        *self = Appearance::of(gpu, geometry, options, asked)?;
         Ok(())
     }
 
@@ -189,58 +194,58 @@ impl Looks {
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
-        held: Option<Held>,
+        held: Option<ScanSet>,
     ) -> Result<()> {
         let mut asked = self.asked.clone();
-        if geometry.rests().is_none() && held.is_some() {
-            return Err(Error::Input(NO_REST.into()));
+        if geometry.rest_positions().is_none() && held.is_some() {
+            return Err(Error::Input(MISSING_REST_MESSAGE.into()));
         }
-        asked.of_scan = held.as_ref().and_then(Held::transfer).cloned();
+        asked.of_scan = held.as_ref().and_then(ScanSet::transfer).cloned();
         asked.scans = held.map(Arc::new);
-        *self = Looks::of(gpu, geometry, options, asked)?;
+        *self = Appearance::of(gpu, geometry, options, asked)?;
         Ok(())
     }
 
     /// Shows the scans as `held` has them after a cut.
-    pub fn follow_scans(
+    pub fn update_scans_after_cut(
         &mut self,
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
-        held: Held,
+        held: ScanSet,
     ) -> Result<()> {
         let mut asked = self.asked.clone();
         asked.scans = Some(Arc::new(held));
-        *self = Looks::of(gpu, geometry, options, asked)?;
+        *self = Appearance::of(gpu, geometry, options, asked)?;
         Ok(())
     }
 
-    pub fn set_inside(
+    pub fn set_sections(
         &mut self,
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
-        inside: &Inside,
+        inside: &Sections,
     ) -> Result<()> {
         inside.check()?;
-        if inside.needs_rest() && geometry.rests().is_none() {
-            return Err(Error::Input(NO_REST.into()));
+        if inside.needs_rest_positions() && geometry.rest_positions().is_none() {
+            return Err(Error::Input(MISSING_REST_MESSAGE.into()));
         }
         let mut asked = self.asked.clone();
         asked.inside = inside.clone();
         if asked.scans.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
             // Which tets show nothing goes by them.
-            *self = Looks::of(gpu, geometry, options, asked)?;
+            *self = Appearance::of(gpu, geometry, options, asked)?;
             return Ok(());
         }
         asked.check(geometry)?;
-        self.cuts = cuts(gpu, geometry, self.range, &self.table, inside)?;
+        self.sections = cuts(gpu, geometry, self.range, &self.table, inside)?;
         self.asked = asked;
         Ok(())
     }
 }
 
-const NO_REST: &str =
+const MISSING_REST_MESSAGE: &str =
     "the geometry does not know where it rests; call Geometry::remember_rest first";
 
 impl Asked {
@@ -253,7 +258,7 @@ impl Asked {
     fn check(&self, geometry: &Geometry) -> Result<()> {
         let flat = match &self.scans {
             Some(held) => held.transfer().is_none(),
-            None => geometry.per_cell,
+            None => geometry.is_cell_scalar,
         };
         if !self.inside.isosurfaces.is_empty() && flat {
             return Err(Error::Input(
@@ -274,7 +279,7 @@ impl Asked {
             Some(held) => held.rows(transfers, extent),
             None => {
                 let row = |t: &TransferFunction| TableRow {
-                    transfer: t.resolved(geometry.range, extent),
+                    transfer: t.to_absolute(geometry.range, extent),
                     range: geometry.range,
                     spread: geometry.spread.clone(),
                 };
@@ -290,31 +295,31 @@ impl Asked {
         geometry: &Geometry,
         options: &RaycastOptions,
         rows: &'a [TableRow],
-    ) -> Wanted<'a> {
+    ) -> TableRequest<'a> {
         let (form, mean) = match (&self.scans, options.table) {
             // Stretches of a voxel are thin.
             (Some(held), form) => (
-                if form == TableForm::Fitting {
-                    TableForm::Integrals
+                if form == TableKind::Auto {
+                    TableKind::Integrals
                 } else {
                     form
                 },
                 geometry
                     .mean_chord
-                    .min(options.scan_step * held.finest() / geometry.frame.scale),
+                    .min(options.scan_step * held.min_texel_spacing() / geometry.frame.scale),
             ),
             (None, form) => (form, geometry.mean_chord),
         };
-        Wanted {
+        TableRequest {
             form,
             texel: options.texel,
             size: options.table_size,
             rows,
             scale: geometry.frame.scale,
-            longest: geometry.longest_edge,
-            mean,
-            accuracy: options.accuracy,
-            opaque: options.opaque,
+            longest_segment: geometry.longest_edge,
+            mean_segment: mean,
+            accuracy: options.table_tolerance,
+            opaque: options.opacity_cutoff,
         }
     }
 
@@ -361,15 +366,15 @@ impl Asked {
                 .collect();
             let own = of_tets.clone();
             let row = |t: usize| (own[t] as usize).min(first - 1);
-            let clear = held.clear(rows, first, &row, &values);
+            let clear = held.transparent_tets(rows, first, &row, &values);
             for (row, clear) in of_tets.iter_mut().zip(clear) {
-                if clear && *row != HIDDEN {
-                    *row |= CLEAR;
+                if clear && *row != HIDDEN_ROW {
+                    *row |= TRANSPARENT_FLAG;
                 }
             }
         }
         let mut placed = vec![0; tets];
-        for (place, row) in geometry.place.iter().zip(of_tets) {
+        for (place, row) in geometry.tet_order.iter().zip(of_tets) {
             placed[*place as usize] = row;
         }
         Ok(Some(gpu.array_of("looks of tets", Texel::U32, &placed)?))
@@ -377,22 +382,22 @@ impl Asked {
 }
 
 impl Regions {
-    fn new(geometry: &Geometry, looks: &RegionLooks) -> Result<Regions> {
+    fn new(geometry: &Geometry, looks: &RegionAppearance) -> Result<Regions> {
         let tets = geometry.tet_count();
         let count = looks.transfers.len();
-        if looks.of_tets.len() != tets as usize {
+        if looks.tet_regions.len() != tets as usize {
             return Err(Error::Input(format!(
                 "looks for {} tets are given, and the mesh has {tets}",
-                looks.of_tets.len()
+                looks.tet_regions.len()
             )));
         }
-        if !(1..=MOST_LOOKS).contains(&count) {
+        if !(1..=MAX_TRANSFER_FUNCTIONS).contains(&count) {
             return Err(Error::Input(format!(
-                "regions have {count} transfer functions among them: from 1 to {MOST_LOOKS} are possible"
+                "regions have {count} transfer functions among them: from 1 to {MAX_TRANSFER_FUNCTIONS} are possible"
             )));
         }
         if let Some(row) = looks
-            .of_tets
+            .tet_regions
             .iter()
             .flatten()
             .find(|r| **r as usize >= count)
@@ -401,7 +406,10 @@ impl Regions {
                 "a tet has transfer function {row}, and there are {count}, counted from 0"
             )));
         }
-        let rows = looks.of_tets.iter().map(|row| row.unwrap_or(HIDDEN));
+        let rows = looks
+            .tet_regions
+            .iter()
+            .map(|row| row.unwrap_or(HIDDEN_ROW));
         Ok(Regions {
             transfers: looks.transfers.clone(),
             of_tets: rows.collect(),
@@ -420,7 +428,7 @@ fn cuts(
     geometry: &Geometry,
     (low, high): (f64, f64),
     table: &Table,
-    inside: &Inside,
+    inside: &Sections,
 ) -> Result<Array> {
     let [scale, shift] = table.scalar.map(f64::from);
     let coordinate = |s: f64| scale * (s - low) / (high - low) + shift;

@@ -2,7 +2,7 @@
 //!
 //! A start pass rasterises the boundary and writes the tet and face where each pixel's ray enters;
 //! a fullscreen fragment pass walks the ray from tet to tet to where it leaves, and composites
-//! front to back ([`Walk`] names the two ways to walk). Rays that enter again are peeled off layer
+//! front to back ([`Traversal`] names the two ways to walk). Rays that enter again are peeled off layer
 //! by layer ([`super::peel`]). Segments are looked up in a pre-integrated table
 //! ([`super::table`]). Nothing is read back to decide anything.
 
@@ -13,18 +13,18 @@ mod shadows;
 
 use super::geometry::Geometry;
 use super::image::Image;
-use super::inside::Inside;
-use super::raycast_options::{Gathered, Mode, RaycastOptions, Target};
-use super::scan::{Held, Scan};
+use super::inside::Sections;
+use super::raycast_options::{Integrand, Mode, RaycastOptions, Target};
+use super::scan::{Scan, ScanSet};
 use super::tiles::draw_in_tiles;
-use super::view::{LocalView, Window};
+use super::view::{CameraTransform, ImageRegion};
 use super::{Camera, ResolvedTransfer, TransferFunction};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use draw::Frame;
-use looks::Looks;
-pub use looks::RegionLooks;
+use looks::Appearance;
+pub use looks::RegionAppearance;
 use shadows::Shadows;
 
 /// Draws the inside of a [`Geometry`].
@@ -32,9 +32,9 @@ pub struct Raycaster {
     pub(super) gpu: Gpu,
     pub(super) geometry: Geometry,
     pub(super) options: RaycastOptions,
-    pub(super) looks: Looks,
+    pub(super) looks: Appearance,
     pub(super) sampler: wgpu::Sampler,
-    pub(super) lost: wgpu::Buffer,
+    pub(super) lost_rays: wgpu::Buffer,
     nothing_opaque: wgpu::TextureView,
     /// Where regions have no looks of their own.
     no_rows: Array,
@@ -65,7 +65,7 @@ impl Raycaster {
         options: RaycastOptions,
     ) -> Result<Raycaster> {
         options.check(gpu)?;
-        let looks = Looks::new(gpu, &geometry, &options, transfer)?;
+        let looks = Appearance::new(gpu, &geometry, &options, transfer)?;
         let sampler = gpu.device().create_sampler(&wgpu::SamplerDescriptor {
             label: Some("table"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -78,7 +78,7 @@ impl Raycaster {
             options,
             looks,
             sampler,
-            lost: gpu.buffer("lost rays", 4)?,
+            lost_rays: gpu.buffer("lost rays", 4)?,
             nothing_opaque: gpu.target(
                 "nothing opaque",
                 [1, 1],
@@ -106,7 +106,7 @@ impl Raycaster {
     pub fn transfer(&self) -> ResolvedTransfer {
         let geometry = &self.geometry;
         let transfer = self.looks.transfer();
-        transfer.resolved(self.looks.range(), geometry.frame.scale)
+        transfer.to_absolute(self.looks.range(), geometry.frame.scale)
     }
 
     /// Draws with another transfer function from now on; what is recorded already keeps the one
@@ -127,8 +127,8 @@ impl Raycaster {
     ///
     /// # Errors
     /// As [`Raycaster::new`].
-    pub fn refresh_range(&mut self) -> Result<()> {
-        match self.looks.suit(&self.geometry, &self.options) {
+    pub fn update_range(&mut self) -> Result<()> {
+        match self.looks.matches(&self.geometry, &self.options) {
             true => Ok(()),
             false => self.set_transfer(&self.looks.transfer().clone()),
         }
@@ -140,7 +140,7 @@ impl Raycaster {
     /// # Errors
     /// [`Error::Input`] for regions of another mesh, too many of them, or a table that has room for
     /// one transfer function; the old ones stay.
-    pub fn set_regions(&mut self, regions: Option<&RegionLooks>) -> Result<()> {
+    pub fn set_regions(&mut self, regions: Option<&RegionAppearance>) -> Result<()> {
         let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
         self.looks.set_regions(gpu, geometry, options, regions)?;
         self.prepare_anew();
@@ -151,7 +151,7 @@ impl Raycaster {
     /// with none: looked up
     /// at full resolution where the body rests, as `mesh` has it, the first one with all that goes for
     /// a scalar (regions, isosurfaces, projections). The geometry is to remember its rest
-    /// ([`Geometry::remember_rest`]). After a cut that removed tets scans are to be set again, by
+    /// ([`Geometry::store_rest_positions`]). After a cut that removed tets scans are to be set again, by
     /// [`Raycaster::follow_scans`]. Returns in words what had to be left out for the device's sake.
     ///
     /// # Errors
@@ -167,7 +167,7 @@ impl Raycaster {
         }
         let held = match scans {
             [] => None,
-            scans => Some(Held::new(&self.gpu, mesh, scans)?),
+            scans => Some(ScanSet::new(&self.gpu, mesh, scans)?),
         };
         let notes = held.as_ref().map_or(Vec::new(), |held| held.notes.clone());
         let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
@@ -186,7 +186,8 @@ impl Raycaster {
         {
             let held = held.follow(mesh);
             let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
-            self.looks.follow_scans(gpu, geometry, options, held)?;
+            self.looks
+                .update_scans_after_cut(gpu, geometry, options, held)?;
             self.prepare_anew();
         }
         Ok(())
@@ -198,15 +199,15 @@ impl Raycaster {
     }
 
     /// Draws with these planes and isosurfaces from now on. Planes given in the body at rest need a
-    /// geometry that remembers it ([`Geometry::remember_rest`]), isosurfaces scalars at the nodes;
+    /// geometry that remembers it ([`Geometry::store_rest_positions`]), isosurfaces scalars at the nodes;
     /// they are lit where there is light.
     ///
     /// # Errors
     /// [`Error::Input`] for numbers that make no sense, too many of them, or a geometry that is not
     /// ready; the old ones stay.
-    pub fn set_inside(&mut self, inside: &Inside) -> Result<()> {
+    pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
-        self.looks.set_inside(gpu, geometry, options, inside)?;
+        self.looks.set_sections(gpu, geometry, options, inside)?;
         self.prepare_anew();
         Ok(())
     }
@@ -219,11 +220,11 @@ impl Raycaster {
 
     /// Walks are prepared anew for the next picture.
     fn forget_walks(&mut self) {
-        self.frames.iter_mut().for_each(Frame::forget_walks);
+        self.frames.iter_mut().for_each(Frame::invalidate_draws);
     }
 
     /// The planes and isosurfaces it draws with.
-    pub fn inside(&self) -> &Inside {
+    pub fn inside(&self) -> &Sections {
         self.looks.inside()
     }
 
@@ -237,7 +238,7 @@ impl Raycaster {
         self.looks.table.size
     }
 
-    /// Layers of the table: its slices, the depths of a [`TableForm::Volume`](super::TableForm::Volume), or the
+    /// Layers of the table: its slices, the depths of a [`TableKind::Volume`](super::TableKind::Volume), or the
     /// transfer functions in it.
     pub fn table_layers(&self) -> u32 {
         self.looks.table.layers
@@ -259,9 +260,9 @@ impl Raycaster {
 
     /// The matrix from file coordinates to the clip space of `camera`, whose depth falls from 1
     /// near the eye to 0: for drawing an occluder.
-    pub fn clip_from_file(&self, camera: &Camera, size: [u32; 2]) -> glam::DMat4 {
+    pub fn file_to_clip(&self, camera: &Camera, size: [u32; 2]) -> glam::DMat4 {
         let frame = &self.geometry.frame;
-        LocalView::new(camera, frame, Window::whole(size)).clip_from_file(frame)
+        CameraTransform::new(camera, frame, ImageRegion::full(size)).clip_from_file(frame)
     }
 
     /// Records the drawing of a picture into `target`. Refreshes what the positions have changed
@@ -279,18 +280,18 @@ impl Raycaster {
         target: &Target,
     ) -> Result<()> {
         let texture = target.colour.texture();
-        let window = Window::whole([texture.width(), texture.height()]);
+        let window = ImageRegion::full([texture.width(), texture.height()]);
         self.record_window(work, camera, mode.into(), target, window)
     }
 
     /// As [`Raycaster::record`], for a part of a picture.
-    pub(crate) fn record_part(
+    pub(crate) fn record_region(
         &mut self,
         work: &mut Recorder,
         camera: &Camera,
         mode: Mode,
         target: &Target,
-        window: Window,
+        window: ImageRegion,
     ) -> Result<()> {
         self.record_window(work, camera, mode.into(), target, window)
     }
@@ -337,17 +338,17 @@ impl Raycaster {
         &mut self,
         camera: &Camera,
         size: [u32; 2],
-        gathered: Gathered,
+        gathered: Integrand,
     ) -> Result<(Vec<[f32; 4]>, u32)> {
         let gpu = self.gpu.clone();
         let mut layers = 0;
         let pixels = draw_in_tiles(&gpu, size, |colour, window| {
             let target = Target {
                 colour,
-                occluder: None,
+                depth: None,
                 background: Some([0.0; 4]),
             };
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             self.record_window(&mut work, camera, gathered, &target, window)?;
             work.submit()?;
             layers = layers.max(self.layers_found()?);
@@ -359,7 +360,7 @@ impl Raycaster {
     /// Layers that the last window recorded, and submitted, found.
     pub(super) fn layers_found(&self) -> Result<u32> {
         match self.frames.first() {
-            Some(frame) => frame.peel.layers_found(&self.gpu),
+            Some(frame) => frame.peel.layer_count(&self.gpu),
             None => Ok(0),
         }
     }

@@ -4,8 +4,8 @@
 use super::Raycaster;
 use crate::Result;
 use crate::gpu::{Array, Pass, Recorder, Texel};
-use crate::render::light::FAINT;
-use crate::render::shadows::{Fineness, OUT, Ways};
+use crate::render::light::GRADIENT_HALF_SATURATION;
+use crate::render::shadows::{LightDirections, SURFACE_OFFSET, ShadowResolution};
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -27,13 +27,13 @@ mod gpu_data {
         pub struct March {
             pub nodes: u32,
             pub cells: u32,
-            pub ways: u32,
+            pub directions: u32,
             pub steps: u32,
             pub opacity: f32,
-            pub gain: f32,
+            pub normalisation: f32,
             pub strength: f32,
-            pub out: f32,
-            pub faint: f32,
+            pub surface_offset: f32,
+            pub gradient_half_saturation: f32,
         }
     }
 }
@@ -78,18 +78,19 @@ impl Raycaster {
     fn make_shadows(&self) -> Result<Option<Shadows>> {
         let (gpu, geometry, looks) = (&self.gpu, &self.geometry, &self.looks);
         // Surfaces alone dim nothing.
-        let gradients = geometry.gradients().filter(|_| looks.inside().volume);
+        let gradients = geometry.gradients().filter(|_| looks.inside().draw_volume);
         let Some(gradients) = gradients else {
             return Ok(None);
         };
         let nodes = geometry.projected.len();
-        let Fineness { cells, points } = Fineness::of(geometry.tet_count() as usize);
+        let ShadowResolution { cells, points } =
+            ShadowResolution::of(geometry.tet_count() as usize);
         // The least of each axis begins above, the largest below all numbers.
         let mut empty = vec![0u32; 6 + cells as usize];
         empty[..3].fill(u32::MAX);
         let grid = gpu.buffer_of("grid of shadows", &empty)?;
         let empty = gpu.buffer_of("grid of shadows, empty", &empty)?;
-        let ways = Ways::to(self.options.light, cells);
+        let ways = LightDirections::to(self.options.light, cells);
         let list: Vec<[f32; 4]> = ways
             .list
             .iter()
@@ -98,7 +99,10 @@ impl Raycaster {
         let directions = gpu.array_of("directions to the light", Texel::F32x4, &list)?;
         let lit = gpu.array("lit gradients", Texel::F32x4, nodes as usize)?;
         let resting = looks.needs_rest();
-        let rests = geometry.rests().filter(|_| resting).unwrap_or(&looks.cuts);
+        let rests = geometry
+            .rest_positions()
+            .filter(|_| resting)
+            .unwrap_or(&looks.sections);
         let flag = |on: bool| f64::from(u8::from(on));
         let [clips, ..] = looks.inside().counts();
         let bounds = gpu
@@ -106,7 +110,7 @@ impl Raycaster {
             .read(&geometry.positions)
             .write(&grid)
             .params(&gpu_data::Bounds { nodes })
-            .over(nodes)?;
+            .dispatch_items(nodes)?;
         let scans = looks.scans();
         let name = match scans {
             Some(_) => "render/shadow_fill scan",
@@ -114,24 +118,24 @@ impl Raycaster {
         };
         let mut fill = gpu
             .pass(name)
-            .constant("CELLS", flag(geometry.per_cell))
+            .constant("CELL_SCALARS", flag(geometry.is_cell_scalar))
             .constant("REGIONS", flag(looks.rows().is_some()))
-            .constant("CLIPS", clips as f64)
-            .constant("RESTING", flag(resting))
+            .constant("CLIP_PLANE_COUNT", clips as f64)
+            .constant("USE_REST_POSITIONS", flag(resting))
             .read(&geometry.positions)
             .read(&geometry.scalars)
             .read(&geometry.tets)
             .read(&geometry.cells)
             .read(&looks.colours)
             .read(looks.rows().unwrap_or(&self.no_rows))
-            .read(&looks.cuts)
+            .read(&looks.sections)
             .read(rests);
         if let Some((held, places)) = scans {
             fill = fill
                 .read(&held.texture)
                 .read(&held.sampler)
                 .read(places)
-                .constant("SCANS", held.scans.len() as f64)
+                .constant("SCAN_COUNT", held.scans.len() as f64)
                 .constant("LABELS", flag(held.has_labels()));
         }
         let params = gpu_data::Fill {
@@ -142,7 +146,7 @@ impl Raycaster {
         let fill = fill
             .write(&grid)
             .params(&params)
-            .over(geometry.tet_count())?;
+            .dispatch_items(geometry.tet_count())?;
         let march = gpu
             .pass("render/shadow_march")
             .read(&geometry.positions)
@@ -153,15 +157,15 @@ impl Raycaster {
             .params(&gpu_data::March {
                 nodes,
                 cells,
-                ways: list.len() as u32,
+                directions: list.len() as u32,
                 steps: ways.steps,
                 opacity: looks.table.opacity,
-                gain: ways.gain as f32,
+                normalisation: ways.normalisation as f32,
                 strength: self.options.shadows as f32,
-                out: OUT as f32,
-                faint: FAINT as f32,
+                surface_offset: SURFACE_OFFSET as f32,
+                gradient_half_saturation: GRADIENT_HALF_SATURATION as f32,
             })
-            .over(nodes)?;
+            .dispatch_items(nodes)?;
         Ok(Some(Shadows {
             lit,
             grid,
@@ -174,7 +178,7 @@ impl Raycaster {
 
     /// The gradients that light sees at the nodes, xyz in the local frame, and in w the share of
     /// light that comes there, where there are shadows: as of the last picture that had any.
-    pub fn lit_gradients(&self) -> Option<&Array> {
+    pub fn shadowed_gradients(&self) -> Option<&Array> {
         self.shadows.as_ref().map(|s| &s.lit)
     }
 }

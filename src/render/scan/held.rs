@@ -1,9 +1,9 @@
 //! Scans as a raycaster keeps them.
 
-use super::labels::{LabelLook, Numbered};
-use super::ranges::Pyramid;
+use super::labels::{LabelAppearance, LabelIndex};
+use super::ranges::MinMaxPyramid;
 use super::texture::{Texels, texture};
-use super::{MOST_SCANS, Scan, ScanLook};
+use super::{MAX_SCANS, Scan, ScanAppearance};
 use crate::gpu::Gpu;
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::render::table::TableRow;
@@ -27,16 +27,16 @@ mod gpu_data {
 
 /// Parts of the range that are told apart where it is asked what is frequent, and texels that are
 /// looked at for it.
-const SPREAD: usize = 256;
+const HISTOGRAM_BINS: usize = 256;
 const TEXELS_OF_SPREAD: usize = 1 << 18;
 /// What the table rounds scalars by, of its range, and half floats texels.
-const ROUNDING: f64 = 1.0 / 2000.0;
+const TABLE_ROUNDING: f64 = 1.0 / 2000.0;
 const TEXEL_ROUNDING: f64 = 1.0 / 2048.0;
 
 /// All scans of a picture.
-pub(in crate::render) struct Held {
+pub(in crate::render) struct ScanSet {
     pub scans: Vec<Scan>,
-    parts: Vec<Part>,
+    parts: Vec<ScanData>,
     /// Their voxels.
     pub texture: wgpu::TextureView,
     pub sampler: wgpu::Sampler,
@@ -48,37 +48,37 @@ pub(in crate::render) struct Held {
 
 /// What is kept of a scan beside its texels.
 #[derive(Clone)]
-struct Part {
+struct ScanData {
     /// From places at rest, in file units.
     texel_from_rest: DAffine3,
     size: [usize; 3],
     first: u32,
     /// The values of texels −1 and 1, of values.
     ends: (f64, f64),
-    numbered: Option<Numbered>,
+    numbered: Option<LabelIndex>,
     /// The values that are told apart.
     range: (f64, f64),
     spread: Arc<[f64]>,
-    pyramid: Arc<Pyramid>,
+    pyramid: Arc<MinMaxPyramid>,
     /// Bounds of the texels in each tet of the mesh.
     of_tets: Vec<Option<[f32; 2]>>,
 }
 
-impl Held {
+impl ScanSet {
     /// `scans`, which `mesh` carries.
-    pub fn new(gpu: &Gpu, mesh: &TetMesh, scans: &[Scan]) -> Result<Held> {
-        if !(1..=MOST_SCANS).contains(&scans.len()) {
+    pub fn new(gpu: &Gpu, mesh: &TetMesh, scans: &[Scan]) -> Result<ScanSet> {
+        if !(1..=MAX_SCANS).contains(&scans.len()) {
             return Err(Error::Input(format!(
-                "{} scans: a picture has up to {MOST_SCANS}",
+                "{} scans: a picture has up to {MAX_SCANS}",
                 scans.len()
             )));
         }
         scans.iter().try_for_each(|scan| scan.check(mesh))?;
         let (texture, texels, notes) = texture(gpu, scans)?;
         let parts = scans.iter().zip(texels);
-        Ok(Held {
+        Ok(ScanSet {
             parts: parts
-                .map(|(scan, texels)| Part::new(scan, texels, mesh))
+                .map(|(scan, texels)| ScanData::new(scan, texels, mesh))
                 .collect(),
             scans: scans.to_vec(),
             texture,
@@ -94,12 +94,12 @@ impl Held {
     }
 
     /// The same in `mesh` after a cut, which has taken tets away.
-    pub fn follow(&self, mesh: &TetMesh) -> Held {
-        let of_tets = |part: &Part| Part {
-            of_tets: part.pyramid.of_tets(mesh, part.texel_from_rest),
+    pub fn follow(&self, mesh: &TetMesh) -> ScanSet {
+        let of_tets = |part: &ScanData| ScanData {
+            of_tets: part.pyramid.tet_ranges(mesh, part.texel_from_rest),
             ..part.clone()
         };
-        Held {
+        ScanSet {
             scans: self.scans.clone(),
             parts: self.parts.iter().map(of_tets).collect(),
             texture: self.texture.clone(),
@@ -116,9 +116,9 @@ impl Held {
 
     /// Whether the first one shows values, by this transfer function.
     pub fn transfer(&self) -> Option<&TransferFunction> {
-        match &self.scans[0].look {
-            ScanLook::Values { transfer, .. } => Some(transfer),
-            ScanLook::Labels(_) => None,
+        match &self.scans[0].appearance {
+            ScanAppearance::Values { transfer, .. } => Some(transfer),
+            ScanAppearance::Labels(_) => None,
         }
     }
 
@@ -128,8 +128,8 @@ impl Held {
     }
 
     /// The least distance between two texels, in file units.
-    pub fn finest(&self) -> f64 {
-        let spacing = |part: &Part| {
+    pub fn min_texel_spacing(&self) -> f64 {
+        let spacing = |part: &ScanData| {
             let axes = part.texel_from_rest.inverse().matrix3;
             axes.x_axis
                 .length()
@@ -144,37 +144,37 @@ impl Held {
         let row = |k: usize, transfer: &TransferFunction| {
             let range = self.parts[k].range;
             TableRow {
-                transfer: transfer.resolved(range, extent),
+                transfer: transfer.to_absolute(range, extent),
                 range,
                 spread: self.parts[k].spread.clone(),
             }
         };
         let first = transfers.iter().map(|t| row(0, t));
         // A row of labels stands for the densest of them.
-        let labels = |k: usize, part: &Part| {
-            let looks = part.looks(&self.scans[k].look);
+        let labels = |k: usize, part: &ScanData| {
+            let looks = part.looks(&self.scans[k].appearance);
             let most = looks.iter().map(|l| l.extinction).fold(0.0, f64::max);
             TableRow {
-                transfer: ResolvedTransfer::dense(most),
+                transfer: ResolvedTransfer::constant(most),
                 range: part.range,
                 spread: self.parts[k].spread.clone(),
             }
         };
         let others = self.scans.iter().zip(&self.parts).enumerate();
-        let others = others.filter_map(|(k, (scan, part))| match &scan.look {
-            ScanLook::Labels(_) => Some(labels(k, part)),
-            ScanLook::Values { transfer, .. } if k > 0 => Some(row(k, transfer)),
-            ScanLook::Values { .. } => None,
+        let others = others.filter_map(|(k, (scan, part))| match &scan.appearance {
+            ScanAppearance::Labels(_) => Some(labels(k, part)),
+            ScanAppearance::Values { transfer, .. } if k > 0 => Some(row(k, transfer)),
+            ScanAppearance::Values { .. } => None,
         });
         first.chain(others).collect()
     }
 
     /// The colours of labels, by the row of the table that stands for them, after `first` rows.
-    pub fn label_rows(&self, first: usize) -> Vec<(usize, Vec<LabelLook>)> {
+    pub fn label_rows(&self, first: usize) -> Vec<(usize, Vec<LabelAppearance>)> {
         let rows = self.row_of_scans(first);
         let all = self.scans.iter().zip(&self.parts).zip(rows);
         all.filter(|((_, part), _)| part.numbered.is_some())
-            .map(|((scan, part), row)| (row, part.looks(&scan.look)))
+            .map(|((scan, part), row)| (row, part.looks(&scan.appearance)))
             .collect()
     }
 
@@ -225,7 +225,7 @@ impl Held {
 
     /// Of each tet of the mesh whether all scans are transparent in it, and the first has none of
     /// `values`. Of `rows` the first scan has `first`, and `row` tells which in a tet.
-    pub fn clear(
+    pub fn transparent_tets(
         &self,
         rows: &[TableRow],
         first: usize,
@@ -233,11 +233,11 @@ impl Held {
         values: &[f64],
     ) -> Vec<bool> {
         let of_scans = self.row_of_scans(first);
-        let looks: Vec<Vec<LabelLook>> = self
+        let looks: Vec<Vec<LabelAppearance>> = self
             .scans
             .iter()
             .zip(&self.parts)
-            .map(|(scan, part)| part.looks(&scan.look))
+            .map(|(scan, part)| part.looks(&scan.appearance))
             .collect();
         parallel::map(self.tets, |t| {
             self.parts.iter().enumerate().all(|(k, part)| {
@@ -245,8 +245,8 @@ impl Held {
                     return true;
                 };
                 if part.numbered.is_some() {
-                    let shown = |look: &LabelLook| look.extinction > 0.0;
-                    let numbers = Numbered::from_texel(low)..=Numbered::from_texel(high);
+                    let shown = |look: &LabelAppearance| look.extinction > 0.0;
+                    let numbers = LabelIndex::from_texel(low)..=LabelIndex::from_texel(high);
                     return !looks[k][numbers].iter().any(shown);
                 }
                 let TableRow {
@@ -255,8 +255,8 @@ impl Held {
                     0 => row(t),
                     k => of_scans[k],
                 }];
-                let off =
-                    ROUNDING * (range.1 - range.0) + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
+                let off = TABLE_ROUNDING * (range.1 - range.0)
+                    + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
                 let [low, high] = [part.value(low) - off, part.value(high) + off];
                 let met = k == 0 && values.iter().any(|v| (low..=high).contains(v));
                 let [low, high] = [low, high].map(|v| v.clamp(range.0, range.1));
@@ -266,27 +266,28 @@ impl Held {
     }
 }
 
-impl Part {
-    fn new(scan: &Scan, texels: Texels, mesh: &TetMesh) -> Part {
-        let texel_from_rest = texels.texel_from_voxel() * scan.voxel_from_rest();
-        let pyramid = Pyramid::new(&texels);
-        let of_tets = pyramid.of_tets(mesh, texel_from_rest);
+impl ScanData {
+    fn new(scan: &Scan, texels: Texels, mesh: &TetMesh) -> ScanData {
+        let texel_from_rest = texels.texel_from_voxel() * scan.rest_to_voxel();
+        let pyramid = MinMaxPyramid::new(&texels);
+        let of_tets = pyramid.tet_ranges(mesh, texel_from_rest);
         let range = scan.range();
         let (low, high) = range;
-        let mut spread = vec![0.0; SPREAD];
+        let mut spread = vec![0.0; HISTOGRAM_BINS];
         let every = texels.values.len().div_ceil(TEXELS_OF_SPREAD).max(1);
         for texel in texels.values.iter().step_by(every) {
             let share = (texels.value(f64::from(*texel)) - low) / (high - low);
-            spread[((share * SPREAD as f64).max(0.0) as usize).min(SPREAD - 1)] += 1.0;
+            spread[((share * HISTOGRAM_BINS as f64).max(0.0) as usize).min(HISTOGRAM_BINS - 1)] +=
+                1.0;
         }
         let whole: f64 = spread.iter().sum();
         spread.iter_mut().for_each(|part| *part /= whole.max(1.0));
-        Part {
+        ScanData {
             texel_from_rest,
             size: texels.size,
             first: texels.first,
             ends: texels.ends,
-            numbered: texels.numbered,
+            numbered: texels.label_index,
             range,
             spread: spread.into(),
             pyramid: Arc::new(pyramid),
@@ -299,9 +300,9 @@ impl Part {
         self.ends.0 + 0.5 * (f64::from(texel) + 1.0) * (self.ends.1 - self.ends.0)
     }
 
-    fn looks(&self, look: &ScanLook) -> Vec<LabelLook> {
+    fn looks(&self, look: &ScanAppearance) -> Vec<LabelAppearance> {
         match (look, &self.numbered) {
-            (ScanLook::Labels(looks), Some(numbered)) => numbered.looks(looks),
+            (ScanAppearance::Labels(looks), Some(numbered)) => numbered.appearances(looks),
             _ => Vec::new(),
         }
     }

@@ -5,18 +5,18 @@ use crate::{Error, Result, parallel};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Labels that a texture can number; `shaders/terms/scan.wgsl` has the same.
-const MOST: usize = 1024;
+const MAX_LABELS: usize = 1024;
 
 /// What a label of a [`Scan`](super::Scan) looks like.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LabelLook {
+pub struct LabelAppearance {
     /// Red, green and blue, from 0 to 1.
     pub colour: [f64; 3],
     /// Extinction per unit of length of the mesh.
     pub extinction: f64,
 }
 
-impl LabelLook {
+impl LabelAppearance {
     pub(super) fn check(&self, label: i64) -> Result<()> {
         let unit = |x: &f64| (0.0..=1.0).contains(x);
         let sound = self.colour.iter().all(unit)
@@ -34,13 +34,13 @@ impl LabelLook {
 
 /// The labels of a volume, numbered in their order.
 #[derive(Clone, Debug)]
-pub(super) struct Numbered {
+pub(super) struct LabelIndex {
     labels: Vec<i64>,
 }
 
-impl Numbered {
+impl LabelIndex {
     /// Those of `volume`.
-    pub fn of(volume: &Volume) -> Result<Numbered> {
+    pub fn of(volume: &Volume) -> Result<LabelIndex> {
         let found = parallel::collect(volume.voxels(), |range, parts| {
             let mut own: Option<BTreeSet<i64>> = Some(BTreeSet::new());
             let mut last = None;
@@ -51,7 +51,7 @@ impl Numbered {
                 }
                 last = Some(value);
                 let whole = value.fract() == 0.0 && value.abs() < 1e15;
-                own = own.filter(|own| whole && own.len() <= MOST);
+                own = own.filter(|own| whole && own.len() <= MAX_LABELS);
                 if let Some(own) = &mut own {
                     own.insert(value as i64);
                 }
@@ -62,15 +62,15 @@ impl Numbered {
         for part in found {
             match part {
                 Some(labels) => all.extend(labels),
-                None => all.extend(0..=MOST as i64),
+                None => all.extend(0..=MAX_LABELS as i64),
             }
         }
-        if all.len() > MOST {
+        if all.len() > MAX_LABELS {
             return Err(Error::Input(format!(
-                "the scan is no map of labels: it has numbers that are not whole, or more than {MOST} different ones; show its values"
+                "the scan is no map of labels: it has numbers that are not whole, or more than {MAX_LABELS} different ones; show its values"
             )));
         }
-        Ok(Numbered {
+        Ok(LabelIndex {
             labels: all.into_iter().collect(),
         })
     }
@@ -84,17 +84,17 @@ impl Numbered {
     /// The texel of a number: a fraction, so that values beside it in the texture are not far off where
     /// filters round.
     pub fn to_texel(number: usize) -> f64 {
-        number as f64 / MOST as f64
+        number as f64 / MAX_LABELS as f64
     }
 
     /// The number of a texel.
     pub fn from_texel(texel: f32) -> usize {
-        (texel * MOST as f32).round() as usize
+        (texel * MAX_LABELS as f32).round() as usize
     }
 
     /// What each number looks like; extinction 0 where it is not seen.
-    pub fn looks(&self, looks: &BTreeMap<i64, LabelLook>) -> Vec<LabelLook> {
-        let unseen = LabelLook {
+    pub fn appearances(&self, looks: &BTreeMap<i64, LabelAppearance>) -> Vec<LabelAppearance> {
+        let unseen = LabelAppearance {
             colour: [0.0; 3],
             extinction: 0.0,
         };

@@ -13,9 +13,9 @@ mod ranges;
 mod texture;
 mod truth;
 
-pub(super) use held::Held;
-pub use labels::LabelLook;
-pub(super) use truth::ScanTruth;
+pub(super) use held::ScanSet;
+pub use labels::LabelAppearance;
+pub(super) use truth::ScanReference;
 
 use super::TransferFunction;
 use crate::mesh::TetMesh;
@@ -26,7 +26,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Scans of a picture, at most.
-pub const MOST_SCANS: usize = 8;
+pub const MAX_SCANS: usize = 8;
 
 /// A volume that a body carries, and what it looks like.
 #[derive(Clone, Debug)]
@@ -36,12 +36,12 @@ pub struct Scan {
     /// Units of the mesh in a millimetre: 1 for a mesh in mm.
     pub units_per_mm: f64,
     /// What is seen of it.
-    pub look: ScanLook,
+    pub appearance: ScanAppearance,
 }
 
 /// What is seen of a [`Scan`].
 #[derive(Clone, Debug)]
-pub enum ScanLook {
+pub enum ScanAppearance {
     /// Its values, trilinear between voxels.
     Values {
         /// What shows them. Extinction is per unit of the mesh.
@@ -51,21 +51,21 @@ pub enum ScanLook {
         range: Option<(f64, f64)>,
     },
     /// Labels, each voxel the one it has; those that are not here are not seen.
-    Labels(BTreeMap<i64, LabelLook>),
+    Labels(BTreeMap<i64, LabelAppearance>),
 }
 
 impl Scan {
     /// From places at rest, in units of the mesh, to voxels.
-    pub fn voxel_from_rest(&self) -> DAffine3 {
+    pub fn rest_to_voxel(&self) -> DAffine3 {
         let from_mm = DAffine3::from_scale(glam::DVec3::splat(self.units_per_mm));
         (from_mm * self.volume.to_world).inverse()
     }
 
     /// Smallest and largest value that are told apart.
     pub fn range(&self) -> (f64, f64) {
-        let given = match &self.look {
-            ScanLook::Values { range, .. } => *range,
-            ScanLook::Labels(_) => None,
+        let given = match &self.appearance {
+            ScanAppearance::Values { range, .. } => *range,
+            ScanAppearance::Labels(_) => None,
         };
         let (low, high) = given.or_else(|| self.volume.range()).unwrap_or((0.0, 1.0));
         match low < high {
@@ -83,8 +83,8 @@ impl Scan {
                 self.units_per_mm
             ));
         }
-        match &self.look {
-            ScanLook::Values {
+        match &self.appearance {
+            ScanAppearance::Values {
                 range: Some((low, high)),
                 ..
             } if !(low < high && (high - low).is_finite()) => {
@@ -92,10 +92,12 @@ impl Scan {
                     "a range of a scan from {low} to {high} makes no sense; give a smaller and a larger number"
                 ));
             }
-            ScanLook::Labels(looks) => looks.iter().try_for_each(|(l, look)| look.check(*l))?,
-            ScanLook::Values { .. } => {}
+            ScanAppearance::Labels(looks) => {
+                looks.iter().try_for_each(|(l, look)| look.check(*l))?
+            }
+            ScanAppearance::Values { .. } => {}
         }
-        let to_voxel = self.voxel_from_rest();
+        let to_voxel = self.rest_to_voxel();
         let last = self.volume.size.map(|n| n as f64 - 0.5);
         let covered = mesh.tets.iter().any(|tet| {
             let corners = tet.map(|v| to_voxel.transform_point3(mesh.nodes[v as usize]));

@@ -9,7 +9,7 @@ use glam::{DAffine3, DVec3};
 /// Texels along each axis of the smallest blocks.
 const BLOCK: usize = 4;
 /// Blocks along each axis that a question is answered from.
-const LOOKED_AT: usize = 4;
+const MAX_BLOCKS_PER_QUERY: usize = 4;
 
 /// The smallest and largest texel of each block of a level.
 struct Level {
@@ -18,13 +18,13 @@ struct Level {
 }
 
 /// Smallest and largest texels of a scan, by blocks.
-pub(super) struct Pyramid {
+pub(super) struct MinMaxPyramid {
     texels: [usize; 3],
     levels: Vec<Level>,
 }
 
-impl Pyramid {
-    pub fn new(texels: &Texels) -> Pyramid {
+impl MinMaxPyramid {
+    pub fn new(texels: &Texels) -> MinMaxPyramid {
         let mut levels = vec![Level::of(texels.size, BLOCK, |n| {
             let texel = f32::from(texels.values[n]);
             [texel, texel]
@@ -35,7 +35,7 @@ impl Pyramid {
             let next = Level::of(last.size, 2, |n| last.ends[n]);
             levels.push(next);
         }
-        Pyramid {
+        MinMaxPyramid {
             texels: texels.size,
             levels,
         }
@@ -58,7 +58,7 @@ impl Pyramid {
         while level + 1 < self.levels.len()
             && range
                 .iter()
-                .any(|[a, b]| b / block - a / block >= LOOKED_AT)
+                .any(|[a, b]| b / block - a / block >= MAX_BLOCKS_PER_QUERY)
         {
             (block, level) = (2 * block, level + 1);
         }
@@ -77,7 +77,7 @@ impl Pyramid {
     }
 
     /// Bounds of the texels in each tet of `mesh`, at rest; none where the scan does not cover it.
-    pub fn of_tets(&self, mesh: &TetMesh, texel_from_rest: DAffine3) -> Vec<Option<[f32; 2]>> {
+    pub fn tet_ranges(&self, mesh: &TetMesh, texel_from_rest: DAffine3) -> Vec<Option<[f32; 2]>> {
         parallel::map(mesh.tets.len(), |t| {
             let corners = mesh
                 .tet_nodes(t)
@@ -131,12 +131,12 @@ mod tests {
         let values: Vec<f16> = (0..size.iter().product())
             .map(|n| f16::from_f64(texel(n)))
             .collect();
-        let pyramid = Pyramid::new(&Texels {
-            merged: [1; 3],
+        let pyramid = MinMaxPyramid::new(&Texels {
+            downsampling: [1; 3],
             size,
             values: values.clone(),
             ends: (0.0, 1.0),
-            numbered: None,
+            label_index: None,
             first: 0,
         });
         let mut random = 1u64;

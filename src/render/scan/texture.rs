@@ -2,8 +2,8 @@
 //! values from -1 to 1 over all that occur, or numbers of labels. What does not fit the device is
 //! halved until it does, along z alone where there are too many layers.
 
-use super::labels::Numbered;
-use super::{Scan, ScanLook};
+use super::labels::LabelIndex;
+use super::{Scan, ScanAppearance};
 use crate::gpu::Gpu;
 use crate::volume::Volume;
 use crate::{Error, Result, parallel};
@@ -11,16 +11,16 @@ use glam::{DAffine3, DVec3};
 use half::f16;
 
 /// Bytes that are sent at a time.
-const SENT_AT_ONCE: usize = 32 << 20;
+const UPLOAD_BYTES: usize = 32 << 20;
 /// Ranges beyond the one that is told apart which values keep: they are between those that are in it.
 const MARGIN: f64 = 4.0;
 /// Voxels that are made one along each axis, at most.
-const COARSEST: usize = 64;
+const MAX_DOWNSAMPLING: usize = 64;
 
 /// The voxels of a scan as the texture has them.
 pub(super) struct Texels {
     /// How many voxels are one texel along each axis.
-    pub merged: [usize; 3],
+    pub downsampling: [usize; 3],
     /// Texels along each axis.
     pub size: [usize; 3],
     /// i running fastest, then j, then k.
@@ -28,7 +28,7 @@ pub(super) struct Texels {
     /// The value of texel −1, and of 1, of values.
     pub ends: (f64, f64),
     /// Of labels.
-    pub numbered: Option<Numbered>,
+    pub label_index: Option<LabelIndex>,
     /// Where they begin in the texture, along z.
     pub first: u32,
 }
@@ -38,9 +38,9 @@ impl Texels {
     fn of(scan: &Scan, merged: [usize; 3]) -> Result<Texels> {
         let volume = &*scan.volume;
         let size: [usize; 3] = std::array::from_fn(|k| volume.size[k].div_ceil(merged[k]));
-        let numbered = match &scan.look {
-            ScanLook::Labels(_) => Some(Numbered::of(volume)?),
-            ScanLook::Values { .. } => None,
+        let numbered = match &scan.appearance {
+            ScanAppearance::Labels(_) => Some(LabelIndex::of(volume)?),
+            ScanAppearance::Values { .. } => None,
         };
         let Some(ends) = volume.range() else {
             return Err(Error::Input(
@@ -65,25 +65,27 @@ impl Texels {
             ];
             f16::from_f64(match &numbered {
                 Some(numbered) if merged == [1; 3] => {
-                    Numbered::to_texel(numbered.number(volume.value(n)))
+                    LabelIndex::to_texel(numbered.number(volume.value(n)))
                 }
-                Some(numbered) => Numbered::to_texel(most_frequent(volume, low, merged, numbered)),
+                Some(numbered) => {
+                    LabelIndex::to_texel(most_frequent(volume, low, merged, numbered))
+                }
                 None => texel(mean(volume, low, merged).unwrap_or(ends.0)),
             })
         });
         Ok(Texels {
-            merged,
+            downsampling: merged,
             size,
             values,
             ends,
-            numbered,
+            label_index: numbered,
             first: 0,
         })
     }
 
     /// From voxels to texels.
     pub fn texel_from_voxel(&self) -> DAffine3 {
-        let merged = DVec3::from(self.merged.map(|n| n as f64));
+        let merged = DVec3::from(self.downsampling.map(|n| n as f64));
         DAffine3::from_scale(merged.recip())
             * DAffine3::from_translation(-0.5 * (merged - DVec3::ONE))
     }
@@ -120,7 +122,7 @@ fn most_frequent(
     volume: &Volume,
     low: [usize; 3],
     merged: [usize; 3],
-    numbered: &Numbered,
+    numbered: &LabelIndex,
 ) -> usize {
     let mut numbers: Vec<usize> = block(volume, low, merged)
         .map(|v| numbered.number(v))
@@ -170,7 +172,8 @@ pub(super) fn texture(
                     true => scan.volume.size[2] / m[2],
                     false => scan.volume.voxels() / m.iter().product::<usize>(),
                 });
-                let Some((largest, _)) = largest.filter(|(m, _)| m.iter().all(|n| *n < COARSEST))
+                let Some((largest, _)) =
+                    largest.filter(|(m, _)| m.iter().all(|n| *n < MAX_DOWNSAMPLING))
                 else {
                     return Err(why);
                 };
@@ -204,12 +207,12 @@ fn make(gpu: &Gpu, size: [usize; 3]) -> Result<wgpu::Texture> {
 
 /// What is said of a scan that was made coarser.
 fn said((scan, texels): (&Scan, &Texels)) -> Option<String> {
-    (texels.merged != [1; 3]).then(|| {
+    (texels.downsampling != [1; 3]).then(|| {
         let times = |n: [usize; 3]| n.map(|n| n.to_string()).join(" x ");
         format!(
             "a scan of {} voxels does not fit the device: {} of them are one where it is drawn, {} in all",
             times(scan.volume.size),
-            times(texels.merged),
+            times(texels.downsampling),
             times(texels.size)
         )
     })
@@ -217,7 +220,7 @@ fn said((scan, texels): (&Scan, &Texels)) -> Option<String> {
 
 fn send(gpu: &Gpu, texture: &wgpu::Texture, texels: &Texels) {
     let [nx, ny, nz] = texels.size;
-    let layers = (SENT_AT_ONCE / (2 * nx * ny)).max(1);
+    let layers = (UPLOAD_BYTES / (2 * nx * ny)).max(1);
     for z in (0..nz).step_by(layers) {
         let count = layers.min(nz - z);
         gpu.queue().write_texture(

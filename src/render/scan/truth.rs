@@ -7,8 +7,8 @@ use crate::volume::Volume;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
-/// A scan of values that [`RayReference`](crate::render::RayReference) goes through.
-pub(in crate::render) struct ScanTruth {
+/// A scan of values that [`ReferenceRaycaster`](crate::render::ReferenceRaycaster) goes through.
+pub(in crate::render) struct ScanReference {
     volume: Arc<Volume>,
     voxel_from_rest: DAffine3,
     /// Where the corners of each tet rest.
@@ -18,11 +18,11 @@ pub(in crate::render) struct ScanTruth {
     fine: f64,
 }
 
-impl ScanTruth {
-    pub fn new(mesh: &TetMesh, scan: &Scan, fine: f64) -> ScanTruth {
-        ScanTruth {
+impl ScanReference {
+    pub fn new(mesh: &TetMesh, scan: &Scan, fine: f64) -> ScanReference {
+        ScanReference {
             volume: scan.volume.clone(),
-            voxel_from_rest: scan.voxel_from_rest(),
+            voxel_from_rest: scan.rest_to_voxel(),
             rests: (0..mesh.tets.len()).map(|t| mesh.tet_nodes(t)).collect(),
             range: scan.range(),
             fine,

@@ -1,8 +1,8 @@
 //! Tables that are looked up through a sampler, built on the GPU: slices, the paper's volume, and
 //! the transfer function itself.
 
-use super::pieces::{Pieces, gpu_data::Piece};
-use super::{Table, TableForm, TableTexel, Wanted};
+use super::pieces::{LinearPieces, gpu_data::Piece};
+use super::{Table, TableKind, TableRequest, TableTexel};
 use crate::Result;
 use crate::gpu::{Gpu, Pass};
 
@@ -20,7 +20,7 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        pub(super) struct Slab {
+        pub(super) struct VolumeLayer {
             pub size: u32,
             pub layer: u32,
             pub depth: f32,
@@ -35,7 +35,7 @@ const FIRST_OCTAVE: i32 = -5;
 /// Octaves at most: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
 const MOST_OCTAVES: u32 = 24;
 /// Slices reach to segments this long, in local units: longer than any body stays.
-const LONGEST: f64 = 4.0;
+const MAX_SEGMENT_LENGTH: f64 = 4.0;
 /// Texels along the scalar where nothing is integrated beforehand.
 const SAMPLED_SIZE: u32 = 4096;
 /// WebGPU's limit on the layers of a texture.
@@ -43,25 +43,30 @@ const MOST_LAYERS: u32 = 256;
 /// Layers of the volume, and the depth of the last at most: a layer a sixteenth, so that
 /// interpolation between them misses little.
 const VOLUME_LAYERS: u32 = 129;
-const VOLUME_REACH: f64 = 8.0;
+const VOLUME_MAX_DEPTH: f64 = 8.0;
 
 /// The textures of a table that is looked up through a sampler, and the passes that fill them.
-pub(super) fn table(gpu: &Gpu, pieces: &Pieces, opacity: f64, wanted: &Wanted) -> Result<Table> {
+pub(super) fn table(
+    gpu: &Gpu,
+    pieces: &LinearPieces,
+    opacity: f64,
+    wanted: &TableRequest,
+) -> Result<Table> {
     let size = match (wanted.form, wanted.size) {
-        (TableForm::Samples(_), _) => SAMPLED_SIZE,
+        (TableKind::Samples(_), _) => SAMPLED_SIZE,
         (_, Some(size)) => size,
-        (_, None) => pieces.table_size(opacity, wanted.accuracy),
+        (_, None) => pieces.required_size(opacity, wanted.accuracy),
     };
     let (layers, reach) = match wanted.form {
-        TableForm::Sliced => (slices(opacity * LONGEST), 1.0),
-        TableForm::Volume => (
+        TableKind::Sliced => (slices(opacity * MAX_SEGMENT_LENGTH), 1.0),
+        TableKind::Volume => (
             wanted.size.map_or(VOLUME_LAYERS, |n| n.min(MOST_LAYERS)),
-            (opacity * wanted.longest).clamp(1e-6, VOLUME_REACH) as f32,
+            (opacity * wanted.longest_segment).clamp(1e-6, VOLUME_MAX_DEPTH) as f32,
         ),
         _ => (1, 1.0),
     };
     let height = match wanted.form {
-        TableForm::Samples(_) => 1,
+        TableKind::Samples(_) => 1,
         _ => size,
     };
     let texture = gpu.texture(
@@ -78,16 +83,16 @@ pub(super) fn table(gpu: &Gpu, pieces: &Pieces, opacity: f64, wanted: &Wanted) -
         height,
         texel: wanted.texel,
         texture: &texture,
-        limit: work_texture(gpu, [size, height], WORK)?,
+        limit: work_texture(gpu, [size, height], BUILD_FORMAT)?,
         halves: work_texture(gpu, [size, height], TableTexel::Half.format())?,
     };
     let mut passes = Vec::new();
     match wanted.form {
-        TableForm::Sliced => {
+        TableKind::Sliced => {
             passes.push(builder.limit_pass(&pieces.list)?);
             builder.slices(layers, &mut passes)?;
         }
-        TableForm::Volume => {
+        TableKind::Volume => {
             passes.push(builder.limit_pass(&pieces.list)?);
             builder.volume(layers, reach, &mut passes)?;
         }
@@ -102,13 +107,13 @@ pub(super) fn table(gpu: &Gpu, pieces: &Pieces, opacity: f64, wanted: &Wanted) -
         view,
         size,
         layers,
-        reach,
+        max_depth: reach,
         opacity: opacity as f32,
         // Texel centres at the ends.
         scalar: [(size as f32 - 1.0) / size as f32, 0.5 / size as f32],
         constants: match wanted.form {
-            TableForm::Samples(n) => vec![("SAMPLES", f64::from(n))],
-            TableForm::Volume => vec![("ENOUGH", wanted.opaque)],
+            TableKind::Samples(n) => vec![("SAMPLES", f64::from(n))],
+            TableKind::Volume => vec![("INTEGRATION_CUTOFF", wanted.opaque)],
             _ => Vec::new(),
         },
         passes,
@@ -129,7 +134,7 @@ fn slice_depth(k: u32) -> f64 {
 }
 
 /// What a table is made in.
-const WORK: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
+const BUILD_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 fn work_texture(
     gpu: &Gpu,
@@ -161,7 +166,7 @@ impl Builder<'_> {
     }
 
     fn work(&self) -> Result<wgpu::TextureView> {
-        work_texture(self.gpu, [self.size, self.height], WORK)
+        work_texture(self.gpu, [self.size, self.height], BUILD_FORMAT)
     }
 
     /// Where a pass writes layer `k`; see [`Builder::keep`].
@@ -181,7 +186,7 @@ impl Builder<'_> {
         };
         let layer = self.layer(k);
         let pass = self.gpu.pass(shader).read(whole).write(&layer);
-        passes.push(pass.over_groups(self.groups())?);
+        passes.push(pass.dispatch_workgroups(self.groups())?);
         Ok(())
     }
 
@@ -204,7 +209,7 @@ impl Builder<'_> {
                 size: self.size,
                 pieces: pieces.len() as u32,
             })
-            .over_groups(self.groups())
+            .dispatch_workgroups(self.groups())
     }
 
     /// Each slice from the one an octave before it.
@@ -229,7 +234,7 @@ impl Builder<'_> {
                         size: self.size,
                         half_depth: (0.5 * slice_depth(k as u32)) as f32,
                     })
-                    .over_groups(self.groups())?,
+                    .dispatch_workgroups(self.groups())?,
             );
             self.keep(whole, k as u32, passes)?;
         }
@@ -249,7 +254,7 @@ impl Builder<'_> {
                     size: self.size,
                     pieces: pieces.len() as u32,
                 })
-                .over_groups(self.groups())?,
+                .dispatch_workgroups(self.groups())?,
         );
         self.keep(&self.limit, 0, passes)
     }
@@ -277,12 +282,12 @@ impl Builder<'_> {
                     .read(before)
                     .write(whole)
                     .write(&self.written(k))
-                    .params(&gpu_data::Slab {
+                    .params(&gpu_data::VolumeLayer {
                         size: self.size,
                         layer: k,
                         depth: reach / (layers - 1) as f32,
                     })
-                    .over_groups(self.groups())?,
+                    .dispatch_workgroups(self.groups())?,
             );
             self.keep(whole, k, passes)?;
         }

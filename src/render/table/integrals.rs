@@ -10,8 +10,8 @@
 //! what is behind it in proportion to depth, to first order, which takes the moment
 //! Q(b) − Q(a) − P(a) (C(b) − C(a)); see `shaders/terms/integrals.wgsl`.
 
-use super::pieces::{Pieces, gpu_data::Piece};
-use super::{Table, TableForm, TableRow, Wanted};
+use super::pieces::{LinearPieces, gpu_data::Piece};
+use super::{Table, TableKind, TableRequest, TableRow};
 use crate::Result;
 use crate::gpu::Gpu;
 
@@ -19,16 +19,16 @@ use crate::gpu::Gpu;
 const POINTS: u32 = 4095;
 /// A unit of the integrals, which are in fixed point: differences are exact. `terms/integrals.wgsl`
 /// has the same number.
-const UNIT: f64 = 2_147_483_000.0;
+const FIXED_POINT_SCALE: f64 = 2_147_483_000.0;
 /// Mean depth of a segment up to which one look-up keeps a picture within half a level, of smooth
 /// functions and of spiky ones: the error grows as its square.
-const THIN: f64 = 0.25;
+const MAX_MEAN_DEPTH: f64 = 0.25;
 const THIN_ERROR: f64 = 0.25 / 255.0;
 
 /// Whether segments are so thin that one look-up each does for `wanted`.
-pub(super) fn do_for(pieces: &[Pieces], wanted: &Wanted) -> bool {
+pub(super) fn is_sufficient(pieces: &[LinearPieces], wanted: &TableRequest) -> bool {
     // Over the body's scalars as they occur, of the densest function.
-    let mean = |(p, row): (&Pieces, &TableRow)| {
+    let mean = |(p, row): (&LinearPieces, &TableRow)| {
         let sums = Row::of(p, 1.0, 1.0).values;
         let parts = row.spread.len();
         let up_to = |k: usize| {
@@ -41,17 +41,17 @@ pub(super) fn do_for(pieces: &[Pieces], wanted: &Wanted) -> bool {
     };
     let rows = pieces.iter().zip(wanted.rows);
     let mean = rows.map(mean).fold(0.0, f64::max);
-    let thin = THIN * (wanted.accuracy / THIN_ERROR).sqrt();
-    mean * wanted.scale * wanted.mean <= thin
+    let thin = MAX_MEAN_DEPTH * (wanted.accuracy / THIN_ERROR).sqrt();
+    mean * wanted.scale * wanted.mean_segment <= thin
 }
 
 /// The table of several transfer functions, two rows each: C and P, then Q. `most` is the largest
 /// extinction, `opacity` the same in the table's unit.
 pub(super) fn table(
     gpu: &Gpu,
-    pieces: &[Pieces],
+    pieces: &[LinearPieces],
     (most, opacity): (f64, f64),
-    wanted: &Wanted,
+    wanted: &TableRequest,
 ) -> Result<Table> {
     let colours = pieces.iter().flat_map(|p| &p.list);
     let colours = colours.flat_map(|p| p.first.into_iter().chain(p.last));
@@ -81,16 +81,19 @@ pub(super) fn table(
         texture.size(),
     );
     Ok(Table {
-        form: TableForm::Integrals,
+        form: TableKind::Integrals,
         view: texture.create_view(&wgpu::TextureViewDescriptor::default()),
         size: POINTS,
         layers: rows.len() as u32,
-        reach: 1.0,
+        max_depth: 1.0,
         opacity: opacity as f32,
         scalar: [POINTS as f32 - 1.0, 0.0],
         constants: vec![
-            ("PIECES", f64::from(u8::from(!do_for(pieces, wanted)))),
-            ("BRIGHTEST", brightest),
+            (
+                "PIECES",
+                f64::from(u8::from(!is_sufficient(pieces, wanted))),
+            ),
+            ("MAX_COLOUR", brightest),
         ],
         passes: Vec::new(),
     })
@@ -111,7 +114,7 @@ struct Row {
 
 impl Row {
     /// Of a function whose largest extinction is `share` of the unit.
-    fn of(pieces: &Pieces, share: f64, brightest: f64) -> Row {
+    fn of(pieces: &LinearPieces, share: f64, brightest: f64) -> Row {
         let point = |k: u32| f64::from(k) / f64::from(POINTS - 1);
         let mut values = vec![Integral::default()];
         let mut sum = Integral::default();
@@ -135,7 +138,11 @@ impl Row {
     }
 
     fn texels(&self) -> impl Iterator<Item = [u32; 4]> {
-        let fixed = |x: f64| (x * UNIT).round().clamp(0.0, UNIT * 1.0002) as u32;
+        let fixed = |x: f64| {
+            (x * FIXED_POINT_SCALE)
+                .round()
+                .clamp(0.0, FIXED_POINT_SCALE * 1.0002) as u32
+        };
         let texel = move |v: [f64; 3], w: f64| [v[0], v[1], v[2], w].map(fixed);
         let sums = self.values.iter().map(move |v| texel(v.c, v.p));
         let moments = self.values.iter().map(move |v| texel(v.q, 0.0));

@@ -16,14 +16,14 @@ mod pieces;
 use super::ResolvedTransfer;
 use crate::gpu::{Gpu, Pass};
 use crate::{Error, Result};
-use pieces::Pieces;
+use pieces::LinearPieces;
 
 /// How segments are looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum TableForm {
+pub enum TableKind {
     /// Integrals where a mesh's tets are thin enough for one look-up each, slices where not.
     #[default]
-    Fitting,
+    Auto,
     /// Integrals of colour and extinction over the scalar, 4,096 points: the fastest where tets are
     /// thin, exact in opacity, and alone with room for several transfer functions.
     Integrals,
@@ -36,26 +36,26 @@ pub enum TableForm {
     Samples(u32),
 }
 
-impl TableForm {
+impl TableKind {
     /// The term in `shaders/terms` that looks it up; `stored` says how the mesh is read.
     pub(super) fn term(self, stored: bool) -> &'static str {
         match self {
-            TableForm::Integrals if stored => "integrals_stored",
-            TableForm::Integrals => "integrals",
-            TableForm::Fitting | TableForm::Sliced => "slices",
-            TableForm::Volume => "slabs",
-            TableForm::Samples(_) => "points",
+            TableKind::Integrals if stored => "integrals_stored",
+            TableKind::Integrals => "integrals",
+            TableKind::Auto | TableKind::Sliced => "slices",
+            TableKind::Volume => "slabs",
+            TableKind::Samples(_) => "points",
         }
     }
 
     /// Whether it is looked up through a sampler.
     pub(super) fn is_sampled(self) -> bool {
-        self != TableForm::Integrals
+        self != TableKind::Integrals
     }
 
     pub(super) fn check(self) -> Result<()> {
         match self {
-            TableForm::Samples(n) if !(1..=64).contains(&n) => Err(Error::Input(format!(
+            TableKind::Samples(n) if !(1..=64).contains(&n) => Err(Error::Input(format!(
                 "{n} samples a tet: choose from 1 to 64"
             ))),
             _ => Ok(()),
@@ -101,8 +101,8 @@ pub(super) const TABLE_SIZES: std::ops::RangeInclusive<u32> = 8..=512;
 
 /// A table on the GPU, and the passes that fill it.
 pub(super) struct Table {
-    /// How it is looked up: not [`TableForm::Fitting`].
-    pub form: TableForm,
+    /// How it is looked up: not [`TableKind::Auto`].
+    pub form: TableKind,
     /// All layers, as its term reads them.
     pub view: wgpu::TextureView,
     /// Texels along each scalar.
@@ -110,7 +110,7 @@ pub(super) struct Table {
     /// Number of layers.
     pub layers: u32,
     /// Depth of the volume's last layer.
-    pub reach: f32,
+    pub max_depth: f32,
     /// Largest extinction per local unit, times log₂ e.
     pub opacity: f32,
     /// Table coordinate of a scalar s from 0 to 1: first · s + second.
@@ -134,9 +134,9 @@ pub(super) struct TableRow {
 
 /// What a table is made for.
 #[derive(Clone, Copy)]
-pub(super) struct Wanted<'a> {
+pub(super) struct TableRequest<'a> {
     /// How it is looked up.
-    pub form: TableForm,
+    pub form: TableKind,
     /// What its values are held in, where they are sampled.
     pub texel: TableTexel,
     /// Texels along each scalar where they are sampled, if not chosen for `accuracy`.
@@ -146,9 +146,9 @@ pub(super) struct Wanted<'a> {
     /// File units in a local unit.
     pub scale: f64,
     /// Longest segment to expect, in local units.
-    pub longest: f64,
+    pub longest_segment: f64,
     /// Mean segment to expect, in local units.
-    pub mean: f64,
+    pub mean_segment: f64,
     /// Error of a picture's values aimed for.
     pub accuracy: f64,
     /// The opacity at which rays end.
@@ -156,31 +156,31 @@ pub(super) struct Wanted<'a> {
 }
 
 /// The transfer functions of `wanted` in pieces.
-fn pieces_of(wanted: &Wanted) -> Vec<Pieces> {
-    let pieces = |row: &TableRow| Pieces::new(&row.transfer, row.range);
+fn pieces_of(wanted: &TableRequest) -> Vec<LinearPieces> {
+    let pieces = |row: &TableRow| LinearPieces::new(&row.transfer, row.range);
     wanted.rows.iter().map(pieces).collect()
 }
 
-/// The form that [`TableForm::Fitting`] stands for.
-fn chosen(pieces: &[Pieces], wanted: &Wanted) -> TableForm {
+/// The form that [`TableKind::Auto`] stands for.
+fn chosen(pieces: &[LinearPieces], wanted: &TableRequest) -> TableKind {
     match wanted.form {
-        TableForm::Fitting if pieces.len() > 1 => TableForm::Integrals,
-        TableForm::Fitting if integrals::do_for(pieces, wanted) => TableForm::Integrals,
-        TableForm::Fitting => TableForm::Sliced,
+        TableKind::Auto if pieces.len() > 1 => TableKind::Integrals,
+        TableKind::Auto if integrals::is_sufficient(pieces, wanted) => TableKind::Integrals,
+        TableKind::Auto => TableKind::Sliced,
         form => form,
     }
 }
 
 impl Table {
     /// Whether it has the form that suits `wanted`.
-    pub fn suits(&self, wanted: &Wanted) -> bool {
+    pub fn matches(&self, wanted: &TableRequest) -> bool {
         // Nothing is chosen otherwise.
-        let fitting = wanted.form == TableForm::Fitting && wanted.rows.len() == 1;
+        let fitting = wanted.form == TableKind::Auto && wanted.rows.len() == 1;
         !fitting || self.form == chosen(&pieces_of(wanted), wanted)
     }
 
     /// Prepares the table's textures and passes; see [`Table::fill`].
-    pub fn new(gpu: &Gpu, wanted: &Wanted) -> Result<Table> {
+    pub fn new(gpu: &Gpu, wanted: &TableRequest) -> Result<Table> {
         let pieces = pieces_of(wanted);
         let most = pieces.iter().map(|p| p.max_extinction).fold(0.0, f64::max);
         let opacity = most * wanted.scale * std::f64::consts::LOG2_E;
@@ -192,8 +192,8 @@ impl Table {
         }
         let form = chosen(&pieces, wanted);
         match (form, pieces.as_slice()) {
-            (TableForm::Integrals, _) => integrals::table(gpu, &pieces, (most, opacity), wanted),
-            (_, [only]) => builder::table(gpu, only, opacity, &Wanted { form, ..*wanted }),
+            (TableKind::Integrals, _) => integrals::table(gpu, &pieces, (most, opacity), wanted),
+            (_, [only]) => builder::table(gpu, only, opacity, &TableRequest { form, ..*wanted }),
             _ => Err(Error::Input(
                 "a transfer function for each region needs a table of integrals, and another form was asked for".into(),
             )),
@@ -211,7 +211,7 @@ impl Table {
         if self.passes.is_empty() {
             return Ok(());
         }
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         self.passes.iter().for_each(|pass| pass.record(&mut work));
         work.submit()?;
         self.passes.clear();

@@ -15,18 +15,18 @@ pub(super) mod gpu_data {
 }
 
 /// A transfer function cut where it bends, over scalars from 0 to 1 and a little beyond.
-pub(super) struct Pieces {
+pub(super) struct LinearPieces {
     /// From low scalars to high.
     pub list: Vec<gpu_data::Piece>,
     /// Largest extinction in the range, per file unit.
     pub max_extinction: f64,
 }
 
-impl Pieces {
-    pub fn new(transfer: &ResolvedTransfer, range: (f64, f64)) -> Pieces {
+impl LinearPieces {
+    pub fn new(transfer: &ResolvedTransfer, range: (f64, f64)) -> LinearPieces {
         let span = range.1 - range.0;
         let mut cuts: Vec<f64> = transfer
-            .nodes()
+            .breakpoints()
             .iter()
             .map(|s| (s - range.0) / span)
             .filter(|s| *s > -1.0 && *s < 2.0)
@@ -67,7 +67,7 @@ impl Pieces {
                 }
             })
             .collect();
-        Pieces {
+        LinearPieces {
             list,
             max_extinction,
         }
@@ -76,7 +76,7 @@ impl Pieces {
     /// Texels along each scalar for pictures within `accuracy`: linear interpolation misses a bend
     /// by (change of slope) h²/8 and a jump by (jump) h/4, in extinction over about a mesh's
     /// extent of path, in colour over weights that sum to 1.
-    pub fn table_size(&self, opacity: f64, accuracy: f64) -> u32 {
+    pub fn required_size(&self, opacity: f64, accuracy: f64) -> u32 {
         // Beyond a depth of some units a ray is opaque, and errors no longer add up.
         let depth = opacity.min(16.0);
         let error = |h: f64| {

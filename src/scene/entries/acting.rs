@@ -26,7 +26,7 @@ pub struct PressureEntry {
     /// on the second.
     pub between: Option<[LabelOrName; 2]>,
     /// The pressure in Pa, positive inwards.
-    pub pascal: Course,
+    pub pascal: TimeSeries,
 }
 
 /// A number, or its course in time: times in s and numbers, linear between them.
@@ -36,7 +36,7 @@ pub struct PressureEntry {
     expecting = "a number, or a list of [time, number], is expected"
 )]
 #[allow(missing_docs)]
-pub enum Course {
+pub enum TimeSeries {
     Steady(f64),
     Keys(Vec<[f64; 2]>),
 }
@@ -94,7 +94,7 @@ pub struct MuscleEntry {
     /// T, Pa.
     pub tension: f64,
     /// From 0 to 1.
-    pub activation: Course,
+    pub activation: TimeSeries,
 }
 
 /// The direction of fibres.

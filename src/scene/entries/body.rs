@@ -1,7 +1,7 @@
 //! What a body is: its mesh, its grid, and several of them.
 
 use super::ForceEntry;
-use crate::mesher::{Length, Window};
+use crate::mesher::{Length, ThresholdRange};
 use crate::physics::EngineChoice;
 use crate::scene::LabelOrName;
 use crate::scene::{CageEntry, MaterialEntry, Region, words};
@@ -42,17 +42,17 @@ pub struct MeshSource {
     /// `stiffness_field = "stiffness"`; 5 where nothing is said.
     pub contrast: Option<f64>,
     /// Edge length at boundaries, instead of `tets`: `"2mm"`, or a number in the file's unit.
-    #[serde(default, deserialize_with = "said")]
+    #[serde(default, deserialize_with = "present")]
     pub edge: Option<Length>,
     /// Which labels of a volume are regions: `"all"`, or a list.
     pub labels: Option<LabelsEntry>,
     /// Thresholds from which on a volume's values are a region, each up to the next: numbers, or
     /// `"NAME=VALUE"`.
-    #[serde(default, deserialize_with = "all_said")]
-    pub above: Vec<Window>,
+    #[serde(default, deserialize_with = "present_list")]
+    pub above: Vec<ThresholdRange>,
     /// Ranges of a volume's values that are a region: `"LOW..HIGH"`, `"NAME=LOW..HIGH"`.
-    #[serde(default, deserialize_with = "all_said")]
-    pub between: Vec<Window>,
+    #[serde(default, deserialize_with = "present_list")]
+    pub between: Vec<ThresholdRange>,
     /// Times by which edges may be longer away from boundaries.
     pub grading: Option<f64>,
     /// Pieces of regions of less volume are given to what surrounds them.
@@ -158,14 +158,14 @@ pub struct BodyEntry {
 #[allow(missing_docs)]
 pub enum LabelsEntry {
     These(Vec<i64>),
-    All(All),
+    All(AllKeyword),
 }
 
 /// The word `all`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs)]
-pub enum All {
+pub enum AllKeyword {
     All,
 }
 
@@ -187,7 +187,7 @@ impl Said {
     }
 }
 
-pub(super) fn said<'de, T, D>(from: D) -> std::result::Result<Option<T>, D::Error>
+pub(super) fn present<'de, T, D>(from: D) -> std::result::Result<Option<T>, D::Error>
 where
     T: FromStr<Err = Error>,
     D: Deserializer<'de>,
@@ -195,7 +195,7 @@ where
     Said::deserialize(from)?.parse().map(Some)
 }
 
-pub(super) fn all_said<'de, T, D>(from: D) -> std::result::Result<Vec<T>, D::Error>
+pub(super) fn present_list<'de, T, D>(from: D) -> std::result::Result<Vec<T>, D::Error>
 where
     T: FromStr<Err = Error>,
     D: Deserializer<'de>,

@@ -62,7 +62,7 @@ impl PlaneEntry {
             }
             (None, None, Some(corners)) => {
                 let [a, b] = halves(corners);
-                Plane::around(a.min(b), a.max(b)).to_vec()
+                Plane::clip_box(a.min(b), a.max(b)).to_vec()
             }
             _ => {
                 return Err(Error::Input(
@@ -71,7 +71,7 @@ impl PlaneEntry {
             }
         };
         Ok(match self.rest {
-            true => planes.into_iter().map(Plane::resting).collect(),
+            true => planes.into_iter().map(Plane::at_rest).collect(),
             false => planes,
         })
     }

@@ -27,9 +27,9 @@ pub struct JointEntry {
     /// Leaves ways along an axis free, between two lengths in the mesh's unit.
     pub slider: Option<AxisEntry>,
     /// Leaves all turns free.
-    pub ball: Option<PlainEntry>,
+    pub ball: Option<EmptyEntry>,
     /// Leaves nothing free.
-    pub fixed: Option<PlainEntry>,
+    pub fixed: Option<EmptyEntry>,
 }
 
 /// An axis, and how far what is joined goes about or along it.
@@ -45,4 +45,4 @@ pub struct AxisEntry {
 /// Nothing more to say.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PlainEntry {}
+pub struct EmptyEntry {}

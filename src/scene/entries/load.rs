@@ -1,9 +1,9 @@
 //! What acts on a body, and what it carries.
 
-use super::body::all_said;
+use super::body::present_list;
 use crate::mesh::TriMesh;
-use crate::mesher::Window;
-use crate::scene::{Given, Region, words};
+use crate::mesher::ThresholdRange;
+use crate::scene::{Preloaded, Region, words};
 use crate::skin::Mapping;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -100,8 +100,8 @@ pub struct SkinEntry {
     /// A surface file beside the scene file, or a volume whose isosurface it is.
     pub file: PathBuf,
     /// Of a volume: the threshold of the isosurface.
-    #[serde(default, deserialize_with = "all_said")]
-    pub above: Vec<Window>,
+    #[serde(default, deserialize_with = "present_list")]
+    pub above: Vec<ThresholdRange>,
     /// Of a volume: the labels whose boundary it is.
     pub labels: Option<Vec<i64>>,
     /// Rounds of smoothing.
@@ -130,5 +130,5 @@ pub struct SkinEntry {
     pub hidden: bool,
     /// Its surface, where it was read already.
     #[serde(skip)]
-    pub surface: Given<TriMesh>,
+    pub surface: Preloaded<TriMesh>,
 }

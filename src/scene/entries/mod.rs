@@ -10,13 +10,15 @@ mod picture;
 mod scan;
 mod tool;
 
-pub use acting::{Course, FibreEntry, MoveEntry, MuscleEntry, PressureEntry};
-pub use body::{All, BodyEntry, GridEntry, JoinEntry, LabelsEntry, Lengths, MeshSource, Unit};
+pub use acting::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, TimeSeries};
+pub use body::{
+    AllKeyword, BodyEntry, GridEntry, JoinEntry, LabelsEntry, Lengths, MeshSource, Unit,
+};
 pub use inside::{IsosurfaceEntry, PlaneEntry};
-pub use joint::{AxisEntry, JointEntry, PlainEntry};
+pub use joint::{AxisEntry, EmptyEntry, JointEntry};
 pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
 pub use output::OutputEntry;
-pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionLookEntry, XrayEntry};
+pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionAppearanceEntry, XrayEntry};
 pub(in crate::scene) use scan::scans;
-pub use scan::{LabelLookEntry, ScanEntry};
+pub use scan::{LabelAppearanceEntry, ScanEntry};
 pub use tool::{BoxEntry, CapsuleEntry, ContactEntry, PlaneShapeEntry, SphereEntry, ToolEntry};

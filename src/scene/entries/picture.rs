@@ -122,7 +122,7 @@ pub struct PictureEntry {
     pub hide: Vec<String>,
     /// What regions look like, by name or label.
     #[serde(default)]
-    pub region: BTreeMap<String, RegionLookEntry>,
+    pub region: BTreeMap<String, RegionAppearanceEntry>,
     /// A bar of the field's colours, or its regions by name, at the right. Like all that is drawn
     /// onto a picture, on PNGs and films: an EXR has the values alone.
     pub legend: Option<bool>,
@@ -164,7 +164,7 @@ impl PictureEntry {
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RegionLookEntry {
+pub struct RegionAppearanceEntry {
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
     #[serde(default, deserialize_with = "words::transfer")]
     pub transfer: Option<String>,

@@ -1,6 +1,6 @@
 //! Scans that the body carries, as a scene file has them.
 
-use crate::scene::{Given, words};
+use crate::scene::{Preloaded, words};
 use crate::volume::Volume;
 use serde::de::{Error as _, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer};
@@ -44,16 +44,16 @@ pub struct ScanEntry {
     pub labels: Option<bool>,
     /// What labels look like, by name or number.
     #[serde(default)]
-    pub label: BTreeMap<String, LabelLookEntry>,
+    pub label: BTreeMap<String, LabelAppearanceEntry>,
     /// The volume, where it was read already.
     #[serde(skip)]
-    pub volume: Given<Volume>,
+    pub volume: Preloaded<Volume>,
 }
 
 /// What a label of a scan looks like.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LabelLookEntry {
+pub struct LabelAppearanceEntry {
     /// A colour's name, or #RRGGBB; one of its own where nothing is said.
     #[serde(default, deserialize_with = "words::colour")]
     pub colour: Option<String>,
@@ -86,12 +86,12 @@ pub(in crate::scene) fn scans<'de, D: Deserializer<'de>>(
             while let Some(one) = seq.next_element()? {
                 all.push(one);
             }
-            match all.len() <= crate::render::MOST_SCANS {
+            match all.len() <= crate::render::MAX_SCANS {
                 true => Ok(all),
                 false => Err(A::Error::custom(format!(
                     "{} scans: a picture has up to {}",
                     all.len(),
-                    crate::render::MOST_SCANS
+                    crate::render::MAX_SCANS
                 ))),
             }
         }

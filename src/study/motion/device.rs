@@ -1,17 +1,17 @@
 //! The motions of a trial by the engine there is: run, timed, read back.
 
-use super::setting::Setting;
+use super::setting::MotionSetting;
 use super::trial::STOPS;
-use crate::physics::{ConjugateGradients, Simulator};
-use crate::study::truth::State;
+use crate::physics::{CgSettings, Simulator};
+use crate::study::truth::MotionState;
 use crate::{Error, FailureCause, Result};
 use std::time::Instant;
 
 /// A residual that is taken whatever it is.
-const ANY: f64 = 1e6;
+const NO_RESIDUAL_LIMIT: f64 = 1e6;
 
 /// Runs of less than this many milliseconds are repeated, and the fastest counts.
-const SHORT: f64 = 100.0;
+const MIN_TIMED_MS: f64 = 100.0;
 
 /// What a motion came to that ran to its end, until it is compared.
 pub const ACCURATE: &str = "accurate";
@@ -21,7 +21,7 @@ pub struct Outcome {
     /// [`ACCURATE`] until it is compared, or how it failed.
     pub state: &'static str,
     /// The states at the stops.
-    pub states: Vec<State>,
+    pub states: Vec<MotionState>,
     /// Milliseconds for all of it.
     pub ms: f64,
     /// Iterations a step.
@@ -35,12 +35,12 @@ pub struct Outcome {
 /// What the device refuses; a motion that fails is an outcome.
 pub fn on_engine(
     simulator: &mut dyn Simulator,
-    start: &State,
-    setting: Setting,
+    start: &MotionState,
+    setting: MotionSetting,
     h: f64,
 ) -> Result<Outcome> {
     simulator.set_integrator(setting.kind, settings(setting))?;
-    let reset = |simulator: &mut dyn Simulator| start.put(simulator);
+    let reset = |simulator: &mut dyn Simulator| start.apply_to(simulator);
     reset(simulator)?;
     if let Some(failed) = failure(simulator.run(1, h).map(|_| ()))? {
         return Ok(failed);
@@ -52,16 +52,16 @@ pub fn on_engine(
     Ok(outcome)
 }
 
-fn settings(setting: Setting) -> ConjugateGradients {
-    let default = ConjugateGradients::default();
+fn settings(setting: MotionSetting) -> CgSettings {
+    let default = CgSettings::default();
     let Some((tolerance, iterations)) = setting.cg else {
         return default;
     };
-    ConjugateGradients {
+    CgSettings {
         tolerance,
         max_iterations: iterations,
         acceptable: match iterations < default.max_iterations {
-            true => ANY,
+            true => NO_RESIDUAL_LIMIT,
             false => default.acceptable.max(tolerance),
         },
     }
@@ -108,10 +108,10 @@ fn timed(
             if let Some(failed) = failure(result)? {
                 return Ok(failed);
             }
-            outcome.states.push(State::of(simulator)?);
+            outcome.states.push(MotionState::from_simulator(simulator)?);
         }
         outcome.ms = outcome.ms.min(ms);
-        if ms > SHORT {
+        if ms > MIN_TIMED_MS {
             break;
         }
     }

@@ -11,11 +11,11 @@ mod trial;
 
 use super::{Cell, Row, Run};
 use crate::Result;
-use crate::physics::{ConjugateGradients, SolverKind};
+use crate::physics::{CgSettings, SolverKind};
 use crate::study::truth::fitted_order;
-use setting::Setting;
+use setting::MotionSetting;
 use std::path::Path;
-use trial::{STOPS, Trial};
+use trial::{MotionTrial, STOPS};
 
 /// The columns of `motion.csv` that tell a point from the others.
 const SETTINGS: [&str; 7] = [
@@ -65,7 +65,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         None => scenes::all(run.gpu, run.quick)?,
         Some(path) => vec![scenes::of_file(run.gpu, path)?],
     };
-    let points: Vec<(usize, Setting)> = (0..trials.len())
+    let points: Vec<(usize, MotionSetting)> = (0..trials.len())
         .flat_map(|t| {
             settings(&trials[t], run.quick)
                 .into_iter()
@@ -86,9 +86,9 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         let numbers = [
             found.error,
             found.largest,
-            found.time,
-            found.solver,
-            found.single,
+            found.scheme_error,
+            found.solver_error,
+            found.f32_error,
             found.energy,
             found.volume,
             found.ms,
@@ -103,13 +103,13 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     let mut text = String::new();
     for trial in &trials {
         let rows = of(&rows, trial);
-        charts.push(picture::against_time(run, trial, &rows)?);
-        text += &picture::finding(trial, &rows, &of(&truths, trial));
+        charts.push(picture::chart_error_over_time(run, trial, &rows)?);
+        text += &picture::describe_trial(trial, &rows, &of(&truths, trial));
     }
     if let Some(trial) = trials.first() {
-        charts.push(picture::told_apart(run, trial, &of(&rows, trial))?);
+        charts.push(picture::error_components(run, trial, &of(&rows, trial))?);
     }
-    text += &picture::totals(&rows);
+    text += &picture::describe_all(&rows);
     if let Some(trial) = trials.first() {
         text += &format!("Steps by the engine on the {}.\n", trial.engine());
     }
@@ -123,7 +123,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         charts.extend(drawn_model);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.tell(
+    run.write_findings(
         "motion",
         "Accuracy of motion against its cost",
         text.trim(),
@@ -132,7 +132,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
 }
 
 /// The rows of a trial.
-fn of(rows: &[Row], trial: &Trial) -> Vec<Row> {
+fn of(rows: &[Row], trial: &MotionTrial) -> Vec<Row> {
     let rows = rows.iter();
     rows.filter(|r| r.text("scene") == trial.name && r.number("stiffness") == trial.stiffness)
         .cloned()
@@ -140,7 +140,7 @@ fn of(rows: &[Row], trial: &Trial) -> Vec<Row> {
 }
 
 /// How the truth of each trial was come by.
-fn truths(run: &Run, trials: &mut [Trial]) -> Result<Vec<Row>> {
+fn truths(run: &Run, trials: &mut [MotionTrial]) -> Result<Vec<Row>> {
     let points: Vec<Vec<Cell>> = trials
         .iter()
         .map(|t| vec![t.name.as_str().into(), t.stiffness.into(), t.unit.into()])
@@ -158,7 +158,7 @@ fn truths(run: &Run, trials: &mut [Trial]) -> Result<Vec<Row>> {
             return Ok(Vec::new());
         };
         let trial = &mut trials[k];
-        let halvings = trial.truth()?.halvings.clone();
+        let halvings = trial.reference()?.halvings.clone();
         let Some(last) = halvings.last() else {
             let mut cells = vec![Cell::from("exact")];
             cells.extend([0.0; 5].map(Cell::from));
@@ -178,7 +178,7 @@ fn truths(run: &Run, trials: &mut [Trial]) -> Result<Vec<Row>> {
 }
 
 /// What is measured of a trial.
-fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
+fn settings(trial: &MotionTrial, quick: bool) -> Vec<MotionSetting> {
     let simple = trial.name == "falling" || trial.name == "spring";
     let kinds = trial.kinds();
     let kinds = kinds.into_iter().filter(|kind| {
@@ -187,7 +187,7 @@ fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
             SolverKind::VelocityVerlet,
             SolverKind::Implicit,
         ];
-        let second_order = SolverKind::OF_ELEMENTS.contains(kind);
+        let second_order = SolverKind::ELEMENT_ONLY.contains(kind);
         !quick || kinds_of_one(trial) || three.contains(kind) || second_order
     });
     let mut settings = Vec::new();
@@ -215,7 +215,7 @@ fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
             (false, _) => &[],
         };
         for steps in steps.into_iter().filter(|n| STOPS * n <= MOST_STEPS) {
-            let setting = |cg| Setting {
+            let setting = |cg| MotionSetting {
                 kind,
                 steps,
                 cg,
@@ -229,7 +229,7 @@ fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
     }
     if trial.has_rapier() {
         let steps = (0..if quick { 4 } else { 8 }).map(|k| 2 << k);
-        settings.extend(steps.map(|steps| Setting {
+        settings.extend(steps.map(|steps| MotionSetting {
             kind: SolverKind::Implicit,
             steps,
             cg: Some(SOLVES[0]),
@@ -240,11 +240,11 @@ fn settings(trial: &Trial, quick: bool) -> Vec<Setting> {
 }
 
 /// Whether one solver alone can move it.
-fn kinds_of_one(trial: &Trial) -> bool {
+fn kinds_of_one(trial: &MotionTrial) -> bool {
     trial.kinds().len() == 1
 }
 
-fn cells(trial: &Trial, setting: Setting) -> Vec<Cell> {
+fn cells(trial: &MotionTrial, setting: MotionSetting) -> Vec<Cell> {
     let (tolerance, iterations) = match setting.cg {
         None => (Cell::from(""), Cell::from("")),
         // Where the iterations decide, no residual does.
@@ -263,7 +263,7 @@ fn cells(trial: &Trial, setting: Setting) -> Vec<Cell> {
 
 /// Whether a row's linear solves stop as they do by default, or it has none.
 fn by_default(row: &Row) -> bool {
-    let default = ConjugateGradients::default();
+    let default = CgSettings::default();
     // Explicit schemes have none.
     row.number("cg_iterations").is_nan()
         || row.number("cg_tolerance") == default.tolerance

@@ -3,8 +3,8 @@
 
 use crate::Result;
 use crate::mesh::generate::{self, Split};
-use crate::study::statics::{Cantilever, matters, poisson};
-use crate::study::{Axis, Chart, Look, Row, Run, Series};
+use crate::study::statics::{Cantilever, materials, poisson};
+use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use glam::DVec3;
 
 /// The bar of the physics peers.
@@ -30,7 +30,7 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
         true => &[2, 4],
         false => &[1, 2, 3, 4, 6, 8, 12],
     };
-    let matters = matters(BEAM.young);
+    let matters = materials(BEAM.young);
     let mut points = Vec::new();
     for (split, _) in SPLITS {
         for (matter, _) in &matters {
@@ -52,8 +52,8 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
             let cells = point[2].number() as usize;
             let size = DVec3::new(BEAM.length, BEAM.width, BEAM.width);
             let mesh = generate::box_mesh([SLENDER * cells, cells, cells], size, split)?;
-            let beam = BEAM.tip(poisson(material));
-            let tip = BEAM.sunk(run.gpu, &mesh, material)?;
+            let beam = BEAM.analytic_tip(poisson(material));
+            let tip = BEAM.measured_tip(run.gpu, &mesh, material)?;
             let (tets, nodes) = (mesh.tets.len() as f64, mesh.nodes.len() as f64);
             let numbers = [tets, nodes, beam, tip, tip / beam - 1.0];
             Ok(numbers.map(super::rounded).to_vec())
@@ -85,11 +85,15 @@ fn draw(run: &Run, rows: &[Row], split: &str, name: &str) -> Result<()> {
         let own = |r: &&Row| r.text("split") == split && r.text("matter") == matter;
         let points = rows.iter().filter(own);
         let points = points.map(|r| [r.number("cells_across"), 1.0 + r.number("error")]);
-        series.push(Series::new(matter, Look::LineMarks, points.collect()));
+        series.push(Series::new(
+            matter,
+            SeriesStyle::LineMarks,
+            points.collect(),
+        ));
     }
     let cells = rows.iter().map(|r| r.number("cells_across"));
     let beam = vec![[1.0, 1.0], [cells.fold(1.0, f64::max), 1.0]];
-    series.push(Series::new("Timoshenko's beam", Look::Dashed, beam));
+    series.push(Series::new("Timoshenko's beam", SeriesStyle::Dashed, beam));
     Chart {
         title: format!("A bar bends under its weight, {split}"),
         x: Axis::log("cells across the bar"),

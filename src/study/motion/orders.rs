@@ -3,8 +3,10 @@
 use crate::gpu::Gpu;
 use crate::mesh::generate;
 use crate::physics::{CpuTets, Material, Precision, Simulator, SolverKind};
-use crate::study::truth::{State, converged, distance, fitted_order, motion, truth};
-use crate::study::{Axis, Chart, Look, Row, Run, Series};
+use crate::study::truth::{
+    MotionState, converged, distance, fitted_order, motion, reference_motion,
+};
+use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -51,7 +53,11 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
         let series = SolverKind::ALL.map(|kind| {
             let points = places(&rows, name, kind);
             let order = fitted_order(&points);
-            Series::new(format!("{kind}: order {order:.2}"), Look::LineMarks, points)
+            Series::new(
+                format!("{kind}: order {order:.2}"),
+                SeriesStyle::LineMarks,
+                points,
+            )
         });
         let chart = format!("motion_orders_{name}");
         Chart {
@@ -92,8 +98,8 @@ fn places(rows: &[Row], name: &str, kind: SolverKind) -> Vec<[f64; 2]> {
 /// The paper's bar, in float64, and how it swings.
 struct Bar {
     simulator: CpuTets,
-    start: State,
-    truth: Vec<State>,
+    start: MotionState,
+    truth: Vec<MotionState>,
     /// About how far it moves, over all stops and nodes, m.
     way: f64,
 }
@@ -105,7 +111,7 @@ impl Bar {
         let size = generate::PAPER_BAR_SIZE;
         let material = Material {
             damping_time,
-            ..Material::paper(3_000.0, 0.0)
+            ..Material::uniform_springs(3_000.0, 0.0)
         };
         let (kind, settings) = converged(SolverKind::VelocityVerlet);
         let mut simulator = CpuTets::new(
@@ -121,7 +127,7 @@ impl Bar {
         simulator.pin_nodes(&held)?;
         let gravity = DVec3::new(0.0, 0.0, -9.81);
         simulator.loads_mut().set_gravity(gravity);
-        let mut start = State::rest(&simulator);
+        let mut start = MotionState::rest(&simulator);
         for (v, x) in start.v.iter_mut().zip(&mesh.nodes) {
             *v = 20.0 * x.x / size.x * DVec3::X.cross(*x - 0.5 * size);
         }
@@ -131,19 +137,19 @@ impl Bar {
             truth: Vec::new(),
             way: 1.0,
         };
-        let rest = State::rest(&bar.simulator);
+        let rest = MotionState::rest(&bar.simulator);
         if let Some(states) = bar.motion(SolverKind::Verlet, 64)? {
             bar.way = distance(&states, &vec![rest; states.len()]);
         }
         let way = bar.way;
         let run = |steps| bar.motion(SolverKind::VelocityVerlet, steps);
-        let found = truth(64, 1 << 12, 1e-9, way, run)?;
+        let found = reference_motion(64, 1 << 12, 1e-9, way, run)?;
         let found = found.ok_or_else(|| Error::Input("the bar flies apart in float64".into()))?;
         bar.truth = found.states;
         Ok(bar)
     }
 
-    fn motion(&mut self, kind: SolverKind, steps: u32) -> Result<Option<Vec<State>>> {
+    fn motion(&mut self, kind: SolverKind, steps: u32) -> Result<Option<Vec<MotionState>>> {
         let steps = [STOPS, steps];
         motion(
             &mut self.simulator,

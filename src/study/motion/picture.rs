@@ -3,15 +3,15 @@
 use super::by_default;
 use super::device::ACCURATE;
 use super::setting::RAPIER;
-use super::trial::Trial;
+use super::trial::MotionTrial;
 use crate::Result;
 use crate::physics::SolverKind;
-use crate::study::{Axis, Chart, Look, Row, Run, Series};
+use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
 const COST: &str = "ms_per_simulated_s";
 
 /// A name for files: the scene, and its stiffness where there are several.
-fn name(trial: &Trial) -> String {
+fn name(trial: &MotionTrial) -> String {
     format!("motion_{}_{}", trial.name, trial.stiffness)
 }
 
@@ -43,7 +43,7 @@ fn seen(series: &Series) -> bool {
 }
 
 /// Error against milliseconds of a simulated second. Returns the chart's name.
-pub fn against_time(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
+pub fn chart_error_over_time(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Result<String> {
     let of = |name: &str, default: bool| -> Vec<[f64; 2]> {
         let rows = rows.iter();
         rows.filter(|r| r.text("solver") == name && by_default(r) == default)
@@ -53,16 +53,24 @@ pub fn against_time(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
     let mut series = Vec::new();
     for kind in trial.kinds() {
         let name = kind.name();
-        series.push(Series::new(name, Look::LineMarks, of(name, true)));
+        series.push(Series::new(name, SeriesStyle::LineMarks, of(name, true)));
     }
-    series.push(Series::new(RAPIER, Look::LineMarks, of(RAPIER, true)));
+    series.push(Series::new(
+        RAPIER,
+        SeriesStyle::LineMarks,
+        of(RAPIER, true),
+    ));
     series.push(Series::new(
         "implicit, other CG stops",
-        Look::Marks,
+        SeriesStyle::Marks,
         of(SolverKind::Implicit.name(), false),
     ));
     let all: Vec<[f64; 2]> = rows.iter().map(place).collect();
-    series.push(Series::new("Pareto front", Look::Rings, pareto(&all)));
+    series.push(Series::new(
+        "Pareto front",
+        SeriesStyle::Rings,
+        pareto(&all),
+    ));
     series.retain(seen);
     let name = name(trial);
     Chart {
@@ -76,7 +84,7 @@ pub fn against_time(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
 }
 
 /// Time, solver and f32 error against the step. Returns the chart's name.
-pub fn told_apart(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
+pub fn error_components(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Result<String> {
     let of = |kind: SolverKind, column: &str, keep: &dyn Fn(&Row) -> bool| -> Vec<[f64; 2]> {
         let rows = rows.iter();
         rows.filter(|r| r.text("solver") == kind.name() && keep(r))
@@ -85,7 +93,7 @@ pub fn told_apart(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
     };
     let verlet = SolverKind::VelocityVerlet;
     let implicit = SolverKind::Implicit;
-    let line = |name: &str, points| Series::new(name, Look::LineMarks, points);
+    let line = |name: &str, points| Series::new(name, SeriesStyle::LineMarks, points);
     let five = |r: &Row| r.number("cg_iterations") == 5.0;
     let mut series = vec![
         line(
@@ -120,7 +128,7 @@ pub fn told_apart(run: &Run, trial: &Trial, rows: &[Row]) -> Result<String> {
 }
 
 /// A sentence or two on one trial.
-pub fn finding(trial: &Trial, rows: &[Row], truths: &[Row]) -> String {
+pub fn describe_trial(trial: &MotionTrial, rows: &[Row], truths: &[Row]) -> String {
     let mut text = format!("**{}, {} {}**", trial.name, trial.stiffness, trial.unit);
     if let Some(truth) = truths.first() {
         text += &match truth.text("truth") {
@@ -166,7 +174,7 @@ fn solve(row: &Row) -> String {
 }
 
 /// What all the points say together.
-pub fn totals(rows: &[Row]) -> String {
+pub fn describe_all(rows: &[Row]) -> String {
     let sound = || {
         rows.iter()
             .filter(|r| matches!(r.text("state"), ACCURATE | "inaccurate"))
@@ -182,7 +190,7 @@ pub fn totals(rows: &[Row]) -> String {
     let grid = |r: &Row| r.text("scene") == "pulled";
     let euler = |r: &Row| r.text("solver") == SolverKind::Explicit.name();
     let second_order = |r: &Row| {
-        let mut kinds = SolverKind::OF_ELEMENTS.iter();
+        let mut kinds = SolverKind::ELEMENT_ONLY.iter();
         kinds.any(|k| k.name() == r.text("solver"))
     };
     let rapier = |r: &Row| r.text("solver") == RAPIER;

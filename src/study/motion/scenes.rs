@@ -1,6 +1,6 @@
 //! The bodies that the study of motion moves.
 
-use super::trial::Trial;
+use super::trial::MotionTrial;
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, generate};
 use crate::mesher::Domain;
@@ -10,7 +10,7 @@ use crate::physics::{
     SolverKind,
 };
 use crate::scene::{Motion, Scene};
-use crate::study::truth::State;
+use crate::study::truth::MotionState;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::path::Path;
@@ -22,7 +22,7 @@ const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 const DURATION: f64 = 0.128;
 
 /// All of them, or those for a quick look.
-pub fn all(gpu: &Gpu, quick: bool) -> Result<Vec<Trial>> {
+pub fn all(gpu: &Gpu, quick: bool) -> Result<Vec<MotionTrial>> {
     let mut trials = vec![
         released(gpu, 3_000.0)?,
         released(gpu, 30_000.0)?,
@@ -47,7 +47,7 @@ fn body(
 ) -> Result<Box<dyn Simulator>> {
     let nodes = nodes_where(&mesh, held);
     let kind = SolverKind::Symplectic;
-    let mut simulator = EngineChoice::Auto.tets(gpu, mesh, material, kind)?;
+    let mut simulator = EngineChoice::Auto.build_tets(gpu, mesh, material, kind)?;
     simulator.pin_nodes(&nodes)?;
     Ok(simulator)
 }
@@ -58,36 +58,38 @@ fn nodes_where(mesh: &TetMesh, wanted: impl Fn(DVec3) -> bool) -> Vec<u32> {
 }
 
 /// The paper's bar, one end held, let go under gravity; undamped.
-fn released(gpu: &Gpu, kappa: f64) -> Result<Trial> {
+fn released(gpu: &Gpu, kappa: f64) -> Result<MotionTrial> {
     let mesh = generate::paper_bar()?;
-    let mut body = body(gpu, mesh, &Material::paper(kappa, 0.0), |p| p.x < 1e-6)?;
+    let mut body = body(gpu, mesh, &Material::uniform_springs(kappa, 0.0), |p| {
+        p.x < 1e-6
+    })?;
     body.loads_mut().set_gravity(GRAVITY);
-    Trial::of_network(gpu, "released", (kappa, "N/m"), DURATION, body, None)
+    MotionTrial::of_network(gpu, "released", (kappa, "N/m"), DURATION, body, None)
 }
 
 /// The same of finite elements, over about a swing.
-fn swinging(gpu: &Gpu) -> Result<Trial> {
+fn swinging(gpu: &Gpu) -> Result<MotionTrial> {
     let mesh = generate::paper_bar()?;
     let material = Material {
         model: MaterialModel::NeoHookean,
-        ..Material::young(5e4)
+        ..Material::from_young(5e4)
     };
     let mut body = body(gpu, mesh, &material, |p| p.x < 1e-6)?;
     body.loads_mut().set_gravity(GRAVITY);
     let stiffness = (5e4, "Pa");
-    Trial::of_network(gpu, "swinging", stiffness, 4.0 * DURATION, body, None)
+    MotionTrial::of_network(gpu, "swinging", stiffness, 4.0 * DURATION, body, None)
 }
 
 /// A bar, one end held, the other turned by a radian and let go; damped.
-fn twisted(gpu: &Gpu) -> Result<Trial> {
+fn twisted(gpu: &Gpu) -> Result<MotionTrial> {
     let size = generate::PAPER_BAR_SIZE;
     let mesh = generate::bar_of_about(640, size)?;
     let material = Material {
         damping_time: 1e-3,
-        ..Material::young(5e4)
+        ..Material::from_young(5e4)
     };
     let body = body(gpu, mesh, &material, |p| p.x < 1e-6)?;
-    let mut start = State::rest(body.as_ref());
+    let mut start = MotionState::rest(body.as_ref());
     let (frame, unit) = body.loads().frame_and_unit();
     let middle = DVec3::new(0.0, 0.5 * size.y, 0.5 * size.z);
     for (x, p) in start.x.iter_mut().zip(&body.mesh().nodes) {
@@ -95,18 +97,18 @@ fn twisted(gpu: &Gpu) -> Result<Trial> {
         *x = (middle + turn * (*p - middle) - frame.origin) * unit;
     }
     let stiffness = (5e4, "Pa");
-    Trial::of_network(gpu, "twisted", stiffness, DURATION, body, Some(start))
+    MotionTrial::of_network(gpu, "twisted", stiffness, DURATION, body, Some(start))
 }
 
 /// The limb phantom, held at the elbow and pressed on the back of its hand; damped, its bones
 /// ten times as stiff as the rest.
-fn pressed(gpu: &Gpu) -> Result<Trial> {
+fn pressed(gpu: &Gpu) -> Result<MotionTrial> {
     let mesh = generate::limb(2_500)?;
     let soft = Material {
         density: 1060.0,
         damping_time: 5e-4,
         region_field: Some("label".into()),
-        ..Material::young(5e4)
+        ..Material::from_young(5e4)
     };
     let bone = RegionMaterial {
         stiffness: 5e5,
@@ -124,25 +126,25 @@ fn pressed(gpu: &Gpu) -> Result<Trial> {
     let hand = nodes_where(body.mesh(), |p| p.x > 0.18 && p.x < 0.24);
     let loads = body.loads_mut();
     loads.add_force(DVec3::new(0.0, 0.0, -2.0), &hand)?;
-    Trial::of_network(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
+    MotionTrial::of_network(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
 }
 
 /// A block of grid particles, one end held, the other pulled and bent; damped.
-fn pulled(gpu: &Gpu) -> Result<Trial> {
+fn pulled(gpu: &Gpu) -> Result<MotionTrial> {
     let size = generate::PAPER_BAR_SIZE;
-    let shape = GridShape::carve(&Block(size), DVec3::splat(0.01), DMat3::IDENTITY)?;
-    let mut model = GridModel::new(shape, &Material::young(5e4))?;
+    let shape = GridShape::from_domain(&Block(size), DVec3::splat(0.01), DMat3::IDENTITY)?;
+    let mut model = GridModel::new(shape, &Material::from_young(5e4))?;
     model.damping = 2.0;
     let mesh = model.shape.mesh(&model.springs)?;
     let of_body = |wanted: &dyn Fn(f64) -> bool| -> Vec<u32> {
         let particles = model.shape.particles();
-        let there = particles.filter(|i| wanted(model.shape.place(*i).x));
+        let there = particles.filter(|i| wanted(model.shape.rest_position(*i).x));
         there.map(|i| i as u32).collect()
     };
     let held = of_body(&|x| x < 1e-6);
     let end = of_body(&|x| x > size.x - 1e-6);
     let mut both: [Box<dyn Simulator>; 2] = [
-        EngineChoice::Auto.grid(gpu, mesh.clone(), model.clone())?,
+        EngineChoice::Auto.build_grid(gpu, mesh.clone(), model.clone())?,
         Box::new(CpuGrid::new(gpu, model, mesh, Precision::Double)?),
     ];
     for body in &mut both {
@@ -150,7 +152,13 @@ fn pulled(gpu: &Gpu) -> Result<Trial> {
         let loads = body.loads_mut();
         loads.add_force(DVec3::new(2.0, 0.0, -1.0), &end)?;
     }
-    Ok(Trial::new("pulled", (5e4, "Pa"), DURATION, both, None))
+    Ok(MotionTrial::new(
+        "pulled",
+        (5e4, "Pa"),
+        DURATION,
+        both,
+        None,
+    ))
 }
 
 /// The box from the origin to a corner.
@@ -170,14 +178,14 @@ impl Domain for Block {
 }
 
 /// The bar thrown: x = x₀ + v t + ½ g t².
-fn falling(gpu: &Gpu) -> Result<Trial> {
+fn falling(gpu: &Gpu) -> Result<MotionTrial> {
     let kappa = 3_000.0;
     let mesh = generate::paper_bar()?;
-    let mut body = body(gpu, mesh, &Material::paper(kappa, 0.0), |_| false)?;
+    let mut body = body(gpu, mesh, &Material::uniform_springs(kappa, 0.0), |_| false)?;
     body.loads_mut().set_gravity(GRAVITY);
     let thrown = DVec3::new(1.0, 0.5, 2.0);
-    let rest = State::rest(body.as_ref()).x;
-    let exact = move |t: f64| State {
+    let rest = MotionState::rest(body.as_ref()).x;
+    let exact = move |t: f64| MotionState {
         x: rest
             .iter()
             .map(|x| *x + t * thrown + 0.5 * t * t * GRAVITY)
@@ -185,40 +193,40 @@ fn falling(gpu: &Gpu) -> Result<Trial> {
         v: vec![thrown + t * GRAVITY; rest.len()],
     };
     let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
-    let trial = Trial::of_network(gpu, "falling", stiffness, DURATION, body, start)?;
-    Ok(trial.exactly(Box::new(exact)))
+    let trial = MotionTrial::of_network(gpu, "falling", stiffness, DURATION, body, start)?;
+    Ok(trial.with_exact_solution(Box::new(exact)))
 }
 
 /// A regular tet that breathes: its six springs swing as one, s'' = −(4κ/m)(s − L), however far.
-fn breathing(gpu: &Gpu) -> Result<Trial> {
+fn breathing(gpu: &Gpu) -> Result<MotionTrial> {
     let (kappa, stretch) = (10.0, 0.1);
     let corners = [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]];
     let nodes = corners.map(|c| 0.05 * DVec3::from(c.map(f64::from)));
     let mesh = TetMesh::new(nodes.to_vec(), vec![[0, 1, 2, 3]], Vec::new(), Vec::new())?;
-    let body = body(gpu, mesh, &Material::paper(kappa, 0.0), |_| false)?;
-    let rest = State::rest(body.as_ref()).x;
+    let body = body(gpu, mesh, &Material::uniform_springs(kappa, 0.0), |_| false)?;
+    let rest = MotionState::rest(body.as_ref()).x;
     let omega = (4.0 * kappa / body.masses()[0]).sqrt();
     let middle = rest.iter().sum::<DVec3>() / 4.0;
     let exact = move |t: f64| {
         let of = |by: f64, x: &DVec3| by * (*x - middle);
         let (sin, cos) = (omega * t).sin_cos();
-        State {
+        MotionState {
             x: rest.iter().map(|x| *x + of(stretch * cos, x)).collect(),
             v: rest.iter().map(|x| of(-stretch * omega * sin, x)).collect(),
         }
     };
     let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
-    let trial = Trial::of_network(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
-    Ok(trial.exactly(Box::new(exact)))
+    let trial = MotionTrial::of_network(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
+    Ok(trial.with_exact_solution(Box::new(exact)))
 }
 
 /// What the truth of a scene may cost, in springs visited: a minute or two.
-const AFFORDABLE: f64 = 5e9;
+const REFERENCE_BUDGET: f64 = 5e9;
 /// What a step costs besides, in springs.
 const STEP: f64 = 1e3;
 
 /// The body of a scene of the user's, for as long as the scene's steps take.
-pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
+pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let scene = Scene::read(path)?;
     let refused = |what: &str| {
         Error::Input(format!(
@@ -235,7 +243,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     if !(scene.grab.is_empty() && scene.cut.is_empty()) {
         return Err(refused("grabs or cuts"));
     }
-    if let Some(entry) = scene.of_tets() {
+    if let Some(entry) = scene.tets_only_entry() {
         return Err(refused(entry));
     }
     let mesh = scene.mesh_of_one()?;
@@ -257,10 +265,10 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<Trial> {
     };
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = stem.unwrap_or_else(|| "scene".into());
-    let trial = Trial::of_network(gpu, &name, stiffness, duration, simulator, None)?;
+    let trial = MotionTrial::of_network(gpu, &name, stiffness, duration, simulator, None)?;
     // The truth takes at least three motions, the last of four times as many steps.
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
-    if steps * (STEP + springs as f64) > AFFORDABLE {
+    if steps * (STEP + springs as f64) > REFERENCE_BUDGET {
         return Err(Error::Input(format!(
             "{}: the true motion of {springs} springs over {duration} s would take {steps:.1e} steps in float64, which takes too long; take a coarser mesh, fewer steps, less stiffness or less damping",
             path.display()

@@ -4,7 +4,7 @@ use crate::Result;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{
-    ConjugateGradients, Engine, EngineChoice, Loads, Material, Simulator, SolverKind, SpringNetwork,
+    CgSettings, DiscreteModel, Engine, EngineChoice, Loads, Material, Simulator, SolverKind,
 };
 
 /// What rapier is called beside solvers.
@@ -12,7 +12,7 @@ pub const RAPIER: &str = "rapier";
 
 /// How a motion is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Setting {
+pub struct MotionSetting {
     /// Which solver.
     pub kind: SolverKind,
     /// Steps in each of the spans.
@@ -23,7 +23,7 @@ pub struct Setting {
     pub rapier: bool,
 }
 
-impl Setting {
+impl MotionSetting {
     /// What it is called beside others: the solver, or rapier.
     pub fn name(&self) -> &'static str {
         match self.rapier {
@@ -35,19 +35,19 @@ impl Setting {
 
 /// The body of a mesh and its network by rapier; none of matter that it cannot have, and in builds
 /// without it.
-pub fn by_rapier(
+pub fn rapier_simulator(
     gpu: &Gpu,
-    (mesh, network): &(TetMesh, SpringNetwork),
+    (mesh, network): &(TetMesh, DiscreteModel),
     material: &Material,
 ) -> Option<Box<dyn Simulator>> {
-    let choice = EngineChoice::This(Engine::Rapier);
-    let how = (SolverKind::Implicit, ConjugateGradients::default());
-    let made = choice.tets_of(gpu, (mesh.clone(), network.clone()), material, how);
+    let choice = EngineChoice::Exactly(Engine::Rapier);
+    let how = (SolverKind::Implicit, CgSettings::default());
+    let made = choice.build_tets_from_model(gpu, (mesh.clone(), network.clone()), material, how);
     made.ok()
 }
 
 /// Pins and pulls another body of the same nodes in the same way.
-pub fn same_loads(from: &Loads, to: &mut Loads) -> Result<()> {
+pub fn copy_loads(from: &Loads, to: &mut Loads) -> Result<()> {
     let pinned = (0u32..).zip(from.pinned()).filter(|(_, pinned)| **pinned);
     to.pin_nodes(&pinned.map(|(i, _)| i).collect::<Vec<_>>())?;
     to.set_forces(from.forces())?;

@@ -1,14 +1,16 @@
 //! A body that moves, by the engine there is and in float64, and the motion it ought to make.
 
 use super::device::{ACCURATE, on_engine};
-use super::setting::{Setting, by_rapier, same_loads};
+use super::setting::{MotionSetting, copy_loads, rapier_simulator};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, signed_volume};
 use crate::physics::{
-    ConjugateGradients, CpuTets, Engine, Material, Precision, Simulator, SolverKind, SpringNetwork,
+    CgSettings, CpuTets, DiscreteModel, Engine, Material, Precision, Simulator, SolverKind,
     largest_stable_step,
 };
-use crate::study::truth::{Scheme, State, Truth, converged, distance, motion, truth};
+use crate::study::truth::{
+    MotionState, ReferenceMotion, Scheme, converged, distance, motion, reference_motion,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -17,14 +19,14 @@ use std::collections::HashMap;
 pub const STOPS: u32 = 4;
 
 /// What halving the step may still change of what the truth is extrapolated to, relative.
-const TRUTH: f64 = 1e-7;
+const REFERENCE_TOLERANCE: f64 = 1e-7;
 
 /// Of what a trial has solved: the motion in float64, and that by the engine.
 const DOUBLE: usize = 0;
 const SINGLE: usize = 1;
 
 /// Linear solves that go as far as f32 does, wherever that is.
-const AS_FAR_AS_F32: ConjugateGradients = ConjugateGradients {
+const AS_FAR_AS_F32: CgSettings = CgSettings {
     tolerance: 1e-7,
     max_iterations: 2000,
     acceptable: 1e6,
@@ -32,7 +34,7 @@ const AS_FAR_AS_F32: ConjugateGradients = ConjugateGradients {
 
 /// What became of it; errors are relative to the true motion.
 #[derive(Clone, Copy, Debug)]
-pub struct Found {
+pub struct MotionErrors {
     /// `accurate`, `inaccurate`, `diverged` or `cg not converged`.
     pub state: &'static str,
     /// Of all nodes at all stops, root of the sum of squares.
@@ -40,11 +42,11 @@ pub struct Found {
     /// Of the one node that is farthest off, relative to the longest way of any.
     pub largest: f64,
     /// Of the scheme: in float64, solved to the last digits, against the truth.
-    pub time: f64,
+    pub scheme_error: f64,
     /// Of the linear solves: against the same engine's, solved as far as its numbers go.
-    pub solver: f64,
+    pub solver_error: f64,
     /// Of f32: the engine, solved as far as its numbers go, against float64.
-    pub single: f64,
+    pub f32_error: f64,
     /// Of the energy at a stop, relative to the largest energy of motion and springs.
     pub energy: f64,
     /// Of the volume at a stop, relative to the volume.
@@ -56,13 +58,13 @@ pub struct Found {
 }
 
 /// Where a body would be at a time, where that is known exactly.
-pub type Exact = Box<dyn Fn(f64) -> State>;
+pub type Exact = Box<dyn Fn(f64) -> MotionState>;
 
 /// Motions by solver and steps; none where the body flew apart.
-type Motions = HashMap<(SolverKind, u32), Option<Vec<State>>>;
+type Motions = HashMap<(SolverKind, u32), Option<Vec<MotionState>>>;
 
 /// A body, a start, a duration.
-pub struct Trial {
+pub struct MotionTrial {
     /// Its name.
     pub name: String,
     /// Its stiffness in `unit`.
@@ -77,15 +79,15 @@ pub struct Trial {
     /// The same body by rapier, in builds that have it and of matter that it can have.
     rapier: Option<Box<dyn Simulator>>,
     /// Where it starts, and where it rests.
-    start: State,
-    rest: State,
+    start: MotionState,
+    rest: MotionState,
     exact: Option<Exact>,
-    truth: Option<Truth>,
+    truth: Option<ReferenceMotion>,
     /// Motions in float64, and by the engine, solved as far as each can, by solver and steps.
     solved: [Motions; 2],
 }
 
-impl Trial {
+impl MotionTrial {
     /// The motion of the body of `simulator`, which has springs or elements and is at rest, under
     /// the loads that it has: from `start`, or from rest.
     ///
@@ -97,16 +99,16 @@ impl Trial {
         stiffness: (f64, &'static str),
         duration: f64,
         simulator: Box<dyn Simulator>,
-        start: Option<State>,
-    ) -> Result<Trial> {
+        start: Option<MotionState>,
+    ) -> Result<MotionTrial> {
         let Some(network) = simulator.network() else {
             return Err(Error::Input(format!("{name}: the body has no springs")));
         };
         let (kind, settings) = converged(simulator.integrator());
-        let own: (TetMesh, SpringNetwork) = (simulator.mesh().clone(), network.clone());
+        let own: (TetMesh, DiscreteModel) = (simulator.mesh().clone(), network.clone());
         // The material counts where a body is cut.
-        let material = Material::young(1.0);
-        let mut rapier = by_rapier(gpu, &own, &material);
+        let material = Material::from_young(1.0);
+        let mut rapier = rapier_simulator(gpu, &own, &material);
         let mut double = CpuTets::of_network(
             gpu,
             (own.0, own.1),
@@ -115,14 +117,14 @@ impl Trial {
             Precision::Double,
         )?;
         let loads = simulator.loads();
-        same_loads(loads, double.loads_mut())?;
+        copy_loads(loads, double.loads_mut())?;
         if let Some(rapier) = &mut rapier {
-            same_loads(loads, rapier.loads_mut())?;
+            copy_loads(loads, rapier.loads_mut())?;
         }
         let both = [simulator, Box::new(double)];
-        Ok(Trial {
+        Ok(MotionTrial {
             rapier,
-            ..Trial::new(name, stiffness, duration, both, start)
+            ..MotionTrial::new(name, stiffness, duration, both, start)
         })
     }
 
@@ -133,10 +135,10 @@ impl Trial {
         (stiffness, unit): (f64, &'static str),
         duration: f64,
         [simulator, double]: [Box<dyn Simulator>; 2],
-        start: Option<State>,
-    ) -> Trial {
-        let rest = State::rest(double.as_ref());
-        Trial {
+        start: Option<MotionState>,
+    ) -> MotionTrial {
+        let rest = MotionState::rest(double.as_ref());
+        MotionTrial {
             name: name.to_owned(),
             stiffness,
             unit,
@@ -158,7 +160,7 @@ impl Trial {
     }
 
     /// The same with an exact solution.
-    pub fn exactly(mut self, exact: Exact) -> Trial {
+    pub fn with_exact_solution(mut self, exact: Exact) -> MotionTrial {
         self.exact = Some(exact);
         self
     }
@@ -174,7 +176,7 @@ impl Trial {
             Some(network) => {
                 let mut kinds = SolverKind::ALL.to_vec();
                 if !network.elements.is_empty() && self.engine() == Engine::Cpu {
-                    kinds.extend(SolverKind::OF_ELEMENTS);
+                    kinds.extend(SolverKind::ELEMENT_ONLY);
                 }
                 kinds
             }
@@ -210,7 +212,7 @@ impl Trial {
     ///
     /// # Errors
     /// [`Error::Input`] where the body flies apart in float64 at every step that is affordable.
-    pub fn truth(&mut self) -> Result<&Truth> {
+    pub fn reference(&mut self) -> Result<&ReferenceMotion> {
         if self.truth.is_none() {
             self.truth = Some(self.find_truth()?);
         }
@@ -224,11 +226,11 @@ impl Trial {
         ))
     }
 
-    fn find_truth(&mut self) -> Result<Truth> {
+    fn find_truth(&mut self) -> Result<ReferenceMotion> {
         if let Some(exact) = &self.exact {
             let stops = 1..=STOPS;
             let states = stops.map(|k| exact(self.duration * f64::from(k) / f64::from(STOPS)));
-            return Ok(Truth {
+            return Ok(ReferenceMotion {
                 states: states.collect(),
                 halvings: Vec::new(),
             });
@@ -252,7 +254,7 @@ impl Trial {
         let probe = run(2 * steps)?;
         let scale = probe.map(|probe| way(&self.rest, &probe));
         let found = match scale {
-            Some(scale) => truth(steps, 64 * steps, TRUTH, scale, run)?,
+            Some(scale) => reference_motion(steps, 64 * steps, REFERENCE_TOLERANCE, scale, run)?,
             None => None,
         };
         found.ok_or_else(|| self.no_truth())
@@ -262,20 +264,20 @@ impl Trial {
     ///
     /// # Errors
     /// What the device refuses.
-    pub fn measure(&mut self, setting: Setting) -> Result<Found> {
+    pub fn measure(&mut self, setting: MotionSetting) -> Result<MotionErrors> {
         let h = self.h(setting.steps);
         let simulator = match (&mut self.rapier, setting.rapier) {
             (Some(rapier), true) => rapier.as_mut(),
             _ => self.simulator.as_mut(),
         };
         let outcome = on_engine(simulator, &self.start, setting, h)?;
-        let mut found = Found {
+        let mut found = MotionErrors {
             state: outcome.state,
             error: f64::NAN,
             largest: f64::NAN,
-            time: f64::NAN,
-            solver: f64::NAN,
-            single: f64::NAN,
+            scheme_error: f64::NAN,
+            solver_error: f64::NAN,
+            f32_error: f64::NAN,
             energy: f64::NAN,
             volume: f64::NAN,
             ms: f64::NAN,
@@ -285,7 +287,7 @@ impl Trial {
             return Ok(found);
         }
         found.ms = outcome.ms / self.duration;
-        let truth = self.truth()?.states.clone();
+        let truth = self.reference()?.states.clone();
         let scale = way(&self.rest, &truth);
         found.error = distance(&outcome.states, &truth) / scale;
         found.largest = self.farthest(&outcome.states, &truth);
@@ -303,13 +305,13 @@ impl Trial {
     /// Tells the errors of a motion of ours apart, of those of the way `scale`.
     fn tell_apart(
         &mut self,
-        setting: Setting,
-        states: &[State],
+        setting: MotionSetting,
+        states: &[MotionState],
         scale: f64,
-        found: &mut Found,
+        found: &mut MotionErrors,
     ) -> Result<()> {
-        let truth = self.truth()?.states.clone();
-        let apart = |a: &[State], b: &[State]| distance(a, b) / scale;
+        let truth = self.reference()?.states.clone();
+        let apart = |a: &[MotionState], b: &[MotionState]| distance(a, b) / scale;
         let (kind, steps) = (setting.kind, setting.steps);
         let double = self.solved(DOUBLE, converged(kind), steps)?;
         let single = match kind.is_implicit() {
@@ -317,19 +319,24 @@ impl Trial {
             false => Some(states.to_vec()),
         };
         if let Some(double) = &double {
-            found.time = apart(double, &truth);
+            found.scheme_error = apart(double, &truth);
         }
         if let Some(single) = &single {
-            found.solver = apart(states, single);
+            found.solver_error = apart(states, single);
         }
         if let (Some(double), Some(single)) = (&double, &single) {
-            found.single = apart(single, double);
+            found.f32_error = apart(single, double);
         }
         Ok(())
     }
 
     /// The motion by one of the two, solved as far as it can.
-    fn solved(&mut self, which: usize, scheme: Scheme, steps: u32) -> Result<Option<Vec<State>>> {
+    fn solved(
+        &mut self,
+        which: usize,
+        scheme: Scheme,
+        steps: u32,
+    ) -> Result<Option<Vec<MotionState>>> {
         let key = (scheme.0, steps);
         if let Some(known) = self.solved[which].get(&key) {
             return Ok(known.clone());
@@ -349,8 +356,8 @@ impl Trial {
         Ok(found)
     }
 
-    fn farthest(&self, found: &[State], truth: &[State]) -> f64 {
-        let most = |a: &[State], b: &dyn Fn(usize, usize) -> DVec3| {
+    fn farthest(&self, found: &[MotionState], truth: &[MotionState]) -> f64 {
+        let most = |a: &[MotionState], b: &dyn Fn(usize, usize) -> DVec3| {
             let states = a.iter().enumerate();
             let ways = states.flat_map(|(k, s)| {
                 let nodes = s.x.iter().enumerate();
@@ -362,7 +369,7 @@ impl Trial {
     }
 
     /// Largest errors of energy and volume at a stop, relative.
-    fn drifts(&mut self, found: &[State], truth: &[State]) -> Result<(f64, f64)> {
+    fn drifts(&mut self, found: &[MotionState], truth: &[MotionState]) -> Result<(f64, f64)> {
         let (mut energy, mut volume, mut scale) = (0.0_f64, 0.0_f64, 0.0_f64);
         let whole = self.volume(&self.rest.x);
         for (a, b) in found.iter().zip(truth) {
@@ -375,8 +382,8 @@ impl Trial {
     }
 
     /// Energy of motion and springs, and of the loads, J.
-    fn energy(&mut self, state: &State) -> Result<[f64; 2]> {
-        state.put(self.double.as_mut())?;
+    fn energy(&mut self, state: &MotionState) -> Result<[f64; 2]> {
+        state.apply_to(self.double.as_mut())?;
         let own = self.double.report()?.energy.total;
         let loads = self.double.loads();
         let nodes = state.x.iter().zip(self.double.masses());
@@ -394,6 +401,6 @@ impl Trial {
 }
 
 /// √ΣΣ|x − rest|² over all stops: what errors are relative to.
-fn way(rest: &State, states: &[State]) -> f64 {
+fn way(rest: &MotionState, states: &[MotionState]) -> f64 {
     distance(states, &vec![rest.clone(); states.len()])
 }

@@ -1,7 +1,7 @@
 //! What the study of pictures found: fronts, charts and words.
 
 use crate::Result;
-use crate::study::{Axis, Chart, Look, Row, Run, Series};
+use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
 /// The families, in the order of the legend.
 const FAMILIES: [&str; 10] = [
@@ -18,7 +18,7 @@ const FAMILIES: [&str; 10] = [
 ];
 
 /// Families that draw another picture than the default's.
-const OTHERS: [&str; 2] = ["light", "planes"];
+const SEPARATE_FAMILIES: [&str; 2] = ["light", "planes"];
 
 /// The error that a default must keep to, in 1/255.
 const GOAL: f64 = 0.5;
@@ -48,16 +48,18 @@ fn series(points: &[(String, [f64; 2])]) -> Vec<Series> {
         .iter()
         .map(|family| {
             let own = points.iter().filter(|p| p.0 == *family).map(|p| p.1);
-            Series::new(*family, Look::Marks, own.collect())
+            Series::new(*family, SeriesStyle::Marks, own.collect())
         })
         .collect();
-    let same = points.iter().filter(|p| !OTHERS.contains(&p.0.as_str()));
+    let same = points
+        .iter()
+        .filter(|p| !SEPARATE_FAMILIES.contains(&p.0.as_str()));
     let all: Vec<[f64; 2]> = same.map(|p| p.1).collect();
     let ends = |pick: fn(f64, f64) -> f64, from| all.iter().map(|p| p[0]).fold(from, pick);
     let (low, high) = (ends(f64::min, f64::INFINITY), ends(f64::max, 0.0));
-    series.push(Series::new("front", Look::Rings, front(&all)));
+    series.push(Series::new("front", SeriesStyle::Rings, front(&all)));
     let goal = vec![[low, GOAL], [high, GOAL]];
-    series.push(Series::new("half a level", Look::Dashed, goal));
+    series.push(Series::new("half a level", SeriesStyle::Dashed, goal));
     series
 }
 
@@ -182,9 +184,9 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
         let Some(plain) = own.iter().find(|r| r.text("family") == "default") else {
             continue;
         };
-        let within = own
-            .iter()
-            .filter(|r| r.number("rmse_255") <= GOAL && !OTHERS.contains(&r.text("family")));
+        let within = own.iter().filter(|r| {
+            r.number("rmse_255") <= GOAL && !SEPARATE_FAMILIES.contains(&r.text("family"))
+        });
         let cheapest = within.min_by(|a, b| a.number("ms").total_cmp(&b.number("ms")));
         let cheapest = cheapest.map_or("none".into(), |r| {
             format!("{} ({:.1} ms)", words(r), r.number("ms"))
@@ -201,7 +203,7 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
     }
     let (others, mut all): (Vec<Summary>, Vec<Summary>) = summaries(rows, pictures)
         .into_iter()
-        .partition(|s| OTHERS.contains(&s.row.text("family")));
+        .partition(|s| SEPARATE_FAMILIES.contains(&s.row.text("family")));
     all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     if let Some(plain) = all.iter().find(|s| s.row.text("family") == "default") {
         text += &format!(

@@ -8,13 +8,13 @@ use super::{Cell, Run};
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::render::{
-    Camera, Difference, Image, Inside, Light, Mode, RaycastOptions, Raycaster, Reads, TableForm,
-    TableTexel, Target,
+    Camera, Image, ImageDifference, Light, MeshAccess, Mode, RaycastOptions, Raycaster, Sections,
+    TableKind, TableTexel, Target,
 };
 use crate::scene::median_ms;
 use findings::{chart, finding, overview};
 use std::path::Path;
-use subject::{Subject, TRANSFERS};
+use subject::{StudyBody, TRANSFERS};
 
 /// One setting of the sweep.
 #[derive(Clone, Copy, Debug)]
@@ -69,14 +69,14 @@ fn settings(quick: bool) -> Vec<Setting> {
         });
     }
     let integrals = RaycastOptions {
-        table: TableForm::Integrals,
+        table: TableKind::Integrals,
         ..plain
     };
     all.push(of("integrals", integrals));
     all.push(of(
         "sampled reads",
         RaycastOptions {
-            reads: Reads::Sampled,
+            reads: MeshAccess::Sampled,
             ..plain
         },
     ));
@@ -94,7 +94,7 @@ fn settings(quick: bool) -> Vec<Setting> {
             all.push(of(
                 "sliced table",
                 RaycastOptions {
-                    table: TableForm::Sliced,
+                    table: TableKind::Sliced,
                     table_size: Some(*size),
                     texel: *texel,
                     ..plain
@@ -106,7 +106,7 @@ fn settings(quick: bool) -> Vec<Setting> {
         all.push(of(
             "volume table",
             RaycastOptions {
-                table: TableForm::Volume,
+                table: TableKind::Volume,
                 table_size: Some(*size),
                 ..plain
             },
@@ -121,7 +121,7 @@ fn settings(quick: bool) -> Vec<Setting> {
         all.push(of(
             "samples a tet",
             RaycastOptions {
-                table: TableForm::Samples(*samples),
+                table: TableKind::Samples(*samples),
                 ..plain
             },
         ));
@@ -134,7 +134,7 @@ fn settings(quick: bool) -> Vec<Setting> {
         all.push(of(
             "early stop",
             RaycastOptions {
-                opaque: *opaque,
+                opacity_cutoff: *opaque,
                 ..plain
             },
         ));
@@ -153,13 +153,13 @@ fn settings(quick: bool) -> Vec<Setting> {
     all
 }
 
-fn table_name(table: TableForm) -> &'static str {
+fn table_name(table: TableKind) -> &'static str {
     match table {
-        TableForm::Fitting => "fitting",
-        TableForm::Integrals => "integrals",
-        TableForm::Sliced => "sliced",
-        TableForm::Volume => "volume",
-        TableForm::Samples(_) => "none",
+        TableKind::Auto => "fitting",
+        TableKind::Integrals => "integrals",
+        TableKind::Sliced => "sliced",
+        TableKind::Volume => "volume",
+        TableKind::Samples(_) => "none",
     }
 }
 
@@ -176,7 +176,7 @@ impl Setting {
             TableTexel::Single => "single",
         };
         let samples = match options.table {
-            TableForm::Samples(n) => n as usize,
+            TableKind::Samples(n) => n as usize,
             _ => 0,
         };
         vec![
@@ -185,12 +185,12 @@ impl Setting {
             size,
             texel.into(),
             samples.into(),
-            options.opaque.into(),
+            options.opacity_cutoff.into(),
             self.shrink.into(),
             match options.reads {
-                Reads::ByAdapter => "by adapter",
-                Reads::Stored => "stored",
-                Reads::Sampled => "sampled",
+                MeshAccess::Auto => "by adapter",
+                MeshAccess::Stored => "stored",
+                MeshAccess::Sampled => "sampled",
             }
             .into(),
             if options.light.is_on() {
@@ -208,7 +208,7 @@ impl Setting {
 struct Prepared {
     name: String,
     through: String,
-    subject: Subject,
+    subject: StudyBody,
     caster: Raycaster,
     size: [u32; 2],
     /// By what is drawn: with planes or not, in light or not.
@@ -223,7 +223,7 @@ impl Prepared {
             Some(at) => at,
             None => {
                 let subject = &self.subject;
-                let truth = subject.truth(&self.caster, self.size, setting.options.light);
+                let truth = subject.reference_image(&self.caster, self.size, setting.options.light);
                 self.truths.push((key, truth));
                 self.truths.len() - 1
             }
@@ -276,7 +276,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         charts.push(chart(run, &rows, name, through)?);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.tell(
+    run.write_findings(
         "pictures",
         "Pictures: error against time",
         &finding(&rows, &pictures),
@@ -305,8 +305,8 @@ fn prepare(
     side: u32,
 ) -> Result<Prepared> {
     let subject = match scene {
-        Some(path) => Subject::of_scene(gpu, path)?,
-        None => Subject::new(name, through)?,
+        Some(path) => StudyBody::of_scene(gpu, path)?,
+        None => StudyBody::new(name, through)?,
     };
     let caster = subject.raycaster(gpu)?;
     Ok(Prepared {
@@ -325,15 +325,15 @@ fn measure(run: &Run, prepared: &mut Prepared, setting: &Setting) -> Result<Vec<
     let drawn = size.map(|n| (f64::from(n) / setting.shrink).round() as u32);
     let caster = &mut prepared.caster;
     caster.set_options(setting.options)?;
-    caster.set_inside(&match setting.planes {
+    caster.set_sections(&match setting.planes {
         true => prepared.subject.inside(),
-        false => Inside::default(),
+        false => Sections::default(),
     })?;
     let camera = *prepared.subject.camera();
     let picture = caster
         .image(&camera, drawn, Mode::Composite)?
-        .enlarged(size);
-    let apart = Difference::between(prepared.truth(setting), &picture)?;
+        .upscaled(size);
+    let apart = ImageDifference::between(prepared.truth(setting), &picture)?;
     let caster = &mut prepared.caster;
     let frames = if run.quick { 1 } else { 5 };
     let ms = frame_ms(run.gpu, caster, &camera, drawn, frames)?;
@@ -363,12 +363,12 @@ pub(super) fn frame_ms(
     )?;
     let target = Target {
         colour: &view,
-        occluder: None,
+        depth: None,
         background: Some([0.0, 0.0, 0.0, 1.0]),
     };
     median_ms(frames, || {
-        let mut work = gpu.record();
-        caster.geometry().positions().touch();
+        let mut work = gpu.start_recording();
+        caster.geometry().positions().mark_written();
         caster.record(&mut work, camera, Mode::Composite, &target)?;
         work.submit()?;
         gpu.wait()

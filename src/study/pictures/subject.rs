@@ -5,9 +5,9 @@ use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
 use crate::mesh::{LocalFrame, Location, TetMesh, Topology, bounds, depth_field, generate};
 use crate::render::{
-    Camera, Geometry, Image, Inside, Isosurface, Light, Lighting, Plane, PlaneKind, RayReference,
-    RaycastOptions, Raycaster, Scalars, TransferFunction, local_positions, node_gradients, shade,
-    shade_surface,
+    Camera, Geometry, Image, Isosurface, Light, Lighting, Plane, PlaneKind, RaycastOptions,
+    Raycaster, ReferenceRaycaster, Scalars, Sections, TransferFunction, local_positions,
+    node_gradients, shade, shade_surface,
 };
 use crate::scene::Stage;
 use crate::study::bodies;
@@ -73,7 +73,7 @@ fn transfer(name: &str) -> Result<TransferFunction> {
 }
 
 /// A body, where it stands, and how it is seen.
-pub(super) struct Subject {
+pub(super) struct StudyBody {
     mesh: TetMesh,
     positions: Vec<DVec3>,
     scalars: Vec<f64>,
@@ -104,9 +104,9 @@ impl Source {
     }
 }
 
-impl Subject {
+impl StudyBody {
     /// The body `name` through the transfer function `through`.
-    pub fn new(name: &str, through: &str) -> Result<Subject> {
+    pub fn new(name: &str, through: &str) -> Result<StudyBody> {
         let source = SOURCES.iter().find(|s| s.name == name);
         let source = source.ok_or_else(|| Error::Input(format!("there is no body \"{name}\"")))?;
         let mesh = source.mesh()?;
@@ -123,8 +123,8 @@ impl Subject {
             nodes: positions.clone(),
             ..mesh.clone()
         };
-        Ok(Subject {
-            camera: Camera::framing_for(&stands, [1, 1]),
+        Ok(StudyBody {
+            camera: Camera::fit_mesh_in(&stands, [1, 1]),
             transfer: transfer(through)?,
             mesh,
             positions,
@@ -134,12 +134,12 @@ impl Subject {
     }
 
     /// The scene at `path`, after its steps; or the mesh there, at rest.
-    pub fn of_scene(gpu: &Gpu, path: &Path) -> Result<Subject> {
+    pub fn of_scene(gpu: &Gpu, path: &Path) -> Result<StudyBody> {
         let scene = bodies::named(path)?;
         let mut stage = Stage::new(gpu, &scene)?;
         stage.run(stage.steps(), &mut |_| {})?;
         let seen = stage.scalar_field();
-        Ok(Subject {
+        Ok(StudyBody {
             positions: stage.deformed_mesh()?.nodes,
             scalars: seen.values.clone(),
             cells: seen.cells.clone(),
@@ -168,19 +168,19 @@ impl Subject {
 
     /// What draws it, ready for light and for planes that bend with it.
     pub fn raycaster(&self, gpu: &Gpu) -> Result<Raycaster> {
-        let frame = LocalFrame::of_mesh(&self.mesh);
+        let frame = LocalFrame::from_mesh(&self.mesh);
         let positions = local_positions(gpu, &frame, &self.positions)?;
         let topology = Topology::new(&self.mesh);
         let seen = self.seen();
         let mut geometry = Geometry::new(gpu, &self.mesh, &topology, frame, &positions, seen)?;
-        geometry.illuminate(&self.mesh, &topology, seen)?;
-        geometry.remember_rest(&self.mesh)?;
+        geometry.enable_lighting(&self.mesh, &topology, seen)?;
+        geometry.store_rest_positions(&self.mesh)?;
         Raycaster::with_options(gpu, geometry, &self.transfer, RaycastOptions::default())
     }
 
     /// A plane in space that cuts some of it off, one in the body at rest, a slice, and of a field
     /// at the nodes an isosurface.
-    pub fn inside(&self) -> Inside {
+    pub fn inside(&self) -> Sections {
         let (low, high) = bounds(&self.positions);
         let (middle, size) = (0.5 * (low + high), high - low);
         let (rest_low, rest_high) = self.mesh.bounds();
@@ -195,10 +195,10 @@ impl Subject {
             colour: Some([0.9, 0.3, 0.2]),
             opacity: 0.5,
         };
-        Inside {
+        Sections {
             planes: vec![
                 Plane::clip(middle + 0.15 * size, DVec3::new(1.0, 0.2, 0.3)),
-                Plane::clip(at_rest, DVec3::new(-0.1, 1.0, 0.2)).resting(),
+                Plane::clip(at_rest, DVec3::new(-0.1, 1.0, 0.2)).at_rest(),
                 Plane {
                     kind: PlaneKind::Slice(0.7),
                     ..slice
@@ -208,25 +208,28 @@ impl Subject {
                 Some(_) => Vec::new(),
                 None => vec![isosurface],
             },
-            volume: true,
+            draw_volume: true,
         }
     }
 
     /// The exact picture of what `caster` draws, in `light`: the ray integral in float64 through the
     /// middle of every pixel.
-    pub fn truth(&self, caster: &Raycaster, size: [u32; 2], light: Light) -> Image {
+    pub fn reference_image(&self, caster: &Raycaster, size: [u32; 2], light: Light) -> Image {
         let transfer = caster.transfer();
         let rays = match &self.cells {
-            Some(cells) => RayReference::of_cells(&self.mesh, &self.positions, cells),
-            None => RayReference::new(&self.mesh, &self.positions, &self.scalars),
+            Some(cells) => {
+                ReferenceRaycaster::from_cell_scalars(&self.mesh, &self.positions, cells)
+            }
+            None => ReferenceRaycaster::new(&self.mesh, &self.positions, &self.scalars),
         };
         let gradients = self.gradients(caster, light);
         let mix = |of: &[DVec3], tet: u32, weights: [f64; 4]| -> DVec3 {
             let nodes = self.mesh.tets[tet as usize].iter();
             nodes.zip(weights).map(|(v, w)| w * of[*v as usize]).sum()
         };
-        let pixels = rays.picture(&self.camera, size, |rays, ray| {
-            let gradient = |tet: u32, p: DVec3| mix(&gradients, tet, rays.weights_in(tet, p));
+        let pixels = rays.render(&self.camera, size, |rays, ray| {
+            let gradient =
+                |tet: u32, p: DVec3| mix(&gradients, tet, rays.barycentric_weights(tet, p));
             let rest = |tet: u32, weights: [f64; 4]| mix(&self.mesh.nodes, tet, weights);
             let volume = |tet: u32, p: DVec3, way: DVec3| shade(light, gradient(tet, p), way);
             let surface =
@@ -236,7 +239,7 @@ impl Subject {
                 surface: &surface,
             };
             let lit = light.is_on().then_some(&lighting);
-            rays.composite_inside(ray, &|_| Some(&transfer), caster.inside(), &rest, lit)
+            rays.composite_sections(ray, &|_| Some(&transfer), caster.inside(), &rest, lit)
         });
         Image {
             size,

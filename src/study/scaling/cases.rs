@@ -5,9 +5,9 @@ use crate::Result;
 use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
 use crate::parallel;
-use crate::physics::{Body, Engine, EngineChoice, HeldEnd, Material, SolverKind};
+use crate::physics::{ClampedEnd, Engine, EngineChoice, GpuBody, Material, SolverKind};
 use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
-use crate::render::{RayReference, TableForm, segment_integral, tet_gradient, tet_planes};
+use crate::render::{ReferenceRaycaster, TableKind, segment_integral, tet_gradient, tet_planes};
 use crate::scene::median_ms;
 use crate::study::Cell;
 use crate::study::pictures::frame_ms;
@@ -110,21 +110,21 @@ impl Cube {
         })
     }
 
-    fn body(&self, gpu: &Gpu) -> Result<Body> {
-        let mut body = Body::new(gpu, &self.mesh, &Material::soft_tissue())?;
-        body.hold_one_end(9.81);
+    fn body(&self, gpu: &Gpu) -> Result<GpuBody> {
+        let mut body = GpuBody::new(gpu, &self.mesh, &Material::soft_tissue())?;
+        body.clamp_one_end(9.81);
         Ok(body)
     }
 
     /// Milliseconds of a step on an engine, and the iterations of the last.
     fn step(&self, gpu: &Gpu, kind: SolverKind, on: &str, repeats: u32) -> Result<(f64, u32)> {
         let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
-        let choice = EngineChoice::This(engine);
-        let mut body = choice.tets(gpu, self.mesh.clone(), &Material::soft_tissue(), kind)?;
-        let (rest, springs) = (&body.mesh().nodes, body.springs().into_iter());
-        let (end, _) = HeldEnd::of_pieces(rest, body.masses(), springs, DVec3::NEG_Z);
+        let choice = EngineChoice::Exactly(engine);
+        let mut body = choice.build_tets(gpu, self.mesh.clone(), &Material::soft_tissue(), kind)?;
+        let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
+        let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
         body.pin_nodes(&end.nodes)?;
-        body.loads_mut().set_gravity(9.81 * end.across());
+        body.loads_mut().set_gravity(9.81 * end.load_direction());
         let limit = body.largest_stable_step();
         let dt = limit.map_or(IMPLICIT_STEP, |limit| 0.5 * limit);
         let ms = median_ms(repeats, || body.run(1, dt).map(drop))?;
@@ -134,8 +134,8 @@ impl Cube {
     fn refresh(&self, gpu: &Gpu, repeats: u32) -> Result<f64> {
         let mut geometry = Geometry::at_rest(gpu, &self.mesh, &self.scalars)?;
         median_ms(repeats, || {
-            geometry.positions().touch();
-            let mut work = gpu.record();
+            geometry.positions().mark_written();
+            let mut work = gpu.start_recording();
             geometry.record_refresh(&mut work)?;
             work.submit()?;
             gpu.wait()
@@ -169,8 +169,8 @@ impl Cube {
     fn twin_raycast(&self, gpu: &Gpu, size: [u32; 2]) -> Result<f64> {
         let transfer = self.raycaster(gpu, RaycastOptions::default())?.transfer();
         let start = Instant::now();
-        let rays = RayReference::new(&self.mesh, &self.mesh.nodes, &self.scalars);
-        let picture = rays.picture(&camera(), size, |rays, ray| rays.composite(ray, &transfer));
+        let rays = ReferenceRaycaster::new(&self.mesh, &self.mesh.nodes, &self.scalars);
+        let picture = rays.render(&camera(), size, |rays, ray| rays.composite(ray, &transfer));
         black_box(picture);
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
@@ -191,15 +191,15 @@ impl Cube {
                     DVec3::new(x, height + 0.01, 1.5),
                 ]
             };
-            let blade = Blade::swept(&[edge(-0.5), edge(1.5)])?;
+            let blade = Blade::from_sweep(&[edge(-0.5), edge(1.5)])?;
             let start = Instant::now();
             let cut = body.cut(&mut mesh, &mut topology, &blade)?;
             scalars.extend(
-                cut.doubled
+                cut.duplicated_nodes
                     .iter()
                     .map(|[_, from]| self.scalars.get(*from as usize).copied().unwrap_or(0.0)),
             );
-            geometry.follow(&mesh, &topology, &cut, body.nodes().array(), &scalars)?;
+            geometry.apply_cut(&mesh, &topology, &cut, body.nodes().array(), &scalars)?;
             gpu.wait()?;
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
@@ -210,7 +210,7 @@ impl Cube {
     /// A new transfer function: its table is made and used once.
     fn table(&self, gpu: &Gpu, texels: usize, repeats: u32) -> Result<f64> {
         let options = RaycastOptions {
-            table: TableForm::Sliced,
+            table: TableKind::Sliced,
             table_size: Some((texels as f64).sqrt().round() as u32),
             ..Default::default()
         };
@@ -218,7 +218,7 @@ impl Cube {
         let transfer = transfer()?;
         median_ms(repeats, || {
             caster.set_transfer(&transfer)?;
-            caster.look_up(&[[0.2, 0.7, 0.1]]).map(|found| {
+            caster.sample_table(&[[0.2, 0.7, 0.1]]).map(|found| {
                 black_box(found);
             })
         })
@@ -227,14 +227,14 @@ impl Cube {
     /// The exact integral for every texel of as many slices.
     fn twin_table(&self, gpu: &Gpu, texels: usize) -> Result<f64> {
         let options = RaycastOptions {
-            table: TableForm::Sliced,
+            table: TableKind::Sliced,
             ..Default::default()
         };
         let caster = self.raycaster(gpu, options)?;
         let (transfer, slices) = (caster.transfer(), caster.table_layers());
         let side = (texels as f64).sqrt().round() as usize;
         median_ms(1, || {
-            let made = parallel::map_heavy(slices as usize * texels, |i| {
+            let made = parallel::map_coarse(slices as usize * texels, |i| {
                 let [x, y] = [i % side, i / side % side].map(|k| k as f64 / side as f64);
                 let depth = f64::from(2.0f32).powi((i / texels / 4) as i32 - 5);
                 segment_integral(&transfer, x, y, depth / transfer.max_extinction())

@@ -1,11 +1,11 @@
 //! Memory of a body, its solver and its picture: computed from what the arrays hold, counted as
 //! they are made, and what the driver gave for them.
 
-use super::{Axis, Cell, Chart, Look, Run, Series};
+use super::{Axis, Cell, Chart, Run, Series, SeriesStyle};
 use crate::Result;
 use crate::gpu::{Gpu, array_size};
 use crate::mesh::{Location, TetMesh, Topology, generate};
-use crate::physics::{Body, Material, SolverKind};
+use crate::physics::{GpuBody, Material, SolverKind};
 use crate::render::Geometry;
 
 /// What an array has an item of.
@@ -112,14 +112,14 @@ pub(in crate::study) fn taken<T>(
     };
     let settle = || {
         // Uploads wait for a submit, and hold memory until they are done.
-        gpu.record().submit()?;
+        gpu.start_recording().submit()?;
         gpu.wait()
     };
     settle()?;
-    let (made_before, given_before) = (gpu.bytes_made(), given());
+    let (made_before, given_before) = (gpu.bytes_allocated(), given());
     let made = make()?;
     settle()?;
-    let bytes = (gpu.bytes_made() - made_before) as f64;
+    let bytes = (gpu.bytes_allocated() - made_before) as f64;
     Ok((made, bytes, given() - given_before))
 }
 
@@ -166,12 +166,12 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
         [
             Series::new(
                 format!("{part}, measured"),
-                Look::LineMarks,
+                SeriesStyle::LineMarks,
                 of("made_bytes"),
             ),
             Series::new(
                 format!("{part}, computed"),
-                Look::Dashed,
+                SeriesStyle::Dashed,
                 of("computed_bytes"),
             ),
         ]
@@ -212,7 +212,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
 
 /// Bytes that arrays and the driver give for one part.
 pub(super) fn part_bytes(gpu: &Gpu, part: &str, mesh: &TetMesh) -> Result<(f64, f64)> {
-    let body = || Body::new(gpu, mesh, &Material::soft_tissue());
+    let body = || GpuBody::new(gpu, mesh, &Material::soft_tissue());
     match part {
         "body" => taken(gpu, body).map(|(_, made, given)| (made, given)),
         "geometry" => {

@@ -5,7 +5,7 @@ mod cases;
 mod memory;
 mod steps;
 
-use super::{Axis, Cell, Chart, Look, Row, Run, Series};
+use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
 use crate::Result;
 use cases::Cases;
 use std::path::Path;
@@ -37,7 +37,7 @@ const GPU: &str = "GPU";
 /// The other engine of a step.
 const CPU: &str = "CPU";
 /// The plain form in float64.
-const TWIN: &str = "CPU twin";
+const REFERENCE: &str = "CPU twin";
 /// A cut is made on the CPU, and what it changed is sent.
 const BOTH: &str = "CPU + GPU";
 
@@ -96,7 +96,10 @@ fn points(quick: bool) -> Vec<Point> {
             match what {
                 "symplectic step" | "implicit step" => all.push(Point { on: CPU, ..point }),
                 "cut" => {}
-                _ if *tets <= twin_most => all.push(Point { on: TWIN, ..point }),
+                _ if *tets <= twin_most => all.push(Point {
+                    on: REFERENCE,
+                    ..point
+                }),
                 _ => {}
             }
         }
@@ -116,7 +119,10 @@ fn points(quick: bool) -> Vec<Point> {
         };
         all.push(point);
         if *side <= if quick { 64 } else { 256 } {
-            all.push(Point { on: TWIN, ..point });
+            all.push(Point {
+                on: REFERENCE,
+                ..point
+            });
         }
     }
     let layers: &[usize] = if quick {
@@ -149,7 +155,10 @@ fn points(quick: bool) -> Vec<Point> {
         };
         all.push(point);
         if *size <= if quick { 64 } else { 128 } {
-            all.push(Point { on: TWIN, ..point });
+            all.push(Point {
+                on: REFERENCE,
+                ..point
+            });
         }
     }
     all
@@ -161,7 +170,7 @@ fn points(quick: bool) -> Vec<Point> {
 /// A file that cannot be written, or what the device refuses.
 pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     if scene.is_some() {
-        run.note("scaling is measured on cubes of every size: the scene is passed over");
+        run.report_note("scaling is measured on cubes of every size: the scene is passed over");
     }
     let points = points(run.quick);
     let cells: Vec<Vec<Cell>> = points.iter().map(Point::cells).collect();
@@ -196,7 +205,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     charts.push(memory_chart);
     let names: Vec<&str> = charts.iter().map(String::as_str).collect();
     let text = format!("{}\n\n{elements}\n{memory}", finding(&rows));
-    run.tell(
+    run.write_findings(
         "scaling",
         "Scaling: time and memory against size",
         &text,
@@ -215,7 +224,7 @@ fn curve(rows: &[Row], what: &str, on: &str, against: &str) -> Vec<[f64; 2]> {
 }
 
 /// The exponent p of y ∝ xᵖ by least squares in logarithms, over the larger half of the points.
-pub(super) fn exponent(points: &[[f64; 2]]) -> Option<f64> {
+pub(super) fn fit_exponent(points: &[[f64; 2]]) -> Option<f64> {
     let from = (points.len() / 2).min(points.len().saturating_sub(3));
     let logs: Vec<[f64; 2]> = points[from..].iter().map(|p| p.map(f64::ln)).collect();
     if logs.len() < 2 {
@@ -231,11 +240,11 @@ pub(super) fn exponent(points: &[[f64; 2]]) -> Option<f64> {
 fn chart(run: &Run, rows: &[Row], name: &str, kinds: &[&str], against: &str) -> Result<String> {
     let mut series = Vec::new();
     for what in kinds {
-        for on in [GPU, CPU, TWIN, BOTH] {
+        for on in [GPU, CPU, REFERENCE, BOTH] {
             let points = curve(rows, what, on, against);
-            if let Some(p) = exponent(&points) {
+            if let Some(p) = fit_exponent(&points) {
                 let name = format!("{what}, {on}: x^{p:.2}");
-                series.push(Series::new(name, Look::LineMarks, points));
+                series.push(Series::new(name, SeriesStyle::LineMarks, points));
             }
         }
     }
@@ -246,7 +255,7 @@ fn chart(run: &Run, rows: &[Row], name: &str, kinds: &[&str], against: &str) -> 
             .map(|p| p[0])
             .fold(first[0], f64::min);
         let line = [low, first[0]].map(|x| [x, first[1] * x / first[0]]);
-        series.push(Series::new("linear", Look::Dashed, line.to_vec()));
+        series.push(Series::new("linear", SeriesStyle::Dashed, line.to_vec()));
     }
     let unit = match against {
         "texels" => "texels of a slice of the table",
@@ -277,7 +286,7 @@ fn finding(rows: &[Row]) -> String {
         }
         seen.push(key);
         let points = curve(rows, key.0, key.2, key.1);
-        if let (Some(p), Some([size, ms])) = (exponent(&points), points.last()) {
+        if let (Some(p), Some([size, ms])) = (fit_exponent(&points), points.last()) {
             lines.push(format!(
                 "| {} | {} | {} | {p:.2} | {size:.0} | {ms:.3} ms |",
                 key.0, key.1, key.2

@@ -4,12 +4,12 @@
 //! The engines differ in what they precondition conjugate gradients by: blocks of the diagonal on
 //! the GPU, these and the rigid motions of groups of nodes on the CPU.
 
-use super::{Axis, CPU, Cell, Chart, GPU, Look, Row, Run, Series, exponent};
+use super::{Axis, CPU, Cell, Chart, GPU, Row, Run, Series, SeriesStyle, fit_exponent};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh, generate};
 use crate::physics::{
     Engine, EngineChoice, Material, MaterialModel, RegionMaterial, Simulator, SolverKind,
-    VolumeModel,
+    VolumetricFormulation,
 };
 use crate::scene::median_ms;
 use crate::{Error, Result};
@@ -34,17 +34,21 @@ const STEP: f64 = 0.01;
 const STEPS: u32 = 20;
 
 /// What bodies are made of.
-const MATTERS: [(&str, MaterialModel, VolumeModel); 3] = [
+const MATTERS: [(&str, MaterialModel, VolumetricFormulation); 3] = [
     (
         "neo-hookean",
         MaterialModel::NeoHookean,
-        VolumeModel::PerTet,
+        VolumetricFormulation::PerTet,
     ),
-    ("corotated", MaterialModel::Corotated, VolumeModel::PerTet),
+    (
+        "corotated",
+        MaterialModel::Corotated,
+        VolumetricFormulation::PerTet,
+    ),
     (
         "averaged volumes",
         MaterialModel::NeoHookean,
-        VolumeModel::Averaged,
+        VolumetricFormulation::NodalAveraged,
     ),
 ];
 
@@ -125,7 +129,7 @@ fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simula
         poisson: POISSON,
         density: DENSITY,
         region_field: Some("rod".into()),
-        ..Material::young(YOUNG)
+        ..Material::from_young(YOUNG)
     };
     match rod.parse::<f64>() {
         Ok(factor) => {
@@ -141,7 +145,7 @@ fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simula
     }
     let kind: SolverKind = point[2].text().parse()?;
     let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
-    let mut body = EngineChoice::This(engine).tets(gpu, mesh, &material, kind)?;
+    let mut body = EngineChoice::Exactly(engine).build_tets(gpu, mesh, &material, kind)?;
     let nodes = (0u32..).zip(&body.mesh().nodes);
     let held: Vec<u32> = nodes.filter(|(_, p)| p.x < 1e-9).map(|(v, _)| v).collect();
     body.pin_nodes(&held)?;
@@ -227,9 +231,9 @@ fn against_tets(run: &Run, rows: &[Row]) -> Result<String> {
     let mut series = Vec::new();
     for how in KINDS {
         let points = curve(rows, how);
-        if let Some(p) = exponent(&points) {
+        if let Some(p) = fit_exponent(&points) {
             let name = format!("{}, {}, {}: x^{p:.2}", how.0, how.1, how.2);
-            series.push(Series::new(name, Look::LineMarks, points));
+            series.push(Series::new(name, SeriesStyle::LineMarks, points));
         }
     }
     let file = "scaling-elements";
@@ -261,10 +265,14 @@ fn against_rod(run: &Run, rows: &[Row]) -> Result<String> {
             }
         }
         let ends = points.first().zip(points.last()).map(|(a, b)| [a[0], b[0]]);
-        series.push(Series::new(name, Look::LineMarks, points));
+        series.push(Series::new(name, SeriesStyle::LineMarks, points));
         if let (Some(count), Some(ends)) = (rigid, ends) {
             let line = ends.map(|x| [x, count]).to_vec();
-            series.push(Series::new(format!("{on}, rigid"), Look::Dashed, line));
+            series.push(Series::new(
+                format!("{on}, rigid"),
+                SeriesStyle::Dashed,
+                line,
+            ));
         }
     }
     let file = "scaling-rod";
@@ -282,7 +290,7 @@ fn finding(rows: &[Row]) -> String {
     let mut text = "Steps of finite elements, a bar of 1 MPa and ν = 0.3 that is held at one end and bends under its weight, in steps of 0.01 s, explicit ones in half of the largest that hold:\n\n| matter | integrator | on | exponent | tets | iterations | ms a step |\n|---|---|---|---|---|---|---|\n".to_owned();
     for how in KINDS {
         let points = curve(rows, how);
-        if let (Some(p), Some(last)) = (exponent(&points), of(rows, "tets", how).last()) {
+        if let (Some(p), Some(last)) = (fit_exponent(&points), of(rows, "tets", how).last()) {
             let iterations = match how.1.is_implicit() {
                 true => format!("{:.0}", last.number("iterations_a_step")),
                 false => "none".to_owned(),

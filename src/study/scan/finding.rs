@@ -3,8 +3,8 @@
 use super::Sizes;
 use super::subject::FINE;
 use crate::Result;
-use crate::study::scaling::exponent;
-use crate::study::{Axis, Chart, Look, Row, Run, Series};
+use crate::study::scaling::fit_exponent;
+use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
 /// The kinds of points, and what charts call them.
 const NAMES: [(&str, &str); 3] = [
@@ -54,7 +54,7 @@ pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
     ] {
         let series = NAMES.map(|(what, name)| {
             let points = curve(rows, what, [column, "rmse_255"]);
-            Series::new(name, Look::LineMarks, points)
+            Series::new(name, SeriesStyle::LineMarks, points)
         });
         Chart {
             title: title.into(),
@@ -106,7 +106,7 @@ pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
         sizes.reference,
     );
     let title = "A scan in cages beside values at nodes";
-    run.tell("scan", title, &text, &["scan-time", "scan-tets"])
+    run.write_findings("scan", title, &text, &["scan-time", "scan-tets"])
 }
 
 /// How many tets, and how much time, values need for the error of the reference: those of means or
@@ -143,7 +143,7 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
             " A cage of {nodes} nodes, {error:.2}/255, is nearer to the scan than any of them."
         );
     }
-    if let Some(power) = exponent(&of(["tets", "rmse_255"])) {
+    if let Some(power) = fit_exponent(&of(["tets", "rmse_255"])) {
         // Of balls of as many cells across as the scan has voxels.
         let [cells, tets] = of(["cells", "tets"]).last().copied().unwrap_or_default();
         let voxelwise = tets * (sizes.voxels as f64 / cells).powi(3);

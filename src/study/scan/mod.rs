@@ -10,15 +10,15 @@ use super::scaling::taken;
 use super::{Cell, Run};
 use crate::Result;
 use crate::mesh::{TetMesh, generate};
-use crate::render::{Difference, Image, Mode, Raycaster};
+use crate::render::{Image, ImageDifference, Mode, Raycaster};
 use std::path::Path;
-use subject::{BALL, Knows, Subject};
+use subject::{BALL, ScanRepresentation, Subject};
 
 /// What a point draws.
-const KINDS: [(&str, Knows); 3] = [
-    ("cage", Knows::Scan),
-    ("means", Knows::Means),
-    ("samples", Knows::Samples),
+const KINDS: [(&str, ScanRepresentation); 3] = [
+    ("cage", ScanRepresentation::Scan),
+    ("means", ScanRepresentation::Means),
+    ("samples", ScanRepresentation::Samples),
 ];
 
 const SETTINGS: [&str; 4] = ["what", "cells", "voxels", "pixels"];
@@ -69,17 +69,17 @@ const QUICK: Sizes = Sizes {
 };
 
 /// A mesh and what draws it.
-struct Drawn {
+struct MeshRenderer {
     mesh: TetMesh,
     caster: Raycaster,
     bytes: f64,
 }
 
 /// What all points are held against.
-struct Prepared {
+struct ReferenceScene {
     subject: Subject,
     truth: Image,
-    reference: Drawn,
+    reference: MeshRenderer,
 }
 
 /// Measures, draws and tells.
@@ -88,21 +88,21 @@ struct Prepared {
 /// A file that cannot be written, or what the device refuses.
 pub(super) fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     if scene.is_some() {
-        run.note("scans are studied in a bent ball: the scene is passed over");
+        run.report_note("scans are studied in a bent ball: the scene is passed over");
     }
     let sizes = if run.quick { &QUICK } else { &FULL };
     let mut points: Vec<Vec<Cell>> = Vec::new();
     for (what, knows) in KINDS {
         let balls = match knows {
-            Knows::Scan => sizes.cages,
-            Knows::Means | Knows::Samples => sizes.values,
+            ScanRepresentation::Scan => sizes.cages,
+            ScanRepresentation::Means | ScanRepresentation::Samples => sizes.values,
         };
         points.extend(balls.iter().map(|cells| {
             let numbers = [*cells, sizes.voxels, sizes.pixels].map(Cell::from);
             [Cell::from(what)].into_iter().chain(numbers).collect()
         }));
     }
-    let mut prepared: Option<Prepared> = None;
+    let mut prepared: Option<ReferenceScene> = None;
     let rows = run.measure("scan", &SETTINGS, &RESULTS, &points, |point| {
         let prepared = match &mut prepared {
             Some(prepared) => prepared,
@@ -113,25 +113,30 @@ pub(super) fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     finding::tell(run, sizes, &rows)
 }
 
-fn prepare(run: &Run, sizes: &Sizes) -> Result<Prepared> {
+fn prepare(run: &Run, sizes: &Sizes) -> Result<ReferenceScene> {
     let subject = Subject::new(sizes.voxels, sizes.pixels)?;
     let truth = subject.truth();
     truth.save(run.dir.join("scan-truth.png"))?;
-    Ok(Prepared {
-        reference: drawn(run, &subject, sizes.reference, Knows::Scan)?,
+    Ok(ReferenceScene {
+        reference: drawn(run, &subject, sizes.reference, ScanRepresentation::Scan)?,
         subject,
         truth,
     })
 }
 
-fn drawn(run: &Run, subject: &Subject, cells: usize, knows: Knows) -> Result<Drawn> {
+fn drawn(
+    run: &Run,
+    subject: &Subject,
+    cells: usize,
+    knows: ScanRepresentation,
+) -> Result<MeshRenderer> {
     let mesh = generate::ball(BALL, cells)?;
     let (caster, arrays, _) = taken(run.gpu, || subject.raycaster(run, &mesh, knows))?;
     let of_scan = match knows {
-        Knows::Scan => subject.scan_bytes(),
-        Knows::Means | Knows::Samples => 0.0,
+        ScanRepresentation::Scan => subject.scan_bytes(),
+        ScanRepresentation::Means | ScanRepresentation::Samples => 0.0,
     };
-    Ok(Drawn {
+    Ok(MeshRenderer {
         mesh,
         caster,
         bytes: arrays + of_scan,
@@ -139,7 +144,12 @@ fn drawn(run: &Run, subject: &Subject, cells: usize, knows: Knows) -> Result<Dra
 }
 
 /// Draws a point, holds it against the truth, and times it in turns with the reference.
-fn measure(run: &Run, sizes: &Sizes, prepared: &mut Prepared, point: &[Cell]) -> Result<Vec<Cell>> {
+fn measure(
+    run: &Run,
+    sizes: &Sizes,
+    prepared: &mut ReferenceScene,
+    point: &[Cell],
+) -> Result<Vec<Cell>> {
     let (what, cells) = (point[0].text(), point[1].number() as usize);
     let Some((_, knows)) = KINDS.into_iter().find(|(name, _)| *name == what) else {
         return Ok(Vec::new());
@@ -149,14 +159,14 @@ fn measure(run: &Run, sizes: &Sizes, prepared: &mut Prepared, point: &[Cell]) ->
     let (camera, size) = (&subject.camera, subject.size);
     let picture = own.caster.image(camera, size, Mode::Composite)?;
     let kept = match knows {
-        Knows::Scan => cells == sizes.reference,
-        Knows::Means => false,
-        Knows::Samples => sizes.kept.contains(&cells),
+        ScanRepresentation::Scan => cells == sizes.reference,
+        ScanRepresentation::Means => false,
+        ScanRepresentation::Samples => sizes.kept.contains(&cells),
     };
     if kept {
         picture.save(run.dir.join(format!("scan-{what}-{cells}.png")))?;
     }
-    let apart = Difference::between(&prepared.truth, &picture)?;
+    let apart = ImageDifference::between(&prepared.truth, &picture)?;
     // Who else uses the machine slows both of a pair.
     let mut times: [Vec<f64>; 3] = Default::default();
     for _ in 0..sizes.pairs {

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::parallel;
-use crate::render::{Scan, ScanLook, TransferFunction};
+use crate::render::{Scan, ScanAppearance, TransferFunction};
 use crate::volume::{Raw, Volume};
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
@@ -109,10 +109,10 @@ pub(super) fn scan(voxels: usize) -> Result<Scan> {
             slope: 1.0,
             intercept: 0.0,
             to_world,
-            names: BTreeMap::new(),
+            label_names: BTreeMap::new(),
         }),
         units_per_mm: 1.0,
-        look: ScanLook::Values {
+        appearance: ScanAppearance::Values {
             transfer: transfer()?,
             range: None,
         },

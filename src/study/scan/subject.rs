@@ -14,7 +14,7 @@ use glam::{DVec2, DVec3};
 const BEND: f64 = 1.0;
 /// The ball's radius, at rest; and of a ball about the origin that holds it bent.
 pub(super) const BALL: f64 = 0.5;
-const HOLDS: f64 = 0.6;
+const BOUNDING_RADIUS: f64 = 0.6;
 /// Samples of the exact picture in a voxel's length.
 pub(super) const FINE: f64 = 8.0;
 /// What is behind this opacity is not seen in it.
@@ -22,7 +22,7 @@ const OPAQUE: f64 = 1.0 - 1e-6;
 
 /// How a mesh knows of the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Knows {
+pub(super) enum ScanRepresentation {
     /// It carries it.
     Scan,
     /// Its nodes have the means over their cells.
@@ -58,7 +58,7 @@ impl Subject {
         let scan = phantom::scan(voxels)?;
         let eye = DVec3::new(1.0, -2.0, 0.7);
         Ok(Subject {
-            transfer: phantom::transfer()?.resolved(scan.range(), 1.0),
+            transfer: phantom::transfer()?.to_absolute(scan.range(), 1.0),
             scan,
             camera: Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 26.0),
             size: [pixels as u32; 2],
@@ -83,13 +83,13 @@ impl Subject {
     /// Pixels by samples `step` apart.
     fn exact(&self, step: f64) -> Vec<[f64; 4]> {
         let [width, height] = self.size.map(|n| n as usize);
-        let to_voxel = self.scan.voxel_from_rest();
-        parallel::map_heavy(width * height, |i| {
+        let to_voxel = self.scan.rest_to_voxel();
+        parallel::map_coarse(width * height, |i| {
             let pixel = DVec2::new((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
             let ray = self.camera.ray(pixel, self.size);
             let nearest = -ray.origin.dot(ray.direction);
             let aside = (ray.origin + nearest * ray.direction).length_squared();
-            let half = (HOLDS * HOLDS - aside).max(0.0).sqrt();
+            let half = (BOUNDING_RADIUS * BOUNDING_RADIUS - aside).max(0.0).sqrt();
             let mut sum = [0.0; 4];
             for n in 0..(2.0 * half / step).ceil() as usize {
                 let t = nearest - half + (n as f64 + 0.5) * step;
@@ -116,27 +116,34 @@ impl Subject {
     }
 
     /// What draws `mesh`, bent.
-    pub fn raycaster(&self, run: &Run, mesh: &TetMesh, knows: Knows) -> Result<Raycaster> {
+    pub fn raycaster(
+        &self,
+        run: &Run,
+        mesh: &TetMesh,
+        knows: ScanRepresentation,
+    ) -> Result<Raycaster> {
         let gpu = run.gpu;
-        let frame = LocalFrame::of_mesh(mesh);
+        let frame = LocalFrame::from_mesh(mesh);
         let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
         let positions = local_positions(gpu, &frame, &positions)?;
         let topology = Topology::new(mesh);
         let volume = &self.scan.volume;
         let values = match knows {
-            Knows::Scan => vec![0.0; mesh.nodes.len()],
-            Knows::Means => volume.onto_nodes(mesh, "scan").values,
-            Knows::Samples => parallel::map(mesh.nodes.len(), |v| volume.sample(mesh.nodes[v])),
+            ScanRepresentation::Scan => vec![0.0; mesh.nodes.len()],
+            ScanRepresentation::Means => volume.onto_nodes(mesh, "scan").values,
+            ScanRepresentation::Samples => {
+                parallel::map(mesh.nodes.len(), |v| volume.sample(mesh.nodes[v]))
+            }
         };
         let mut geometry = Geometry::new(gpu, mesh, &topology, frame, &positions, &values)?;
-        if knows == Knows::Scan {
-            geometry.remember_rest(mesh)?;
+        if knows == ScanRepresentation::Scan {
+            geometry.store_rest_positions(mesh)?;
         }
         let (transfer, options) = (phantom::transfer()?, RaycastOptions::default());
         let mut caster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
-        if knows == Knows::Scan {
+        if knows == ScanRepresentation::Scan {
             let notes = caster.set_scans(mesh, std::slice::from_ref(&self.scan))?;
-            notes.iter().for_each(|note| run.note(note));
+            notes.iter().for_each(|note| run.report_note(note));
         }
         Ok(caster)
     }
@@ -147,7 +154,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::mesh::generate;
-    use crate::render::RayReference;
+    use crate::render::ReferenceRaycaster;
 
     /// Root mean square difference, of 255.
     fn apart(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
@@ -164,7 +171,7 @@ mod tests {
             DVec3::new(-0.4, 0.1, -0.3),
         ] {
             assert!(unbent(bent(p)).distance(p) < 1e-12, "{p}");
-            assert!(bent(p).length() < HOLDS, "{p}");
+            assert!(bent(p).length() < BOUNDING_RADIUS, "{p}");
         }
         assert!(bent(DVec3::new(0.1, 0.0, 0.4)).distance(DVec3::new(0.1, 0.0, 0.4)) > 0.05);
     }
@@ -180,8 +187,8 @@ mod tests {
         let through_tets = |cells: usize| {
             let mesh = generate::ball(BALL, cells).unwrap();
             let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
-            let rays = RayReference::of_scan(&mesh, &positions, &subject.scan, FINE);
-            let all = rays.picture(&subject.camera, subject.size, |rays, ray| {
+            let rays = ReferenceRaycaster::from_scan(&mesh, &positions, &subject.scan, FINE);
+            let all = rays.render(&subject.camera, subject.size, |rays, ray| {
                 rays.composite(ray, &subject.transfer)
             });
             apart(&pixels, &all)

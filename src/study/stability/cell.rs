@@ -2,10 +2,9 @@
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::spectrum::Linearised;
+use crate::physics::spectrum::LinearisedModel;
 use crate::physics::{
-    ConjugateGradients, CpuTets, EngineChoice, Material, Precision, Simulator, SolverKind,
-    SpringNetwork,
+    CgSettings, CpuTets, DiscreteModel, EngineChoice, Material, Precision, Simulator, SolverKind,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -14,7 +13,7 @@ use glam::DVec3;
 const STEPS: [u32; 2] = [40, 500];
 
 /// The motion that is watched, in largest steps of undamped Verlet: two or three swings.
-const WATCHED: f64 = 200.0;
+const OBSERVED_STEPS: f64 = 200.0;
 
 /// Times at which the body is held against the truth.
 const SAMPLES: u32 = 4;
@@ -35,9 +34,9 @@ pub struct Method {
 }
 
 impl Method {
-    fn settings(&self) -> ConjugateGradients {
-        let default = ConjugateGradients::default();
-        ConjugateGradients {
+    fn settings(&self) -> CgSettings {
+        let default = CgSettings::default();
+        CgSettings {
             max_iterations: self.iterations.unwrap_or(default.max_iterations),
             ..default
         }
@@ -71,7 +70,7 @@ pub struct Trial {
     watched: f64,
     /// The largest displacement of the truth, root mean square over the nodes, in file units.
     largest: f64,
-    linear: Linearised,
+    linear: LinearisedModel,
 }
 
 impl Trial {
@@ -82,15 +81,15 @@ impl Trial {
         material: &Material,
         held: impl Fn(DVec3) -> bool,
     ) -> Result<Trial> {
-        let network = SpringNetwork::new(mesh, material)?;
+        let network = DiscreteModel::new(mesh, material)?;
         let pinned: Vec<bool> = mesh.nodes.iter().map(|p| held(*p)).collect();
-        let linear = Linearised::new(&network, &pinned);
+        let linear = LinearisedModel::new(&network, &pinned);
         let undamped = 2.0 / linear.stiffest_mode().stiffness.sqrt();
         let limit = linear.largest_step(SolverKind::VelocityVerlet);
         let limit = limit.map_or(undamped, |l| l.step);
         // A fraction of both: damping that is stiff must be stable, not resolved.
         let step = (undamped / 16.0).min(limit / 3.0);
-        let watched = WATCHED * undamped;
+        let watched = OBSERVED_STEPS * undamped;
         let samples = 1000usize;
         let each = (watched / samples as f64 / step).ceil() as usize;
         let interval = watched / samples as f64;
@@ -100,7 +99,7 @@ impl Trial {
             .filter(|h| *h.1)
             .map(|h| h.0)
             .collect();
-        let settings = ConjugateGradients::default();
+        let settings = CgSettings::default();
         let kind = SolverKind::VelocityVerlet;
         let mut body = CpuTets::of_network(
             gpu,
@@ -139,10 +138,10 @@ impl Trial {
 
     /// Releases the body and steps it by `h` seconds.
     pub fn run(&self, gpu: &Gpu, method: Method, h: f64) -> Result<Outcome> {
-        let network = SpringNetwork::new(&self.mesh, &self.material)?;
+        let network = DiscreteModel::new(&self.mesh, &self.material)?;
         let own = (self.mesh.clone(), network);
         let how = (method.kind, method.settings());
-        let mut body = EngineChoice::Auto.tets_of(gpu, own, &self.material, how)?;
+        let mut body = EngineChoice::Auto.build_tets_from_model(gpu, own, &self.material, how)?;
         body.pin_nodes(&self.pinned)?;
         body.loads_mut().set_gravity(GRAVITY);
         let within = (self.watched / h).floor();

@@ -5,8 +5,8 @@
 use crate::Result;
 use crate::mesh::{Field, Location, TetMesh, generate};
 use crate::physics::{
-    ConjugateGradients, CpuTets, EngineChoice, Material, MaterialModel, Precision, Simulator,
-    SolverKind, SpringNetwork,
+    CgSettings, CpuTets, DiscreteModel, EngineChoice, Material, MaterialModel, Precision,
+    Simulator, SolverKind,
 };
 use crate::study::{Axis, Cell, Row, Run, StateMap, bodies};
 use crate::{Error, gpu::Gpu};
@@ -101,7 +101,7 @@ impl Subject {
             } else {
                 Default::default()
             },
-            ..Material::young(young)
+            ..Material::from_young(young)
         }
     }
 
@@ -116,13 +116,13 @@ impl Subject {
     /// Default steps beside converged ones of the same length.
     fn measure(&self, gpu: &Gpu, material: &Material, h: f64) -> Result<Vec<Cell>> {
         let kind = self.kind;
-        let mut body = EngineChoice::Auto.tets(gpu, self.mesh.clone(), material, kind)?;
-        let settings = ConjugateGradients {
+        let mut body = EngineChoice::Auto.build_tets(gpu, self.mesh.clone(), material, kind)?;
+        let settings = CgSettings {
             tolerance: 1e-8,
             acceptable: 1e-2,
             max_iterations: 20_000,
         };
-        let own = (self.mesh.clone(), SpringNetwork::new(&self.mesh, material)?);
+        let own = (self.mesh.clone(), DiscreteModel::new(&self.mesh, material)?);
         let how = (kind, settings);
         let mut exact = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
         self.hold(body.as_mut())?;
@@ -147,7 +147,7 @@ impl Subject {
             off = off.max(apart(&body.positions()?, &truth));
             way = way.max(apart(&self.mesh.nodes, &truth));
         }
-        let inverted = body.report()?.inverted;
+        let inverted = body.report()?.inverted_tets;
         let share = off / way;
         let state = match (inverted, share) {
             (1.., _) => 3,
@@ -274,7 +274,7 @@ pub fn run(run: &Run) -> Result<()> {
         off.fold(0.0, f64::max),
     );
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.tell(
+    run.write_findings(
         "stability_default",
         "The default, over step and stiffness",
         &text,

@@ -6,7 +6,7 @@ use crate::gpu::Gpu;
 use crate::mesh::{QualityReport, TetMesh, generate};
 use crate::physics::{Material, SolverKind, Stiffness};
 use crate::study::bodies;
-use crate::study::{Axis, Cell, Look, Row, Run, Series, StateMap};
+use crate::study::{Axis, Cell, Row, Run, Series, SeriesStyle, StateMap};
 use std::path::Path;
 
 const SETTINGS: [&str; 5] = ["body", "solver", "damping_time_s", "stiffness", "step_s"];
@@ -107,7 +107,7 @@ fn bar(quick: bool) -> Result<Subject> {
         // Damped along the springs, which lets the modes decouple.
         material: Material {
             stiffness: Stiffness::Uniform(1.0),
-            ..Material::young(1.0)
+            ..Material::from_young(1.0)
         },
         held: 1e-3,
         axis: "spring constant κ (N/m)",
@@ -135,7 +135,7 @@ fn slivered(name: String, mesh: TetMesh, unit: f64, quick: bool) -> Subject {
         material: Material {
             length_unit: unit,
             density: 1060.0,
-            ..Material::young(1.0)
+            ..Material::from_young(1.0)
         },
         axis: "Young's modulus (Pa)",
         stiffnesses: match quick {
@@ -187,7 +187,7 @@ pub fn run(run: &Run, named: Option<&Path>) -> Result<()> {
         charts.extend(draw(run, &second)?);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.tell(
+    run.write_findings(
         "stability",
         "Stability over step size and stiffness",
         &told,
@@ -272,7 +272,7 @@ fn limits(subject: &Subject, method: Method, damping: f64) -> Result<Vec<Series>
         let share = -0.5 + 2.0 * f64::from(i) / 40.0;
         let stiffness = first * (last / first).powf(share);
         let material = subject.material(stiffness, damping);
-        let network = crate::physics::SpringNetwork::new(&subject.mesh, &material)?;
+        let network = crate::physics::DiscreteModel::new(&subject.mesh, &material)?;
         let pinned: Vec<bool> = subject
             .mesh
             .nodes
@@ -286,7 +286,7 @@ fn limits(subject: &Subject, method: Method, damping: f64) -> Result<Vec<Series>
     }
     Ok(match points.is_empty() {
         true => Vec::new(),
-        false => vec![Series::new("limit by theory", Look::Dashed, points)],
+        false => vec![Series::new("limit by theory", SeriesStyle::Dashed, points)],
     })
 }
 

@@ -3,9 +3,9 @@
 use crate::Result;
 use crate::mesh::{generate, signed_volume};
 use crate::physics::{
-    CpuTets, Material, Precision, Simulator, SolverKind, SpringNetwork, largest_stable_step,
+    CpuTets, DiscreteModel, Material, Precision, Simulator, SolverKind, largest_stable_step,
 };
-use crate::study::statics::{at_rest, matters, poisson};
+use crate::study::statics::{at_rest, materials, poisson};
 use crate::study::truth::converged;
 use crate::study::{Cell, Run};
 use glam::DVec3;
@@ -17,10 +17,10 @@ const YOUNG: f64 = 1e5;
 const STRETCH: f64 = 0.1;
 
 /// How far a node is thrown along each axis, m.
-const THROW: f64 = 0.02;
+const PERTURBATION: f64 = 0.02;
 
 /// Steps of how many seconds a scrambled bar has to settle.
-const SETTLING: (u32, f64) = (300, 0.01);
+const SETTLING_STEPS: (u32, f64) = (300, 0.01);
 
 const RESULTS: [&str; 6] = [
     "volume_change_percent",
@@ -51,7 +51,7 @@ impl Noise {
 /// What becomes of the paper's bar of `material`, drawn out and scrambled.
 fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
     let mesh = generate::paper_bar()?;
-    let network = SpringNetwork::new(&mesh, material)?;
+    let network = DiscreteModel::new(&mesh, material)?;
     let free = vec![false; mesh.nodes.len()];
     let largest = largest_stable_step(&network, &free, SolverKind::Symplectic);
 
@@ -93,11 +93,11 @@ fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
     let thrown: Vec<DVec3> = mesh
         .nodes
         .iter()
-        .map(|x| *x + THROW * noise.vector())
+        .map(|x| *x + PERTURBATION * noise.vector())
         .collect();
     body.set_positions(&thrown)?;
-    let at_start = body.report()?.inverted;
-    let (steps, h) = SETTLING;
+    let at_start = body.report()?.inverted_tets;
+    let (steps, h) = SETTLING_STEPS;
     body.run(steps, h)?;
     let sideways = (1.0 + STRETCH).powf(-poisson(material));
     Ok(vec![
@@ -106,13 +106,13 @@ fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
         pull.into(),
         largest.unwrap_or(f64::NAN).into(),
         at_start.into(),
-        body.report()?.inverted.into(),
+        body.report()?.inverted_tets.into(),
     ])
 }
 
 /// Tells what every matter does.
 pub fn run(run: &Run) -> Result<()> {
-    let mut matters = matters(YOUNG);
+    let mut matters = materials(YOUNG);
     if run.quick {
         matters.truncate(2);
     }
@@ -146,9 +146,9 @@ pub fn run(run: &Run) -> Result<()> {
         "The paper tried a force that keeps the volume of each tet and dropped it: springs know no volume, and such a force shortens the steps and stiffens the body. Finite elements have a Poisson's ratio in its place. The paper's bar of {:.0} kPa, in float64: drawn out by {:.0} % between its held ends, beside the change of volume of a bar whose ends are free (1.1^(1 − 2ν) − 1); the largest step of symplectic Euler; and scrambled by up to {:.0} mm a node, after {} converged steps of implicit Euler of {} s.\n\n| matter, ν | change of volume (%) | with free ends (%) | pull (N) | largest explicit step (s) | tets left inside out |\n| --- | --- | --- | --- | --- | --- |\n{lines}",
         YOUNG / 1e3,
         100.0 * STRETCH,
-        1e3 * THROW,
-        SETTLING.0,
-        SETTLING.1,
+        1e3 * PERTURBATION,
+        SETTLING_STEPS.0,
+        SETTLING_STEPS.1,
     );
-    run.tell("stability_volume", "What keeps volume", &text, &[])
+    run.write_findings("stability_volume", "What keeps volume", &text, &[])
 }

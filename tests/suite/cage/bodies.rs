@@ -5,7 +5,9 @@ use palpate::cage::{Cage, CageKind};
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
 use palpate::physics::grid::{GridBody, GridModel};
-use palpate::physics::{Body, Material, MaterialModel, RegionMaterial, SolverKind, SpringNetwork};
+use palpate::physics::{
+    DiscreteModel, GpuBody, Material, MaterialModel, RegionMaterial, SolverKind,
+};
 use std::collections::BTreeMap;
 
 /// How a bar lies: along the axes, or across the cells of its cage.
@@ -21,7 +23,7 @@ fn bar(turned: bool) -> TetMesh {
 fn material() -> Material {
     Material {
         damping_time: 0.02,
-        ..Material::young(2e5)
+        ..Material::from_young(2e5)
     }
 }
 
@@ -56,7 +58,7 @@ fn sunk(mesh: &TetMesh, positions: &[DVec3]) -> f64 {
 }
 
 /// The body at rest under gravity.
-fn settled(gpu: &Gpu, mut body: Body, pinned: &[u32]) -> Vec<DVec3> {
+fn settled(gpu: &Gpu, mut body: GpuBody, pinned: &[u32]) -> Vec<DVec3> {
     body.pin_nodes(pinned).unwrap();
     body.set_gravity(GRAVITY);
     let mut solver = SolverKind::Implicit.solver(gpu, &body).unwrap();
@@ -67,7 +69,7 @@ fn settled(gpu: &Gpu, mut body: Body, pinned: &[u32]) -> Vec<DVec3> {
 fn settled_grid(gpu: &Gpu, cage: &Cage, pinned: &[u32]) -> Vec<DVec3> {
     let mut model = cage.grid.clone().unwrap();
     model.damping = 8.0;
-    let h = 0.9 * model.stable_step();
+    let h = 0.9 * model.conservative_step();
     let mut body = GridBody::new(gpu, model).unwrap();
     body.pin_nodes(pinned).unwrap();
     body.set_gravity(GRAVITY);
@@ -98,27 +100,27 @@ fn a_cage_bends_as_the_fine_body_does() {
             (elements(), CageKind::Lattice, 60, 0.2),
             (elements(), CageKind::Lattice, 200, 0.05),
         ] {
-            let network = SpringNetwork::new(&mesh, &material).unwrap();
-            let fine = Body::new(&gpu, &mesh, &material).unwrap();
+            let network = DiscreteModel::new(&mesh, &material).unwrap();
+            let fine = GpuBody::new(&gpu, &mesh, &material).unwrap();
             let truth = sunk(&mesh, &settled(&gpu, fine, &held));
             assert!(truth > 1e-4 && truth < 0.02, "{truth}");
             let mut cage = Cage::new(&mesh, &network, kind, nodes).unwrap();
-            let own = cage.nodes_for(&held);
-            let pinned = flags(&own, cage.network.rest.len());
-            cage.fit(&network, &flags(&held, mesh.nodes.len()), &pinned, None)
+            let own = cage.coarse_nodes_for(&held);
+            let pinned = flags(&own, cage.network.rest_positions.len());
+            cage.fit_stiffness(&network, &flags(&held, mesh.nodes.len()), &pinned, None)
                 .unwrap();
             let found = match kind {
                 CageKind::Grid => settled_grid(&gpu, &cage, &own),
                 CageKind::Lattice => {
                     let network = cage.network.clone();
-                    let body = Body::of_network(&gpu, &cage.mesh, network, &material).unwrap();
+                    let body = GpuBody::from_model(&gpu, &cage.mesh, network, &material).unwrap();
                     settled(&gpu, body, &own)
                 }
             };
             let off = sunk(&mesh, &cage.transfer().apply(&found).unwrap()) / truth - 1.0;
             let control = match &mut cage.grid {
                 None => {
-                    let plain = Body::new(&gpu, &cage.mesh, &material).unwrap();
+                    let plain = GpuBody::new(&gpu, &cage.mesh, &material).unwrap();
                     settled(&gpu, plain, &own)
                 }
                 Some(model) => {
@@ -133,7 +135,7 @@ fn a_cage_bends_as_the_fine_body_does() {
                 material.model, off, control
             );
             let fine_enough = off.abs() < tolerance && control.abs() > (2.0 * off.abs()).max(0.05);
-            if report.outside > 0 || !fine_enough {
+            if report.nodes_outside > 0 || !fine_enough {
                 wrong.push((turned, kind, nodes, off, control));
             }
         }
@@ -161,10 +163,15 @@ fn mass_and_the_stiffness_of_regions_are_carried_over() {
         regions: BTreeMap::from([(1, region)]),
         ..material()
     };
-    let network = SpringNetwork::new(&mesh, &material).unwrap();
+    let network = DiscreteModel::new(&mesh, &material).unwrap();
     let total: f64 = network.masses.iter().sum();
-    let centre = |n: &SpringNetwork| {
-        let moment: DVec3 = n.rest.iter().zip(&n.masses).map(|(x, m)| *x * *m).sum();
+    let centre = |n: &DiscreteModel| {
+        let moment: DVec3 = n
+            .rest_positions
+            .iter()
+            .zip(&n.masses)
+            .map(|(x, m)| *x * *m)
+            .sum();
         n.to_file(moment / n.masses.iter().sum::<f64>())
     };
     for kind in [CageKind::Lattice, CageKind::Grid] {
@@ -175,9 +182,10 @@ fn mass_and_the_stiffness_of_regions_are_carried_over() {
         assert!(apart < 0.003, "{kind}: {apart}");
         let [soft, stiff] = [0.02..0.08, 0.12..0.18].map(|range| {
             let inside = cage.network.springs.iter().filter(|s| {
-                let ends = s
-                    .nodes
-                    .map(|v| cage.network.to_file(cage.network.rest[v as usize]));
+                let ends = s.nodes.map(|v| {
+                    cage.network
+                        .to_file(cage.network.rest_positions[v as usize])
+                });
                 ends.iter().all(|p| range.contains(&p.x))
             });
             inside.map(|s| s.stiffness).fold(0.0, f64::max)
@@ -194,13 +202,13 @@ fn mass_and_the_stiffness_of_regions_are_carried_over() {
 fn cages_cover_what_they_carry() {
     for (name, tets) in [("limb", 8_000), ("duct", 6_000), ("ball", 3_000)] {
         let mesh = generate::by_name(name, Some(tets)).unwrap();
-        let network = SpringNetwork::new(&mesh, &Material::soft_tissue()).unwrap();
+        let network = DiscreteModel::new(&mesh, &Material::soft_tissue()).unwrap();
         for kind in [CageKind::Lattice, CageKind::Grid] {
             for wanted in [60, 1_000] {
                 let cage = Cage::new(&mesh, &network, kind, wanted).unwrap();
                 let report = cage.report();
                 println!("{name} {kind} {wanted}: {report:?}");
-                assert_eq!(report.outside, 0, "{name} {kind} {wanted}");
+                assert_eq!(report.nodes_outside, 0, "{name} {kind} {wanted}");
                 let ratio = report.nodes as f64 / wanted as f64;
                 assert!(
                     (0.6..1.6).contains(&ratio),
@@ -215,7 +223,7 @@ fn cages_cover_what_they_carry() {
         }
     }
     let mesh = bar(false);
-    let network = SpringNetwork::new(&mesh, &material()).unwrap();
+    let network = DiscreteModel::new(&mesh, &material()).unwrap();
     for nodes in [0, 3, 100_000_000] {
         assert!(Cage::new(&mesh, &network, CageKind::Lattice, nodes).is_err());
     }

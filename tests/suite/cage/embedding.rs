@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use palpate::cage::Embedding;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
-use palpate::physics::Nodes;
+use palpate::physics::NodePositions;
 
 /// A limb, and tets around it.
 fn limb_in_a_box() -> (TetMesh, TetMesh) {
@@ -26,15 +26,15 @@ fn carried(
     fine: &TetMesh,
     there: &[DVec3],
 ) -> (Embedding, Vec<DVec3>) {
-    let mut nodes = Nodes::new(gpu, coarse).unwrap();
+    let mut nodes = NodePositions::new(gpu, coarse).unwrap();
     let mut embedding = Embedding::new(gpu, coarse, &nodes, fine).unwrap();
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     assert!(
-        !embedding.record(&mut work, &nodes),
+        !embedding.record_update(&mut work, &nodes),
         "nothing has moved yet"
     );
     nodes.set_positions(there).unwrap();
-    assert!(embedding.record(&mut work, &nodes));
+    assert!(embedding.record_update(&mut work, &nodes));
     work.submit().unwrap();
     let found = embedding.nodes().positions().unwrap();
     (embedding, found)
@@ -63,11 +63,11 @@ fn carried_nodes_match_float64_on_random_cages() {
             .collect();
         let (embedding, found) = carried(&gpu, &coarse, &fine, &there);
         assert_eq!(embedding.outside(), 0);
-        let shares = embedding.transfer().shares();
+        let shares = embedding.transfer().source_weights();
         let truth = carry(shares, &there);
         let error = worst(&found, &truth) / size;
         assert!(error < 1e-6, "{error}");
-        assert!(worst(&embedding.carry(&there).unwrap(), &truth) < 1e-12 * size);
+        assert!(worst(&embedding.interpolate(&there).unwrap(), &truth) < 1e-12 * size);
         // Two corners of one node taken for each other are seen.
         let mut wrong = shares.to_vec();
         let most = (0..wrong.len()).max_by(|a, b| {
@@ -127,20 +127,20 @@ fn nodes_outside_are_carried_and_counted() {
 fn forces_gathered_do_the_same_work() {
     let (fine, coarse) = limb_in_a_box();
     let gpu = Gpu::new().unwrap();
-    let nodes = Nodes::new(&gpu, &coarse).unwrap();
+    let nodes = NodePositions::new(&gpu, &coarse).unwrap();
     let embedding = Embedding::new(&gpu, &coarse, &nodes, &fine).unwrap();
     let mut next = noise(9);
     let mut random =
         |n: usize| -> Vec<DVec3> { (0..n).map(|_| DVec3::new(next(), next(), next())).collect() };
     let (forces, motion) = (random(fine.nodes.len()), random(coarse.nodes.len()));
-    let gathered = embedding.transfer().gather(&forces).unwrap();
+    let gathered = embedding.transfer().apply_transpose(&forces).unwrap();
     let dot = |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum::<f64>();
     let (fine_work, coarse_work) = (
-        dot(&forces, &embedding.carry(&motion).unwrap()),
+        dot(&forces, &embedding.interpolate(&motion).unwrap()),
         dot(&gathered, &motion),
     );
     assert!((fine_work - coarse_work).abs() < 1e-9 * forces.len() as f64);
-    assert!(embedding.transfer().gather(&forces[1..]).is_err());
+    assert!(embedding.transfer().apply_transpose(&forces[1..]).is_err());
 }
 
 /// Where each point is that is tied to four of the `nodes` by weights of sum 1: Σ w_k x_k.

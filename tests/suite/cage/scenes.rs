@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::Blade;
-use palpate::physics::Grip;
+use palpate::physics::GrabMode;
 use palpate::physics::{Engine, EngineChoice, Simulator};
 use palpate::scene::{Scene, Stage};
 
@@ -21,7 +21,7 @@ fn limb(more: &str) -> String {
 /// Stepped by passes, which these tests count.
 fn stage(gpu: &Gpu, text: &str) -> Stage {
     let mut scene = Scene::parse(text).unwrap();
-    scene.solver.engine = Some(EngineChoice::This(Engine::Gpu));
+    scene.solver.engine = Some(EngineChoice::Exactly(Engine::Gpu));
     Stage::new(gpu, &scene).unwrap()
 }
 
@@ -118,9 +118,9 @@ fn cages_that_make_no_sense_are_refused() {
     assert!(Scene::parse(&limb("[cage]\nkind = \"net\"")).is_err());
     let mut stage = stage(&gpu, &limb(&format!("{implicit}[cage]\nnodes = 300")));
     let rest = stage.mesh().nodes.clone();
-    assert!(stage.pose(&rest).is_err());
+    assert!(stage.set_positions(&rest).is_err());
     let edge = |y: f64| [DVec3::new(0.2, y, -1.0), DVec3::new(0.2, y, 1.0)];
-    let blade = Blade::swept(&[edge(-1.0), edge(1.0)]).unwrap();
+    let blade = Blade::from_sweep(&[edge(-1.0), edge(1.0)]).unwrap();
     assert!(stage.cut(&blade).is_err());
 }
 
@@ -166,7 +166,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
             let at = body.nodes().positions().unwrap();
             let (low, high) = palpate::mesh::bounds(&at);
             let end = DVec3::new(high.x, 0.5 * (low.y + high.y), 0.5 * (low.z + high.z));
-            body.grab(end, 0.03, Grip::Follow).unwrap();
+            body.grab(end, 0.03, GrabMode::Follow).unwrap();
         }),
     ];
     let gpu = Gpu::new().unwrap();
@@ -198,7 +198,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
             assert_ne!(gpu.passes_recorded(), before);
         }
         // Awake, it is stepped; and a body that may not sleep does not.
-        stage.motion_mut().unwrap().let_sleep(false);
+        stage.motion_mut().unwrap().set_sleep_allowed(false);
         let slept = stage.motion().unwrap().steps_slept();
         stage.run(300, &mut |_| {}).unwrap();
         assert_eq!(stage.motion().unwrap().steps_slept(), slept);
@@ -209,7 +209,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
 fn a_cut_wakes_a_body() {
     let gpu = Gpu::new().unwrap();
     let edge = |z: f64| [DVec3::new(0.061, -1.0, z), DVec3::new(0.061, 1.0, z)];
-    let blade = Blade::swept(&[edge(-1.0), edge(1.0)]).unwrap();
+    let blade = Blade::from_sweep(&[edge(-1.0), edge(1.0)]).unwrap();
     for kind in [TETS, GRID] {
         let mut stage = resting(&gpu, kind);
         settle(&mut stage);
@@ -265,9 +265,9 @@ fn nothing_is_done_that_no_one_asked_for() {
     );
     // The report has the counts; and measuring draws and steps what sleeps.
     let report = stage.measure(3).unwrap();
-    assert_eq!(report.pictures_kept, 2);
+    assert_eq!(report.frames_reused, 2);
     assert_eq!(report.pictures_drawn, 4);
-    assert!(report.asleep && report.steps_slept >= 30, "{report:?}");
+    assert!(report.asleep && report.steps_skipped >= 30, "{report:?}");
     assert_eq!(report.passes_recorded, before);
     let after = counts();
     assert!(after[0] >= now[0] + 3, "{after:?} {now:?}");

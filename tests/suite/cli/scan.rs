@@ -46,7 +46,7 @@ fn drawn(mesh: &Path, scan: &str, out: &Path, more: &[&str]) -> (Image, String) 
     let output = palpate(&[&fixed, VIEW, more].concat());
     stdout(&output);
     let said = String::from_utf8(output.stderr).unwrap();
-    (Image::open(out).unwrap(), said)
+    (Image::read_for_comparison(out).unwrap(), said)
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
         let (file, mode) = (out(name), ["--mode", "xray"]);
         let fixed = ["render", text(mesh), "--out", text(&file)];
         stdout(&palpate(&[&fixed, VIEW, &mode, more].concat()));
-        Image::open(&file).unwrap()
+        Image::read_for_comparison(&file).unwrap()
     };
     let by_mesh = film(&by_hand, "f.exr", &["--rest", text(&rest)]);
     assert!(unlike(&by_mesh, &film(&told, "g.exr", &[])) < 1e-4);
@@ -137,7 +137,7 @@ fn x_rays_go_by_the_energy_and_the_film_by_the_scene() {
     let film = |out: &str, more: &[&str]| {
         let out = folder.join(out);
         let (_, said) = drawn(&rest, &scan, &out, &[&["--mode", "xray"], more].concat());
-        (Image::open(&out).unwrap(), said)
+        (Image::read_for_comparison(&out).unwrap(), said)
     };
     let (film, _) = film("film.png", &[]);
     let brightest = film.values.iter().fold(0.0f32, |m, v| m.max(*v));

@@ -121,7 +121,7 @@ impl Image {
             slope: 1.0,
             intercept: 0.0,
             to_world: self.to_world,
-            names: BTreeMap::new(),
+            label_names: BTreeMap::new(),
         }
     }
 

@@ -164,7 +164,7 @@ fn what_is_written_reads_back() {
             volume.slope = if name == "a.nrrd" { 1.0 } else { 0.5 };
             volume.intercept = if name == "a.nrrd" { 0.0 } else { -3.0 };
             if name == "a.nrrd" {
-                volume.names = [(1, "femur".into()), (7, "a: b".into())].into();
+                volume.label_names = [(1, "femur".into()), (7, "a: b".into())].into();
             }
             let path = folder.path().join(name);
             io::write_volume(&path, &volume).unwrap();
@@ -175,7 +175,7 @@ fn what_is_written_reads_back() {
                 (volume.slope, volume.intercept)
             );
             if name == "a.nrrd" {
-                assert_eq!(back.names, volume.names);
+                assert_eq!(back.label_names, volume.label_names);
             }
         }
     }
@@ -421,7 +421,7 @@ fn lists_and_patterns_of_data_files_are_joined() {
 fn names_of_segments_are_those_of_labels() {
     let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 1\nencoding: raw\nSegment0_Name:=femur\nSegment0_LabelValue:=3\nSegment1_LabelValue:=4\n\n\x03\x03\x04\x00";
     let volume = read("a.nrrd", header.as_bytes(), &[]).unwrap();
-    assert!(volume.names.into_iter().eq([(3, "femur".to_owned())]));
+    assert!(volume.label_names.into_iter().eq([(3, "femur".to_owned())]));
 }
 
 /// Every variant of every format, small.
@@ -552,12 +552,15 @@ fn a_description_tells_orientation_and_labels() {
     let knee = VolumeDescription::new(&knee);
     assert_eq!(knee.labels.len(), 11);
     assert_eq!(knee.labels[1].voxels, 127_311);
-    assert!(knee.obliqueness > 0.1 && knee.obliqueness < 15.0);
+    assert!(knee.obliquity_degrees > 0.1 && knee.obliquity_degrees < 15.0);
     let Some(ct) = real("headsq_ct_64x64x93.mhd") else {
         return;
     };
     let ct = VolumeDescription::new(&ct);
-    assert_eq!((ct.orientation.as_str(), ct.obliqueness), ("LPS", 0.0));
+    assert_eq!(
+        (ct.orientation.as_str(), ct.obliquity_degrees),
+        ("LPS", 0.0)
+    );
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::io::sample::Bench;
 use palpate::io::{self, MeshFormat};
-use palpate::mesh::{Description, Field, Location, ScalarType, TetMesh};
+use palpate::mesh::{Field, Location, MeshDescription, ScalarType, TetMesh};
 
 /// Every way to write a mesh: format, whether as text, and a name.
 pub fn ways() -> Vec<(MeshFormat, bool, &'static str)> {
@@ -129,7 +129,7 @@ fn every_format_keeps_counts_volume_regions_names_and_unit() {
             // "rank" is a numbering: it is taken for regions where there is no better, and not every
             // format has a place for it.
             let regions = |mesh: &TetMesh| match mesh.region_field() {
-                Some(field) if field.name != "rank" => Description::new(mesh).regions,
+                Some(field) if field.name != "rank" => MeshDescription::new(mesh).regions,
                 _ => Vec::new(),
             };
             let (a, b) = (regions(&back), regions(mesh));

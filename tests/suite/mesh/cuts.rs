@@ -4,7 +4,7 @@ use crate::mesh::support::check_topology;
 use glam::DVec3;
 use palpate::mesh::generate::{Split, ball, bar, box_mesh};
 use palpate::mesh::{
-    Blade, BoundaryShape, Field, Location, TetCut, TetMesh, Topology, components, cut, remove,
+    Blade, BoundaryReport, Field, Location, TetCut, TetMesh, Topology, components, cut, remove,
 };
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -14,7 +14,7 @@ fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     let u = normal.any_orthonormal_vector();
     let v = normal.cross(u);
     let corner = |a: f64, b: f64| centre + half * (a * u + b * v);
-    Blade::quad([
+    Blade::from_quad([
         corner(-1.0, -1.0),
         corner(1.0, -1.0),
         corner(1.0, 1.0),
@@ -29,12 +29,12 @@ fn flaw(before: &TetMesh, after: &TetMesh, topology: &Topology, cut: &TetCut) ->
     let corners = |mesh: &TetMesh| -> Vec<[DVec3; 4]> {
         (0..mesh.tets.len()).map(|t| mesh.tet_nodes(t)).collect()
     };
-    let bare = Topology::new(before).boundary.len() + 2 * cut.opened.len();
+    let bare = Topology::new(before).boundary.len() + 2 * cut.opened_faces.len();
     let mut edges: BTreeSet<[u32; 2]> = before.edges().into_iter().collect();
-    cut.edges_before
+    cut.previous_edges
         .iter()
         .for_each(|e| assert!(edges.remove(e)));
-    edges.extend(cut.around.iter().map(|(edge, _)| *edge));
+    edges.extend(cut.edge_tets.iter().map(|(edge, _)| *edge));
     let claims = [
         (
             "tets are where they were",
@@ -46,7 +46,7 @@ fn flaw(before: &TetMesh, after: &TetMesh, topology: &Topology, cut: &TetCut) ->
         ("faces opened", bare == topology.boundary.len()),
         (
             "nodes doubled",
-            before.nodes.len() + cut.doubled.len() == after.nodes.len(),
+            before.nodes.len() + cut.duplicated_nodes.len() == after.nodes.len(),
         ),
         (
             "fields are as long as the mesh",
@@ -80,7 +80,10 @@ fn checked(mesh: &TetMesh, positions: &[DVec3], blade: &Blade) -> (TetMesh, Topo
             .iter()
             .any(|v| cut.nodes.contains(v))
     };
-    assert_eq!(cut.star, all.into_iter().filter(at).collect::<Vec<_>>());
+    assert_eq!(
+        cut.incident_tets,
+        all.into_iter().filter(at).collect::<Vec<_>>()
+    );
     (after, topology, cut)
 }
 
@@ -90,7 +93,10 @@ fn a_blade_right_through_leaves_two_pieces() {
     let middle = DVec3::new(0.06, 0.03, 0.03);
     // In a plane of the lattice, where all is known beforehand.
     let (mesh, topology, cut) = checked(&whole, &whole.nodes, &across(middle, DVec3::X, 0.1));
-    assert_eq!((cut.opened.len(), cut.doubled.len()), (32, 25));
+    assert_eq!(
+        (cut.opened_faces.len(), cut.duplicated_nodes.len()),
+        (32, 25)
+    );
     check_topology(&mesh);
     let (piece, pieces) = components(&topology);
     assert_eq!(pieces, 2);
@@ -110,7 +116,7 @@ fn a_blade_right_through_leaves_two_pieces() {
             assert_eq!(*owner[*v as usize].get_or_insert(piece[t]), piece[t]);
         }
     }
-    let shape = BoundaryShape::new(&mesh, &topology);
+    let shape = BoundaryReport::new(&mesh, &topology);
     assert!(shape.is_vertex_manifold() && shape.euler_number() == 4);
     // The same from the other side of the blade, and oblique.
     for normal in [-DVec3::X, DVec3::new(1.0, 0.4, -0.3).normalize()] {
@@ -162,23 +168,29 @@ fn centroids_in_the_blade_are_on_one_side_of_it() {
 fn a_cut_part_of_the_way_stays_joined_at_its_tip() {
     let whole = bar([8, 4, 4], DVec3::new(2.0, 1.0, 1.0)).unwrap();
     let edge = |z: f64| [DVec3::new(1.0, -1.0, z), DVec3::new(1.0, 2.0, z)];
-    let half = Blade::swept(&[edge(2.0), edge(0.5)]).unwrap();
+    let half = Blade::from_sweep(&[edge(2.0), edge(0.5)]).unwrap();
     let (mesh, topology, cut) = checked(&whole, &whole.nodes, &half);
     assert_eq!(components(&topology).1, 1);
     // Two rows of four squares; the five nodes of the tip stay single.
-    assert_eq!((cut.opened.len(), cut.doubled.len()), (16, 10));
+    assert_eq!(
+        (cut.opened_faces.len(), cut.duplicated_nodes.len()),
+        (16, 10)
+    );
     assert!(
-        cut.doubled
+        cut.duplicated_nodes
             .iter()
             .all(|[_, old]| whole.nodes[*old as usize].z > 0.5)
     );
     check_topology(&mesh);
     // The second half of the way parts it, as one sweep would have.
     let mut swept = (mesh, topology);
-    let rest = Blade::swept(&[edge(0.5), edge(-1.0)]).unwrap();
+    let rest = Blade::from_sweep(&[edge(0.5), edge(-1.0)]).unwrap();
     let positions = swept.0.nodes.clone();
     let more = palpate::mesh::cut(&mut swept.0, &mut swept.1, &positions, &rest).unwrap();
-    assert_eq!((more.opened.len(), more.doubled.len()), (16, 15));
+    assert_eq!(
+        (more.opened_faces.len(), more.duplicated_nodes.len()),
+        (16, 15)
+    );
     assert_eq!(components(&swept.1).1, 2);
 }
 
@@ -193,12 +205,12 @@ fn one_long_sweep_is_many_short_ones() {
         ]
     };
     let edges: Vec<[DVec3; 2]> = (0..=20).map(|k| edge(0.15 * f64::from(k))).collect();
-    let (once, topology, _) = checked(&whole, &whole.nodes, &Blade::swept(&edges).unwrap());
+    let (once, topology, _) = checked(&whole, &whole.nodes, &Blade::from_sweep(&edges).unwrap());
     assert_eq!(components(&topology).1, 2);
     let (mut mesh, mut many) = (whole.clone(), Topology::new(&whole));
     for pair in edges.windows(2) {
         let positions = mesh.nodes.clone();
-        let blade = Blade::swept(pair).unwrap();
+        let blade = Blade::from_sweep(pair).unwrap();
         cut(&mut mesh, &mut many, &positions, &blade).unwrap();
     }
     // Faces too few to gape when they were met may have stayed closed on the way.
@@ -230,7 +242,7 @@ fn fields_go_with_their_nodes() {
     whole.set_field(field).unwrap();
     let blade = across(DVec3::ZERO, DVec3::new(0.3, 0.5, 0.8).normalize(), 2.0);
     let (mesh, _, cut) = checked(&whole, &whole.nodes, &blade);
-    assert!(!cut.doubled.is_empty());
+    assert!(!cut.duplicated_nodes.is_empty());
     let places = mesh.field("place", Location::Node).unwrap();
     for (p, place) in mesh.nodes.iter().zip(places.values.chunks_exact(3)) {
         assert_eq!(*p, DVec3::from_slice(place));
@@ -243,7 +255,7 @@ fn a_broken_topology_is_told_apart() {
     let blade = across(DVec3::ZERO, DVec3::Z, 2.0);
     let (mesh, topology, cut) = checked(&whole, &whole.nodes, &blade);
     let mut wrong = mesh.clone();
-    let [new, old] = cut.doubled[0];
+    let [new, old] = cut.duplicated_nodes[0];
     for tet in &mut wrong.tets {
         tet.iter_mut().filter(|v| **v == new).for_each(|v| *v = old);
     }
@@ -270,12 +282,12 @@ fn meshes_from_elsewhere_are_cut() {
             let pieces = components(&Topology::new(&whole)).1;
             let (mesh, topology, cut) =
                 checked(&whole, &whole.nodes, &across(centre, normal, reach));
-            assert!(cut.opened.len() > 20, "{name}");
+            assert!(cut.opened_faces.len() > 20, "{name}");
             assert!(components(&topology).1 > pieces, "{name}");
             assert!((mesh.volume() / whole.volume() - 1.0).abs() < 1e-12);
             let (_, topology, cut) =
                 checked(&whole, &whole.nodes, &across(low, normal, 0.6 * reach));
-            assert!(topology.boundary.len() >= cut.opened.len());
+            assert!(topology.boundary.len() >= cut.opened_faces.len());
         }
     }
 }
@@ -298,12 +310,12 @@ proptest! {
         let points: Vec<DVec3> = corners.into_iter().map(DVec3::from).collect();
         let edges: Vec<[DVec3; 2]> = points.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
         // Crumpled, then once more through what is cut already.
-        for blade in [Blade::swept(&edges).unwrap(), Blade::swept(&edges[..2]).unwrap()] {
+        for blade in [Blade::from_sweep(&edges).unwrap(), Blade::from_sweep(&edges[..2]).unwrap()] {
             let before = mesh.clone();
             let positions = mesh.nodes.clone();
             let faces = topology.boundary.len();
             let done = cut(&mut mesh, &mut topology, &positions, &blade).unwrap();
-            prop_assert_eq!(faces + 2 * done.opened.len(), topology.boundary.len());
+            prop_assert_eq!(faces + 2 * done.opened_faces.len(), topology.boundary.len());
             prop_assert_eq!(flaw(&before, &mesh, &topology, &done), None);
         }
         check_topology(&mesh);
@@ -344,7 +356,7 @@ fn pieces_that_hang_together_at_a_node_only_fall_apart() {
     assert_eq!(chosen.len(), 6);
     // One tet of the middle that bridges the gap at nodes is left for last.
     let done = remove(&mut mesh, &mut topology, &chosen).unwrap();
-    assert!(done.doubled.is_empty());
+    assert!(done.duplicated_nodes.is_empty());
     assert_eq!(components(&topology).1, 2);
     // Of a 2 × 2 block of cells, two in a diagonal: they touch along an edge, which is doubled.
     let mut mesh = box_mesh([2, 2, 1], DVec3::new(2.0, 2.0, 1.0), Split::Six).unwrap();
@@ -355,8 +367,8 @@ fn pieces_that_hang_together_at_a_node_only_fall_apart() {
     };
     let chosen: Vec<u32> = (0..24).filter(off).collect();
     let done = remove(&mut mesh, &mut topology, &chosen).unwrap();
-    assert_eq!((done.doubled.len(), done.removed.len()), (2, 12));
-    let shape = BoundaryShape::new(&mesh, &topology);
+    assert_eq!((done.duplicated_nodes.len(), done.removed.len()), (2, 12));
+    let shape = BoundaryReport::new(&mesh, &topology);
     assert!(shape.is_vertex_manifold() && shape.euler_number() == 4);
 }
 

@@ -42,7 +42,7 @@ fn the_volumes_and_surfaces_that_ship_are_up_to_date() {
             kept.size, made.size,
             "{name}: run cargo run -p palpate-data"
         );
-        assert_eq!(kept.names, made.names, "{name}");
+        assert_eq!(kept.label_names, made.label_names, "{name}");
         let here = kept
             .to_world
             .transform_point3(glam::DVec3::new(5.0, 6.0, 7.0));

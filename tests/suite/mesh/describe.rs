@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use palpate::mesh::generate::{Bore, ball, benchmark_cube, duct};
-use palpate::mesh::{Description, Field, Location, TetMesh};
+use palpate::mesh::{Field, Location, MeshDescription, TetMesh};
 
 /// Two tets; the second has its first `shared` corners in common with the first.
 fn two_tets(shared: usize) -> TetMesh {
@@ -24,7 +24,7 @@ fn two_tets(shared: usize) -> TetMesh {
 #[test]
 fn tets_that_share_a_face_an_edge_a_node_or_nothing() {
     let told = |shared| {
-        let d = Description::new(&two_tets(shared));
+        let d = MeshDescription::new(&two_tets(shared));
         (
             d.components,
             d.euler_number,
@@ -38,9 +38,9 @@ fn tets_that_share_a_face_an_edge_a_node_or_nothing() {
     assert_eq!(told(2), (2, 3, 1, 2, true));
     assert_eq!(told(1), (2, 3, 0, 1, true));
     assert_eq!(told(0), (2, 4, 0, 0, true));
-    let d = Description::new(&two_tets(1));
+    let d = MeshDescription::new(&two_tets(1));
     assert!(d.edge_manifold && !d.vertex_manifold);
-    assert!(!Description::new(&two_tets(2)).edge_manifold);
+    assert!(!MeshDescription::new(&two_tets(2)).edge_manifold);
     assert!(
         d.warnings.iter().any(|w| w.contains("touch there only")),
         "{:?}",
@@ -56,7 +56,7 @@ fn a_seam_of_coincident_nodes_is_noticed() {
     let offset = cube.nodes.len() as u32;
     let mut tets = cube.tets.clone();
     tets.extend(cube.tets.iter().map(|t| t.map(|v| v + offset)));
-    let d = Description::new(&TetMesh::new(nodes, tets, vec![], vec![]).unwrap());
+    let d = MeshDescription::new(&TetMesh::new(nodes, tets, vec![], vec![]).unwrap());
     assert_eq!(
         (d.components, d.coincident_nodes, d.euler_number),
         (2, 9, 4)
@@ -76,9 +76,9 @@ fn crowded_faces_leave_a_closed_boundary_that_is_not_manifold() {
         DVec3::ONE,
     ];
     let tets = vec![[0, 1, 2, 3], [0, 2, 1, 4], [0, 1, 2, 5]];
-    let d = Description::new(&TetMesh::new(nodes, tets, vec![], vec![]).unwrap());
+    let d = MeshDescription::new(&TetMesh::new(nodes, tets, vec![], vec![]).unwrap());
     assert_eq!(
-        (d.crowded_faces, d.boundary_faces, d.components),
+        (d.overshared_faces, d.boundary_faces, d.components),
         (1, 12, 3)
     );
     assert!(d.closed && !d.edge_manifold);
@@ -93,7 +93,7 @@ fn the_json_has_the_promised_keys() {
     let nothing = vec![f64::NAN; mesh.tets.len()];
     mesh.set_field(Field::scalar("lost", Location::Cell, nothing))
         .unwrap();
-    let description = Description::new(&mesh);
+    let description = MeshDescription::new(&mesh);
     let json = serde_json::to_value(&description).unwrap();
     assert_eq!(json["nodes"], 48);
     assert_eq!(json["tets"], 96);
@@ -135,7 +135,7 @@ fn text_is_readable_at_any_scale() {
     for p in &mut mesh.nodes {
         *p += 1234.5;
     }
-    let text = Description::new(&mesh).to_string();
+    let text = MeshDescription::new(&mesh).to_string();
     println!("{text}");
     assert!(text.contains("volume           4.1"), "{text}");
     assert!(text.contains("e-15"), "{text}");
@@ -276,7 +276,7 @@ fn real_meshes_are_told_as_they_are() {
             continue;
         };
         let mesh = palpate::io::read(path).unwrap();
-        let d = Description::new(&mesh);
+        let d = MeshDescription::new(&mesh);
         assert_eq!(
             (d.nodes, d.tets, d.boundary_faces),
             (nodes, tets, boundary),

@@ -14,7 +14,7 @@ fn volume(size: [usize; 3], to_world: DAffine3, raw: Raw) -> Volume {
         slope: 1.0,
         intercept: 0.0,
         to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 

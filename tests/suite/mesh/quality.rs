@@ -17,7 +17,7 @@ fn regular() -> [DVec3; 4] {
 #[test]
 fn a_regular_tet_is_the_best() {
     let q = tet_quality(regular().map(|p| 1e-3 * p + DVec3::splat(7.0)));
-    assert_relative_eq!(q.shape, 1.0, epsilon = 1e-9);
+    assert_relative_eq!(q.mean_ratio, 1.0, epsilon = 1e-9);
     assert_relative_eq!(
         q.min_dihedral,
         (1.0f64 / 3.0).acos().to_degrees(),
@@ -44,14 +44,14 @@ fn angles_are_given_at_the_right_edges_and_do_not_depend_on_place_or_size() {
 fn flat_inverted_and_collapsed_tets_are_told_apart() {
     let [a, b, c, d] = regular();
     assert_relative_eq!(
-        tet_quality([a, b, c, d]).shape,
-        -tet_quality([b, a, c, d]).shape
+        tet_quality([a, b, c, d]).mean_ratio,
+        -tet_quality([b, a, c, d]).mean_ratio
     );
     let flat = tet_quality([DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y]);
-    assert_eq!(flat.shape, 0.0);
+    assert_eq!(flat.mean_ratio, 0.0);
     assert_relative_eq!(flat.max_dihedral, 180.0);
     let point = tet_quality([DVec3::ONE; 4]);
-    assert_eq!((point.shape, point.min_dihedral), (0.0, 0.0));
+    assert_eq!((point.mean_ratio, point.min_dihedral), (0.0, 0.0));
 }
 
 #[test]
@@ -67,7 +67,8 @@ fn a_report_counts_every_angle_and_lists_the_worst_first() {
     assert_eq!(q.dihedral_histogram[7], 8_000 * 6);
     assert_eq!(q.slivers, 0);
     assert_relative_eq!(q.max_dihedral, 90.0, epsilon = 1e-9);
-    let mean = (1.0 + 4.0 * tet_quality([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]).shape) / 5.0;
+    let mean =
+        (1.0 + 4.0 * tet_quality([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]).mean_ratio) / 5.0;
     assert_relative_eq!(q.mean, mean, epsilon = 1e-9);
 
     // Pull a corner nearly into the opposite face of its tet.
@@ -78,7 +79,7 @@ fn a_report_counts_every_angle_and_lists_the_worst_first() {
     assert!(ordered && q.worst.len() == 10);
     assert!(q.slivers >= 1 && q.min == q.worst[0].quality);
     assert!(q.worst.iter().any(|w| w.tet == 12_345));
-    assert!((0..mesh.tets.len()).all(|t| tet_quality(mesh.tet_nodes(t)).shape >= q.min));
+    assert!((0..mesh.tets.len()).all(|t| tet_quality(mesh.tet_nodes(t)).mean_ratio >= q.min));
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn faces_shared_by_three_tets_are_left_apart() {
     mesh.nodes.push(DVec3::new(-5.0, 4.0, -3.0));
     mesh.tets.extend([[a, b, c, apex], [a, b, c, apex + 1]]);
     let mesh = remade(mesh).unwrap();
-    assert_eq!(mesh.repairs.crowded_faces, 1);
+    assert_eq!(mesh.repairs.overshared_faces, 1);
     let topology = palpate::mesh::Topology::new(&mesh);
     let last = mesh.tets.len() - 1;
     assert_eq!(topology.neighbours[last], [u32::MAX; 4]);

@@ -1,7 +1,7 @@
 //! What every mesh must satisfy, said once.
 
 use palpate::mesh::{NO_NEIGHBOUR, TetMesh, Topology};
-use palpate::physics::{Material, MaterialModel, SpringNetwork};
+use palpate::physics::{DiscreteModel, Material, MaterialModel};
 use std::collections::{BTreeSet, HashMap};
 
 /// How many nodes each of the bodies has that the tets of `labels` are, if those are rigid.
@@ -10,9 +10,9 @@ pub fn rigid_pieces(mesh: &TetMesh, labels: BTreeSet<i64>) -> Vec<usize> {
         model: MaterialModel::NeoHookean,
         region_field: Some("label".into()),
         rigid: labels,
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     };
-    let network = SpringNetwork::new(mesh, &material).unwrap();
+    let network = DiscreteModel::new(mesh, &material).unwrap();
     let bodies = network.elements.rigid.iter();
     bodies.map(|b| b.nodes.len()).collect()
 }

@@ -17,7 +17,7 @@ fn staircase() -> TriMesh {
         slope: 1.0,
         intercept: 0.0,
         to_world: DAffine3::from_translation(DVec3::splat(-12.5)),
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     };
     volume.label_surface(&[1]).unwrap()
 }

@@ -4,8 +4,8 @@ use crate::mesher::support::{
     angles, euler_number, faults, filled, options, region_volume, solids,
 };
 use glam::DVec3;
-use palpate::mesher::{MeshOptions, Spacing, fill};
-use palpate::untold;
+use palpate::mesher::{MeshOptions, Spacing, mesh_domain};
+use palpate::no_progress;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -122,7 +122,7 @@ fn grading_leaves_out_tets_inside_and_nothing_of_the_surface() {
     assert!(3 * graded.tets.len() < 2 * even.tets.len());
     assert_eq!(faults(&graded), Vec::<String>::new());
     assert!((region_volume(&even, 1) - region_volume(&graded, 1)).abs() < 1e-9);
-    let longest = |f: &palpate::mesher::Filling| {
+    let longest = |f: &palpate::mesher::MeshedDomain| {
         let edges = f.tets.iter().flat_map(|t| {
             let p = t.map(|v| f.nodes[v as usize]);
             [
@@ -153,7 +153,7 @@ fn the_edge_for_a_number_of_tets_is_found() {
         let off = f.tets.len() as f64 / wanted as f64 - 1.0;
         assert!(off.abs() < 0.15, "{wanted}: {}", f.tets.len());
     }
-    assert!(fill(&shell, &about(3), &untold).is_err());
+    assert!(mesh_domain(&shell, &about(3), &no_progress).is_err());
 }
 
 #[test]
@@ -179,10 +179,13 @@ fn options_without_sense_are_refused() {
         // All of the ball slips through a lattice as coarse as this.
         edge(40.0),
     ] {
-        assert!(fill(&ball, &wrong, &untold).is_err(), "{wrong:?}");
+        assert!(
+            mesh_domain(&ball, &wrong, &no_progress).is_err(),
+            "{wrong:?}"
+        );
     }
     let nothing = solids(1.0, |_| vec![(1, -1.0)]);
-    assert!(fill(&nothing, &edge(0.1), &untold).is_err());
+    assert!(mesh_domain(&nothing, &edge(0.1), &no_progress).is_err());
 }
 
 proptest! {

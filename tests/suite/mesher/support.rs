@@ -1,9 +1,9 @@
 //! Domains with known answers, and what every filling must satisfy.
 
 use glam::{DAffine3, DVec3};
-use palpate::mesh::{BoundaryShape, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
-use palpate::mesher::{Domain, Filling, MeshOptions, Spacing, fill};
-use palpate::untold;
+use palpate::mesh::{BoundaryReport, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
+use palpate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
+use palpate::no_progress;
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 
@@ -46,8 +46,8 @@ pub fn options(edge: f64, grading: f64) -> MeshOptions {
     }
 }
 
-pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> Filling {
-    fill(domain, options, &untold).unwrap()
+pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> MeshedDomain {
+    mesh_domain(domain, options, &no_progress).unwrap()
 }
 
 /// A volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
@@ -60,24 +60,24 @@ pub fn volume_of(size: [usize; 3], label: impl Fn([usize; 3]) -> u8) -> Volume {
         slope: 1.0,
         intercept: 0.0,
         to_world: DAffine3::from_translation(DVec3::splat(0.5)),
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 
-pub fn mesh_of(filling: &Filling) -> TetMesh {
+pub fn mesh_of(filling: &MeshedDomain) -> TetMesh {
     let (nodes, tets) = (filling.nodes.clone(), filling.tets.clone());
     TetMesh::new(nodes, tets, vec![], vec![]).unwrap()
 }
 
 /// The part of a filling in one region.
-pub fn region_of(filling: &Filling, region: u16) -> TetMesh {
+pub fn region_of(filling: &MeshedDomain, region: u16) -> TetMesh {
     let tets = filling.tets.iter().zip(&filling.regions);
     let tets = tets.filter(|t| *t.1 == region).map(|t| *t.0).collect();
     TetMesh::new(filling.nodes.clone(), tets, vec![], vec![]).unwrap()
 }
 
 /// What is wrong with a filling: nothing, if it is sound.
-pub fn faults(filling: &Filling) -> Vec<String> {
+pub fn faults(filling: &MeshedDomain) -> Vec<String> {
     let mut faults = Vec::new();
     let mut say = |wrong: bool, what: String| {
         if wrong {
@@ -94,14 +94,14 @@ pub fn faults(filling: &Filling) -> Vec<String> {
         "a region for each tet".into(),
     );
     let topology = Topology::new(&mesh);
-    let shape = BoundaryShape::new(&mesh, &topology);
+    let shape = BoundaryReport::new(&mesh, &topology);
     say(!shape.closed, "the boundary is not closed".into());
     say(
         !shape.is_vertex_manifold(),
         format!(
             "{} odd edges, {} odd nodes",
-            shape.odd_edges.len(),
-            shape.odd_nodes.len()
+            shape.non_manifold_edges.len(),
+            shape.non_manifold_nodes.len()
         ),
     );
     // A node within a boundary face, or on its edge, is where tets do not match.
@@ -115,7 +115,7 @@ pub fn faults(filling: &Filling) -> Vec<String> {
     let regions: std::collections::BTreeSet<u16> = filling.regions.iter().copied().collect();
     for region in regions {
         let part = region_of(filling, region);
-        let shape = BoundaryShape::new(&part, &Topology::new(&part));
+        let shape = BoundaryReport::new(&part, &Topology::new(&part));
         say(!shape.closed, format!("region {region} is not closed"));
     }
     faults
@@ -161,7 +161,7 @@ pub fn hanging_nodes(mesh: &TetMesh, topology: &Topology) -> usize {
 }
 
 /// The smallest and largest dihedral angle, measured here.
-pub fn angles(filling: &Filling) -> (f64, f64) {
+pub fn angles(filling: &MeshedDomain) -> (f64, f64) {
     let all = filling
         .tets
         .iter()
@@ -172,12 +172,12 @@ pub fn angles(filling: &Filling) -> (f64, f64) {
 }
 
 /// Nodes − edges + faces of the boundary of a region.
-pub fn euler_number(filling: &Filling, region: u16) -> i64 {
+pub fn euler_number(filling: &MeshedDomain, region: u16) -> i64 {
     let part = region_of(filling, region);
-    BoundaryShape::new(&part, &Topology::new(&part)).euler_number()
+    BoundaryReport::new(&part, &Topology::new(&part)).euler_number()
 }
 
-pub fn region_volume(filling: &Filling, region: u16) -> f64 {
+pub fn region_volume(filling: &MeshedDomain, region: u16) -> f64 {
     let entry = filling.report.regions.iter().find(|r| r.region == region);
     entry.map_or(0.0, |r| r.volume)
 }
@@ -185,7 +185,7 @@ pub fn region_volume(filling: &Filling, region: u16) -> f64 {
 /// The farthest that the boundaries of a filling's regions lie from the faces between voxels of
 /// different labels, and the farthest that those lie from them, in voxels of a volume of unit
 /// voxels from the origin.
-pub fn farthest_from_labels(filling: &Filling, volume: &Volume) -> (f64, f64) {
+pub fn farthest_from_labels(filling: &MeshedDomain, volume: &Volume) -> (f64, f64) {
     let size = volume.size.map(|n| n as i64);
     let label = |c: [i64; 3]| match (0..3).all(|a| (0..size[a]).contains(&c[a])) {
         true => volume.value((c[0] + size[0] * (c[1] + size[1] * c[2])) as usize),

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use palpate::mesh::{Field, Location, SurfaceDescription, TetMesh, TriMesh};
-use palpate::mesher::{Filling, Spacing, tetgen};
+use palpate::mesher::{MeshedDomain, Spacing, tetgen};
 use palpate::{Result, io};
 
 /// A sphere around the origin: an octahedron with each triangle cut in four three times over.
@@ -37,8 +37,8 @@ fn sphere(radius: f64) -> TriMesh {
     surface
 }
 
-fn made(surfaces: &[TriMesh], spacing: Spacing) -> Result<Filling> {
-    tetgen(surfaces, spacing, &palpate::untold)
+fn made(surfaces: &[TriMesh], spacing: Spacing) -> Result<MeshedDomain> {
+    tetgen(surfaces, spacing, &palpate::no_progress)
 }
 
 fn real(name: &str) -> Option<TriMesh> {

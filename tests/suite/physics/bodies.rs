@@ -5,19 +5,19 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Field, Location, TetMesh, generate};
-use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::springs::ReferenceSprings;
 use palpate::physics::{
-    Body, Material, RegionMaterial, Report, SolverKind, SpringNetwork, Stiffness,
+    DiscreteModel, GpuBody, Material, RegionMaterial, Report, SolverKind, Stiffness,
 };
 
 /// Strain along x of the middle half of a beam pulled by `stress` at its end.
 fn strain(gpu: &Gpu, mesh: &TetMesh, young: f64, stress: f64) -> f64 {
     let material = Material {
         damping_time: 0.02,
-        ..Material::young(young)
+        ..Material::from_young(young)
     };
     let (_, high) = mesh.bounds();
-    let mut body = Body::new(gpu, mesh, &material).unwrap();
+    let mut body = GpuBody::new(gpu, mesh, &material).unwrap();
     body.pin(|p| p.x < 1e-6);
     let force = DVec3::new(stress * high.y * high.z, 0.0, 0.0);
     body.add_force(force, |p| p.x > high.x - 1e-6).unwrap();
@@ -63,8 +63,8 @@ fn the_spring_constants_have_youngs_modulus_on_any_mesh() {
         generate::paper_bar().unwrap(),
         duct,
     ] {
-        let network = SpringNetwork::new(&mesh, &Material::young(1e5)).unwrap();
-        let mut p = Particles::new(network);
+        let network = DiscreteModel::new(&mesh, &Material::from_young(1e5)).unwrap();
+        let mut p = ReferenceSprings::new(network);
         let stretch = 1e-5;
         let mut mean = 0.0;
         // The six diagonals of the icosahedron average fourth powers exactly.
@@ -75,7 +75,7 @@ fn the_spring_constants_have_youngs_modulus_on_any_mesh() {
                 n[k] = 1.0;
                 n[(k + 1) % 3] = sign * golden;
                 let n = DVec3::from(n).normalize();
-                for (x, rest) in p.x.iter_mut().zip(&p.network.rest) {
+                for (x, rest) in p.x.iter_mut().zip(&p.network.rest_positions) {
                     *x = *rest + stretch * n * n.dot(*rest);
                 }
                 mean += p.elastic_energy() / 6.0;
@@ -91,7 +91,7 @@ fn a_force_array_written_on_the_gpu_acts() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {
-        let mut twins = Twins::new(&gpu, &mesh, &Material::young(1e5));
+        let mut twins = Twins::new(&gpu, &mesh, &Material::from_young(1e5));
         twins.pin(|p| p.x < 0.001);
         let h = if kind == SolverKind::Implicit {
             0.01
@@ -125,7 +125,7 @@ fn a_force_array_written_on_the_gpu_acts() {
         let mut encoder = gpu
             .device()
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let mut work = Recorder::within(&gpu, &mut encoder);
+        let mut work = Recorder::with_encoder(&gpu, &mut encoder);
         stepper
             .record(&mut work, &mut twins.body, steps, h)
             .unwrap();
@@ -164,12 +164,12 @@ fn regions_and_fields_of_factors_scale_the_stiffness() {
     let tenfold = labels.iter().map(|l| 1.0 + 9.0 * l).collect();
     mesh.set_field(Field::scalar("tenfold", Location::Cell, tenfold))
         .unwrap();
-    let springs = |material: &Material| SpringNetwork::new(&mesh, material).unwrap().springs;
+    let springs = |material: &Material| DiscreteModel::new(&mesh, material).unwrap().springs;
     for stiffness in [Stiffness::Young(1e5), Stiffness::Uniform(3e3)] {
         let (Stiffness::Young(value) | Stiffness::Uniform(value)) = stiffness;
         let plain = Material {
             stiffness,
-            ..Material::young(1.0)
+            ..Material::from_young(1.0)
         };
         let regions = Material {
             region_field: Some("tissue".into()),
@@ -185,16 +185,16 @@ fn regions_and_fields_of_factors_scale_the_stiffness() {
             ..plain.clone()
         };
         let by_node = Material {
-            factor_field: Some("factor".into()),
+            stiffness_scale_field: Some("factor".into()),
             ..plain.clone()
         };
         let by_tet = Material {
-            factor_field: Some("tenfold".into()),
+            stiffness_scale_field: Some("tenfold".into()),
             ..plain.clone()
         };
         let base = springs(&plain);
         let mass = |material: &Material| -> f64 {
-            let network = SpringNetwork::new(&mesh, material).unwrap();
+            let network = DiscreteModel::new(&mesh, material).unwrap();
             network.masses.iter().sum()
         };
         // Half of the bar is of the region, which is half as dense.
@@ -221,9 +221,9 @@ fn regions_and_fields_of_factors_scale_the_stiffness() {
     }
     let missing = Material {
         region_field: Some("organ".into()),
-        ..Material::young(1.0)
+        ..Material::from_young(1.0)
     };
-    let error = SpringNetwork::new(&mesh, &missing).unwrap_err();
+    let error = DiscreteModel::new(&mesh, &missing).unwrap_err();
     assert!(error.to_string().contains("tissue"), "{error}");
 }
 
@@ -232,28 +232,28 @@ fn nonsense_is_refused_with_a_reason() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for material in [
-        Material::young(f64::NAN),
-        Material::young(-1.0),
+        Material::from_young(f64::NAN),
+        Material::from_young(-1.0),
         Material {
             density: 0.0,
-            ..Material::young(1e5)
+            ..Material::from_young(1e5)
         },
         Material {
             length_unit: 0.0,
-            ..Material::young(1e5)
+            ..Material::from_young(1e5)
         },
         Material {
             damping: -1.0,
-            ..Material::young(1e5)
+            ..Material::from_young(1e5)
         },
     ] {
         assert!(
-            matches!(Body::new(&gpu, &mesh, &material), Err(Error::Input(_))),
+            matches!(GpuBody::new(&gpu, &mesh, &material), Err(Error::Input(_))),
             "{material:?}"
         );
     }
-    let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
-    let mut other = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
+    let mut other = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
     assert!(body.pin_nodes(&[45]).is_err());
     assert!(body.set_positions(&mesh.nodes[1..]).is_err());
     assert!(body.set_velocities(&vec![DVec3::NAN; 45]).is_err());
@@ -277,8 +277,8 @@ fn nonsense_is_refused_with_a_reason() {
 fn the_default_load_says_what_it_does() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar([4, 2, 2], DVec3::new(0.06, 0.06, 0.12)).unwrap();
-    let mut body = Body::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
-    let said = body.hold_one_end(9.81);
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
+    let said = body.clamp_one_end(9.81);
     assert_eq!(body.gravity(), DVec3::new(0.0, -9.81, 0.0));
     let pinned = body.pinned().iter().filter(|p| **p).count();
     assert!(
@@ -299,7 +299,7 @@ fn loads_set_anew_every_step_are_the_same_loads() {
             (200, 2e-4)
         };
         let run = |each_step: bool| {
-            let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+            let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
             body.pin(|p| p.x < 0.001);
             body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
             let pull: Vec<DVec3> = mesh.nodes.iter().map(|p| DVec3::Z * -8.0 * p.x).collect();

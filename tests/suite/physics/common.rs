@@ -3,9 +3,9 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
-use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::springs::ReferenceSprings;
 use palpate::physics::plain::steppers;
-use palpate::physics::{Body, Material, Solver, SolverKind, SpringNetwork};
+use palpate::physics::{DiscreteModel, GpuBody, Material, Solver, SolverKind};
 
 /// A repeatable stream of numbers in −1..1.
 pub struct Noise(pub u64);
@@ -31,15 +31,15 @@ impl Noise {
 /// The same model twice: on the GPU and in float64.
 pub struct Twins {
     pub mesh: TetMesh,
-    pub body: Body,
-    pub truth: Particles,
+    pub body: GpuBody,
+    pub truth: ReferenceSprings,
 }
 
 impl Twins {
     pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Twins {
         Twins {
-            body: Body::new(gpu, mesh, material).unwrap(),
-            truth: Particles::new(SpringNetwork::new(mesh, material).unwrap()),
+            body: GpuBody::new(gpu, mesh, material).unwrap(),
+            truth: ReferenceSprings::new(DiscreteModel::new(mesh, material).unwrap()),
             mesh: mesh.clone(),
         }
     }
@@ -113,7 +113,7 @@ impl Twins {
 }
 
 /// `steps` steps in float64, as `kind` does them.
-pub fn step_truth(kind: SolverKind, p: &mut Particles, steps: u32, h: f64) {
+pub fn step_truth(kind: SolverKind, p: &mut ReferenceSprings, steps: u32, h: f64) {
     let mut verlet = steppers::Verlet::default();
     let mut velocity_verlet = steppers::VelocityVerlet::default();
     for _ in 0..steps {
@@ -130,6 +130,6 @@ pub fn step_truth(kind: SolverKind, p: &mut Particles, steps: u32, h: f64) {
     }
 }
 
-pub fn solver(gpu: &Gpu, body: &Body, kind: SolverKind) -> Box<dyn Solver> {
+pub fn solver(gpu: &Gpu, body: &GpuBody, kind: SolverKind) -> Box<dyn Solver> {
     kind.solver(gpu, body).unwrap()
 }

@@ -4,14 +4,14 @@ use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, components, generate};
-use palpate::physics::plain::springs::Particles;
-use palpate::physics::{Body, Material, Report, SolverKind, SpringNetwork, largest_stable_step};
+use palpate::physics::plain::springs::ReferenceSprings;
+use palpate::physics::{DiscreteModel, GpuBody, Material, Report, SolverKind, largest_stable_step};
 
 /// A square blade about `centre` across `normal`, reaching `half` to each side.
 fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     let u = half * normal.any_orthonormal_vector();
     let v = normal.cross(u);
-    Blade::quad([
+    Blade::from_quad([
         centre - u - v,
         centre + u - v,
         centre + u + v,
@@ -26,7 +26,7 @@ fn bar() -> (TetMesh, Topology) {
     (mesh, topology)
 }
 
-fn mass_and_momentum(body: &Body) -> (f64, DVec3) {
+fn mass_and_momentum(body: &GpuBody) -> (f64, DVec3) {
     let masses = &body.network().masses;
     let v = body.velocities().unwrap();
     let momentum = masses.iter().zip(&v).map(|(m, v)| *m * *v).sum();
@@ -37,7 +37,7 @@ fn mass_and_momentum(body: &Body) -> (f64, DVec3) {
 fn a_bar_cut_through_falls_apart() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
-    let mut body = Body::new(&gpu, &mesh, &Material::paper(3_000.0, 1.0)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     body.add_force(DVec3::new(-1.0, 0.0, 0.0), |p| p.x < 0.001)
         .unwrap();
     body.add_force(DVec3::new(1.0, 0.0, 0.0), |p| p.x > 0.119)
@@ -56,14 +56,17 @@ fn a_bar_cut_through_falls_apart() {
     let at = DVec3::new(0.06, 0.03, 0.03);
     let blade = across(at, DVec3::X, 0.2);
     let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
-    assert_eq!((cut.opened.len(), cut.doubled.len()), (32, 25));
+    assert_eq!(
+        (cut.opened_faces.len(), cut.duplicated_nodes.len()),
+        (32, 25)
+    );
     let (piece, pieces) = components(&topology);
     assert_eq!(pieces, 2);
 
     // Nothing has moved, and nothing is lost.
     let now = body.positions().unwrap();
     assert_eq!(now[..stretched.len()], stretched);
-    for [new, old] in &cut.doubled {
+    for [new, old] in &cut.duplicated_nodes {
         assert_eq!(now[*new as usize], now[*old as usize]);
     }
     let (mass_now, momentum_now) = mass_and_momentum(&body);
@@ -72,13 +75,13 @@ fn a_bar_cut_through_falls_apart() {
     assert!(momentum_now.distance(momentum) < 1e-12 * mass);
 
     // No spring crosses the blade.
-    let rest = &body.network().rest;
+    let rest = &body.network().rest_positions;
     let whole = across(body.network().to_metres(at), DVec3::X, 0.2);
-    let crossing = |network: &SpringNetwork| {
+    let crossing = |network: &DiscreteModel| {
         let crosses = |s: &palpate::physics::Spring| {
             let [a, b] = s.nodes.map(|v| rest[v as usize]);
             // A node in the blade is of either side.
-            a.x.abs().min(b.x.abs()) > 1e-9 && whole.parts(a, b)
+            a.x.abs().min(b.x.abs()) > 1e-9 && whole.separates(a, b)
         };
         let mut owner = vec![0; rest.len()];
         for (t, tet) in mesh.tets.iter().enumerate() {
@@ -94,7 +97,7 @@ fn a_bar_cut_through_falls_apart() {
     };
     assert_eq!(crossing(body.network()), 0);
     let (uncut, _) = bar();
-    let before = SpringNetwork::new(&uncut, &Material::paper(3_000.0, 1.0)).unwrap();
+    let before = DiscreteModel::new(&uncut, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     assert!(crossing(&before) > 20, "the count can tell");
 
     // The same solver goes on, and each half goes its way.
@@ -113,7 +116,7 @@ fn a_bar_cut_through_falls_apart() {
         }
     }
     assert!(ends[1] - ends[0] > 0.02, "{ends:?}");
-    assert_eq!(Report::new(&body, &mesh).unwrap().inverted, 0);
+    assert_eq!(Report::new(&body, &mesh).unwrap().inverted_tets, 0);
 }
 
 /// A ball in motion, cut part of the way by an oblique blade; its twin follows.
@@ -134,10 +137,10 @@ fn cut_ball(gpu: &Gpu, material: &Material, kind: SolverKind) -> Twins {
         .body
         .cut(&mut twins.mesh, &mut topology, &blade)
         .unwrap();
-    assert!(cut.doubled.len() > 20 && components(&topology).1 == 1);
+    assert!(cut.duplicated_nodes.len() > 20 && components(&topology).1 == 1);
     let pinned = twins.body.pinned().to_vec();
     let gravity = twins.truth.gravity;
-    twins.truth = Particles::new(twins.body.network().clone());
+    twins.truth = ReferenceSprings::new(twins.body.network().clone());
     twins.truth.gravity = gravity;
     twins.truth.pinned = pinned;
     twins.take_over();
@@ -152,7 +155,7 @@ fn a_cut_body_moves_as_float64_has_it() {
     // Explicit Euler needs damping.
     let material = Material {
         damping_time: 2e-4,
-        ..Material::young(20_000.0)
+        ..Material::from_young(20_000.0)
     };
     for kind in SolverKind::ALL {
         let twins = cut_ball(&gpu, &material, kind);
@@ -166,11 +169,11 @@ fn a_cut_body_moves_as_float64_has_it() {
         };
         assert!(x < most, "{kind:?}: {x}");
         // The network is the one that would be made of the mesh as it is now.
-        let fresh = SpringNetwork::new(&twins.mesh, &material).unwrap();
+        let fresh = DiscreteModel::new(&twins.mesh, &material).unwrap();
         let network = twins.body.network();
         assert_eq!(network.springs, fresh.springs);
         assert_eq!(network.masses, fresh.masses);
-        assert_eq!(network.rest, fresh.rest);
+        assert_eq!(network.rest_positions, fresh.rest_positions);
     }
 }
 
@@ -178,7 +181,7 @@ fn a_cut_body_moves_as_float64_has_it() {
 fn a_twin_that_was_not_cut_is_told_apart() {
     let gpu = Gpu::new().unwrap();
     let kind = SolverKind::Symplectic;
-    let mut twins = cut_ball(&gpu, &Material::young(20_000.0), kind);
+    let mut twins = cut_ball(&gpu, &Material::from_young(20_000.0), kind);
     let spring = &mut twins.truth.network.springs[100];
     spring.stiffness *= 0.5;
     let step = largest_stable_step(
@@ -199,7 +202,7 @@ fn a_twin_that_was_not_cut_is_told_apart() {
 fn cuts_go_on_when_the_room_is_used_up() {
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::ball(0.05, 8).unwrap();
-    let material = Material::young(20_000.0);
+    let material = Material::from_young(20_000.0);
     let mut twins = Twins::new(&gpu, &mesh, &material);
     let nodes = mesh.nodes.len();
     let mut topology = Topology::new(&mesh);
@@ -224,7 +227,7 @@ fn cuts_go_on_when_the_room_is_used_up() {
         mesh.nodes.len()
     );
     assert!((mass_and_momentum(&twins.body).0 / mass - 1.0).abs() < 1e-12);
-    twins.truth = Particles::new(twins.body.network().clone());
+    twins.truth = ReferenceSprings::new(twins.body.network().clone());
     twins.mesh = mesh;
     twins.disturb(0.001, 0.05, 4);
     let free = vec![false; twins.mesh.nodes.len()];
@@ -238,12 +241,12 @@ fn cuts_go_on_when_the_room_is_used_up() {
 fn pins_loads_and_mass_are_shared_by_the_doubles() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
-    let mut body = Body::new(&gpu, &mesh, &Material::paper(3_000.0, 1.0)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     body.pin(|p| p.z < 0.001);
     body.add_force(DVec3::new(3.0, 2.0, 1.0), |p| p.z > 0.059)
         .unwrap();
     let masses = body.network().masses.clone();
-    let total = |body: &Body| -> DVec3 {
+    let total = |body: &GpuBody| -> DVec3 {
         let forces: Vec<[f32; 4]> = gpu.read_array(body.force_array()).unwrap();
         assert_eq!(forces.len(), body.node_count());
         forces
@@ -260,7 +263,7 @@ fn pins_loads_and_mass_are_shared_by_the_doubles() {
     let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
     assert!(total(&body).distance(DVec3::new(3.0, 2.0, 1.0)) < 1e-5);
     let mut shared = masses.clone();
-    for [new, old] in &cut.doubled {
+    for [new, old] in &cut.duplicated_nodes {
         assert_eq!(body.pinned()[*new as usize], body.pinned()[*old as usize]);
         shared[*old as usize] -= body.network().masses[*new as usize];
     }
@@ -268,7 +271,7 @@ fn pins_loads_and_mass_are_shared_by_the_doubles() {
         assert!((mass - body.network().masses[v]).abs() < 1e-15, "{v}");
     }
     assert!(
-        cut.doubled
+        cut.duplicated_nodes
             .iter()
             .any(|[new, _]| body.pinned()[*new as usize])
     );
@@ -282,7 +285,7 @@ fn pins_loads_and_mass_are_shared_by_the_doubles() {
 fn a_slab_taken_out_leaves_two_halves() {
     let gpu = Gpu::new().unwrap();
     let (mesh, mut topology) = bar();
-    let material = Material::young(20_000.0);
+    let material = Material::from_young(20_000.0);
     let mut twins = Twins::new(&gpu, &mesh, &material);
     twins.disturb(0.002, 0.1, 9);
     let mut stepper = solver(&gpu, &twins.body, SolverKind::Symplectic);
@@ -301,7 +304,7 @@ fn a_slab_taken_out_leaves_two_halves() {
     assert_eq!(components(&topology).1, 2);
     let (mass, _) = mass_and_momentum(&twins.body);
     assert!((mass / before - 0.75).abs() < 1e-12);
-    twins.truth = Particles::new(SpringNetwork::new(&twins.mesh, &material).unwrap());
+    twins.truth = ReferenceSprings::new(DiscreteModel::new(&twins.mesh, &material).unwrap());
     assert_eq!(twins.truth.network.springs, twins.body.network().springs);
     twins.take_over();
     stepper.run(&mut twins.body, 6, 1e-4).unwrap();
@@ -313,17 +316,17 @@ fn a_slab_taken_out_leaves_two_halves() {
 fn a_cut_that_hits_nothing_is_harmless_and_a_wrong_mesh_is_refused() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
-    let mut body = Body::new(&gpu, &mesh, &Material::paper(3_000.0, 1.0)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     let mut stepper = solver(&gpu, &body, SolverKind::Verlet);
     body.add_force(DVec3::X, |p| p.x > 0.1).unwrap();
     stepper.run(&mut body, 5, 1e-4).unwrap();
     let x = body.positions().unwrap();
     let far = across(DVec3::new(5.0, 0.0, 0.0), DVec3::X, 0.2);
     let cut = body.cut(&mut mesh, &mut topology, &far).unwrap();
-    assert!(cut.is_empty() && cut.doubled.is_empty());
+    assert!(cut.is_empty() && cut.duplicated_nodes.is_empty());
     assert_eq!(body.positions().unwrap(), x);
     // Verlet goes on with its last step: no restart.
-    let mut other = Body::new(&gpu, &mesh, &Material::paper(3_000.0, 1.0)).unwrap();
+    let mut other = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     let mut same = solver(&gpu, &other, SolverKind::Verlet);
     other.add_force(DVec3::X, |p| p.x > 0.1).unwrap();
     same.run(&mut other, 10, 1e-4).unwrap();

@@ -3,18 +3,18 @@
 use super::common::Noise;
 use glam::DVec3;
 use palpate::mesh::generate;
-use palpate::physics::plain::springs::Particles;
-use palpate::physics::{Damping, Material, SpringNetwork};
+use palpate::physics::plain::springs::ReferenceSprings;
+use palpate::physics::{Damping, DiscreteModel, Material};
 
-fn particles(kind: Damping) -> Particles {
+fn particles(kind: Damping) -> ReferenceSprings {
     let mesh = generate::paper_bar().unwrap();
     let material = Material {
         damping_kind: kind,
         damping: 0.3,
         damping_time: 1e-4,
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     };
-    let mut p = Particles::new(SpringNetwork::new(&mesh, &material).unwrap());
+    let mut p = ReferenceSprings::new(DiscreteModel::new(&mesh, &material).unwrap());
     let mut noise = Noise(1);
     for (x, v) in p.x.iter_mut().zip(&mut p.v) {
         *x += 0.004 * noise.vector();
@@ -86,9 +86,9 @@ fn the_damping_matrix_is_the_derivative_by_velocity() {
 
 /// Central difference of the forces along `direction`, applied by `change`.
 fn differences(
-    p: &Particles,
+    p: &ReferenceSprings,
     direction: &[DVec3],
-    change: impl Fn(&mut Particles, &[DVec3], f64),
+    change: impl Fn(&mut ReferenceSprings, &[DVec3], f64),
 ) -> Vec<DVec3> {
     let step = 1e-7;
     let at = |s: f64| {

@@ -4,7 +4,7 @@ use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::generate;
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Material, MaterialModel, Precision, Simulator, SolverKind,
+    CgSettings, CpuTets, Material, MaterialModel, Precision, Simulator, SolverKind,
 };
 
 /// The material of `benches/peers/reference_dynamics.py`.
@@ -12,7 +12,7 @@ fn material() -> Material {
     Material {
         model: MaterialModel::NeoHookean,
         poisson: 0.3,
-        ..Material::young(1e6)
+        ..Material::from_young(1e6)
     }
 }
 
@@ -32,9 +32,9 @@ fn falling(
     let end: Vec<usize> = (0..mesh.nodes.len())
         .filter(|v| mesh.nodes[*v].x > 0.8 - 1e-9)
         .collect();
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance: 1e-10,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     };
     let mut bar = CpuTets::new(&gpu(), mesh, material, kind, settings, Precision::Double).unwrap();
     let fixed: Vec<u32> = (0..bar.mesh().nodes.len() as u32)
@@ -112,7 +112,7 @@ fn a_damping_ratio_is_that_of_the_swing() {
         (0.2, SolverKind::Midpoint),
         (0.05, SolverKind::Bdf2),
     ] {
-        let damped = material().damped(ratio, hertz);
+        let damped = material().with_damping_ratio(ratio, hertz);
         let way = falling(&damped, 0.05, kind, (0.002, 900));
         let turns = way.windows(3).filter_map(|w| {
             let turns = (w[1] - w[0]) * (w[2] - w[1]) < 0.0;

@@ -2,11 +2,11 @@
 
 use glam::{DMat3, DVec3};
 use palpate::physics::plain::linear::conjugate_gradients;
-use palpate::physics::{Body, Law, SpringNetwork};
+use palpate::physics::{ConstitutiveModel, DiscreteModel, GpuBody};
 
 /// A body and its state in float64, SI units.
 pub struct Truth {
-    pub network: SpringNetwork,
+    pub network: DiscreteModel,
     pub x: Vec<DVec3>,
     pub v: Vec<DVec3>,
     pub gravity: DVec3,
@@ -16,7 +16,7 @@ pub struct Truth {
 pub type Blocks = Vec<([u32; 4], [[DMat3; 4]; 4])>;
 
 impl Truth {
-    pub fn of(body: &Body) -> Truth {
+    pub fn of(body: &GpuBody) -> Truth {
         let network = body.network().clone();
         let unit = network.length_unit;
         let (x, v) = (body.positions().unwrap(), body.velocities().unwrap());
@@ -29,7 +29,7 @@ impl Truth {
         }
     }
 
-    pub fn law(&self) -> Law {
+    pub fn law(&self) -> ConstitutiveModel {
         self.network.elements.law
     }
 

@@ -6,8 +6,8 @@ use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, generate};
 use palpate::physics::{
-    Body, ConjugateGradients, EngineChoice, ImplicitEuler, Law, Material, MaterialModel, Report,
-    Solver, SolverKind, SpringNetwork,
+    CgSettings, ConstitutiveModel, DiscreteModel, EngineChoice, GpuBody, ImplicitEuler, Material,
+    MaterialModel, Report, Solver, SolverKind,
 };
 
 /// Of the unit of time: a step too short to move.
@@ -19,7 +19,7 @@ fn material(model: MaterialModel) -> Material {
     Material {
         model,
         poisson: 0.35,
-        ..Material::young(2e4)
+        ..Material::from_young(2e4)
     }
 }
 
@@ -30,7 +30,7 @@ fn bar() -> TetMesh {
 
 /// Forces that the GPU finds at a state, by a step of `share` of the unit of time; and the elastic
 /// energy after it.
-fn gpu_forces(gpu: &Gpu, body: &mut Body, share: f64) -> (Vec<DVec3>, f64) {
+fn gpu_forces(gpu: &Gpu, body: &mut GpuBody, share: f64) -> (Vec<DVec3>, f64) {
     let before = Truth::of(body);
     let h = share * body.units().time;
     let mut stepper = solver(gpu, body, SolverKind::Symplectic);
@@ -69,7 +69,7 @@ fn forces_and_energy_of_any_state() {
     let mesh = bar();
     for model in MODELS {
         for (name, x) in states(&mesh) {
-            let mut body = Body::new(&gpu, &mesh, &material(model)).unwrap();
+            let mut body = GpuBody::new(&gpu, &mesh, &material(model)).unwrap();
             body.set_positions(&x).unwrap();
             let mut truth = Truth::of(&body);
             let (f, energy) = gpu_forces(&gpu, &mut body, SHORT);
@@ -85,8 +85,8 @@ fn forces_and_energy_of_any_state() {
             assert!((report.energy.elastic / energies - 1.0).abs() < 1e-4);
             // It can fail: by the other law these are other forces.
             truth.network.elements.law = match truth.law() {
-                Law::NeoHookean => Law::Corotated,
-                Law::Corotated => Law::NeoHookean,
+                ConstitutiveModel::NeoHookean => ConstitutiveModel::Corotated,
+                ConstitutiveModel::Corotated => ConstitutiveModel::NeoHookean,
             };
             let other = truth.forces(&truth.x, &truth.v);
             assert!(relative(&f, &other) > 1e-2, "{model} {name}");
@@ -99,7 +99,7 @@ fn a_body_at_rest_has_no_forces() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::ball(0.037, 5).unwrap();
     for model in MODELS {
-        let mut body = Body::new(&gpu, &mesh, &material(model)).unwrap();
+        let mut body = GpuBody::new(&gpu, &mesh, &material(model)).unwrap();
         let (f, energy) = gpu_forces(&gpu, &mut body, SHORT);
         assert!(f.iter().all(|f| *f == DVec3::ZERO), "{model}");
         assert_eq!(energy, 0.0);
@@ -119,7 +119,7 @@ fn damping_is_the_derivative_of_the_forces() {
                 damping_time: 0.05,
                 ..material(model)
             };
-            let mut body = Body::new(&gpu, &mesh, &damped).unwrap();
+            let mut body = GpuBody::new(&gpu, &mesh, &damped).unwrap();
             body.set_positions(&x).unwrap();
             let v: Vec<DVec3> = Noise(9).vectors(x.len());
             body.set_velocities(&v).unwrap();
@@ -132,7 +132,7 @@ fn damping_is_the_derivative_of_the_forces() {
             if name == "a little" {
                 // Of nearly relaxed tets nothing is negative.
                 let plain = Truth {
-                    network: SpringNetwork::new(&mesh, &still).unwrap(),
+                    network: DiscreteModel::new(&mesh, &still).unwrap(),
                     ..Truth::of(&body)
                 };
                 let at = |s: f64| {
@@ -151,15 +151,15 @@ fn damping_is_the_derivative_of_the_forces() {
     }
 }
 
-fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> Body {
+fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> GpuBody {
     let mesh = bar();
     let material = Material {
         damping_time,
         ..material(model)
     };
-    let mut network = SpringNetwork::new(&mesh, &material).unwrap();
+    let mut network = DiscreteModel::new(&mesh, &material).unwrap();
     network.elements.mass_damping = 0.4;
-    let mut body = Body::of_network(gpu, &mesh, network, &material).unwrap();
+    let mut body = GpuBody::from_model(gpu, &mesh, network, &material).unwrap();
     body.pin(|p| p.x < 1e-6);
     body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
     body
@@ -198,9 +198,9 @@ fn explicit_steps() {
 #[test]
 fn implicit_steps() {
     let gpu = Gpu::new().unwrap();
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance: 1e-6,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     };
     let mesh = bar();
     for model in MODELS {
@@ -235,9 +235,9 @@ fn implicit_steps() {
 #[ignore = "long: scripts/test --full"]
 fn implicit_motions() {
     let gpu = Gpu::new().unwrap();
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance: 1e-6,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     };
     for model in MODELS {
         for damping_time in [0.0, 0.004] {
@@ -273,7 +273,7 @@ fn affine_strain_is_in_balance_and_obeys_hooke() {
         DVec3::new(0.04, 0.1, 1.2),
     );
     for model in MODELS {
-        let mut body = Body::new(&gpu, &ball, &material(model)).unwrap();
+        let mut body = GpuBody::new(&gpu, &ball, &material(model)).unwrap();
         let x: Vec<DVec3> = ball.nodes.iter().map(|p| strain * *p).collect();
         body.set_positions(&x).unwrap();
         let (f, _) = gpu_forces(&gpu, &mut body, SHORT);
@@ -290,7 +290,7 @@ fn affine_strain_is_in_balance_and_obeys_hooke() {
         };
         let mut found = Vec::new();
         for nu in [0.35, 0.25] {
-            let mut body = Body::new(&gpu, &mesh, &material(model)).unwrap();
+            let mut body = GpuBody::new(&gpu, &mesh, &material(model)).unwrap();
             body.set_positions(&stretched(nu)).unwrap();
             let (f, _) = gpu_forces(&gpu, &mut body, SHORT);
             let of = |where_: fn(&DVec3) -> bool, axis: usize| -> f64 {
@@ -320,9 +320,9 @@ fn scrambled_bodies_recover() {
                 damping_time: 0.02,
                 ..material(model)
             };
-            let mut network = SpringNetwork::new(&mesh, &damped).unwrap();
+            let mut network = DiscreteModel::new(&mesh, &damped).unwrap();
             network.elements.mass_damping = 4.0;
-            let mut body = Body::of_network(&gpu, &mesh, network, &damped).unwrap();
+            let mut body = GpuBody::from_model(&gpu, &mesh, network, &damped).unwrap();
             body.pin(|p| p.x < 1e-6);
             let nodes = x.iter().zip(&mesh.nodes).zip(body.pinned());
             let x: Vec<DVec3> = nodes
@@ -333,8 +333,11 @@ fn scrambled_bodies_recover() {
             stepper.run(&mut body, 300, 0.01).unwrap();
             let report = Report::new(&body, &mesh).unwrap();
             let left = report.energy.total;
-            println!("{model} {name}: {left:.1e} J, {} inverted", report.inverted);
-            assert_eq!(report.inverted, 0, "{model} {name}");
+            println!(
+                "{model} {name}: {left:.1e} J, {} inverted",
+                report.inverted_tets
+            );
+            assert_eq!(report.inverted_tets, 0, "{model} {name}");
         }
     }
 }
@@ -345,7 +348,7 @@ fn elements_follow_cuts() {
     for kind in [SolverKind::Implicit, SolverKind::Symplectic] {
         let mut mesh = bar();
         let made_of = material(MaterialModel::NeoHookean);
-        let mut body = Body::new(&gpu, &mesh, &made_of).unwrap();
+        let mut body = GpuBody::new(&gpu, &mesh, &made_of).unwrap();
         body.pin(|p| p.x < 1e-6);
         body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
         let h = if kind == SolverKind::Implicit {
@@ -357,11 +360,11 @@ fn elements_follow_cuts() {
         stepper.run(&mut body, 5, h).unwrap();
         let mut topology = Topology::new(&mesh);
         let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-        let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.51, y, z))).unwrap();
+        let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.51, y, z))).unwrap();
         let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
-        assert!(!cut.doubled.is_empty());
-        let fresh = SpringNetwork::new(&mesh, &made_of).unwrap();
-        let nodes = |n: &SpringNetwork| -> Vec<[u32; 4]> {
+        assert!(!cut.duplicated_nodes.is_empty());
+        let fresh = DiscreteModel::new(&mesh, &made_of).unwrap();
+        let nodes = |n: &DiscreteModel| -> Vec<[u32; 4]> {
             n.elements.tets.iter().map(|e| e.nodes).collect()
         };
         assert_eq!(nodes(body.network()), nodes(&fresh));
@@ -390,7 +393,7 @@ fn rules_of_second_order_keep_the_swing() {
     let gpu = Gpu::new().unwrap();
     let soft = material(MaterialModel::NeoHookean);
     let after = |kind: SolverKind, steps: u32| {
-        let body = EngineChoice::Auto.tets(&gpu, bar(), &soft, kind);
+        let body = EngineChoice::Auto.build_tets(&gpu, bar(), &soft, kind);
         let mut body = body.unwrap();
         body.pin(|p| p.x < 1e-6).unwrap();
         body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -2.0));
@@ -408,12 +411,14 @@ fn rules_of_second_order_keep_the_swing() {
         bdf2 < 0.5 * euler && midpoint < 0.5 * euler,
         "{euler} {bdf2} {midpoint}"
     );
-    let springs = Material::young(1e4);
-    for kind in SolverKind::OF_ELEMENTS {
-        let told = EngineChoice::Auto.tets(&gpu, bar(), &springs, kind).err();
+    let springs = Material::from_young(1e4);
+    for kind in SolverKind::ELEMENT_ONLY {
+        let told = EngineChoice::Auto
+            .build_tets(&gpu, bar(), &springs, kind)
+            .err();
         assert!(told.unwrap().to_string().contains("--material neo-hookean"));
         let gpu_only: EngineChoice = "gpu".parse().unwrap();
-        let told = gpu_only.tets(&gpu, bar(), &soft, kind).err().unwrap();
+        let told = gpu_only.build_tets(&gpu, bar(), &soft, kind).err().unwrap();
         assert!(told.to_string().contains("--engine cpu"), "{told}");
     }
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::gpu::Gpu;
 use palpate::mesh::generate;
-use palpate::physics::{Body, ConjugateGradients, ImplicitEuler, Material, Solver, SolverKind};
+use palpate::physics::{CgSettings, GpuBody, ImplicitEuler, Material, Solver, SolverKind};
 
 fn what(error: &Error) -> &str {
     match error {
@@ -20,7 +20,7 @@ fn numbers_that_are_not_finite_freeze_the_state_before() {
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+            let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
             body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
             let mut stepper = solver(&gpu, &body, kind);
             stepper.run(&mut body, 5, 1e-3).unwrap();
@@ -29,7 +29,7 @@ fn numbers_that_are_not_finite_freeze_the_state_before() {
             let mut forces = vec![[0.0f32; 4]; mesh.nodes.len()];
             forces[17][1] = bad;
             gpu.write_array(body.force_array(), &forces).unwrap();
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             stepper.record(&mut work, &mut body, 30, 1e-3).unwrap();
             work.submit().unwrap();
             let error = stepper.poll(&body).unwrap_err();
@@ -52,7 +52,7 @@ fn numbers_that_are_not_finite_freeze_the_state_before() {
 fn a_state_that_is_not_finite_is_told_at_once() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
-    let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
     let mut positions: Vec<[f32; 4]> = gpu.read_array(body.nodes().array()).unwrap();
     positions[3][2] = f32::NAN;
     gpu.write_array(body.nodes().array(), &positions).unwrap();
@@ -72,7 +72,7 @@ fn runaway_energy_is_stopped_long_before_infinity() {
         SolverKind::Verlet,
         SolverKind::VelocityVerlet,
     ] {
-        let mut twins = Twins::new(&gpu, &mesh, &Material::young(1e6));
+        let mut twins = Twins::new(&gpu, &mesh, &Material::from_young(1e6));
         twins.disturb(1e-4, 0.0, 5);
         let before = twins.truth.elastic_energy();
         let mut stepper = solver(&gpu, &twins.body, kind);
@@ -97,7 +97,7 @@ fn falling_and_flying_are_no_failures() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {
-        let mut body = Body::new(&gpu, &mesh, &Material::young(1e5)).unwrap();
+        let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
         body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
         body.set_velocities(&vec![DVec3::new(20.0, 0.0, 5.0); mesh.nodes.len()])
             .unwrap();
@@ -124,9 +124,9 @@ fn falling_and_flying_are_no_failures() {
 fn gradients_that_do_not_converge_are_told() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar_of_about(1000, DVec3::new(0.3, 0.1, 0.1)).unwrap();
-    let mut twins = Twins::new(&gpu, &mesh, &Material::young(1e7));
+    let mut twins = Twins::new(&gpu, &mesh, &Material::from_young(1e7));
     twins.disturb(0.01, 0.0, 6);
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance: 1e-5,
         acceptable: 1e-4,
         max_iterations: 5,
@@ -137,7 +137,7 @@ fn gradients_that_do_not_converge_are_told() {
     assert!(what(&error).contains("in 5 iterations"), "{error}");
     assert_eq!(twins.body.positions().unwrap(), good);
     // What is acceptable is taken.
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         acceptable: 0.9,
         ..settings
     };
@@ -146,7 +146,7 @@ fn gradients_that_do_not_converge_are_told() {
     assert_eq!((progress.steps, progress.last.iterations), (10, 5));
     assert!(progress.last.residual > 1e-5 && progress.last.residual < 0.9);
     // Settings that make no sense are refused.
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance: 0.0,
         ..settings
     };

@@ -11,10 +11,10 @@ fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>
     let mesh = generate::ball(0.05, 6).unwrap();
     let material = Material {
         damping_time: 8e-3,
-        ..Material::young(1e4)
+        ..Material::from_young(1e4)
     };
-    let choice = EngineChoice::This(engine);
-    let mut ball = choice.tets(&gpu(), mesh, &material, kind).unwrap();
+    let choice = EngineChoice::Exactly(engine);
+    let mut ball = choice.build_tets(&gpu(), mesh, &material, kind).unwrap();
     let term = Floor::new(DVec3::new(0.0, 0.0, -0.06), DVec3::Z, 500.0).unwrap();
     if floor {
         ball.add_term(Arc::new(term)).unwrap();
@@ -48,7 +48,7 @@ fn a_ball_comes_to_rest_on_a_floor() {
         println!("{engine} {kind}: lowest {lowest:.5}, borne {borne} of {weight}");
         assert!((borne.z / weight - 1.0).abs() < 0.02, "{kind}: {borne}");
         assert!(borne.truncate().length() < 1e-3 * weight);
-        assert_eq!(ball.report().unwrap().inverted, 0);
+        assert_eq!(ball.report().unwrap().inverted_tets, 0);
     }
     // It can fail: without a floor the ball is gone.
     let (ball, _) = dropped(SolverKind::Implicit, Engine::Cpu, false);

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::generate::{Split, box_mesh};
-use palpate::physics::{Body, Grip, Material, SolverKind, largest_stable_step};
+use palpate::physics::{GpuBody, GrabMode, Material, SolverKind, largest_stable_step};
 
 const SOLVERS: [SolverKind; 4] = [
     SolverKind::Symplectic,
@@ -12,16 +12,16 @@ const SOLVERS: [SolverKind; 4] = [
     SolverKind::Implicit,
 ];
 
-fn body(gpu: &Gpu) -> Body {
+fn body(gpu: &Gpu) -> GpuBody {
     let mesh = box_mesh([8, 3, 3], DVec3::new(0.08, 0.03, 0.03), Split::Five).unwrap();
     let material = Material {
         damping_time: 0.0,
         ..Material::soft_tissue()
     };
-    Body::new(gpu, &mesh, &material).unwrap()
+    GpuBody::new(gpu, &mesh, &material).unwrap()
 }
 
-fn step(body: &Body, kind: SolverKind) -> f64 {
+fn step(body: &GpuBody, kind: SolverKind) -> f64 {
     match kind {
         SolverKind::Implicit => 0.002,
         _ => 0.5 * largest_stable_step(body.network(), body.pinned(), SolverKind::Verlet).unwrap(),
@@ -38,7 +38,7 @@ fn grabbed_nodes_follow_and_are_let_go() {
         let h = step(&body, kind);
         let end = DVec3::new(0.08, 0.015, 0.015);
         let rest = body.positions().unwrap();
-        let grab = body.grab(end, 0.017, Grip::Follow).unwrap();
+        let grab = body.grab(end, 0.017, GrabMode::Follow).unwrap();
         let moved = DVec3::new(0.004, 0.006, 0.0);
         for n in 1..=8 {
             body.set_target(grab, end + moved * f64::from(n) / 8.0)
@@ -56,7 +56,7 @@ fn grabbed_nodes_follow_and_are_let_go() {
         }
         assert!(near > 4);
         assert!(body.set_target(grab, DVec3::NAN).is_err());
-        assert!(body.grab(DVec3::ONE, 0.01, Grip::Follow).is_err());
+        assert!(body.grab(DVec3::ONE, 0.01, GrabMode::Follow).is_err());
         assert_eq!(body.release(grab).unwrap(), near);
         assert!(body.set_target(grab, end).is_err());
         solver.run(&mut body, 20, h).unwrap();
@@ -78,12 +78,12 @@ fn springs_draw_with_no_more_than_their_limit() {
             let h = 0.25 * step(&body, kind);
             let centre = DVec3::new(0.04, 0.015, 0.015);
             let grab = body
-                .grab(centre, 1.0, Grip::Spring { stiffness, limit })
+                .grab(centre, 1.0, GrabMode::Spring { stiffness, limit })
                 .unwrap();
             let away = DVec3::new(0.0, 0.05, 0.0);
             body.set_target(grab, centre + away).unwrap();
             let masses = body.network().masses.clone();
-            let momentum = |body: &Body| -> f64 {
+            let momentum = |body: &GpuBody| -> f64 {
                 let v = body.velocities().unwrap();
                 v.iter().zip(&masses).map(|(v, m)| m * v.y).sum()
             };

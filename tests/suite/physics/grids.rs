@@ -6,9 +6,9 @@ use palpate::Error;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, Topology, pack_normal, unpack_normal};
 use palpate::mesher::Domain;
-use palpate::physics::grid::plain::GridTwin;
-use palpate::physics::grid::{GridBody, GridModel, GridShape, STEPS};
-use palpate::physics::{Grip, Material, RegionMaterial};
+use palpate::physics::grid::plain::GridReference;
+use palpate::physics::grid::{GridBody, GridModel, GridShape, SPRING_OFFSETS};
+use palpate::physics::{GrabMode, Material, RegionMaterial};
 
 /// A box and, inside it from x = 0 on, a second region.
 struct Block {
@@ -41,13 +41,13 @@ impl Domain for Ball {
 }
 
 fn ball(wanted: usize) -> GridShape {
-    GridShape::carve_about(&Ball(0.05), wanted, DMat3::IDENTITY).unwrap()
+    GridShape::from_domain_with_count(&Ball(0.05), wanted, DMat3::IDENTITY).unwrap()
 }
 
 fn soft() -> Material {
     Material {
         density: 1000.0,
-        ..Material::young(1e4)
+        ..Material::from_young(1e4)
     }
 }
 
@@ -74,7 +74,7 @@ fn a_ball_is_carved_to_the_number_asked_for() {
 
 #[test]
 fn springs_are_symmetric_and_only_between_particles() {
-    let shape = GridShape::carve(
+    let shape = GridShape::from_domain(
         &Ball(1.0),
         DVec3::new(0.2, 0.25, 0.3),
         DMat3::from_rotation_z(0.3),
@@ -90,7 +90,7 @@ fn springs_are_symmetric_and_only_between_particles() {
                 assert_eq!(there, shape.regions[j] != 0);
                 if there {
                     assert_eq!(springs[j] >> (bit ^ 1) & 1, 1);
-                    let length = shape.place(i).distance(shape.place(j));
+                    let length = shape.rest_position(i).distance(shape.rest_position(j));
                     assert!((length - shape.rest_lengths()[k]).abs() < 1e-12);
                     met += 1;
                 }
@@ -104,11 +104,11 @@ fn springs_are_symmetric_and_only_between_particles() {
 fn a_grid_has_its_modulus_whatever_its_spacing() {
     // The stiffness tensor of the springs of one cell, against λ = μ = E / 2.5.
     for spacing in [DVec3::splat(0.01), DVec3::new(0.01, 0.011, 0.009)] {
-        let shape = GridShape::carve(&Ball(0.05), spacing, DMat3::IDENTITY).unwrap();
+        let shape = GridShape::from_domain(&Ball(0.05), spacing, DMat3::IDENTITY).unwrap();
         let model = GridModel::new(shape, &soft()).unwrap();
         let volume = spacing.x * spacing.y * spacing.z;
         let mut tensor = [[0.0; 3]; 3];
-        for (k, step) in STEPS.iter().enumerate() {
+        for (k, step) in SPRING_OFFSETS.iter().enumerate() {
             let along = spacing * DVec3::from(step.map(|n| n as f64));
             let (l, n) = (along.length(), along.normalize());
             for a in 0..3 {
@@ -124,14 +124,14 @@ fn a_grid_has_its_modulus_whatever_its_spacing() {
             }
         }
     }
-    let flat = GridShape::carve(&Ball(0.05), DVec3::new(0.01, 0.01, 0.003), DMat3::IDENTITY);
+    let flat = GridShape::from_domain(&Ball(0.05), DVec3::new(0.01, 0.01, 0.003), DMat3::IDENTITY);
     let error = GridModel::new(flat.unwrap(), &soft()).unwrap_err();
     assert!(error.to_string().contains("lengths that differ less"));
 }
 
 #[test]
 fn thin_sheets_are_found() {
-    let thick = GridShape::carve(
+    let thick = GridShape::from_domain(
         &Block {
             half: DVec3::new(0.5, 0.5, 0.2),
         },
@@ -139,8 +139,8 @@ fn thin_sheets_are_found() {
         DMat3::IDENTITY,
     )
     .unwrap();
-    assert_eq!(thick.thin().len(), 0);
-    let sheet = GridShape::carve(
+    assert_eq!(thick.undefined_normal_particles().len(), 0);
+    let sheet = GridShape::from_domain(
         &Block {
             half: DVec3::new(0.5, 0.5, 0.01),
         },
@@ -150,14 +150,18 @@ fn thin_sheets_are_found() {
     .unwrap();
     // One or two layers, by how the grid falls.
     let layers = sheet.count() / 121;
-    assert_eq!(sheet.thin().is_empty(), layers > 1, "{layers} layers");
+    assert_eq!(
+        sheet.undefined_normal_particles().is_empty(),
+        layers > 1,
+        "{layers} layers"
+    );
     let error = sheet.mesh(&sheet.springs());
     assert_eq!(error.is_err(), layers == 1);
 }
 
 /// The body and its truth, disturbed.
-fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridTwin) {
-    let shape = GridShape::carve(
+fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridReference) {
+    let shape = GridShape::from_domain(
         &Block {
             half: DVec3::new(0.05, 0.03, 0.02),
         },
@@ -167,7 +171,7 @@ fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridTw
     .unwrap();
     let mut model = GridModel::new(shape, material).unwrap();
     model.damping = 3.0;
-    let mut truth = model.twin();
+    let mut truth = model.reference();
     let mut body = GridBody::new(gpu, model).unwrap();
     let unit = body.model().length_unit;
     let pinned: Vec<u32> = truth.particles.iter().copied().take(40).collect();
@@ -204,7 +208,7 @@ fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridTw
 }
 
 /// The largest distance between the body and the truth, in metres.
-fn apart(body: &GridBody, truth: &GridTwin) -> f64 {
+fn apart(body: &GridBody, truth: &GridReference) -> f64 {
     let frame = body.model().frame;
     let unit = body.model().length_unit;
     let found = body.positions().unwrap();
@@ -232,7 +236,7 @@ fn steps_are_the_twins() {
     let mut noise = Noise(7);
     for steps in [1u32, 2, 3, 4, 50] {
         let (mut body, mut truth) = twins(&gpu, &material, &mut noise);
-        let h = 0.5 * body.model().stable_step();
+        let h = 0.5 * body.model().conservative_step();
         let speeds: Vec<DVec3> = noise
             .vectors(truth.x.len())
             .iter()
@@ -265,7 +269,7 @@ fn normals_are_those_of_the_twin() {
     let gpu = Gpu::new().unwrap();
     let mut noise = Noise(11);
     let (mut body, mut truth) = twins(&gpu, &soft(), &mut noise);
-    let h = 0.3 * body.model().stable_step();
+    let h = 0.3 * body.model().conservative_step();
     truth.previous = truth.x.clone();
     // The normals written in the third step are of the positions after the second.
     body.run(3, h).unwrap();
@@ -290,7 +294,7 @@ fn normals_are_those_of_the_twin() {
 fn a_change_of_step_keeps_the_velocity() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
-    let h = 0.2 * model.stable_step();
+    let h = 0.2 * model.conservative_step();
     let mut body = GridBody::new(&gpu, model).unwrap();
     body.set_damping(0.0).unwrap();
     let v = DVec3::new(0.3, -0.1, 0.2);
@@ -317,7 +321,7 @@ fn a_change_of_step_keeps_the_velocity() {
 fn too_large_a_step_is_caught_and_undone() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
-    let h = model.stable_step();
+    let h = model.conservative_step();
     let mut body = GridBody::new(&gpu, model).unwrap();
     body.set_gravity(DVec3::NEG_Z);
     body.run(200, 0.95 * h).unwrap();
@@ -337,13 +341,13 @@ fn too_large_a_step_is_caught_and_undone() {
 fn grabbed_particles_follow_and_are_let_go() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
-    let h = 0.5 * model.stable_step();
+    let h = 0.5 * model.conservative_step();
     let mut body = GridBody::new(&gpu, model).unwrap();
     let low: Vec<u32> = body
         .model()
         .shape
         .particles()
-        .filter(|i| body.model().shape.place(*i).z < -0.03)
+        .filter(|i| body.model().shape.rest_position(*i).z < -0.03)
         .map(|i| i as u32)
         .collect();
     body.pin_nodes(&low).unwrap();
@@ -356,7 +360,7 @@ fn grabbed_particles_follow_and_are_let_go() {
         .filter(|i| rest[*i].distance(top) <= 0.015)
         .collect();
     assert!(near.len() > 3);
-    let grab = body.grab(top, 0.015, Grip::Follow).unwrap();
+    let grab = body.grab(top, 0.015, GrabMode::Follow).unwrap();
     let up = DVec3::new(0.002, 0.0, 0.01);
     for n in 1..=10 {
         body.set_target(grab, top + up * f64::from(n) / 10.0)
@@ -380,7 +384,7 @@ fn grabbed_particles_follow_and_are_let_go() {
         assert!(body.set_target(grab, bad).is_err());
     }
     let error = body
-        .grab(DVec3::splat(1.0), 0.01, Grip::Follow)
+        .grab(DVec3::splat(1.0), 0.01, GrabMode::Follow)
         .unwrap_err();
     assert!(error.to_string().contains("nothing to grab"), "{error}");
     assert_eq!(body.release(grab).unwrap(), near.len());
@@ -395,12 +399,12 @@ fn springs_draw_with_no_more_than_their_limit() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
     let mass: f64 = model.masses.iter().sum();
-    let h = 0.5 * model.stable_step();
+    let h = 0.5 * model.conservative_step();
     for (target, stiffness, limit) in [(0.01, 2.0, 1e9), (0.04, 1e3, 0.05)] {
         let mut body = GridBody::new(&gpu, model.clone()).unwrap();
         body.set_damping(0.0).unwrap();
         // The whole body is drawn: its centre falls as one mass.
-        let grip = Grip::Spring { stiffness, limit };
+        let grip = GrabMode::Spring { stiffness, limit };
         let grab = body.grab(DVec3::ZERO, 1.0, grip).unwrap();
         body.set_target(grab, DVec3::new(target, 0.0, 0.0)).unwrap();
         body.run(60, h).unwrap();
@@ -457,7 +461,7 @@ fn pieces(model: &GridModel) -> Vec<usize> {
 fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(2000), &soft()).unwrap();
-    let h = 0.5 * model.stable_step();
+    let h = 0.5 * model.conservative_step();
     let mut body = GridBody::new(&gpu, model).unwrap();
     let count = body.mesh().nodes.len();
     body.set_damping(0.0).unwrap();
@@ -470,13 +474,14 @@ fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
         .collect();
     body.set_velocities(&spin).unwrap();
     body.run(30, h).unwrap();
-    let miss = Blade::quad([1.0, 2.0, 3.0, 4.0].map(|a| DVec3::new(5.0 + a, a * a, a))).unwrap();
+    let miss =
+        Blade::from_quad([1.0, 2.0, 3.0, 4.0].map(|a| DVec3::new(5.0 + a, a * a, a))).unwrap();
     assert_eq!(body.cut(&miss).unwrap().springs, 0);
     let mass: f64 = body.model().masses.iter().sum();
     let before = body.velocities().unwrap();
     let r = 0.2;
     let corner = |y: f64, z: f64| DVec3::new(0.001, y * r, z * r);
-    let blade = Blade::quad([
+    let blade = Blade::from_quad([
         corner(-1.0, -1.0),
         corner(1.0, -1.0),
         corner(1.0, 1.0),
@@ -541,7 +546,7 @@ fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
 fn rest_normals_are_the_gpus_own() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(2000), &soft()).unwrap();
-    let h = 0.1 * model.stable_step();
+    let h = 0.1 * model.conservative_step();
     let mut body = GridBody::new(&gpu, model).unwrap();
     let rest = body.rest_normals().unwrap();
     // At rest nothing moves, and a step makes the same bits.

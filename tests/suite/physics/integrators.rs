@@ -4,10 +4,10 @@ use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::gpu::{Pass, add_shader};
 use palpate::mesh::{LocalFrame, generate};
-use palpate::physics::integrator::{Core, Integrator, Stage, Step, Timing};
+use palpate::physics::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use palpate::physics::{
-    Body, GpuTets, Material, NodeTerm, Simulator, Solver, SolverKind, Stepper, SymplecticEuler,
-    Units,
+    GpuBody, GpuTets, LocalUnits, Material, NodeTerm, Simulator, Solver, SolverKind, Stepper,
+    SymplecticEuler,
 };
 use palpate::{Error, Result};
 use std::sync::Arc;
@@ -44,12 +44,12 @@ impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
     const KIND: SolverKind = SolverKind::Symplectic;
     const NAME: &'static str = "leapfrog";
 
-    fn new(_: &Core, _: &Body) -> Result<Self> {
+    fn new(_: &StepResources, _: &GpuBody) -> Result<Self> {
         add_shader("suite/leapfrog", LEAPFROG)?;
         Ok(Leapfrog)
     }
 
-    fn step(&self, core: &Core, body: &Body, timing: Timing) -> Result<Step> {
+    fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step> {
         let pass: Pass = core
             .gpu()
             .pass("suite/leapfrog")
@@ -66,7 +66,7 @@ impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
                 kick: timing.dt,
                 _pad0: 0,
             })
-            .over(core.nodes())?;
+            .dispatch_items(core.nodes())?;
         let mut step = Step::explicit(pass);
         step.stages.resize(1 + FORCES, Stage::Forces(None));
         Ok(step)
@@ -74,15 +74,15 @@ impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
 }
 
 /// A bar held at one end, which sinks, stepped by what `solver` makes.
-fn bar<S: Solver + 'static>(solver: impl Fn(&Body) -> Result<S>) -> GpuTets {
+fn bar<S: Solver + 'static>(solver: impl Fn(&GpuBody) -> Result<S>) -> GpuTets {
     let gpu = gpu();
     let mesh = generate::bar([8, 2, 2], DVec3::new(0.4, 0.1, 0.1)).unwrap();
     let material = Material {
         damping_time: 1e-3,
-        ..Material::young(5e4)
+        ..Material::from_young(5e4)
     };
-    let mut body = Body::new(&gpu, &mesh, &material).unwrap();
-    body.hold_one_end(9.81);
+    let mut body = GpuBody::new(&gpu, &mesh, &material).unwrap();
+    body.clamp_one_end(9.81);
     let solver = solver(&body).unwrap();
     GpuTets::of_body(mesh, body, Box::new(solver)).unwrap()
 }
@@ -136,7 +136,7 @@ impl NodeTerm for Wind {
         "suite_wind"
     }
 
-    fn numbers(&self, _: &LocalFrame, units: &Units, _: f64) -> [[f32; 4]; 2] {
+    fn gpu_parameters(&self, _: &LocalFrame, units: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
         let local = self.0 / units.acceleration();
         [local.as_vec3().extend(0.0).to_array(), [0.0; 4]]
     }
@@ -149,11 +149,11 @@ impl NodeTerm for Wind {
         m * self.0
     }
 
-    fn block(&self, _: f64, _: DVec3) -> DMat3 {
+    fn hessian(&self, _: f64, _: DVec3) -> DMat3 {
         DMat3::ZERO
     }
 
-    fn stiffness(&self, _: f64) -> f64 {
+    fn max_stiffness(&self, _: f64) -> f64 {
         0.0
     }
 }

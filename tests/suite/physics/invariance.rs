@@ -4,18 +4,18 @@ use super::common::{Noise, Twins, solver};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
-use palpate::physics::{Body, Damping, Material, SolverKind};
+use palpate::physics::{Damping, GpuBody, Material, SolverKind};
 
 fn material() -> Material {
     Material {
         damping_time: 2e-4,
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     }
 }
 
 /// Where the nodes are after 40 steps of a bar bending under its weight, in file units.
 fn bent(gpu: &Gpu, mesh: &TetMesh, material: &Material, kind: SolverKind) -> Vec<DVec3> {
-    let mut body = Body::new(gpu, mesh, material).unwrap();
+    let mut body = GpuBody::new(gpu, mesh, material).unwrap();
     let (low, high) = mesh.bounds();
     let limit = low.x + 0.01 * (high.x - low.x);
     body.pin(|p| p.x < limit);
@@ -120,7 +120,7 @@ fn tiny_and_huge_bodies_stay_finite() {
     for unit in [1e-9, 1e-6, 1e6, 1e9] {
         let material = Material {
             length_unit: unit,
-            ..Material::young(1e5)
+            ..Material::from_young(1e5)
         };
         let mut twins = Twins::new(&gpu, &mesh, &material);
         twins.pin(|p| p.x < 0.001);
@@ -158,7 +158,7 @@ fn collapsed_springs_and_lonely_nodes_make_no_nan() {
     mesh.nodes.push(mesh.nodes[0]);
     mesh.tets.push([0, twin, 1, 5]);
     for kind in SolverKind::ALL {
-        let mut body = Body::new(&gpu, &mesh, &material()).unwrap();
+        let mut body = GpuBody::new(&gpu, &mesh, &material()).unwrap();
         body.set_gravity(DVec3::new(0.0, 0.0, -9.81));
         let mut stepper = solver(&gpu, &body, kind);
         stepper.run(&mut body, 20, 1e-4).unwrap();
@@ -245,7 +245,7 @@ fn undamped_symplectic_schemes_keep_their_energy() {
         SolverKind::Verlet,
         SolverKind::VelocityVerlet,
     ] {
-        let mut twins = Twins::new(&gpu, &beam(), &Material::young(1e5));
+        let mut twins = Twins::new(&gpu, &beam(), &Material::from_young(1e5));
         twins.disturb(0.002, 0.0, Noise(3).0);
         let before = twins.truth.elastic_energy();
         let mut stepper = solver(&gpu, &twins.body, kind);

@@ -4,9 +4,9 @@ use crate::support::gpu;
 use glam::{DQuat, DVec3};
 use palpate::mesh::{Blade, Field, Location, TetMesh, generate};
 use palpate::physics::{
-    Acting, DistanceField, Engine, EngineChoice, Floor, Grip, Material, MaterialModel,
-    RegionMaterial, SelfContact, Shape, Simulator, SolverKind, Stiffness, Tool, ToolPose,
-    VolumeModel,
+    DistanceField, Engine, EngineChoice, Floor, GrabMode, Material, MaterialModel, RegionMaterial,
+    ScaledLoad, SelfContactSettings, Shape, Simulator, SolverKind, Stiffness, Tool, ToolPose,
+    VolumetricFormulation,
 };
 use palpate::scene::{Scene, Stage};
 use std::sync::Arc;
@@ -20,13 +20,13 @@ fn soft() -> Material {
         poisson: 0.3,
         mass_damping: 16.0,
         damping_time: 0.01,
-        ..Material::young(1e6)
+        ..Material::from_young(1e6)
     }
 }
 
 fn made(engine: Engine, mesh: &TetMesh, material: &Material) -> Box<dyn Simulator> {
-    let choice = EngineChoice::This(engine);
-    let body = choice.tets(&gpu(), mesh.clone(), material, SolverKind::Implicit);
+    let choice = EngineChoice::Exactly(engine);
+    let body = choice.build_tets(&gpu(), mesh.clone(), material, SolverKind::Implicit);
     body.unwrap()
 }
 
@@ -162,8 +162,8 @@ fn regions_have_a_stiffness_each() {
             ..hard
         },
     );
-    let choice = EngineChoice::This(Engine::Rapier);
-    let told = choice.tets(&gpu(), mesh, &material, SolverKind::Implicit);
+    let choice = EngineChoice::Exactly(Engine::Rapier);
+    let told = choice.build_tets(&gpu(), mesh, &material, SolverKind::Implicit);
     let told = told.err().unwrap().to_string();
     assert!(told.contains("one Poisson's ratio"), "{told}");
 }
@@ -194,7 +194,7 @@ fn state_is_what_was_set() {
     // What is drawn is where the body is.
     body.loads_mut().set_gravity(GRAVITY);
     body.run(20, 0.01).unwrap();
-    body.publish_now().unwrap();
+    body.sync_nodes().unwrap();
     let drawn = body.nodes().positions().unwrap();
     let now = body.positions().unwrap();
     let off = now.iter().zip(&drawn).map(|(a, b)| a.distance(*b));
@@ -206,12 +206,12 @@ fn state_is_what_was_set() {
 fn grabs_hold_pull_and_let_go() {
     let tip = DVec3::new(0.8, 0.1, 0.1);
     let lift = DVec3::new(0.0, 0.05, 0.1);
-    let spring = |limit| Grip::Spring {
+    let spring = |limit| GrabMode::Spring {
         stiffness: 500.0,
         limit,
     };
     // Springs stand off by about their share of the step: 10 % at 20 ms.
-    for grip in [Grip::Follow, spring(1e9), spring(20.0)] {
+    for grip in [GrabMode::Follow, spring(1e9), spring(20.0)] {
         let mut bars = [Engine::Rapier, Engine::Cpu].map(|engine| bar(engine, &soft()));
         let grabs = bars.each_mut().map(|body| {
             let grab = body.grab(tip, 0.11, grip).unwrap();
@@ -233,17 +233,19 @@ fn grabs_hold_pull_and_let_go() {
 fn led_nodes_go_where_they_are_led() {
     let mut body = bar(Engine::Rapier, &soft());
     let end = body.nodes_where(|p| p.x > 0.8 - 1e-6);
-    let led = body.lead(&end).unwrap();
+    let led = body.add_prescribed_motion(&end).unwrap();
     let rest: Vec<DVec3> = end.iter().map(|v| body.mesh().nodes[*v as usize]).collect();
     let speed = DVec3::new(0.0, 0.0, 0.2);
     let speeds = vec![speed; end.len()];
-    body.loads_mut().set_led(led, &rest, &speeds).unwrap();
+    body.loads_mut()
+        .set_prescribed_motion(led, &rest, &speeds)
+        .unwrap();
     body.run(20, 0.01).unwrap();
     let now = body.positions().unwrap();
     for (v, p) in end.iter().zip(&rest) {
         assert!(now[*v as usize].distance(*p + 0.2 * speed) < 1e-5);
     }
-    assert!(body.lead(&end).is_err());
+    assert!(body.add_prescribed_motion(&end).is_err());
 }
 
 /// A block on a table, into whose top `shape` goes by a tenth of its height: it starts `below` its
@@ -269,7 +271,7 @@ fn pressed(
     let id = body.add_tool(tool).unwrap();
     for k in 1..=10 {
         let down = 0.01 * size * f64::from(k);
-        body.loads_mut().guide_tool(id, at(down)).unwrap();
+        body.loads_mut().set_tool_target(id, at(down)).unwrap();
         body.run(1, 0.01).unwrap();
     }
     body.run(20, 0.01).unwrap();
@@ -294,7 +296,7 @@ fn tools_press_and_are_pressed() {
             let half = DVec3::splat(r);
             shapes.push((Shape::Capsule { radius: r, length }, r + 0.5 * length));
             shapes.push((Shape::Box { half }, r));
-            shapes.push((Shape::Field(Arc::new(field)), r));
+            shapes.push((Shape::Sdf(Arc::new(field)), r));
         }
         for (shape, below) in shapes {
             let (body, [tool, table]) = pressed(Engine::Rapier, unit, shape.clone(), below);
@@ -343,7 +345,7 @@ fn a_block_falls_onto_a_plane_and_rests() {
             continue;
         }
         assert!((-0.0205..-0.018).contains(&lowest), "{lowest}");
-        assert!(body.speed() < 1e-2, "{}", body.speed());
+        assert!(body.rms_speed() < 1e-2, "{}", body.rms_speed());
         let force = body.tool_forces().unwrap()[0].force;
         assert!((force.z + weight).abs() < 1e-2 * weight, "{force} {weight}");
     }
@@ -358,7 +360,7 @@ fn pieces_feel_each_other_where_they_are_to() {
         for p in &mut high.nodes {
             *p += DVec3::new(0.02, 0.01, 0.11);
         }
-        let whole = TetMesh::merged(&[("low".into(), &low), ("high".into(), &high)]).unwrap();
+        let whole = TetMesh::merge_meshes(&[("low".into(), &low), ("high".into(), &high)]).unwrap();
         let material = Material {
             mass_damping: 0.0,
             ..soft()
@@ -366,7 +368,11 @@ fn pieces_feel_each_other_where_they_are_to() {
         let mut body = made(Engine::Rapier, &whole, &material);
         body.pin(|p| p.z < 1e-6).unwrap();
         if contact {
-            assert_eq!(body.set_self_contact(SelfContact::default()).unwrap(), 0);
+            assert_eq!(
+                body.set_self_contact(SelfContactSettings::default())
+                    .unwrap(),
+                0
+            );
         }
         body.loads_mut().set_gravity(GRAVITY);
         body.run(80, 0.005).unwrap();
@@ -383,19 +389,19 @@ fn pieces_feel_each_other_where_they_are_to() {
 
 #[test]
 fn what_it_cannot_do_it_says() {
-    let choice = EngineChoice::This(Engine::Rapier);
+    let choice = EngineChoice::Exactly(Engine::Rapier);
     let refused = |material: &Material, kind| {
-        let made = choice.tets(&gpu(), bar_mesh(), material, kind);
+        let made = choice.build_tets(&gpu(), bar_mesh(), material, kind);
         made.err().unwrap().to_string()
     };
-    let springs = refused(&Material::young(1e5), SolverKind::Implicit);
+    let springs = refused(&Material::from_young(1e5), SolverKind::Implicit);
     assert!(springs.contains("--material neo-hookean"), "{springs}");
     for kind in [SolverKind::Bdf2, SolverKind::Verlet] {
         let told = refused(&soft(), kind);
         assert!(told.contains("--solver implicit"), "{told}");
     }
     let averaged = Material {
-        volume: VolumeModel::Averaged,
+        volume: VolumetricFormulation::NodalAveraged,
         ..soft()
     };
     let told = refused(&averaged, SolverKind::Implicit);
@@ -409,20 +415,20 @@ fn what_it_cannot_do_it_says() {
         ..soft()
     };
     rigid.rigid.insert(1);
-    let told = choice.tets(&gpu(), bony, &rigid, SolverKind::Implicit);
+    let told = choice.build_tets(&gpu(), bony, &rigid, SolverKind::Implicit);
     let told = told.err().unwrap().to_string();
     assert!(told.contains("leave a region soft"), "{told}");
 
     let mut body = bar(Engine::Rapier, &soft());
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.4, y, z))).unwrap();
+    let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.4, y, z))).unwrap();
     let floor = Floor::new(DVec3::ZERO, DVec3::Z, 500.0).unwrap();
-    let pressure = Acting::Pressure(Vec::new());
+    let pressure = ScaledLoad::Pressure(Vec::new());
     let told = [
         body.cut(&blade).err(),
         body.state().err(),
         body.add_term(Arc::new(floor)).err(),
-        body.add_acting(pressure).err(),
+        body.add_scaled_load(pressure).err(),
         body.set_integrator(SolverKind::Midpoint, Default::default())
             .err(),
     ];

@@ -4,7 +4,8 @@ use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::{Field, Location, TetMesh, generate};
 use palpate::physics::{
-    Engine, EngineChoice, Grip, Joint, JointKind, Material, MaterialModel, Simulator, SolverKind,
+    Engine, EngineChoice, GrabMode, Joint, JointKind, Material, MaterialModel, Simulator,
+    SolverKind,
 };
 use palpate::scene::{Scene, Stage};
 
@@ -16,13 +17,13 @@ fn material(rigid: &[i64]) -> Material {
         damping_time: 0.01,
         region_field: Some("label".into()),
         rigid: rigid.iter().copied().collect(),
-        ..Material::young(1e6)
+        ..Material::from_young(1e6)
     }
 }
 
 fn made(engine: Engine, mesh: &TetMesh, material: &Material) -> Box<dyn Simulator> {
-    let choice = EngineChoice::This(engine);
-    let body = choice.tets(&gpu(), mesh.clone(), material, SolverKind::Implicit);
+    let choice = EngineChoice::Exactly(engine);
+    let body = choice.build_tets(&gpu(), mesh.clone(), material, SolverKind::Implicit);
     body.unwrap()
 }
 
@@ -71,8 +72,8 @@ fn a_bar_on_a_hinge_swings_as_a_pendulum_and_stops_at_its_limits() {
     let swing = |limits| {
         let mut body = held(&[DVec3::ZERO]);
         let hinge = Joint {
-            between: (2, None),
-            at: pivot,
+            regions: (2, None),
+            anchor: pivot,
             kind: JointKind::Hinge(DVec3::Y, limits),
         };
         body.add_joint(hinge).unwrap();
@@ -146,7 +147,12 @@ fn balls_turn_sliders_slide_and_what_is_fixed_does_neither() {
         ),
     ];
     for (between, at, kind) in joints {
-        body.add_joint(Joint { between, at, kind }).unwrap();
+        body.add_joint(Joint {
+            regions: between,
+            anchor: at,
+            kind,
+        })
+        .unwrap();
     }
     // They hang along x from the first, and the last slides as far as it can.
     body.loads_mut().set_gravity(DVec3::new(9.81, 0.0, 0.0));
@@ -219,14 +225,14 @@ fn bone_hangs_in_flesh_as_on_the_processor() {
 fn bones_follow_what_holds_them() {
     let tip = DVec3::new(0.8, 0.1, 0.1);
     let lift = DVec3::new(0.0, 0.03, 0.08);
-    let spring = Grip::Spring {
+    let spring = GrabMode::Spring {
         stiffness: 2e4,
         limit: 1e4,
     };
     // One node, about which it turns; many, with which it goes; springs.
     for (radius, grip, near) in [
-        (0.01, Grip::Follow, 2e-3),
-        (0.15, Grip::Follow, 2e-3),
+        (0.01, GrabMode::Follow, 2e-3),
+        (0.15, GrabMode::Follow, 2e-3),
         (0.15, spring, 2e-3),
     ] {
         let [ours, theirs] = [Engine::Rapier, Engine::Cpu].map(|engine| {
@@ -284,8 +290,8 @@ fn forces_and_a_state_reach_bones() {
 fn joints_that_make_no_sense_are_refused_in_words() {
     let mut body = held(&[DVec3::ZERO]);
     let ball = |between| Joint {
-        between,
-        at: DVec3::ZERO,
+        regions: between,
+        anchor: DVec3::ZERO,
         kind: JointKind::Ball,
     };
     let hinge = |axis, limits| Joint {

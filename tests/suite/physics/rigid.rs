@@ -28,17 +28,18 @@ fn bar() -> (TetMesh, Material) {
 fn implicit_schemes_step_them() {
     let gpu = gpu();
     let (mesh, material) = bar();
-    let made =
-        |choice: EngineChoice, kind: SolverKind| choice.tets(&gpu, mesh.clone(), &material, kind);
+    let made = |choice: EngineChoice, kind: SolverKind| {
+        choice.build_tets(&gpu, mesh.clone(), &material, kind)
+    };
     for engine in [Engine::Cpu, Engine::Gpu] {
-        let body = made(EngineChoice::This(engine), SolverKind::Implicit).unwrap();
+        let body = made(EngineChoice::Exactly(engine), SolverKind::Implicit).unwrap();
         assert_eq!(body.engine(), engine);
         assert_eq!(body.network().unwrap().elements.rigid.len(), 1);
     }
     let second = made(EngineChoice::Auto, SolverKind::Midpoint).unwrap();
     assert_eq!(second.engine(), Engine::Cpu);
     let refused = |engine, kind| {
-        let made = made(EngineChoice::This(engine), kind);
+        let made = made(EngineChoice::Exactly(engine), kind);
         made.err().unwrap().to_string()
     };
     for kind in [SolverKind::Verlet, SolverKind::Explicit] {
@@ -55,7 +56,7 @@ fn implicit_schemes_step_them() {
         model: MaterialModel::Springs,
         ..material.clone()
     };
-    let springs = EngineChoice::Auto.tets(&gpu, mesh.clone(), &springs, SolverKind::Implicit);
+    let springs = EngineChoice::Auto.build_tets(&gpu, mesh.clone(), &springs, SolverKind::Implicit);
     let springs = springs.err().unwrap().to_string();
     assert!(
         springs.contains("springs have no rigid regions"),
@@ -73,8 +74,8 @@ fn a_bone_that_is_cut_through_is_two() {
 /// `shape`: how much distances within a bone may change, m.
 fn cut_through(engine: Engine, shape: f64) {
     let (gpu, (mesh, material)) = (gpu(), bar());
-    let choice = EngineChoice::This(engine);
-    let body = choice.tets(&gpu, mesh, &material, SolverKind::Implicit);
+    let choice = EngineChoice::Exactly(engine);
+    let body = choice.build_tets(&gpu, mesh, &material, SolverKind::Implicit);
     let mut body = body.unwrap();
     let end = |v: &u32| body.mesh().nodes[*v as usize].x < 1e-6;
     let end: Vec<u32> = (0..body.mesh().nodes.len() as u32).filter(end).collect();
@@ -87,9 +88,9 @@ fn cut_through(engine: Engine, shape: f64) {
     };
     let (before, was) = (body.positions().unwrap(), momentum(&*body));
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.61, y, z))).unwrap();
+    let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.61, y, z))).unwrap();
     let change = body.cut(&blade).unwrap();
-    assert!(!change.mesh.doubled.is_empty());
+    assert!(!change.mesh.duplicated_nodes.is_empty());
     let bones = body.network().unwrap().elements.rigid.clone();
     assert_eq!(bones.len(), 2);
     let after = body.positions().unwrap();

@@ -4,7 +4,7 @@ use crate::support::gpu;
 use glam::{DQuat, DVec3};
 use palpate::mesh::{Field, Location, TetMesh, generate};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Floor, GpuTets, Grip, Material, MaterialModel, Precision,
+    CgSettings, CpuTets, Floor, GpuTets, GrabMode, Material, MaterialModel, Precision,
     RegionMaterial, Simulator, SolverKind,
 };
 use std::sync::Arc;
@@ -25,7 +25,7 @@ fn bar(cells: [usize; 3], bone: impl Fn(DVec3) -> bool, density: f64) -> (TetMes
         poisson: 0.3,
         damping_time: 1e-3,
         region_field: Some("label".into()),
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     };
     let made = RegionMaterial {
         stiffness: 1e5,
@@ -37,7 +37,7 @@ fn bar(cells: [usize; 3], bone: impl Fn(DVec3) -> bool, density: f64) -> (TetMes
     (mesh, material)
 }
 
-const SOLVES: ConjugateGradients = ConjugateGradients {
+const SOLVES: CgSettings = CgSettings {
     tolerance: 1e-5,
     acceptable: 1e-3,
     max_iterations: 2000,
@@ -51,9 +51,9 @@ fn on_gpu((mesh, material): &(TetMesh, Material)) -> GpuTets {
 
 /// Minimised to `tolerance`.
 fn on_cpu((mesh, material): &(TetMesh, Material), tolerance: f64) -> CpuTets {
-    let settings = ConjugateGradients {
+    let settings = CgSettings {
         tolerance,
-        ..ConjugateGradients::default()
+        ..CgSettings::default()
     };
     let kind = SolverKind::Implicit;
     CpuTets::new(
@@ -242,8 +242,8 @@ fn bones_turn_about_what_is_pinned() {
 fn bones_follow_grabs() {
     let scene = bar([8, 4, 4], |p| p.x > 0.5, 1900.0);
     for grip in [
-        Grip::Follow,
-        Grip::Spring {
+        GrabMode::Follow,
+        GrabMode::Spring {
             stiffness: 2e4,
             limit: 1e4,
         },

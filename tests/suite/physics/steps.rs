@@ -4,14 +4,14 @@ use super::common::{Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::generate;
-use palpate::physics::{ConjugateGradients, Damping, ImplicitEuler, Material, Solver, SolverKind};
+use palpate::physics::{CgSettings, Damping, ImplicitEuler, Material, Solver, SolverKind};
 
 fn disturbed(gpu: &Gpu, kind: Damping) -> Twins {
     let material = Material {
         damping: 0.05,
         damping_time: 1e-4,
         damping_kind: kind,
-        ..Material::young(1e5)
+        ..Material::from_young(1e5)
     };
     let mut twins = Twins::new(gpu, &generate::paper_bar().unwrap(), &material);
     twins.pin(|p| p.x < 0.001);
@@ -34,9 +34,9 @@ fn one_step_of_every_solver() {
             let before = twins.truth.clone();
             let mut tight: Box<dyn Solver> = match kind {
                 SolverKind::Implicit => {
-                    let settings = ConjugateGradients {
+                    let settings = CgSettings {
                         tolerance: 1e-6,
-                        ..ConjugateGradients::default()
+                        ..CgSettings::default()
                     };
                     Box::new(ImplicitEuler::with(&gpu, &twins.body, settings).unwrap())
                 }
@@ -105,7 +105,7 @@ fn recording_and_running_agree() {
         for _ in 0..5 {
             one.step(&mut stepped.body, h).unwrap();
         }
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         one.record(&mut work, &mut stepped.body, 4, h).unwrap();
         one.record(&mut work, &mut stepped.body, 3, h).unwrap();
         work.submit().unwrap();
@@ -154,7 +154,7 @@ fn recorded_steps_are_given_the_iterations_they_need() {
     );
     assert!(*counts.last().unwrap() >= most && most > 4, "{counts:?}");
     // A step that was recorded and thrown away leaves no trace.
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     implicit
         .record(&mut work, &mut stepped.body, 1, 0.01)
         .unwrap();

@@ -7,7 +7,7 @@ use palpate::Error;
 use palpate::gpu::Gpu;
 use palpate::mesh::Blade;
 use palpate::physics::{
-    Bodies, CpuTets, EngineChoice, GpuTets, Grip, Member, Precision, Simulator, SolverKind,
+    CpuTets, EngineChoice, GpuTets, GrabMode, Member, MultiBody, Precision, Simulator, SolverKind,
 };
 
 /// From one body to the next.
@@ -51,9 +51,9 @@ fn members(gpu: &Gpu) -> Vec<Member> {
     members.collect()
 }
 
-fn drawn(bodies: &mut Bodies, gpu: &Gpu) -> Vec<DVec3> {
-    let mut work = gpu.record();
-    bodies.publish(&mut work).unwrap();
+fn drawn(bodies: &mut MultiBody, gpu: &Gpu) -> Vec<DVec3> {
+    let mut work = gpu.start_recording();
+    bodies.update_nodes(&mut work).unwrap();
     work.submit().unwrap();
     bodies.nodes().positions().unwrap()
 }
@@ -68,7 +68,7 @@ fn farthest(a: &[DVec3], b: &[DVec3]) -> f64 {
 fn each_moves_as_it_does_alone_in_steps_of_its_own() {
     let gpu = gpu();
     let dt = 0.005;
-    let mut bodies = Bodies::new(&gpu, members(&gpu)).unwrap();
+    let mut bodies = MultiBody::new(&gpu, members(&gpu)).unwrap();
     let own: Vec<u32> = bodies.member_reports(dt).iter().map(|m| m.steps).collect();
     assert!(own[0] == 1 && own[1] > 1 && own[2] > 1, "{own:?}");
     bodies.run(10, dt).unwrap();
@@ -95,7 +95,7 @@ fn each_moves_as_it_does_alone_in_steps_of_its_own() {
 fn what_acts_on_all_acts_on_each() {
     let gpu = gpu();
     let dt = 0.005;
-    let mut bodies = Bodies::new(&gpu, members(&gpu)).unwrap();
+    let mut bodies = MultiBody::new(&gpu, members(&gpu)).unwrap();
     // Without weight, forces and pins on some nodes of the second.
     let first = bodies.members()[0].simulator.mesh().nodes.len() as u32;
     let count = bodies.mesh().nodes.len();
@@ -107,7 +107,7 @@ fn what_acts_on_all_acts_on_each() {
     forces[first as usize + 40] = DVec3::new(0.0, 0.0, 1e-3);
     loads.set_forces(&forces).unwrap();
     bodies.run(10, dt).unwrap();
-    let moved = |bodies: &Bodies, i: usize| {
+    let moved = |bodies: &MultiBody, i: usize| {
         let own = bodies.members()[i].simulator.as_ref();
         farthest(&own.positions().unwrap(), &own.mesh().nodes)
     };
@@ -118,14 +118,14 @@ fn what_acts_on_all_acts_on_each() {
     assert!(farthest(held, &bodies.mesh().nodes[first as usize..][..3]) < 1e-9);
     // A grab takes nodes of the bodies that are there only.
     let at = DVec3::new(0.2, 0.025, 0.025) + APART;
-    let grab = bodies.grab(at, 0.02, Grip::Follow).unwrap();
+    let grab = bodies.grab(at, 0.02, GrabMode::Follow).unwrap();
     let target = at + DVec3::Z * 0.01;
     bodies.set_target(grab, target).unwrap();
     bodies.run(1, dt).unwrap();
     assert!(moved(&bodies, 1) > 5e-3 && moved(&bodies, 0) < 1e-7);
     assert!(bodies.release(grab).unwrap() > 0);
     assert!(bodies.release(grab).is_err());
-    let nowhere = bodies.grab(DVec3::splat(9.0), 0.01, Grip::Follow);
+    let nowhere = bodies.grab(DVec3::splat(9.0), 0.01, GrabMode::Follow);
     assert!(
         nowhere
             .unwrap_err()
@@ -143,15 +143,18 @@ fn a_cut_goes_through_all_that_it_meets() {
     let dt = 0.005;
     let mut three = members(&gpu);
     let caged = three.pop().unwrap();
-    let mut bodies = Bodies::new(&gpu, three).unwrap();
+    let mut bodies = MultiBody::new(&gpu, three).unwrap();
     bodies.run(4, dt).unwrap();
     let nodes = bodies.mesh().nodes.len();
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-    let blade = |x: f64| Blade::quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap();
+    let blade = |x: f64| Blade::from_quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap();
     let change = bodies.cut(&blade(0.101)).unwrap();
     // Of tets nodes are doubled, of particles tets are lost.
-    assert!(!change.mesh.doubled.is_empty() && !change.mesh.removed.is_empty());
-    assert_eq!(bodies.mesh().nodes.len(), nodes + change.mesh.doubled.len());
+    assert!(!change.mesh.duplicated_nodes.is_empty() && !change.mesh.removed.is_empty());
+    assert_eq!(
+        bodies.mesh().nodes.len(),
+        nodes + change.mesh.duplicated_nodes.len()
+    );
     for _ in 0..2 {
         bodies.run(6, dt).unwrap();
         let there = bodies.positions().unwrap();
@@ -163,11 +166,11 @@ fn a_cut_goes_through_all_that_it_meets() {
             .sum();
         let whole = bodies.report().unwrap();
         assert!((whole.energy.total / own - 1.0).abs() < 1e-9);
-        assert_eq!(whole.inverted, 0);
+        assert_eq!(whole.inverted_tets, 0);
         bodies.cut(&blade(0.051)).unwrap();
     }
     assert!(bodies.cut(&blade(9.0)).unwrap().is_empty());
-    let mut with_cage = Bodies::new(&gpu, vec![caged]).unwrap();
+    let mut with_cage = MultiBody::new(&gpu, vec![caged]).unwrap();
     let refused = with_cage.cut(&blade(0.101)).unwrap_err().to_string();
     assert!(refused.contains("\"carried\""), "{refused}");
 }
@@ -178,7 +181,7 @@ fn a_failure_says_whose_it_is() {
     let mut members = members(&gpu);
     // Far beyond what its scheme can bear.
     members[1].step = 1.0;
-    let mut bodies = Bodies::new(&gpu, members).unwrap();
+    let mut bodies = MultiBody::new(&gpu, members).unwrap();
     let told = bodies.run(10, 0.05).unwrap_err();
     assert!(matches!(told, Error::Solver { .. }), "{told}");
     let told = told.to_string();
@@ -186,5 +189,5 @@ fn a_failure_says_whose_it_is() {
         told.contains("body \"verlet\"") && told.contains("velocity-verlet"),
         "{told}"
     );
-    assert!(Bodies::new(&gpu, Vec::new()).is_err());
+    assert!(MultiBody::new(&gpu, Vec::new()).is_err());
 }

@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use palpate::mesh::TetMesh;
 use palpate::mesh::generate::{Split, box_mesh};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Engine, GpuTets, Material, MaterialModel, Precision, Reaction,
-    Shape, Simulator, SolverKind, Tool, ToolId, ToolPose,
+    CgSettings, CpuTets, Engine, GpuTets, Material, MaterialModel, Precision, Reaction, Shape,
+    Simulator, SolverKind, Tool, ToolId, ToolPose,
 };
 
 fn material() -> Material {
@@ -15,14 +15,14 @@ fn material() -> Material {
         poisson: 0.3,
         damping_time: 0.0,
         density: 1000.0,
-        ..Material::young(2e4)
+        ..Material::from_young(2e4)
     }
 }
 
 /// A body on the GPU, and the same on the processor in float64.
 fn both(mesh: &TetMesh) -> [Box<dyn Simulator>; 2] {
     let (gpu, kind) = (gpu(), SolverKind::Implicit);
-    let settings = ConjugateGradients::default();
+    let settings = CgSettings::default();
     let mesh = || mesh.clone();
     [
         Box::new(GpuTets::new(&gpu, mesh(), &material(), kind).unwrap()),
@@ -44,7 +44,7 @@ fn add(body: &mut dyn Simulator, shape: &Shape, at: DVec3, friction: f64) -> Too
 
 fn go(body: &mut dyn Simulator, id: ToolId, to: DVec3, dt: f64) -> Reaction {
     let to = ToolPose::new(to, DQuat::IDENTITY);
-    body.loads_mut().guide_tool(id, to).unwrap();
+    body.loads_mut().set_tool_target(id, to).unwrap();
     body.run(1, dt).unwrap();
     body.tool_forces().unwrap()[0]
 }
@@ -174,7 +174,7 @@ fn a_body_that_no_tool_comes_near_steps_as_without() {
             if let Some(id) = id {
                 let to = start + f64::from(k) * DVec3::new(0.3, 0.0, -0.1);
                 let to = ToolPose::new(to, DQuat::IDENTITY);
-                body.loads_mut().guide_tool(id, to).unwrap();
+                body.loads_mut().set_tool_target(id, to).unwrap();
             }
             body.run(1, 0.01).unwrap();
         }
@@ -227,13 +227,13 @@ fn what_the_gpu_cannot_press_is_refused_in_words() {
         friction: 0.0,
         gap: None,
     };
-    let springs = Material::young(2e4);
+    let springs = Material::from_young(2e4);
     let mut body = GpuTets::new(&gpu, mesh.clone(), &springs, kind).unwrap();
     let said = body.add_tool(tool()).unwrap_err().to_string();
     assert!(said.contains("choose --material"), "{said}");
     let mut body = GpuTets::new(&gpu, mesh, &material(), kind).unwrap();
     body.add_tool(tool()).unwrap();
-    let settings = ConjugateGradients::default();
+    let settings = CgSettings::default();
     let said = body
         .set_integrator(SolverKind::Symplectic, settings)
         .unwrap_err();

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Location, TetMesh, generate};
-use palpate::render::RayReference;
+use palpate::render::ReferenceRaycaster;
 use palpate::render::{
     Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars, TransferFunction,
 };
@@ -120,7 +120,7 @@ pub fn difference(image: &Image, truth: &[[f64; 4]]) -> (f64, f64) {
 /// A raycaster and the exact one, for nodes at `positions`.
 pub struct Scene {
     pub caster: Raycaster,
-    pub truth: RayReference,
+    pub truth: ReferenceRaycaster,
 }
 
 impl Scene {
@@ -133,15 +133,17 @@ impl Scene {
         options: RaycastOptions,
     ) -> Scene {
         let scalars = scalars.into();
-        let frame = palpate::mesh::LocalFrame::of_mesh(mesh);
+        let frame = palpate::mesh::LocalFrame::from_mesh(mesh);
         let array = palpate::render::local_positions(gpu, &frame, positions).unwrap();
         let topology = palpate::mesh::Topology::new(mesh);
         let geometry = Geometry::new(gpu, mesh, &topology, frame, &array, scalars).unwrap();
         Scene {
             caster: Raycaster::with_options(gpu, geometry, transfer, options).unwrap(),
             truth: match scalars {
-                Scalars::Nodes(values) => RayReference::new(mesh, positions, values),
-                Scalars::Cells(values) => RayReference::of_cells(mesh, positions, values),
+                Scalars::Nodes(values) => ReferenceRaycaster::new(mesh, positions, values),
+                Scalars::Cells(values) => {
+                    ReferenceRaycaster::from_cell_scalars(mesh, positions, values)
+                }
             },
         }
     }
@@ -150,7 +152,7 @@ impl Scene {
     pub fn compare(&mut self, camera: &Camera, size: [u32; 2]) -> (Image, f64, f64) {
         let image = self.caster.image(camera, size, Mode::Composite).unwrap();
         let transfer = self.caster.transfer();
-        let truth = self.truth.picture(camera, size, |reference, ray| {
+        let truth = self.truth.render(camera, size, |reference, ray| {
             reference.composite(ray, &transfer)
         });
         let (rms, worst) = difference(&image, &truth);

@@ -4,14 +4,14 @@ use crate::render::common::*;
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, cut, generate, remove};
-use palpate::physics::{Body, ImplicitEuler, Material, Solver};
+use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::*;
 
 /// A square blade about `centre` across `normal`, reaching `half` to each side.
 fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     let u = half * normal.any_orthonormal_vector();
     let v = normal.cross(u);
-    Blade::quad([
+    Blade::from_quad([
         centre - u - v,
         centre + u - v,
         centre + u + v,
@@ -34,14 +34,14 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     let gpu = gpu();
     let mut mesh = generate::bar([12, 6, 6], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let mut topology = Topology::new(&mesh);
-    let mut body = Body::new(&gpu, &mesh, &Material::paper(3_000.0, 1.0)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     body.add_force(DVec3::new(-1.0, 0.0, 0.0), |p| p.x < 0.001)
         .unwrap();
     body.add_force(DVec3::new(1.0, 0.0, 0.0), |p| p.x > 0.119)
         .unwrap();
     let mut solver = ImplicitEuler::new(&gpu, &body).unwrap();
     solver.run(&mut body, 20, 0.005).unwrap();
-    let caster = |mesh: &TetMesh, topology: &Topology, body: &Body| {
+    let caster = |mesh: &TetMesh, topology: &Topology, body: &GpuBody| {
         let (positions, frame) = (body.nodes().array(), body.nodes().frame());
         let scalars = waves(mesh);
         let geometry = Geometry::new(&gpu, mesh, topology, frame, positions, &scalars).unwrap();
@@ -54,7 +54,7 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     let away = DVec3::new(0.02, -1.0, 0.03).normalize();
     let camera = Camera::orthographic(middle + away, middle, DVec3::Z, 0.3);
     let size = [512, 512];
-    let thickness = |caster: &mut Raycaster, mesh: &TetMesh, body: &Body| -> Vec<f32> {
+    let thickness = |caster: &mut Raycaster, mesh: &TetMesh, body: &GpuBody| -> Vec<f32> {
         let image = caster.image(&camera, size, Mode::Thickness).unwrap();
         let pixel = (0.3 / f64::from(size[1])).powi(2);
         let sum: f64 = image.values.iter().map(|v| f64::from(*v)).sum();
@@ -66,12 +66,16 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
 
     let blade = across(middle, DVec3::new(1.0, 0.0, 0.25).normalize(), 0.2);
     let done = body.cut(&mut mesh, &mut topology, &blade).unwrap();
-    assert!(done.doubled.len() >= 49, "{}", done.doubled.len());
+    assert!(
+        done.duplicated_nodes.len() >= 49,
+        "{}",
+        done.duplicated_nodes.len()
+    );
     let positions = body.nodes().array();
     let scalars = waves(&mesh);
     let geometry = raycaster.geometry_mut();
     geometry
-        .follow(&mesh, &topology, &done, positions, &scalars)
+        .apply_cut(&mesh, &topology, &done, positions, &scalars)
         .unwrap();
     // Nothing has moved yet: the cut is there, but closed.
     let closed = thickness(&mut raycaster, &mesh, &body);
@@ -126,7 +130,7 @@ impl Pictures {
         let topology = Topology::new(mesh);
         let array = local_positions(gpu, &frame, positions).unwrap();
         let scalars = waves(mesh);
-        let casters = [Walk::Vertices, Walk::Planes].map(|walk| {
+        let casters = [Traversal::Vertices, Traversal::Planes].map(|walk| {
             let geometry = Geometry::new(gpu, mesh, &topology, frame, &array, &scalars).unwrap();
             let options = RaycastOptions {
                 walk,
@@ -173,7 +177,7 @@ impl Pictures {
         for caster in &mut self.casters {
             let geometry = caster.geometry_mut();
             geometry
-                .follow(mesh, topology, cut, &array, &scalars)
+                .apply_cut(mesh, topology, cut, &array, &scalars)
                 .unwrap();
         }
         self.surface
@@ -210,7 +214,7 @@ fn a_geometry_that_followed_is_one_made_afresh() {
     let gpu = gpu();
     let mut mesh = generate::ball(1.0, 7).unwrap();
     let mut topology = Topology::new(&mesh);
-    let frame = palpate::mesh::LocalFrame::of_mesh(&mesh);
+    let frame = palpate::mesh::LocalFrame::from_mesh(&mesh);
     let mut following = Pictures::new(&gpu, &mesh, &drawn_in(&mesh), frame);
     let mut last = following.all();
     let normals = [
@@ -264,13 +268,13 @@ fn a_cut_of_another_mesh_is_refused() {
     let positions = local_positions(&gpu, &geometry.frame(), &mesh.nodes).unwrap();
     // The second without the first.
     let error = geometry
-        .follow(&mesh, &topology, &done[1], &positions, &scalars)
+        .apply_cut(&mesh, &topology, &done[1], &positions, &scalars)
         .unwrap_err();
     assert!(error.to_string().contains("every cut in turn"), "{error}");
     let cells = vec![1.0; mesh.tets.len()];
     assert!(
         geometry
-            .follow(
+            .apply_cut(
                 &mesh,
                 &topology,
                 &done[0],

@@ -17,11 +17,11 @@ fn records(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> V
 
 /// The same as they are.
 fn texels(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[[u32; 4]; 8]> {
-    let frame = LocalFrame::of_mesh(mesh);
+    let frame = LocalFrame::from_mesh(mesh);
     let array = local_positions(gpu, &frame, positions).unwrap();
     let mut geometry =
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &array, scalars).unwrap();
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     geometry.record_refresh(&mut work).unwrap();
     work.submit().unwrap();
     let records = geometry.records().unwrap();
@@ -39,7 +39,7 @@ fn worst(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], twin: &[DVec3]) -> [f64
     let scalars = waves(mesh);
     let low = scalars.iter().copied().fold(f64::INFINITY, f64::min);
     let high = scalars.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let frame = LocalFrame::of_mesh(mesh);
+    let frame = LocalFrame::from_mesh(mesh);
     let mut worst = [0.0f64; 3];
     let records = records(gpu, mesh, positions, &scalars);
     for (record, t) in records.iter().zip(morton_order(mesh)) {
@@ -131,11 +131,11 @@ fn inverted_tets_are_counted() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(4, false).unwrap();
     let count = |positions: &[DVec3]| {
-        let frame = LocalFrame::of_mesh(&mesh);
+        let frame = LocalFrame::from_mesh(&mesh);
         let array = local_positions(&gpu, &frame, positions).unwrap();
         let topology = Topology::new(&mesh);
         let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &waves(&mesh)).unwrap();
-        geometry.inverted().unwrap()
+        geometry.count_inverted().unwrap()
     };
     assert_eq!(count(&mesh.nodes), 0);
     let mut torn = mesh.nodes.clone();
@@ -156,12 +156,12 @@ fn records_are_made_for_the_walk_that_reads_them() {
     let mut mesh = generate::benchmark_cube(8, true).unwrap();
     let mut topology = Topology::new(&mesh);
     let scalars = node_scalars(&mesh, "scalar");
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let array = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &scalars).unwrap();
     let mut caster = Raycaster::new(&gpu, geometry, &peers_transfer()).unwrap();
     let camera = peers_camera();
-    let draw = |caster: &mut Raycaster, walk: Walk| {
+    let draw = |caster: &mut Raycaster, walk: Traversal| {
         let options = RaycastOptions {
             walk,
             ..Default::default()
@@ -169,49 +169,49 @@ fn records_are_made_for_the_walk_that_reads_them() {
         caster.set_options(options).unwrap();
         caster.picture(&camera, [60; 2]).unwrap()
     };
-    let first = draw(&mut caster, Walk::Vertices);
+    let first = draw(&mut caster, Traversal::Vertices);
     assert!(caster.geometry().records().is_none());
-    let made = gpu.bytes_made();
-    let planes = draw(&mut caster, Walk::Planes);
+    let made = gpu.bytes_allocated();
+    let planes = draw(&mut caster, Traversal::Planes);
     let records = 128 * mesh.tets.len() as u64;
-    assert!(caster.geometry().records().is_some() && gpu.bytes_made() - made >= records);
+    assert!(caster.geometry().records().is_some() && gpu.bytes_allocated() - made >= records);
     // Either walk draws the same as before, and the same as the other but for rounding.
-    assert_eq!(draw(&mut caster, Walk::Vertices), first);
-    assert_eq!(draw(&mut caster, Walk::Planes), planes);
-    let apart = Difference::between(&planes, &first).unwrap();
+    assert_eq!(draw(&mut caster, Traversal::Vertices), first);
+    assert_eq!(draw(&mut caster, Traversal::Planes), planes);
+    let apart = ImageDifference::between(&planes, &first).unwrap();
     assert!(apart.within(0.5 / 255.0, 4.0 / 255.0), "{apart}");
     // After a cut, what was drawn by planes before is drawn as if it had not been.
-    let blade = Blade::quad(
+    let blade = Blade::from_quad(
         [[0.0, -0.1], [1.1, -0.1], [1.1, 1.1], [0.0, 1.1]]
             .map(|[x, y]| DVec3::new(x, y, 0.5 + 0.2 * x)),
     )
     .unwrap();
     let at = mesh.nodes.clone();
     let done = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
-    assert!(done.opened.len() > 20);
+    assert!(done.opened_faces.len() > 20);
     let mut moved = mesh.nodes.clone();
-    for [_, from] in &done.doubled {
+    for [_, from] in &done.duplicated_nodes {
         moved[*from as usize].z += 0.03;
     }
     let positions = local_positions(&gpu, &frame, &moved).unwrap();
     let mut scalars = scalars;
     scalars.extend(
-        done.doubled
+        done.duplicated_nodes
             .iter()
             .map(|[_, from]| scalars[*from as usize])
             .collect::<Vec<_>>(),
     );
     caster
         .geometry_mut()
-        .follow(&mesh, &topology, &done, &positions, &scalars)
+        .apply_cut(&mesh, &topology, &done, &positions, &scalars)
         .unwrap();
     let fresh = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
     let mut other = Raycaster::new(&gpu, fresh, &peers_transfer()).unwrap();
-    let cut_open = draw(&mut caster, Walk::Planes);
-    let apart = Difference::between(&cut_open, &draw(&mut other, Walk::Planes)).unwrap();
+    let cut_open = draw(&mut caster, Traversal::Planes);
+    let apart = ImageDifference::between(&cut_open, &draw(&mut other, Traversal::Planes)).unwrap();
     assert!(apart.within(0.1 / 255.0, 2.0 / 255.0), "{apart}");
     assert!(
-        !Difference::between(&cut_open, &planes)
+        !ImageDifference::between(&cut_open, &planes)
             .unwrap()
             .within(1.0 / 255.0, 6.0 / 255.0)
     );

@@ -26,9 +26,10 @@ fn hold(image: &Image, name: &str) {
     );
 }
 
-fn apart(a: &std::path::Path, b: &std::path::Path) -> Difference {
-    let open = |p: &std::path::Path| Image::open(p).unwrap_or_else(|e| panic!("{e}"));
-    Difference::between(&open(a), &open(b)).unwrap()
+fn apart(a: &std::path::Path, b: &std::path::Path) -> ImageDifference {
+    let open =
+        |p: &std::path::Path| Image::read_for_comparison(p).unwrap_or_else(|e| panic!("{e}"));
+    ImageDifference::between(&open(a), &open(b)).unwrap()
 }
 
 #[test]
@@ -41,7 +42,7 @@ fn pictures_are_as_they_were() {
         let geometry = Geometry::at_rest(&gpu, &limb, &scalars).unwrap();
         let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
         let image = caster
-            .image(&Camera::framing(&limb), [128, 128], Mode::Composite)
+            .image(&Camera::fit_mesh(&limb), [128, 128], Mode::Composite)
             .unwrap();
         hold(&image, &format!("limb-{preset}.png"));
     }

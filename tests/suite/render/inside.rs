@@ -25,7 +25,7 @@ fn an_eye_inside_sees_from_where_it_is() {
     };
     // In the body beside the duct, and in the duct itself, which is outside.
     let eyes = [at(0.15, 0.2, 0.5), at(0.85, 0.5, 0.3), at(0.5, 0.15, 0.9)];
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let options = RaycastOptions {
             walk,
             ..Default::default()
@@ -57,7 +57,7 @@ fn an_eye_inside_sees_from_where_it_is() {
                     .unwrap();
                 let truth = scene
                     .truth
-                    .picture(&camera, [64, 64], |r, ray| r.thickness(ray));
+                    .render(&camera, [64, 64], |r, ray| r.thickness(ray));
                 let pairs = thick.values.iter().zip(&truth);
                 let wrong = pairs
                     .filter(|(a, b)| (f64::from(**a) - **b).abs() > 1e-3)
@@ -81,7 +81,7 @@ fn an_opaque_wall_ends_the_rays() {
         .iter()
         .map(|p| *p - DVec3::new(1.0, 1.0, 0.0))
         .collect();
-    let frame = palpate::mesh::LocalFrame::of_mesh(&mesh);
+    let frame = palpate::mesh::LocalFrame::from_mesh(&mesh);
     let topology = palpate::mesh::Topology::new(&plate);
     let array = local_positions(&gpu, &frame, &wall).unwrap();
     let heights = vec![0.0; wall.len()];
@@ -118,7 +118,7 @@ fn an_opaque_wall_ends_the_rays() {
         wgpu::TextureUsages::TEXTURE_BINDING,
     );
     let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let options = RaycastOptions {
             walk,
             ..Default::default()
@@ -128,7 +128,7 @@ fn an_opaque_wall_ends_the_rays() {
             Raycaster::with_options(&gpu, geometry, &peers_transfer(), options).unwrap();
         let camera =
             Camera::orthographic(DVec3::new(0.5, 0.5, 3.0), DVec3::splat(0.5), DVec3::Y, 0.8);
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         let behind = SurfaceTarget {
             colour: &colour,
             depth: &depth,
@@ -137,7 +137,7 @@ fn an_opaque_wall_ends_the_rays() {
         wall.record(&mut work, &camera, &behind).unwrap();
         let target = Target {
             colour: &colour,
-            occluder: Some(&depth),
+            depth: Some(&depth),
             background: Some([0.0; 4]),
         };
         caster

@@ -7,7 +7,7 @@ use palpate::render::*;
 #[test]
 fn more_tets_than_the_device_can_draw_are_refused_before_the_work() {
     let gpu = gpu();
-    let most = gpu.most_items() / 4;
+    let most = gpu.max_items() / 4;
     let mesh = TetMesh {
         nodes: vec![glam::DVec3::ZERO; 4],
         tets: vec![[0, 1, 2, 3]; most + 1],
@@ -38,7 +38,7 @@ fn ten_million_tets_are_drawn() {
         let mesh = generate::by_name("cube", Some(tets)).unwrap();
         let topology = Topology::new(&mesh);
         let scalars = node_scalars(&mesh, "scalar");
-        let frame = LocalFrame::of_mesh(&mesh);
+        let frame = LocalFrame::from_mesh(&mesh);
         let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
         let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
         let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
@@ -54,12 +54,12 @@ fn ten_million_tets_are_drawn() {
         "{counts:?}"
     );
     // The same smooth field, twice as finely sampled each way.
-    let apart = Difference::between(&coarse, &fine).unwrap();
+    let apart = ImageDifference::between(&coarse, &fine).unwrap();
     println!("{apart}");
     assert!(apart.within(0.5 / 255.0, 2.0 / 255.0), "{apart}");
     caster
         .geometry_mut()
-        .illuminate(&many, &topology, &scalars)
+        .enable_lighting(&many, &topology, &scalars)
         .unwrap();
     let lit = RaycastOptions {
         light: Light::Head,
@@ -68,12 +68,12 @@ fn ten_million_tets_are_drawn() {
     caster.set_options(lit).unwrap();
     let lit = caster.picture(&camera, [256; 2]).unwrap();
     keep(&lit, "ten_million.png");
-    let apart = Difference::between(&lit, &fine).unwrap();
+    let apart = ImageDifference::between(&lit, &fine).unwrap();
     assert!(lit.values.iter().all(|v| v.is_finite()));
     assert!(!apart.within(4.0 / 255.0, 20.0 / 255.0), "{apart}");
     // What the walk over planes needs would not fit.
     let planes = RaycastOptions {
-        walk: Walk::Planes,
+        walk: Traversal::Planes,
         ..Default::default()
     };
     caster.set_options(planes).unwrap();

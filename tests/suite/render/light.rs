@@ -30,11 +30,11 @@ impl<'a> Lit<'a> {
         scalars: Scalars<'a>,
         options: RaycastOptions,
     ) -> Lit<'a> {
-        let frame = LocalFrame::of_mesh(mesh);
+        let frame = LocalFrame::from_mesh(mesh);
         let array = local_positions(gpu, &frame, positions).unwrap();
         let topology = Topology::new(mesh);
         let mut geometry = Geometry::new(gpu, mesh, &topology, frame, &array, scalars).unwrap();
-        geometry.illuminate(mesh, &topology, scalars).unwrap();
+        geometry.enable_lighting(mesh, &topology, scalars).unwrap();
         let (low, high) = geometry.scalar_range();
         let (given, cells) = values(scalars);
         let shares: Vec<f64> = given.iter().map(|s| (s - low) / (high - low)).collect();
@@ -60,13 +60,13 @@ impl<'a> Lit<'a> {
         let image = self.caster.image(camera, size, Mode::Composite).unwrap();
         let (given, cells) = values(self.scalars);
         let rays = match cells {
-            true => RayReference::of_cells(self.mesh, &self.positions, given),
-            false => RayReference::new(self.mesh, &self.positions, given),
+            true => ReferenceRaycaster::from_cell_scalars(self.mesh, &self.positions, given),
+            false => ReferenceRaycaster::new(self.mesh, &self.positions, given),
         };
         let transfer = self.caster.transfer();
-        let truth = rays.picture(camera, size, |rays, ray| {
+        let truth = rays.render(camera, size, |rays, ray| {
             rays.composite_lit(ray, &transfer, |tet, p, way| {
-                let weights = rays.weights_in(tet, p);
+                let weights = rays.barycentric_weights(tet, p);
                 let nodes = self.mesh.tets[tet as usize];
                 let parts = nodes.iter().zip(weights);
                 let gradient = parts.map(|(v, w)| w * self.gradients[*v as usize]).sum();
@@ -99,15 +99,20 @@ fn lit_pictures_are_those_of_the_float64_form() {
         ("duct", &duct, Scalars::Nodes(&smooth)),
         ("limb", &limb, Scalars::Cells(&regions)),
     ] {
-        let outside = Camera::framing(mesh);
-        let mut inside = Camera::framing(mesh);
+        let outside = Camera::fit_mesh(mesh);
+        let mut inside = Camera::fit_mesh(mesh);
         inside.eye = mesh.nodes[mesh.tets[mesh.tets.len() / 2][0] as usize] + DVec3::splat(1e-4);
         for (walk, light, camera, positions) in [
-            (Walk::Vertices, Light::Head, outside, mesh.nodes.clone()),
-            (Walk::Planes, Light::Head, outside, bent(mesh)),
-            (Walk::Vertices, from, outside, bent(mesh)),
-            (Walk::Vertices, Light::Head, inside, mesh.nodes.clone()),
-            (Walk::Planes, from, inside, mesh.nodes.clone()),
+            (
+                Traversal::Vertices,
+                Light::Head,
+                outside,
+                mesh.nodes.clone(),
+            ),
+            (Traversal::Planes, Light::Head, outside, bent(mesh)),
+            (Traversal::Vertices, from, outside, bent(mesh)),
+            (Traversal::Vertices, Light::Head, inside, mesh.nodes.clone()),
+            (Traversal::Planes, from, inside, mesh.nodes.clone()),
         ] {
             let options = RaycastOptions {
                 walk,
@@ -134,7 +139,7 @@ fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
     let mut mesh = slivers();
     let mut topology = Topology::new(&mesh);
     let mut scalars = waves(&mesh);
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let check = |geometry: &Geometry, mesh: &TetMesh, topology: &Topology, scalars: &[f64]| {
         let array = geometry.gradients().unwrap();
         let found: Vec<[f32; 4]> = gpu.read_array(array).unwrap();
@@ -159,9 +164,11 @@ fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
         ..RaycastOptions::default()
     };
     let transfer = TransferFunction::preset("viridis").unwrap();
-    geometry.illuminate(&mesh, &topology, &scalars).unwrap();
+    geometry
+        .enable_lighting(&mesh, &topology, &scalars)
+        .unwrap();
     let mut caster = Raycaster::with_options(&gpu, geometry, &transfer, lit).unwrap();
-    let camera = Camera::framing(&mesh);
+    let camera = Camera::fit_mesh(&mesh);
     caster.image(&camera, [16, 16], Mode::Composite).unwrap();
     let error = check(caster.geometry(), &mesh, &topology, &scalars);
     assert!(error < 1e-3, "{error}");
@@ -169,17 +176,17 @@ fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
     let other: Vec<f64> = scalars.iter().map(|s| s * s).collect();
     assert!(check(caster.geometry(), &mesh, &topology, &other) > 0.05);
     let corners = [[-1.0, -1.0], [2.0, -1.0], [2.0, 2.0], [-1.0, 2.0]];
-    let blade = Blade::quad(corners.map(|[y, z]| DVec3::new(0.47, y, z))).unwrap();
+    let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.47, y, z))).unwrap();
     let at = mesh.nodes.clone();
     let done = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
-    assert!(!done.doubled.is_empty());
-    for [_, old] in &done.doubled {
+    assert!(!done.duplicated_nodes.is_empty());
+    for [_, old] in &done.duplicated_nodes {
         scalars.push(scalars[*old as usize]);
     }
     let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     caster
         .geometry_mut()
-        .follow(&mesh, &topology, &done, &positions, &scalars)
+        .apply_cut(&mesh, &topology, &done, &positions, &scalars)
         .unwrap();
     caster.image(&camera, [16, 16], Mode::Composite).unwrap();
     let error = check(caster.geometry(), &mesh, &topology, &scalars);
@@ -192,7 +199,7 @@ fn light_costs_nothing_where_there_is_none() {
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
     let transfer = TransferFunction::preset("viridis").unwrap();
-    let camera = Camera::framing(&mesh);
+    let camera = Camera::fit_mesh(&mesh);
     let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
     let lit = RaycastOptions {
         light: Light::Head,
@@ -211,7 +218,7 @@ fn light_costs_nothing_where_there_is_none() {
     let topology = Topology::new(&mesh);
     caster
         .geometry_mut()
-        .illuminate(&mesh, &topology, &scalars)
+        .enable_lighting(&mesh, &topology, &scalars)
         .unwrap();
     for _ in 0..3 {
         caster.image(&camera, [16, 16], Mode::Composite).unwrap();
@@ -227,12 +234,12 @@ fn light_costs_nothing_where_there_is_none() {
     let other = generate::benchmark_cube(5, false).unwrap();
     let refused = caster
         .geometry_mut()
-        .illuminate(&other, &Topology::new(&other), &scalars);
+        .enable_lighting(&other, &Topology::new(&other), &scalars);
     assert!(refused.is_err());
 }
 
 /// The share of light at the nodes in float64, as the caster should have it.
-fn shares_of_light(lit: &Lit, light: Light, strength: f64, inside: &Inside) -> Vec<f64> {
+fn shares_of_light(lit: &Lit, light: Light, strength: f64, inside: &Sections) -> Vec<f64> {
     let transfer = lit.caster.transfer();
     let (given, cells) = values(lit.scalars);
     let extinction = |t: usize, w: [f64; 4]| {
@@ -260,15 +267,15 @@ fn shadows_are_those_of_the_float64_form() {
         ("limb", &limb, Scalars::Cells(&regions)),
     ] {
         let (low, high) = mesh.bounds();
-        let plane = Plane::clip(0.5 * (low + high), DVec3::new(0.2, 1.0, 0.1)).resting();
-        let cut = Inside {
+        let plane = Plane::clip(0.5 * (low + high), DVec3::new(0.2, 1.0, 0.1)).at_rest();
+        let cut = Sections {
             planes: vec![plane],
-            ..Inside::default()
+            ..Sections::default()
         };
         for (walk, light, inside) in [
-            (Walk::Vertices, Light::Head, Inside::default()),
-            (Walk::Planes, from, Inside::default()),
-            (Walk::Vertices, from, cut),
+            (Traversal::Vertices, Light::Head, Sections::default()),
+            (Traversal::Planes, from, Sections::default()),
+            (Traversal::Vertices, from, cut),
         ] {
             let options = RaycastOptions {
                 walk,
@@ -277,18 +284,21 @@ fn shadows_are_those_of_the_float64_form() {
                 ..RaycastOptions::default()
             };
             let mut lit = Lit::new(&gpu, mesh, &bent(mesh), scalars, options);
-            lit.caster.geometry_mut().remember_rest(mesh).unwrap();
-            lit.caster.set_inside(&inside).unwrap();
+            lit.caster
+                .geometry_mut()
+                .store_rest_positions(mesh)
+                .unwrap();
+            lit.caster.set_sections(&inside).unwrap();
             let colours = vec![[0.0, 0.2, 0.4, 0.9], [1.0, 0.9, 0.6, 0.3]];
             let dense = vec![[0.0, 5.0], [1.0, 60.0]];
             let dense = TransferFunction::relative(colours, dense).unwrap();
             lit.caster.set_transfer(&dense).unwrap();
-            let camera = Camera::framing(mesh);
+            let camera = Camera::fit_mesh(mesh);
             let image = lit
                 .caster
                 .image(&camera, [64, 64], Mode::Composite)
                 .unwrap();
-            let array = lit.caster.lit_gradients().unwrap();
+            let array = lit.caster.shadowed_gradients().unwrap();
             let found: Vec<[f32; 4]> = gpu.read_array(array).unwrap();
             let off = |truth: &[f64]| {
                 let squares = found
@@ -310,19 +320,19 @@ fn shadows_are_those_of_the_float64_form() {
             let other = shares_of_light(&lit, Light::From(DVec3::Z), 0.8, &inside);
             assert!(off(&other) > 0.02, "{name} {walk:?}");
             assert!(off(&shares_of_light(&lit, light, 0.4, &inside)) > 0.02);
-            if !inside.is_plain() {
+            if !inside.is_empty() {
                 continue;
             }
             let (given, cells) = values(lit.scalars);
             let rays = match cells {
-                true => RayReference::of_cells(mesh, &lit.positions, given),
-                false => RayReference::new(mesh, &lit.positions, given),
+                true => ReferenceRaycaster::from_cell_scalars(mesh, &lit.positions, given),
+                false => ReferenceRaycaster::new(mesh, &lit.positions, given),
             };
             let transfer = lit.caster.transfer();
             let picture = |shares: &[f64]| {
-                rays.picture(&camera, [64, 64], |rays, ray| {
+                rays.render(&camera, [64, 64], |rays, ray| {
                     rays.composite_lit(ray, &transfer, |tet, p, way| {
-                        let weights = rays.weights_in(tet, p);
+                        let weights = rays.barycentric_weights(tet, p);
                         let nodes = mesh.tets[tet as usize].map(|v| v as usize);
                         let gradient = (0..4).map(|k| weights[k] * lit.gradients[nodes[k]]).sum();
                         let share: f64 = (0..4).map(|k| weights[k] * shares[nodes[k]]).sum();
@@ -351,7 +361,7 @@ fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
         ..RaycastOptions::default()
     };
     let mut lit = Lit::new(&gpu, &mesh, &mesh.nodes, Scalars::Nodes(&scalars), options);
-    let mut camera = Camera::framing(&mesh);
+    let mut camera = Camera::fit_mesh(&mesh);
     let made = || {
         gpu.passes_recorded()
             .get("render/shadow_march")
@@ -360,7 +370,9 @@ fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
     };
     let before = made();
     let shares = |lit: &Lit| -> Vec<f32> {
-        let found: Vec<[f32; 4]> = gpu.read_array(lit.caster.lit_gradients().unwrap()).unwrap();
+        let found: Vec<[f32; 4]> = gpu
+            .read_array(lit.caster.shadowed_gradients().unwrap())
+            .unwrap();
         found.iter().map(|f| f[3]).collect()
     };
     lit.caster
@@ -376,7 +388,7 @@ fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
         .unwrap();
     assert_eq!(made() - before, 1);
     // Moved as a whole, the same nodes are in the same light.
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let places = lit.caster.geometry().positions().clone();
     let put = |at: &dyn Fn(DVec3) -> DVec3| {
         let local: Vec<[f32; 4]> = mesh
@@ -415,13 +427,14 @@ fn shadows_are_those_of_the_scalars_that_are_shown_now() {
         ..RaycastOptions::default()
     };
     let mut lit = Lit::new(&gpu, &mesh, &mesh.nodes, Scalars::Nodes(&scalars), options);
-    let camera = Camera::framing(&mesh);
+    let camera = Camera::fit_mesh(&mesh);
     let shown = |lit: &mut Lit| -> Vec<[f32; 4]> {
-        lit.caster.refresh_range().unwrap();
+        lit.caster.update_range().unwrap();
         lit.caster
             .image(&camera, [16, 16], Mode::Composite)
             .unwrap();
-        gpu.read_array(lit.caster.lit_gradients().unwrap()).unwrap()
+        gpu.read_array(lit.caster.shadowed_gradients().unwrap())
+            .unwrap()
     };
     let first = shown(&mut lit);
     let range = lit.caster.geometry().scalar_range();

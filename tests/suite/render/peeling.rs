@@ -40,7 +40,7 @@ fn check(mesh: &TetMesh, layers: u32, size: [u32; 2]) {
         let image = scene.caster.image(&camera, size, Mode::Thickness).unwrap();
         let truth = scene
             .truth
-            .picture(&camera, size, |reference, ray| reference.thickness(ray));
+            .render(&camera, size, |reference, ray| reference.thickness(ray));
         let wrong = image
             .values
             .iter()

@@ -6,8 +6,8 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, FACES, LocalFrame, TetMesh, Topology, generate};
 use palpate::mesher::{ClosedSurface, SurfaceDomain};
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::{Body, Grip, ImplicitEuler, Material, Solver};
-use palpate::render::first_hit;
+use palpate::physics::{GpuBody, GrabMode, ImplicitEuler, Material, Solver};
+use palpate::render::closest_hit;
 use palpate::render::{Camera, Geometry, Pick, local_positions};
 
 const SIZE: [u32; 2] = [160, 120];
@@ -49,7 +49,7 @@ impl Tally {
         let (low, high) = palpate::mesh::bounds(nodes);
         let size = (high - low).max_element();
         let ray = camera.ray(pixel, SIZE);
-        let truth = first_hit(nodes, &faces.0, ray);
+        let truth = closest_hit(nodes, &faces.0, ray);
         match (found, truth) {
             (None, None) => self.misses += 1,
             (Some(pick), Some(hit)) if faces.1[hit.triangle] == (pick.tet, pick.face) => {
@@ -79,7 +79,7 @@ impl Tally {
                         origin: ray.origin + off,
                         ..ray
                     };
-                    first_hit(nodes, &faces.0, ray).map(|h| faces.1[h.triangle]) == code
+                    closest_hit(nodes, &faces.0, ray).map(|h| faces.1[h.triangle]) == code
                 });
                 self.wrong += usize::from(!near);
             }
@@ -116,7 +116,7 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
     let gpu = palpate::gpu::Gpu::new().unwrap();
     let (mesh, bent) = horseshoe();
     let topology = Topology::new(&mesh);
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(&gpu, &frame, &bent).unwrap();
     let scalars = waves(&mesh);
     let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
@@ -138,7 +138,9 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
             }
             tally.count(found, &camera, pixel, &bent, &faces);
             at_rest.count(None, &camera, pixel, &mesh.nodes, &faces);
-            let there = geometry.pick_at(&bent, &camera, pixel, SIZE).unwrap();
+            let there = geometry
+                .pick_positions(&bent, &camera, pixel, SIZE)
+                .unwrap();
             assert_eq!(gpu.readbacks(), before + 1);
             same += usize::from(there.map(|p| (p.tet, p.face)) == found.map(|p| (p.tet, p.face)));
             on_processor.count(there, &camera, pixel, &bent, &faces);
@@ -166,7 +168,7 @@ fn one_pixel_beside_is_another_point() {
     let gpu = gpu();
     let (mesh, bent) = horseshoe();
     let topology = Topology::new(&mesh);
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(&gpu, &frame, &bent).unwrap();
     let scalars = waves(&mesh);
     let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars).unwrap();
@@ -181,7 +183,7 @@ fn one_pixel_beside_is_another_point() {
     assert!(tally.wrong > 0 && tally.apart > 1e-3, "{tally:?}");
     for bad in [DVec2::new(-1.0, 3.0), DVec2::new(3.0, 121.0), DVec2::NAN] {
         assert!(geometry.pick(&camera, bad, SIZE).is_err());
-        assert!(geometry.pick_at(&bent, &camera, bad, SIZE).is_err());
+        assert!(geometry.pick_positions(&bent, &camera, bad, SIZE).is_err());
     }
 }
 
@@ -212,7 +214,7 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
     let gpu = gpu();
     let mut mesh = generate::bar([12, 6, 6], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let mut topology = Topology::new(&mesh);
-    let mut body = Body::new(&gpu, &mesh, &Material::young(2e4)).unwrap();
+    let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(2e4)).unwrap();
     body.pin(|p| p.x < 0.001);
     body.add_force(DVec3::new(0.5, 0.0, 0.0), |p| p.x > 0.119)
         .unwrap();
@@ -221,12 +223,12 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
     let positions = body.nodes().array();
     let mut geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &scalars).unwrap();
     let edge = |z: f64| [DVec3::new(0.05, -0.1, z), DVec3::new(0.07, 0.2, z)];
-    let blade = Blade::swept(&[edge(0.1), edge(-0.1)]).unwrap();
+    let blade = Blade::from_sweep(&[edge(0.1), edge(-0.1)]).unwrap();
     let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
     let scalars = waves(&mesh);
     let positions = body.nodes().array();
     geometry
-        .follow(&mesh, &topology, &cut, positions, &scalars)
+        .apply_cut(&mesh, &topology, &cut, positions, &scalars)
         .unwrap();
     let mut solver = ImplicitEuler::new(&gpu, &body).unwrap();
     solver.run(&mut body, 20, 0.005).unwrap();
@@ -245,7 +247,7 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
             let is_wall = |p: &Pick| {
                 p.nodes
                     .iter()
-                    .all(|v| cut.doubled.iter().any(|d| d.contains(v)))
+                    .all(|v| cut.duplicated_nodes.iter().any(|d| d.contains(v)))
             };
             walls.extend(found.filter(is_wall));
         }
@@ -255,7 +257,7 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
     assert!(walls.len() > 10);
 
     let wall = walls[walls.len() / 2];
-    let hand = body.grab(wall.point, 0.012, Grip::Follow).unwrap();
+    let hand = body.grab(wall.point, 0.012, GrabMode::Follow).unwrap();
     let pulled = wall.point + DVec3::new(0.0, -0.02, 0.01);
     body.set_target(hand, pulled).unwrap();
     solver.run(&mut body, 5, 0.005).unwrap();
@@ -273,8 +275,8 @@ fn grid(gpu: &Gpu) -> GridBody {
         .boundary_surface(None)
         .unwrap();
     let domain = SurfaceDomain::new(vec![ClosedSurface::new(&ball).unwrap()]).unwrap();
-    let shape = GridShape::carve_about(&domain, 2_000, DMat3::IDENTITY).unwrap();
-    let model = GridModel::new(shape, &Material::young(5e3)).unwrap();
+    let shape = GridShape::from_domain_with_count(&domain, 2_000, DMat3::IDENTITY).unwrap();
+    let model = GridModel::new(shape, &Material::from_young(5e3)).unwrap();
     GridBody::new(gpu, model).unwrap()
 }
 
@@ -287,7 +289,7 @@ fn the_particle_picked_on_a_grid_body_follows_the_hand() {
     let (positions, frame) = (body.nodes().array(), body.nodes().frame());
     let scalars = waves(&mesh);
     let geometry = Geometry::new(&gpu, &mesh, &topology, frame, positions, &scalars).unwrap();
-    let dt = 0.5 * body.model().stable_step();
+    let dt = 0.5 * body.model().conservative_step();
     let squashed: Vec<DVec3> = mesh
         .nodes
         .iter()
@@ -308,7 +310,7 @@ fn the_particle_picked_on_a_grid_body_follows_the_hand() {
     }
     assert!(tally.wrong == 0 && tally.hits > 30, "{tally:?}");
     let pick = last.unwrap();
-    let hand = body.grab(pick.point, 0.3, Grip::Follow).unwrap();
+    let hand = body.grab(pick.point, 0.3, GrabMode::Follow).unwrap();
     let away = DVec3::new(0.2, 0.1, -0.1);
     body.set_target(hand, pick.point + away).unwrap();
     body.run(5, dt).unwrap();

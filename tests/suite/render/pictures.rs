@@ -11,13 +11,21 @@ fn the_benchmark_cube_by_both_walks_and_tables() {
     let mesh = generate::benchmark_cube(12, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
     for (walk, table, reads) in [
-        (Walk::Vertices, TableForm::Integrals, Reads::Stored),
-        (Walk::Vertices, TableForm::Integrals, Reads::Sampled),
-        (Walk::Planes, TableForm::Integrals, Reads::Stored),
-        (Walk::Planes, TableForm::Integrals, Reads::Sampled),
-        (Walk::Vertices, TableForm::Sliced, Reads::Stored),
-        (Walk::Planes, TableForm::Sliced, Reads::Sampled),
-        (Walk::Vertices, TableForm::Volume, Reads::Sampled),
+        (
+            Traversal::Vertices,
+            TableKind::Integrals,
+            MeshAccess::Stored,
+        ),
+        (
+            Traversal::Vertices,
+            TableKind::Integrals,
+            MeshAccess::Sampled,
+        ),
+        (Traversal::Planes, TableKind::Integrals, MeshAccess::Stored),
+        (Traversal::Planes, TableKind::Integrals, MeshAccess::Sampled),
+        (Traversal::Vertices, TableKind::Sliced, MeshAccess::Stored),
+        (Traversal::Planes, TableKind::Sliced, MeshAccess::Sampled),
+        (Traversal::Vertices, TableKind::Volume, MeshAccess::Sampled),
     ] {
         let options = RaycastOptions {
             walk,
@@ -54,12 +62,12 @@ fn scene<'a>(
     let scalars = scalars.into();
     let gpu = gpu();
     let transfer = TransferFunction::preset(preset).unwrap();
-    let mut camera = Camera::framing(mesh);
+    let mut camera = Camera::fit_mesh(mesh);
     let (low, high) = palpate::mesh::bounds(positions);
     let shift = 0.5 * (low + high) - camera.look_at;
     camera.eye += 1.2 * shift;
     camera.look_at += shift;
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let options = RaycastOptions {
             walk,
             ..Default::default()
@@ -181,7 +189,7 @@ fn large_pictures_are_tiled_without_seams() {
     let image = caster
         .image(&peers_camera(), [1400, 1100], Mode::Thickness)
         .unwrap();
-    let truth = palpate::render::RayReference::new(&mesh, &mesh.nodes, &scalars);
+    let truth = palpate::render::ReferenceRaycaster::new(&mesh, &mesh.nodes, &scalars);
     let camera = peers_camera();
     let mut wrong = 0;
     for y in (7..1100).step_by(13) {
@@ -208,7 +216,7 @@ fn a_wrong_field_is_told_apart() {
         RaycastOptions::default(),
     );
     let nudged: Vec<f64> = scalars.iter().map(|s| s + 0.01).collect();
-    scene.truth = palpate::render::RayReference::new(&mesh, &mesh.nodes, &nudged);
+    scene.truth = palpate::render::ReferenceRaycaster::new(&mesh, &mesh.nodes, &nudged);
     let (_, rms, _) = scene.compare(&peers_camera(), [64, 64]);
     assert!(rms > 0.5, "{rms}");
 }

@@ -3,7 +3,9 @@
 use crate::render::common::*;
 use glam::DVec3;
 use palpate::gpu::Gpu;
-use palpate::mesh::{LocalFrame, MeshPiece, Parted, TetMesh, Topology, generate, kd_parts};
+use palpate::mesh::{
+    LocalFrame, MeshPartition, MeshPiece, TetMesh, Topology, generate, kd_partition,
+};
 use palpate::render::*;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -30,14 +32,14 @@ impl Shown<'_> {
         let scalars = self.scalars(&self.scalars);
         let mut geometry = Geometry::at_rest(gpu, self.mesh, scalars).unwrap();
         geometry
-            .illuminate(self.mesh, &Topology::new(self.mesh), scalars)
+            .enable_lighting(self.mesh, &Topology::new(self.mesh), scalars)
             .unwrap();
         Raycaster::with_options(gpu, geometry, &self.transfer, self.options).unwrap()
     }
 
     fn piece(&self, gpu: &Gpu, piece: &MeshPiece) -> Raycaster {
-        let frame = LocalFrame::of_mesh(self.mesh);
-        let measures = Measures::new(self.mesh, self.scalars(&self.scalars));
+        let frame = LocalFrame::from_mesh(self.mesh);
+        let measures = TableStatistics::new(self.mesh, self.scalars(&self.scalars));
         let items = if self.in_tets {
             &piece.tets
         } else {
@@ -47,25 +49,25 @@ impl Shown<'_> {
         let scalars = self.scalars(&own);
         let topology = Topology::new(&piece.mesh);
         let positions = local_positions(gpu, &frame, &piece.mesh.nodes).unwrap();
-        let shown = topology.showing_first(piece.own);
+        let shown = topology.restricted_to(piece.owned_tets);
         let mut geometry =
             Geometry::new(gpu, &piece.mesh, &shown, frame, &positions, scalars).unwrap();
         geometry
             .set_scalars(&piece.mesh, scalars, measures.range)
             .unwrap();
-        geometry.take_measures(&measures);
+        geometry.set_table_statistics(&measures);
         geometry
-            .illuminate(&piece.mesh, &topology, scalars)
+            .enable_lighting(&piece.mesh, &topology, scalars)
             .unwrap();
         Raycaster::with_options(gpu, geometry, &self.transfer, self.options).unwrap()
     }
 
     /// What each part of the mesh tells.
-    fn told(&self, gpu: &Gpu, part_of: &[u32], camera: &Camera) -> Vec<Intervals> {
-        let parted = Parted::new(self.mesh, part_of).unwrap();
+    fn told(&self, gpu: &Gpu, part_of: &[u32], camera: &Camera) -> Vec<RaySegments> {
+        let parted = MeshPartition::new(self.mesh, part_of).unwrap();
         (0..parted.len())
             .map(|k| {
-                let mut caster = self.piece(gpu, &parted.piece(k).unwrap());
+                let mut caster = self.piece(gpu, &parted.extract(k).unwrap());
                 caster.intervals(camera, SIZE).unwrap()
             })
             .collect()
@@ -73,12 +75,12 @@ impl Shown<'_> {
 }
 
 /// All of them in one, by twos.
-fn reduced(mut told: Vec<Intervals>) -> Intervals {
+fn reduced(mut told: Vec<RaySegments>) -> RaySegments {
     while told.len() > 1 {
         told = told
             .chunks(2)
             .map(|pair| match pair {
-                [a, b] => a.with(b).unwrap(),
+                [a, b] => a.merged(b).unwrap(),
                 rest => rest[0].clone(),
             })
             .collect();
@@ -97,7 +99,7 @@ fn options(light: Light) -> RaycastOptions {
 fn cameras(mesh: &TetMesh) -> [Camera; 3] {
     let (low, high) = mesh.bounds();
     let (middle, extent) = (0.5 * (low + high), (high - low).max_element());
-    let framing = Camera::framing_for(mesh, SIZE);
+    let framing = Camera::fit_mesh_in(mesh, SIZE);
     // The middle of a tet near the middle of the body: an eye inside it.
     let near = |t: &usize| {
         let p = mesh.tet_nodes(*t).iter().sum::<DVec3>() / 4.0;
@@ -130,13 +132,13 @@ fn check(name: &str, shown: &mut Shown, parts: &[usize]) -> (f64, f64) {
         for (c, camera) in cameras(shown.mesh).iter().enumerate() {
             let whole = caster.image(camera, SIZE, Mode::Composite).unwrap();
             for parts in parts {
-                let part_of = kd_parts(shown.mesh, *parts).unwrap();
+                let part_of = kd_partition(shown.mesh, *parts).unwrap();
                 let told = shown.told(&gpu, &part_of, camera);
                 let all: usize = told.iter().map(|t| t.items().len()).sum();
                 let joined = reduced(told);
                 let image = joined.image();
                 keep(&image, &format!("pieces-{name}-{c}-{parts}-{light:?}.png"));
-                let apart = Difference::between(&image, &whole).unwrap();
+                let apart = ImageDifference::between(&image, &whole).unwrap();
                 let (r, m) = (255.0 * apart.rmse, 255.0 * apart.max);
                 println!(
                     "{name} {light:?} camera {c}, {parts} pieces: rmse {r:.4}, max {m:.3} of 255; {all} intervals, {} joined",
@@ -213,7 +215,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
     let mesh = generate::benchmark_cube(7, true).unwrap();
     let gpu = gpu();
     let camera = peers_camera();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let mut shown = Shown {
             scalars: waves(&mesh),
             mesh: &mesh,
@@ -240,7 +242,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
         let ways: usize = told.iter().map(|t| t.items().len()).sum();
         println!("{ways} ways of {rays} rays");
         assert!(ways > 4 * rays);
-        let apart = Difference::between(&reduced(told.clone()).image(), &whole).unwrap();
+        let apart = ImageDifference::between(&reduced(told.clone()).image(), &whole).unwrap();
         println!("scattered, {walk:?}: {apart:?}");
         assert!(255.0 * apart.rmse < 0.1, "{walk:?}: {apart:?}");
         // Laid one behind the other without regard to depth it is not the whole.
@@ -255,7 +257,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
                 a.iter_mut().zip(b).for_each(|(a, b)| *a += clear * b);
             }
         }
-        let apart = Difference::between(&wrong, &whole).unwrap();
+        let apart = ImageDifference::between(&wrong, &whole).unwrap();
         assert!(255.0 * apart.rmse > 1.0, "{apart:?}");
     }
 }
@@ -272,27 +274,27 @@ fn ways_through_a_piece_are_those_of_float64() {
         options: options(Light::None),
     };
     let camera = peers_camera();
-    let part_of = kd_parts(&mesh, 6).unwrap();
-    let parted = Parted::new(&mesh, &part_of).unwrap();
-    let frame = LocalFrame::of_mesh(&mesh);
+    let part_of = kd_partition(&mesh, 6).unwrap();
+    let parted = MeshPartition::new(&mesh, &part_of).unwrap();
+    let frame = LocalFrame::from_mesh(&mesh);
     let forward = (camera.look_at - camera.eye).normalize();
-    let mut exact: Vec<Vec<ExactInterval>> = vec![Vec::new(); (SIZE[0] * SIZE[1]) as usize];
+    let mut exact: Vec<Vec<ReferenceSegment>> = vec![Vec::new(); (SIZE[0] * SIZE[1]) as usize];
     let (mut alike, mut rays) = (0, 0);
     let transfer = shown.whole(&gpu).transfer();
     for k in 0..parted.len() {
-        let piece = parted.piece(k).unwrap();
+        let piece = parted.extract(k).unwrap();
         let mut caster = shown.piece(&gpu, &piece);
         assert_eq!(caster.transfer(), transfer);
         let told = caster.intervals(&camera, SIZE).unwrap();
         let mut own = piece.mesh.clone();
-        own.tets.truncate(piece.own);
+        own.tets.truncate(piece.owned_tets);
         let scalars: Vec<f64> = piece
             .nodes
             .iter()
             .map(|v| shown.scalars[*v as usize])
             .collect();
-        let truth = RayReference::new(&own, &own.nodes, &scalars);
-        let truth = truth.picture(&camera, SIZE, |reference, ray| {
+        let truth = ReferenceRaycaster::new(&own, &own.nodes, &scalars);
+        let truth = truth.render(&camera, SIZE, |reference, ray| {
             let depth = ray.direction.dot(forward);
             let all = reference.intervals(ray, &transfer);
             (depth, all)
@@ -303,9 +305,9 @@ fn ways_through_a_piece_are_those_of_float64() {
             .for_each(|i| of_pixel[i.pixel as usize].push(*i));
         for ((exact, (depth, truth)), told) in exact.iter_mut().zip(truth).zip(&of_pixel) {
             exact.extend(&truth);
-            let seen = |(_, seen): &&ExactInterval| seen[3] > 1e-4;
-            let truth: Vec<&ExactInterval> = truth.iter().filter(seen).collect();
-            let told: Vec<&Interval> = told.iter().filter(|i| i.seen[3] > 1e-4).collect();
+            let seen = |(_, seen): &&ReferenceSegment| seen[3] > 1e-4;
+            let truth: Vec<&ReferenceSegment> = truth.iter().filter(seen).collect();
+            let told: Vec<&RaySegment> = told.iter().filter(|i| i.rgba[3] > 1e-4).collect();
             rays += usize::from(!truth.is_empty());
             if truth.len() != told.len() {
                 // Along a silhouette of the piece, a hair beside.
@@ -315,7 +317,7 @@ fn ways_through_a_piece_are_those_of_float64() {
             let near = truth.iter().zip(&told).all(|((t, seen), i)| {
                 let depths = t.map(|t| eye + t * depth / frame.scale);
                 let deep = (0..2).all(|k| (f64::from(i.depths[k]) - depths[k]).abs() < 1e-3);
-                deep && (0..4).all(|k| (f64::from(i.seen[k]) - seen[k]).abs() < 4.0 / 255.0)
+                deep && (0..4).all(|k| (f64::from(i.rgba[k]) - seen[k]).abs() < 4.0 / 255.0)
             });
             alike += usize::from(near && !truth.is_empty());
         }
@@ -326,11 +328,12 @@ fn ways_through_a_piece_are_those_of_float64() {
         "{alike} of {rays}"
     );
     // All pieces' together are the whole ray's; in the wrong order they are not.
-    let whole = RayReference::new(&mesh, &mesh.nodes, &shown.scalars);
-    let whole = whole.picture(&camera, SIZE, |r, ray| r.composite(ray, &transfer));
+    let whole = ReferenceRaycaster::new(&mesh, &mesh.nodes, &shown.scalars);
+    let whole = whole.render(&camera, SIZE, |r, ray| r.composite(ray, &transfer));
     let (mut worst, mut wrong) = (0.0f64, 0.0f64);
     for (parts, whole) in exact.iter().zip(&whole) {
-        let turned: Vec<ExactInterval> = parts.iter().map(|(t, s)| ([-t[0], -t[1]], *s)).collect();
+        let turned: Vec<ReferenceSegment> =
+            parts.iter().map(|(t, s)| ([-t[0], -t[1]], *s)).collect();
         let off = |found: [f64; 4]| {
             (0..4)
                 .map(|k| (found[k] - whole[k]).abs())
@@ -357,31 +360,31 @@ fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
             ..options(Light::Head)
         },
     };
-    let part_of = kd_parts(&mesh, 2).unwrap();
-    let parted = Parted::new(&mesh, &part_of).unwrap();
-    let piece = parted.piece(0).unwrap();
+    let part_of = kd_partition(&mesh, 2).unwrap();
+    let parted = MeshPartition::new(&mesh, &part_of).unwrap();
+    let piece = parted.extract(0).unwrap();
     let camera = peers_camera();
     let said = |caster: &mut Raycaster| caster.intervals(&camera, SIZE).unwrap_err().to_string();
     let told = said(&mut shown.piece(&gpu, &piece));
     assert!(told.contains("shadows"), "{told}");
     shown.options.shadows = 0.0;
     let mut caster = shown.piece(&gpu, &piece);
-    let iso = Inside {
+    let iso = Sections {
         isosurfaces: vec![Isosurface {
             value: 0.5,
             colour: None,
             opacity: 1.0,
         }],
-        ..Inside::default()
+        ..Sections::default()
     };
-    caster.set_inside(&iso).unwrap();
+    caster.set_sections(&iso).unwrap();
     let told = said(&mut caster);
     assert!(told.contains("isosurfaces"), "{told}");
     // And without it pictures of the same raycaster go on as before.
-    caster.set_inside(&Inside::default()).unwrap();
+    caster.set_sections(&Sections::default()).unwrap();
     let before = caster.picture(&camera, SIZE).unwrap();
     let told = caster.intervals(&camera, SIZE).unwrap();
-    let apart = Difference::between(&told.image(), &before).unwrap();
+    let apart = ImageDifference::between(&told.image(), &before).unwrap();
     assert!(255.0 * apart.rmse < 0.1, "{apart:?}");
     assert_eq!(caster.picture(&camera, SIZE).unwrap(), before);
 }
@@ -398,20 +401,25 @@ fn a_piece_lit_by_its_own_tets_alone_shows_its_seams() {
         transfer: peers_transfer(),
         options: options(Light::Head),
     };
-    let part_of = kd_parts(&mesh, 8).unwrap();
-    let parted = Parted::new(&mesh, &part_of).unwrap();
+    let part_of = kd_partition(&mesh, 8).unwrap();
+    let parted = MeshPartition::new(&mesh, &part_of).unwrap();
     let mut off = Vec::new();
     for light in [Light::None, Light::Head] {
         shown.options.light = light;
         let whole = shown.whole(&gpu).image(&camera, SIZE, Mode::Composite);
         let told = (0..parted.len()).map(|k| {
-            let mut piece = parted.piece(k).unwrap();
-            piece.tets.truncate(piece.own);
-            piece.mesh.tets.truncate(piece.own);
+            let mut piece = parted.extract(k).unwrap();
+            piece.tets.truncate(piece.owned_tets);
+            piece.mesh.tets.truncate(piece.owned_tets);
             shown.piece(&gpu, &piece).intervals(&camera, SIZE).unwrap()
         });
         let image = reduced(told.collect()).image();
-        off.push(255.0 * Difference::between(&image, &whole.unwrap()).unwrap().rmse);
+        off.push(
+            255.0
+                * ImageDifference::between(&image, &whole.unwrap())
+                    .unwrap()
+                    .rmse,
+        );
     }
     println!("without their neighbours: {off:?} of 255");
     assert!(off[0] < 0.1 && off[1] > 1.0, "{off:?}");

@@ -15,10 +15,10 @@ pub struct Seen<'a> {
     pub scalars: Vec<f64>,
     gradients: Vec<DVec3>,
     pub caster: Raycaster,
-    rays: RayReference,
+    rays: ReferenceRaycaster,
     light: Light,
     /// Of regions, where they have any of their own.
-    looks: Option<RegionLooks>,
+    looks: Option<RegionAppearance>,
 }
 
 impl<'a> Seen<'a> {
@@ -26,16 +26,16 @@ impl<'a> Seen<'a> {
         gpu: &Gpu,
         mesh: &'a TetMesh,
         positions: &[DVec3],
-        walk: Walk,
+        walk: Traversal,
         light: Light,
     ) -> Self {
         let scalars = waves(mesh);
-        let frame = LocalFrame::of_mesh(mesh);
+        let frame = LocalFrame::from_mesh(mesh);
         let array = local_positions(gpu, &frame, positions).unwrap();
         let topology = Topology::new(mesh);
         let mut geometry = Geometry::new(gpu, mesh, &topology, frame, &array, &scalars).unwrap();
-        geometry.illuminate(mesh, &topology, &scalars).unwrap();
-        geometry.remember_rest(mesh).unwrap();
+        geometry.enable_lighting(mesh, &topology, &scalars).unwrap();
+        geometry.store_rest_positions(mesh).unwrap();
         let (low, high) = geometry.scalar_range();
         let shares: Vec<f64> = scalars.iter().map(|s| (s - low) / (high - low)).collect();
         let local = positions.iter().map(|p| (*p - frame.origin) / frame.scale);
@@ -51,14 +51,14 @@ impl<'a> Seen<'a> {
             mesh,
             gradients,
             caster: Raycaster::with_options(gpu, geometry, &transfer, options).unwrap(),
-            rays: RayReference::new(mesh, positions, &scalars),
+            rays: ReferenceRaycaster::new(mesh, positions, &scalars),
             scalars,
             light,
             looks: None,
         }
     }
 
-    pub fn look(&mut self, looks: RegionLooks) {
+    pub fn look(&mut self, looks: RegionAppearance) {
         self.caster.set_regions(Some(&looks)).unwrap();
         self.looks = Some(looks);
     }
@@ -70,21 +70,22 @@ impl<'a> Seen<'a> {
         parts.map(|(v, w)| w * of[*v as usize]).sum()
     }
 
-    pub fn truth(&self, camera: &Camera, inside: &Inside) -> Vec<[f64; 4]> {
+    pub fn truth(&self, camera: &Camera, inside: &Sections) -> Vec<[f64; 4]> {
         let own = self.caster.transfer();
         let geometry = self.caster.geometry();
         let (range, scale) = (geometry.scalar_range(), geometry.frame().scale);
         let looks = self.looks.clone().unwrap_or_default();
-        let of_regions = looks.transfers.iter().map(|t| t.resolved(range, scale));
+        let of_regions = looks.transfers.iter().map(|t| t.to_absolute(range, scale));
         let of_regions: Vec<ResolvedTransfer> = of_regions.collect();
-        let transfer = |tet: u32| match looks.of_tets.get(tet as usize) {
+        let transfer = |tet: u32| match looks.tet_regions.get(tet as usize) {
             None => Some(&own),
             Some(look) => look.map(|row| &of_regions[row as usize]),
         };
-        self.rays.picture(camera, SIZE, |rays, ray| {
+        self.rays.render(camera, SIZE, |rays, ray| {
             let rest = |tet: u32, w: [f64; 4]| self.mix(&self.mesh.nodes, tet, w);
-            let gradient =
-                |tet: u32, p: DVec3| self.mix(&self.gradients, tet, rays.weights_in(tet, p));
+            let gradient = |tet: u32, p: DVec3| {
+                self.mix(&self.gradients, tet, rays.barycentric_weights(tet, p))
+            };
             let volume = |tet: u32, p: DVec3, way: DVec3| shade(self.light, gradient(tet, p), way);
             let surface =
                 |tet: u32, p: DVec3, way: DVec3| shade_surface(self.light, gradient(tet, p), way);
@@ -92,14 +93,14 @@ impl<'a> Seen<'a> {
                 volume: &volume,
                 surface: &surface,
             };
-            rays.composite_inside(ray, &transfer, inside, &rest, Some(&light))
+            rays.composite_sections(ray, &transfer, inside, &rest, Some(&light))
         })
     }
 
     /// Share of pixels that are off by more than 4/255, and the root mean square of the others in
     /// 255ths. An edge of a surface may pass a pixel on either side.
-    pub fn compare(&mut self, camera: &Camera, inside: &Inside) -> (f64, f64, Image) {
-        self.caster.set_inside(inside).unwrap();
+    pub fn compare(&mut self, camera: &Camera, inside: &Sections) -> (f64, f64, Image) {
+        self.caster.set_sections(inside).unwrap();
         let image = self.caster.image(camera, SIZE, Mode::Composite).unwrap();
         let truth = self.truth(camera, inside);
         let (mut far, mut sum) = (0, 0.0);
@@ -127,7 +128,7 @@ pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
 }
 
 /// What is tried of a body: planes alone, surfaces alone, and all of it.
-pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
+pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Sections)> {
     let (low, high) = mesh.bounds();
     let (middle, size) = (0.5 * (low + high), high - low);
     let off = |x: f64, y: f64, z: f64| middle + size * DVec3::new(x, y, z);
@@ -140,19 +141,19 @@ pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
         opacity,
     };
     let clip = Plane::clip(off(0.1, 0.0, 0.03), DVec3::new(1.0, 0.2, 0.3));
-    let resting = Plane::clip(off(0.0, 0.12, 0.0), DVec3::new(-0.1, 1.0, 0.2)).resting();
+    let resting = Plane::clip(off(0.0, 0.12, 0.0), DVec3::new(-0.1, 1.0, 0.2)).at_rest();
     let slice = Plane {
         kind: PlaneKind::Slice(0.7),
         ..Plane::slice(off(-0.06, 0.0, 0.01), DVec3::new(0.9, -0.3, 0.4))
     };
-    let plain = Inside::default();
-    let with = |planes: Vec<Plane>, isosurfaces: Vec<Isosurface>, volume: bool| Inside {
+    let plain = Sections::default();
+    let with = |planes: Vec<Plane>, isosurfaces: Vec<Isosurface>, volume: bool| Sections {
         planes,
         isosurfaces,
-        volume,
+        draw_volume: volume,
     };
     let two = vec![iso(0.61, Some([0.9, 0.3, 0.2]), 0.5), iso(0.35, None, 0.8)];
-    let around = Plane::around(off(-0.3, -0.35, -0.3), off(0.25, 0.3, 0.35));
+    let around = Plane::clip_box(off(-0.3, -0.35, -0.3), off(0.25, 0.3, 0.35));
     vec![
         ("plain", plain),
         ("clip", with(vec![clip], Vec::new(), true)),
@@ -161,7 +162,7 @@ pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Inside)> {
         ("slice alone", with(vec![slice], Vec::new(), false)),
         (
             "slice at rest",
-            with(vec![slice.resting()], Vec::new(), true),
+            with(vec![slice.at_rest()], Vec::new(), true),
         ),
         ("isosurfaces", with(Vec::new(), two.clone(), true)),
         ("all", with(vec![clip, resting, slice], two, true)),
@@ -197,23 +198,23 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
     let gpu = gpu();
     let mut wrong = Vec::new();
     for (n, (name, mesh)) in bodies.iter().enumerate() {
-        let outside = Camera::framing(mesh);
-        let mut within = Camera::framing(mesh);
+        let outside = Camera::fit_mesh(mesh);
+        let mut within = Camera::fit_mesh(mesh);
         within.eye = mesh.tet_nodes(mesh.tets.len() / 2).iter().sum::<DVec3>() / 4.0;
         let from = Light::From(DVec3::new(0.3, 1.0, -0.5));
         let rest = mesh.nodes.clone();
         for (k, (walk, light, camera, positions)) in [
-            (Walk::Vertices, Light::Head, outside, bent(mesh)),
-            (Walk::Planes, from, outside, bent(mesh)),
-            (Walk::Vertices, Light::None, within, rest.clone()),
-            (Walk::Planes, Light::Head, within, rest),
+            (Traversal::Vertices, Light::Head, outside, bent(mesh)),
+            (Traversal::Planes, from, outside, bent(mesh)),
+            (Traversal::Vertices, Light::None, within, rest.clone()),
+            (Traversal::Planes, Light::Head, within, rest),
         ]
         .into_iter()
         .enumerate()
         {
             let mut seen = Seen::new(&gpu, mesh, &positions, walk, light);
             let all = insides(mesh, &seen.scalars.clone());
-            let plain = seen.compare(&camera, &Inside::default()).2;
+            let plain = seen.compare(&camera, &Sections::default()).2;
             for (m, (what, inside)) in all.iter().enumerate() {
                 // Each with some, and all of it with each.
                 if what != &"all" && (m + n + k) % 3 != 0 {
@@ -221,10 +222,10 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
                 }
                 let (far, rms, image) = seen.compare(&camera, inside);
                 keep(&image, &format!("planes_{name}_{k}_{m}.png"));
-                let apart = 255.0 * Difference::between(&image, &plain).unwrap().rmse;
+                let apart = 255.0 * ImageDifference::between(&image, &plain).unwrap().rmse;
                 println!("{name} {walk:?} {what}: {far:.4} far, rms {rms:.3}, moved {apart:.1}");
                 // It can be told from the picture without; an eye inside may see nothing of it.
-                let told = inside.is_plain() || k > 1 || apart > 1.0;
+                let told = inside.is_empty() || k > 1 || apart > 1.0;
                 if far > 0.01 || rms > 0.5 || !told {
                     wrong.push(format!("{name} {walk:?} {what} {k}: {far} {rms} {apart}"));
                 }
@@ -252,13 +253,13 @@ fn planes_that_make_no_sense_are_refused() {
     let geometry = Geometry::at_rest(&gpu, &mesh, &waves(&mesh)).unwrap();
     let transfer = TransferFunction::preset("viridis").unwrap();
     let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
-    let inside = Inside {
-        planes: vec![Plane::clip(DVec3::ZERO, DVec3::X).resting()],
-        ..Inside::default()
+    let inside = Sections {
+        planes: vec![Plane::clip(DVec3::ZERO, DVec3::X).at_rest()],
+        ..Sections::default()
     };
-    let told = caster.set_inside(&inside).unwrap_err().to_string();
+    let told = caster.set_sections(&inside).unwrap_err().to_string();
     assert!(told.contains("remember_rest"), "{told}");
-    assert!(caster.inside().is_plain());
+    assert!(caster.inside().is_empty());
 }
 
 #[test]

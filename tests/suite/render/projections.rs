@@ -33,7 +33,7 @@ struct Projected {
 }
 
 impl Projected {
-    fn new(mesh: &TetMesh, walk: Walk) -> Projected {
+    fn new(mesh: &TetMesh, walk: Traversal) -> Projected {
         let gpu = Gpu::new().unwrap();
         let options = RaycastOptions {
             walk,
@@ -42,7 +42,7 @@ impl Projected {
         let (nodes, scalars) = (&mesh.nodes, waves(mesh));
         Projected {
             scene: Scene::new(&gpu, mesh, nodes, &scalars, &peers_transfer(), options),
-            camera: Camera::framing_for(mesh, SIZE),
+            camera: Camera::fit_mesh_in(mesh, SIZE),
         }
     }
 
@@ -54,7 +54,7 @@ impl Projected {
         let image = caster.image(&self.camera, SIZE, mode).unwrap();
         assert_eq!(image.channels, 4);
         let (low, high) = caster.geometry().scalar_range();
-        let truth = truth.picture(&self.camera, SIZE, |reference, ray| {
+        let truth = truth.render(&self.camera, SIZE, |reference, ray| {
             projected(against, &reference.segments(ray))
         });
         let (mut off, mut met) = (0, 0);
@@ -80,7 +80,7 @@ fn projections_match_float64() {
         generate::by_name("duct", Some(4000)).unwrap(),
         generate::ball(1.0, 5).unwrap(),
     ] {
-        for walk in [Walk::Vertices, Walk::Planes] {
+        for walk in [Traversal::Vertices, Traversal::Planes] {
             let mut rays = Projected::new(&mesh, walk);
             for mode in MODES {
                 let off = rays.apart(mode, mode);
@@ -94,7 +94,7 @@ fn projections_match_float64() {
 #[test]
 fn one_mode_is_none_of_the_others() {
     let mesh = generate::ball(1.0, 5).unwrap();
-    let mut rays = Projected::new(&mesh, Walk::Vertices);
+    let mut rays = Projected::new(&mesh, Traversal::Vertices);
     for mode in MODES {
         for other in MODES.into_iter().filter(|m| *m != mode) {
             let off = rays.apart(mode, other);

@@ -14,7 +14,7 @@ fn target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {
 fn on(colour: &wgpu::TextureView) -> Target<'_> {
     Target {
         colour,
-        occluder: None,
+        depth: None,
         background: Some([0.0; 4]),
     }
 }
@@ -55,7 +55,7 @@ fn alone(caster: &mut Raycaster, (camera, transfer, size): &Wanted) -> Vec<f32> 
 #[test]
 fn pictures_of_one_submit_keep_their_cameras_transfer_functions_and_sizes() {
     let gpu = gpu();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let options = RaycastOptions {
             walk,
             ..Default::default()
@@ -65,7 +65,7 @@ fn pictures_of_one_submit_keep_their_cameras_transfer_functions_and_sizes() {
         assert!((1..4).all(|i| truth[i] != truth[i - 1]));
         let mut caster = raycaster(&gpu, options);
         let targets: Vec<_> = wanted().iter().map(|w| target(&gpu, w.2)).collect();
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         for ((camera, transfer, _), colour) in wanted().iter().zip(&targets) {
             caster.set_transfer(transfer).unwrap();
             caster
@@ -90,7 +90,7 @@ fn recordings_are_submitted_in_any_order_or_never() {
         let colour = target(&gpu, size);
         let mut encoder = gpu.device().create_command_encoder(&Default::default());
         caster.set_transfer(&transfer).unwrap();
-        let mut work = Recorder::within(&gpu, &mut encoder);
+        let mut work = Recorder::with_encoder(&gpu, &mut encoder);
         caster
             .record(&mut work, &camera, Mode::Composite, &on(&colour))
             .unwrap();
@@ -121,7 +121,7 @@ fn surfaces_of_one_submit_keep_their_cameras() {
     let cameras: Vec<Camera> = wanted().iter().take(2).map(|w| w.0).collect();
     let mut draw = |at_once: bool| -> Vec<Vec<f32>> {
         let targets: Vec<_> = cameras.iter().map(|_| target(&gpu, size)).collect();
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         for (camera, colour) in cameras.iter().zip(&targets) {
             let into = SurfaceTarget {
                 colour,
@@ -130,7 +130,9 @@ fn surfaces_of_one_submit_keep_their_cameras() {
             };
             surface.record(&mut work, camera, &into).unwrap();
             if !at_once {
-                std::mem::replace(&mut work, gpu.record()).submit().unwrap();
+                std::mem::replace(&mut work, gpu.start_recording())
+                    .submit()
+                    .unwrap();
             }
         }
         work.submit().unwrap();

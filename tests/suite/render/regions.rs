@@ -8,7 +8,7 @@ use palpate::render::*;
 use palpate::scene::{Scene, Stage};
 
 /// Four regions: as the rest, in one colour, by another preset, and hidden.
-fn looks(mesh: &TetMesh) -> RegionLooks {
+fn looks(mesh: &TetMesh) -> RegionAppearance {
     let preset = |name| TransferFunction::preset(name).unwrap();
     let (low, high) = mesh.bounds();
     let size = high - low;
@@ -22,15 +22,15 @@ fn looks(mesh: &TetMesh) -> RegionLooks {
             _ => Some(2),
         }
     };
-    RegionLooks {
+    RegionAppearance {
         transfers: vec![
             preset("viridis"),
             preset("viridis")
-                .coloured([0.9, 0.5, 0.3])
-                .as_dense(2.0 / size.x, size.x),
-            preset("bone").denser(3.0),
+                .with_colour([0.9, 0.5, 0.3])
+                .with_constant_extinction(2.0 / size.x, size.x),
+            preset("bone").scale_extinction(3.0),
         ],
-        of_tets: (0..mesh.tets.len()).map(of_tet).collect(),
+        tet_regions: (0..mesh.tets.len()).map(of_tet).collect(),
     }
 }
 
@@ -47,13 +47,13 @@ fn regions_are_those_of_the_float64_form() {
         ("foot", generate::by_name("foot", Some(5_000)).unwrap()),
     ];
     for (name, mesh) in &bodies {
-        let outside = Camera::framing(mesh);
+        let outside = Camera::fit_mesh(mesh);
         let mut within = outside;
         within.eye = mesh.tet_nodes(mesh.tets.len() / 2).iter().sum::<DVec3>() / 4.0;
         for (walk, light, camera, positions) in [
-            (Walk::Vertices, Light::Head, outside, bent(mesh)),
-            (Walk::Planes, Light::None, outside, mesh.nodes.clone()),
-            (Walk::Planes, Light::Head, within, bent(mesh)),
+            (Traversal::Vertices, Light::Head, outside, bent(mesh)),
+            (Traversal::Planes, Light::None, outside, mesh.nodes.clone()),
+            (Traversal::Planes, Light::Head, within, bent(mesh)),
         ] {
             let mut seen = Seen::new(&gpu, mesh, &positions, walk, light);
             let all = insides(mesh, &seen.scalars.clone());
@@ -85,7 +85,7 @@ fn regions_are_those_of_the_float64_form() {
             }
             // Another region hidden is told apart.
             let mut other = looks(mesh);
-            for look in &mut other.of_tets {
+            for look in &mut other.tet_regions {
                 *look = look.map_or(Some(1), |k| (k != 1).then_some(k));
             }
             seen.caster.set_regions(Some(&other)).unwrap();
@@ -99,11 +99,11 @@ fn regions_are_those_of_the_float64_form() {
 fn projections_pass_over_what_is_hidden() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, false).unwrap();
-    let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Walk::Vertices, Light::None);
+    let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
     let camera = peers_camera();
-    let looks = RegionLooks {
+    let looks = RegionAppearance {
         transfers: vec![TransferFunction::preset("viridis").unwrap()],
-        of_tets: vec![None; mesh.tets.len()],
+        tet_regions: vec![None; mesh.tets.len()],
     };
     seen.caster.set_regions(Some(&looks)).unwrap();
     for mode in [Mode::Composite, Mode::Maximum, Mode::Mean, Mode::Thickness] {
@@ -122,31 +122,31 @@ fn projections_pass_over_what_is_hidden() {
 fn regions_that_make_no_sense_are_refused() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(3, false).unwrap();
-    let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Walk::Vertices, Light::None);
+    let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
     let own = looks(&mesh);
-    let mut said = |looks: &RegionLooks| {
+    let mut said = |looks: &RegionAppearance| {
         seen.caster
             .set_regions(Some(looks))
             .unwrap_err()
             .to_string()
     };
-    let few = RegionLooks {
-        of_tets: vec![Some(0); 5],
+    let few = RegionAppearance {
+        tet_regions: vec![Some(0); 5],
         ..own.clone()
     };
     assert!(said(&few).contains("looks for 5 tets"));
-    let none = RegionLooks {
+    let none = RegionAppearance {
         transfers: Vec::new(),
         ..own.clone()
     };
     assert!(said(&none).contains("0 transfer functions"));
-    let beyond = RegionLooks {
-        of_tets: vec![Some(9); mesh.tets.len()],
+    let beyond = RegionAppearance {
+        tet_regions: vec![Some(9); mesh.tets.len()],
         ..own.clone()
     };
     assert!(said(&beyond).contains("transfer function 9"));
     let sliced = RaycastOptions {
-        table: TableForm::Sliced,
+        table: TableKind::Sliced,
         ..RaycastOptions::default()
     };
     seen.caster.set_options(sliced).unwrap();

@@ -42,7 +42,7 @@ fn phantom() -> Volume {
         slope: 1.0,
         intercept: 0.0,
         to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 
@@ -69,7 +69,7 @@ fn scan_of(volume: Volume) -> Scan {
     Scan {
         volume: Arc::new(volume),
         units_per_mm: 1.0,
-        look: ScanLook::Values {
+        appearance: ScanAppearance::Values {
             transfer: transfer(),
             range: None,
         },
@@ -88,21 +88,21 @@ fn caster(
     options: RaycastOptions,
 ) -> Raycaster {
     let gpu = gpu();
-    let frame = LocalFrame::of_mesh(mesh);
+    let frame = LocalFrame::from_mesh(mesh);
     let array = local_positions(&gpu, &frame, positions).unwrap();
     let topology = Topology::new(mesh);
     let nothing = vec![0.0; mesh.nodes.len()];
     let mut geometry = Geometry::new(&gpu, mesh, &topology, frame, &array, &nothing).unwrap();
-    geometry.remember_rest(mesh).unwrap();
+    geometry.store_rest_positions(mesh).unwrap();
     let mut caster = Raycaster::with_options(&gpu, geometry, &transfer(), options).unwrap();
     assert_eq!(caster.set_scans(mesh, scans).unwrap(), Vec::<String>::new());
     caster
 }
 
-fn plain(walk: Walk) -> RaycastOptions {
+fn plain(walk: Traversal) -> RaycastOptions {
     RaycastOptions {
         walk,
-        opaque: 1.0,
+        opacity_cutoff: 1.0,
         light: Light::None,
         ..Default::default()
     }
@@ -110,15 +110,15 @@ fn plain(walk: Walk) -> RaycastOptions {
 
 /// The exact picture of the scan carried by `mesh`.
 fn exact(mesh: &TetMesh, positions: &[DVec3], scan: &Scan, camera: &Camera) -> Vec<[f64; 4]> {
-    let truth = RayReference::of_scan(mesh, positions, scan, 24.0);
-    let transfer = transfer().resolved(scan.range(), 1.0);
-    truth.picture(camera, SIZE, |r, ray| r.composite(ray, &transfer))
+    let truth = ReferenceRaycaster::from_scan(mesh, positions, scan, 24.0);
+    let transfer = transfer().to_absolute(scan.range(), 1.0);
+    truth.render(camera, SIZE, |r, ray| r.composite(ray, &transfer))
 }
 
 /// What the scan shows without any mesh: points of the ray brought to where they rest by `rest`, as
 /// far as they rest in the unit cube.
 fn without_tets(scan: &Scan, camera: &Camera, rest: impl Fn(DVec3) -> DVec3) -> Vec<[f64; 4]> {
-    let transfer = transfer().resolved(scan.range(), 1.0);
+    let transfer = transfer().to_absolute(scan.range(), 1.0);
     let [width, height] = SIZE;
     let step = 1e-3;
     (0..width * height)
@@ -139,7 +139,7 @@ fn without_tets(scan: &Scan, camera: &Camera, rest: impl Fn(DVec3) -> DVec3) -> 
                     _ => 0.5 * step,
                 };
                 let [from, to] = [a, b].map(|p| {
-                    let voxel = scan.voxel_from_rest().transform_point3(rest(p));
+                    let voxel = scan.rest_to_voxel().transform_point3(rest(p));
                     let last = DVec3::from(scan.volume.size.map(|n| n as f64 - 0.5));
                     let inside = voxel.cmpge(DVec3::splat(-0.5)).all() && voxel.cmple(last).all();
                     inside.then(|| scan.volume.sample(rest(p)))
@@ -170,7 +170,7 @@ fn at_rest_it_is_the_raycast_of_the_scan() {
     for cells in [1, 5] {
         let mesh = generate::box_mesh([cells; 3], DVec3::ONE, generate::Split::Six).unwrap();
         let truth = exact(&mesh, &mesh.nodes, &scan, &camera);
-        for walk in [Walk::Vertices, Walk::Planes] {
+        for walk in [Traversal::Vertices, Traversal::Planes] {
             let mut caster = caster(&mesh, &mesh.nodes, std::slice::from_ref(&scan), plain(walk));
             let image = picture(&mut caster, &camera);
             keep(&image, &format!("scan-rest-{cells}-{walk:?}.png"));
@@ -186,7 +186,12 @@ fn at_rest_it_is_the_raycast_of_the_scan() {
     let mut other = phantom();
     other.to_world.translation.x += 0.5 * other.spacing().x;
     let mesh = generate::box_mesh([1; 3], DVec3::ONE, generate::Split::Six).unwrap();
-    let mut caster = caster(&mesh, &mesh.nodes, &[scan_of(other)], plain(Walk::Vertices));
+    let mut caster = caster(
+        &mesh,
+        &mesh.nodes,
+        &[scan_of(other)],
+        plain(Traversal::Vertices),
+    );
     let (rms, _) = difference(&picture(&mut caster, &camera), &free);
     assert!(rms > 2.0, "half a voxel aside is {rms}");
 }
@@ -207,7 +212,7 @@ fn an_affine_motion_is_that_of_the_scan_itself() {
         .iter()
         .map(|p| motion.transform_point3(*p))
         .collect();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let mut caster = caster(&mesh, &moved, std::slice::from_ref(&scan), plain(walk));
         let image = picture(&mut caster, &camera);
         keep(&image, &format!("scan-affine-{walk:?}.png"));
@@ -232,7 +237,7 @@ fn a_bend_is_that_of_its_points() {
         &mesh,
         &moved,
         std::slice::from_ref(&scan),
-        plain(Walk::Vertices),
+        plain(Traversal::Vertices),
     );
     let image = picture(&mut bent, &camera);
     keep(&image, "scan-bend.png");
@@ -245,7 +250,7 @@ fn a_bend_is_that_of_its_points() {
         &mesh,
         &mesh.nodes,
         std::slice::from_ref(&scan),
-        plain(Walk::Vertices),
+        plain(Traversal::Vertices),
     );
     let (rest, _) = difference(&picture(&mut still, &camera), &free);
     assert!(rest > 10.0, "{rest}");
@@ -257,9 +262,9 @@ fn planes_isosurfaces_and_light_see_the_scan() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let moved = bent(&mesh);
-    let inside = Inside {
+    let inside = Sections {
         planes: vec![
-            Plane::clip(DVec3::splat(0.55), DVec3::new(0.4, 0.2, 1.0)).resting(),
+            Plane::clip(DVec3::splat(0.55), DVec3::new(0.4, 0.2, 1.0)).at_rest(),
             Plane::slice(DVec3::splat(0.5), DVec3::new(0.1, 1.0, 0.2)),
         ],
         isosurfaces: vec![Isosurface {
@@ -267,22 +272,22 @@ fn planes_isosurfaces_and_light_see_the_scan() {
             colour: None,
             opacity: 0.7,
         }],
-        volume: true,
+        draw_volume: true,
     };
     let camera = camera();
-    let truth = RayReference::of_scan(&mesh, &moved, &scan, 24.0);
-    let resolved = transfer().resolved(scan.range(), 1.0);
+    let truth = ReferenceRaycaster::from_scan(&mesh, &moved, &scan, 24.0);
+    let resolved = transfer().to_absolute(scan.range(), 1.0);
     let rest = |t: u32, w: [f64; 4]| {
         let corners = mesh.tet_nodes(t as usize);
         (0..4).map(|k| w[k] * corners[k]).sum()
     };
     // Differences of the scan, a voxel to either side, carried by F to the power -T.
-    let to_voxel = scan.voxel_from_rest();
+    let to_voxel = scan.rest_to_voxel();
     let back = to_voxel.inverse();
     let (low, high) = scan.range();
-    let scale = LocalFrame::of_mesh(&mesh).scale;
+    let scale = LocalFrame::from_mesh(&mesh).scale;
     let gradient = |t: u32, place: DVec3| {
-        let voxel = to_voxel.transform_point3(rest(t, truth.weights_in(t, place)));
+        let voxel = to_voxel.transform_point3(rest(t, truth.barycentric_weights(t, place)));
         let sample = |p: DVec3| scan.volume.sample(back.transform_point3(p));
         let at = |axis: DVec3| 0.5 * (sample(voxel + axis) - sample(voxel - axis)) / (high - low);
         let of_rest = to_voxel.matrix3.transpose() * DVec3::from(DVec3::AXES.map(at));
@@ -293,23 +298,23 @@ fn planes_isosurfaces_and_light_see_the_scan() {
     };
     let volume = |t: u32, p: DVec3, way: DVec3| shade(Light::Head, gradient(t, p), way);
     let surface = |t: u32, p: DVec3, way: DVec3| shade_surface(Light::Head, gradient(t, p), way);
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         for light in [Light::None, Light::Head] {
             let options = RaycastOptions {
                 light,
                 ..plain(walk)
             };
             let mut caster = caster(&mesh, &moved, std::slice::from_ref(&scan), options);
-            caster.set_inside(&inside).unwrap();
+            caster.set_sections(&inside).unwrap();
             let image = picture(&mut caster, &camera);
             keep(&image, &format!("scan-inside-{walk:?}-{light:?}.png"));
-            let all = truth.picture(&camera, SIZE, |r, ray| {
+            let all = truth.render(&camera, SIZE, |r, ray| {
                 let lighting = Lighting {
                     volume: &volume,
                     surface: &surface,
                 };
                 let lighting = (light == Light::Head).then_some(&lighting);
-                r.composite_inside(ray, &|_| Some(&resolved), &inside, &rest, lighting)
+                r.composite_sections(ray, &|_| Some(&resolved), &inside, &rest, lighting)
             });
             let (_, worst) = difference(&image, &all);
             // Rays that graze the isosurface between two samples see it or do not.
@@ -331,13 +336,13 @@ fn projections_and_regions_see_the_scan() {
     let mesh = generate::box_mesh([3; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let moved = bent(&mesh);
     let camera = camera();
-    let truth = RayReference::of_scan(&mesh, &moved, &scan, 24.0);
+    let truth = ReferenceRaycaster::from_scan(&mesh, &moved, &scan, 24.0);
     let (low, high) = scan.range();
     let mut caster = caster(
         &mesh,
         &moved,
         std::slice::from_ref(&scan),
-        plain(Walk::Vertices),
+        plain(Traversal::Vertices),
     );
     for (mode, name) in [
         (Mode::Maximum, "mip"),
@@ -346,7 +351,7 @@ fn projections_and_regions_see_the_scan() {
     ] {
         let image = caster.image(&camera, SIZE, mode).unwrap();
         keep(&image, &format!("scan-{name}.png"));
-        let all = truth.picture(&camera, SIZE, |r, ray| {
+        let all = truth.render(&camera, SIZE, |r, ray| {
             let parts = r.segments(ray);
             if parts.is_empty() {
                 return [0.0; 4];
@@ -369,21 +374,21 @@ fn projections_and_regions_see_the_scan() {
         assert!(rms < 1.0, "{name}: {rms}");
     }
     // A half is hidden, the other has a transfer function of its own.
-    let own = transfer().coloured([0.2, 0.9, 0.4]);
+    let own = transfer().with_colour([0.2, 0.9, 0.4]);
     let upper = |t: usize| mesh.tet_nodes(t).iter().map(|p| p.y).sum::<f64>() > 2.0;
-    let looks = RegionLooks {
+    let looks = RegionAppearance {
         transfers: vec![own.clone()],
-        of_tets: (0..mesh.tets.len())
+        tet_regions: (0..mesh.tets.len())
             .map(|t| upper(t).then_some(0))
             .collect(),
     };
     caster.set_regions(Some(&looks)).unwrap();
     let image = picture(&mut caster, &camera);
     keep(&image, "scan-regions.png");
-    let own = own.resolved(scan.range(), 1.0);
-    let all = truth.picture(&camera, SIZE, |r, ray| {
+    let own = own.to_absolute(scan.range(), 1.0);
+    let all = truth.render(&camera, SIZE, |r, ray| {
         let of = |t: u32| upper(t as usize).then_some(&own);
-        r.composite_inside(ray, &of, &Inside::default(), &|_, _| DVec3::ZERO, None)
+        r.composite_sections(ray, &of, &Sections::default(), &|_, _| DVec3::ZERO, None)
     });
     let (rms, _) = difference(&image, &all);
     println!("regions: {rms:.3}");
@@ -395,7 +400,7 @@ fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
     let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let camera = camera();
     let mut scan = scan_of(phantom());
-    scan.look = ScanLook::Values {
+    scan.appearance = ScanAppearance::Values {
         transfer: transfer(),
         range: Some((-400.0, 1200.0)),
     };
@@ -409,7 +414,7 @@ fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
         ..scan.clone()
     };
     let [plain_one, far_one] = [&scan, &far].map(|scan| {
-        let options = plain(Walk::Vertices);
+        let options = plain(Traversal::Vertices);
         let mut caster = caster(&mesh, &mesh.nodes, std::slice::from_ref(scan), options);
         picture(&mut caster, &camera)
     });
@@ -424,14 +429,14 @@ fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
 fn without_scans_scalars_are_drawn_as_they_were() {
     let gpu = gpu();
     let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let array = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     let topology = Topology::new(&mesh);
     let values = node_field(&mesh);
     let mut geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &values).unwrap();
-    geometry.remember_rest(&mesh).unwrap();
+    geometry.store_rest_positions(&mesh).unwrap();
     let own = TransferFunction::preset("viridis").unwrap();
-    let options = plain(Walk::Vertices);
+    let options = plain(Traversal::Vertices);
     let mut caster = Raycaster::with_options(&gpu, geometry, &own, options).unwrap();
     let camera = camera();
     let before = picture(&mut caster, &camera);
@@ -444,15 +449,15 @@ fn without_scans_scalars_are_drawn_as_they_were() {
     caster.set_scans(&mesh, &[]).unwrap();
     assert_eq!(picture(&mut caster, &camera), before);
     // Isosurfaces are of values: neither may come after the other.
-    let inside = Inside {
+    let inside = Sections {
         isosurfaces: vec!["0.5".parse().unwrap()],
-        ..Inside::default()
+        ..Sections::default()
     };
-    caster.set_inside(&inside).unwrap();
+    caster.set_sections(&inside).unwrap();
     let labels = Scan {
         volume: Arc::new(labels()),
         units_per_mm: 1.0,
-        look: ScanLook::Labels(label_looks()),
+        appearance: ScanAppearance::Labels(label_looks()),
     };
     let said = caster.set_scans(&mesh, &[labels]).unwrap_err().to_string();
     assert!(said.contains("isosurfaces"), "{said}");
@@ -477,7 +482,7 @@ fn x_rays_meet_as_much_however_the_body_is_bent() {
         .iter()
         .map(|p| *p * DVec3::new(0.6, 1.1, 0.9))
         .collect();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         for scanned in [true, false] {
             let mut totals = Vec::new();
             for (name, positions) in [
@@ -490,12 +495,12 @@ fn x_rays_meet_as_much_however_the_body_is_bent() {
                     ..plain(walk)
                 };
                 let gpu = gpu();
-                let frame = LocalFrame::of_mesh(&mesh);
+                let frame = LocalFrame::from_mesh(&mesh);
                 let array = local_positions(&gpu, &frame, positions).unwrap();
                 let topology = Topology::new(&mesh);
                 let mut geometry =
                     Geometry::new(&gpu, &mesh, &topology, frame, &array, &values).unwrap();
-                geometry.remember_rest(&mesh).unwrap();
+                geometry.store_rest_positions(&mesh).unwrap();
                 let mut caster =
                     Raycaster::with_options(&gpu, geometry, &transfer(), options).unwrap();
                 if scanned {
@@ -506,10 +511,10 @@ fn x_rays_meet_as_much_however_the_body_is_bent() {
                 let image = caster.image(&camera, size, Mode::Xray).unwrap();
                 assert_eq!(image.channels, 1);
                 let truth = match scanned {
-                    true => RayReference::of_scan(&mesh, positions, &scan, 16.0),
-                    false => RayReference::new(&mesh, positions, &values),
+                    true => ReferenceRaycaster::from_scan(&mesh, positions, &scan, 16.0),
+                    false => ReferenceRaycaster::new(&mesh, positions, &values),
                 };
-                let all = truth.picture(&camera, size, |r, ray| {
+                let all = truth.render(&camera, size, |r, ray| {
                     let parts = r.segments(ray).into_iter().map(|part| {
                         let of = |p: [DVec3; 4]| palpate::mesh::signed_volume(p);
                         let tet = part.tet as usize;
@@ -572,12 +577,12 @@ fn labels() -> Volume {
         slope: 1.0,
         intercept: 0.0,
         to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 
-fn label_looks() -> BTreeMap<i64, LabelLook> {
-    let look = |colour, extinction| LabelLook { colour, extinction };
+fn label_looks() -> BTreeMap<i64, LabelAppearance> {
+    let look = |colour, extinction| LabelAppearance { colour, extinction };
     BTreeMap::from([
         (2, look([0.1, 0.4, 0.9], 3.0)),
         (7, look([0.9, 0.8, 0.1], 20.0)),
@@ -593,10 +598,10 @@ fn labels_are_themselves_to_their_borders_and_mix_with_values() {
     let labelled = Scan {
         volume: Arc::new(labels()),
         units_per_mm: 1.0,
-        look: ScanLook::Labels(label_looks()),
+        appearance: ScanAppearance::Labels(label_looks()),
     };
     let looks = label_looks();
-    let (volume, to_voxel) = (labels(), labelled.voxel_from_rest());
+    let (volume, to_voxel) = (labels(), labelled.rest_to_voxel());
     let label_at = |rest: DVec3| {
         let voxel = to_voxel.transform_point3(rest);
         let last = DVec3::from(volume.size.map(|n| n as f64 - 0.5));
@@ -611,15 +616,15 @@ fn labels_are_themselves_to_their_borders_and_mix_with_values() {
             volume.value(at[0] + 13 * (at[1] + 11 * at[2])) as i64
         })
     };
-    let transfer = transfer().resolved(values.range(), 1.0);
-    let of_tets = RayReference::new(&mesh, &moved, &vec![0.0; mesh.nodes.len()]);
+    let transfer = transfer().to_absolute(values.range(), 1.0);
+    let of_tets = ReferenceRaycaster::new(&mesh, &moved, &vec![0.0; mesh.nodes.len()]);
     // Both at once, in short stretches.
     let truth = |with_values: bool| {
-        of_tets.picture(&camera, SIZE, |r, ray| {
+        of_tets.render(&camera, SIZE, |r, ray| {
             let mut sum = [0.0f64; 4];
             for part in r.segments(ray) {
                 let at = |t: f64| {
-                    let w = r.weights_in(part.tet, ray.origin + ray.direction * t);
+                    let w = r.barycentric_weights(part.tet, ray.origin + ray.direction * t);
                     let corners = mesh.tet_nodes(part.tet as usize);
                     (0..4).map(|k| w[k] * corners[k]).sum::<DVec3>()
                 };
@@ -636,7 +641,7 @@ fn labels_are_themselves_to_their_borders_and_mix_with_values() {
                     };
                     if with_values {
                         let s = values.volume.sample(rest);
-                        let voxel = values.voxel_from_rest().transform_point3(rest);
+                        let voxel = values.rest_to_voxel().transform_point3(rest);
                         let last = DVec3::from(values.volume.size.map(|n| n as f64 - 0.5));
                         if voxel.cmpge(DVec3::splat(-0.5)).all() && voxel.cmple(last).all() {
                             add(transfer.colour(s), transfer.extinction(s));
@@ -661,8 +666,8 @@ fn labels_are_themselves_to_their_borders_and_mix_with_values() {
         (vec![values.clone(), labelled.clone()], true),
         (vec![labelled.clone(), values.clone()], true),
     ] {
-        let first = matches!(scans[0].look, ScanLook::Labels(_));
-        let mut caster = caster(&mesh, &moved, &scans, plain(Walk::Vertices));
+        let first = matches!(scans[0].appearance, ScanAppearance::Labels(_));
+        let mut caster = caster(&mesh, &moved, &scans, plain(Traversal::Vertices));
         let image = picture(&mut caster, &camera);
         keep(&image, &format!("scan-labels-{with_values}-{first}.png"));
         let (rms, worst) = difference(&image, &truth(with_values));
@@ -678,7 +683,7 @@ fn scans_that_make_no_sense_are_refused_in_words() {
         &mesh,
         &mesh.nodes,
         &[scan_of(phantom())],
-        plain(Walk::Vertices),
+        plain(Traversal::Vertices),
     );
     let mut refused = |change: &dyn Fn(&mut Scan), expected: &str| {
         let mut scan = scan_of(phantom());
@@ -692,7 +697,7 @@ fn scans_that_make_no_sense_are_refused_in_words() {
     );
     refused(&|scan| scan.units_per_mm = f64::NAN, "units of the mesh");
     refused(
-        &|scan| scan.look = ScanLook::Labels(label_looks()),
+        &|scan| scan.appearance = ScanAppearance::Labels(label_looks()),
         "no map of labels",
     );
     refused(
@@ -704,7 +709,7 @@ fn scans_that_make_no_sense_are_refused_in_words() {
     );
     refused(
         &|scan| {
-            scan.look = ScanLook::Values {
+            scan.appearance = ScanAppearance::Values {
                 transfer: transfer(),
                 range: Some((3.0, 3.0)),
             }

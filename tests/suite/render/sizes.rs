@@ -6,7 +6,7 @@ use palpate::gpu::Texel;
 use palpate::mesh::generate;
 use palpate::render::*;
 use palpate::scene::{Scene as SceneFile, Stage};
-use palpate::skin::{Carrier, ComposeOptions, Composer, Skin};
+use palpate::skin::{Compositor, CompositorOptions, Skin, SkinBase};
 
 const TOO_LARGE: [u32; 2] = [100_000, 100_000];
 
@@ -29,9 +29,9 @@ fn pictures_beyond_all_measure_are_refused() {
     let colour = SurfaceColour::Plain([1.0; 3]);
     let mut surface = Surface::new(&gpu, &geometry, &scalars, &colour, Shading::Flat).unwrap();
     let frame = geometry.frame();
-    let carrier = Carrier::of_mesh(&gpu, &mesh, geometry.positions(), frame).unwrap();
-    let mut skin = Skin::bare(&gpu, &carrier, None).unwrap();
-    let mut composer = Composer::new(&gpu, ComposeOptions::default()).unwrap();
+    let carrier = SkinBase::from_mesh(&gpu, &mesh, geometry.positions(), frame).unwrap();
+    let mut skin = Skin::body_surface(&gpu, &carrier, None).unwrap();
+    let mut composer = Compositor::new(&gpu, CompositorOptions::default()).unwrap();
     let mut caster = Raycaster::new(&gpu, geometry, &peers_transfer()).unwrap();
     for size in [TOO_LARGE, [0, 5], [u32::MAX, 2]] {
         for mode in [Mode::Composite, Mode::Thickness] {
@@ -76,7 +76,7 @@ fn textures_buffers_and_arrays_beyond_the_device_are_refused() {
     assert!(refused(gpu.buffer("heap", u64::MAX)).contains("heap"));
     assert!(refused(gpu.buffer("heap", 1 << 50)).contains("heap"));
     assert!(refused(gpu.array("list", Texel::F32x4, usize::MAX)).contains("list"));
-    gpu.check().unwrap();
+    gpu.poll_errors().unwrap();
     gpu.wait().unwrap();
     gpu.array("list", Texel::F32, 10).unwrap();
 }

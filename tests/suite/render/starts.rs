@@ -6,9 +6,9 @@ use glam::DVec3;
 use palpate::mesh::{FACES, LocalFrame, TetMesh, Topology, generate};
 use palpate::render::*;
 
-fn caster(mesh: &TetMesh, topology: &Topology, walk: Walk) -> Raycaster {
+fn caster(mesh: &TetMesh, topology: &Topology, walk: Traversal) -> Raycaster {
     let gpu = gpu();
-    let frame = LocalFrame::of_mesh(mesh);
+    let frame = LocalFrame::from_mesh(mesh);
     let array = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     let scalars = vec![0.0; mesh.nodes.len()];
     let geometry = Geometry::new(&gpu, mesh, topology, frame, &array, &scalars).unwrap();
@@ -23,8 +23,8 @@ fn caster(mesh: &TetMesh, topology: &Topology, walk: Walk) -> Raycaster {
 #[ignore = "long: scripts/test --full"]
 fn every_ray_of_a_limb_starts() {
     let mesh = generate::by_name("limb", Some(9_000)).unwrap();
-    let mut caster = caster(&mesh, &Topology::new(&mesh), Walk::Vertices);
-    let far = Camera::framing(&mesh);
+    let mut caster = caster(&mesh, &Topology::new(&mesh), Traversal::Vertices);
+    let far = Camera::fit_mesh(&mesh);
     // Faces of several pixels, of a part of one, and some that reach far outside the picture.
     let mut close = far;
     close.eye = close.look_at + 0.25 * (close.eye - close.look_at);
@@ -50,7 +50,7 @@ fn every_ray_starts_at_slivers_seen_edge_on() {
     ] {
         let mut mesh = generate::benchmark_cube(6, false).unwrap();
         mesh.nodes.iter_mut().for_each(|p| *p = (*p - 0.5) * scale);
-        let mut caster = caster(&mesh, &Topology::new(&mesh), Walk::Vertices);
+        let mut caster = caster(&mesh, &Topology::new(&mesh), Traversal::Vertices);
         for (eye, up) in [
             (DVec3::new(0.2, 1.9, 0.003), DVec3::Z),
             (DVec3::new(1.7, 0.4, 0.01), DVec3::Z),
@@ -70,7 +70,7 @@ fn every_ray_starts_at_slivers_seen_edge_on() {
 #[test]
 fn every_ray_starts_around_an_eye_inside_or_close_to_the_boundary() {
     let mesh = generate::benchmark_cube(6, true).unwrap();
-    let mut caster = caster(&mesh, &Topology::new(&mesh), Walk::Vertices);
+    let mut caster = caster(&mesh, &Topology::new(&mesh), Traversal::Vertices);
     let look_at = DVec3::new(0.48, 0.53, 0.51);
     for eye in [
         DVec3::new(0.11, 0.17, 0.52),
@@ -117,7 +117,7 @@ fn rays_that_never_start_are_counted() {
         DVec3::Y,
         0.999,
     );
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let mut whole = caster(&mesh, &Topology::new(&mesh), walk);
         let size = [150, 150];
         assert_eq!(whole.report(&camera, size).unwrap().lost_rays, 0);
@@ -146,7 +146,7 @@ fn rays_that_do_not_enter_again_are_counted() {
         normal.dot(towards) > 0.3 && middle.to_array().into_iter().all(within)
     };
     let topology = without(&mesh, inner);
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let lost = |topology: &Topology| {
             let mut caster = caster(&mesh, topology, walk);
             let report = caster.report(&camera, [150, 150]).unwrap();

@@ -37,7 +37,7 @@ fn errors(
             [s, (s + random.between(-3.0, 3.0) * d).clamp(0.0, 1.0), d]
         })
         .collect();
-    let found = caster.look_up(&segments).unwrap();
+    let found = caster.sample_table(&segments).unwrap();
     let (mut sum, mut most) = (0.0f64, 0.0f64);
     for (segment, found) in segments.iter().zip(&found) {
         let exact = segment_integral(truth, segment[0], segment[1], segment[2]);
@@ -56,7 +56,7 @@ fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(5, false).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
-    for table in [TableForm::Integrals, TableForm::Sliced, TableForm::Volume] {
+    for table in [TableKind::Integrals, TableKind::Sliced, TableKind::Volume] {
         // The same functions for each.
         let mut random = Random::new(11);
         let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
@@ -74,14 +74,14 @@ fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
                 // The cell's diagonal is the longest edge.
                 let (r, m) = errors(
                     &mut caster,
-                    &transfer.resolved((0.0, 1.0), 1.0),
+                    &transfer.to_absolute((0.0, 1.0), 1.0),
                     &mut random,
                     0.34,
                 );
                 (rms, most) = (rms.max(r), most.max(m));
             }
             println!("{table:?} x{density}: rms {rms:.3} most {most:.2}");
-            let bound = if table != TableForm::Volume { 0.5 } else { 1.0 };
+            let bound = if table != TableKind::Volume { 0.5 } else { 1.0 };
             assert!(rms < bound, "{table:?}, density {density}: {rms}");
         }
     }
@@ -93,7 +93,7 @@ fn no_segment_is_too_long() {
     // Segments are as long as tets may become.
     let mesh = generate::benchmark_cube(2, false).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
-    for table in [TableForm::Integrals, TableForm::Sliced, TableForm::Volume] {
+    for table in [TableKind::Integrals, TableKind::Sliced, TableKind::Volume] {
         let geometry = Geometry::at_rest(&gpu, &mesh, &scalars).unwrap();
         let options = RaycastOptions {
             table,
@@ -101,9 +101,11 @@ fn no_segment_is_too_long() {
         };
         let mut caster =
             Raycaster::with_options(&gpu, geometry, &peers_transfer(), options).unwrap();
-        let truth = peers_transfer().resolved((0.0, 1.0), 1.0);
+        let truth = peers_transfer().to_absolute((0.0, 1.0), 1.0);
         for d in [0.1, 1.0, 5.0] {
-            let found = caster.look_up(&[[0.2, 0.9, d], [0.6, 0.6, d]]).unwrap();
+            let found = caster
+                .sample_table(&[[0.2, 0.9, d], [0.6, 0.6, d]])
+                .unwrap();
             for (found, s) in found.iter().zip([[0.2, 0.9], [0.6, 0.6]]) {
                 let exact = segment_integral(&truth, s[0], s[1], d);
                 let error = (0..4)
@@ -130,7 +132,9 @@ fn a_transparent_function_draws_nothing_and_a_wrong_one_is_told_apart() {
         .unwrap();
     assert!(image.values.iter().all(|v| *v == 0.0));
     caster.set_transfer(&peers_transfer()).unwrap();
-    let other = peers_transfer().denser(1.1).resolved((0.0, 1.0), 1.0);
+    let other = peers_transfer()
+        .scale_extinction(1.1)
+        .to_absolute((0.0, 1.0), 1.0);
     let (rms, _) = errors(&mut caster, &other, &mut Random::new(3), 0.3);
     assert!(rms > 0.5, "{rms}");
 }

@@ -4,11 +4,16 @@ use crate::render::common::*;
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology, generate};
-use palpate::render::RayReference;
+use palpate::render::ReferenceRaycaster;
 use palpate::render::*;
 use rayon::prelude::*;
 
-fn caster(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], walk: Walk) -> (Raycaster, RayReference) {
+fn caster(
+    gpu: &Gpu,
+    mesh: &TetMesh,
+    positions: &[DVec3],
+    walk: Traversal,
+) -> (Raycaster, ReferenceRaycaster) {
     let options = RaycastOptions {
         walk,
         ..Default::default()
@@ -44,7 +49,12 @@ fn random_camera(positions: &[DVec3], random: &mut Random) -> Camera {
 ///
 /// A rasteriser places vertices on a grid of 256ths of a pixel: at a silhouette, the nearest
 /// exact rays decide whether a pixel is covered.
-fn wrong_pixels(image: &Image, truth: &RayReference, camera: &Camera, unit: f64) -> (usize, f64) {
+fn wrong_pixels(
+    image: &Image,
+    truth: &ReferenceRaycaster,
+    camera: &Camera,
+    unit: f64,
+) -> (usize, f64) {
     let size = image.size;
     let results: Vec<(bool, f64)> = (0..image.values.len())
         .into_par_iter()
@@ -93,8 +103,8 @@ fn match_float64(meshes: impl Iterator<Item = (&'static str, TetMesh)>, size: [u
         for positions in [mesh.nodes.clone(), bent(&mesh)] {
             let (low, high) = palpate::mesh::bounds(&positions);
             let unit = (high - low).max_element();
-            let (mut vertices, truth) = caster(&gpu, &mesh, &positions, Walk::Vertices);
-            let (mut planes, _) = caster(&gpu, &mesh, &positions, Walk::Planes);
+            let (mut vertices, truth) = caster(&gpu, &mesh, &positions, Traversal::Vertices);
+            let (mut planes, _) = caster(&gpu, &mesh, &positions, Traversal::Planes);
             for _ in 0..3 {
                 let camera = random_camera(&positions, &mut random);
                 let image = vertices.image(&camera, size, Mode::Thickness).unwrap();
@@ -118,10 +128,10 @@ fn match_float64(meshes: impl Iterator<Item = (&'static str, TetMesh)>, size: [u
 fn a_wrong_shape_is_told_apart() {
     let gpu = gpu();
     let mesh = slivers();
-    let (mut caster, _) = caster(&gpu, &mesh, &mesh.nodes, Walk::Vertices);
+    let (mut caster, _) = caster(&gpu, &mesh, &mesh.nodes, Traversal::Vertices);
     let moved: Vec<DVec3> = mesh.nodes.iter().map(|p| *p * 1.002).collect();
-    let truth = RayReference::new(&mesh, &moved, &waves(&mesh));
-    let camera = Camera::framing(&mesh);
+    let truth = ReferenceRaycaster::new(&mesh, &moved, &waves(&mesh));
+    let camera = Camera::fit_mesh(&mesh);
     let image = caster.image(&camera, [64, 64], Mode::Thickness).unwrap();
     let (low, high) = mesh.bounds();
     let (wrong, _) = wrong_pixels(&image, &truth, &camera, (high - low).max_element());
@@ -150,9 +160,9 @@ fn fill_volume(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
         let camera =
             Camera::orthographic(middle + 2.0 * radius * away, middle, DVec3::Y, 2.0 * radius);
         let walk = if seed == 1 {
-            Walk::Planes
+            Traversal::Planes
         } else {
-            Walk::Vertices
+            Traversal::Vertices
         };
         let (mut caster, _) = caster(&gpu, &mesh, &positions, walk);
         let image = caster
@@ -188,7 +198,7 @@ fn lose_none(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
         ),
     ];
     for (name, mesh) in meshes.chain(grids) {
-        for walk in [Walk::Vertices, Walk::Planes] {
+        for walk in [Traversal::Vertices, Traversal::Planes] {
             let (mut caster, _) = caster(&gpu, &mesh, &mesh.nodes, walk);
             let (low, high) = mesh.bounds();
             let (middle, unit) = (0.5 * (low + high), (high - low).max_element());
@@ -216,7 +226,7 @@ fn lose_none(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
 fn rays_along_the_edges_of_a_grid_are_as_long_as_the_grid() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(8, false).unwrap();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let (mut caster, _) = caster(&gpu, &mesh, &mesh.nodes, walk);
         let camera = Camera::orthographic(
             DVec3::new(0.5, 0.5, 3.0),
@@ -242,9 +252,9 @@ fn a_corrupt_link_loses_rays_and_the_walk_ends() {
         .find(|f| topology.neighbours[middle][*f] < u32::MAX)
         .unwrap();
     topology.neighbours[middle][inner] = 4 * 3 + 1;
-    let frame = palpate::mesh::LocalFrame::of_mesh(&mesh);
+    let frame = palpate::mesh::LocalFrame::from_mesh(&mesh);
     let array = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &array, &waves(&mesh)).unwrap();
         let options = RaycastOptions {
             walk,
@@ -275,7 +285,7 @@ fn inverted_tets_do_not_stop_the_walk() {
         .iter()
         .map(|p| *p + 0.12 * DVec3::new(random.unit(), random.unit(), random.unit()))
         .collect();
-    for walk in [Walk::Vertices, Walk::Planes] {
+    for walk in [Traversal::Vertices, Traversal::Planes] {
         let (mut caster, _) = caster(&gpu, &mesh, &torn, walk);
         let report = caster.report(&peers_camera(), [100, 100]).unwrap();
         println!("{walk:?}: {report:?}");

@@ -6,7 +6,7 @@ use crate::render::planes::{Seen, insides};
 use glam::DVec3;
 use palpate::mesh::{TriMesh, generate};
 use palpate::render::*;
-use palpate::skin::{Carrier, ComposeOptions, Composer, Mapping, Skin, SkinColour};
+use palpate::skin::{Compositor, CompositorOptions, Mapping, Skin, SkinBase, SkinColouring};
 
 /// A square of `size` about `middle`, across `normal`.
 fn square(middle: DVec3, normal: DVec3, size: f64) -> TriMesh {
@@ -31,33 +31,33 @@ fn everything_at_once_is_the_float64_form() {
     let mesh = generate::duct([9, 9, 9], DVec3::ONE, generate::Bore::Round).unwrap();
     let (low, high) = mesh.bounds();
     let middle = 0.5 * (low + high);
-    let camera = Camera::framing(&mesh);
+    let camera = Camera::fit_mesh(&mesh);
     // Towards the eye: what lies beyond it is before the skin.
     let normal = (camera.eye - middle).normalize() + DVec3::new(0.1, -0.05, 0.02);
     for (walk, light) in [
-        (Walk::Vertices, Light::Head),
-        (Walk::Planes, Light::From(DVec3::new(0.3, 1.0, -0.5))),
+        (Traversal::Vertices, Light::Head),
+        (Traversal::Planes, Light::From(DVec3::new(0.3, 1.0, -0.5))),
     ] {
         let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, walk, light);
         let (_, all) = insides(&mesh, &seen.scalars.clone()).pop().unwrap();
         let geometry = seen.caster.geometry();
         let (positions, frame) = (geometry.positions().clone(), geometry.frame());
-        let carrier = Carrier::of_mesh(&gpu, &mesh, &positions, frame).unwrap();
+        let carrier = SkinBase::from_mesh(&gpu, &mesh, &positions, frame).unwrap();
         let sheet = square(middle, normal, 0.7 * (high - low).max_element());
         let mut skin = Skin::new(&gpu, &sheet, &carrier, Mapping::Constant).unwrap();
-        skin.set_colour(&SkinColour::Plain([0.9, 0.8, 0.1]))
+        skin.set_colour(&SkinColouring::Plain([0.9, 0.8, 0.1]))
             .unwrap();
         skin.set_opacity(0.6).unwrap();
-        skin.set_inside(&all).unwrap();
-        let alone = Composer::new(&gpu, options()).unwrap().image(
+        skin.set_sections(&all).unwrap();
+        let alone = Compositor::new(&gpu, options()).unwrap().image(
             std::slice::from_mut(&mut skin),
             None,
             &camera,
             SIZE,
         );
         let alone = alone.unwrap();
-        seen.caster.set_inside(&all).unwrap();
-        let image = Composer::new(&gpu, options())
+        seen.caster.set_sections(&all).unwrap();
+        let image = Compositor::new(&gpu, options())
             .unwrap()
             .image(
                 std::slice::from_mut(&mut skin),
@@ -103,10 +103,10 @@ fn everything_at_once_is_the_float64_form() {
     }
 }
 
-fn options() -> ComposeOptions {
-    ComposeOptions {
+fn options() -> CompositorOptions {
+    CompositorOptions {
         samples: 1,
-        ..ComposeOptions::default()
+        ..CompositorOptions::default()
     }
 }
 

@@ -5,7 +5,7 @@ use crate::skin::mapping::with_uvs;
 use glam::DVec3;
 use palpate::mesh::{LocalFrame, TriMesh, generate};
 use palpate::render::{Camera, Image, local_positions};
-use palpate::skin::{Carrier, Mapping, Skin, bake};
+use palpate::skin::{Mapping, Skin, SkinBase, bake};
 
 /// A sphere with dents and bumps that a coarse one has not.
 fn dented(p: DVec3) -> DVec3 {
@@ -24,9 +24,9 @@ fn a_coarse_surface_looks_like_the_fine_one_by_its_map() {
         "{report:?}"
     );
     let ball = generate::ball(1.0, 6).unwrap();
-    let frame = LocalFrame::of_mesh(&ball);
+    let frame = LocalFrame::from_mesh(&ball);
     let positions = local_positions(&gpu, &frame, &ball.nodes).unwrap();
-    let carrier = Carrier::of_mesh(&gpu, &ball, &positions, frame).unwrap();
+    let carrier = SkinBase::from_mesh(&gpu, &ball, &positions, frame).unwrap();
     let camera = Camera::perspective(DVec3::new(4.0, 3.0, 1.0), DVec3::ZERO, DVec3::Z, 20.0);
     let picture = |skin: &mut Skin| skin.image(&camera, [160, 160]).unwrap();
     let skin = |surface| Skin::new(&gpu, surface, &carrier, Mapping::Interpolated).unwrap();

@@ -4,7 +4,7 @@ use glam::DVec3;
 use palpate::gpu::{Array, Gpu};
 use palpate::mesh::{LocalFrame, TriMesh, generate, unpack_normal};
 use palpate::render::{Image, local_positions};
-use palpate::skin::Carrier;
+use palpate::skin::SkinBase;
 use std::collections::HashMap;
 
 pub use crate::support::gpu;
@@ -141,14 +141,14 @@ pub fn bar() -> Scene {
 impl Scene {
     pub fn frame(&self) -> LocalFrame {
         let (low, high) = palpate::mesh::bounds(&self.rest);
-        LocalFrame::of_bounds(low, high)
+        LocalFrame::from_bounds(low, high)
     }
 
     /// Its nodes at `positions`, on the GPU.
-    pub fn carrier(&self, gpu: &Gpu, positions: &[DVec3]) -> (Carrier, Array) {
+    pub fn carrier(&self, gpu: &Gpu, positions: &[DVec3]) -> (SkinBase, Array) {
         let array = local_positions(gpu, &self.frame(), positions).unwrap();
         let carrier =
-            Carrier::with_area_normals(gpu, &array, self.frame(), &self.rest, &self.triangles);
+            SkinBase::with_area_normals(gpu, &array, self.frame(), &self.rest, &self.triangles);
         (carrier.unwrap(), array)
     }
 }

@@ -7,8 +7,8 @@ use palpate::gpu::{Array, Gpu};
 use palpate::mesh::{LocalFrame, TetMesh, TriMesh, generate, unpack_normal};
 use palpate::render::{Camera, local_positions};
 use palpate::skin::basis::node_normals;
-use palpate::skin::culling::{Outlook, Tilts, is_skipped, outlook};
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::culling::{BaseVisibility, CullData, base_visibility, is_skipped};
+use palpate::skin::{Mapping, Skin, SkinBase};
 use std::collections::HashSet;
 
 const SIZE: [u32; 2] = [200, 160];
@@ -18,16 +18,16 @@ struct Ball {
     mesh: TetMesh,
     frame: LocalFrame,
     positions: Array,
-    carrier: Carrier,
+    carrier: SkinBase,
     surface: TriMesh,
 }
 
 impl Ball {
     fn new(gpu: &Gpu) -> Ball {
         let mesh = generate::ball(1.0, 16).unwrap();
-        let frame = LocalFrame::of_mesh(&mesh);
+        let frame = LocalFrame::from_mesh(&mesh);
         let positions = local_positions(gpu, &frame, &mesh.nodes).unwrap();
-        let carrier = Carrier::of_mesh(gpu, &mesh, &positions, frame).unwrap();
+        let carrier = SkinBase::from_mesh(gpu, &mesh, &positions, frame).unwrap();
         let hills = |p: DVec3| 0.012 * (7.0 * p.x).sin() * (6.0 * p.y).cos();
         let surface = sphere(60, 120, |p| p * (1.03 + hills(p)));
         Ball {
@@ -93,12 +93,12 @@ fn what_is_culled_is_not_missed_in_any_picture() {
         for (n, camera) in cameras().iter().enumerate() {
             skin.set_culling(false);
             let whole = skin.image(camera, SIZE).unwrap();
-            assert_eq!(skin.drawn().unwrap().len(), all);
+            assert_eq!(skin.visible_triangles().unwrap().len(), all);
             skin.set_culling(true);
             let culled = skin.image(camera, SIZE).unwrap();
             assert!(whole.values == culled.values, "{mapping} {n}");
             assert!(whole.values.iter().any(|v| *v > 0.0));
-            shares.push(1.0 - skin.drawn().unwrap().len() as f64 / all as f64);
+            shares.push(1.0 - skin.visible_triangles().unwrap().len() as f64 / all as f64);
             keep(&culled, &format!("culled_{mapping}_{n}.png"));
         }
         println!("{mapping}: left out {shares:.2?}");
@@ -124,7 +124,7 @@ fn the_pictures_tell_triangles_that_are_missing() {
     };
     skin.set_culling(true);
     skin.image(&opposite, SIZE).unwrap();
-    let drawn: HashSet<[u32; 3]> = skin.drawn().unwrap().into_iter().collect();
+    let drawn: HashSet<[u32; 3]> = skin.visible_triangles().unwrap().into_iter().collect();
     let shown: Vec<bool> = skin
         .rest()
         .triangles
@@ -132,20 +132,20 @@ fn the_pictures_tell_triangles_that_are_missing() {
         .map(|t| drawn.contains(t))
         .collect();
     assert!(shown.contains(&false));
-    skin.show_triangles(&shown).unwrap();
+    skin.set_visible_triangles(&shown).unwrap();
     // A skin with holes: what faces away may be seen through them.
     let holey = skin.image(camera, SIZE).unwrap();
     assert!(whole.values != holey.values);
-    assert_eq!(skin.drawn().unwrap().len(), drawn.len());
+    assert_eq!(skin.visible_triangles().unwrap().len(), drawn.len());
 }
 
 /// What the twin leaves out, and how near to the limit each triangle is, in radians.
 fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool, f64)> {
-    let base = skin.carrier().base();
+    let base = skin.carrier().rest_mesh();
     let rest: Vec<Option<DVec3>> = base.normals.iter().map(|n| unpack_normal(*n)).collect();
-    let tilts = Tilts::new(base.nodes, &rest, skin.bound(), &skin.rest().triangles);
+    let tilts = CullData::new(base.nodes, &rest, skin.bound(), &skin.rest().triangles);
     let normals = node_normals(nodes, base.triangles);
-    let outlooks: Vec<Outlook> = tilts
+    let outlooks: Vec<BaseVisibility> = tilts
         .bases
         .iter()
         .map(|base| {
@@ -158,9 +158,9 @@ fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool
                 look_at: local(camera.look_at),
                 ..*camera
             };
-            let found = outlook(base, &nodes, &normals, &camera);
+            let found = base_visibility(base, &nodes, &normals, &camera);
             match plain {
-                true => Outlook {
+                true => BaseVisibility {
                     strain: 1.0,
                     ..found
                 },
@@ -176,7 +176,7 @@ fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool
             let turned = |by: f64| {
                 is_skipped(
                     *tilt,
-                    these.map(|o| Outlook {
+                    these.map(|o| BaseVisibility {
                         angle: o.angle + by,
                         ..o
                     }),
@@ -202,7 +202,7 @@ fn the_twin_leaves_out_the_same_triangles() {
     let (mut skipped, mut close, mut ignorant) = (0, 0, 0);
     for mapping in [Mapping::Interpolated, Mapping::Constant, Mapping::Auto] {
         let (low, high) = palpate::mesh::bounds(&base.vertices);
-        let frame = LocalFrame::of_bounds(low, high);
+        let frame = LocalFrame::from_bounds(low, high);
         let nodes: Vec<DVec3> = base
             .vertices
             .iter()
@@ -214,12 +214,12 @@ fn the_twin_leaves_out_the_same_triangles() {
         let positions = local_positions(&gpu, &frame, &nodes).unwrap();
         let rest = &base.vertices;
         let carrier =
-            Carrier::with_area_normals(&gpu, &positions, frame, rest, &base.triangles).unwrap();
+            SkinBase::with_area_normals(&gpu, &positions, frame, rest, &base.triangles).unwrap();
         let mut skin = Skin::new(&gpu, &surface, &carrier, mapping).unwrap();
         skin.set_culling(true);
         for camera in &cameras()[..3] {
             skin.image(camera, SIZE).unwrap();
-            let drawn = skin.drawn().unwrap();
+            let drawn = skin.visible_triangles().unwrap();
             // In the order of the surface.
             let places: Vec<usize> = drawn
                 .iter()
@@ -254,7 +254,7 @@ fn what_has_no_normal_is_translucent_or_open_is_drawn_whole() {
     let count = |skin: &mut Skin| {
         skin.set_culling(true);
         skin.image(camera, SIZE).unwrap();
-        skin.drawn().unwrap().len()
+        skin.visible_triangles().unwrap().len()
     };
     let all = ball.surface.triangles.len();
     let mut skin = Skin::new(&gpu, &ball.surface, &ball.carrier, Mapping::Auto).unwrap();
@@ -267,7 +267,7 @@ fn what_has_no_normal_is_translucent_or_open_is_drawn_whole() {
     assert_eq!(count(&mut skin), all - 40);
 
     // The nodes of the lower half have no normal, as where a grid body is one particle thin.
-    let base = ball.carrier.base();
+    let base = ball.carrier.rest_mesh();
     let mut packed = base.normals.to_vec();
     let places = &ball.mesh.nodes;
     for (normal, p) in packed.iter_mut().zip(places) {
@@ -278,7 +278,7 @@ fn what_has_no_normal_is_translucent_or_open_is_drawn_whole() {
     let normals = gpu
         .array_of("normals", palpate::gpu::Texel::U32, &packed)
         .unwrap();
-    let thin = Carrier::new(
+    let thin = SkinBase::new(
         &ball.positions,
         ball.frame,
         &normals,
@@ -290,7 +290,7 @@ fn what_has_no_normal_is_translucent_or_open_is_drawn_whole() {
     let mut skin = Skin::new(&gpu, &ball.surface, &thin, Mapping::Constant).unwrap();
     let drawn = count(&mut skin);
     assert!(drawn < all);
-    let drawn: HashSet<[u32; 3]> = skin.drawn().unwrap().into_iter().collect();
+    let drawn: HashSet<[u32; 3]> = skin.visible_triangles().unwrap().into_iter().collect();
     let bound = skin.bound();
     let low = |v: u32| {
         let nodes = bound[v as usize].nodes;

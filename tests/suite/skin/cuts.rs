@@ -4,14 +4,14 @@ use crate::skin::common::*;
 use glam::DVec3;
 use palpate::mesh::{Blade, LocalFrame, TetMesh, Topology, components, cut, generate};
 use palpate::render::{Camera, local_positions};
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::{Mapping, Skin, SkinBase};
 
 /// The bar under a fine skin, cut across at x = 4.2; positions with the far half moved away.
 fn halves() -> (TetMesh, TetMesh, Vec<DVec3>, Blade) {
     let mesh = generate::bar([8, 2, 2], DVec3::new(8.0, 1.0, 1.0)).unwrap();
     let corner = |y: f64, z: f64| DVec3::new(4.2, y, z);
     let corners = [(-3.0, -3.0), (4.0, -3.0), (4.0, 4.0), (-3.0, 4.0)];
-    let blade = Blade::quad(corners.map(|(y, z)| corner(y, z))).unwrap();
+    let blade = Blade::from_quad(corners.map(|(y, z)| corner(y, z))).unwrap();
     let (mut parted, mut topology) = (mesh.clone(), Topology::new(&mesh));
     let done = cut(&mut parted, &mut topology, &mesh.nodes, &blade).unwrap();
     assert!(!done.is_empty());
@@ -33,15 +33,15 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
     let gpu = gpu();
     let surface = bar().skin;
     let (mesh, parted, moved, blade) = halves();
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     for mapping in [Mapping::Constant, Mapping::Interpolated, Mapping::Auto] {
         let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
-        let carrier = Carrier::of_mesh(&gpu, &mesh, &positions, frame).unwrap();
+        let carrier = SkinBase::from_mesh(&gpu, &mesh, &positions, frame).unwrap();
         let mut skin = Skin::new(&gpu, &surface, &carrier, mapping).unwrap();
         // Cut, and not yet apart.
         let positions = local_positions(&gpu, &frame, &parted.nodes).unwrap();
-        let carrier = Carrier::of_mesh(&gpu, &parted, &positions, frame).unwrap();
-        let done = skin.follow_cut(&carrier, &blade).unwrap();
+        let carrier = SkinBase::from_mesh(&gpu, &parted, &positions, frame).unwrap();
+        let done = skin.apply_cut(&carrier, &blade).unwrap();
         let triangles = skin.rest().triangles.len();
         assert!(done.hidden > 50 && done.hidden < triangles / 20, "{done:?}");
         assert!(done.walls.len() > 10);
@@ -53,7 +53,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
             .map(|p| frame.to_local(*p).extend(1.0).to_array())
             .collect();
         gpu.write_array(&positions, &apart_now).unwrap();
-        let placed = skin.placed().unwrap();
+        let placed = skin.skinned_vertices().unwrap();
         let step = DVec3::new(2.0, 0.5, 0.0);
         let (mut stayed, mut went) = (0, 0);
         for (p, rest) in placed.iter().zip(&skin.rest().positions) {
@@ -77,7 +77,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
         // Those that are hidden are the ones that would span the gap.
         assert!(stretched(&|t| !skin.shown()[t]) >= done.hidden);
         // The walls can be seen through the gap.
-        let mut walls = Skin::bare(&gpu, &carrier, Some(&done.walls)).unwrap();
+        let mut walls = Skin::body_surface(&gpu, &carrier, Some(&done.walls)).unwrap();
         let camera = Camera::perspective(
             DVec3::new(9.5, 4.0, 6.0),
             DVec3::new(4.5, 0.5, 0.5),
@@ -94,20 +94,20 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
 fn the_surface_of_a_body_can_be_drawn_without_a_skin() {
     let gpu = gpu();
     let ball = generate::ball(1.0, 8).unwrap();
-    let frame = LocalFrame::of_mesh(&ball);
+    let frame = LocalFrame::from_mesh(&ball);
     let positions = local_positions(&gpu, &frame, &ball.nodes).unwrap();
-    let carrier = Carrier::of_mesh(&gpu, &ball, &positions, frame).unwrap();
-    let mut bare = Skin::bare(&gpu, &carrier, None).unwrap();
-    let placed = bare.placed().unwrap();
+    let carrier = SkinBase::from_mesh(&gpu, &ball, &positions, frame).unwrap();
+    let mut bare = Skin::body_surface(&gpu, &carrier, None).unwrap();
+    let placed = bare.skinned_vertices().unwrap();
     for (p, v) in placed.iter().zip(&bare.rest().sources) {
         assert!(p.position.distance(ball.nodes[*v as usize]) < 1e-6);
         assert!(p.normal.dot(p.position.normalize()) > 0.9);
     }
-    let camera = Camera::framing(&ball);
+    let camera = Camera::fit_mesh(&ball);
     let image = bare.image(&camera, [32, 32]).unwrap();
     assert!(image.pixel(16, 16)[3] == 1.0 && image.pixel(0, 0)[3] == 0.0);
-    assert!(Skin::bare(&gpu, &carrier, Some(&[])).is_err());
-    assert!(Skin::bare(&gpu, &carrier, Some(&[[0, 1, 999_999]])).is_err());
+    assert!(Skin::body_surface(&gpu, &carrier, Some(&[])).is_err());
+    assert!(Skin::body_surface(&gpu, &carrier, Some(&[[0, 1, 999_999]])).is_err());
 }
 
 #[test]
@@ -119,11 +119,14 @@ fn a_skin_does_not_go_over_to_another_body() {
     let other = scenes().remove(0);
     let (other, _) = other.carrier(&gpu, &other.rest);
     let (.., blade) = halves();
-    let refused = skin.follow_cut(&other, &blade).unwrap_err().to_string();
+    let refused = skin.apply_cut(&other, &blade).unwrap_err().to_string();
     assert!(refused.contains("local frame"));
     // A blade that hits nothing changes nothing.
     let far = [(90.0, 0.0), (90.0, 1.0), (91.0, 1.0), (91.0, 0.0)];
-    let far = Blade::quad(far.map(|(x, y)| DVec3::new(x, y, 0.0))).unwrap();
-    let done = skin.follow_cut(&carrier, &far).unwrap();
-    assert_eq!((done.rebound, done.hidden, done.walls.len()), (0, 0, 0));
+    let far = Blade::from_quad(far.map(|(x, y)| DVec3::new(x, y, 0.0))).unwrap();
+    let done = skin.apply_cut(&carrier, &far).unwrap();
+    assert_eq!(
+        (done.rebound_vertices, done.hidden, done.walls.len()),
+        (0, 0, 0)
+    );
 }

@@ -2,10 +2,10 @@
 
 use crate::skin::common::*;
 use glam::DVec3;
-use palpate::mesh::{LocalFrame, TetMesh, Transfer, generate};
-use palpate::physics::{Body, ImplicitEuler, Material, Solver};
+use palpate::mesh::{BarycentricMap, LocalFrame, TetMesh, generate};
+use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::local_positions;
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::{Mapping, Skin, SkinBase};
 
 /// A smooth bend of everything.
 fn bent(p: &DVec3) -> DVec3 {
@@ -18,10 +18,10 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     let surface = bumpy(30);
     let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
     let bodies = meshes.each_ref().map(|mesh| {
-        let frame = LocalFrame::of_mesh(mesh);
+        let frame = LocalFrame::from_mesh(mesh);
         let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
         (
-            Carrier::of_mesh(&gpu, mesh, &positions, frame).unwrap(),
+            SkinBase::from_mesh(&gpu, mesh, &positions, frame).unwrap(),
             positions,
         )
     });
@@ -38,7 +38,7 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     // At rest nothing moves at all.
     let whole = size(&surface.vertices);
     for level in [1, 0, 1, 0] {
-        skin.use_level(level).unwrap();
+        skin.set_level(level).unwrap();
         assert_eq!(skin.level(), level);
         let error = apart(&skin.vertices().unwrap(), &surface.vertices);
         assert!(error < 1e-6 * whole, "{error:e}");
@@ -46,10 +46,10 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     // Bent, the coarse body hands its positions to the fine one.
     let coarse: Vec<DVec3> = meshes[0].nodes.iter().map(bent).collect();
     stand(0, &coarse);
-    let over = Transfer::new(&meshes[0], &meshes[1].nodes).unwrap();
+    let over = BarycentricMap::new(&meshes[0], &meshes[1].nodes).unwrap();
     stand(1, &over.apply(&coarse).unwrap());
     let before = skin.vertices().unwrap();
-    skin.use_level(1).unwrap();
+    skin.set_level(1).unwrap();
     let jump = apart(&before, &skin.vertices().unwrap());
     // How far the coarse mapping is from where the bend would have the skin.
     let truth: Vec<DVec3> = surface.vertices.iter().map(bent).collect();
@@ -57,13 +57,13 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     let moved = apart(&before, &surface.vertices);
     println!("jump {jump:.4}, mapping error {error:.4}, moved {moved:.4}");
     assert!(jump <= error && error < 0.5 * moved);
-    assert!(skin.use_level(2).is_err());
-    let mut bare = Skin::bare(&gpu, &bodies[0].0, None).unwrap();
+    assert!(skin.set_level(2).is_err());
+    let mut bare = Skin::body_surface(&gpu, &bodies[0].0, None).unwrap();
     assert!(bare.add_level(&bodies[1].0).is_err());
 }
 
 /// How fast the vertices of `skin` move at the velocities of `body`.
-fn pace(skin: &Skin, body: &mut Body) -> Vec<DVec3> {
+fn pace(skin: &Skin, body: &mut GpuBody) -> Vec<DVec3> {
     let (places, velocities) = (body.positions().unwrap(), body.velocities().unwrap());
     let dt = 1e-3;
     let before = skin.vertices().unwrap();
@@ -81,14 +81,14 @@ fn a_running_body_hands_over_place_and_velocity() {
     let surface = bumpy(30);
     let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
     let mut bodies = meshes.each_ref().map(|mesh| {
-        let mut body = Body::new(&gpu, mesh, &Material::young(6e3)).unwrap();
+        let mut body = GpuBody::new(&gpu, mesh, &Material::from_young(6e3)).unwrap();
         body.pin(|p| p.z < -0.7);
         body.set_gravity(DVec3::new(9.81, 0.0, 0.0));
         body
     });
     let carriers = [0, 1].map(|k| {
         let nodes = bodies[k].nodes();
-        Carrier::of_mesh(&gpu, &meshes[k], nodes.array(), nodes.frame()).unwrap()
+        SkinBase::from_mesh(&gpu, &meshes[k], nodes.array(), nodes.frame()).unwrap()
     });
     let mut skin = Skin::new(&gpu, &surface, &carriers[0], Mapping::Interpolated).unwrap();
     skin.add_level(&carriers[1]).unwrap();
@@ -101,12 +101,12 @@ fn a_running_body_hands_over_place_and_velocity() {
     );
     let before = skin.vertices().unwrap();
     // Where the tets of the coarse body, not its base triangles, would have the skin.
-    let along = Transfer::new(&meshes[0], &surface.vertices).unwrap();
+    let along = BarycentricMap::new(&meshes[0], &surface.vertices).unwrap();
     let truth = along.apply(&places).unwrap();
     let speeds = along.apply(&velocities).unwrap();
-    let over = Transfer::new(&meshes[0], &meshes[1].nodes).unwrap();
+    let over = BarycentricMap::new(&meshes[0], &meshes[1].nodes).unwrap();
     let untold = {
-        skin.use_level(1).unwrap();
+        skin.set_level(1).unwrap();
         apart(&before, &skin.vertices().unwrap())
     };
     bodies[1]
@@ -127,7 +127,7 @@ fn a_running_body_hands_over_place_and_velocity() {
         .set_velocities(&over.apply(&velocities).unwrap())
         .unwrap();
     let fine = pace(&skin, &mut bodies[1]);
-    skin.use_level(0).unwrap();
+    skin.set_level(0).unwrap();
     let coarse = pace(&skin, &mut bodies[0]);
     let jump = apart(&coarse, &fine);
     let error = apart(&coarse, &speeds);
@@ -146,7 +146,7 @@ fn what_is_linear_is_carried_over_exactly() {
         generate::ball(1.1, 9).unwrap(),
     );
     let linear = |p: &DVec3| DVec3::new(2.0 * p.x - p.y, 0.5 * p.z + 3.0, p.x + p.y - p.z);
-    let transfer = Transfer::new(&from, &to.nodes).unwrap();
+    let transfer = BarycentricMap::new(&from, &to.nodes).unwrap();
     let values: Vec<DVec3> = from.nodes.iter().map(linear).collect();
     let found = transfer.apply(&values).unwrap();
     let truth: Vec<DVec3> = to.nodes.iter().map(linear).collect();
@@ -156,6 +156,6 @@ fn what_is_linear_is_carried_over_exactly() {
     let truth: Vec<DVec3> = to.nodes.iter().map(|p| *p * p.x).collect();
     assert!(apart(&transfer.apply(&bends).unwrap(), &truth) > 1e-3);
     assert!(transfer.apply(&values[1..]).is_err());
-    assert!(Transfer::new(&from, &[DVec3::NAN]).is_err());
-    assert!(Transfer::new(&TetMesh::default(), &to.nodes).is_err());
+    assert!(BarycentricMap::new(&from, &[DVec3::NAN]).is_err());
+    assert!(BarycentricMap::new(&TetMesh::default(), &to.nodes).is_err());
 }

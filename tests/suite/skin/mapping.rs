@@ -6,8 +6,8 @@ use palpate::mesh::{NO_NORMAL, TriMesh, pack_normal};
 use palpate::physics::Material;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
 use palpate::render::Camera;
-use palpate::skin::basis::{node_normals, place};
-use palpate::skin::{Base, Carrier, Mapping, Skin, Vertices, bind};
+use palpate::skin::basis::{node_normals, skin_vertex};
+use palpate::skin::{BaseMesh, Mapping, Skin, SkinBase, Vertices, bind};
 use std::collections::HashMap;
 
 #[test]
@@ -35,7 +35,7 @@ fn at_rest_every_mapping_but_one_to_one_returns_the_skin() {
             }
             if mapping != Mapping::OneToOne {
                 assert!(error < 1e-6, "{}, {mapping}: {error:e}", scene.name);
-                let placed = skin.placed().unwrap();
+                let placed = skin.skinned_vertices().unwrap();
                 let normals: Vec<DVec3> = placed.iter().map(|p| p.normal).collect();
                 assert!(apart(&normals, &skin.rest().normals) < 2e-6);
                 let tangents: Vec<DVec3> = placed.iter().map(|p| p.tangent).collect();
@@ -60,14 +60,14 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             let turned = |v: &[DVec3]| v.iter().map(|n| turn * *n).collect::<Vec<_>>();
             // The twin, with normals that are not rounded: exactly.
             let frame = scene.frame();
-            let base = carrier.base();
+            let base = carrier.rest_mesh();
             let normals = unpacked(base.normals);
             let there: Vec<DVec3> = base.nodes.iter().map(|p| turn * *p).collect();
             let turned_normals: Vec<Option<DVec3>> =
                 normals.iter().map(|n| n.map(|n| turn * n)).collect();
             let exact = |b| {
-                let before = place(b, base.nodes, &normals);
-                let after = place(b, &there, &turned_normals);
+                let before = skin_vertex(b, base.nodes, &normals);
+                let after = skin_vertex(b, &there, &turned_normals);
                 (after.position.distance(turn * before.position))
                     .max(after.normal.distance(turn * before.normal))
                     .max(after.tangent.distance(turn * before.tangent))
@@ -75,8 +75,8 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             let worst = skin.bound().iter().map(exact).fold(0.0, f64::max);
             assert!(worst < 1e-12, "{}, {mapping}: {worst:e}", scene.name);
             // The GPU, whose normals are rounded to 4e-5 twice: as far as offsets are long.
-            let placed = skin.placed().unwrap();
-            let at = |f: fn(&palpate::skin::basis::Placed) -> DVec3| {
+            let placed = skin.skinned_vertices().unwrap();
+            let at = |f: fn(&palpate::skin::basis::SkinnedVertex) -> DVec3| {
                 placed.iter().map(f).collect::<Vec<_>>()
             };
             if mapping == Mapping::OneToOne {
@@ -114,12 +114,12 @@ impl palpate::mesher::Domain for Ball {
 #[test]
 fn a_grid_body_carries_a_skin_by_its_own_normals() {
     let gpu = gpu();
-    let shape = GridShape::carve_about(&Ball(1.05), 3000, DMat3::IDENTITY).unwrap();
-    let model = GridModel::new(shape, &Material::young(1e4)).unwrap();
+    let shape = GridShape::from_domain_with_count(&Ball(1.05), 3000, DMat3::IDENTITY).unwrap();
+    let model = GridModel::new(shape, &Material::from_young(1e4)).unwrap();
     let mut body = GridBody::new(&gpu, model).unwrap();
     let surface = bumpy(40);
     let whole = size(&surface.vertices);
-    let carrier = Carrier::of_grid(&mut body).unwrap();
+    let carrier = SkinBase::from_grid(&mut body).unwrap();
     let skins = Mapping::ALL.map(|m| Skin::new(&gpu, &surface, &carrier, m).unwrap());
     for (skin, mapping) in skins.iter().zip(Mapping::ALL) {
         let error = apart(&skin.vertices().unwrap(), &surface.vertices) / whole;
@@ -163,7 +163,7 @@ fn a_bent_bar_tears_at_base_triangles_unless_bases_are_interpolated() {
         );
         let image = skin.image(&camera, [480, 480]).unwrap();
         keep(&image, &format!("bent-bar-{mapping}.png"));
-        let placed = skin.placed().unwrap();
+        let placed = skin.skinned_vertices().unwrap();
         let (rest, bound) = (skin.rest(), skin.bound());
         let sorted = |v: u32| {
             let mut nodes = bound[v as usize].nodes;
@@ -209,7 +209,7 @@ fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
         .collect();
     let vertices = Vertices::new(&scene.skin).unwrap();
     let count = |normals: &[u32], vertices: &Vertices, mapping| {
-        let base = Base {
+        let base = BaseMesh {
             nodes: &nodes,
             triangles: &scene.triangles,
             normals,
@@ -302,7 +302,7 @@ fn holes_are_allowed_and_reported_and_triangles_turned() {
     let (carrier, _) = scene.carrier(&gpu, &scene.rest);
     let skin = Skin::new(&gpu, &skin, &carrier, Mapping::Auto).unwrap();
     let report = skin.report();
-    assert_eq!((report.open_edges, report.turned), (3, 1));
+    assert_eq!((report.open_edges, report.flipped_triangles), (3, 1));
     let notes = report.notes().join("; ");
     assert!(notes.contains("3 edges are open"), "{notes}");
 }
@@ -321,7 +321,7 @@ fn seams_of_the_texture_split_vertices_and_do_not_open() {
     let (carrier, _) = scene.carrier(&gpu, &stretched);
     let skin = Skin::new(&gpu, &skin, &carrier, Mapping::Interpolated).unwrap();
     assert!(skin.report().drawn_vertices > skin.report().vertices + 20);
-    let placed = skin.placed().unwrap();
+    let placed = skin.skinned_vertices().unwrap();
     let mut first = HashMap::new();
     for (p, source) in placed.iter().zip(&skin.rest().sources) {
         assert_eq!(*first.entry(*source).or_insert(p.position), p.position);

@@ -3,9 +3,9 @@
 use crate::skin::common::*;
 use glam::{DVec2, DVec3};
 use palpate::mesh::{LocalFrame, generate};
-use palpate::render::first_hit;
+use palpate::render::closest_hit;
 use palpate::render::{Camera, local_positions};
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::{Mapping, Skin, SkinBase};
 
 const SIZE: [u32; 2] = [120, 100];
 
@@ -15,9 +15,9 @@ fn a_pick_on_a_bent_skin_names_its_triangle_its_vertex_and_a_node_that_carries_i
     let mesh = generate::ball(1.0, 8).unwrap();
     let bend = |p: &DVec3| *p + DVec3::new(0.3 * p.z * p.z, 0.1 * (2.0 * p.x).sin(), 0.0);
     let bent: Vec<DVec3> = mesh.nodes.iter().map(bend).collect();
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(&gpu, &frame, &bent).unwrap();
-    let carrier = Carrier::of_mesh(&gpu, &mesh, &positions, frame).unwrap();
+    let carrier = SkinBase::from_mesh(&gpu, &mesh, &positions, frame).unwrap();
     let surface = bumpy(40);
     let mut skin = Skin::new(&gpu, &surface, &carrier, Mapping::Auto).unwrap();
     let vertices = skin.vertices().unwrap();
@@ -25,7 +25,7 @@ fn a_pick_on_a_bent_skin_names_its_triangle_its_vertex_and_a_node_that_carries_i
     let shown: Vec<bool> = (0..surface.triangles.len()).map(|t| t % 7 != 0).collect();
     let kept = (0..shown.len()).filter(|t| shown[*t]);
     let kept: Vec<usize> = kept.collect();
-    skin.show_triangles(&shown).unwrap();
+    skin.set_visible_triangles(&shown).unwrap();
     let triangles: Vec<[u32; 3]> = kept.iter().map(|t| surface.triangles[*t]).collect();
     let camera = Camera::perspective(DVec3::new(2.0, -5.0, 2.0), DVec3::ZERO, DVec3::Z, 30.0);
     let (mut same, mut differ, mut at_rest) = (0, 0, 0);
@@ -34,9 +34,9 @@ fn a_pick_on_a_bent_skin_names_its_triangle_its_vertex_and_a_node_that_carries_i
         let pixel = DVec2::new(60.0 * (1.0 + random()), 50.0 * (1.0 + random()));
         let found = skin.pick(&camera, pixel, SIZE).unwrap();
         let ray = camera.ray(pixel, SIZE);
-        let unbent = first_hit(&surface.vertices, &triangles, ray).map(|h| kept[h.triangle]);
+        let unbent = closest_hit(&surface.vertices, &triangles, ray).map(|h| kept[h.triangle]);
         at_rest += usize::from(unbent != found.map(|p| p.triangle));
-        let truth = first_hit(&vertices, &triangles, ray);
+        let truth = closest_hit(&vertices, &triangles, ray);
         let (Some(pick), Some(hit)) = (found, truth) else {
             differ += usize::from(found.is_some() != truth.is_some());
             continue;

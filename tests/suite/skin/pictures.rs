@@ -8,7 +8,7 @@ use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
 use palpate::render::{
     Camera, Geometry, Image, Raycaster, SurfaceTarget, Target, TransferFunction, local_positions,
 };
-use palpate::skin::{Carrier, ComposeOptions, Composer, Map, Mapping, Skin, SkinColour};
+use palpate::skin::{Compositor, CompositorOptions, Map, Mapping, Skin, SkinBase, SkinColouring};
 
 fn target(gpu: &Gpu, size: u32, format: wgpu::TextureFormat) -> wgpu::TextureView {
     let texture = gpu.device().create_texture(&wgpu::TextureDescriptor {
@@ -31,12 +31,12 @@ fn target(gpu: &Gpu, size: u32, format: wgpu::TextureFormat) -> wgpu::TextureVie
 }
 
 /// The cube from −1 to 1 at rest, and what carries a skin on it.
-fn cube(gpu: &Gpu) -> (TetMesh, LocalFrame, palpate::gpu::Array, Carrier) {
+fn cube(gpu: &Gpu) -> (TetMesh, LocalFrame, palpate::gpu::Array, SkinBase) {
     let mut mesh = generate::bar([4, 4, 4], DVec3::splat(2.0)).unwrap();
     mesh.nodes.iter_mut().for_each(|p| *p -= 1.0);
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(gpu, &frame, &mesh.nodes).unwrap();
-    let carrier = Carrier::of_mesh(gpu, &mesh, &positions, frame).unwrap();
+    let carrier = SkinBase::from_mesh(gpu, &mesh, &positions, frame).unwrap();
     (mesh, frame, positions, carrier)
 }
 
@@ -75,7 +75,7 @@ fn an_opaque_skin_is_lit_stands_at_its_depth_and_follows_its_nodes_unread() {
         gpu.write_array(&positions, &moved).unwrap();
         let camera = Camera::perspective(eye, shift, DVec3::Y, 20.0);
         let before = gpu.readbacks();
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         let into = SurfaceTarget {
             colour: &colour,
             depth: &depth,
@@ -88,7 +88,7 @@ fn an_opaque_skin_is_lit_stands_at_its_depth_and_follows_its_nodes_unread() {
         let depths: Vec<f32> = gpu.read_texture(depth.texture()).unwrap();
         // Where the middle ray meets the ball.
         let front = shift + 0.5 * (eye - shift).normalize();
-        let clip = caster.clip_from_file(&camera, [size, size]) * front.extend(1.0);
+        let clip = caster.file_to_clip(&camera, [size, size]) * front.extend(1.0);
         let (found, expected) = (f64::from(depths[32 * 65 + 32]), clip.z / clip.w);
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
         assert!(pixels[32 * 65 + 32][1] > 0.3);
@@ -111,18 +111,18 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
     let transfer = TransferFunction::new(vec![[0.0, r, g, b]], vec![[0.0, extinction]]).unwrap();
     let mut caster = raycaster(&gpu, &mesh, frame, &positions, &transfer);
     let camera = Camera::orthographic(DVec3::new(0.0, 0.0, 8.0), DVec3::ZERO, DVec3::Y, 4.0);
-    let options = ComposeOptions {
+    let options = CompositorOptions {
         samples: 1,
-        ..ComposeOptions::default()
+        ..CompositorOptions::default()
     };
-    let mut composer = Composer::new(&gpu, options).unwrap();
+    let mut composer = Compositor::new(&gpu, options).unwrap();
     // The middle pixel: the light of a skin that faces the eye there.
     let size = [33, 33];
     let middle = |image: &Image| [0, 1, 2, 3].map(|k| f64::from(image.pixel(16, 16)[k]));
     for radius in [0.5, 1.5] {
         let ball = sphere(60, 120, |p| radius * p);
         let mut skin = Skin::new(&gpu, &ball, &carrier, Mapping::Constant).unwrap();
-        skin.set_colour(&SkinColour::Plain([0.9, 0.4, 0.2]))
+        skin.set_colour(&SkinColouring::Plain([0.9, 0.4, 0.2]))
             .unwrap();
         let facing = middle(&skin.image(&camera, size).unwrap());
         for opacity in [1.0f32, 0.6] {
@@ -162,7 +162,7 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
     let colour = target(&gpu, 33, wgpu::TextureFormat::Rgba32Float);
     let depth = target(&gpu, 33, wgpu::TextureFormat::Depth32Float);
     for (near, expected) in [(1.0, 0), (0.0, 33 * 33 / 5)] {
-        let mut work = gpu.record();
+        let mut work = gpu.start_recording();
         let attachment = wgpu::RenderPassDepthStencilAttachment {
             view: &depth,
             depth_ops: Some(wgpu::Operations {
@@ -178,7 +178,7 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
         thin.set_opacity(0.5).unwrap();
         let into = Target {
             colour: &colour,
-            occluder: Some(&depth),
+            depth: Some(&depth),
             background: Some([0.0; 4]),
         };
         composer
@@ -213,7 +213,7 @@ fn skins_of_different_bodies_do_not_share_a_picture() {
     let mut skins = [&carrier, &other]
         .map(|carrier| Skin::new(&gpu, &bumpy(20), carrier, Mapping::Auto).unwrap());
     let camera = Camera::perspective(DVec3::Z * 5.0, DVec3::ZERO, DVec3::Y, 30.0);
-    let mut composer = Composer::new(&gpu, ComposeOptions::default()).unwrap();
+    let mut composer = Compositor::new(&gpu, CompositorOptions::default()).unwrap();
     let refused = composer.image(&mut skins, None, &camera, [16, 16]);
     assert!(refused.err().unwrap().to_string().contains("local frame"));
 }
@@ -290,7 +290,7 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
         vec![[0.0, 1.0]],
     )
     .unwrap();
-    let colour = |name: &str| SkinColour::Field {
+    let colour = |name: &str| SkinColouring::Field {
         name: name.into(),
         transfer: transfer.clone(),
     };
@@ -302,9 +302,9 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
     assert!(skin.set_colour(&colour("width")).is_err());
     // Triangles that are not shown are not there.
     let count = skin.rest().triangles.len();
-    skin.show_triangles(&vec![false; count]).unwrap();
+    skin.set_visible_triangles(&vec![false; count]).unwrap();
     assert!(picture(&mut skin).values.iter().all(|v| *v == 0.0));
-    assert!(skin.show_triangles(&[true]).is_err());
+    assert!(skin.set_visible_triangles(&[true]).is_err());
 
     // Maps need texture coordinates; opacities and reliefs make sense.
     let bare = sphere(8, 16, |p| p);

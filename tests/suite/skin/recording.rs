@@ -4,16 +4,16 @@ use crate::skin::common::*;
 use glam::DVec3;
 use palpate::mesh::{LocalFrame, Topology, generate};
 use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction, local_positions};
-use palpate::skin::{Carrier, ComposeOptions, Composer, Mapping, Skin, SkinColour};
+use palpate::skin::{Compositor, CompositorOptions, Mapping, Skin, SkinBase, SkinColouring};
 
 #[test]
 fn composed_pictures_of_one_submit_keep_camera_colour_and_triangles() {
     let gpu = gpu();
     let mut mesh = generate::bar([4, 4, 4], DVec3::splat(2.0)).unwrap();
     mesh.nodes.iter_mut().for_each(|p| *p -= 1.0);
-    let frame = LocalFrame::of_mesh(&mesh);
+    let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
-    let carrier = Carrier::of_mesh(&gpu, &mesh, &positions, frame).unwrap();
+    let carrier = SkinBase::from_mesh(&gpu, &mesh, &positions, frame).unwrap();
     let ball = sphere(20, 40, |p| p * 1.2);
     let front = Camera::perspective(DVec3::new(0.5, 0.9, 5.0), DVec3::ZERO, DVec3::Y, 40.0);
     let side = Camera::perspective(DVec3::new(5.0, 0.3, 0.4), DVec3::ZERO, DVec3::Y, 40.0);
@@ -35,20 +35,20 @@ fn composed_pictures_of_one_submit_keep_camera_colour_and_triangles() {
         skin.set_opacity(opacity).unwrap();
         skin.set_culling(true);
         let triangles = skin.shown().len();
-        let mut composer = Composer::new(&gpu, ComposeOptions::default()).unwrap();
+        let mut composer = Compositor::new(&gpu, CompositorOptions::default()).unwrap();
         let mut draw = |at_once: bool| -> Vec<Vec<[f32; 4]>> {
             let mut targets = Vec::new();
-            let mut work = gpu.record();
+            let mut work = gpu.start_recording();
             for (camera, colour, whole) in pictures {
                 let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
                 let format = wgpu::TextureFormat::Rgba32Float;
                 let view = gpu.target("picture", [64, 48], format, usage).unwrap();
-                skin.set_colour(&SkinColour::Plain(colour)).unwrap();
+                skin.set_colour(&SkinColouring::Plain(colour)).unwrap();
                 let shown: Vec<bool> = (0..triangles).map(|t| whole || t % 3 == 0).collect();
-                skin.show_triangles(&shown).unwrap();
+                skin.set_visible_triangles(&shown).unwrap();
                 let target = Target {
                     colour: &view,
-                    occluder: None,
+                    depth: None,
                     background: Some([0.0; 4]),
                 };
                 let skins = std::slice::from_mut(&mut skin);
@@ -57,7 +57,9 @@ fn composed_pictures_of_one_submit_keep_camera_colour_and_triangles() {
                     .unwrap();
                 targets.push(view);
                 if !at_once {
-                    std::mem::replace(&mut work, gpu.record()).submit().unwrap();
+                    std::mem::replace(&mut work, gpu.start_recording())
+                        .submit()
+                        .unwrap();
                 }
             }
             work.submit().unwrap();

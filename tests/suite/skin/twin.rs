@@ -5,17 +5,17 @@ use glam::DVec3;
 use palpate::gpu::{Gpu, Texel};
 use palpate::mesh::{LocalFrame, NO_NORMAL, pack_normal};
 use palpate::render::local_positions;
-use palpate::skin::basis::{Bound, node_normals, place};
-use palpate::skin::{Carrier, Mapping, Skin};
+use palpate::skin::basis::{VertexBinding, node_normals, skin_vertex};
+use palpate::skin::{Mapping, Skin, SkinBase};
 
 /// Errors of position, normal and tangent over all vertices, where the twin is given `bound`.
 fn errors(
     gpu: &Gpu,
     skin: &Skin,
     positions: &palpate::gpu::Array,
-    bound: impl Fn(&Bound) -> Bound,
+    bound: impl Fn(&VertexBinding) -> VertexBinding,
 ) -> [f64; 3] {
-    let placed = skin.placed().unwrap();
+    let placed = skin.skinned_vertices().unwrap();
     let local: Vec<[f32; 4]> = gpu.read_array(positions).unwrap();
     let nodes: Vec<DVec3> = local
         .iter()
@@ -26,7 +26,7 @@ fn errors(
     let frame = skin.carrier().frame();
     let mut worst = [0.0f64; 3];
     for (found, b) in placed.iter().zip(skin.bound()) {
-        let truth = place(&bound(b), &nodes, &normals);
+        let truth = skin_vertex(&bound(b), &nodes, &normals);
         let errors = [
             ((found.position - frame.origin) / frame.scale).distance(truth.position),
             found.normal.distance(truth.normal),
@@ -66,7 +66,7 @@ fn placed_vertices_match_float64_on_random_nodes_and_normals() {
             .collect();
         let positions = local_positions(&gpu, &frame, &nodes).unwrap();
         let normals = gpu.array_of("normals", Texel::U32, &packed).unwrap();
-        let carrier = Carrier::new(
+        let carrier = SkinBase::new(
             &positions,
             frame,
             &normals,
@@ -82,7 +82,7 @@ fn placed_vertices_match_float64_on_random_nodes_and_normals() {
             // Random normals make bases that are near to flat, and so lose up to three digits.
             assert!(found.iter().all(|e| *e < 2e-3), "{mapping}: {found:?}");
             // Another order of the nodes is another place: the comparison can fail.
-            let wrong = errors(&gpu, &skin, &positions, |b| Bound {
+            let wrong = errors(&gpu, &skin, &positions, |b| VertexBinding {
                 nodes: [b.nodes[1], b.nodes[0], b.nodes[2]],
                 ..*b
             });
@@ -131,7 +131,7 @@ fn area_weighted_node_normals_match_float64() {
         .map(|p| *p + 0.05 * DVec3::new(next(), next(), next()))
         .collect();
     let (carrier, _) = scene.carrier(&gpu, &moved);
-    let mut work = gpu.record();
+    let mut work = gpu.start_recording();
     carrier.record_normals(&mut work);
     work.submit().unwrap();
     let found = unpacked(&gpu.read_array(carrier.normals()).unwrap());

@@ -2,7 +2,7 @@
 
 use crate::support::gpu;
 use palpate::Result;
-use palpate::study::{Axis, Cell, Chart, Look, Run, Series, StateMap};
+use palpate::study::{Axis, Cell, Chart, Run, Series, SeriesStyle, StateMap};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -121,8 +121,8 @@ fn charts_show_their_series_and_leave_out_what_has_no_place() {
         x: Axis::log("ms per simulated second"),
         y: Axis::log("relative error"),
         series: vec![
-            series(Look::LineMarks, points),
-            series(Look::Rings, &points[..1]),
+            series(SeriesStyle::LineMarks, points),
+            series(SeriesStyle::Rings, &points[..1]),
         ],
     };
     let good = [[1e-3, 2.0], [0.5, 1e-4], [20.0, 3e-6]];
@@ -160,7 +160,7 @@ fn maps_paint_each_cell_in_the_colour_of_its_state() {
         cells: cells.to_vec(),
         curves: vec![Series::new(
             "theory",
-            Look::Dashed,
+            SeriesStyle::Dashed,
             vec![[1e-4, 9e3], [1e-2, 2e3], [1.0, 1.0]],
         )],
     };

@@ -5,21 +5,23 @@ use glam::DVec3;
 use palpate::mesh::TetMesh;
 use palpate::mesh::generate::{self, Split};
 use palpate::physics::{
-    CpuTets, Damping, Material, MaterialModel, Precision, Simulator, SolverKind, Spring,
-    SpringNetwork,
+    CpuTets, Damping, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
+    Spring,
 };
 use palpate::study::statics::Cantilever;
-use palpate::study::truth::{State, converged, distance, fitted_order, motion, truth};
+use palpate::study::truth::{
+    MotionState, converged, distance, fitted_order, motion, reference_motion,
+};
 use palpate::study::{Run, STUDIES};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// The paper's bar in float64, its end held, and the state in which it is turned and let go.
-fn bar(damping_time: f64) -> (CpuTets, State) {
+fn bar(damping_time: f64) -> (CpuTets, MotionState) {
     let material = Material {
         damping_time,
-        ..Material::paper(3_000.0, 0.0)
+        ..Material::uniform_springs(3_000.0, 0.0)
     };
     let mesh = generate::paper_bar().unwrap();
     let (kind, settings) = converged(SolverKind::VelocityVerlet);
@@ -37,7 +39,7 @@ fn bar(damping_time: f64) -> (CpuTets, State) {
     bar.pin_nodes(&held).unwrap();
     let gravity = DVec3::new(0.0, 3.0, -9.81);
     bar.loads_mut().set_gravity(gravity);
-    let mut start = State::rest(&bar);
+    let mut start = MotionState::rest(&bar);
     for (v, x) in start.v.iter_mut().zip(&mesh.nodes) {
         *v = DVec3::new(0.0, 0.03 - x.z, x.y - 0.03) * 20.0 * x.x / 0.12;
     }
@@ -46,18 +48,25 @@ fn bar(damping_time: f64) -> (CpuTets, State) {
 
 const DURATION: f64 = 0.02;
 
-fn swing((bar, start): &mut (CpuTets, State), kind: SolverKind, steps: u32) -> Vec<State> {
+fn swing(
+    (bar, start): &mut (CpuTets, MotionState),
+    kind: SolverKind,
+    steps: u32,
+) -> Vec<MotionState> {
     let found = motion(bar, start, converged(kind), DURATION, [4, steps]);
     found.unwrap().unwrap()
 }
 
-fn exact(bar: &mut (CpuTets, State)) -> Vec<State> {
+fn exact(bar: &mut (CpuTets, MotionState)) -> Vec<MotionState> {
     let run = |steps| Ok(Some(swing(bar, SolverKind::VelocityVerlet, steps)));
-    truth(32, 1 << 12, 1e-9, 0.01, run).unwrap().unwrap().states
+    reference_motion(32, 1 << 12, 1e-9, 0.01, run)
+        .unwrap()
+        .unwrap()
+        .states
 }
 
 /// The order of a solver, over steps well below the limit.
-fn order(bar: &mut (CpuTets, State), kind: SolverKind, truth: &[State]) -> f64 {
+fn order(bar: &mut (CpuTets, MotionState), kind: SolverKind, truth: &[MotionState]) -> f64 {
     // What an undamped explicit step adds to the fastest modes fades only with many steps.
     let first = match kind {
         SolverKind::Explicit => 1024,
@@ -116,8 +125,8 @@ fn a_single_spring_swings_as_it_must() {
         // Of a mesh of one tet, whose other two nodes are tied to nothing.
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| length * p);
         let mesh = TetMesh::new(corners.to_vec(), vec![[0, 1, 2, 3]], vec![], vec![]).unwrap();
-        let material = Material::young(1.0);
-        let network = SpringNetwork {
+        let material = Material::from_young(1.0);
+        let network = DiscreteModel {
             masses: vec![mass; 4],
             springs: vec![Spring {
                 nodes: [0, 1],
@@ -127,7 +136,7 @@ fn a_single_spring_swings_as_it_must() {
             damping,
             damping_time: 0.0,
             damping_kind: Damping::Axial,
-            ..SpringNetwork::new(&mesh, &material).unwrap()
+            ..DiscreteModel::new(&mesh, &material).unwrap()
         };
         let scheme = converged(SolverKind::VelocityVerlet);
         let (kind, settings) = scheme;
@@ -139,7 +148,7 @@ fn a_single_spring_swings_as_it_must() {
             Precision::Double,
         )
         .unwrap();
-        let mut start = State::rest(&body);
+        let mut start = MotionState::rest(&body);
         start.x[0].x -= 0.5 * pull;
         start.x[1].x += 0.5 * pull;
         let decay = damping / mass;
@@ -149,7 +158,9 @@ fn a_single_spring_swings_as_it_must() {
             pull * (-decay * t).exp() * phase
         };
         let run = |n| motion(&mut body, &start, scheme, 0.5, [5, n]);
-        let found = truth(8, 1 << 12, 1e-9, pull, run).unwrap().unwrap();
+        let found = reference_motion(8, 1 << 12, 1e-9, pull, run)
+            .unwrap()
+            .unwrap();
         for (k, state) in found.states.iter().enumerate() {
             let t = 0.1 * (k + 1) as f64;
             let error = state.x[1].x - state.x[0].x - length - stretch(t);
@@ -174,7 +185,11 @@ fn a_body_that_flies_apart_has_no_motion() {
     };
     assert!(run(2.0, 200).is_none());
     assert!(run(0.2, 2000).is_some());
-    assert!(truth(1, 8, 1e-9, 1.0, |_| Ok(None)).unwrap().is_none());
+    assert!(
+        reference_motion(1, 8, 1e-9, 1.0, |_| Ok(None))
+            .unwrap()
+            .is_none()
+    );
 }
 
 /// Refined, elements sink as deep as Timoshenko's beam.
@@ -190,12 +205,12 @@ fn a_cantilever_sinks_as_deep_as_timoshenko_says() {
     let material = Material {
         model: MaterialModel::NeoHookean,
         poisson: 0.25,
-        ..Material::young(beam.young)
+        ..Material::from_young(beam.young)
     };
     let tip = |cells: usize| {
         let size = DVec3::new(beam.length, beam.width, beam.width);
         let mesh = generate::box_mesh([5 * cells, cells, cells], size, Split::Five).unwrap();
-        beam.sunk(&gpu(), &mesh, &material).unwrap() / beam.tip(0.25)
+        beam.measured_tip(&gpu(), &mesh, &material).unwrap() / beam.analytic_tip(0.25)
     };
     let [coarse, fine] = [tip(4), tip(8)];
     // Second order in the cells' size.

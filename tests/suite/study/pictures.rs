@@ -1,10 +1,10 @@
 //! Pictures: the perceptual difference on known cases, and the settings that a tolerance picks.
 
 use palpate::mesh::{Location, generate};
-use palpate::render::RayReference;
+use palpate::render::ReferenceRaycaster;
 use palpate::render::{
-    Camera, Difference, Geometry, Image, Mode, RaycastOptions, Raycaster, TableForm, TableTexel,
-    TransferFunction,
+    Camera, Geometry, Image, ImageDifference, Mode, RaycastOptions, Raycaster, TableKind,
+    TableTexel, TransferFunction,
 };
 
 const SIZE: [u32; 2] = [64, 48];
@@ -25,7 +25,7 @@ fn picture(of: impl Fn(f64, f64) -> [f64; 3]) -> Image {
 }
 
 fn flip(a: &Image, b: &Image) -> f64 {
-    Difference::between(a, b).unwrap().flip.unwrap()
+    ImageDifference::between(a, b).unwrap().flip.unwrap()
 }
 
 fn waves(shift: f64) -> Image {
@@ -105,12 +105,12 @@ fn scene(extinction: Vec<[f64; 2]>, colour: Vec<[f64; 4]>) -> (Raycaster, Camera
     let transfer = TransferFunction::relative(colour, extinction).unwrap();
     let geometry = Geometry::at_rest(&crate::support::gpu(), &mesh, &scalars).unwrap();
     let caster = Raycaster::new(&crate::support::gpu(), geometry, &transfer).unwrap();
-    let camera = Camera::framing(&mesh);
+    let camera = Camera::fit_mesh(&mesh);
     let (rays, resolved) = (
-        RayReference::new(&mesh, &mesh.nodes, &scalars),
+        ReferenceRaycaster::new(&mesh, &mesh.nodes, &scalars),
         caster.transfer(),
     );
-    let pixels = rays.picture(&camera, SIZE, |rays, ray| rays.composite(ray, &resolved));
+    let pixels = rays.render(&camera, SIZE, |rays, ray| rays.composite(ray, &resolved));
     let truth = Image {
         size: SIZE,
         channels: 4,
@@ -139,7 +139,7 @@ fn error(scene: &mut (Raycaster, Camera, Image), options: RaycastOptions) -> f64
     let (caster, camera, truth) = scene;
     caster.set_options(options).unwrap();
     let image = caster.image(camera, SIZE, Mode::Composite).unwrap();
-    255.0 * Difference::between(truth, &image).unwrap().rmse
+    255.0 * ImageDifference::between(truth, &image).unwrap().rmse
 }
 
 #[test]
@@ -149,14 +149,14 @@ fn a_tolerance_is_met_and_a_looser_one_never_costs_more() {
     for (name, mut scene) in [("shells", shells()), ("jumps", jumps())] {
         let mut before = (u32::MAX, 1.0);
         for tolerance in tolerances {
-            let options = RaycastOptions::within(tolerance / 255.0).unwrap();
+            let options = RaycastOptions::for_tolerance(tolerance / 255.0).unwrap();
             let found = error(&mut scene, options);
             // One-dimensional integrals have more points than any table of slices, and cost less.
             let size = match scene.0.table_layers() {
                 1 => 0,
                 _ => scene.0.table_size(),
             };
-            let cost = (size, options.opaque);
+            let cost = (size, options.opacity_cutoff);
             println!("{name}: {found:.3} within {tolerance}, {cost:?}");
             assert!(found <= tolerance, "{name}: {found}, not {tolerance}");
             assert!(
@@ -166,7 +166,7 @@ fn a_tolerance_is_met_and_a_looser_one_never_costs_more() {
             before = cost;
         }
     }
-    let default = RaycastOptions::within(0.5 / 255.0).unwrap();
+    let default = RaycastOptions::for_tolerance(0.5 / 255.0).unwrap();
     assert_eq!(default, RaycastOptions::default());
 }
 
@@ -184,14 +184,14 @@ fn settings_that_are_too_coarse_miss_the_tolerance() {
         (
             "end of rays",
             RaycastOptions {
-                opaque: 0.8,
+                opacity_cutoff: 0.8,
                 ..plain
             },
         ),
         (
             "samples",
             RaycastOptions {
-                table: TableForm::Samples(1),
+                table: TableKind::Samples(1),
                 ..plain
             },
         ),
@@ -205,8 +205,8 @@ fn settings_that_are_too_coarse_miss_the_tolerance() {
 fn without_integration_many_samples_come_to_the_same() {
     let mut scene = shells();
     let samples = |n| RaycastOptions {
-        table: TableForm::Samples(n),
-        opaque: 1.0,
+        table: TableKind::Samples(n),
+        opacity_cutoff: 1.0,
         ..RaycastOptions::default()
     };
     let errors = [1, 4, 16, 64].map(|n| error(&mut scene, samples(n)));
@@ -235,7 +235,7 @@ fn tables_of_every_texel_and_size() {
         let found = error(&mut scene, texel);
         assert!(found < bound, "{:?}: {found}", texel.texel);
     }
-    for table in [TableForm::Sliced, TableForm::Volume] {
+    for table in [TableKind::Sliced, TableKind::Volume] {
         let sized = |n| RaycastOptions {
             table,
             table_size: Some(n),
@@ -253,21 +253,21 @@ fn options_out_of_range_are_refused() {
     for (options, said) in [
         (
             RaycastOptions {
-                opaque: 0.0,
+                opacity_cutoff: 0.0,
                 ..plain
             },
             "opacity of 0",
         ),
         (
             RaycastOptions {
-                opaque: 1.5,
+                opacity_cutoff: 1.5,
                 ..plain
             },
             "opacity of 1.5",
         ),
         (
             RaycastOptions {
-                accuracy: f64::NAN,
+                table_tolerance: f64::NAN,
                 ..plain
             },
             "accuracy of NaN",
@@ -281,7 +281,7 @@ fn options_out_of_range_are_refused() {
         ),
         (
             RaycastOptions {
-                table: TableForm::Samples(65),
+                table: TableKind::Samples(65),
                 ..plain
             },
             "65 samples",
@@ -293,7 +293,9 @@ fn options_out_of_range_are_refused() {
     // The old ones stay.
     assert_eq!(*caster.options(), plain);
     for tolerance in [0.0, -1.0, f64::NAN, 1.0] {
-        let message = RaycastOptions::within(tolerance).unwrap_err().to_string();
+        let message = RaycastOptions::for_tolerance(tolerance)
+            .unwrap_err()
+            .to_string();
         assert!(message.contains("in 1/255"), "{message}");
     }
 }

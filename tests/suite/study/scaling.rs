@@ -2,7 +2,7 @@
 
 use palpate::gpu::Gpu;
 use palpate::mesh::{Location, Topology, generate};
-use palpate::physics::{Body, Material, SolverKind};
+use palpate::physics::{GpuBody, Material, SolverKind};
 use palpate::render::Geometry;
 use palpate::study::computed_bytes;
 
@@ -14,14 +14,14 @@ fn shares(cells: usize) -> Vec<(&'static str, f64)> {
     let topology = Topology::new(&mesh);
     let scalars = mesh.field("scalar", Location::Node).unwrap().values.clone();
     let mut shares = Vec::new();
-    let mut made = gpu.bytes_made();
+    let mut made = gpu.bytes_allocated();
     let mut add = |part| {
-        let now = gpu.bytes_made();
+        let now = gpu.bytes_allocated();
         let computed = computed_bytes(part, &mesh, &topology);
         shares.push((part, computed / (now - made) as f64));
         made = now;
     };
-    let body = Body::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
+    let body = GpuBody::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
     add("body");
     let _one = SolverKind::Symplectic.solver(&gpu, &body).unwrap();
     add("symplectic");

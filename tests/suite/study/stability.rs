@@ -5,10 +5,10 @@ use glam::{DMat3, DVec3};
 use palpate::mesh::{TetMesh, generate};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::plain::springs::Particles;
+use palpate::physics::plain::springs::ReferenceSprings;
 use palpate::physics::plain::steppers;
-use palpate::physics::spectrum::{Linearised, StepLimit};
-use palpate::physics::{Body, Material, SolverKind, SpringNetwork, largest_stable_step};
+use palpate::physics::spectrum::{LinearisedModel, StepLimit};
+use palpate::physics::{DiscreteModel, GpuBody, Material, SolverKind, largest_stable_step};
 use palpate::study::STUDIES;
 use std::sync::atomic::AtomicBool;
 
@@ -34,12 +34,12 @@ fn held(p: DVec3) -> bool {
 }
 
 /// The mesh held at one end, linearised.
-fn linearised(material: &Material) -> (Particles, Linearised) {
+fn linearised(material: &Material) -> (ReferenceSprings, LinearisedModel) {
     let mesh = mesh();
-    let network = SpringNetwork::new(&mesh, material).unwrap();
+    let network = DiscreteModel::new(&mesh, material).unwrap();
     let pinned: Vec<bool> = mesh.nodes.iter().map(|p| held(*p)).collect();
-    let body = Linearised::new(&network, &pinned);
-    let mut particles = Particles::new(network);
+    let body = LinearisedModel::new(&network, &pinned);
+    let mut particles = ReferenceSprings::new(network);
     particles.pinned = pinned;
     (particles, body)
 }
@@ -47,7 +47,7 @@ fn linearised(material: &Material) -> (Particles, Linearised) {
 /// Undamped; damped below and beyond the critical damping of the stiffest mode; and as in the
 /// paper, where the modes do not decouple.
 fn materials() -> [Material; 4] {
-    let young = Material::young(1e5);
+    let young = Material::from_young(1e5);
     let (_, body) = linearised(&young);
     let critical = 2.0 / body.stiffest_mode().stiffness.sqrt();
     let damped = |damping_time| Material {
@@ -58,12 +58,12 @@ fn materials() -> [Material; 4] {
         young.clone(),
         damped(0.5 * critical),
         damped(3.0 * critical),
-        Material::paper(4000.0, 6.0),
+        Material::uniform_springs(4000.0, 6.0),
     ]
 }
 
 /// The energy after each of `steps` steps over that at the start, until it is a thousandfold.
-fn energies(start: &Particles, kind: SolverKind, steps: usize, h: f64) -> Vec<f64> {
+fn energies(start: &ReferenceSprings, kind: SolverKind, steps: usize, h: f64) -> Vec<f64> {
     let mut p = start.clone();
     let mut verlet = steppers::Verlet::default();
     let mut velocity_verlet = steppers::VelocityVerlet::default();
@@ -88,19 +88,19 @@ fn energies(start: &Particles, kind: SolverKind, steps: usize, h: f64) -> Vec<f6
     energies
 }
 
-fn displace(p: &mut Particles, displacement: &[DVec3]) {
+fn displace(p: &mut ReferenceSprings, displacement: &[DVec3]) {
     for (x, u) in p.x.iter_mut().zip(displacement) {
         *x += AMPLITUDE * 0.3 * *u;
     }
 }
 
 /// The limit of `kind`; of explicit Euler with damping of any kind by bisection on the growth.
-fn limit(body: &Linearised, kind: SolverKind) -> StepLimit {
+fn limit(body: &LinearisedModel, kind: SolverKind) -> StepLimit {
     let mut limit = body.largest_step(kind).unwrap();
     if limit.exact {
         return limit;
     }
-    let grows = |h: f64| body.growth(kind, h, 4000).0 > 1.0 + 1e-4;
+    let grows = |h: f64| body.growth_rate(kind, h, 4000).0 > 1.0 + 1e-4;
     let (mut low, mut high) = (limit.step, 2.0 * limit.step);
     assert!(!grows(low), "the bound from below is none");
     while !grows(high) {
@@ -114,7 +114,7 @@ fn limit(body: &Linearised, kind: SolverKind) -> StepLimit {
         }
     }
     limit.step = low;
-    limit.displacement = body.growth(kind, high, 4000).1;
+    limit.displacement = body.growth_rate(kind, high, 4000).1;
     limit
 }
 
@@ -122,7 +122,7 @@ fn limit(body: &Linearised, kind: SolverKind) -> StepLimit {
 fn the_edge_in_float64() {
     for (m, material) in materials().iter().enumerate() {
         let (mut rest, body) = linearised(material);
-        rest.network.rest = rest.x.clone();
+        rest.network.rest_positions = rest.x.clone();
         for kind in EXPLICIT {
             let undamped = m == 0;
             if kind == SolverKind::Explicit && undamped {
@@ -159,7 +159,7 @@ fn the_edge_on_the_gpu() {
             let moved = mesh.nodes.iter().zip(&limit.displacement);
             let start: Vec<DVec3> = moved.map(|(p, u)| *p + AMPLITUDE * 0.3 * *u).collect();
             let run = |factor: f64, steps: usize| {
-                let mut body = Body::new(&gpu, &mesh, material).unwrap();
+                let mut body = GpuBody::new(&gpu, &mesh, material).unwrap();
                 body.pin(held);
                 body.set_positions(&start).unwrap();
                 let mut solver = kind.solver(&gpu, &body).unwrap();
@@ -206,7 +206,7 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
             let limit = body.largest_step(kind).unwrap();
             let h = 1.05 * limit.step.max(1e-3);
             let exact = limit.mode.spectral_radius(kind, h);
-            let (found, _) = body.growth(kind, h, 4000);
+            let (found, _) = body.growth_rate(kind, h, 4000);
             assert!(
                 (found / exact - 1.0).abs() < 2e-3,
                 "{kind}: {found} for {exact}"
@@ -218,8 +218,8 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
     let (_, body) = linearised(&paper);
     for kind in &EXPLICIT[1..] {
         let limit = body.largest_step(*kind).unwrap();
-        assert!(body.growth(*kind, 0.99 * limit.step, 4000).0 < 1.0 + 1e-3);
-        assert!(body.growth(*kind, 1.01 * limit.step, 4000).0 > 1.0 + 1e-3);
+        assert!(body.growth_rate(*kind, 0.99 * limit.step, 4000).0 < 1.0 + 1e-3);
+        assert!(body.growth_rate(*kind, 1.01 * limit.step, 4000).0 > 1.0 + 1e-3);
         let alone = body.stiffest_mode().largest_step(*kind);
         assert!(alone > 1.01 * limit.step, "{kind}: {alone} s");
     }
@@ -231,13 +231,13 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
 fn implicit_euler_holds_where_no_other_does() {
     let gpu = crate::support::gpu();
     let mesh = mesh();
-    let material = Material::young(1e5);
+    let material = Material::from_young(1e5);
     let (_, linear) = linearised(&material);
     let limit = linear.largest_step(SolverKind::Verlet).unwrap();
     let moved = mesh.nodes.iter().zip(&limit.displacement);
     let start: Vec<DVec3> = moved.map(|(p, u)| *p + AMPLITUDE * 0.3 * *u).collect();
     for factor in [1.05, 1e2, 1e4] {
-        let mut body = Body::new(&gpu, &mesh, &material).unwrap();
+        let mut body = GpuBody::new(&gpu, &mesh, &material).unwrap();
         body.pin(held);
         body.set_positions(&start).unwrap();
         let mut solver = SolverKind::Implicit.solver(&gpu, &body).unwrap();
@@ -265,14 +265,14 @@ impl Domain for Block {
 fn the_edge_of_grids() {
     let gpu = crate::support::gpu();
     let block = Block;
-    let shape = GridShape::carve(&block, DVec3::splat(0.0101), DMat3::IDENTITY).unwrap();
+    let shape = GridShape::from_domain(&block, DVec3::splat(0.0101), DMat3::IDENTITY).unwrap();
     for damping in [0.0, 40.0] {
-        let mut model = GridModel::new(shape.clone(), &Material::young(1e5)).unwrap();
+        let mut model = GridModel::new(shape.clone(), &Material::from_young(1e5)).unwrap();
         model.damping = damping;
-        let mut truth = model.twin();
-        let limit = Linearised::of_grid(&model).grid_limit();
+        let mut truth = model.reference();
+        let limit = LinearisedModel::from_grid(&model).grid_limit();
         // The bound that needs no iteration is below it, and not by far.
-        let bound = model.stable_step();
+        let bound = model.conservative_step();
         assert!(
             bound < limit.step && bound > 0.5 * limit.step,
             "{bound} for {}",

@@ -3,7 +3,7 @@
 
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
-use palpate::tune::{Cost, Found, MotionPoint, Motions, Trial, cheapest};
+use palpate::tune::{Candidates, Cost, MotionPoint, MotionSearch, SearchResult, cheapest};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 
@@ -56,14 +56,14 @@ fn scenes() -> Vec<(&'static str, String)> {
 
 /// Costs and errors of all candidates, each tried once.
 struct Table<'a> {
-    motions: Motions<'a>,
+    motions: MotionSearch<'a>,
     costs: HashMap<String, f64>,
     errors: HashMap<String, f64>,
     /// Cost of what was tried in the search that is going on.
     spent: f64,
 }
 
-impl Trial for Table<'_> {
+impl Candidates for Table<'_> {
     type Point = MotionPoint;
 
     fn points(&self) -> Vec<MotionPoint> {
@@ -120,14 +120,15 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
     let mut chosen_of_all = Vec::new();
     for (name, text) in scenes() {
         let scene = Scene::parse(&text).unwrap();
-        let motions = Motions::new(&gpu, &scene, SECONDS, Cost::Visits, &palpate::untold).unwrap();
+        let motions =
+            MotionSearch::new(&gpu, &scene, SECONDS, Cost::Visits, &palpate::no_progress).unwrap();
         let mut table = Table {
             motions,
             costs: HashMap::new(),
             errors: HashMap::new(),
             spent: 0.0,
         };
-        let mut before: Option<Found<MotionPoint>> = None;
+        let mut before: Option<SearchResult<MotionPoint>> = None;
         for tolerance in [0.05, 0.15, 0.4] {
             table.spent = 0.0;
             let found = cheapest(&mut table, tolerance, &|_| ControlFlow::Continue(())).unwrap();
@@ -169,7 +170,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
         let none = cheapest(&mut table, 1e-9, &|_| ControlFlow::Continue(())).unwrap();
         assert!(!none.met && none.error > 1e-9);
         assert!(
-            none.told("motion", "ms", 1e-9)
+            none.summary("motion", "ms", 1e-9)
                 .contains("would have to give")
         );
     }
@@ -195,13 +196,14 @@ fn a_tuned_scene_is_written_and_can_be_read() {
         [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [64, 48]\n";
     std::fs::write(&from, text).unwrap();
     let scene = Scene::read(&from).unwrap();
-    let wanted = |error: f64, fps: Option<f64>| palpate::tune::Wanted {
+    let wanted = |error: f64, fps: Option<f64>| palpate::tune::TuneTarget {
         error,
         fps,
         seconds: 0.4,
     };
-    let tuned = palpate::tune::tune(&gpu, &scene, &wanted(0.1, None), &palpate::untold).unwrap();
-    assert!(tuned.met, "{:?}", tuned.notes);
+    let tuned =
+        palpate::tune::tune(&gpu, &scene, &wanted(0.1, None), &palpate::no_progress).unwrap();
+    assert!(tuned.target_met, "{:?}", tuned.notes);
     let to = folder.path().join("tuned.toml");
     tuned.write(&from, &to).unwrap();
     let again = Scene::read(&to).unwrap();
@@ -214,12 +216,14 @@ fn a_tuned_scene_is_written_and_can_be_read() {
     stage.run(2, &mut |_| {}).unwrap();
     // What cannot be met is said.
     let never = wanted(1e-6, Some(1e6));
-    let tuned = palpate::tune::tune(&gpu, &scene, &never, &palpate::untold).unwrap();
-    assert!(!tuned.met);
+    let tuned = palpate::tune::tune(&gpu, &scene, &never, &palpate::no_progress).unwrap();
+    assert!(!tuned.target_met);
     let told = tuned.notes.join("\n");
     assert!(told.contains("would have to give"), "{told}");
     assert!(told.contains("pictures a second take"), "{told}");
     for bad in [0.0, -1.0, f64::NAN] {
-        assert!(palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &palpate::untold).is_err());
+        assert!(
+            palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &palpate::no_progress).is_err()
+        );
     }
 }

@@ -151,7 +151,7 @@ fn labels_are_those_that_are_there_and_the_nearest() {
         grid,
         Raw::U16(voxels(&grid).into_iter().map(block).collect()),
     );
-    scan.names.insert(7, "liver".into());
+    scan.label_names.insert(7, "liver".into());
     let rest = around(&grid, [4, 4, 4]);
     let bent: Vec<DVec3> = rest
         .nodes
@@ -169,7 +169,7 @@ fn labels_are_those_that_are_there_and_the_nearest() {
     };
     let set: BTreeSet<u16> = found.iter().copied().collect();
     assert_eq!(set, labels.into_iter().collect());
-    assert_eq!(warped.volume.names[&7], "liver");
+    assert_eq!(warped.volume.label_names[&7], "liver");
     let to_index = grid.to_world.inverse();
     let mut checked = 0;
     for (n, p) in centres(&grid).into_iter().enumerate() {
@@ -274,7 +274,7 @@ fn another_grid_shows_the_same_body() {
     let mut covered = 0;
     for (n, p) in centres(&other).into_iter().enumerate() {
         let value = warped.volume.value(n);
-        match warp.inverse_at(p) {
+        match warp.map_inverse(p) {
             Some(place) => {
                 covered += 1;
                 assert!(

@@ -28,7 +28,7 @@ fn scan(grid: Grid, raw: Raw) -> Volume {
         slope: 1.0,
         intercept: 0.0,
         to_world: grid.to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     }
 }
 

@@ -66,9 +66,9 @@ fn an_affine_motion_is_exact_both_ways() {
     assert_eq!(covered, 7680 - inverse.coverage.uncovered);
     assert!(covered > 7000, "{covered}");
     for p in centres(&grid) {
-        let there = warp.forward_at(p).unwrap();
+        let there = warp.map_forward(p).unwrap();
         assert!(there.abs_diff_eq(motion.transform_point3(p), 1e-9));
-        assert!(warp.inverse_at(there).unwrap().abs_diff_eq(p, 1e-9));
+        assert!(warp.map_inverse(there).unwrap().abs_diff_eq(p, 1e-9));
     }
 }
 
@@ -96,7 +96,7 @@ fn there_and_back_is_where_it_began() {
     assert_eq!(warp.inverted(), 0);
     // As points, by the same tets both ways.
     for p in centres(&grid) {
-        let back = warp.inverse_at(warp.forward_at(p).unwrap()).unwrap();
+        let back = warp.map_inverse(warp.map_forward(p).unwrap()).unwrap();
         assert!(back.abs_diff_eq(p, 1e-9), "{back} is not {p}");
     }
     // As fields, of which one is read between its voxels.
@@ -161,7 +161,7 @@ fn fields_and_points_agree_on_any_number_of_threads() {
     assert_eq!(one.vectors, three.vectors);
     assert_eq!(one.coverage, three.coverage);
     for (p, u) in centres(&grid).into_iter().zip(&one.vectors) {
-        let rest = warp.inverse_at(p).unwrap();
+        let rest = warp.map_inverse(p).unwrap();
         assert!((p + vector(*u)).abs_diff_eq(rest, 1e-4));
     }
 }
@@ -285,6 +285,6 @@ fn what_is_no_motion_is_refused() {
         "{told}"
     );
     assert!(warp.displacement(&grid).is_ok());
-    assert_eq!(warp.forward_at(DVec3::splat(f64::NAN)), None);
-    assert_eq!(warp.inverse_at(DVec3::ZERO), None);
+    assert_eq!(warp.map_forward(DVec3::splat(f64::NAN)), None);
+    assert_eq!(warp.map_inverse(DVec3::ZERO), None);
 }

@@ -2,12 +2,12 @@
 
 use super::regions::eye;
 use crate::app::App;
-use crate::ask::Ask;
+use crate::ask::PathPrompt;
 use crate::document::{numbers, set_all, tables};
-use crate::loading::{ReadScan, Work, read_scan};
+use crate::loading::{BackgroundTask, ReadScan, read_scan};
 use eframe::egui::{self, Color32};
 use palpate::render::TransferFunction;
-use palpate::scene::{LabelLookEntry, ScanEntry, Scene, SkinEntry};
+use palpate::scene::{LabelAppearanceEntry, ScanEntry, Scene, SkinEntry};
 use palpate::skin::Mapping;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use toml_edit::{Item, Table, Value};
 
 /// What a file is chosen for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Purpose {
+pub(crate) enum ImportKind {
     /// It is opened.
     #[default]
     Open,
@@ -27,41 +27,41 @@ pub(crate) enum Purpose {
     Skin,
 }
 
-impl Purpose {
+impl ImportKind {
     /// What is asked for.
     pub fn title(self) -> &'static str {
         match self {
-            Purpose::Open => "Open path",
-            Purpose::Scan => "Put a scan into the body",
-            Purpose::Colours(_) => "Colours of the scan",
-            Purpose::Skin => "Put a skin on the body",
+            ImportKind::Open => "Open path",
+            ImportKind::Scan => "Put a scan into the body",
+            ImportKind::Colours(_) => "Colours of the scan",
+            ImportKind::Skin => "Put a skin on the body",
         }
     }
 
     /// What that may be.
     pub fn hint(self) -> &'static str {
         match self {
-            Purpose::Open => "a mesh, a volume, a surface, a scene or a series",
-            Purpose::Scan => "a volume: .nrrd, .nii.gz, .mha",
-            Purpose::Colours(_) => "a transfer function: .json",
-            Purpose::Skin => "a surface: .obj, .ply, .stl, .vtk",
+            ImportKind::Open => "a mesh, a volume, a surface, a scene or a series",
+            ImportKind::Scan => "a volume: .nrrd, .nii.gz, .mha",
+            ImportKind::Colours(_) => "a transfer function: .json",
+            ImportKind::Skin => "a surface: .obj, .ply, .stl, .vtk",
         }
     }
 }
 
 /// What was read.
-enum Read {
+enum ImportedItem {
     Scan(ReadScan),
     Skin(Box<SkinEntry>),
 }
 
 /// A scan or a skin that is being read.
-pub(crate) struct Taking {
+pub(crate) struct PendingImport {
     file: PathBuf,
-    work: Work<Read>,
+    work: BackgroundTask<ImportedItem>,
 }
 
-impl Taking {
+impl PendingImport {
     /// Its name, what is being done, the part of that which is done, and for how long, s.
     pub fn progress(&self) -> (String, (String, f64, f64)) {
         let name = self.file.file_name().unwrap_or_default();
@@ -74,15 +74,20 @@ type Change = Box<dyn FnOnce(&mut Table)>;
 
 impl App {
     /// Begins to take a file into the scene that is open.
-    pub(crate) fn take(&mut self, purpose: Purpose, file: &Path, context: &egui::Context) {
+    pub(crate) fn start_import(
+        &mut self,
+        purpose: ImportKind,
+        file: &Path,
+        context: &egui::Context,
+    ) {
         let file = match crate::system::absolute(file) {
             Ok(file) => file,
-            Err(why) => return self.tell_error(Err(why)),
+            Err(why) => return self.show_error(Err(why)),
         };
         let read = file.clone();
         let work = match purpose {
-            Purpose::Open => return self.open(&file, context),
-            Purpose::Colours(number) => {
+            ImportKind::Open => return self.open(&file, context),
+            ImportKind::Colours(number) => {
                 let text = self.beside(&file);
                 return self.change(
                     ("scan", number),
@@ -90,32 +95,36 @@ impl App {
                     Box::new(put("transfer", text)),
                 );
             }
-            Purpose::Scan => Work::begin("reading", context, move |progress| {
+            ImportKind::Scan => BackgroundTask::spawn("reading", context, move |progress| {
                 let entry = ScanEntry {
                     file: read,
                     ..ScanEntry::default()
                 };
-                read_scan(&entry, progress).map(Read::Scan)
+                read_scan(&entry, progress).map(ImportedItem::Scan)
             }),
-            Purpose::Skin => {
+            ImportKind::Skin => {
                 let name = self.beside(&file);
-                Work::begin("reading", context, move |progress| {
+                BackgroundTask::spawn("reading", context, move |progress| {
                     // As a scene has it.
                     let text = format!("[[skin]]\nfile = {}\n", Value::from(name.as_str()));
                     let mut skins = Scene::parse(&text)?.skin;
                     let mut skin = skins.swap_remove(0);
                     skin.file = read;
                     skin.surface.0 = Some(Arc::new(skin.read(progress)?));
-                    Ok(Read::Skin(Box::new(skin)))
+                    Ok(ImportedItem::Skin(Box::new(skin)))
                 })
             }
         };
-        self.taking = Some(Taking { file, work });
+        self.taking = Some(PendingImport { file, work });
     }
 
     /// Takes over a scan or a skin that was read.
-    pub(crate) fn take_read(&mut self) {
-        let Some(read) = self.taking.as_ref().and_then(|taking| taking.work.ready()) else {
+    pub(crate) fn finish_import(&mut self) {
+        let Some(read) = self
+            .taking
+            .as_ref()
+            .and_then(|taking| taking.work.try_take())
+        else {
             return;
         };
         let Some(taking) = self.taking.take() else {
@@ -123,35 +132,35 @@ impl App {
         };
         let name = self.beside(&taking.file);
         let (what, read) = match read {
-            Ok(Read::Scan(scan)) => ("scan", (vec![scan], Vec::new())),
-            Ok(Read::Skin(skin)) => ("skin", (Vec::new(), vec![*skin])),
-            Err(why) => return self.tell_error(Err(why)),
+            Ok(ImportedItem::Scan(scan)) => ("scan", (vec![scan], Vec::new())),
+            Ok(ImportedItem::Skin(skin)) => ("skin", (Vec::new(), vec![*skin])),
+            Err(why) => return self.show_error(Err(why)),
         };
         if let Some(show) = &mut self.show {
             show.keep_read(read.0, read.1);
         }
-        self.edit_looks(&format!("a {what}"), |t| {
+        self.edit_appearance(&format!("a {what}"), |t| {
             let mut all = tables(t, what);
             let mut own = Table::new();
             own.insert("file", Item::Value(Value::from(name)));
             all.push(own);
             set_all(t, what, all);
         });
-        if !self.said.1 {
+        if !self.status.1 {
             let notes = self.show.as_ref().map(|show| show.notes.join("; "));
-            self.say(notes.unwrap_or_default());
+            self.set_status(notes.unwrap_or_default());
         }
     }
 
     /// A path as the scene names it.
     fn beside(&self, file: &Path) -> String {
         let document = self.document.as_ref();
-        document.map_or_else(|| file.display().to_string(), |d| d.beside(file))
+        document.map_or_else(|| file.display().to_string(), |d| d.relative_path(file))
     }
 
     /// Changes a table of the scene, as one of its looks.
     fn change(&mut self, (what, number): (&str, usize), how: &str, change: Change) {
-        self.edit_looks(&format!("{how} of {what} {number}"), |t| {
+        self.edit_appearance(&format!("{how} of {what} {number}"), |t| {
             let mut all = tables(t, what);
             if let Some(table) = all.get_mut(number) {
                 change(table);
@@ -162,7 +171,7 @@ impl App {
 
     /// Takes a table out of the scene.
     fn take_out(&mut self, what: &str, number: usize) {
-        self.edit_looks(&format!("no {what} {number}"), |t| {
+        self.edit_appearance(&format!("no {what} {number}"), |t| {
             let mut all = tables(t, what);
             if number < all.len() {
                 all.remove(number);
@@ -184,14 +193,14 @@ impl App {
             ui.push_id(("scan", number), |ui| self.scan(ui, number, scan));
         }
         if ui.button("Add a scan…").clicked() {
-            self.ask = Some(Ask::of(Purpose::Scan));
+            self.ask = Some(PathPrompt::of(ImportKind::Scan));
         }
         ui.separator();
         for (number, skin) in scene.skin.iter().enumerate() {
             ui.push_id(("skin", number), |ui| self.skin(ui, number, skin));
         }
         if ui.button("Add a skin…").clicked() {
-            self.ask = Some(Ask::of(Purpose::Skin));
+            self.ask = Some(PathPrompt::of(ImportKind::Skin));
         }
     }
 
@@ -251,7 +260,7 @@ impl App {
                         .selected_text(chosen)
                         .show_ui(ui, |ui| {
                             if ui.button("from a file…").clicked() {
-                                self.ask = Some(Ask::of(Purpose::Colours(number)));
+                                self.ask = Some(PathPrompt::of(ImportKind::Colours(number)));
                                 ui.close();
                             }
                             for name in TransferFunction::preset_names() {
@@ -406,7 +415,7 @@ fn hex(colour: Color32) -> String {
 }
 
 /// Has a label of a scan look so.
-fn set_label(scan: &mut Table, key: &str, look: &LabelLookEntry) {
+fn set_label(scan: &mut Table, key: &str, look: &LabelAppearanceEntry) {
     let all = scan.entry("label").or_insert(Item::Table(Table::new()));
     let Some(all) = all.as_table_like_mut() else {
         return;
@@ -441,10 +450,10 @@ mod tests {
             let mut document: DocumentMut = text.parse().unwrap();
             let mut all = tables(&document, "scan");
             assert_eq!(all.len(), 1, "{text}");
-            let look = LabelLookEntry {
+            let look = LabelAppearanceEntry {
                 hidden: true,
                 opacity: Some(0.5),
-                ..LabelLookEntry::default()
+                ..LabelAppearanceEntry::default()
             };
             set_label(&mut all[0], "3", &look);
             set_all(&mut document, "scan", all);

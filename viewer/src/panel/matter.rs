@@ -15,7 +15,7 @@ const ENGINES: [(&str, &str); 3] = [
     ("gpu", "graphics card"),
 ];
 /// Schemes, and what is said of them.
-const SCHEMES: [(&str, &str); 7] = [
+const INTEGRATORS: [(&str, &str); 7] = [
     (
         "implicit",
         "first order, stable at any step; may be pressed on",
@@ -33,7 +33,7 @@ type Edit = (&'static str, &'static str, Value);
 
 impl App {
     /// What the body is made of and how it moves: it begins anew where that is changed.
-    pub(crate) fn matter(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
+    pub(crate) fn material_panel(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
             return;
         };
@@ -49,7 +49,7 @@ impl App {
         egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
             ui.label("Computed by");
             let chosen = match by {
-                Some(EngineChoice::This(engine)) => engine.to_string(),
+                Some(EngineChoice::Exactly(engine)) => engine.to_string(),
                 _ => "auto".to_owned(),
             };
             let called = ENGINES.iter().find(|(name, _)| *name == chosen);
@@ -64,12 +64,12 @@ impl App {
             }
             ui.end_row();
             ui.label("Scheme");
-            let schemes = SCHEMES.map(|(name, _)| (name, name));
+            let schemes = INTEGRATORS.map(|(name, _)| (name, name));
             if let Some(name) = choice(ui, "scheme", &scheme, &scheme, &schemes) {
                 edits.push(("solver", "name", Value::from(name)));
             }
             ui.end_row();
-            if let Some((_, about)) = SCHEMES.iter().find(|(name, _)| *name == scheme) {
+            if let Some((_, about)) = INTEGRATORS.iter().find(|(name, _)| *name == scheme) {
                 ui.label("");
                 ui.weak(*about);
                 ui.end_row();

@@ -9,13 +9,13 @@ mod transfer;
 #[cfg(not(target_arch = "wasm32"))]
 mod tuning;
 
-pub(crate) use carried::{Purpose, Taking};
+pub(crate) use carried::{ImportKind, PendingImport};
 pub(crate) use planes::plane_table;
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use tuning::Tuning;
 
 use crate::app::App;
-use crate::ask::Saved;
+use crate::ask::SaveKind;
 use crate::document::set;
 use eframe::egui;
 use egui_plot::{Line as Curve, Plot, PlotPoints};
@@ -54,7 +54,7 @@ impl App {
             section(ui, "Scans and skins", false, |ui| self.carried(ui));
             section(ui, "Light", false, |ui| self.light(ui));
             section(ui, "Touch", true, |ui| self.touching(ui, &context));
-            section(ui, "Matter and time", false, |ui| self.matter(ui, &context));
+            section(ui, "Matter and time", false, |ui| self.material_panel(ui, &context));
             #[cfg(not(target_arch = "wasm32"))]
             section(ui, "Tuning", false, |ui| self.tuning(ui, &context));
         });
@@ -117,7 +117,7 @@ impl App {
                 .show_ui(ui, |ui| {
                     for preset in TransferFunction::preset_names() {
                         if ui.button(preset).clicked() {
-                            self.edit_looks("transfer", |t| {
+                            self.edit_appearance("transfer", |t| {
                                 set(t, "picture", "transfer", Some(Value::from(preset)));
                             });
                             ui.close();
@@ -127,12 +127,12 @@ impl App {
             ui.end_row();
         });
         if let Some(mode) = moded {
-            self.edit_looks("mode", |t| {
+            self.edit_appearance("mode", |t| {
                 set(t, "picture", "mode", Some(Value::from(mode)))
             });
         }
         if let Some(field) = picked {
-            self.edit_looks("field", |t| {
+            self.edit_appearance("field", |t| {
                 set(t, "picture", "field", field.map(Value::from))
             });
         }
@@ -152,7 +152,7 @@ impl App {
         let mut lit = scene.light.from != Some(palpate::render::Light::None);
         if ui.checkbox(&mut lit, "Light").changed() {
             let from = if lit { "head" } else { "none" };
-            self.edit_looks("light", |t| {
+            self.edit_appearance("light", |t| {
                 set(t, "light", "from", Some(Value::from(from)))
             });
         }
@@ -160,7 +160,7 @@ impl App {
         let slider = egui::Slider::new(&mut shadows, 0.0..=1.0).text("shadows");
         if ui.add_enabled(lit, slider).changed() {
             let shadows = Some(Value::from(shadows)).filter(|_| shadows > 0.0);
-            self.edit_looks("shadows", |t| set(t, "light", "shadows", shadows));
+            self.edit_appearance("shadows", |t| set(t, "light", "shadows", shadows));
         }
     }
 
@@ -178,7 +178,7 @@ impl App {
             chosen = edited(ui, "radius", before, (range, speed, " mm"));
         });
         if let Some(radius) = chosen {
-            self.restart(Some(radius / mm), None, context);
+            self.rebuild_body(Some(radius / mm), None, context);
         }
         let cut_depth = &mut self.cut_depth;
         ui.horizontal(|ui| {
@@ -209,7 +209,7 @@ impl App {
             .add_enabled(measured, egui::Button::new("Save as CSV…"))
             .clicked()
         {
-            self.ask_place(Saved::Press);
+            self.prompt_save_path(SaveKind::Press);
         }
     }
 }

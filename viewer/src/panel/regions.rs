@@ -3,7 +3,7 @@
 use crate::app::App;
 use eframe::egui::{self, Color32, Pos2, Sense};
 use palpate::mesh::{Location, TetMesh};
-use palpate::scene::RegionLookEntry;
+use palpate::scene::RegionAppearanceEntry;
 use toml_edit::{Item, Table, Value};
 
 impl App {
@@ -38,7 +38,7 @@ impl App {
             said.next().is_some() || look_of(name).is_some_and(|(_, look)| look.hidden)
         };
         let known = show.mesh.clone();
-        let mut change: Option<(String, RegionLookEntry)> = None;
+        let mut change: Option<(String, RegionAppearanceEntry)> = None;
         for name in &regions {
             let mut look = look_of(name)
                 .map(|(_, look)| look.clone())
@@ -81,7 +81,7 @@ impl App {
         }
         if let Some((name, look)) = change {
             let key = look_of(&name).map_or_else(|| name.clone(), |(key, _)| key.clone());
-            self.edit_looks(&format!("region {name}"), |t| {
+            self.edit_appearance(&format!("region {name}"), |t| {
                 let picture = t.entry("picture").or_insert(Item::Table(Table::new()));
                 let Some(picture) = picture.as_table_like_mut() else {
                     return;

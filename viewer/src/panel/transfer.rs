@@ -10,14 +10,14 @@ use toml_edit::{DocumentMut, Value};
 /// Height of the editor of transfer functions.
 const EDITOR: f32 = 110.0;
 /// How near the pointer takes a point.
-const NEAR: f32 = 9.0;
+const POINT_RADIUS: f32 = 9.0;
 /// The way through the body whose opacity the editor shows, over the body's extent.
-const WAY: f64 = 0.1;
+const REFERENCE_DEPTH: f64 = 0.1;
 /// Opacities are not dragged beyond this.
-const DENSE: f64 = 0.995;
+const MAX_OPACITY: f64 = 0.995;
 /// How far an arrow moves a point, in points of the screen; with Shift, so many times as far.
 const STEP: f32 = 2.0;
-const STRIDE: f32 = 5.0;
+const LARGE_STEP: f32 = 5.0;
 
 /// A point: a scalar, and the extinction there.
 type Point = [f64; 2];
@@ -40,7 +40,7 @@ impl Plot {
     }
 
     fn density(&self, opacity: f64) -> f64 {
-        -(-opacity.clamp(0.0, DENSE)).ln_1p() / self.way
+        -(-opacity.clamp(0.0, MAX_OPACITY)).ln_1p() / self.way
     }
 
     /// Where a point is drawn.
@@ -77,7 +77,7 @@ impl Plot {
     /// Moves a point, but not past those beside it.
     fn put(&self, points: &mut [Point], n: usize, [s, mut density]: Point) {
         // What is denser than can be shown stays so while it is moved aside.
-        if density >= self.density(DENSE) {
+        if density >= self.density(MAX_OPACITY) {
             density = density.max(points[n][1]);
         }
         let before = n.checked_sub(1).map_or(f64::NEG_INFINITY, |n| points[n][0]);
@@ -87,7 +87,7 @@ impl Plot {
 }
 
 /// What is done to a point by keys.
-enum Keyed {
+enum KeyAction {
     /// It goes elsewhere, by points of the screen.
     Moved(Vec2),
     /// Another is added halfway to the next, or of the last to the one before.
@@ -95,22 +95,22 @@ enum Keyed {
     Removed,
 }
 
-impl Keyed {
+impl KeyAction {
     /// Does it to a point, if it can be done. Which point has the focus then.
     fn done(self, plot: &Plot, points: &mut Vec<Point>, n: usize) -> Option<usize> {
         let last = points.len() - 1;
         match self {
-            Keyed::Moved(by) => {
+            KeyAction::Moved(by) => {
                 let to = plot.shifted(points[n], by);
                 plot.put(points, n, to);
             }
             _ if last == 0 => return None,
-            Keyed::Added => {
+            KeyAction::Added => {
                 let k = n.min(last - 1);
                 let (a, b) = (points[k], points[k + 1]);
                 points.insert(k + 1, [0, 1].map(|c| 0.5 * (a[c] + b[c])));
             }
-            Keyed::Removed => {
+            KeyAction::Removed => {
                 points.remove(n);
             }
         }
@@ -119,7 +119,7 @@ impl Keyed {
 }
 
 /// What is done by keys to the point of this id, which has the focus.
-fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<Keyed> {
+fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<KeyAction> {
     let arrows = EventFilter {
         horizontal_arrows: true,
         vertical_arrows: true,
@@ -133,14 +133,14 @@ fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<Keyed> {
             hits(Key::ArrowDown) - hits(Key::ArrowUp),
         );
         let step = if i.modifiers.shift {
-            STRIDE * STEP
+            LARGE_STEP * STEP
         } else {
             STEP
         };
         match by {
-            _ if i.key_pressed(Key::Enter) => Some(Keyed::Added),
-            _ if i.key_pressed(Key::Delete) => Some(Keyed::Removed),
-            by => (by != Vec2::ZERO).then_some(Keyed::Moved(step * by)),
+            _ if i.key_pressed(Key::Enter) => Some(KeyAction::Added),
+            _ if i.key_pressed(Key::Delete) => Some(KeyAction::Removed),
+            by => (by != Vec2::ZERO).then_some(KeyAction::Moved(step * by)),
         }
     })
 }
@@ -160,7 +160,7 @@ impl App {
             self.histogram = Some(Histogram::of(values, range, of));
         }
         let (low, high) = show.bounds;
-        let way = WAY * (high - low).max_element();
+        let way = REFERENCE_DEPTH * (high - low).max_element();
         let transfer = stage.transfer();
         let mut points = transfer.extinction_nodes().to_vec();
         let width = ui.available_width();
@@ -192,18 +192,20 @@ impl App {
             let away = |p: &Point| plot.place(*p).distance(at);
             let all = points.iter().enumerate().map(|(n, p)| (n, away(p)));
             let nearest = all.min_by(|a, b| a.1.total_cmp(&b.1));
-            nearest.filter(|(_, away)| *away <= NEAR).map(|(n, _)| n)
+            nearest
+                .filter(|(_, away)| *away <= POINT_RADIUS)
+                .map(|(n, _)| n)
         };
         let mut changed = false;
         for n in 0..points.len() {
             let at = plot.place(points[n]);
-            let around = Rect::from_center_size(at, Vec2::splat(2.0 * NEAR));
+            let around = Rect::from_center_size(at, Vec2::splat(2.0 * POINT_RADIUS));
             let id = |n: usize| response.id.with(n);
             let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
             if !own.has_focus() {
                 continue;
             }
-            painter.circle_stroke(at, NEAR, ui.visuals().selection.stroke);
+            painter.circle_stroke(at, POINT_RADIUS, ui.visuals().selection.stroke);
             let keyed = by_keys(ui, own.id);
             if let Some(next) = keyed.and_then(|keyed| keyed.done(&plot, &mut points, n)) {
                 changed = true;
@@ -260,7 +262,7 @@ impl App {
             inside && picture.region.is_empty() && picture.hide.is_empty()
         });
         if !alone {
-            return self.edit_looks("transfer", change);
+            return self.edit_appearance("transfer", change);
         }
         let result = TransferFunction::from_json(json).and_then(|transfer| {
             let (Some(document), Some(show)) = (&mut self.document, &mut self.show) else {
@@ -269,7 +271,7 @@ impl App {
             document.edit("transfer", change)?;
             show.stage_mut().set_transfer(&transfer)
         });
-        self.tell_error(result);
+        self.show_error(result);
     }
 }
 
@@ -288,8 +290,12 @@ mod tests {
         }
     }
 
-    fn keyed(keys: impl IntoIterator<Item = Keyed>, points: &mut Vec<Point>, n: usize) -> usize {
-        let on = |n, keyed: Keyed| keyed.done(&plot(), points, n).unwrap_or(n);
+    fn keyed(
+        keys: impl IntoIterator<Item = KeyAction>,
+        points: &mut Vec<Point>,
+        n: usize,
+    ) -> usize {
+        let on = |n, keyed: KeyAction| keyed.done(&plot(), points, n).unwrap_or(n);
         keys.into_iter().fold(n, on)
     }
 
@@ -297,12 +303,12 @@ mod tests {
     fn arrows_move_a_point_between_its_neighbours() {
         let start: Vec<Point> = AXIS.iter().map(|s| [*s, 3.0]).collect();
         let mut points = start.clone();
-        keyed([Keyed::Moved(Vec2::new(10.0, -10.0))], &mut points, 1);
+        keyed([KeyAction::Moved(Vec2::new(10.0, -10.0))], &mut points, 1);
         assert!((points[1][0] - 25.0).abs() < 1e-9, "{points:?}");
         let gained = plot().opacity(points[1][1]) - plot().opacity(3.0);
         assert!((gained - 0.1).abs() < 1e-6, "{gained}");
         // Not past the next, nor beyond what is drawn; and the others stay.
-        let far = || Keyed::Moved(Vec2::new(500.0, 500.0));
+        let far = || KeyAction::Moved(Vec2::new(500.0, 500.0));
         keyed([far()], &mut points, 1);
         assert_eq!(points, [start[0], [50.0, 0.0], start[2]]);
         keyed([far()], &mut points, 2);
@@ -313,11 +319,11 @@ mod tests {
     fn what_is_beyond_the_plot_keeps_what_no_key_changes() {
         let dense = 1e4;
         let mut points = vec![[-10.0, 1.0], [200.0, dense]];
-        keyed([Keyed::Moved(Vec2::new(0.0, -2.0))], &mut points, 1);
+        keyed([KeyAction::Moved(Vec2::new(0.0, -2.0))], &mut points, 1);
         assert_eq!(points[1], [200.0, dense]);
-        keyed([Keyed::Moved(Vec2::new(-20.0, 0.0))], &mut points, 1);
+        keyed([KeyAction::Moved(Vec2::new(-20.0, 0.0))], &mut points, 1);
         assert_eq!(points[1], [190.0, dense]);
-        keyed([Keyed::Moved(Vec2::new(0.0, 2.0))], &mut points, 1);
+        keyed([KeyAction::Moved(Vec2::new(0.0, 2.0))], &mut points, 1);
         assert_eq!(points[1][0], 190.0);
         assert!(points[1][1] < dense, "{points:?}");
     }
@@ -325,15 +331,18 @@ mod tests {
     #[test]
     fn points_are_added_and_taken_away_by_keys() {
         let mut points = vec![[0.0, 1.0], [40.0, 3.0]];
-        assert_eq!(keyed([Keyed::Added], &mut points, 0), 0);
+        assert_eq!(keyed([KeyAction::Added], &mut points, 0), 0);
         assert_eq!(points, [[0.0, 1.0], [20.0, 2.0], [40.0, 3.0]]);
         // Of the last: in order still, whatever the range.
-        assert_eq!(keyed([Keyed::Added], &mut points, 2), 2);
+        assert_eq!(keyed([KeyAction::Added], &mut points, 2), 2);
         assert_eq!(points[2], [30.0, 2.5]);
-        assert_eq!(keyed([Keyed::Removed], &mut points, 3), 2);
-        assert_eq!(keyed([Keyed::Removed, Keyed::Removed], &mut points, 2), 0);
+        assert_eq!(keyed([KeyAction::Removed], &mut points, 3), 2);
+        assert_eq!(
+            keyed([KeyAction::Removed, KeyAction::Removed], &mut points, 2),
+            0
+        );
         // One stays.
-        assert!(Keyed::Removed.done(&plot(), &mut points, 0).is_none());
+        assert!(KeyAction::Removed.done(&plot(), &mut points, 0).is_none());
         assert_eq!(points, [[0.0, 1.0]]);
     }
 }

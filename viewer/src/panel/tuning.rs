@@ -2,9 +2,9 @@
 
 use crate::app::App;
 use crate::document::set;
-use crate::loading::Work;
+use crate::loading::BackgroundTask;
 use eframe::egui;
-use palpate::tune::{Setting, Tuned, Wanted, tune};
+use palpate::tune::{EntryValue, TuneTarget, Tuned, tune};
 use toml_edit::{DocumentMut, Value};
 
 /// What is wanted, and what was found.
@@ -15,7 +15,7 @@ pub(crate) struct Tuning {
     fps: f64,
     /// Of motion that is held against truth.
     seconds: f64,
-    work: Option<Work<Tuned>>,
+    work: Option<BackgroundTask<Tuned>>,
     found: Option<Box<Tuned>>,
 }
 
@@ -57,7 +57,7 @@ impl App {
         if scene.solver.name.is_none() {
             ui.weak("The scene names no solver: its picture alone is tuned");
         }
-        let done = own.work.as_ref().and_then(Work::ready);
+        let done = own.work.as_ref().and_then(BackgroundTask::try_take);
         let mut said = None;
         if let Some(done) = done {
             own.work = None;
@@ -81,7 +81,7 @@ impl App {
             for note in &found.notes {
                 ui.label(note);
             }
-            if !found.met {
+            if !found.target_met {
                 ui.weak("Nothing meets what is wanted; this comes nearest");
             }
             applies = ui.button("Apply").clicked();
@@ -90,23 +90,25 @@ impl App {
             own.work = None;
         }
         if begins {
-            let wanted = Wanted {
+            let wanted = TuneTarget {
                 error: 0.01 * own.error,
                 fps: Some(own.fps).filter(|fps| *fps > 0.0),
                 seconds: own.seconds,
             };
             own.found = None;
             let gpu = self.gpu.clone();
-            own.work = Some(Work::begin("beginning", context, move |progress| {
-                tune(&gpu, &scene, &wanted, progress)
-            }));
+            own.work = Some(BackgroundTask::spawn(
+                "beginning",
+                context,
+                move |progress| tune(&gpu, &scene, &wanted, progress),
+            ));
             // What is timed has the machine to itself.
             if let Some(show) = &mut self.show {
                 show.playing = false;
             }
         }
         if let Some(why) = said {
-            self.said = (format!("not tuned: {why}"), true);
+            self.status = (format!("not tuned: {why}"), true);
         }
         if applies && let Some(found) = self.tuning.found.take() {
             self.edit_body("what was found", context, |t| apply(t, &found));
@@ -125,10 +127,10 @@ fn apply(text: &mut DocumentMut, tuned: &Tuned) {
             continue;
         };
         let value = change.value.map(|value| match value {
-            Setting::Text(text) => Value::from(text),
-            Setting::Number(number) => Value::from(number),
-            Setting::Count(count) => Value::from(count),
-            Setting::Counts(counts) => Value::Array(counts.into_iter().collect()),
+            EntryValue::Text(text) => Value::from(text),
+            EntryValue::Number(number) => Value::from(number),
+            EntryValue::Count(count) => Value::from(count),
+            EntryValue::Counts(counts) => Value::Array(counts.into_iter().collect()),
         });
         set(text, change.table, key, value);
     }
@@ -146,13 +148,13 @@ mod tests {
         let text = "# A bar.\n[mesh]\ngenerate = \"bar\"\n[material]\nstiffness = 3e4\n[solver]\nname = \"implicit\"\n\
             dt = 0.01\niterations = 40\n[cage]\nnodes = 60\n[[pin]]\naxis = \"x\"\nbelow = 0.0\n[picture]\nsize = [64, 48]\n";
         let scene = Scene::parse(text).unwrap();
-        let wanted = Wanted {
+        let wanted = TuneTarget {
             error: 0.2,
             fps: None,
             seconds: 0.1,
         };
         let gpu = Gpu::new().unwrap();
-        let tuned = tune(&gpu, &scene, &wanted, &palpate::untold).unwrap();
+        let tuned = tune(&gpu, &scene, &wanted, &palpate::no_progress).unwrap();
         let mut document: DocumentMut = text.parse().unwrap();
         apply(&mut document, &tuned);
         let applied = Scene::parse(&document.to_string()).unwrap();

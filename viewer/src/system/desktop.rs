@@ -1,20 +1,20 @@
 //! A desktop: the file system, dialogs of the system, threads.
 
-use super::{Chosen, Place, Wish, endings, foremost};
-use crate::panel::Purpose;
+use super::{DialogResult, DialogSender, SaveDialog, endings, foremost};
+use crate::panel::ImportKind;
 use eframe::egui;
 use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// A dialog that ends within this time was not there.
-const AT_ONCE: Duration = Duration::from_millis(120);
+const DIALOG_FAILURE_TIME: Duration = Duration::from_millis(120);
 
 /// Whether there is a dialog to say where to save.
-pub(crate) const ASKS: bool = true;
+pub(crate) const HAS_SAVE_DIALOG: bool = true;
 
 /// Does something that takes a while on a thread of its own.
-pub(crate) fn later(work: impl FnOnce() + Send + 'static) {
+pub(crate) fn spawn(work: impl FnOnce() + Send + 'static) {
     std::thread::spawn(work);
 }
 
@@ -27,17 +27,17 @@ pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
 }
 
 /// Has the system's dialog ask for a file.
-pub(crate) fn choose_file(wish: Wish, purpose: Purpose) {
+pub(crate) fn choose_file(wish: DialogSender, purpose: ImportKind) {
     let dialog = rfd::AsyncFileDialog::new()
         .set_title(purpose.title())
         .add_filter(purpose.hint(), endings(purpose))
         .add_filter("All files", &["*"]);
-    let chosen = move |file| Chosen::File(purpose, file);
+    let chosen = move |file| DialogResult::File(purpose, file);
     wait_for(dialog.pick_file(), chosen, wish);
 }
 
 /// Has the system's dialog ask where to save.
-pub(crate) fn choose_place(place: &Place<'_>, wish: Wish) {
+pub(crate) fn choose_place(place: &SaveDialog<'_>, wish: DialogSender) {
     let mut dialog = rfd::AsyncFileDialog::new()
         .set_title(place.title)
         .add_filter(place.kinds[0], place.kinds);
@@ -47,21 +47,21 @@ pub(crate) fn choose_place(place: &Place<'_>, wish: Wish) {
     if let Some(folder) = place.path.parent() {
         dialog = dialog.set_directory(folder);
     }
-    wait_for(dialog.save_file(), Chosen::Place, wish);
+    wait_for(dialog.save_file(), DialogResult::Place, wish);
 }
 
 /// Hands on what a dialog is closed with.
 fn wait_for(
     dialog: impl Future<Output = Option<rfd::FileHandle>> + Send + 'static,
-    chosen: impl Fn(PathBuf) -> Chosen + Send + 'static,
-    wish: Wish,
+    chosen: impl Fn(PathBuf) -> DialogResult + Send + 'static,
+    wish: DialogSender,
 ) {
-    later(move || {
+    spawn(move || {
         let asked = Instant::now();
         match pollster::block_on(dialog) {
             Some(file) => wish.grant(chosen(file.path().to_path_buf())),
             // Nobody closes a dialog as soon as that.
-            None if asked.elapsed() < AT_ONCE => wish.grant(Chosen::Failed(
+            None if asked.elapsed() < DIALOG_FAILURE_TIME => wish.grant(DialogResult::Failed(
                 "the system has no dialog for files (on Linux that is xdg-desktop-portal); type the path: Ctrl+L opens one".into(),
             )),
             None => {}
@@ -70,15 +70,15 @@ fn wait_for(
 }
 
 /// Opens what was dropped on the window.
-pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &Wish) {
+pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSender) {
     let files = files.iter().map(|f| f.path().to_path_buf()).collect();
     if let Some(file) = foremost(files) {
-        wish.grant(Chosen::File(Purpose::Open, file));
+        wish.grant(DialogResult::File(ImportKind::Open, file));
     }
 }
 
 /// Hands a file over that was saved: it is where it was saved.
-pub(crate) fn hand_over(_: &Path) -> Result<()> {
+pub(crate) fn start_download(_: &Path) -> Result<()> {
     Ok(())
 }
 
@@ -120,7 +120,7 @@ fn settings_file() -> Option<PathBuf> {
 ///
 /// # Errors
 /// [`Error::Io`] where they cannot be written.
-pub(crate) fn put_ready(files: &[(&str, &[u8])]) -> Result<PathBuf> {
+pub(crate) fn bundle_files(files: &[(&str, &[u8])]) -> Result<PathBuf> {
     use std::io::Write;
     let folder = std::env::temp_dir().join(concat!("palpate-examples-", env!("CARGO_PKG_VERSION")));
     std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;

@@ -11,13 +11,13 @@ pub(crate) use desktop::*;
 #[cfg(target_arch = "wasm32")]
 pub(crate) use web::*;
 
-use crate::panel::Purpose;
+use crate::panel::ImportKind;
 use eframe::egui;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
 /// Endings of what can be opened.
-const OPENED: [&str; 19] = [
+const OPEN_EXTENSIONS: [&str; 19] = [
     "toml", "pvd", "vtu", "pvtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr",
     "nii", "gz", "mha", "mhd", "stl", "ply", "obj",
 ];
@@ -29,19 +29,19 @@ const SURFACES: [&str; 10] = [
 ];
 
 /// Endings of files for a purpose.
-fn endings(purpose: Purpose) -> &'static [&'static str] {
+fn endings(purpose: ImportKind) -> &'static [&'static str] {
     match purpose {
-        Purpose::Open => &OPENED,
-        Purpose::Scan => &VOLUMES,
-        Purpose::Colours(_) => &["json"],
-        Purpose::Skin => &SURFACES,
+        ImportKind::Open => &OPEN_EXTENSIONS,
+        ImportKind::Scan => &VOLUMES,
+        ImportKind::Colours(_) => &["json"],
+        ImportKind::Skin => &SURFACES,
     }
 }
 
 /// What a dialog of the system was closed with, or what was dropped.
-pub(crate) enum Chosen {
+pub(crate) enum DialogResult {
     /// A file, and what it is for.
-    File(Purpose, PathBuf),
+    File(ImportKind, PathBuf),
     /// Where to save what is asked for.
     Place(PathBuf),
     /// Nothing, for this reason.
@@ -50,13 +50,13 @@ pub(crate) enum Chosen {
 
 /// Where what was chosen is sent to, and the interface that looks there.
 #[derive(Clone)]
-pub(crate) struct Wish {
-    pub send: Sender<Chosen>,
+pub(crate) struct DialogSender {
+    pub send: Sender<DialogResult>,
     pub context: egui::Context,
 }
 
-impl Wish {
-    fn grant(&self, chosen: Chosen) {
+impl DialogSender {
+    fn grant(&self, chosen: DialogResult) {
         // A window that was closed meanwhile wants nothing.
         let _ = self.send.send(chosen);
         self.context.request_repaint();
@@ -72,7 +72,7 @@ fn foremost(mut files: Vec<PathBuf>) -> Option<PathBuf> {
 
 /// What is asked of a dialog that saves: its title, the endings that there are, the path proposed.
 #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
-pub(crate) struct Place<'a> {
+pub(crate) struct SaveDialog<'a> {
     pub title: &'a str,
     pub kinds: &'a [&'a str],
     pub path: &'a Path,

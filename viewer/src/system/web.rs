@@ -1,8 +1,8 @@
 //! A browser: files that were chosen, dropped or fetched are put ready in memory, and those that are
 //! saved are downloaded. There is one thread.
 
-use super::{Chosen, Place, Wish, endings, foremost};
-use crate::panel::Purpose;
+use super::{DialogResult, DialogSender, SaveDialog, endings, foremost};
+use crate::panel::ImportKind;
 use eframe::egui;
 use js_sys::{Array, Uint8Array};
 use palpate::{Error, Result, io};
@@ -16,12 +16,12 @@ pub(crate) const ASKS: bool = false;
 /// Where settings are kept.
 const SETTINGS: &str = "palpate.view";
 /// So many milliseconds pass before work that takes a while, in which a frame says what it will be.
-const BEFORE: i32 = 40;
+const PAINT_DELAY_MS: i32 = 40;
 
 /// Does something that takes a while, once what is going to be done was shown.
-pub(crate) fn later(work: impl FnOnce() + 'static) {
+pub(crate) fn spawn(work: impl FnOnce() + 'static) {
     spawn_local(async move {
-        crate::web::pause(BEFORE).await;
+        crate::web::pause(PAINT_DELAY_MS).await;
         work();
     });
 }
@@ -32,7 +32,7 @@ pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
 }
 
 /// Has the browser ask for files to open.
-pub(crate) fn choose_file(wish: Wish, purpose: Purpose) {
+pub(crate) fn choose_file(wish: DialogSender, purpose: ImportKind) {
     let Some(input) = file_input() else { return };
     let endings: Vec<String> = endings(purpose).iter().map(|e| format!(".{e}")).collect();
     input.set_type("file");
@@ -49,14 +49,14 @@ pub(crate) fn choose_file(wish: Wish, purpose: Purpose) {
                 match JsFuture::from(file.array_buffer()).await {
                     Ok(buffer) => {
                         let bytes = Uint8Array::new(&buffer).to_vec();
-                        io::put(file.name(), bytes);
+                        io::insert_file(file.name(), bytes);
                         names.push(PathBuf::from(file.name()));
                     }
                     Err(_) => return wish.grant(unreadable(&file.name())),
                 }
             }
             if let Some(file) = foremost(names) {
-                wish.grant(Chosen::File(purpose, file));
+                wish.grant(DialogResult::File(purpose, file));
             }
         });
     });
@@ -69,37 +69,37 @@ fn file_input() -> Option<web_sys::HtmlInputElement> {
     document.create_element("input").ok()?.dyn_into().ok()
 }
 
-fn unreadable(name: &str) -> Chosen {
-    Chosen::Failed(format!("{name}: the browser cannot read it"))
+fn unreadable(name: &str) -> DialogResult {
+    DialogResult::Failed(format!("{name}: the browser cannot read it"))
 }
 
 /// What is saved is downloaded under the name proposed, without a dialog.
-pub(crate) fn choose_place(place: &Place<'_>, wish: Wish) {
-    wish.grant(Chosen::Place(place.path.to_path_buf()));
+pub(crate) fn choose_place(place: &SaveDialog<'_>, wish: DialogSender) {
+    wish.grant(DialogResult::Place(place.path.to_path_buf()));
 }
 
 /// Opens what was dropped on the page.
-pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &Wish) {
+pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSender) {
     let (files, wish) = (files.to_vec(), wish.clone());
     spawn_local(async move {
         let mut names = Vec::new();
         for file in files {
             let path = file.path().to_path_buf();
             match file.bytes_async().await {
-                Ok(bytes) => io::put(&path, bytes),
+                Ok(bytes) => io::insert_file(&path, bytes),
                 Err(_) => return wish.grant(unreadable(&path.to_string_lossy())),
             }
             names.push(path);
         }
         if let Some(file) = foremost(names) {
-            wish.grant(Chosen::File(Purpose::Open, file));
+            wish.grant(DialogResult::File(ImportKind::Open, file));
         }
     });
 }
 
 /// Hands a file over that was saved: it is downloaded.
-pub(crate) fn hand_over(file: &Path) -> Result<()> {
-    let Some(bytes) = io::take(file) else {
+pub(crate) fn start_download(file: &Path) -> Result<()> {
+    let Some(bytes) = io::take_file(file) else {
         return Ok(());
     };
     let name = file.file_name().unwrap_or_default().to_string_lossy();
@@ -136,9 +136,9 @@ pub(crate) fn store_settings(text: &str) {
 }
 
 /// Puts files ready that a scene of the viewer's own reads. The folder they are in.
-pub(crate) fn put_ready(files: &[(&str, &[u8])]) -> Result<PathBuf> {
+pub(crate) fn bundle_files(files: &[(&str, &[u8])]) -> Result<PathBuf> {
     for (name, bytes) in files {
-        io::put(name, bytes.to_vec());
+        io::insert_file(name, bytes.to_vec());
     }
     Ok(PathBuf::new())
 }

@@ -1,6 +1,6 @@
 //! A window on a screen of its own, used by real events; what it does is told by its log.
 
-use palpate::render::{Background, BitDepth, Difference, Image};
+use palpate::render::{Background, BitDepth, Image, ImageDifference};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -228,7 +228,8 @@ impl Window {
                 .unwrap();
             return shot;
         }
-        let apart = Difference::between(&Image::open(&golden).unwrap(), &shot).unwrap();
+        let apart =
+            ImageDifference::between(&Image::read_for_comparison(&golden).unwrap(), &shot).unwrap();
         if apart.rmse > ALIKE {
             let kept = std::env::temp_dir().join(format!("palpate-view-{name}.png"));
             shot.save_as(&kept, Background::Black, BitDepth::Eight)

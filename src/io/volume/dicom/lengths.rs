@@ -4,7 +4,7 @@
 //! into nested sequences by calling itself; so it sees only the few elements that make a slice,
 //! their lengths checked.
 
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use dicom_core::{DataDictionary, VR};
 use dicom_object::{StandardDataDictionary, Tag};
 
@@ -13,7 +13,7 @@ const FIRST: usize = 132;
 /// A length that is not known beforehand.
 const UNDEFINED: u32 = u32::MAX;
 /// The deepest nesting of sequences and items.
-const DEEPEST: usize = 64;
+const MAX_NESTING: usize = 64;
 
 const META_LENGTH: Tag = Tag(0x0002, 0x0000);
 const TRANSFER_SYNTAX: Tag = Tag(0x0002, 0x0010);
@@ -51,7 +51,7 @@ struct Syntax {
 
 /// Checks all lengths in `file`, and that what opens closes. Returns its transfer syntax, and a
 /// file of the elements `wanted` alone: all that the parser gets to see.
-pub(super) fn sifted(file: &[u8], wanted: &[Tag]) -> Parse<(String, Vec<u8>)> {
+pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(String, Vec<u8>)> {
     let (uid, mut at) = meta_data(file)?;
     if uid == "1.2.840.10008.1.2.1.99" {
         return Err(
@@ -137,9 +137,9 @@ pub(super) fn sifted(file: &[u8], wanted: &[Tag]) -> Parse<(String, Vec<u8>)> {
             // A sequence of unknown type holds elements without types.
             implicit: implicit || (vr == VR::UN && kind == Kind::Sequence),
         });
-        if frames.len() > DEEPEST {
+        if frames.len() > MAX_NESTING {
             return Err(format!(
-                "byte {start}: sequences are nested more than {DEEPEST} deep"
+                "byte {start}: sequences are nested more than {MAX_NESTING} deep"
             ));
         }
     }
@@ -169,7 +169,7 @@ fn heading(uid: &str) -> Vec<u8> {
 
 /// The transfer syntax in the meta data, which are always little-endian with types; and where the
 /// data set begins.
-fn meta_data(file: &[u8]) -> Parse<(String, usize)> {
+fn meta_data(file: &[u8]) -> ParseResult<(String, usize)> {
     let mut at = FIRST;
     let mut end = None;
     let mut uid = String::new();
@@ -218,7 +218,7 @@ fn fits(
     length: u32,
     at: usize,
     around: Option<usize>,
-) -> Parse<Option<usize>> {
+) -> ParseResult<Option<usize>> {
     if length == UNDEFINED {
         return Ok(None);
     }
@@ -246,14 +246,19 @@ fn width(vr: VR) -> u32 {
 }
 
 /// The element at byte `at`: its tag, type, length, and the bytes of these.
-fn element(file: &[u8], at: usize, implicit: bool, big: bool) -> Parse<(Tag, VR, u32, usize)> {
+fn element(
+    file: &[u8],
+    at: usize,
+    implicit: bool,
+    big: bool,
+) -> ParseResult<(Tag, VR, u32, usize)> {
     let bytes = file.get(at..).unwrap_or_default();
     let short = |n: usize| match (bytes.get(n), bytes.get(n + 1)) {
         (Some(a), Some(b)) if big => Ok(u16::from_be_bytes([*a, *b])),
         (Some(a), Some(b)) => Ok(u16::from_le_bytes([*a, *b])),
         _ => Err(format!("byte {at}: the file ends inside an element")),
     };
-    let long = |n: usize| -> Parse<u32> {
+    let long = |n: usize| -> ParseResult<u32> {
         let [first, second] = [u32::from(short(n)?), u32::from(short(n + 2)?)];
         Ok(match big {
             true => first << 16 | second,

@@ -31,7 +31,7 @@ pub(super) fn read(folder: &Path) -> Result<Volume> {
         }
     }
     files.sort();
-    let images = parallel::map_heavy(files.len(), |n| {
+    let images = parallel::map_coarse(files.len(), |n| {
         let path = &files[n];
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         Image::parse(&bytes).map_err(|e| Error::format(path, e))
@@ -112,7 +112,7 @@ fn stack(mut slices: Vec<(PathBuf, Slice)>) -> std::result::Result<Volume, (Path
         slope,
         intercept,
         to_world,
-        names: BTreeMap::new(),
+        label_names: BTreeMap::new(),
     })
 }
 

@@ -1,7 +1,7 @@
 //! One DICOM file: a slice of a volume.
 
 use super::lengths;
-use crate::io::cursor::Parse;
+use crate::io::cursor::ParseResult;
 use crate::io::volume::voxels::decode;
 use crate::mesh::ScalarType;
 use crate::volume::Raw;
@@ -81,11 +81,11 @@ pub(super) struct Slice {
 
 impl Image {
     /// The image in a file; none where the file is not DICOM, or holds no image.
-    pub fn parse(file: &[u8]) -> Parse<Option<Image>> {
+    pub fn parse(file: &[u8]) -> ParseResult<Option<Image>> {
         if file.get(128..132) != Some(b"DICM") {
             return Ok(None);
         }
-        let (syntax, sifted) = lengths::sifted(file, &WANTED)?;
+        let (syntax, sifted) = lengths::extract_elements(file, &WANTED)?;
         let object = OpenFileOptions::new()
             .from_reader(sifted.as_slice())
             .map_err(|e| format!("it is not DICOM as the standard has it: {e}"))?;
@@ -101,14 +101,14 @@ impl Image {
         Ok(Some(image))
     }
 
-    fn text(&self, tag: Tag, name: &str) -> Parse<String> {
+    fn text(&self, tag: Tag, name: &str) -> ParseResult<String> {
         let element = self.object.get(tag).ok_or_else(|| missing(name))?;
         let text = element.to_str().map_err(|e| format!("`{name}`: {e}"))?;
         Ok(text.trim_matches(['\0', ' ']).to_owned())
     }
 
     /// The number called `name`; none where there is none.
-    fn one<T: FromStr>(&self, tag: Tag, name: &str) -> Parse<Option<T>> {
+    fn one<T: FromStr>(&self, tag: Tag, name: &str) -> ParseResult<Option<T>> {
         let Some(element) = self.object.get(tag) else {
             return Ok(None);
         };
@@ -121,11 +121,11 @@ impl Image {
         }
     }
 
-    fn required<T: FromStr>(&self, tag: Tag, name: &str) -> Parse<T> {
+    fn required<T: FromStr>(&self, tag: Tag, name: &str) -> ParseResult<T> {
         self.one(tag, name)?.ok_or_else(|| missing(name))
     }
 
-    fn reals<const N: usize>(&self, tag: Tag, name: &str) -> Parse<[f64; N]> {
+    fn reals<const N: usize>(&self, tag: Tag, name: &str) -> ParseResult<[f64; N]> {
         let element = self.object.get(tag).ok_or_else(|| missing(name))?;
         let numbers = element.to_multi_float64().ok();
         numbers
@@ -135,7 +135,7 @@ impl Image {
     }
 
     /// The slice, with its pixels.
-    pub fn slice(&self) -> Parse<Slice> {
+    pub fn slice(&self) -> ParseResult<Slice> {
         let frames: u32 = self.one(FRAMES, "NumberOfFrames")?.unwrap_or(1);
         if frames != 1 {
             return Err(format!(
@@ -189,7 +189,7 @@ impl Image {
         })
     }
 
-    fn pixels(&self, count: usize) -> Parse<Raw> {
+    fn pixels(&self, count: usize) -> ParseResult<Raw> {
         let bits: u16 = self.required(BITS, "BitsAllocated")?;
         let signed = self.one(SIGNED, "PixelRepresentation")?.unwrap_or(0u16) == 1;
         let scalar = match (bits, signed) {
@@ -269,7 +269,7 @@ fn without_overlay(raw: Raw, up: u16, down: u16) -> Raw {
 }
 
 /// The pixels of a run-length frame (DICOM part 5, annex G), most significant byte first.
-fn run_lengths(frame: &[u8], count: usize, width: usize) -> Parse<Vec<u8>> {
+fn run_lengths(frame: &[u8], count: usize, width: usize) -> ParseResult<Vec<u8>> {
     let number = |n: usize| -> Option<usize> {
         let bytes: [u8; 4] = frame.get(4 * n..4 * n + 4)?.try_into().ok()?;
         usize::try_from(u32::from_le_bytes(bytes)).ok()

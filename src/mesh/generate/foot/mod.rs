@@ -7,12 +7,12 @@ mod anatomy;
 
 pub use anatomy::FOOT_BONES;
 
-use super::solid::{bones_apart, fill_solid, lattice_step};
+use super::solid::{fill_solid, lattice_step, separate_bones};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
-use crate::mesher::Filling;
+use crate::mesher::MeshedDomain;
 use crate::parallel;
 use crate::volume::{Raw, Volume};
-use crate::{Error, Progress, Result, untold};
+use crate::{Error, ProgressFn, Result, no_progress};
 use anatomy::Anatomy;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeMap;
@@ -56,11 +56,11 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// # Errors
 /// Fewer than 2,000 tets, or more than 32-bit indices hold.
 pub fn foot(tets: usize) -> Result<TetMesh> {
-    telling(tets, &untold)
+    telling(tets, &no_progress)
 }
 
 /// As [`foot`], telling how far it is.
-pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
+pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
             "a foot phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
@@ -70,7 +70,7 @@ pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
     let step = lattice_step(tets, TRIAL_STEPS, |step| {
         Ok(fill(&anatomy, step, progress)?.tets.len())
     })?;
-    let Filling { nodes, tets, .. } = fill(&anatomy, step, progress)?;
+    let MeshedDomain { nodes, tets, .. } = fill(&anatomy, step, progress)?;
     let intensity = parallel::map(nodes.len(), |v| {
         let (outside, _, bone) = anatomy.distances(nodes[v]);
         // The field is written as 32-bit numbers.
@@ -81,7 +81,7 @@ pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
         let (_, nearest, distance) = anatomy.distances(p);
         (nearest, distance)
     });
-    let label = bones_apart(&tets, nodes.len(), &nearest)
+    let label = separate_bones(&tets, nodes.len(), &nearest)
         .into_iter()
         .map(|bone| bone.map_or(f64::from(FLESH), |bone| (bone + 2) as f64))
         .collect();
@@ -137,7 +137,7 @@ pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
             slope: 1.0,
             intercept: 0.0,
             to_world,
-            names: BTreeMap::new(),
+            label_names: BTreeMap::new(),
         };
         let bone = volume.isosurface(0.0, f64::INFINITY)?;
         let first = all.vertices.len() as u32;
@@ -150,7 +150,7 @@ pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
 }
 
 /// The mesh of the whole phantom on a lattice of the given step.
-fn fill(anatomy: &Anatomy, step: f64, progress: Progress) -> Result<Filling> {
+fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDomain> {
     let place = |p: DVec3| LOW + p * step;
     let least = MAIN_PIECE / step.powi(3);
     let inside = |p: DVec3| -anatomy.outside(place(p)) / step;

@@ -5,11 +5,11 @@
 
 mod anatomy;
 
-use super::solid::{bones_apart, fill_solid, lattice_step};
+use super::solid::{fill_solid, lattice_step, separate_bones};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::mesher::Filling;
+use crate::mesher::MeshedDomain;
 use crate::parallel;
-use crate::{Error, Progress, Result, untold};
+use crate::{Error, ProgressFn, Result, no_progress};
 use anatomy::{Anatomy, Distances};
 use glam::DVec3;
 
@@ -79,11 +79,11 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// # Errors
 /// Fewer than 2,000 tets, or more than 32-bit indices hold.
 pub fn limb(tets: usize) -> Result<TetMesh> {
-    telling(tets, &untold)
+    telling(tets, &no_progress)
 }
 
 /// As [`limb`], telling how far it is.
-pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
+pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
             "a limb phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
@@ -93,7 +93,7 @@ pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
     let step = lattice_step(tets, TRIAL_STEPS, |step| {
         Ok(fill(&anatomy, step, progress)?.tets.len())
     })?;
-    let Filling { nodes, tets, .. } = fill(&anatomy, step, progress)?;
+    let MeshedDomain { nodes, tets, .. } = fill(&anatomy, step, progress)?;
     let intensity = parallel::map(nodes.len(), |v| {
         let p = nodes[v];
         // The field is written as 32-bit numbers.
@@ -102,7 +102,7 @@ pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
     let middle = |tet: &[u32; 4]| tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
     let distances = parallel::map(tets.len(), |t| anatomy.distances(middle(&tets[t])));
     let nearest: Vec<(usize, f64)> = distances.iter().map(|d| (d.nearest, d.bone)).collect();
-    let bones = bones_apart(&tets, nodes.len(), &nearest);
+    let bones = separate_bones(&tets, nodes.len(), &nearest);
     let labels = tets.iter().zip(&distances).zip(&bones);
     let label = labels
         .map(|((tet, d), bone)| f64::from(label(d, bone.is_some(), step * scale(middle(tet).x))))
@@ -127,7 +127,7 @@ pub(super) fn telling(tets: usize, progress: Progress) -> Result<TetMesh> {
 }
 
 /// The mesh of the whole phantom on a lattice of the given step.
-fn fill(anatomy: &Anatomy, step: f64, progress: Progress) -> Result<Filling> {
+fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDomain> {
     // One lattice plane lies in the cut at x = 0.
     let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE);
     let high = DVec3::new(to_lattice(HIGH.x), HIGH.y / HAND_SCALE, HIGH.z / HAND_SCALE);

@@ -3,12 +3,12 @@
 use super::{Setup, YOUNG, face_forces, nodes, order};
 use glam::DVec3;
 use palpate::mesh::generate::{Split, box_mesh};
-use palpate::physics::VolumeModel;
+use palpate::physics::VolumetricFormulation;
 
 const SIZE: DVec3 = DVec3::new(1.0, 0.2, 0.2);
 
 /// How far its end sinks on average, over what Timoshenko says, n cells high.
-fn sag(n: usize, poisson: f64, volume: VolumeModel) -> f64 {
+fn sag(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
     let mesh = box_mesh([5 * n, n, n], SIZE, Split::Six).unwrap();
     let load = 1e-7 * YOUNG;
     let area = SIZE.y * SIZE.z;
@@ -36,10 +36,10 @@ fn sag(n: usize, poisson: f64, volume: VolumeModel) -> f64 {
 #[ignore = "long: scripts/test --full"]
 fn a_cantilever_converges_to_timoshenko() {
     for (poisson, volume) in [
-        (0.0, VolumeModel::PerTet),
-        (0.3, VolumeModel::PerTet),
-        (0.3, VolumeModel::Averaged),
-        (0.45, VolumeModel::Averaged),
+        (0.0, VolumetricFormulation::PerTet),
+        (0.3, VolumetricFormulation::PerTet),
+        (0.3, VolumetricFormulation::NodalAveraged),
+        (0.45, VolumetricFormulation::NodalAveraged),
     ] {
         let found = [2, 4, 8].map(|n| sag(n, poisson, volume));
         // Stiffness is what is too much, and goes down with the square of the mesh's fineness.
@@ -56,7 +56,7 @@ fn a_cantilever_converges_to_timoshenko() {
 
 #[test]
 fn a_coarse_cantilever_is_too_stiff_by_a_known_part() {
-    let found = sag(2, 0.0, VolumeModel::PerTet);
+    let found = sag(2, 0.0, VolumetricFormulation::PerTet);
     println!("{found:.3}");
     assert!(found > 0.5 && found < 0.6, "{found}");
 }

@@ -4,7 +4,7 @@ use super::{Rest, Setup, Slides, YOUNG, face_forces};
 use glam::DVec3;
 use palpate::mesh::TetMesh;
 use palpate::mesh::generate::{Split, box_mesh};
-use palpate::physics::VolumeModel;
+use palpate::physics::VolumetricFormulation;
 use std::f64::consts::TAU;
 
 /// Radii, m.
@@ -51,7 +51,7 @@ fn lame(r: f64, pressure: f64, poisson: f64) -> f64 {
 }
 
 /// Root mean square error of the displacements over their own, of n cells through the wall.
-fn error(n: usize, poisson: f64, volume: VolumeModel, compared: f64) -> f64 {
+fn error(n: usize, poisson: f64, volume: VolumetricFormulation, compared: f64) -> f64 {
     let (mesh, thickness) = ring(n);
     let pressure = 1e-5 * YOUNG;
     let inside = |p: DVec3| radius(p) < RADII[0] + 1e-9;
@@ -74,17 +74,17 @@ fn error(n: usize, poisson: f64, volume: VolumeModel, compared: f64) -> f64 {
 #[test]
 fn a_pressed_cylinder_gives_as_lame_says() {
     for (poisson, volume, most) in [
-        (0.3, VolumeModel::PerTet, 0.025),
-        (0.3, VolumeModel::Averaged, 0.025),
-        (0.49, VolumeModel::Averaged, 0.025),
+        (0.3, VolumetricFormulation::PerTet, 0.025),
+        (0.3, VolumetricFormulation::NodalAveraged, 0.025),
+        (0.49, VolumetricFormulation::NodalAveraged, 0.025),
     ] {
         let found = error(8, poisson, volume, poisson);
         println!("ν = {poisson}, {volume}: {found:.4}");
         assert!(found < most, "{found}");
     }
     // Per tet it locks; and what another ratio gives is told apart.
-    let locked = error(8, 0.49, VolumeModel::PerTet, 0.49);
-    let other = error(8, 0.3, VolumeModel::PerTet, 0.4);
+    let locked = error(8, 0.49, VolumetricFormulation::PerTet, 0.49);
+    let other = error(8, 0.3, VolumetricFormulation::PerTet, 0.4);
     println!("locked {locked:.3}, of another ratio {other:.3}");
     assert!(locked > 0.1 && other > 0.03, "{locked} {other}");
 }
@@ -93,9 +93,9 @@ fn a_pressed_cylinder_gives_as_lame_says() {
 #[ignore = "long: scripts/test --full"]
 fn the_cylinder_converges_at_second_order() {
     for (poisson, volume) in [
-        (0.3, VolumeModel::PerTet),
-        (0.3, VolumeModel::Averaged),
-        (0.49, VolumeModel::Averaged),
+        (0.3, VolumetricFormulation::PerTet),
+        (0.3, VolumetricFormulation::NodalAveraged),
+        (0.49, VolumetricFormulation::NodalAveraged),
     ] {
         let errors = [2, 4, 8, 16].map(|n| error(n, poisson, volume, poisson));
         let order = (errors[2] / errors[3]).log2();

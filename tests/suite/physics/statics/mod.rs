@@ -11,22 +11,22 @@ use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::mesh::{LocalFrame, TetMesh};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Elements, Material, MaterialModel, NodeTerm, Precision, Simulator,
-    SolverKind, SpringNetwork, Units, VolumeModel,
+    CgSettings, CpuTets, DiscreteModel, Elements, LocalUnits, Material, MaterialModel, NodeTerm,
+    Precision, Simulator, SolverKind, VolumetricFormulation,
 };
 use std::sync::Arc;
 
 const YOUNG: f64 = 1e5;
 
-const VOLUMES: [VolumeModel; 2] = VolumeModel::ALL;
+const VOLUMES: [VolumetricFormulation; 2] = VolumetricFormulation::ALL;
 
 /// Elements of stable Neo-Hookean material.
-fn material(poisson: f64, volume: VolumeModel) -> Material {
+fn material(poisson: f64, volume: VolumetricFormulation) -> Material {
     Material {
         model: MaterialModel::NeoHookean,
         poisson,
         volume,
-        ..Material::young(YOUNG)
+        ..Material::from_young(YOUNG)
     }
 }
 
@@ -64,7 +64,7 @@ struct Setup<'a> {
 }
 
 impl<'a> Setup<'a> {
-    fn new(mesh: &'a TetMesh, poisson: f64, volume: VolumeModel) -> Setup<'a> {
+    fn new(mesh: &'a TetMesh, poisson: f64, volume: VolumetricFormulation) -> Setup<'a> {
         Setup {
             mesh,
             material: material(poisson, volume),
@@ -78,16 +78,16 @@ impl<'a> Setup<'a> {
 
     /// Where it comes to rest, in float64. Steps are so long that hardly any inertia is left.
     fn rest(self) -> Rest {
-        let mut network = SpringNetwork::new(self.mesh, &self.material).unwrap();
+        let mut network = DiscreteModel::new(self.mesh, &self.material).unwrap();
         if let Some(kept) = self.kept {
-            network.elements.kept = kept;
+            network.elements.per_tet_lambda_ratio = kept;
         }
-        let settings = ConjugateGradients {
+        let settings = CgSettings {
             tolerance: 1e-8,
             acceptable: 1e-2,
             max_iterations: 20_000,
         };
-        let from = network.rest.clone();
+        let from = network.rest_positions.clone();
         let elements = network.elements.clone();
         let frame = network.frame;
         let (mesh, material, kind) = (self.mesh.clone(), &self.material, SolverKind::Implicit);
@@ -155,7 +155,7 @@ impl NodeTerm for Slides {
         "slides"
     }
 
-    fn numbers(&self, _: &LocalFrame, _: &Units, _: f64) -> [[f32; 4]; 2] {
+    fn gpu_parameters(&self, _: &LocalFrame, _: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
         [[0.0; 4]; 2]
     }
 
@@ -167,11 +167,11 @@ impl NodeTerm for Slides {
         -self.stiffness * self.off(x) * DVec3::Z
     }
 
-    fn block(&self, _: f64, _: DVec3) -> DMat3 {
+    fn hessian(&self, _: f64, _: DVec3) -> DMat3 {
         DMat3::from_diagonal(self.stiffness * DVec3::Z)
     }
 
-    fn stiffness(&self, _: f64) -> f64 {
+    fn max_stiffness(&self, _: f64) -> f64 {
         self.stiffness
     }
 }

@@ -6,16 +6,17 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::mesh::{Blade, generate};
 use palpate::physics::{
-    ConjugateGradients, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision,
-    Simulator, SolverKind, SpringNetwork, VolumeModel,
+    CgSettings, CpuTets, DiscreteModel, Engine, EngineChoice, Material, MaterialModel, Precision,
+    Simulator, SolverKind, VolumetricFormulation,
 };
 
 #[test]
 fn the_gpu_has_no_averaged_volumes_and_springs_no_volume() {
     let mesh = generate::bar([4, 2, 2], DVec3::new(0.4, 0.2, 0.2)).unwrap();
-    let averaged = material(0.49, VolumeModel::Averaged);
+    let averaged = material(0.49, VolumetricFormulation::NodalAveraged);
     let (gpu, kind) = (gpu(), SolverKind::Implicit);
-    let refused = EngineChoice::This(Engine::Gpu).tets(&gpu, mesh.clone(), &averaged, kind);
+    let refused =
+        EngineChoice::Exactly(Engine::Gpu).build_tets(&gpu, mesh.clone(), &averaged, kind);
     let Err(Error::Input(what)) = refused else {
         panic!("it was taken");
     };
@@ -23,25 +24,28 @@ fn the_gpu_has_no_averaged_volumes_and_springs_no_volume() {
         what.contains("processor") && what.contains("--engine"),
         "{what}"
     );
-    let auto = EngineChoice::Auto.tets(&gpu, mesh.clone(), &averaged, kind);
+    let auto = EngineChoice::Auto.build_tets(&gpu, mesh.clone(), &averaged, kind);
     assert_eq!(auto.unwrap().engine(), Engine::Cpu);
     let springs = Material {
         model: MaterialModel::Springs,
         ..averaged
     };
-    let Err(Error::Input(what)) = SpringNetwork::new(&mesh, &springs) else {
+    let Err(Error::Input(what)) = DiscreteModel::new(&mesh, &springs) else {
         panic!("it was taken");
     };
     assert!(what.contains("averaged"), "{what}");
     assert!(
         "mean"
-            .parse::<VolumeModel>()
+            .parse::<VolumetricFormulation>()
             .unwrap_err()
             .to_string()
             .contains("per-tet")
     );
     for volume in VOLUMES {
-        assert_eq!(volume.name().parse::<VolumeModel>().unwrap(), volume);
+        assert_eq!(
+            volume.name().parse::<VolumetricFormulation>().unwrap(),
+            volume
+        );
     }
 }
 
@@ -49,27 +53,30 @@ fn the_gpu_has_no_averaged_volumes_and_springs_no_volume() {
 #[test]
 fn cut_bodies_average_on_both_sides() {
     let mesh = generate::bar([6, 2, 2], DVec3::new(0.6, 0.2, 0.2)).unwrap();
-    let averaged = material(0.49, VolumeModel::Averaged);
-    let (kind, settings) = (SolverKind::Implicit, ConjugateGradients::default());
+    let averaged = material(0.49, VolumetricFormulation::NodalAveraged);
+    let (kind, settings) = (SolverKind::Implicit, CgSettings::default());
     let mut body =
         CpuTets::new(&gpu(), mesh, &averaged, kind, settings, Precision::Double).unwrap();
     let whole = body.network().unwrap().clone();
     let (low, high) = body.mesh().bounds();
     let at = low.x + 0.45 * (high.x - low.x);
     let corner = |y: f64, z: f64| DVec3::new(at, low.y + y, low.z + z);
-    let blade = Blade::quad([
+    let blade = Blade::from_quad([
         corner(-0.1, -0.1),
         corner(0.1, -0.1),
         corner(0.1, 0.3),
         corner(-0.1, 0.3),
     ]);
     let change = body.cut(&blade.unwrap()).unwrap();
-    assert!(!change.mesh.doubled.is_empty());
+    assert!(!change.mesh.duplicated_nodes.is_empty());
     let network = body.network().unwrap().clone();
-    assert_eq!(network.elements.volume, VolumeModel::Averaged);
-    let anew = SpringNetwork::new(body.mesh(), &averaged).unwrap();
+    assert_eq!(
+        network.elements.volume,
+        VolumetricFormulation::NodalAveraged
+    );
+    let anew = DiscreteModel::new(body.mesh(), &averaged).unwrap();
     let pull: Vec<DVec3> = network
-        .rest
+        .rest_positions
         .iter()
         .map(|x| *x + 0.1 * DVec3::new(x.y, x.x * x.z, x.x * x.x))
         .collect();

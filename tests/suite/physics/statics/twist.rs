@@ -3,7 +3,7 @@
 use super::{Rest, Setup, VOLUMES, YOUNG, nodes, order};
 use glam::{DMat3, DVec3};
 use palpate::mesh::generate::{Split, box_mesh};
-use palpate::physics::VolumeModel;
+use palpate::physics::VolumetricFormulation;
 use std::f64::consts::FRAC_PI_2;
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.2, 0.6);
@@ -13,7 +13,7 @@ const SIZE: DVec3 = DVec3::new(0.2, 0.2, 0.6);
 const REFERENCE: [(f64, f64); 2] = [(0.3, 7.50e-3), (0.49, 6.60e-3)];
 
 /// Energy over E V, n cells across.
-fn energy(n: usize, poisson: f64, volume: VolumeModel) -> f64 {
+fn energy(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
     let mesh = box_mesh([n, n, 3 * n], SIZE, Split::Six).unwrap();
     let middle = 0.5 * DVec3::new(SIZE.x, SIZE.y, 0.0);
     let turned = mesh
@@ -50,7 +50,7 @@ fn a_twisted_beam_converges_to_quadratic_tets() {
             println!(
                 "ν = {poisson}, {volume}: {found:.6?}, order {order:.2}, limit {limit:.6}, reference {truth}"
             );
-            if volume == VolumeModel::Averaged {
+            if volume == VolumetricFormulation::NodalAveraged {
                 assert!((limit / truth - 1.0).abs() < 0.01, "{limit}");
             }
         }
