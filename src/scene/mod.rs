@@ -217,7 +217,6 @@ pub struct PlannedRun {
     /// Its steps in all.
     pub steps: u32,
     /// Whether pictures are drawn on the way, which have to be framed before it is over.
-    #[serde(rename = "drawn")]
     pub draws_frames: bool,
 }
 

@@ -14,10 +14,8 @@ pub struct ToolId(pub(in crate::physics) usize);
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ToolPose {
     /// The origin of its shape.
-    #[serde(rename = "place")]
     pub position: [f64; 3],
     /// How it is turned: x, y, z, w.
-    #[serde(rename = "turn")]
     pub rotation: [f64; 4],
 }
 
