@@ -16,7 +16,7 @@ pub struct AdaptersArguments {
 
 /// Lists the adapters, and marks the one that `wanted` means.
 pub fn run(wanted: Option<&str>, arguments: &AdaptersArguments) -> anyhow::Result<Outcome> {
-    let (chosen, all) = driver::heard(wanted, || {
+    let (chosen, all) = driver::with_driver_output_held(wanted, || {
         Ok((Gpu::with_adapter(wanted)?.adapter_name(), Gpu::adapters()))
     })?;
     let numbered = all.iter().enumerate();

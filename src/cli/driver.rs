@@ -1,27 +1,30 @@
-//! What graphics drivers and their layers print while an adapter is looked for: Mesa's layer that
-//! chooses devices asks Wayland, and libwayland complains on standard error where there is no desktop.
+//! Keeps what graphics drivers print off standard error: Mesa's device-select layer calls
+//! libwayland, which complains on standard error where there is no desktop.
 
 use super::print_notes;
 use palpate::Result;
 use palpate::gpu::Gpu;
 
-/// As [`Gpu::with_adapter`]; what drivers print is only told where none can be used.
+/// As [`Gpu::with_adapter`]; the driver's own output is printed only if no adapter works.
 ///
 /// # Errors
 /// As [`Gpu::with_adapter`].
 pub fn gpu(adapter: Option<&str>) -> Result<Gpu> {
-    heard(adapter, || Gpu::with_adapter(adapter))
+    with_driver_output_held(adapter, || Gpu::with_adapter(adapter))
 }
 
-/// Does `work`, which loads drivers and takes `adapter`. What they print is told, as theirs, if it
-/// fails and no adapter was named: where one was, the name is what is wrong.
+/// Runs `work`, which loads the drivers. If it fails and no adapter was named, prints what the
+/// drivers wrote, marked as theirs; if one was named, the name is the likely mistake.
 ///
 /// # Errors
 /// As `work`.
-pub fn heard<T>(adapter: Option<&str>, work: impl FnOnce() -> Result<T>) -> Result<T> {
-    let (done, printed) = aside(work);
+pub fn with_driver_output_held<T>(
+    adapter: Option<&str>,
+    work: impl FnOnce() -> Result<T>,
+) -> Result<T> {
+    let (done, output) = capture_stderr(work);
     if done.is_err() && adapter.is_none() {
-        let lines = printed.lines().filter(|line| !line.trim().is_empty());
+        let lines = output.lines().filter(|line| !line.trim().is_empty());
         let lines: Vec<String> = lines
             .map(|line| format!("the graphics driver says: {line}"))
             .collect();
@@ -30,47 +33,47 @@ pub fn heard<T>(adapter: Option<&str>, work: impl FnOnce() -> Result<T>) -> Resu
     done
 }
 
-/// Does `work`, and returns what was printed on standard error meanwhile, which does not go there.
+/// Runs `work` with standard error redirected, and returns what was written to it.
 #[cfg(unix)]
-fn aside<T>(work: impl FnOnce() -> T) -> (T, String) {
-    // Without it what drivers print is in the way, and nothing worse.
-    let Ok(mut aside) = Aside::begin() else {
+fn capture_stderr<T>(work: impl FnOnce() -> T) -> (T, String) {
+    // Without the redirection the drivers' output is visible, which harms nothing.
+    let Ok(mut capture) = StderrCapture::begin() else {
         return (work(), String::new());
     };
     let done = work();
-    let printed = aside.printed();
-    (done, printed)
+    let output = capture.output();
+    (done, output)
 }
 
-/// Elsewhere drivers print nothing there.
+/// On other systems drivers print nothing to standard error.
 #[cfg(not(unix))]
-fn aside<T>(work: impl FnOnce() -> T) -> (T, String) {
+fn capture_stderr<T>(work: impl FnOnce() -> T) -> (T, String) {
     (work(), String::new())
 }
 
-/// Standard error while it goes to a file, until this is dropped.
+/// Redirects standard error to a temporary file until dropped.
 #[cfg(unix)]
-struct Aside {
+struct StderrCapture {
     own: std::os::fd::OwnedFd,
     file: std::fs::File,
 }
 
 #[cfg(unix)]
-impl Aside {
-    fn begin() -> std::io::Result<Aside> {
+impl StderrCapture {
+    fn begin() -> std::io::Result<StderrCapture> {
         use std::os::fd::AsFd;
         let own = std::io::stderr().as_fd().try_clone_to_owned()?;
         let nowhere = || std::fs::OpenOptions::new().write(true).open("/dev/null");
         let file = tempfile::tempfile().or_else(|_| nowhere())?;
         rustix::stdio::dup2_stderr(&file)?;
-        Ok(Aside { own, file })
+        Ok(StderrCapture { own, file })
     }
 
-    /// All that was printed so far.
-    fn printed(&mut self) -> String {
+    /// Everything written so far.
+    fn output(&mut self) -> String {
         use std::io::{Read, Seek};
         let mut bytes = Vec::new();
-        // What cannot be read cannot be told.
+        // An unreadable file gives an empty text.
         let _ = self.file.rewind();
         let _ = self.file.read_to_end(&mut bytes);
         String::from_utf8_lossy(&bytes).into_owned()
@@ -78,14 +81,14 @@ impl Aside {
 }
 
 #[cfg(unix)]
-impl Drop for Aside {
+impl Drop for StderrCapture {
     fn drop(&mut self) {
-        // There is nowhere to tell it if this fails.
+        // No place is left to report a failure to.
         let _ = rustix::stdio::dup2_stderr(&self.own);
         if std::thread::panicking() {
             use std::io::Write;
-            // The message of the panic is in there.
-            let _ = std::io::stderr().write_all(self.printed().as_bytes());
+            // The file holds the panic's message.
+            let _ = std::io::stderr().write_all(self.output().as_bytes());
         }
     }
 }
