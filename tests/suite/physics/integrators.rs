@@ -28,12 +28,12 @@ const LEAPFROG: &str = "
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let i = item(id, groups);
+    let i = invocation_index(id, groups);
     if i >= params.nodes || status.failed != 0u {
         return;
     }
-    let kicked = textureLoad(velocities, at(i), 0).xyz + params.kick * acceleration(i);
-    store(i, textureLoad(positions, at(i), 0), params.dt * kicked, vec4(kicked, 0.0));
+    let kicked = textureLoad(velocities, array_texel(i), 0).xyz + params.kick * acceleration(i);
+    store(i, textureLoad(positions, array_texel(i), 0), params.dt * kicked, vec4(kicked, 0.0));
 }
 ";
 
