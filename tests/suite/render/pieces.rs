@@ -189,7 +189,7 @@ fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn bodies_of_every_kind_in_two_to_sixty_four_pieces_are_whole() {
+fn bodies_of_every_kind_in_pieces_are_whole() {
     let real = [
         ("heart", "scalar/chaste_heart_decimation.vtu"),
         ("ventricle", "tet/chaste_ellipsoid_15811.node"),
@@ -206,7 +206,7 @@ fn bodies_of_every_kind_in_two_to_sixty_four_pieces_are_whole() {
             transfer: peers_transfer(),
             options: options(Light::None),
         };
-        check(name, &mut shown, &[2, 4, 16, 64]);
+        check(name, &mut shown, &[2, 16]);
     }
 }
 
