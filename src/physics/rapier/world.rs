@@ -50,8 +50,8 @@ impl Contacts {
     /// Rejects settings that rapier cannot represent.
     ///
     /// # Errors
-    /// [`Error::Input`] if a tool has less friction, than the self-contact, or less than
-    /// half of its gap.
+    /// [`Error::Input`] if a tool has less friction than the self-contact, or a gap of less
+    /// than half of its gap.
     pub fn check(&self) -> Result<()> {
         let Some(own) = self.self_contact else {
             return Ok(());
