@@ -19,7 +19,7 @@ pub struct AmplitudeId(pub(super) usize);
 pub struct Muscle {
     /// Tets of the mesh with their fibre directions at rest, unit vectors.
     pub fibres: Vec<(u32, DVec3)>,
-    /// T, Pa.
+    /// Tension T at full activation, Pa.
     pub tension: f64,
 }
 

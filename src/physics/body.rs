@@ -145,7 +145,7 @@ impl GpuBody {
         &self.nodes
     }
 
-    /// Masses and springs in float64.
+    /// Masses, springs and elements in float64.
     pub fn network(&self) -> &DiscreteModel {
         &self.network
     }
@@ -230,7 +230,7 @@ impl GpuBody {
         format!("held {end}; gravity of {gravity} m/s² acts along {along}")
     }
 
-    /// Which nodes are pinned.
+    /// Whether each node is pinned.
     pub fn pinned(&self) -> &[bool] {
         self.loads.pinned()
     }

@@ -71,7 +71,7 @@ impl FromStr for VolumetricFormulation {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct NodalVolume {
     pub node: u32,
-    /// Λ_a, J.
+    /// Stiffness Λ_a, J.
     pub stiffness: f64,
 }
 

@@ -49,8 +49,8 @@ pub struct Element {
     pub inverse_rest_shape: DMat3,
     /// Volume at rest, m³.
     pub volume: f64,
-    /// μ and λ as they enter the energy, Pa; for [`ConstitutiveModel::NeoHookean`] the second is λ
-    /// + μ.
+    /// μ and λ as they enter the energy, Pa; [`ConstitutiveModel::NeoHookean`] has λ + μ in place of
+    /// λ.
     pub lame_parameters: [f64; 2],
     /// Its material region; tets of different regions do not share nodal volumes.
     pub region: u32,

@@ -80,14 +80,15 @@ pub(super) const NODE_TEXELS: usize = 3;
 /// Marks an edge without a second face.
 const NO_FACE: u32 = u32::MAX;
 
-/// Maximum penetration of an accepted step, over the tool's size or the boundary's edge length.
+/// Maximum penetration of an accepted step, over the smaller of the tool's size and the boundary's
+/// edge length.
 const MAX_PENETRATION_RATIO: f64 = 0.02;
 
 /// Initial activation distance of moving tools, over the boundary's edge length.
 const INITIAL_ACTIVATION_DISTANCE: f64 = 0.1;
 
-/// Maximum motion of a tool per stage, over the boundary's edge length and over half of its
-/// thickness.
+/// Maximum motion of a tool per stage, over the smaller of the boundary's edge length and half of
+/// the tool's thickness.
 const MAX_STAGE_STEP: f64 = 0.5;
 
 /// The tools of a body, and its boundary surface.

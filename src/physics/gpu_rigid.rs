@@ -14,7 +14,7 @@ use crate::gpu::{Array, Gpu, PassBuilder, Texel};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// No node.
+/// Marks the absence of a node.
 const NONE: u32 = u32::MAX;
 
 /// The rigid bodies of a body.

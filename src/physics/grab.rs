@@ -11,7 +11,7 @@ use std::fmt;
 /// Maximum distance of a target from the body's centre, in body sizes.
 const MAX_TARGET_DISTANCE: f64 = 100.0;
 
-/// How a grab holds its nodes.
+/// The kind of constraint by which a grab holds its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum GrabMode {
     /// The nodes keep their offsets from the target exactly, whatever the forces.

@@ -76,7 +76,7 @@ pub struct Step {
     pub after_change: Option<Stage>,
 }
 
-/// A part of a step.
+/// A stage of a step.
 #[derive(Clone, Debug)]
 pub enum Stage {
     /// Passes in order.

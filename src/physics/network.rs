@@ -16,9 +16,9 @@ use rayon::slice::ParallelSliceMut;
 pub struct Spring {
     /// Its two nodes, the smaller first.
     pub nodes: [u32; 2],
-    /// κ, N/m.
+    /// Spring constant κ, N/m.
     pub stiffness: f64,
-    /// L, m.
+    /// Rest length L, m.
     pub length: f64,
 }
 

@@ -68,7 +68,7 @@ impl Report {
 }
 
 impl Energy {
-    /// Energies at a state given in file units.
+    /// Computes the energies of a state given in file units.
     pub(crate) fn from_state(
         network: &DiscreteModel,
         terms: &[Arc<dyn NodeTerm>],

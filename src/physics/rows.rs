@@ -17,7 +17,7 @@ const SLICE_HEIGHT: usize = 32;
 /// Number of rows in a sorting window.
 const SORT_WINDOW: usize = 512;
 
-/// The rows as they are uploaded.
+/// The rows in the uploaded layout.
 #[derive(Debug)]
 pub(super) struct SlicedEllpack {
     /// For each row: its node, the first texel of its slice in `columns`, its number of texels, and

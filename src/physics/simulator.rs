@@ -438,14 +438,14 @@ pub struct ExactPositions {
 /// The state of a [`Simulator`]: see [`Simulator::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SimulatorState {
-    /// Of a body of tets on the GPU.
+    /// A tetrahedral body on the GPU.
     Tets(Box<TetState>),
-    /// Of a grid body on the GPU.
+    /// A grid body on the GPU.
     Grid(Box<GridState>),
-    /// Of a body of tets on the CPU.
+    /// A tetrahedral body on the CPU.
     Cpu(Box<CpuState>),
-    /// Of a grid body on the CPU.
+    /// A grid body on the CPU.
     CpuGrid(Box<CpuGridState>),
-    /// Of several bodies.
+    /// Several bodies.
     Bodies(Box<BodiesState>),
 }

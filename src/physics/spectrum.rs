@@ -14,9 +14,9 @@ use glam::{DMat3, DVec3};
 /// A damped oscillator ẍ + γ ẋ + λ x = 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
-    /// λ = ω², 1/s².
+    /// Squared angular frequency λ = ω², 1/s².
     pub stiffness: f64,
-    /// γ, 1/s.
+    /// Damping rate γ, 1/s.
     pub damping: f64,
 }
 

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 /// pairs that coincide at rest, such as the two sides of a cut, are ignored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SelfContactSettings {
-    /// μ of Coulomb friction.
+    /// Coefficient μ of Coulomb friction.
     pub friction: f64,
     /// Activation gap of the barrier, in file units. Default: 1/20 of the boundary's mean edge
     /// length.

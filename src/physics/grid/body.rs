@@ -160,7 +160,7 @@ impl GridBody {
         self.loads.pin_nodes(particles)
     }
 
-    /// Which particles are pinned.
+    /// Whether each particle is pinned.
     pub fn pinned(&self) -> &[bool] {
         self.loads.pinned()
     }

@@ -25,7 +25,7 @@ pub struct GridModel {
     pub stiffness_scales: Vec<f64>,
     /// The local frame of the GPU's positions.
     pub frame: LocalFrame,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     pub length_unit: f64,
     /// Damping rate γ, 1/s: every particle is subject to the force −γ m v.
     pub damping: f64,

@@ -18,7 +18,7 @@ pub(super) struct RegionJoint {
     /// Anchor, m.
     at: DVec3,
     kind: JointKind,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     unit: f64,
 }
 

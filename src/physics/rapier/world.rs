@@ -37,7 +37,7 @@ pub(super) struct Contacts {
     pub tools: Vec<Tool>,
     /// In file units.
     pub self_contact: Option<SelfContactSettings>,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     pub unit: f64,
 }
 

@@ -17,7 +17,7 @@ pub struct Floor {
     normal: DVec3,
     /// n · x on the surface, m from the frame's origin.
     offset: f64,
-    /// ω, 1/s.
+    /// Angular frequency ω, 1/s.
     angular_frequency: f64,
 }
 
