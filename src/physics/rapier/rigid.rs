@@ -22,8 +22,8 @@ const RIGID_MASS_FRACTION: f64 = 0.5;
 /// own.
 const CONVEX_VOLUME_RATIO: f32 = 1.02;
 
-/// Collision group of soft tissue and the rigid regions attached to it: attached regions do not
-/// collide with soft tissue.
+/// Collision group of soft tissue. Rigid regions attached to soft tissue have a group of their own,
+/// which does not collide with it.
 const SOFT_GROUP: Group = Group::GROUP_1;
 const HELD_BY_SOFT: Group = Group::GROUP_2;
 

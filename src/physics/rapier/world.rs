@@ -23,7 +23,7 @@ const DEFAULT_TOLERANCE: f64 = 1e-5;
 /// rapier's `length_unit`, in units: its tolerances are tuned for cells of about a tenth.
 const LENGTH_UNIT: f32 = 8.0;
 
-/// Default skin thickness around the boundary, in units (mean edge lengths).
+/// Skin thickness around the boundary if no smaller gap is given, in units (mean edge lengths).
 const COLLIDER_MARGIN: f64 = 0.02;
 
 /// Number of degrees of freedom up to which the matrix of a body in contact is factorized once per
