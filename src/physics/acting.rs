@@ -1,42 +1,41 @@
-//! What acts on a body beside forces, at levels that change as time goes on: pressure on faces and
-//! muscles.
+//! Loads scaled by a time-dependent amplitude: pressure on faces and muscles.
 
 use super::DiscreteModel;
 use crate::mesh::{BoundaryFace, TetCut, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Names the level of what acts on a body: a pressure in Pa, or an activation.
+/// Identifies an amplitude of a body: a pressure in Pa, or a muscle activation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AmplitudeId(pub(super) usize);
 
 /// Tets that contract along fibres.
 ///
-/// Ψ = ½ a T |F m|² of the volume at rest, m being the direction of the fibres at rest, T the
-/// tension at full activation and a the activation (Modi et al. 2021, "EMU: Efficient Muscle
-/// Simulation in Deformation Space", section 3): an active Cauchy stress a T (F m)(F m)ᵀ/J, whose
-/// second derivatives are constant.
+/// Ψ = ½ a T |F m|² per volume at rest, where m is the fibre direction at rest, T the tension at
+/// full activation and a the activation (Modi et al. 2021, "EMU: Efficient Muscle Simulation in
+/// Deformation Space", section 3): an active Cauchy stress a T (F m)(F m)ᵀ/J with a constant
+/// Hessian.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Muscle {
-    /// Tets of the mesh, and the direction of their fibres at rest, of length 1.
+    /// Tets of the mesh with their fibre directions at rest, unit vectors.
     pub fibres: Vec<(u32, DVec3)>,
-    /// T, Pa.
+    /// Tension T at full activation, Pa.
     pub tension: f64,
 }
 
-/// What acts on a body at a level.
+/// A load scaled by an amplitude.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ScaledLoad {
-    /// Pressure on these faces of tets, of the boundary or where regions meet, along their normals as
-    /// they turn: positive into the tet.
-    /// Its level is the pressure in Pa.
+    /// Pressure on these tet faces, of the boundary or of interfaces between regions, along their
+    /// current normals (a follower load): positive into the tet. The amplitude is the pressure in
+    /// Pa.
     Pressure(Vec<BoundaryFace>),
-    /// A muscle, of finite elements. Its level is the activation, from 0 to 1.
+    /// A muscle, for finite elements. The amplitude is the activation, from 0 to 1.
     Muscle(Muscle),
 }
 
 impl ScaledLoad {
-    /// Refuses what makes no sense for the body that `mesh` and `network` are.
+    /// Validates the load for the body of `mesh` and `network`.
     pub(super) fn check(&self, mesh: &TetMesh, network: &DiscreteModel) -> Result<()> {
         let tets = mesh.tets.len() as u32;
         match self {
@@ -72,7 +71,7 @@ impl ScaledLoad {
         Ok(())
     }
 
-    /// Refuses a level that makes no sense.
+    /// Validates an amplitude.
     pub(super) fn check_amplitude(&self, level: f64) -> Result<()> {
         match self {
             ScaledLoad::Pressure(_) if level.is_finite() => Ok(()),
@@ -86,7 +85,8 @@ impl ScaledLoad {
         }
     }
 
-    /// Follows a cut; what is removed acts no more, and faces laid bare are under no pressure.
+    /// Updates the load after a cut: removed tets and faces no longer carry it, and newly exposed
+    /// faces are free of pressure.
     pub(super) fn apply_cut(&mut self, cut: &TetCut) {
         let removed = &cut.removed;
         if removed.is_empty() {

@@ -19,73 +19,72 @@ use glam::{DVec3, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Gives every body its own number.
+/// The next unique number of a body.
 static BODIES: AtomicU64 = AtomicU64::new(0);
 
-/// Counts what was done to a body from outside.
+/// Counts changes of a body from outside.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct ChangeCounter {
     /// Changes of positions or velocities.
     pub state: u64,
-    /// These, and changes of loads and pins.
+    /// Changes of positions, velocities, loads or pins.
     pub any: u64,
 }
 
 /// A mesh made of a material, on the GPU: state, masses, springs, forces.
 ///
-/// Node i of the mesh is item i of every array. Positions and velocities go in and come out in
-/// file units (and file units a second), forces in newtons. Changes made here take effect with
-/// the next step.
+/// Node i of the mesh is item i of every array. The interface uses file units for positions, file
+/// units per second for velocities, and newtons for forces. Changes take effect with the next step.
 #[derive(Debug)]
 pub struct GpuBody {
     pub(super) gpu: Gpu,
     pub(super) id: u64,
     pub(super) nodes: NodePositions,
     pub(super) velocities: Array,
-    /// Mass and inverse mass; the inverse is 0 for a pinned node, and below zero for one of a rigid
-    /// body that moves.
+    /// Mass and inverse mass; the inverse is 0 for a pinned node and negative for a node of a
+    /// moving rigid body.
     pub(super) masses: Array,
-    /// Newtons.
+    /// External forces, N.
     pub(super) external: Array,
     pub(super) springs: GpuSprings,
-    /// What resists in place of the springs, if anything does.
+    /// Finite elements that replace the springs, if any.
     pub(super) elements: Option<GpuElements>,
-    /// What of it is rigid, if anything is.
+    /// Rigid regions, if any.
     pub(super) rigid: Option<GpuRigid>,
-    /// The tools that press on it, if any do.
+    /// Tools and the boundary they press on, if any.
     pub(super) contact: Option<GpuContact>,
     pub(super) network: DiscreteModel,
     pub(super) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
-    /// The numbers of the terms, if there are any.
+    /// Parameters of the node terms, if any.
     pub(super) node_terms: Option<wgpu::Buffer>,
     pub(super) units: LocalUnits,
     pub(super) loads: Loads,
-    /// The loads that the arrays on the GPU have; masses and forces that are none are written.
+    /// Versions of the loads on the GPU; `None` before the first upload (zero forces, no pins).
     pub(super) uploaded_loads: Option<LoadVersions>,
     pub(super) grabs: GrabLists,
-    /// Counts cuts: what is bound to the arrays or their lengths is made for one generation.
+    /// Number of cuts; bindings to the arrays and their lengths are valid for one generation.
     pub(super) generation: u64,
     /// Counts changes of positions and velocities from outside.
     pub(super) state_changes: u64,
 }
 
 impl GpuBody {
-    /// The body that `mesh` is when made of `material`: at rest, nothing pinned, no gravity.
+    /// The body of `mesh` made of `material`: at rest, nothing pinned, no gravity.
     ///
     /// # Errors
-    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the mesh does not
-    /// fit the device.
+    /// [`Error::Input`] if a material parameter is out of range, [`Error::Gpu`] if the mesh does
+    /// not fit the device.
     pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<GpuBody> {
         let network = DiscreteModel::new(mesh, material)?;
         GpuBody::from_model(gpu, mesh, network, material)
     }
 
-    /// As [`GpuBody::new`], with masses and springs of one's own: those of a cage, for example. A cut
-    /// takes the springs along it from `material` again.
+    /// As [`GpuBody::new`], with given masses and springs, for example those of a cage. A cut
+    /// computes the new springs along it from `material`.
     ///
     /// # Errors
-    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`GpuBody::new`].
+    /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`GpuBody::new`].
     pub fn from_model(
         gpu: &Gpu,
         mesh: &TetMesh,
@@ -146,7 +145,7 @@ impl GpuBody {
         &self.nodes
     }
 
-    /// Masses and springs in float64.
+    /// Masses, springs and elements in float64.
     pub fn network(&self) -> &DiscreteModel {
         &self.network
     }
@@ -156,13 +155,13 @@ impl GpuBody {
         self.units
     }
 
-    /// Adds a term to its energy. Solvers that were made for the body take it up with their next
-    /// step, afresh.
+    /// Adds an energy term. Existing solvers of the body include it from their next step, after a
+    /// restart.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     pub fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
-        // A term without its file in `shaders/terms` is refused here, not in the middle of a run.
+        // A term without its file in `shaders/terms` is rejected here, not in the middle of a run.
         crate::gpu::compose(&format!(
             "{} {}",
             self.shader_name("physics/forces"),
@@ -180,7 +179,7 @@ impl GpuBody {
         Ok(())
     }
 
-    /// The terms of its energy beside the springs.
+    /// The energy terms besides the springs.
     pub fn terms(&self) -> &[Arc<dyn NodeTerm>] {
         &self.terms
     }
@@ -190,7 +189,7 @@ impl GpuBody {
         &self.loads
     }
 
-    /// As [`GpuBody::loads`], to change them; they act from the next step on.
+    /// Mutable access to [`GpuBody::loads`]; changes take effect with the next step.
     pub fn loads_mut(&mut self) -> &mut Loads {
         &mut self.loads
     }
@@ -203,11 +202,11 @@ impl GpuBody {
             .collect()
     }
 
-    /// Pins every node whose rest position, in file units, satisfies `where_`: it stays where it
-    /// is from now on. Returns how many nodes are pinned now.
+    /// Pins every node whose rest position, in file units, satisfies `where_`, at its present
+    /// position. Returns the number of pinned nodes.
     pub fn pin(&mut self, where_: impl Fn(DVec3) -> bool) -> usize {
         let nodes = self.nodes_where(where_);
-        // They are the body's own.
+        // Cannot fail: these are nodes of the body.
         let _ = self.loads.pin_nodes(&nodes);
         self.loads.pinned().iter().filter(|p| **p).count()
     }
@@ -215,23 +214,23 @@ impl GpuBody {
     /// As [`Loads::pin_nodes`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a node that does not exist.
+    /// [`Error::Input`] if a node does not exist.
     pub fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
         self.loads.pin_nodes(nodes)
     }
 
-    /// Holds the body by the end that suits it ([`DiscreteModel::find_clamped_end`]) and lets `gravity`
-    /// (m/s²) act across it. Returns a sentence that says so.
+    /// Clamps the end chosen by [`DiscreteModel::find_clamped_end`] and applies `gravity` (m/s²)
+    /// across it. Returns a sentence that describes both.
     pub fn clamp_one_end(&mut self, gravity: f64) -> String {
         let (end, _) = self.network.find_clamped_end(DVec3::NEG_Z);
-        // They are the body's own.
+        // Cannot fail: these are nodes of the body.
         let _ = self.loads.pin_nodes(&end.nodes);
         self.loads.set_gravity(gravity * end.load_direction());
         let along = if end.axis == 2 { "-y" } else { "-z" };
         format!("held {end}; gravity of {gravity} m/s² acts along {along}")
     }
 
-    /// Which nodes are pinned.
+    /// Whether each node is pinned.
     pub fn pinned(&self) -> &[bool] {
         self.loads.pinned()
     }
@@ -246,20 +245,20 @@ impl GpuBody {
         self.loads.gravity()
     }
 
-    /// Sets the external force on every node, N, on the GPU too.
+    /// Sets the external force on every node, N, and uploads it.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    /// [`Error::Input`] if the number of forces is wrong or a force is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.loads.set_forces(forces)?;
         self.write_forces()
     }
 
-    /// Adds `force` (N in all) in equal shares to the nodes whose rest position, in file units,
-    /// satisfies `where_`. Returns how many they are.
+    /// Distributes the total `force` (N) equally over the nodes whose rest position, in file units,
+    /// satisfies `where_`. Returns their number.
     ///
     /// # Errors
-    /// [`Error::Input`] when the force is not finite or there are no such nodes.
+    /// [`Error::Input`] if the force is not finite or there are no such nodes.
     pub fn add_force(&mut self, force: DVec3, where_: impl Fn(DVec3) -> bool) -> Result<usize> {
         let nodes = self.nodes_where(where_);
         self.loads.add_force(force, &nodes)?;
@@ -267,11 +266,11 @@ impl GpuBody {
         Ok(nodes.len())
     }
 
-    /// Grabs the nodes within `radius` of `centre`, file units: reads the positions back once.
-    /// They follow the target of the grab from the next step on.
+    /// Grabs the nodes within `radius` of `centre`, in file units. Reads the positions back once.
+    /// The nodes follow the target of the grab from the next step on.
     ///
     /// # Errors
-    /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
+    /// [`Error::Input`] if there are no nodes there, or a number is out of range.
     pub fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         let positions = self.positions()?;
         self.loads
@@ -281,7 +280,8 @@ impl GpuBody {
     /// As [`Loads::set_target`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
+    /// [`Error::Input`] if the grab does not exist, or the target is not finite or too far from the
+    /// body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
         self.loads.set_target(grab, target)
     }
@@ -289,14 +289,14 @@ impl GpuBody {
     /// As [`Loads::release`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there.
+    /// [`Error::Input`] if the grab does not exist.
     pub fn release(&mut self, grab: GrabId) -> Result<usize> {
         self.loads.release(grab)
     }
 
-    /// The external force on every node, for callers who write it on the GPU: rgba32float, xyz in
-    /// newtons along the file's axes. [`GpuBody::set_forces`] and [`GpuBody::add_force`] overwrite it;
-    /// a cut may put another array in its place.
+    /// The array of external forces, for callers that write them on the GPU: rgba32float, xyz in
+    /// newtons along the file's axes. [`GpuBody::set_forces`] and [`GpuBody::add_force`] overwrite
+    /// it; a cut may replace the array.
     pub fn force_array(&self) -> &Array {
         &self.external
     }
@@ -306,13 +306,13 @@ impl GpuBody {
         &self.velocities
     }
 
-    /// The masses on the GPU, in the mean mass: rg32float, mass and inverse mass, the latter 0 for
-    /// nodes that stay, and below zero for those of rigid bodies that move.
+    /// The masses on the GPU, in units of the mean mass: rg32float, mass and inverse mass. The
+    /// inverse is 0 for fixed nodes and negative for nodes of moving rigid bodies.
     pub fn mass_array(&self) -> &Array {
         &self.masses
     }
 
-    /// Positions in file units, read back.
+    /// Reads back the positions in file units.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -320,8 +320,8 @@ impl GpuBody {
         self.nodes.positions()
     }
 
-    /// Velocities in file units a second, read back. Of Verlet, which has no other: the mean over
-    /// the last step.
+    /// Reads back the velocities in file units per second. Verlet stores only the mean velocity
+    /// over the last step.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -344,10 +344,10 @@ impl GpuBody {
         Ok(())
     }
 
-    /// Sets the velocities, in file units a second. Pinned nodes stay at rest.
+    /// Sets the velocities, in file units per second. Pinned nodes stay at rest.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of velocities or one that is not finite.
+    /// [`Error::Input`] if the number of velocities is wrong or one is not finite.
     pub fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
         let unit = self.units.velocity() / self.network.length_unit;
         let local = self
@@ -358,15 +358,15 @@ impl GpuBody {
         Ok(())
     }
 
-    /// Says that positions or velocities were changed from outside: the solvers start afresh from
-    /// what they find. Not needed after writing [`GpuBody::force_array`].
+    /// Marks positions and velocities as changed from outside, so that solvers restart from them.
+    /// Not needed after writing [`GpuBody::force_array`].
     pub fn mark_changed(&mut self) {
         self.state_changes += 1;
         self.nodes.array().mark_written();
     }
 
-    /// A number that changes whenever the body is changed from outside: its state, pins, forces,
-    /// grabs or shape. What is written to [`GpuBody::force_array`] does not count.
+    /// Version number that increases with every change from outside: state, pins, forces, grabs or
+    /// topology. Writes to [`GpuBody::force_array`] do not count.
     pub fn change_count(&self) -> u64 {
         self.revision().any
     }
@@ -379,7 +379,7 @@ impl GpuBody {
         }
     }
 
-    /// Writes the external forces that were set.
+    /// Uploads the external forces that were set.
     pub(super) fn write_forces(&mut self) -> Result<()> {
         let forces = self.loads.forces().iter();
         let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();
@@ -390,7 +390,7 @@ impl GpuBody {
         Ok(())
     }
 
-    /// Uploads what was changed on the CPU only.
+    /// Uploads changes made on the CPU.
     pub(super) fn upload_changes(&mut self) -> Result<()> {
         let versions = self.loads.versions;
         let stale = self.grabs.has_springs() && self.grabs.source_versions[1] != versions.forces;
@@ -422,7 +422,7 @@ impl GpuBody {
         Ok(())
     }
 
-    /// Writes the masses, and which nodes are held.
+    /// Uploads the masses with the constrained nodes.
     pub(super) fn flush_masses(&self) -> Result<()> {
         let masses = self
             .network
@@ -438,10 +438,10 @@ impl GpuBody {
         self.gpu.write_array(&self.masses, &masses)
     }
 
-    /// A node's mass and inverse mass as the GPU has them.
+    /// Mass and inverse mass of a node in the GPU's format.
     pub(super) fn local_mass(&self, mass: f64, pinned: bool) -> [f32; 2] {
         let mass = (mass / self.units.mass) as f32;
-        // A massless node has no equation of motion: it stays.
+        // A massless node has no equation of motion, so it is fixed.
         let free = !pinned && mass.is_normal() && (1.0 / mass).is_finite();
         [mass, if free { 1.0 / mass } else { 0.0 }]
     }

@@ -1,4 +1,4 @@
-//! A body that follows the cuts made in its mesh: only what a cut has changed goes to the GPU.
+//! Cutting of bodies on the GPU: uploads only what a cut has changed.
 
 use super::GpuBody;
 use super::gpu_elements::GpuElements;
@@ -8,16 +8,15 @@ use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 
 impl GpuBody {
-    /// Cuts the body along `blade` (file units) where it stands now, and with it `mesh`, the mesh
-    /// it was made of, and that mesh's `topology`; see [`cut`](crate::mesh::cut()). Waits for what
-    /// was submitted and reads positions and velocities back.
+    /// Cuts the body along `blade` (file units) in its present configuration, together with `mesh`,
+    /// from which it was built, and its `topology`; see [`cut`](crate::mesh::cut()). Waits for
+    /// submitted work and reads positions and velocities back.
     ///
-    /// Doubles stand and move as the node they come from, pinned where it is, and share its mass
-    /// and its external force as the tets on either side of the cut have it: mass and momentum
-    /// stay what they are. Springs are those of the new edges. Solvers go on with the next step,
-    /// afresh from positions and velocities; a `Geometry` or `Surface` that draws the body has to
-    /// follow too. A blade that hits nothing changes nothing and says so:
-    /// [`TetCut::is_empty`].
+    /// Duplicated nodes take position, velocity and pin of their original, and share its mass and
+    /// external force according to the tets on either side, which conserves mass and momentum. New
+    /// edges get springs. Solvers restart from positions and velocities with the next step; a
+    /// `Geometry` or `Surface` that draws the body must be updated too. A blade that hits nothing
+    /// changes nothing, see [`TetCut::is_empty`].
     ///
     /// # Errors
     /// As [`cut`](crate::mesh::cut()) and [`GpuBody::apply_cut`].
@@ -39,9 +38,8 @@ impl GpuBody {
         Ok(done)
     }
 
-    /// Takes `tets` out of the body, and out of `mesh`, the mesh it was made of; see
-    /// [`remove`](crate::mesh::remove()). Nodes that are left without tets stay where they are,
-    /// without mass.
+    /// Removes `tets` from the body and from `mesh`, from which it was built; see
+    /// [`remove`](crate::mesh::remove()). Nodes without tets stay where they are, without mass.
     ///
     /// # Errors
     /// As [`remove`](crate::mesh::remove()) and [`GpuBody::apply_cut`].
@@ -57,17 +55,17 @@ impl GpuBody {
         Ok(done)
     }
 
-    /// Takes over a cut that made `mesh` of the mesh the body was made of, or the one before.
+    /// Applies a cut that turned the body's mesh into `mesh`.
     ///
     /// # Errors
-    /// [`Error::Input`] when `mesh` is not that mesh, [`Error::Gpu`] when the device cannot hold
-    /// what has become of it.
+    /// [`Error::Input`] if `mesh` does not match, [`Error::Gpu`] if the device cannot hold the new
+    /// arrays.
     pub fn apply_cut(&mut self, mesh: &TetMesh, cut: &TetCut) -> Result<()> {
         let texels = self.nodes.local()?;
         self.apply_cut_with_positions(mesh, cut, &texels)
     }
 
-    /// [`GpuBody::apply_cut`], with the texels of the positions.
+    /// [`GpuBody::apply_cut`] with the position texels given.
     fn apply_cut_with_positions(
         &mut self,
         mesh: &TetMesh,
@@ -78,7 +76,7 @@ impl GpuBody {
             return self.check_mesh(mesh);
         }
         let springs = self.network.apply_cut(mesh, &self.material, cut)?;
-        // Pins and releases that the GPU has not yet are sent with the next step, all together.
+        // Pins and releases that are not yet uploaded are sent together with the next step.
         let held = self.loads.versions.constraints;
         let known = self
             .uploaded_loads
@@ -133,7 +131,7 @@ impl GpuBody {
         )))
     }
 
-    /// Gives the doubles the state of the nodes they come from, and shares these nodes' loads.
+    /// Gives duplicated nodes the state of their originals, and distributes the loads.
     fn duplicate_nodes(&mut self, cut: &TetCut, positions: &[[f32; 4]]) -> Result<()> {
         let velocities: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
         let of = |texels: &[[f32; 4]]| -> Vec<[f32; 4]> {

@@ -1,13 +1,13 @@
-//! Volume without locking: where Poisson's ratio nears ½, linear tets that each keep their own
-//! volume have hardly a way left to bend. Here what is around a node keeps it instead.
+//! Averaged nodal volumes, which avoid volumetric locking of linear tets as Poisson's ratio nears
+//! ½: the volume around a node is penalised instead of that of each tet.
 //!
-//! Of each tet's λ the part λ̂ above [`Elements::per_tet_lambda_ratio`] μ is taken out of its energy, and the energy
-//! ½ Σ_a Λ_a θ_a² put in its place, a being the nodes, or where regions meet each node once a
-//! region, θ_a = Σ_t Λ_t (J_t − 1)/(4 Λ_a) the mean change of volume of the tets t around it,
-//! Λ_t = V_t λ̂_t and Λ_a = Σ_t Λ_t/4 (Bonet & Burton 1998, "A simple average nodal pressure
-//! tetrahedral element", written as an energy). Where F is the same everywhere that is the energy
-//! of the tets; anywhere it is at most that. λ weighs the mean, so that what is soft does not
-//! change how what is stiff next to it resists.
+//! Of each tet's λ, the part λ̂ above [`Elements::per_tet_lambda_ratio`] μ is removed from its
+//! energy and replaced by the energy ½ Σ_a Λ_a θ_a², where a runs over the nodes (at interfaces,
+//! over each node once per region), θ_a = Σ_t Λ_t (J_t − 1)/(4 Λ_a) is the mean volumetric strain
+//! of the tets t around it, Λ_t = V_t λ̂_t and Λ_a = Σ_t Λ_t/4 (Bonet & Burton 1998, "A simple
+//! average nodal pressure tetrahedral element", written as an energy). For uniform F this equals
+//! the energy of the tets; in general it is at most that. The mean is weighted by λ, so that soft
+//! tets do not change the resistance of stiff neighbours.
 
 use super::elements::{ConstitutiveModel, Element, ElementHessian, Elements};
 use crate::parallel;
@@ -17,21 +17,21 @@ use rayon::slice::ParallelSliceMut;
 use std::fmt;
 use std::str::FromStr;
 
-/// [`Elements::per_tet_lambda_ratio`] where nothing is said: ν = ¼ and below is as per tet.
+/// Default of [`Elements::per_tet_lambda_ratio`]: tets with ν up to ¼ keep their own volume.
 const DEFAULT_PER_TET_LAMBDA_RATIO: f64 = 1.0;
 
-/// What a change of volume of finite elements is measured on.
+/// How the volumetric strain of finite elements is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum VolumetricFormulation {
-    /// Each tet: it locks where Poisson's ratio nears ½.
+    /// Per tet: locks as Poisson's ratio nears ½.
     #[default]
     PerTet,
-    /// The tets of a region around each node: it does not lock, and steps take longer.
+    /// Averaged over the tets of a region around each node: no locking, but steps take longer.
     NodalAveraged,
 }
 
 impl VolumetricFormulation {
-    /// All of them.
+    /// All variants.
     pub const ALL: [VolumetricFormulation; 2] = [
         VolumetricFormulation::PerTet,
         VolumetricFormulation::NodalAveraged,
@@ -67,23 +67,23 @@ impl FromStr for VolumetricFormulation {
     }
 }
 
-/// What keeps a volume together: a node, and the tets of one region around it.
+/// A nodal volume: a node and the tets of one region around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct NodalVolume {
     pub node: u32,
-    /// Λ_a, J.
+    /// Stiffness Λ_a, J.
     pub stiffness: f64,
 }
 
-/// No cell.
+/// No nodal volume.
 pub(crate) const NO_NODAL_VOLUME: u32 = u32::MAX;
 
-/// The cells of some elements.
+/// The nodal volumes of a set of elements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct NodalVolumes {
-    /// By node, ascending.
+    /// Ordered by node.
     pub cells: Vec<NodalVolume>,
-    /// The cell of each corner of each tet, or [`NO_NODAL_VOLUME`] for all four.
+    /// The nodal volume at each corner of each tet, or [`NO_NODAL_VOLUME`] for all four.
     pub of_tet: Vec<[u32; 4]>,
 }
 
@@ -101,7 +101,7 @@ impl Default for Elements {
 }
 
 impl Elements {
-    /// λ̂ of a tet, Pa.
+    /// Returns λ̂ of a tet, Pa.
     pub(crate) fn averaged_lambda(&self, tet: &Element) -> f64 {
         let [mu, lambda] = tet.small_strain(self.law);
         match self.volume {
@@ -112,7 +112,7 @@ impl Elements {
         }
     }
 
-    /// A tet without its λ̂.
+    /// Returns a tet without its λ̂.
     pub(crate) fn without_averaged_lambda(&self, tet: &Element) -> Element {
         let [mu, second] = tet.lame_parameters;
         Element {
@@ -121,7 +121,7 @@ impl Elements {
         }
     }
 
-    /// What keeps volumes together; nothing where each tet does.
+    /// Returns the nodal volumes; empty for [`VolumetricFormulation::PerTet`].
     pub(crate) fn cells(&self) -> NodalVolumes {
         if self.volume == VolumetricFormulation::PerTet {
             return NodalVolumes::default();
@@ -154,7 +154,7 @@ impl Elements {
         all
     }
 
-    /// θ of every cell with the nodes at `x`, m.
+    /// Returns θ of every nodal volume with the nodes at `x`, m.
     fn volume_strains(&self, cells: &NodalVolumes, x: &[DVec3]) -> Vec<f64> {
         let mut changes = vec![0.0; cells.cells.len()];
         for (tet, corners) in self.tets.iter().zip(&cells.of_tet) {
@@ -172,8 +172,9 @@ impl Elements {
         changes
     }
 
-    /// What presses in each tet with the nodes at `x` (m) beside its own law, Pa: λ̂ times the mean
-    /// of θ of its corners. Zeros where each tet keeps its own volume.
+    /// Returns the pressure in each tet with the nodes at `x` (m) in addition to its own
+    /// constitutive model, Pa: λ̂ times the mean θ of its corners. Zero for
+    /// [`VolumetricFormulation::PerTet`].
     pub fn averaged_pressures(&self, x: &[DVec3]) -> Vec<f64> {
         let cells = self.cells();
         self.pressures(&cells, &self.volume_strains(&cells, x))
@@ -191,8 +192,8 @@ impl Elements {
         .collect()
     }
 
-    /// Of every tet with the nodes at `x` (m) the energy of the volumes that it shares, over its own
-    /// volume at rest, J/m³.
+    /// Returns for every tet with the nodes at `x` (m) its share of the energy of the nodal
+    /// volumes, over its volume at rest, J/m³.
     pub fn averaged_energy_densities(&self, x: &[DVec3]) -> Vec<f64> {
         let cells = self.cells();
         let changes = self.volume_strains(&cells, x);
@@ -205,7 +206,7 @@ impl Elements {
         .collect()
     }
 
-    /// Energy with the nodes at `x` (m from the frame's origin), J.
+    /// Returns the energy with the nodes at `x` (m from the frame's origin), J.
     pub fn energy(&self, x: &[DVec3]) -> f64 {
         let own = parallel::sum(self.tets.len(), |t| {
             let e = &self.tets[t];
@@ -218,7 +219,7 @@ impl Elements {
         own + shared.map(|(c, j)| 0.5 * c.stiffness * j * j).sum::<f64>()
     }
 
-    /// Forces on the nodes at `x` (m), N.
+    /// Returns the forces on the nodes at `x` (m), N.
     pub fn forces(&self, x: &[DVec3]) -> Vec<DVec3> {
         let mut f = vec![DVec3::ZERO; x.len()];
         for (tet, pressure) in self.tets.iter().zip(self.averaged_pressures(x)) {
@@ -234,9 +235,9 @@ impl Elements {
         f
     }
 
-    /// The second derivatives of the energy with the nodes at `x` (m), as blocks of tets in N/m,
-    /// exactly or with the negative eigenvalues of each tet put to zero, and as vectors that are
-    /// to be multiplied with themselves: of each cell some nodes and √(N/m) each.
+    /// Returns the Hessian of the energy with the nodes at `x` (m): blocks per tet in N/m, exact or
+    /// projected to positive semidefinite per tet, and vectors v that contribute v vᵀ, for each
+    /// nodal volume its nodes with entries in √(N/m).
     pub fn stiffness(
         &self,
         x: &[DVec3],
@@ -253,7 +254,7 @@ impl Elements {
         (blocks.collect(), self.volume_gradients(x))
     }
 
-    /// √Λ_a ∂θ_a/∂x of every cell: the nodes that it depends on, each once.
+    /// Returns √Λ_a ∂θ_a/∂x of every nodal volume: the nodes it depends on, each once.
     pub(crate) fn volume_gradients(&self, x: &[DVec3]) -> Vec<Vec<(u32, DVec3)>> {
         let cells = self.cells();
         let mut slopes = vec![Vec::new(); cells.cells.len()];

@@ -1,36 +1,36 @@
-//! Finite elements: tets of hyperelastic material with linear displacements, and their plain
-//! float64 form, which engines are held against.
+//! Finite elements: linear tets of hyperelastic material, and their float64 reference form, against
+//! which engines are tested.
 //!
-//! F = Ds Dm⁻¹ maps a tet at rest to where it is, Ds and Dm having three of its edges as columns;
-//! J = det F. Both laws are Hooke's for small strains.
+//! F = Ds Dm⁻¹ is the deformation gradient of a tet; the columns of Ds and Dm are three of its
+//! edges, deformed and at rest; J = det F. Both constitutive models reduce to Hooke's law for small
+//! strains.
 //!
-//! - Stable Neo-Hookean (Smith, de Goes & Kim 2018, "Stable Neo-Hookean Flesh Simulation",
-//!   equation 13, without the barrier):
-//!   Ψ = μ/2 (|F|² − 3) − μ (J − 1) + λ′/2 (J − 1)² with λ′ = λ + μ.
+//! - Stable Neo-Hookean (Smith, de Goes & Kim 2018, "Stable Neo-Hookean Flesh Simulation", equation
+//!   13, without the barrier): Ψ = μ/2 (|F|² − 3) − μ (J − 1) + λ′/2 (J − 1)² with λ′ = λ + μ.
 //! - Fixed corotated (Stomakhin et al. 2012, "Energetically Consistent Invertible Elasticity",
-//!   section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1 for
-//!   inverted tets too.
+//!   section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1 for inverted
+//!   tets too.
 //!
-//! Both bear only so much: under a few times its Young's modulus a tet is pressed flat and comes out
-//! on the other side. So one that is crushed to less than J₀ = [`CRUSH_THRESHOLD_J`] of its volume resists
-//! more: with c = (J₀ − J)/J₀ the second derivative of Ψ by J has 16 K c² (1 − c)² besides, K being
-//! [`CRUSH_STIFFNESS_RATIO`] μ, down to J = 0, and nothing beyond, where more would only store energy. No tet that is
-//! not crushed is any different for it.
+//! Both have a finite compressive strength: under a few times its Young's modulus a tet collapses
+//! and inverts. A tet crushed to less than J₀ = [`CRUSH_THRESHOLD_J`] of its volume is therefore
+//! stiffened: with c = (J₀ − J)/J₀ the second derivative of Ψ by J has the additional term 16 K c²
+//! (1 − c)², K being [`CRUSH_STIFFNESS_RATIO`] μ, down to J = 0, and none beyond, where it would
+//! only store energy. Tets that are not crushed are unaffected.
 
 use super::VolumetricFormulation;
 use super::rigid::RigidBody;
 use glam::{DMat3, DVec3};
 
-/// J below which a tet counts as crushed. `shaders/lib/tets.wgsl` has the same.
+/// J below which a tet counts as crushed. `shaders/lib/tets.wgsl` has the same constant.
 pub(crate) const CRUSH_THRESHOLD_J: f64 = 0.1;
 
-/// How much harder crushed tets resist, over μ.
+/// Additional stiffness K of crushed tets, over μ.
 pub(crate) const CRUSH_STIFFNESS_RATIO: f64 = 100.0;
 
-/// The second derivatives of a tet's energy by its nodes a and b, at `[a][b]`.
+/// Hessian of a tet's energy: the block of nodes a and b is at `[a][b]`.
 pub type ElementHessian = [[DMat3; 4]; 4];
 
-/// How energy goes with strain.
+/// The constitutive model: energy density as a function of strain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ConstitutiveModel {
     /// Stable Neo-Hookean.
@@ -40,47 +40,49 @@ pub enum ConstitutiveModel {
     Corotated,
 }
 
-/// A tet at rest, and what it is made of.
+/// A tet at rest with its material parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Element {
     /// Its nodes.
     pub nodes: [u32; 4],
     /// Dm⁻¹, 1/m: the inverse of the edges from the first node to the others at rest.
     pub inverse_rest_shape: DMat3,
-    /// At rest, m³.
+    /// Volume at rest, m³.
     pub volume: f64,
-    /// μ and λ as they enter the energy, Pa: of [`ConstitutiveModel::NeoHookean`] the second is λ + μ.
+    /// μ and λ as they enter the energy, Pa; [`ConstitutiveModel::NeoHookean`] has λ + μ in place of
+    /// λ.
     pub lame_parameters: [f64; 2],
-    /// Which material it is of: tets of different ones share no volume.
+    /// Its material region; tets of different regions do not share nodal volumes.
     pub region: u32,
 }
 
 /// The finite elements of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Elements {
-    /// The law of all of them.
+    /// The constitutive model of all elements.
     pub law: ConstitutiveModel,
-    /// What their changes of volume are measured on.
+    /// How the volumetric strain is measured.
     pub volume: VolumetricFormulation,
-    /// Of [`VolumetricFormulation::NodalAveraged`]: λ over μ up to which each tet keeps its own volume. It holds
-    /// motions in which tets grow and shrink by turns and what is around each node does not.
+    /// For [`VolumetricFormulation::NodalAveraged`]: λ over μ up to which each tet keeps its own
+    /// volume. This part resists modes in which tets alternately grow and shrink while nodal
+    /// volumes stay constant.
     pub per_tet_lambda_ratio: f64,
     /// The tets, without those of rigid bodies.
     pub tets: Vec<Element>,
-    /// What moves as one body.
+    /// The rigid bodies.
     pub rigid: Vec<RigidBody>,
-    /// α of Rayleigh damping, 1/s: a force −α m v on every node. The part in proportion to
-    /// stiffness is [`DiscreteModel::damping_time`](super::DiscreteModel::damping_time).
+    /// α of Rayleigh damping, 1/s: a force −α m v on every node. The stiffness-proportional part is
+    /// [`DiscreteModel::damping_time`](super::DiscreteModel::damping_time).
     pub mass_damping: f64,
 }
 
 impl Elements {
-    /// Whether there are none.
+    /// Whether there are no tets.
     pub fn is_empty(&self) -> bool {
         self.tets.is_empty() && self.rigid.is_empty()
     }
 
-    /// How many times the stiffest tet is as stiff as the softest, by μ; 1 where there are none.
+    /// Ratio of the largest to the smallest μ; 1 without tets.
     pub fn stiffness_ratio(&self) -> f64 {
         let range = self.tets.iter().map(|t| t.lame_parameters[0]);
         let (soft, stiff) = range.fold((f64::INFINITY, 0.0f64), |(low, high), mu| {
@@ -93,22 +95,23 @@ impl Elements {
     }
 }
 
-/// When the minimisation of an implicit step of a body of elements stops.
+/// Stopping criteria of Newton's method in an implicit step of finite elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NewtonSettings {
-    /// Newton iterations a step at most; more while they would turn tets inside out.
+    /// Maximum number of Newton iterations per step; exceeded while they would invert tets.
     pub iterations: u32,
-    /// Residual to reach, over what moves the body (√(rᵀD⁻¹r), D the diagonal blocks); 0 for as
-    /// few iterations as the energy allows: more only after one that lowered it by much less, or
-    /// much more, than a quadratic would have been lowered, until they hardly lower it.
+    /// Convergence tolerance: residual over the norm of the driving forces (√(rᵀD⁻¹r), D the
+    /// diagonal blocks). 0 takes as few iterations as the energy allows: another iteration follows
+    /// only if the last one lowered the energy by much less, or much more, than its quadratic model
+    /// predicted, until the decrease is negligible.
     pub tolerance: f64,
-    /// Residual of the linear solves, over the one at the start of each.
+    /// Relative residual of the linear solves.
     pub linear_tolerance: f64,
 }
 
 impl NewtonSettings {
-    /// To a residual of `tolerance`: what [`CgSettings::tolerance`] asks for where it is
-    /// not the default.
+    /// Settings for the residual `tolerance`, used when [`CgSettings::tolerance`] is not the
+    /// default.
     ///
     /// [`CgSettings::tolerance`]: super::CgSettings::tolerance
     pub fn with_tolerance(tolerance: f64) -> NewtonSettings {
@@ -131,9 +134,8 @@ impl Default for NewtonSettings {
 }
 
 impl Element {
-    /// The tet of these nodes, which lie at `corners` (m), of a material with Young's modulus
-    /// `young` (Pa) and Poisson's ratio `poisson`. `None` where the volume is not positive or the
-    /// numbers make no sense.
+    /// The tet with these nodes at `corners` (m), with Young's modulus `young` (Pa) and Poisson's
+    /// ratio `poisson`. `None` if the volume is not positive or a parameter is out of range.
     pub fn new(
         nodes: [u32; 4],
         corners: [DVec3; 4],
@@ -166,14 +168,14 @@ impl Element {
         })
     }
 
-    /// The gradients of the nodes' shape functions, 1/m: F is the sum of x_a ⊗ g_a.
+    /// Returns the gradients of the shape functions, 1/m: F is the sum of x_a ⊗ g_a.
     pub fn gradients(&self) -> [DVec3; 4] {
         let rows = self.inverse_rest_shape.transpose();
         let [a, b, c] = [rows.x_axis, rows.y_axis, rows.z_axis];
         [-(a + b + c), a, b, c]
     }
 
-    /// Lamé's μ and λ, Pa.
+    /// Returns the Lamé parameters μ and λ at small strain, Pa.
     pub(crate) fn small_strain(&self, law: ConstitutiveModel) -> [f64; 2] {
         let [mu, second] = self.lame_parameters;
         match law {
@@ -182,22 +184,22 @@ impl Element {
         }
     }
 
-    /// Where its nodes are, of the nodes at `x`.
+    /// Returns the positions of its nodes, where `x` are those of all nodes.
     pub(crate) fn node_positions(&self, x: &[DVec3]) -> [DVec3; 4] {
         self.nodes.map(|v| x[v as usize])
     }
 
-    /// ∂J/∂F with its nodes at `corners`, m.
+    /// Returns ∂J/∂F with its nodes at `corners`, m.
     pub(crate) fn cofactor(&self, corners: &[DVec3; 4]) -> DMat3 {
         cofactor(&self.deformation_gradient(corners))
     }
 
-    /// F of the tet with its nodes at `corners`, m.
+    /// Returns F of the tet with its nodes at `corners`, m.
     pub fn deformation_gradient(&self, corners: &[DVec3; 4]) -> DMat3 {
         edges(corners) * self.inverse_rest_shape
     }
 
-    /// Energy of the tet with its nodes at `corners` (m), J.
+    /// Returns the energy of the tet with its nodes at `corners` (m), J.
     pub fn energy(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> f64 {
         let f = self.deformation_gradient(corners);
         let [mu, lambda] = self.lame_parameters;
@@ -217,13 +219,12 @@ impl Element {
         self.volume * (density + 0.5 * lambda * (j - 1.0).powi(2) + stop)
     }
 
-    /// Forces on the nodes at `corners` (m), N: −V P g_a.
+    /// Returns the forces on the nodes at `corners` (m), N: −V P g_a.
     pub fn forces(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> [DVec3; 4] {
         self.forces_with_pressure(law, corners, 0.0)
     }
 
-    /// As [`Element::forces`] where `pressure` (Pa, positive where it pulls) is added to that of
-    /// the law.
+    /// As [`Element::forces`] with the additional `pressure` (Pa, positive in tension).
     pub(crate) fn forces_with_pressure(
         &self,
         law: ConstitutiveModel,
@@ -234,8 +235,8 @@ impl Element {
         self.gradients().map(|g| stress * g * -self.volume)
     }
 
-    /// The first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, where `pressure` (Pa, positive
-    /// where it pulls) is added to that of the law.
+    /// Returns the first Piola–Kirchhoff stress P = ∂Ψ/∂F at F = `f`, Pa, with the additional
+    /// `pressure` (Pa, positive in tension).
     pub fn stress(&self, law: ConstitutiveModel, f: &DMat3, pressure: f64) -> DMat3 {
         let (j, c) = (f.determinant(), cofactor(f));
         let mu = self.lame_parameters[0];
@@ -248,12 +249,12 @@ impl Element {
         }
     }
 
-    /// The second derivatives of the energy by nodes a and b at `[a][b]`, N/m, exactly.
+    /// Returns the exact Hessian of the energy, N/m; the block of nodes a and b is at `[a][b]`.
     pub fn stiffness(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> ElementHessian {
         self.stiffness_with_pressure(law, corners, 0.0)
     }
 
-    /// As [`Element::stiffness`] under a pressure that stays.
+    /// As [`Element::stiffness`] under a constant pressure.
     pub(crate) fn stiffness_with_pressure(
         &self,
         law: ConstitutiveModel,
@@ -265,7 +266,7 @@ impl Element {
         let mut blocks = [[DMat3::ZERO; 4]; 4];
         for (b, gb) in gradients.iter().enumerate() {
             for (k, axis) in DVec3::AXES.iter().enumerate() {
-                // Node b moves along the axis.
+                // Displaces node b along the axis.
                 let change = DMat3::from_cols(*axis * gb.x, *axis * gb.y, *axis * gb.z);
                 let stress = self.stress_differential(law, &f, &change, pressure);
                 for (a, ga) in gradients.iter().enumerate() {
@@ -276,8 +277,9 @@ impl Element {
         blocks
     }
 
-    /// [`Element::stiffness`] with the negative eigenvalues of ∂P/∂F put to zero (Teran et al. 2005,
-    /// "Robust Quasistatic Finite Elements and Flesh Simulation", section 6).
+    /// Projected SPD Hessian: [`Element::stiffness`] with the negative eigenvalues of ∂P/∂F set to
+    /// zero (Teran et al. 2005, "Robust Quasistatic Finite Elements and Flesh Simulation", section
+    /// 6).
     pub fn projected_stiffness(
         &self,
         law: ConstitutiveModel,
@@ -286,7 +288,7 @@ impl Element {
         self.projected_stiffness_under(law, corners, 0.0)
     }
 
-    /// As [`Element::projected_stiffness`] under a pressure that stays.
+    /// As [`Element::projected_stiffness`] under a constant pressure.
     pub(crate) fn projected_stiffness_under(
         &self,
         law: ConstitutiveModel,
@@ -323,7 +325,7 @@ impl Element {
         blocks
     }
 
-    /// What its volume ratio `j` costs: the first and second derivatives of that energy, Pa.
+    /// Returns the first and second derivatives of the volumetric energy density at J = `j`, Pa.
     fn volumetric_derivatives(&self, j: f64) -> [f64; 2] {
         let [mu, lambda] = self.lame_parameters;
         let c = ((CRUSH_THRESHOLD_J - j) / CRUSH_THRESHOLD_J).clamp(0.0, 1.0);
@@ -333,7 +335,8 @@ impl Element {
         [lambda * (j - 1.0) - stop, lambda + more]
     }
 
-    /// How the stress P changes when F = `f` changes by `d`, under a pressure that stays.
+    /// Returns the differential of the stress P at F = `f` in the direction `d`, under a constant
+    /// pressure.
     fn stress_differential(
         &self,
         law: ConstitutiveModel,
@@ -373,30 +376,30 @@ fn edges(corners: &[DVec3; 4]) -> DMat3 {
     DMat3::from_cols(a - o, b - o, c - o)
 }
 
-/// |m|².
+/// The squared Frobenius norm |m|².
 fn norm_squared(m: &DMat3) -> f64 {
     double_dot(m, m)
 }
 
-/// a : b.
+/// The double contraction a : b.
 fn double_dot(a: &DMat3, b: &DMat3) -> f64 {
     (0..3).map(|k| a.col(k).dot(b.col(k))).sum()
 }
 
-/// ∂J/∂F.
+/// The cofactor matrix ∂J/∂F.
 fn cofactor(f: &DMat3) -> DMat3 {
     let [a, b, c] = [f.x_axis, f.y_axis, f.z_axis];
     DMat3::from_cols(b.cross(c), c.cross(a), a.cross(b))
 }
 
-/// How the cofactors of `f` change with it.
+/// The differential of the cofactor matrix at `f` in the direction `d`.
 fn cofactor_differential(f: &DMat3, d: &DMat3) -> DMat3 {
     let pair = |i: usize, j: usize| d.col(i).cross(f.col(j)) + f.col(i).cross(d.col(j));
     DMat3::from_cols(pair(1, 2), pair(2, 0), pair(0, 1))
 }
 
-/// F = R S with det R = 1 and S symmetric, of eigenvalues of which only the smallest is negative
-/// where F is inverted.
+/// Polar decomposition F = R S with det R = 1 and S symmetric; only the smallest eigenvalue of S is
+/// negative if F is inverted.
 pub(crate) fn polar_decomposition(f: &DMat3) -> (DMat3, DMat3) {
     let square = f.transpose() * *f;
     let rows: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| square.col(j)[i]));
@@ -413,7 +416,7 @@ pub(crate) fn polar_decomposition(f: &DMat3) -> (DMat3, DMat3) {
     (rotation, rotation.transpose() * *f)
 }
 
-/// Eigenvalues of a symmetric matrix, and its eigenvectors, one a row; by Jacobi's rotations.
+/// Eigenvalues of a symmetric matrix, and its eigenvectors as rows, by Jacobi rotations.
 pub(crate) fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N]; N]) {
     let mut v = [[0.0; N]; N];
     for (i, row) in v.iter_mut().enumerate() {

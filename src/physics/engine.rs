@@ -1,4 +1,4 @@
-//! What computes the steps of a body.
+//! The engines that compute the steps of a body, and their selection.
 
 use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
@@ -11,16 +11,16 @@ use crate::{Error, Result};
 use std::fmt;
 use std::str::FromStr;
 
-/// What computes the steps of a body.
+/// The engine that computes the steps of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Engine {
-    /// Compute passes on the graphics device.
+    /// Compute passes on the GPU.
     Gpu,
-    /// Threads of the processor.
+    /// Threads on the CPU.
     Cpu,
-    /// The soft bodies of rapier, a physics library, on a thread of the processor: with the
-    /// feature `rapier`.
+    /// The soft bodies of the physics library rapier, on a CPU thread; requires the feature
+    /// `rapier`.
     Rapier,
 }
 
@@ -34,18 +34,18 @@ impl fmt::Display for Engine {
     }
 }
 
-/// Which engine is wanted.
+/// The requested engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum EngineChoice {
-    /// The GPU where there is one, else the CPU.
+    /// The GPU if there is one, else the CPU.
     #[default]
     Auto,
-    /// This one.
+    /// The given engine.
     Exactly(Engine),
 }
 
 impl EngineChoice {
-    /// The engine to take beside `gpu`: an adapter that is a processor itself is none.
+    /// Resolves the choice for the device `gpu`; a software adapter does not count as a GPU.
     pub fn resolve(self, gpu: &Gpu) -> Engine {
         match self {
             EngineChoice::Exactly(engine) => engine,
@@ -72,11 +72,12 @@ impl FromStr for EngineChoice {
 }
 
 impl EngineChoice {
-    /// `mesh` made of `material`, at rest, stepped by `kind` on the engine that is wanted.
+    /// A simulator of `mesh` made of `material`, at rest, with the solver `kind`, on the chosen
+    /// engine.
     ///
     /// # Errors
-    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the mesh does not
-    /// fit the device.
+    /// [`Error::Input`] if a material parameter is out of range, [`Error::Gpu`] if the mesh does
+    /// not fit the device.
     pub fn build_tets(
         self,
         gpu: &Gpu,
@@ -89,11 +90,11 @@ impl EngineChoice {
         self.build_tets_from_model(gpu, (mesh, network), material, (kind, settings))
     }
 
-    /// The particles of `model`, at rest, drawn as `mesh`, on the engine that is wanted.
+    /// A simulator of the particles of `model`, at rest, drawn as `mesh`, on the chosen engine.
     ///
     /// # Errors
-    /// [`Error::Input`] for the mesh of another model or a damping that makes no sense,
-    /// [`Error::Gpu`] when the particles do not fit the device.
+    /// [`Error::Input`] if the mesh is not that of the model or the damping is out of range,
+    /// [`Error::Gpu`] if the particles do not fit the device.
     pub fn build_grid(
         self,
         gpu: &Gpu,
@@ -117,11 +118,11 @@ impl EngineChoice {
         })
     }
 
-    /// As [`EngineChoice::build_tets`], with masses and springs of one's own, and linear solves that
-    /// stop as the settings say.
+    /// As [`EngineChoice::build_tets`], with given masses and springs and the tolerances of the
+    /// linear solves.
     ///
     /// # Errors
-    /// As [`EngineChoice::build_tets`], and [`Error::Input`] when the springs are not the mesh's.
+    /// As [`EngineChoice::build_tets`], and [`Error::Input`] if the springs do not match the mesh.
     pub fn build_tets_from_model(
         self,
         gpu: &Gpu,
@@ -132,7 +133,7 @@ impl EngineChoice {
         if self == EngineChoice::Exactly(Engine::Rapier) {
             return rapier(gpu, (mesh, network), (kind, settings));
         }
-        // What only one engine has is taken from there, unless the other was asked for.
+        // Models supported by one engine only use that engine, unless the other was requested.
         let elements = &network.elements;
         let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind)
             || elements.volume == VolumetricFormulation::NodalAveraged;
@@ -165,7 +166,7 @@ fn rapier(
     Ok(Box::new(super::RapierTets::new(gpu, body, how)?))
 }
 
-/// The error of a build that has no rapier.
+/// The error of a build without rapier.
 #[cfg(not(feature = "rapier"))]
 fn rapier(
     _: &Gpu,

@@ -1,10 +1,11 @@
-//! Explicit Euler; the twin of `shaders/physics/explicit_euler.wgsl` and `physics::plain::steppers::explicit_euler`.
+//! Explicit Euler on the GPU; `shaders/physics/explicit_euler.wgsl`, with the reference
+//! `physics::plain::steppers::explicit_euler`.
 
 use super::integrator::{Integrator, Step, StepResources, Timing};
 use super::{GpuBody, SolverKind, moves};
 use crate::Result;
 
-/// Nothing but its pass.
+/// The scheme has no state besides its pass.
 #[derive(Debug)]
 pub struct Scheme;
 

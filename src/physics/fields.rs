@@ -1,15 +1,14 @@
-//! Fields of a body that follow from where its nodes are: strain and stress of each tet, in
-//! float64, computed when somebody asks.
+//! Derived fields of a body: strain and stress of each tet in float64, computed on request.
 //!
-//! With F the deformation gradient of a tet, J = det F and P = ∂Ψ/∂F of its law:
+//! With F the deformation gradient of a tet, J = det F and P = ∂Ψ/∂F of its constitutive model:
 //!
 //! - σ = P Fᵀ/J, the Cauchy stress (Bonet & Wood 2008, "Nonlinear Continuum Mechanics for Finite
-//!   Element Analysis", equation 5.45); stresses are those of the material alone, without what
-//!   muscles and damping add;
+//!   Element Analysis", equation 5.45); stresses are those of the passive material, without muscles
+//!   and damping;
 //! - `stress_1` ≥ `stress_2` ≥ `stress_3`, its eigenvalues, tension positive;
 //! - `von_mises` = √(3/2 s:s), s = σ − ⅓ tr σ I;
 //! - `strain`, the largest eigenvalue of the Green–Lagrange strain ½(FᵀF − I);
-//! - `energy_density` = Ψ, of the volume at rest.
+//! - `energy_density` = Ψ, per volume at rest.
 
 use super::elements::eigen;
 use super::{ConstitutiveModel, DiscreteModel, Element, Simulator};
@@ -20,36 +19,35 @@ use glam::{DMat3, DVec3};
 use std::fmt;
 use std::str::FromStr;
 
-/// |J| of a tet counts as at least this where its stress is computed, which it would have none
-/// without: flat tets have no volume to have stress in.
+/// Lower bound of |J| in the computation of stress, which is undefined for flat tets.
 const MIN_ABS_J: f64 = 1e-3;
 
-/// Strains below this are rounding, on engines that keep positions in float32.
+/// Strains below this are rounding errors on engines that store positions in float32.
 const F32_STRAIN_NOISE: f64 = 1e-5;
 
-/// A scalar that follows from where a body's nodes are.
+/// A scalar field derived from the node positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BodyField {
-    /// How far each node is from where it rested, in file units.
+    /// Distance of each node from its rest position, in file units.
     Displacement,
-    /// Von Mises' stress, Pa.
+    /// Von Mises stress, Pa.
     VonMises,
     /// The largest principal Cauchy stress, Pa.
     Stress1,
-    /// The middle one, Pa.
+    /// The middle principal Cauchy stress, Pa.
     Stress2,
-    /// The smallest, Pa.
+    /// The smallest principal Cauchy stress, Pa.
     Stress3,
     /// The largest principal Green–Lagrange strain.
     Strain,
-    /// J, volume over volume at rest.
+    /// Volume ratio J.
     J,
-    /// Elastic energy over volume at rest, J/m³.
+    /// Elastic energy per volume at rest, J/m³.
     EnergyDensity,
 }
 
 impl BodyField {
-    /// All of them.
+    /// All fields.
     pub const ALL: [BodyField; 8] = [
         BodyField::Displacement,
         BodyField::VonMises,
@@ -75,7 +73,7 @@ impl BodyField {
         }
     }
 
-    /// The unit of its values; none of those that are ratios.
+    /// The unit of its values; empty for ratios.
     pub fn unit(self) -> &'static str {
         match self {
             BodyField::Displacement => "in the mesh's unit",
@@ -85,7 +83,7 @@ impl BodyField {
         }
     }
 
-    /// Whether it follows from positions alone, whatever the body is made of.
+    /// Whether it depends on the positions only, not on the material.
     fn is_kinematic(self) -> bool {
         matches!(
             self,
@@ -93,10 +91,11 @@ impl BodyField {
         )
     }
 
-    /// Refuses bodies that have no such field.
+    /// Checks that the body has this field.
     ///
     /// # Errors
-    /// [`Error::Input`] for stress or energy of springs, of a grid, or of a mesh in a cage.
+    /// [`Error::Input`] for stress or energy of springs, of a grid, or of a mesh embedded in a
+    /// cage.
     pub fn check(self, body: &dyn Simulator) -> Result<()> {
         if self.is_kinematic() {
             return Ok(());
@@ -121,10 +120,11 @@ impl BodyField {
         }
     }
 
-    /// One value a tet of the body's mesh, read back; of displacements their mean's length.
+    /// Returns one value per tet of the body's mesh, from the state read back; for displacements,
+    /// the length of the mean.
     ///
     /// # Errors
-    /// As [`BodyField::check`], and what reading back gives.
+    /// As [`BodyField::check`], and errors of reading back.
     pub fn per_tet(self, body: &dyn Simulator) -> Result<Vec<f64>> {
         self.check(body)?;
         let Some(bodies) = body.bodies() else {
@@ -135,8 +135,8 @@ impl BodyField {
         Ok(each.collect::<Result<Vec<_>>>()?.concat())
     }
 
-    /// One value a node: means of those of the tets around it by volume at rest, but for
-    /// displacements, which are the nodes' own.
+    /// Returns one value per node: the mean over the tets around it, weighted by volume at rest;
+    /// for displacements, the node's own.
     ///
     /// # Errors
     /// As [`BodyField::per_tet`].
@@ -148,7 +148,7 @@ impl BodyField {
         Ok(body.mesh().volume_weighted_node_means(&self.per_tet(body)?))
     }
 
-    /// A difference of values that may be rounding.
+    /// Difference of values that may be a rounding error.
     pub fn noise_floor(self, body: &dyn Simulator) -> f64 {
         let stiffest = |network: &DiscreteModel| {
             let lame = network.elements.tets.iter().map(|e| e.lame_parameters[0]);
@@ -193,7 +193,7 @@ impl BodyField {
         };
         let metres: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
         let elements = &network.elements;
-        // What tets share with those around is known of all of them only.
+        // The averaged nodal volumes require all tets.
         let shared = match self {
             BodyField::EnergyDensity => elements.averaged_energy_densities(&metres),
             _ => elements.averaged_pressures(&metres),
@@ -209,7 +209,7 @@ impl BodyField {
         Ok(parallel::map(numbers.len(), |t| of_element(numbers[t])))
     }
 
-    /// Of what follows from F alone.
+    /// Evaluates a field that depends on F only.
     fn of_deformation(self, f: &DMat3) -> f64 {
         match self {
             _ if !f.is_finite() => f64::from(u8::from(self == BodyField::J)),
@@ -218,8 +218,9 @@ impl BodyField {
         }
     }
 
-    /// Of an element by itself with its nodes at `corners`, m; `shared` is what it has from those
-    /// around it: a pressure (Pa, positive where it pulls), or of energies one (J/m³).
+    /// Evaluates the field of an element with its nodes at `corners`, m; `shared` is the
+    /// contribution of the averaged nodal volumes: a pressure (Pa, positive in tension), or for
+    /// energies an energy density (J/m³).
     pub fn of_element(
         self,
         element: &Element,
@@ -267,13 +268,13 @@ impl FromStr for BodyField {
     }
 }
 
-/// F of a tet.
+/// Returns F of a tet.
 fn deformation(rest: &[DVec3; 4], now: &[DVec3; 4]) -> DMat3 {
     let edges = |p: &[DVec3; 4]| DMat3::from_cols(p[1] - p[0], p[2] - p[0], p[3] - p[0]);
     edges(now) * edges(rest).inverse()
 }
 
-/// Eigenvalues of a symmetric matrix, the largest first.
+/// Returns the eigenvalues of a symmetric matrix in descending order.
 fn principal_values(m: &DMat3) -> [f64; 3] {
     let columns = m.to_cols_array_2d();
     let symmetric =
@@ -283,8 +284,7 @@ fn principal_values(m: &DMat3) -> [f64; 3] {
     values
 }
 
-/// The number of the element that each tet of the mesh is; those without volume, and rigid ones,
-/// are none.
+/// Returns the element number of each tet of the mesh; `None` for degenerate and rigid tets.
 fn elements_of_tets(mesh: &TetMesh, elements: &[Element]) -> Vec<Option<usize>> {
     let mut left = elements.iter().enumerate().peekable();
     let of_tet = |tet: &[u32; 4]| left.next_if(|(_, e)| e.nodes == *tet).map(|(t, _)| t);

@@ -1,4 +1,4 @@
-//! Strain and stress against closed formulas.
+//! Tests of strain and stress against closed-form solutions.
 #![allow(clippy::unwrap_used)]
 
 use super::fields::BodyField;
@@ -14,7 +14,7 @@ const MU: f64 = YOUNG / (2.0 * (1.0 + POISSON));
 const LAMBDA: f64 = YOUNG * POISSON / ((1.0 + POISSON) * (1.0 - 2.0 * POISSON));
 const LAWS: [ConstitutiveModel; 2] = [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated];
 
-/// A tet of no special shape, deformed by `f` and moved: principal stresses, von Mises' stress,
+/// Fields of a generic tet, deformed by `f` and translated: principal stresses, von Mises stress,
 /// largest strain, J and energy density.
 fn fields(law: ConstitutiveModel, f: DMat3) -> [f64; 7] {
     let rest = [
@@ -37,7 +37,7 @@ fn fields(law: ConstitutiveModel, f: DMat3) -> [f64; 7] {
     .map(|field| field.of_element(&tet, (law, 0.0), &now))
 }
 
-/// Stresses and energies are compared over μ.
+/// Compares; stresses and energies relative to μ.
 #[track_caller]
 fn same(what: &str, found: [f64; 7], expected: [f64; 7]) {
     let sizes = [MU, MU, MU, MU, 1.0, 1.0, MU];
@@ -47,7 +47,7 @@ fn same(what: &str, found: [f64; 7], expected: [f64; 7]) {
     }
 }
 
-/// All of them from principal stresses, ascending or not, principal stretches and the energy.
+/// All fields from principal stresses in any order, principal stretches and the energy.
 fn of_principal(mut stress: [f64; 3], stretches: [f64; 3], energy: f64) -> [f64; 7] {
     stress.sort_by(|a, b| b.total_cmp(a));
     let [a, b, c] = stress;
@@ -64,7 +64,7 @@ fn uniform_stretch_has_the_stress_of_the_law_whichever_way_it_is_turned() {
         let j: f64 = x * y * z;
         let squares: f64 = stretches.iter().map(|s| s * s).sum();
         let bent: f64 = stretches.iter().map(|s| (s - 1.0).powi(2)).sum();
-        // Of Neo-Hookean material with λ' = λ + μ.
+        // Neo-Hookean material with λ' = λ + μ.
         let more = LAMBDA + MU;
         let neo = of_principal(
             stretches.map(|s| MU * s * s / j + more * (j - 1.0) - MU),
@@ -85,7 +85,7 @@ fn uniform_stretch_has_the_stress_of_the_law_whichever_way_it_is_turned() {
         }
         if x == y {
             for law in LAWS {
-                // Equal all ways, but for rounding.
+                // Isotropic stretch: the von Mises stress vanishes up to rounding.
                 assert!(fields(law, DMat3::from_diagonal(stretches.into()))[3] < 1e-12 * MU);
             }
         }
@@ -126,7 +126,7 @@ fn turned_bodies_have_no_stress() {
             fields(law, turn),
             [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
         );
-        // A stretch by a billionth is seen.
+        // A stretch by one billionth is detected.
         let bent = turn * DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.0 + 1e-9));
         assert!(fields(law, bent)[3] > 1e-10 * MU);
     }
@@ -154,7 +154,7 @@ fn means_around_nodes_keep_what_is_constant_and_what_is_linear() {
     let nodes = mesh.volume_weighted_node_means(&cells);
     let mut inside = 0;
     for (p, mean) in mesh.nodes.iter().zip(&nodes) {
-        // The tets around a node inside lie opposite each other.
+        // The tets around an interior node lie opposite each other.
         if p.min_element() > 0.001 && p.max_element() < 0.099 {
             assert!((mean - along(*p)).abs() < 1e-12);
             inside += 1;
@@ -165,8 +165,8 @@ fn means_around_nodes_keep_what_is_constant_and_what_is_linear() {
     assert!(ones.iter().all(|x| (x - 7.0).abs() < 1e-12));
 }
 
-/// What each tet shares with those around it makes up the whole, and where F is the same everywhere
-/// it is as if each had its own.
+/// The shared energies sum to the total, and for uniform F each tet has the values it would have by
+/// itself.
 #[test]
 fn shared_volumes_are_in_stress_and_energy() {
     let mesh = box_mesh([3, 2, 2], DVec3::new(0.3, 0.2, 0.2), Split::Six).unwrap();

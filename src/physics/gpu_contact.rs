@@ -1,10 +1,11 @@
-//! Tools as the GPU has them, and the boundary that they press on; the twin of
-//! `shaders/lib/tool.wgsl` and `shaders/terms/contact.wgsl`.
+//! Tools and the boundary surface on the GPU; the CPU side of `shaders/lib/tool.wgsl` and
+//! `shaders/terms/contact.wgsl`.
 //!
-//! Points that tools are kept from are those of the engine on the CPU (`cpu/contact_hull.rs`): the
-//! nodes of the boundary, and lattices within faces that are large beside a tool. A pass over faces
-//! makes forces and blocks of the latter, one over nodes adds up what is around each. Where tools are
-//! is theirs to say: they go on with steps that were sound, as no one on the CPU knows at the time.
+//! Contact points are those of the CPU engine (`cpu/contact_hull.rs`): the boundary nodes, and
+//! lattices of points within faces that are large compared with a tool. A pass over faces computes
+//! forces and blocks of the latter; a pass over nodes sums the contributions around each node. The
+//! GPU stores the tool poses, because it advances them with accepted steps, and the CPU does not
+//! yet know which steps were accepted.
 
 use super::contact::{Shape, Tool, ToolMotion};
 use super::cpu::{
@@ -72,24 +73,25 @@ pub(super) mod gpu_data {
     }
 }
 
-/// Texels of a face, and of a node.
+/// Texels per face, and per node.
 const FACE_TEXELS: usize = 15;
 pub(super) const NODE_TEXELS: usize = 3;
 
-/// No face on that side of an edge.
+/// Marks an edge without a second face.
 const NO_FACE: u32 = u32::MAX;
 
-/// A step is refused that leaves a point inside a tool by more than this part of the tool's size, or
-/// of the edges of the boundary.
+/// Maximum penetration of an accepted step, over the smaller of the tool's size and the boundary's
+/// edge length.
 const MAX_PENETRATION_RATIO: f64 = 0.02;
 
-/// Tools that move push at first from this part of an edge of the boundary on.
+/// Initial activation distance of moving tools, over the boundary's edge length.
 const INITIAL_ACTIVATION_DISTANCE: f64 = 0.1;
 
-/// In a stage a tool goes this part of an edge of the boundary at most, and of half of its thickness.
+/// Maximum motion of a tool per stage, over the smaller of the boundary's edge length and half of
+/// the tool's thickness.
 const MAX_STAGE_STEP: f64 = 0.5;
 
-/// The tools of a body, and its boundary.
+/// The tools of a body, and its boundary surface.
 pub(super) struct GpuContact {
     gpu: Gpu,
     hull: BoundarySurface,
@@ -104,13 +106,13 @@ pub(super) struct GpuContact {
     pub edge_faces: Array,
     pub faces: Array,
     pub node_contributions: Array,
-    /// The speed below which friction holds.
+    /// The speed threshold ε of static friction.
     pub least_speed: f64,
-    /// Tools that move push from so far away at first.
+    /// The initial activation distance of moving tools.
     pub wide: f64,
 }
 
-/// What was said of a tool, its shape in local units, and the count of its jumps.
+/// A tool as given, its shape in local units, and its teleport count.
 #[derive(Debug)]
 struct ToolRecord {
     shape: Shape,
@@ -127,7 +129,7 @@ impl std::fmt::Debug for GpuContact {
     }
 }
 
-/// The lists that the arrays of a boundary are made of.
+/// The lists from which the arrays of a boundary are created.
 struct Lists {
     corners: Vec<[u32; 4]>,
     weights: Vec<f32>,
@@ -180,7 +182,7 @@ impl Lists {
     }
 }
 
-/// The boundary `faces` of `network`, local units.
+/// The boundary surface of the faces `faces` of `network`, in local units.
 pub(super) fn boundary_surface(
     network: &DiscreteModel,
     faces: &[[u32; 3]],
@@ -196,11 +198,11 @@ pub(super) fn boundary_surface(
 }
 
 impl GpuContact {
-    /// `tools` where `loads` have them, on the boundary `faces` of the body that `network` and
-    /// `elements` are.
+    /// `tools` with the poses in `loads`, on the boundary `faces` of the body of `network` and
+    /// `elements`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when the arrays do not fit the device.
+    /// [`Error::Gpu`] if the arrays do not fit the device.
     pub fn new(
         gpu: &Gpu,
         (network, elements, units): (&DiscreteModel, &GpuElements, &LocalUnits),
@@ -257,8 +259,7 @@ impl GpuContact {
         self.known.iter().any(|tool| tool.friction > 0.0)
     }
 
-    /// Says where the tools are to be at the end of the next step, and puts those elsewhere that are
-    /// to be there at once.
+    /// Sets the tool targets at the end of the next step, and teleports tools whose count changed.
     pub fn set_tool_targets(&mut self, loads: &Loads) {
         for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
             let Some(known) = self.known.get_mut(k) else {
@@ -269,7 +270,7 @@ impl GpuContact {
         }
     }
 
-    /// Puts the tools where they go, as they are when steps go on from a state.
+    /// Puts the tools at their targets, as needed after restoring a state.
     pub fn reset_tools(&mut self, loads: &Loads) {
         for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
             if let Some(known) = self.known.get_mut(k) {
@@ -294,11 +295,12 @@ impl GpuContact {
         }
     }
 
-    /// The force of the body on each tool, and its moment about the origin of the tool's shape: local
-    /// units, in float64, at local positions and velocities after a step of `time`.
+    /// Returns the force of the body on each tool and its moment about the origin of the tool's
+    /// shape, in local units, computed in float64 from local positions and velocities after a step
+    /// of `time`.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     pub fn reactions(
         &self,
         [positions, velocities]: [&[[f32; 4]]; 2],
@@ -333,7 +335,7 @@ impl GpuContact {
         plain
     }
 
-    /// How far nodes at local positions are from where they rest.
+    /// Displacements of nodes at local positions from their rest positions.
     pub fn displacements(&self, positions: &[[f32; 4]]) -> Vec<[f64; 4]> {
         let moved = |([x, y, z, _], rest): (&[f32; 4], &DVec3)| {
             let u = DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) - *rest;
@@ -342,13 +344,13 @@ impl GpuContact {
         positions.iter().zip(&self.hull.rest).map(moved).collect()
     }
 
-    /// Binds what `terms/contact` declares in a program.
+    /// Binds the declarations of `terms/contact` in a program.
     pub fn bind<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
         pass.read(&self.node_contributions)
     }
 }
 
-/// Place and turn of a pose as the GPU has them.
+/// Position and rotation of a pose in the GPU's format.
 fn placed(loads: &Loads, pose: &ToolPose) -> [[f32; 4]; 2] {
     let (frame, _) = loads.frame_and_unit();
     let place = frame.to_local(pose.place());
@@ -356,7 +358,7 @@ fn placed(loads: &Loads, pose: &ToolPose) -> [[f32; 4]; 2] {
     [place.extend(0.0).to_array(), turn.map(|x| x as f32)]
 }
 
-/// A tool that stands somewhere; the values of its field go to those of the others.
+/// The data of a tool in its pose; appends the values of its distance field to those of the others.
 fn tool_data(
     known: &ToolRecord,
     edge: f64,
@@ -364,7 +366,7 @@ fn tool_data(
     values: &mut Vec<f32>,
 ) -> gpu_data::Tool {
     let shape = &known.shape;
-    // Of planes, which have none of these.
+    // Planes have infinite values here.
     let most = |x: f64| x.min(f64::from(f32::MAX)) as f32;
     let (mut low, mut grid) = ([0.0; 4], [0; 4]);
     let numbers = match shape {
@@ -415,10 +417,10 @@ fn tool_data(
 }
 
 impl GpuBody {
-    /// Refuses tools on a body that the GPU cannot step with them.
+    /// Checks that the GPU supports tools on this body.
     ///
     /// # Errors
-    /// [`Error::Input`] for rigid regions.
+    /// [`Error::Input`] for a body with rigid regions.
     pub(super) fn check_tools(&self) -> Result<()> {
         match self.rigid {
             None => Ok(()),
@@ -428,10 +430,10 @@ impl GpuBody {
         }
     }
 
-    /// What it exerts on each tool after steps of `dt` seconds.
+    /// Returns the reaction on each tool after steps of `dt` seconds.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     pub(super) fn tool_forces(&self, dt: f64) -> Result<Vec<Reaction>> {
         let Some(contact) = &self.contact else {
             return Ok(Vec::new());
@@ -449,10 +451,10 @@ impl GpuBody {
         Ok(local.iter().map(reaction).collect())
     }
 
-    /// Has `tools` press on its boundary `faces`, from where its loads have them.
+    /// Sets the tools that press on the boundary `faces`, with the poses in the loads.
     ///
     /// # Errors
-    /// As [`GpuBody::check_tools`]; [`Error::Gpu`] when the arrays do not fit the device.
+    /// As [`GpuBody::check_tools`]; [`Error::Gpu`] if the arrays do not fit the device.
     pub(super) fn set_tools(&mut self, tools: &[Tool], faces: &[[u32; 3]]) -> Result<()> {
         self.check_tools()?;
         let Some(elements) = &self.elements else {

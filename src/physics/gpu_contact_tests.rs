@@ -1,4 +1,4 @@
-//! The kernels of tools one by one against their float64 form, on random states.
+//! Tests of the contact kernels one by one against their float64 form, on random states.
 #![allow(clippy::unwrap_used)]
 
 use super::contact::{DistanceField, ToolMotion};
@@ -13,7 +13,7 @@ use bytemuck::Zeroable;
 use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
-/// Repeatable numbers in −1..1.
+/// Reproducible pseudo-random numbers in −1..1.
 fn vectors(count: usize, seed: u64, size: f64) -> Vec<DVec3> {
     let mut state = seed;
     let mut next = || {
@@ -29,7 +29,7 @@ fn vectors(count: usize, seed: u64, size: f64) -> Vec<DVec3> {
 
 const DT: f64 = 0.01;
 
-/// One of each shape, about as large as an edge of the block, or many of them.
+/// One of each shape, about one or many edges of the block in size.
 fn shapes() -> Vec<Shape> {
     let [sphere, capsule] = [0.21, 0.12].map(|radius| (radius, 0.3));
     let mesh = ball(0.2, 12).unwrap();
@@ -62,8 +62,8 @@ fn block() -> TetMesh {
     box_mesh([5, 4, 3], DVec3::new(1.0, 0.8, 0.6), Split::Five).unwrap()
 }
 
-/// A disturbed block, with `shape` a little inside its top, or so far above that, turned and on its
-/// way.
+/// A perturbed block, with a rotated and moving `shape` slightly inside its top, or at the given
+/// height above it.
 fn pressed(
     gpu: &Gpu,
     shape: Shape,
@@ -95,7 +95,7 @@ fn pressed(
         Shape::Sdf(_) => 0.2,
         Shape::Plane => 0.0,
     };
-    // A plane looks up at the block, from above it has all of it inside.
+    // A plane facing the block from above would contain all of it.
     let (height, turn) = match &shape {
         Shape::Plane => (0.61, DQuat::from_axis_angle(DVec3::X, 3.0)),
         _ => (0.59 + deep + above, DQuat::from_scaled_axis(0.2 * axis)),
@@ -120,7 +120,7 @@ fn pressed(
     (body, id)
 }
 
-/// The same in float64: displacements, velocities and ways of tools as f32 made them.
+/// The reference in float64: displacements, velocities and tool motions as rounded to f32.
 struct Truth {
     u: Vec<[f64; 4]>,
     v: Vec<[f64; 4]>,
@@ -156,14 +156,14 @@ fn truth(gpu: &Gpu, body: &GpuBody) -> Truth {
     }
 }
 
-/// Moved by velocities for a time.
+/// Displaces by the velocities over a time.
 fn moved(u: &[[f64; 4]], v: &[[f64; 4]], h: f64) -> Vec<[f64; 4]> {
     let both = u.iter().zip(v);
     both.map(|(u, v)| [0, 1, 2, 3].map(|k| u[k] + h * v[k]))
         .collect()
 }
 
-/// The largest difference over the largest size.
+/// Largest difference relative to the largest magnitude.
 fn worst(found: &[[f64; 4]], truth: &[[f64; 4]]) -> f64 {
     let length = |v: [f64; 4]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     let size = truth.iter().map(|t| length(*t)).fold(0.0, f64::max);
@@ -176,7 +176,7 @@ fn worst(found: &[[f64; 4]], truth: &[[f64; 4]]) -> f64 {
     ) / size
 }
 
-/// Has the tools of a step at their ends, as in its last iterations.
+/// Puts the tools at the end of their motion in the step, as in its last iterations.
 fn at_the_end(gpu: &Gpu, body: &GpuBody) {
     let contact = body.contact.as_ref().unwrap();
     let mut tools: Vec<ToolData> = gpu.read_buffer(&contact.tools).unwrap();
@@ -205,7 +205,7 @@ fn timing(body: &GpuBody) -> Timing {
     }
 }
 
-/// What every pass of a step sees.
+/// The inputs of every pass of a step.
 fn parts<'a>(
     solver: &'a ImplicitEuler,
     body: &'a GpuBody,
@@ -216,7 +216,7 @@ fn parts<'a>(
         .unwrap()
 }
 
-/// The rows of faces and nodes times `p`, as the solve takes them.
+/// Multiplies the rows of faces and nodes by `p`, as in the linear solve.
 fn product(gpu: &Gpu, body: &GpuBody, p: &[[f64; 4]]) -> Vec<[f64; 4]> {
     let contact = body.contact.as_ref().unwrap();
     let shares: Vec<[f32; 4]> = gpu.read_array(&contact.node_contributions).unwrap();
@@ -280,13 +280,13 @@ fn forces_and_blocks_of_tools_match_float64() {
                 .reference()
                 .forces(&at.u, [&end, &at.v], scene, (h, &p));
             let off = worst(&found, &f);
-            // The way in which it slides is the difference of turns and places.
+            // The sliding velocity is a difference of rotations and positions, with cancellation.
             let most = if friction > 0.0 { 2e-4 } else { 5e-6 };
             assert!(off < most, "{shape:?} {friction}: {off}");
             let own = product(&gpu, &body, &p);
             let off = worst(&own, &y);
             assert!(off < most, "{shape:?} {friction}: {off}");
-            // The comparison can fail: the tool would be where it came from.
+            // Sensitivity check: with the tool at its start the comparison fails.
             let stays = at.paths.iter().map(|path| ToolMotion {
                 to: path.from,
                 ..*path
@@ -372,7 +372,7 @@ fn points_go_as_far_as_in_float64() {
         at_the_end(&gpu, &body);
         let at = truth(&gpu, &body);
         let h = f64::from(with.dt);
-        // Up, so that some would go through.
+        // Upwards, so that some points would pass through.
         let ways: Vec<[f32; 4]> = vectors(at.u.len(), seed + 3, 0.05 / h)
             .iter()
             .zip(&at.free)
@@ -398,7 +398,7 @@ fn points_go_as_far_as_in_float64() {
             .collision_free_fraction([&start, &end], &at.free, &at.paths);
         assert!(way > 0.0 && way < 0.9, "{shape:?}: {way}");
         assert!((found - way).abs() < 2e-4, "{shape:?}: {found} {way}");
-        // The comparison can fail.
+        // Sensitivity check of the comparison.
         let end = moved(&start, &ways, 1.1 * h);
         let other =
             contact

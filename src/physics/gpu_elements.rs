@@ -1,8 +1,8 @@
-//! Finite elements as a term on the GPU; the twin of `shaders/terms/elements.wgsl`,
+//! Finite elements as a term on the GPU; the CPU side of `shaders/terms/elements.wgsl`,
 //! `shaders/lib/tets.wgsl` and the passes over tets.
 //!
-//! A pass over tets makes the forces on the four corners of each; the pass that gathers all forces
-//! of a node adds them up, through rows of the corners at each node.
+//! A pass over tets computes the forces on the four corners of each; the pass that gathers all
+//! forces of a node sums them through rows of the corners at each node.
 
 use super::gpu_contact::GpuContact;
 use super::gpu_springs::GpuSprings;
@@ -48,13 +48,13 @@ mod gpu_data {
 }
 use gpu_data::{CurvatureParams, EdgeParams, ElementParams, TetForceParams};
 
-/// Texels of the curvature of a tet.
+/// Texels per tet of the Hessian data.
 const CURVATURE_TEXELS: usize = 8;
 
-/// Texels of a directed edge in the matrix.
+/// Texels per directed edge of the matrix.
 const BLOCK_TEXELS: usize = 3;
 
-/// What an edge block, an incidence and the work on a tet weigh beside a visit to a spring.
+/// Cost of an edge block, an incidence and a tet, over that of a spring visit.
 const TET_COST_IN_SPRINGS: u32 = 4;
 
 /// The finite elements of a body.
@@ -67,15 +67,15 @@ pub(super) struct GpuElements {
     rest: Array,
     rows: Array,
     corners: Array,
-    /// Of the springs, which are the edges of the mesh; those of elements where there are rigid
-    /// bodies.
+    /// Rows of the edges: those of the springs (the mesh edges), or with rigid bodies those of the
+    /// elements.
     edge_rows: Array,
     edge_columns: Array,
     matrix_texels: usize,
-    /// Of bodies with rigid ones: the row of each node among these.
+    /// With rigid bodies: the row of each node in `edge_rows`.
     edge_row_of: Vec<u32>,
     edges: Array,
-    /// Their two nodes.
+    /// The two nodes of each edge.
     ends: Vec<[u32; 2]>,
     around: Array,
     tet_forces: Array,
@@ -83,7 +83,7 @@ pub(super) struct GpuElements {
     damping_time: f32,
 }
 
-/// The lists that the arrays are made of.
+/// The lists from which the arrays are created.
 struct Lists {
     tets: Vec<[u32; 4]>,
     shapes: Vec<[f32; 4]>,
@@ -96,7 +96,7 @@ struct Lists {
 
 impl GpuElements {
     /// The elements of `network`, whose nodes rest at the local positions `rest` and whose edges
-    /// are `springs`; none where it has none.
+    /// are `springs`; `None` if it has no elements.
     pub fn new(
         gpu: &Gpu,
         network: &DiscreteModel,
@@ -118,7 +118,7 @@ impl GpuElements {
                 "there are more tets than 32-bit indices allow; use a coarser mesh".into(),
             ));
         }
-        // Within rigid bodies nothing resists: their edges are left out.
+        // Edges within rigid bodies are left out, because they carry no elastic force.
         let own = match elements.rigid.is_empty() {
             true => None,
             false => Some(edges_of(network)?),
@@ -150,7 +150,7 @@ impl GpuElements {
             edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
             ends: lists.ends,
             around: gpu.array_of("tets around edges", Texel::U32, &lists.around)?,
-            // One more, of which nothing but zero comes.
+            // One additional entry that stays zero.
             tet_forces: array("forces of tets", 4 * count + 1)?,
             params: ElementParams {
                 drag: (elements.mass_damping * units.time) as f32,
@@ -160,12 +160,12 @@ impl GpuElements {
         }))
     }
 
-    /// α in local units: of a force −α m v on every node.
+    /// α of the force −α m v on every node, in local units.
     pub fn mass_damping(&self) -> f32 {
         self.params.drag
     }
 
-    /// The rows of edges, their columns, and the row of each node; of bodies with rigid ones.
+    /// The edge rows, their columns, and the row of each node if there are rigid bodies.
     pub fn edges(&self) -> (&Array, &Array, &[u32]) {
         (&self.edge_rows, &self.edge_columns, &self.edge_row_of)
     }
@@ -175,22 +175,22 @@ impl GpuElements {
         &self.ends
     }
 
-    /// Where the nodes rest.
+    /// Rest positions of the nodes.
     pub fn rest(&self) -> &Array {
         &self.rest
     }
 
-    /// How many there are.
+    /// Number of tets.
     pub fn count(&self) -> u32 {
         self.count
     }
 
-    /// Texels that [`GpuElements::curvature_pass`] writes.
+    /// Number of texels that [`GpuElements::curvature_pass`] writes.
     pub fn curvature_texels(&self) -> usize {
         CURVATURE_TEXELS * self.count as usize
     }
 
-    /// The name of the file of its law in `shaders/terms`.
+    /// The name of its constitutive model's file in `shaders/terms`.
     pub fn law(&self) -> &'static str {
         match self.law {
             ConstitutiveModel::NeoHookean => "neo_hookean",
@@ -198,12 +198,12 @@ impl GpuElements {
         }
     }
 
-    /// Binds what passes composed with the law read of the tets.
+    /// Binds the tet data of passes composed with the constitutive model.
     pub fn bind_law<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
         pass.read(&self.tets).read(&self.shapes).read(&self.rest)
     }
 
-    /// The curvatures of all tets at `positions`.
+    /// Builds the pass that computes the Hessian data of all tets at `positions`.
     pub fn curvature_pass(
         &self,
         gpu: &Gpu,
@@ -225,8 +225,8 @@ impl GpuElements {
         self.bind_law(pass).dispatch_items(self.count)
     }
 
-    /// The blocks of the matrix from `curvatures`, and of tools if there are any, for a step of `dt`
-    /// in local units.
+    /// Builds the pass that computes the matrix blocks from `curvatures`, and those of tools if
+    /// any, for a step of `dt` in local units.
     pub fn block_pass(
         &self,
         gpu: &Gpu,
@@ -282,7 +282,7 @@ impl GpuTerm for GpuElements {
         }
     }
 
-    /// The forces of the tets.
+    /// Builds the pass that computes the tet forces.
     fn prepare_forces(
         &self,
         gpu: &Gpu,
@@ -314,7 +314,7 @@ impl GpuTerm for GpuElements {
     }
 }
 
-/// The edges of the elements of `network`, both ways.
+/// The directed edges of the elements of `network`, in sliced ELLPACK.
 fn edges_of(network: &DiscreteModel) -> Result<SlicedEllpack> {
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest_positions.len()];
     for element in &network.elements.tets {
@@ -340,7 +340,7 @@ impl Lists {
             ends: Vec::new(),
             around: Vec::new(),
         };
-        // Every edge with the tets around it: number and the corners at its two ends.
+        // Each edge with its incident tets: tet number and local corners of the two ends.
         let mut edges: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
         for (e, element) in network.elements.tets.iter().enumerate() {
             let e = e as u32;

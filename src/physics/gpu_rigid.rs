@@ -1,9 +1,9 @@
-//! Rigid bodies as the GPU has them; the twin of `shaders/lib/rigid.wgsl` and
+//! Rigid bodies on the GPU; the CPU side of `shaders/lib/rigid.wgsl` and
 //! `shaders/lib/rigid_members.wgsl`.
 //!
-//! Poses are no state of their own: each step finds them from positions and puts the nodes back
-//! where their shape at rest has them, so that whatever sets positions (scenes, checkpoints, cuts,
-//! callers) sets poses, and shapes do not wear out.
+//! Poses are not part of the state: each step fits them to the positions and projects the nodes
+//! back to their rigid shape. Setting positions (by scenes, checkpoints, cuts or callers) therefore
+//! sets the poses, and shapes do not drift.
 
 use super::Loads;
 use super::gpu_elements::GpuElements;
@@ -14,14 +14,14 @@ use crate::gpu::{Array, Gpu, PassBuilder, Texel};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// No node.
+/// Marks the absence of a node.
 const NONE: u32 = u32::MAX;
 
 /// The rigid bodies of a body.
 #[derive(Debug)]
 pub(super) struct GpuRigid {
     bodies: Vec<RigidBodyRecord>,
-    /// From each node's body's centre of mass at rest; local units.
+    /// Rest positions relative to the centre of mass of the node's body, in local units.
     lever_arms: Vec<DVec3>,
     /// Node and row of each member.
     members: Vec<[u32; 2]>,
@@ -31,18 +31,18 @@ pub(super) struct GpuRigid {
     range_array: Array,
 }
 
-/// What does not change of a body.
+/// Constant data of a rigid body.
 #[derive(Debug)]
 struct RigidBodyRecord {
     moments: MassProperties,
-    /// Its first member, and how many there are.
+    /// First member and number of members.
     members: [u32; 2],
-    /// Three nodes that are far apart.
+    /// Three nodes far apart.
     reference_nodes: [u32; 3],
 }
 
-/// What is asked of a body: how it can move, the node that it turns about, and whether nodes of it
-/// follow targets.
+/// Constraints of a body: its degrees of freedom, the node it rotates about, and whether any of its
+/// nodes follow targets.
 struct RigidConstraint {
     freedom: DegreesOfFreedom,
     anchor: u32,
@@ -50,11 +50,11 @@ struct RigidConstraint {
 }
 
 impl GpuRigid {
-    /// Those of `network`, if there are any: free.
+    /// The rigid bodies of `network`, unconstrained; `None` if it has none.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body without mass, a flat one, or of nodes that are not there or
-    /// another's; [`Error::Gpu`] when the arrays do not fit the device.
+    /// [`Error::Input`] if a body is massless or flat, or its nodes do not exist or belong to
+    /// another; [`Error::Gpu`] if the arrays do not fit the device.
     pub fn new(
         gpu: &Gpu,
         network: &DiscreteModel,
@@ -106,18 +106,18 @@ impl GpuRigid {
         Ok(Some(made))
     }
 
-    /// How many there are.
+    /// Number of rigid bodies.
     pub fn count(&self) -> u32 {
         self.bodies.len() as u32
     }
 
-    /// How many nodes they have.
+    /// Number of their nodes.
     pub fn node_count(&self) -> u32 {
         self.members.len() as u32
     }
 
-    /// Writes how the bodies can move under `loads`, and into `masses`, those of all nodes and
-    /// their inverses, the inverses at their nodes: below zero where the body moves.
+    /// Uploads the degrees of freedom of the bodies under `loads`, and writes into `masses` (masses
+    /// and inverse masses of all nodes) the inverses at their nodes: negative where the body moves.
     pub fn write_constraints(
         &self,
         gpu: &Gpu,
@@ -172,12 +172,12 @@ impl GpuRigid {
         }
     }
 
-    /// Binds what passes composed with `terms/rigid` read of the bodies.
+    /// Binds the data of passes composed with `terms/rigid`.
     pub fn bind<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
         pass.read(&self.arm_array).read(&self.shape_array)
     }
 
-    /// Binds what passes over the bodies' nodes read of them.
+    /// Binds the data of passes over the nodes of the bodies.
     pub fn bind_members<'a>(&'a self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
         let pass = self.bind(pass);
         pass.read(&self.member_array).read(&self.range_array)
@@ -212,7 +212,7 @@ fn shape(moments: &MassProperties, freedom: DegreesOfFreedom) -> [[f32; 4]; 4] {
     ]
 }
 
-/// Three of `nodes` that are far apart, and not in a line.
+/// Picks three of `nodes` that are far apart and not collinear.
 fn spread_nodes(nodes: &[u32], arms: &[DVec3]) -> [u32; 3] {
     let arm = |v: u32| arms[v as usize];
     let most = |measure: &dyn Fn(DVec3) -> f64| {

@@ -1,4 +1,4 @@
-//! Springs as a term on the GPU; the twin of `shaders/terms/springs.wgsl`.
+//! Springs as a term on the GPU; the CPU side of `shaders/terms/springs.wgsl`.
 
 use super::Damping;
 use super::gpu_terms::{GpuTerm, ProgramPart};
@@ -23,13 +23,13 @@ mod gpu_data {
 }
 use gpu_data::SpringParams;
 
-/// The springs of every node, as sliced rows of directed edges.
+/// The springs of every node in sliced ELLPACK rows of directed edges.
 #[derive(Debug)]
 pub(super) struct GpuSprings {
     pub rows: Array,
     pub columns: Array,
     springs: Array,
-    /// What the three arrays hold.
+    /// CPU copy of the three arrays.
     kept: SlicedEllpack,
     params: SpringParams,
 }
@@ -57,13 +57,13 @@ impl GpuSprings {
         })
     }
 
-    /// The rows as they are uploaded.
+    /// The CPU copy of the rows.
     pub fn host_rows(&self) -> &SlicedEllpack {
         &self.kept
     }
 
-    /// Follows a cut that put the springs `new` in place of those at the nodes that it doubled,
-    /// of a body of `nodes` nodes now.
+    /// Applies a cut that replaced the springs at duplicated nodes by `new`; the body has `nodes`
+    /// nodes now.
     pub fn apply_cut(
         &mut self,
         gpu: &Gpu,
@@ -81,7 +81,7 @@ impl GpuSprings {
         put(gpu, &self.springs, &replaced.springs, &kept.springs)
     }
 
-    /// Takes all springs from `network` anew.
+    /// Rebuilds all springs from `network`.
     pub fn rebuild(
         &mut self,
         gpu: &Gpu,
@@ -96,7 +96,7 @@ impl GpuSprings {
         gpu.write_array(&self.springs, &self.kept.springs)
     }
 
-    /// Makes the arrays as long as what is kept of them here.
+    /// Resizes the arrays to the CPU copy.
     fn resize_arrays(&mut self, gpu: &Gpu) -> Result<()> {
         let kept = &self.kept;
         gpu.resize(&mut self.rows, "rows", kept.rows.len())?;
@@ -105,8 +105,8 @@ impl GpuSprings {
         Ok(())
     }
 
-    /// All springs of every node that has one at a node the cut has doubled: those that stay, and
-    /// those that are `new`.
+    /// Returns the complete spring lists of every node with a spring at a duplicated node:
+    /// unchanged springs and those of `new`.
     fn lists_around(
         &self,
         cut: &TetCut,
@@ -115,7 +115,7 @@ impl GpuSprings {
     ) -> Vec<(u32, Vec<DirectedSpring>)> {
         let mut touched = vec![false; nodes];
         cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
-        // One more than the place of each node's list, 0 where it has none.
+        // Index of each node's list plus one; 0 if it has none.
         let mut place = vec![0u32; nodes];
         let mut lists: Vec<(u32, Vec<DirectedSpring>)> = Vec::new();
         for (node, directed) in new {
@@ -152,7 +152,7 @@ impl GpuTerm for GpuSprings {
         }
     }
 
-    /// One a directed spring.
+    /// One texel per directed spring.
     fn matrix_texels(&self) -> usize {
         self.springs.len() as usize
     }
@@ -162,7 +162,7 @@ impl GpuTerm for GpuSprings {
     }
 }
 
-/// Sends the items of `kept` at `places`.
+/// Uploads the items of `kept` at `places`.
 fn put<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, places: &[u32], kept: &[T]) -> Result<()> {
     let items: Vec<T> = places.iter().map(|p| kept[*p as usize]).collect();
     gpu.scatter_items(array, places, &items)

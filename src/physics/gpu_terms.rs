@@ -1,5 +1,5 @@
-//! How terms come into the passes that they are composed with: each binds what its file in
-//! `shaders/terms` declares there.
+//! Binding of energy terms to the passes they are composed with: each term binds the declarations
+//! of its file in `shaders/terms`.
 
 use super::GpuBody;
 use crate::Result;
@@ -12,32 +12,32 @@ pub(super) enum ProgramPart<'a> {
     Forces,
     /// `physics/implicit_euler_begin`.
     System {
-        /// What the matter keeps of the matrix, written here or before.
+        /// The terms' data of the system matrix, written here or before.
         matrix: &'a Array,
-        /// Those at the beginning of the step.
+        /// The velocities at the start of the step.
         velocities: &'a Array,
     },
     /// `physics/implicit_euler_direction`.
     Product {
-        /// What the matter keeps of the matrix.
+        /// The terms' data of the system matrix.
         matrix: &'a Array,
-        /// The preconditioner, and the blocks that terms add to nodes.
+        /// The preconditioner, and the diagonal blocks that terms add to nodes.
         blocks: &'a Array,
     },
 }
 
-/// A term as the GPU has it.
+/// An energy term on the GPU.
 pub(super) trait GpuTerm {
     /// The name of its file in `shaders/terms`.
     fn name(&self) -> &'static str;
 
-    /// Binds what that file declares in a program, in its order.
+    /// Binds the declarations of that file in a program, in their order.
     fn bind<'a>(&'a self, pass: PassBuilder<'a>, part: ProgramPart<'a>) -> PassBuilder<'a>;
 
-    /// What has to be done before forces are gathered at a state.
+    /// Returns the passes needed before forces are gathered at a state.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn prepare_forces(
         &self,
         _gpu: &Gpu,
@@ -48,15 +48,15 @@ pub(super) trait GpuTerm {
         Ok(None)
     }
 
-    /// Texels that it keeps of the matrix of an implicit step, for [`ProgramPart::System`].
+    /// Texels of its data of the system matrix of an implicit step, for [`ProgramPart::System`].
     fn matrix_texels(&self) -> usize;
 
-    /// Texels of its lists: what a visit of every node costs.
+    /// Texels of its lists: the cost of visiting every node.
     fn texels(&self) -> u32;
 }
 
 impl GpuBody {
-    /// The term that resists deformation.
+    /// The term of elastic deformation.
     pub(super) fn material_term(&self) -> &dyn GpuTerm {
         match &self.elements {
             Some(elements) => elements,
@@ -64,12 +64,12 @@ impl GpuBody {
         }
     }
 
-    /// The shader `name`, composed with all terms but tools.
+    /// The shader `name` composed with all terms except tools.
     pub(super) fn shader_name(&self, name: &str) -> String {
         self.named(name, self.material_term().name())
     }
 
-    /// The shader `name`, composed with all terms, and with tools where these count.
+    /// The shader `name` composed with all terms; with tools if `tools`.
     pub(super) fn shader_name_with_contact(&self, name: &str, tools: bool) -> String {
         match tools && self.contact.is_some() {
             true => self.shader_name(name) + " contact",
@@ -77,14 +77,14 @@ impl GpuBody {
         }
     }
 
-    /// The shader `name`, composed with `first` and the terms that act on each node by itself.
+    /// The shader `name` composed with `first` and the node terms.
     pub(super) fn named(&self, name: &str, first: &str) -> String {
         let terms = self.terms().iter().map(|t| t.name());
         let words = [name, first].into_iter().chain(terms);
         words.collect::<Vec<_>>().join(" ")
     }
 
-    /// Binds what all terms declare, in the order of [`GpuBody::shader_name_with_contact`].
+    /// Binds the declarations of all terms, in the order of [`GpuBody::shader_name_with_contact`].
     pub(super) fn bind_pressed<'a>(
         &'a self,
         pass: PassBuilder<'a>,
@@ -98,7 +98,7 @@ impl GpuBody {
         }
     }
 
-    /// Binds what all terms declare, in the order of [`GpuBody::shader_name`].
+    /// Binds the declarations of all terms, in the order of [`GpuBody::shader_name`].
     pub(super) fn bind_terms<'a>(
         &'a self,
         pass: PassBuilder<'a>,

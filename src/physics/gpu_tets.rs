@@ -1,4 +1,4 @@
-//! A body of tets that is stepped on the GPU.
+//! The [`Simulator`] implementation of tetrahedral bodies stepped on the GPU.
 
 use super::cpu::check_contact;
 use super::{
@@ -14,7 +14,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A [`GpuBody`], the mesh it is made of, and its [`Solver`].
+/// A [`GpuBody`] with its mesh and its [`Solver`].
 pub struct GpuTets {
     gpu: Gpu,
     mesh: TetMesh,
@@ -22,7 +22,7 @@ pub struct GpuTets {
     body: GpuBody,
     solver: Box<dyn Solver>,
     tools: Vec<Tool>,
-    /// Length of the last steps asked for, s.
+    /// Length of the last requested steps, s.
     dt: f64,
     progress: StepProgress,
 }
@@ -36,7 +36,7 @@ pub struct TetState {
 }
 
 impl GpuTets {
-    /// `mesh` made of `material`, at rest, stepped by `kind`.
+    /// A simulator of `mesh` made of `material`, at rest, with the solver `kind`.
     ///
     /// # Errors
     /// As [`GpuBody::new`].
@@ -46,10 +46,10 @@ impl GpuTets {
         GpuTets::of_body(mesh, body, solver)
     }
 
-    /// `body`, made of `mesh`, and the solver made for it.
+    /// A simulator of `body`, built from `mesh`, and its solver.
     ///
     /// # Errors
-    /// [`Error::Input`] when `mesh` has another number of nodes.
+    /// [`Error::Input`] if `mesh` has a different number of nodes.
     pub fn of_body(mesh: TetMesh, body: GpuBody, solver: Box<dyn Solver>) -> Result<GpuTets> {
         body.check_mesh(&mesh)?;
         Ok(GpuTets {
@@ -69,7 +69,7 @@ impl GpuTets {
         &self.body
     }
 
-    /// The faces of the boundary, by their nodes.
+    /// The boundary faces by their nodes.
     fn boundary(&self) -> Vec<[u32; 3]> {
         let faces = self.topology.boundary.iter();
         let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
@@ -110,7 +110,7 @@ impl Simulator for GpuTets {
         if !self.tools.is_empty() {
             check_contact("tools", self.body.network(), kind)?;
         }
-        // What was asked of the solver there was, and what became of it, goes with it.
+        // Requested steps and results of the old solver are dropped with it.
         self.solver = match kind {
             SolverKind::Implicit => Box::new(ImplicitEuler::with(&self.gpu, &self.body, settings)?),
             kind => kind.solver(&self.gpu, &self.body)?,

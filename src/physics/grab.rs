@@ -1,4 +1,4 @@
-//! Grabbing: nodes that follow a target, exactly or by springs with a limit.
+//! Grabs: nodes that follow a target exactly, or are pulled by springs with a force limit.
 
 use super::reactions::GrabbedNode;
 use super::state::{GrabState, GrabsState};
@@ -8,19 +8,19 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Farther than so many sizes of the body from its middle no target makes sense.
+/// Maximum distance of a target from the body's centre, in body sizes.
 const MAX_TARGET_DISTANCE: f64 = 100.0;
 
-/// How a grab holds its nodes.
+/// The kind of constraint by which a grab holds its nodes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum GrabMode {
-    /// The nodes keep their places around the target, whatever pulls at them.
+    /// The nodes keep their offsets from the target exactly, whatever the forces.
     Follow,
-    /// A spring from each node to its place around the target.
+    /// A spring from each node to its offset from the target.
     Spring {
-        /// κ of all springs together, N/m.
+        /// Total stiffness of all springs, N/m.
         stiffness: f64,
-        /// The largest force of all springs together, N.
+        /// Maximum total force of all springs, N.
         limit: f64,
     },
 }
@@ -36,31 +36,31 @@ impl fmt::Display for GrabMode {
     }
 }
 
-/// Names a grab of a body.
+/// Identifies a grab of a body.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize,
 )]
 pub struct GrabId(u32);
 
 impl GrabId {
-    /// The grab of this number.
+    /// The grab with this number.
     pub(super) fn from_raw(number: u32) -> GrabId {
         GrabId(number)
     }
 }
 
-/// Nodes and what they follow.
+/// The nodes of a grab and its target.
 #[derive(Clone, Debug)]
 pub(super) struct Grab {
     pub nodes: Vec<u32>,
-    /// From the target to each node's place, in file units.
+    /// Offset of each node from the target, in file units.
     pub offsets: Vec<DVec3>,
     pub target: DVec3,
     pub grip: GrabMode,
 }
 
 impl Grab {
-    /// Each of its nodes, and what holds it.
+    /// Its nodes with their constraints.
     pub fn held(&self) -> impl Iterator<Item = GrabbedNode> {
         let share = self.nodes.len() as f64;
         let grip = match self.grip {
@@ -96,12 +96,12 @@ impl Grabs {
         }
     }
 
-    /// Each of them.
+    /// Iterates over the grabs.
     pub(super) fn iter(&self) -> impl Iterator<Item = &Grab> {
         self.grabs.values()
     }
 
-    /// Grabs the nodes within `radius` of `centre` that `free` allows; file units.
+    /// Grabs the nodes within `radius` of `centre` for which `free` is true; file units.
     pub(super) fn add(
         &mut self,
         positions: &[DVec3],
@@ -150,7 +150,7 @@ impl Grabs {
         Ok(id)
     }
 
-    /// Moves the target of a grab; file units. Whether it was elsewhere before.
+    /// Moves the target of a grab, in file units. Returns whether it has changed.
     pub(super) fn set_target(&mut self, id: GrabId, target: DVec3) -> Result<bool> {
         let far = target.distance(self.frame.origin) > MAX_TARGET_DISTANCE * self.frame.scale;
         if !target.is_finite() || far {
@@ -169,13 +169,13 @@ impl Grabs {
         Ok(moved)
     }
 
-    /// What one of them holds.
+    /// The nodes held by a grab.
     pub(super) fn held_by(&self, id: GrabId) -> Result<Vec<GrabbedNode>> {
         let grab = self.grabs.get(&id).ok_or_else(unknown_grab_error)?;
         Ok(grab.held().collect())
     }
 
-    /// All of them, to be kept.
+    /// The serialisable state of all grabs.
     pub(super) fn state(&self) -> GrabsState {
         let held = self.grabs.iter().map(|(id, grab)| GrabState {
             id: *id,
@@ -190,7 +190,7 @@ impl Grabs {
         }
     }
 
-    /// Takes over what [`Grabs::state`] gave of a body of so many nodes.
+    /// Restores a state from [`Grabs::state`] for a body with `nodes` nodes.
     pub(super) fn set_state(&mut self, state: &GrabsState, nodes: usize) -> Result<()> {
         let strange = |held: &GrabState| {
             held.nodes.len() != held.offsets.len()
@@ -216,25 +216,25 @@ impl Grabs {
         Ok(())
     }
 
-    /// Lets go. Returns how many nodes were held.
+    /// Releases a grab. Returns the number of its nodes.
     pub(super) fn release(&mut self, id: GrabId) -> Result<usize> {
         let grab = self.grabs.remove(&id).ok_or_else(unknown_grab_error)?;
         Ok(grab.nodes.len())
     }
 
-    /// Whether anything is grabbed.
+    /// Whether there are any grabs.
     pub(super) fn any(&self) -> bool {
         !self.grabs.is_empty()
     }
 
-    /// The nodes that follow exactly.
+    /// The nodes that follow a target exactly.
     pub(super) fn held(&self) -> impl Iterator<Item = u32> {
         let follow = self.grabs.values().filter(|g| g.grip == GrabMode::Follow);
         follow.flat_map(|g| g.nodes.iter().copied())
     }
 }
 
-/// The error of a grab that is not there.
+/// The error for an unknown grab.
 pub(super) fn unknown_grab_error() -> Error {
     Error::Input("there is no such grab, or it was released".into())
 }

@@ -1,7 +1,7 @@
-//! The nodes that grabs hold or draw, as lists on the GPU.
+//! Lists of grabbed nodes on the GPU.
 //!
-//! A target holds from one recording of steps to the next; whoever moves it fast records few steps
-//! at a time.
+//! A target is constant within a recording of steps; a caller that moves it fast should record few
+//! steps at a time.
 
 use super::Loads;
 use super::grab::GrabMode;
@@ -23,7 +23,7 @@ mod gpu_data {
     }
 }
 
-/// The lists, as of some version of the loads.
+/// The lists, valid for one version of the loads.
 #[derive(Debug, Default)]
 pub(super) struct GrabLists {
     /// Versions of grabs and forces.
@@ -79,12 +79,12 @@ impl GrabLists {
         })
     }
 
-    /// Whether springs draw nodes.
+    /// Whether there are spring grabs.
     pub fn has_springs(&self) -> bool {
         self.drawn.is_some()
     }
 
-    /// The pass that puts the nodes that follow where they are to be.
+    /// The pass that sets followed nodes to their targets.
     pub fn hold_pass(&self, gpu: &Gpu, positions: &Array) -> Result<Option<Pass>> {
         let Some([numbers, places]) = &self.held else {
             return Ok(None);
@@ -101,7 +101,7 @@ impl GrabLists {
         Ok(Some(pass))
     }
 
-    /// The pass that writes the springs' pull at `positions` into the external forces.
+    /// The pass that adds the spring forces at `positions` to the external forces.
     pub fn draw_pass(
         &self,
         gpu: &Gpu,

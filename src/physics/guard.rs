@@ -1,4 +1,4 @@
-//! What the GPU notes of every step, and what becomes of it on the CPU. The twin of
+//! Step status and history written by the GPU, and their evaluation on the CPU. The CPU side of
 //! `shaders/lib/status.wgsl`.
 
 use super::units::LocalUnits;
@@ -6,7 +6,7 @@ use super::{DiscreteModel, GpuBody, NodeTerm, SolverKind, largest_stable_step, l
 use crate::{Error, FailureCause};
 use std::sync::Arc;
 
-/// Steps in the history ring.
+/// Number of steps in the history ring.
 pub(super) const HISTORY: u32 = 1024;
 
 pub(super) mod gpu_data {
@@ -32,14 +32,14 @@ use gpu_data::Status;
 
 const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
-/// What is told of tools that the body cannot get out of the way of.
+/// Message for tools that the body cannot yield to.
 pub(super) const TOOLS_OVERCONSTRAINED_MESSAGE: &str = "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far";
 const PIERCED: u32 = 4;
 
-/// How far a solver came.
+/// Progress of a solver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepProgress {
-    /// Steps completed since the solver was made.
+    /// Steps completed since the solver was created.
     pub steps: u64,
     /// Simulated time, s.
     pub time: f64,
@@ -47,16 +47,16 @@ pub struct StepProgress {
     pub last: StepRecord,
 }
 
-/// One step, as the GPU noted it.
+/// Record of one step, written by the GPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepRecord {
-    /// Iterations of conjugate gradients; 0 for explicit solvers.
+    /// Conjugate gradient iterations; 0 for explicit solvers.
     pub iterations: u32,
     /// Their relative residual, √(rᵀD⁻¹r / bᵀD⁻¹b) with D the diagonal blocks.
     pub residual: f64,
-    /// Energy of motion, J (in f32; of Verlet: of the mean velocity over the step).
+    /// Kinetic energy, J (in f32; for Verlet, of the mean velocity over the step).
     pub kinetic: f64,
-    /// Energy in the springs, J (in f32).
+    /// Elastic energy of the springs, J (in f32).
     pub elastic: f64,
 }
 
@@ -71,14 +71,14 @@ impl StepRecord {
     }
 }
 
-/// Steps recorded and the time they take, to know the time of a number of steps.
+/// Recorded steps and their lengths, to convert a step count to time.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Clock {
-    /// Steps and their length, oldest first.
+    /// Numbers of steps and their length, oldest first.
     runs: Vec<(u64, f64)>,
-    /// Steps and time before the first of them.
+    /// Number of steps and time before `runs`.
     past: (u64, f64),
-    /// The lower 32 bits are what the GPU counts.
+    /// Number of completed steps; the GPU counts its lower 32 bits.
     completed: u64,
 }
 
@@ -90,7 +90,7 @@ impl Clock {
         }
     }
 
-    /// Takes note of the GPU's count.
+    /// Updates the completed count from the GPU's counter.
     pub fn complete(&mut self, count: u32) {
         self.completed += u64::from(count.wrapping_sub(self.completed as u32));
         while let Some((steps, dt)) = self.runs.first().copied()
@@ -102,14 +102,14 @@ impl Clock {
         }
     }
 
-    /// Forgets steps that were recorded but will not be done.
+    /// Drops recorded steps that will not be executed.
     pub fn rebase(&mut self) {
         self.past = (self.completed, self.time());
         let dt = self.dt();
         self.runs = vec![(0, dt)];
     }
 
-    /// Whether its numbers can be those of a clock: it was read from a file.
+    /// Whether the values are consistent; they may come from a file.
     pub fn is_valid(&self) -> bool {
         let total = self
             .runs
@@ -122,7 +122,7 @@ impl Clock {
         self.completed
     }
 
-    /// Steps that will have been done when all recorded are.
+    /// Step count after all recorded steps.
     pub fn recorded(&self) -> u64 {
         self.past.0 + self.runs.iter().map(|run| run.0).sum::<u64>()
     }
@@ -157,7 +157,7 @@ impl Status {
         }
     }
 
-    /// The error that the GPU found, if it did.
+    /// The error that the GPU recorded, if any.
     pub fn error(&self, kind: SolverKind, clock: &Clock, body: &GpuBody) -> Option<Error> {
         if self.failed == 0 {
             return None;
@@ -196,16 +196,16 @@ impl Status {
     }
 }
 
-/// How often its energy at the start and the work done since a body may have. Near the limit of
-/// stability the energy of a stable explicit scheme swings: of symplectic Euler by
-/// (2 + hω)/(2 − hω), which is 39 at the 0.95 of the limit that is advised. An instability passes
-/// any factor.
+/// Maximum energy of a body, over its initial energy plus the work done since. Near the stability
+/// limit the energy of a stable explicit scheme oscillates: for symplectic Euler by the factor (2 +
+/// hω)/(2 − hω), which is 39 at the recommended 0.95 of the limit. An instability exceeds any
+/// factor.
 pub(super) const ENERGY_FACTOR: f64 = 50.0;
 
-/// Energy, of one node at local units, below which nothing is called a runaway: rounding.
+/// Energy per node in local units below which no divergence is reported, because of rounding.
 pub(super) const ENERGY_FLOOR: f64 = 1e-9;
 
-/// What to change where steps of `dt` seconds failed.
+/// Advice for failed steps of `dt` seconds.
 pub(super) fn time_step_advice(
     kind: SolverKind,
     dt: f64,
@@ -231,10 +231,10 @@ pub(super) fn time_step_advice(
     }
 }
 
-/// `x` with two significant digits, not more than `x`.
+/// Rounds `x` down to two significant digits.
 fn floor_to_digits(x: f64) -> f64 {
     let unit = 10f64.powf(x.log10().floor() - 1.0);
-    // Through text, to shed the binary dust of the multiplication.
+    // Via text, to remove the binary rounding error of the multiplication.
     format!("{:.1e}", (x / unit).floor() * unit)
         .parse()
         .unwrap_or(x)

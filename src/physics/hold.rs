@@ -1,35 +1,35 @@
-//! Where a body is held when nobody said: at an end with enough behind it.
+//! Choice of the clamped end of a body without supports: an end with a sufficient cross-section.
 
 use glam::DVec3;
 
-/// An end is firm where its mean cross-section is at least this share of the body's own.
+/// Minimum mean cross-section of a clamped end, over that of the body.
 const MIN_RELATIVE_SECTION: f64 = 0.35;
-/// Shares of an axis that are tried, thinnest first.
+/// Fractions of an axis that are tried, smallest first.
 const SLAB_FRACTIONS: [f64; 5] = [0.05, 0.1, 0.15, 0.2, 0.25];
-/// Axes along which the body is shorter than this share of its longest are tried last.
+/// Axes along which the body is shorter than this fraction of its longest extent are tried last.
 const MIN_AXIS_RATIO: f64 = 0.5;
-/// Fewer nodes than this hold nothing.
+/// Minimum number of clamped nodes.
 const MIN_CLAMPED_NODES: usize = 3;
 
-/// A held end of a body.
+/// A clamped end of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClampedEnd {
     /// Its nodes.
     pub nodes: Vec<u32>,
-    /// The axis across which it lies: 0, 1 or 2.
+    /// Its normal axis: 0, 1 or 2.
     pub axis: usize,
     /// Whether it is the upper end of that axis.
     pub upper: bool,
-    /// The share of the bounds along the axis that it takes up.
+    /// Its fraction of the bounds along the axis.
     pub axis_fraction: f64,
     /// Its mean cross-section over the body's.
     pub relative_section: f64,
 }
 
 impl ClampedEnd {
-    /// The end that holds nodes at `points` with these masses best: a flat one of the longest axis
-    /// (the lower of two alike), else of the next, else the lowest part along `down`, thick
-    /// enough that it is no tip. `among` are the nodes looked at.
+    /// Chooses the best end to clamp for nodes at `points` with these masses: a flat end of the
+    /// longest axis (the lower of two equal ones), else of the next axis, else the lowest part
+    /// along `down`, thick enough not to be a tip. Only the nodes `among` are considered.
     pub fn from_points(points: &[DVec3], masses: &[f64], among: &[u32], down: DVec3) -> ClampedEnd {
         let places: Vec<DVec3> = among.iter().map(|v| points[*v as usize]).collect();
         let (low, high) = crate::mesh::bounds(&places);
@@ -60,10 +60,10 @@ impl ClampedEnd {
             }
         };
         let mut axes = [0, 1, 2];
-        // Stable: among equals x goes first, as in `max_position`.
+        // The sort is stable: x comes first among equals, as in `max_position`.
         axes.sort_by(|a, b| extent[*b].total_cmp(&extent[*a]));
         let longest = extent.max_element();
-        // Where a body stands or hangs along an axis, only its lower end will do.
+        // Along an axis on which the body stands or hangs, only its lower end is suitable.
         let stands = |axis: usize| down.normalize_or_zero()[axis].abs() > 0.9;
         let best_of = |axis: usize, share: f64| {
             let ends = [slab(axis, false, share), slab(axis, true, share)];
@@ -105,8 +105,9 @@ impl ClampedEnd {
         }
     }
 
-    /// As [`ClampedEnd::from_points`], of the largest piece that `ties` between nodes hold together; nodes
-    /// of the ends of the other pieces are added, so that none falls. Also the number of pieces.
+    /// As [`ClampedEnd::from_points`] for the largest component connected by `ties` between nodes;
+    /// adds nodes at the ends of the other components, so that none falls. Also returns the number
+    /// of components.
     pub fn of_largest_component(
         points: &[DVec3],
         masses: &[f64],
@@ -129,8 +130,8 @@ impl ClampedEnd {
         (held, pieces.len())
     }
 
-    /// The direction across the end in which a load bends the body most visibly: −z, or −y where
-    /// the end lies across z.
+    /// The direction of a load across the end that bends the body most: −z, or −y if the end is
+    /// normal to z.
     pub fn load_direction(&self) -> DVec3 {
         match self.axis {
             2 => DVec3::NEG_Y,
@@ -152,7 +153,7 @@ impl std::fmt::Display for ClampedEnd {
     }
 }
 
-/// The pieces into which `count` nodes fall that are tied two by two.
+/// The connected components of `count` nodes connected by pairs.
 fn connected_components(count: usize, ties: impl Iterator<Item = [u32; 2]>) -> Vec<Vec<u32>> {
     let mut parent: Vec<u32> = (0..count as u32).collect();
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
@@ -183,7 +184,7 @@ mod tests {
         ClampedEnd::from_points(points, &masses, &all, DVec3::NEG_Z)
     }
 
-    /// Points of a grid that lie inside.
+    /// The points of a grid that lie inside.
     fn points(size: [usize; 3], inside: impl Fn(DVec3) -> bool) -> Vec<DVec3> {
         let [nx, ny, nz] = size;
         let all = (0..nx * ny * nz)

@@ -1,12 +1,14 @@
-//! Tools in the implicit steps of finite elements; the twin of `shaders/physics/contact_*.wgsl`.
+//! Tool contact in the implicit steps of finite elements; the CPU side of
+//! `shaders/physics/contact_*.wgsl`.
 //!
-//! A step without tools is one Newton iteration. With tools it is as many as it takes: after every
-//! few iterations of conjugate gradients come passes that do nothing until these are done, and then
-//! try what was solved for, take it or cut it short, and make the next system there. So steps take
-//! what they need of what was recorded, and go on with what is recorded next.
+//! A step without tools is one Newton iteration; with tools it takes as many as needed. After every
+//! few conjugate gradient iterations come passes that do nothing until the solve is done, then
+//! perform the line search (accept or shorten the direction) and assemble the next system there.
+//! Steps thus consume as many of the recorded passes as they need, and continue in those recorded
+//! next.
 //!
-//! Tools go their way in stages. What touches one follows it to its next stage as if the barrier were
-//! a spring both ways, for one iteration; from then on the barrier is what it is.
+//! Tools move in stages. Points in contact follow a tool to its next stage as if the barrier were a
+//! two-sided spring, for one iteration; after that the actual barrier applies.
 
 use super::GpuBody;
 use super::gpu_contact::{GpuContact, NODE_TEXELS, gpu_data::ContactStepState};
@@ -94,18 +96,18 @@ use gpu_data::{
     TakeParams, TrialParams, TurnParams, WayParams,
 };
 
-/// What steps keep of tools.
+/// Arrays and passes of tool contact in a step.
 #[derive(Debug)]
 pub(super) struct ContactPasses {
     trial_positions: Array,
     trial_velocities: Array,
-    /// Velocities by which friction takes normal forces.
+    /// Velocities at which the normal forces of lagged friction are evaluated.
     pub friction_velocities: Array,
     pub step_bounds: wgpu::Buffer,
     slopes: wgpu::Buffer,
 }
 
-/// What of a body its passes read.
+/// Inputs of the contact passes.
 #[derive(Clone, Copy)]
 pub(super) struct ContactContext<'a> {
     pub core: &'a StepResources,
@@ -113,25 +115,25 @@ pub(super) struct ContactContext<'a> {
     pub elements: &'a GpuElements,
     pub contact: &'a GpuContact,
     pub start: &'a InitialState,
-    /// Local units.
+    /// Step in local units.
     pub dt: f32,
 }
 
-/// The vectors and scalars of the linear solve that they see.
+/// Vectors and scalars of the linear solve that the contact passes read.
 #[derive(Clone, Copy)]
 pub(super) struct LinearSolveContext<'a> {
     pub solution: &'a [Array; 2],
     pub scalars: &'a wgpu::Buffer,
     pub rz_partials: &'a wgpu::Buffer,
     pub matrix: &'a Array,
-    /// With the residual that it began with, in rows from `right` on.
+    /// Also holds the initial residual, in rows from `right` on.
     pub preconditioner: &'a Array,
     pub right: u32,
     pub max_iterations: u32,
 }
 
 impl<'a> ContactContext<'a> {
-    /// The state that iterations go on from: the candidate of the step.
+    /// The state of the Newton iteration: the candidate of the step.
     fn state(&self) -> [&'a Array; 2] {
         [&self.core.next_positions, &self.core.next_velocities]
     }
@@ -145,7 +147,7 @@ impl<'a> ContactContext<'a> {
         self.core.groups * self.core.workgroup
     }
 
-    /// What `lib/contact` declares.
+    /// Binds the declarations of `lib/contact`.
     fn bind(&self, pass: PassBuilder<'a>) -> PassBuilder<'a> {
         let contact = self.contact;
         pass.read(self.body.nodes().array())
@@ -155,7 +157,7 @@ impl<'a> ContactContext<'a> {
             .read(&contact.fields)
     }
 
-    /// What tools exert on faces and nodes that have moved with these velocities.
+    /// Passes that compute the contact forces on faces and nodes moved with these velocities.
     pub fn force_passes(
         &self,
         steps: &'a ContactPasses,
@@ -197,7 +199,7 @@ impl<'a> ContactContext<'a> {
 }
 
 impl ContactPasses {
-    /// For a body that `contact` presses on.
+    /// For the body on which `contact` acts.
     pub fn new(core: &StepResources, contact: &GpuContact) -> Result<ContactPasses> {
         let (gpu, nodes) = (
             &core.gpu,
@@ -214,7 +216,7 @@ impl ContactPasses {
         })
     }
 
-    /// Before the start of a step is picked.
+    /// The pass before the start of a step is selected.
     pub fn init_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let pass = with.core.gpu.pass("physics/contact_open");
         pass.write(&with.contact.tools)
@@ -226,8 +228,8 @@ impl ContactPasses {
             .dispatch_items(1)
     }
 
-    /// From the picked start, whose velocities are the first direction, to its system, made by the
-    /// pass `begin`.
+    /// Passes from the selected start, whose velocities are the first direction, to its system,
+    /// assembled by the pass `begin`.
     pub fn first_system_passes(
         &self,
         with: &ContactContext<'_>,
@@ -240,7 +242,7 @@ impl ContactPasses {
             self.trial(with)?,
             self.accept_pass(with)?,
         ];
-        // The forces of tets, which do not depend on tools.
+        // The forces of tets do not depend on tools.
         let elements = with.core.force_passes(with.body, x, v, true)?;
         let tets = elements.len() - 1;
         passes.extend(elements.into_iter().take(tets));
@@ -248,7 +250,7 @@ impl ContactPasses {
         Ok(passes)
     }
 
-    /// What comes between every few iterations of conjugate gradients.
+    /// Passes after every few conjugate gradient iterations.
     pub fn newton_passes(
         &self,
         with: &ContactContext<'_>,
@@ -291,7 +293,7 @@ impl ContactPasses {
         Ok(passes)
     }
 
-    /// After the iterations recorded for a step.
+    /// The pass after the iterations recorded for a step.
     pub fn finish(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let pass = with.core.gpu.pass("physics/contact_finish");
         pass.write(&with.contact.tools)
@@ -300,7 +302,7 @@ impl ContactPasses {
             .dispatch_items(1)
     }
 
-    /// The system at the state that was taken, where the forces of tets are known.
+    /// Assembles the system at the accepted state, where the forces of tets are known.
     fn system(
         &self,
         with: &ContactContext<'_>,
@@ -334,7 +336,7 @@ impl ContactPasses {
         Ok(passes)
     }
 
-    /// How far along the direction points may go.
+    /// The CCD pass: the collision-free fraction of the direction.
     pub fn ccd_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let params = WayParams {
             faces: with.contact.corners.len(),

@@ -1,11 +1,11 @@
-//! Implicit Euler after Baraff & Witkin; the twin of `shaders/physics/implicit_euler*.wgsl` and
-//! `physics::plain::steppers::implicit_euler`.
+//! Implicit Euler after Baraff & Witkin on the GPU; `shaders/physics/implicit_euler*.wgsl`, with
+//! the reference `physics::plain::steppers::implicit_euler`.
 //!
-//! A step sets up the system (one pass), runs conjugate gradients (two passes an iteration, the
-//! sums of either half added up at the start of the next), and moves the nodes. Iterations are
-//! dispatched indirectly: a gate before every eight of them lets nothing through once the answer
-//! is there. Where the iterations recorded for a step are not enough, the next ones recorded go on
-//! with it.
+//! A step assembles the system (one pass), runs conjugate gradients (two passes per iteration; the
+//! partial sums of each half are added up at the start of the next), and moves the nodes.
+//! Iterations are dispatched indirectly: a gate before every eight of them sets their workgroups to
+//! zero once the solve has converged. A solve that needs more iterations than were recorded for its
+//! step continues in those recorded next.
 
 use super::gpu_terms::ProgramPart;
 use super::implicit_contact::{ContactContext, ContactPasses, LinearSolveContext};
@@ -72,21 +72,21 @@ mod gpu_data {
 }
 use gpu_data::{AdvanceParams, BeginParams, CgParams, CgScalars, GateParams};
 
-/// Movement in one step, in units of the body's extent, that f32 positions do not show.
+/// Motion per step, over the body's extent, below the resolution of f32 positions.
 const MIN_VISIBLE_MOVE: f32 = 1e-9;
 
-/// When conjugate gradients stop. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal
-/// blocks.
+/// Stopping criteria of conjugate gradients. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the
+/// diagonal blocks.
 ///
-/// The default tolerance, 10⁻³, costs a swinging bar (`benches/steps.rs`) 1.5 · 10⁻⁵ of its
-/// way in 60 steps; 10⁻² costs 2 · 10⁻⁴ of it and two thirds of the iterations.
+/// With the default tolerance 10⁻³ the error of an oscillating bar (`benches/steps.rs`) after 60
+/// steps is 1.5 · 10⁻⁵ of its path; with 10⁻² it is 2 · 10⁻⁴, for two thirds of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CgSettings {
-    /// The residual to reach.
+    /// Target residual.
     pub tolerance: f64,
-    /// The residual that is still taken when the iterations run out; above it the step fails.
+    /// Residual still accepted when the iterations run out; above it the step fails.
     pub acceptable: f64,
-    /// Iterations a step at most.
+    /// Maximum number of iterations per step.
     pub max_iterations: u32,
 }
 
@@ -100,19 +100,19 @@ impl Default for CgSettings {
     }
 }
 
-/// The linear system and the vectors of conjugate gradients, each vector twice for ping-pong.
+/// The linear system and the vectors of conjugate gradients; each vector is double-buffered.
 #[derive(Debug)]
 pub struct ImplicitEulerScheme {
     settings: CgSettings,
-    /// What the matter keeps of it.
+    /// The terms' data of the system matrix.
     matrix: Array,
-    /// Where the steps of finite elements start from.
+    /// Start selection for finite elements.
     start: Option<InitialState>,
-    /// What is kept of rigid bodies, if there are any.
+    /// Rigid bodies, if any.
     rigid: Option<RigidPasses>,
-    /// What is kept of tools, if there are any.
+    /// Tool contact, if any.
     contact: Option<ContactPasses>,
-    /// Two texels a node; two more where the body has terms beside the springs.
+    /// Two texels per node; two more if the body has terms besides the springs.
     preconditioner: Array,
     pub(super) product: Array,
     solution: [Array; 2],
@@ -126,10 +126,10 @@ pub struct ImplicitEulerScheme {
 }
 
 impl Stepper<ImplicitEulerScheme> {
-    /// A solver for `body` whose conjugate gradients stop as `settings` say.
+    /// A solver for `body` with these stopping criteria of conjugate gradients.
     ///
     /// # Errors
-    /// [`Error::Input`] for settings that make no sense; otherwise as [`Stepper::new`].
+    /// [`Error::Input`] if a setting is out of range; otherwise as [`Stepper::new`].
     pub fn with(gpu: &Gpu, body: &GpuBody, settings: CgSettings) -> Result<Self> {
         let CgSettings {
             tolerance,
@@ -277,7 +277,7 @@ impl Integrator for ImplicitEulerScheme {
         }
         let (mut take_over, mut settle) = (Vec::new(), Vec::new());
         match &pushed {
-            // The candidate is what its iterations came to.
+            // The result of the iterations is the candidate state.
             Some((steps, with)) => settle.push(steps.finish(with)?),
             None => settle.extend(self.finish(core, body, timing, &params)?),
         }
@@ -315,8 +315,8 @@ impl Integrator for ImplicitEulerScheme {
     }
 }
 
-/// Texels of the preconditioner, of what terms add to the blocks of the nodes, and of the right side
-/// where tools press.
+/// Texels of the preconditioner, of the diagonal blocks of node terms, and with tools of the
+/// right-hand side.
 fn blocks(body: &GpuBody) -> usize {
     let kept = match body.contact {
         Some(_) => body.node_count(),
@@ -325,19 +325,19 @@ fn blocks(body: &GpuBody) -> usize {
     rhs_offset(body) as usize + kept
 }
 
-/// The texel behind the blocks of the nodes, where the right side begins.
+/// The texel after the diagonal blocks, where the right-hand side begins.
 fn rhs_offset(body: &GpuBody) -> u32 {
     let of_terms = usize::from(!body.terms().is_empty());
     (2 * body.node_count() * (1 + of_terms)) as u32
 }
 
-/// What steps keep of the rigid bodies of `body`, if it has any.
+/// The passes of the rigid bodies of `body`, if it has any.
 fn rigid_steps(core: &StepResources, body: &GpuBody) -> Result<Option<RigidPasses>> {
     let rigid = body.rigid.as_ref();
     rigid.map(|rigid| RigidPasses::new(core, rigid)).transpose()
 }
 
-/// What steps keep of the tools that press on `body`, if there are any.
+/// The passes of the tools on `body`, if there are any.
 fn contact_steps(core: &StepResources, body: &GpuBody) -> Result<Option<ContactPasses>> {
     let contact = body.contact.as_ref();
     contact
@@ -345,20 +345,20 @@ fn contact_steps(core: &StepResources, body: &GpuBody) -> Result<Option<ContactP
         .transpose()
 }
 
-/// Bytes of a partial sum from each workgroup: of the passes over nodes, then of those over rigid
+/// Bytes of one partial sum per workgroup: of the passes over nodes, then of those over rigid
 /// bodies.
 fn partials(core: &StepResources, body: &GpuBody) -> u64 {
     16 * u64::from(core.groups + implicit_rigid::groups(body))
 }
 
-/// h α, where a force −α m v slows every node.
+/// h α of the damping force −α m v on every node.
 fn mass_damping_step(body: &GpuBody, timing: Timing) -> f32 {
     let elements = body.elements.as_ref();
     elements.map_or(0.0, |elements| timing.dt * elements.mass_damping())
 }
 
 impl ImplicitEulerScheme {
-    /// Positions and velocities that the system of a step is made at.
+    /// Positions and velocities at which the system of a step is assembled.
     fn start<'a>(&'a self, core: &'a StepResources, body: &'a GpuBody) -> (&'a Array, &'a Array) {
         match (&self.start, &body.contact) {
             (Some(_), Some(_)) => (&core.next_positions, &core.next_velocities),
@@ -367,7 +367,7 @@ impl ImplicitEulerScheme {
         }
     }
 
-    /// The tools in a step, if there are any.
+    /// The context of the tools in a step, if there are any.
     pub(super) fn contact_context<'a>(
         &'a self,
         core: &'a StepResources,
@@ -397,7 +397,7 @@ impl ImplicitEulerScheme {
         }
     }
 
-    /// Ends the solve, and moves the nodes by what came of it.
+    /// Ends the solve and moves the nodes by its solution.
     fn finish(
         &self,
         core: &StepResources,
@@ -448,7 +448,7 @@ impl ImplicitEulerScheme {
         }
     }
 
-    /// The rigid bodies in a step, if there are any.
+    /// The context of the rigid bodies in a step, if there are any.
     fn rigid_context<'a>(
         &'a self,
         core: &'a StepResources,
@@ -467,7 +467,8 @@ impl ImplicitEulerScheme {
         Some((steps, parts))
     }
 
-    /// What rigid bodies make of the residual in a slot, after an iteration or before the first.
+    /// Passes that project and precondition the residual in a slot for rigid bodies, after an
+    /// iteration or before the first.
     fn precondition(
         &self,
         (steps, parts): &RigidContextRef<'_>,
@@ -479,7 +480,7 @@ impl ImplicitEulerScheme {
         steps.precondition(parts, vectors, scalars, (&self.rz_partials, arguments))
     }
 
-    /// Sets up the system of a step.
+    /// Assembles the system of a step.
     fn assemble_pass(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Pass> {
         let params = BeginParams {
             nodes: core.nodes,

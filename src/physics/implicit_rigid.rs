@@ -1,8 +1,9 @@
-//! Rigid bodies in the implicit steps of finite elements; the twin of `shaders/physics/rigid_*.wgsl`.
+//! Rigid bodies in the implicit steps of finite elements; the CPU side of
+//! `shaders/physics/rigid_*.wgsl`.
 //!
-//! A step starts from poses, its conjugate gradients are held to what poses can do, and poses are
-//! what comes of it: its passes stand between those of the step without rigid bodies, whose vectors
-//! have an entry for every node still.
+//! A step starts from poses, projects conjugate gradients onto rigid-body modes, and ends with
+//! poses. Its passes are inserted between those of the step without rigid bodies, whose vectors
+//! keep one entry per node.
 
 use super::GpuBody;
 use super::gpu_elements::GpuElements;
@@ -28,32 +29,33 @@ mod gpu_data {
 }
 use gpu_data::RigidParams;
 
-/// Texels of a body in `motions` and `blocks`.
+/// Texels per body in `motions` and `blocks`.
 const MOTION_TEXELS: usize = 6;
 const BLOCK_TEXELS: usize = 13;
 
-/// Workgroups at most of a pass with a workgroup a body, which go on with another body each.
+/// Maximum number of workgroups of a pass with one workgroup per body; each loops over several
+/// bodies if there are more.
 const MAX_WORKGROUPS: u32 = 512;
 
-/// What a step keeps of rigid bodies.
+/// Arrays of rigid bodies in a step.
 #[derive(Debug)]
 pub(super) struct RigidPasses {
-    /// Where they are, and where they may start from.
+    /// Present poses and candidate starts.
     motions: Array,
-    /// Their own parts of the system, inverted.
+    /// Inverses of the bodies' diagonal blocks.
     blocks: Array,
-    /// The start that was taken.
+    /// The selected start.
     choice: wgpu::Buffer,
 }
 
-/// What of a body its passes read.
+/// Inputs of the rigid-body passes.
 #[derive(Clone, Copy)]
 pub(super) struct RigidContext<'a> {
     pub core: &'a StepResources,
     pub body: &'a GpuBody,
     pub elements: &'a GpuElements,
     pub rigid: &'a GpuRigid,
-    /// Step and h α, local units.
+    /// Step h and h α, in local units.
     pub dt: f32,
     pub drag: f32,
 }
@@ -82,14 +84,14 @@ impl RigidContext<'_> {
     }
 }
 
-/// Workgroups of the passes over the rigid bodies of `body`; 0 where it has none.
+/// Number of workgroups of passes over the rigid bodies of `body`; 0 if it has none.
 pub(super) fn groups(body: &GpuBody) -> u32 {
     let rigid = body.rigid.as_ref();
     rigid.map_or(0, |rigid| rigid.count().min(MAX_WORKGROUPS))
 }
 
 impl RigidPasses {
-    /// For the bodies `rigid`.
+    /// Creates the arrays for the bodies `rigid`.
     pub fn new(core: &StepResources, rigid: &GpuRigid) -> Result<RigidPasses> {
         let (gpu, count) = (&core.gpu, rigid.count() as usize);
         let array = |label, texels| gpu.array(label, Texel::F32x4, texels * count);
@@ -100,7 +102,7 @@ impl RigidPasses {
         })
     }
 
-    /// Where the nodes of the bodies may start from, for passes composed with `terms/rigid`.
+    /// Binds the candidate starts of the bodies' nodes, for passes composed with `terms/rigid`.
     pub fn bind_starts<'a>(
         &'a self,
         rigid: &'a GpuRigid,
@@ -109,12 +111,13 @@ impl RigidPasses {
         rigid.bind(pass).read(&self.motions)
     }
 
-    /// Where it is noted which start was taken.
+    /// The buffer with the index of the selected start.
     pub fn start_index(&self) -> &wgpu::Buffer {
         &self.choice
     }
 
-    /// After a change of positions or velocities from outside: makes rigid what is to be.
+    /// After an external change of positions or velocities: passes that project the nodes onto
+    /// rigid motions.
     pub fn project_to_rigid(&self, parts: &RigidContext) -> Result<Vec<Pass>> {
         let (body, rest, params) = (parts.body, parts.elements.rest(), parts.params());
         let fit = parts
@@ -144,7 +147,8 @@ impl RigidPasses {
         ])
     }
 
-    /// Before a start is picked; `before` are the velocities at the start of the step before.
+    /// The pass before a start is selected; `before` are the velocities at the start of the
+    /// previous step.
     pub fn start(&self, parts: &RigidContext, before: &Array) -> Result<Pass> {
         let (core, body, params) = (parts.core, parts.body, parts.params());
         let pass = parts
@@ -163,7 +167,7 @@ impl RigidPasses {
             .dispatch_items(parts.threads())
     }
 
-    /// Once the system is made: its parts that are the bodies' own.
+    /// After the system is assembled: passes that compute the bodies' own blocks.
     pub fn system(
         &self,
         parts: &RigidContext,
@@ -190,9 +194,8 @@ impl RigidPasses {
             .dispatch_items(parts.threads())
     }
 
-    /// After a residual, which with what becomes of it is in `vectors`: before the iterations, or
-    /// after each of them by as many workgroups as stand in `arguments`. `scalars` are those before
-    /// and after it.
+    /// Preconditions the residual; both are in `vectors`. Dispatched before the iterations, or
+    /// after each with the workgroup count in `arguments`. `scalars` are those before and after it.
     pub fn precondition(
         &self,
         parts: &RigidContext,
@@ -216,14 +219,14 @@ impl RigidPasses {
             .params(&params);
         let pass = parts.rigid.bind_members(pass);
         match arguments {
-            // After the three words for the passes over all nodes.
+            // Offset past the three words of the passes over all nodes.
             Some(arguments) => pass.dispatch_indirect(arguments, 12),
             None => pass.dispatch_items(parts.threads()),
         }
     }
 
-    /// After the solve, whose solution is in one of the two: writes the candidate state at the
-    /// bodies' nodes.
+    /// After the solve, whose solution is in one of the two arrays: writes the candidate state at
+    /// the bodies' nodes.
     pub fn advance_pass(&self, parts: &RigidContext, solution: &[Array; 2]) -> Result<Pass> {
         let (core, body, params) = (parts.core, parts.body, parts.params());
         let pass = parts

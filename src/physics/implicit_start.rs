@@ -1,9 +1,9 @@
-//! Where an implicit step of finite elements starts from, and what its linear system is made of
-//! there; the twin of `shaders/physics/implicit_euler_guess.wgsl` and `implicit_euler_start.wgsl`.
+//! The start of an implicit step of finite elements, and the matrix blocks there; the CPU side of
+//! `shaders/physics/implicit_euler_guess.wgsl` and `implicit_euler_start.wgsl`.
 //!
-//! A step is one Newton iteration on the incremental potential. Its error is that of its start
-//! first of all: x + h (2v − v₋₁), two orders nearer than x, is taken where that has the least
-//! potential.
+//! A step is one Newton iteration on the incremental potential, so its error depends foremost on
+//! its start: the extrapolation x + h (2v − v₋₁), two orders more accurate than x, is used if it
+//! has the lowest potential.
 
 use super::GpuBody;
 use super::gpu_contact::GpuContact;
@@ -47,22 +47,22 @@ mod gpu_data {
 }
 use gpu_data::{GuessParams, Scale, StartParams};
 
-/// Rigid bodies in a step.
+/// The rigid bodies in a step.
 pub(super) type RigidContextRef<'a> = (&'a RigidPasses, RigidContext<'a>);
 
-/// The state that a step starts from, and the curvatures of the tets there.
+/// The start of a step, and the Hessian data of the tets there.
 #[derive(Debug)]
 pub(super) struct InitialState {
     pub positions: Array,
     pub velocities: Array,
-    /// The velocities at the start of the step before.
+    /// The velocities at the start of the previous step.
     pub previous_velocities: Array,
     curvatures: Array,
     partials: wgpu::Buffer,
 }
 
 impl InitialState {
-    /// For a body of `elements`.
+    /// Creates the arrays for a body of `elements`.
     pub fn new(core: &StepResources, elements: &GpuElements) -> Result<InitialState> {
         let gpu = &core.gpu;
         let vector = |label| gpu.array_with_headroom(label, Texel::F32x4, core.nodes as usize);
@@ -76,8 +76,8 @@ impl InitialState {
         })
     }
 
-    /// The passes that pick the start of a step, and put the blocks of the matrix there into
-    /// `matrix`; forces there are in `core.forces` afterwards.
+    /// Passes that select the start of a step and write the matrix blocks there to `matrix`;
+    /// afterwards the forces there are in `core.forces`.
     pub fn passes(
         &self,
         core: &StepResources,
@@ -95,7 +95,7 @@ impl InitialState {
         Ok(passes)
     }
 
-    /// The passes that pick the start of a step.
+    /// Passes that select the start of a step.
     pub fn select_passes(
         &self,
         core: &StepResources,
@@ -107,7 +107,7 @@ impl InitialState {
         Ok([guess, self.select_pass(core, body, with.0, with.1)?])
     }
 
-    /// The passes that put the blocks of the matrix at `positions` into `matrix`.
+    /// Passes that write the matrix blocks at `positions` to `matrix`.
     pub fn blocks(
         &self,
         core: &StepResources,
@@ -211,7 +211,7 @@ impl InitialState {
         .dispatch_items(core.groups * core.workgroup)
     }
 
-    /// Keeps the velocities for the next step, before they change.
+    /// Saves the velocities for the next step, before they change.
     pub fn save_velocities(&self, core: &StepResources, body: &GpuBody) -> Result<Pass> {
         core.gpu
             .pass("gpu/scale")

@@ -1,10 +1,9 @@
-//! What a step on the GPU is made of: a short list of stages.
+//! The stages of a step on the GPU.
 //!
-//! An [`Integrator`] says which passes propose the next state; [`Stepper`](super::Stepper) puts
-//! them into the chain that every step is: propose, weigh, check, commit. A step that is found
-//! unsound, or comes after one, changes nothing. Stages are passes over whatever arrays the
-//! integrator keeps, written in WGSL that is the library's or the caller's own
-//! ([`add_shader`](crate::gpu::add_shader)).
+//! An [`Integrator`] defines the passes that propose the next state; [`Stepper`](super::Stepper)
+//! embeds them in the chain of every step: propose, evaluate, check, commit. A rejected step, and
+//! every step after it, changes nothing. Stages are passes over arrays of the integrator, written
+//! in WGSL of this library or of the caller ([`add_shader`](crate::gpu::add_shader)).
 
 pub use super::step::StepResources;
 use super::{GpuBody, SolverKind};
@@ -13,93 +12,93 @@ use crate::{Error, Result};
 
 /// A scheme that steps a [`GpuBody`] on the GPU.
 pub trait Integrator: Sized + Send {
-    /// Which one it is; of one of the caller's own: that whose stable step and advice are its own.
+    /// The solver kind; for a custom scheme, the kind with the same stable step and advice.
     const KIND: SolverKind;
 
-    /// What tells its states from those of others.
+    /// Identifies its saved states.
     const NAME: &'static str = Self::KIND.name();
 
-    /// Whether it moves rigid regions as one body; others are given no body that has any.
+    /// Whether it supports rigid regions; others reject bodies that have any.
     const SUPPORTS_RIGID: bool = false;
 
-    /// What it keeps on the GPU.
+    /// Creates its data on the GPU.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn new(core: &StepResources, body: &GpuBody) -> Result<Self>;
 
-    /// Makes what it keeps as long as a cut has made the body; the steps that follow start
-    /// afresh.
+    /// Resizes its data after a cut of the body; the following steps restart.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn apply_cut(&mut self, core: &StepResources, body: &GpuBody) -> Result<()> {
         *self = Self::new(core, body)?;
         Ok(())
     }
 
-    /// What its step is made of.
+    /// The passes of a step.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn step(&self, core: &StepResources, body: &GpuBody, timing: Timing) -> Result<Step>;
 
-    /// What it carries from one step to the next, apart from the state of the body.
+    /// The arrays that it carries from step to step, besides the state of the body.
     fn history_arrays(&self) -> Vec<&Array> {
         Vec::new()
     }
 
-    /// Rounds of its loops at most, 0 where it has none.
+    /// Maximum number of loop iterations; 0 without a loop.
     fn max_iterations(&self) -> u32 {
         0
     }
 }
 
-/// The length of a step, in local units (see [`LocalUnits`](super::LocalUnits)).
+/// Time steps, in local units (see [`LocalUnits`](super::LocalUnits)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// This step's.
+    /// The present step.
     pub dt: f32,
-    /// The step before's.
+    /// The previous step.
     pub previous_dt: f32,
 }
 
-/// A step from one state to the next.
+/// The passes of a step from one state to the next.
 #[derive(Clone, Debug, Default)]
 pub struct Step {
-    /// Before anything else after a change of positions or velocities from outside: makes what was
-    /// set a state that the scheme can step from.
+    /// Run first after an external change of positions or velocities: passes that convert the new
+    /// state to one that the scheme can step from.
     pub on_external_change: Vec<Pass>,
-    /// In their order. One of them is [`Stage::Forces`], at the candidate state.
+    /// The stages in order. One of them is [`Stage::Forces`], at the candidate state.
     pub stages: Vec<Stage>,
-    /// In place of the first stage in a first step, and in one after a change from outside.
+    /// Replaces the first stage in a first step, and in a step after an external change.
     pub first_stage_on_restart: Option<Stage>,
-    /// In place of the first stage in the first step after a change of its length.
+    /// Replaces the first stage in the first step after a change of the step length.
     pub after_change: Option<Stage>,
 }
 
-/// A part of a step.
+/// A stage of a step.
 #[derive(Clone, Debug)]
 pub enum Stage {
-    /// Passes, one after the other.
+    /// Passes in order.
     Passes(Vec<Pass>),
-    /// Rounds of a solve that stops on the GPU.
+    /// Iterations of a solve that stops on the GPU.
     Loop {
-        /// Before every few rounds: sets the workgroups of their indirect dispatches, to 0 when the
-        /// solve is done.
+        /// Before every few iterations: sets the workgroups of their indirect dispatches, to 0 once
+        /// the solve has converged.
         gate: Pass,
-        /// Two rounds, from one slot of ping-pong to the other and back; each takes half of them.
+        /// Two iterations, from one buffer of the ping-pong pair to the other and back; each takes
+        /// half of the passes.
         rounds: Vec<Pass>,
-        /// After every few rounds: what looks whether they are done, and goes on from there.
+        /// After every few iterations: passes that check for convergence and continue from there.
         between: Vec<Pass>,
     },
-    /// The forces and energies of the candidate state, those of all terms in one pass a node. They
-    /// are seen with these velocities, where not with the candidate's.
+    /// The forces and energies of the candidate state, of all terms in one pass over the nodes;
+    /// evaluated with these velocities instead of the candidate's, if given.
     Forces(Option<Array>),
 }
 
 impl Step {
-    /// One pass, and the forces after it: what most explicit schemes are.
+    /// A step of one pass followed by the forces, as in most explicit schemes.
     pub fn explicit(pass: Pass) -> Step {
         Step {
             stages: vec![Stage::Passes(vec![pass]), Stage::Forces(None)],
@@ -107,11 +106,11 @@ impl Step {
         }
     }
 
-    /// The velocities that the candidate's forces see, where not the candidate's.
+    /// The velocities at which the candidate's forces are evaluated, if not the candidate's own.
     ///
     /// # Errors
-    /// [`Error::Input`] for a step that does not weigh its candidate exactly once, or whose forces
-    /// are exchanged for something else in a first step.
+    /// [`Error::Input`] for a step that does not have exactly one forces stage, or replaces it in a
+    /// first step.
     pub(super) fn velocities(&self) -> Result<Option<&Array>> {
         let replaced = self.first_stage_on_restart.is_some() || self.after_change.is_some();
         let kept = self.stages.iter().skip(usize::from(replaced));

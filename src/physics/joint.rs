@@ -3,36 +3,38 @@
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// A joint between two rigid regions, or of one to the world, where the body rests.
+/// A joint between two rigid regions, or from a region to the world, in the rest configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Joint {
-    /// The labels of the regions; the second is none for the world.
+    /// The labels of the regions; `None` is the world.
     pub regions: (i64, Option<i64>),
-    /// Where it is at rest, in file units.
+    /// Anchor at rest, in file units.
     pub anchor: DVec3,
-    /// What it leaves free.
+    /// The kind of joint.
     pub kind: JointKind,
 }
 
-/// What a joint leaves free.
+/// The degrees of freedom of a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
-    /// Nothing.
+    /// None.
     Fixed,
-    /// All turns.
+    /// All rotations.
     Ball,
-    /// Turns about an axis, of the second about the first between two angles in radians.
+    /// Rotation about an axis; optional limits of the angle of the second region relative to the
+    /// first, in radians.
     Hinge(DVec3, Option<[f64; 2]>),
-    /// Ways along an axis, of the second from the first between two lengths in file units.
+    /// Translation along an axis; optional limits of the displacement of the second region relative
+    /// to the first, in file units.
     Slider(DVec3, Option<[f64; 2]>),
 }
 
 impl Joint {
-    /// Refuses one that makes no sense.
+    /// Validates the joint.
     ///
     /// # Errors
-    /// [`Error::Input`] for one of a region with itself, a place that is none, an axis without
-    /// direction, or limits that leave out rest.
+    /// [`Error::Input`] if it connects a region with itself, the anchor is not finite, the axis is
+    /// zero, or the limits exclude the rest configuration.
     pub fn check(&self) -> Result<()> {
         let refused = |what: String| Err(Error::Input(format!("a joint {what}")));
         if self.regions.1 == Some(self.regions.0) {

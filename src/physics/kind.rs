@@ -1,4 +1,4 @@
-//! The solvers by name.
+//! The solver kinds and their names.
 
 use super::{
     ExplicitEuler, GpuBody, ImplicitEuler, Solver, SymplecticEuler, VelocityVerlet, Verlet,
@@ -8,29 +8,30 @@ use crate::{Error, Result};
 use std::fmt;
 use std::str::FromStr;
 
-/// Which solver.
+/// The kind of a solver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SolverKind {
     /// `explicit`: explicit Euler.
     Explicit,
     /// `symplectic`: symplectic (semi-implicit) Euler.
     Symplectic,
-    /// `verlet`: Verlet's own scheme.
+    /// `verlet`: the original Verlet scheme.
     Verlet,
     /// `velocity-verlet`: velocity Verlet.
     VelocityVerlet,
-    /// `implicit`: implicit Euler after Baraff & Witkin; of elements, minimised by Newton's method.
+    /// `implicit`: implicit Euler after Baraff & Witkin; for finite elements, minimised by Newton's
+    /// method.
     Implicit,
-    /// `bdf2`: the second backward differentiation formula, of elements, on the CPU: of second
-    /// order, and it damps what is fast.
+    /// `bdf2`: the second-order backward differentiation formula, for finite elements, on the CPU.
+    /// Damps high frequencies.
     Bdf2,
-    /// `midpoint`: the implicit midpoint rule, of elements, on the CPU: of second order, and it
-    /// keeps what swings.
+    /// `midpoint`: the implicit midpoint rule, for finite elements, on the CPU: second order,
+    /// preserves the energy of oscillations.
     Midpoint,
 }
 
 impl SolverKind {
-    /// Every solver that steps any body of tets.
+    /// The solvers available for every tetrahedral body.
     pub const ALL: [SolverKind; 5] = [
         SolverKind::Explicit,
         SolverKind::Symplectic,
@@ -39,10 +40,10 @@ impl SolverKind {
         SolverKind::Implicit,
     ];
 
-    /// Those that step bodies of finite elements only.
+    /// The solvers available for finite elements only.
     pub const ELEMENT_ONLY: [SolverKind; 2] = [SolverKind::Bdf2, SolverKind::Midpoint];
 
-    /// Whether any step of it is stable.
+    /// Whether it is stable for any step.
     pub fn is_implicit(self) -> bool {
         matches!(
             self,
@@ -50,8 +51,8 @@ impl SolverKind {
         )
     }
 
-    /// The error of a body of springs, or of another engine, that is to be stepped by one of
-    /// [`SolverKind::ELEMENT_ONLY`].
+    /// The error of using one of [`SolverKind::ELEMENT_ONLY`] for a body of springs, or on another
+    /// engine.
     pub(super) fn requires_elements_error(self) -> Error {
         Error::Input(format!(
             "{self} steps bodies of finite elements on the CPU: give --material neo-hookean (or corotated) and --engine cpu, or take --solver implicit"
@@ -74,7 +75,7 @@ impl SolverKind {
     /// A solver of this kind for `body`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for one of
+    /// [`Error::Gpu`] if its arrays do not fit the device; [`Error::Input`] for one of
     /// [`SolverKind::ELEMENT_ONLY`].
     pub fn solver(self, gpu: &Gpu, body: &GpuBody) -> Result<Box<dyn Solver>> {
         Ok(match self {

@@ -2,23 +2,23 @@
 
 use glam::DVec3;
 
-/// Vectors kept between restarts.
+/// Dimension of the Krylov space between restarts.
 const KRYLOV_DIMENSION: usize = 24;
 
-/// An eigenvalue and its eigenvector, of length 1.
+/// An eigenvalue and its unit eigenvector.
 #[derive(Clone, Debug)]
 pub struct Eigenpair {
     /// The eigenvalue.
     pub value: f64,
-    /// The eigenvector: a vector a node.
+    /// The eigenvector: one vector per node.
     pub vector: Vec<DVec3>,
 }
 
-/// The largest eigenpair of the positive semidefinite `operator`, from `start`, to the relative
-/// residual `tolerance` (the eigenvalue is then good to its square), or as far as `restarts` times
-/// 24 products take it.
+/// Computes the largest eigenpair of the positive semidefinite `operator` from `start`, to the
+/// relative residual `tolerance` (the eigenvalue then has a relative error of about its square),
+/// with at most `restarts` times 24 products.
 ///
-/// Power iteration made economical: the best vector in the space that its iterates span.
+/// Each restart begins with the best vector of the Krylov space.
 pub fn largest_eigenpair(
     operator: impl Fn(&[DVec3]) -> Vec<DVec3>,
     start: Vec<DVec3>,
@@ -43,23 +43,23 @@ pub fn largest_eigenpair(
     best
 }
 
-/// A start with a share of every mode: a Weyl sequence, always the same.
+/// A start vector with a component in every mode: a Weyl sequence, always the same.
 pub fn start_vector(nodes: usize) -> Vec<DVec3> {
     (0..nodes)
         .map(|i| (DVec3::new(0.5545497, 0.308517, 0.7548777) * (i + 1) as f64).fract() - 0.5)
         .collect()
 }
 
-/// The best vector in the Krylov space of `start`, of length 1, and the length of its residual.
+/// Returns the best unit vector in the Krylov space of `start`, and the norm of its residual.
 fn lanczos_cycle(operator: &impl Fn(&[DVec3]) -> Vec<DVec3>, start: &[DVec3]) -> (Eigenpair, f64) {
     let mut basis = vec![start.to_vec()];
-    // The operator in that basis: tridiagonal.
+    // The operator in that basis is tridiagonal.
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
     loop {
         let last = &basis[basis.len() - 1];
         let mut next = operator(last);
         diagonal.push(dot(last, &next));
-        // Twice is enough to stay orthogonal to rounding.
+        // Reorthogonalising twice gives orthogonality up to rounding.
         for _ in 0..2 {
             for q in &basis {
                 let along = dot(q, &next);
@@ -88,12 +88,13 @@ fn lanczos_cycle(operator: &impl Fn(&[DVec3]) -> Vec<DVec3>, start: &[DVec3]) ->
     (Eigenpair { value, vector }, residual)
 }
 
-/// The largest eigenvalue and eigenvector of the symmetric tridiagonal matrix with these entries
-/// on and beside its diagonal.
+/// The largest eigenvalue and its eigenvector of the symmetric tridiagonal matrix with these
+/// diagonal and off-diagonal entries.
 fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> (f64, Vec<f64>) {
     let n = diagonal.len();
     let off = |i: usize| if i < n - 1 { beside[i].abs() } else { 0.0 };
-    // Gershgorin's discs hold it; bisection on the signs of the pivots of T − σ finds it.
+    // Gershgorin's discs bound the eigenvalue; bisection on the signs of the pivots of T − σ finds
+    // it.
     let radius = |i: usize| off(i) + if i > 0 { off(i - 1) } else { 0.0 };
     let mut high = (0..n)
         .map(|i| diagonal[i] + radius(i))
@@ -117,7 +118,8 @@ fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> (f64, Vec<f64>) {
             false => low = middle,
         }
     }
-    // Inverse iteration just above it, where all pivots are negative and need no exchange.
+    // Inverse iteration just above the eigenvalue, where all pivots are negative and no pivoting is
+    // needed.
     let shift = high + 1e-14 * high.abs().max(f64::MIN_POSITIVE);
     let d = pivots(shift);
     let mut x = vec![1.0; n];
@@ -135,7 +137,7 @@ fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> (f64, Vec<f64>) {
     (high, x)
 }
 
-/// Scales to length 1; whether there is a length.
+/// Scales to unit length. Returns whether the length was positive.
 fn normalise(v: &mut [DVec3]) -> bool {
     let length = dot(v, v).sqrt();
     let sound = length.is_finite() && length > 0.0;
@@ -145,7 +147,7 @@ fn normalise(v: &mut [DVec3]) -> bool {
     sound
 }
 
-/// The inner product of two vectors a node.
+/// The inner product of two vectors with one entry per node.
 pub fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
 }
@@ -154,7 +156,7 @@ pub fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
 mod tests {
     use super::*;
 
-    /// −d²/dx² on a chain of 3n points between walls: eigenvalues 2 − 2 cos(kπ/(3n + 1)).
+    /// −d²/dx² on a chain of 3n points with fixed ends: eigenvalues 2 − 2 cos(kπ/(3n + 1)).
     fn chain(y: &[DVec3]) -> Vec<DVec3> {
         let flat: Vec<f64> = y.iter().flat_map(|v| v.to_array()).collect();
         let at = |i: i64| flat.get(i as usize).copied().unwrap_or(0.0);

@@ -1,4 +1,4 @@
-//! What holds a body and what pulls it, whatever engine steps it.
+//! Constraints and loads of a body, independent of the engine.
 
 use super::AmplitudeId;
 use super::contact::{ToolId, ToolPose, check_pose};
@@ -10,27 +10,27 @@ use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// Counts changes of loads, so that engines notice them.
+/// Version numbers of the loads, by which engines detect changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct LoadVersions {
-    /// Of any load.
+    /// All loads.
     pub any: u64,
-    /// Of grabs: nodes are put elsewhere.
+    /// Grabs: moved targets.
     pub grabs: u64,
-    /// Of external forces.
+    /// External forces.
     pub forces: u64,
-    /// Of which nodes are pinned, or held by a grab.
+    /// Constrained nodes: pinned, or held by a grab.
     pub constraints: u64,
-    /// Of levels.
+    /// Amplitudes.
     pub levels: u64,
-    /// Of where tools go.
+    /// Tool targets.
     pub tools: u64,
 }
 
-/// Pins, grabs, gravity and forces, by the numbers of a body's nodes: the same for every engine,
-/// which takes them over with its next step.
+/// Pins, grabs, gravity and forces, by the body's node numbers, in the same form for every engine;
+/// changes take effect with the next step.
 ///
-/// Places are in file units, forces in newtons, gravity in m/s², all along the file's axes.
+/// Positions are in file units, forces in newtons, gravity in m/s², all along the file's axes.
 #[derive(Clone, Debug)]
 pub struct Loads {
     frame: LocalFrame,
@@ -41,16 +41,16 @@ pub struct Loads {
     pub(super) grabs: Grabs,
     led: Vec<PrescribedMotion>,
     levels: Vec<f64>,
-    /// Where tools go, and how often each was put elsewhere.
+    /// Targets of the tools, and how often each was teleported.
     tools: Vec<(ToolPose, u64)>,
     pub(super) versions: LoadVersions,
 }
 
-/// Names nodes that are led.
+/// Identifies a set of nodes with prescribed motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrescribedMotionId(usize);
 
-/// Nodes that are led along, each at a place and a velocity.
+/// Nodes with a prescribed displacement (Dirichlet condition), each with a position and a velocity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct PrescribedMotion {
     nodes: Vec<u32>,
@@ -59,14 +59,14 @@ pub(super) struct PrescribedMotion {
 }
 
 impl PrescribedMotion {
-    /// Each node with its place and velocity, in file units.
+    /// Each node with its position and velocity, in file units.
     pub fn iter(&self) -> impl Iterator<Item = (u32, DVec3, DVec3)> {
         let ways = self.places.iter().zip(&self.velocities);
         let nodes = self.nodes.iter().zip(ways);
         nodes.map(|(v, (x, w))| (*v, DVec3::from(*x), DVec3::from(*w)))
     }
 
-    /// Follows a cut: doubles are led as the nodes they come from.
+    /// Updates it after a cut: duplicated nodes move as their originals.
     fn apply_cut(&mut self, cut: &TetCut) {
         for [new, old] in &cut.duplicated_nodes {
             if let Some(k) = self.nodes.iter().position(|v| v == old) {
@@ -78,7 +78,7 @@ impl PrescribedMotion {
     }
 }
 
-/// What [`Loads`] are, to be kept.
+/// The serialisable state of [`Loads`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct LoadsState {
     gravity: [f64; 3],
@@ -92,7 +92,7 @@ pub(super) struct LoadsState {
 }
 
 impl Loads {
-    /// No loads on so many nodes; `length_unit` are metres in a file unit.
+    /// No loads on `nodes` nodes; `length_unit` is metres per file unit.
     pub(super) fn new(nodes: usize, frame: LocalFrame, length_unit: f64) -> Loads {
         Loads {
             frame,
@@ -116,25 +116,25 @@ impl Loads {
         self.length_unit
     }
 
-    /// The local frame of the mesh, and metres in a file unit.
+    /// The local frame of the mesh, and metres per file unit.
     pub fn frame_and_unit(&self) -> (LocalFrame, f64) {
         (self.frame, self.length_unit)
     }
 
-    /// A number that changes with every change of a load.
+    /// Version number that increases with every change of a load.
     pub fn version(&self) -> u64 {
         self.versions.any
     }
 
-    /// Which nodes are pinned.
+    /// Whether each node is pinned.
     pub fn pinned(&self) -> &[bool] {
         &self.pinned
     }
 
-    /// Pins the nodes listed: they stay where they are from now on.
+    /// Pins the listed nodes at their present positions.
     ///
     /// # Errors
-    /// [`Error::Input`] for a node that does not exist.
+    /// [`Error::Input`] if a node does not exist.
     pub fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
         let count = self.pinned.len();
         if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
@@ -150,7 +150,7 @@ impl Loads {
         Ok(())
     }
 
-    /// Lets every node go that is pinned.
+    /// Unpins all nodes.
     pub fn unpin_all(&mut self) {
         self.pinned.fill(false);
         self.versions.constraints += 1;
@@ -171,7 +171,7 @@ impl Loads {
     /// Sets the external force on every node, N.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    /// [`Error::Input`] if the number of forces is wrong or a force is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         if forces.len() != self.forces.len() {
             return Err(Error::Input(format!(
@@ -191,15 +191,15 @@ impl Loads {
         Ok(())
     }
 
-    /// The external force on every node as it was set or added, N.
+    /// The external force on every node as set or added, N.
     pub fn forces(&self) -> &[DVec3] {
         &self.forces
     }
 
-    /// Adds `force` (N in all) in equal shares to `nodes`.
+    /// Distributes the total `force` (N) equally over `nodes`.
     ///
     /// # Errors
-    /// [`Error::Input`] when the force is not finite, or there is no such node.
+    /// [`Error::Input`] if the force is not finite, or a node does not exist.
     pub fn add_force(&mut self, force: DVec3, nodes: &[u32]) -> Result<()> {
         let strange = nodes.iter().any(|v| *v as usize >= self.forces.len());
         if nodes.is_empty() || strange || !force.is_finite() {
@@ -221,8 +221,8 @@ impl Loads {
         self.versions.any += 1;
     }
 
-    /// Grabs the nodes within `radius` of `centre` that are free and that `there` has; they stand
-    /// at `positions`.
+    /// Grabs the unconstrained nodes within `radius` of `centre` for which `there` is true;
+    /// `positions` are the present ones.
     pub(super) fn grab(
         &mut self,
         positions: &[DVec3],
@@ -237,10 +237,11 @@ impl Loads {
         Ok(grab)
     }
 
-    /// Moves the target of a grab: its nodes follow with the next step.
+    /// Moves the target of a grab; its nodes follow with the next step.
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
+    /// [`Error::Input`] if the grab does not exist, or the target is not finite or too far from the
+    /// body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
         if self.grabs.set_target(grab, target)? {
             self.versions.grabs += 1;
@@ -249,18 +250,18 @@ impl Loads {
         Ok(())
     }
 
-    /// What a grab holds.
+    /// The nodes held by a grab.
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there.
+    /// [`Error::Input`] if the grab does not exist.
     pub fn grabbed_nodes(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
         self.grabs.held_by(grab)
     }
 
-    /// Lets go of a grab's nodes. Returns how many they are.
+    /// Releases a grab. Returns the number of its nodes.
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there.
+    /// [`Error::Input`] if the grab does not exist.
     pub fn release(&mut self, grab: GrabId) -> Result<usize> {
         let nodes = self.grabs.release(grab)?;
         self.grabs_changed();
@@ -273,8 +274,9 @@ impl Loads {
         self.versions.any += 1;
     }
 
-    /// Leads `nodes` along from now on, which stand at `places` (file units); the engine has to be
-    /// one that can: [`Simulator::add_prescribed_motion`](super::Simulator::add_prescribed_motion).
+    /// Prescribes the motion of `nodes`, which are at `places` (file units), from now on. The
+    /// engine must support it:
+    /// [`Simulator::add_prescribed_motion`](super::Simulator::add_prescribed_motion).
     pub(super) fn add_prescribed_motion(
         &mut self,
         nodes: &[u32],
@@ -305,11 +307,11 @@ impl Loads {
         Ok(PrescribedMotionId(self.led.len() - 1))
     }
 
-    /// Puts nodes that are led at `places` (file units), from where they go on at `velocities`
-    /// (file units a second) until they are told otherwise.
+    /// Sets the positions `places` (file units) of nodes with prescribed motion, and the
+    /// `velocities` (file units per second) at which they continue until the next call.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of them, or any that is not finite.
+    /// [`Error::Input`] if the number of values is wrong or one is not finite.
     pub fn set_prescribed_motion(
         &mut self,
         id: PrescribedMotionId,
@@ -340,7 +342,7 @@ impl Loads {
         &self.led
     }
 
-    /// Adds a level, at 0.
+    /// Adds an amplitude with the value 0.
     pub(super) fn add_amplitude(&mut self) -> AmplitudeId {
         self.levels.push(0.0);
         self.versions.levels += 1;
@@ -360,7 +362,7 @@ impl Loads {
         }
     }
 
-    /// Adds a tool where it is; the engine has to be one that has tools:
+    /// Adds a tool in a pose. The engine must support tools:
     /// [`Simulator::add_tool`](super::Simulator::add_tool).
     pub(super) fn add_tool(&mut self, pose: ToolPose) -> ToolId {
         self.tools.push((pose, 0));
@@ -369,24 +371,25 @@ impl Loads {
         ToolId(self.tools.len() - 1)
     }
 
-    /// Where the tools go, and how often each was put elsewhere.
+    /// The targets of the tools, and how often each was teleported.
     pub(super) fn tools(&self) -> &[(ToolPose, u64)] {
         &self.tools
     }
 
-    /// Where a tool is, or goes with the next step.
+    /// The target pose of a tool at the end of the next step, or its present pose.
     ///
     /// # Errors
-    /// [`Error::Input`] for a tool that is not there.
+    /// [`Error::Input`] if the tool does not exist.
     pub fn tool(&self, id: ToolId) -> Result<ToolPose> {
         let tool = self.tools.get(id.0).map(|tool| tool.0);
         tool.ok_or_else(|| Error::Input(format!("this body has no tool {}", id.0)))
     }
 
-    /// Has a tool go to `pose`, straight, with the next step: what is in its way makes way.
+    /// Sets the target `pose` of a tool: it moves there along a straight path in the next step and
+    /// pushes away what is in its way.
     ///
     /// # Errors
-    /// [`Error::Input`] for a tool that is not there, or a pose that is none.
+    /// [`Error::Input`] if the tool does not exist, or the pose is not finite.
     pub fn set_tool_target(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
         check_pose(&pose)?;
         if self.tool(id)? != pose {
@@ -397,8 +400,7 @@ impl Loads {
         Ok(())
     }
 
-    /// Puts a tool at `pose` at once, through whatever is between: what it then has inside is pushed
-    /// out.
+    /// Teleports a tool to `pose`, ignoring obstacles; points then inside it are pushed out.
     ///
     /// # Errors
     /// As [`Loads::set_tool_target`].
@@ -411,7 +413,7 @@ impl Loads {
         Ok(())
     }
 
-    /// Which nodes cannot move by themselves: pinned, or held where a grab has them.
+    /// Whether each node is constrained: pinned, or held by a grab.
     pub(super) fn constrained_nodes(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
         let led = self.led.iter().flat_map(|led| led.nodes.iter().copied());
@@ -422,8 +424,8 @@ impl Loads {
         held
     }
 
-    /// Follows a cut: doubles are pinned as the nodes they come from, and share their forces by
-    /// `masses`, those after the cut. Returns whether a force was shared.
+    /// Updates the loads after a cut: duplicated nodes are pinned as their originals, and forces
+    /// are distributed by `masses`, those after the cut. Returns whether a force was distributed.
     pub(super) fn apply_cut(&mut self, cut: &TetCut, masses: &[f64]) -> bool {
         for [_, old] in &cut.duplicated_nodes {
             self.pinned.push(self.pinned[*old as usize]);
@@ -450,7 +452,8 @@ impl Loads {
         self.versions.constraints += 1;
         self.versions.any += 1;
         if self.grabs.any() {
-            // Masses and loads around the cut are new: those of nodes held are made again.
+            // Masses and loads around the cut have changed, so those of held nodes are computed
+            // again.
             self.versions.grabs += 1;
         }
         shared
@@ -469,7 +472,7 @@ impl Loads {
         }
     }
 
-    /// Takes over what [`Loads::state`] gave of a body of as many nodes.
+    /// Restores a state from [`Loads::state`] of a body with the same number of nodes.
     pub(super) fn set_state(&mut self, state: &LoadsState) -> Result<()> {
         let nodes = self.pinned.len();
         if state.pinned.len() != nodes || state.forces.len() != nodes {

@@ -1,4 +1,4 @@
-//! What a body is made of: stiffness, mass, damping.
+//! Materials: stiffness, mass and damping.
 
 use super::VolumetricFormulation;
 use crate::{Error, Result};
@@ -6,20 +6,21 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
 
-/// What a body of tets resists deformation with.
+/// The kind of elastic model of a tetrahedral body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum MaterialModel {
-    /// Springs along the edges, as in the papers: ν = ¼, and no sense of volume.
+    /// Springs along the edges, as in the papers: ν = ¼, no volume preservation.
     #[default]
     Springs,
     /// Linear tets of stable Neo-Hookean material (Smith, de Goes & Kim 2018), for large strains.
     NeoHookean,
-    /// Linear tets of corotated material (Stomakhin et al. 2012), linear but for rotations.
+    /// Linear tets of corotated material (Stomakhin et al. 2012): linear elasticity in the rotated
+    /// frame.
     Corotated,
 }
 
 impl MaterialModel {
-    /// All of them.
+    /// All models.
     pub const ALL: [MaterialModel; 3] = [
         MaterialModel::Springs,
         MaterialModel::NeoHookean,
@@ -55,78 +56,79 @@ impl FromStr for MaterialModel {
     }
 }
 
-/// Where the stiffness of the springs comes from.
+/// The stiffness of springs or elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stiffness {
-    /// Young's modulus E in Pa: κ_ij = E·ΣV_t / L_ij² over the tets t around the edge, which
-    /// gives the body the modulus E (at Poisson's ratio ¼) whatever the mesh.
+    /// Young's modulus E in Pa: κ_ij = E·ΣV_t / L_ij² over the tets t around the edge, which gives
+    /// the body the modulus E (at Poisson's ratio ¼) for any mesh.
     Young(f64),
-    /// One spring constant κ in N/m for every edge, as in the paper: finer meshes are stiffer.
+    /// One spring constant κ in N/m for all edges, as in the paper: finer meshes are stiffer.
     Uniform(f64),
 }
 
-/// Which part of the relative velocity of a spring's ends is damped.
+/// The damped component of the relative velocity of a spring's ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Damping {
-    /// The part along the spring: −κ_d x̂x̂ᵀ(v_i − v_j). The default, because it leaves rigid
-    /// motion alone: a free body keeps its momentum and its spin.
+    /// The axial component: −κ_d x̂x̂ᵀ(v_i − v_j). The default, because it does not damp rigid
+    /// motion: a free body keeps its linear and angular momentum.
     #[default]
     Axial,
-    /// All of it, −κ_d(v_i − v_j), as in the paper (equation 3); it brakes rigid rotation too.
+    /// The whole relative velocity, −κ_d(v_i − v_j), as in the paper (equation 3); damps rigid
+    /// rotation too.
     Relative,
 }
 
-/// What the tets of one region are made of.
+/// The material of the tets of one region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegionMaterial {
-    /// In place of the number in [`Material::stiffness`]: Pa or N/m, as that is.
+    /// Replaces the number in [`Material::stiffness`]: Pa or N/m, in the same sense.
     pub stiffness: f64,
-    /// Mass per volume, kg/m³.
+    /// Density, kg/m³.
     pub density: f64,
-    /// Poisson's ratio, of elements.
+    /// Poisson's ratio of elements.
     pub poisson: f64,
 }
 
-/// What a body is made of, and in which unit its mesh is given.
+/// The material of a body, and the length unit of its mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// What resists deformation.
+    /// The elastic model.
     pub model: MaterialModel,
     /// Stiffness of the springs, or Young's modulus of the elements.
     pub stiffness: Stiffness,
-    /// Poisson's ratio ν of elements; springs have ¼.
+    /// Poisson's ratio ν of elements; that of springs is ¼.
     pub poisson: f64,
-    /// What changes of volume of elements are measured on.
+    /// How the volumetric strain of elements is measured.
     pub volume: VolumetricFormulation,
-    /// Mass per volume, kg/m³.
+    /// Density, kg/m³.
     pub density: f64,
     /// Damping constant κ_d of every spring, N·s/m.
     pub damping: f64,
-    /// Damping in proportion to stiffness, in seconds: adds `damping_time · κ` to each spring's
-    /// κ_d, which damps meshes of any size and fineness alike.
+    /// Stiffness-proportional damping, s: adds `damping_time · κ` to each spring's κ_d, which damps
+    /// meshes of any size and resolution alike.
     pub damping_time: f64,
-    /// α of Rayleigh damping, 1/s, of elements: a force −α m v on every node.
+    /// α of Rayleigh damping of elements, 1/s: a force −α m v on every node.
     pub mass_damping: f64,
-    /// What is damped.
+    /// The damped velocity component.
     pub damping_kind: Damping,
-    /// A cell field whose values are labels of regions; see [`Material::regions`].
+    /// Cell field of region labels; see [`Material::regions`].
     pub region_field: Option<String>,
-    /// What the tets of some labels are made of instead.
+    /// Materials of individual regions, by label.
     pub regions: BTreeMap<i64, RegionMaterial>,
-    /// Labels of the regions that move as rigid bodies: of elements, by implicit schemes.
+    /// Labels of the regions that move as rigid bodies: for elements, with implicit schemes.
     pub rigid: BTreeSet<i64>,
-    /// A field of factors on the stiffness, of the tets or else of the nodes; what lies between
-    /// nodes takes their mean.
+    /// Field of stiffness factors on the tets or nodes; springs and tets take the mean of their
+    /// nodes' factors.
     pub stiffness_scale_field: Option<String>,
-    /// Metres in one unit of the mesh file: 0.001 for a mesh in millimetres.
+    /// Metres per unit of the mesh file: 0.001 for a mesh in millimetres.
     pub length_unit: f64,
 }
 
-/// Poisson's ratio where nothing is said: soft tissue hardly changes its volume, and linear tets
-/// lock where they must not at all.
+/// Default Poisson's ratio: soft tissue is nearly incompressible, but linear tets lock as ν nears
+/// ½.
 pub(crate) const DEFAULT_POISSON: f64 = 0.4;
 
-/// Poisson's ratio of linear tets is at most this.
+/// Maximum Poisson's ratio of linear tets.
 const MAX_POISSON: f64 = 0.499;
 
 fn check_poisson(ratio: f64, place: &str) -> Result<()> {
@@ -139,7 +141,7 @@ fn check_poisson(ratio: f64, place: &str) -> Result<()> {
 }
 
 impl Material {
-    /// A material of Young's modulus `young` (Pa) with the density of water, undamped.
+    /// An undamped material of Young's modulus `young` (Pa) with the density of water.
     pub fn from_young(young: f64) -> Material {
         Material {
             model: MaterialModel::default(),
@@ -159,7 +161,7 @@ impl Material {
         }
     }
 
-    /// The paper's material: one spring constant `stiffness` (N/m) for all springs, damping
+    /// The material of the paper: one spring constant `stiffness` (N/m) for all springs, damping
     /// `damping` (N·s/m) of the whole relative velocity, the density of water.
     pub fn uniform_springs(stiffness: f64, damping: f64) -> Material {
         Material {
@@ -200,7 +202,7 @@ impl Material {
     /// A preset by name: `soft-tissue`, `very-soft-tissue`, `rubber`.
     ///
     /// # Errors
-    /// [`Error::Input`] listing the names there are.
+    /// [`Error::Input`] that lists the names if `name` is unknown.
     pub fn preset(name: &str) -> Result<Material> {
         match name {
             "soft-tissue" => Ok(Material::soft_tissue()),
@@ -212,9 +214,9 @@ impl Material {
         }
     }
 
-    /// This material, of elements, so damped that a swing of `frequency` (Hz) has the damping ratio
-    /// `ratio` (1 just does not swing): Rayleigh's α = ζω and β = ζ/ω, ω = 2π times the frequency.
-    /// Slower and faster swings are damped more, ζ/2 (ω/ω' + ω'/ω) at ω'.
+    /// Returns this material, for elements, with Rayleigh damping of the damping ratio ζ = `ratio`
+    /// (1 is critical) at `frequency` (Hz): α = ζω and β = ζ/ω, with ω = 2π times the frequency.
+    /// Lower and higher frequencies are damped more, by the ratio ζ/2 (ω/ω' + ω'/ω) at ω'.
     pub fn with_damping_ratio(self, ratio: f64, frequency: f64) -> Material {
         let omega = std::f64::consts::TAU * frequency;
         Material {
@@ -225,7 +227,7 @@ impl Material {
         }
     }
 
-    /// Refuses numbers that make no sense.
+    /// Validates the material.
     pub(crate) fn check(&self) -> Result<()> {
         let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
         let numbers = [

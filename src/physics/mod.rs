@@ -1,11 +1,11 @@
-//! Deformable bodies: masses at the nodes of a mesh, and finite elements in its tets or springs
-//! along its edges (Tejada & Ertl 2005, section 3), stepped on the GPU or on the processor by one
-//! trait, [`Simulator`].
+//! Deformable bodies: masses at the nodes of a mesh, with finite elements in its tets or springs
+//! along its edges (Tejada & Ertl 2005, section 3), stepped on the GPU or the CPU behind one trait,
+//! [`Simulator`].
 //!
-//! On the GPU a [`GpuBody`] is a mesh made of a [`Material`]; a [`Solver`] moves it. A step is a chain of
-//! passes: the solver proposes a candidate state, its forces and energies are computed, one
-//! workgroup decides whether it is sound, and only then it becomes the state. Nothing waits for
-//! the CPU; a failure freezes the last good state until somebody asks.
+//! On the GPU a [`GpuBody`] is a mesh made of a [`Material`], moved by a [`Solver`]. A step is a
+//! chain of passes: the solver proposes a candidate state, its forces and energies are computed,
+//! one workgroup decides whether it is valid, and only then it is committed. Nothing waits for the
+//! CPU; a failure preserves the last valid state until it is queried.
 
 mod acting;
 mod bodies;
@@ -118,10 +118,10 @@ pub type ExplicitEuler = Stepper<explicit_euler::Scheme>;
 /// Symplectic Euler: v' = v + h a, x' = x + h v'.
 pub type SymplecticEuler = Stepper<symplectic_euler::Scheme>;
 /// Verlet: x' = 2x − x₋₁ + h² a, started with x₋₁ = x₀ − h v₀ + ½h² a₀. Damping acts on the
-/// velocity half a step ago: of second order without damping, of first order with it.
+/// velocity half a step earlier: second order without damping, first order with it.
 pub type Verlet = Stepper<verlet::Scheme>;
-/// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a): of second
-/// order with damping too.
+/// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a): second order
+/// with damping too.
 pub type VelocityVerlet = Stepper<velocity_verlet::Scheme>;
 /// Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h(f + h K̃ v).
 pub type ImplicitEuler = Stepper<implicit_euler::ImplicitEulerScheme>;

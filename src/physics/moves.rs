@@ -1,4 +1,4 @@
-//! The one pass that moves the nodes in an explicit scheme; the twin of `shaders/lib/move.wgsl`.
+//! The pass that moves the nodes in explicit schemes; the CPU side of `shaders/lib/move.wgsl`.
 
 use super::GpuBody;
 use super::step::StepResources;
@@ -18,7 +18,8 @@ mod gpu_data {
 }
 use gpu_data::MoveParams;
 
-/// The pass `shader`, from the state of `body` to the candidate positions and to `velocities`.
+/// Builds the pass `shader`, from the state of `body` to the candidate positions and to
+/// `velocities`.
 pub(super) fn explicit_pass(
     core: &StepResources,
     body: &GpuBody,

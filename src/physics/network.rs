@@ -1,5 +1,5 @@
-//! The particles and springs of a body, in float64 and SI units: what the GPU's arrays are made
-//! from, and what the reference steps.
+//! The discrete model of a body: masses, springs and elements in float64 and SI units, from which
+//! the GPU's arrays are created and which the reference steps.
 
 use super::elements::{ConstitutiveModel, Element, Elements};
 use super::hold::ClampedEnd;
@@ -16,51 +16,52 @@ use rayon::slice::ParallelSliceMut;
 pub struct Spring {
     /// Its two nodes, the smaller first.
     pub nodes: [u32; 2],
-    /// κ, N/m.
+    /// Spring constant κ, N/m.
     pub stiffness: f64,
-    /// L, m.
+    /// Rest length L, m.
     pub length: f64,
 }
 
-/// Masses at the nodes of a mesh, springs along its edges.
+/// Masses at the nodes of a mesh, with springs along its edges or finite elements in its tets.
 ///
 /// Positions are in metres from the frame's origin.
 #[derive(Clone, Debug, Default)]
 pub struct DiscreteModel {
     /// Rest position of every node, m.
     pub rest_positions: Vec<DVec3>,
-    /// Mass of every node: a quarter of that of its tets, kg.
+    /// Lumped mass of every node: a quarter of the mass of its tets, kg.
     pub masses: Vec<f64>,
-    /// Every edge of the mesh once, sorted.
+    /// Every edge of the mesh once, in sorted order.
     pub springs: Vec<Spring>,
     /// κ_d of every spring, N·s/m.
     pub damping: f64,
-    /// Seconds; adds `damping_time · κ` to each spring's κ_d.
+    /// Stiffness-proportional damping, s: adds `damping_time · κ` to each spring's κ_d.
     pub damping_time: f64,
-    /// What is damped.
+    /// The damped velocity component.
     pub damping_kind: Damping,
     /// The local frame of the mesh, in file units.
     pub frame: LocalFrame,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     pub length_unit: f64,
-    /// Finite elements. Where there are any they are simulated and the springs are not: these then
-    /// are the edges of the mesh, as stiff as springs of the same modulus would be, by which units,
-    /// loads and held ends are reckoned.
+    /// Finite elements. If there are any, they are simulated instead of the springs; the springs
+    /// then are the edges of the mesh, with the stiffness of springs of the same modulus, and serve
+    /// to choose units, loads and clamped ends.
     pub elements: Elements,
 }
 
 impl DiscreteModel {
-    /// The end by which the body is held where nobody said, `down` being the way loads go: a flat
-    /// one, or what it stands on; see [`ClampedEnd::of_largest_component`]. Also the number of its pieces.
+    /// Chooses the clamped end of a body without supports, for loads in the direction `down`: a
+    /// flat end, or the one it stands on; see [`ClampedEnd::of_largest_component`]. Also returns
+    /// the number of components.
     pub fn find_clamped_end(&self, down: DVec3) -> (ClampedEnd, usize) {
         let ties = self.springs.iter().map(|s| s.nodes);
         ClampedEnd::of_largest_component(&self.rest_positions, &self.masses, ties, down)
     }
 
-    /// The network of `mesh` made of `material`.
+    /// The model of `mesh` made of `material`.
     ///
     /// # Errors
-    /// [`Error::Input`] for numbers that make no sense or fields the mesh does not have.
+    /// [`Error::Input`] if a parameter is out of range or the mesh lacks a field.
     pub fn new(mesh: &TetMesh, material: &Material) -> Result<DiscreteModel> {
         material.check()?;
         let frame = LocalFrame::from_mesh(mesh);
@@ -87,14 +88,13 @@ impl DiscreteModel {
         })
     }
 
-    /// Follows `cut`, which made `mesh` of the mesh this network was made of: doubled nodes share
-    /// the mass of their tets, and the edges at them become springs anew, each from the tets
-    /// around it, so that the network is what [`DiscreteModel::new`] would make of the mesh.
-    /// Returns the springs at the nodes doubled. Takes time in proportion to the cut, but for
-    /// making room in the lists.
+    /// Applies `cut`, which produced `mesh` from this model's mesh: duplicated nodes share the mass
+    /// of their tets, and the springs at their edges are recomputed from the tets around them, so
+    /// that the model equals [`DiscreteModel::new`] of the new mesh. Returns the springs at
+    /// duplicated nodes. Takes time proportional to the cut, except for shifting the lists.
     ///
     /// # Errors
-    /// As [`DiscreteModel::new`], and [`Error::Input`] when `mesh` is not the one cut; nothing is
+    /// As [`DiscreteModel::new`], and [`Error::Input`] if `mesh` is not the cut mesh; nothing is
     /// changed then.
     pub fn apply_cut(
         &mut self,
@@ -119,7 +119,7 @@ impl DiscreteModel {
             *self = DiscreteModel::new(mesh, material)?;
             self.elements.mass_damping = damping;
             self.elements.per_tet_lambda_ratio = kept;
-            // Positions stay in the frame they are in.
+            // Positions stay in their present frame.
             let moved = (self.frame.origin - frame.origin) * self.length_unit;
             self.rest_positions.iter_mut().for_each(|x| *x += moved);
             self.frame = frame;
@@ -149,33 +149,33 @@ impl DiscreteModel {
         Ok(springs)
     }
 
-    /// κ_d of a spring, N·s/m.
+    /// Returns κ_d of a spring, N·s/m.
     pub fn spring_damping(&self, spring: &Spring) -> f64 {
         self.damping + self.damping_time * spring.stiffness
     }
 
-    /// Metres from the frame's origin of a point in file coordinates.
+    /// Converts a point from file coordinates to metres from the frame's origin.
     pub fn to_metres(&self, p: DVec3) -> DVec3 {
         (p - self.frame.origin) * self.length_unit
     }
 
-    /// File coordinates of a point in metres from the frame's origin.
+    /// Converts a point from metres from the frame's origin to file coordinates.
     pub fn to_file(&self, x: DVec3) -> DVec3 {
         self.frame.origin + x / self.length_unit
     }
 }
 
-/// What a mesh is made of: the shares of its tets in masses and springs.
+/// Assembles masses, springs and elements from a mesh and its material.
 struct Matter<'a, F> {
     mesh: &'a TetMesh,
     material: &'a Material,
     made_of: F,
-    /// The labels of the tets.
+    /// The region labels of the tets.
     labels: Option<&'a [f64]>,
     factors: Option<Factors<'a>>,
 }
 
-/// Factors on the stiffness, one a tet or one a node.
+/// Stiffness factors, per tet or per node.
 enum Factors<'a> {
     Cells(&'a [f64]),
     Nodes(&'a [f64]),
@@ -206,12 +206,12 @@ impl<'a> Matter<'a, ()> {
 }
 
 impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
-    /// Cubic metres.
+    /// Volume of a tet, m³.
     fn volume(&self, tet: usize) -> f64 {
         self.mesh.tet_volume(tet).abs() * self.material.length_unit.powi(3)
     }
 
-    /// What a tet is made of, but for factors of nodes.
+    /// The material of a tet, without factors at nodes.
     fn made(&self, tet: usize) -> RegionMaterial {
         let made = (self.made_of)(tet);
         match &self.factors {
@@ -223,7 +223,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
     }
 
-    /// The mean factor of some nodes.
+    /// The mean factor of the given nodes.
     fn node_factor(&self, nodes: &[u32]) -> f64 {
         match &self.factors {
             Some(Factors::Nodes(factors)) => {
@@ -234,7 +234,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
     }
 
-    /// What `tets`, ascending, contribute to the mass of every node.
+    /// The nodal masses contributed by `tets`, in ascending order.
     fn masses(&self, tets: impl Iterator<Item = usize>) -> Result<Vec<f64>> {
         let mut masses = vec![0.0; self.mesh.nodes.len()];
         for t in tets {
@@ -252,8 +252,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         Ok(masses)
     }
 
-    /// The tets as finite elements, if that is what they are made of; those without volume are
-    /// left out.
+    /// The finite elements of the tets, if the material has elements; degenerate tets are left out.
     fn elements(&self, rest: &[DVec3]) -> Elements {
         let law = match self.material.model {
             MaterialModel::Springs => return Elements::default(),
@@ -272,7 +271,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
     }
 
-    /// The region of a tet, if that is rigid.
+    /// The region of a tet, if it is rigid.
     fn rigid_label(&self, tet: usize) -> Option<i64> {
         let label = self.labels?.get(tet)?.round() as i64;
         self.material.rigid.contains(&label).then_some(label)
@@ -301,13 +300,13 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         })
     }
 
-    /// Gives `elements` the nodes that the tets `star` have now.
+    /// Updates the nodes of `elements` for the tets `star`.
     fn rename(&self, elements: &mut Elements, star: &[u32], rest: &[DVec3]) {
         if elements.is_empty() {
             return;
         }
         if elements.tets.len() != self.mesh.tets.len() {
-            // Some were left out: which is whose is not known.
+            // Some tets were left out, so elements and tets do not correspond: rebuild.
             let (damping, kept) = (elements.mass_damping, elements.per_tet_lambda_ratio);
             *elements = self.elements(rest);
             elements.mass_damping = damping;
@@ -319,7 +318,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
     }
 
-    /// The springs along edges given with every tet around them, sorted.
+    /// The springs along edges, given as a sorted list with every incident tet.
     fn springs(&self, around: &[([u32; 2], u32)], rest: &[DVec3]) -> Result<Vec<Spring>> {
         let edges: Vec<&[([u32; 2], u32)]> = around.chunk_by(|a, b| a.0 == b.0).collect();
         let springs = parallel::map(edges.len(), |e| {
@@ -338,7 +337,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
     }
 
-    /// The spring along an edge with these tets around it.
+    /// The spring along an edge with these incident tets.
     fn spring(&self, nodes: [u32; 2], tets: impl Iterator<Item = usize>, rest: &[DVec3]) -> Spring {
         let [i, j] = nodes.map(|v| v as usize);
         let length = rest[i].distance(rest[j]);
@@ -349,7 +348,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             weighted += share * self.made(t).stiffness;
         }
         let stiffness = match self.material.stiffness {
-            // A zero-length edge has no direction to resist in.
+            // A zero-length edge has no direction in which to resist.
             Stiffness::Young(_) if length * length <= f64::MIN_POSITIVE => 0.0,
             Stiffness::Young(_) => weighted / (length * length),
             Stiffness::Uniform(_) if volume > 0.0 => weighted / volume,
@@ -363,7 +362,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
     }
 }
 
-/// Every edge with every tet around it, sorted.
+/// Every edge with every incident tet, sorted.
 fn edges_around(mesh: &TetMesh) -> Vec<([u32; 2], u32)> {
     let mut around = parallel::collect(mesh.tets.len(), |range, around| {
         for t in range {
@@ -376,7 +375,7 @@ fn edges_around(mesh: &TetMesh) -> Vec<([u32; 2], u32)> {
     around
 }
 
-/// What each tet is made of, by its region.
+/// The material of each tet, by its region.
 fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> RegionMaterial> {
     let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = material.stiffness;
     let rest = RegionMaterial {
@@ -393,7 +392,7 @@ fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> Regi
         let region = label.and_then(|label| material.regions.get(&label));
         let made = region.copied().unwrap_or(rest);
         match label.is_some_and(|label| material.rigid.contains(&label)) {
-            // Nothing is reckoned with how stiff it is, but the units.
+            // The stiffness of rigid tets affects the units only.
             true => RegionMaterial { stiffness, ..made },
             false => made,
         }

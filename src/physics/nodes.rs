@@ -1,20 +1,20 @@
-//! Node positions on the GPU: all that drawing a body takes.
+//! Node positions on the GPU: all that is needed to draw a body.
 
 use crate::gpu::{Array, Gpu, Positions, Texel};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 
-/// The positions of a mesh's nodes on the GPU, with or without physics behind them.
+/// The positions of a mesh's nodes on the GPU, with or without physics.
 ///
-/// Node i of the mesh is item i of the array, in the local frame. Their version tells whether they
-/// have moved; who writes the texture by other means than Palpate's says so with [`Array::mark_written`].
+/// Node i of the mesh is item i of the array, in the local frame. The version changes when they may
+/// have moved; code that writes the texture by other means must call [`Array::mark_written`].
 #[derive(Clone, Debug)]
 pub struct NodePositions {
     gpu: Gpu,
     positions: Array,
     frame: LocalFrame,
-    /// What was put there last from outside the device, and the version it made.
+    /// The positions last uploaded, and the version this created.
     put: Option<(u64, Vec<Vec3>)>,
 }
 
@@ -31,7 +31,7 @@ impl NodePositions {
     /// The nodes of `mesh`, at rest.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when they do not fit the device.
+    /// [`Error::Gpu`] if they do not fit the device.
     pub fn new(gpu: &Gpu, mesh: &TetMesh) -> Result<NodePositions> {
         let frame = LocalFrame::from_mesh(mesh);
         let put: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
@@ -45,13 +45,13 @@ impl NodePositions {
         })
     }
 
-    /// The positions: rgba32float, xyz in the local frame; w is kept as it is by every step. A
-    /// cut makes it longer, and may put another in its place.
+    /// The positions: rgba32float, xyz in the local frame; steps preserve w. A cut lengthens the
+    /// array and may replace it.
     pub fn array(&self) -> &Array {
         &self.positions
     }
 
-    /// The device that they are on.
+    /// The device of the array.
     pub(super) fn gpu(&self) -> &Gpu {
         &self.gpu
     }
@@ -71,7 +71,7 @@ impl NodePositions {
         self.positions.is_empty()
     }
 
-    /// A number that changes whenever the nodes may have moved.
+    /// Version number that changes whenever the nodes may have moved.
     pub fn version(&self) -> u64 {
         self.positions.version()
     }
@@ -79,7 +79,7 @@ impl NodePositions {
     /// Moves the nodes to `positions`, in file units; sets w to 1.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of positions or one that is not finite.
+    /// [`Error::Input`] if the number of positions is wrong or one is not finite.
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         let local = self.check("positions", positions, |p| self.frame.to_local(p))?;
         self.gpu.write_array(&self.positions, &local)?;
@@ -88,14 +88,14 @@ impl NodePositions {
         Ok(())
     }
 
-    /// The positions in file units where they came from outside the device, and nothing on it has
-    /// moved them since: as they are there, without reading back.
+    /// The uploaded positions in file units, without reading back; `None` if they were moved on the
+    /// device since.
     pub fn put(&self) -> Option<Vec<DVec3>> {
         let (version, put) = self.put.as_ref()?;
         (*version == self.version()).then(|| put.iter().map(|p| self.frame.to_file(*p)).collect())
     }
 
-    /// The positions in file units; read back, where they were not put there from outside.
+    /// The positions in file units; read back unless they were uploaded and have not changed since.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -110,12 +110,12 @@ impl NodePositions {
             .collect())
     }
 
-    /// The texels of all nodes, read back.
+    /// Reads back the texels of all nodes.
     pub(super) fn local(&self) -> Result<Vec<[f32; 4]>> {
         self.gpu.read_array(&self.positions)
     }
 
-    /// Adds nodes with these texels at the end.
+    /// Appends nodes with these texels.
     pub(super) fn extend(&mut self, texels: &[[f32; 4]]) -> Result<()> {
         let first = self.len();
         let len = first + texels.len();
@@ -125,7 +125,7 @@ impl NodePositions {
         Ok(())
     }
 
-    /// One finite vector a node, ready for the GPU, with w = 1.
+    /// Checks for one finite vector per node, and converts to texels with w = 1.
     pub(super) fn check(
         &self,
         what: &str,

@@ -1,31 +1,31 @@
-//! What a body exerts on that which holds it.
+//! Reaction forces and moments on the supports of a body.
 
 use super::{GrabId, GrabMode, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// What holds one node.
+/// The constraint of one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GrabbedNode {
     /// The node, of the body's mesh.
     pub node: u32,
-    /// Where it is held, or pulled to, in file units.
+    /// Target position of the node, in file units.
     pub place: DVec3,
-    /// How; of springs the node's share of their stiffness and limit.
+    /// The kind of constraint; for springs, the node's share of stiffness and limit.
     pub grip: GrabMode,
 }
 
 /// A force and its moment about the origin of the file's coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reaction {
-    /// N.
+    /// Force, N.
     pub force: DVec3,
-    /// N·m.
+    /// Moment, N·m.
     pub moment: DVec3,
 }
 
 impl Reaction {
-    /// Of forces (N) at points (m from the origin of the file's coordinates).
+    /// Sums forces (N) at points (m from the origin of the file's coordinates).
     pub fn from_point_forces(forces: impl IntoIterator<Item = (DVec3, DVec3)>) -> Reaction {
         let mut sum = Reaction::default();
         for (force, at) in forces {
@@ -36,21 +36,21 @@ impl Reaction {
     }
 }
 
-/// A body where it stands, with the forces on its nodes: what reactions are taken from.
+/// Positions and nodal forces of a body, from which reactions are computed.
 #[derive(Clone, Debug)]
 pub struct NodalForces {
-    /// Of every node, m from the origin of the file's coordinates.
+    /// Node positions, m from the origin of the file's coordinates.
     places: Vec<DVec3>,
-    /// N.
+    /// Nodal forces, N.
     forces: Vec<DVec3>,
-    /// kg.
+    /// Nodal masses, kg.
     masses: Vec<f64>,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     unit: f64,
 }
 
 impl NodalForces {
-    /// Of `body`, read back; see [`Simulator::forces`].
+    /// The forces of `body`, read back; see [`Simulator::forces`].
     ///
     /// # Errors
     /// As [`Simulator::forces`].
@@ -73,14 +73,14 @@ impl NodalForces {
         })
     }
 
-    /// What the body exerts on that which holds `nodes` still.
+    /// Returns the reaction force and moment on the supports of `nodes`.
     pub fn reaction_on_pins(&self, nodes: &[u32]) -> Reaction {
         let at = nodes.iter().map(|v| *v as usize);
         Reaction::from_point_forces(at.map(|v| (self.forces[v], self.places[v])))
     }
 
-    /// What the body exerts on that which moves nodes with these accelerations, m/s²: their forces
-    /// less m a.
+    /// Returns the reaction on the drive of nodes moved with these accelerations (m/s²): their
+    /// forces minus m a.
     pub fn reaction_on_motion(&self, nodes: impl IntoIterator<Item = (u32, DVec3)>) -> Reaction {
         Reaction::from_point_forces(nodes.into_iter().map(|(v, acceleration)| {
             let v = v as usize;
@@ -91,12 +91,12 @@ impl NodalForces {
         }))
     }
 
-    /// What the body exerts on the grab `id` of `body`, whose target is accelerated by
-    /// `acceleration`, m/s²: of nodes that follow exactly their forces less m a; of springs the
-    /// force of the springs.
+    /// Returns the reaction on the grab `id` of `body`, whose target has the acceleration
+    /// `acceleration`, m/s²: for exactly followed nodes their forces minus m a, for springs the
+    /// spring force.
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there.
+    /// [`Error::Input`] if the grab does not exist.
     pub fn reaction_on_grab(
         &self,
         body: &dyn Simulator,

@@ -1,4 +1,4 @@
-//! What became of a body, measured in float64 from its state read back.
+//! Energies, volume and displacement of a body, computed in float64 from its state.
 
 use super::{DiscreteModel, GpuBody, NodeTerm, Spring};
 use crate::Result;
@@ -10,35 +10,35 @@ use std::sync::Arc;
 /// Energies of a body, J.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Energy {
-    /// Of motion, Σ ½mv².
+    /// Kinetic energy, Σ ½mv².
     pub kinetic: f64,
-    /// In the springs, Σ ½κ(|x| − L)², or in the elements, and in the terms beside them.
+    /// Elastic energy of the springs, Σ ½κ(|x| − L)², or of the elements, and of the node terms.
     pub elastic: f64,
-    /// Kinetic and elastic.
+    /// Sum of kinetic and elastic energy.
     pub total: f64,
 }
 
-/// The state of a body, in numbers.
+/// Statistics of the state of a body.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Report {
     /// Energies, J.
     pub energy: Energy,
-    /// Volume now over volume at rest.
+    /// Present volume over volume at rest.
     pub volume_ratio: f64,
-    /// The farthest any node is from where it rested, in file units.
+    /// Maximum displacement of a node, in file units.
     pub max_displacement: f64,
     /// The largest extent of the bounds at rest, in file units.
     pub extent: f64,
-    /// Tets turned inside out.
+    /// Number of inverted tets.
     #[serde(rename = "inverted")]
     pub inverted_tets: usize,
 }
 
 impl Report {
-    /// The report on `body`, which is made of `mesh`.
+    /// The report on `body`, built from `mesh`.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     pub fn new(body: &GpuBody, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;
@@ -46,7 +46,7 @@ impl Report {
         Ok(Report::from_positions(energy, mesh, &positions))
     }
 
-    /// The report on a body of that energy, whose nodes stand at `positions`, in file units.
+    /// The report on a body with this energy and the node positions `positions`, in file units.
     pub(crate) fn from_positions(energy: Energy, mesh: &TetMesh, positions: &[DVec3]) -> Report {
         let volumes = parallel::map(mesh.tets.len(), |t| {
             signed_volume(mesh.tets[t].map(|v| positions[v as usize]))
@@ -68,7 +68,7 @@ impl Report {
 }
 
 impl Energy {
-    /// Energies at a state given in file units.
+    /// Computes the energies of a state given in file units.
     pub(crate) fn from_state(
         network: &DiscreteModel,
         terms: &[Arc<dyn NodeTerm>],

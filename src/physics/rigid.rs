@@ -1,4 +1,4 @@
-//! Regions that move as one body: which nodes of a mesh they are, and what engines ask of them.
+//! Rigid regions: their nodes, inertia and degrees of freedom.
 
 use super::elements::eigen;
 use super::{DiscreteModel, LocalUnits};
@@ -7,22 +7,22 @@ use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A rigid body of a mesh: rigid tets that hang together by their nodes.
+/// A rigid body of a mesh: rigid tets connected by shared nodes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RigidBody {
     /// All of its nodes, ascending.
     pub nodes: Vec<u32>,
-    /// Those on its surface, ascending: where it meets what is soft, or nothing. The others are
-    /// of no account for what happens around it.
+    /// Its surface nodes, ascending: those on the boundary, and those shared with soft tets. The
+    /// others do not affect the surroundings.
     pub surface: Vec<u32>,
     /// The labels of the regions it is made of.
     pub labels: BTreeSet<i64>,
 }
 
-/// The number of the body that each of `count` nodes belongs to; `None` where it is soft.
+/// The index of the rigid body of each of `count` nodes; `None` for soft nodes.
 ///
 /// # Errors
-/// [`Error::Input`] for nodes that are not there, or that belong to two.
+/// [`Error::Input`] if a node does not exist, or belongs to two bodies.
 pub(super) fn node_owners(bodies: &[RigidBody], count: usize) -> Result<Vec<Option<u32>>> {
     let strange = |b: &RigidBody| {
         let mut nodes = b.nodes.iter().chain(&b.surface);
@@ -46,7 +46,7 @@ pub(super) fn node_owners(bodies: &[RigidBody], count: usize) -> Result<Vec<Opti
     Ok(owner)
 }
 
-/// What of a body there is to its inertia, local units.
+/// Mass properties of a rigid body, in local units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MassProperties {
     /// Its centre of mass at rest.
@@ -59,10 +59,10 @@ pub(super) struct MassProperties {
 }
 
 impl MassProperties {
-    /// Of a body of `network`.
+    /// Computes the properties of a body of `network`.
     ///
     /// # Errors
-    /// [`Error::Input`] for one without mass, or a flat one.
+    /// [`Error::Input`] if the body is massless or flat.
     pub fn of(
         network: &DiscreteModel,
         body: &RigidBody,
@@ -105,23 +105,24 @@ impl MassProperties {
     }
 }
 
-/// Points nearer to each other than this part of a body are one, and hold it so.
+/// Distance relative to the body's radius of gyration below which constrained points coincide.
 const COINCIDENCE_RATIO: f64 = 1e-6;
 
-/// How a body can move.
+/// The degrees of freedom of a rigid body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum DegreesOfFreedom {
-    /// As it likes.
+    /// Unconstrained.
     Free,
-    /// About a point that stays, given from the centre at rest; if about an axis only, that.
+    /// Rotation about a fixed point, given relative to the centre at rest; if the second is given,
+    /// about that axis only.
     Rotational(DVec3, Option<DVec3>),
-    /// Not at all: three nodes that are not in a line are pinned or held.
+    /// None: three nodes that are not collinear are constrained.
     Fixed,
 }
 
 impl DegreesOfFreedom {
-    /// Of a body whose radius of gyration is `radius` and which is held at these points, from its
-    /// centre at rest.
+    /// Returns the degrees of freedom left by constraints at the points `held`, relative to the
+    /// centre at rest, for a body with the radius of gyration `radius`.
     pub fn of(held: impl Iterator<Item = DVec3>, radius: f64) -> DegreesOfFreedom {
         let near = COINCIDENCE_RATIO * radius;
         held.fold(DegreesOfFreedom::Free, |freedom, r| match freedom {
@@ -139,8 +140,8 @@ impl DegreesOfFreedom {
     }
 }
 
-/// The rigid bodies of `mesh`, `label` being the region of a tet if that is rigid. Rigid tets that
-/// share a node are one body, whatever their regions: there is no joint in a point.
+/// The rigid bodies of `mesh`; `label` returns the region of a rigid tet. Rigid tets that share a
+/// node form one body, whatever their regions: one shared node is not a joint.
 pub(super) fn rigid_bodies(mesh: &TetMesh, label: impl Fn(usize) -> Option<i64>) -> Vec<RigidBody> {
     const NONE: u32 = u32::MAX;
     let rigid: Vec<(usize, i64)> = (0..mesh.tets.len())
@@ -216,7 +217,7 @@ mod tests {
         let mesh = generate::bar([6, 3, 3], glam::DVec3::new(6.0, 3.0, 3.0)).unwrap();
         let middle = |t: usize| mesh.tet_nodes(t).iter().sum::<glam::DVec3>() / 4.0;
         let low = mesh.bounds().0;
-        // Two ends, one of two regions.
+        // Two rigid ends, one of two regions.
         let label = |t: usize| {
             let p = middle(t) - low;
             match p.x {
@@ -228,7 +229,7 @@ mod tests {
         let bodies = rigid_bodies(&mesh, label);
         let nodes: Vec<usize> = bodies.iter().map(|b| b.nodes.len()).collect();
         assert_eq!(nodes, [32, 48]);
-        // Inside the second lie the four nodes of its middle layer.
+        // The four nodes of the middle layer are interior to the second body.
         let inside: Vec<usize> = bodies
             .iter()
             .map(|b| b.nodes.len() - b.surface.len())

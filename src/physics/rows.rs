@@ -1,42 +1,42 @@
-//! The springs of every node, laid out for the GPU: sliced rows of directed edges.
+//! Rows of directed edges in sliced ELLPACK format for the GPU.
 //!
-//! Rows are taken 32 at a time; within such a slice the q-th four neighbours of all lie side by
-//! side, so neighbouring invocations load neighbouring texels, and one node with many springs
-//! lengthens its own slice only. Rows of one length come together: within a window of the file's
-//! order they are sorted by it, so that invocations running side by side finish together. The
-//! corners of tets at every node are laid out alike. The twin of `shaders/lib/rows.wgsl`.
+//! Slices have 32 rows; within a slice, the q-th groups of four neighbours of all rows are
+//! contiguous, so neighbouring invocations load neighbouring texels, and a node with many springs
+//! lengthens its own slice only. Rows are sorted by length within a window of the file's order, so
+//! that invocations running side by side finish together. The incident tet corners of nodes have
+//! the same layout. The CPU side of `shaders/lib/rows.wgsl`.
 
 use super::network::{DiscreteModel, Spring};
 use super::units::LocalUnits;
 use crate::{Error, Result};
 use glam::Vec3;
 
-/// Rows in a slice.
+/// Rows per slice.
 const SLICE_HEIGHT: usize = 32;
 
-/// Rows sorted among each other.
+/// Number of rows in a sorting window.
 const SORT_WINDOW: usize = 512;
 
-/// The rows as they are uploaded.
+/// The rows in the uploaded layout.
 #[derive(Debug)]
 pub(super) struct SlicedEllpack {
-    /// Of each row: its node, the first texel of its slice in `columns`, its own texels, and
-    /// those there is room for.
+    /// For each row: its node, the first texel of its slice in `columns`, its number of texels, and
+    /// its capacity.
     pub rows: Vec<[u32; 4]>,
-    /// Four neighbours a texel, filled up with the node itself.
+    /// Four neighbours per texel, padded with the node itself.
     pub columns: Vec<[u32; 4]>,
-    /// κ and L of each directed edge, in local units; zero where a row is filled up.
+    /// κ and L of each directed edge, in local units; zero in the padding.
     pub springs: Vec<[f32; 2]>,
     /// The row of each node.
     row_of: Vec<u32>,
-    /// What rows are filled up with, where not with their node.
+    /// Padding value, if not the node itself.
     filler: Option<u32>,
 }
 
-/// A spring as its node sees it: the other node, κ and L in local units.
+/// A spring at its node: the other node, κ and L in local units.
 pub(super) type DirectedSpring = (u32, f32, f32);
 
-/// What [`SlicedEllpack::replace`] changed: places in the three lists.
+/// Indices changed by [`SlicedEllpack::replace`] in the three lists.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Replaced {
     pub rows: Vec<u32>,
@@ -47,7 +47,7 @@ pub(super) struct Replaced {
 impl SlicedEllpack {
     /// The rows of `network`, whose nodes rest at the local positions `rest`.
     ///
-    /// Rest lengths are those of the rounded positions, so that a body at rest has no forces.
+    /// Rest lengths are computed from the rounded positions, so that a body at rest has no forces.
     pub fn new(
         network: &DiscreteModel,
         rest: &[Vec3],
@@ -65,14 +65,14 @@ impl SlicedEllpack {
         SlicedEllpack::build(&neighbours, None)
     }
 
-    /// The rows of nodes with these numbers each, filled up with `filler` or the node itself.
+    /// Rows with these numbers for each node, padded with `filler` or the node itself.
     pub fn from_lists(lists: &[Vec<u32>], filler: Option<u32>) -> Result<SlicedEllpack> {
         let entries = |list: &Vec<u32>| list.iter().map(|n| (*n, 0.0, 0.0)).collect();
         let lists: Vec<Vec<DirectedSpring>> = lists.iter().map(entries).collect();
         SlicedEllpack::build(&lists, filler)
     }
 
-    /// The rows of nodes with these lists, filled up with `filler` or the node itself.
+    /// Rows with these lists for each node, padded with `filler` or the node itself.
     fn build(neighbours: &[Vec<DirectedSpring>], filler: Option<u32>) -> Result<SlicedEllpack> {
         let nodes = neighbours.len();
         let mut built = SlicedEllpack {
@@ -99,7 +99,7 @@ impl SlicedEllpack {
         Ok(built)
     }
 
-    /// Room for [`SLICE_HEIGHT`] rows of `width` texels: its first.
+    /// Allocates a slice for [`SLICE_HEIGHT`] rows of `width` texels. Returns its first texel.
     fn new_slice(&mut self, width: usize) -> Result<u32> {
         let base = self.columns.len();
         let end = base + width * SLICE_HEIGHT;
@@ -113,7 +113,7 @@ impl SlicedEllpack {
         Ok(base as u32)
     }
 
-    /// Writes the row of `node`, for which there is room, and fills it up with the node.
+    /// Writes the row of `node`, for which there is capacity, and pads it.
     fn fill(&mut self, node: u32, row: &[DirectedSpring]) {
         let t = self.row_of[node as usize] as usize;
         let [_, base, _, room] = self.rows[t];
@@ -145,7 +145,7 @@ impl SlicedEllpack {
             .filter(move |directed| directed.0 != node)
     }
 
-    /// The entry of the spring from `node` to `other`: its place in `springs`.
+    /// The index in `springs` of the spring from `node` to `other`.
     pub fn entry(&self, node: u32, other: u32) -> Option<u32> {
         let t = *self.row_of.get(node as usize)? as usize;
         let [_, base, texels, _] = self.rows[t];
@@ -154,15 +154,15 @@ impl SlicedEllpack {
         Some(found.1.1 as u32)
     }
 
-    /// Gives nodes other springs; nodes beyond those there are are added. A row that no longer
-    /// fits its slice moves to a new one at the end of the lists, which it shares with others.
+    /// Replaces the springs of nodes; nodes beyond the present count are added. A row that exceeds
+    /// its slice moves to a new slice at the end of the lists, shared with other moved rows.
     pub fn replace(&mut self, mut given: Vec<(u32, Vec<DirectedSpring>)>) -> Result<Replaced> {
         let count = given.iter().map(|(node, _)| *node + 1).max().unwrap_or(0);
         for node in self.row_of.len() as u32..count {
             self.row_of.push(self.rows.len() as u32);
             self.rows.push([node, 0, 0, 0]);
         }
-        // The longest first, so that whoever joins a slice fits it.
+        // The longest first, so that every row fits the slice it joins.
         given.sort_by_key(|(node, row)| (std::cmp::Reverse(row.len()), *node));
         let mut slices: Vec<([bool; SLICE_HEIGHT], u32, u32)> = Vec::new();
         let mut replaced = Replaced::default();
@@ -200,8 +200,8 @@ impl SlicedEllpack {
     }
 }
 
-/// Where entry e of row t lies, in the slice that begins at `base`: its texel in `columns`, its
-/// place in `springs`.
+/// The location of entry e of row t in the slice starting at `base`: texel in `columns`, index in
+/// `springs`.
 fn entry_position(base: u32, t: usize, e: usize) -> (usize, usize) {
     let (base, lane) = (base as usize, t % SLICE_HEIGHT);
     (
@@ -210,7 +210,7 @@ fn entry_position(base: u32, t: usize, e: usize) -> (usize, usize) {
     )
 }
 
-/// A spring as its two nodes see it, whose nodes rest at the local positions `rest`.
+/// The two directed springs of a spring, whose nodes rest at the local positions `rest`.
 pub(super) fn directed_pair(
     spring: &Spring,
     rest: impl Fn(u32) -> Vec3,
@@ -258,7 +258,7 @@ mod tests {
             }
         };
         check(&rows, &lists);
-        // One becomes shorter, two in the same lane longer than they have room for, one is new.
+        // One row becomes shorter, two in one lane exceed their capacity, one is new.
         let changes = [(7, 2), (3, 30), (35, 20), (70, 5)];
         let texels = rows.columns.len();
         let given = changes.map(|(node, count)| (node, list(node, count)));
@@ -274,7 +274,7 @@ mod tests {
         let replaced = rows.replace(given.to_vec()).unwrap();
         check(&rows, &lists);
         assert_eq!(rows.columns.len(), texels + (8 + 5) * SLICE_HEIGHT);
-        // What is not named has not changed.
+        // Unlisted rows have not changed.
         for (t, row) in before.0.iter().enumerate() {
             assert!(rows.rows[t] == *row || replaced.rows.contains(&(t as u32)));
         }

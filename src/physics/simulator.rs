@@ -1,4 +1,4 @@
-//! What everything that moves a body can do, whatever it is made of and whatever steps it.
+//! The common interface of all simulated bodies, independent of model and engine.
 
 use super::{
     AmplitudeId, BodiesState, CgSettings, CpuGridState, CpuState, DiscreteModel, Engine, GrabId,
@@ -13,56 +13,56 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// What is called by the thread of a body on the CPU whenever there are new positions to draw.
+/// Callback invoked on a CPU body's thread whenever there are new positions to draw.
 pub type StepCallback = Arc<dyn Fn() + Send + Sync>;
 
-/// A body and what moves it.
+/// A body and its solver.
 ///
-/// Places are in file units, velocities in file units a second, forces in newtons; nodes are those
-/// of [`Simulator::mesh`]. Steps are asked for with [`Simulator::advance`];
-/// [`Simulator::progress`] looks how far they are, without waiting, and [`Simulator::finish`]
-/// waits. A body on the CPU goes on by itself in between; one on the GPU is given its next steps by
-/// either. When a step fails, those left are dropped and the body stays as it was before it (a grid
-/// body: before the last 256 at most), and can still be read and drawn; changing state, loads or
-/// pins clears the failure. What acts on the body is taken over with steps that come after.
+/// Positions are in file units, velocities in file units per second, forces in newtons; nodes are
+/// those of [`Simulator::mesh`]. Steps are requested with [`Simulator::advance`];
+/// [`Simulator::progress`] polls without waiting, and [`Simulator::finish`] waits. In between, a
+/// body on the CPU continues by itself; one on the GPU is given its next steps by either call. When
+/// a step fails, the remaining steps are dropped and the body keeps the state before that step (a
+/// grid body: at most 256 steps earlier), which can still be read and drawn; changing state, loads
+/// or pins clears the failure. Changed loads take effect with later steps.
 ///
-/// Who draws the body takes [`Simulator::nodes`] after [`Simulator::update_nodes`]; their version tells
-/// whether they have moved. A grid body on the GPU may be drawn before its last steps were found
-/// sound.
+/// To draw the body, use [`Simulator::nodes`] after [`Simulator::update_nodes`]; their version
+/// shows whether they have moved. A grid body on the GPU may be drawn before its last steps are
+/// validated.
 pub trait Simulator: Send {
-    /// By which scheme it steps.
+    /// The integration scheme.
     fn integrator(&self) -> SolverKind;
 
-    /// What computes the steps.
+    /// The engine that computes the steps.
     fn engine(&self) -> Engine;
 
-    /// The mesh that is drawn, at rest, as cuts have left it.
+    /// The drawn mesh at rest, after cuts.
     fn mesh(&self) -> &TetMesh;
 
-    /// The neighbours in that mesh.
+    /// The topology of that mesh.
     fn topology(&self) -> &Topology;
 
-    /// Mass of every node that is simulated, kg.
+    /// Masses of all simulated nodes, kg.
     fn masses(&self) -> &[f64];
 
-    /// Which two of these nodes each spring ties.
+    /// The two simulated nodes of each spring.
     fn spring_pairs(&self) -> Vec<[u32; 2]>;
 
-    /// Masses and springs, of a body of tets.
+    /// The discrete model of a tetrahedral body.
     fn network(&self) -> Option<&DiscreteModel> {
         None
     }
 
-    /// Steps by another scheme from now on, afresh from positions and velocities.
+    /// Switches to another scheme, restarted from positions and velocities.
     ///
     /// # Errors
-    /// [`Error::Input`] for one that it does not have.
+    /// [`Error::Input`] if the body does not support it.
     fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()>;
 
-    /// Adds a term to its energy.
+    /// Adds an energy term.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body that knows springs only.
+    /// [`Error::Input`] if the body supports springs only.
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         Err(Error::Input(format!(
             "a {} cannot act on a grid body, which knows springs only; simulate tets",
@@ -70,11 +70,11 @@ pub trait Simulator: Send {
         )))
     }
 
-    /// Adds a pressure or a muscle, whose level is 0 until [`Simulator::set_amplitude`].
+    /// Adds a pressure or a muscle, with amplitude 0 until [`Simulator::set_amplitude`].
     ///
     /// # Errors
-    /// [`Error::Input`] for what makes no sense for this body, and for all but a body of tets on
-    /// the processor.
+    /// [`Error::Input`] if the load is invalid for this body, or the body is not a tetrahedral body
+    /// on the CPU.
     fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
         Err(cpu_only_error(match acting {
             ScaledLoad::Pressure(_) => "pressure acts",
@@ -82,61 +82,62 @@ pub trait Simulator: Send {
         }))
     }
 
-    /// Sets the level of a pressure, Pa, or of a muscle, from 0 to 1; it acts from the next step
-    /// on.
+    /// Sets the amplitude of a pressure, Pa, or of a muscle, from 0 to 1; takes effect with the
+    /// next step.
     ///
     /// # Errors
-    /// [`Error::Input`] for a level that makes no sense, or of nothing that was added.
+    /// [`Error::Input`] if the amplitude is out of range or `id` is unknown.
     fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
         Err(Error::Input(format!(
             "nothing acts on this body at a level, so {id:?} cannot be set to {level}"
         )))
     }
 
-    /// Adds a tool that presses on the body's boundary. [`Loads::set_tool_target`] says where it goes.
+    /// Adds a tool that presses on the body's boundary. [`Loads::set_tool_target`] moves it.
     ///
     /// # Errors
-    /// [`Error::Input`] for a tool that makes no sense, and for all but a body of finite elements
-    /// on the processor that `implicit` or `bdf2` steps.
+    /// [`Error::Input`] if the tool is invalid, or the body is not one of finite elements on the
+    /// CPU, stepped by `implicit` or `bdf2`.
     fn add_tool(&mut self, _: Tool) -> Result<ToolId> {
         Err(cpu_only_error("tools press"))
     }
 
-    /// The tools, in the order in which they were added.
+    /// The tools, in the order of their addition.
     fn tools(&self) -> &[Tool] {
         &[]
     }
 
-    /// Has the body's boundary feel itself from now on: its parts each other, and its folds. Returns
-    /// how many of its faces go through others, or are of parts that lie within others, as it is now;
-    /// these are drawn apart and push nothing until they are free.
+    /// Enables self-contact: between parts of the boundary, and within its folds. Returns the
+    /// number of boundary faces that intersect others, or belong to parts inside others, in the
+    /// present configuration; these are gradually separated and exert no contact forces until they
+    /// are free.
     ///
     /// # Errors
-    /// [`Error::Input`] for numbers that make no sense, and for all but a body of finite elements on
-    /// the processor that `implicit` or `bdf2` steps.
+    /// [`Error::Input`] if a setting is out of range, or the body is not one of finite elements on
+    /// the CPU, stepped by `implicit` or `bdf2`.
     fn set_self_contact(&mut self, _: SelfContactSettings) -> Result<usize> {
         Err(cpu_only_error("bodies feel themselves"))
     }
 
-    /// The body's contact with itself, if it has any.
+    /// The settings of self-contact, if enabled.
     fn self_contact(&self) -> Option<SelfContactSettings> {
         None
     }
 
-    /// Joins two of its rigid regions, or one to the world, where they rest. Regions that are joined
-    /// do not feel each other.
+    /// Adds a joint between two rigid regions, or from one to the world, in the rest configuration.
+    /// Joined regions do not collide with each other.
     ///
     /// # Errors
-    /// [`Error::Input`] for a joint that makes no sense, regions that are not rigid, and for all but
-    /// a body that rapier steps.
+    /// [`Error::Input`] if the joint is invalid, a region is not rigid, or the body is not stepped
+    /// by rapier.
     fn add_joint(&mut self, _: Joint) -> Result<()> {
         Err(Error::Input(
             "rigid regions are joined by rapier only: take --engine rapier (a build with the feature `rapier`), or leave [[joint]] out".into(),
         ))
     }
 
-    /// What the body exerts on each tool where it stands: the force, and its moment about the
-    /// origin of the tool's shape. After the steps asked for.
+    /// Returns the reaction on each tool in the present configuration: the force, and its moment
+    /// about the origin of the tool's shape. Waits for requested steps.
     ///
     /// # Errors
     /// As [`Simulator::finish`].
@@ -144,9 +145,10 @@ pub trait Simulator: Send {
         Ok(Vec::new())
     }
 
-    /// What all else of the body exerts on the rigid region with this label where it stands, by contact
-    /// and by what is soft around it: the force, and its moment about the region's centre of mass.
-    /// None where there is no such region, or a GPU steps it. After the steps asked for.
+    /// Returns the force that the rest of the body exerts on the rigid region with this label in
+    /// the present configuration, by contact and by the soft tissue around it, and its moment about
+    /// the region's centre of mass. `None` if there is no such region, or the body is on the GPU.
+    /// Waits for requested steps.
     ///
     /// # Errors
     /// As [`Simulator::finish`].
@@ -154,12 +156,12 @@ pub trait Simulator: Send {
         Ok(None)
     }
 
-    /// Leads nodes of the mesh along from now on: they are where [`Loads::set_prescribed_motion`] says, whatever
-    /// pulls at them.
+    /// Prescribes the motion of nodes of the mesh from now on: [`Loads::set_prescribed_motion`]
+    /// sets their positions, whatever the forces on them.
     ///
     /// # Errors
-    /// [`Error::Input`] for nodes that are not there or held already, and for all but a body of
-    /// tets on the processor.
+    /// [`Error::Input`] if a node does not exist or is already constrained, or the body is not a
+    /// tetrahedral body on the CPU.
     fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
         Err(cpu_only_error(match nodes.len() {
             1 => "a node is led",
@@ -167,36 +169,35 @@ pub trait Simulator: Send {
         }))
     }
 
-    /// The largest stable step of its scheme at rest, s; none where any step is stable.
+    /// The largest stable step of its scheme at rest, s; `None` if any step is stable.
     fn largest_stable_step(&self) -> Option<f64>;
 
-    /// Asks for `steps` more steps of `dt` seconds. Waits for nothing but steps that were recorded
-    /// by [`Simulator::record`] before.
+    /// Requests `steps` more steps of `dt` seconds. Waits only for steps recorded by
+    /// [`Simulator::record`] before.
     ///
     /// # Errors
-    /// [`Error::Input`] for a step that makes no sense; otherwise what the
-    /// device refuses.
+    /// [`Error::Input`] if the step is invalid; otherwise an error if the device rejects the work.
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()>;
 
-    /// How far the simulation is known to be, without waiting.
+    /// Returns the known progress without waiting.
     ///
     /// # Errors
-    /// [`Error::Solver`] when a step failed; the steps left are dropped.
+    /// [`Error::Solver`] if a step failed; the remaining steps are dropped.
     fn progress(&mut self) -> Result<StepProgress>;
 
-    /// Waits for all steps asked for.
+    /// Waits for all requested steps.
     ///
     /// # Errors
     /// As [`Simulator::progress`].
     fn finish(&mut self) -> Result<StepProgress>;
 
-    /// Has `waker` called when steps were done that nobody waits for, so that a window sleeps until
-    /// then; a body on the GPU has nobody who could call, and is to be looked at.
+    /// Sets a callback for completed steps that no call waits for, so that a window can sleep until
+    /// then. A body on the GPU does not call it and must be polled.
     fn set_waker(&mut self, waker: StepCallback) {
         let _ = waker;
     }
 
-    /// Asks for steps and waits for them.
+    /// Requests steps and waits for them.
     ///
     /// # Errors
     /// As [`Simulator::advance`] and [`Simulator::finish`].
@@ -205,104 +206,105 @@ pub trait Simulator: Send {
         self.finish()
     }
 
-    /// Records steps into the caller's own work, or does them where they are not the GPU's; see
+    /// Records steps into the caller's work, or computes them if they are not on the GPU; see
     /// [`Simulator::update_nodes`].
     ///
     /// # Errors
     /// As [`Simulator::advance`].
     fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()>;
 
-    /// Iterations that the latest steps took, oldest first; empty for schemes without any.
+    /// Iterations of the latest steps, oldest first; empty for schemes without iterations.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     fn iterations(&self) -> Result<Vec<u32>>;
 
-    /// Records what brings [`Simulator::nodes`] to where the body is: carrying, or an upload.
+    /// Records the update of [`Simulator::nodes`] to the present configuration: interpolation from
+    /// a cage, or an upload.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn update_nodes(&mut self, work: &mut Recorder) -> Result<()>;
 
     /// The nodes on the GPU, for drawing.
     fn nodes(&self) -> &NodePositions;
 
-    /// The approximate normals of the nodes that its steps make, packed, on the GPU, and those at
-    /// rest; none where whoever draws makes them.
+    /// The approximate node normals that its steps compute, packed, on the GPU, and those at rest;
+    /// `None` if the renderer must compute the normals.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
         Ok(None)
     }
 
-    /// The force on every node of the mesh where the body stands, N: of what it is made of, with
-    /// damping, of terms and of loads, but not of what holds nodes still; so on nodes that are held
-    /// it is what the body exerts on that. Computed when asked for, after the steps asked for. NaN on
-    /// nodes of rigid regions, of which only the sum is known.
+    /// Returns the force on every node of the mesh in the present configuration, N: of the
+    /// material, damping, node terms and loads, without constraint forces; on constrained nodes it
+    /// is therefore the force on the support. Computed on request, after the requested steps. NaN
+    /// on nodes of rigid regions, where only the sum is known.
     ///
     /// # Errors
-    /// [`Error::Input`] for bodies that only the GPU knows the forces on, grids, and meshes that a
-    /// cage carries.
+    /// [`Error::Input`] for bodies whose forces are known to the GPU only, grids, and meshes
+    /// embedded in a cage.
     fn forces(&mut self) -> Result<Vec<DVec3>> {
         Err(Error::Input(
             "the forces on the nodes are known of a body of tets on the processor: --engine cpu, without [grid] or [cage]".into(),
         ))
     }
 
-    /// What a grab holds, by the numbers of the mesh's nodes.
+    /// The nodes held by a grab, by the mesh's node numbers.
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there.
+    /// [`Error::Input`] if the grab does not exist.
     fn held_by(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
         self.loads().grabbed_nodes(grab)
     }
 
-    /// Where the nodes are, read back.
+    /// Reads back the node positions.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     fn positions(&self) -> Result<Vec<DVec3>>;
 
-    /// Their velocities, read back.
+    /// Reads back the node velocities.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     fn velocities(&self) -> Result<Vec<DVec3>>;
 
-    /// Moves the nodes.
+    /// Sets the node positions.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of positions, one that is not
-    /// finite, or a body whose nodes cannot be moved.
+    /// [`Error::Input`] if the number of positions is wrong or one is not finite, or if the body's
+    /// nodes cannot be moved.
     fn set_positions(&mut self, positions: &[DVec3]) -> Result<()>;
 
-    /// Sets their velocities.
+    /// Sets the node velocities.
     ///
     /// # Errors
     /// As [`Simulator::set_positions`].
     fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()>;
 
-    /// Puts it back to where it rested, at rest; loads stay.
+    /// Resets it to its rest configuration with zero velocities; loads stay.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn restart(&mut self) -> Result<()> {
         let rest = self.mesh().nodes.clone();
         self.set_positions(&rest)?;
         self.set_velocities(&vec![DVec3::ZERO; rest.len()])
     }
 
-    /// Pins, forces, gravity and grabs on what is simulated.
+    /// Pins, forces, gravity and grabs on the simulated nodes.
     fn loads(&self) -> &Loads;
 
-    /// As [`Simulator::loads`], to change them; they act from the next step on.
+    /// Mutable access to [`Simulator::loads`]; changes take effect with the next step.
     fn loads_mut(&mut self) -> &mut Loads;
 
-    /// Pins nodes of the mesh: they stay where they are.
+    /// Pins nodes of the mesh at their present positions.
     ///
     /// # Errors
-    /// [`Error::Input`] for a node that does not exist.
+    /// [`Error::Input`] if a node does not exist.
     fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
         self.loads_mut().pin_nodes(nodes)
     }
@@ -310,20 +312,18 @@ pub trait Simulator: Send {
     /// Sets the external force on every node of the mesh, N.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of forces or one that is not
-    /// finite.
+    /// [`Error::Input`] if the number of forces is wrong or a force is not finite.
     fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.loads_mut().set_forces(forces)
     }
 
-    /// Grabs the nodes within `radius` of `centre`: reads the positions back once.
+    /// Grabs the nodes within `radius` of `centre`. Reads the positions back once.
     ///
     /// # Errors
-    /// [`Error::Input`] where there is nothing to grab, or for numbers that
-    /// make no sense.
+    /// [`Error::Input`] if there are no nodes there, or a number is out of range.
     fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId>;
 
-    /// Moves the target of a grab: its nodes follow with the next step.
+    /// Moves the target of a grab; its nodes follow with the next step.
     ///
     /// # Errors
     /// As [`Loads::set_target`].
@@ -331,7 +331,7 @@ pub trait Simulator: Send {
         self.loads_mut().set_target(grab, target)
     }
 
-    /// Lets go of a grab's nodes. Returns how many they are.
+    /// Releases a grab. Returns the number of its nodes.
     ///
     /// # Errors
     /// As [`Loads::release`].
@@ -339,66 +339,64 @@ pub trait Simulator: Send {
         self.loads_mut().release(grab)
     }
 
-    /// Cuts the body along `blade` where it stands now. Whoever draws it, or is bound to it,
-    /// follows the change that is returned; a blade that hits nothing changes nothing.
+    /// Cuts the body along `blade` in its present configuration. Objects that draw it or are bound
+    /// to it must apply the returned change; a blade that hits nothing changes nothing.
     ///
     /// # Errors
-    /// As [`cut`](crate::mesh::cut()); [`Error::Input`] for a body that
-    /// cannot be cut.
+    /// As [`cut`](crate::mesh::cut()); [`Error::Input`] if the body cannot be cut.
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange>;
 
-    /// The coarse body that carries the mesh, if one does.
+    /// The simulated coarse body, if the mesh is embedded in a cage.
     fn coarse_body(&self) -> Option<&dyn Simulator> {
         None
     }
 
-    /// The bodies that it is made of, if it is several.
+    /// The combined bodies, if there are several.
     fn bodies(&self) -> Option<&MultiBody> {
         None
     }
 
-    /// Energies, volume and displacement, read back.
+    /// Computes energies, volume and displacement from the state read back.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     fn report(&self) -> Result<Report>;
 
-    /// Root mean square speed after the last step that is known of, in sizes of the body a second.
+    /// Root mean square speed after the last step known, in body sizes per second.
     fn rms_speed(&self) -> f64;
 
-    /// A number that changes whenever the body is changed from outside: its state, its loads, its
-    /// shape.
+    /// Version number that increases with every change from outside: state, loads or topology.
     fn change_count(&self) -> u64;
 
-    /// Whether [`Simulator::state`] and [`Simulator::pose`] can be had of it.
+    /// Whether it supports [`Simulator::state`] and [`Simulator::pose`].
     fn has_state(&self) -> bool {
         true
     }
 
-    /// All that its next steps depend on, read back after the steps of [`Simulator::finish`]; of
-    /// its shape only what is needed to tell it from another.
+    /// Reads back everything that its next steps depend on, after the steps of
+    /// [`Simulator::finish`]; of its topology only what identifies it.
     ///
     /// # Errors
-    /// What reading back gives; [`Error::Input`] where [`Simulator::has_state`] is not so.
+    /// Errors of reading back; [`Error::Input`] unless [`Simulator::has_state`].
     fn state(&self) -> Result<SimulatorState>;
 
-    /// Puts it into a state that [`Simulator::state`] gave of it, or of one made and cut in the
-    /// same way: the steps that follow are those that would have followed there.
+    /// Restores a state from [`Simulator::state`] of this simulator, or of one created and cut in
+    /// the same manner: the following steps are identical.
     ///
     /// # Errors
-    /// [`Error::Input`] for the state of another.
+    /// [`Error::Input`] if the state is of another simulator.
     fn set_state(&mut self, state: &SimulatorState) -> Result<()>;
 
-    /// Where it stands, to the bit, as a cut finds it.
+    /// The exact positions (bitwise), as a cut finds them.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     fn pose(&self) -> Result<ExactPositions>;
 
-    /// Puts its nodes, without velocities, where a cut found them.
+    /// Sets the exact positions at the time of a cut, without velocities.
     ///
     /// # Errors
-    /// [`Error::Input`] for the pose of another.
+    /// [`Error::Input`] if the positions are of another body.
     fn set_pose(&mut self, pose: &ExactPositions) -> Result<()>;
 }
 
@@ -408,46 +406,46 @@ fn cpu_only_error(what: &str) -> Error {
     ))
 }
 
-/// What a cut changed in a body.
+/// Changes of a body by a cut.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TopologyChange {
-    /// In its mesh.
+    /// Changes of its mesh.
     pub mesh: TetCut,
-    /// Springs that are no longer there.
+    /// Number of removed springs.
     pub springs: usize,
 }
 
 impl TopologyChange {
-    /// Whether nothing was hit, and nothing has changed.
+    /// Whether the cut changed nothing.
     pub fn is_empty(&self) -> bool {
         self.springs == 0 && self.mesh.is_empty()
     }
 }
 
-/// Where a body stands, to the bit.
+/// The exact positions of a body (bitwise).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ExactPositions {
     /// Positions in the local frame.
     pub(crate) positions: Vec<[f32; 4]>,
-    /// Packed normals, where its steps make them.
+    /// Packed normals, if its steps compute them.
     pub(crate) normals: Vec<u32>,
-    /// Displacements of a body on the CPU, in its own numbers.
+    /// Displacements of a body on the CPU, in its own numbering.
     pub(crate) displacements: Vec<[f64; 3]>,
-    /// Those of its bodies, where it is several.
+    /// Positions of its members, if it is several bodies.
     pub(crate) parts: Vec<ExactPositions>,
 }
 
 /// The state of a [`Simulator`]: see [`Simulator::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SimulatorState {
-    /// Of a body of tets on the GPU.
+    /// A tetrahedral body on the GPU.
     Tets(Box<TetState>),
-    /// Of a grid body on the GPU.
+    /// A grid body on the GPU.
     Grid(Box<GridState>),
-    /// Of a body of tets on the CPU.
+    /// A tetrahedral body on the CPU.
     Cpu(Box<CpuState>),
-    /// Of a grid body on the CPU.
+    /// A grid body on the CPU.
     CpuGrid(Box<CpuGridState>),
-    /// Of several bodies.
+    /// Several bodies.
     Bodies(Box<BodiesState>),
 }

@@ -1,4 +1,4 @@
-//! What is said of a simulator in one line where the trait takes several.
+//! Convenience methods of [`Simulator`] trait objects.
 
 use super::{ClampedEnd, Simulator};
 use crate::Result;
@@ -12,7 +12,7 @@ impl dyn Simulator + '_ {
     }
 
     /// Pins every node of the mesh whose rest position, in file units, satisfies `where_`. Returns
-    /// how many they are.
+    /// the number of these nodes.
     ///
     /// # Errors
     /// As [`Simulator::pin_nodes`].
@@ -22,20 +22,19 @@ impl dyn Simulator + '_ {
         Ok(nodes.len())
     }
 
-    /// Adds `force` (N in all) in equal shares to the nodes whose rest position, in file units,
-    /// satisfies `where_`. Returns how many they are.
+    /// Distributes the total `force` (N) equally over the nodes whose rest position, in file units,
+    /// satisfies `where_`. Returns their number.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) when the force is not finite or there are no such
-    /// nodes.
+    /// [`Error::Input`](crate::Error::Input) if the force is not finite or there are no such nodes.
     pub fn add_force(&mut self, force: DVec3, where_: impl Fn(DVec3) -> bool) -> Result<usize> {
         let nodes = self.nodes_where(where_);
         self.loads_mut().add_force(force, &nodes)?;
         Ok(nodes.len())
     }
 
-    /// Holds the body by the end that suits it ([`ClampedEnd::of_largest_component`]) and lets `gravity` (m/s²)
-    /// act across it. Returns a sentence that says so.
+    /// Clamps the end chosen by [`ClampedEnd::of_largest_component`] and applies `gravity` (m/s²)
+    /// across it. Returns a sentence that describes both.
     ///
     /// # Errors
     /// As [`Simulator::pin_nodes`].
@@ -50,10 +49,10 @@ impl dyn Simulator + '_ {
         ))
     }
 
-    /// Brings [`Simulator::nodes`] to where the body is, at once.
+    /// Updates [`Simulator::nodes`] to the present configuration at once.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     pub fn sync_nodes(&mut self) -> Result<()> {
         let gpu = self.nodes().gpu().clone();
         let mut work = gpu.start_recording();

@@ -1,4 +1,4 @@
-//! What every solver can do.
+//! The common interface of the solvers on the GPU.
 
 use super::guard::{StepProgress, StepRecord};
 use super::{GpuBody, SolverKind, SolverState};
@@ -7,24 +7,23 @@ use crate::gpu::Recorder;
 
 /// A time integrator bound to one body.
 ///
-/// Recorded steps run without waiting for the CPU. When one of them fails, the body stays as it
-/// was before that step and all later steps do nothing; [`Solver::poll`] and [`Solver::run`] then
-/// return the error, and the body can still be read and drawn. Changing the body's state,
-/// loads or pins clears a failure.
+/// Recorded steps run without waiting for the CPU. When a step fails, the body keeps the state
+/// before that step and all later steps do nothing; [`Solver::poll`] and [`Solver::run`] then
+/// return the error, and the body can still be read and drawn. Changing the body's state, loads or
+/// pins clears a failure.
 pub trait Solver: Send {
-    /// Which solver it is.
+    /// The kind of solver.
     fn kind(&self) -> SolverKind;
 
-    /// Records `steps` steps of `dt` seconds, after waiting for those that [`Solver::advance`] was
-    /// asked for. To be submitted before anything of `body` is
-    /// changed; long runs are better split (see [`Solver::run`]). An implicit step is given as
-    /// many iterations as the latest one known of needed, and some, or at least 64 where something
-    /// else acts since; one that needs more goes on
-    /// with those of the next step recorded, which are then twice as many.
+    /// Records `steps` steps of `dt` seconds, after waiting for those requested by
+    /// [`Solver::advance`]. The recording must be submitted before `body` is changed; long runs
+    /// should be split (see [`Solver::run`]). An implicit step is given the iterations of the
+    /// latest known step plus a margin, or at least 64 if loads have changed since; a step that
+    /// needs more continues with those of the next recorded step, whose number is doubled.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a step that is not positive or another body than
-    /// the solver was made for; otherwise what the device refuses.
+    /// [`Error::Input`](crate::Error::Input) if the step is not positive, or the body is not that
+    /// of the solver; otherwise an error if the device rejects the work.
     fn record(
         &mut self,
         work: &mut Recorder,
@@ -33,7 +32,7 @@ pub trait Solver: Send {
         dt: f64,
     ) -> Result<()>;
 
-    /// Submits one step of `dt` seconds, without waiting for it.
+    /// Submits one step of `dt` seconds without waiting for it.
     ///
     /// # Errors
     /// As [`Solver::record`].
@@ -43,27 +42,27 @@ pub trait Solver: Send {
         work.submit()
     }
 
-    /// Asks for `steps` more steps of `dt` seconds, and submits as many as no driver takes amiss;
-    /// waits for none. [`Solver::progress`] and [`Solver::finish`] submit the rest.
+    /// Requests `steps` more steps of `dt` seconds and submits as many as are safe from driver
+    /// timeouts, without waiting. [`Solver::progress`] and [`Solver::finish`] submit the rest.
     ///
     /// # Errors
     /// As [`Solver::record`].
     fn advance(&mut self, body: &mut GpuBody, steps: u32, dt: f64) -> Result<()>;
 
-    /// How far the steps asked for by [`Solver::advance`] have come as far as is known, without
-    /// waiting; none before anything arrived. Submits more of them where the last were done.
+    /// Returns the known progress of the steps requested by [`Solver::advance`], without waiting;
+    /// `None` before any result has arrived. Submits more steps when the last ones are done.
     ///
     /// # Errors
-    /// [`Error::Solver`](crate::Error::Solver) when a step failed; the steps left are dropped.
+    /// [`Error::Solver`](crate::Error::Solver) if a step failed; the remaining steps are dropped.
     fn progress(&mut self, body: &mut GpuBody) -> Result<Option<StepProgress>>;
 
-    /// Waits for all steps asked for by [`Solver::advance`].
+    /// Waits for all steps requested by [`Solver::advance`].
     ///
     /// # Errors
     /// As [`Solver::progress`].
     fn finish(&mut self, body: &mut GpuBody) -> Result<StepProgress>;
 
-    /// Runs `steps` steps of `dt` seconds, and waits for them.
+    /// Runs `steps` steps of `dt` seconds and waits for them.
     ///
     /// # Errors
     /// As [`Solver::advance`] and [`Solver::finish`].
@@ -72,31 +71,31 @@ pub trait Solver: Send {
         self.finish(body)
     }
 
-    /// Waits for what was submitted, and tells how far it came.
+    /// Waits for submitted steps and returns the progress.
     ///
     /// # Errors
-    /// [`Error::Solver`](crate::Error::Solver) when a step failed: solver, step, time, what was
-    /// found, and what to change.
+    /// [`Error::Solver`](crate::Error::Solver) if a step failed: solver, step, time, cause and
+    /// advice.
     fn poll(&mut self, body: &GpuBody) -> Result<StepProgress>;
 
-    /// What the solver goes on from, apart from the state of its body, read back after the steps
-    /// of a [`Solver::run`].
+    /// Reads back the solver's own state, without that of its body, after the steps of a
+    /// [`Solver::run`].
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn state(&self) -> Result<SolverState>;
 
-    /// Goes on from a state that [`Solver::state`] gave of this solver, or of one made in the same
-    /// way. `body` is its body, put into its own state by [`GpuBody::set_state`] before.
+    /// Restores a state from [`Solver::state`] of this solver, or of one created in the same
+    /// manner. The state of `body` must be restored by [`GpuBody::set_state`] before.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for the state of another solver.
+    /// [`Error::Input`](crate::Error::Input) if the state is of another solver.
     fn set_state(&mut self, body: &GpuBody, state: &SolverState) -> Result<()>;
 
-    /// Iterations, residual and energies of the latest steps (at most 1,024), oldest first, read
-    /// back.
+    /// Reads back iterations, residual and energies of the latest steps (at most 1,024), oldest
+    /// first.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device rejects the work.
     fn history(&self, body: &GpuBody) -> Result<Vec<StepRecord>>;
 }

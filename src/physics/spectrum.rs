@@ -1,29 +1,29 @@
-//! How large a step each scheme can take: the eigenvalues of its own step matrix, for a body
-//! linearised at rest, M ẍ + C ẋ + K x = 0.
+//! Stability limits of the time integrators: the eigenvalues of each scheme's step matrix for a
+//! body linearised at rest, M ẍ + C ẋ + K x = 0.
 //!
-//! Where damping is in proportion to stiffness (or to mass) the modes of M⁻¹K decouple, and each
-//! is stepped by a small matrix of its own ([`Mode::step_matrix`]). The limits of all but explicit
-//! Euler are exact for any damping: at the limit a displacement changes its sign in every step,
-//! and 4 is the largest eigenvalue of M⁻¹(h²K + 2hC), of velocity Verlet M⁻¹(h²K + 4hC).
+//! With damping proportional to stiffness (or to mass), the modes of M⁻¹K decouple, and each has
+//! its own small step matrix ([`Mode::step_matrix`]). The limits of all schemes but explicit Euler
+//! are exact for any damping: at the limit a displacement changes its sign in every step, and 4 is
+//! the largest eigenvalue of M⁻¹(h²K + 2hC), for velocity Verlet of M⁻¹(h²K + 4hC).
 
 use super::grid::GridModel;
 use super::lanczos::{Eigenpair, dot, largest_eigenpair, start_vector};
 use crate::physics::{ConstitutiveModel, Damping, DiscreteModel, Element, SolverKind};
 use glam::{DMat3, DVec3};
 
-/// A damped swing ẍ + γ ẋ + λ x = 0.
+/// A damped oscillator ẍ + γ ẋ + λ x = 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
-    /// λ = ω², 1/s².
+    /// Squared angular frequency λ = ω², 1/s².
     pub stiffness: f64,
-    /// γ, 1/s.
+    /// Damping rate γ, 1/s.
     pub damping: f64,
 }
 
 impl Mode {
-    /// The matrix that takes one step of `scheme` of length `h`, in seconds: of (x, v); of Verlet
-    /// (x, x₋₁); of velocity Verlet (x, v, a); of BDF2 that of its first step, which is implicit
-    /// Euler's. What two numbers tell leaves the third at 0.
+    /// Returns the step matrix of `scheme` for the step `h` in seconds: of (x, v); for Verlet (x,
+    /// x₋₁); for velocity Verlet (x, v, a); for BDF2 that of its first step, which is implicit
+    /// Euler's. With two variables the third row and column are 0.
     pub fn step_matrix(&self, scheme: SolverKind, h: f64) -> DMat3 {
         let (k, c) = (self.stiffness, self.damping);
         let rows: [[f64; 3]; 2] = match scheme {
@@ -32,11 +32,11 @@ impl Mode {
                 [1.0 - h * h * k, h * (1.0 - h * c), 0.0],
                 [-h * k, 1.0 - h * c, 0.0],
             ],
-            // Damped by (x − x₋₁)/h.
+            // The damping velocity is (x − x₋₁)/h.
             SolverKind::Verlet => [[2.0 - h * h * k - h * c, h * c - 1.0, 0.0], [1.0, 0.0, 0.0]],
             SolverKind::VelocityVerlet => {
                 let moved = DVec3::new(1.0, h, 0.5 * h * h);
-                // Damped by v + h a.
+                // The damping velocity is v + h a.
                 let a = -k * moved - c * DVec3::new(0.0, 1.0, h);
                 let v = DVec3::new(0.0, 1.0, 0.5 * h) + 0.5 * h * a;
                 return DMat3::from_cols(moved, v, a).transpose();
@@ -56,13 +56,13 @@ impl Mode {
         DMat3::from_cols(x, v, DVec3::ZERO).transpose()
     }
 
-    /// The largest |μ| of the eigenvalues μ of [`Mode::step_matrix`]: above 1 the swing grows.
+    /// Returns the spectral radius of [`Mode::step_matrix`]; above 1 the oscillation grows.
     pub fn spectral_radius(&self, scheme: SolverKind, h: f64) -> f64 {
         spectral_radius(self.step_matrix(scheme, h))
     }
 
-    /// The h in seconds above which [`Mode::spectral_radius`] exceeds 1; infinite for implicit
-    /// Euler.
+    /// Returns the h in seconds above which [`Mode::spectral_radius`] exceeds 1; infinite for
+    /// implicit Euler.
     pub fn largest_step(&self, scheme: SolverKind) -> f64 {
         let (k, c) = (self.stiffness, self.damping);
         match scheme {
@@ -72,23 +72,23 @@ impl Mode {
             SolverKind::Explicit => 4.0 / (c + (c * c - 4.0 * k).sqrt()),
             // 1 + tr + det = 4 − 2hγ − h²λ > 0.
             SolverKind::Symplectic | SolverKind::Verlet => 4.0 / (c + (c * c + 4.0 * k).sqrt()),
-            // The same at μ = −1 of the cubic: 4 − 4hγ − h²λ > 0.
+            // Likewise for the cubic at μ = −1: 4 − 4hγ − h²λ > 0.
             SolverKind::VelocityVerlet => 2.0 / (c + (c * c + k).sqrt()),
         }
     }
 }
 
-/// The largest |eigenvalue| of a 3×3 matrix.
+/// The spectral radius of a 3×3 matrix.
 fn spectral_radius(m: DMat3) -> f64 {
     let [a, b, c] = m.transpose().to_cols_array_2d();
     let minors = a[0] * b[1] - a[1] * b[0] + a[0] * c[2] - a[2] * c[0] + b[1] * c[2] - b[2] * c[1];
     let (trace, determinant) = (a[0] + b[1] + c[2], m.determinant());
-    // μ³ − trace μ² + minors μ − determinant has a real root within Cauchy's bound; what is left
-    // when it is divided out is a quadratic.
+    // μ³ − trace μ² + minors μ − determinant has a real root within Cauchy's bound; dividing it out
+    // leaves a quadratic.
     let cubic = |x: f64| ((x - trace) * x + minors) * x - determinant;
     let mut high = 1.0 + trace.abs().max(minors.abs()).max(determinant.abs());
     let mut low = -high;
-    // A root at 0 is one that halving would never quite reach.
+    // Bisection would never quite reach a root at 0.
     if determinant == 0.0 {
         (low, high) = (0.0, 0.0);
     }
@@ -107,16 +107,17 @@ fn spectral_radius(m: DMat3) -> f64 {
     })
 }
 
-/// The largest stable step of a body, and what it is limited by.
+/// The largest stable step of a body, and the limiting mode.
 #[derive(Clone, Debug)]
 pub struct StepLimit {
-    /// Seconds; 0 where no step is stable, infinite where all are.
+    /// Seconds; 0 if no step is stable, infinite if all are.
     pub step: f64,
-    /// Whether the limit is exact; else a smaller step than the limit, surely stable.
+    /// Whether the limit is exact; otherwise `step` is a lower bound, certainly stable.
     pub exact: bool,
-    /// λ and γ of the displacement that grows first, as xᵀKx and xᵀCx over xᵀMx.
+    /// λ and γ of the displacement that becomes unstable first: its Rayleigh quotients xᵀKx and
+    /// xᵀCx over xᵀMx.
     pub mode: Mode,
-    /// That displacement, of every node; the longest is 1.
+    /// That displacement of every node, scaled to a maximum length of 1.
     pub displacement: Vec<DVec3>,
 }
 
@@ -125,28 +126,28 @@ pub struct StepLimit {
 pub struct LinearisedModel {
     links: Vec<LinearSpring>,
     tets: Vec<LinearTet>,
-    /// What keeps the volumes around nodes: vectors that K has the squares of.
+    /// Averaged nodal volumes: vectors v that contribute v vᵀ to K.
     volumes: Vec<Vec<(u32, DVec3)>>,
-    /// Damping of the tets in proportion to their stiffness, s.
+    /// Stiffness-proportional damping of the tets, s.
     damping_time: f64,
-    /// 1/√m of every node; 0 for those that do not move.
+    /// 1/√m of every node; 0 for fixed nodes.
     weights: Vec<f64>,
-    /// What of the links' damping acts.
+    /// The damped velocity component of the springs.
     kind: Damping,
-    /// Whether C = τK + drag M, so that the modes decouple.
+    /// Whether C = τK + drag M, in which case the modes decouple.
     proportional: bool,
-    /// Damping in proportion to mass, 1/s.
+    /// Mass-proportional damping, 1/s.
     mass_damping: f64,
 }
 
-/// A spring at rest: it resists along its direction.
+/// A spring at rest, which resists along its direction.
 #[derive(Clone, Copy, Debug)]
 struct LinearSpring {
     nodes: [usize; 2],
     direction: DVec3,
-    /// N/m.
+    /// Stiffness, N/m.
     stiffness: f64,
-    /// N·s/m.
+    /// Damping, N·s/m.
     damping: f64,
 }
 
@@ -154,11 +155,11 @@ struct LinearSpring {
 #[derive(Clone, Copy, Debug)]
 struct LinearTet {
     nodes: [usize; 4],
-    /// Of the nodes' shape functions, 1/m.
+    /// Gradients of the shape functions, 1/m.
     gradients: [DVec3; 4],
-    /// m³.
+    /// Volume, m³.
     volume: f64,
-    /// Lamé's μ and λ, Pa.
+    /// Lamé parameters μ and λ, Pa.
     lame: [f64; 2],
 }
 
@@ -172,7 +173,7 @@ impl LinearTet {
         }
     }
 
-    /// K u of its nodes: V σ g with σ = μ (∇u + ∇uᵀ) + λ tr ∇u.
+    /// Returns K u for the displacements u of its nodes: V σ g with σ = μ (∇u + ∇uᵀ) + λ tr ∇u.
     fn product(&self, u: [DVec3; 4]) -> [DVec3; 4] {
         let mut gradient = DMat3::ZERO;
         for (u, g) in u.iter().zip(self.gradients) {
@@ -187,15 +188,16 @@ impl LinearTet {
 }
 
 impl LinearisedModel {
-    /// `network` at rest, with these nodes pinned.
+    /// Linearises `network` at rest, with the nodes marked in `pinned` fixed.
     pub fn new(network: &DiscreteModel, pinned: &[bool]) -> LinearisedModel {
-        // Where there are elements, the springs are not simulated.
+        // If there are elements, the springs are not simulated.
         let elements = &network.elements;
         let springs = match elements.is_empty() {
             true => network.springs.as_slice(),
             false => &[],
         };
-        // What is rigid is held together by its springs here, or loads would tear it apart.
+        // Rigid regions are held together by their springs here; otherwise loads would tear them
+        // apart.
         let mut body = vec![u32::MAX; network.rest_positions.len()];
         for (b, rigid) in elements.rigid.iter().enumerate() {
             for v in &rigid.nodes {
@@ -243,7 +245,7 @@ impl LinearisedModel {
         }
     }
 
-    /// The particles of a grid at rest.
+    /// Linearises the particles of a grid at rest.
     pub fn from_grid(grid: &GridModel) -> LinearisedModel {
         let (shape, offsets) = (&grid.shape, grid.shape.offsets());
         let mut links = Vec::new();
@@ -277,7 +279,7 @@ impl LinearisedModel {
         }
     }
 
-    /// M^-½ (a K + b C) M^-½ y.
+    /// Returns M^-½ (a K + b C) M^-½ y.
     fn product(&self, a: f64, b: f64, y: &[DVec3]) -> Vec<DVec3> {
         let mut product = vec![DVec3::ZERO; y.len()];
         for link in &self.links {
@@ -324,7 +326,7 @@ impl LinearisedModel {
         largest_eigenpair(|y| self.product(a, b, y), self.start(), 1e-5, 100)
     }
 
-    /// The stiffest mode of M⁻¹K: its λ = ω², with the damping it has.
+    /// Returns the stiffest mode of M⁻¹K: its λ = ω² and its damping.
     pub fn stiffest_mode(&self) -> Mode {
         self.mode_of(&self.largest_eigenpair(1.0, 0.0).vector)
     }
@@ -337,7 +339,7 @@ impl LinearisedModel {
         start
     }
 
-    /// λ and γ along y, of length 1.
+    /// Returns λ and γ along the unit vector y.
     fn mode_of(&self, y: &[DVec3]) -> Mode {
         Mode {
             stiffness: dot(y, &self.product(1.0, 0.0, y)).max(0.0),
@@ -360,10 +362,10 @@ impl LinearisedModel {
         }
     }
 
-    /// The largest stable step of `scheme`; `None` for implicit Euler, which has none.
+    /// Returns the largest stable step of `scheme`; `None` for implicit Euler, which has none.
     ///
-    /// Exact, but for explicit Euler with damping that is not in proportion to stiffness: there it
-    /// is a bound from below, min κ_d/κ and 2/γ_max.
+    /// Exact, except for explicit Euler with damping that is not proportional to stiffness, where
+    /// it is a lower bound: the smaller of min κ_d/κ and 2/γ_max.
     pub fn largest_step(&self, scheme: SolverKind) -> Option<StepLimit> {
         Some(match scheme {
             SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => return None,
@@ -373,7 +375,7 @@ impl LinearisedModel {
     }
 
     /// h²λ + s hγ = 4 (s = 2 or 4) has its smallest h where y is an eigenvector of h²K + s hC; any
-    /// other y gives a larger one, so that h only falls.
+    /// other y gives a larger h, so h decreases monotonically.
     fn period_doubling_limit(&self, scheme: SolverKind) -> StepLimit {
         let share = match scheme {
             SolverKind::VelocityVerlet => 4.0,
@@ -419,16 +421,16 @@ impl LinearisedModel {
         }
     }
 
-    /// The largest stable step of Verlet with centred damping in proportion to mass, as grid
-    /// bodies have it: 2/ω, whatever the damping.
+    /// Returns the largest stable step of Verlet with centred mass-proportional damping, as in grid
+    /// bodies: 2/ω for any damping.
     pub fn grid_limit(&self) -> StepLimit {
         let y = self.largest_eigenpair(1.0, 0.0).vector;
         self.step_limit(2.0 / self.mode_of(&y).stiffness.sqrt(), true, &y)
     }
 
-    /// By how much a small displacement grows in each of `steps` steps of an explicit scheme, in
-    /// the mean of the later half: an estimate of the spectral radius of the whole step matrix, for
-    /// any damping, and the displacement by then, the longest 1.
+    /// Returns the mean growth factor per step of a small displacement over the later half of
+    /// `steps` steps of an explicit scheme, an estimate of the spectral radius of the whole step
+    /// matrix for any damping; and the final displacement, scaled to a maximum length of 1.
     pub fn growth_rate(&self, scheme: SolverKind, h: f64, steps: usize) -> (f64, Vec<DVec3>) {
         let x = self.start();
         let mut state = [x.clone(), vec![DVec3::ZERO; x.len()], self.force(&x, None)];
@@ -452,7 +454,7 @@ impl LinearisedModel {
         (growth, self.step_limit(h, true, &state[0]).displacement)
     }
 
-    /// −Kx − Cv, of masses of 1.
+    /// Returns −Kx − Cv, for unit masses.
     fn force(&self, x: &[DVec3], v: Option<&[DVec3]>) -> Vec<DVec3> {
         let mut force = self.product(-1.0, 0.0, x);
         if let Some(v) = v {
@@ -463,7 +465,7 @@ impl LinearisedModel {
         force
     }
 
-    /// One step of an explicit scheme from (x, v, a). (Verlet is symplectic Euler in other
+    /// Advances an explicit scheme by one step from (x, v, a). (Verlet is symplectic Euler in other
     /// variables.)
     fn advance(&self, scheme: SolverKind, h: f64, [x, v, a]: &mut [Vec<DVec3>; 3]) {
         if scheme == SolverKind::VelocityVerlet {
@@ -512,15 +514,15 @@ mod tests {
             (DVec3::new(0.5, 0.5, 0.5), 0.5),
             (DVec3::new(-1.0, 0.9, 0.0), 1.0),
         ] {
-            // A triple root is found to the cube root of rounding.
+            // A triple root is accurate to the cube root of the rounding error.
             assert!((spectral_radius(turned(d)) - radius).abs() < 1e-4, "{d}");
         }
         let spiral = DMat3::from_rotation_z(1.0) * 1.5;
         assert!((spectral_radius(spiral) - 1.5).abs() < 1e-12);
     }
 
-    /// The closed forms are where the radius of the step matrix passes 1, from lightly damped to
-    /// far beyond critical.
+    /// The closed forms are the steps at which the spectral radius passes 1, from light to far
+    /// overcritical damping.
     #[test]
     fn the_radius_passes_1_at_the_largest_step() {
         for stiffness in [1.0, 3e4] {

@@ -1,4 +1,4 @@
-//! The largest step an explicit scheme can take, from the mesh.
+//! The largest stable step of explicit schemes for a discrete model.
 
 use super::kind::SolverKind;
 use super::network::DiscreteModel;
@@ -6,12 +6,13 @@ use super::terms::NodeTerm;
 use crate::physics::spectrum::LinearisedModel;
 use std::sync::Arc;
 
-/// The largest stable time step of `solver` for `network` at rest with these nodes pinned, in
-/// seconds; `None` for implicit Euler, which has none.
+/// Returns the largest stable time step of `solver` for `network` at rest with the nodes marked in
+/// `pinned` fixed, in seconds; `None` for implicit Euler, which has none.
 ///
-/// From the eigenvalues of the scheme's own step matrix, damping included: see
-/// [`LinearisedModel::largest_step`]. Undamped it is 2/ω_max for the symplectic schemes; explicit Euler
-/// without damping is never stable: 0. A body stretched far from rest may need less.
+/// From the eigenvalues of the scheme's step matrix, including damping: see
+/// [`LinearisedModel::largest_step`]. Without damping it is 2/ω_max for the symplectic schemes, and
+/// 0 for explicit Euler, which is never stable. A body stretched far from rest may need a smaller
+/// step.
 pub fn largest_stable_step(
     network: &DiscreteModel,
     pinned: &[bool],
@@ -21,8 +22,8 @@ pub fn largest_stable_step(
     Some(limit.step)
 }
 
-/// A step that stays stable with `terms` where `limit` is without: their largest ω² is added to
-/// that of the springs, ω = 2/h.
+/// Returns a step that is stable with `terms`, given the `limit` without them: adds the largest ω²
+/// of the terms to that of the springs, ω = 2/h.
 pub(super) fn limit_with_terms(
     limit: f64,
     network: &DiscreteModel,

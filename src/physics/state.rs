@@ -1,9 +1,9 @@
-//! The whole state of a body and its solver, out of the GPU and back to the bit: a run that goes
-//! on from it takes the same steps as one that was never left.
+//! Bitwise checkpoint and restore of a body and its solver on the GPU: a resumed run takes the same
+//! steps as an uninterrupted one.
 //!
-//! What follows from the mesh, the material and the cuts made (masses, springs, pins) is not part
-//! of it, nor is what every recording of steps computes anew (forces, candidates, the vectors of
-//! conjugate gradients).
+//! The state excludes quantities that follow from the mesh, the material and the cuts (masses,
+//! springs, pins), and those that every recording of steps recomputes (forces, candidates, the
+//! vectors of conjugate gradients).
 
 use super::grab_lists::GrabLists;
 use super::guard::gpu_data::Status;
@@ -16,7 +16,7 @@ use crate::gpu::{Array, Gpu};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// Nodes that follow a target, as [`BodyState`] keeps them.
+/// Grabbed nodes in [`BodyState`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct GrabState {
     pub id: GrabId,
@@ -39,12 +39,12 @@ pub struct BodyState {
     positions: Vec<[f32; 4]>,
     velocities: Vec<[f32; 4]>,
     external: Vec<[f32; 4]>,
-    /// Cuts that were made.
+    /// Number of cuts.
     generation: u64,
-    /// Changes of positions and velocities from outside.
+    /// Number of external changes of positions and velocities.
     moves: u64,
     loads: LoadsState,
-    /// The loads that the GPU had.
+    /// Versions of the loads on the GPU.
     written: Option<LoadVersions>,
 }
 
@@ -55,18 +55,18 @@ pub struct SolverState {
     status: Vec<u32>,
     history: Vec<[f32; 4]>,
     clock: Clock,
-    /// Iterations that a step is given.
+    /// Number of iterations given to a step.
     iterations: u32,
-    /// Cuts that the solver has followed.
+    /// Number of cuts applied to the solver.
     generation: u64,
-    /// Step size and revisions of the body that the next step goes on from; none where it starts
-    /// afresh.
+    /// Step size, and revisions of the body, from which the next step continues; `None` if it
+    /// restarts.
     prepared: Option<(f64, [u64; 2])>,
-    /// What the scheme carries from step to step.
+    /// The arrays that the scheme carries from step to step.
     integrator_history: Vec<Vec<[f32; 4]>>,
 }
 
-/// Writes `texels` into `array`, whose length is known to be right only if this succeeds.
+/// Writes `texels` into `array`; fails if their number does not match its length.
 pub(super) fn restore_array<T: bytemuck::Pod>(
     gpu: &Gpu,
     array: &Array,
@@ -83,8 +83,8 @@ pub(super) fn restore_array<T: bytemuck::Pod>(
 }
 
 impl GpuBody {
-    /// Everything about the body that steps, grabs and cuts change, read back; of its shape only
-    /// the number of cuts.
+    /// Reads back everything that steps, grabs and cuts change; of its topology only the number of
+    /// cuts.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -100,12 +100,12 @@ impl GpuBody {
         })
     }
 
-    /// Puts the body into a state that [`GpuBody::state`] gave of it, or of one made and cut in the
-    /// same way. The state of its solver follows with
+    /// Restores a state from [`GpuBody::state`] of this body, or of one created and cut in the same
+    /// manner. Restore the state of its solver afterwards with
     /// [`Solver::set_state`](super::Solver::set_state).
     ///
     /// # Errors
-    /// [`Error::Input`] for the state of another body, or of one that was cut otherwise.
+    /// [`Error::Input`] if the state is of another body, or of one with other cuts.
     pub fn set_state(&mut self, state: &BodyState) -> Result<()> {
         if state.generation != self.generation {
             return Err(Error::Input(format!(
@@ -117,7 +117,8 @@ impl GpuBody {
         restore_array(&self.gpu, &self.external, &state.external)?;
         restore_array(&self.gpu, self.nodes.array(), &state.positions)?;
         self.loads.set_state(&state.loads)?;
-        // All but the external forces, which grabs and callers write on the GPU, is made again.
+        // Everything is recomputed except the external forces, which grabs and callers write on the
+        // GPU.
         self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
         self.flush_masses()?;
         if let Some(contact) = &mut self.contact {
@@ -128,7 +129,7 @@ impl GpuBody {
         Ok(())
     }
 
-    /// Puts the nodes, without velocities, where a cut found them.
+    /// Sets the exact positions at the time of a cut, without velocities.
     pub(crate) fn set_exact_positions(&mut self, texels: &[[f32; 4]]) -> Result<()> {
         restore_array(&self.gpu, self.nodes.array(), texels)?;
         Ok(())
@@ -186,7 +187,7 @@ impl<S: Integrator> Stepper<S> {
         self.status_stale = false;
         self.prepared = None;
         if state.generation != body.generation {
-            // The body was cut after the last step: the next one starts afresh anyway.
+            // The body was cut after the last step, so the next step restarts anyway.
             return Ok(());
         }
         self.core.follow(body)?;

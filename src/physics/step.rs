@@ -1,4 +1,4 @@
-//! What the passes of every solver's step share: the candidate state, the forces, the guard.
+//! Resources shared by the step passes of all solvers: the candidate state, the forces, the guard.
 
 use super::GpuBody;
 use super::body::ChangeCounter;
@@ -36,12 +36,12 @@ mod gpu_data {
 }
 use gpu_data::{CheckParams, ForceParams};
 
-/// What all integrators on the GPU have: the candidate state, the forces, and the guard.
+/// Resources of all integrators on the GPU: the candidate state, the forces, and the guard.
 #[derive(Debug)]
 pub struct StepResources {
     pub(super) gpu: Gpu,
     pub(super) nodes: u32,
-    /// Threads a workgroup, and workgroups, of passes that sum over the nodes.
+    /// Workgroup size and number of workgroups of passes that sum over the nodes.
     pub(super) workgroup: u32,
     pub(super) groups: u32,
     pub(super) next_positions: Array,
@@ -51,38 +51,39 @@ pub struct StepResources {
     pub(super) status: wgpu::Buffer,
     pub(super) history: wgpu::Buffer,
     pub(super) body: u64,
-    /// Of the body, when the arrays were made for it.
+    /// Number of cuts of the body when the arrays were created.
     pub(super) generation: u64,
     pub(super) texels: u32,
 }
 
-/// Passes ready to be recorded, and what they were made for.
+/// Passes ready to be recorded, and what they depend on.
 #[derive(Debug)]
 pub(super) struct PreparedStep {
     pub(super) dt: f64,
     pub(super) local_dt: f32,
     pub(super) gravity: DVec3,
-    /// The body as it was last left or found.
+    /// Revision of the body that was last prepared.
     pub(super) revision: ChangeCounter,
     pub(super) step: Step,
-    /// The loads that `grab_springs` was made for.
+    /// Versions of the loads for which `grab_springs` was created.
     pub(super) loads: Option<LoadVersions>,
-    /// What grabs by springs pull with at the candidate's positions.
+    /// Computes the forces of spring grabs at the candidate's positions.
     pub(super) grab_springs: Option<Pass>,
     pub(super) forces: Vec<Pass>,
     pub(super) check: Pass,
     pub(super) commit: Pass,
     /// Clears a failure.
     pub(super) clear_failure: Pass,
-    /// Before the first step on a state that was changed from outside: everything from it.
+    /// Before the first step after an external change: recomputes everything from the new state.
     pub(super) restart: Vec<Pass>,
     /// Before the first step of any other recording: external forces may have changed.
     pub(super) refresh_loads: Vec<Pass>,
 }
 
-/// Threads a workgroup, and workgroups, of passes that sum over `nodes`.
+/// Workgroup size and number of workgroups of passes that sum over `nodes`.
 fn workgroups(gpu: &Gpu, nodes: usize) -> (u32, u32) {
-    // On a software adapter a workgroup costs microseconds: a few a core. A GPU wants many.
+    // On a software adapter a workgroup costs microseconds, so use a few per core; a GPU needs
+    // many.
     let cores = std::thread::available_parallelism().map_or(4, usize::from) as u32;
     let (workgroup, most) = match gpu.adapter().device_type {
         wgpu::DeviceType::Cpu => (64, (4 * cores).min(256)),
@@ -114,7 +115,7 @@ impl StepResources {
         })
     }
 
-    /// Makes its arrays as long as a cut has made the body; the count of steps goes on.
+    /// Resizes the arrays after a cut of the body; the step count continues.
     pub(super) fn follow(&mut self, body: &GpuBody) -> Result<()> {
         let (gpu, nodes) = (self.gpu.clone(), body.node_count());
         gpu.resize(&mut self.next_positions, "next positions", nodes)?;
@@ -141,24 +142,24 @@ impl StepResources {
         self.nodes
     }
 
-    /// Where the positions at the end of the step are to be written, local units.
+    /// Output array of the positions at the end of the step, in local units.
     pub fn next_positions(&self) -> &Array {
         &self.next_positions
     }
 
-    /// Where the velocities at the end of the step are to be written, local units.
+    /// Output array of the velocities at the end of the step, in local units.
     pub fn next_velocities(&self) -> &Array {
         &self.next_velocities
     }
 
-    /// The forces of the latest [`Stage::Forces`](super::integrator::Stage::Forces), local units:
-    /// before it those at the state that the step begins with.
+    /// The forces of the latest [`Stage::Forces`](super::integrator::Stage::Forces), in local
+    /// units; before it, those at the start of the step.
     pub fn forces(&self) -> &Array {
         &self.forces
     }
 
-    /// Where failures are noted; its first word is not 0 once a step has failed, and passes then
-    /// leave everything as it is (`lib/status.wgsl`).
+    /// The status buffer; its first word is nonzero once a step has failed, and passes then leave
+    /// everything unchanged (`lib/status.wgsl`).
     pub fn status(&self) -> &wgpu::Buffer {
         &self.status
     }
@@ -173,7 +174,7 @@ impl StepResources {
         let seen = step.velocities()?;
         let velocities = seen.unwrap_or(&self.next_velocities);
         let state = body.nodes().array();
-        // What tools exert is known at the end of a step alone, and does work there.
+        // Contact forces are known at the end of a step only, and their work is counted there.
         let mut restart = self.force_passes(body, state, &body.velocities, false)?;
         restart.push(self.check_pass(2, local_dt)?);
         let kept = seen.unwrap_or(&body.velocities);
@@ -208,8 +209,8 @@ impl StepResources {
         })
     }
 
-    /// The forces at a state, and its energies; with those that tools were last found to exert, if
-    /// there are any and they count.
+    /// Passes that compute the forces and energies at a state; with the latest contact forces of
+    /// tools, if there are any and they count.
     pub(super) fn force_passes(
         &self,
         body: &GpuBody,
@@ -248,7 +249,7 @@ impl StepResources {
         Ok(before.into_iter().chain([gather]).collect())
     }
 
-    /// `kind` as in `shaders/physics/check.wgsl`.
+    /// Builds the check pass; `kind` as in `shaders/physics/check.wgsl`.
     fn check_pass(&self, kind: u32, local_dt: f32) -> Result<Pass> {
         let params = CheckParams {
             kind,

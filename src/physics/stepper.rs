@@ -1,4 +1,4 @@
-//! The chain of passes that every solver's step is: propose, weigh, check, commit.
+//! The chain of passes of every solver's step: propose, evaluate, check, commit.
 
 use super::guard::gpu_data::Status;
 use super::guard::{Clock, HISTORY, StepProgress, StepRecord};
@@ -9,19 +9,19 @@ use crate::gpu::{Gpu, Pass, ReadbackRing, Recorder};
 use crate::{Error, Result};
 use std::collections::VecDeque;
 
-/// Spring visits in one submit: well below a second on the weakest GPU.
+/// Maximum number of spring visits per submit: well below a second on the slowest GPU.
 const MAX_WORK_PER_SUBMIT: f64 = 5e8;
 
-/// Iterations of a linear solve that a step is given by [`Solver::record`] as long as nobody knows
-/// how many it needs.
+/// Iterations of a linear solve given to a step by [`Solver::record`] until the required number is
+/// known.
 const DEFAULT_ITERATIONS: u32 = 256;
-/// The least that it is given where loads or positions have changed since.
+/// Minimum number of iterations after a change of loads or positions.
 const MIN_ITERATIONS_AFTER_CHANGE: u32 = 64;
 
-/// Dispatches in one submit.
+/// Maximum number of dispatches per submit.
 const MAX_DISPATCHES: u32 = 8192;
 
-/// Pairs of iterations behind one gate.
+/// Number of iteration pairs per gate.
 const ITERATION_PAIRS_PER_GATE: u32 = 4;
 
 /// A solver: the chain of passes around an integrator, bound to one body. See [`Solver`].
@@ -31,27 +31,27 @@ pub struct Stepper<S> {
     pub(super) scheme: S,
     pub(super) prepared: Option<PreparedStep>,
     pub(super) clock: Clock,
-    /// Iterations recorded a step.
+    /// Iterations recorded per step.
     pub(super) iterations: u32,
     /// Whether steps were recorded since the status was last read.
     pub(super) status_stale: bool,
-    /// Steps asked for that are not done: the count to reach, and their length.
+    /// Requested steps that are not done: the step count to reach, and the step length.
     errands: VecDeque<(u64, f64)>,
-    /// Status on its way back, of at most one submit.
+    /// Pending status readback, of at most one submit.
     ring: ReadbackRing,
-    /// The count of steps when it is through, if it needs no more iterations than it was given.
+    /// The step count after that submit, if the recorded iterations suffice.
     expected: u64,
-    /// As of the last status that arrived.
+    /// Progress according to the latest status.
     last: Option<StepProgress>,
-    /// Whether `iterations` comes from a step that was done.
+    /// Whether `iterations` was adapted to a completed step.
     adapted: bool,
-    /// Steps recorded for the caller that the latest status did not have: unfinished, or never
+    /// Steps recorded for the caller that the latest status did not include: unfinished, or never
     /// submitted.
     untracked_steps: u32,
-    /// What acted on the body when a step was last recorded for the caller: its revision, and the
+    /// The loads on the body when a step was last recorded for the caller: its revision, and the
     /// version of its external forces.
     acted: Option<(u64, u64)>,
-    /// The count of steps from which on it is known how many iterations that takes.
+    /// The step count from which on the number of iterations under these loads is known.
     settled_from: u64,
 }
 
@@ -59,7 +59,7 @@ fn no_status() -> Error {
     Error::Gpu("the status of the simulation is empty".into())
 }
 
-/// Records a stage, with so many rounds of its loop if it is one.
+/// Records a stage, with `iterations` iterations if it is a loop.
 fn record_stage(work: &mut Recorder, prepared: &PreparedStep, stage: &Stage, iterations: u32) {
     let passes = match stage {
         Stage::Passes(passes) => passes,
@@ -93,7 +93,7 @@ fn record_stage(work: &mut Recorder, prepared: &PreparedStep, stage: &Stage, ite
     }
 }
 
-/// How the steps of a recording begin.
+/// The kind of start of a recording.
 #[derive(Clone, Copy, PartialEq)]
 enum StepStart {
     Restart,
@@ -105,8 +105,8 @@ impl<S: Integrator> Stepper<S> {
     /// A solver for `body`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for a body with rigid
-    /// regions where the integrator moves none.
+    /// [`Error::Gpu`] if its arrays do not fit the device; [`Error::Input`] if the body has rigid
+    /// regions and the integrator does not support them.
     pub fn new(gpu: &Gpu, body: &GpuBody) -> Result<Stepper<S>> {
         if body.rigid.is_some() && !S::SUPPORTS_RIGID {
             return Err(Error::Input(format!(
@@ -134,8 +134,8 @@ impl<S: Integrator> Stepper<S> {
         })
     }
 
-    /// Makes the passes anew where anything they depend on has changed, and records what comes
-    /// before the first step.
+    /// Rebuilds the passes if anything they depend on has changed, and records the passes before
+    /// the first step.
     fn begin(
         &mut self,
         work: &mut Recorder,
@@ -160,7 +160,7 @@ impl<S: Integrator> Stepper<S> {
             Some(known) if known.revision.state == revision.state => StepStart::Resume,
             _ => StepStart::Restart,
         };
-        // Any change may have mended what failed.
+        // Any change may have removed the cause of a failure.
         let forgive = known.as_ref().is_none_or(|k| k.revision != revision);
         let mut prepared = match known {
             Some(known) if known.dt == dt && known.gravity == gravity => known,
@@ -242,9 +242,9 @@ impl<S: Integrator> Stepper<S> {
         Ok(())
     }
 
-    /// Steps that fit one submit.
+    /// Number of steps that fit one submit.
     fn steps_per_submit(&self, iterations: u32) -> u32 {
-        // Three an iteration, and some before and after, where regions are rigid.
+        // Three per iteration, plus some before and after, with rigid regions.
         let passes = 20
             + 3 * iterations
             + self.interleaved_passes() * iterations.div_ceil(2 * ITERATION_PAIRS_PER_GATE);
@@ -253,7 +253,7 @@ impl<S: Integrator> Stepper<S> {
         by_visits.min(MAX_DISPATCHES / passes).clamp(1, HISTORY)
     }
 
-    /// Passes between every few iterations, as far as they are known.
+    /// Number of passes between every few iterations, as far as known.
     fn interleaved_passes(&self) -> u32 {
         let stages = self.prepared.iter().flat_map(|p| &p.step.stages);
         let between = stages.map(|stage| match stage {
@@ -263,14 +263,14 @@ impl<S: Integrator> Stepper<S> {
         between.sum()
     }
 
-    /// Forgets what was asked for, and what is on its way.
+    /// Drops requested steps and pending readbacks.
     pub(super) fn clear_pending(&mut self) {
         self.errands.clear();
         self.ring.clear();
         self.last = None;
     }
 
-    /// The step in local units.
+    /// Validates the step and converts it to local units.
     fn check_step(body: &GpuBody, dt: f64) -> Result<f32> {
         let local_dt = (dt / body.units.time) as f32;
         match dt > 0.0 && dt.is_finite() && local_dt.is_normal() {
@@ -281,7 +281,7 @@ impl<S: Integrator> Stepper<S> {
         }
     }
 
-    /// Submits as many of the steps asked for as fit, where none are under way.
+    /// Submits as many requested steps as fit, if none are in flight.
     fn submit_pending(&mut self, body: &mut GpuBody) -> Result<()> {
         let Some((end, dt)) = self.errands.front().copied() else {
             return Ok(());
@@ -298,7 +298,7 @@ impl<S: Integrator> Stepper<S> {
         self.ring.submit(work, &self.core.status)
     }
 
-    /// Takes note of what has arrived.
+    /// Processes status readbacks that have arrived.
     fn collect_status(&mut self, body: &GpuBody, wait: bool) -> Result<()> {
         let Some(noted) = self.ring.next_completed::<Status>(wait)? else {
             return Ok(());
@@ -323,7 +323,7 @@ impl<S: Integrator> Stepper<S> {
         Ok(())
     }
 
-    /// Waits, and reads what the GPU noted.
+    /// Waits for the status and reads it back.
     fn read_status(&mut self) -> Result<Status> {
         let noted: Vec<Status> = self.core.gpu.read_buffer(&self.core.status)?;
         let status = noted.first().ok_or_else(no_status)?;
@@ -332,7 +332,8 @@ impl<S: Integrator> Stepper<S> {
         Ok(*status)
     }
 
-    /// Records fewer iterations where the latest step needed fewer, more where they ran out.
+    /// Decreases the number of iterations if the latest step needed fewer, increases it if they ran
+    /// out.
     fn adapt_iterations(&mut self, needed: u32, completed: bool) {
         let most = self.scheme.max_iterations();
         if most > 0 {
@@ -346,8 +347,8 @@ impl<S: Integrator> Stepper<S> {
         }
     }
 
-    /// Iterations that each of `steps` steps recorded for the caller is given: as many as the
-    /// latest one known of needed, and some; more where something else acts since.
+    /// Number of iterations given to each of `steps` steps recorded for the caller: those of the
+    /// latest known step plus a margin; more if the loads have changed since.
     fn recorded_iterations(&mut self, body: &GpuBody, steps: u32) -> Result<u32> {
         let acts = Some((body.revision().any, body.external.version()));
         if self.acted != acts {
@@ -401,7 +402,7 @@ impl<S: Integrator> Solver for Stepper<S> {
     fn advance(&mut self, body: &mut GpuBody, steps: u32, dt: f64) -> Result<()> {
         Self::check_step(body, dt)?;
         if self.status_stale && self.ring.in_flight() == 0 {
-            // Recorded by the caller: how far they came is not known yet.
+            // Steps recorded by the caller: their progress is not known yet.
             self.read_status()?;
         }
         let from = self.errands.back().map_or(self.clock.steps(), |e| e.0);

@@ -1,10 +1,11 @@
-//! Symplectic Euler; the twin of `shaders/physics/symplectic_euler.wgsl` and `physics::plain::steppers::symplectic_euler`.
+//! Symplectic Euler on the GPU; `shaders/physics/symplectic_euler.wgsl`, with the reference
+//! `physics::plain::steppers::symplectic_euler`.
 
 use super::integrator::{Integrator, Step, StepResources, Timing};
 use super::{GpuBody, SolverKind, moves};
 use crate::Result;
 
-/// Nothing but its pass.
+/// The scheme has no state besides its pass.
 #[derive(Debug)]
 pub struct Scheme;
 

@@ -1,30 +1,29 @@
-//! Published stiffnesses and densities of tissues.
+//! Published stiffnesses and densities of biological tissues.
 
 use crate::{Error, Result};
 
-/// What a tissue is made of, from the literature.
+/// Material parameters of a tissue, from the literature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tissue {
-    /// What it is called in scenes.
+    /// Its name in scenes.
     pub name: &'static str,
     /// Young's modulus at small strain, Pa.
     pub young: f64,
-    /// Mass per volume, kg/m³: ICRU Report 46 (1992), *Photon, electron, proton and neutron
-    /// interaction data for body tissues*; tendon, ligament and meniscus after Mast, *Empirical
-    /// relationships between acoustic parameters in human soft tissues* (2000).
+    /// Density, kg/m³: ICRU Report 46 (1992), *Photon, electron, proton and neutron interaction
+    /// data for body tissues*; tendon, ligament and meniscus after Mast, *Empirical relationships
+    /// between acoustic parameters in human soft tissues* (2000).
     pub density: f64,
-    /// Poisson's ratio. Soft tissue is mostly water and hardly changes its volume: models of it
-    /// have 0.45 to 0.4999, of which 0.45 is taken, for linear tets lock as it nears ½. Bone has 0.3,
-    /// as is usual in elements; the meniscus after Danso et al., J. Biomech. (2018), the
-    /// lung by the source of its modulus.
+    /// Poisson's ratio. Soft tissue is mostly water and nearly incompressible: published models use
+    /// 0.45 to 0.4999, of which 0.45 is used here, because linear tets lock as it nears ½. Bone has
+    /// 0.3, as is usual in finite element models; the meniscus after Danso et al., J. Biomech.
+    /// (2018), the lung after the source of its modulus.
     pub poisson: f64,
-    /// Where the modulus was measured and how.
+    /// Source of the modulus, and the measuring method.
     pub source: &'static str,
 }
 
-/// The tissues known by name. Published values of one tissue differ by factors of two to ten
-/// with the method, the strain and the person: these are single measurements of good repute, to
-/// start from.
+/// The tissues known by name. Published values of one tissue differ by factors of two to ten with
+/// method, strain and subject: these are single reputable measurements, meant as starting points.
 pub const TISSUES: [Tissue; 14] = [
     tissue(
         "bone",
@@ -143,10 +142,10 @@ const fn tissue(
 }
 
 impl Tissue {
-    /// The tissue called `name`.
+    /// The tissue with this name.
     ///
     /// # Errors
-    /// [`Error::Input`] listing the names there are.
+    /// [`Error::Input`] that lists the names if `name` is unknown.
     pub fn by_name(name: &str) -> Result<Tissue> {
         let found = TISSUES.iter().find(|t| t.name == name);
         found.copied().ok_or_else(|| {

@@ -1,4 +1,5 @@
-//! The kernels one by one against `reference`: forces, Jacobian products, energies.
+//! Tests of the kernels one by one against the float64 reference: forces, Jacobian products,
+//! energies.
 #![allow(clippy::unwrap_used)]
 
 use super::guard::gpu_data::Status;
@@ -10,7 +11,7 @@ use crate::physics::plain::springs::ReferenceSprings;
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Repeatable numbers in −1..1.
+/// Reproducible pseudo-random numbers in −1..1.
 fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
@@ -28,7 +29,7 @@ fn vectors(count: usize, seed: u64) -> Vec<DVec3> {
         .collect()
 }
 
-/// A disturbed body, and the same in float64 at the state that f32 made of it.
+/// A perturbed body, and its float64 reference at the same state rounded to f32.
 fn twins(
     gpu: &Gpu,
     mesh: &TetMesh,
@@ -74,10 +75,10 @@ fn twins(
     (body, truth)
 }
 
-/// Both kinds of damping, and terms beside the springs: none, one floor, two.
+/// Both kinds of damping, with no node term, one floor, and two floors.
 fn kinds() -> Vec<(Damping, Vec<Arc<dyn NodeTerm>>)> {
     let floor = |normal: DVec3| -> Arc<dyn NodeTerm> {
-        // Through the middle of the body.
+        // Passes through the middle of the body.
         Arc::new(Floor::new(0.001 * normal, normal, 400.0).unwrap())
     };
     let [a, b] = [DVec3::new(0.1, 0.2, 1.0), DVec3::new(-1.0, 0.3, 0.2)].map(floor);
@@ -105,7 +106,7 @@ fn read(gpu: &Gpu, array: &Array, unit: f64) -> Vec<DVec3> {
         .collect()
 }
 
-/// The largest error over its node's scale.
+/// Largest error relative to its node's scale.
 fn worst(found: &[DVec3], truth: &[DVec3], scale: &[f64]) -> f64 {
     let errors = found.iter().zip(truth).zip(scale);
     errors
@@ -145,8 +146,8 @@ fn forces_and_energies_match_float64() {
             assert!((elastic - 1.0).abs() < 1e-4, "{elastic}");
             assert_eq!(sum(3), 0.0);
 
-            // The comparison can fail: a floor forgotten is seen, and so is one spring five
-            // hundredths stiffer.
+            // Sensitivity check: the comparison detects a missing floor, and one spring that is
+            // five hundredths stiffer.
             if !truth.terms.is_empty() {
                 let floors = std::mem::take(&mut truth.terms);
                 assert!(worst(&found, &truth.forces(), &scale) > 1e-4);
@@ -183,7 +184,7 @@ fn products_with_the_system_match_float64() {
             p[5] = DVec3::ZERO;
             let found = product(&gpu, &solver, &body, timing, &p);
             let exact = truth.system_product(h, &p);
-            // Σ|A||p| of each node's row, from its blocks: the scale of what was added up.
+            // Σ|A||p| of each node's row, from its blocks: the scale of the rounding error.
             let scale: Vec<f64> = truth
                 .system_blocks(h)
                 .iter()
@@ -197,7 +198,7 @@ fn products_with_the_system_match_float64() {
                 .collect();
             let error = worst(&found, &exact, &scale);
             assert!(error < 1e-5, "{kind:?}: {error}");
-            // The comparison can fail: the exact Jacobian is another matrix than the clamped one.
+            // Sensitivity check: the exact Jacobian differs from the clamped one.
             let k = truth.stiffness_product(&p, false);
             let c = truth.damping_product(&p);
             let unclamped: Vec<DVec3> = (0..p.len())
@@ -211,7 +212,7 @@ fn products_with_the_system_match_float64() {
     }
 }
 
-/// A p on the GPU, in SI units: one iteration whose first direction is p.
+/// Computes A p on the GPU, in SI units: one iteration whose first direction is p.
 fn product(
     gpu: &Gpu,
     solver: &ImplicitEuler,
@@ -239,8 +240,8 @@ fn product(
     read(gpu, &solver.scheme.product, body.units.mass)
 }
 
-/// A solve that is cut short goes on in the passes recorded for the next steps, and comes to the
-/// same state.
+/// A solve with too few iterations continues in the passes recorded for the next steps, and reaches
+/// the same state.
 #[test]
 fn an_unfinished_solve_is_continued() {
     let gpu = Gpu::new().unwrap();

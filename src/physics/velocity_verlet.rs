@@ -1,10 +1,10 @@
-//! Velocity Verlet; the twin of `shaders/physics/velocity_verlet*.wgsl` and
+//! Velocity Verlet on the GPU; `shaders/physics/velocity_verlet*.wgsl`, with the reference
 //! `physics::plain::steppers::VelocityVerlet`.
 //!
-//! The forces at the end of a step are those that the next begins with. Damping there is taken at
-//! the velocity v + h a, not at the v + ½h a that moved the nodes: so it is right to second order
-//! in h as everything else is (Groot & Warren 1997 with λ = 1), where damping sets the limit at
-//! half the step.
+//! The forces at the end of a step are reused at the start of the next. Their damping part uses the
+//! predicted velocity v + h a instead of the v + ½h a that moved the nodes: this makes damping
+//! second-order accurate in h like the rest of the scheme (Groot & Warren 1997 with λ = 1), where
+//! damping alone halves the stable step.
 
 use super::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use super::{GpuBody, SolverKind, moves};
@@ -22,7 +22,7 @@ mod gpu_data {
 }
 use gpu_data::KickParams;
 
-/// The velocities at the end of the step if the acceleration stays, v + h a.
+/// The predicted velocities at the end of the step, v + h a.
 #[derive(Debug)]
 pub struct Scheme {
     predicted_velocities: Array,

@@ -1,15 +1,15 @@
-//! Verlet's scheme, x' = 2x − x₋₁ + h² a; the twin of `shaders/physics/verlet.wgsl` and
-//! `physics::plain::steppers::Verlet`.
+//! The Verlet scheme x' = 2x − x₋₁ + h² a on the GPU; `shaders/physics/verlet.wgsl`, with the
+//! reference `physics::plain::steppers::Verlet`.
 //!
-//! What is kept is the increment v = (x − x₋₁)/h, which loses no digits in f32. A first step, or
-//! one of another length than the last, is kicked by the mean of the two lengths, which for
-//! h₋₁ = 0 is the start x₋₁ = x₀ − h v₀ + ½h² a₀.
+//! It stores the increment v = (x − x₋₁)/h, which avoids cancellation in f32. A first step, or one
+//! after a change of the step length, uses the mean of the two lengths, which for h₋₁ = 0 is the
+//! start x₋₁ = x₀ − h v₀ + ½h² a₀.
 
 use super::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use super::{GpuBody, SolverKind, moves};
 use crate::Result;
 
-/// Nothing but its pass.
+/// The scheme has no state besides its pass.
 #[derive(Debug)]
 pub struct Scheme;
 

@@ -1,4 +1,5 @@
-//! Several bodies as one simulator: each is stepped by its own, and one picture shows them all.
+//! Several bodies as one simulator: each body has its own simulator, and all are drawn in one
+//! picture.
 
 mod place;
 mod simulator;
@@ -16,38 +17,38 @@ use whole::{MergedMesh, MeshRef};
 
 /// One of several bodies.
 pub struct Member {
-    /// What it is called in messages and reports.
+    /// Its name in messages and reports.
     pub name: String,
-    /// The body, and what moves it.
+    /// The simulator of the body.
     pub simulator: Box<dyn Simulator>,
-    /// The largest step that it is to take, s; a longer one is made of several.
+    /// The largest step of this body, s; longer steps are split into substeps.
     pub step: f64,
 }
 
-/// What one of several bodies is, in a report.
+/// Report of one of several bodies.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MemberReport {
     /// Its name.
     pub name: String,
-    /// What computes its steps.
+    /// The engine that computes its steps.
     pub engine: Engine,
-    /// By which scheme, as on the command line.
+    /// The solver, named as on the command line.
     pub solver: &'static str,
-    /// Tets of its mesh.
+    /// Number of tets of its mesh.
     pub tets: usize,
-    /// Nodes of its mesh.
+    /// Number of nodes of its mesh.
     pub nodes: usize,
-    /// Steps that it takes in one of all.
+    /// Substeps per step of the whole.
     pub steps: u32,
 }
 
-/// Several bodies, each with its own matter, scheme and engine, as one [`Simulator`].
+/// Several bodies, each with its own material, scheme and engine, as one [`Simulator`].
 ///
-/// Its mesh is theirs, one after the other (see [`TetMesh::merge_meshes`](crate::mesh::TetMesh::merge_meshes)).
-/// A step is one or several of each, so that stiff bodies do not make soft ones slow. They do not
-/// feel each other. What acts on it acts on each: gravity, pins and forces by the numbers of its
-/// nodes, grabs and cuts by where they are. Its progress counts the steps of the body that took
-/// the fewest.
+/// Its mesh is the concatenation of theirs (see
+/// [`TetMesh::merge_meshes`](crate::mesh::TetMesh::merge_meshes)). A step is one or several
+/// substeps of each body, so stiff bodies do not slow down soft ones. The bodies do not interact.
+/// Loads act on each body: gravity on all, pins and forces by node number, grabs and cuts by
+/// position. The progress counts the steps of the body that has completed the fewest.
 pub struct MultiBody {
     gpu: Gpu,
     members: Vec<Member>,
@@ -56,11 +57,11 @@ pub struct MultiBody {
     nodes: NodePositions,
     places: Vec<NodeScatterPass>,
     loads: Loads,
-    /// The loads that its members have.
+    /// The loads that the members have.
     synced_loads: LoadVersions,
     gravity: DVec3,
     pinned: Vec<bool>,
-    /// Of each grab, those of its members.
+    /// For each grab, the member grabs it consists of.
     grabs: BTreeMap<GrabId, Vec<(usize, GrabId)>>,
     next_grab: u32,
 }
@@ -78,11 +79,11 @@ pub struct BodiesState {
 }
 
 impl MultiBody {
-    /// `members` as one; their meshes are in one unit.
+    /// Combines `members`, whose meshes must have the same unit.
     ///
     /// # Errors
-    /// [`Error::Input`] for none, a step that is not positive, or meshes in different units;
-    /// [`Error::Gpu`] when all nodes together do not fit the device.
+    /// [`Error::Input`] if there are no members, a step is not positive, or meshes have different
+    /// units; [`Error::Gpu`] if all nodes together do not fit the device.
     pub fn new(gpu: &Gpu, members: Vec<Member>) -> Result<MultiBody> {
         let Some(first) = members.first() else {
             return Err(Error::Input("there are no bodies to simulate".into()));
@@ -106,7 +107,7 @@ impl MultiBody {
         let (mut pinned, mut forces) = (Vec::new(), vec![DVec3::ZERO; whole.mesh.nodes.len()]);
         for (member, places) in members.iter().zip(&whole.node_map) {
             let own = member.simulator.loads();
-            // Of a mesh in a cage, the nodes of the cage.
+            // For a mesh embedded in a cage, these are the nodes of the cage.
             if own.pinned().len() == places.len() && member.simulator.coarse_body().is_none() {
                 let of_nodes = places.iter().zip(own.pinned()).zip(own.forces());
                 for ((v, is), force) in of_nodes {
@@ -142,7 +143,7 @@ impl MultiBody {
         &self.members
     }
 
-    /// What each body is, when all take steps of `dt` seconds.
+    /// Reports each body, for a common step of `dt` seconds.
     pub fn member_reports(&self, dt: f64) -> Vec<MemberReport> {
         let members = self.members.iter();
         let report = |m: &Member| MemberReport {
@@ -156,7 +157,7 @@ impl MultiBody {
         members.map(report).collect()
     }
 
-    /// Masses of all nodes, and the ways of each body's to where all are.
+    /// Rebuilds the masses of all nodes and the passes that scatter each body's nodes to the whole.
     fn rebuild_index(&mut self) -> Result<()> {
         self.masses = vec![0.0; self.whole.mesh.nodes.len()];
         self.places.clear();
@@ -164,7 +165,7 @@ impl MultiBody {
             let simulator = member.simulator.as_ref();
             let place = NodeScatterPass::new(&self.gpu, simulator.nodes(), places, &self.nodes)?;
             self.places.push(place);
-            // The masses of a cage are not those of the mesh that it carries.
+            // The masses of a cage are not those of the embedded mesh.
             if simulator.coarse_body().is_none() {
                 for (v, mass) in places.iter().zip(simulator.masses()) {
                     self.masses[*v as usize] = *mass;
@@ -174,7 +175,7 @@ impl MultiBody {
         Ok(())
     }
 
-    /// Hands to each body what has changed of the loads on all.
+    /// Passes changed loads on to each body.
     fn sync_loads(&mut self) -> Result<()> {
         let versions = self.loads.versions;
         if versions == self.synced_loads {
@@ -212,7 +213,7 @@ impl MultiBody {
         Ok(())
     }
 
-    /// Vectors of all nodes, from those of each body's.
+    /// Gathers per-node vectors of all bodies.
     fn gather(&self, of: impl Fn(&dyn Simulator) -> Result<Vec<DVec3>>) -> Result<Vec<DVec3>> {
         let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
         for (member, places) in self.members.iter().zip(&self.whole.node_map) {
@@ -224,7 +225,7 @@ impl MultiBody {
         Ok(all)
     }
 
-    /// Gives each body its share of vectors at all nodes.
+    /// Scatters per-node vectors of the whole to the bodies.
     fn scatter(
         &mut self,
         what: &str,
@@ -245,7 +246,7 @@ impl MultiBody {
         Ok(())
     }
 
-    /// Each body's mesh and neighbours, as cuts have left them.
+    /// Each body's mesh and topology after cuts.
     fn parts(members: &[Member]) -> Vec<MeshRef<'_>> {
         let parts = members.iter().map(|m| m.simulator.as_ref());
         parts.map(|s| (s.mesh(), s.topology())).collect()
@@ -253,19 +254,19 @@ impl MultiBody {
 }
 
 impl Member {
-    /// Steps that it takes in one of `dt` seconds.
+    /// Substeps in a step of `dt` seconds.
     fn steps(&self, dt: f64) -> u32 {
-        // A step that is a rounding longer than its largest is one.
+        // A step that exceeds the largest only by rounding is not split.
         let steps = (dt / self.step * (1.0 - 1e-9)).ceil();
         (steps as u32).max(1)
     }
 
-    /// `of` its simulator; an error says whose it is.
+    /// Calls `of` with the simulator; prefixes errors with the body's name.
     fn named<T>(&mut self, of: impl FnOnce(&mut dyn Simulator) -> Result<T>) -> Result<T> {
         of(self.simulator.as_mut()).map_err(|e| self.name_error(e))
     }
 
-    /// What its simulator gave; an error says whose it is.
+    /// Prefixes the error of `given`, if any, with the body's name.
     pub(super) fn with_body_name<T>(&self, given: Result<T>) -> Result<T> {
         given.map_err(|e| self.name_error(e))
     }
@@ -294,7 +295,7 @@ impl Member {
     }
 }
 
-/// What a body has of values at all nodes.
+/// Returns a body's values from those of all nodes.
 fn member_values(all: &[DVec3], places: &[u32]) -> Vec<DVec3> {
     places.iter().map(|v| all[*v as usize]).collect()
 }

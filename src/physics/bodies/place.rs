@@ -1,4 +1,4 @@
-//! Brings the nodes of one body to their places among those of several, on the GPU.
+//! A GPU pass that scatters the nodes of one body to their positions among those of several.
 
 use crate::Result;
 use crate::gpu::{Gpu, Pass, Recorder, Texel};
@@ -15,16 +15,16 @@ mod gpu_data {
     }
 }
 
-/// The way of one body's nodes to those of all.
+/// Scatters one body's nodes to those of all bodies.
 #[derive(Debug)]
 pub(super) struct NodeScatterPass {
     pass: Pass,
-    /// The version of the body's nodes that was brought there.
+    /// Version of the body's nodes at the last scatter.
     scattered_version: Option<u64>,
 }
 
 impl NodeScatterPass {
-    /// Brings node i of `body` to item `places[i]` of `whole`.
+    /// Scatters node i of `body` to item `places[i]` of `whole`.
     pub fn new(
         gpu: &Gpu,
         body: &NodePositions,
@@ -52,7 +52,7 @@ impl NodeScatterPass {
         })
     }
 
-    /// Records the bringing of `body`, the nodes it was made with, if they may have moved.
+    /// Records the scatter of `body`, the nodes it was created with, if they may have moved.
     pub fn record(&mut self, work: &mut Recorder, body: &NodePositions) {
         let version = Some(body.version());
         if self.scattered_version != version {

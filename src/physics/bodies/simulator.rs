@@ -1,4 +1,4 @@
-//! What several bodies do as one.
+//! The [`Simulator`] implementation of [`MultiBody`].
 
 use super::{BodiesState, Member, MultiBody};
 use crate::gpu::Recorder;
@@ -18,7 +18,7 @@ impl Simulator for MultiBody {
         self.members[0].simulator.integrator()
     }
 
-    /// The GPU, where any of them is there; else that of all, or the processor.
+    /// The GPU if any body is on it; otherwise the engine common to all, or the CPU.
     fn engine(&self) -> Engine {
         let mut engines = self.members.iter().map(|m| m.simulator.engine());
         let first = engines.next().unwrap_or(Engine::Cpu);
@@ -37,12 +37,12 @@ impl Simulator for MultiBody {
         &self.whole.topology
     }
 
-    /// Of every node of the mesh; 0 in a mesh that a cage carries.
+    /// The mass of every node of the mesh; 0 for a mesh embedded in a cage.
     fn masses(&self) -> &[f64] {
         &self.masses
     }
 
-    /// Without those of cages.
+    /// Excludes the springs of cages.
     fn spring_pairs(&self) -> Vec<[u32; 2]> {
         let mut springs = Vec::new();
         for (member, places) in self.members.iter().zip(&self.whole.node_map) {
@@ -58,7 +58,7 @@ impl Simulator for MultiBody {
         Some(self)
     }
 
-    /// Where it is the first body's already, each keeps its own and takes the settings.
+    /// If the first body uses this scheme already, each body keeps its own and takes the settings.
     fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         let keep = kind == self.integrator();
         for member in &mut self.members {
@@ -76,7 +76,7 @@ impl Simulator for MultiBody {
         Ok(())
     }
 
-    /// None: each takes as many steps in one as it needs.
+    /// Always `None`: each body takes as many substeps as it needs.
     fn largest_stable_step(&self) -> Option<f64> {
         None
     }
@@ -103,7 +103,7 @@ impl Simulator for MultiBody {
         self.advance_members(steps, dt, |s, steps, dt| s.record(work, steps, dt))
     }
 
-    /// Those of the body that took the most.
+    /// The iterations of the body that needed the most.
     fn iterations(&self) -> Result<Vec<u32>> {
         let all = self.members.iter().map(|m| m.simulator.iterations());
         let all: Vec<Vec<u32>> = all.collect::<Result<_>>()?;
@@ -178,7 +178,7 @@ impl Simulator for MultiBody {
         &mut self.loads
     }
 
-    /// Grabs nodes of every body that has some there.
+    /// Grabs nodes of every body that has some within the radius.
     fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         self.sync_loads()?;
         let (mut held, mut refused) = (Vec::new(), None);
@@ -241,7 +241,7 @@ impl Simulator for MultiBody {
             .collect();
         self.nodes.extend(&texels)?;
         self.rebuild_index()?;
-        // The bodies have shared out their loads already, in the same way.
+        // The bodies have already distributed their loads in the same manner.
         self.loads.apply_cut(&cut, &self.masses);
         self.synced_loads = self.loads.versions;
         self.pinned = self.loads.pinned().to_vec();
@@ -264,7 +264,7 @@ impl Simulator for MultiBody {
         Ok(Report::from_positions(energy, &self.whole.mesh, &positions))
     }
 
-    /// Of the fastest, in its own size.
+    /// The speed of the fastest body, relative to its size.
     fn rms_speed(&self) -> f64 {
         let speeds = self.members.iter().map(|m| m.simulator.rms_speed());
         speeds.fold(0.0, f64::max)
@@ -334,7 +334,7 @@ impl Simulator for MultiBody {
 }
 
 impl MultiBody {
-    /// Asks each body for `steps` steps of `dt` seconds, in as many of its own as it needs.
+    /// Requests `steps` steps of `dt` seconds from each body, split into substeps as needed.
     fn advance_members(
         &mut self,
         steps: u32,
@@ -355,7 +355,8 @@ impl MultiBody {
         Ok(())
     }
 
-    /// The progress of all, which is that of the last; the first error, after all have told.
+    /// Collects the progress of all bodies, that of the slowest; returns the first error after all
+    /// have been polled.
     fn collect_progress(
         &mut self,
         of: impl Fn(&mut dyn Simulator) -> Result<StepProgress>,
@@ -374,7 +375,7 @@ impl MultiBody {
     }
 }
 
-/// How far two bodies are.
+/// Combines the progress of two bodies.
 fn merge_progress(a: StepProgress, b: StepProgress) -> StepProgress {
     StepProgress {
         steps: a.steps.min(b.steps),

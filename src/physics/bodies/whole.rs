@@ -1,25 +1,24 @@
-//! The mesh of several bodies as one, and what a cut of some of them is in its numbers.
+//! The combined mesh of several bodies, and the mapping of their cuts to its numbering.
 
 use crate::Result;
 use crate::mesh::{BoundaryFace, Location, NO_NEIGHBOUR, TetCut, TetMesh, Topology};
 use crate::physics::TopologyChange;
 
-/// A mesh of several, and where the nodes of each stand in it.
+/// A combined mesh, and the map from each body's nodes to it.
 ///
-/// Tets of a body stay together, one body after the other; nodes that cuts have doubled come
-/// after those of all bodies.
+/// Tets are ordered by body; nodes duplicated by cuts follow the nodes of all bodies.
 pub(super) struct MergedMesh {
     pub mesh: TetMesh,
     pub topology: Topology,
-    /// Of each body, the number of its nodes among all.
+    /// For each body, the number of each of its nodes in the combined mesh.
     pub node_map: Vec<Vec<u32>>,
 }
 
-/// A body's mesh, with its neighbours.
+/// A body's mesh and topology.
 pub(super) type MeshRef<'a> = (&'a TetMesh, &'a Topology);
 
 impl MergedMesh {
-    /// The meshes of `parts`, by name, as one.
+    /// Combines the meshes of `parts`, given by name.
     pub fn new(parts: &[(String, &TetMesh)]) -> Result<MergedMesh> {
         let mesh = TetMesh::merge_meshes(parts)?;
         let mut first = 0;
@@ -35,7 +34,7 @@ impl MergedMesh {
         })
     }
 
-    /// Follows the cuts of its bodies, one for each; `parts` are they as cuts have left them.
+    /// Applies one cut for each body; `parts` are the bodies' meshes after these cuts.
     pub fn follow(&mut self, changes: &[TopologyChange], parts: &[MeshRef]) -> TetCut {
         let mut whole = TetCut::default();
         let mut first = 0;
@@ -52,7 +51,7 @@ impl MergedMesh {
             first += tets;
         }
         if !whole.removed.is_empty() {
-            // As after any removal: numbers have changed.
+            // As after any removal, tets are renumbered.
             let (doubled, opened, removed) =
                 (whole.duplicated_nodes, whole.opened_faces, whole.removed);
             let nodes = whole.nodes;
@@ -72,7 +71,7 @@ impl MergedMesh {
         whole
     }
 
-    /// Adds a double of node `old`, and returns its number.
+    /// Adds a duplicate of node `old` and returns its number.
     fn duplicate_node(&mut self, old: u32) -> u32 {
         let new = self.mesh.nodes.len() as u32;
         self.mesh.nodes.push(self.mesh.nodes[old as usize]);
@@ -85,7 +84,7 @@ impl MergedMesh {
         new
     }
 
-    /// Forgets what fields say of tets that were removed, ascending.
+    /// Drops the field values of removed tets, given in ascending order.
     fn drop_cell_values(&mut self, removed: &[u32]) {
         for field in &mut self.mesh.fields {
             if field.location == Location::Cell {
@@ -102,7 +101,7 @@ impl MergedMesh {
         }
     }
 
-    /// Tets, neighbours and boundary of all parts.
+    /// Rebuilds tets, topology and boundary from all parts.
     fn rebuild(&mut self, parts: &[MeshRef]) {
         let (mesh, all) = (&mut self.mesh, &mut self.topology);
         mesh.tets.clear();
@@ -124,8 +123,8 @@ impl MergedMesh {
     }
 }
 
-/// Adds the cut of a body whose tets begin at `first` to that of all. Places ascend, so that a
-/// smaller node stays the smaller one.
+/// Adds the cut of a body whose tets start at `first` to the combined cut. `places` ascends, so the
+/// order of node numbers is preserved.
 fn add(whole: &mut TetCut, cut: &TetCut, first: u32, places: &[u32]) {
     let place = |v: u32| places[v as usize];
     let tet = |t: &u32| t + first;
@@ -162,8 +161,8 @@ mod tests {
     use glam::DVec3;
     use std::collections::BTreeSet;
 
-    /// Two bars side by side, cut one after the other and both at once: as if each cut had been
-    /// made in the whole.
+    /// Two bars side by side, cut one after the other and both at once: equal to the same cuts of
+    /// the combined mesh.
     #[test]
     fn a_cut_of_parts_is_the_cut_of_the_whole() {
         let bar = generate::by_name("bar", Some(600)).unwrap();

@@ -1,23 +1,24 @@
-//! The potentials of contact and friction, per unit of what weighs them, with two derivatives.
+//! Potentials of contact and friction per unit stiffness or force, with two derivatives each.
 
-/// The gap over which the barrier is its logarithm; nearer it goes on by its second derivative.
+/// Relative gap below which the barrier of tools is replaced by its quadratic extension.
 const QUADRATIC_BELOW_TOOL: f64 = 0.2;
 
-/// The same between two parts of a boundary.
+/// Relative gap below which the barrier of self-contact is replaced by its quadratic extension.
 const QUADRATIC_BELOW_SELF: f64 = 1e-3;
 
-/// The smoothly clamped log barrier of incremental potential contact, b(g) = −(g − 1)² ln g for
-/// g < 1, of the gap over the one from which on it acts (Li et al. 2020, "Incremental Potential
-/// Contact", equation 6). Below g = 0.2 it goes on as a parabola: so points may be inside a tool
-/// between two iterations of Newton's method, which then finds those that touch at once, and none
-/// is in the end where the pressure is less than [`Barrier::BARRIER_FORCE_AT_ZERO_GAP`] times the stiffness.
+/// The clamped log barrier of incremental potential contact, b(g) = −(g − 1)² ln g for g < 1, where
+/// g is the gap over the activation gap (Li et al. 2020, "Incremental Potential Contact", equation
+/// 6). For tools, a quadratic extension replaces it below g = 0.2. Newton iterates may therefore
+/// penetrate a tool, which lets the solver find all touching points at once; converged points do
+/// not penetrate while the contact pressure is less than [`Barrier::BARRIER_FORCE_AT_ZERO_GAP`]
+/// times the stiffness.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::physics) struct Barrier {
-    /// b.
+    /// b(g).
     pub value: f64,
-    /// b', which is negative.
+    /// b'(g), negative.
     pub first_derivative: f64,
-    /// b'', which is positive.
+    /// b''(g), positive.
     pub second_derivative: f64,
 }
 
@@ -26,18 +27,18 @@ impl Barrier {
     #[cfg(test)]
     pub const BARRIER_FORCE_AT_ZERO_GAP: f64 = 12.8;
 
-    /// At the gap `g`, as tools have it.
+    /// Evaluates the barrier of tools at the relative gap `g`.
     pub fn clamped(g: f64) -> Barrier {
         Barrier::from(g, QUADRATIC_BELOW_TOOL)
     }
 
-    /// At the gap `g` between two parts of a boundary: these never pass each other, so that it is a
-    /// logarithm nearly all the way.
+    /// Evaluates the barrier of self-contact at the relative gap `g`. Features never pass each
+    /// other, so the quadratic extension starts only at a very small gap.
     pub fn unclamped(g: f64) -> Barrier {
         Barrier::from(g, QUADRATIC_BELOW_SELF)
     }
 
-    /// At the gap `g`, as a parabola below `near`.
+    /// Evaluates the barrier at the relative gap `g`, with its quadratic extension below `near`.
     fn from(g: f64, near: f64) -> Barrier {
         if g >= 1.0 {
             return Barrier::default();
@@ -61,24 +62,24 @@ impl Barrier {
     }
 }
 
-/// The smoothed |v| of friction that holds below the speed ε (Li et al. 2020, equations 13 and
-/// 15): |v| from there on, and v²/ε − v³/3ε² + ε/3 below.
+/// The smoothed speed |v| of Coulomb friction, with static friction approximated below the speed ε
+/// (Li et al. 2020, equations 13 and 15): |v| above ε, and v²/ε − v³/3ε² + ε/3 below.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::physics) struct FrictionMollifier {
-    /// What |v| is made of it.
+    /// The smoothed |v|.
     pub value: f64,
-    /// The slope over v.
+    /// The first derivative divided by v.
     pub slope_over_speed: f64,
     /// The second derivative.
     pub bend: f64,
 }
 
-/// What slides resists as if this part of it stuck, in systems whose matrix must be positive: or it
-/// would slide back and forth.
+/// Lower bound of the tangential stiffness of sliding contacts, over that of sticking ones, in
+/// systems whose matrix must be positive definite. Without it, sliding contacts oscillate.
 const MIN_SLIDING_STIFFNESS_RATIO: f64 = 0.1;
 
 impl FrictionMollifier {
-    /// At the speed `v`, which holds below `least`.
+    /// Evaluates the mollifier at the speed `v`, with the threshold speed ε = `least`.
     pub fn at(v: f64, least: f64) -> FrictionMollifier {
         let y = v / least;
         if y >= 1.0 {
@@ -95,7 +96,7 @@ impl FrictionMollifier {
         }
     }
 
-    /// The second derivative as a matrix has it that must be positive.
+    /// The second derivative, bounded below so that the Hessian is positive definite.
     pub fn projected_hessian(&self) -> f64 {
         self.bend
             .max(MIN_SLIDING_STIFFNESS_RATIO * self.slope_over_speed)
@@ -106,7 +107,7 @@ impl FrictionMollifier {
 mod tests {
     use super::*;
 
-    /// A function, its slope and its second derivative at a place.
+    /// A function that returns a value, its first and its second derivative at a point.
     type Curve = dyn Fn(f64) -> [f64; 3];
 
     fn check(f: &Curve, at: &[f64]) {

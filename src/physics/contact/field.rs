@@ -1,4 +1,4 @@
-//! The signed distance of any closed surface, on a grid made once.
+//! Signed distance fields of closed surfaces, sampled on a regular grid.
 
 use super::SurfaceDistance;
 use crate::Result;
@@ -7,35 +7,34 @@ use crate::mesher::ClosedSurface;
 use crate::parallel;
 use glam::{DMat3, DVec3};
 
-/// Points of the grid along the longest edge of the surface's bounds.
+/// Grid points along the longest edge of the surface's bounds.
 const GRID_POINTS: f64 = 64.0;
 
-/// Points around these bounds.
+/// Layers of grid points around these bounds.
 const PADDING_POINTS: f64 = 4.0;
 
-/// Signed distances on a grid, between which quadratic B-splines run: with a gradient that is
-/// continuous. Edges and corners are rounded by about a spacing, the 64th part of the longest
-/// extent.
+/// Signed distances sampled on a grid and interpolated by quadratic B-splines, so that the gradient
+/// is continuous. Edges and corners are rounded by about one spacing, 1/64 of the longest extent.
 #[derive(Clone, Debug)]
 pub struct DistanceField {
-    /// The first point.
+    /// The first grid point.
     low: DVec3,
     spacing: f64,
     counts: [usize; 3],
     values: std::sync::Arc<Vec<f64>>,
-    /// What one of these values is.
+    /// Length of one unit of `values`.
     value_scale: f64,
     size: f64,
     radius: f64,
-    /// What it is the distance of, as that was given.
+    /// The surface, in unscaled coordinates.
     surface: std::sync::Arc<TriMesh>,
 }
 
 impl DistanceField {
-    /// Of `surface`, in its own coordinates.
+    /// Samples the signed distance of `surface`, in its own coordinates.
     ///
     /// # Errors
-    /// [`Error::Mesh`](crate::Error::Mesh) for a surface that has no inside.
+    /// [`Error::Mesh`](crate::Error::Mesh) if the surface is not closed.
     pub fn new(surface: &TriMesh) -> Result<DistanceField> {
         let closed = ClosedSurface::new(surface)?;
         let (low, high) = closed.bounds();
@@ -62,7 +61,7 @@ impl DistanceField {
         })
     }
 
-    /// The same, so many times as large.
+    /// Returns the field scaled by the factor `by`.
     #[must_use]
     pub fn with_scale(&self, by: f64) -> DistanceField {
         DistanceField {
@@ -77,12 +76,12 @@ impl DistanceField {
         }
     }
 
-    /// Between two points of the grid.
+    /// Distance between neighbouring grid points.
     pub fn spacing(&self) -> f64 {
         self.spacing
     }
 
-    /// The vertices and triangles of the surface that it is the distance of.
+    /// The scaled vertices and the triangles of the surface.
     pub fn surface(&self) -> (impl Iterator<Item = DVec3>, &[[u32; 3]]) {
         let vertices = self.surface.vertices.iter();
         (
@@ -91,23 +90,24 @@ impl DistanceField {
         )
     }
 
-    /// The first point of the grid, how many there are along each axis, the values there, and what
-    /// one of these is.
+    /// Returns the first grid point, the number of points along each axis, the values, and the
+    /// length of one unit of the values.
     pub(in crate::physics) fn grid(&self) -> (DVec3, [usize; 3], &[f64], f64) {
         (self.low, self.counts, &self.values, self.value_scale)
     }
 
-    /// How deep inside a point can be.
+    /// The largest depth of a point inside the surface.
     pub fn size(&self) -> f64 {
         self.size
     }
 
-    /// The farthest that the surface comes from the origin.
+    /// The largest distance of the surface from the origin.
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
-    /// The point nearest to `p` that has points all around, from the first in spacings.
+    /// Clamps `p` to the region with a complete interpolation stencil. Returns the clamped point in
+    /// grid coordinates (spacings from the first point) and the offset of `p` from it.
     fn clamp_to_grid(&self, p: DVec3) -> (DVec3, DVec3) {
         let last = DVec3::from(self.counts.map(|n| n as f64 - 2.5));
         let high = self.low + self.spacing * last;
@@ -115,12 +115,13 @@ impl DistanceField {
         ((near - self.low) / self.spacing, p - near)
     }
 
-    /// The signed distance of `p`; beyond the grid that from it, which is less.
+    /// Returns the signed distance of `p`. Outside the grid it is the distance from the grid plus a
+    /// margin, which underestimates the distance from the surface.
     pub fn distance(&self, p: DVec3) -> f64 {
         self.evaluate(p).distance
     }
 
-    /// Where `p` stands to it.
+    /// Returns the signed distance of `p` with its gradient and second derivatives.
     pub fn evaluate(&self, p: DVec3) -> SurfaceDistance {
         let (at, beyond) = self.clamp_to_grid(p);
         let first = (at - 0.5).floor();
@@ -153,7 +154,7 @@ impl DistanceField {
             }
         }
         let [value, x, y, z, xx, yy, zz, xy, xz, yz] = sums;
-        // Values are in units, the spline's argument in spacings.
+        // Values are lengths, the argument of the spline is in spacings.
         let (slope, bend) = (
             self.value_scale / self.spacing,
             self.value_scale / self.spacing.powi(2),
@@ -175,7 +176,8 @@ impl DistanceField {
     }
 }
 
-/// The weights of three points at `t` from the first, from ½ to 1½, with their derivatives.
+/// Quadratic B-spline weights of three points, with two derivatives; `t` from ½ to 1½ is measured
+/// from the first point.
 fn quadratic(t: f64) -> [[f64; 3]; 3] {
     let s = t - 1.0;
     [
@@ -195,7 +197,7 @@ mod tests {
     use super::*;
     use crate::mesh::{Topology, generate};
 
-    /// The surface of a ball of radius 1.
+    /// The surface of a sphere of radius 1.
     fn sphere() -> TriMesh {
         let ball = generate::ball(1.0, 14).unwrap();
         let topology = Topology::new(&ball);
@@ -217,7 +219,7 @@ mod tests {
         ] {
             let touch = field.evaluate(p);
             let exact = p.length() - 1.0;
-            // Faces run inside the ball, and the spline rounds by the square of a spacing.
+            // The faces lie inside the sphere, and the spline rounds by the square of a spacing.
             let near = 0.02 * (1.0 + exact.abs());
             assert!((touch.distance - exact).abs() < near, "{p}: {touch:?}");
             assert!(touch.normal.dot(p.normalize()) > 0.98, "{p}: {touch:?}");

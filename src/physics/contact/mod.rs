@@ -1,7 +1,7 @@
-//! Contact: tools that press on a body, their shapes and where they are, and the potentials by
-//! which nothing passes through them.
+//! Contact with tools and self-contact: tool shapes and poses, settings, and barrier and friction
+//! potentials.
 //!
-//! The engine's side is in `physics/cpu/contact*.rs`.
+//! The solver's part is in `physics/cpu/contact*.rs`.
 
 mod barrier;
 mod field;

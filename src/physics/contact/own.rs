@@ -1,27 +1,27 @@
-//! What a body's contact with itself goes by.
+//! Settings of self-contact.
 
 use crate::{Error, Result};
 
-/// Contact of a body's boundary with itself: of its parts with each other, and of its folds.
+/// Self-contact: contact between different parts of a body's boundary, and within its folds.
 ///
-/// Vertices and faces, and edges and edges, that come nearer than a gap push each other apart by the
-/// barrier of incremental potential contact (Li et al. 2020), and no iteration of a step lets any pass
-/// another. What is nearer at rest has a smaller gap of its own; what coincides at rest, such as the
-/// two sides of a cut, is left alone.
+/// Vertex–face and edge–edge pairs closer than a gap repel each other by the barrier of incremental
+/// potential contact (Li et al. 2020), and continuous collision detection (CCD) keeps every
+/// iteration of a step free of intersections. Pairs closer than the gap at rest use a smaller gap;
+/// pairs that coincide at rest, such as the two sides of a cut, are ignored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SelfContactSettings {
-    /// μ of Coulomb friction.
+    /// Coefficient μ of Coulomb friction.
     pub friction: f64,
-    /// The gap from which on parts push each other, in file units; a 20th of the boundary's mean
-    /// edge where nothing is said.
+    /// Activation gap of the barrier, in file units. Default: 1/20 of the boundary's mean edge
+    /// length.
     pub gap: Option<f64>,
 }
 
 impl SelfContactSettings {
-    /// Refuses what makes no sense.
+    /// Validates the settings.
     ///
     /// # Errors
-    /// [`Error::Input`].
+    /// [`Error::Input`] for a value out of range.
     pub fn check(&self) -> Result<()> {
         if !(self.friction.is_finite() && self.friction >= 0.0) {
             return Err(Error::Input(format!(

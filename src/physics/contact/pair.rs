@@ -1,39 +1,40 @@
-//! Pairs of features of a boundary that may touch: a vertex and a face, or two edges.
+//! Vertex–face and edge–edge pairs of a boundary: closest points and continuous collision detection
+//! (CCD).
 
 use crate::mesh::closest_point_weights;
 use glam::DVec3;
 
-/// Advances of one pair at most.
+/// Maximum number of conservative advancement iterations per pair.
 const MAX_CCD_ITERATIONS: usize = 64;
 
-/// The part of its distance that a pair keeps on its way.
+/// Fraction of its distance that a pair keeps during a motion.
 pub(in crate::physics) const MIN_DISTANCE_RATIO: f64 = 0.2;
 
-/// Edges count as parallel by the square of the sine between them from this on, in part (Li et al.
-/// 2020, equation 23).
+/// Squared sine of the angle between two edges below which they are mollified as nearly parallel
+/// (Li et al. 2020, equation 23).
 const PARALLEL_SINE_SQUARED: f64 = 1e-3;
 
-/// The two features of a pair, by four points.
+/// The kind of a pair of boundary features, given by four points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::physics) enum PrimitivePair {
-    /// A vertex, and the three of a face.
+    /// A vertex, then the three corners of a face.
     VertexFace,
-    /// Two of an edge, and two of another.
+    /// The two ends of an edge, then the two ends of another.
     EdgeEdge,
 }
 
-/// Where two features are nearest to each other.
+/// The closest points of two features.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::physics) struct ClosestPoints {
-    /// Σ w x over the four points leads from the second feature to the first.
+    /// Weights w: Σ w x over the four points is the vector from the second feature to the first.
     pub weights: [f64; 4],
     pub distance: f64,
-    /// Unit vector that way; 0 where they meet.
+    /// Unit vector from the second feature to the first; 0 where they touch.
     pub normal: DVec3,
 }
 
 impl PrimitivePair {
-    /// Where they are nearest with their points at `x`.
+    /// Returns the closest points of the two features with the four points at `x`.
     pub fn closest_points(self, x: &[DVec3; 4]) -> ClosestPoints {
         let weights = match self {
             PrimitivePair::VertexFace => {
@@ -58,7 +59,8 @@ impl PrimitivePair {
         }
     }
 
-    /// By how much two features approach each other at most when their points move by these.
+    /// Upper bound of how much the features approach each other when the four points move by
+    /// `moved`.
     pub fn max_approach(self, moved: &[DVec3; 4]) -> f64 {
         let mean = moved.iter().sum::<DVec3>() / 4.0;
         let [a, b, c, d] = moved.map(|by| (by - mean).length());
@@ -68,15 +70,15 @@ impl PrimitivePair {
         }
     }
 
-    /// The part of the straight ways of four points on which the features keep the part `kept` of
-    /// their distance: by conservative advancement, after Li et al. 2021, "Codimensional incremental
-    /// potential contact", section 5.
+    /// Returns the fraction of the four points' linear motion for which the features keep the
+    /// fraction `kept` of their distance. By additive CCD, a conservative advancement method (Li et
+    /// al. 2021, "Codimensional incremental potential contact", section 5).
     pub fn collision_free_fraction(self, from: &[DVec3; 4], to: &[DVec3; 4], kept: f64) -> f64 {
         let moved = [0, 1, 2, 3].map(|k| to[k] - from[k]);
         let approach = self.max_approach(&moved);
         let distance = self.closest_points(from).distance;
         if distance <= 0.0 {
-            // There is nothing to keep.
+            // The features touch already: there is no distance to keep.
             return 1.0;
         }
         let least = kept * distance;
@@ -96,8 +98,9 @@ impl PrimitivePair {
         t
     }
 
-    /// How much two edges count that are nearly parallel, where their distance turns sharply, and
-    /// the slope of that at the four points; `rest` are their lengths at rest. 1 of other pairs.
+    /// Returns the mollifier of nearly parallel edges, whose distance is not smooth, and its
+    /// gradient at the four points; `rest` are the edge lengths at rest. The mollifier of other
+    /// pairs is 1.
     pub fn edge_edge_mollifier(self, x: &[DVec3; 4], rest: [f64; 2]) -> (f64, [DVec3; 4]) {
         let whole = (1.0, [DVec3::ZERO; 4]);
         if self == PrimitivePair::VertexFace {
@@ -116,8 +119,8 @@ impl PrimitivePair {
     }
 }
 
-/// Where on two edges the points are that are nearest to each other, from 0 to 1 (Ericson,
-/// *Real-Time Collision Detection*, 5.1.9).
+/// Parameters from 0 to 1 of the closest points of two edges (Ericson, *Real-Time Collision
+/// Detection*, 5.1.9).
 fn edge_edge_parameters([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
     let (u, v, w) = (*b - *a, *d - *c, *a - *c);
     let (uu, vv, uv) = (u.length_squared(), v.length_squared(), u.dot(v));
@@ -134,7 +137,7 @@ fn edge_edge_parameters([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
     let across = uu * vv - uv * uv;
     let s = match across > 1e-12 * uu * vv {
         true => ((uv * vw - uw * vv) / across).clamp(0.0, 1.0),
-        // Parallel: any point will do.
+        // Parallel edges: any point is a closest point.
         false => 0.0,
     };
     let t = (uv * s + vw) / vv;
@@ -145,7 +148,7 @@ fn edge_edge_parameters([a, b, c, d]: &[DVec3; 4]) -> [f64; 2] {
     }
 }
 
-/// Points in a cube from −1 to 1, by a linear congruential generator.
+/// Pseudo-random points in the cube from −1 to 1, by a linear congruential generator.
 #[cfg(test)]
 pub(crate) fn pseudo_random_points(count: usize, seed: u64) -> Vec<DVec3> {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
@@ -166,14 +169,14 @@ mod tests {
 
     const ALL: [PrimitivePair; 2] = [PrimitivePair::VertexFace, PrimitivePair::EdgeEdge];
 
-    /// So many sets of four points.
+    /// `count` sets of four pseudo-random points.
     fn points(count: usize, seed: u64) -> Vec<[DVec3; 4]> {
         let all = pseudo_random_points(4 * count, seed);
         let fours = all.chunks_exact(4);
         fours.map(|x| [x[0], x[1], x[2], x[3]]).collect()
     }
 
-    /// The least distance over a lattice on both features.
+    /// Minimum distance over a lattice of points on both features.
     fn searched(features: PrimitivePair, x: &[DVec3; 4]) -> f64 {
         let n = 60;
         let part = |k: i32| f64::from(k) / f64::from(n);
@@ -230,7 +233,7 @@ mod tests {
                     );
                 }
                 if way < 1.0 {
-                    // Stopped by something near.
+                    // The motion was stopped by the other feature.
                     stopped += 1;
                     assert!(
                         at(way) <= 0.3 * start,
@@ -247,7 +250,7 @@ mod tests {
     fn the_share_of_parallel_edges_has_its_slope() {
         let mut some = 0;
         for mut x in points(200, 4) {
-            // Nearly parallel.
+            // Makes the edges nearly parallel.
             x[3] = x[2] + (x[1] - x[0]) + 0.02 * (x[3] - x[2]);
             let rest = [x[0].distance(x[1]), x[2].distance(x[3])];
             let (share, slope) = PrimitivePair::EdgeEdge.edge_edge_mollifier(&x, rest);

@@ -1,54 +1,55 @@
-//! Shapes of tools by their signed distances.
+//! Shapes of tools, given by their signed distances.
 
 use super::DistanceField;
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
-/// A shape, in a frame of its own.
+/// A tool shape in its own frame.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// A ball around the origin.
+    /// A sphere around the origin.
     Sphere {
         /// Its radius.
         radius: f64,
     },
-    /// All within `radius` of a piece of the z axis, whose middle is the origin.
+    /// All points within `radius` of a segment of the z axis centred at the origin.
     Capsule {
         /// Its radius.
         radius: f64,
-        /// The length of the piece: that of the capsule without its caps.
+        /// Length of the segment: the capsule's length without its caps.
         length: f64,
     },
-    /// A box around the origin.
+    /// A box centred at the origin.
     Box {
-        /// Half of its edges.
+        /// Half of its edge lengths.
         half: DVec3,
     },
-    /// All below the plane z = 0.
+    /// The half-space below the plane z = 0.
     Plane,
-    /// Any closed surface.
+    /// A closed surface, given by its distance field.
     Sdf(Arc<DistanceField>),
 }
 
-/// Where a point stands to a shape.
+/// The signed distance of a point from a shape, with two derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceDistance {
     /// Signed distance, negative inside.
     pub distance: f64,
-    /// Its gradient: away from the shape, of length 1 (of fields: about 1).
+    /// Gradient of the distance, pointing away from the shape: a unit vector (for distance fields
+    /// approximately).
     pub normal: DVec3,
-    /// Its second derivatives.
+    /// Second derivatives of the distance.
     pub curvature: DMat3,
 }
 
 impl Shape {
-    /// Where `p` stands to it.
+    /// Returns the signed distance of `p` with its gradient and second derivatives.
     pub fn surface_distance(&self, p: DVec3) -> SurfaceDistance {
         match self {
             Shape::Sphere { radius } => offset_distance(p, *radius, DMat3::IDENTITY),
             Shape::Capsule { radius, length } => {
                 let along = p.z.clamp(-0.5 * length, 0.5 * length);
-                // Beside the piece it bends around the axis only.
+                // Beside the segment the surface curves around the axis only.
                 let across = match along == p.z {
                     true => DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.0)),
                     false => DMat3::IDENTITY,
@@ -73,7 +74,7 @@ impl Shape {
         }
     }
 
-    /// The signed distance of `p`, negative inside.
+    /// Returns the signed distance of `p`, negative inside.
     pub fn distance(&self, p: DVec3) -> f64 {
         match self {
             Shape::Sphere { radius } => p.length() - radius,
@@ -82,8 +83,8 @@ impl Shape {
         }
     }
 
-    /// Half of how thick it is where it is thin: what is moved by less than that at a time comes
-    /// out on the side on which it went in. Infinite of a plane.
+    /// Half of the thickness at the thinnest part; infinite for a plane. A point that moves less
+    /// than this in a step leaves on the side on which it entered.
     pub fn half_thickness(&self) -> f64 {
         match self {
             Shape::Sphere { radius } | Shape::Capsule { radius, .. } => *radius,
@@ -93,8 +94,7 @@ impl Shape {
         }
     }
 
-    /// How large its features are: a sphere's radius, half of a box's shortest edge. Infinite of a
-    /// plane.
+    /// Characteristic size: a sphere's radius, half of a box's shortest edge. Infinite for a plane.
     pub fn feature_size(&self) -> f64 {
         match self {
             Shape::Sdf(field) => field.size(),
@@ -102,7 +102,7 @@ impl Shape {
         }
     }
 
-    /// The radius of a ball around the origin that has it inside; infinite of a plane.
+    /// Radius of the bounding sphere centred at the origin; infinite for a plane.
     pub fn bounding_radius(&self) -> f64 {
         match self {
             Shape::Sphere { radius } => *radius,
@@ -113,7 +113,7 @@ impl Shape {
         }
     }
 
-    /// The same, so many times as large.
+    /// Returns the shape scaled by the factor `by`.
     #[must_use]
     pub fn with_scale(&self, by: f64) -> Shape {
         match self {
@@ -139,7 +139,8 @@ fn plane_distance(distance: f64, normal: DVec3) -> SurfaceDistance {
     }
 }
 
-/// Of all within `radius` of a place from which the point is `off`; it bends in `across`.
+/// Distance from a sphere of `radius`, `off` being the point's offset from its centre; `across`
+/// projects onto the directions in which the surface curves.
 fn offset_distance(off: DVec3, radius: f64, across: DMat3) -> SurfaceDistance {
     let length = off.length();
     if length <= f64::MIN_POSITIVE {
@@ -158,7 +159,7 @@ fn offset_distance(off: DVec3, radius: f64, across: DMat3) -> SurfaceDistance {
 mod tests {
     use super::*;
 
-    /// The distance by which gradients and second derivatives differ from differences of it.
+    /// Largest errors of the gradient and of the second derivatives against finite differences.
     pub(crate) fn off(shape: &Shape, p: DVec3) -> (f64, f64) {
         let h = 1e-5;
         let touch = shape.surface_distance(p);
@@ -202,7 +203,7 @@ mod tests {
                 assert!((touch.distance - shape.distance(p)).abs() < 1e-14);
                 let twice = shape.with_scale(2.0).surface_distance(2.0 * p);
                 assert!((twice.distance - 2.0 * touch.distance).abs() < 1e-12);
-                // On the surface there is no distance left.
+                // The projection onto the surface has distance 0.
                 let on = p - touch.distance * touch.normal;
                 assert!(shape.distance(on).abs() < 1e-12);
             }

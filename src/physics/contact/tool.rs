@@ -1,4 +1,4 @@
-//! Tools: rigid shapes that press on a body, where they are, and how they hold it.
+//! Tools: rigid shapes that press on a body, with their poses and contact parameters.
 
 use super::Shape;
 use crate::mesh::{TetMesh, Topology};
@@ -6,21 +6,21 @@ use crate::{Error, Result};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Names a tool of a body.
+/// Identifies a tool of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ToolId(pub(in crate::physics) usize);
 
-/// Where a tool is: the origin of its shape, in file units, and how it is turned.
+/// Pose of a tool: position of its shape's origin, in file units, and rotation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ToolPose {
-    /// The origin of its shape.
+    /// The origin of its shape, in file units.
     pub position: [f64; 3],
-    /// How it is turned: x, y, z, w.
+    /// Rotation as a quaternion: x, y, z, w.
     pub rotation: [f64; 4],
 }
 
 impl ToolPose {
-    /// At `place`, turned by `turn`.
+    /// A pose at `place`, rotated by `turn`.
     pub fn new(place: DVec3, turn: DQuat) -> ToolPose {
         ToolPose {
             position: place.to_array(),
@@ -28,17 +28,17 @@ impl ToolPose {
         }
     }
 
-    /// The origin of its shape.
+    /// The origin of its shape, in file units.
     pub fn place(&self) -> DVec3 {
         self.position.into()
     }
 
-    /// How it is turned.
+    /// The rotation.
     pub fn turn(&self) -> DQuat {
         DQuat::from_array(self.rotation)
     }
 
-    /// Where a point of the tool, in its shape's frame, is.
+    /// Transforms a point from the frame of the tool's shape to world coordinates.
     pub fn transform_point(&self, p: DVec3) -> DVec3 {
         self.place() + self.turn() * p
     }
@@ -54,36 +54,35 @@ impl ToolPose {
 pub struct Tool {
     /// Its shape, in file units.
     pub shape: Shape,
-    /// Where it is at first.
+    /// The initial pose.
     pub pose: ToolPose,
-    /// μ of Coulomb friction.
+    /// Coefficient μ of Coulomb friction.
     pub friction: f64,
-    /// The gap from which on it pushes, in file units; what suits it and the mesh where nothing is
-    /// said.
+    /// Activation gap of the barrier, in file units; `None` chooses it from the tool and the mesh.
     pub gap: Option<f64>,
 }
 
-/// The way of a tool in a step, local units: place and turn at either end.
+/// Motion of a tool within a step in local units: position and rotation at the start and the end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::physics) struct ToolMotion {
     pub from: [[f64; 4]; 2],
     pub to: [[f64; 4]; 2],
 }
 
-/// What of a body lies inside a tool.
+/// Initial penetration of a body's boundary into a tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InitialPenetration {
-    /// How many nodes of its boundary.
+    /// Number of boundary nodes inside the tool.
     pub nodes: usize,
-    /// How deep the deepest of them is, in file units.
+    /// Largest penetration depth, in file units.
     pub depth: f64,
 }
 
 impl Tool {
-    /// Refuses what makes no sense.
+    /// Validates the shape, friction, gap and pose.
     ///
     /// # Errors
-    /// [`Error::Input`].
+    /// [`Error::Input`] for a value out of range.
     pub fn check(&self) -> Result<()> {
         let fits = |x: f64| x.is_finite() && x > 0.0;
         let wrong = match &self.shape {
@@ -119,7 +118,7 @@ impl Tool {
         check_pose(&self.pose)
     }
 
-    /// What of the boundary of `mesh` lies inside the tool where it is at first.
+    /// Returns the penetration of the boundary of `mesh` into the tool in its initial pose.
     pub fn initial_penetration(&self, mesh: &TetMesh, topology: &Topology) -> InitialPenetration {
         let mut seen = vec![false; mesh.nodes.len()];
         let mut found = InitialPenetration::default();
@@ -141,7 +140,7 @@ impl Tool {
     }
 }
 
-/// Refuses a pose that is none.
+/// Checks that a pose is finite and its rotation is not zero.
 pub(in crate::physics) fn check_pose(pose: &ToolPose) -> Result<()> {
     match pose.is_finite() {
         true => Ok(()),

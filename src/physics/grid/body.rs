@@ -1,4 +1,4 @@
-//! A grid body on the GPU: its state, what holds it and what acts on it.
+//! A grid body on the GPU: its state, loads and grabs.
 
 use super::model::GridModel;
 use super::verlet::{BufferIndices, GrabPasses, InFlightSteps, Prepared, STATUS};
@@ -17,39 +17,40 @@ pub struct GridBody {
     pub(super) gpu: Gpu,
     pub(super) model: GridModel,
     pub(super) mesh: TetMesh,
-    /// Its array is the first of the three.
+    /// Its array is the first of the three position arrays.
     pub(super) nodes: NodePositions,
     pub(super) positions: [Array; 3],
     pub(super) normals: Array,
     pub(super) particles: Array,
     pub(super) external: Array,
     pub(super) velocities: Array,
-    /// Copies of the positions to fall back to.
+    /// Backups of the positions, restored after a failure.
     pub(super) backup: [Array; 2],
     pub(super) status: wgpu::Buffer,
     pub(super) buffers: BufferIndices,
     pub(super) mean_mass: f64,
     pub(super) loads: Loads,
-    /// The loads that the arrays on the GPU have.
+    /// Versions of the loads on the GPU.
     pub(super) written: Option<LoadVersions>,
-    /// Whether the step reads the forces.
+    /// Whether the step passes read the external forces.
     pub(super) has_forces: bool,
-    /// The step by which `before` lies back; none where it is to be made from the velocities.
+    /// Length of the step from `before` to the present positions; `None` if `before` must be
+    /// computed from the velocities.
     pub(super) previous_dt: Option<f64>,
     pub(super) dirty: bool,
     pub(super) prepared: Option<Prepared>,
     grabs: GrabLists,
-    /// What the grabs do to each of the three arrays.
+    /// The grab passes for each of the three arrays.
     pub(super) grab_passes: GrabPasses,
     pub(super) steps: u64,
     pub(super) time: f64,
-    /// Counts changes from outside, but for those of loads.
+    /// Counts changes from outside, except changes of loads.
     pub(super) changes: u64,
-    /// The root mean square speed after the last look, in sizes of the body a second.
+    /// Root mean square speed at the last check, in body sizes per second.
     pub(super) speed: f64,
-    /// Steps asked for that are not submitted, and their length.
+    /// Requested steps that are not yet submitted, and their length in s.
     pub(super) pending_steps: VecDeque<(u32, f64)>,
-    /// Those under way, and their status on its way back.
+    /// Submitted steps, whose status is being read back.
     pub(super) in_flight: Option<InFlightSteps>,
     pub(super) ring: ReadbackRing,
 }
@@ -58,7 +59,7 @@ impl GridBody {
     /// The body of `model`, at rest.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when it does not fit the device; [`Error::Input`] when no cell is whole.
+    /// [`Error::Gpu`] if it does not fit the device; [`Error::Input`] if no cell is complete.
     pub fn new(gpu: &Gpu, model: GridModel) -> Result<GridBody> {
         let mesh = model.shape.mesh(&model.springs)?;
         let nodes = NodePositions::new(gpu, &mesh)?;
@@ -109,23 +110,23 @@ impl GridBody {
         Ok(body)
     }
 
-    /// Rest positions as the GPU has them.
+    /// Rest positions in the GPU's format.
     pub(super) fn rest(&self) -> Vec<[f32; 4]> {
         rest(&self.model, &self.mesh)
     }
 
-    /// An array of normals that are none.
+    /// Creates an array of undefined normals.
     pub(super) fn undefined_normals(&self) -> Result<Array> {
         let none = vec![NO_NORMAL; self.mesh.nodes.len()];
         self.gpu.array_of("normals at rest", Texel::U32, &none)
     }
 
-    /// Its particles and springs.
+    /// The masses and springs.
     pub fn model(&self) -> &GridModel {
         &self.model
     }
 
-    /// The tets over its full cells, at rest: to be drawn at the positions of [`GridBody::nodes`].
+    /// The tets of the complete cells at rest, to be drawn at the positions of [`GridBody::nodes`].
     pub fn mesh(&self) -> &TetMesh {
         &self.mesh
     }
@@ -141,12 +142,12 @@ impl GridBody {
         &self.normals
     }
 
-    /// Pins, forces, gravity and grabs. Those on particles that the body has not do nothing.
+    /// Pins, forces, gravity and grabs. Loads on empty grid points have no effect.
     pub fn loads(&self) -> &Loads {
         &self.loads
     }
 
-    /// As [`GridBody::loads`], to change them; they act from the next step on.
+    /// Mutable access to [`GridBody::loads`]; changes take effect with the next step.
     pub fn loads_mut(&mut self) -> &mut Loads {
         &mut self.loads
     }
@@ -154,12 +155,12 @@ impl GridBody {
     /// As [`Loads::pin_nodes`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a particle that does not exist.
+    /// [`Error::Input`] if a particle does not exist.
     pub fn pin_nodes(&mut self, particles: &[u32]) -> Result<()> {
         self.loads.pin_nodes(particles)
     }
 
-    /// Which particles are pinned.
+    /// Whether each particle is pinned.
     pub fn pinned(&self) -> &[bool] {
         self.loads.pinned()
     }
@@ -169,10 +170,10 @@ impl GridBody {
         self.loads.set_gravity(gravity);
     }
 
-    /// Sets the rate of damping γ, 1/s.
+    /// Sets the damping rate γ, 1/s.
     ///
     /// # Errors
-    /// [`Error::Input`] for a rate that is negative or not finite.
+    /// [`Error::Input`] if the rate is negative or not finite.
     pub fn set_damping(&mut self, rate: f64) -> Result<()> {
         if !(rate.is_finite() && rate >= 0.0) {
             return Err(Error::Input(format!(
@@ -188,12 +189,12 @@ impl GridBody {
     /// As [`Loads::set_forces`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of forces or one that is not finite.
+    /// [`Error::Input`] if the number of forces is wrong or a force is not finite.
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         self.loads.set_forces(forces)
     }
 
-    /// Moves the particles to `positions` in file units, at rest there.
+    /// Moves the particles to `positions` in file units and sets their velocities to zero.
     ///
     /// # Errors
     /// As [`NodePositions::set_positions`].
@@ -209,16 +210,16 @@ impl GridBody {
             self.gpu.write_array(array, &local)?;
         }
         self.buffers = BufferIndices::FIRST;
-        // What was under way has nothing to fall back to any more.
+        // The backups of the steps in flight are no longer valid.
         self.in_flight = None;
         self.set_velocities(&vec![DVec3::ZERO; local.len()])?;
         self.refresh_normals()
     }
 
-    /// Sets the velocities in file units a second.
+    /// Sets the velocities, in file units per second.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of velocities or one that is not finite.
+    /// [`Error::Input`] if the number of velocities is wrong or one is not finite.
     pub fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
         let scale = self.model.frame.scale;
         let local = self
@@ -230,8 +231,8 @@ impl GridBody {
         Ok(())
     }
 
-    /// Positions of all particles in file units, read back; those that the body has not are
-    /// where they were put at the start.
+    /// Reads back the positions of all particles in file units; empty grid points keep their
+    /// initial positions.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -239,7 +240,7 @@ impl GridBody {
         self.nodes.positions()
     }
 
-    /// Velocities over the last step in file units a second, read back.
+    /// Reads back the mean velocities of the last step, in file units per second.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -263,8 +264,8 @@ impl GridBody {
             .collect())
     }
 
-    /// Energies, volume and displacement, read back. Volume and inversion are those of the full
-    /// cells' tets.
+    /// Computes energies, volume and displacement from the state read back. Volume and inverted
+    /// tets refer to the tets of the complete cells.
     ///
     /// # Errors
     /// As [`Gpu::read_array`].
@@ -275,28 +276,29 @@ impl GridBody {
         Ok(Report::from_positions(energy, &self.mesh, &positions))
     }
 
-    /// A number that changes whenever the body is changed from outside: its state, pins, forces,
-    /// grabs or springs.
+    /// Version number that increases with every change from outside: state, pins, forces, grabs or
+    /// springs.
     pub fn change_count(&self) -> u64 {
         self.changes + self.loads.version()
     }
 
-    /// The root mean square speed of its mass after the last [`GridBody::run`], in sizes of the
-    /// body a second.
+    /// Mass-weighted root mean square speed after the last [`GridBody::run`], in body sizes per
+    /// second.
     pub fn speed(&self) -> f64 {
         self.speed
     }
 
-    /// Steps completed as far as is known, and simulated time in seconds.
+    /// Number of steps known to be completed, and the simulated time in s.
     pub fn clock(&self) -> (u64, f64) {
         let flight = self.in_flight.as_ref();
         flight.map_or((self.steps, self.time), |flight| flight.clock)
     }
 
-    /// Grabs the particles within `radius` of `centre`, file units: reads the positions back once.
+    /// Grabs the particles within `radius` of `centre`, in file units. Reads the positions back
+    /// once.
     ///
     /// # Errors
-    /// [`Error::Input`] where there is nothing to grab, or for numbers that make no sense.
+    /// [`Error::Input`] if there are no particles there, or a number is out of range.
     pub fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
         let positions = self.positions()?;
         let regions = &self.model.shape.regions;
@@ -307,7 +309,8 @@ impl GridBody {
     /// As [`Loads::set_target`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there, or a target that is no point near the body.
+    /// [`Error::Input`] if the grab does not exist, or the target is not finite or too far from the
+    /// body.
     pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
         self.loads.set_target(grab, target)
     }
@@ -315,12 +318,12 @@ impl GridBody {
     /// As [`Loads::release`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a grab that is not there.
+    /// [`Error::Input`] if the grab does not exist.
     pub fn release(&mut self, grab: GrabId) -> Result<usize> {
         self.loads.release(grab)
     }
 
-    /// Writes what has changed on the CPU: grabs; numbers, springs and inverse masses.
+    /// Uploads changes made on the CPU: grabs, parameters, springs and inverse masses.
     pub(super) fn upload_changes(&mut self) -> Result<()> {
         let versions = self.loads.versions;
         if !self.dirty && self.written == Some(versions) {

@@ -1,4 +1,4 @@
-//! Cutting a grid body: springs are erased, down to a single one; particles are taken out.
+//! Cutting of grid bodies: erases springs and removes particles.
 
 use super::body::GridBody;
 use super::model::GridModel;
@@ -9,18 +9,18 @@ use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// What a cut of a grid body has changed.
+/// Result of a cut of a grid body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct GridCut {
-    /// Springs that were erased.
+    /// Number of erased springs.
     pub springs: usize,
-    /// Tets of cells that are no longer whole: they are not drawn any more.
+    /// Number of removed tets: those of cells that are no longer complete.
     pub tets: usize,
 }
 
 impl GridModel {
-    /// The springs that `blade` (file units) crosses where the particles stand at `positions`,
-    /// each by its particle and its kind forward.
+    /// Returns the springs that `blade` (file units) intersects with the particles at `positions`,
+    /// each as a particle and a forward kind.
     pub(crate) fn springs_crossing(
         &self,
         blade: &Blade,
@@ -39,10 +39,10 @@ impl GridModel {
         })
     }
 
-    /// Erases springs. Returns the mesh over the cells that are still whole.
+    /// Erases springs. Returns the mesh of the cells that are still complete.
     ///
     /// # Errors
-    /// [`Error::Input`] when there would be none; nothing is erased then.
+    /// [`Error::Input`] if no cell would be left; nothing is erased then.
     pub(crate) fn erase(&mut self, gone: &[(usize, usize)]) -> Result<TetMesh> {
         let offsets = self.shape.offsets();
         let mut springs = self.springs.clone();
@@ -58,8 +58,8 @@ impl GridModel {
     }
 }
 
-/// Leaves out of `mesh`, and of its fields, the tets that are not among those `left`, which are in
-/// its order.
+/// Removes the tets that are not in `left` from `mesh` and its fields; `left` is in the order of
+/// the mesh.
 pub(crate) fn retain_tets(
     mesh: &mut TetMesh,
     topology: &mut Topology,
@@ -94,26 +94,26 @@ pub(crate) fn retain_tets(
 }
 
 impl GridBody {
-    /// Erases every spring that `blade` (file units) crosses where the body stands now. Reads
-    /// the positions back. Masses and velocities stay what they are; a blade that hits nothing
-    /// changes nothing.
+    /// Erases every spring that `blade` (file units) intersects in the present configuration. Reads
+    /// the positions back. Masses and velocities are preserved; a blade that hits nothing changes
+    /// nothing.
     ///
-    /// Cells that lose a spring are left out of [`GridBody::mesh`]: whoever draws it has to be
-    /// made anew.
+    /// Cells that lose a spring are removed from [`GridBody::mesh`], so its geometry for drawing
+    /// must be rebuilt.
     ///
     /// # Errors
-    /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`] when no cell would
-    /// be left.
+    /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`] if no cell would be
+    /// left.
     pub fn cut(&mut self, blade: &Blade) -> Result<GridCut> {
         let crossed = self.model.springs_crossing(blade, &self.positions()?);
         self.erase(&crossed)
     }
 
-    /// Takes particles out of the body: all their springs are erased, and they stay where they
-    /// are. Numbers that the body has not are passed over.
+    /// Removes particles: all their springs are erased, and they stay where they are. Ignores empty
+    /// grid points.
     ///
     /// # Errors
-    /// [`Error::Input`] when no cell would be left.
+    /// [`Error::Input`] if no cell would be left.
     pub fn remove(&mut self, particles: &[u32]) -> Result<GridCut> {
         let offsets = self.model.shape.offsets();
         let mut gone = Vec::new();
@@ -137,7 +137,7 @@ impl GridBody {
         Ok(cut)
     }
 
-    /// Erases springs, each given by its particle and its kind forward.
+    /// Erases springs, each given as a particle and a forward kind.
     fn erase(&mut self, gone: &[(usize, usize)]) -> Result<GridCut> {
         if gone.is_empty() {
             return Ok(GridCut::default());
@@ -154,8 +154,8 @@ impl GridBody {
         })
     }
 
-    /// The approximate normals at rest with the springs there are, packed: bit for bit as the GPU
-    /// makes them in a step. Reads back.
+    /// Computes and reads back the approximate normals at rest with the present springs, packed;
+    /// bitwise equal to those of a GPU step.
     ///
     /// # Errors
     /// As [`Gpu::array`](crate::gpu::Gpu::array) and

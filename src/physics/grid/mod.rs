@@ -1,9 +1,9 @@
-//! Spring-mass bodies on a regular grid with implicit connections: each particle has its 18
-//! neighbours at fixed distances in one array, no index lists (Mosegaard, Herborg & Sørensen,
-//! *A GPU Accelerated Spring-Mass System for Surgical Simulation*, 2005).
+//! Mass-spring bodies on a regular grid with implicit connectivity: each particle has 18 neighbours
+//! at fixed offsets in one array, without index lists (Mosegaard, Herborg & Sørensen, *A GPU
+//! Accelerated Spring-Mass System for Surgical Simulation*, 2005).
 //!
-//! The array of positions is the paper's flat 3D texture: particle (x, y, z) is item
-//! x + nx (y + ny z). What draws or carries other bodies takes it as it takes theirs.
+//! The position array is the paper's flat 3D texture: particle (x, y, z) is item x + nx (y + ny z).
+//! Drawing and embedding use it like the nodes of other bodies.
 
 mod body;
 mod cut;

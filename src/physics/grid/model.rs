@@ -1,4 +1,4 @@
-//! The masses and springs of a grid body, in float64 and SI units.
+//! Masses and springs of a grid body, in float64 and SI units.
 
 use super::shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
 use crate::mesh::{LocalFrame, TetMesh};
@@ -8,31 +8,31 @@ use crate::physics::{Energy, Material, MaterialModel, RegionMaterial, Stiffness}
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// Particles of a [`GridShape`] made of a material.
+/// The particles of a [`GridShape`] with masses and spring constants.
 #[derive(Clone, Debug)]
 pub struct GridModel {
-    /// The particles.
+    /// The grid and its particles.
     pub shape: GridShape,
     /// The springs of each particle; see [`GridShape::springs`].
     pub springs: Vec<u32>,
-    /// Mass of each particle, kg; 0 for those that the body has not.
+    /// Mass of each particle, kg; 0 for empty grid points.
     pub masses: Vec<f64>,
-    /// κ of the springs of each kind, N/m: a spring pulls with κ (l − L).
+    /// κ of the springs of each kind, N/m: the spring force is κ (l − L).
     ///
-    /// Equation 2 of the paper assumes a spacing of 1 and carries ½k; κ is that ½k.
+    /// Equation 2 of the paper assumes a spacing of 1 and has the factor ½k; κ is that ½k.
     pub stiffness: [f64; SPRING_KINDS],
-    /// Stiffness of each particle over the body's; a spring has the mean of its ends'.
+    /// Stiffness of each particle relative to the body's; a spring takes the mean of its two ends.
     pub stiffness_scales: Vec<f64>,
-    /// The frame that the GPU's positions are in.
+    /// The local frame of the GPU's positions.
     pub frame: LocalFrame,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     pub length_unit: f64,
-    /// Rate of damping γ, 1/s: every particle is braked by γ m v.
+    /// Damping rate γ, 1/s: every particle is subject to the force −γ m v.
     pub damping: f64,
 }
 
 impl GridModel {
-    /// About `particles` particles inside `domain`, made of `material`.
+    /// The model of about `particles` particles inside `domain`, made of `material`.
     ///
     /// # Errors
     /// As [`GridShape::from_domain_with_count`] and [`GridModel::new`].
@@ -47,14 +47,15 @@ impl GridModel {
 
     /// The model of `shape` made of `material`. Each particle has the mass of one cell.
     ///
-    /// Of Young's modulus: κ by kind such that the grid is isotropic with that modulus and a
-    /// Poisson ratio of ¼, whatever its spacing; with equal spacing s, all κ are 0.4 E s. Of a
-    /// uniform stiffness, all κ are that. `damping_time`, `damping` and `stiffness_scale_field` of the
-    /// material do not apply here; `regions` do, by the particles' regions.
+    /// For a Young's modulus, the κ of each kind are chosen such that the grid is isotropic with
+    /// that modulus and a Poisson ratio of ¼, for any spacing; with equal spacing s, all κ are 0.4
+    /// E s. For a uniform stiffness, all κ equal it. `damping_time`, `damping` and
+    /// `stiffness_scale_field` of the material do not apply; `regions` apply by the regions of the
+    /// particles.
     ///
     /// # Errors
-    /// [`Error::Input`] for a material that makes no sense, or a spacing too unequal for
-    /// Young's modulus.
+    /// [`Error::Input`] if a material parameter is out of range, or the spacing is too anisotropic
+    /// for a Young's modulus.
     pub fn new(shape: GridShape, material: &Material) -> Result<GridModel> {
         material.check()?;
         if material.model != MaterialModel::Springs {
@@ -75,7 +76,7 @@ impl GridModel {
             let known = material.regions.get(&shape.label(region));
             known.copied().unwrap_or(rest)
         };
-        // Where regions have the only stiffnesses, their first stands for the body's.
+        // If only regions have stiffnesses, the first one is the reference stiffness of the body.
         let body = match common > 0.0 {
             true => common,
             false => material
@@ -115,8 +116,8 @@ impl GridModel {
         })
     }
 
-    /// A step that is surely stable, in seconds: h = 2/ω, with ω² at most twice the largest sum
-    /// of κ/m around a particle (Gershgorin). The true limit is a little larger.
+    /// Returns a step in s that is certainly stable: h = 2/ω, with ω² bounded by twice the largest
+    /// sum of κ/m around a particle (Gershgorin). The true limit is slightly larger.
     pub fn conservative_step(&self) -> f64 {
         let worst = self
             .shape
@@ -150,7 +151,7 @@ impl GridModel {
             .fold(self.stiffness_scales[i], f64::max)
     }
 
-    /// Refuses a mesh that is not the one over its full cells, to which fields may have been given.
+    /// Checks that `mesh` is the mesh of the complete cells; it may have additional fields.
     pub(crate) fn check_mesh(&self, mesh: &TetMesh) -> Result<()> {
         let own = self.shape.mesh(&self.springs)?;
         match own.tets == mesh.tets && own.nodes.len() == mesh.nodes.len() {
@@ -161,7 +162,7 @@ impl GridModel {
         }
     }
 
-    /// Energies of particles at `positions` that move with `velocities`, in file units.
+    /// Computes the energies at `positions` and `velocities`, in file units.
     pub(crate) fn energy(&self, positions: &[DVec3], velocities: &[DVec3]) -> Energy {
         let (offsets, lengths) = (self.shape.offsets(), self.shape.rest_lengths());
         let unit = self.length_unit;
@@ -183,7 +184,7 @@ impl GridModel {
         }
     }
 
-    /// The two particles that each spring ties.
+    /// The two particles of each spring.
     pub fn spring_pairs(&self) -> Vec<[u32; 2]> {
         let offsets = self.shape.offsets();
         let forward = self.shape.particles().flat_map(|i| {
@@ -193,15 +194,14 @@ impl GridModel {
         forward.collect()
     }
 
-    /// The particles' places at rest, in metres from the frame's origin.
+    /// Rest positions of the particles, m from the frame's origin.
     pub(crate) fn rest_positions_m(&self) -> Vec<DVec3> {
         (0..self.shape.regions.len())
             .map(|i| (self.shape.rest_position(i) - self.frame.origin) * self.length_unit)
             .collect()
     }
 
-    /// The particles at rest in float64, in metres from the frame's origin: what engines are held
-    /// against.
+    /// The particles at rest in float64, m from the frame's origin: the reference for the engines.
     pub fn reference(&self) -> GridReference {
         let x = self.rest_positions_m();
         GridReference {
@@ -225,8 +225,8 @@ impl GridModel {
     }
 }
 
-/// κ of every kind for Young's modulus `young` at a spacing in metres: the springs' stiffness
-/// tensor is then λ = μ = young / 2.5 in all directions.
+/// Returns the κ of each kind for the Young's modulus `young` at `spacing` (m), for which the
+/// stiffness tensor of the springs is isotropic with λ = μ = young / 2.5.
 pub(crate) fn isotropic_stiffness(spacing: DVec3, young: f64) -> Result<[f64; SPRING_KINDS]> {
     let mu = young / 2.5;
     let s = spacing.to_array();

@@ -1,5 +1,6 @@
-//! A grid of particles with 18 implicit neighbours, stepped by Verlet: the twin of
-//! `shaders/physics/grid_verlet.wgsl`, in float64 for truth and in float32 for speed.
+//! Verlet integration of a grid of particles with 18 implicit neighbours: the reference of
+//! `shaders/physics/grid_verlet.wgsl`, in float64 for accuracy and in float32 for speed
+//! comparisons.
 
 use crate::parallel;
 
@@ -8,30 +9,31 @@ macro_rules! grid_reference {
         $(#[$doc])*
         #[derive(Clone, Debug)]
         pub struct $name {
-            /// Position of every particle, those that the body has not included.
+            /// Position of every grid point, empty ones included.
             pub x: Vec<$vector>,
-            /// Where they were a step before.
+            /// The positions one step before.
             pub previous: Vec<$vector>,
-            /// Springs of each particle: bit 2 k forward along kind k, bit 2 k + 1 back; none
-            /// for particles that the body has not.
+            /// Springs of each particle: bit 2 k is the forward spring of kind k, bit 2 k + 1 the
+            /// backward one; 0 for empty grid points.
             pub springs: Vec<u32>,
             /// Inverse mass; 0 for pinned particles.
             pub inverse_masses: Vec<$real>,
-            /// Stiffness of each particle over the body's; a spring has the mean of its ends'.
+            /// Stiffness of each particle relative to the body's; a spring takes the mean of its
+            /// two ends.
             pub factors: Vec<$real>,
             /// External force on each particle.
             pub forces: Vec<$vector>,
-            /// From a particle's number to its neighbour's along each kind of spring.
+            /// Offset from a particle's number to its neighbour's, for each kind of spring.
             pub offsets: [i64; 9],
             /// Rest length of each kind.
             pub lengths: [$real; 9],
-            /// κ of each kind: a spring pulls with κ (l − L).
+            /// κ of each kind: the spring force is κ (l − L).
             pub stiffness: [$real; 9],
-            /// Acceleration of everything.
+            /// Gravity.
             pub gravity: $vector,
-            /// Rate of damping γ: every particle is braked by γ m v.
+            /// Damping rate γ: every particle is subject to the force −γ m v.
             pub damping: $real,
-            /// Particles that the body has.
+            /// The particles of the body.
             pub particles: Vec<u32>,
         }
 
@@ -55,7 +57,7 @@ macro_rules! grid_reference {
                 f
             }
 
-            /// The approximate normal Σ_j normalize(x_i − x_j), not normalised.
+            /// Returns the unnormalised approximate normal Σ_j normalize(x_i − x_j).
             pub fn normal(&self, i: usize) -> $vector {
                 let mut sum = <$vector>::ZERO;
                 for kind in 0..9 {
@@ -69,14 +71,14 @@ macro_rules! grid_reference {
                 sum
             }
 
-            /// One step of Verlet with centred damping:
-            /// x' = x + ((1 − γh/2)(x − x₋₁) + h² a) / (1 + γh/2).
+            /// Advances one Verlet step with centred damping: x' = x + ((1 − γh/2)(x − x₋₁) + h² a)
+            /// / (1 + γh/2).
             pub fn step(&mut self, h: $real) {
                 self.advance(h, 1.0);
             }
 
-            /// The first step from a velocity that is in `previous` as x − h (1 + γh/2) v: half
-            /// the acceleration, which makes it exact to second order.
+            /// Advances the first step from the velocity v, stored in `previous` as x − h (1 +
+            /// γh/2) v. Half of the acceleration acts, which makes the step exact to second order.
             pub fn first_step(&mut self, h: $real) {
                 self.advance(h, 0.5);
             }
@@ -109,14 +111,14 @@ grid_reference!(
     glam::DVec3
 );
 grid_reference!(
-    /// The same in float32: a plain loop over the particles, to be measured against.
+    /// The same in float32: a plain loop over the particles, the baseline of benchmarks.
     GridReferenceF32,
     f32,
     glam::Vec3
 );
 
 impl GridReference {
-    /// The same particles in float32.
+    /// Converts the particles to float32.
     pub fn to_f32(&self) -> GridReferenceF32 {
         let vectors = |v: &[glam::DVec3]| v.iter().map(|p| p.as_vec3()).collect();
         let reals = |v: &[f64]| v.iter().map(|x| *x as f32).collect();
@@ -136,7 +138,8 @@ impl GridReference {
         }
     }
 
-    /// Energy of motion (of the mean velocity over the last step of length h) and in the springs.
+    /// Returns the kinetic energy (of the mean velocity over the last step of length h) and the
+    /// energy of the springs.
     pub fn energy(&self, h: f64) -> [f64; 2] {
         let (mut kinetic, mut elastic) = (0.0, 0.0);
         for i in self.particles.iter().map(|i| *i as usize) {

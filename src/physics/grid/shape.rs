@@ -1,4 +1,4 @@
-//! Which particles of a regular grid a body has: carved out of a domain.
+//! The particles of a regular grid, carved out of a domain.
 
 use crate::mesh::{Field, LocalFrame, Location, ScalarType, TetMesh, bounds, signed_volume};
 use crate::mesher::Domain;
@@ -6,14 +6,15 @@ use crate::parallel;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// The most particles along one axis, and in all, the empty ones around the body included.
+/// Maximum number of grid points along one axis, and in total, empty ones included.
 const MOST_ALONG: usize = 4096;
 const MOST: usize = 1 << 27;
 
-/// Kinds of springs: 3 along the axes, 6 along the face diagonals, each met from both ends.
+/// Number of spring kinds: 3 along the axes and 6 along the face diagonals, each used in both
+/// directions.
 pub const SPRING_KINDS: usize = 9;
 
-/// The neighbour that a spring of each kind leads to, in steps of the grid.
+/// Offset to the neighbour along a spring of each kind, in grid steps.
 pub const SPRING_OFFSETS: [[i64; 3]; SPRING_KINDS] = [
     [1, 0, 0],
     [0, 1, 0],
@@ -26,11 +27,11 @@ pub const SPRING_OFFSETS: [[i64; 3]; SPRING_KINDS] = [
     [0, 1, -1],
 ];
 
-/// Of the springs' unit vectors around a node, summed: where they come to less than this, the
-/// node has no side that it could face. A flat surface gives 3.8.
+/// Minimum length of the sum of the unit vectors along a particle's springs for which its normal is
+/// defined. A flat surface gives 3.8.
 pub const MIN_NORMAL_SUM: f64 = 0.5;
 
-/// Six tets of a cell whose corners are numbered x + 2 y + 4 z.
+/// Decomposition into six tets of a cell whose corners are numbered x + 2 y + 4 z.
 const TETS: [[usize; 4]; 6] = [
     [0, 1, 3, 7],
     [0, 5, 1, 7],
@@ -43,31 +44,31 @@ const TETS: [[usize; 4]; 6] = [
 /// Particles on a regular grid, carved to a shape (Mosegaard, Herborg & Sørensen 2005, section
 /// 2.3).
 ///
-/// Particles are numbered x first, then y, then z. The outermost layer is always empty, so that
-/// every particle of the body has its 18 neighbours at fixed distances in that numbering.
+/// Particles are numbered with x running fastest, then y, then z. The outermost layer is always
+/// empty, so that every particle of the body has its 18 neighbours at fixed offsets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridShape {
-    /// Particles along each axis, the empty layers included.
+    /// Grid points along each axis, the empty layers included.
     pub size: [usize; 3],
     /// Distance between neighbours along each axis, in file units.
     pub spacing: DVec3,
-    /// The axes of the grid: unit vectors at right angles.
+    /// The grid axes: orthonormal vectors.
     pub axes: DMat3,
-    /// Where the first particle is, in file units.
+    /// Position of the first grid point, in file units.
     pub origin: DVec3,
-    /// The region of each particle, 0 for those that the body has not.
+    /// The region of each particle, 0 for empty grid points.
     pub regions: Vec<u16>,
-    /// The label of each region, that of region 1 first: its number unless something else is
-    /// put here.
+    /// The label of each region, starting with region 1; by default the region's number.
     pub labels: Vec<i64>,
 }
 
 impl GridShape {
-    /// Carves `domain`: particles lie along `axes`, `spacing` apart, wherever the domain has a
-    /// region.
+    /// Carves `domain`: creates particles on a grid with the given `axes` and `spacing` wherever
+    /// the domain has a region.
     ///
     /// # Errors
-    /// [`Error::Input`] for a spacing or axes that make no sense, too many particles, or none.
+    /// [`Error::Input`] if the spacing or the axes are invalid, or there are too many particles or
+    /// none.
     pub fn from_domain(domain: &dyn Domain, spacing: DVec3, axes: DMat3) -> Result<GridShape> {
         check(spacing, axes)?;
         let (low, high) = domain.bounds();
@@ -91,7 +92,7 @@ impl GridShape {
         if total > MOST {
             return Err(too_many(spacing));
         }
-        // The grid lies in the middle of the bounds, one empty layer around.
+        // The grid is centred in the bounds, with one empty layer around.
         let reach = spacing * (cells + 2.0);
         let first = 0.5 * (low + high) - 0.5 * reach;
         let mut shape = GridShape {
@@ -119,8 +120,7 @@ impl GridShape {
         }
     }
 
-    /// As [`GridShape::from_domain`], with the spacing that gives about `wanted` particles, as far
-    /// apart along all axes.
+    /// As [`GridShape::from_domain`], with the uniform spacing that gives about `wanted` particles.
     ///
     /// # Errors
     /// As [`GridShape::from_domain`].
@@ -173,13 +173,13 @@ impl GridShape {
         has.filter(|(_, r)| **r != 0).map(|(i, _)| i)
     }
 
-    /// Where particle `i` is at rest, in file units.
+    /// Rest position of particle `i`, in file units.
     pub fn rest_position(&self, i: usize) -> DVec3 {
         let [x, y, z] = self.coordinates(i).map(|n| n as f64);
         self.origin + self.axes * (self.spacing * DVec3::new(x, y, z))
     }
 
-    /// From a particle's number to that of its neighbour along a spring of each kind.
+    /// Offset from a particle's number to its neighbour's, for each kind of spring.
     pub fn offsets(&self) -> [i64; SPRING_KINDS] {
         let [nx, ny, _] = self.size.map(|n| n as i64);
         SPRING_OFFSETS.map(|[x, y, z]| x + nx * (y + ny * z))
@@ -190,7 +190,8 @@ impl GridShape {
         SPRING_OFFSETS.map(|s| (self.spacing * DVec3::from(s.map(|n| n as f64))).length())
     }
 
-    /// The springs of every particle: bit 2 k leads forward along kind k, bit 2 k + 1 back.
+    /// The springs of every particle: bit 2 k is the forward spring of kind k, bit 2 k + 1 the
+    /// backward one.
     pub fn springs(&self) -> Vec<u32> {
         let offsets = self.offsets();
         parallel::map(self.regions.len(), |i| match self.regions[i] {
@@ -203,9 +204,9 @@ impl GridShape {
         })
     }
 
-    /// The approximate normal of a particle at rest with those springs,
-    /// normalize(Σ_j normalize(p_i − p_j)); none where that nearly vanishes: inside, and where the
-    /// body is one particle thin.
+    /// Returns the approximate normal at rest of a particle with these springs, normalize(Σ_j
+    /// normalize(p_i − p_j)). `None` where the sum nearly vanishes: in the interior, and where the
+    /// body is one particle thick.
     pub fn rest_normal(&self, springs: u32) -> Option<DVec3> {
         let mut sum = DVec3::ZERO;
         for (k, step) in SPRING_OFFSETS.iter().enumerate() {
@@ -217,8 +218,8 @@ impl GridShape {
         (sum.length() >= MIN_NORMAL_SUM).then(|| sum.normalize())
     }
 
-    /// The particles on the surface whose approximate normal is undefined: those where the body
-    /// is one particle thin.
+    /// The surface particles whose approximate normal is undefined, because the body is one
+    /// particle thick there.
     pub fn undefined_normal_particles(&self) -> Vec<u32> {
         let springs = self.springs();
         let all = (1 << (2 * SPRING_KINDS)) - 1;
@@ -226,16 +227,16 @@ impl GridShape {
         self.particles().filter(thin).map(|i| i as u32).collect()
     }
 
-    /// The tets of all cells whose eight corners are there and hold together by `springs`, over
-    /// the particles' own numbers: nodes that the body has not lie in the middle of the bounds.
-    /// Regions become the cell field `label`.
+    /// Returns the tets of all complete cells, those with eight particles and all springs of
+    /// `springs` between them, numbered by the particles. Nodes at empty grid points lie in the
+    /// middle of the bounds. Regions become the cell field `label`.
     ///
     /// # Errors
-    /// [`Error::Input`] when no cell is whole.
+    /// [`Error::Input`] if no cell is complete.
     pub fn mesh(&self, springs: &[u32]) -> Result<TetMesh> {
         let [nx, ny, _] = self.size;
         let corner = |c: usize| (c & 1) + nx * ((c >> 1 & 1) + ny * (c >> 2));
-        // Every spring within a cell: from a corner along a kind to another corner of it.
+        // All springs within a cell: pairs of a corner and a kind that leads to another corner.
         let inner: Vec<(usize, usize)> = (0..8usize)
             .flat_map(|c| (0..SPRING_KINDS).map(move |k| (c, k)))
             .filter(|(c, k)| {
@@ -281,7 +282,7 @@ impl GridShape {
             values: labels,
             scalar_type: ScalarType::I32,
         };
-        // Not through the repairs, which drop nodes that no tet uses and number them anew.
+        // Bypasses the mesh repairs, which would drop unused nodes and renumber the others.
         let mut mesh = TetMesh {
             nodes,
             tets,
@@ -305,7 +306,7 @@ impl GridShape {
         label.copied().unwrap_or(i64::from(region))
     }
 
-    /// The label that most corners of a tet belong to, the lowest of several.
+    /// The label of most corners of a tet; the lowest in a tie.
     fn majority_label(&self, tet: &[u32; 4]) -> f64 {
         let regions = tet.map(|v| self.regions[v as usize]);
         let count = |r: u16| regions.iter().filter(|s| **s == r).count();

@@ -1,4 +1,4 @@
-//! A grid body as a simulator, stepped on the GPU.
+//! The [`Simulator`] implementation of grid bodies stepped on the GPU.
 
 use super::GridBody;
 use super::cut::retain_tets;
@@ -11,7 +11,7 @@ use crate::physics::{
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// A [`GridBody`] and the mesh over its full cells, with that mesh's fields.
+/// A [`GridBody`], and the mesh of its complete cells with its fields.
 pub struct GpuGrid {
     gpu: Gpu,
     mesh: TetMesh,
@@ -20,10 +20,10 @@ pub struct GpuGrid {
 }
 
 impl GpuGrid {
-    /// `body`, whose drawn mesh may have fields and names in `mesh`.
+    /// `body`, drawn as `mesh`, which may have additional fields and names.
     ///
     /// # Errors
-    /// [`Error::Input`] for another mesh.
+    /// [`Error::Input`] if `mesh` is not the mesh of the body.
     pub fn new(gpu: &Gpu, body: GridBody, mesh: TetMesh) -> Result<GpuGrid> {
         body.model().check_mesh(&mesh)?;
         Ok(GpuGrid {

@@ -1,4 +1,4 @@
-//! The whole state of a grid body, out of the GPU and back to the bit.
+//! Bitwise checkpoint and restore of grid bodies.
 
 use super::body::GridBody;
 use super::verlet::BufferIndices;
@@ -14,7 +14,7 @@ pub struct GridState {
     normals: Vec<u32>,
     velocities: Vec<[f32; 4]>,
     external: Vec<[f32; 4]>,
-    /// Which of the positions are those of the last step, and of the one before.
+    /// Indices of the arrays with the last and the previous positions.
     turn: [u8; 2],
     lag: Option<f64>,
     steps: u64,
@@ -25,8 +25,7 @@ pub struct GridState {
 }
 
 impl GridBody {
-    /// Everything about the body that steps and grabs change, read back; its springs are not part
-    /// of it.
+    /// Reads back the complete state that steps and grabs change. Springs are not included.
     ///
     /// # Errors
     /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array).
@@ -48,11 +47,11 @@ impl GridBody {
         })
     }
 
-    /// Puts the body into a state that [`GridBody::state`] gave of it, or of one made and cut in
-    /// the same way.
+    /// Restores a state from [`GridBody::state`] of this body, or of one with the same model and
+    /// cuts.
     ///
     /// # Errors
-    /// [`Error::Input`] for the state of another body.
+    /// [`Error::Input`] if the state is of another body.
     pub fn set_state(&mut self, state: &GridState) -> Result<()> {
         let [now, before] = state.turn.map(usize::from);
         let sound = now < 3 && before < 3 && now != before;
@@ -80,7 +79,7 @@ impl GridBody {
         Ok(())
     }
 
-    /// Puts the particles where a cut found them, with the normals they had there.
+    /// Restores the positions and normals at the time of a cut.
     pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]], normals: &[u32]) -> Result<()> {
         restore_array(&self.gpu, self.nodes.array(), texels)?;
         restore_array(&self.gpu, &self.normals, normals)?;

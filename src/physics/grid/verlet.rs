@@ -1,5 +1,5 @@
-//! Verlet on a grid body, with three arrays of positions in turn: the step before, the last, the
-//! next.
+//! Verlet integration of grid bodies, cycling through three position arrays: previous, last and
+//! next step.
 
 use super::body::GridBody;
 use super::shape::MIN_NORMAL_SUM;
@@ -47,13 +47,13 @@ mod gpu_data {
 }
 use gpu_data::{GridCheckParams, GridParams, GridStatus, StartParams};
 
-/// A body farther than this from the middle of its frame, in its own sizes, has run away.
+/// Maximum distance from the frame's centre, in body sizes; beyond it the body counts as diverged.
 const MAX_DISTANCE: f32 = 1e4;
 
-/// Steps in one submit.
+/// Maximum number of steps per submit.
 const STEPS_A_SUBMIT: u32 = 256;
 
-/// Which of the three arrays of positions hold the last step, and the one before.
+/// Indices of the position arrays that hold the last and the previous step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct BufferIndices {
     pub now: usize,
@@ -63,7 +63,7 @@ pub(super) struct BufferIndices {
 impl BufferIndices {
     pub const FIRST: BufferIndices = BufferIndices { now: 0, before: 1 };
 
-    /// The array that is free.
+    /// Index of the free array.
     fn next(self) -> usize {
         3 - self.now - self.before
     }
@@ -76,17 +76,17 @@ impl BufferIndices {
     }
 }
 
-/// What the passes were prepared for.
+/// What the prepared passes depend on.
 #[derive(Debug)]
 pub(super) struct Prepared {
     dt: f64,
     gravity: DVec3,
-    /// For each turn: the step, and the step that writes normals too.
+    /// For each assignment of the arrays: the step pass, and the step pass that writes normals too.
     steps: Vec<(BufferIndices, [Pass; 2])>,
 }
 
-/// The passes of the grabs: for each array of positions what holds particles there, and what
-/// draws them from there.
+/// The grab passes, for each position array: one that sets the positions of followed particles, and
+/// one that computes spring forces.
 #[derive(Debug, Default)]
 pub(super) struct GrabPasses {
     hold: Vec<Option<Pass>>,
@@ -109,18 +109,18 @@ impl GrabPasses {
     }
 }
 
-/// Steps under way, and what is to be restored if they fail.
+/// Submitted steps, and what to restore if they fail.
 #[derive(Debug)]
 pub(super) struct InFlightSteps {
     turn: BufferIndices,
     lag: Option<f64>,
-    /// Steps and time before them.
+    /// Number of steps and time before them.
     pub clock: (u64, f64),
     steps: u32,
     dt: f64,
 }
 
-/// Bytes of the status.
+/// Size of the status, in bytes.
 pub(super) const STATUS: u64 = size_of::<GridStatus>() as u64;
 
 fn check(dt: f64) -> Result<()> {
@@ -139,7 +139,7 @@ fn record(passes: &[Option<Pass>], n: usize, work: &mut Recorder) {
 }
 
 impl GridBody {
-    /// Runs `steps` steps of Verlet of `dt` seconds, and looks whether all is well.
+    /// Runs `steps` Verlet steps of `dt` seconds and checks the result.
     ///
     /// # Errors
     /// As [`GridBody::advance`] and [`GridBody::finish`].
@@ -148,10 +148,10 @@ impl GridBody {
         self.finish()
     }
 
-    /// Asks for `steps` more steps of `dt` seconds, and submits the first of them; waits for none.
+    /// Requests `steps` more steps of `dt` seconds and submits the first of them, without waiting.
     ///
     /// # Errors
-    /// [`Error::Input`] for a step that makes no sense, [`Error::Gpu`] when the device refuses.
+    /// [`Error::Input`] if the step is invalid, [`Error::Gpu`] if the device rejects the work.
     pub fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
         check(dt)?;
         if steps > 0 {
@@ -160,7 +160,7 @@ impl GridBody {
         self.submit_pending()
     }
 
-    /// Waits for all steps asked for.
+    /// Waits for all requested steps.
     ///
     /// # Errors
     /// As [`GridBody::poll`].
@@ -172,11 +172,11 @@ impl GridBody {
         Ok(())
     }
 
-    /// Looks whether the steps under way are done, or waits for them, and submits more.
+    /// Polls, or waits for, the submitted steps, and submits more.
     ///
     /// # Errors
-    /// [`Error::Solver`] when particles were lost: the body stands where it was before the last
-    /// submit of at most 256 steps, and those left are dropped.
+    /// [`Error::Solver`] if particles diverged: the body is restored to the state before the last
+    /// submit of at most 256 steps, and the remaining steps are dropped.
     pub fn poll(&mut self, wait: bool) -> Result<()> {
         let Some(status) = self.ring.next_completed::<GridStatus>(wait)? else {
             return Ok(());
@@ -195,7 +195,7 @@ impl GridBody {
         self.submit_pending()
     }
 
-    /// Submits steps that were asked for, where none are under way.
+    /// Submits requested steps if none are in flight.
     fn submit_pending(&mut self) -> Result<()> {
         if self.ring.in_flight() > 0 {
             return Ok(());
@@ -228,7 +228,7 @@ impl GridBody {
         self.ring.submit(work, &self.status)
     }
 
-    /// Puts the body back to where it was before a flight.
+    /// Restores the body to the state before `flight`.
     fn restore_backup(&mut self, flight: &InFlightSteps) -> Result<()> {
         let mut work = self.gpu.start_recording();
         (self.buffers, self.previous_dt) = (flight.turn, flight.lag);
@@ -244,11 +244,11 @@ impl GridBody {
         self.refresh_normals()
     }
 
-    /// Records `steps` steps of Verlet of `dt` seconds; the last writes the normals. Nothing is
+    /// Records `steps` Verlet steps of `dt` seconds; the last writes the normals. Nothing is
     /// checked or read back.
     ///
     /// # Errors
-    /// [`Error::Input`] for a step that makes no sense, [`Error::Gpu`] when the device refuses.
+    /// [`Error::Input`] if the step is invalid, [`Error::Gpu`] if the device rejects the work.
     pub fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
         check(dt)?;
         if steps == 0 {
@@ -266,7 +266,7 @@ impl GridBody {
         if self.previous_dt != Some(dt) {
             first = self.previous_dt.is_none();
             self.start(dt)?.record(work);
-            // The start is written into the free array, in place of the position before.
+            // The start pass writes the previous positions into the free array.
             self.buffers.before = self.buffers.next();
         }
         self.previous_dt = Some(dt);
@@ -274,7 +274,7 @@ impl GridBody {
             let turn = self.buffers;
             record(&self.grab_passes.draw, turn.now, work);
             if first && step == 0 {
-                // Made for this turn alone.
+                // A pass for this step only, in which half of the acceleration acts.
                 self.step_pass(dt, turn, steps == 1, 0.5)?.record(work);
             } else if let Some((_, passes)) = prepared.steps.iter().find(|s| s.0 == turn) {
                 passes[usize::from(step + 1 == steps)].record(work);
@@ -289,7 +289,7 @@ impl GridBody {
         Ok(())
     }
 
-    /// Brings the last positions into the array that others know.
+    /// Copies the last positions into the public array.
     fn copy_to_public_array(&mut self, work: &mut Recorder) {
         let BufferIndices { now, before } = self.buffers;
         if now == 0 {
@@ -322,7 +322,7 @@ impl GridBody {
         })
     }
 
-    /// The pass of a step: `share` of the acceleration acts.
+    /// Builds the pass of a step in which the fraction `share` of the acceleration acts.
     fn step_pass(&self, dt: f64, turn: BufferIndices, normals: bool, share: f64) -> Result<Pass> {
         let model = &self.model;
         let length = model.frame.scale * model.length_unit;
@@ -362,8 +362,7 @@ impl GridBody {
             .dispatch_items(self.particles.len())
     }
 
-    /// Makes the normals of the present positions, with the springs there are; steps do so
-    /// themselves.
+    /// Recomputes the normals at the present positions and springs; steps write them themselves.
     pub(super) fn refresh_normals(&mut self) -> Result<()> {
         self.upload_changes()?;
         // The next step overwrites the free array.
@@ -374,8 +373,7 @@ impl GridBody {
         work.submit()
     }
 
-    /// The pass that makes the normals of other positions than the present ones, and moves
-    /// nothing.
+    /// Builds the pass that computes the normals at given positions and moves nothing.
     pub(super) fn normals_pass(
         &self,
         positions: &Array,
@@ -406,12 +404,12 @@ impl GridBody {
             .dispatch_items(self.particles.len())
     }
 
-    /// The pass that makes the position before the first step of `dt`.
+    /// Builds the pass that computes the previous positions for a first step of `dt`.
     fn start(&self, dt: f64) -> Result<Pass> {
         let params = StartParams {
             count: self.particles.len(),
             ratio: self.previous_dt.map_or(0.0, |lag| dt / lag) as f32,
-            // Such that the first step, with its damping, is exact to second order.
+            // Chosen such that the first damped step is exact to second order.
             h: match self.previous_dt {
                 None => (dt * (1.0 + 0.5 * self.model.damping * dt)) as f32,
                 Some(_) => 0.0,

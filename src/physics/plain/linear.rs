@@ -1,24 +1,24 @@
-//! Conjugate gradients in float64 on systems of one vector a node.
+//! Conjugate gradients in float64 for systems with one vector per node.
 
 use glam::{DMat3, DVec3};
 
-/// Where conjugate gradients came to.
+/// Result of a conjugate gradient solve.
 #[derive(Clone, Debug)]
 pub struct Solution {
-    /// The solution; zero at held nodes.
+    /// The solution; zero at constrained nodes.
     pub x: Vec<DVec3>,
-    /// Iterations that it took.
+    /// Number of iterations.
     pub iterations: u32,
     /// The relative residual √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal blocks.
     pub residual: f64,
 }
 
-/// Solves A x = b by conjugate gradients preconditioned with the inverse diagonal blocks, to the
-/// relative residual `tolerance` or for `most` iterations.
+/// Solves A x = b by conjugate gradients with a block Jacobi preconditioner (the inverse diagonal
+/// blocks), to the relative residual `tolerance` or for `most` iterations.
 ///
-/// `product` gives A x with zero rows at held nodes, `blocks` are the 3×3 diagonal blocks of A,
-/// and b is zero at held nodes, whose x stays zero. A is symmetric and positive definite over the
-/// others.
+/// `product` computes A x with zero rows at constrained nodes, `blocks` are the 3×3 diagonal blocks
+/// of A, and b is zero at constrained nodes, where x stays zero. A is symmetric and positive
+/// definite over the other nodes.
 pub fn conjugate_gradients(
     product: impl Fn(&[DVec3]) -> Vec<DVec3>,
     blocks: &[DMat3],

@@ -1,4 +1,4 @@
-//! Bodies of tets in float64, written plainly: what every engine is held against.
+//! Reference implementation of tetrahedral bodies in float64, which the engines are tested against.
 
 pub mod linear;
 pub mod springs;

@@ -1,13 +1,13 @@
-//! Spring forces, energies and Jacobians in float64: the twin of `shaders/physics`.
+//! Spring forces, energies and Jacobians in float64: the reference of `shaders/physics`.
 //!
-//! Everything is in SI units, positions in metres from the network's origin.
+//! All quantities are in SI units, positions in metres from the network's origin.
 
 use crate::physics::{Damping, DiscreteModel, NodeTerm, Spring};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A network that can be pushed and held, and its state.
+/// A spring network with its state, external forces and pins.
 #[derive(Clone, Debug)]
 pub struct ReferenceSprings {
     /// Masses and springs.
@@ -18,18 +18,18 @@ pub struct ReferenceSprings {
     pub v: Vec<DVec3>,
     /// External force on each node, N.
     pub external: Vec<DVec3>,
-    /// m/s².
+    /// Gravity, m/s².
     pub gravity: DVec3,
-    /// Nodes that do not move.
+    /// Pinned nodes, which do not move.
     pub pinned: Vec<bool>,
-    /// What acts on each node by itself.
+    /// Energy terms that act on each node separately.
     pub terms: Vec<Arc<dyn NodeTerm>>,
-    /// Every node's springs.
+    /// The springs of every node.
     rows: Vec<Vec<u32>>,
 }
 
 impl ReferenceSprings {
-    /// The particles of `network`, at rest.
+    /// The network at rest.
     pub fn new(network: DiscreteModel) -> ReferenceSprings {
         let nodes = network.rest_positions.len();
         let mut rows = vec![Vec::new(); nodes];
@@ -43,7 +43,7 @@ impl ReferenceSprings {
             v: vec![DVec3::ZERO; nodes],
             external: vec![DVec3::ZERO; nodes],
             gravity: DVec3::ZERO,
-            // A massless node has no equation of motion: it stays.
+            // A massless node has no equation of motion, so it is pinned.
             pinned: network.masses.iter().map(|m| *m <= 0.0).collect(),
             terms: Vec::new(),
             network,
@@ -55,7 +55,7 @@ impl ReferenceSprings {
     fn accumulate(&self, share: impl Fn(usize, usize, &Spring) -> DVec3 + Sync) -> Vec<DVec3> {
         self.rows
             .par_iter()
-            // A small body is summed faster than its work is shared out.
+            // Small bodies are summed serially: distributing the work would take longer.
             .with_min_len(256)
             .enumerate()
             .map(|(i, row)| {
@@ -70,7 +70,8 @@ impl ReferenceSprings {
             .collect()
     }
 
-    /// Forces on all nodes: equations 2 and 3 of Tejada & Ertl, gravity and external forces, N.
+    /// Returns the forces on all nodes, N: equations 2 and 3 of Tejada & Ertl, gravity and external
+    /// forces.
     pub fn forces(&self) -> Vec<DVec3> {
         let mut f = self.accumulate(|i, j, s| {
             let d = self.x[j] - self.x[i];
@@ -92,7 +93,7 @@ impl ReferenceSprings {
         f
     }
 
-    /// Σ κ(|x| + L) over the springs of each node: what errors of forces are measured by, N.
+    /// Returns Σ κ(|x| + L) over the springs of each node, N: the scale for force errors.
     pub fn force_magnitude_sum(&self) -> Vec<f64> {
         self.accumulate(|i, j, s| {
             DVec3::splat(s.stiffness * (self.x[j].distance(self.x[i]) + s.length))
@@ -102,7 +103,7 @@ impl ReferenceSprings {
         .collect()
     }
 
-    /// Energy in the springs, Σ ½κ(|x| − L)² (equation 1), and of the terms, J.
+    /// Returns the energy of the springs, Σ ½κ(|x| − L)² (equation 1), and of the terms, J.
     pub fn elastic_energy(&self) -> f64 {
         let energy = |s: &Spring| {
             let [a, b] = s.nodes.map(|v| self.x[v as usize]);
@@ -116,7 +117,7 @@ impl ReferenceSprings {
         springs.map(energy).sum::<f64>() + of_nodes.sum::<f64>()
     }
 
-    /// Energy of motion, Σ ½mv², J.
+    /// Returns the kinetic energy Σ ½mv², J.
     pub fn kinetic_energy(&self) -> f64 {
         let masses = self.network.masses.par_iter().with_min_len(1024);
         masses
@@ -125,13 +126,14 @@ impl ReferenceSprings {
             .sum()
     }
 
-    /// ∂f_i/∂x_j of one spring (equation 4); `clamped`: without the transverse term where it
-    /// would be negative, the K̃ of implicit Euler.
+    /// Returns ∂f_i/∂x_j of one spring (equation 4). If `clamped`, omits the transverse term where
+    /// it would be negative, as in K̃ of implicit Euler.
     fn stiffness_block(&self, i: usize, j: usize, s: &Spring, clamped: bool) -> DMat3 {
         let d = self.x[j] - self.x[i];
         let n = d.normalize_or_zero();
         let mut transverse = if d == DVec3::ZERO {
-            // Without a direction only a spring of no length pushes back, in all of them.
+            // A collapsed spring has no direction; only one of rest length 0 resists, equally in
+            // all directions.
             f64::from(u8::from(s.length == 0.0))
         } else {
             1.0 - s.length / d.length()
@@ -143,7 +145,7 @@ impl ReferenceSprings {
         s.stiffness * (along + transverse * (DMat3::IDENTITY - along))
     }
 
-    /// (∂f/∂x) p of the springs' elastic forces; `clamped` gives K̃ p instead.
+    /// Returns (∂f/∂x) p of the elastic spring forces, or K̃ p if `clamped`.
     pub fn stiffness_product(&self, p: &[DVec3], clamped: bool) -> Vec<DVec3> {
         let mut kp =
             self.accumulate(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]));
@@ -155,7 +157,7 @@ impl ReferenceSprings {
         kp
     }
 
-    /// (∂f/∂v) p of the damping forces (equation 5).
+    /// Returns (∂f/∂v) p of the damping forces (equation 5).
     pub fn damping_product(&self, p: &[DVec3]) -> Vec<DVec3> {
         self.accumulate(|i, j, s| {
             let w = p[j] - p[i];
@@ -168,7 +170,7 @@ impl ReferenceSprings {
         })
     }
 
-    /// A p with A = M − h ∂f/∂v − h² K̃, rows of pinned nodes zero.
+    /// Returns A p with A = M − h ∂f/∂v − h² K̃; rows of pinned nodes are zero.
     pub fn system_product(&self, h: f64, p: &[DVec3]) -> Vec<DVec3> {
         let stiffness = self.stiffness_product(p, true);
         let damping = self.damping_product(p);
@@ -183,7 +185,8 @@ impl ReferenceSprings {
             .collect()
     }
 
-    /// The 3×3 diagonal blocks of −∂f/∂x of the springs' elastic forces, or of −K̃.
+    /// Returns the 3×3 diagonal blocks of −∂f/∂x of the elastic spring forces, or of −K̃ if
+    /// `clamped`.
     pub fn stiffness_blocks(&self, clamped: bool) -> Vec<DMat3> {
         self.blocks(|i, j, s| self.stiffness_block(i, j, s, clamped))
     }
@@ -200,7 +203,7 @@ impl ReferenceSprings {
         blocks
     }
 
-    /// The 3×3 diagonal blocks of A.
+    /// Returns the 3×3 diagonal blocks of A.
     pub fn system_blocks(&self, h: f64) -> Vec<DMat3> {
         let mut blocks = self.blocks(|i, j, s| {
             let n = (self.x[j] - self.x[i]).normalize_or_zero();

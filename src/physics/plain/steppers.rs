@@ -1,4 +1,4 @@
-//! The time integrators in float64: the twins of `physics`' solvers.
+//! The time integrators in float64: references of the solvers of `physics`.
 
 use super::linear::{Solution, conjugate_gradients};
 use super::springs::ReferenceSprings;
@@ -20,15 +20,16 @@ pub fn symplectic_euler(p: &mut ReferenceSprings, h: f64) {
     update_positions(p, h, &v);
 }
 
-/// Verlet, x' = 2x − x₋₁ + h² a, with damping forces from the velocity (x − x₋₁)/h: half a step
-/// old, which makes a damped motion right to first order only.
+/// Verlet, x' = 2x − x₋₁ + h² a. Damping forces use the velocity (x − x₋₁)/h, which lags by half a
+/// step, so a damped motion is only first-order accurate.
 #[derive(Clone, Debug, Default)]
 pub struct Verlet {
     previous: Option<Vec<DVec3>>,
 }
 
 impl Verlet {
-    /// One step; the first begins with x₋₁ = x₀ − h v₀ + ½h² a₀. Leaves (x' − x)/h in `p.v`.
+    /// Advances one step; the first starts from x₋₁ = x₀ − h v₀ + ½h² a₀. Stores (x' − x)/h in
+    /// `p.v`.
     pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
         let a = accelerations(p);
         let previous = self.previous.take().unwrap_or_else(|| {
@@ -49,15 +50,15 @@ impl Verlet {
     }
 }
 
-/// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a), which is
-/// kept for the next step. Right to second order, damped or not.
+/// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a), which is kept
+/// for the next step. Second-order accurate with and without damping.
 #[derive(Clone, Debug, Default)]
 pub struct VelocityVerlet {
     acceleration: Option<Vec<DVec3>>,
 }
 
 impl VelocityVerlet {
-    /// One step.
+    /// Advances one step.
     pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
         let a = self.acceleration.take().unwrap_or_else(|| accelerations(p));
         let start = p.v.clone();
@@ -76,7 +77,7 @@ impl VelocityVerlet {
 /// Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v) by conjugate
 /// gradients to the relative residual `tolerance`; v' = v + Δv, x' = x + h v'.
 ///
-/// Returns the iterations it took, or `None` when 20 a node were not enough.
+/// Returns the number of iterations, or `None` if 20 per node did not suffice.
 pub fn implicit_euler(p: &mut ReferenceSprings, h: f64, tolerance: f64) -> Option<u32> {
     let most = 20 * p.x.len() as u32;
     let solution = solve_implicit(p, h, tolerance, most);
@@ -87,8 +88,8 @@ pub fn implicit_euler(p: &mut ReferenceSprings, h: f64, tolerance: f64) -> Optio
     Some(solution.iterations)
 }
 
-/// The same with at most `most` iterations, whatever they come to. Returns how many there were,
-/// and the relative residual that was left.
+/// As [`implicit_euler`] with at most `most` iterations, converged or not. Returns the number of
+/// iterations and the remaining relative residual.
 pub fn implicit_euler_within(
     p: &mut ReferenceSprings,
     h: f64,

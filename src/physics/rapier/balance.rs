@@ -1,16 +1,16 @@
-//! The forces on the nodes, which rapier does not tell, by the law that it follows, in float64.
+//! Nodal forces of rapier's material law in float64; rapier itself does not report them.
 
 use super::matter::damping_times;
 use crate::physics::elements::polar_decomposition;
 use crate::physics::{ConstitutiveModel, DiscreteModel, Element};
 use glam::{DMat3, DVec3};
 
-/// Of the way that velocities go in a second, on either side: differences of forces along it are
-/// what damping is taken from.
+/// Time step in s, to both sides, of the central difference of forces along the velocities, from
+/// which damping forces are computed.
 const FINITE_DIFFERENCE_STEP: f64 = 1e-6;
 
-/// The forces on all nodes of `network` that stand at `x` (m) and move with `v` (m/s), N: of its
-/// tets and their damping.
+/// Returns the forces of the tets of `network` and of their damping on all nodes at `x` (m) with
+/// velocities `v` (m/s), N.
 pub(super) fn internal_forces(network: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
     let law = network.elements.law;
     let mut forces = vec![DVec3::ZERO; x.len()];
@@ -36,8 +36,8 @@ pub(super) fn internal_forces(network: &DiscreteModel, x: &[DVec3], v: &[DVec3])
     forces
 }
 
-/// The forces of a tet on its corners, N. rapier's corotated law is linear in the stretch, without
-/// the volume term of ours.
+/// Returns the forces of a tet on its corners, N. rapier's corotated law is linear in the stretch,
+/// without our volume term.
 fn corner_forces(tet: &Element, law: ConstitutiveModel, corners: &[DVec3; 4]) -> [DVec3; 4] {
     let f = tet.deformation_gradient(corners);
     let [mu, lambda] = tet.small_strain(law);

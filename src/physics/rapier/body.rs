@@ -1,4 +1,4 @@
-//! A body of rapier as its worker sees it: loads, steps, state.
+//! The body that the rapier worker steps: loads, steps and state.
 
 use super::balance::internal_forces;
 use super::joints::RegionJoint;
@@ -14,35 +14,35 @@ use crate::physics::{
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Nodes nearer than that to a tool, in mean edges beyond the gap, may have a share in its contact:
-/// faces touch where they have no node.
+/// Search radius of tool forces, in mean edge lengths beyond the gap. Nodes within it may share in
+/// a contact, because faces touch where they have no nodes.
 const TOOL_SEARCH_RADIUS: f64 = 1.5;
 
-/// A body of tets in a world of its own.
+/// A tetrahedral body in its own rapier world.
 pub(super) struct RapierBody {
     matter: SoftBodyModel,
     settings: CgSettings,
     contacts: Contacts,
     joints: Vec<RegionJoint>,
     world: World,
-    /// Of every node, kg.
+    /// Nodal masses, kg.
     masses: Vec<f64>,
     gravity: DVec3,
     forces: Vec<DVec3>,
     pinned: Vec<bool>,
     attachments: Vec<NodeConstraint>,
-    /// Where tools are or go, m, and how often each was put elsewhere.
+    /// Tool poses or targets, m, and how often each tool was teleported.
     tools: Vec<ToolTarget>,
     steps: u64,
-    /// The length of the last step, s, and the velocities before it, m/s.
+    /// Length of the last step, s, and the velocities before it, m/s.
     last: Option<(f64, Vec<DVec3>)>,
 }
 
 impl RapierBody {
-    /// The body of `matter` at rest, whose nodes have `masses` (kg); a file unit is `unit` metres.
+    /// The body of `matter` at rest, with nodal `masses` (kg); a file unit is `unit` metres.
     ///
     /// # Errors
-    /// None that is not one of rapier's.
+    /// Only errors of rapier.
     pub fn new(
         matter: SoftBodyModel,
         masses: Vec<f64>,
@@ -71,7 +71,7 @@ impl RapierBody {
         })
     }
 
-    /// Solves linear systems as `settings` say from now on.
+    /// Sets the tolerances of the linear solves.
     ///
     /// # Errors
     /// As [`RapierBody::add_tool`].
@@ -80,10 +80,10 @@ impl RapierBody {
         self.rebuild_world(&self.positions(), &self.velocities())
     }
 
-    /// Adds a tool, which stands at `place` (m).
+    /// Adds a tool with the pose `place` (m).
     ///
     /// # Errors
-    /// [`Error::Input`] for one that rapier cannot have; nothing is changed then.
+    /// [`Error::Input`] if rapier does not support the tool; nothing is changed then.
     pub fn add_tool(&mut self, tool: &Tool, place: ToolPose) -> Result<()> {
         let before = self.contacts.clone();
         self.contacts.tools.push(tool.clone());
@@ -95,29 +95,29 @@ impl RapierBody {
         done
     }
 
-    /// Has the body feel itself.
+    /// Enables self-contact.
     ///
     /// # Errors
-    /// [`Error::Input`] for what rapier cannot have; nothing is changed then.
+    /// [`Error::Input`] if rapier does not support the settings; nothing is changed then.
     pub fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<()> {
         let before = self.contacts.clone();
         self.contacts.self_contact = Some(wanted);
         self.contact(before)
     }
 
-    /// Joins rigid regions by `joint`, which is at `at` (m).
+    /// Adds `joint` between rigid regions, located at `at` (m).
     ///
     /// # Errors
-    /// [`Error::Input`] for regions that are not rigid; nothing is changed then.
+    /// [`Error::Input`] if the regions are not rigid; nothing is changed then.
     pub fn add_joint(&mut self, joint: &Joint, at: DVec3) -> Result<()> {
         let joined = RegionJoint::new(joint, at, &self.matter.bones, self.contacts.unit)?;
         self.joints.push(joined);
         self.rebuild_world(&self.positions(), &self.velocities())
     }
 
-    /// What all else of the body exerted on the rigid region with this label in the last step, by
-    /// contact, joints and what is soft around it; the moment is about its centre of mass. None where
-    /// there is no such region.
+    /// Returns the force and moment that the rest of the body exerted on the rigid region with this
+    /// label in the last step, by contact, joints and the soft tissue around it; the moment is
+    /// about its centre of mass. `None` if there is no such region.
     pub fn region_force(&self, label: i64) -> Option<Reaction> {
         let mut bones = self.matter.bones.iter().enumerate();
         let (b, bone) = bones.find(|(_, bone)| bone.labels.contains(&label))?;
@@ -148,7 +148,7 @@ impl RapierBody {
         Some(on)
     }
 
-    /// Makes the world anew with the contacts of now, or goes back to those of `before`.
+    /// Rebuilds the world with the present contacts; on failure restores the contacts `before`.
     fn contact(&mut self, before: Contacts) -> Result<()> {
         let (x, v) = (self.positions(), self.velocities());
         let done = self
@@ -161,8 +161,8 @@ impl RapierBody {
         done
     }
 
-    /// Makes the world anew, with the nodes at `x` (m) and `v` (m/s). What rapier keeps of former
-    /// steps would not fit a state that it did not come to.
+    /// Rebuilds the world with the nodes at `x` (m) and velocities `v` (m/s). rapier's warm-start
+    /// data of previous steps would not fit a state that it did not compute.
     fn rebuild_world(&mut self, x: &[DVec3], v: &[DVec3]) -> Result<()> {
         let places: Vec<ToolPose> = self.tools.iter().map(|t| t.0).collect();
         let scenery = (&self.contacts, self.joints.as_slice());
@@ -180,7 +180,7 @@ impl RapierBody {
         Ok(())
     }
 
-    /// Which nodes cannot move by themselves.
+    /// Whether each node is constrained.
     fn held(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
         for a in &self.attachments {
@@ -192,12 +192,12 @@ impl RapierBody {
         held
     }
 
-    /// Holds the nodes that are held, where they are, and lets go of the others.
+    /// Fixes constrained nodes at their present positions and releases the others.
     fn apply_pins(&mut self) {
         self.world.hold(&self.held(), &self.matter);
     }
 
-    /// Says where nodes that are held or led are at the end of a step of `dt` seconds.
+    /// Sets the targets of held and prescribed nodes at the end of a step of `dt` seconds.
     fn set_constraint_targets(&mut self, dt: f64) {
         let targets = TargetSpring::of(&self.attachments).map(|s| s.target);
         self.world.aim_springs(targets, &self.matter);
@@ -219,23 +219,23 @@ impl RapierBody {
         }
     }
 
-    /// The force on every node of `network`, which the body is, N: of its tets, damping and loads; NaN
-    /// for nodes of rigid regions.
+    /// Returns the force on every node, N, from the tets of `network` (the model of this body),
+    /// damping and loads; NaN for nodes of rigid regions.
     pub fn forces(&self, network: &DiscreteModel) -> Vec<DVec3> {
         let mut forces = internal_forces(network, &self.positions(), &self.velocities());
         let loads = self.masses.iter().zip(&self.forces);
         for (f, (m, load)) in forces.iter_mut().zip(loads) {
             *f += *m * self.gravity + *load;
         }
-        // What holds a rigid region together is not known.
+        // The internal forces of rigid regions are unknown.
         for node in self.matter.bones.iter().flat_map(|bone| &bone.nodes) {
             forces[*node as usize] = DVec3::NAN;
         }
         forces
     }
 
-    /// What the body exerts on each tool: what the nodes of `boundary` near it lack for the motion
-    /// that they made in the last step.
+    /// Returns the reaction on each tool: the residual of the equations of motion over the last
+    /// step, summed over the nodes of `boundary` near the tool.
     pub fn tool_forces(
         &self,
         network: &DiscreteModel,
@@ -261,7 +261,8 @@ impl RapierBody {
         reactions
     }
 
-    /// The tool that a node at `x` (m) is nearest to, if it is near any, and where that is.
+    /// Returns the nearest tool to a node at `x` (m) within the search radius, and the closest
+    /// point.
     fn nearest_tool(&self, x: DVec3) -> Option<(usize, DVec3)> {
         let reach = TOOL_SEARCH_RADIUS * self.matter.scale.length;
         let near = self.tools.iter().zip(&self.contacts.tools).enumerate();
@@ -296,7 +297,7 @@ impl Steppable for RapierBody {
             let (x, v) = (self.positions(), self.velocities());
             self.set_constraint_targets(dt);
             if !self.world.step(dt, &self.forces, &self.matter) {
-                // The body stays as it was before the step.
+                // Restores the state before the step.
                 let _ = self.rebuild_world(&x, &v);
                 return Err(StepFailure::NonFinite);
             }
@@ -378,7 +379,7 @@ impl Steppable for RapierBody {
     }
 }
 
-/// The error of whoever wants all that the next steps depend on.
+/// The error of requesting the complete state.
 pub(super) fn no_state() -> Error {
     Error::Input(
         "what rapier keeps from step to step cannot be written and read, so its runs have no checkpoints; take --engine cpu, or start anew".into(),

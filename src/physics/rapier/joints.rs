@@ -1,4 +1,4 @@
-//! Joints between rigid regions, and of one to the world: rapier's.
+//! Joints of rapier between rigid regions, or from a region to the world.
 
 use super::rigid::{RigidRegion, RigidRegionBody};
 use super::scale::Scale;
@@ -11,22 +11,22 @@ use rapier3d::prelude::{
     RigidBodyBuilder, SphericalJointBuilder,
 };
 
-/// A joint between bones, by their numbers; the second is none for the world.
+/// A joint between rigid regions, given by index; `None` is the world.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RegionJoint {
     bones: (usize, Option<usize>),
-    /// m.
+    /// Anchor, m.
     at: DVec3,
     kind: JointKind,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     unit: f64,
 }
 
 impl RegionJoint {
-    /// `joint`, which is at `at` (m), of a body with these bones.
+    /// `joint`, located at `at` (m), of a body with these rigid regions.
     ///
     /// # Errors
-    /// [`Error::Input`] for regions that are not rigid, or are one body.
+    /// [`Error::Input`] if a region is not rigid, or both belong to one rigid body.
     pub fn new(joint: &Joint, at: DVec3, bones: &[RigidRegion], unit: f64) -> Result<RegionJoint> {
         let find = |label: i64| {
             let mut those = bones.iter().enumerate();
@@ -53,7 +53,7 @@ impl RegionJoint {
         })
     }
 
-    /// Puts it into the world, whose bones are at rest.
+    /// Inserts the joint into the world, whose rigid regions are at rest.
     pub fn insert(
         &self,
         physics: &mut PhysicsWorld,
@@ -63,7 +63,7 @@ impl RegionJoint {
     ) {
         let arm = |b: usize| scale.vector(self.at - bones[b].centre);
         let (second, to) = (self.bones.0, self.bones.1);
-        // Angles and ways are those of the second; the world comes first.
+        // Angles and displacements are those of the second body, so the world comes first.
         let (first, anchors, second) = match to {
             Some(b) => (
                 bodies[second].handle,

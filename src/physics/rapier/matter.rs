@@ -1,4 +1,4 @@
-//! What a body is made of, as rapier has it, and what of that it cannot have.
+//! Conversion of a discrete model to rapier's soft bodies, with checks for unsupported features.
 
 use super::rigid::RigidRegion;
 use super::scale::Scale;
@@ -9,42 +9,43 @@ use glam::DVec3;
 use rapier3d::math::Vector;
 use rapier3d::prelude::{SoftBodyCellModel, SoftBodyMaterial};
 
-/// How many stiffnesses a body may have: each is a pass over all tets when the body is made.
+/// Maximum number of distinct stiffnesses; each costs a pass over all tets at construction.
 const MAX_STIFFNESS_GROUPS: usize = 256;
 
-/// What of a difference between two stiffnesses, or two Poisson's ratios, is rounding.
+/// Relative difference below which two stiffnesses or Poisson's ratios count as equal.
 const SAME: f64 = 1e-6;
 
-/// A body's particles and cells in rapier's units, and what of it is rigid.
+/// Particles and cells in rapier's units, and the rigid regions.
 #[derive(Clone, Debug)]
 pub(super) struct SoftBodyModel {
     pub scale: Scale,
-    /// The node that each particle is, ascending: all but those of rigid regions that no soft tet has.
+    /// The node of each particle, ascending: all nodes except those of rigid regions that belong to
+    /// no soft tet.
     pub nodes: Vec<u32>,
-    /// The particle that each node is.
+    /// The particle of each node, if any.
     pub particles: Vec<Option<u32>>,
-    /// The rigid region that each node belongs to.
+    /// The rigid region of each node, if any.
     pub owners: Vec<Option<u32>>,
     pub bones: Vec<RigidRegion>,
-    /// Where the particles rest.
+    /// Rest positions of the particles.
     pub rest: Vec<Vector>,
     pub masses: Vec<f32>,
     /// The particles of every tet.
     pub tets: Vec<[u32; 4]>,
     pub model: SoftBodyCellModel,
     pub material: SoftBodyMaterial,
-    /// Tets that are not as stiff as `material`: groups of them, with how many times as stiff.
+    /// Tets whose stiffness differs from `material`: groups with their stiffness ratio.
     pub groups: Vec<(Vec<u32>, f32)>,
-    /// α of the damping −α m v, 1/s.
+    /// α of the mass-proportional damping force −α m v, 1/s.
     pub mass_damping: f32,
 }
 
 impl SoftBodyModel {
-    /// That of `network`, whose boundary has these faces.
+    /// Converts `network`, whose boundary has these faces.
     ///
     /// # Errors
-    /// [`Error::Input`] for what rapier cannot have: springs, nothing soft, averaged volume,
-    /// several Poisson's ratios, or more stiffnesses than a few hundred.
+    /// [`Error::Input`] if rapier does not support the model: springs, no soft tets, averaged
+    /// volume, several Poisson's ratios, or more than a few hundred stiffnesses.
     pub fn new(network: &DiscreteModel, boundary: &[[u32; 3]]) -> Result<SoftBodyModel> {
         let elements = &network.elements;
         let refused = |what: &str| Err(Error::Input(format!("rapier {what}")));
@@ -118,14 +119,14 @@ impl SoftBodyModel {
     }
 }
 
-/// Young's modulus (Pa) and Poisson's ratio of a tet.
+/// Returns Young's modulus (Pa) and Poisson's ratio of a tet.
 fn constants(tet: &Element, law: ConstitutiveModel) -> [f64; 2] {
     let [mu, lambda] = tet.small_strain(law);
     let poisson = 0.5 * lambda / (lambda + mu);
     [2.0 * mu * (1.0 + poisson), poisson]
 }
 
-/// The tets that are not as stiff as `young` Pa, by stiffness.
+/// Groups the tets whose Young's modulus differs from `young` (Pa) by stiffness.
 fn groups(tets: &[Element], law: ConstitutiveModel, young: f64) -> Result<Vec<(Vec<u32>, f32)>> {
     let factors = tets.iter().map(|t| constants(t, law)[0] / young);
     let mut others: Vec<(f64, u32)> = factors
@@ -147,8 +148,8 @@ fn groups(tets: &[Element], law: ConstitutiveModel, young: f64) -> Result<Vec<(V
     }
 }
 
-/// The damping ratio that gives tets the damping time of `network`, on average over the volume:
-/// rapier has one ratio for all.
+/// Returns the damping ratio that gives the tets the damping time of `network` in the volume
+/// average: rapier has one ratio for all tets.
 fn damping_ratio(network: &DiscreteModel) -> f64 {
     let tets = network
         .elements
@@ -173,10 +174,11 @@ pub(super) fn damping_times(network: &DiscreteModel) -> impl Iterator<Item = f64
     tets.map(move |t| ratio * damping_time_per_ratio(t, network))
 }
 
-/// The damping time of a tet of damping ratio 1, s: two over the mean frequency of its six strains.
+/// Returns the damping time of a tet with damping ratio 1, s: two over the mean angular frequency
+/// of its six strain modes.
 fn damping_time_per_ratio(tet: &Element, network: &DiscreteModel) -> f64 {
     let [mu, lambda] = tet.small_strain(network.elements.law);
-    // Of G = Σ g gᵀ/m only the diagonal counts.
+    // Only the diagonal of G = Σ g gᵀ/m is used.
     let mut softness = DVec3::ZERO;
     for (v, g) in tet.nodes.iter().zip(tet.gradients()) {
         softness += g * g / network.masses[*v as usize];

@@ -1,9 +1,9 @@
-//! The engine `rapier`: a body of tets stepped by the soft bodies of
-//! [rapier](https://rapier.rs), implicit Euler with one linear solve a substep, in f32.
+//! The engine `rapier`: tetrahedral bodies stepped by the soft bodies of
+//! [rapier](https://rapier.rs), implicit Euler with one linear solve per substep, in f32.
 //!
-//! Tools are kinematic bodies in the same world, rigid regions dynamic ones, which joints hold
-//! together and to which particles are attached. rapier's vectors are of another glam than ours:
-//! they are crossed by their numbers, in `scale.rs`.
+//! Tools are kinematic bodies in the same world. Rigid regions are dynamic bodies, connected by
+//! joints, to which particles are attached. rapier uses another version of glam, so `scale.rs`
+//! converts vectors component by component.
 
 mod balance;
 mod body;

@@ -1,5 +1,5 @@
-//! Rigid regions: rigid bodies of rapier's, to which particles of what is soft around them are
-//! attached. Of a node that is both, either has half of the mass.
+//! Rigid regions as rigid bodies of rapier, to which the particles of the surrounding soft tissue
+//! are attached. The mass of a shared node is split in halves.
 
 use super::scale::Scale;
 use crate::physics::cpu::closest_rotation;
@@ -15,13 +15,15 @@ use rapier3d::prelude::{
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Of the mass of a node that is a particle too, what is the rigid body's.
+/// Fraction of the mass of a shared node that belongs to the rigid body.
 const RIGID_MASS_FRACTION: f64 = 0.5;
 
-/// A region whose convex hull is no larger than that many times its volume is that hull to rapier.
+/// A region is approximated by its convex hull if the hull's volume is at most this many times its
+/// own.
 const CONVEX_VOLUME_RATIO: f32 = 1.02;
 
-/// Rigid regions and what is soft: regions that soft tets hold do not feel what is soft.
+/// Collision group of soft tissue. Rigid regions attached to soft tissue have a group of their own,
+/// which does not collide with it.
 const SOFT_GROUP: Group = Group::GROUP_1;
 const HELD_BY_SOFT: Group = Group::GROUP_2;
 
@@ -29,27 +31,29 @@ const HELD_BY_SOFT: Group = Group::GROUP_2;
 #[derive(Clone, Debug)]
 pub(super) struct RigidRegion {
     pub labels: BTreeSet<i64>,
-    /// All of its nodes, ascending, their masses (kg), and where they are from its centre of mass (m).
+    /// All of its nodes, ascending, their masses (kg), and their positions relative to the centre
+    /// of mass (m).
     pub nodes: Vec<u32>,
     pub masses: Vec<f64>,
     pub lever_arms: Vec<DVec3>,
-    /// m.
+    /// Centre of mass, m.
     pub centre: DVec3,
     /// Radius of gyration, m.
     radius: f64,
-    /// In rapier's units, without what its particles have.
+    /// Mass properties in rapier's units, without the share of its particles.
     inertia: MassProperties,
-    /// Faces of the boundary, by the numbers of its own nodes.
+    /// Boundary faces, in local node numbers.
     faces: Vec<[u32; 3]>,
-    /// Whether nothing soft hangs on it.
+    /// Whether no soft tissue is attached.
     pub is_isolated: bool,
 }
 
 impl RigidRegion {
-    /// That of `body` of `network`, whose boundary is `boundary`; `soft` nodes are particles too.
+    /// The rigid region of `body` of `network`, whose boundary is `boundary`; `soft` marks nodes
+    /// that are particles too.
     ///
     /// # Errors
-    /// [`Error::Input`] for one that is flat or without mass.
+    /// [`Error::Input`] if the region is flat or massless.
     pub fn new(
         network: &DiscreteModel,
         body: &RigidBody,
@@ -94,11 +98,11 @@ impl RigidRegion {
         })
     }
 
-    /// The part of a particle's mass that is the particle's.
+    /// Fraction of the mass of a shared node that belongs to the particle.
     pub const PARTICLE: f64 = 1.0 - RIGID_MASS_FRACTION;
 
-    /// The pose, as the place of the centre (m) and the turn, that brings the nodes `of` (by its own
-    /// numbers) nearest to `places` (m), from the turn `near` on.
+    /// Fits the pose (position of the centre in m, and rotation) that maps the nodes `of` (local
+    /// numbers) closest to `places` (m), starting from the rotation `near`.
     fn fit_pose(&self, of: &[usize], places: &[DVec3], near: DQuat) -> (DVec3, DQuat) {
         let weight: f64 = of.iter().map(|k| self.masses[*k]).sum();
         let each = || of.iter().zip(places);
@@ -114,10 +118,10 @@ impl RigidRegion {
         (middle - turn * arm, turn)
     }
 
-    /// The collider of its boundary; none where it has none.
+    /// The collider of its boundary; `None` if it has no faces.
     ///
     /// # Errors
-    /// [`Error::Input`] for a surface that rapier cannot make a mesh of.
+    /// [`Error::Input`] if rapier rejects the surface.
     fn collider(&self, scale: Scale) -> Result<Option<ColliderBuilder>> {
         if self.faces.is_empty() {
             return Ok(None);
@@ -158,7 +162,7 @@ impl RigidRegion {
     }
 }
 
-/// Of nodes of `masses` (kg) at `arms` (m).
+/// Mass properties of point masses `masses` (kg) at `arms` (m).
 fn inertia(masses: Vec<f64>, arms: &[DVec3], scale: Scale) -> MassProperties {
     let each = || masses.iter().zip(arms);
     let mass: f64 = masses.iter().sum();
@@ -182,18 +186,18 @@ fn inertia(masses: Vec<f64>, arms: &[DVec3], scale: Scale) -> MassProperties {
     )
 }
 
-/// A rigid region in a world, and what holds it.
+/// A rigid region in a world, and its constraints.
 pub(super) struct RigidRegionBody {
     pub handle: RigidBodyHandle,
-    /// Nodes that are held, by its own numbers, and where they go, m.
+    /// Constrained nodes, in local numbers, and their targets, m.
     held: BTreeMap<usize, DVec3>,
-    /// Bodies that are led, to which some of these are joined.
+    /// Kinematic bodies to which some of these nodes are joined.
     anchors: Vec<(usize, RigidBodyHandle)>,
 }
 
 impl RigidRegionBody {
-    /// Puts `bone` into the world at rest, with a collider where `friction` is given, of a skin so
-    /// thick, and so damped.
+    /// Inserts `bone` at rest with the given damping; with a collider of the given skin thickness
+    /// if `friction` is given.
     ///
     /// # Errors
     /// As [`RigidRegion::collider`].
@@ -237,7 +241,7 @@ impl RigidRegionBody {
         })
     }
 
-    /// Where its centre is, m, and how it is turned.
+    /// Returns the position of its centre, m, and its rotation.
     pub fn pose(&self, physics: &PhysicsWorld, scale: Scale) -> (DVec3, DQuat) {
         let pose = physics.bodies[self.handle].position();
         let [x, y, z, w] = pose.rotation.to_array().map(f64::from);
@@ -245,14 +249,14 @@ impl RigidRegionBody {
         (scale.metres(pose.translation), turn)
     }
 
-    /// The velocity of what is at `point` (m), m/s.
+    /// Returns the velocity at `point` (m), m/s.
     pub fn velocity(&self, physics: &PhysicsWorld, point: DVec3, scale: Scale) -> DVec3 {
         let body = &physics.bodies[self.handle];
         scale.metres(body.velocity_at_point(scale.vector(point)))
     }
 
-    /// Puts it where its nodes are nearest to `x` (m), moving as they do by `v` (m/s), both of all
-    /// nodes of the mesh.
+    /// Sets the pose and velocity that fit the positions `x` (m) and velocities `v` (m/s) of all
+    /// nodes of the mesh best.
     pub fn set(
         &self,
         physics: &mut PhysicsWorld,
@@ -283,9 +287,9 @@ impl RigidRegionBody {
         body.set_angvel(Vector::new(x, y, z), true);
     }
 
-    /// Has the nodes `held` (of the mesh) held from now on where they are, at `x` (m, of all nodes),
-    /// and lets go of others: it turns about one node, about an axis of two, and does not move by
-    /// itself when three are held.
+    /// Constrains the nodes `held` (mesh numbers) at their present positions `x` (m, of all nodes)
+    /// and releases the others. With one held node the region rotates about a point, with two about
+    /// an axis; with three it becomes kinematic.
     pub fn hold(
         &mut self,
         physics: &mut PhysicsWorld,
@@ -331,7 +335,8 @@ impl RigidRegionBody {
         }
     }
 
-    /// Has the node `node` of the mesh, if it is held here, go to `place` (m) with the next step.
+    /// Sets the target `place` (m) of the mesh node `node` for the next step, if it is constrained
+    /// here.
     pub fn set_node_target(&mut self, bone: &RigidRegion, node: u32, place: DVec3) {
         let own = bone.nodes.binary_search(&node).ok();
         if let Some(held) = own.and_then(|k| self.held.get_mut(&k)) {
@@ -339,7 +344,7 @@ impl RigidRegionBody {
         }
     }
 
-    /// Has it go where its held nodes go with the next step.
+    /// Applies the targets of its constrained nodes in the next step.
     pub fn apply_targets(&self, physics: &mut PhysicsWorld, bone: &RigidRegion, scale: Scale) {
         for (k, anchor) in &self.anchors {
             let to = scale.vector(self.held[k]);
@@ -355,7 +360,7 @@ impl RigidRegionBody {
         }
     }
 
-    /// Puts the forces (N, of all nodes) on it where its nodes are now.
+    /// Applies the forces (N, of all nodes) at the present positions of its nodes.
     pub fn apply_forces(
         &self,
         physics: &mut PhysicsWorld,

@@ -1,4 +1,4 @@
-//! Shapes of tools as rapier's colliders.
+//! Conversion of tool shapes to rapier's colliders.
 
 use crate::physics::Shape;
 use crate::{Error, Result};
@@ -9,7 +9,7 @@ use rapier3d::prelude::{ColliderBuilder, TriMeshFlags};
 /// The collider of `shape`, in rapier's units.
 ///
 /// # Errors
-/// [`Error::Input`] for a surface that rapier cannot make a mesh of.
+/// [`Error::Input`] if rapier rejects the surface.
 pub(super) fn collider(shape: &Shape) -> Result<ColliderBuilder> {
     let single = |x: f64| x as f32;
     Ok(match shape {

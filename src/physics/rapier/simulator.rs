@@ -1,4 +1,4 @@
-//! A body of tets as a simulator, stepped by rapier.
+//! The [`Simulator`] implementation of tetrahedral bodies stepped by rapier.
 
 use super::body::{RapierBody, no_state};
 use super::matter::SoftBodyModel;
@@ -19,19 +19,19 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// A body of tets that rapier steps, on a thread of its own.
+/// A tetrahedral body that rapier steps on its own thread.
 pub struct RapierTets {
     mesh: TetMesh,
     topology: Topology,
     network: DiscreteModel,
     loads: Loads,
-    /// The loads that the worker has.
+    /// Versions of the loads that were sent to the worker.
     sent: Option<LoadVersions>,
     tools: Vec<Tool>,
     self_contact: Option<SelfContactSettings>,
     worker: Worker<RapierBody>,
     nodes: NodePositions,
-    /// The positions that were uploaded.
+    /// Version of the uploaded positions.
     shown: u64,
     /// Counts changes of state and shape from outside.
     changes: u64,
@@ -39,12 +39,12 @@ pub struct RapierTets {
 }
 
 impl RapierTets {
-    /// `mesh` with masses and elements of one's own, at rest, its linear solves stopping as the
-    /// settings say. `gpu` is what it is drawn on.
+    /// A body of `mesh` with the masses and elements of `network`, at rest; `settings` gives the
+    /// tolerance of the linear solves. `gpu` draws it.
     ///
     /// # Errors
-    /// [`Error::Input`] for what rapier cannot have, and every scheme but implicit;
-    /// [`Error::Gpu`] when the nodes do not fit the device.
+    /// [`Error::Input`] if rapier does not support the model, or the scheme is not implicit;
+    /// [`Error::Gpu`] if the nodes do not fit the device.
     pub fn new(
         gpu: &Gpu,
         (mesh, network): (TetMesh, DiscreteModel),
@@ -81,11 +81,11 @@ impl RapierTets {
         })
     }
 
-    /// What is told of a step that was refused.
+    /// Converts a worker error to the error of the step.
     fn error(&mut self, refusal: WorkerError) -> Error {
         match refusal {
             WorkerError::Wrong(error) => {
-                // Loads that were refused are sent again.
+                // Rejected loads are sent again.
                 self.sent = None;
                 error
             }
@@ -111,7 +111,7 @@ impl RapierTets {
         metres.collect()
     }
 
-    /// Uploads the positions that were put out last, if they are new.
+    /// Uploads the latest positions if they are new.
     fn upload(&mut self) -> Result<()> {
         let Some((version, positions)) = self.worker.published(self.shown) else {
             return Ok(());
@@ -121,21 +121,21 @@ impl RapierTets {
         self.nodes.set_positions(&places)
     }
 
-    /// Uploads the positions of now.
+    /// Uploads the present positions.
     fn show(&mut self) -> Result<()> {
         self.worker.publish();
         self.upload()
     }
 }
 
-/// The faces of the boundary, by their nodes.
+/// The boundary faces by their nodes.
 fn boundary(mesh: &TetMesh, topology: &Topology) -> Vec<[u32; 3]> {
     let faces = topology.boundary.iter();
     let nodes = |f: &BoundaryFace| topology.boundary_nodes(mesh, *f);
     faces.map(nodes).collect()
 }
 
-/// Refuses the schemes that rapier has not.
+/// Rejects schemes that rapier does not support.
 fn check_kind(kind: SolverKind) -> Result<()> {
     match kind {
         SolverKind::Implicit => Ok(()),

@@ -1,6 +1,6 @@
-//! Springs from nodes to targets: motors between a node, a body to rapier, and one that is led.
-//! rapier has them pull at the node's own mass and not at all that hangs on it, so that a node comes
-//! to rest off its place, the less the shorter the step.
+//! Springs from nodes to targets: motors between the node's body and a kinematic body. rapier's
+//! motors act on the node's own mass instead of the effective mass of the structure attached to it,
+//! so a node comes to rest off its target; the error decreases with the step.
 
 use super::matter::SoftBodyModel;
 use super::rigid::{RigidRegion, RigidRegionBody};
@@ -15,20 +15,20 @@ use rapier3d::prelude::{
 
 const AXES: [JointAxis; 3] = [JointAxis::LinX, JointAxis::LinY, JointAxis::LinZ];
 
-/// A spring without length from a node to a target.
+/// A zero-length spring from a node to a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TargetSpring {
     pub node: u32,
-    /// m.
+    /// Target position, m.
     pub target: DVec3,
-    /// N/m.
+    /// Stiffness, N/m.
     pub stiffness: f64,
-    /// The largest force, N.
+    /// Maximum force, N.
     pub limit: f64,
 }
 
 impl TargetSpring {
-    /// Those among `attachments`.
+    /// The springs among `attachments`.
     pub fn of(attachments: &[NodeConstraint]) -> impl Iterator<Item = TargetSpring> {
         attachments.iter().filter_map(|a| match *a {
             NodeConstraint::Spring {
@@ -46,23 +46,23 @@ impl TargetSpring {
         })
     }
 
-    /// Whether it is the other but for where it pulls to.
+    /// Whether all parameters except the target are equal.
     pub fn same_parameters(&self, other: &TargetSpring) -> bool {
         let target = self.target;
         *self == TargetSpring { target, ..*other }
     }
 }
 
-/// What a spring hangs on: a body of rapier's, and where on it.
+/// The attachment of a spring: a body of rapier and a point on it.
 pub(super) struct SpringAnchor {
     body: RigidBodyHandle,
     arm: Vector,
-    /// The particle that it is, if it is one.
+    /// The particle, if the node is one.
     particle: Option<usize>,
 }
 
 impl SpringAnchor {
-    /// A node that is soft; `None` for one that is not there.
+    /// A node that is a particle; `None` if it does not exist.
     pub fn particle(
         physics: &mut PhysicsWorld,
         body: SoftBodyHandle,
@@ -93,7 +93,7 @@ impl SpringAnchor {
         })
     }
 
-    /// Where it is.
+    /// The present position.
     fn place(&self, physics: &PhysicsWorld, soft: SoftBodyHandle) -> Vector {
         match self.particle {
             Some(i) => physics.soft_bodies[soft].particle_position(i),
@@ -105,14 +105,14 @@ impl SpringAnchor {
 /// A spring in a world.
 pub(super) struct AttachedSpring {
     hook: SpringAnchor,
-    /// In rapier's units.
+    /// Maximum force, in rapier's units.
     limit: f32,
     anchor: RigidBodyHandle,
     joint: ImpulseJointHandle,
 }
 
 impl AttachedSpring {
-    /// Hangs `spring` on what it pulls at.
+    /// Attaches `spring` to its node.
     pub fn new(
         physics: &mut PhysicsWorld,
         hook: SpringAnchor,
@@ -137,8 +137,8 @@ impl AttachedSpring {
         }
     }
 
-    /// Has it pull to `target` (m) in the next step. Motors have a limit along each axis: they share
-    /// that of the spring as the pull does.
+    /// Sets the target (m) for the next step. Motors have a force limit per axis; the spring's
+    /// limit is distributed in the direction of the pull.
     pub fn set_target(
         &self,
         physics: &mut PhysicsWorld,

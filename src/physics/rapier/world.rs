@@ -1,4 +1,4 @@
-//! A world of rapier with one soft body in it, its rigid regions, and the tools that press on both.
+//! A rapier world with one soft body, its rigid regions, and the tools.
 
 use super::joints::RegionJoint;
 use super::matter::SoftBodyModel;
@@ -14,43 +14,44 @@ use rapier3d::prelude::{
     SoftBody, SoftBodyBuilder, SoftBodyHandle, SoftBodySolver,
 };
 
-/// Substeps of a step, each an implicit Euler step: rapier's own default.
+/// Substeps per step, each an implicit Euler step: rapier's default.
 const SUBSTEPS: usize = 4;
 
-/// Residual of the linear solves, of the right side, where nothing is said: rapier's own default.
+/// Default relative residual of the linear solves: rapier's default.
 const DEFAULT_TOLERANCE: f64 = 1e-5;
 
-/// What rapier takes for a metre, in units: its tolerances are meant for cells of about a tenth.
+/// rapier's `length_unit`, in units: its tolerances are tuned for cells of about a tenth.
 const LENGTH_UNIT: f32 = 8.0;
 
-/// The skin around the boundary, where no gap is given, in units: mean edges.
+/// Skin thickness around the boundary if no smaller gap is given, in units (mean edge lengths).
 const COLLIDER_MARGIN: f64 = 0.02;
 
-/// Degrees of freedom up to which a body that touches something has its matrix factorized, once a
-/// step: every contact costs a solve with it.
+/// Number of degrees of freedom up to which the matrix of a body in contact is factorized once per
+/// step, because every contact costs a solve.
 const DIRECT_SOLVE_MAX_DOF: usize = 9000;
 
-/// What a body touches, and how.
+/// Tools and self-contact settings of a body.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Contacts {
     /// In file units.
     pub tools: Vec<Tool>,
     /// In file units.
     pub self_contact: Option<SelfContactSettings>,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     pub unit: f64,
 }
 
 impl Contacts {
-    /// Whether there are any.
+    /// Whether there are tools or self-contact.
     pub fn any(&self) -> bool {
         self.self_contact.is_some() || !self.tools.is_empty()
     }
 
-    /// Refuses what rapier cannot tell apart.
+    /// Rejects settings that rapier cannot represent.
     ///
     /// # Errors
-    /// [`Error::Input`] for a tool that is smoother than the body is to itself, or nearer.
+    /// [`Error::Input`] if a tool has less friction than the self-contact, or a gap of less
+    /// than half of its gap.
     pub fn check(&self) -> Result<()> {
         let Some(own) = self.self_contact else {
             return Ok(());
@@ -75,8 +76,8 @@ impl Contacts {
         }
     }
 
-    /// The thickness of the body's skin, in units of `length` metres: parts of it push each other
-    /// from twice that on, tools from that and their own.
+    /// Skin thickness of the body, in units of `length` metres. Self-contact acts from twice the
+    /// skin on, tools from the sum of the body's skin and theirs.
     fn skin(&self, length: f64) -> f64 {
         let local = |gap: f64| gap * self.unit / length;
         if let Some(gap) = self.self_contact.and_then(|c| c.gap) {
@@ -97,10 +98,10 @@ pub(super) struct World {
 }
 
 impl World {
-    /// The body of `matter` at rest, with these joints, and its tools at `places` (m).
+    /// The body of `matter` at rest, with these joints, and its tools with the poses `places` (m).
     ///
     /// # Errors
-    /// [`Error::Input`] for a tool or a rigid region whose surface rapier refuses.
+    /// [`Error::Input`] if rapier rejects the surface of a tool or a rigid region.
     pub fn new(
         matter: &SoftBodyModel,
         settings: CgSettings,
@@ -112,7 +113,7 @@ impl World {
         parameters.num_solver_iterations = SUBSTEPS;
         parameters.length_unit = LENGTH_UNIT;
         parameters.normalized_max_linear_velocity = f32::MAX / LENGTH_UNIT;
-        // Contacts of what hardly moves are found anew too: the body changes its shape.
+        // Contacts of slow bodies are recomputed too, because the body deforms.
         parameters.contact_recycling = false;
         let fem = &mut parameters.soft_bodies.fem;
         let wanted = CgSettings::default();
@@ -154,7 +155,7 @@ impl World {
         })
     }
 
-    /// Adds a spring to a target.
+    /// Adds a target spring.
     pub fn add_spring(&mut self, spring: &TargetSpring, matter: &SoftBodyModel) {
         let hook = match matter.owners[spring.node as usize] {
             None => SpringAnchor::particle(&mut self.physics, self.body, matter, spring.node),
@@ -168,8 +169,7 @@ impl World {
         self.springs.extend(hung);
     }
 
-    /// Has the springs, in the order in which they were added, pull to `targets` (m) in the next
-    /// step.
+    /// Sets the `targets` (m) of the springs, in the order of their addition, for the next step.
     pub fn aim_springs(&mut self, targets: impl Iterator<Item = DVec3>, matter: &SoftBodyModel) {
         for (hung, target) in self.springs.iter().zip(targets) {
             hung.set_target(&mut self.physics, self.body, target, matter.scale);
@@ -180,7 +180,8 @@ impl World {
         &self.physics.soft_bodies[self.body]
     }
 
-    /// Puts all nodes at `x` (m), moving by `v` (m/s); rigid regions as near to that as they can be.
+    /// Sets the positions `x` (m) and velocities `v` (m/s) of all nodes; rigid regions take the
+    /// best-fitting pose.
     pub fn set(&mut self, x: &[DVec3], v: &[DVec3], matter: &SoftBodyModel) {
         let (scale, body) = (matter.scale, &mut self.physics.soft_bodies[self.body]);
         for (p, node) in matter.nodes.iter().enumerate() {
@@ -192,14 +193,14 @@ impl World {
         }
     }
 
-    /// Holds the nodes that are `held`, where they are, and lets go of the others.
+    /// Fixes the nodes marked in `held` at their present positions, and releases the others.
     pub fn hold(&mut self, held: &[bool], matter: &SoftBodyModel) {
         let body = &mut self.physics.soft_bodies[self.body];
         for (p, node) in matter.nodes.iter().enumerate() {
-            // Rigid regions take their particles along.
+            // Rigid regions move their particles.
             let held = held[*node as usize] && matter.owners[*node as usize].is_none();
             let particle = &body.particles()[p];
-            // Particles without mass are pinned to rapier anyway.
+            // Massless particles are always pinned in rapier.
             if particle.is_pinned() != held && particle.mass() > 0.0 {
                 body.set_particle_pinned(p, held);
             }
@@ -213,7 +214,7 @@ impl World {
         }
     }
 
-    /// Has a node that is held go to `place` (m) with the next step.
+    /// Sets the target `place` (m) of a held node for the next step.
     pub fn set_node_target(&mut self, node: u32, place: DVec3, matter: &SoftBodyModel) {
         match (
             matter.owners[node as usize],
@@ -230,7 +231,7 @@ impl World {
         }
     }
 
-    /// Puts forces (N, of all nodes) on the particles.
+    /// Applies forces (N, of all nodes) to the particles.
     pub fn apply_forces(&mut self, forces: &[DVec3], matter: &SoftBodyModel) {
         let body = &mut self.physics.soft_bodies[self.body];
         body.reset_forces(true);
@@ -247,7 +248,7 @@ impl World {
         self.physics.gravity = gravity;
     }
 
-    /// Has a tool go to `place` (m) with the next step, or puts it there at once.
+    /// Sets the target pose `place` (m) of a tool for the next step, or teleports it.
     pub fn set_tool_target(
         &mut self,
         tool: usize,
@@ -266,8 +267,8 @@ impl World {
         }
     }
 
-    /// A step of `dt` seconds, `forces` (N, of all nodes) acting on what is rigid; whether the body
-    /// stayed sound.
+    /// Advances a step of `dt` seconds, with `forces` (N, of all nodes) acting on rigid regions.
+    /// Returns whether the state is still valid.
     pub fn step(&mut self, dt: f64, forces: &[DVec3], matter: &SoftBodyModel) -> bool {
         for (own, bone) in self.bones.iter().zip(&matter.bones) {
             own.apply_targets(&mut self.physics, bone, matter.scale);
@@ -322,7 +323,8 @@ impl World {
     }
 }
 
-/// The rigid regions of `matter`, to which particles of the soft body at rest are attached.
+/// Creates the rigid regions of `matter` and attaches the particles of the soft body at rest to
+/// them.
 fn bones(
     physics: &mut PhysicsWorld,
     body: SoftBodyHandle,
@@ -349,7 +351,7 @@ fn bones(
     Ok(bones)
 }
 
-/// The soft body of `matter`.
+/// The builder of the soft body of `matter`.
 fn builder(matter: &SoftBodyModel, contacts: &Contacts) -> SoftBodyBuilder {
     let skin = contacts.skin(matter.scale.length) as f32;
     let body = SoftBodyBuilder::new(matter.rest.clone())
@@ -372,8 +374,8 @@ fn builder(matter: &SoftBodyModel, contacts: &Contacts) -> SoftBodyBuilder {
         .self_contacts(contacts.self_contact.is_some())
 }
 
-/// Makes groups of tets as stiff as they are. What rapier can name is all tets between some nodes:
-/// those that are named so and are of another group are set right by themselves.
+/// Sets the stiffness of groups of tets. rapier selects all tets between given nodes; tets selected
+/// that way but belonging to another group are corrected one by one.
 fn set_group_stiffness(physics: &mut PhysicsWorld, body: SoftBodyHandle, matter: &SoftBodyModel) {
     let mut wanted = vec![1.0f32; matter.tets.len()];
     for (cells, factor) in &matter.groups {

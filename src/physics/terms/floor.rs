@@ -1,4 +1,4 @@
-//! A floor that pushes back what is below it; the twin of `shaders/terms/floor.wgsl`.
+//! A penalty floor; the float64 reference of `shaders/terms/floor.wgsl`.
 
 use super::NodeTerm;
 use crate::mesh::LocalFrame;
@@ -6,29 +6,30 @@ use crate::physics::LocalUnits;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// A plane, below which every node is pushed back: E = ½ m ω² d², d the depth and m its mass.
+/// A plane that pushes back every node below it, by the penalty energy E = ½ m ω² d² of a node of
+/// mass m at depth d.
 ///
-/// A body of height H sinks in by about g/ω² times H over the height of what touches the floor;
-/// an explicit step has to stay below 2/ω.
+/// A body of height H penetrates by about g/ω² times H over the height of the part that touches the
+/// floor; an explicit step must be less than 2/ω.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
-    /// Unit vector out of the floor.
+    /// Unit normal, pointing out of the floor.
     normal: DVec3,
-    /// n · x of its surface, m from the frame's origin.
+    /// n · x on the surface, m from the frame's origin.
     offset: f64,
-    /// ω, 1/s.
+    /// Angular frequency ω, 1/s.
     angular_frequency: f64,
 }
 
 impl Floor {
-    /// The rate where nothing is said, 1/s.
+    /// Default angular frequency ω, 1/s.
     pub const DEFAULT_RATE: f64 = 1000.0;
 
-    /// The floor through `point` (metres from the frame's origin) that pushes along `normal`, as
-    /// hard as makes a node swing `rate` radians a second.
+    /// The floor through `point` (m from the frame's origin) that pushes along `normal`, with the
+    /// penalty stiffness that makes a node oscillate at the angular frequency `rate` (1/s).
     ///
     /// # Errors
-    /// [`Error::Input`] for numbers that make no sense.
+    /// [`Error::Input`] if a number is out of range or not finite.
     pub fn new(point: DVec3, normal: DVec3, rate: f64) -> Result<Floor> {
         let unit = normal.normalize_or_zero();
         if unit == DVec3::ZERO || !point.is_finite() || !(rate.is_finite() && rate > 0.0) {

@@ -1,8 +1,8 @@
-//! Terms of the energy that act on each node by itself, beside the springs.
+//! Energy terms that act on each node separately, besides the springs and elements.
 //!
-//! A term is one file here, with its form in float64, and one in `shaders/terms`, whose functions
-//! `NAME_force` and `NAME_block` are composed into the passes that gather forces and set up linear
-//! systems: however many terms there are, a node is visited once.
+//! A term has one file here, its float64 form, and one in `shaders/terms`, whose functions
+//! `NAME_force` and `NAME_block` are composed into the passes that gather forces and assemble
+//! linear systems. A node is therefore visited once, however many terms there are.
 
 mod floor;
 
@@ -13,12 +13,12 @@ use crate::mesh::LocalFrame;
 use glam::{DMat3, DVec3};
 use std::fmt::Debug;
 
-/// What acts on every node of a body by itself. Positions are in metres from the frame's origin.
+/// An energy term of each node by itself. Positions are in metres from the frame's origin.
 pub trait NodeTerm: Debug + Send + Sync {
-    /// The name of its file in `shaders/terms`, and of what that calls its functions.
+    /// The name of its file in `shaders/terms` and the prefix of the functions in it.
     fn name(&self) -> &'static str;
 
-    /// Its numbers as that file reads them, in local units.
+    /// Its parameters as the shader reads them, in local units.
     fn gpu_parameters(
         &self,
         frame: &LocalFrame,
@@ -26,16 +26,16 @@ pub trait NodeTerm: Debug + Send + Sync {
         length_unit: f64,
     ) -> [[f32; 4]; 2];
 
-    /// Energy of a node of mass `m` (kg) at `x`, J.
+    /// Returns the energy of a node of mass `m` (kg) at `x`, J.
     fn energy(&self, m: f64, x: DVec3) -> f64;
 
-    /// The force on it, N: −∂E/∂x.
+    /// Returns the force −∂E/∂x on the node, N.
     fn force(&self, m: f64, x: DVec3) -> DVec3;
 
-    /// −∂f/∂x, N/m: symmetric and positive semidefinite.
+    /// Returns the Hessian −∂f/∂x, N/m: symmetric and positive semidefinite.
     fn hessian(&self, m: f64, x: DVec3) -> DMat3;
 
-    /// The largest eigenvalue that [`NodeTerm::hessian`] has for a node of mass `m`, N/m: what
+    /// Returns the largest eigenvalue of [`NodeTerm::hessian`] for a node of mass `m`, N/m. It
     /// bounds the step of explicit schemes.
     fn max_stiffness(&self, m: f64) -> f64;
 }
