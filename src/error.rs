@@ -1,4 +1,4 @@
-//! The one error type of the library: what happened, where, and what to do about it.
+//! The error type of the library. A message states what happened, where, and the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ pub enum Error {
     Io {
         /// The file or folder concerned.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 
@@ -33,7 +33,7 @@ pub enum Error {
     #[error("mesh: {0}")]
     Mesh(String),
 
-    /// An argument, option or scene entry that makes no sense; the message says what would.
+    /// An invalid argument, option or scene entry; the message states the valid values.
     #[error("{0}")]
     Input(String),
 
@@ -51,7 +51,7 @@ pub enum Error {
     )]
     DeviceLost(String),
 
-    /// Whoever was told how far long work is had it end.
+    /// The progress callback cancelled the work.
     #[error("cancelled")]
     Cancelled,
 
@@ -66,7 +66,7 @@ pub enum Error {
         time: f64,
         /// What was detected.
         cause: FailureCause,
-        /// The same in words, with numbers.
+        /// The cause in words, with numbers.
         what: String,
         /// What to change.
         advice: String,
@@ -81,9 +81,9 @@ pub enum FailureCause {
     NotFinite,
     /// The body has far more energy than it was given.
     RunawayEnergy,
-    /// The iterations of a linear solve ran out far from the answer.
+    /// A linear solve reached its iteration limit with a large residual.
     NotConverged,
-    /// Particles are farther away than they can be.
+    /// Particles are farther apart than the deformation can account for.
     FlownApart,
 }
 
