@@ -24,9 +24,9 @@ pub(super) enum Member {
     One(u64),
     /// By number: first, last, step.
     Range(u64, u64, u64),
-    /// Another set.
-    Named(String),
     /// All items of another set.
+    Named(String),
+    /// A range of indices in the file.
     Items(Range<usize>),
 }
 

@@ -46,8 +46,8 @@ struct File<'a> {
     kinds: Option<Vec<f64>>,
     /// Whether the file contains polygons instead of cells of any type.
     polygonal: bool,
-    /// Whose attributes are being read, and how many tuples they have; `None` before
-    /// POINT_DATA and CELL_DATA, where arrays belong to the file as a whole.
+    /// Location of the attributes being read, and number of their tuples; `None` before POINT_DATA
+    /// and CELL_DATA, where arrays belong to the whole file.
     owner: Option<(Location, usize)>,
     global: Global,
 }
