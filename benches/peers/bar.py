@@ -21,17 +21,17 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 YOUNG, DENSITY, GRAVITY, LENGTH = 1e6, 1000.0, 0.05, 0.8
-# Seconds between the frames that are compared, and how many: about one swing.
+# Interval of the compared frames in seconds, and their number: about one oscillation.
 FRAME, FRAMES = 0.02, 32
 CELLS = {640: (8, 4, 4), 4320: (24, 6, 6), 34560: (48, 12, 12)}
 POISSONS = (0.3, 0.45)
 ROD_TETS, ROD_POISSON, ROD = 4320, 0.3, 1000.0
 MODES = 80
-# Seconds a run may take for one of half its step to be tried too.
+# Maximum time of a run in seconds for half its step to be tried, too.
 PATIENCE = 8.0
 TURNS = {640: 3, 4320: 2, 34560: 1}
 
-# How often the step of a frame is halved.
+# Maximum number of halvings of the step of a frame.
 HALVES = {
     ("Palpate", "implicit"): range(0, 7),
     ("Palpate", "bdf2"): range(0, 6),
@@ -182,7 +182,7 @@ def mujoco_rod(case, mass):
         elif of_rod[node]:
             places[node] = place - middle
         else:
-            # A node does not turn; the size of its inertia means nothing.
+            # A node does not rotate; the magnitude of its inertia is irrelevant.
             bodies.append(
                 f"""<body name="node{node}" pos="{words(place)}">{slides}
                   <inertial pos="0 0 0" mass="{mass[node]:.9g}" diaginertia="{words([1e-4 * mass[node]] * 3)}"/></body>"""
@@ -198,9 +198,9 @@ def mujoco_rod(case, mass):
 def mujoco_model(case, integrator):
     import mujoco
 
-    # What it warns of is counted, and need not be written to a file.
+    # Its warnings are counted, so no log file is needed.
     mujoco.set_mju_user_warning(lambda text: None)
-    # Each node weighs a quarter of its tets, as in the elements and in Palpate.
+    # Each node has a quarter of the mass of its tets, as in the elements and in Palpate.
     _, volumes = shape_gradients(case.nodes, case.tets)
     mass = lumped_mass(case.nodes, case.tets, volumes)
     held = np.flatnonzero(case.nodes[:, 0] < 1e-9)
@@ -242,7 +242,7 @@ def mujoco_motion(case, integrator, step):
             mujoco.mj_step(model, data)
         seconds += time.thread_time() - begin
         motion.append(data.flexvert_xpos - start)
-        # It starts anew where it flies apart, with a warning.
+        # MuJoCo restarts when the simulation diverges, with a warning.
         if any(data.warning[kind].number for kind in lost) or not way(motion[-1]) < 1:
             return None, float("nan"), "flew apart"
     unsolved = data.warning[kinds.mjWARN_INERTIA].number
@@ -286,7 +286,7 @@ def ladder(case, tets, poisson, work, halves, commands):
                 motion, ms, why = measured(case, tool, setting, step, commands)
                 if row is None:
                     off = error(motion, case.truth) if motion is not None else float("nan")
-                    # As far off as the bar moves: that is no motion of it.
+                    # An error as large as the motion of the bar: no useful result.
                     state = "ran" if off < 2 else "diverged"
                     row = {"state": state, "error": off if state == "ran" else float("nan"), "ms": []}
                     rows[tool, setting, step] = row
@@ -310,8 +310,8 @@ def compare(root, folder, sizes):
             case = Case(tets, poisson, False, folder)
             print(f"bar {tets} {poisson}: modes left out are {case.rest:.1e} of the way", flush=True)
             rows += ladder(case, tets, poisson, "bar", HALVES, commands)
-    # MuJoCo has one modulus for a flex, whose nodes may be those of a rigid body; rapier's soft
-    # bodies have none that are; Palpate has both.
+    # MuJoCo has one modulus per flex, whose nodes may be those of a rigid body; rapier's soft
+    # bodies have no such nodes; Palpate has both.
     halves = {name: k for name, k in HALVES.items() if name[0] != "MuJoCo"}
     rigid = [("Palpate", "implicit"), ("Palpate", "bdf2"), ("MuJoCo", "discrete"), ("MuJoCo", "Euler")]
     halves |= {(tool, f"{scheme}, rigid"): HALVES[tool, scheme] for tool, scheme in rigid}

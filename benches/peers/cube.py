@@ -11,7 +11,7 @@ SIZE = 512
 EYE, LOOK_AT, UP, FOV = (2.71205037, 1.3, 1.39265496), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), 30.0
 COLOUR = [(0.0, 0.1, 0.1, 0.8), (0.5, 0.1, 0.9, 0.3), (1.0, 0.9, 0.2, 0.1)]
 EXTINCTION = [(0.0, 0.0), (0.45, 0.0), (0.55, 3.5), (0.65, 0.5), (1.0, 8.0)]
-# Every so many pixels of the truth along x and y, and samples along a ray.
+# Stride of the reference pixels along x and y, and samples along a ray.
 SPARSE, SAMPLES = 16, 2000
 
 SCENE = """
@@ -173,7 +173,8 @@ def vtk_picture(mapper, n, frames):
         made.SetAutoAdjustSampleDistances(0)
         made.SetImageSampleDistance(1.0)
     volume.SetMapper(made)
-    # Colour and opacity at the same values: with others two of the mappers draw another picture.
+    # Colour and opacity at the same values: otherwise two of the mappers render a different
+    # picture.
     values = sorted({s for s, *_ in COLOUR} | {s for s, _ in EXTINCTION})
     most = max(t for _, t in EXTINCTION)
     colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
@@ -204,7 +205,7 @@ def vtk_picture(mapper, n, frames):
     renderer.ResetCameraClippingRange()
     taken = []
     for _ in range(frames + 1):
-        # The nodes count as moved, so that everything is sorted and drawn anew.
+        # The nodes are marked as moved, so everything is sorted and rendered again.
         points.Modified()
         grid.Modified()
         start = time.perf_counter()

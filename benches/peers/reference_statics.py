@@ -46,7 +46,7 @@ def solve(matrix, load, fixed, given=None):
 def cook(poisson, n):
     mesh = box([n, n, 1])
     x, y, z = mesh.p
-    # Finer towards the corner that is singular.
+    # Refined towards the singular corner.
     x, y = x ** 2, 1 - (1 - y) ** 2
     thick = 48 / n
     mesh = MeshTet(np.array([48 * x, 44 * x + y * (44 - 28 * x), thick * z]), mesh.t)
@@ -108,7 +108,7 @@ def twist(poisson, n):
 
     @BilinearForm
     def slope(u, v, w):
-        # The same u comes with every v in turn.
+        # The same u is paired with every v in turn.
         if known[0] is not u or known[1] is not w:
             f, j, c = state(w)
             d = grad(u)
@@ -126,7 +126,7 @@ def twist(poisson, n):
     previous = np.zeros(basis.N)
     for step in range(1, steps + 1):
         angle = 0.5 * np.pi * step / steps
-        # The whole beam is turned along at first.
+        # The initial guess rotates the whole beam uniformly.
         turn = angle * z / size[2]
         cos, sin = np.cos(turn), np.sin(turn)
         wanted = np.choose(axis, [cos * x - sin * y - x, sin * x + cos * y - y, 0 * x])
