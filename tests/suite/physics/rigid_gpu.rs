@@ -201,7 +201,8 @@ fn free_bodies_spin_as_on_the_cpu() {
     }
 }
 
-/// Constraints of a bone by pins: a point, a hinge, all.
+/// Rigid-body modes that pins leave to a bone: rotation about a point, rotation about an axis,
+/// none.
 #[test]
 fn bones_turn_about_what_is_pinned() {
     let scene = bar([6, 3, 3], |_| true, 1900.0);
