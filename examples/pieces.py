@@ -27,12 +27,12 @@ import palpate.dask
 
 
 def ready() -> None:
-    """Makes the device of a worker."""
+    """Creates the device of a worker."""
     palpate.render(palpate.Mesh.generate("box", tets=100), size=(16, 16))
 
 
 def measured(index: Path, workers: int, size: tuple[int, int]) -> tuple[dict[str, float], np.ndarray]:
-    """One run on a cluster of its own, the device of each worker being there already."""
+    """Measures a run on a separate cluster; the device of each worker exists already."""
     with LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster, Client(cluster) as client:

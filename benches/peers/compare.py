@@ -44,7 +44,7 @@ def rounded(entry):
 
 
 def curves(axes, rows):
-    """Draws time against error, a line a tool; returns them by name."""
+    """Draws time against error, one line per tool; returns them by name."""
     lines = {}
     for name in LOOKS:
         points = [(float(r[6]), float(r[7])) for r in rows if (r[1], r[2]) == name and r[8] == "ran"]
@@ -70,7 +70,7 @@ def save(figure, path):
 
 
 def chart_of_bars(rows, path):
-    """A panel for each size and Poisson's ratio."""
+    """Draws a panel for each size and Poisson's ratio."""
     sizes = list(dict.fromkeys(int(r[3]) for r in rows))
     ratios = list(dict.fromkeys(float(r[4]) for r in rows))
     shape = (len(sizes), len(ratios))

@@ -1,4 +1,4 @@
-"""The benchmark's cube drawn by Palpate and by VTK's volume mappers, against a float64 integral."""
+"""The benchmark's cube rendered by Palpate and by VTK's volume mappers, against a float64 integral."""
 
 import json
 import subprocess
@@ -33,13 +33,13 @@ transfer = '''{transfer}'''
 
 
 def field(p):
-    """The field of the cube at points (…, 3)."""
+    """Returns the field of the cube at points (…, 3)."""
     x, y, z = np.moveaxis(p - 0.5, -1, 0)
     return 0.5 + 0.25 * (np.sin(9 * x) * np.cos(7 * y) + np.sin(8 * z + 2 * x))
 
 
 def mesh_field(p, n):
-    """The same as n³ cells of six tets around the diagonal interpolate it, linear in each tet."""
+    """Returns the field interpolated linearly on n³ cells of six tets around the diagonal."""
     cell = np.clip(np.floor(p * n), 0, n - 1)
     inside = p * n - cell
     order = np.argsort(-inside, axis=-1)
@@ -53,7 +53,7 @@ def mesh_field(p, n):
 
 
 def truth(n):
-    """Colour of every SPARSEth pixel over black, (rows, columns, 3)."""
+    """Returns the colour of every SPARSEth pixel over black, (rows, columns, 3)."""
     eye, look_at, up = (np.array(v) for v in (EYE, LOOK_AT, UP))
     forward = (look_at - eye) / np.linalg.norm(look_at - eye)
     right = np.cross(forward, up)
@@ -85,12 +85,12 @@ def truth(n):
 
 
 def error(picture, exact):
-    """Root mean square over the sparse pixels, of the range 0 to 1."""
+    """Returns the root mean square error over the sparse pixels, for values in 0..1."""
     return float(np.sqrt(np.mean((picture[SPARSE // 2 :: SPARSE, SPARSE // 2 :: SPARSE] - exact) ** 2)))
 
 
 def png(path):
-    """Red, green and blue of a PNG of 8 or 16 bits a channel, 0 to 1."""
+    """Reads red, green and blue of a PNG with 8 or 16 bits per channel, as 0..1."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOImage import vtkPNGReader
 
@@ -124,7 +124,7 @@ def palpate_picture(palpate, folder, n, frames):
 
 
 def vtk_picture(mapper, n, frames):
-    """A picture by one of VTK's mappers, and the median milliseconds of a frame drawn anew."""
+    """Returns a picture by one of VTK's mappers, and the median milliseconds of a redrawn frame."""
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401
     from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkPoints
@@ -221,7 +221,7 @@ def vtk_picture(mapper, n, frames):
 
 
 def compare(palpate, folder, sides, frames):
-    """Rows of (tool, setting, tets, ms a frame, error)."""
+    """Returns rows of (tool, setting, tets, ms per frame, error)."""
     rows = []
     for n in sides:
         exact = truth(n)
