@@ -448,7 +448,7 @@ fn without_scans_scalars_are_drawn_as_they_were() {
     assert_ne!(picture(&mut caster, &camera), scanned);
     caster.set_scans(&mesh, &[]).unwrap();
     assert_eq!(picture(&mut caster, &camera), before);
-    // Isosurfaces depend on values: their order relative to the sections must not matter.
+    // Isosurfaces need values, not labels: the combination is rejected in either order.
     let inside = Sections {
         isosurfaces: vec!["0.5".parse().unwrap()],
         ..Sections::default()

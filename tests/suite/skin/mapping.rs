@@ -23,7 +23,7 @@ fn at_rest_every_mapping_but_one_to_one_returns_the_skin() {
             println!("{}, {mapping}: {error:.1e}, {binding:?}", scene.name);
             let vertices = skin.bound().len();
             match mapping {
-                // It snaps vertices to nodes: an error for the other mappings.
+                // It snaps vertices to nodes, hence the large error.
                 Mapping::OneToOne => assert!(error > 1e-2 && binding.one_to_one == vertices),
                 Mapping::Constant => assert_eq!(binding.constant, vertices),
                 Mapping::Interpolated => assert_eq!(binding.interpolated, vertices),
@@ -227,7 +227,7 @@ fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
         let bad = b.nodes.contains(&10) || b.nodes.contains(&40);
         assert!(!(bad && b.interpolated));
     }
-    // A skin on the body's own surface is the same with either mapping.
+    // A skin on the body's own surface is the same with either mapping: `Auto` does not interpolate.
     let close = TriMesh {
         vertices: scene.rest.iter().map(|p| *p * 1.001).collect(),
         triangles: scene.triangles.clone(),
