@@ -25,7 +25,7 @@ pub enum Error {
     Format {
         /// The file concerned.
         path: PathBuf,
-        /// What is wrong, where in the file (line, byte or section), and what was expected.
+        /// The defect, its position in the file (line, byte or section), and the expected content.
         what: String,
     },
 
@@ -64,11 +64,11 @@ pub enum Error {
         step: u64,
         /// The simulated time of the last good state, in seconds.
         time: f64,
-        /// What was detected.
+        /// The detected cause.
         cause: FailureCause,
         /// The cause in words, with numbers.
         what: String,
-        /// What to change.
+        /// The advised change.
         advice: String,
     },
 }

@@ -113,7 +113,7 @@ pub(crate) fn closest_point_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3]
 pub(crate) struct TriangleBvh {
     /// The triangles, in the order of the leaves.
     pub triangles: Vec<[DVec3; 3]>,
-    /// The number that each had when the tree was made.
+    /// The original number of each triangle.
     pub numbers: Vec<u32>,
     /// Box 0 is the root; the `right` of a leaf is 0.
     pub boxes: Vec<TreeBox>,

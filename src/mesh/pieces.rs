@@ -258,13 +258,13 @@ mod tests {
                     assert_eq!(here[v as usize], around[of_whole]);
                     assert_eq!(piece.mesh.nodes[v as usize], mesh.nodes[of_whole]);
                 }
-                // Its bare faces are bare in the whole.
+                // Boundary faces of its own tets are boundary faces of the whole mesh.
                 let theirs = whole.neighbours[piece.tets[t] as usize];
                 for (a, b) in topology.neighbours[t].iter().zip(theirs) {
                     assert_eq!(*a == NO_NEIGHBOUR, b == NO_NEIGHBOUR);
                 }
             }
-            // With its own tets shown alone, cuts are bare too, and no ghost is.
+            // Restricted to its own tets, cut faces are boundary, too, and ghost cells have none.
             let shown = topology.restricted_to(piece.owned_tets);
             assert!(
                 shown

@@ -10,7 +10,7 @@ pub const SLIVER: f64 = 0.01;
 /// Bins of [`QualityReport::dihedral_histogram`]: 10° each.
 pub const DIHEDRAL_BINS: usize = 18;
 
-/// How many of the worst tets a [`QualityReport`] lists.
+/// Number of the worst tets listed by a [`QualityReport`].
 const MAX_LISTED: usize = 10;
 
 /// Quality measures of one tet.

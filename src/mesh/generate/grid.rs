@@ -4,7 +4,7 @@ use crate::mesh::{TetMesh, signed_volume};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// How a cell of a grid is split into tets.
+/// Subdivision of a grid cell into tets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
     /// One regular tet in the centre and four at the corners, mirrored in alternate cells.

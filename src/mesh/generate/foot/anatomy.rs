@@ -105,7 +105,7 @@ struct Ray {
     radii: [f64; 3],
     /// Direction of the toe in the plane of the sole, in degrees from x towards y.
     spread: f64,
-    /// How far each phalanx bends down, in degrees.
+    /// Flexion of each phalanx, downwards, in degrees.
     flexion: &'static [f64],
     /// Lengths between joints, and radii of shaft and ends.
     phalanges: &'static [[f64; 3]],
