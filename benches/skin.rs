@@ -19,7 +19,7 @@ use std::time::Instant;
 
 const MAPPINGS: [Mapping; 3] = [Mapping::OneToOne, Mapping::Constant, Mapping::Interpolated];
 
-/// A ball of radius `r` of 2 `around` (`rings` − 1) triangles, with hills of the height `hills`.
+/// Returns a ball of radius `r` of 2 `around` (`rings` − 1) triangles, with bumps of height `hills`.
 fn ball(rings: u32, around: u32, r: f64, hills: f64) -> TriMesh {
     let at = |ring: u32, k: u32| 1 + (ring - 1) * around + k % around;
     let last = at(rings, 0);

@@ -209,7 +209,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("position 1"), "{error}");
-        // One end may stay where it is.
+        // One end may be fixed.
         assert!(Blade::from_sweep(&[edge, [DVec3::ZERO, DVec3::Y]]).is_ok());
     }
 }

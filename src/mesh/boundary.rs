@@ -16,7 +16,7 @@ pub struct BoundaryReport {
     pub non_manifold_edges: Vec<[u32; 2]>,
     /// Nodes whose boundary faces do not form a single fan around them.
     pub non_manifold_nodes: Vec<u32>,
-    /// Whether every edge belongs to an even number of faces, so that the surface has no rim.
+    /// Whether every edge belongs to an even number of faces, so the surface has no rim.
     pub closed: bool,
 }
 

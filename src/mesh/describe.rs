@@ -18,9 +18,9 @@ pub struct MeshDescription {
     pub boundary_faces: usize,
     /// Sum of the volumes of the tets.
     pub volume: f64,
-    /// Lower and upper corner of the box around the nodes.
+    /// Lower and upper corner of the bounding box of the nodes.
     pub bounds: [[f64; 3]; 2],
-    /// Pieces of tets connected by faces.
+    /// Connected components of tets (through faces).
     pub components: usize,
     /// Nodes − edges + faces of the boundary: 2 for each sphere, 0 for each torus.
     pub euler_number: i64,
@@ -75,7 +75,7 @@ pub struct FieldDescription {
     /// Smallest finite value (of the norms of the tuples if there are several components); `None`
     /// if there is no finite value.
     pub min: Option<f64>,
-    /// Largest finite value, likewise.
+    /// Largest finite value, with the same rule.
     pub max: Option<f64>,
 }
 

@@ -333,11 +333,11 @@ mod tests {
         let topology = Topology::new(&before);
         let mut mesh = before.clone();
         let made = mesh.split_interface(1, 2).unwrap();
-        // The nodes between them: 2 rows of 3, without those of the row where region 3 holds both.
+        // The interface nodes: 2 rows of 3, without the row that region 3 shares with both.
         assert_eq!(made.len(), 6);
         let left = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
         assert_eq!(left(1.0, 2.0), 3);
-        // Region 3 stays with both.
+        // Region 3 stays connected to both.
         let both = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
         assert_eq!((both(1.0, 3.0), both(2.0, 3.0)), (9, 9));
         for (a, b) in mesh.tets.iter().zip(&before.tets) {
@@ -374,7 +374,7 @@ mod tests {
         assert_eq!(between, 8);
         assert_eq!(rim, 0);
         assert_eq!(more, 2 * (between + rim));
-        // No face is shared by more than two, and no tet turned over.
+        // No face is shared by more than two tets, and no tet is inverted.
         assert_eq!(crate::mesh::topology::crowded_faces(&mesh.tets), 0);
         assert!((0..mesh.tets.len()).all(|t| mesh.tet_volume(t) > 0.0));
     }
@@ -382,7 +382,7 @@ mod tests {
     #[test]
     fn regions_that_meet_in_an_edge_are_parted_too() {
         let mut mesh = bar();
-        // Region 2 becomes 4 but for its corner cells far from region 1.
+        // Region 2 becomes 4 except for its corner cells far from region 1.
         let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
         label.values.iter_mut().for_each(|l| {
             if *l == 1.0 {

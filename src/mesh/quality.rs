@@ -45,7 +45,7 @@ pub struct QualityReport {
     pub min_dihedral: f64,
     /// The largest dihedral angle of the mesh, in degrees.
     pub max_dihedral: f64,
-    /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles a tet.
+    /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles per tet.
     pub dihedral_histogram: [usize; DIHEDRAL_BINS],
     /// The smallest [`TetQuality::mean_ratio`].
     pub min: f64,

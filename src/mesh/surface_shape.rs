@@ -37,8 +37,8 @@ pub struct SurfaceDescription {
     pub notes: Vec<String>,
 }
 
-/// An edge, smaller vertex first, and the triangles at it: whether each runs from the smaller to
-/// the larger vertex.
+/// Edges, smaller vertex first, with their triangles, and whether each traverses the edge from the
+/// smaller to the larger vertex.
 type Edges = HashMap<[u32; 2], Vec<(u32, bool)>>;
 
 impl TriMesh {

@@ -39,6 +39,7 @@ impl LabelDomain {
     /// Creates the regions of `volume` with the given labels, in that order; for `None`, those of
     /// all labels except 0, ascending.
     ///
+    /// # Errors
     /// An error if no voxel has one of the labels, for more than 65,534 labels, for non-integer
     /// values, and for a volume without an extent.
     pub fn new(volume: &Volume, labels: Option<&[i64]>) -> Result<LabelDomain> {

@@ -336,7 +336,7 @@ mod tests {
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// A ball in a ball.
+    /// A ball inside a ball.
     struct Balls;
 
     impl Domain for Balls {

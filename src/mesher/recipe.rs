@@ -16,7 +16,7 @@ use web_time::Instant;
 /// Default number of tets.
 const DEFAULT_TETS: usize = 50_000;
 
-/// Which labels of a volume become regions.
+/// The labels of a volume that become regions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Labels {
     /// All except 0.

@@ -258,7 +258,7 @@ mod tests {
 
     #[test]
     fn what_is_packed_in_pieces_is_one_member_of_gzip_and_comes_back() {
-        // Noise, which grows when it is packed, then what packs well; in pushes of any size.
+        // Noise, which grows under compression, then compressible data; in pushes of any size.
         let mut noise = 1u64;
         let mut next = || {
             noise = noise

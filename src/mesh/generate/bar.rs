@@ -17,7 +17,7 @@ pub const PAPER_BAR_SIZE: DVec3 = DVec3::new(0.12, 0.06, 0.06);
 /// and 0.342 ms at 30,000 N/m, the time steps reported in the paper.
 ///
 /// # Errors
-/// None in practice: its numbers are fixed.
+/// None in practice: its parameters are fixed.
 pub fn paper_bar() -> Result<TetMesh> {
     bar(PAPER_BAR_CELLS, PAPER_BAR_SIZE)
 }

@@ -34,8 +34,8 @@ fn radius(z: f64) -> [f64; 2] {
 /// centre at the origin. The cell field `label` is 1 in its belly, `muscle`, and 2 in its tendons;
 /// `fibre` is the direction of its fibres, which run from one tendon to the other. Deterministic.
 ///
+/// # Errors
 /// An error for fewer than 1,000 tets, or more than 32-bit indices can address.
-/// Fewer than 1,000 tets, or more than 32-bit indices hold.
 pub fn biceps(tets: usize) -> Result<TetMesh> {
     if !(1_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(

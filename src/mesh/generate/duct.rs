@@ -20,8 +20,8 @@ pub enum Bore {
 /// `cells` counts the cells along each side of the box; the first two must be multiples of 3.
 /// The boundary is a torus: its Euler number is 0.
 ///
+/// # Errors
 /// An error for an invalid number of cells, or a size that is not positive and finite.
-/// A number of cells that does not fit, or a size that is not positive and finite.
 pub fn duct(cells: [usize; 3], size: DVec3, bore: Bore) -> Result<TetMesh> {
     check_size("a duct", size)?;
     let [nx, ny, nz] = cells;

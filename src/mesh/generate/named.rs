@@ -45,7 +45,7 @@ pub(crate) fn has_lump(name: &str) -> bool {
     matches!(name, "breast" | "liver")
 }
 
-/// Whether there is a generator called `name`.
+/// Checks that there is a generator `name`.
 ///
 /// # Errors
 /// An [`Error::Input`] if there is none; the message lists the valid names.
@@ -94,7 +94,7 @@ pub(crate) fn by_name_with_progress(
     match name {
         "bar" => bar_of_about(tets.unwrap_or(80), PAPER_BAR_SIZE),
         "box" => box_mesh([side(tets.unwrap_or(6_000), 6.0); 3], size, Split::Six),
-        // A ball fills π/6 of its box, with twelve tets a cell.
+        // A ball fills π/6 of its box, with twelve tets per cell.
         "ball" => ball(0.05, side(tets.unwrap_or(6_000), 6.5).max(2)),
         // Around, out and along: 4n · n/3 · m cells of six tets.
         "duct" => {

@@ -42,7 +42,7 @@ const COVER: f64 = 0.0015;
 /// Height of the cut through the leg.
 const ANKLE: f64 = 0.102;
 
-/// The ground.
+/// Height of the ground.
 const SOLE: f64 = -0.002;
 
 /// A rounded primitive of a bone or of the skin.
@@ -303,7 +303,7 @@ impl Anatomy {
         Anatomy { bones, back, toes }
     }
 
-    /// Number of bones.
+    /// Returns the number of bones.
     pub(super) fn bones(&self) -> usize {
         self.bones.len()
     }

@@ -17,7 +17,7 @@ use anatomy::Anatomy;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// The label of flesh; the bones follow in the order of [`FOOT_BONES`].
+/// The label of soft tissue; the bones follow in the order of [`FOOT_BONES`].
 const FLESH: u8 = 1;
 
 /// Typical values in Hounsfield units, from outside in.
@@ -33,7 +33,7 @@ const CORTEX: f64 = 0.0032;
 /// Width of the transition between two tissues, in lattice cells.
 const BLUR: f64 = 1.4;
 
-/// The box that holds the phantom, in metres.
+/// The bounding box of the phantom, in metres.
 const LOW: DVec3 = DVec3::new(-0.016, -0.066, -0.010);
 const HIGH: DVec3 = DVec3::new(0.304, 0.066, 0.112);
 

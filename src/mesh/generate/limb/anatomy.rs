@@ -302,7 +302,7 @@ impl Anatomy {
 
     /// Returns the distance to the skin, without the cut through the forearm.
     fn skin(&self, p: DVec3) -> f64 {
-        // The forearm, thickest a third of the way down, flat at the wrist.
+        // The forearm, thickest at a third of its length, flat at the wrist.
         let t = smooth_step(0.02, 0.135, p.x);
         let swell = 0.0022 * smooth_step(0.0, 0.035, p.x) * (1.0 - t);
         let half = dvec2(0.0385 - 0.0110 * t + swell, 0.0310 - 0.0115 * t + swell);

@@ -49,7 +49,7 @@ const SKIN: f64 = 0.0018;
 /// Width of the transition between two tissues, in lattice cells.
 const BLUR: f64 = 1.4;
 
-/// The box that holds the phantom, in metres.
+/// The bounding box of the phantom, in metres.
 const LOW: DVec3 = DVec3::new(0.0, -0.080, -0.042);
 const HIGH: DVec3 = DVec3::new(0.352, 0.104, 0.032);
 
@@ -128,7 +128,7 @@ pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
 
 /// Meshes the whole phantom on a lattice of the given step.
 fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDomain> {
-    // One lattice plane lies in the cut at x = 0.
+    // A lattice plane coincides with the cut at x = 0.
     let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE);
     let high = DVec3::new(to_lattice(HIGH.x), HIGH.y / HAND_SCALE, HIGH.z / HAND_SCALE);
     let place = |p: DVec3| from_lattice(low + p * step);
