@@ -407,7 +407,7 @@ mod tests {
         let label = Field::scalar("label", Location::Cell, label);
         let mut mesh = TetMesh::new(mesh.nodes, tets, Vec::new(), Vec::new()).unwrap();
         mesh.set_field(label).unwrap();
-        // Without them, three nodes.
+        // Without the other regions, three nodes.
         assert_eq!(mesh.split_interface(6, 2).unwrap().len(), 3);
         assert!(nodes_of(&mesh, 6.0).is_disjoint(&nodes_of(&mesh, 2.0)));
     }

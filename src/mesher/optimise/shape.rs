@@ -6,8 +6,8 @@ use glam::DVec3;
 /// equivalent.
 const OBTUSE_PENALTY: f64 = 0.7;
 
-/// Returns the minimum sine of the dihedral angles, with a factor of 0.7 for obtuse ones; not
-/// positive for inverted or flat tets.
+/// Returns the minimum sine of the dihedral angles, with a factor of 0.7 for obtuse ones; −1 for
+/// inverted or flat tets.
 pub(super) fn quality(v: [DVec3; 4]) -> f64 {
     let [a, b, c] = [v[1] - v[0], v[2] - v[0], v[3] - v[0]];
     let volume = a.cross(b).dot(c);

@@ -93,7 +93,7 @@ impl Candidates for Table<'_> {
     }
 }
 
-/// Returns the costs of the best of all candidates, and of the finest one.
+/// Returns the lowest cost of a candidate within the tolerance, if any, and the total cost of all.
 fn exhaustive(table: &mut Table, tolerance: f64) -> (Option<f64>, f64) {
     let points = table.points();
     let mut best: Option<f64> = None;
