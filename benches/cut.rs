@@ -1,7 +1,6 @@
-//! What a cut costs: a thousand faces opened, in meshes of growing size.
+//! Cost of a cut: a thousand opened faces, in meshes of increasing size.
 //!
-//! `cargo bench --bench cut` prints milliseconds by mesh, each the median of seven
-//! cuts side by side.
+//! `cargo bench --bench cut` prints milliseconds by mesh, each the median of seven adjacent cuts.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -25,7 +24,7 @@ fn main() -> palpate::Result<()> {
         let preset = TransferFunction::preset("tissue")?;
         let mut caster = Raycaster::new(&gpu, geometry, &preset)?;
         let camera = Camera::fit_mesh(&mesh);
-        // Two faces a cell: a square of 22 cells, or as large as the mesh is.
+        // Two faces per cell: a square of 22 cells, or the cross-section of the mesh.
         let half = 0.5 * (22.4 / cells as f64).min(1.5);
         let mut taken: [Vec<f64>; 7] = Default::default();
         let mut faces = 0;
@@ -57,7 +56,7 @@ fn main() -> palpate::Result<()> {
             clock.push(Instant::now());
             let ms = |a: usize, b: usize| (clock[b] - clock[a]).as_secs_f64() * 1e3;
             let spans = [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4), (4, 5), (5, 6)];
-            // The first makes pipelines.
+            // The first cut creates pipelines.
             for (list, (a, b)) in taken.iter_mut().zip(spans).filter(|_| k > 0) {
                 list.push(ms(a, b));
             }

@@ -1,6 +1,6 @@
-//! Iterations a second of a grid body against its number of particles, on the GPU, on the CPU, and
-//! of the plain loops in float64 and float32: `cargo bench --bench grid -- [PARTICLES...]`.
-//! The twin of table 1 of Mosegaard, Herborg & Sørensen (2005).
+//! Iterations per second of a grid body against its number of particles, on the GPU, on the CPU,
+//! and of the reference loops in float64 and float32: `cargo bench --bench grid -- [PARTICLES...]`.
+//! Corresponds to table 1 of Mosegaard, Herborg & Sørensen (2005).
 
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
@@ -9,7 +9,7 @@ use palpate::physics::grid::{GridBody, GridModel, GridShape};
 use palpate::physics::{CpuGrid, Material, Precision, Simulator};
 use std::time::Instant;
 
-/// A ball of a heart's size, in metres.
+/// A ball of the size of a heart, in metres.
 struct Ball;
 
 impl Domain for Ball {
@@ -23,7 +23,7 @@ impl Domain for Ball {
     }
 }
 
-/// Calls `run` with a number of steps until half a second is full; the steps a second.
+/// Calls `run` with a number of steps until half a second has passed; returns steps per second.
 fn rate(mut run: impl FnMut(u32) -> palpate::Result<()>) -> palpate::Result<f64> {
     let mut steps = 8;
     loop {
@@ -56,7 +56,7 @@ fn main() -> palpate::Result<()> {
         let mesh = model.shape.mesh(&model.springs)?;
         let mut cpu = CpuGrid::new(&gpu, model.clone(), mesh, Precision::Single)?;
         let mut body = GridBody::new(&gpu, model)?;
-        // In turns, the best of each: the machine may be busy.
+        // In turns, the best of each: the machine may have other load.
         let mut best = [0.0f64; 4];
         for _ in 0..3 {
             best[0] = best[0].max(rate(|steps| body.run(steps, h))?);

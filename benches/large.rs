@@ -1,9 +1,9 @@
-//! How long a large mesh takes to its first picture, phase by phase, and how much memory: the
-//! benchmark cube of about N tets, lit, 1024 x 1024 pixels.
+//! Time from a large mesh to its first picture, by phase, and peak memory: the benchmark cube of
+//! about N tets, with lighting, 1024 x 1024 pixels.
 //!
 //!     cargo bench --bench large -- 10000000
 //!
-//! The peak of memory is that of this process, which is where the software driver keeps textures.
+//! The peak memory is that of this process, which includes the textures of the software driver.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -12,7 +12,7 @@ use palpate::render::*;
 use std::time::Instant;
 
 fn main() -> anyhow::Result<()> {
-    // `cargo bench` adds a word of its own.
+    // `cargo bench` adds an argument.
     let word = std::env::args().skip(1).find(|a| a != "--bench");
     let tets = word.map_or(Ok(1_000_000), |word| word.parse())?;
     let gpu = Gpu::new()?;
@@ -55,7 +55,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Does it, and says how long it took and how much memory there was at the most so far.
+/// Runs a phase and prints its time and the peak memory so far.
 fn told<T>(what: &str, make: impl FnOnce() -> palpate::Result<T>) -> palpate::Result<T> {
     let begin = Instant::now();
     let made = make()?;
@@ -64,7 +64,7 @@ fn told<T>(what: &str, make: impl FnOnce() -> palpate::Result<T>) -> palpate::Re
     Ok(made)
 }
 
-/// The most memory that this process had, where the system says so.
+/// Returns the peak memory of this process, if the system reports it.
 fn peak() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));

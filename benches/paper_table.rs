@@ -1,13 +1,13 @@
-//! A table like the paper's (Tejada & Ertl 2005, table 1 and section 6), in Markdown: steps a
-//! second of every solver on the GPU and on the CPU, alternating, pictures a second of the surface
-//! and of the raycaster, and both coupled.
+//! A table corresponding to the paper's (Tejada & Ertl 2005, table 1 and section 6), in Markdown:
+//! steps per second of every solver on the GPU and on the CPU, alternating, pictures per second of
+//! the surface and of the raycaster, and both coupled.
 //!
 //!     cargo bench --bench paper_table -- [--quick] [--steps]
 //!
-//! Bars of about the paper's numbers of tets; E = 30 kPa, implicit h = 0.01 s, explicit solvers
-//! at half their largest stable step (explicit Euler damped, so that it has one); the coupled
-//! rate is one implicit step and one picture of 512 × 512 pixels. Medians. `--quick` stops at the
-//! second size, `--steps` leaves the pictures out.
+//! Bars with about the paper's numbers of tets; E = 30 kPa, implicit h = 0.01 s, explicit solvers
+//! at half their largest stable step (explicit Euler damped, since it is unstable otherwise); the
+//! coupled rate is one implicit step and one picture of 512 × 512 pixels. Medians. `--quick` stops
+//! at the second size, `--steps` omits the pictures.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -24,10 +24,10 @@ use std::time::{Duration, Instant};
 
 /// Tets of the meshes in the paper's table.
 const PAPER: [usize; 7] = [80, 13_766, 17_312, 24_106, 35_118, 112_299, 156_612];
-/// Time spent on each measurement, at least; and calls at most.
+/// Minimum time per measurement, and maximum number of calls.
 const LONG_ENOUGH: Duration = Duration::from_millis(1500);
 const MOST_CALLS: usize = 200;
-/// Steps a submit of an explicit solver.
+/// Steps per submission of an explicit solver.
 const STEPS: u32 = 8;
 const PIXELS: u32 = 512;
 
@@ -68,7 +68,8 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Steps a second of every solver on both engines; of implicit Euler the iterations too.
+/// Measures steps per second of every solver on both engines; for implicit Euler also the
+/// iterations.
 fn rates(gpu: &Gpu, mesh: &TetMesh) -> anyhow::Result<Vec<String>> {
     let mut cells = Vec::new();
     for kind in SolverKind::ALL {
@@ -86,7 +87,7 @@ fn rates(gpu: &Gpu, mesh: &TetMesh) -> anyhow::Result<Vec<String>> {
     Ok(cells)
 }
 
-/// The body, held at one end, and its step.
+/// Returns the body, clamped at one end, and its step.
 fn moving(
     gpu: &Gpu,
     mesh: &TetMesh,
@@ -110,7 +111,8 @@ fn moving(
     Ok((body, dt))
 }
 
-/// Pictures a second: the surface or the inside, after a step or of a body that only moved.
+/// Measures pictures per second of the surface or the interior, after a step or of a body that only
+/// moved.
 fn pictures(
     gpu: &Gpu,
     mesh: &TetMesh,
@@ -180,7 +182,7 @@ fn view(gpu: &Gpu, format: wgpu::TextureFormat) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// Calls a second, from the median time of a call after two to warm up.
+/// Returns calls per second, from the median time of a call after two warm-up calls.
 fn rate(mut call: impl FnMut() -> palpate::Result<()>) -> anyhow::Result<f64> {
     call()?;
     call()?;

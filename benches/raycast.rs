@@ -1,5 +1,5 @@
-//! How fast the raycaster is: the benchmark cube of 6 n³ tets at 512 x 512, everything redrawn in
-//! each of N frames, the camera turned 7° between them. Prints milliseconds a frame.
+//! Speed of the raycaster: the benchmark cube of 6 n³ tets at 512 x 512, everything redrawn in each
+//! of N frames, with the camera rotated by 7° between them. Prints milliseconds per frame.
 //!
 //!     cargo bench --bench raycast -- 20 10 [planes] [volume|sliced|integrals] [stored|sampled]
 
@@ -10,7 +10,7 @@ use palpate::render::*;
 use std::time::Instant;
 
 fn main() -> anyhow::Result<()> {
-    // `cargo bench` adds a word of its own.
+    // `cargo bench` adds an argument.
     let mut words = std::env::args().skip(1).filter(|a| a != "--bench");
     let mut number = |default| {
         words
@@ -93,7 +93,7 @@ fn main() -> anyhow::Result<()> {
         caster.record(&mut work, &camera, Mode::Composite, &target)?;
         work.submit()?;
         gpu.wait()?;
-        // The first frame compiles the pipelines, the last is timed pass by pass.
+        // The first frame compiles the pipelines, the last is timed by pass.
         if frame > 0 && frame < frames {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }

@@ -1,10 +1,11 @@
-//! Pictures a second of skins, alone and with the steps of the body that carries them, by mapping:
-//! the twin of section 5 of Mosegaard & Sørensen (2005).
+//! Pictures per second of skins, alone and with the steps of their body, by mapping: corresponds to
+//! section 5 of Mosegaard & Sørensen (2005).
 //!
 //!     cargo bench --bench skin -- [SCAN THRESHOLD [NODES]]
 //!
-//! A heart-sized body of 20,000 particles under 50,000 faces, 18 nodes under 10,000 faces, and the
-//! isosurface of a scan at full resolution on a body of NODES (42,745) particles. 512 x 512 pixels.
+//! A body of 20,000 particles of the size of a heart under 50,000 faces, 18 nodes under 10,000
+//! faces, and the isosurface of a scan at full resolution on a body of NODES (42,745) particles.
+//! 512 x 512 pixels.
 
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
@@ -18,7 +19,7 @@ use std::time::Instant;
 
 const MAPPINGS: [Mapping; 3] = [Mapping::OneToOne, Mapping::Constant, Mapping::Interpolated];
 
-/// A ball of radius `r` of 2 `around` (`rings` − 1) triangles, with hills of the height `hills`.
+/// Returns a ball of radius `r` of 2 `around` (`rings` − 1) triangles, with bumps of height `hills`.
 fn ball(rings: u32, around: u32, r: f64, hills: f64) -> TriMesh {
     let at = |ring: u32, k: u32| 1 + (ring - 1) * around + k % around;
     let last = at(rings, 0);
@@ -58,7 +59,8 @@ fn ball(rings: u32, around: u32, r: f64, hills: f64) -> TriMesh {
     surface
 }
 
-/// Calls `run` until half a second is full, three times; the best number of calls a second.
+/// Calls `run` until half a second has passed, three times; returns the highest rate in calls per
+/// second.
 fn rate(mut run: impl FnMut() -> palpate::Result<()>) -> palpate::Result<f64> {
     run()?;
     let mut best: f64 = 0.0;
@@ -113,7 +115,7 @@ impl Screen {
     }
 }
 
-/// One row: a skin on a carrier, alone, and with `steps` of `body` before each picture.
+/// Measures a row: a skin on a base, alone, and with `steps` of `body` before each picture.
 fn row(
     gpu: &Gpu,
     name: &str,

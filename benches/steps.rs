@@ -1,4 +1,4 @@
-//! Milliseconds a step of every solver on both engines, alternating: of the bar of the physics
+//! Milliseconds per step of every solver on both engines, alternating: of the bar of the physics
 //! peers, of a limb, or of a mesh file.
 //!
 //!     cargo bench --bench steps -- [TETS … | limb:TETS | FILE …] [--solver NAME] [--dt S]
@@ -6,12 +6,12 @@
 //!                                  [--material MODEL] [--poisson RATIO] [--volume VOLUME]
 //!                                  [--rod FACTOR] [--error]
 //!
-//! The bar is 0.8 × 0.2 × 0.2 m, 1000 kg/m³, E = 1 MPa; limb and files are of 30 kPa, the bones of
-//! a limb FACTOR times as stiff (1,000 where nothing is said). One end held, gravity across,
-//! 0.01 s a step; explicit solvers take half their largest stable step. Linear solves go to 10⁻³.
-//! `--rod` makes the middle of the bar FACTOR times as stiff from end to end. `--error` tells how far
-//! 100 steps from rest are off those in float64 that are solved to the last digits: root mean
-//! square over the masses and the steps, relative to the way.
+//! The bar is 0.8 × 0.2 × 0.2 m, 1000 kg/m³, E = 1 MPa; limb and files have 30 kPa, the bones of a
+//! limb FACTOR times the stiffness (1,000 by default). One end is clamped, with transverse gravity
+//! and steps of 0.01 s; explicit solvers use half their largest stable step. Linear solves have a
+//! tolerance of 10⁻³. `--rod` makes the core of the bar FACTOR times as stiff from end to end.
+//! `--error` prints the deviation over 100 steps from rest from those in float64 solved to the last
+//! digits: root mean square over the masses and the steps, relative to the displacement.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -77,7 +77,7 @@ fn main() -> palpate::Result<()> {
                 }
                 let mut body = choice.build_tets(&gpu, mesh.clone(), &material, kind)?;
                 hold(body.as_mut())?;
-                // Explicit Euler, never stable, gets a few steps before that shows.
+                // Explicit Euler, never stable, runs a few steps before it diverges.
                 let h = match body.largest_stable_step() {
                     None => dt,
                     Some(0.0) => 1e-7,
@@ -115,7 +115,7 @@ fn settings(tolerance: f64) -> CgSettings {
     }
 }
 
-/// Holds one end, and lets gravity act across.
+/// Clamps one end, and sets transverse gravity.
 fn hold(body: &mut dyn Simulator) -> palpate::Result<()> {
     let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
     let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
@@ -124,7 +124,8 @@ fn hold(body: &mut dyn Simulator) -> palpate::Result<()> {
     Ok(())
 }
 
-/// How far 100 steps of `body` from rest are off those of `truth`, of the way.
+/// Returns the deviation of 100 steps of `body` from rest from those of `truth`, relative to the
+/// displacement.
 fn error(body: &mut dyn Simulator, truth: &mut dyn Simulator, h: f64) -> palpate::Result<f64> {
     body.restart()?;
     let masses = truth.masses().to_vec();
@@ -141,7 +142,7 @@ fn error(body: &mut dyn Simulator, truth: &mut dyn Simulator, h: f64) -> palpate
     Ok((off / way).sqrt())
 }
 
-/// Makes a rod through the middle of a bar, from end to end, `factor` times as stiff.
+/// Makes a rod through the core of a bar, from end to end, `factor` times as stiff.
 fn stiffen(mesh: &mut TetMesh, material: &mut Material, factor: f64) -> palpate::Result<()> {
     let (low, high) = mesh.bounds();
     let middle = 0.5 * (low + high);
@@ -168,7 +169,7 @@ fn stiffen(mesh: &mut TetMesh, material: &mut Material, factor: f64) -> palpate:
     Ok(())
 }
 
-/// The mesh and material by that name.
+/// Returns the mesh and material of that name.
 fn named(body: &str, bone: f64, unit: f64) -> palpate::Result<(TetMesh, Material)> {
     if let Ok(tets) = body.parse() {
         let mesh = generate::bar_of_about(tets, DVec3::new(0.8, 0.2, 0.2))?;
@@ -198,7 +199,7 @@ fn named(body: &str, bone: f64, unit: f64) -> palpate::Result<(TetMesh, Material
     Ok((mesh, material))
 }
 
-/// Median milliseconds a step over about two seconds, and iterations a step.
+/// Returns median milliseconds per step over about two seconds, and iterations per step.
 fn timed(body: &mut dyn Simulator, h: f64) -> palpate::Result<(f64, f64)> {
     let steps = match body.integrator() {
         SolverKind::Implicit => 1,

@@ -1,4 +1,4 @@
-//! A bar of tets is cut through while it is pulled, and the gap opens.
+//! A bar of tets is cut while it is stretched, and the gap opens.
 //!
 //!     cargo run --release --example cut [-- OUT.png]
 
@@ -23,11 +23,11 @@ fn main() -> palpate::Result<()> {
     let transfer = TransferFunction::preset("viridis")?.scale_extinction(8.0);
     let mut raycaster = Raycaster::new(&gpu, geometry, &transfer)?;
 
-    // The edge of the blade moves down through the middle, a little askew.
+    // The edge of the blade moves down through the centre, slightly oblique.
     let edge = |z: f64| [DVec3::new(0.05, -0.1, z), DVec3::new(0.07, 0.2, z)];
     let blade = Blade::from_sweep(&[edge(0.1), edge(-0.1)])?;
     let cut = body.cut(&blade)?.mesh;
-    // Doubled nodes take the values of those they come from; only what changed is sent.
+    // Duplicated nodes get the values of their originals; only changes are uploaded.
     for [_, from] in &cut.duplicated_nodes {
         depth.push(depth[*from as usize]);
     }

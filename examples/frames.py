@@ -1,4 +1,4 @@
-"""Frames of a body that this program moves, for Palpate to draw (docs/frames.md has the layout):
+"""Frames of a body moved by this program, rendered by Palpate (docs/frames.md has the layout):
 
     python3 examples/frames.py | palpate render - --frames-from - --out frame.png --film frames.gif
 """
@@ -12,7 +12,7 @@ nodes = [(x, y, z) for x in range(N + 1) for y in (0, 1) for z in (0, 1)]
 tets = []
 for i in range(N):
     corner = [4 * (i + a) + 2 * b + c for a in (0, 1) for b in (0, 1) for c in (0, 1)]
-    # Every other cube is cut the other way, so that their faces match.
+    # Alternate cubes are subdivided in mirrored form, so their faces match.
     if i % 2:
         corner = [corner[k] for k in (4, 5, 6, 7, 0, 1, 2, 3)]
     for a, b, c, d in ((0, 3, 5, 6), (0, 3, 1, 5), (0, 3, 6, 2), (0, 5, 4, 6), (3, 5, 6, 7)):

@@ -1,4 +1,4 @@
-//! A grid body: carved out of a surface, held, grabbed, stepped, and seen from inside.
+//! A grid body: carved out of a surface, clamped, grabbed, simulated, and rendered from inside.
 //!
 //!     cargo run --release --example grid_body [-- SURFACE.stl OUT.png]
 
@@ -29,7 +29,7 @@ fn main() -> palpate::Result<()> {
     let pinned = body.pin(|p| p.z < low.z + 0.1 * size.z)?;
     println!("{pinned} particles are pinned");
 
-    // The top follows a hand that moves sideways.
+    // The top follows a target that moves sideways.
     let top = middle.with_z(high.z);
     let hand = body.grab(top, 0.2 * size.z, GrabMode::Follow)?;
     let dt = 0.9 * body.largest_stable_step().unwrap_or(0.01);

@@ -1,4 +1,4 @@
-//! One skin on a coarse and on a fine body: while it swings, the fine one takes over.
+//! One skin on a coarse and on a fine body: the fine one takes over during the motion.
 //!
 //!     cargo run --release --example levels [-- OUT.png]
 
@@ -22,7 +22,7 @@ fn main() -> palpate::Result<()> {
     far.sync_nodes()?;
     let before = skin.vertices()?;
 
-    // What is near is worth a finer body: it goes on from where the coarse one is.
+    // A nearby object needs a finer body: it continues from the state of the coarse one.
     let over = BarycentricMap::new(far.mesh(), &near.mesh().nodes)?;
     near.set_positions(&over.apply(&far.positions()?)?)?;
     near.set_velocities(&over.apply(&far.velocities()?)?)?;
@@ -40,7 +40,7 @@ fn main() -> palpate::Result<()> {
     Ok(())
 }
 
-/// A body of about so many tets in the place of the surface, hanging to one side.
+/// Creates a body of about `tets` tets at the position of the surface, hanging to one side.
 fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<Box<dyn Simulator>> {
     let mesh = palpate::mesher::mesh_file(file, tets)?;
     let mut material = Material::from_young(2e4);

@@ -1,5 +1,5 @@
 //! Positions from elsewhere: another engine (here a formula) writes the node positions of every
-//! frame, and Palpate draws the inside of what it made. No physics of Palpate is involved.
+//! frame, and Palpate renders the interior. No physics of Palpate is involved.
 //!
 //!     cargo run --release --example other_engine [-- FOLDER]
 
@@ -21,7 +21,7 @@ fn main() -> anyhow::Result<()> {
     let middle = DVec3::splat(0.5);
     let camera = Camera::perspective(DVec3::new(2.2, 1.6, 2.6), middle, DVec3::Y, 35.0);
     for i in 0..5 {
-        // Twisted about the y axis, the more the higher.
+        // Twisted about the y axis in proportion to the height.
         let twist =
             |p: DVec3| middle + DQuat::from_rotation_y(0.25 * f64::from(i) * p.y) * (p - middle);
         let moved: Vec<[f32; 4]> = mesh

@@ -1,5 +1,5 @@
-//! Palpate inside a program that has its own wgpu device: steps and pictures are recorded into
-//! the program's encoder and drawn into its view, and nothing is read back in between.
+//! Palpate inside a program with its own wgpu device: steps and pictures are recorded into the
+//! program's encoder and drawn into its view, without read-back in between.
 //!
 //!     cargo run --release --example own_device
 
@@ -9,7 +9,7 @@ use palpate::physics::{EngineChoice, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction};
 
 fn main() -> anyhow::Result<()> {
-    // What the program has already: an adapter, a device, a queue, a texture to show.
+    // Existing objects of the program: an adapter, a device, a queue, a texture to show.
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let options = wgpu::RequestAdapterOptions::default();
     let adapter = pollster::block_on(instance.request_adapter(&options))?;
@@ -32,7 +32,7 @@ fn main() -> anyhow::Result<()> {
 
     let gpu = Gpu::from_wgpu(&adapter, device.clone(), queue.clone());
     let mesh = generate::ball(0.05, 8)?;
-    // The steps are the GPU's too, software or not.
+    // The steps run on the GPU, too, even a software one.
     let (engine, tissue) = ("gpu".parse::<EngineChoice>()?, Material::very_soft_tissue());
     let mut body = engine.build_tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
     body.clamp_one_end(9.81)?;

@@ -1,4 +1,4 @@
-//! What a pixel shows is picked, grabbed and pulled towards the eye.
+//! The point shown at a pixel is picked, grabbed and pulled towards the eye.
 //!
 //!     cargo run --release --example pick [-- OUT.png]
 
@@ -24,7 +24,7 @@ fn main() -> palpate::Result<()> {
     let camera = Camera::perspective(eye, DVec3::ZERO, DVec3::Z, 34.0);
     let pixels = [480, 480];
 
-    // The one read-back: where the button goes down.
+    // The only read-back: when the button is pressed.
     let clicked = DVec2::new(300.5, 180.5);
     let Some(pick) = raycaster.geometry().pick(&camera, clicked, pixels)? else {
         println!("there is nothing at {clicked}");
@@ -33,7 +33,7 @@ fn main() -> palpate::Result<()> {
     println!("{pick:?}");
     let hand = body.grab(pick.point, 0.025, GrabMode::Follow)?;
 
-    // The hand follows the pointer at the distance at which it took hold.
+    // The target follows the pointer at the distance of the pick.
     for n in 1..=20 {
         let pointer = clicked + DVec2::new(6.0, -4.0) * f64::from(n);
         let ray = camera.ray(pointer, pixels);

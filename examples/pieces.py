@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-# Before anything makes threads: workers have these from here.
+# Before any thread is created: workers inherit the environment.
 os.environ.setdefault("LP_NUM_THREADS", "1")
 os.environ.setdefault("RAYON_NUM_THREADS", "1")
 
@@ -27,12 +27,12 @@ import palpate.dask
 
 
 def ready() -> None:
-    """Makes the device of a worker."""
+    """Creates the device of a worker."""
     palpate.render(palpate.Mesh.generate("box", tets=100), size=(16, 16))
 
 
 def measured(index: Path, workers: int, size: tuple[int, int]) -> tuple[dict[str, float], np.ndarray]:
-    """One run on a cluster of its own, the device of each worker being there already."""
+    """Measures a run on a separate cluster; the device of each worker exists already."""
     with LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster, Client(cluster) as client:
@@ -49,7 +49,7 @@ def measured(index: Path, workers: int, size: tuple[int, int]) -> tuple[dict[str
         "seconds": seconds,
         "read_s_a_piece": float(np.mean([p.read_seconds for p in pieces])),
         "draw_s_a_piece": float(np.mean([p.draw_seconds for p in pieces])),
-        # Of all workers together: tasks, and the tree of reductions.
+        # Of all workers together: tasks, and the reduction tree.
         "rest_s": workers * seconds - sum(p.read_seconds + p.draw_seconds for p in pieces),
         "ghosts_a_tet": sum(p.ghosts for p in pieces) / sum(p.tets for p in pieces),
         "bytes_a_pixel": 28 * sum(p.intervals for p in pieces) / pixels,
@@ -115,7 +115,7 @@ def main() -> None:
             print(f"cut into {pieces} pieces in {seconds:.1f} s, {a_tet:.1f} bytes a tet", flush=True)
             for workers in given.workers:
                 runs = [measured(index, workers, size) for _ in range(given.repeat)]
-                # The least disturbed.
+                # The run with the least disturbance.
                 row, picture = min(runs, key=lambda run: run[0]["seconds"])
                 row["most_apart"] = int(np.abs(picture - whole).max())
                 print(", ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)

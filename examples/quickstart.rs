@@ -1,4 +1,4 @@
-//! From a mesh file to a picture of its inside, deformed.
+//! From a mesh file to a picture of its deformed interior.
 //!
 //!     cargo run --release --example quickstart [-- MESH.vtu OUT.png]
 
@@ -18,7 +18,7 @@ fn main() -> palpate::Result<()> {
     let field = mesh.field("intensity", Location::Node);
     let scalars = field.map_or(vec![0.0; mesh.nodes.len()], |f| f.values.clone());
 
-    // On the GPU where there is one, else on the processor.
+    // On the GPU if there is one, otherwise on the CPU.
     let (engine, tissue) = (EngineChoice::Auto, Material::soft_tissue());
     let mut body = engine.build_tets(&gpu, mesh, &tissue, SolverKind::Implicit)?;
     println!("{}", body.clamp_one_end(2.0)?);

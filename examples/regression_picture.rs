@@ -1,5 +1,5 @@
-//! A render as a regression test in CI: draw, compare with the picture kept, fail past a
-//! tolerance. The first run makes the picture.
+//! A rendering as a regression test in CI: render, compare with the stored image, fail beyond a
+//! tolerance. The first run creates the image.
 //!
 //!     cargo run --release --example regression_picture [-- SCENE.toml GOLDEN.png]
 

@@ -15,7 +15,7 @@ fn main() -> palpate::Result<()> {
     let file = arguments.next().unwrap_or(format!("{data}/lobe.stl"));
     let out = arguments.next().unwrap_or("skin.png".into());
 
-    // The body: about 2,000 tets in the same place as the skin.
+    // The body: about 2,000 tets at the same position as the skin.
     let gpu = Gpu::new()?;
     let mesh = palpate::mesher::mesh_file(&file, 2_000)?;
     let mut material = Material::from_young(5e3);
@@ -25,13 +25,13 @@ fn main() -> palpate::Result<()> {
     let mut body = engine.build_tets(&gpu, mesh, &material, SolverKind::Implicit)?;
     body.pin(|p| p.z < low.z + 0.1 * (high.z - low.z))?;
 
-    // Bound once, where body and skin are at rest.
+    // Bound once, with body and skin at rest.
     let surface = palpate::io::read_surface(&file)?;
     let mut skin = Skin::for_body(&gpu, &surface, body.as_ref())?;
     println!("{:?}", skin.binding());
     skin.set_opacity(0.4)?;
 
-    // Its own weight bends it to one side.
+    // Its weight bends it to one side.
     body.loads_mut().set_gravity(DVec3::new(6.0, 6.0, 0.0));
     body.run(30, 0.02)?;
     body.sync_nodes()?;

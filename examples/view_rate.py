@@ -1,9 +1,9 @@
-"""How many pictures a second a notebook's view makes, where a browser takes each at once.
+"""Pictures per second of a notebook's view, for a browser that accepts each immediately.
 
     python examples/view_rate.py [TETS...]
 
-Turns a limb for some seconds, then presses on it, and counts the JPEGs that go out, half as large each way
-as the view (640 by 480) as always while something moves.
+Rotates a limb for some seconds, then presses on it, and counts the JPEGs sent, at half the width and height
+of the view (640 by 480), as always during motion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import palpate
 
 
 class Counted(palpate.View):  # type: ignore[misc]
-    """A view whose pictures are counted in place of being sent."""
+    """A view that counts its pictures instead of sending them."""
 
     frames = 0
 
@@ -27,7 +27,7 @@ class Counted(palpate.View):  # type: ignore[misc]
 
 
 def rate(view: Counted, seconds: float, said: Any) -> float:
-    """Pictures a second while it hears `said` 60 times a second, as a hand moves."""
+    """Returns pictures per second while it receives `said` 60 times per second, like pointer events."""
     start, before = time.monotonic(), view.frames
     while time.monotonic() < start + seconds:
         view._hear(view, said(time.monotonic() - start), None)

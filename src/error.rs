@@ -1,13 +1,13 @@
-//! The one error type of the library: what happened, where, and what to do about it.
+//! The error type of the library. A message states what happened, where, and the remedy.
 
 use std::path::{Path, PathBuf};
 
 /// Shorthand for a result with Palpate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// Everything that can go wrong in the library.
+/// The errors of the library.
 ///
-/// Each message says what happened, where, and what the caller can do. A panic is a bug.
+/// Each message states what happened, where, and the remedy. A panic is a bug.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -16,24 +16,24 @@ pub enum Error {
     Io {
         /// The file or folder concerned.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 
-    /// A file's content is not what its format promises (or the format is not known).
+    /// A file does not conform to its format (or the format is unknown).
     #[error("{}: {what}", path.display())]
     Format {
         /// The file concerned.
         path: PathBuf,
-        /// What is wrong, where in the file (line, byte or section), and what was expected.
+        /// The defect, its position in the file (line, byte or section), and the expected content.
         what: String,
     },
 
-    /// A mesh that cannot be worked with: no tetrahedra, indices out of range, NaN coordinates.
+    /// An invalid mesh: no tetrahedra, indices out of range, NaN coordinates.
     #[error("mesh: {0}")]
     Mesh(String),
 
-    /// An argument, option or scene entry that makes no sense; the message says what would.
+    /// An invalid argument, option or scene entry; the message states the valid values.
     #[error("{0}")]
     Input(String),
 
@@ -41,7 +41,7 @@ pub enum Error {
     #[error("no usable graphics adapter: {0}")]
     NoAdapter(String),
 
-    /// The graphics device refused the work: a limit, an allocation, a shader.
+    /// The graphics device rejected the work: a limit, an allocation, a shader.
     #[error("GPU: {0}")]
     Gpu(String),
 
@@ -51,50 +51,50 @@ pub enum Error {
     )]
     DeviceLost(String),
 
-    /// Whoever was told how far long work is had it end.
+    /// The progress callback cancelled the work.
     #[error("cancelled")]
     Cancelled,
 
-    /// A simulation failed and was frozen in its last good state.
+    /// A simulation failed and was frozen in its last valid state.
     #[error("{solver} failed at step {step} (t = {time:.6} s): {what}; {advice}")]
     Solver {
         /// The solver's name, as on the command line.
         solver: &'static str,
         /// The step at which it failed, counted from 1.
         step: u64,
-        /// The simulated time of the last good state, in seconds.
+        /// The simulated time of the last valid state, in seconds.
         time: f64,
-        /// What was detected.
+        /// The detected cause.
         cause: FailureCause,
-        /// The same in words, with numbers.
+        /// The cause in words, with numbers.
         what: String,
-        /// What to change.
+        /// The advised change.
         advice: String,
     },
 }
 
-/// Why a simulation failed.
+/// Cause of the failure of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum FailureCause {
     /// A position, velocity or force is no longer a finite number.
     NotFinite,
-    /// The body has far more energy than it was given.
+    /// The energy of the body is far above the energy supplied.
     RunawayEnergy,
-    /// The iterations of a linear solve ran out far from the answer.
+    /// A linear solve reached its iteration limit with a large residual.
     NotConverged,
-    /// Particles are farther away than they can be.
+    /// Particles are farther apart than the deformation can account for.
     FlownApart,
 }
 
 impl Error {
-    /// An [`Error::Io`] for `path`, to be used with `map_err`.
+    /// Returns the closure that makes an [`Error::Io`] for `path`, for use with `map_err`.
     pub fn io(path: impl AsRef<Path>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.as_ref().to_path_buf();
         move |source| Error::Io { path, source }
     }
 
-    /// An [`Error::Format`] for `path`.
+    /// Creates an [`Error::Format`] for `path`.
     pub fn format(path: impl AsRef<Path>, what: impl Into<String>) -> Error {
         Error::Format {
             path: path.as_ref().to_path_buf(),

@@ -1,5 +1,4 @@
-//! Files that are read and written: the system's, or in a browser, which has none, those that were
-//! put ready under a name.
+//! File access: the file system, or, in a browser, files registered in memory under a name.
 
 use crate::{Error, Result};
 use std::path::Path;
@@ -7,26 +6,26 @@ use std::path::Path;
 #[cfg(target_arch = "wasm32")]
 pub use held::{insert_file, take_file};
 
-/// What files are written through: the system's, or bytes in memory.
+/// The writer behind an output file: a file of the system, or bytes in memory.
 #[cfg(not(target_arch = "wasm32"))]
 pub type OutFile = std::fs::File;
-/// What files are written through: the system's, or bytes in memory.
+/// The writer behind an output file: a file of the system, or bytes in memory.
 #[cfg(target_arch = "wasm32")]
 pub type OutFile = std::io::Cursor<Vec<u8>>;
 
-/// The bytes of a file.
+/// Returns the bytes of a file.
 ///
 /// # Errors
-/// [`Error::Io`] where it cannot be read.
+/// An [`Error::Io`] if it cannot be read.
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(Error::io(path))
 }
 
-/// As [`read`], of a regular file alone: no pipe, no device.
+/// As [`read`], for a regular file only: no pipe, no device.
 ///
 /// # Errors
-/// As [`read`]; [`Error::Format`] for what is no regular file.
+/// As [`read`]; an [`Error::Format`] if it is not a regular file.
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) fn read_regular(path: &Path) -> Result<Vec<u8>> {
     let about = std::fs::metadata(path).map_err(Error::io(path))?;
@@ -39,17 +38,17 @@ pub(crate) fn read_regular(path: &Path) -> Result<Vec<u8>> {
     read(path)
 }
 
-/// The bytes of a file.
+/// Returns the bytes of a file.
 ///
 /// # Errors
-/// [`Error::Io`] for one that was not put ready.
+/// An [`Error::Io`] if it has not been registered with `insert_file`.
 #[cfg(target_arch = "wasm32")]
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
     held::get(path)
         .ok_or_else(|| Error::io(path)(std::io::Error::from(std::io::ErrorKind::NotFound)))
 }
 
-/// Whether there is something of this name to be read.
+/// Whether a file of this name can be read.
 pub fn exists(path: impl AsRef<Path>) -> bool {
     #[cfg(not(target_arch = "wasm32"))]
     return path.as_ref().exists();
@@ -57,10 +56,10 @@ pub fn exists(path: impl AsRef<Path>) -> bool {
     return held::get(path.as_ref()).is_some();
 }
 
-/// The text of a file.
+/// Returns the text of a file.
 ///
 /// # Errors
-/// [`Error::Io`] where it cannot be read, or is not UTF-8.
+/// An [`Error::Io`] if it cannot be read or is not UTF-8.
 pub fn read_text(path: impl AsRef<Path>) -> Result<String> {
     let path = path.as_ref();
     let text = String::from_utf8(read(path)?);
@@ -82,13 +81,13 @@ mod held {
         FILES.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Has `bytes` be what is read under the name `path`, in a browser; what is written there later
-    /// takes its place.
+    /// Registers `bytes` under the name `path`, in a browser. Later writes to that name replace
+    /// them.
     pub fn insert_file(path: impl Into<PathBuf>, bytes: Vec<u8>) {
         files().insert(path.into(), bytes);
     }
 
-    /// The bytes under the name `path`, which are not there any more, in a browser.
+    /// Removes the file `path` and returns its bytes, in a browser.
     pub fn take_file(path: impl AsRef<Path>) -> Option<Vec<u8>> {
         files().remove(path.as_ref())
     }

@@ -1,11 +1,12 @@
-//! Palpate: press on a body and see inside it while it gives.
+//! Palpate: simulation of deformable tetrahedral meshes with contact, and rendering of their
+//! interior.
 //!
-//! Deformable tetrahedral meshes are simulated on the GPU and drawn by a volume raycaster that
-//! walks the deformed tetrahedra, with nothing read back in between. The methods are those of
-//! Tejada & Ertl, *Large Steps in GPU-based Deformable Bodies Simulation* (2005), carried further.
+//! The meshes are simulated on the GPU and rendered by a volume raycaster that traverses the
+//! deformed tetrahedra, without read-back in between. The methods extend those of Tejada & Ertl,
+//! *Large Steps in GPU-based Deformable Bodies Simulation* (2005).
 //!
 //! Data flows one way: file → [`mesh::TetMesh`] → body (textures on the GPU) → solver step →
-//! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` is the map.
+//! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` gives an overview.
 
 pub mod annotate;
 pub mod cage;
@@ -29,8 +30,8 @@ pub mod volume;
 pub mod warp;
 
 pub use error::{Error, FailureCause, Result};
-/// The version of glam that this library's vectors and matrices are of.
+/// The version of glam used for vectors and matrices in the public API.
 pub use glam;
 pub use progress::{ProgressFn, no_progress};
-/// The version of wgpu that this library's devices, textures and encoders are of.
+/// The version of wgpu used for devices, textures and encoders in the public API.
 pub use wgpu;

@@ -1,4 +1,4 @@
-//! The `palpate` command line; everything it does is in [`cli`] and the library.
+//! Entry point of the `palpate` command line, which [`cli`] implements.
 
 mod cli;
 

@@ -1,31 +1,31 @@
-//! Loops shared out among rayon's threads.
+//! Parallel loops on rayon's threads.
 //!
-//! Rayon's own iterators are compiled anew for every closure, thousands of lines each time; what
-//! is here asks rayon for one loop, compiled once. Items are taken in chunks that follow from
-//! their number alone: whatever is added up by chunks is the same on any number of threads.
+//! Rayon's own iterators are compiled anew for every closure, thousands of lines each time; this
+//! module asks rayon for one loop that is compiled once. The size of the chunks depends on the
+//! number of items alone, so sums over chunks are the same on any number of threads.
 
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Chunks at most; as many as keep the threads of a large machine busy to the end.
+/// Maximum number of chunks; enough to balance the load on a machine with many cores.
 const MAX_CHUNKS: usize = 128;
-/// Items, each of little work, below which a second thread costs more than it gives.
+/// Number of cheap items below which a second thread costs more than it saves.
 const MIN_ITEMS_PER_THREAD: usize = 256;
 
-/// of(0), …, of(n − 1), each of them little work.
+/// Returns of(0), …, of(n − 1), for cheap calls.
 pub(crate) fn map<B: Send>(n: usize, of: impl Fn(usize) -> B + Sync) -> Vec<B> {
     gather(n, MIN_ITEMS_PER_THREAD, &|range, made| {
         made.extend(range.map(&of))
     })
 }
 
-/// of(0), …, of(n − 1), each of them enough work for a thread.
+/// Returns of(0), …, of(n − 1), for calls that are each worth a thread.
 pub(crate) fn map_coarse<B: Send>(n: usize, of: impl Fn(usize) -> B + Sync) -> Vec<B> {
     gather(n, 1, &|range, made| made.extend(range.map(&of)))
 }
 
-/// What `work` pushes for consecutive chunks of 0..n, in order.
+/// Concatenates the items that `work` pushes for consecutive chunks of 0..n, in order.
 pub(crate) fn collect<B: Send>(
     n: usize,
     work: impl Fn(Range<usize>, &mut Vec<B>) + Sync,
@@ -33,13 +33,13 @@ pub(crate) fn collect<B: Send>(
     gather(n, MIN_ITEMS_PER_THREAD, &work)
 }
 
-/// of(0) + … + of(n − 1), added up by chunks.
+/// Returns of(0) + … + of(n − 1), summed by chunks.
 pub(crate) fn sum(n: usize, of: impl Fn(usize) -> f64 + Sync) -> f64 {
     let sums = collect(n, |range, sums| sums.push(range.map(&of).sum::<f64>()));
     sums.iter().sum()
 }
 
-/// Compiled once for every type of item, and not for every `work`.
+/// Compiled once for every item type, not for every `work`.
 fn gather<B: Send>(
     n: usize,
     least: usize,
@@ -69,8 +69,8 @@ fn gather<B: Send>(
     all
 }
 
-/// Calls run(0), …, run(parts − 1), on as many threads as there are. Each part is a job of its
-/// own: a thread that is done early takes over some of another's.
+/// Calls run(0), …, run(parts − 1) on all threads. Each part is a separate job, so idle threads
+/// steal work.
 fn run_parallel(parts: usize, run: &(dyn Fn(usize) + Sync)) {
     let parts = (0..parts).into_par_iter().with_max_len(1);
     parts.for_each(run);

@@ -1,29 +1,29 @@
-//! Long work tells how far it is, and may be told to end.
+//! Progress reports and cancellation of long work.
 
 use crate::{Error, Result};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Told what is being done and the fraction of it that is done, now and then, from any thread. Once it
-/// breaks, the work ends soon, with [`Error::Cancelled`].
+/// Callback that receives the name of the current stage and the completed fraction in 0..1, at
+/// intervals, from any thread. If it returns `Break`, the work ends soon with [`Error::Cancelled`].
 pub type ProgressFn<'a> = &'a (dyn Fn(&str, f64) -> ControlFlow<()> + Sync);
 
-/// For who need not be told, and lets all work go on.
+/// A callback that ignores progress and never cancels.
 pub fn no_progress(_: &str, _: f64) -> ControlFlow<()> {
     ControlFlow::Continue(())
 }
 
-/// A part of long work.
+/// A stage of long work.
 pub(crate) struct ProgressScope<'a> {
     progress: ProgressFn<'a>,
     what: &'static str,
     share: f64,
-    /// Whether it was told to end: who says so once need not again.
+    /// Whether the callback has cancelled the work; it is not called again after that.
     ended: AtomicBool,
 }
 
 impl<'a> ProgressScope<'a> {
-    /// Begins one, when `share` of all is done.
+    /// Begins a stage when the fraction `share` of the whole work is done.
     pub fn begin(
         progress: ProgressFn<'a>,
         what: &'static str,
@@ -39,8 +39,8 @@ impl<'a> ProgressScope<'a> {
         Ok(part)
     }
 
-    /// Whether the work is to go on. Where it is not, loops may leave out what is left of them, for
-    /// who then has [`ProgressScope::check_cancelled`] end all.
+    /// Whether the work should continue. If not, loops may skip the rest, since the caller then
+    /// calls [`ProgressScope::check_cancelled`], which ends the work.
     pub fn should_continue(&self) -> bool {
         if self.ended.load(Ordering::Relaxed) {
             return false;
@@ -52,7 +52,7 @@ impl<'a> ProgressScope<'a> {
         goes_on
     }
 
-    /// Ends work that is not to go on.
+    /// Returns an error if the work has been cancelled.
     pub fn check_cancelled(&self) -> Result<()> {
         match self.should_continue() {
             true => Ok(()),

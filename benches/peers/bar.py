@@ -1,12 +1,12 @@
-"""A bar let go under a little gravity: Palpate, MuJoCo's flex and rapier's soft bodies.
+"""A bar released under low gravity: Palpate, MuJoCo's flex and rapier's soft bodies.
 
-    venv/bin/python benches/peers/bar.py        # how far the load is from being a small one
+    venv/bin/python benches/peers/bar.py        # deviation from the limit of small loads
 
-The bar is 0.8 x 0.2 x 0.2 m of 1 MPa and 1000 kg/m³, held at x = 0, of cubes of five tets. Truth
-are the modes of linear finite elements on the same mesh, in float64: gravity is so weak that the
-motion of any law of elasticity is within a thousandth of theirs. Every tool has the mesh, the
-masses of the nodes and one thread. A rod, where there is one, is the middle of the bar from a
-quarter of its length to the free end.
+The bar is 0.8 x 0.2 x 0.2 m of 1 MPa and 1000 kg/m³, clamped at x = 0, of cubes of five tets. The
+reference is the modal solution of linear finite elements on the same mesh, in float64: gravity is
+so low that the motion of any constitutive model is within 0.1 % of it. Every tool uses the same
+mesh, node masses and one thread. The rod, if there is one, is the core of the bar from a quarter
+of its length to the free end.
 """
 
 import json
@@ -21,17 +21,17 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 YOUNG, DENSITY, GRAVITY, LENGTH = 1e6, 1000.0, 0.05, 0.8
-# Seconds between the frames that are compared, and how many: about one swing.
+# Interval of the compared frames in seconds, and their number: about one oscillation.
 FRAME, FRAMES = 0.02, 32
 CELLS = {640: (8, 4, 4), 4320: (24, 6, 6), 34560: (48, 12, 12)}
 POISSONS = (0.3, 0.45)
 ROD_TETS, ROD_POISSON, ROD = 4320, 0.3, 1000.0
 MODES = 80
-# Seconds a run may take for one of half its step to be tried too.
+# Maximum time of a run in seconds for half its step to be tried, too.
 PATIENCE = 8.0
 TURNS = {640: 3, 4320: 2, 34560: 1}
 
-# How often the step of a frame is halved.
+# Maximum number of halvings of the step of a frame.
 HALVES = {
     ("Palpate", "implicit"): range(0, 7),
     ("Palpate", "bdf2"): range(0, 6),
@@ -47,7 +47,7 @@ HALVES = {
 
 
 def bar(cells):
-    """Nodes and tets of the bar; every other cell is the mirror image of its neighbours."""
+    """Returns the nodes and tets of the bar; alternate cells are mirrored."""
     from reference_dynamics import bar as cubes
 
     nodes, tets = cubes(cells, 1.0)
@@ -59,14 +59,14 @@ def bar(cells):
 
 
 def in_rod(nodes, tets):
-    """Which tets are the rod's: the middle third of the bar across, but for the first quarter."""
+    """Returns the mask of the rod's tets: the central third of the section, without the first quarter."""
     middle = nodes[tets].mean(1)
     across = np.abs(middle[:, 1:] - 0.1).max(1)
     return (across < 0.1 / 3) & (middle[:, 0] > LENGTH / 4)
 
 
 def shape_gradients(nodes, tets):
-    """Gradients of the four shape functions of every tet, and the tets' volumes."""
+    """Returns the gradients of the four shape functions of every tet, and the tets' volumes."""
     corners = nodes[tets]
     edges = corners[:, 1:] - corners[:, :1]
     inverse = np.linalg.inv(edges)
@@ -82,10 +82,10 @@ def lumped_mass(nodes, tets, volumes):
 
 
 def exact_motion(nodes, tets, young, poisson):
-    """Displacements in the frames of linear elements released at rest, by their slowest modes.
+    """Returns the displacements by frame of linear elements released at rest, from their slowest modes.
 
-    What other modes share is at rest where gravity holds it: also returned is how large that is,
-    relative to the longest way.
+    The contribution of the other modes is the static one under gravity; its size relative to the
+    maximum displacement is also returned.
     """
     g, volumes = shape_gradients(nodes, tets)
     lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson)) * volumes
@@ -117,12 +117,12 @@ def way(motion):
 
 
 def error(found, truth):
-    """How far any node is ever from where it should be, of the longest way of any."""
+    """Returns the maximum position error over nodes and frames, relative to the maximum displacement."""
     return way(found - truth) / way(truth)
 
 
 class Case:
-    """A mesh with its truth, and what the tools need of it."""
+    """A mesh with its reference solution, and the input of the tools."""
 
     def __init__(self, tets, poisson, rod, folder):
         self.poisson, self.rod, self.folder = poisson, rod, folder
@@ -140,7 +140,7 @@ class Case:
 
 
 def program(command, case, setting, step):
-    """Motion and milliseconds of processor time by a program beside this one, or why there are none."""
+    """Runs a program of this folder: returns motion and milliseconds of processor time, or the failure."""
     scheme, _, rod = setting.partition(", ")
     out = case.folder / "motion.bin"
     out.unlink(missing_ok=True)
@@ -161,7 +161,7 @@ def words(numbers):
 
 
 def mujoco_rod(case, mass):
-    """The bar as a flex whose nodes are bodies of their own, but for the rod's, which are one."""
+    """Returns the bar as a flex with a body per node, and a single body for the nodes of the rod."""
     held, of_rod = case.nodes[:, 0] < 1e-9, np.zeros(len(case.nodes), bool)
     of_rod[case.tets[case.stiff].ravel()] = True
     weights = mass[of_rod]
@@ -182,7 +182,7 @@ def mujoco_rod(case, mass):
         elif of_rod[node]:
             places[node] = place - middle
         else:
-            # A node does not turn; the size of its inertia means nothing.
+            # A node does not rotate; the magnitude of its inertia is irrelevant.
             bodies.append(
                 f"""<body name="node{node}" pos="{words(place)}">{slides}
                   <inertial pos="0 0 0" mass="{mass[node]:.9g}" diaginertia="{words([1e-4 * mass[node]] * 3)}"/></body>"""
@@ -198,9 +198,9 @@ def mujoco_rod(case, mass):
 def mujoco_model(case, integrator):
     import mujoco
 
-    # What it warns of is counted, and need not be written to a file.
+    # Its warnings are counted, so no log file is needed.
     mujoco.set_mju_user_warning(lambda text: None)
-    # Each node weighs a quarter of its tets, as in the elements and in Palpate.
+    # Each node has a quarter of the mass of its tets, as in the elements and in Palpate.
     _, volumes = shape_gradients(case.nodes, case.tets)
     mass = lumped_mass(case.nodes, case.tets, volumes)
     held = np.flatnonzero(case.nodes[:, 0] < 1e-9)
@@ -242,7 +242,7 @@ def mujoco_motion(case, integrator, step):
             mujoco.mj_step(model, data)
         seconds += time.thread_time() - begin
         motion.append(data.flexvert_xpos - start)
-        # It starts anew where it flies apart, with a warning.
+        # MuJoCo restarts when the simulation diverges, with a warning.
         if any(data.warning[kind].number for kind in lost) or not way(motion[-1]) < 1:
             return None, float("nan"), "flew apart"
     unsolved = data.warning[kinds.mjWARN_INERTIA].number
@@ -250,7 +250,7 @@ def mujoco_motion(case, integrator, step):
 
 
 def build(root):
-    """Commands of the programs that step Palpate and rapier, built from source."""
+    """Builds the programs that run Palpate and rapier from source; returns their commands."""
     def made(name, *cargo):
         command = ["cargo", *cargo, "--message-format=json"]
         done = subprocess.run(command, cwd=root, stdout=subprocess.PIPE, text=True, check=True)
@@ -271,7 +271,7 @@ def measured(case, tool, setting, step, commands):
 
 
 def ladder(case, tets, poisson, work, halves, commands):
-    """Rows of one chart's panel; the tools take turns."""
+    """Returns the rows of a panel of a chart; the tools alternate."""
     rows = {}
     for turn in range(TURNS[tets]):
         slow = set()
@@ -286,7 +286,7 @@ def ladder(case, tets, poisson, work, halves, commands):
                 motion, ms, why = measured(case, tool, setting, step, commands)
                 if row is None:
                     off = error(motion, case.truth) if motion is not None else float("nan")
-                    # As far off as the bar moves: that is no motion of it.
+                    # An error as large as the motion of the bar: no useful result.
                     state = "ran" if off < 2 else "diverged"
                     row = {"state": state, "error": off if state == "ran" else float("nan"), "ms": []}
                     rows[tool, setting, step] = row
@@ -302,7 +302,7 @@ def ladder(case, tets, poisson, work, halves, commands):
 
 
 def compare(root, folder, sizes):
-    """Rows of (work, tool, setting, tets, ν, step, ms a simulated second, error, state)."""
+    """Returns rows of (work, tool, setting, tets, ν, step, ms per simulated second, error, state)."""
     commands = build(root)
     rows = []
     for tets in sizes:
@@ -310,8 +310,8 @@ def compare(root, folder, sizes):
             case = Case(tets, poisson, False, folder)
             print(f"bar {tets} {poisson}: modes left out are {case.rest:.1e} of the way", flush=True)
             rows += ladder(case, tets, poisson, "bar", HALVES, commands)
-    # MuJoCo has one modulus for a flex, whose nodes may be those of a rigid body; rapier's soft
-    # bodies have none that are; Palpate has both.
+    # MuJoCo has one modulus per flex, whose nodes may be those of a rigid body; rapier's soft
+    # bodies have no such nodes; Palpate has both.
     halves = {name: k for name, k in HALVES.items() if name[0] != "MuJoCo"}
     rigid = [("Palpate", "implicit"), ("Palpate", "bdf2"), ("MuJoCo", "discrete"), ("MuJoCo", "Euler")]
     halves |= {(tool, f"{scheme}, rigid"): HALVES[tool, scheme] for tool, scheme in rigid}
@@ -321,7 +321,7 @@ def compare(root, folder, sizes):
 
 
 def load_is_small(poisson):
-    """How far neo-Hookean tets move otherwise than under a hundredth of the load, of the way."""
+    """Returns the relative difference of the motion of neo-Hookean tets from that under 1 % of the load."""
     import reference_dynamics as reference
 
     reference.MU = YOUNG / (2 * (1 + poisson))

@@ -15,8 +15,8 @@ matplotlib.use("Agg")
 from matplotlib import pyplot, ticker  # noqa: E402
 
 COLUMNS = ["work", "tool", "setting", "tets", "poisson", "step_s", "ms", "error", "state", "machine", "date"]
-# Okabe and Ito's colours, which the colour-blind tell apart, and marks besides: blues and green are
-# Palpate's, reds MuJoCo's, greys and yellow rapier's.
+# Okabe and Ito's colours, which are safe for colour blindness, and markers: blues and greens for
+# Palpate, reds for MuJoCo, greys and yellow for rapier.
 LOOKS = {
     ("Palpate", "implicit"): ("#0072B2", "o", "-"),
     ("Palpate", "bdf2"): ("#56B4E9", "s", "-"),
@@ -44,14 +44,14 @@ def rounded(entry):
 
 
 def curves(axes, rows):
-    """Draws time against error, a line a tool; returns them by name."""
+    """Draws time against error, one line per tool; returns them by name."""
     lines = {}
     for name in LOOKS:
         points = [(float(r[6]), float(r[7])) for r in rows if (r[1], r[2]) == name and r[8] == "ran"]
         if points:
             colour, mark, dash = LOOKS[name]
             look = {"color": colour, "marker": mark, "linestyle": dash, "markersize": 5}
-            # Hollow marks are of rigid rods.
+            # Hollow markers denote rigid rods.
             if name[1].endswith("rigid"):
                 look["markerfacecolor"] = "white"
             (lines[", ".join(name)],) = axes.plot(*zip(*points), **look)
@@ -70,7 +70,7 @@ def save(figure, path):
 
 
 def chart_of_bars(rows, path):
-    """A panel for each size and Poisson's ratio."""
+    """Draws a panel for each size and Poisson's ratio."""
     sizes = list(dict.fromkeys(int(r[3]) for r in rows))
     ratios = list(dict.fromkeys(float(r[4]) for r in rows))
     shape = (len(sizes), len(ratios))
@@ -143,7 +143,7 @@ def main():
             head, *rows = csv.reader(file)
         if head != COLUMNS:
             raise SystemExit(f"{sheet} has other columns; move it away, or leave --only out")
-    # Beside this file are the sources of the programs that step bars.
+    # The folder of this file contains the sources of the programs that simulate bars.
     root = Path(__file__).resolve().parents[2]
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)

@@ -1,4 +1,4 @@
-"""The benchmark's cube drawn by Palpate and by VTK's volume mappers, against a float64 integral."""
+"""The benchmark's cube rendered by Palpate and by VTK's volume mappers, against a float64 integral."""
 
 import json
 import subprocess
@@ -11,7 +11,7 @@ SIZE = 512
 EYE, LOOK_AT, UP, FOV = (2.71205037, 1.3, 1.39265496), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), 30.0
 COLOUR = [(0.0, 0.1, 0.1, 0.8), (0.5, 0.1, 0.9, 0.3), (1.0, 0.9, 0.2, 0.1)]
 EXTINCTION = [(0.0, 0.0), (0.45, 0.0), (0.55, 3.5), (0.65, 0.5), (1.0, 8.0)]
-# Every so many pixels of the truth along x and y, and samples along a ray.
+# Stride of the reference pixels along x and y, and samples along a ray.
 SPARSE, SAMPLES = 16, 2000
 
 SCENE = """
@@ -33,13 +33,13 @@ transfer = '''{transfer}'''
 
 
 def field(p):
-    """The field of the cube at points (…, 3)."""
+    """Returns the field of the cube at points (…, 3)."""
     x, y, z = np.moveaxis(p - 0.5, -1, 0)
     return 0.5 + 0.25 * (np.sin(9 * x) * np.cos(7 * y) + np.sin(8 * z + 2 * x))
 
 
 def mesh_field(p, n):
-    """The same as n³ cells of six tets around the diagonal interpolate it, linear in each tet."""
+    """Returns the field interpolated linearly on n³ cells of six tets around the diagonal."""
     cell = np.clip(np.floor(p * n), 0, n - 1)
     inside = p * n - cell
     order = np.argsort(-inside, axis=-1)
@@ -53,7 +53,7 @@ def mesh_field(p, n):
 
 
 def truth(n):
-    """Colour of every SPARSEth pixel over black, (rows, columns, 3)."""
+    """Returns the colour of every SPARSEth pixel over black, (rows, columns, 3)."""
     eye, look_at, up = (np.array(v) for v in (EYE, LOOK_AT, UP))
     forward = (look_at - eye) / np.linalg.norm(look_at - eye)
     right = np.cross(forward, up)
@@ -85,12 +85,12 @@ def truth(n):
 
 
 def error(picture, exact):
-    """Root mean square over the sparse pixels, of the range 0 to 1."""
+    """Returns the root mean square error over the sparse pixels, for values in 0..1."""
     return float(np.sqrt(np.mean((picture[SPARSE // 2 :: SPARSE, SPARSE // 2 :: SPARSE] - exact) ** 2)))
 
 
 def png(path):
-    """Red, green and blue of a PNG of 8 or 16 bits a channel, 0 to 1."""
+    """Reads red, green and blue of a PNG with 8 or 16 bits per channel, as 0..1."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOImage import vtkPNGReader
 
@@ -124,7 +124,7 @@ def palpate_picture(palpate, folder, n, frames):
 
 
 def vtk_picture(mapper, n, frames):
-    """A picture by one of VTK's mappers, and the median milliseconds of a frame drawn anew."""
+    """Returns a picture by one of VTK's mappers, and the median milliseconds of a redrawn frame."""
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401
     from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkPoints
@@ -173,7 +173,8 @@ def vtk_picture(mapper, n, frames):
         made.SetAutoAdjustSampleDistances(0)
         made.SetImageSampleDistance(1.0)
     volume.SetMapper(made)
-    # Colour and opacity at the same values: with others two of the mappers draw another picture.
+    # Colour and opacity at the same values: otherwise two of the mappers render a different
+    # picture.
     values = sorted({s for s, *_ in COLOUR} | {s for s, _ in EXTINCTION})
     most = max(t for _, t in EXTINCTION)
     colour, opacity = vtkColorTransferFunction(), vtkPiecewiseFunction()
@@ -204,7 +205,7 @@ def vtk_picture(mapper, n, frames):
     renderer.ResetCameraClippingRange()
     taken = []
     for _ in range(frames + 1):
-        # The nodes count as moved, so that everything is sorted and drawn anew.
+        # The nodes are marked as moved, so everything is sorted and rendered again.
         points.Modified()
         grid.Modified()
         start = time.perf_counter()
@@ -220,7 +221,7 @@ def vtk_picture(mapper, n, frames):
 
 
 def compare(palpate, folder, sides, frames):
-    """Rows of (tool, setting, tets, ms a frame, error)."""
+    """Returns rows of (tool, setting, tets, ms per frame, error)."""
     rows = []
     for n in sides:
         exact = truth(n)

@@ -1,12 +1,12 @@
-"""Milliseconds a step of MuJoCo's elements, one thread, on the bar of `cargo bench --bench steps`.
+"""Milliseconds per step of MuJoCo's elements, one thread, on the bar of `cargo bench --bench steps`.
 
     venv/bin/pip install numpy mujoco
     venv/bin/python benches/peers/mujoco_steps.py [--poisson 0.3] [--dt 0.01] [CELLS …]
 
-CELLS are those along the bar, which has a quarter of them across: 12, 24 and 48 where nothing is
-said, which are 540, 4,320 and 34,560 tets. The bar is 0.8 x 0.2 x 0.2 m of 1 MPa, fixed at x = 0,
-falling under its weight. Its `discrete` integrator with the settings it has; the median of the
-steps after the tenth.
+CELLS is the number of cells along the bar, which has a quarter of them across: by default 12, 24
+and 48, i.e. 540, 4,320 and 34,560 tets. The bar is 0.8 x 0.2 x 0.2 m of 1 MPa, fixed at x = 0,
+falling under its weight. Uses the `discrete` integrator with default settings; prints the median
+of the steps after the tenth.
 """
 
 import argparse

@@ -1,12 +1,13 @@
-//! The bar of the chart of motion, stepped by Palpate's engine on the CPU: `compare.py` calls it.
+//! The bar of the chart of motion, simulated by Palpate's engine on the CPU: `compare.py` calls it.
 //!
 //!     peer_bar MESH OUT SCHEME POISSON GRAVITY STEP FRAME FRAMES [ROD]
 //!
-//! MESH is text: the numbers of nodes and tets, the nodes, and the tets with a 1 behind those of the
-//! rod. Nodes at x = 0 are held. SCHEME is a solver's name; with `-tight` behind it linear solves go
-//! to 1e-5 in place of 1e-3. FRAME seconds lie between the FRAMES whose displacements go to OUT
-//! as float64. ROD is a factor on the modulus of the rod, or `rigid`. Printed are milliseconds of
-//! processor time and of wall time that all the steps take, the medians of several runs.
+//! MESH is text: the numbers of nodes and tets, the nodes, and the tets, with a 1 after those of
+//! the rod. Nodes at x = 0 are clamped. SCHEME is a solver's name; the suffix `-tight` sets the
+//! tolerance of linear solves to 1e-5 instead of 1e-3. FRAME is the interval in seconds of the
+//! FRAMES whose displacements are written to OUT as float64. ROD is a factor on the modulus of the
+//! rod, or `rigid`. The program prints milliseconds of processor time and of wall time of all
+//! steps, the medians of several runs.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -75,7 +76,7 @@ fn main() -> Result<()> {
             body.run(each, step)?;
             busy += processor_ms() - before;
             wall += start.elapsed().as_secs_f64() * 1e3;
-            // Each later run makes the same motion.
+            // The motion is the same in every run.
             if taken.is_empty() {
                 for (x, rest) in body.positions()?.iter().zip(&body.mesh().nodes) {
                     let moved: [f64; 3] = (*x - *rest).into();
@@ -101,9 +102,9 @@ fn bad(why: impl Display) -> Error {
     ))
 }
 
-/// What the threads of this program have computed so far, where Linux tells it.
+/// Returns the processor time of the threads of this program, if Linux reports it.
 fn processor_ms() -> f64 {
-    // A thread that runs is counted up to its last turn: let this one have had it.
+    // A running thread is counted up to its last time slice: yield, so that this one is.
     std::thread::sleep(Duration::from_micros(200));
     let Ok(threads) = std::fs::read_dir("/proc/self/task") else {
         return f64::NAN;

@@ -1,12 +1,12 @@
-"""The motion of a small bar of stable Neo-Hookean tets, by numpy and scipy alone.
+"""The motion of a small bar of stable Neo-Hookean tets, computed with numpy and scipy only.
 
     venv/bin/pip install numpy scipy
     venv/bin/python benches/peers/reference_dynamics.py
 
-Prints how far the end of the bar has sunk, for implicit Euler at 10 ms and for the trapezoidal rule
+Prints the deflection of the end of the bar, for implicit Euler at 10 ms and for the trapezoidal rule
 (Newmark with β = ¼, γ = ½) at 1 ms, each solved by Newton's method to the last digits with a sparse
-factorisation. `tests/suite/physics/element_motion.rs` holds the engine on the CPU to these numbers.
-It shares nothing with Palpate but the bar: 8 x 2 x 2 cells of five tets, 0.8 x 0.2 x 0.2 m, fixed at
+factorisation. `tests/suite/physics/element_motion.rs` compares the CPU engine with these numbers.
+It has no code in common with Palpate. The bar: 8 x 2 x 2 cells of five tets, 0.8 x 0.2 x 0.2 m, fixed at
 x = 0, falling under its weight.
 """
 
@@ -26,7 +26,7 @@ for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 
 
 def bar(cells=CELLS, edge=EDGE):
-    """Nodes and tets of a bar of cubes; every other one is the mirror image of its neighbours."""
+    """Returns the nodes and tets of a bar of cubes; alternate cubes are mirrored."""
     nx, ny, nz = cells
     number = lambda i, j, k: (k * (ny + 1) + j) * (nx + 1) + i
     nodes = [(i, j, k) for k in range(nz + 1) for j in range(ny + 1) for i in range(nx + 1)]
@@ -58,7 +58,7 @@ class Body:
         self.rows, self.columns = np.repeat(dofs, 12, 1).ravel(), np.tile(dofs, (1, 12)).ravel()
 
     def elastic(self, x):
-        """The slope of the energy, and its second derivatives."""
+        """Returns the gradient and the Hessian of the energy."""
         g, m = self.gradients, len(self.tets)
         f = np.einsum("mai,maj->mij", x[self.tets], g)
         a, b, c = f[:, :, 0], f[:, :, 1], f[:, :, 2]
@@ -76,7 +76,7 @@ class Body:
         return slope, sp.csr_matrix((blocks.ravel(), (self.rows, self.columns)), (size, size))
 
     def least(self, x, target, weight):
-        """Where weight/2 |x − target|² in the masses and the energy together are least."""
+        """Returns the minimiser of weight/2 |x − target|² (in the mass norm) plus the energy."""
         mass = np.repeat(self.mass, 3)
         for _ in range(30):
             slope, stiffness = self.elastic(x)

@@ -1,15 +1,15 @@
-"""Static solutions by quadratic tets of scikit-fem, refined until three digits stand.
+"""Static solutions by quadratic tets of scikit-fem, refined to three digits.
 
     venv/bin/pip install numpy scipy scikit-fem
     venv/bin/python benches/peers/reference_statics.py [cook|twist]
 
-- cook: Cook's membrane in plane strain, a slab one cell thick whose faces slide in their planes,
+- cook: Cook's membrane in plane strain, a slab one cell thick with faces constrained to their planes,
   linear elasticity: the mean rise of the right face times E t / F, F the shear force on it and
-  t the thickness. The upper clamped corner is singular, and cells are finer towards it.
-- twist: a beam of 0.2 x 0.2 x 0.6 between two clamped ends, one turned by 90 degrees about its
+  t the thickness. The upper clamped corner is singular, and the mesh is refined towards it.
+- twist: a beam of 0.2 x 0.2 x 0.6 between two clamped ends, one rotated by 90 degrees about its
   axis, of stable Neo-Hookean material: its energy over E V.
 
-tests/suite/physics/statics holds Palpate against what the lines of each converge to.
+tests/suite/physics/statics compares Palpate with the limits of the printed values.
 """
 
 import sys
@@ -22,13 +22,13 @@ from skfem.helpers import ddot, det, dot, grad, inv, sym_grad, trace, transpose
 
 
 def lame(poisson):
-    """Mu and lambda over Young's modulus."""
+    """Returns mu and lambda relative to Young's modulus."""
     return (1 / (2 * (1 + poisson)),
             poisson / ((1 + poisson) * (1 - 2 * poisson)))
 
 
 def box(cells):
-    """The unit cube, cut into cells of six tets."""
+    """Returns the unit cube, subdivided into cells of six tets."""
     return MeshTet.init_tensor(*(np.linspace(0, 1, n + 1) for n in cells))
 
 
@@ -46,7 +46,7 @@ def solve(matrix, load, fixed, given=None):
 def cook(poisson, n):
     mesh = box([n, n, 1])
     x, y, z = mesh.p
-    # Finer towards the corner that is singular.
+    # Refined towards the singular corner.
     x, y = x ** 2, 1 - (1 - y) ** 2
     thick = 48 / n
     mesh = MeshTet(np.array([48 * x, 44 * x + y * (44 - 28 * x), thick * z]), mesh.t)
@@ -87,7 +87,7 @@ def twist(poisson, n):
         return f, j, j * transpose(inv(f))
 
     def cofactor_change(f, d):
-        """How the cofactors of f change with it, by d."""
+        """Returns the derivative of the cofactors of f in the direction d."""
         out = np.zeros_like(f + d)
         for k in range(3):
             a, b = (k + 1) % 3, (k + 2) % 3
@@ -108,7 +108,7 @@ def twist(poisson, n):
 
     @BilinearForm
     def slope(u, v, w):
-        # The same u comes with every v in turn.
+        # The same u is paired with every v in turn.
         if known[0] is not u or known[1] is not w:
             f, j, c = state(w)
             d = grad(u)
@@ -126,7 +126,7 @@ def twist(poisson, n):
     previous = np.zeros(basis.N)
     for step in range(1, steps + 1):
         angle = 0.5 * np.pi * step / steps
-        # The whole beam is turned along at first.
+        # The initial guess rotates the whole beam uniformly.
         turn = angle * z / size[2]
         cos, sin = np.cos(turn), np.sin(turn)
         wanted = np.choose(axis, [cos * x - sin * y - x, sin * x + cos * y - y, 0 * x])

@@ -1,4 +1,4 @@
-//! `palpate adapters`: the graphics adapters here.
+//! `palpate adapters`: lists the graphics adapters.
 
 use super::{Outcome, driver, print_json};
 use clap::Args;
@@ -14,7 +14,7 @@ pub struct AdaptersArguments {
     json: bool,
 }
 
-/// Lists the adapters, and marks the one that `wanted` means.
+/// Lists the adapters, and marks the one selected by `wanted`.
 pub fn run(wanted: Option<&str>, arguments: &AdaptersArguments) -> anyhow::Result<Outcome> {
     let (chosen, all) = driver::with_driver_output_held(wanted, || {
         Ok((Gpu::with_adapter(wanted)?.adapter_name(), Gpu::adapters()))

@@ -1,4 +1,4 @@
-//! `palpate bake COARSE FINE`: the normal map that makes a coarse surface look like a fine one.
+//! `palpate bake COARSE FINE`: bakes the normal map of a fine surface for a coarse one.
 
 use super::mesh::write_report;
 use super::{Outcome, flags, print_json, print_notes};
@@ -69,7 +69,7 @@ fn read(path: &Path) -> palpate::Result<TriMesh> {
     Ok(surface)
 }
 
-/// What a user should know, a sentence each.
+/// Returns the warnings of a bake, one sentence each.
 fn notes(report: &BakeReport) -> Vec<String> {
     let mut notes = Vec::new();
     if report.covered == 0 {

@@ -1,4 +1,4 @@
-//! `palpate compare A B`: picture against picture, for regression tests of renders.
+//! `palpate compare A B`: compares two images, for regression tests of renderings.
 
 use super::{Outcome, print_json};
 use clap::Args;
@@ -27,7 +27,7 @@ pub struct CompareArguments {
     json: bool,
 }
 
-/// Compares two pictures: exit code 0 within the tolerances, 1 past them.
+/// Compares two images: exit code 0 within the tolerances, 1 otherwise.
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<Outcome> {
     let a = Image::read_for_comparison(&arguments.a)?;
     let b = Image::read_for_comparison(&arguments.b)?;

@@ -1,4 +1,4 @@
-//! `palpate convert A B`: a mesh or a surface in another format.
+//! `palpate convert A B`: converts a mesh or a surface to another format.
 
 use super::mesh::is_surface;
 use super::{Outcome, print_json, print_notes};
@@ -34,7 +34,7 @@ pub struct ConvertArguments {
     json: bool,
 }
 
-/// Reads the one and writes the other.
+/// Reads the input and writes the output.
 pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
     let (input, output) = (&arguments.input, &arguments.output);
     let report = match is_surface(output) {
@@ -71,7 +71,7 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The format that a name means; none for one of so many pieces.
+/// Returns the format of a file name; `None` for an index of pieces.
 pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat>> {
     match pieces {
         None => MeshFormat::from_extension(path).map(Some),
@@ -83,7 +83,7 @@ pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat
     }
 }
 
-/// Writes a surface, and returns what there is to report.
+/// Writes a surface, and returns the report.
 fn surface(arguments: &ConvertArguments) -> Result<Value> {
     let (input, output) = (&arguments.input, &arguments.output);
     if arguments.format.is_some() || arguments.text || arguments.pieces.is_some() {
@@ -128,7 +128,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
     }))
 }
 
-/// Says what to do with a file that holds no mesh.
+/// Returns an error with advice for a file that contains no mesh.
 fn refuse_others(input: &Path) -> Result<()> {
     let what = match io::detect_kind(input)? {
         Kind::Mesh => return Ok(()),

@@ -1,5 +1,5 @@
-//! `palpate demo`: the limb phantom bends under load, its bones visible inside, and a fingertip presses
-//! on it.
+//! `palpate demo`: the limb phantom bends under load, with its bones visible inside, and a
+//! fingertip presses on it.
 
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
@@ -12,13 +12,13 @@ use palpate::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
 
-/// The scene of the demo, which ships with the program.
+/// The scene of the demo, embedded in the program.
 const SCENE: &str = include_str!("../../data/scenes/limb.toml");
 /// Its transfer function, in Hounsfield units.
 const TRANSFER: &str = include_str!("../../data/limb.json");
-/// Frames of the animation a second.
+/// Frame rate of the animation, 1/s.
 const FPS: f64 = 16.0;
-/// The limb that is pressed has so many times fewer tets, and at least so many.
+/// Factor by which the pressed limb has fewer tets, and their minimum number.
 const COARSER: usize = 4;
 const LEAST: usize = 2_000;
 
@@ -42,8 +42,8 @@ pub struct DemoArguments {
     json: bool,
 }
 
-/// Bends the limb, and leaves `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`; then presses on it,
-/// and leaves what `palpate press` leaves in the folder `press`.
+/// Bends the limb and writes `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`; then presses on it
+/// and writes the output of `palpate press` to the folder `press`.
 pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
@@ -99,7 +99,7 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// An endless animation, there and back again.
+/// Writes an endless animation that plays forwards and backwards.
 fn save_film(path: &std::path::Path, pictures: &[Image]) -> Result<()> {
     let Some(first) = pictures.first() else {
         return Ok(());

@@ -1,5 +1,5 @@
-//! Keeps what graphics drivers print off standard error: Mesa's device-select layer calls
-//! libwayland, which complains on standard error where there is no desktop.
+//! Keeps the output of graphics drivers off standard error: Mesa's device-select layer calls
+//! libwayland, which complains there if there is no desktop.
 
 use super::print_notes;
 use palpate::Result;
@@ -13,8 +13,8 @@ pub fn gpu(adapter: Option<&str>) -> Result<Gpu> {
     with_driver_output_held(adapter, || Gpu::with_adapter(adapter))
 }
 
-/// Runs `work`, which loads the drivers. If it fails and no adapter was named, prints what the
-/// drivers wrote, marked as theirs; if one was named, the name is the likely mistake.
+/// Runs `work`, which loads the drivers. If it fails and no adapter was named, prints the output of
+/// the drivers, marked as such; if one was named, the name is the likely error.
 ///
 /// # Errors
 /// As `work`.
@@ -36,7 +36,7 @@ pub fn with_driver_output_held<T>(
 /// Runs `work` with standard error redirected, and returns what was written to it.
 #[cfg(unix)]
 fn capture_stderr<T>(work: impl FnOnce() -> T) -> (T, String) {
-    // Without the redirection the drivers' output is visible, which harms nothing.
+    // Without the redirection the drivers' output is visible, which is harmless.
     let Ok(mut capture) = StderrCapture::begin() else {
         return (work(), String::new());
     };
@@ -45,7 +45,7 @@ fn capture_stderr<T>(work: impl FnOnce() -> T) -> (T, String) {
     (done, output)
 }
 
-/// On other systems drivers print nothing to standard error.
+/// Drivers on other systems print nothing to standard error.
 #[cfg(not(unix))]
 fn capture_stderr<T>(work: impl FnOnce() -> T) -> (T, String) {
     (work(), String::new())
@@ -69,7 +69,7 @@ impl StderrCapture {
         Ok(StderrCapture { own, file })
     }
 
-    /// Everything written so far.
+    /// Returns everything written so far.
     fn output(&mut self) -> String {
         use std::io::{Read, Seek};
         let mut bytes = Vec::new();
@@ -83,7 +83,7 @@ impl StderrCapture {
 #[cfg(unix)]
 impl Drop for StderrCapture {
     fn drop(&mut self) {
-        // No place is left to report a failure to.
+        // A failure cannot be reported anywhere.
         let _ = rustix::stdio::dup2_stderr(&self.own);
         if std::thread::panicking() {
             use std::io::Write;

@@ -1,4 +1,4 @@
-//! Films of the frames that a command draws, and the way of the camera round the body.
+//! Animations of the frames that a command renders, and the orbit of the camera around the body.
 
 use clap::Args;
 use palpate::render::{Animation, Camera};
@@ -41,13 +41,12 @@ fn angle(text: &str) -> Result<f64, String> {
 }
 
 impl AnimationFlags {
-    /// Whether a film is asked for.
+    /// Whether an animation is requested.
     pub fn is_requested(&self) -> bool {
         self.film.is_some()
     }
 
-    /// The flags for a body that stands still: the camera goes all the way round it where nothing
-    /// else is said.
+    /// Returns the flags for a static body: by default the camera makes a full orbit.
     pub fn with_full_orbit(&self) -> anyhow::Result<AnimationFlags> {
         if self.orbit.is_some() && !self.is_requested() {
             anyhow::bail!(
@@ -60,7 +59,7 @@ impl AnimationFlags {
         })
     }
 
-    /// Refuses what cannot be written, before the work.
+    /// Rejects invalid output before the work starts.
     pub fn check(&self) -> palpate::Result<()> {
         match &self.film {
             Some(path) => Animation::check(path, self.fps),
@@ -68,14 +67,14 @@ impl AnimationFlags {
         }
     }
 
-    /// Begins the film of the pictures of `stage`, if one is asked for.
+    /// Begins the animation of the images of `stage`, if one is requested.
     pub fn start(&self, stage: &Stage) -> palpate::Result<Option<Animation>> {
         let film = self.film.as_ref();
         film.map(|path| Animation::create(path, stage.size(), self.fps))
             .transpose()
     }
 
-    /// Leaves room for the body all round, if the camera is to go there.
+    /// Frames the body from all sides, if the camera orbits.
     pub fn frame(&self, stage: &mut Stage, also: &[palpate::glam::DVec3]) -> palpate::Result<()> {
         match self.orbit {
             Some(_) => stage.fit_orbit(also),
@@ -84,13 +83,13 @@ impl AnimationFlags {
         }
     }
 
-    /// The camera after a `share` of the way from where it `starts`.
+    /// Returns the camera at the fraction `share` of the orbit that begins at `starts`.
     pub fn camera(&self, starts: &Camera, share: f64) -> Camera {
         starts.orbited(self.orbit.unwrap_or(0.0) * share)
     }
 }
 
-/// Ends a film, unless nothing came into it.
+/// Ends an animation, unless it has no frames.
 pub fn finish(film: Option<Animation>, frames: bool) -> palpate::Result<()> {
     match film {
         Some(film) if frames => film.finish(),

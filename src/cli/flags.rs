@@ -1,4 +1,4 @@
-//! The flags every picture needs, laid over a scene's values.
+//! Flags shared by all commands that render; they override the values of a scene.
 
 use clap::Args;
 use palpate::annotate::Axes;
@@ -240,7 +240,7 @@ pub struct SceneFlags {
 }
 
 impl SceneFlags {
-    /// The scene that `input` (a scene file or a mesh file) and these flags make.
+    /// Builds the scene of `input` (a scene file or a mesh file) and these flags.
     pub fn scene(&self, input: &Path) -> palpate::Result<Scene> {
         let is_scene = input
             .extension()
@@ -259,7 +259,7 @@ impl SceneFlags {
         put(given.up.map(|t| t.0), &mut scene.camera.up);
         put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
         if given.field.is_some() {
-            // That of the scene's own field.
+            // The range belongs to the scene's own field.
             scene.picture.range = None;
         }
         override_with(given.field, &mut scene.picture.field);
@@ -383,7 +383,7 @@ impl SceneFlags {
     }
 }
 
-/// `#rrggbb`.
+/// Formats a colour as `#rrggbb`.
 fn hex(colour: [f64; 3]) -> String {
     let byte = |x: f64| (255.0 * x).round() as u8;
     let [r, g, b] = colour.map(byte);

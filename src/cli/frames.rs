@@ -1,4 +1,4 @@
-//! `palpate render --frames-from`: pictures of a body that another program moves.
+//! `palpate render --frames-from`: renders a body that is moved by another program.
 
 use super::Outcome;
 use super::render::RenderArguments;
@@ -11,10 +11,10 @@ use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// What stands for standard input, and for a mesh that comes with the frames.
+/// Stands for standard input, and for a mesh in the stream of frames.
 const DASH: &str = "-";
 
-/// Draws every frame that comes from `pipe` as soon as it is there.
+/// Renders every frame of `pipe` as soon as it has arrived.
 pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Result<Outcome> {
     let film = arguments.film_flags();
     film.check()?;
@@ -33,7 +33,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
     };
     let (mut frames, mesh) = FrameStream::new(BufReader::new(from), name)?;
     let mut scene = arguments.scene.scene(arguments.input())?;
-    // Nothing moves it but the frames.
+    // Only the frames move the body.
     scene.solver.name = None;
     let own = arguments.input().as_os_str() == DASH;
     let mut stage = match mesh {
@@ -65,7 +65,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
         let (time, places) = match frames.next_frame() {
             Ok(Some(frame)) => frame,
             Ok(None) => break Ok(()),
-            // What came is kept.
+            // Completed output is kept.
             Err(e) => break Err(e),
         };
         stage.set_positions(&places)?;
@@ -94,7 +94,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
     Ok(Outcome::Done)
 }
 
-/// `out`, with the number of a frame.
+/// Inserts the number of a frame into `out`.
 fn numbered(out: &Path, frame: u32) -> PathBuf {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
     let extension = out.extension().unwrap_or_default().to_string_lossy();

@@ -1,4 +1,4 @@
-//! `palpate info FILE`: what is in it, what is wrong with it.
+//! `palpate info FILE`: prints statistics and problems of a file.
 
 use super::{Outcome, print_json};
 use clap::Args;
@@ -20,7 +20,7 @@ pub struct InfoArguments {
     json: bool,
 }
 
-/// Prints the description of what the file holds.
+/// Prints the description of the content of a file.
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<Outcome> {
     let file = &arguments.file;
     match io::detect_kind(file)? {

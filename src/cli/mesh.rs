@@ -1,4 +1,4 @@
-//! `palpate mesh`: scans, segmentations and surfaces to tets; surfaces out of them.
+//! `palpate mesh`: meshes scans, segmentations and surfaces with tets, or extracts surfaces.
 
 use super::convert::format_of;
 use super::{Outcome, print_json, print_notes, progress};
@@ -148,13 +148,13 @@ impl MeshArguments {
     }
 }
 
-/// Whether `path` names a file that surfaces are written to.
+/// Whether `path` has the extension of a surface format.
 pub fn is_surface(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     ["ply", "obj", "stl"].contains(&extension.to_str().unwrap_or(""))
 }
 
-/// Makes the mesh or surface and says what it is like.
+/// Generates the mesh or surface and prints a summary.
 pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     let recipe = arguments.recipe()?;
     if is_surface(&arguments.out) {
@@ -170,7 +170,7 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
         )
         .into());
     }
-    // Before the work: a name that cannot be written is known to be one.
+    // Checked before the work: the extension must be supported.
     let format = format_of(&arguments.out, arguments.pieces)?;
     let made = progress::with_stages(|progress| recipe.mesh(progress))?;
     let left_out = match (format, arguments.pieces) {
@@ -192,7 +192,7 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Writes a surface instead of tets.
+/// Extracts a surface instead of meshing.
 fn surface(arguments: &MeshArguments, recipe: &MeshingConfig) -> anyhow::Result<Outcome> {
     let surface =
         progress::with_stages(|progress| recipe.extract_surface(arguments.smooth, progress))?;
@@ -227,10 +227,10 @@ pub fn write_report(path: &Path, report: &impl serde::Serialize) -> palpate::Res
     })
 }
 
-/// Of regions that lose more of their volume than this, the user is told.
+/// Regions that lose more than this fraction of their volume are reported.
 const LOST: f64 = 0.1;
 
-/// What was made, a line a region, and how good it is.
+/// Returns a line per region, and the quality.
 fn summary(report: &RecipeReport) -> Vec<String> {
     let mut lines: Vec<String> = report
         .regions

@@ -1,4 +1,4 @@
-//! The command line: one file a subcommand.
+//! The command line, one file per subcommand.
 
 mod adapters;
 mod bake;
@@ -84,29 +84,29 @@ enum Command {
     Man(shell::ManArguments),
 }
 
-/// Whether standard error is for errors alone.
+/// Whether only errors are printed on standard error.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// Whether standard error is for errors alone (`--quiet`).
+/// Whether only errors are printed on standard error (`--quiet`).
 fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// How a command ended, when nothing went wrong.
+/// Result of a command that did not fail.
 pub enum Outcome {
-    /// All is well.
+    /// Success.
     Done,
-    /// The question asked has the answer no: exit code 1, without an error message.
+    /// A negative answer: exit code 1, without an error message.
     Negative,
 }
 
-/// The command with all subcommands and flags.
+/// Returns the command with all subcommands and flags.
 pub fn command() -> clap::Command {
     Arguments::command()
 }
 
-/// Parses the arguments, runs the command, and turns what happened into an exit code: 0 done,
-/// 1 failed (or `compare` found a difference), 2 wrong arguments.
+/// Parses the arguments, runs the command, and returns the exit code: 0 success, 1 failure (or
+/// `compare` found a difference), 2 wrong arguments.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     QUIET.store(arguments.quiet, Ordering::Relaxed);
@@ -115,14 +115,14 @@ pub fn main() -> ExitCode {
         Ok(Outcome::Negative) => ExitCode::FAILURE,
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            // Nothing is left to tell it to if standard error is closed too.
+            // If standard error is closed, the error cannot be reported.
             let _ = writeln!(std::io::stderr(), "palpate: {}", error_chain(&error));
             ExitCode::FAILURE
         }
     }
 }
 
-/// The error with its causes, each that is not said already by the one above it.
+/// Formats the error with its causes, without those already contained in the one above.
 fn error_chain(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain() {
@@ -160,32 +160,32 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Prints a report on standard output: one JSON object.
+/// Prints a report on standard output as one JSON object.
 fn print_json(report: &impl serde::Serialize) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(report)?;
     writeln!(std::io::stdout().lock(), "{text}")?;
     Ok(())
 }
 
-/// Tells the user something beside the result, on standard error, unless `--quiet` is given.
+/// Prints notes on standard error, unless `--quiet` is given.
 fn print_notes(notes: &[String]) {
     if is_quiet() {
         return;
     }
     let mut err = std::io::stderr().lock();
     for note in notes {
-        // Nothing is left to tell it to if standard error is closed.
+        // If standard error is closed, the note cannot be printed.
         let _ = writeln!(err, "palpate: {note}");
     }
 }
 
-/// Whether `path` names a series of frames.
+/// Whether `path` is a series of frames.
 fn is_series(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("pvd"))
 }
 
-/// Whether the reader of our output went away, which is its right.
+/// Whether the reader of the output has closed the pipe, which is not an error.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.chain().any(|cause| {
         cause

@@ -1,4 +1,4 @@
-//! `palpate presets`: the transfer functions by name.
+//! `palpate presets`: lists the transfer function presets.
 
 use super::{Outcome, print_json};
 use clap::Args;
@@ -19,7 +19,7 @@ pub struct PresetsArguments {
     json: bool,
 }
 
-/// Lists the presets, or draws them.
+/// Lists or renders the presets.
 pub fn run(arguments: &PresetsArguments) -> anyhow::Result<Outcome> {
     if let Some(path) = &arguments.out {
         preset_sheet()?.save(path)?;

@@ -1,4 +1,4 @@
-//! `palpate press`: a fingertip presses on a body and lets go, or presses all over it.
+//! `palpate press`: indents a body with a fingertip at one point or on a grid.
 
 use super::flags::{SceneFlags, Triple, triple};
 use super::{Outcome, press_map, print_json, progress};
@@ -14,7 +14,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Frames of the film a second.
+/// Frame rate of the animation, 1/s.
 const FPS: f64 = 12.0;
 
 /// Arguments of `press`.
@@ -69,7 +69,7 @@ fn pixel(text: &str) -> std::result::Result<Pixel, String> {
     }
 }
 
-/// Presses, draws, and writes what was measured.
+/// Presses, renders, and writes the measurements.
 pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     let scene = arguments.scene.scene(&arguments.input)?;
@@ -100,7 +100,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Presses on the body of `scene` and leaves pictures, a film, a series and what was measured in
+/// Presses on the body of `scene` and writes images, an animation, a series and the measurements to
 /// `out`, which exists.
 pub fn press(
     gpu: &Gpu,
@@ -121,7 +121,7 @@ pub fn press(
     )]);
     press.stage().save(out.join("rest.png"))?;
     press.clip_at_press()?;
-    // That of an earlier press would be taken for this one's.
+    // That of an earlier press would be mistaken for the new one.
     match std::fs::remove_file(out.join("pressed.png")) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(out)(e).into()),
         _ => {}
@@ -137,7 +137,7 @@ pub fn press(
             let start = Instant::now();
             let sample = match press.advance() {
                 Ok(sample) => sample,
-                // What was measured until then is kept.
+                // The measurements up to then are kept.
                 Err(why) => return Ok(Some(why)),
             };
             seconds += start.elapsed().as_secs_f64();
@@ -201,7 +201,7 @@ fn write_samples(path: &Path, samples: &[PressSample]) -> Result<()> {
     })
 }
 
-/// Force against depth, and what Hertz would have.
+/// Draws force against depth, with the Hertz solution.
 #[cfg(feature = "study")]
 fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Result<()> {
     use palpate::study::{Axis, Chart, Series, SeriesStyle};
@@ -234,7 +234,7 @@ fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Resu
     chart.save(out, "press")
 }
 
-/// Charts are of the feature `study`.
+/// Charts need the feature `study`.
 #[cfg(not(feature = "study"))]
 fn draw_chart(_: &Path, _: &[PressSample], _: &PressReport) -> Result<()> {
     Ok(())

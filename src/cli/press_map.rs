@@ -1,4 +1,4 @@
-//! `palpate press --map`: a body pressed at the points of a grid.
+//! `palpate press --map`: indents a body at the points of a grid.
 
 use super::{print_notes, progress};
 use palpate::gpu::Gpu;
@@ -10,25 +10,26 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
-/// What stands in map.json.
+/// Content of map.json.
 #[derive(Serialize, Deserialize)]
 pub struct MapMetadata {
-    /// Points along the two sides.
+    /// Number of points along the two sides.
     grid: [u32; 2],
     radius: f64,
     depth: f64,
-    /// Points that were to be pressed, that were, and at which a step failed.
+    /// Numbers of requested points, of completed points, and of points at which a step failed.
     points: usize,
     pressed: usize,
     failed: usize,
     median_n_per_m: Option<f64>,
     stiffest_n_per_m: Option<f64>,
     stiffest_at: Option<[f64; 3]>,
-    /// What tells maps of other bodies, scenes and ways of pressing.
+    /// Fingerprint of the body, scene and settings of the map.
     mark: String,
 }
 
-/// Presses what is left of the map, draws it, and says what stands out; returns what map.json has.
+/// Presses the remaining points of the map, draws it, and prints stiff spots; returns the content
+/// of map.json.
 pub fn run(
     gpu: &Gpu,
     scene: &Scene,
@@ -48,7 +49,7 @@ pub fn run(
         )]);
     }
     let left = map.points().iter().filter(|p| p.pressed.is_none()).count();
-    // First, so that rows are never without what they are of.
+    // Written first, so that rows always have their metadata.
     write_metadata(&map, wanted, &about)?;
     progress::with_bar("pressing", left as u64, |bar| {
         map.measure(gpu, &mut |map| {
@@ -89,7 +90,7 @@ fn failed(map: &PressMap) -> usize {
     map.points().iter().filter(failed).count()
 }
 
-/// What an interrupted map of the same body and settings has found; none where there is no other.
+/// Returns the results of an interrupted map of the same body and settings, if there is one.
 fn previous_results(
     map: &PressMap,
     rows: &Path,

@@ -1,4 +1,5 @@
-//! Progress: a bar on a terminal, a line every few seconds elsewhere, nothing with `--quiet`.
+//! Progress reports: a bar on a terminal, a line every few seconds elsewhere, nothing with
+//! `--quiet`.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::scene::Stage;
@@ -8,19 +9,19 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time between two lines where standard error is no terminal.
+/// Interval of the lines if standard error is not a terminal.
 const INTERVAL: Duration = Duration::from_secs(5);
-/// Thousandths, of which a bar of one named part of the work consists.
+/// Steps of the bar of a stage.
 const BAR_STEPS: u64 = 1000;
 
-/// What is being done, and how far it is.
+/// The progress of the current work.
 pub struct ProgressReporter {
     bar: ProgressBar,
     lines: Option<Lines>,
 }
 
 impl ProgressReporter {
-    /// Says nothing until something takes longer than an interval.
+    /// Creates a reporter that stays silent until the work takes longer than an interval.
     fn new(bar: ProgressBar, state: State) -> ProgressReporter {
         if super::is_quiet() {
             return ProgressReporter {
@@ -35,19 +36,19 @@ impl ProgressReporter {
         }
     }
 
-    /// So many are done.
+    /// Sets the number of completed items.
     pub fn set_position(&self, done: u64) {
         self.bar.set_position(done);
         self.change(|state| state.done = done);
     }
 
-    /// One more is done.
+    /// Increments the number of completed items.
     pub fn inc(&self, more: u64) {
         self.bar.inc(more);
         self.change(|state| state.done += more);
     }
 
-    /// What is being done, or a number that goes with it.
+    /// Sets the description of the current item.
     pub fn detail(&self, detail: String) {
         self.change(|state| state.detail = detail);
     }
@@ -59,7 +60,7 @@ impl ProgressReporter {
     }
 }
 
-/// Shows a bar over `total` things called `what` while `work` is done.
+/// Shows a bar over `total` items named `what` during `work`.
 pub fn with_bar<T>(what: &'static str, total: u64, work: impl FnOnce(&ProgressReporter) -> T) -> T {
     let bar = ProgressBar::new(total);
     let template = "{msg} {wide_bar} {pos}/{len} [{elapsed} < {eta}]";
@@ -73,7 +74,7 @@ pub fn with_bar<T>(what: &'static str, total: u64, work: impl FnOnce(&ProgressRe
     result
 }
 
-/// Shows what is being done, by name and fraction, while `work` is.
+/// Shows the current stage and its fraction during `work`.
 pub fn with_stages<T>(work: impl FnOnce(palpate::ProgressFn) -> T) -> T {
     let bar = ProgressBar::new(BAR_STEPS);
     if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} [{elapsed}]") {
@@ -93,7 +94,7 @@ pub fn with_stages<T>(work: impl FnOnce(palpate::ProgressFn) -> T) -> T {
     result
 }
 
-/// Says that `what` is being done, where that takes long.
+/// Reports `what` as the current work, if it takes long.
 pub fn with_message<T>(what: &str, work: impl FnOnce() -> T) -> T {
     let bar = ProgressBar::hidden();
     let progress = ProgressReporter::new(bar, State::new(what, 0));
@@ -102,7 +103,7 @@ pub fn with_message<T>(what: &str, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Runs `steps` steps of `stage`, telling how many are done and what the last one took.
+/// Runs `steps` steps of `stage`, with a bar and the iterations of the last step.
 ///
 /// # Errors
 /// As [`Stage::run`].
@@ -126,22 +127,22 @@ pub fn run(
     Ok(())
 }
 
-/// How iterations of the last step are told.
+/// Formats the number of iterations of the last step.
 pub fn iterations(count: Option<u32>) -> String {
     count.map_or(String::new(), |n| {
         format!("{n} iterations in the last step")
     })
 }
 
-/// What lines are made from.
+/// Data of a line.
 #[derive(Clone, Debug)]
 struct State {
     what: String,
     detail: String,
     done: u64,
-    /// How many there are to do; 0 where that is not known.
+    /// Total number of items; 0 if unknown.
     total: u64,
-    /// The share that is done, where nothing is counted.
+    /// The completed fraction, if items are not counted.
     share: Option<f64>,
     start: Instant,
     ended: bool,
@@ -160,7 +161,7 @@ impl State {
         }
     }
 
-    /// The line that says it.
+    /// Formats the line.
     fn line(&self) -> String {
         let elapsed = self.start.elapsed().as_secs_f64();
         let mut line = match (self.total, self.share) {
@@ -180,7 +181,7 @@ impl State {
     }
 }
 
-/// A thread that says what is being done, at intervals, until it is dropped.
+/// A thread that prints the progress at intervals until it is dropped.
 struct Lines {
     shared: Arc<(Mutex<State>, Condvar)>,
     thread: Option<JoinHandle<()>>,
@@ -217,7 +218,7 @@ impl Lines {
             });
         Lines {
             shared,
-            // Without a thread there are no lines, and the work goes on.
+            // Without a thread no lines are printed, and the work continues.
             thread: thread.ok(),
         }
     }
@@ -228,13 +229,13 @@ impl Drop for Lines {
         lock(&self.shared.0).ended = true;
         self.shared.1.notify_all();
         if let Some(thread) = self.thread.take() {
-            // A line that could not be written is no reason to fail.
+            // A failure to print a line is ignored.
             let _ = thread.join();
         }
     }
 }
 
-/// The state, also after a panic elsewhere.
+/// Locks the state, also after a panic elsewhere.
 fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
     state
         .lock()
@@ -242,11 +243,11 @@ fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
 }
 
 fn to_stderr(line: &str) {
-    // Nothing is left to tell it to if standard error is closed.
+    // If standard error is closed, the line cannot be printed.
     let _ = writeln!(std::io::stderr(), "palpate: {line}");
 }
 
-/// Seconds in words: `8 s`, `3 min 5 s`, `2 h 10 min`.
+/// Formats a duration: `8 s`, `3 min 5 s`, `2 h 10 min`.
 fn duration(seconds: f64) -> String {
     let seconds = seconds.max(0.0).round() as u64;
     match seconds {

@@ -1,4 +1,4 @@
-//! `palpate render`: deform, draw one picture.
+//! `palpate render`: deforms a body and renders one image.
 
 use super::film::AnimationFlags;
 use super::flags::{MeasureFlags, SceneFlags};
@@ -54,34 +54,34 @@ pub struct RenderArguments {
 }
 
 impl RenderArguments {
-    /// What is drawn.
+    /// Returns the input.
     pub fn input(&self) -> &Path {
         &self.input
     }
 
-    /// The picture, if any is wanted.
+    /// Returns the image file, if requested.
     pub fn out(&self) -> Option<&Path> {
         self.out.as_deref()
     }
 
-    /// Whether a report is to be printed as JSON.
+    /// Whether to print the report as JSON.
     pub fn json(&self) -> bool {
         self.measure.json
     }
 
-    /// Of its film.
+    /// Returns the flags of the animation.
     pub fn film_flags(&self) -> &AnimationFlags {
         &self.film
     }
 }
 
-/// Deforms the body if a solver is named, and draws it.
+/// Deforms the body if a solver is given, and renders it.
 pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     if let Some(pipe) = &arguments.frames_from {
         return super::frames::run(gpu, arguments, pipe);
     }
     if let Some(path) = &arguments.mesh_out {
-        // Before the work: a name that cannot be written is known to be one.
+        // Checked before the work: the extension must be supported.
         MeshFormat::from_extension(path)?;
     }
     let film = arguments.film.with_full_orbit()?;
@@ -116,7 +116,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     if steps > 0 {
         stage.fit_view(&[])?;
     }
-    // Also when the simulation failed: its last good state is worth a look.
+    // Rendered even if the simulation failed: its last valid state is informative.
     if let Some(out) = &arguments.out {
         progress::with_message("drawing", || stage.save(out))?;
         let notes = stage.field_note().into_iter();
@@ -156,7 +156,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A film of what is drawn, the camera going round it.
+/// Renders an animation with the camera orbiting the body.
 fn render_turntable(stage: &mut Stage, film: &AnimationFlags, frames: u32) -> palpate::Result<()> {
     let before = *stage.camera_mut();
     film.frame(stage, &[])?;
@@ -166,7 +166,7 @@ fn render_turntable(stage: &mut Stage, film: &AnimationFlags, frames: u32) -> pa
     };
     progress::with_bar("frames", u64::from(frames), |bar| -> palpate::Result<()> {
         for frame in 0..frames {
-            // The last frame is a step before the first, so that the film can begin again.
+            // The last frame is one step before the first, so the animation loops.
             let share = f64::from(frame) / f64::from(frames);
             *stage.camera_mut() = film.camera(&starts, share);
             stage.film(&mut file)?;
@@ -178,7 +178,7 @@ fn render_turntable(stage: &mut Stage, film: &AnimationFlags, frames: u32) -> pa
     file.finish()
 }
 
-/// What is seen at `pixel`, or null.
+/// Returns the pick at `pixel`, or null.
 fn pick_json(stage: &mut Stage, pixel: DVec2) -> palpate::Result<Value> {
     let Some(pick) = stage.pick(pixel)? else {
         return Ok(Value::Null);
@@ -201,7 +201,7 @@ fn pick_json(stage: &mut Stage, pixel: DVec2) -> palpate::Result<Value> {
     }))
 }
 
-/// The middle of a pixel.
+/// Parses a pixel and returns its centre.
 fn pixel(text: &str) -> Result<DVec2, String> {
     let expected = || "X,Y in pixels is expected, 512,384 for example".to_owned();
     let (x, y) = text.split_once(',').ok_or_else(expected)?;

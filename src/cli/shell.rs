@@ -1,4 +1,4 @@
-//! `palpate completions` and `palpate man`: what shells and the program man know of the commands.
+//! `palpate completions` and `palpate man`: shell completions and manual pages.
 
 use super::{Outcome, command, print_notes};
 use clap::Args;
@@ -8,7 +8,7 @@ use palpate::{Error, io};
 use std::io::Write;
 use std::path::PathBuf;
 
-/// What the pages are of.
+/// Source shown on the manual pages.
 const SOURCE: &str = concat!("palpate ", env!("CARGO_PKG_VERSION"));
 
 /// Arguments of `completions`.
@@ -20,7 +20,7 @@ pub struct CompletionsArguments {
 
 /// Prints the completions of a shell.
 pub fn completions(arguments: &CompletionsArguments) -> anyhow::Result<Outcome> {
-    // Into memory first: a reader that goes away is no error, and the generator would panic.
+    // Into memory first: a closed pipe is not an error, but the generator would panic.
     let mut script = Vec::new();
     clap_complete::generate(arguments.shell, &mut command(), "palpate", &mut script);
     std::io::stdout().lock().write_all(&script)?;
@@ -50,7 +50,7 @@ pub fn man(arguments: &ManArguments) -> anyhow::Result<Outcome> {
         )
     })?;
     let mut whole = command();
-    // Now each page has the flags of all commands too.
+    // Now each page has the global flags, too.
     whole.build();
     let own = whole.get_subcommands().filter(|of| of.get_name() != "help");
     let pages: Vec<&clap::Command> = std::iter::once(&whole).chain(own).collect();

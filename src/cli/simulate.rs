@@ -1,4 +1,4 @@
-//! `palpate simulate`: pictures and meshes of every frame.
+//! `palpate simulate`: renders and writes every frame of a simulation.
 
 use super::film::{self, AnimationFlags};
 use super::flags::SceneFlags;
@@ -46,7 +46,7 @@ pub struct SimulateArguments {
     scene: SceneFlags,
 }
 
-/// Simulates, or plays a series back, and draws every frame.
+/// Simulates, or plays back a series, and renders every frame.
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     arguments.film.check()?;
     if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_requested() {
@@ -87,7 +87,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         steps: steps.saturating_mul(arguments.frames),
         draws_frames: !arguments.no_pictures || arguments.film.is_requested(),
     };
-    // What was chosen for the run that is resumed stays, however many frames it is to have now.
+    // The settings of the resumed run are kept, whatever the new number of frames.
     scene.solver.run = checkpoint.as_ref().map_or(Some(ahead), |kept| kept.run());
     let mut stage = progress::with_message("preparing", || Stage::new(gpu, &scene))?;
     super::print_notes(stage.notes());
@@ -112,7 +112,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         if resumable {
             stage.keep_checkpoints();
         }
-        // One of another run would be taken for this one's.
+        // That of another run would be mistaken for the new one.
         match std::fs::remove_file(&kept) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
                 return Err(palpate::Error::io(&kept)(e).into());
@@ -131,7 +131,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     let mut reactions = match reactions {
         None => None,
         Some(path) => {
-            // Before the work: a body of which they are not known is known to be one.
+            // Checked before the work: the body must support reactions.
             stage.reactions()?;
             Some(match first > 0 {
                 true => ReactionLog::resume(path, &times)?,
@@ -155,7 +155,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
                         });
                     }),
                 };
-                // Also when the simulation failed: its last good state is the last frame.
+                // Rendered even if the simulation failed: its last valid state is the last frame.
                 pictures.draw(&mut stage, frame, arguments.frames)?;
                 if let Some(series) = &mut series {
                     stage.write_frame(series)?;
@@ -181,7 +181,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     Ok(Outcome::Done)
 }
 
-/// The checkpoint of an earlier run, if it left one.
+/// Reads the checkpoint of an earlier run, if there is one.
 fn read_checkpoint(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
     if kept.exists() {
         return Checkpoint::read(kept).map(Some);
@@ -193,7 +193,7 @@ fn read_checkpoint(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
     Ok(None)
 }
 
-/// Brings the stage to where the run that left `checkpoint`, the file `kept`, was.
+/// Restores the state of `checkpoint`, read from the file `kept`.
 fn resume_from(
     stage: &mut Stage,
     kept: &Path,
@@ -217,7 +217,7 @@ fn resume_from(
     Ok(())
 }
 
-/// Draws every frame of a series, whatever made it, from its positions.
+/// Renders every frame of a series from its positions, whatever its origin.
 fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     let frames = io::read_pvd(&arguments.input)?;
     let Some(first) = frames.first() else {
@@ -225,7 +225,7 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
     };
     let mut stage = Stage::new(gpu, &arguments.scene.scene(&first.file)?)?;
     super::print_notes(stage.notes());
-    // All frames are in the picture: of each, the corners of its bounds.
+    // All frames fit the image: the corners of the bounds of each.
     let mut reach = Vec::new();
     for frame in &frames {
         let (low, high) = io::read(&frame.file)?.bounds();
@@ -279,8 +279,8 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
     Ok(Outcome::Done)
 }
 
-/// Prints as JSON what came of `frames` frames, the first with them, the last of which is at `time`,
-/// if that is asked for.
+/// Prints a report on `frames` frames, including the first, the last of which is at `time`, as
+/// JSON, if requested.
 fn report(
     arguments: &SimulateArguments,
     stage: &Stage,
@@ -300,12 +300,12 @@ fn report(
     }))
 }
 
-/// The pictures of a run, as files and as a film.
+/// The images of a run, as files and as an animation.
 struct Pictures<'a> {
     arguments: &'a SimulateArguments,
     name: &'a str,
     film: Option<Animation>,
-    /// The view of the first frame.
+    /// The camera of the first frame.
     starts: Camera,
     filmed: bool,
 }
@@ -325,7 +325,7 @@ impl<'a> Pictures<'a> {
         })
     }
 
-    /// Draws `frame` of a run whose last one is `last`.
+    /// Renders `frame` of a run with the last frame `last`.
     fn draw(&mut self, stage: &mut Stage, frame: u32, last: u32) -> palpate::Result<()> {
         let share = f64::from(frame) / f64::from(last.max(1));
         *stage.camera_mut() = self.arguments.film.camera(&self.starts, share);
@@ -341,7 +341,7 @@ impl<'a> Pictures<'a> {
         Ok(())
     }
 
-    /// Ends the film: also of a run that failed, as far as it came.
+    /// Ends the animation, also after a failed run.
     fn end(self) -> palpate::Result<()> {
         film::finish(self.film, self.filmed)
     }

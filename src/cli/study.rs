@@ -32,7 +32,7 @@ pub struct StudyArguments {
     json: bool,
 }
 
-/// Runs a study; Ctrl-C ends it early and keeps what was measured, a second one at once.
+/// Runs a study; Ctrl-C ends it early and keeps the measurements, a second one aborts.
 pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).map_err(palpate::Error::io(out))?;
@@ -52,7 +52,7 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
                     gpu,
                     dir: out,
                     quick: arguments.quick,
-                    // It ends by `stop`.
+                    // It is cancelled by `stop`.
                     progress: &|what, share| {
                         let _ = progress(what, share);
                     },
@@ -74,7 +74,7 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The names of the files in a folder, in order.
+/// Returns the sorted names of the files in a folder.
 fn files(folder: &Path) -> palpate::Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(palpate::Error::io(folder))? {

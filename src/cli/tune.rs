@@ -1,4 +1,4 @@
-//! `palpate tune`: the cheapest settings of a scene that are accurate enough.
+//! `palpate tune`: searches for the cheapest settings of a scene within an error tolerance.
 
 use super::{Outcome, print_json, progress};
 use clap::Args;
@@ -31,7 +31,7 @@ pub struct TuneArguments {
     json: bool,
 }
 
-/// Tunes a scene; exit code 1 where nothing meets what is wanted, and the best there is written.
+/// Tunes a scene; exit code 1 if no settings meet the target, and the best ones are written.
 pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let scene = Scene::read(&arguments.scene)?;
     let wanted = TuneTarget {
@@ -56,7 +56,7 @@ pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     })
 }
 
-/// What a search chose, for the report.
+/// Formats the result of a search for the report.
 fn found<P: Display>(found: &SearchResult<P>) -> Value {
     json!({
         "choice": found.point.to_string(),
@@ -68,7 +68,7 @@ fn found<P: Display>(found: &SearchResult<P>) -> Value {
     })
 }
 
-/// A share as a number, or with a per cent sign.
+/// Parses a fraction as a number, or in per cent.
 fn share(text: &str) -> Result<f64, String> {
     let (number, unit) = match text.trim().strip_suffix('%') {
         Some(number) => (number.trim_end(), 0.01),

@@ -1,4 +1,4 @@
-//! `palpate view`: starts the viewer, which is a program of its own.
+//! `palpate view`: starts the viewer, which is a separate program.
 
 use super::Outcome;
 use clap::Args;
@@ -6,7 +6,7 @@ use palpate::Error;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What the viewer is called.
+/// Name of the viewer program.
 const NAME: &str = "palpate-view";
 
 /// Arguments of `view`.
@@ -19,7 +19,8 @@ pub struct ViewArguments {
     others: Vec<String>,
 }
 
-/// Starts the viewer from beside this program, or from where programs are, and waits for its end.
+/// Starts the viewer from the folder of this program, or from the search path, and waits for its
+/// end.
 pub fn run(arguments: &ViewArguments) -> anyhow::Result<Outcome> {
     let own = std::env::current_exe().ok();
     let beside = own.as_deref().and_then(Path::parent).map(|folder| {
@@ -40,7 +41,7 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Outcome> {
         })?;
     Ok(match ended.success() {
         true => Outcome::Done,
-        // It has said why.
+        // It has printed the reason.
         false => Outcome::Negative,
     })
 }

@@ -1,4 +1,4 @@
-//! `palpate warp`: a scan in the bent body, and the motion as a field.
+//! `palpate warp`: warps a scan by the deformation of a body, and writes the displacement field.
 
 use super::{Outcome, driver, print_json, print_notes, progress};
 use clap::Args;
@@ -11,7 +11,7 @@ use palpate::{Error, Result};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Metres in the unit of scans.
+/// Unit of scans in metres.
 const MILLIMETRE: f64 = 1e-3;
 
 /// Arguments of `warp`.
@@ -55,7 +55,7 @@ pub struct WarpArguments {
     json: bool,
 }
 
-/// Brings the scan to where the body took it.
+/// Warps the scan by the deformation of the body.
 pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<Outcome> {
     let files = WarpFiles {
         image: arguments.out.as_deref(),
@@ -82,7 +82,7 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
                 )
             })?;
             let mut bent = read(&arguments.to)?;
-            // Where only one of them tells its unit, it is that of both.
+            // If only one of them has a unit, it applies to both.
             let unit = bent.length_unit.or(rest.length_unit);
             bent.length_unit = unit;
             let length_unit = rest.length_unit.or(unit);
@@ -104,7 +104,7 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         background: arguments.background,
     };
     let report = progress::with_stages(|told| {
-        // Nobody ends it on the command line.
+        // The command line does not cancel.
         let mut planes = |done: usize, all: usize| {
             let _ = told("warping", done as f64 / all as f64);
         };
@@ -133,7 +133,7 @@ fn read(path: &Path) -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// The mesh at rest, `given` or the scene's, and bent.
+/// Returns the rest mesh, `given` or the scene's, and the deformed mesh.
 fn meshes_from_scene(
     adapter: Option<&str>,
     arguments: &WarpArguments,
@@ -181,7 +181,7 @@ fn meshes_from_scene(
     Ok((rest, bent))
 }
 
-/// The mesh in mm, the unit of scans; one that tells no unit is.
+/// Converts the mesh to mm, the unit of scans; one without a unit is in mm.
 fn in_mm(mut mesh: TetMesh) -> Result<TetMesh> {
     let factor = mesh.length_unit.map_or(1.0, |unit| unit / MILLIMETRE);
     if !(factor > 0.0 && factor.is_finite()) {
@@ -196,7 +196,7 @@ fn in_mm(mut mesh: TetMesh) -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// How voxels lie in a body, for the report.
+/// Formats the voxel coverage of a body for the report.
 fn coverage(of: &Coverage) -> Value {
     json!({
         "voxels": of.voxels,
@@ -206,7 +206,7 @@ fn coverage(of: &Coverage) -> Value {
     })
 }
 
-/// What was found on the way, in words.
+/// Returns the warnings of a warp.
 fn report_notes(report: &WarpReport, tets: usize) -> Vec<String> {
     let mut lines = Vec::new();
     let share = |n: usize, of: &Coverage| 100.0 * n as f64 / of.voxels.max(1) as f64;

@@ -1,10 +1,10 @@
-//! Reader for Abaqus input files (`.inp`), which CalculiX reads too: nodes, elements with volume
-//! or without, and sets.
+//! Reader for Abaqus input files (`.inp`), also used by CalculiX: nodes, elements with or without
+//! volume, and sets.
 //!
-//! Element sets become regions: the field `label` counts them from 1, and their names are those
-//! of the regions (see [`super::abaqus_sets`]). Node sets become fields `nset:NAME` of 0 and 1.
-//! A file of one part is read, with or without an assembly around it; what is not of the mesh
-//! (materials, steps, contacts) is passed over.
+//! Element sets become regions: the field `label` numbers them from 1, and the regions have their
+//! names (see [`super::abaqus_sets`]). Node sets become fields `nset:NAME` of 0 and 1. A file with
+//! one part is read, with or without an assembly around it; anything else than the mesh (materials,
+//! steps, contacts) is skipped.
 
 use super::abaqus_elements::{Shape, shape};
 use super::abaqus_lines::{Card, members, shown, tag};
@@ -16,7 +16,7 @@ use super::tags::{Tags, repeated_numbers};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// Whether `bytes` begin with a keyword that an input file begins with, after comments.
+/// Whether `bytes` begin, after comments, with a keyword that can begin an input file.
 pub(super) fn is_abaqus(bytes: &[u8]) -> bool {
     let mut lines = bytes.split(|b| *b == b'\n').map(<[u8]>::trim_ascii);
     let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"**"));
@@ -28,7 +28,7 @@ pub(super) fn is_abaqus(bytes: &[u8]) -> bool {
 /// Reads the content of an `.inp` file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut file = File::default();
-    // A keyword line that ends with a comma goes on in the next line.
+    // A keyword line that ends with a comma continues on the next line.
     let mut open: Option<(usize, String)> = None;
     for (line, text) in (1..).zip(bytes.split(|b| *b == b'\n')) {
         let text = text.trim_ascii();
@@ -56,10 +56,10 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     file.finish(bytes)
 }
 
-/// Characters of a keyword with all its lines.
+/// Maximum length of a keyword with all its lines, in characters.
 const LONGEST_KEYWORD: usize = 1 << 14;
 
-/// What the data lines that follow are.
+/// Meaning of the data lines that follow.
 #[derive(Default)]
 enum Section {
     #[default]
@@ -73,7 +73,7 @@ enum Section {
         first: usize,
         set: Option<String>,
     },
-    /// Of element types that are not known, by name.
+    /// Elements of unknown type, by name.
     UnknownElements(String),
     NodeSet {
         name: String,
@@ -86,13 +86,13 @@ enum Section {
     Instance,
 }
 
-/// Where a keyword stands.
+/// Scope of a keyword.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Scope {
     /// In a file without parts, or outside of them.
     #[default]
     Flat,
-    /// In the n-th part, or instance with nodes of its own.
+    /// In the n-th part, or instance with its own nodes.
     Part(usize),
     Assembly,
 }
@@ -104,27 +104,27 @@ struct File {
     parts: usize,
     instances: usize,
     moved: bool,
-    /// Where the nodes are.
+    /// The scope of the nodes.
     home: Option<Scope>,
     nodes: Vec<DVec3>,
     node_tags: Tags,
     node_numbers: Vec<u64>,
     elements: Vec<(Shape, u64)>,
-    /// The node numbers of all elements: nodes may come after them.
+    /// The node numbers of all elements: nodes may follow them.
     corners: Vec<u64>,
-    /// The element whose nodes go on in the next line.
+    /// The element whose nodes continue on the next line.
     open: Vec<u64>,
     unknown: BTreeMap<String, usize>,
     node_sets: Sets,
     element_sets: Sets,
-    /// Element sets that sections of solids name.
+    /// Element sets referenced by solid sections.
     sections: Vec<String>,
-    /// Element sets that *ELEMENT names.
+    /// Element sets defined by *ELEMENT.
     cards: Vec<String>,
 }
 
 impl File {
-    /// A keyword, if one has come, and the line where it starts.
+    /// Processes a keyword, if there is one, and the line at which it starts.
     fn keyword(&mut self, keyword: Option<(usize, String)>) -> ParseResult<()> {
         let Some((line, text)) = keyword else {
             return Ok(());
@@ -159,7 +159,7 @@ impl File {
             }
             "INSTANCE" => {
                 self.instances += 1;
-                // Its nodes, if it has any, are a part of their own.
+                // Its nodes, if it has any, form a separate part.
                 self.scope = Scope::Part(self.parts + self.instances);
                 Section::Instance
             }
@@ -188,7 +188,7 @@ impl File {
         Ok(())
     }
 
-    /// Whether what comes belongs to the mesh; not if it is a reference point of an assembly.
+    /// Whether the following data belong to the mesh; false for a reference point of an assembly.
     fn in_mesh_scope(&mut self) -> ParseResult<bool> {
         if self.scope == Scope::Assembly && self.parts + self.instances > 0 {
             return Ok(false);
@@ -238,7 +238,7 @@ impl File {
         let name = name
             .ok_or_else(|| format!("*{kind} has no name; {kind}=NAME is expected"))?
             .to_owned();
-        // In an assembly, sets without an instance are of its own reference points.
+        // In an assembly, sets without an instance contain its own reference points.
         let in_assembly = self.scope == Scope::Assembly && self.parts + self.instances > 0;
         if (in_assembly && card.get("INSTANCE").is_none()) || card.get("INTERNAL").is_some() {
             return Ok(Section::Other);
@@ -288,7 +288,7 @@ impl File {
         let tag = tag(words.next().unwrap_or_default(), "the number of a node")?;
         let mut position = [0.0; 3];
         for (axis, value) in ["x", "y", "z"].iter().zip(&mut position) {
-            // Coordinates that are not given are 0.
+            // Missing coordinates are 0.
             let word = words.next().unwrap_or_default();
             if !word.is_empty() {
                 *value = number(word)

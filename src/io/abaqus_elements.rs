@@ -1,20 +1,20 @@
-//! Abaqus's types of elements, as far as their nodes are known.
+//! Node layouts of Abaqus element types.
 
-/// Nodes of the largest element.
+/// Number of nodes of the largest element.
 pub(super) const MOST_NODES: usize = 27;
 
-/// What a type of elements is like.
+/// Node layout of an element type.
 #[derive(Clone, Copy)]
 pub(super) struct Shape {
-    /// VTK's number of the kind of cell.
+    /// VTK number of the cell type.
     pub kind: u8,
     pub nodes: usize,
 }
 
-/// Letters before "3D" of the families of solids.
+/// Prefixes of solid element families before "3D".
 const SOLIDS: [&str; 6] = ["C", "DC", "AC", "DCC", "QC", "F"];
 
-/// The shape of the type called `name`, in upper case; corners come first, in VTK's order.
+/// Returns the layout of the type `name`, in upper case; corners are first, in VTK order.
 pub(super) fn shape(name: &str) -> Option<Shape> {
     let of = |kind, nodes| Some(Shape { kind, nodes });
     if let Some((family, rest)) = name.split_once("3D")
@@ -22,7 +22,7 @@ pub(super) fn shape(name: &str) -> Option<Shape> {
     {
         let digits = rest.trim_end_matches(|c: char| !c.is_ascii_digit());
         return match (digits, rest) {
-            // Between 15 and 18 nodes, and between 21 and 27.
+            // Variable numbers of nodes: 15 to 18, and 21 to 27.
             (_, "15V" | "15VH" | "27" | "27H" | "27R" | "27RH") => None,
             ("4", _) => of(10, 4),
             ("5", _) => of(14, 5),
@@ -35,7 +35,7 @@ pub(super) fn shape(name: &str) -> Option<Shape> {
             _ => None,
         };
     }
-    // Continuum shells have the shape of solids; what else is here has no volume.
+    // Continuum shells have the shape of solids; the other types here have no volume.
     match name {
         "SC6R" => of(13, 6),
         "SC8R" => of(12, 8),

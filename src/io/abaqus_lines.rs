@@ -1,4 +1,4 @@
-//! The lines of Abaqus input files: keywords with parameters, and words between commas.
+//! Lines of Abaqus input files: keywords with parameters, and comma-separated words.
 
 use super::abaqus_sets::Member;
 use super::cursor::ParseResult;
@@ -39,14 +39,14 @@ impl Card {
         found.map(|(_, value)| value.as_str())
     }
 
-    /// The name of a set, where one is given.
+    /// Returns the name of a set, if one is given.
     pub fn set(&self, name: &str) -> Option<&str> {
         self.get(name).filter(|value| !value.is_empty())
     }
 }
 
-/// The members on a line of a set: numbers and names, or with `generate` a first, a last and a
-/// step.
+/// Parses the members on a line of a set: numbers and names, or with `generate` a first number, a
+/// last number and an increment.
 pub(super) fn members<'a>(
     words: impl Iterator<Item = &'a [u8]>,
     generate: bool,
@@ -78,14 +78,14 @@ pub(super) fn members<'a>(
     }
 }
 
-/// A word as the number of a node or element.
+/// Parses a word as the number of a node or element.
 pub(super) fn tag(word: &[u8], what: &str) -> ParseResult<u64> {
     let text = std::str::from_utf8(word).ok();
     text.and_then(|t| t.parse().ok())
         .ok_or_else(|| format!("expected {what}, found {}", shown(word)))
 }
 
-/// A word as errors show it.
+/// Formats a word for error messages.
 pub(super) fn shown(word: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(&word[..word.len().min(40)]))
 }

@@ -1,9 +1,8 @@
-//! Abaqus's sets of nodes and elements, and the regions that sets of elements are.
+//! Abaqus sets of nodes and elements, and the regions defined by element sets.
 //!
-//! Regions are the sets that sections of solids name; or else those of *ELSET; or else those of
-//! *ELEMENT: the first of the three that accounts for the whole volume, or all together where
-//! none does. A set of the whole volume beside others is none; of several sets that have an
-//! element the first counts.
+//! Regions are the sets referenced by solid sections, or those of *ELSET, or those of *ELEMENT: the
+//! first of the three that covers the whole volume, or all together if none does. A set of the
+//! whole volume is ignored if there are others; an element in several sets belongs to the first.
 
 use super::cells::RawMesh;
 use super::cursor::ParseResult;
@@ -13,25 +12,25 @@ use crate::mesh::{Field, Location, ScalarType};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-/// Node sets become fields of their own, so there must not be too many.
+/// Maximum number of node sets, since each becomes a field.
 const MOST_NODE_SETS: usize = 32;
 
-/// How many times more items than a file has bytes its sets may list.
+/// Maximum ratio of the items listed by sets to the bytes of the file.
 const OVERLAP: usize = 8;
 
-/// What a set lists.
+/// A member of a set.
 pub(super) enum Member {
     /// By its number.
     One(u64),
     /// By number: first, last, step.
     Range(u64, u64, u64),
-    /// Another set.
+    /// All items of another set.
     Named(String),
-    /// By place in the file.
+    /// A range of indices in the file.
     Items(Range<usize>),
 }
 
-/// Sets by name, in the order of the file. Case does not matter in names.
+/// Sets by name, in the order of the file. Names are case-insensitive.
 #[derive(Default)]
 pub(super) struct Sets {
     index: HashMap<String, usize>,
@@ -39,7 +38,7 @@ pub(super) struct Sets {
 }
 
 impl Sets {
-    /// A set of that name is there from now on, be it empty.
+    /// Creates a set of that name, possibly empty.
     pub fn begin(&mut self, name: &str) {
         self.add(name, Vec::new());
     }
@@ -53,7 +52,7 @@ impl Sets {
         self.sets[at].1.extend(members);
     }
 
-    /// The items of every set: `tags` are their indices by number, `numbers` their numbers.
+    /// Resolves the items of every set: `tags` maps numbers to indices, `numbers` are the numbers.
     pub fn resolve(&self, tags: &Tags, numbers: &[u64], bytes: usize) -> ParseResult<Resolved> {
         let mut sorted: Vec<(u64, usize)> = numbers.iter().copied().zip(0..).collect();
         sorted.sort_unstable();
@@ -61,7 +60,7 @@ impl Sets {
         let mut sets = Vec::with_capacity(self.sets.len());
         for (at, (name, _)) in self.sets.iter().enumerate() {
             let mut items = Vec::new();
-            // Sets may name each other in circles.
+            // Sets may reference each other cyclically.
             let mut seen = vec![at];
             let mut open = vec![at];
             while let Some(at) = open.pop() {
@@ -108,7 +107,7 @@ fn too_many() -> String {
     "the sets list the same items over and over".into()
 }
 
-/// Sets with the items they list.
+/// Sets with their items.
 pub(super) struct Resolved {
     index: HashMap<String, usize>,
     sets: Vec<(String, Vec<usize>)>,
@@ -120,7 +119,7 @@ impl Resolved {
     }
 
     /// Adds the field `label` and the names of regions to `mesh`. `sections` and `cards` are the
-    /// sets named by sections of solids and by *ELEMENT.
+    /// sets referenced by solid sections and defined by *ELEMENT.
     pub fn regions(
         &self,
         mesh: &mut RawMesh,
@@ -182,10 +181,11 @@ impl Resolved {
         mesh.fields.push(integer_field("label", labels.of_cell));
     }
 
-    /// Labels by the first of `sets` that has a cell, counted from 1 over those with volume.
+    /// Labels cells by the first of `sets` that contains them, numbered from 1 over the sets with
+    /// volume.
     fn labels(&self, sets: &[usize], solid: &[bool]) -> Labels {
         let whole = solid.iter().filter(|s| **s).count();
-        // Cells with volume of each set, each counted once.
+        // Number of distinct cells with volume in each set.
         let mut seen = vec![usize::MAX; solid.len()];
         let mut counted: Vec<(usize, usize)> = Vec::new();
         for set in sets {
@@ -225,7 +225,7 @@ impl Resolved {
         labels
     }
 
-    /// Adds a field of 0 and 1 for each set of nodes but those of none or all.
+    /// Adds a field of 0 and 1 for each node set that is neither empty nor complete.
     pub fn node_fields(self, mesh: &mut RawMesh) {
         let nodes = mesh.nodes.len();
         let mut left = 0;
@@ -259,12 +259,12 @@ impl Resolved {
     }
 }
 
-/// A label for each cell, 0 for none.
+/// The label of each cell, 0 for none.
 struct Labels {
     /// The set of each label, from 1 on.
     used: Vec<usize>,
     of_cell: Vec<f64>,
-    /// How often a cell was in a further set.
+    /// Number of cells that were also in a further set.
     shared: usize,
 }
 

@@ -1,5 +1,5 @@
-//! Writer for Abaqus input files: nodes, C3D4 elements, and an element set a region. Materials,
-//! sections and steps are for whoever takes them up.
+//! Writer for Abaqus input files: nodes, C3D4 elements, and one element set per region. Materials,
+//! sections and steps are left to the user.
 
 use super::format::dropped_fields_note;
 use super::groups::Groups;
@@ -10,11 +10,11 @@ use std::collections::{BTreeMap, HashSet};
 use std::io::Write;
 use std::path::Path;
 
-/// Most characters of a number: CalculiX reads no more of one.
+/// Maximum length of a number in characters: the limit of CalculiX.
 const DIGITS: usize = 20;
-/// Most characters of the name of a set.
+/// Maximum length of the name of a set in characters.
 const NAME: usize = 80;
-/// Most numbers on a line of a set.
+/// Maximum number of entries on a line of a set.
 const COLUMNS: usize = 16;
 
 /// Writes nodes, tets and regions.
@@ -33,7 +33,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
     Ok(dropped_fields_note(&others, why).into_iter().collect())
 }
 
-/// A name for the set of each group, of the characters that every reader takes, none twice.
+/// Returns unique names for the sets of the groups, in characters that every reader accepts.
 fn set_names(groups: &Groups) -> Vec<String> {
     let mut taken = HashSet::new();
     groups
@@ -59,7 +59,7 @@ fn set_names(groups: &Groups) -> Vec<String> {
         .collect()
 }
 
-/// `value` in at most [`DIGITS`] characters, with as many digits as they hold.
+/// Formats `value` with the most digits that fit into [`DIGITS`] characters.
 fn short(value: f64) -> String {
     let whole = format!("{value:?}");
     if whole.len() <= DIGITS {

@@ -1,4 +1,4 @@
-//! Files that are either whole or not there.
+//! Atomic writing of files.
 
 use crate::files::OutFile;
 use crate::{Error, Result};
@@ -11,13 +11,13 @@ use std::path::Path;
 #[cfg(not(target_arch = "wasm32"))]
 use std::path::PathBuf;
 
-/// Writes a file through a temporary name in the same folder, and gives it its own name only
-/// once `fill` has succeeded: whoever looks sees the old file or the whole new one. What is no
-/// regular file (a pipe, `/dev/null`) is written to directly.
+/// Writes a file under a temporary name in the same folder and renames it once `fill` has
+/// succeeded: readers see either the old or the complete new file. Anything but a regular file (a
+/// pipe, `/dev/null`) is written to directly.
 ///
 /// # Errors
-/// Whatever `fill` returns, or that the file cannot be made, written or renamed; the temporary
-/// file is gone then and an older file of that name untouched.
+/// The errors of `fill`, or an error if the file cannot be created, written or renamed; the
+/// temporary file is then removed and an older file of that name is unchanged.
 pub fn atomic_write(
     path: impl AsRef<Path>,
     fill: impl FnOnce(&mut BufWriter<OutFile>) -> Result<()>,
@@ -29,12 +29,12 @@ pub fn atomic_write(
     })
 }
 
-/// Fills a file, once.
+/// Callback that writes the content of a file, called once.
 type Fill<'a> = &'a mut dyn FnMut(&mut BufWriter<OutFile>) -> Result<()>;
 
 #[cfg(not(target_arch = "wasm32"))]
 fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
-    // A link keeps pointing where it did: the file behind it is the one replaced.
+    // A symbolic link is preserved: the file that it points to is replaced.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     if let Ok(about) = std::fs::metadata(&target)
         && !about.is_file()
@@ -53,7 +53,7 @@ fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
     replace(path, &target, folder_of(&target), fill)
 }
 
-/// The folder that a file is in.
+/// Returns the folder of a file.
 #[cfg(not(target_arch = "wasm32"))]
 fn folder_of(file: &Path) -> &Path {
     match file.parent() {
@@ -71,7 +71,7 @@ fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Fills a temporary file in `folder` and gives it the name `target`; `path` is what errors name.
+/// Writes a temporary file in `folder` and renames it to `target`; errors name `path`.
 #[cfg(not(target_arch = "wasm32"))]
 fn replace(path: &Path, target: &Path, folder: &Path, fill: Fill<'_>) -> Result<()> {
     let (file, unfinished) = TempFile::begin(path, target, folder)?;
@@ -82,7 +82,7 @@ fn replace(path: &Path, target: &Path, folder: &Path, fill: Fill<'_>) -> Result<
     unfinished.finish()
 }
 
-/// A file under a temporary name, which is gone with this unless it is finished.
+/// A file under a temporary name, removed on drop unless it is finished.
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) struct TempFile {
     path: PathBuf,
@@ -92,10 +92,10 @@ pub(crate) struct TempFile {
 
 #[cfg(not(target_arch = "wasm32"))]
 impl TempFile {
-    /// A file that will be called `path`, and where to write it meanwhile.
+    /// Creates a file to be renamed to `path`; returns it for writing.
     ///
     /// # Errors
-    /// When it cannot be made, or `path` is there already and is no regular file.
+    /// An error if it cannot be created, or if `path` exists and is not a regular file.
     pub fn create(path: &Path) -> Result<(File, TempFile)> {
         let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         if std::fs::metadata(&target).is_ok_and(|about| !about.is_file()) {
@@ -126,15 +126,15 @@ impl TempFile {
         Ok((file, unfinished))
     }
 
-    /// Its temporary name.
+    /// Returns its temporary name.
     pub fn temporary(&self) -> &Path {
         &self.temporary
     }
 
-    /// Gives it its own name.
+    /// Renames it to its final name.
     ///
     /// # Errors
-    /// When the operating system refuses.
+    /// An error of the operating system.
     pub fn finish(self) -> Result<()> {
         let path = self.path;
         self.temporary

@@ -1,22 +1,21 @@
-//! The kinds of cells there are, by VTK's numbers: their names, corners and faces.
+//! Cell types by VTK number: names, corners and faces.
 
-/// VTK's number of a linear tetrahedron.
+/// VTK number of a linear tetrahedron.
 pub(super) const TET: u8 = 10;
 
-/// VTK's number of the last linear cell with volume.
+/// VTK number of the last linear cell with volume.
 pub(super) const HEXAGONAL_PRISM_KIND: u8 = 16;
 
-/// VTK's number of a polyhedron, whose list in legacy files holds faces rather than nodes.
+/// VTK number of a polyhedron, whose list in legacy files contains faces instead of nodes.
 pub(super) const POLYHEDRON: u8 = 42;
 
-/// A kind of cell with corners and flat faces that can be cut into tets.
+/// A cell type with corners and planar faces that can be subdivided into tets.
 pub(super) struct CellShape {
     pub corners: usize,
     pub faces: &'static [&'static [usize]],
 }
 
-// Faces are listed counter-clockwise seen from outside, for cells ordered as gmsh and Medit
-// order them.
+// Faces are counter-clockwise seen from outside, for cells in the node order of Gmsh and Medit.
 const HEXAHEDRON: CellShape = CellShape {
     corners: 8,
     faces: &[
@@ -89,17 +88,17 @@ const TETRAHEDRON: CellShape = CellShape {
     faces: &[&[1, 2, 3], &[0, 3, 2], &[0, 1, 3], &[0, 2, 1]],
 };
 
-/// What becomes of a kind of cell.
+/// Treatment of a cell type.
 pub(super) enum CellSupport {
-    /// Cut into tets (by its corners; nodes beyond them are dropped).
+    /// Subdivided into tets (by its corners; other nodes are dropped).
     Cut(&'static CellShape),
-    /// Not volumetric: dropped and named.
+    /// Not volumetric: dropped and reported.
     Drop,
-    /// Volumetric, but there is no way here to cut it: dropped, named, and warned of.
+    /// Volumetric, but subdivision is not supported: dropped, reported, and warned of.
     Hole,
 }
 
-/// Name (singular) and fate of the cells that VTK numbers `kind`.
+/// Returns the name (singular) and treatment of cells with VTK number `kind`.
 pub(super) fn kind(kind: u8) -> (&'static str, CellSupport) {
     use CellSupport::{Cut, Drop, Hole};
     match kind {

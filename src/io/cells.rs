@@ -1,10 +1,10 @@
-//! From the cells of a file to tetrahedra: the stage that all readers share.
+//! Conversion of the cells of a file to tetrahedra, shared by all readers.
 //!
-//! Hexahedra, wedges, pyramids and prisms are cut into tets so that cells that share a face cut
-//! it alike: every face is fanned from its node of smallest number, and the cell is coned from
-//! its own node of smallest number over the faces that node does not touch (Dompierre et al.,
-//! *How to Subdivide Pyramids, Prisms, and Hexahedra into Tetrahedra*, 1999). The rule looks at
-//! node numbers only, so two cells never disagree.
+//! Hexahedra, wedges, pyramids and prisms are subdivided into tets that conform across shared
+//! faces: every face is fanned from its node of smallest number, and the cell is coned from its own
+//! node of smallest number over the faces that do not contain it (Dompierre et al., *How to
+//! Subdivide Pyramids, Prisms, and Hexahedra into Tetrahedra*, 1999). The rule depends on node
+//! numbers only, so adjacent cells always agree.
 
 use super::cell_kinds::{
     CellShape, CellSupport, HEXAGONAL_PRISM_KIND, POLYHEDRON, TET, WEDGE, kind,
@@ -14,12 +14,12 @@ use crate::mesh::{Field, Location, TetMesh, signed_volume};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// What a reader found in a file, in the file's order.
+/// Unprocessed content of a file, in the order of the file.
 #[derive(Default)]
 pub(super) struct RawMesh {
     pub nodes: Vec<DVec3>,
     pub cells: Cells,
-    /// One tuple a node, or one a cell (of any kind).
+    /// One tuple per node, or one per cell (of any type).
     pub fields: Vec<Field>,
     pub warnings: Vec<String>,
     /// See [`TetMesh`].
@@ -27,12 +27,12 @@ pub(super) struct RawMesh {
     pub length_unit: Option<f64>,
 }
 
-/// Cells of mixed kinds.
+/// Cells of mixed types.
 #[derive(Default)]
 pub(super) struct Cells {
-    /// VTK's number of each cell's kind.
+    /// VTK number of each cell's type.
     kinds: Vec<u8>,
-    /// Where each cell's nodes end in `nodes`.
+    /// End of each cell's nodes in `nodes`.
     ends: Vec<usize>,
     nodes: Vec<u32>,
 }
@@ -42,8 +42,8 @@ impl Cells {
         self.kinds.len()
     }
 
-    /// Adds a cell; node numbers count from 0 and those beyond u32 are refused later, as
-    /// out of range.
+    /// Adds a cell; node numbers start at 0, and those beyond u32 are rejected later as out of
+    /// range.
     pub fn push(&mut self, kind: u8, nodes: impl IntoIterator<Item = usize>) {
         self.kinds.push(kind);
         self.nodes.extend(
@@ -54,7 +54,7 @@ impl Cells {
         self.ends.push(self.nodes.len());
     }
 
-    /// Kind and nodes of cell `cell`, if there is one.
+    /// Returns the type and nodes of cell `cell`, if it exists.
     pub fn get(&self, cell: usize) -> Option<(u8, &[u32])> {
         let start = cell.checked_sub(1).map_or(0, |before| self.ends[before]);
         Some((*self.kinds.get(cell)?, &self.nodes[start..self.ends[cell]]))
@@ -71,9 +71,9 @@ impl Cells {
 }
 
 impl RawMesh {
-    /// Adds cells as VTK's formats hold them: kinds, all nodes, and where each cell's nodes end
-    /// (rising, and within `nodes`). Node numbers are counted from the first node added by the
-    /// same piece, `first_node`.
+    /// Adds cells in VTK layout: types, all nodes, and the end of each cell's nodes (ascending, and
+    /// within `nodes`). Node numbers are relative to the first node of the same piece,
+    /// `first_node`.
     pub fn add_cells(
         &mut self,
         kinds: &[f64],
@@ -102,7 +102,7 @@ impl RawMesh {
         Ok(())
     }
 
-    /// Which nodes and which cells the tets will come from.
+    /// Returns the masks of the nodes and the cells that the tets use.
     pub fn volumetric(&self) -> (Vec<bool>, Vec<bool>) {
         let mut of_node = vec![false; self.nodes.len()];
         let mut of_cell = vec![false; self.cells.len()];
@@ -119,11 +119,11 @@ impl RawMesh {
         (of_node, of_cell)
     }
 
-    /// The mesh in tets, repaired by [`TetMesh::new`].
+    /// Converts the cells to tets and repairs the mesh with [`TetMesh::new`].
     ///
     /// # Errors
-    /// A cell with the wrong number of nodes or a node out of range, nothing volumetric, or
-    /// what [`TetMesh::new`] refuses.
+    /// An error for a cell with the wrong number of nodes or a node out of range, for no volumetric
+    /// cell, and the errors of [`TetMesh::new`].
     pub fn into_tets(self) -> ParseResult<TetMesh> {
         let RawMesh {
             nodes,
@@ -184,12 +184,12 @@ impl RawMesh {
     }
 }
 
-/// A value that counts or points at something, as a number that can do so.
+/// Converts a floating-point count or index to an integer.
 pub(super) fn index(value: f64) -> Option<usize> {
     (value >= 0.0 && value.fract() == 0.0 && value < 9e15).then_some(value as usize)
 }
 
-/// Cuts one cell into tets.
+/// Subdivides a cell into tets.
 fn cut(solid: &CellShape, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]>) {
     if let [a, b, c, d] = *cell {
         tets.push([a, b, c, d]);
@@ -198,14 +198,14 @@ fn cut(solid: &CellShape, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]
     let first = tets.len();
     let apex = cell.iter().copied().min().unwrap_or_default();
     for face in solid.faces {
-        // A collapsed face may name the apex twice; its cone would be flat.
+        // A collapsed face may contain the apex twice; its cone would be degenerate.
         if face.iter().any(|i| cell[*i] == apex) {
             continue;
         }
         let smallest = (0..face.len()).min_by_key(|i| cell[face[*i]]).unwrap_or(0);
         let corner = |i: usize| cell[face[(smallest + i) % face.len()]];
         for i in 1..face.len() - 1 {
-            // Seen from outside the face runs counter-clockwise, so the apex is behind it.
+            // The face is counter-clockwise seen from outside, so the apex is behind it.
             let tet = [corner(0), corner(i + 1), corner(i), apex];
             if tet[0] != tet[1] && tet[1] != tet[2] && tet[2] != tet[0] {
                 tets.push(tet);
@@ -213,11 +213,11 @@ fn cut(solid: &CellShape, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]
         }
     }
     if tets.len() == first {
-        // Wholly collapsed: left to be counted as degenerate.
+        // Fully collapsed: kept, to be counted as degenerate.
         tets.push([apex; 4]);
     }
-    // VTK's wedges run the other way round than everyone else's, and not all writers know:
-    // a wedge that is inside out as a whole is taken as meant the other way.
+    // The wedges of VTK have the opposite orientation, and not all writers respect this: a wedge
+    // that is inverted as a whole is flipped.
     let volume: f64 = tets[first..]
         .iter()
         .map(|t| signed_volume(t.map(|v| nodes[v as usize])))
@@ -227,7 +227,7 @@ fn cut(solid: &CellShape, cell: &[u32], nodes: &[DVec3], tets: &mut Vec<[u32; 4]
     }
 }
 
-/// Fields that fit, cell tuples repeated for each tet of their cell.
+/// Returns the valid fields, with the tuple of each cell repeated for its tets.
 fn fields_of_tets(
     fields: Vec<Field>,
     nodes: usize,
@@ -274,7 +274,7 @@ fn fields_of_tets(
     kept
 }
 
-/// How many cells of which kind met which fate.
+/// Number of cells by type and treatment.
 #[derive(Default)]
 struct Census {
     cut: BTreeMap<&'static str, usize>,
@@ -318,7 +318,7 @@ impl Census {
     }
 }
 
-/// "3 lines, 1 triangle".
+/// Formats a list such as "3 lines, 1 triangle".
 fn list(census: &BTreeMap<&'static str, usize>) -> String {
     let plural = |name: &str, count: usize| match name {
         _ if count == 1 => name.to_string(),

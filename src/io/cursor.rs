@@ -1,17 +1,18 @@
-//! A place in a file's bytes: words, numbers and blocks, with errors that say where.
+//! Cursor over the bytes of a file: reads words, numbers and blocks, with errors that state the
+//! position.
 
 use std::fmt::Arguments;
 
-/// What a reader hands up when a file is wrong: a sentence without the file's name, which
-/// [`super::read`] puts in front.
+/// Result of a parser; the error is a sentence without the file name, which [`super::read`]
+/// prepends.
 pub(super) type ParseResult<T> = std::result::Result<T, String>;
 
-/// Reads `bytes` from front to back.
+/// Reads `bytes` sequentially.
 pub(super) struct Cursor<'a> {
     bytes: &'a [u8],
     position: usize,
     comment: Option<u8>,
-    /// Whether errors speak of bytes rather than of lines.
+    /// Whether errors state byte offsets instead of line numbers.
     pub binary: bool,
 }
 
@@ -25,7 +26,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// A cursor that takes everything from `#` to the end of its line for white space.
+    /// Creates a cursor that treats everything from `#` to the end of the line as white space.
     pub fn with_comments(bytes: &'a [u8]) -> Cursor<'a> {
         Cursor {
             comment: Some(b'#'),
@@ -33,27 +34,27 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Everything not read yet.
+    /// Returns the bytes not read yet.
     pub fn rest(&self) -> &'a [u8] {
         &self.bytes[self.position..]
     }
 
-    /// Where the cursor stands, to come back to with [`Cursor::go_to`].
+    /// Returns the position of the cursor, for [`Cursor::go_to`].
     pub fn position(&self) -> usize {
         self.position
     }
 
-    /// Goes to `position`, at most the end.
+    /// Moves to `position`, at most the end.
     pub fn go_to(&mut self, position: usize) {
         self.position = position.min(self.bytes.len());
     }
 
-    /// The error `what`, with the cursor's place in front.
+    /// Returns the error `what`, prefixed with the position of the cursor.
     pub fn error(&self, what: impl std::fmt::Display) -> String {
         self.error_at(self.position, what)
     }
 
-    /// The error `what`, with `position` in front.
+    /// Returns the error `what`, prefixed with `position`.
     pub fn error_at(&self, position: usize, what: impl std::fmt::Display) -> String {
         if self.binary {
             format!("byte {position}: {what}")
@@ -76,7 +77,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// The rest of this line without its end; the cursor goes to the next.
+    /// Returns the rest of this line without its line end; the cursor moves to the next line.
     pub fn rest_of_line(&mut self) -> &'a [u8] {
         let rest = self.rest();
         let length = rest.iter().position(|b| *b == b'\n');
@@ -84,8 +85,8 @@ impl<'a> Cursor<'a> {
         rest[..length.unwrap_or(rest.len())].trim_ascii_end()
     }
 
-    /// The next line that holds anything but white space and comments, without its comment,
-    /// and where it starts.
+    /// Returns the next line with content other than white space and comments, without its comment,
+    /// and its position.
     pub fn line(&mut self) -> Option<(usize, &'a [u8])> {
         self.skip_space();
         if self.rest().is_empty() {
@@ -100,7 +101,7 @@ impl<'a> Cursor<'a> {
         ))
     }
 
-    /// The next run of characters between white space; `None` at the end.
+    /// Returns the next run of characters between white space; `None` at the end.
     pub fn token(&mut self) -> Option<&'a [u8]> {
         self.skip_space();
         let rest = self.rest();
@@ -112,7 +113,7 @@ impl<'a> Cursor<'a> {
         (length > 0).then_some(&rest[..length])
     }
 
-    /// The next token, without moving past it.
+    /// Returns the next token without consuming it.
     pub fn peek(&mut self) -> Option<&'a [u8]> {
         self.skip_space();
         let position = self.position;
@@ -121,7 +122,7 @@ impl<'a> Cursor<'a> {
         token
     }
 
-    /// The next token as text.
+    /// Returns the next token as text.
     pub fn word(&mut self, what: Arguments) -> ParseResult<&'a str> {
         match self.token() {
             Some(token) => std::str::from_utf8(token).map_err(|_| {
@@ -149,14 +150,14 @@ impl<'a> Cursor<'a> {
         integer(token).ok_or_else(|| self.error(not_a("whole number", what, token)))
     }
 
-    /// The next token as a number of items of at least `least_bytes` each, checked against what
-    /// is left of the file, so that it may size an allocation.
+    /// Reads the next token as a number of items of at least `least_bytes` each; it is checked
+    /// against the rest of the file, so it is safe to use for an allocation.
     pub fn count(&mut self, what: Arguments, least_bytes: usize) -> ParseResult<usize> {
         let count = self.integer(what)?;
         self.validate_count(count, what, least_bytes)
     }
 
-    /// `count` as a number of items of at least `least_bytes` each that may still follow.
+    /// Checks that `count` items of at least `least_bytes` each can still follow.
     pub fn validate_count(
         &self,
         count: i64,
@@ -174,7 +175,7 @@ impl<'a> Cursor<'a> {
             })
     }
 
-    /// The next `length` bytes.
+    /// Returns the next `length` bytes.
     pub fn take(&mut self, length: usize, what: Arguments) -> ParseResult<&'a [u8]> {
         let rest = self.rest();
         let Some(block) = rest.get(..length) else {
@@ -193,7 +194,7 @@ fn not_a(kind: &str, what: Arguments, token: &[u8]) -> String {
     format!("expected {what} (a {kind}), found {shown:?}")
 }
 
-/// A token as a floating-point number; Fortran's `1.0D+03` is understood.
+/// Parses a token as a floating-point number; also in Fortran notation, `1.0D+03`.
 pub(super) fn number(token: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
     text.parse().ok().or_else(|| {
@@ -203,7 +204,7 @@ pub(super) fn number(token: &[u8]) -> Option<f64> {
     })
 }
 
-/// A token as a whole number.
+/// Parses a token as an integer.
 pub(super) fn integer(token: &[u8]) -> Option<i64> {
     std::str::from_utf8(token).ok()?.parse().ok()
 }

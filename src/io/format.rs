@@ -1,4 +1,4 @@
-//! The formats that meshes are written in.
+//! Output formats of meshes.
 
 use super::{abaqus_write, gmsh_write, medit_write, tetgen_write, vtk_legacy_write, vtu_write};
 use crate::mesh::{Field, Location, TetMesh};
@@ -7,27 +7,27 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-/// A format that meshes are written in.
+/// An output format of meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshFormat {
-    /// VTK's XML unstructured grid (`.vtu`), compressed.
+    /// VTK XML unstructured grid (`.vtu`), compressed.
     Vtu,
     /// Legacy VTK, version 3 (`.vtk`).
     Vtk,
-    /// Gmsh's MSH 4.1 (`.msh`).
+    /// Gmsh MSH 4.1 (`.msh`).
     Gmsh41,
-    /// Gmsh's MSH 2.2 (`.msh`).
+    /// Gmsh MSH 2.2 (`.msh`).
     Gmsh22,
     /// Medit (`.mesh`), text.
     Medit,
-    /// TetGen's `.node` and `.ele`, text; either may be named.
+    /// TetGen `.node` and `.ele`, text; either may be given.
     Tetgen,
     /// Abaqus (`.inp`), text.
     Abaqus,
 }
 
-/// Every format with its name and its extensions. Of several formats with one extension the
-/// first is meant by it.
+/// Every format with its name and its extensions. An extension of several formats denotes the
+/// first.
 const FORMATS: [(MeshFormat, &str, &[&str]); 7] = [
     (MeshFormat::Vtu, "vtu", &["vtu"]),
     (MeshFormat::Vtk, "vtk", &["vtk"]),
@@ -39,10 +39,10 @@ const FORMATS: [(MeshFormat, &str, &[&str]); 7] = [
 ];
 
 impl MeshFormat {
-    /// The format that the extension of `path` means; 4.1 for `.msh`.
+    /// Returns the format of the extension of `path`; 4.1 for `.msh`.
     ///
     /// # Errors
-    /// An extension that no format has.
+    /// An error for an unknown extension.
     pub fn from_extension(path: impl AsRef<Path>) -> Result<MeshFormat> {
         let path = path.as_ref();
         let extension = super::extension(path);
@@ -63,7 +63,7 @@ impl MeshFormat {
         })
     }
 
-    /// The extensions of its files.
+    /// Returns the extensions of its files.
     pub fn extensions(self) -> &'static [&'static str] {
         FORMATS
             .iter()
@@ -96,26 +96,26 @@ impl FromStr for MeshFormat {
     }
 }
 
-/// Writes a mesh in the format that the extension of `path` means (see [`MeshFormat::from_extension`]), in
-/// one go: the file is either whole or not there. VTK and Gmsh files are binary, the others text
-/// with every digit that a double has.
+/// Writes a mesh in the format of the extension of `path` (see [`MeshFormat::from_extension`]),
+/// atomically. VTK and Gmsh files are binary, the others text with all digits of a double.
 ///
-/// `.vtu` holds everything: what is written reads back identical (fields of the nodes first, then
-/// those of the cells; a field whose values its number type cannot hold is written as Float64).
-/// The other formats hold nodes, tets, regions with their names and the unit of length, and the
-/// fields that they have a place for. Returns what they have no place for, a sentence each.
+/// `.vtu` is lossless: a written mesh reads back identical (node fields first, then cell fields; a
+/// field whose values its number type cannot represent is written as Float64). The other formats
+/// store nodes, tets, regions with their names, the unit of length, and the fields that they
+/// support. Returns the data that the format cannot store, one sentence each.
 ///
 /// # Errors
-/// Another extension, a mesh whose fields do not fit it, or the file cannot be written.
+/// An error for another extension, for a mesh with invalid fields, or if the file cannot be
+/// written.
 pub fn write(path: impl AsRef<Path>, mesh: &TetMesh) -> Result<Vec<String>> {
     let path = path.as_ref();
     write_as(path, mesh, MeshFormat::from_extension(path)?, false)
 }
 
-/// Writes a mesh as [`write()`] does, in this format; VTK legacy and Gmsh as `text` if asked for.
+/// Writes a mesh as [`write()`] does, in this format; VTK legacy and Gmsh as `text` on request.
 ///
 /// # Errors
-/// As [`write()`]; a name whose extension is another format's; `text` of a `.vtu`.
+/// As [`write()`]; an error for the extension of another format, and for `text` of a `.vtu`.
 pub fn write_as(
     path: impl AsRef<Path>,
     mesh: &TetMesh,
@@ -149,7 +149,7 @@ pub fn write_as(
     }
 }
 
-/// That fields fit the mesh, and tets its nodes; for a mesh may be put together by hand.
+/// Checks that the fields fit the mesh and the tets its nodes, since a mesh may be built by hand.
 fn check(mesh: &TetMesh) -> Result<()> {
     for field in &mesh.fields {
         let items = match field.location {
@@ -182,7 +182,7 @@ fn check(mesh: &TetMesh) -> Result<()> {
     Ok(())
 }
 
-/// The sentence that names the fields a format has no place for, if there are any.
+/// Returns the sentence that lists the fields a format cannot store, if there are any.
 pub(super) fn dropped_fields_note(fields: &[&Field], why: &str) -> Option<String> {
     let named: Vec<String> = fields
         .iter()
@@ -191,7 +191,8 @@ pub(super) fn dropped_fields_note(fields: &[&Field], why: &str) -> Option<String
     (!named.is_empty()).then(|| format!("left out: {}; {why}", named.join(", ")))
 }
 
-/// `text` without line ends and control characters, which names in text formats cannot have.
+/// Removes line ends and control characters from `text`, which names in text formats cannot
+/// contain.
 pub(super) fn one_line(text: &str) -> String {
     text.chars()
         .map(|c| if c.is_control() { ' ' } else { c })

@@ -1,4 +1,4 @@
-//! Frames of a body that another program moves, as it writes them into a pipe.
+//! Reader for streams of frames of a body that is moved by another program.
 
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
@@ -6,31 +6,32 @@ use glam::DVec3;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// What a stream begins with.
+/// Magic bytes at the start of a stream.
 const MAGIC: &[u8; 8] = b"PALPATE1";
 
-/// Frames as they come, of the layout in docs/frames.md: `PALPATE1`, the numbers of nodes and of
-/// tets (u32), then where the nodes rest (f64 × 3 each) and the nodes of every tet (u32 × 4 each),
-/// unless there are 0 tets; then, frame by frame, its time in s (f64) and where the nodes are (f64 ×
-/// 3 each), in the mesh's unit. All little-endian. It ends where a frame would begin.
+/// A stream of frames in the layout of docs/frames.md: `PALPATE1`, the numbers of nodes and of tets
+/// (u32), then the rest positions of the nodes (f64 × 3 each) and the nodes of every tet (u32 × 4
+/// each), unless there are 0 tets; then, for each frame, its time in s (f64) and the positions of
+/// the nodes (f64 × 3 each), in the mesh's unit. All little-endian. The stream ends at a frame
+/// boundary.
 pub struct FrameStream<R> {
     from: R,
     name: PathBuf,
     nodes: usize,
     frames: usize,
-    /// Bytes read.
+    /// Number of bytes read.
     at: u64,
 }
 
-/// A frame: its time in s, and where the nodes are.
+/// A frame: its time in s, and the positions of the nodes.
 pub type TimedPositions = (f64, Vec<DVec3>);
 
 impl<R: Read> FrameStream<R> {
-    /// Reads the beginning of a stream, `name` being what errors call it, and the mesh that it has.
+    /// Reads the header of a stream, named `name` in errors, and its mesh, if there is one.
     ///
     /// # Errors
-    /// [`Error::Format`] for what is no such stream, one that ends too soon, and a mesh that makes
-    /// no sense; [`Error::Io`] when it cannot be read.
+    /// An [`Error::Format`] for invalid or truncated data and for an invalid mesh; an [`Error::Io`]
+    /// if the stream cannot be read.
     pub fn new(from: R, name: impl AsRef<Path>) -> Result<(FrameStream<R>, Option<TetMesh>)> {
         let mut stream = FrameStream {
             from,
@@ -61,7 +62,7 @@ impl<R: Read> FrameStream<R> {
         let tets = words.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]);
         let mesh = TetMesh::new(rest.clone(), tets.collect(), Vec::new(), Vec::new())
             .map_err(|e| stream.wrong(&format!("has a mesh that makes no sense: {e}")))?;
-        // Frames are in the order of the nodes as they came.
+        // Frames use the node order of the stream.
         if mesh.nodes != rest {
             return Err(stream.wrong(
                 "has a mesh with nodes that no tet uses, or that lie in one place; leave out those nodes, in the frames too",
@@ -70,15 +71,15 @@ impl<R: Read> FrameStream<R> {
         Ok((stream, Some(mesh)))
     }
 
-    /// How many nodes a frame has.
+    /// Returns the number of nodes of a frame.
     pub fn nodes(&self) -> usize {
         self.nodes
     }
 
-    /// The next frame, as soon as all of it came; none at the end.
+    /// Reads the next frame, as soon as it is complete; `None` at the end.
     ///
     /// # Errors
-    /// [`Error::Format`] for one that is cut short, or has what is no number; [`Error::Io`] when it
+    /// An [`Error::Format`] for a truncated frame or a non-finite number; an [`Error::Io`] if it
     /// cannot be read.
     pub fn next_frame(&mut self) -> Result<Option<TimedPositions>> {
         let what = format!("frame {}", self.frames);
@@ -121,7 +122,8 @@ impl<R: Read> FrameStream<R> {
         Ok(points.map(point).collect())
     }
 
-    /// So many bytes. Room is made as they come: counts of a stream cannot be trusted.
+    /// Reads `count` bytes. The buffer grows with the data, since counts in a stream are not
+    /// trusted.
     fn bytes(&mut self, count: u64, what: &str) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         let mut from = (&mut self.from).take(count);

@@ -1,4 +1,4 @@
-//! The readers without files, for fuzzing: bytes in, a mesh, surface, volume or error out.
+//! Entry points of the readers for fuzzing: bytes in, a mesh, surface, volume or error out.
 
 use super::cells::RawMesh;
 use crate::mesh::{TetMesh, TriMesh};
@@ -6,13 +6,13 @@ use crate::volume::Volume;
 
 type ParseOutcome<T> = Result<T, String>;
 
-/// A mesh file with that extension, the whole way to tets.
+/// Parses a mesh file with that extension, up to the tets.
 pub fn mesh(extension: &str, bytes: &[u8]) -> ParseOutcome<TetMesh> {
     let reader = super::format_of(bytes, extension)?;
     reader(bytes)?.into_tets().map_err(|e| e.to_string())
 }
 
-/// A pair of TetGen's files.
+/// Parses a pair of TetGen files.
 pub fn tetgen(node: &[u8], ele: &[u8]) -> ParseOutcome<TetMesh> {
     let mut mesh = RawMesh::default();
     let tags = super::tetgen::read_nodes(node, &mut mesh)?;
@@ -20,27 +20,27 @@ pub fn tetgen(node: &[u8], ele: &[u8]) -> ParseOutcome<TetMesh> {
     mesh.into_tets().map_err(|e| e.to_string())
 }
 
-/// A series of frames; returns how many.
+/// Parses a series of frames; returns their number.
 pub fn pvd(bytes: &[u8]) -> ParseOutcome<usize> {
     super::pvd::parse(bytes).map(|frames| frames.len())
 }
 
-/// An index of pieces; returns how many.
+/// Parses an index of pieces; returns their number.
 pub fn pvtu(bytes: &[u8]) -> ParseOutcome<usize> {
     super::pvtu::index(bytes).map(|files| files.len())
 }
 
-/// A surface file with that extension.
+/// Parses a surface file with that extension.
 pub fn surface(extension: &str, bytes: &[u8]) -> ParseOutcome<TriMesh> {
     super::surface::surface_of(bytes, extension)
 }
 
-/// A volume file, all of whose detached data are `data`.
+/// Parses a volume file whose detached data are all `data`.
 pub fn volume(bytes: &[u8], data: &[u8]) -> ParseOutcome<Volume> {
     super::volume::volume_of(bytes, "", &|_| Ok(data.to_vec()))
 }
 
-/// A DICOM file; returns whether there is an image in it.
+/// Parses a DICOM file; returns whether it contains an image.
 #[cfg(feature = "dicom")]
 pub fn dicom(bytes: &[u8]) -> ParseOutcome<bool> {
     super::volume::dicom::parse(bytes)

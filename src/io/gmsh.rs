@@ -1,10 +1,10 @@
-//! Reader for Gmsh's MSH format, versions 1, 2, 4.0 and 4.1, ASCII and (but for 1, which has no
-//! such form) binary of either byte order.
+//! Reader for the Gmsh MSH format, versions 1, 2, 4.0 and 4.1, ASCII and (except for 1, which has
+//! no binary form) binary of either byte order.
 //!
-//! The `mshio` crate (0.4.2) reads version 4.1 only, so this reader is our own. Physical and
-//! elementary groups become the cell fields `gmsh:physical` and `gmsh:geometrical` where they
-//! are not 0 throughout; where a cell is in several physical groups the first counts. Where
-//! physical volumes have names, their tags are the cell field `label` too.
+//! The `mshio` crate (0.4.2) reads version 4.1 only, so this is a separate reader. Physical and
+//! elementary groups become the cell fields `gmsh:physical` and `gmsh:geometrical` unless they are
+//! constant 0; a cell in several physical groups belongs to the first. If physical volumes have
+//! names, their tags become the cell field `label`, too.
 
 use super::cells::RawMesh;
 use super::cursor::ParseResult;
@@ -17,13 +17,13 @@ use crate::mesh::Location;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// The first bytes of every file of this format (comments may come before).
+/// Magic bytes of the format (comments may precede them).
 pub(super) const MAGIC: &[u8] = b"$MeshFormat";
 
-/// The first bytes of a file of version 1.
+/// Magic bytes of version 1.
 pub(super) const MAGIC_1: &[u8] = b"$NOD";
 
-/// Versions as this reader tells them apart: major and minor digit.
+/// Supported versions: major and minor digit.
 pub(super) const V1: u32 = 10;
 pub(super) const V2: u32 = 20;
 pub(super) const V4_0: u32 = 40;
@@ -89,13 +89,13 @@ struct File {
     physical: Vec<f64>,
     geometrical: Vec<f64>,
     data: Vec<(Location, DataSection)>,
-    /// Elements whose number another element had before.
+    /// Number of elements with a number already in use.
     repeated: usize,
     remarks: Metadata,
 }
 
 impl File {
-    /// Keeps the names of physical volumes: lines of dimension, tag and quoted name.
+    /// Stores the names of physical volumes: lines of dimension, tag and quoted name.
     fn physical_names(&mut self, section: &[u8]) {
         for line in String::from_utf8_lossy(section).lines() {
             let mut words = line.splitn(3, char::is_whitespace);
@@ -139,7 +139,7 @@ impl File {
         Ok(())
     }
 
-    /// Adds a node. A node may come again if it says the same: Gmsh repeats the mesh before
+    /// Adds a node. A node may be repeated with the same position: Gmsh repeats the mesh before
     /// each view that it appends to a file.
     fn node(&mut self, at: &Source, tag: u64, position: DVec3) -> ParseResult<()> {
         if self.nodes.push(tag) {
@@ -210,7 +210,7 @@ impl File {
         Ok(())
     }
 
-    /// 4.1 tells the smallest and the largest tag.
+    /// Skips the smallest and the largest tag of 4.1.
     fn tag_range(&self, at: &mut Source) -> ParseResult<()> {
         if self.version >= V4_1 {
             at.size(format_args!("the smallest tag"))?;
@@ -219,7 +219,7 @@ impl File {
         Ok(())
     }
 
-    /// Dimension and entity of a block, which 4.0 gives the other way round.
+    /// Reads the dimension and entity of a block, which are in the opposite order in 4.0.
     fn block_entity(&self, at: &mut Source) -> ParseResult<[i32; 2]> {
         let first = at.int(format_args!("a block's entity or dimension"))?;
         let second = at.int(format_args!("a block's entity or dimension"))?;
@@ -229,15 +229,15 @@ impl File {
         })
     }
 
-    /// The kind, number of nodes of an element type of gmsh's.
+    /// Returns the VTK type and number of nodes of a Gmsh element type.
     fn element_type(at: &Source, number: i32) -> ParseResult<(u8, usize)> {
         vtk_kind(number).ok_or_else(|| {
             at.error(format_args!("element type {number} is none of those of gmsh's lines, triangles, quadrangles, tetrahedra, hexahedra, prisms and pyramids that Palpate knows"))
         })
     }
 
-    /// Reads the nodes of an element and adds it; like a node it may come again as it was. One
-    /// with other nodes is another element, which some writers give a number that is taken.
+    /// Reads the nodes of an element and adds it; like a node it may be repeated. An element with
+    /// other nodes is a new one, to which some writers give a number already in use.
     fn element(
         &mut self,
         at: &mut Source,
@@ -313,7 +313,7 @@ impl File {
         let count = at.ascii_count(format_args!("the number of elements"), 6)?;
         let mut read = 0;
         while read < count {
-            // Binary files group elements under a header; in ASCII each is a group of its own.
+            // Binary files group elements under a header; in ASCII each is a group of one.
             let (first_tag, number, group, tags) = if at.ascii() {
                 let tag = at.int(format_args!("the tag of element {read} of {count}"))?;
                 let number = at.int(format_args!("the type of element {tag}"))?;
@@ -396,7 +396,7 @@ impl File {
         if self.repeated > 0 {
             self.mesh.warnings.push(repeated_numbers(self.repeated));
         }
-        // Where volumes have names, their physical tags are the labels of regions.
+        // If volumes have names, their physical tags are the labels of regions.
         let named = !self.mesh.region_names.is_empty();
         let labels = match named {
             true => self.physical.clone(),
@@ -413,7 +413,7 @@ impl File {
         }
         self.remarks.add_to(&mut self.mesh, &self.physical);
         let (node_needed, cell_needed) = self.mesh.volumetric();
-        // A view's data may come before the mesh it is for, so it waits until now.
+        // The data of a view may precede its mesh, so they are processed last.
         for (location, section) in self.data {
             let (tags, needed) = match location {
                 Location::Node => (&self.nodes, &node_needed),

@@ -1,4 +1,4 @@
-//! Gmsh's $NodeData and $ElementData: values by node or element tag.
+//! Gmsh sections $NodeData and $ElementData: values by node or element tag.
 
 use super::cells::RawMesh;
 use super::cursor::ParseResult;
@@ -53,8 +53,8 @@ impl DataSection {
         Ok(section)
     }
 
-    /// Adds the section to `mesh` as a field with a tuple for each item of `needed`, provided
-    /// that it has one for all that are needed. A later time step takes an earlier one's place.
+    /// Adds the section to `mesh` as a field with a tuple for each item of `needed`, if it has one
+    /// for all needed items. A later time step replaces an earlier one.
     pub fn add_to(
         self,
         mesh: &mut RawMesh,

@@ -1,10 +1,10 @@
-//! Gmsh's types of elements.
+//! Gmsh element types.
 
-/// Nodes of the largest element in [`vtk_kind`].
+/// Number of nodes of the largest element in [`vtk_kind`].
 pub(super) const MOST_NODES: usize = 125;
 
-/// VTK's number of the kind, and the number of nodes, of gmsh's element type `number`. Corners
-/// come first in all of them, in VTK's order.
+/// Returns the VTK type and the number of nodes of the Gmsh element type `number`. Corners are
+/// first in all of them, in VTK order.
 pub(super) fn vtk_kind(number: i32) -> Option<(u8, usize)> {
     Some(match number {
         15 => (1, 1),

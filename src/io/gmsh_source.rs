@@ -1,4 +1,4 @@
-//! The numbers and sections of a Gmsh file, ASCII or binary.
+//! Numbers and sections of a Gmsh file, ASCII or binary.
 
 use super::cursor::{Cursor, ParseResult};
 use super::gmsh;
@@ -9,7 +9,7 @@ pub(super) struct Source<'a> {
     at: Cursor<'a>,
     ascii: bool,
     big_endian: bool,
-    /// Bytes of a `size_t`.
+    /// Size of a `size_t` in bytes.
     size_bytes: usize,
 }
 
@@ -60,7 +60,7 @@ impl<'a> Source<'a> {
         Err(self.error(format_args!("expected $End{name}, found {shown:?}")))
     }
 
-    /// Goes behind `$End<name>`; returns what lies before it.
+    /// Moves past `$End<name>`; returns the content before it.
     pub fn skip_section(&mut self, name: &str) -> ParseResult<&'a [u8]> {
         let end = format!("$End{name}");
         let rest = self.at.rest();
@@ -74,7 +74,7 @@ impl<'a> Source<'a> {
         Ok(&rest[..position])
     }
 
-    /// Reads the content of $MeshFormat; the version, as [`gmsh`] tells them apart.
+    /// Reads the content of $MeshFormat; returns the version, as coded in [`gmsh`].
     pub fn mesh_format(&mut self) -> ParseResult<u32> {
         let version = self.at.word(format_args!("the version of the format"))?;
         let major = match version.split_once('.').unwrap_or((version, "0")) {
@@ -121,7 +121,7 @@ impl<'a> Source<'a> {
         Ok(major)
     }
 
-    /// The next `N` bytes, in little-endian order.
+    /// Returns the next `N` bytes, in little-endian order.
     fn bytes<const N: usize>(&mut self, what: Arguments) -> ParseResult<[u8; N]> {
         let mut bytes = [0; N];
         bytes.copy_from_slice(self.at.take(N, what)?);
@@ -163,21 +163,21 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// A `size_t` that says how many items of at least `least_bytes` follow.
+    /// Reads a `size_t`, the number of following items of at least `least_bytes` each.
     pub fn count(&mut self, what: Arguments, least_bytes: usize) -> ParseResult<usize> {
         let count = self.size(what)?;
         self.at
             .validate_count(i64::try_from(count).unwrap_or(i64::MAX), what, least_bytes)
     }
 
-    /// Like [`Source::count`], for the counts that are text in binary files too.
+    /// Like [`Source::count`], for counts that are text in binary files, too.
     pub fn ascii_count(&mut self, what: Arguments, least_bytes: usize) -> ParseResult<usize> {
         let count = self.at.count(what, least_bytes)?;
         self.at.rest_of_line();
         Ok(count)
     }
 
-    /// The rest of a line.
+    /// Returns the rest of a line.
     pub fn line(&mut self) -> String {
         String::from_utf8_lossy(self.at.rest_of_line())
             .trim()

@@ -1,8 +1,8 @@
-//! Writer for Gmsh's MSH format, versions 2.2 and 4.1, binary or text.
+//! Writer for the Gmsh MSH format, versions 2.2 and 4.1, binary or text.
 //!
-//! Regions are physical volumes, with their names; fields of 1, 3 or 9 components are $NodeData
-//! and $ElementData. The section $Comments, which other programs pass over, has what else is
-//! known of the regions.
+//! Regions are physical volumes with their names; fields of 1, 3 or 9 components are $NodeData and
+//! $ElementData. The section $Comments, which other programs skip, stores the other data of the
+//! regions.
 
 use super::format::{dropped_fields_note, one_line};
 use super::groups::Groups;
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
 
-/// Gmsh's numbers of a volume's dimension and of the type of a linear tet.
+/// Gmsh numbers of the dimension of a volume and of the type of a linear tet.
 const VOLUME: i32 = 3;
 const TET: i32 = 4;
 
@@ -54,11 +54,11 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Re
     Ok(notes)
 }
 
-/// The cell field that holds entities.
+/// The cell field of entities.
 const GEOMETRICAL: &str = "gmsh:geometrical";
 
-/// The entity of each tet: those of the field `gmsh:geometrical` if each has one group, else one
-/// for each group.
+/// Returns the entity of each tet: that of the field `gmsh:geometrical` if each entity has a single
+/// group, otherwise one entity per group.
 fn entities(mesh: &TetMesh, groups: &Groups) -> Vec<i32> {
     let group = |t: usize| groups.tet_groups.get(t).copied().unwrap_or(0);
     if let Some(field) = mesh.field(GEOMETRICAL, Location::Cell)
@@ -125,7 +125,7 @@ impl<W: Write> Out<'_, W> {
         Ok(())
     }
 
-    /// The end of a line of numbers.
+    /// Ends a line of numbers.
     fn end_line(&mut self) -> Done {
         match self.text {
             true => self.file.write_all(b"\n"),
@@ -133,12 +133,12 @@ impl<W: Write> Out<'_, W> {
         }
     }
 
-    /// Lines that are text in binary files too.
+    /// Writes lines that are text in binary files, too.
     fn lines(&mut self, text: &str) -> Done {
         self.file.write_all(text.as_bytes())
     }
 
-    /// `$EndName`, on a line of its own.
+    /// Writes `$EndName` on a separate line.
     fn end(&mut self, name: &str) -> Done {
         let before = if self.text { "" } else { "\n" };
         self.lines(&format!("{before}$End{name}\n"))

@@ -1,19 +1,17 @@
-//! The regions of a mesh as the numbered groups of cells that formats without a field `label`
-//! have.
+//! Regions of a mesh as numbered groups of cells, for formats without a field `label`.
 
 use crate::mesh::{Field, Location, TetMesh};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Cell fields that tell of groups, in the order in which they are looked for; after them comes
-/// whichever says what the regions are.
+/// Cell fields of groups, in the order of preference; the region field of the mesh follows them.
 const SOURCES: [&str; 4] = ["label", "gmsh:physical", "medit:ref", "tetgen:ref"];
 
-/// With more values than this a field does not tell of regions.
+/// Maximum number of distinct values of a field of groups.
 const MAX_GROUPS: usize = 1 << 16;
 
-/// A region that a group stands for.
+/// The region of a group.
 pub(super) struct Region {
-    /// Its value in the field that tells of groups.
+    /// Its value in the field of groups.
     pub label: i64,
     pub name: Option<String>,
 }
@@ -21,18 +19,18 @@ pub(super) struct Region {
 /// The group of each tet.
 #[derive(Default)]
 pub(super) struct Groups {
-    /// The field that tells of them.
+    /// The field of groups.
     source: Option<String>,
-    /// A number for each tet; 0 for none. Empty where there are no groups.
+    /// The group number of each tet; 0 for none. Empty if there are no groups.
     pub tet_groups: Vec<i32>,
     by_group: BTreeMap<i32, Region>,
-    /// Whether groups have other numbers than the regions.
+    /// Whether the group numbers differ from the labels of the regions.
     pub renumbered: bool,
 }
 
 impl Groups {
-    /// The groups of `mesh`, whose numbers are at least `least`: those of the regions where they
-    /// can be, else counted from 1.
+    /// Returns the groups of `mesh`, with numbers of at least `least`: the labels of the regions if
+    /// possible, otherwise numbered from 1.
     pub fn from_mesh(mesh: &TetMesh, least: i32) -> Groups {
         for source in SOURCES {
             if let Some(field) = mesh.field(source, Location::Cell)
@@ -51,7 +49,7 @@ impl Groups {
 
     fn by_field(mesh: &TetMesh, field: &Field, values: &BTreeSet<i64>, least: i32) -> Groups {
         let is_label = field.name == "label";
-        // In the fields of other formats 0 is no group.
+        // In the fields of other formats, 0 means no group.
         let none = |value: i64| !is_label && value == 0;
         let range = i64::from(least)..=i64::from(i32::MAX);
         let fits = values.iter().all(|v| none(*v) || range.contains(v));
@@ -78,18 +76,18 @@ impl Groups {
         }
     }
 
-    /// Groups with the regions they stand for, by number.
+    /// Iterates over the groups with their regions, by number.
     pub fn all(&self) -> impl Iterator<Item = (i32, &Region)> {
         self.by_group.iter().map(|(group, region)| (*group, region))
     }
 
-    /// Those that stand for regions of the field `label`.
+    /// Iterates over those of regions of the field `label`.
     pub fn regions(&self) -> impl Iterator<Item = (i32, &Region)> {
         self.all()
             .filter(|_| self.source.as_deref() == Some("label"))
     }
 
-    /// Whether `field` is told by the groups, so that it need not be written besides.
+    /// Whether the groups represent `field`, so it need not be written separately.
     pub fn is_covered_by_groups(&self, mesh: &TetMesh, field: &Field) -> bool {
         let source = self
             .source
@@ -101,8 +99,8 @@ impl Groups {
     }
 }
 
-/// The values of a field of whole numbers that may tell of groups; none where it is another, or
-/// 0 throughout.
+/// Returns the values of an integer field that can define groups; `None` if it is of another kind
+/// or constant 0.
 fn distinct(field: &Field) -> Option<BTreeSet<i64>> {
     let mut values = BTreeSet::new();
     for value in &field.values {

@@ -1,8 +1,8 @@
-//! Reader for Medit's ASCII `.mesh` files.
+//! Reader for Medit ASCII `.mesh` files.
 //!
-//! References become the fields `medit:ref` of nodes and cells, as meshio calls them; references
-//! that are 0 throughout say nothing and are dropped. Sections other than vertices and cells
-//! are passed over.
+//! References become the fields `medit:ref` of nodes and cells, the names used by meshio;
+//! references that are constant 0 carry no information and are dropped. Sections other than
+//! vertices and cells are skipped.
 
 use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult};
@@ -10,10 +10,10 @@ use super::remarks::Metadata;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
-/// The keyword that every file of this format starts with.
+/// The keyword at the start of every file of this format.
 pub(super) const MAGIC: &str = "meshversionformatted";
 
-/// Section, VTK's number of its cells, nodes of a cell. Corners come first, in VTK's order.
+/// Section, VTK number of its cells, nodes per cell. Corners are first, in VTK order.
 const SECTIONS: [(&str, u8, usize); 11] = [
     ("tetrahedra", 10, 4),
     ("hexahedra", 12, 8),
@@ -136,7 +136,7 @@ fn is_keyword(token: &[u8]) -> bool {
     token[0].is_ascii_alphabetic() && super::cursor::number(token).is_none()
 }
 
-/// Goes to the next keyword.
+/// Skips to the next keyword.
 fn pass_over(at: &mut Cursor) {
     while at.peek().is_some_and(|t| !is_keyword(t)) {
         at.token();

@@ -1,4 +1,4 @@
-//! Writer for Medit's `.mesh` files, text. Regions are the references of tets.
+//! Writer for Medit `.mesh` files, text. Regions are the references of tets.
 
 use super::format::dropped_fields_note;
 use super::groups::Groups;
@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;
 
-/// Node fields that hold references, in the order in which they are looked for.
+/// Node fields of references, in the order of preference.
 pub(super) const NODE_MARKERS: [&str; 2] = ["medit:ref", "tetgen:ref"];
 
 /// Writes nodes, tets and references.
@@ -36,7 +36,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
     Ok(notes)
 }
 
-/// The field of whole numbers that marks the nodes.
+/// Returns the integer field of node markers.
 pub(super) fn node_markers(mesh: &TetMesh) -> Option<&Field> {
     NODE_MARKERS
         .iter()
@@ -44,7 +44,7 @@ pub(super) fn node_markers(mesh: &TetMesh) -> Option<&Field> {
         .find(|f| f.components == 1 && is_whole(&f.values))
 }
 
-/// Whether all values are whole numbers of 32 bits.
+/// Whether all values are 32-bit integers.
 pub(super) fn is_whole(values: &[f64]) -> bool {
     values
         .iter()

@@ -1,8 +1,8 @@
-//! Files in and out: one file a format. Nothing here knows of the GPU.
+//! Readers and writers, one file per format. This module is independent of the GPU.
 //!
-//! Readers fill a raw mesh of cells of any kind with fields; `cells` turns that into tets,
-//! and [`TetMesh::new`] makes them safe to work with. Every error says where in the file the
-//! trouble is; no count in a file sizes anything before it is held against the file's length.
+//! Readers fill a raw mesh of cells of any type with fields; `cells` converts it to tets, and
+//! [`TetMesh::new`] validates and repairs them. Every error states the position in the file; counts
+//! in a file are checked against its length before they size an allocation.
 
 mod abaqus;
 mod abaqus_elements;
@@ -66,16 +66,16 @@ use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// What [`read`] can read, for messages.
+/// Formats supported by [`read`], for messages.
 const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
 
-/// Reads a mesh of any format that is known: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus;
-/// of a mesh in pieces (`.pvtu`) all of them, as one.
-/// The content decides, then the extension. What was changed on the way (cells cut or dropped,
-/// repairs) is told in [`TetMesh::repairs`].
+/// Reads a mesh in any supported format: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus; the
+/// pieces of a partitioned mesh (`.pvtu`) are merged. The format is detected from the content, then
+/// from the extension. Changes (cells subdivided or dropped, repairs) are reported in
+/// [`TetMesh::repairs`].
 ///
 /// # Errors
-/// A file that cannot be read, that is damaged, or that has no volume in it.
+/// An error if the file cannot be read, is damaged, or contains no volume.
 pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
     let path = path.as_ref();
     let extension = extension(path);
@@ -93,22 +93,22 @@ pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
     raw.into_tets().map_err(|e| Error::format(path, e))
 }
 
-/// What a file holds.
+/// Kind of the content of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// An image on a regular grid: [`read_volume`] reads it.
     Volume,
     /// Triangles or polygons: [`read_surface`] reads it.
     Surface,
-    /// Cells, as [`read`] reads them.
+    /// Cells: [`read`] reads them.
     Mesh,
 }
 
-/// What the file (or folder of DICOM slices) at `path` holds, by its content, then its
-/// extension. A file of no known kind counts as a mesh, whose reader says what it expected.
+/// Detects the kind of the file (or folder of DICOM slices) at `path` from its content, then its
+/// extension. An unknown file counts as a mesh, whose reader reports what it expected.
 ///
 /// # Errors
-/// The file cannot be read.
+/// An error if the file cannot be read.
 pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
     let path = path.as_ref();
     if path.is_dir() {
@@ -132,7 +132,7 @@ pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
 
 type Reader = fn(&[u8]) -> cursor::ParseResult<cells::RawMesh>;
 
-/// What a file begins with, in small letters.
+/// Returns the start of a file in lower case.
 fn start_of(bytes: &[u8]) -> String {
     let start = &bytes[..bytes.len().min(4096)];
     String::from_utf8_lossy(start.trim_ascii_start()).to_ascii_lowercase()
@@ -173,7 +173,7 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
     } else if abaqus::is_abaqus(bytes) {
         Ok(abaqus::read)
     } else {
-        // Nothing known at the start: the reader its name asks for says what it expected.
+        // Unknown content: the reader selected by the extension reports what it expected.
         match extension {
             "vtk" => Ok(vtk_legacy::read),
             "vtu" => Ok(vtu::read),
@@ -192,10 +192,10 @@ fn extension(path: &Path) -> String {
     extension.to_string_lossy().to_ascii_lowercase()
 }
 
-/// What Windows programs put before UTF-8 text.
+/// The byte order mark that Windows programs put before UTF-8 text.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// The bytes of a file that is one, and is not empty; without a byte order mark.
+/// Returns the content of a regular, non-empty file without a byte order mark.
 fn content(path: &Path) -> Result<Vec<u8>> {
     let mut bytes = files::read_regular(path)?;
     let length = content_of(path, &bytes)?.len();
@@ -203,7 +203,7 @@ fn content(path: &Path) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// `bytes`, the content of `path`, without a byte order mark; they are not empty.
+/// Returns `bytes`, the content of `path`, without a byte order mark; it must not be empty.
 fn content_of<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8]> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     match bytes.trim_ascii().is_empty() {

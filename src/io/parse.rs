@@ -1,4 +1,4 @@
-//! Files that are bytes in memory: for programs without a file system, a browser for one.
+//! Parsers of files in memory, for programs without a file system such as browsers.
 
 use super::{content_of, format_of, surface, volume};
 use crate::mesh::{TetMesh, TriMesh};
@@ -6,11 +6,11 @@ use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Reads a mesh from the content of a file called `name`, as [`read`](super::read) reads the
-/// file: the content decides, then the extension of the name.
+/// Parses a mesh from the content of a file `name`, as [`read`](super::read) reads the file: the
+/// format is detected from the content, then from the extension.
 ///
 /// # Errors
-/// As [`read`](super::read); and TetGen's files, of which one is nothing without the other.
+/// As [`read`](super::read); an error for TetGen files, which come in pairs.
 pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
     let path = Path::new(name);
     let extension = super::extension(path);
@@ -27,8 +27,8 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
         .map_err(|e| Error::format(path, e))
 }
 
-/// Reads a surface from the content of a file called `name`, as
-/// [`read_surface`](super::read_surface) reads the file.
+/// Parses a surface from the content of a file `name`, as [`read_surface`](super::read_surface)
+/// reads the file.
 ///
 /// # Errors
 /// As [`read_surface`](super::read_surface).
@@ -38,11 +38,11 @@ pub fn parse_surface(name: &str, bytes: &[u8]) -> Result<TriMesh> {
     surface::surface_of(bytes, &super::extension(path)).map_err(|e| Error::format(path, e))
 }
 
-/// Reads a volume from the content of a file called `name`, as
-/// [`read_volume`](super::read_volume) reads the file.
+/// Parses a volume from the content of a file `name`, as [`read_volume`](super::read_volume) reads
+/// the file.
 ///
 /// # Errors
-/// As [`read_volume`](super::read_volume); and headers whose voxels are in another file.
+/// As [`read_volume`](super::read_volume); an error for headers with detached voxels.
 pub fn parse_volume(name: &str, bytes: &[u8]) -> Result<Volume> {
     let path = Path::new(name);
     let bytes = content_of(path, bytes)?;

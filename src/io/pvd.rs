@@ -1,4 +1,4 @@
-//! Series of meshes in time: ParaView's `.pvd` files.
+//! Time series of meshes: ParaView `.pvd` files.
 
 use super::vtu_write::{self, escaped};
 use crate::mesh::{Field, TetMesh};
@@ -9,19 +9,19 @@ use quick_xml::events::Event;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// One entry of a series.
+/// An entry of a series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// The time it shows, in seconds.
+    /// Its time in seconds.
     pub time: f64,
-    /// Its file, with the folder of the series in front where it was given relative to that.
+    /// Its file; relative paths are resolved against the folder of the series.
     pub file: PathBuf,
 }
 
-/// A series being written: `name.pvd` and, beside it, `name_00000.vtu` and so on.
+/// Writer of a series: `name.pvd` and, in the same folder, `name_00000.vtu` and so on.
 ///
-/// The `.pvd` is written anew after each frame, so that a run that is interrupted leaves a
-/// series of all frames that were finished.
+/// The `.pvd` is rewritten after each frame, so an interrupted run leaves a series of all complete
+/// frames.
 #[derive(Debug)]
 pub struct PvdSeries {
     folder: PathBuf,
@@ -30,11 +30,12 @@ pub struct PvdSeries {
 }
 
 impl PvdSeries {
-    /// Starts a series without frames in `folder`, which is made when it is not there. Files of
-    /// an older series of the same name are overwritten as frames come.
+    /// Starts an empty series in `folder`, which is created if necessary. Files of an older series
+    /// of the same name are overwritten frame by frame.
     ///
     /// # Errors
-    /// A name that is no plain file name, or the folder or file cannot be made.
+    /// An error for a name that is not a plain file name, or if the folder or file cannot be
+    /// created.
     pub fn create(folder: impl AsRef<Path>, name: &str) -> Result<PvdSeries> {
         let folder = folder.as_ref().to_path_buf();
         if name.is_empty() || name.contains(['/', '\\']) {
@@ -52,11 +53,12 @@ impl PvdSeries {
         Ok(series)
     }
 
-    /// Goes on with a series whose first frames, at `times`, are in `folder`; what followed them
-    /// is overwritten as frames come.
+    /// Resumes a series whose first frames, at `times`, are in `folder`; later frames are
+    /// overwritten.
     ///
     /// # Errors
-    /// As [`PvdSeries::create`]; [`Error::Format`] when the file of one of these frames is missing.
+    /// As [`PvdSeries::create`]; an [`Error::Format`] if the file of one of these frames is
+    /// missing.
     pub fn resume(folder: impl AsRef<Path>, name: &str, times: &[f64]) -> Result<PvdSeries> {
         let folder = folder.as_ref();
         let frames = times.iter().enumerate();
@@ -79,25 +81,25 @@ impl PvdSeries {
         Ok(series)
     }
 
-    /// The path of the `.pvd` file.
+    /// Returns the path of the `.pvd` file.
     pub fn path(&self) -> PathBuf {
         self.folder.join(format!("{}.pvd", self.name))
     }
 
-    /// Adds `mesh` as it stands at `time` (seconds).
+    /// Adds `mesh` at `time` (seconds).
     ///
     /// # Errors
-    /// A time that is not finite, or a file cannot be written.
+    /// An error for a non-finite time, or if a file cannot be written.
     pub fn push(&mut self, time: f64, mesh: &TetMesh) -> Result<()> {
         self.push_deformed(time, mesh, &mesh.nodes, &[])
     }
 
     /// Adds `mesh` with its nodes moved to `nodes`, and `extra` fields (displacement, velocity)
-    /// that take the place of the mesh's of the same name.
+    /// that replace those of the mesh of the same name.
     ///
     /// # Errors
-    /// A time that is not finite, positions or fields that do not fit, or a file cannot be
-    /// written.
+    /// An error for a non-finite time, for positions or fields of the wrong length, or if a file
+    /// cannot be written.
     pub fn push_deformed(
         &mut self,
         time: f64,
@@ -132,15 +134,15 @@ impl PvdSeries {
     }
 }
 
-/// The file of frame `i` of a series.
+/// Returns the file name of frame `i` of a series.
 fn file_of(name: &str, i: usize) -> String {
     format!("{name}_{i:05}.vtu")
 }
 
-/// The frames of a `.pvd` series, by time.
+/// Reads the frames of a `.pvd` series, sorted by time.
 ///
 /// # Errors
-/// The file cannot be read or is damaged, it lists no frame, or several parts of one frame
+/// An error if the file cannot be read, is damaged, lists no frame, or has several parts per frame
 /// (each frame must be one file).
 pub fn read_pvd(path: impl AsRef<Path>) -> Result<Vec<Frame>> {
     let path = path.as_ref();

@@ -1,9 +1,9 @@
-//! Meshes in pieces: VTK's parallel XML unstructured grids (`.pvtu`), an index of `.vtu` files.
+//! Partitioned meshes: VTK parallel XML unstructured grids (`.pvtu`), an index of `.vtu` files.
 //!
-//! Read as a mesh they are one: nodes of several pieces are told to be the same by their
-//! `GlobalNodeIds`, or else by their place; ghosts (`vtkGhostType`) are left out. Pieces that are
-//! written have ghosts, the tets of their neighbours at their nodes, so that a piece can be drawn
-//! where nothing else is; and what the caller has to say of the whole.
+//! Reading merges the pieces into one mesh: nodes of several pieces are identified by their
+//! `GlobalNodeIds`, otherwise by position; ghost cells (`vtkGhostType`) are dropped. Written pieces
+//! contain ghost cells, the tets of their neighbours at their nodes, so that a piece can be
+//! rendered alone, and the caller's data about the whole mesh.
 
 use super::cells::RawMesh;
 use super::cursor::ParseResult;
@@ -18,24 +18,24 @@ use std::collections::HashMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The type that the first tag of an index names.
+/// The type in the first tag of an index.
 pub(super) const KIND: &str = "PUnstructuredGrid";
-/// The number of each node and each cell in the whole.
+/// Array of the number of each node and each cell in the whole mesh.
 const NODE_IDS: &str = "GlobalNodeIds";
 const CELL_IDS: &str = "GlobalElementIds";
-/// What is not 0 for cells that are another piece's.
+/// Array that is not 0 for cells of other pieces.
 const GHOSTS: &str = "vtkGhostType";
-/// A cell that another piece has too, of VTK's kinds of ghosts.
+/// VTK ghost type of a cell that another piece has, too.
 const DUPLICATE: f64 = 1.0;
-/// What the names of fields begin with that are Palpate's, and none of the mesh.
+/// Prefix of fields that are internal to Palpate and do not belong to the mesh.
 pub(crate) const PRIVATE_PREFIX: &str = "palpate:";
-/// The array of a piece that says what is to be known of the whole, as bytes.
+/// Array of a piece that stores data about the whole mesh, as bytes.
 const WHOLE_MESH_ARRAY: &str = "palpate:whole";
 
-/// The files of the pieces that the index at `path` lists, in its order.
+/// Returns the files of the pieces listed by the index at `path`, in its order.
 ///
 /// # Errors
-/// The index cannot be read, is damaged, or lists none.
+/// An error if the index cannot be read, is damaged, or lists no pieces.
 pub fn piece_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
     let path = path.as_ref();
     let bytes = super::content(path)?;
@@ -44,7 +44,7 @@ pub fn piece_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
     Ok(files.iter().map(|file| folder.join(file)).collect())
 }
 
-/// The files that an index lists.
+/// Parses the files listed by an index.
 pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
     let mut reader = Reader::from_reader(bytes);
     let mut files = Vec::new();
@@ -91,7 +91,7 @@ pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
     }
 }
 
-/// Reads the mesh whose index at `path` has these `bytes`, as one.
+/// Reads the pieces of the mesh with the index `bytes` at `path` as one mesh.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<RawMesh> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let files = index(bytes).map_err(|e| Error::format(path, e))?;
@@ -105,7 +105,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<RawMesh> {
     joined(pieces).map_err(|e| Error::format(path, e))
 }
 
-/// A piece, and what it says of its place in the whole.
+/// A piece, and its place in the whole mesh.
 struct PieceData {
     mesh: RawMesh,
     nodes: Option<Vec<u64>>,
@@ -135,7 +135,7 @@ impl PieceData {
             take(CELL_IDS, Location::Cell, cells),
             take(GHOSTS, Location::Cell, cells),
         );
-        // Of nodes ghosts say nothing that the cells do not.
+        // Ghost flags of nodes are redundant.
         take(GHOSTS, Location::Node, nodes);
         mesh.fields.retain(|f| !f.name.starts_with(PRIVATE_PREFIX));
         Ok(PieceData {
@@ -147,20 +147,20 @@ impl PieceData {
     }
 }
 
-/// What tells nodes of several pieces to be one: a number, or a place.
+/// Identifies a node in several pieces: a number, or a position.
 #[derive(PartialEq, Eq, Hash)]
 enum Key {
     Id(u64),
     Place([u64; 3]),
 }
 
-/// All pieces in one, in the order that their numbers give, where they have any.
+/// Merges all pieces, in the order of the global numbers, if there are any.
 fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
     let numbered = parts.iter().all(|p| p.nodes.is_some());
     let ordered = numbered && parts.iter().all(|p| p.cells.is_some());
     let mut mesh = RawMesh::default();
     let mut known: HashMap<Key, (usize, usize)> = HashMap::new();
-    // Of each node of the whole its number, and where in which piece it is.
+    // For each node of the whole mesh: its number, and its index and piece.
     let mut nodes: Vec<(u64, usize, usize)> = Vec::new();
     let mut cells: Vec<(u64, usize, usize)> = Vec::new();
     let mut places: Vec<Vec<usize>> = Vec::with_capacity(parts.len());
@@ -170,12 +170,12 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
             let id = part.nodes.as_ref().map_or(0, |ids| ids[v]);
             let key = match numbered {
                 true => Key::Id(id),
-                // 0 and −0 are one place.
+                // 0 and −0 are the same position.
                 false => Key::Place(p.to_array().map(|x| (x + 0.0).to_bits())),
             };
             let next = nodes.len();
             let (first, place) = *known.entry(key).or_insert((k, next));
-            // Of one piece two nodes at a place are two.
+            // Two nodes of one piece at the same position stay distinct.
             if place == next || (first == k && !numbered) {
                 nodes.push((id, k, v));
                 own.push(next);
@@ -192,7 +192,7 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
         places.push(own);
         let ghost = |c: usize| {
             let kind = part.ghosts.as_ref().map_or(0.0, |ghosts| ghosts[c]);
-            // The lowest bit of those that VTK sets.
+            // The lowest of VTK's bits.
             kind % 2.0 == DUPLICATE
         };
         let shown = (0..part.mesh.cells.len()).filter(|c| !ghost(*c));
@@ -214,7 +214,7 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
     mesh.nodes = order.iter().map(at).collect();
     for (_, piece, cell) in &cells {
         if let Some((kind, corners)) = parts[*piece].mesh.cells.get(*cell) {
-            // What is out of range stays so.
+            // Indices out of range stay so.
             let own = &places[*piece];
             let corner = |v: &u32| own.get(*v as usize).map_or(usize::MAX, |v| rank[*v]);
             mesh.cells.push(kind, corners.iter().map(corner));
@@ -277,12 +277,12 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
     Ok(mesh)
 }
 
-/// Writes pieces, each a file beside the index at `path` (`NAME_0000.vtu` and so on), and that last:
-/// it is there when all are. `piece` gives each when its turn comes, and `whole` is what is to be said
-/// with each of them.
+/// Writes pieces, each to a file in the folder of the index at `path` (`NAME_0000.vtu` and so on),
+/// and finally the index: it exists only if all pieces do. `piece` returns each piece in turn, and
+/// `whole` is the data about the whole mesh stored in each of them.
 ///
 /// # Errors
-/// What `piece` gives, fields that do not fit, or a file cannot be written.
+/// The errors of `piece`, an error for invalid fields, or if a file cannot be written.
 pub fn write_pieces(
     path: impl AsRef<Path>,
     count: usize,
@@ -374,12 +374,12 @@ pub fn write_pieces(
     })
 }
 
-/// Piece `number` of those that the index at `path` lists, as [`write_pieces`] wrote it, and what was
-/// said with it.
+/// Reads piece `number` listed by the index at `path`, as written by [`write_pieces`], and the data
+/// about the whole mesh stored in it.
 ///
 /// # Errors
-/// A file that cannot be read or is damaged, a number beyond the pieces there are, and pieces that
-/// another program has written.
+/// An error if a file cannot be read or is damaged, for a number out of range, and for pieces
+/// written by another program.
 pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, Vec<u8>)> {
     let path = path.as_ref();
     let files = piece_files(path)?;
@@ -420,7 +420,7 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
     let tets = take(CELL_IDS, Location::Cell).and_then(ids);
     let ghosts = take(GHOSTS, Location::Cell).ok_or_else(foreign)?;
     let own = ghosts.iter().take_while(|g| **g == 0.0).count();
-    // Nodes in the order of the whole decide alike where two pieces meet.
+    // Nodes in the order of the whole mesh ensure identical decisions where two pieces meet.
     let rising = |ids: &Vec<u32>| ids.windows(2).all(|w| w[0] < w[1]);
     let nodes = nodes.filter(rising).ok_or_else(foreign)?;
     let tets = tets.ok_or_else(foreign)?;
@@ -436,12 +436,12 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
     Ok((piece, whole))
 }
 
-/// Whether `path` is called as an index of pieces is.
+/// Whether `path` has the extension of an index of pieces.
 pub fn is_pieces(path: impl AsRef<Path>) -> bool {
     super::extension(path.as_ref()) == "pvtu"
 }
 
-/// Refuses an index where a mesh in one file is needed.
+/// Rejects an index where a mesh in one file is needed.
 pub(super) fn reject_index(_: &[u8]) -> ParseResult<RawMesh> {
     Err("this lists the pieces of a mesh (.pvtu), which are files of their own; a single file is needed here, .vtu for example".into())
 }

@@ -1,5 +1,5 @@
-//! What a format has no place for, told in its comments: after the word `palpate:` a JSON value a
-//! line. Other programs pass comments over; [`super::read`] takes them up again.
+//! Metadata in the comments of a format: `palpate:` and a JSON value per line. Other programs skip
+//! comments; [`super::read`] parses them.
 
 use super::cells::RawMesh;
 use super::cursor::ParseResult;
@@ -9,19 +9,19 @@ use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// What comes before each remark in a comment.
+/// The prefix of each remark in a comment.
 const COMMENT_PREFIX: &str = "palpate: ";
 
-/// One thing told.
+/// An item of metadata.
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Remark {
-    /// Metres in one unit of the coordinates.
+    /// Unit of the coordinates in metres.
     LengthUnit(f64),
-    /// Nodes and tets of the whole file, for formats that have no end.
+    /// Numbers of nodes and tets of the whole file, for formats without an end mark.
     Counts(usize, usize),
-    /// A group of cells is a region: its value in the field `label`, and its name. `set` is the
-    /// name of the group where groups have names in place of numbers.
+    /// A region of a group of cells: its value in the field `label`, and its name. `set` is the
+    /// name of the group in formats that name groups instead of numbering them.
     Region {
         group: i64,
         label: i64,
@@ -30,7 +30,7 @@ enum Remark {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         set: Option<String>,
     },
-    /// The field that the next columns of attributes hold; its number type by VTK's name.
+    /// The field stored in the next columns of attributes; its number type by VTK name.
     Field {
         name: String,
         components: usize,
@@ -38,7 +38,7 @@ enum Remark {
     },
 }
 
-/// A region as a remark tells it.
+/// A region in a remark.
 pub(super) struct Region {
     pub label: i64,
     pub name: Option<String>,
@@ -50,13 +50,13 @@ pub(super) struct Region {
 pub(super) struct Metadata {
     unit: Option<f64>,
     counts: Option<(usize, usize)>,
-    /// By their group.
+    /// By group.
     pub regions: BTreeMap<i64, Region>,
     fields: Vec<(String, usize, ScalarType)>,
 }
 
 impl Metadata {
-    /// The remarks in a text whose comments begin with `comment`.
+    /// Parses the remarks in a text whose comments begin with `comment`.
     pub fn read(text: &[u8], comment: &str) -> Metadata {
         let mut remarks = Metadata::default();
         let start = format!("{comment}{COMMENT_PREFIX}");
@@ -64,7 +64,7 @@ impl Metadata {
             let Some(told) = line.strip_prefix(start.as_bytes()) else {
                 continue;
             };
-            // What is not understood is a comment like any other.
+            // Anything that cannot be parsed is an ordinary comment.
             match serde_json::from_slice(told) {
                 Ok(Remark::LengthUnit(unit)) if unit.is_finite() && unit > 0.0 => {
                     remarks.unit = Some(unit);
@@ -92,8 +92,8 @@ impl Metadata {
         remarks
     }
 
-    /// Hands the unit to `mesh`, and, where the remarks tell of regions, their names and the
-    /// field `label`, by the group of each cell.
+    /// Sets the unit of `mesh`, and, if there are regions, their names and the field `label`, from
+    /// the group of each cell.
     pub fn add_to(&self, mesh: &mut RawMesh, group_of_cell: &[f64]) {
         mesh.length_unit = self.unit.or(mesh.length_unit);
         if self.regions.is_empty() {
@@ -114,8 +114,8 @@ impl Metadata {
         mesh.fields.push(integer_field("label", labels));
     }
 
-    /// Columns of attributes as the fields that the remarks tell of; `None` where they do not
-    /// account for all columns.
+    /// Converts columns of attributes to the fields of the remarks; `None` if these do not cover
+    /// all columns.
     pub fn fields(&self, location: Location, columns: &[Vec<f64>]) -> Option<Vec<Field>> {
         let mut told = 0usize;
         for (_, components, _) in &self.fields {
@@ -142,7 +142,7 @@ impl Metadata {
         Some(fields)
     }
 
-    /// Holds what was found against the counts told, where they were.
+    /// Checks the numbers of nodes and cells against the remarks, if they state them.
     pub fn check_counts(&self, nodes: usize, cells: usize) -> ParseResult<()> {
         match self.counts {
             Some((n, c)) if (n, c) != (nodes, cells) => Err(format!(
@@ -153,7 +153,7 @@ impl Metadata {
     }
 }
 
-/// A cell field of whole numbers, as Int32 where that holds them.
+/// Creates an integer cell field, as Int32 if that represents all values.
 pub(super) fn integer_field(name: &str, values: Vec<f64>) -> Field {
     Field {
         name: name.into(),
@@ -168,13 +168,13 @@ pub(super) fn integer_field(name: &str, values: Vec<f64>) -> Field {
 }
 
 fn line(comment: &str, remark: &Remark) -> String {
-    // These types have no value that JSON cannot hold.
+    // These types have only values that JSON can represent.
     let json = serde_json::to_string(remark).unwrap_or_default();
     format!("{comment}{COMMENT_PREFIX}{json}\n")
 }
 
-/// The lines that tell of the unit and the regions of `mesh`; `sets` are the names of its groups
-/// where they have names.
+/// Formats the lines with the unit and the regions of `mesh`; `sets` are the names of its groups,
+/// if they have names.
 pub(super) fn mesh_comments(
     comment: &str,
     mesh: &TetMesh,
@@ -197,12 +197,12 @@ pub(super) fn mesh_comments(
     unit.into_iter().chain(regions).collect()
 }
 
-/// The line that tells of the nodes and tets of a whole file.
+/// Formats the line with the numbers of nodes and tets of a whole file.
 pub(super) fn count_comment(comment: &str, mesh: &TetMesh) -> String {
     line(comment, &Remark::Counts(mesh.nodes.len(), mesh.tets.len()))
 }
 
-/// The lines that tell which fields the columns of attributes hold.
+/// Formats the lines with the fields stored in the columns of attributes.
 pub(super) fn field_comments(comment: &str, fields: &[&Field]) -> String {
     fields
         .iter()

@@ -1,8 +1,8 @@
-//! Number types as files spell them, and their bytes.
+//! Number types: names in files, and encoding.
 
 use crate::mesh::ScalarType;
 
-/// Bytes of one number.
+/// Returns the size of a number in bytes.
 pub(super) fn size(scalar: ScalarType) -> usize {
     match scalar {
         ScalarType::I8 | ScalarType::U8 => 1,
@@ -12,7 +12,7 @@ pub(super) fn size(scalar: ScalarType) -> usize {
     }
 }
 
-/// Every whole number of `bytes`, widened to f64.
+/// Decodes every complete number of `bytes`, converted to f64.
 pub(super) fn decode(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Vec<f64> {
     macro_rules! numbers {
         ($t:ty) => {
@@ -44,7 +44,7 @@ pub(super) fn decode(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Vec<
     }
 }
 
-/// The little-endian bytes of `values` as numbers of type `scalar`.
+/// Encodes `values` as little-endian numbers of type `scalar`.
 pub(super) fn encode(values: &[f64], scalar: ScalarType) -> Vec<u8> {
     macro_rules! bytes {
         ($t:ty) => {
@@ -68,7 +68,7 @@ pub(super) fn encode(values: &[f64], scalar: ScalarType) -> Vec<u8> {
     }
 }
 
-/// Whether every one of `values` survives being written as `scalar` and read again.
+/// Whether all `values` are preserved when written as `scalar` and read back.
 pub(super) fn is_lossless(values: &[f64], scalar: ScalarType) -> bool {
     macro_rules! exact {
         ($t:ty) => {
@@ -93,7 +93,7 @@ pub(super) fn is_lossless(values: &[f64], scalar: ScalarType) -> bool {
     }
 }
 
-/// VTK's XML name of a number type.
+/// Returns the VTK XML name of a number type.
 pub(super) fn vtk_xml_name(scalar: ScalarType) -> &'static str {
     match scalar {
         ScalarType::I8 => "Int8",
@@ -109,7 +109,7 @@ pub(super) fn vtk_xml_name(scalar: ScalarType) -> &'static str {
     }
 }
 
-/// The number type that VTK's XML files call `name`.
+/// Returns the number type of a VTK XML name.
 pub(super) fn from_vtk_xml_name(name: &str) -> Option<ScalarType> {
     const ALL: [ScalarType; 10] = [
         ScalarType::I8,

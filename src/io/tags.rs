@@ -1,12 +1,12 @@
-//! From the numbers that a file gives its nodes or cells to indices.
+//! Map from the numbers of nodes or cells in a file to indices.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-/// From the tags that a file gives its nodes or elements to indices.
+/// Map from the tags of nodes or elements in a file to indices.
 #[derive(Default)]
 pub(super) struct Tags {
-    /// The tag of index 0, while tags are in sequence.
+    /// The tag of index 0, while tags are consecutive.
     first: u64,
     count: u64,
     /// All tags, once they are not.
@@ -14,7 +14,7 @@ pub(super) struct Tags {
 }
 
 impl Tags {
-    /// Gives the next index to `tag`; false when it has one already.
+    /// Assigns the next index to `tag`; returns false if it already has one.
     pub fn push(&mut self, tag: u64) -> bool {
         if self.count == 0 {
             self.first = tag;
@@ -35,7 +35,7 @@ impl Tags {
         true
     }
 
-    /// The index of `tag`.
+    /// Returns the index of `tag`.
     pub fn get(&self, tag: u64) -> Option<usize> {
         if self.index.is_empty() {
             let index = tag.checked_sub(self.first)?;
@@ -44,7 +44,7 @@ impl Tags {
         self.index.get(&tag).map(|i| *i as usize)
     }
 
-    /// Passes over the next index, which has no tag of its own: another index has it.
+    /// Skips the next index, whose tag belongs to another index.
     pub fn push_unnamed(&mut self) {
         if self.index.is_empty() {
             self.index = (0..self.count)
@@ -55,7 +55,7 @@ impl Tags {
     }
 }
 
-/// What is said of elements whose number others had before.
+/// Returns the warning about elements with numbers already in use.
 pub(super) fn repeated_numbers(count: usize) -> String {
     let (elements, have) = match count {
         1 => ("element", "has"),

@@ -1,8 +1,8 @@
-//! Reader for TetGen's `.node` and `.ele` files, either of which may be named.
+//! Reader for TetGen `.node` and `.ele` files, either of which may be given.
 //!
-//! Fields are called as meshio calls them: `tetgen:attr1` ... for attributes and `tetgen:ref`
-//! for boundary markers of nodes; `tetgen:ref` for the region of tets (`tetgen:ref2` ... for
-//! further attributes). Markers and regions that are 0 throughout say nothing and are dropped.
+//! Fields have the names used by meshio: `tetgen:attr1` ... for attributes and `tetgen:ref` for
+//! boundary markers of nodes; `tetgen:ref` for the region of tets (`tetgen:ref2` ... for further
+//! attributes). Markers and regions that are constant 0 carry no information and are dropped.
 
 use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult, integer, number};
@@ -14,7 +14,7 @@ use glam::DVec3;
 use std::fmt::Arguments;
 use std::path::{Path, PathBuf};
 
-/// The pair of files, `.node` and `.ele`, that `path` belongs to.
+/// Returns the pair of files, `.node` and `.ele`, that `path` belongs to.
 pub(super) fn pair(path: &Path) -> (PathBuf, PathBuf) {
     let file = |extension: &str| {
         let upper = path
@@ -40,14 +40,14 @@ pub(super) fn read(path: &Path) -> Result<RawMesh> {
     Ok(mesh)
 }
 
-/// A line of numbers, and where it starts.
+/// A line of numbers, and its position.
 struct Row<'a> {
     start: usize,
     tokens: Vec<&'a [u8]>,
 }
 
 impl<'a> Row<'a> {
-    /// The next line, which should have at least `width` columns.
+    /// Reads the next line, which should have at least `width` columns.
     fn read(at: &mut Cursor<'a>, width: usize, what: Arguments) -> ParseResult<Row<'a>> {
         let Some((start, line)) = at.line() else {
             return Err(at.error(format_args!("the file ends where {what} should be")));
@@ -70,7 +70,7 @@ impl<'a> Row<'a> {
         Ok(row)
     }
 
-    /// The value of column `i`, as `parse` reads it.
+    /// Parses the value of column `i` with `parse`.
     fn value<T>(
         &self,
         at: &Cursor,
@@ -86,7 +86,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// The header: how many items, and the numbers behind.
+/// Reads the header: the number of items, and the numbers after it.
 fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> ParseResult<(usize, Vec<i64>)> {
     let row = Row::read(at, 1, format_args!("the header ({what})"))?;
     let numbers = (0..row.tokens.len())
@@ -107,7 +107,7 @@ fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> ParseResult<(usize
     Ok((count, numbers))
 }
 
-/// A number in the header that says how many columns there are.
+/// Returns a number of columns in the header.
 fn columns(header: &[i64], i: usize, most: i64, what: &str) -> ParseResult<usize> {
     let value = header.get(i).copied().unwrap_or(0);
     (0..=most)
@@ -126,7 +126,7 @@ fn no_more(at: &mut Cursor, count: usize, what: &str) -> ParseResult<()> {
     }
 }
 
-/// Reads the nodes; their indices by the numbers they have in the file.
+/// Reads the nodes; returns the map from their numbers in the file to indices.
 pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> ParseResult<Tags> {
     let mut at = Cursor::with_comments(bytes);
     let (count, header) = header(&mut at, "nodes, dimension, attributes, boundary markers", 8)?;
@@ -228,7 +228,7 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
     Ok(())
 }
 
-/// Adds columns of labels as `tetgen:ref`, `tetgen:ref2` ..., but for those that are 0 throughout.
+/// Adds columns of labels as `tetgen:ref`, `tetgen:ref2` ..., except those that are constant 0.
 fn keep_labels(mesh: &mut RawMesh, location: Location, columns: Vec<Vec<f64>>) {
     for (i, values) in columns.into_iter().enumerate() {
         if values.iter().all(|v| *v == 0.0) {

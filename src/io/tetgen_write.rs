@@ -1,5 +1,5 @@
-//! Writer for TetGen's `.node` and `.ele` files. Regions are the first attribute of tets, node
-//! fields attributes of nodes; comments tell what the columns are called.
+//! Writer for TetGen `.node` and `.ele` files. Regions are the first attribute of tets, node fields
+//! are attributes of nodes; comments name the columns.
 
 use super::format::dropped_fields_note;
 use super::groups::Groups;
@@ -22,13 +22,13 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
             !groups.is_covered_by_groups(mesh, f) && !markers.is_some_and(|m| std::ptr::eq(m, *f))
         })
         .partition(|f| f.location == Location::Node);
-    // Most readers of .ele files take whole numbers for attributes only.
+    // Most readers of .ele files accept integer attributes only.
     let (cell_fields, others): (Vec<&Field>, Vec<&Field>) =
         cell_fields.into_iter().partition(|f| is_whole(&f.values));
     let (node_path, ele_path) = super::tetgen::pair(path);
     atomic_write(&node_path, |file| {
         nodes(file, mesh, &node_fields, markers).map_err(Error::io(&node_path))?;
-        // Renamed just before the nodes are: both files are new, or neither.
+        // Renamed immediately before the node file: both files are new, or neither.
         atomic_write(&ele_path, |file| {
             tets(file, mesh, &groups, &cell_fields).map_err(Error::io(&ele_path))
         })
@@ -91,7 +91,7 @@ fn tets(
 ) -> std::io::Result<()> {
     let mut told = remarks::mesh_comments("# ", mesh, groups, &[]);
     if !fields.is_empty() {
-        // Groups that are no regions are a column like any other.
+        // Groups that are not regions are an ordinary column.
         let column = integer_field("tetgen:ref", Vec::new());
         let plain = !groups.tet_groups.is_empty() && groups.regions().next().is_none();
         let columns: Vec<&Field> = plain.then_some(&column).into_iter().collect();

@@ -1,8 +1,8 @@
-//! Reader for VTK's legacy format: unstructured grids and polygons (POLYDATA) of versions 2 to 5,
+//! Reader for the VTK legacy format: unstructured grids and polygons (POLYDATA) of versions 2 to 5,
 //! ASCII and binary.
 //!
-//! The `vtkio` crate (0.6.3) was tried on real files and on what VTK 9 writes: it rejects
-//! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this reader is our own.
+//! The `vtkio` crate (0.6.3) was tested on real files and on the output of VTK 9: it rejects
+//! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this is a separate reader.
 
 use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult};
@@ -12,7 +12,7 @@ use super::vtk_regions::Global;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
-/// The first bytes of every file of this format.
+/// Magic bytes of the format.
 pub(super) const MAGIC: &[u8] = b"# vtk DataFile";
 
 /// Reads the content of a legacy VTK file.
@@ -41,13 +41,13 @@ struct File<'a> {
     version: u32,
     mesh: RawMesh,
     has_points: bool,
-    /// Nodes of all cells, and where each cell's end.
+    /// Nodes of all cells, and the end of each cell's nodes.
     cells: Option<(Vec<f64>, Vec<usize>)>,
     kinds: Option<Vec<f64>>,
-    /// Whether the file holds polygons, not cells of any kind.
+    /// Whether the file contains polygons instead of cells of any type.
     polygonal: bool,
-    /// Whose attributes are being read, and how many tuples they have; `None` before
-    /// POINT_DATA and CELL_DATA, where arrays belong to the file as a whole.
+    /// Location of the attributes being read, and number of their tuples; `None` before POINT_DATA
+    /// and CELL_DATA, where arrays belong to the whole file.
     owner: Option<(Location, usize)>,
     global: Global,
 }
@@ -110,7 +110,7 @@ impl<'a> File<'a> {
             .count(format_args!("the number of POINTS"), 3)?;
         let mut kind = self.from.type_name("POINTS")?;
         if self.from.ascii && kind.eq_ignore_ascii_case("float") {
-            // Many writers say float and print a double's digits: none of them is thrown away.
+            // Many writers declare float and print the digits of a double: all digits are kept.
             kind = "double".into();
         }
         let values = self
@@ -133,7 +133,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    /// A section of polygons or the like, after those that came before.
+    /// Adds the cells of a section of polygons or the like to the previous ones.
     fn polygons(&mut self, section: &str) -> ParseResult<()> {
         let (nodes, ends) = self.node_lists(section)?;
         let (all_nodes, all_ends) = self.cells.get_or_insert_default();
@@ -156,7 +156,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    /// The nodes of the cells of a section, and where each cell's end.
+    /// Reads the nodes of the cells of a section, and the end of each cell's nodes.
     fn node_lists(&mut self, section: &str) -> ParseResult<(Vec<f64>, Vec<usize>)> {
         let count = self
             .from
@@ -217,7 +217,7 @@ impl<'a> File<'a> {
         }
     }
 
-    /// SCALARS, VECTORS, FIELD and their kin.
+    /// Reads SCALARS, VECTORS, FIELD and similar attributes.
     fn attribute(&mut self, keyword: &str) -> ParseResult<()> {
         if keyword == "FIELD" {
             return self.field_arrays();
@@ -313,7 +313,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    /// FIELD name n: n arrays of their own name, width, length and type.
+    /// Reads FIELD name n: n arrays, each with its own name, width, length and type.
     fn field_arrays(&mut self) -> ParseResult<()> {
         self.from.at.word(format_args!("the name of FIELD"))?;
         let arrays = self
@@ -352,7 +352,7 @@ impl<'a> File<'a> {
                 Some((location, items)) => self.mesh.warnings.push(format!(
                     "array \"{name}\" is left out: it has {tuples} tuples, but there are {items} {location}"
                 )),
-                // Of the mesh as a whole.
+                // An array of the whole mesh.
                 None => {
                     if let Some((values, _)) = values {
                         self.global.array(&name, &values);

@@ -1,15 +1,15 @@
-//! The values of a legacy VTK file, ASCII or binary.
+//! Values of a legacy VTK file, ASCII or binary.
 
 use super::cells::index;
 use super::cursor::{Cursor, ParseResult};
 use super::scalar;
 use crate::mesh::ScalarType;
 
-/// Where the values of a file come from.
+/// Source of the values of a file.
 pub(super) struct Values<'a> {
     pub at: Cursor<'a>,
     pub ascii: bool,
-    /// Components of the array read last.
+    /// Number of components of the last array.
     last_components: usize,
 }
 
@@ -33,15 +33,15 @@ impl<'a> Values<'a> {
             })
     }
 
-    /// The rest of a header line: the type of the values that follow.
+    /// Returns the rest of a header line: the type of the values that follow.
     pub fn type_name(&mut self, of: &str) -> ParseResult<String> {
         let name = self.at.word(format_args!("the type of {of}"))?.to_string();
         self.at.rest_of_line();
         Ok(name)
     }
 
-    /// METADATA runs to the next empty line, but for the names of the components of the array
-    /// before it, which are one a line and may be empty.
+    /// Skips METADATA up to the next empty line, except for the names of the components of the
+    /// preceding array, which are one per line and may be empty.
     pub fn skip_metadata(&mut self) {
         self.at.rest_of_line();
         while !self.at.rest().is_empty() {
@@ -57,7 +57,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// Colours: fractions in ASCII, bytes in binary.
+    /// Reads colours: fractions in ASCII, bytes in binary.
     pub fn colours(
         &mut self,
         rows: usize,
@@ -76,8 +76,8 @@ impl<'a> Values<'a> {
         Ok((values, ScalarType::U8))
     }
 
-    /// `tuples` × `components` values of the type that VTK calls `kind`; `None` when they are
-    /// strings, which are passed over.
+    /// Reads `tuples` × `components` values of the VTK type `kind`; `None` for strings, which are
+    /// skipped.
     pub fn values(
         &mut self,
         tuples: usize,
@@ -120,7 +120,7 @@ impl<'a> Values<'a> {
             let bytes = self.at.take(length, format_args!("{of}"))?;
             return Ok(scalar::decode(bytes, scalar, true));
         }
-        // A number and the space behind it take two bytes at least.
+        // A number and the space after it take at least two bytes.
         self.at.validate_count(
             count as i64,
             format_args!("the number of values in {of}"),
@@ -131,7 +131,7 @@ impl<'a> Values<'a> {
             let value = self
                 .at
                 .number(format_args!("value {i} of {count} in {of}"))?;
-            // What was a float32 keeps the value it had.
+            // A float32 keeps its value.
             values.push(if scalar == ScalarType::F32 {
                 f64::from(value as f32)
             } else {
@@ -150,8 +150,8 @@ impl<'a> Values<'a> {
         Ok(((0..count).map(bit).collect(), ScalarType::U8))
     }
 
-    /// Strings are lines in ASCII; in binary each follows its length, of 1, 2, 4 or 8 bytes as
-    /// its first two bits tell.
+    /// Skips strings: lines in ASCII; in binary each follows its length, of 1, 2, 4 or 8 bytes as
+    /// encoded in its first two bits.
     pub fn skip_strings(&mut self, count: usize, of: &str) -> ParseResult<()> {
         for _ in 0..count {
             if self.at.rest().is_empty() {
@@ -181,13 +181,13 @@ impl<'a> Values<'a> {
         Ok(())
     }
 
-    /// The error of a count that overflows.
+    /// Returns the error of a count that overflows.
     pub fn too_many(&self, of: &str) -> String {
         self.at
             .error(format_args!("{of} is larger than any file can be"))
     }
 
-    /// Versions up to 4: each cell is its number of nodes, then the nodes.
+    /// Reads cells of versions up to 4: the number of nodes, then the nodes.
     pub fn counted_cells(&self, count: usize, list: &[f64]) -> ParseResult<(Vec<f64>, Vec<usize>)> {
         let mut nodes = Vec::with_capacity(list.len());
         let mut ends = Vec::with_capacity(count);
@@ -215,7 +215,7 @@ impl<'a> Values<'a> {
         Ok((nodes, ends))
     }
 
-    /// Version 5: `count` offsets (one more than cells), then all nodes.
+    /// Reads cells of version 5: `count` offsets (one more than cells), then all nodes.
     pub fn split_cells(
         &mut self,
         count: usize,
@@ -259,7 +259,7 @@ impl<'a> Values<'a> {
         Ok((nodes, ends))
     }
 
-    /// Goes past the LOOKUP_TABLE line that most writers put before SCALARS.
+    /// Skips the LOOKUP_TABLE line that most writers put before SCALARS.
     pub fn skip_table_name(&mut self) {
         const KEYWORD: &[u8] = b"LOOKUP_TABLE";
         let here = self.at.position();

@@ -1,6 +1,6 @@
-//! Names in VTK's legacy files, which are one word.
+//! Names in VTK legacy files, which are single words.
 
-/// The name that VTK writes as `name`, with %XX for what is no plain character.
+/// Decodes a VTK name, with %XX for special characters.
 pub(super) fn decoded(name: &str) -> String {
     let bytes = name.as_bytes();
     let mut out = Vec::with_capacity(bytes.len());
@@ -16,7 +16,7 @@ pub(super) fn decoded(name: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// A name as VTK writes it: %XX for what is no plain character.
+/// Encodes a name as VTK does: %XX for special characters.
 pub(super) fn encoded(name: &str) -> String {
     if name.is_empty() {
         return "%00".into();

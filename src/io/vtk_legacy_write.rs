@@ -1,4 +1,4 @@
-//! Writer for VTK's legacy format, version 3 (which all readers know), binary or text.
+//! Writer for the VTK legacy format, version 3 (supported by all readers), binary or text.
 
 use super::vtk_legacy_names::encoded;
 use super::vtk_regions::{self, Values};
@@ -77,7 +77,7 @@ fn fill(file: &mut impl Write, mesh: &TetMesh, text: bool) -> std::io::Result<()
     Ok(())
 }
 
-/// An array of FIELD.
+/// Writes an array of FIELD.
 fn array(
     file: &mut impl Write,
     text: bool,
@@ -86,7 +86,7 @@ fn array(
     values: &[f64],
     scalar_type: ScalarType,
 ) -> std::io::Result<()> {
-    // 64-bit types have other names, and other widths, from one program to the next.
+    // 64-bit types have different names and widths in different programs.
     let narrow = match scalar_type {
         ScalarType::I64 => ScalarType::I32,
         ScalarType::U64 => ScalarType::U32,
@@ -117,7 +117,7 @@ fn array(
     numbers(file, text, values, kind, components)
 }
 
-/// Numbers as text, `width` a line, or as big-endian bytes.
+/// Writes numbers as text, `width` per line, or as big-endian bytes.
 fn numbers(
     file: &mut impl Write,
     text: bool,

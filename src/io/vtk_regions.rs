@@ -1,29 +1,29 @@
-//! The names of a mesh's regions and its unit of length in VTK's files: arrays of the mesh as a
-//! whole (`FieldData`), which VTK, ParaView and meshio read as numbers.
+//! Names of regions and unit of length in VTK files: arrays of the whole mesh (`FieldData`), which
+//! VTK, ParaView and meshio read as numbers.
 //!
-//! `length_unit` has the metres in one unit of the coordinates, and an array `region:NAME` the
-//! values that the cell field `label` has in the region NAME.
+//! `length_unit` is the unit of the coordinates in metres, and an array `region:NAME` holds the
+//! values of the cell field `label` in the region NAME.
 
 use super::cells::RawMesh;
 use crate::mesh::TetMesh;
 use std::collections::BTreeMap;
 
-/// Metres in one unit of the coordinates.
+/// Array of the unit of the coordinates in metres.
 const UNIT: &str = "length_unit";
-/// What the name of a region follows.
+/// Prefix of the name of a region.
 const REGION: &str = "region:";
-/// How names were written at first: values of `label`, and the bytes of their names, each ended
-/// by a 0.
+/// Legacy form of the names: values of `label`, and the bytes of their names, each terminated by a
+/// 0.
 const LABELS: &str = "region_labels";
 const NAMES: &str = "region_names";
 
-/// What an array of the whole mesh holds.
+/// Values of an array of the whole mesh.
 pub(super) enum Values {
     Real(f64),
     Labels(Vec<i64>),
 }
 
-/// The arrays that tell what is known of `mesh`, by name; none where nothing is.
+/// Returns the arrays of the unit and the regions of `mesh`, by name; empty if nothing is known.
 pub(super) fn arrays(mesh: &TetMesh) -> Vec<(String, Values)> {
     let unit = mesh.length_unit.map(|u| (UNIT.to_owned(), Values::Real(u)));
     let mut named: BTreeMap<&str, Vec<i64>> = BTreeMap::new();
@@ -36,13 +36,12 @@ pub(super) fn arrays(mesh: &TetMesh) -> Vec<(String, Values)> {
     unit.into_iter().chain(regions).collect()
 }
 
-/// Whether an array of the whole mesh that is called so says anything of its regions or unit.
+/// Whether an array of the whole mesh with this name describes its regions or unit.
 pub(super) fn is_known(name: &str) -> bool {
     [UNIT, LABELS, NAMES].contains(&name) || name.starts_with(REGION)
 }
 
-/// What a file tells of its mesh as a whole. What is not understood is passed over: any program
-/// may put arrays there.
+/// The data about the whole mesh in a file. Unknown arrays are skipped: any program may add them.
 #[derive(Default)]
 pub(super) struct Global {
     unit: Option<f64>,
@@ -52,7 +51,7 @@ pub(super) struct Global {
 }
 
 impl Global {
-    /// An array of numbers, or of the bytes of strings that each end with a 0.
+    /// Reads an array of numbers, or of the bytes of strings terminated by 0.
     pub fn array(&mut self, name: &str, values: &[f64]) {
         let whole = |v: &&f64| v.fract() == 0.0 && v.abs() < 9e15;
         let labels = values.iter().filter(whole).map(|v| *v as i64);
@@ -79,7 +78,7 @@ impl Global {
         }
     }
 
-    /// Hands what was told to `mesh`.
+    /// Applies the data to `mesh`.
     pub fn add_to(mut self, mesh: &mut RawMesh) {
         mesh.length_unit = self.unit;
         if self.labels.len() == self.names.len() {

@@ -1,9 +1,9 @@
-//! Reader for VTK's XML unstructured grids (`.vtu`): ASCII, inline base64, appended raw and
-//! base64, zlib-compressed or not, both header widths, both byte orders, several pieces.
+//! Reader for VTK XML unstructured grids (`.vtu`): ASCII, inline base64, appended raw and base64,
+//! with or without zlib compression, both header widths, both byte orders, several pieces.
 //!
-//! The `vtkio` crate (0.6.3) was tried on real files and on what VTK 9 writes: it panics on
-//! appended base64 of older VTK, and rejects appended raw data and compressed arrays of more
-//! than one block, so this reader is our own, on quick-xml, base64 and flate2.
+//! The `vtkio` crate (0.6.3) was tested on real files and on the output of VTK 9: it panics on
+//! appended base64 of older VTK, and rejects appended raw data and compressed arrays of more than
+//! one block, so this is a separate reader, based on quick-xml, base64 and flate2.
 
 use super::cells::{RawMesh, index};
 use super::cursor::ParseResult;
@@ -21,7 +21,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     Outline::read(bytes)?.mesh()
 }
 
-/// The same, and the bytes that the file tells of the mesh as a whole under `name`, if it does.
+/// As [`read`]; also returns the bytes stored for the whole mesh under `name`, if any.
 pub(super) fn read_telling(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Option<Vec<u8>>)> {
     let outline = Outline::read(bytes)?;
     let told = outline.global.iter().find(|(array, _)| array.name == name);
@@ -31,12 +31,12 @@ pub(super) fn read_telling(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Op
     Ok((outline.mesh()?, told))
 }
 
-/// The tags of the file; its data not decoded yet.
+/// The tags of the file; its data are not decoded yet.
 struct Outline<'a> {
     file: &'a [u8],
     layout: Layout,
     pieces: Vec<Piece>,
-    /// What is told of the mesh as a whole, each with its number of tuples.
+    /// The arrays of the whole mesh, each with its number of tuples.
     global: Vec<(Array, Option<usize>)>,
     appended: Option<Source<'a>>,
 }
@@ -162,8 +162,8 @@ impl<'a> Outline<'a> {
         Ok(())
     }
 
-    /// Appended data starts behind the first underscore and, as raw bytes may look like
-    /// anything, ends at the last end tag in the file.
+    /// Finds the appended data: they start after the first underscore and, as raw bytes are
+    /// arbitrary, end at the last end tag in the file.
     fn find_appended(&mut self, tag: &BytesStart, from: usize) -> ParseResult<()> {
         const END: &[u8] = b"</AppendedData";
         let section = &self.file[from..];
@@ -195,7 +195,7 @@ impl<'a> Outline<'a> {
         Ok(())
     }
 
-    /// What the arrays of the whole mesh tell; those that cannot be read tell nothing.
+    /// Reads the arrays of the whole mesh; unreadable ones are ignored.
     fn global(&self) -> Global {
         let mut global = Global::default();
         for (array, tuples) in &self.global {
@@ -209,7 +209,7 @@ impl<'a> Outline<'a> {
         global
     }
 
-    /// The numbers of an array of the whole mesh, as far as they can be read.
+    /// Returns the numbers of an array of the whole mesh, if they can be read.
     fn global_numbers(&self, array: &Array, tuples: Option<usize>) -> Option<Vec<f64>> {
         if array.format != "ascii" {
             return Some(self.values(array, tuples?).ok()?.0);
@@ -288,7 +288,7 @@ impl<'a> Outline<'a> {
         Ok(())
     }
 
-    /// The numbers of an array that should have `items` tuples.
+    /// Returns the numbers of an array that should have `items` tuples.
     fn values(&self, array: &Array, items: usize) -> ParseResult<(Vec<f64>, ScalarType)> {
         let inside = |e: String| format!("array \"{}\" in <{}>: {e}", array.name, array.section);
         let scalar = scalar::from_vtk_xml_name(&array.type_name)
@@ -335,8 +335,8 @@ impl<'a> Outline<'a> {
     }
 }
 
-/// Adds a field, or in later pieces lengthens it; what some piece lacks comes out too short
-/// and is left out, with a warning, by the next stage.
+/// Adds a field, or appends to it for later pieces; a field missing in a piece is too short and is
+/// dropped, with a warning, by the next stage.
 fn add_field(mesh: &mut RawMesh, later: bool, field: Field) {
     let same = mesh.fields.iter_mut().find(|f| {
         later
@@ -354,7 +354,7 @@ fn add_field(mesh: &mut RawMesh, later: bool, field: Field) {
     }
 }
 
-/// Offsets as ends that rise.
+/// Converts offsets to ascending ends.
 fn ends(offsets: &[f64]) -> ParseResult<Vec<usize>> {
     let mut last = 0;
     offsets

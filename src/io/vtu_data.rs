@@ -1,4 +1,4 @@
-//! The data arrays of VTK's XML files: ASCII, base64 or raw, whole or in compressed blocks.
+//! Data arrays of VTK XML files: ASCII, base64 or raw, uncompressed or in compressed blocks.
 
 use super::cursor::{Cursor, ParseResult};
 use super::scalar;
@@ -8,21 +8,21 @@ use base64::engine::general_purpose::STANDARD;
 use std::borrow::Cow;
 use std::io::Read;
 
-/// How a file lays out its arrays: the attributes of `<VTKFile>`.
+/// The data encoding of a file: the attributes of `<VTKFile>`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pub big_endian: bool,
-    /// Whether headers are UInt64 (else UInt32).
+    /// Whether headers are UInt64 (otherwise UInt32).
     pub wide_headers: bool,
-    /// Whether arrays come as zlib-compressed blocks.
+    /// Whether arrays consist of zlib-compressed blocks.
     pub zlib: bool,
 }
 
-/// Where the bytes of one array are.
+/// Location and encoding of the bytes of an array.
 pub(super) enum Source<'a> {
-    /// Numbers as text: the file up to the array's end, and where the array starts.
+    /// Numbers as text: the file up to the array's end, and the start of the array.
     Ascii { file: &'a [u8], start: usize },
-    /// Bytes as they are, from the array's start to the end of the section.
+    /// Raw bytes, from the array's start to the end of the section.
     Raw(&'a [u8]),
     /// Base64 from the array's start to the end of the section.
     Base64(&'a [u8]),
@@ -80,8 +80,8 @@ fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> ParseRe
     }
 }
 
-/// Header: number of blocks, their size, the last one's size (0: a whole one), each one's
-/// compressed size.
+/// Decompresses the blocks. Header: number of blocks, their size, the size of the last one (0: a
+/// full one), the compressed size of each.
 fn inflate_blocks<'a>(
     bytes: &mut Bytes<'a>,
     layout: Layout,
@@ -112,7 +112,7 @@ fn inflate_blocks<'a>(
             size
         };
         let before = out.len();
-        // One byte more than wanted, to notice a block that holds too much.
+        // One extra byte, to detect a block that is too long.
         flate2::read::ZlibDecoder::new(&packed[..])
             .take(wanted + 1)
             .read_to_end(&mut out)
@@ -140,11 +140,11 @@ fn whole_number(bytes: &[u8], layout: Layout) -> ParseResult<usize> {
     usize::try_from(value).map_err(|e| e.to_string())
 }
 
-/// Bytes taken from the front of raw or base64 data.
+/// Sequential reader of raw or base64 data.
 struct Bytes<'a> {
     data: &'a [u8],
     base64: bool,
-    /// Decoded already but not taken yet.
+    /// Decoded but not yet consumed.
     pending: Vec<u8>,
 }
 
@@ -157,7 +157,7 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// The next `N` numbers of the header's width.
+    /// Returns the next `N` numbers of the header's width.
     fn header<const N: usize>(&mut self, layout: Layout) -> ParseResult<[u64; N]> {
         let width = if layout.wide_headers { 8 } else { 4 };
         let bytes = self.take(N * width)?;
@@ -187,8 +187,8 @@ impl<'a> Bytes<'a> {
         Ok(Cow::Owned(std::mem::replace(&mut self.pending, rest)))
     }
 
-    /// Decodes the base64 of about `wanted` bytes, no further than the first padding, for header
-    /// and data may be encoded apart. False at the end of the data.
+    /// Decodes the base64 of about `wanted` bytes, up to the first padding, since header and data
+    /// may be encoded separately. Returns false at the end of the data.
     fn decode_run(&mut self, wanted: usize) -> ParseResult<bool> {
         let most = wanted.div_ceil(3) * 4;
         let mut run = Vec::with_capacity(most.min(self.data.len()));

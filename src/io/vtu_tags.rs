@@ -1,4 +1,4 @@
-//! The tags of VTK's XML files: attributes, layouts, arrays.
+//! Tags of VTK XML files: attributes, layouts, arrays.
 
 use super::cursor::ParseResult;
 use super::vtu_data::Layout;
@@ -6,18 +6,18 @@ use quick_xml::events::BytesStart;
 
 /// A `<DataArray>` tag.
 pub(super) struct Array {
-    /// The tag around it: Points, Cells, PointData or CellData.
+    /// The enclosing tag: Points, Cells, PointData or CellData.
     pub section: String,
     pub name: String,
     pub type_name: String,
     pub components: usize,
     pub format: String,
     pub offset: Option<usize>,
-    /// Where in the file its own text is.
+    /// The range of its own text in the file.
     pub text: std::ops::Range<usize>,
 }
 
-/// A `<DataArray>` tag in `section`.
+/// Parses a `<DataArray>` tag in `section`.
 pub(super) fn array(tag: &BytesStart, section: &str) -> ParseResult<Array> {
     Ok(Array {
         section: section.to_string(),
@@ -71,8 +71,8 @@ pub(super) fn name_of(tag: &BytesStart) -> String {
     String::from_utf8_lossy(tag.name().as_ref()).into_owned()
 }
 
-/// An attribute's value. VTK does not escape what XML wants escaped, so a value that cannot be
-/// unescaped is taken as it stands.
+/// Returns the value of an attribute. VTK does not escape values as XML requires, so a value that
+/// cannot be unescaped is used as it is.
 pub(super) fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
     let attribute = tag.try_get_attribute(name).ok()??;
     Some(match attribute.unescape_value() {

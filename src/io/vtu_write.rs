@@ -1,5 +1,5 @@
-//! Writer for VTK's XML unstructured grids: appended raw data in zlib-compressed blocks,
-//! little-endian, UInt64 headers; what VTK and ParaView write by default.
+//! Writer for VTK XML unstructured grids: appended raw data in zlib-compressed blocks,
+//! little-endian, UInt64 headers; the default of VTK and ParaView.
 
 use super::scalar;
 use super::vtk_regions::{self, Values};
@@ -12,19 +12,19 @@ use glam::DVec3;
 use std::io::Write;
 use std::path::Path;
 
-/// Bytes compressed as one block.
+/// Size of a compressed block in bytes.
 const BLOCK: usize = 1 << 18;
 
 /// Writes the tets of `mesh` with nodes at `nodes`, the mesh's fields and `extra` ones (which
-/// take the place of the mesh's of the same name).
+/// replace those of the mesh of the same name).
 ///
 /// # Errors
-/// Positions or a field that do not fit the mesh, or the file cannot be written.
+/// An error for positions or fields of the wrong length, or if the file cannot be written.
 pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field]) -> Result<()> {
     write_telling(path, mesh, nodes, extra, None)
 }
 
-/// The same with bytes that are told of the mesh as a whole, under a name.
+/// As [`write`], with additional bytes stored for the whole mesh under a name.
 pub(super) fn write_telling(
     path: &Path,
     mesh: &TetMesh,
@@ -140,7 +140,7 @@ pub(super) fn write_telling(
     })
 }
 
-/// The tags that tell of the mesh as a whole; nothing where nothing is known.
+/// Returns the tags of the whole mesh; empty if there are no data.
 fn global(mesh: &TetMesh, told: Option<(&str, &[u8])>) -> String {
     let tag = |name: &str, kind: &str, count: usize, text: String| {
         let name = escaped(name);
@@ -172,7 +172,7 @@ fn global(mesh: &TetMesh, told: Option<(&str, &[u8])>) -> String {
     }
 }
 
-/// Adds the tag of one array to `head` and its compressed bytes to `appended`.
+/// Adds the tag of an array to `head` and its compressed bytes to `appended`.
 fn array(
     head: &mut String,
     appended: &mut Vec<u8>,
@@ -181,7 +181,7 @@ fn array(
     components: usize,
     data: &[u8],
 ) -> Result<()> {
-    // One component goes without saying; meshio would make a matrix of it.
+    // A single component is the default; meshio would read it as a matrix.
     let width = match components {
         1 => String::new(),
         _ => format!(" NumberOfComponents=\"{components}\""),
@@ -211,8 +211,8 @@ fn array(
     Ok(())
 }
 
-/// `text` as the value of an XML attribute; white space other than blanks would be changed by
-/// a reader if it stood there as it is, and what XML has no place for becomes U+FFFD.
+/// Escapes `text` as the value of an XML attribute; white space other than blanks is escaped, as
+/// readers normalise it, and characters not allowed in XML become U+FFFD.
 pub(super) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

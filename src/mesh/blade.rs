@@ -1,17 +1,17 @@
-//! The surface that a blade sweeps, and what it parts.
+//! The surface swept by a blade, and which segments it separates.
 
 use super::bounds;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Triangles smaller than this share of the blade's extent squared are left out.
+/// Triangles with an area below this fraction of the squared extent of the blade are dropped.
 const DEGENERATE_AREA_RATIO: f64 = 1e-12;
 
-/// Points within this share of the blade's extent of its surface count as on its front: a point
-/// that lies in it by intention is then on one side, whatever the rounding.
+/// Points closer to the surface than this fraction of the extent of the blade count as in front of
+/// it, so a point placed on the surface is on one side whatever the rounding.
 const THICKNESS: f64 = 1e-9;
 
-/// The surface that the edge of a blade sweeps, as triangles in file units.
+/// The surface swept by the edge of a blade, as triangles in file units.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blade {
     vertices: Vec<DVec3>,
@@ -24,18 +24,18 @@ pub struct Blade {
 struct Triangle {
     vertices: [u32; 3],
     normal: DVec3,
-    /// Least n · x of points that count as in front.
+    /// Smallest n · x of points in front.
     front: f64,
     low: DVec3,
     high: DVec3,
 }
 
 impl Blade {
-    /// What the straight edge of a blade sweeps as it moves from one pair of ends to the next:
-    /// a quad, two triangles, from each to the following.
+    /// Builds the surface swept by the straight edge of a blade from its consecutive positions,
+    /// each given by its two ends: a quad of two triangles between each two.
     ///
     /// # Errors
-    /// [`Error::Input`] for fewer than two pairs, for coordinates that are not finite, and for an
+    /// An [`Error::Input`] for fewer than two positions, for non-finite coordinates, and for an
     /// edge that sweeps no area.
     pub fn from_sweep(edges: &[[DVec3; 2]]) -> Result<Blade> {
         let points: Vec<DVec3> = edges.iter().flatten().copied().collect();
@@ -69,12 +69,12 @@ impl Blade {
         Ok(blade)
     }
 
-    /// The ends of its edge, at each of its positions.
+    /// Returns the ends of the edge at each of its positions.
     pub(crate) fn edges(&self) -> impl Iterator<Item = [DVec3; 2]> + '_ {
         self.vertices.chunks_exact(2).map(|ends| [ends[0], ends[1]])
     }
 
-    /// The quad with these corners, in the order around it; it may be twisted.
+    /// Builds the quad with these corners, in cyclic order; it may be twisted.
     ///
     /// # Errors
     /// As [`Blade::from_sweep`].
@@ -87,7 +87,7 @@ impl Blade {
         let [a, b, c] = corners;
         let across = (b - a).cross(c - a);
         let area = across.length();
-        // A vertex that has not moved leaves a flat triangle.
+        // A vertex that has not moved leaves a degenerate triangle.
         if area.is_nan() || area <= DEGENERATE_AREA_RATIO * extent * extent {
             return;
         }
@@ -102,21 +102,21 @@ impl Blade {
         });
     }
 
-    /// The corners of its triangles.
+    /// Returns the corners of its triangles.
     pub fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
         self.triangles
             .iter()
             .map(|t| t.vertices.map(|v| self.vertices[v as usize]))
     }
 
-    /// Lower and upper corner of the box around it.
+    /// Returns the lower and upper corner of the bounding box.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         (self.low, self.high)
     }
 
-    /// Whether the segment from `a` to `b` passes from one side of the blade to the other: meets
-    /// it an odd number of times. It is the same from `b` to `a`, and a chain of segments passes
-    /// a blade that reaches beyond it as often as its ends say.
+    /// Whether the segment from `a` to `b` crosses the blade, i.e. intersects it an odd number of
+    /// times. The result is symmetric in `a` and `b`, and a polyline crosses a blade larger than
+    /// itself with the parity given by its end points.
     pub fn separates(&self, a: DVec3, b: DVec3) -> bool {
         let met = self.triangles.iter().filter(|t| self.meets(t, a, b));
         met.count() % 2 == 1
@@ -129,16 +129,16 @@ impl Blade {
         }
         let side = |p: DVec3| triangle.normal.dot(p - self.low) >= triangle.front;
         let (from_front, to_front) = (side(a), side(b));
-        // NaN is on neither side of anything.
+        // NaN is on neither side.
         if from_front == to_front || !(a.is_finite() && b.is_finite()) {
             return false;
         }
-        // Always seen from the front, so that either direction gives the same answer.
+        // The segment is always oriented from the front, so both directions give the same result.
         let (front, back) = if from_front { (a, b) } else { (b, a) };
         let along = back - front;
         let [u, v, w] = triangle.vertices;
-        // The same bits, but for the sign, from either end of an edge: of two triangles that share
-        // one, exactly one is met.
+        // Bitwise identical up to the sign for both directions of an edge: of two triangles that
+        // share an edge, exactly one is hit.
         let inside = |p: u32, q: u32| {
             let turn = |p: u32, q: u32| {
                 let [x, y] = [p, q].map(|v| self.vertices[v as usize] - front);
@@ -167,7 +167,7 @@ mod tests {
         for (x, y, hit) in [
             (0.5, 0.25, true),
             (0.25, 0.5, true),
-            // On the edge that the two triangles share: met once, not twice and not never.
+            // On the edge shared by the two triangles: counted exactly once.
             (0.5, 0.5, true),
             (0.125, 0.125, true),
             (1.5, 0.5, false),
@@ -177,7 +177,7 @@ mod tests {
             assert_eq!(blade.separates(a, b), hit, "{x} {y}");
             assert_eq!(blade.separates(b, a), hit, "{x} {y}");
             assert!(!blade.separates(a, DVec3::new(x, y, 0.1)));
-            // From a point within the blade it is the one or the other way.
+            // A point on the blade counts on one side or the other.
             let on = DVec3::new(x, y, 0.0);
             assert_eq!(blade.separates(a, on) ^ blade.separates(on, b), hit);
             assert!(!blade.separates(a, DVec3::splat(f64::NAN)));
@@ -209,7 +209,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(error.contains("position 1"), "{error}");
-        // One end may stay where it is.
+        // One end may be fixed.
         assert!(Blade::from_sweep(&[edge, [DVec3::ZERO, DVec3::Y]]).is_ok());
     }
 }

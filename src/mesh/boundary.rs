@@ -1,9 +1,9 @@
-//! The shape of a mesh's boundary surface, and its pieces.
+//! Analysis of the boundary surface of a mesh: manifoldness, Euler number, connected components.
 
 use super::{NO_NEIGHBOUR, TetMesh, Topology};
 use rayon::slice::ParallelSliceMut;
 
-/// Counts over the boundary surface, and the places where it is not a manifold.
+/// Counts over the boundary surface, and its non-manifold edges and nodes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BoundaryReport {
     /// Nodes on the boundary.
@@ -16,12 +16,12 @@ pub struct BoundaryReport {
     pub non_manifold_edges: Vec<[u32; 2]>,
     /// Nodes whose boundary faces do not form a single fan around them.
     pub non_manifold_nodes: Vec<u32>,
-    /// Whether every edge belongs to an even number of faces, so that the surface has no rim.
+    /// Whether every edge belongs to an even number of faces, so the surface has no rim.
     pub closed: bool,
 }
 
 impl BoundaryReport {
-    /// The boundary of `mesh`. Time O(n log n) in the number of boundary faces.
+    /// Analyses the boundary of `mesh`. Time O(n log n) in the number of boundary faces.
     pub fn new(mesh: &TetMesh, topology: &Topology) -> BoundaryReport {
         let faces: Vec<[u32; 3]> = topology
             .boundary
@@ -78,7 +78,7 @@ impl BoundaryReport {
         }
     }
 
-    /// Nodes − edges + faces: 2 for each sphere, 0 for each torus.
+    /// Euler number: nodes − edges + faces; 2 for each sphere, 0 for each torus.
     pub fn euler_number(&self) -> i64 {
         self.nodes as i64 - self.edges as i64 + self.faces as i64
     }
@@ -88,14 +88,14 @@ impl BoundaryReport {
         self.non_manifold_edges.is_empty()
     }
 
-    /// Whether, on top of that, the faces at every node form a single fan.
+    /// Whether the surface is edge-manifold and the faces at every node form a single fan.
     pub fn is_vertex_manifold(&self) -> bool {
         self.non_manifold_edges.is_empty() && self.non_manifold_nodes.is_empty()
     }
 }
 
-/// The piece each tet belongs to, numbered from 0 in the order of the tets, and the number of
-/// pieces. Tets are of one piece when a chain of shared faces leads from one to the other.
+/// Returns the connected component of each tet, numbered from 0 in the order of the tets, and the
+/// number of components. Tets are connected through shared faces.
 pub fn components(topology: &Topology) -> (Vec<u32>, usize) {
     let mut groups = DisjointSets::new(topology.neighbours.len());
     for (t, neighbours) in topology.neighbours.iter().enumerate() {
@@ -130,7 +130,7 @@ impl DisjointSets {
         }
     }
 
-    /// The item that stands for the set of `item`: its smallest.
+    /// Returns the representative of the set of `item`: its smallest item.
     pub(crate) fn find(&mut self, item: u32) -> u32 {
         let mut i = item as usize;
         while self.parent[i] as usize != i {

@@ -1,22 +1,22 @@
-//! Edges that go through faces.
+//! Intersections of edges with faces.
 
 use super::hierarchy::{Bvh, bounds_union};
 use crate::parallel;
 use glam::DVec3;
 
-/// An edge that goes through a face, by their numbers.
+/// An intersection of an edge with a face, by their numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EdgeFaceIntersection {
     pub edge: usize,
     pub face: usize,
-    /// Where it does, by weights of the face's corners.
+    /// Intersection point as barycentric weights of the corners of the face.
     pub weights: [f64; 3],
-    /// Which end of the edge is behind the face.
+    /// The end of the edge that is behind the face.
     pub inner_end: usize,
 }
 
-/// Where an edge goes through a face, by weights of that one's corners, and which end of the edge
-/// is behind it. One that touches it only does not.
+/// Intersects an edge with a face: returns the barycentric weights of the face's corners at the
+/// intersection and the end of the edge behind the face. A touching edge does not count.
 pub(crate) fn intersect_edge_face(
     [p, q]: [DVec3; 2],
     [a, b, c]: [DVec3; 3],
@@ -33,8 +33,8 @@ pub(crate) fn intersect_edge_face(
     within.then(|| (turns.map(|t| t / all), usize::from(sides[1] < 0.0)))
 }
 
-/// All edges that go through faces with which they share no node, nodes being `at` their places.
-/// `tree` is one over the faces, and is refitted.
+/// Returns all intersections of edges with faces that share no node with them, for nodes at the
+/// positions `at`. `tree` is built over the faces and is refitted.
 pub(crate) fn edge_face_intersections(
     (count, edge): (usize, impl Fn(usize) -> [u32; 2] + Sync),
     face: impl Fn(usize) -> [u32; 3] + Sync,

@@ -1,4 +1,4 @@
-//! What is in a mesh, and what is wrong with it: the content of `palpate info`.
+//! Statistics and problems of a mesh: the content of `palpate info`.
 
 use super::{
     BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
@@ -6,21 +6,21 @@ use super::{
 use rayon::slice::ParallelSliceMut;
 use std::fmt;
 
-/// Everything `palpate info` tells of a mesh; its JSON keys are the names of these members.
-/// Lengths and volumes are in the units of the file.
+/// Report of `palpate info` on a mesh; its JSON keys are the names of these members. Lengths and
+/// volumes are in the units of the file.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct MeshDescription {
     /// Nodes that tets use.
     pub nodes: usize,
-    /// Tets that are left after the repairs.
+    /// Tets after the repairs.
     pub tets: usize,
     /// Faces that belong to one tet only.
     pub boundary_faces: usize,
     /// Sum of the volumes of the tets.
     pub volume: f64,
-    /// Lower and upper corner of the box around the nodes.
+    /// Lower and upper corner of the bounding box of the nodes.
     pub bounds: [[f64; 3]; 2],
-    /// Pieces of tets connected by faces.
+    /// Connected components of tets (through faces).
     pub components: usize,
     /// Nodes − edges + faces of the boundary: 2 for each sphere, 0 for each torus.
     pub euler_number: i64,
@@ -28,19 +28,20 @@ pub struct MeshDescription {
     pub closed: bool,
     /// Whether every boundary edge belongs to exactly two boundary faces.
     pub edge_manifold: bool,
-    /// Whether, on top of that, the boundary faces at every node form a single fan.
+    /// Whether the boundary is edge-manifold and the boundary faces at every node form a single
+    /// fan.
     pub vertex_manifold: bool,
     /// Boundary edges that do not belong to exactly two boundary faces.
     pub nonmanifold_edges: usize,
     /// Boundary nodes whose boundary faces do not form a single fan.
     pub nonmanifold_nodes: usize,
-    /// Nodes that lie exactly where an earlier node lies.
+    /// Nodes at exactly the position of an earlier node.
     pub coincident_nodes: usize,
     /// Tets whose orientation was flipped.
     pub inverted_fixed: usize,
     /// Tets dropped for a repeated corner or zero volume.
     pub degenerate: usize,
-    /// Tets dropped because the same four nodes came before.
+    /// Tets dropped because they repeat the four nodes of an earlier one.
     #[serde(rename = "repeated")]
     pub duplicate_tets: usize,
     /// Nodes dropped because no tet uses them.
@@ -52,29 +53,29 @@ pub struct MeshDescription {
     pub quality: QualityReport,
     /// Every field.
     pub fields: Vec<FieldDescription>,
-    /// The cell field that says which region a tet belongs to, if one does.
+    /// The cell field of the regions, if there is one.
     pub region_field: Option<String>,
     /// The regions: the values of that field.
     pub regions: Vec<RegionDescription>,
-    /// Metres in one unit of the mesh, where that is known.
+    /// Length of one unit of the mesh in metres, if known.
     pub length_unit: Option<f64>,
-    /// What was repaired and what is odd, in words.
+    /// Repairs and irregularities, in words.
     pub warnings: Vec<String>,
 }
 
-/// What `palpate info` tells of a field.
+/// Report of `palpate info` on a field.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FieldDescription {
     /// Its name in the file.
     pub name: String,
     /// Nodes or cells.
     pub location: Location,
-    /// Numbers in a tuple.
+    /// Number of components of a tuple.
     pub components: usize,
-    /// Smallest finite value, of the tuples' lengths when there are several components; none
-    /// when nothing is finite.
+    /// Smallest finite value (of the norms of the tuples if there are several components); `None`
+    /// if there is no finite value.
     pub min: Option<f64>,
-    /// Largest finite value, likewise.
+    /// Largest finite value, with the same rule.
     pub max: Option<f64>,
 }
 
@@ -91,12 +92,12 @@ impl FieldDescription {
     }
 }
 
-/// What `palpate info` tells of a region.
+/// Report of `palpate info` on a region.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RegionDescription {
     /// Its value in the field of the regions.
     pub label: i64,
-    /// Its name, where it is known.
+    /// Its name, if known.
     pub name: Option<String>,
     /// Number of its tets.
     pub tets: usize,
@@ -104,7 +105,7 @@ pub struct RegionDescription {
     pub volume: f64,
 }
 
-/// The field that says the regions, or a `label` that is the same throughout; and its regions.
+/// Returns the field of the regions, or a constant `label`, and the regions.
 fn regions(mesh: &TetMesh) -> (Option<String>, Vec<RegionDescription>) {
     let field = mesh.region_field();
     let Some(field) = field.or_else(|| mesh.field("label", Location::Cell)) else {
@@ -123,7 +124,7 @@ fn regions(mesh: &TetMesh) -> (Option<String>, Vec<RegionDescription>) {
 }
 
 impl MeshDescription {
-    /// Looks at everything in `mesh`. Time O(n log n), in parallel.
+    /// Describes `mesh`. Time O(n log n), in parallel.
     pub fn new(mesh: &TetMesh) -> MeshDescription {
         let topology = Topology::new(mesh);
         let shape = BoundaryReport::new(mesh, &topology);
@@ -192,7 +193,7 @@ impl MeshDescription {
     }
 }
 
-/// Number of nodes that lie exactly where an earlier one lies.
+/// Counts the nodes at exactly the position of an earlier node.
 fn coincident_nodes(mesh: &TetMesh) -> usize {
     // Adding zero turns −0 into 0.
     let mut keys: Vec<[u64; 3]> = mesh
@@ -336,7 +337,7 @@ fn row(f: &mut fmt::Formatter<'_>, name: &str, value: String) -> fmt::Result {
     writeln!(f, "{name:16} {value}")
 }
 
-/// A count with a comma between thousands.
+/// Formats a count with a comma between thousands.
 fn grouped(n: usize) -> String {
     let digits = n.to_string();
     let mut out = String::new();
@@ -349,7 +350,7 @@ fn grouped(n: usize) -> String {
     out
 }
 
-/// A number with six significant digits, without a tail of zeros.
+/// Formats a number with six significant digits, without trailing zeros.
 fn number(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return x.to_string();

@@ -1,4 +1,5 @@
-//! How deep below the boundary the nodes lie: a field for meshes that come without one.
+//! Distances to triangles, and the depth of nodes below the boundary: a field for meshes that have
+//! none.
 
 use super::{BoundaryFace, Field, Location, TetMesh, Topology};
 use crate::parallel;
@@ -10,8 +11,8 @@ pub const DEPTH: &str = "depth";
 /// Triangles in a leaf of the tree.
 const LEAF: usize = 4;
 
-/// The node field "depth": the distance of each node to the nearest point of the boundary, in
-/// the units of the mesh; exactly 0 on the boundary. Time O(n log n), in parallel.
+/// Computes the node field "depth": the distance of each node to the nearest point of the boundary,
+/// in the units of the mesh; exactly 0 on the boundary. Time O(n log n), in parallel.
 pub fn depth_field(mesh: &TetMesh, topology: &Topology) -> Field {
     let mut on_boundary = vec![false; mesh.nodes.len()];
     let mut triangles: Vec<[DVec3; 3]> = Vec::with_capacity(topology.boundary.len());
@@ -35,14 +36,14 @@ fn corners(mesh: &TetMesh, topology: &Topology, face: BoundaryFace) -> [DVec3; 3
         .map(|v| mesh.nodes[v as usize])
 }
 
-/// Distance from `p` to the nearest point of the triangle `abc`, which may be degenerate.
+/// Returns the distance from `p` to the triangle `abc`, which may be degenerate.
 ///
-/// By the regions of the triangle's plane, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
+/// Uses the Voronoi regions of the triangle, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
 pub fn point_triangle_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
     let (ab, ac, normal) = (b - a, c - a, (b - a).cross(c - a));
     let inside = |from: DVec3, to: DVec3| (to - from).cross(p - from).dot(normal) >= 0.0;
     let area = normal.length();
-    // A triangle thinner than rounding has no plane: its edges tell the distance.
+    // A triangle thinner than the rounding error has no plane: its edges give the distance.
     let flat = area <= 1e-12 * ab.length_squared().max(ac.length_squared());
     if !flat && inside(a, b) && inside(b, c) && inside(c, a) {
         return ((p - a).dot(normal) / area).abs();
@@ -57,7 +58,7 @@ pub fn point_triangle_distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
 
 fn point_segment_distance(p: DVec3, a: DVec3, b: DVec3) -> f64 {
     let along = (p - a).dot(b - a) / (b - a).length_squared();
-    // A segment without length gives NaN, which clamps to its start.
+    // A segment of length zero gives NaN, which clamps to its start.
     let along = if along.is_nan() {
         0.0
     } else {
@@ -66,9 +67,9 @@ fn point_segment_distance(p: DVec3, a: DVec3, b: DVec3) -> f64 {
     p.distance(a.lerp(b, along))
 }
 
-/// The weights of the corners at the point of the triangle `abc` that is nearest to `p`.
+/// Returns the barycentric weights of the point of the triangle `abc` closest to `p`.
 ///
-/// By the regions of Voronoi, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
+/// Uses the Voronoi regions of the triangle, as in Ericson, *Real-Time Collision Detection*, 5.1.5.
 pub(crate) fn closest_point_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     let (ab, ac) = (b - a, c - a);
     let (d1, d2) = (ab.dot(p - a), ac.dot(p - a));
@@ -99,7 +100,7 @@ pub(crate) fn closest_point_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3]
         return [0.0, 1.0 - w, w];
     }
     let all = va + vb + vc;
-    // A flat triangle in no region: any corner is as good.
+    // A degenerate triangle in none of the regions: any corner will do.
     if all > 0.0 {
         [va / all, vb / all, vc / all]
     } else {
@@ -107,14 +108,14 @@ pub(crate) fn closest_point_weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3]
     }
 }
 
-/// Boxes around halves of halves of some triangles.
+/// A bounding volume hierarchy of axis-aligned boxes over triangles, split at the median.
 #[derive(Debug)]
 pub(crate) struct TriangleBvh {
     /// The triangles, in the order of the leaves.
     pub triangles: Vec<[DVec3; 3]>,
-    /// The number that each had when the tree was made.
+    /// The original number of each triangle.
     pub numbers: Vec<u32>,
-    /// Box 0 holds all; a leaf's `right` is 0.
+    /// Box 0 is the root; the `right` of a leaf is 0.
     pub boxes: Vec<TreeBox>,
 }
 
@@ -122,9 +123,9 @@ pub(crate) struct TriangleBvh {
 pub(crate) struct TreeBox {
     pub low: DVec3,
     pub high: DVec3,
-    /// Its triangles.
+    /// Range of its triangles.
     pub range: (usize, usize),
-    /// The second half; the first half is the next box in the list.
+    /// The second child; the first child is the next box in the list.
     pub right: usize,
 }
 
@@ -148,7 +149,7 @@ impl TriangleBvh {
         }
     }
 
-    /// Distance from `p` to the nearest triangle; infinite when there is none.
+    /// Returns the distance from `p` to the nearest triangle; infinite if there is none.
     pub fn distance(&self, p: DVec3) -> f64 {
         let mut nearest = f64::INFINITY;
         self.descend(p, |t| {
@@ -158,13 +159,13 @@ impl TriangleBvh {
         nearest
     }
 
-    /// The number of the triangle nearest to `p`, and the weights of its corners at the nearest
-    /// point; of several the one with the lowest number. None when there is no triangle.
+    /// Returns the number of the triangle nearest to `p` (the lowest among equals) and the
+    /// barycentric weights of the closest point. `None` if there is no triangle.
     pub fn nearest(&self, p: DVec3) -> Option<(usize, [f64; 3])> {
         self.nearest_accepted(p, |_| true)
     }
 
-    /// As [`TriangleBvh::nearest`], of the triangles whose numbers `accept` takes.
+    /// As [`TriangleBvh::nearest`], among the triangles whose numbers `accept` accepts.
     pub fn nearest_accepted(
         &self,
         p: DVec3,
@@ -186,7 +187,8 @@ impl TriangleBvh {
         best.map(|(_, number, w)| (number as usize, w))
     }
 
-    /// Visits the triangles that may be nearer to `p` than what `visit` says is the nearest yet.
+    /// Visits the triangles that may be nearer to `p` than the smallest distance `visit` has
+    /// returned.
     fn descend(&self, p: DVec3, mut visit: impl FnMut(usize) -> f64) {
         let mut nearest = f64::INFINITY;
         let mut stack = vec![(0, 0.0)];

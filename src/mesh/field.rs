@@ -2,14 +2,14 @@
 
 use std::fmt;
 
-/// Where the values of a [`Field`] live.
+/// Location of the values of a [`Field`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Location {
-    /// One tuple a node; `point` in files and reports, as the file formats call it.
+    /// One tuple per node; `point` in files and reports, after the file formats.
     #[serde(rename = "point")]
     Node,
-    /// One tuple a tet.
+    /// One tuple per tet.
     Cell,
 }
 
@@ -22,7 +22,7 @@ impl fmt::Display for Location {
     }
 }
 
-/// The number type a field had in its file, so that it is written back as it came.
+/// Number type of a field in its file, preserved when it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[allow(missing_docs)]
 pub enum ScalarType {
@@ -38,25 +38,25 @@ pub enum ScalarType {
     F64,
 }
 
-/// Values by name: `components` numbers for each node or tet, one tuple after the other.
+/// Named values: `components` numbers for each node or tet, tuple by tuple.
 ///
-/// Values are held in f64, exact for every [`ScalarType`] but 64-bit integers beyond 2⁵³.
+/// Values are stored as f64, exact for every [`ScalarType`] except 64-bit integers beyond 2⁵³.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// The name it has in the file.
+    /// Its name in the file.
     pub name: String,
     /// Nodes or cells.
     pub location: Location,
-    /// Numbers in a tuple: 1 for a scalar, 3 for a vector.
+    /// Number of components of a tuple: 1 for a scalar, 3 for a vector.
     pub components: usize,
     /// All tuples, `components` numbers each.
     pub values: Vec<f64>,
-    /// The number type to write it back with.
+    /// Number type in which it is written.
     pub scalar_type: ScalarType,
 }
 
 impl Field {
-    /// A field of one f64 a node.
+    /// Creates a scalar field of type f64.
     pub fn scalar(name: impl Into<String>, location: Location, values: Vec<f64>) -> Field {
         Field {
             name: name.into(),
@@ -67,8 +67,8 @@ impl Field {
         }
     }
 
-    /// Smallest and largest finite value (of the tuples' lengths when there are several
-    /// components); `None` when nothing is finite.
+    /// Returns the smallest and largest finite value (of the norms of the tuples if there are
+    /// several components); `None` if there is no finite value.
     pub fn range(&self) -> Option<(f64, f64)> {
         let magnitude = |tuple: &[f64]| match tuple {
             [x] => *x,

@@ -1,12 +1,12 @@
-//! The local frame in which a mesh goes to the GPU as f32.
+//! The local frame in which a mesh is stored as f32 on the GPU.
 
 use super::{TetMesh, bounds};
 use glam::{DVec3, Vec3};
 
 /// Maps file coordinates (f64) to local ones (f32): bounds centred at 0, largest extent 1.
 ///
-/// Everything on the GPU lives in this frame, so that neither the place of a model nor its
-/// units cost accuracy: x_local = (x − origin) / scale.
+/// All data on the GPU uses this frame, so neither the position of a model nor its units reduce
+/// accuracy: x_local = (x − origin) / scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalFrame {
     /// The file coordinates of the local origin.
@@ -25,7 +25,7 @@ impl Default for LocalFrame {
 }
 
 impl LocalFrame {
-    /// The frame of a box given by its lower and upper corners.
+    /// Returns the frame of a box given by its lower and upper corners.
     ///
     /// A box without extent gets the scale 1.
     pub fn from_bounds(low: DVec3, high: DVec3) -> LocalFrame {
@@ -40,18 +40,18 @@ impl LocalFrame {
         }
     }
 
-    /// The frame of a mesh, from the bounds of its nodes.
+    /// Returns the frame of a mesh, from the bounds of its nodes.
     pub fn from_mesh(mesh: &TetMesh) -> LocalFrame {
         let (low, high) = bounds(&mesh.nodes);
         LocalFrame::from_bounds(low, high)
     }
 
-    /// Local coordinates of the point `p` given in file coordinates.
+    /// Converts the point `p` from file to local coordinates.
     pub fn to_local(&self, p: DVec3) -> Vec3 {
         ((p - self.origin) / self.scale).as_vec3()
     }
 
-    /// File coordinates of the local point `p`.
+    /// Converts the local point `p` to file coordinates.
     pub fn to_file(&self, p: Vec3) -> DVec3 {
         self.origin + p.as_dvec3() * self.scale
     }

@@ -1,16 +1,16 @@
-//! Items grouped by a number that each of them has: a counting sort.
+//! Grouping of items by an integer key: a counting sort.
 
 use crate::parallel;
 
-/// The `items`, each given with the number of its group, group after group and in the order given
-/// within each; and where in that list each of the `groups` begins, their end last.
+/// Sorts `items`, given with their keys, by key, stably; also returns the start of each of the
+/// `groups`, followed by the end of the last.
 ///
-/// The items are gone through twice. There are fewer than 2³² of them.
+/// The iterator runs twice. There must be fewer than 2³² items.
 pub(crate) fn group_by_key<T: Copy + Default>(
     groups: usize,
     items: impl Iterator<Item = (u32, T)> + Clone,
 ) -> (Vec<u32>, Vec<T>) {
-    // Two further on, the counts become the beginnings of the groups before and then, as these
+    // Shifted by two entries, the counts become the starts of the groups and then, as the groups
     // fill up, their ends.
     let mut firsts = vec![0u32; groups + 2];
     for (group, _) in items.clone() {
@@ -29,7 +29,8 @@ pub(crate) fn group_by_key<T: Copy + Default>(
     (firsts, all)
 }
 
-/// What `tell` pushes of each group of `items`, as [`group_by_key`] takes them, the group being sorted.
+/// Concatenates the items that `tell` pushes for each group of `items` (see [`group_by_key`]), the
+/// group being sorted.
 pub(crate) fn map_groups<T: Copy + Default + Ord + Sync, B: Send>(
     groups: usize,
     items: impl Iterator<Item = (u32, T)> + Clone,

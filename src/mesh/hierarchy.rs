@@ -1,4 +1,4 @@
-//! A hierarchy of boxes over parts of a boundary, made once and refitted as these move.
+//! A bounding volume hierarchy over primitives of a boundary, built once and refitted as they move.
 
 use super::order_of;
 use glam::DVec3;
@@ -6,37 +6,37 @@ use glam::DVec3;
 /// Low and high corners.
 pub(crate) type Bounds = [DVec3; 2];
 
-/// Parts in a leaf.
+/// Primitives per leaf.
 const LEAF: usize = 4;
 
-/// A complete binary tree over parts in the order of a Morton curve.
+/// A complete binary tree over primitives in Morton order.
 #[derive(Clone, Debug)]
 pub(crate) struct Bvh {
-    /// The parts, in order.
+    /// The primitives, in order.
     order: Vec<u32>,
-    /// Boxes: the root is the first, the children of k are 2k + 1 and 2k + 2.
+    /// Bounding boxes: the root is box 0, the children of k are 2k + 1 and 2k + 2.
     boxes: Vec<Bounds>,
-    /// Boxes before the first leaf.
+    /// Number of inner boxes.
     inner: usize,
-    /// The box of each part.
+    /// The bounding box of each primitive.
     parts: Vec<Bounds>,
 }
 
-/// A box with nothing in it.
+/// The empty box.
 const EMPTY: Bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
 
-/// The smallest box around two.
+/// Returns the smallest box around two boxes.
 pub(crate) fn bounds_union([a, b]: Bounds, [c, d]: Bounds) -> Bounds {
     [a.min(c), b.max(d)]
 }
 
-/// Whether two boxes have a point in common.
+/// Whether two boxes overlap.
 pub(crate) fn bounds_overlap([a, b]: &Bounds, [c, d]: &Bounds) -> bool {
     a.cmple(*d).all() && c.cmple(*b).all()
 }
 
 impl Bvh {
-    /// Over `count` parts whose middles are these.
+    /// Builds the tree over `count` primitives with these centres.
     pub fn new(count: usize, middle: impl Fn(usize) -> DVec3 + Sync) -> Bvh {
         let all = (0..count).fold(EMPTY, |all, k| bounds_union(all, [middle(k); 2]));
         let leaves = count.div_ceil(LEAF).max(1).next_power_of_two();
@@ -48,7 +48,7 @@ impl Bvh {
         }
     }
 
-    /// Fits it to the boxes that the parts have now.
+    /// Refits it to the current bounding boxes of the primitives.
     pub fn refit(&mut self, of: impl Fn(usize) -> Bounds) {
         for (k, own) in self.parts.iter_mut().enumerate() {
             *own = of(k);
@@ -63,7 +63,7 @@ impl Bvh {
         }
     }
 
-    /// Visits the parts whose boxes meet `wanted`, in an order that depends on nothing else.
+    /// Visits the primitives whose boxes overlap `wanted`, in a deterministic order.
     pub fn for_each_overlapping(&self, wanted: &Bounds, mut each: impl FnMut(u32)) {
         let mut stack = vec![0usize];
         while let Some(k) = stack.pop() {

@@ -1,20 +1,20 @@
-//! Several meshes as one, so that one picture shows them all.
+//! Merging of several meshes into one, so that one picture shows all.
 
 use super::{Field, Location, ScalarType, TetMesh};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
-/// The cell field that says which mesh a tet came from, and which of its regions.
+/// The cell field of the source mesh and region of a tet.
 const LABEL: &str = "label";
 
 impl TetMesh {
-    /// The meshes `parts`, each with its name, as one: nodes and tets one mesh after the other,
-    /// nothing joined. Its cell field `label` numbers the regions of all of them from 1, named
-    /// `name` or `name/region`. Other fields are kept; where a mesh has not what another has, the
-    /// field is 0 there, and a warning says so.
+    /// Merges the named meshes `parts`: concatenates nodes and tets, without joining nodes. The
+    /// cell field `label` numbers the regions of all meshes from 1, named `name` or `name/region`.
+    /// Other fields are kept; a field missing in one of the meshes is 0 there, and a warning
+    /// reports it.
     ///
     /// # Errors
-    /// [`Error::Input`] when the meshes have different units; [`Error::Mesh`] when they have more
+    /// An [`Error::Input`] if the meshes have different units; an [`Error::Mesh`] if they have more
     /// nodes or tets than can be indexed.
     pub fn merge_meshes(parts: &[(String, &TetMesh)]) -> Result<TetMesh> {
         let nodes: usize = parts.iter().map(|(_, m)| m.nodes.len()).sum();
@@ -54,7 +54,7 @@ impl TetMesh {
         Ok(whole)
     }
 
-    /// Numbers the regions of all parts.
+    /// Numbers the regions of all meshes.
     fn label_parts(&mut self, parts: &[(String, &TetMesh)]) -> Result<()> {
         let mut labels = Vec::with_capacity(self.tets.len());
         let mut next = 1;
@@ -82,7 +82,7 @@ impl TetMesh {
         })
     }
 
-    /// Puts the other fields of all parts one after the other.
+    /// Concatenates the other fields of all meshes.
     fn merge_fields(&mut self, parts: &[(String, &TetMesh)]) -> Result<()> {
         let all = parts.iter().flat_map(|(_, mesh)| &mesh.fields);
         let mut shapes: Vec<&Field> = Vec::new();

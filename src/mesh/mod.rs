@@ -1,6 +1,6 @@
 //! Tetrahedral meshes: nodes, tets, fields; topology, quality, generators.
 //!
-//! Nothing here knows of files or of the GPU.
+//! This module is independent of files and of the GPU.
 
 mod blade;
 mod boundary;
@@ -66,41 +66,42 @@ use std::collections::BTreeMap;
 /// A tetrahedral mesh with fields, in the units of the file it came from.
 ///
 /// Every tet (v0 v1 v2 v3) is positively oriented: det(v1−v0, v2−v0, v3−v0) ≥ 0, and face i
-/// lies opposite vertex i (see [`FACES`]). Meshes are built by [`TetMesh::new`], which repairs
-/// what can be repaired safely and counts it in [`TetMesh::repairs`].
+/// lies opposite vertex i (see [`FACES`]). Meshes are built by [`TetMesh::new`], which makes safe
+/// repairs and counts them in [`TetMesh::repairs`].
 #[derive(Clone, Debug, Default)]
 pub struct TetMesh {
     /// Node positions.
     pub nodes: Vec<DVec3>,
-    /// Four node indices a tet.
+    /// Four node indices per tet.
     pub tets: Vec<[u32; 4]>,
     /// Fields at the nodes and in the tets, by name.
     pub fields: Vec<Field>,
-    /// Names of the regions, by their value in the cell field `label`, where they are known.
+    /// Names of the regions by their value in the cell field `label`, if known.
     pub region_names: BTreeMap<i64, String>,
-    /// Metres in one unit of the mesh, where it is known.
+    /// Length of one unit of the mesh in metres, if known.
     pub length_unit: Option<f64>,
-    /// What was repaired, dropped or noticed when the mesh was made.
+    /// Repairs, drops and warnings from the construction of the mesh.
     pub repairs: RepairReport,
 }
 
 impl TetMesh {
-    /// Signed volume of tet `t`.
+    /// Returns the signed volume of tet `t`.
     pub fn tet_volume(&self, t: usize) -> f64 {
         signed_volume(self.tet_nodes(t))
     }
 
-    /// The four node positions of tet `t`.
+    /// Returns the four node positions of tet `t`.
     pub fn tet_nodes(&self, t: usize) -> [DVec3; 4] {
         self.tets[t].map(|v| self.nodes[v as usize])
     }
 
-    /// Sum of the signed volumes of all tets.
+    /// Returns the sum of the signed volumes of all tets.
     pub fn volume(&self) -> f64 {
         (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()
     }
 
-    /// Every edge of the tets once, (smaller, larger) node, sorted. Time O(n log n), in parallel.
+    /// Returns every edge of the tets once, as (smaller, larger) node, sorted. Time O(n log n), in
+    /// parallel.
     pub fn edges(&self) -> Vec<[u32; 2]> {
         let of_tet = |t: &[u32; 4]| TET_EDGES.map(|[a, b]| [t[a].min(t[b]), t[a].max(t[b])]);
         let mut edges: Vec<[u32; 2]> = self.tets.iter().flat_map(of_tet).collect();
@@ -109,19 +110,19 @@ impl TetMesh {
         edges
     }
 
-    /// The axis-aligned bounding box of the nodes: (lower corner, upper corner).
+    /// Returns the axis-aligned bounding box of the nodes: (lower corner, upper corner).
     pub fn bounds(&self) -> (DVec3, DVec3) {
         bounds(&self.nodes)
     }
 
-    /// The field called `name` at `location`, if there is one.
+    /// Returns the field `name` at `location`, if there is one.
     pub fn field(&self, name: &str, location: Location) -> Option<&Field> {
         self.fields
             .iter()
             .find(|f| f.name == name && f.location == location)
     }
 
-    /// Means of one number a tet around each node, by volume.
+    /// Averages a scalar of the tets to the nodes, weighted by volume.
     pub fn volume_weighted_node_means(&self, scalars: &[f64]) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.nodes.len()];
         for (t, (tet, value)) in self.tets.iter().zip(scalars).enumerate() {
@@ -131,7 +132,7 @@ impl TetMesh {
                 *sum = (sum.0 + weight * value, sum.1 + weight);
             }
         }
-        // Nodes of no tet, as grids have them, are never seen.
+        // Nodes without tets, as in grids, are never visible.
         let unseen = scalars.first().copied().unwrap_or(0.0);
         sums.iter()
             .map(|(sum, weight)| if *weight > 0.0 { sum / weight } else { unseen })
@@ -141,7 +142,7 @@ impl TetMesh {
     /// Adds a field, replacing one of the same name and location.
     ///
     /// # Errors
-    /// When the number of values does not match the mesh.
+    /// An error if the number of values does not match the mesh.
     pub fn set_field(&mut self, field: Field) -> Result<()> {
         let items = match field.location {
             Location::Node => self.nodes.len(),
@@ -165,12 +166,13 @@ impl TetMesh {
     }
 }
 
-/// Volume of the tet with corners `v`, positive when det(v1−v0, v2−v0, v3−v0) is.
+/// Returns the volume of the tet with corners `v`, with the sign of det(v1−v0, v2−v0, v3−v0).
 pub fn signed_volume(v: [DVec3; 4]) -> f64 {
     (v[1] - v[0]).cross(v[2] - v[0]).dot(v[3] - v[0]) / 6.0
 }
 
-/// The axis-aligned bounding box of `points`; both corners at the origin when there are none.
+/// Returns the axis-aligned bounding box of `points`; both corners are the origin if there are
+/// none.
 pub fn bounds(points: &[DVec3]) -> (DVec3, DVec3) {
     if points.is_empty() {
         return (DVec3::ZERO, DVec3::ZERO);

@@ -1,4 +1,4 @@
-//! A mesh before and after its nodes moved.
+//! Comparison of a mesh before and after its nodes moved.
 
 use super::TetMesh;
 use crate::{Error, Result};
@@ -6,11 +6,11 @@ use crate::{Error, Result};
 const ADVICE: &str = "give the mesh at rest with its nodes moved, as `palpate render --mesh-out` or `simulate` write it";
 
 impl TetMesh {
-    /// Whether it is `rest` with its nodes moved. Tets may be in another order, and readers turn those
-    /// that are inside out and drop flat ones, of either mesh.
+    /// Checks that this mesh is `rest` with moved nodes. The tets may be in another order, and in
+    /// either mesh readers flip inverted tets and drop flat ones.
     ///
     /// # Errors
-    /// [`Error::Input`] that says what differs.
+    /// An [`Error::Input`] that states the difference.
     pub fn check_same_connectivity(&self, rest: &TetMesh) -> Result<()> {
         let refuse = |what: String| Err(Error::Input(format!("{what}; {ADVICE}")));
         if self.nodes.len() != rest.nodes.len() {
@@ -70,7 +70,7 @@ mod tests {
         assert!(refused(&bent).contains("39 tets"), "{}", refused(&bent));
         bent.repairs.degenerate = 1;
         bent.check_same_connectivity(&rest).unwrap();
-        // Flat at rest, and dropped there.
+        // Tets that are flat at rest were dropped there.
         let full = rest.clone();
         let mut short = rest.clone();
         short.tets.retain(|tet| *tet != dropped);

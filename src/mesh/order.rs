@@ -1,5 +1,5 @@
-//! Morton order: tets that lie near each other in space come near each other in memory, which
-//! keeps the caches of a raycaster warm.
+//! Morton order: tets close in space are close in memory, which improves the cache hit rate of a
+//! raycaster.
 
 use super::TetMesh;
 use crate::parallel;
@@ -9,17 +9,17 @@ use rayon::slice::ParallelSliceMut;
 /// Bits of the Morton code along each axis; three of them fit 64 bits.
 const BITS: u32 = 21;
 
-/// The order in which to visit the tets of `mesh` so that neighbours in space stay close: the
-/// k-th entry is the tet that comes k-th along the Morton curve through the centroids.
+/// Returns the order in which to visit the tets of `mesh` so that neighbours in space stay close:
+/// the k-th entry is the k-th tet along the Morton curve through the centroids.
 ///
-/// Equal codes keep the order of the file, so the result is the same on every run.
+/// Equal codes keep the order of the file, so the result is deterministic.
 pub fn morton_order(mesh: &TetMesh) -> Vec<u32> {
     order_of(mesh.tets.len(), mesh.bounds(), |t| {
         mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0
     })
 }
 
-/// The order of `count` points within a box along the Morton curve.
+/// Returns the order of `count` points within a box along the Morton curve.
 pub(crate) fn order_of(
     count: usize,
     (low, high): (DVec3, DVec3),
@@ -33,7 +33,7 @@ pub(crate) fn order_of(
     keyed.into_iter().map(|(_, t)| t).collect()
 }
 
-/// The interleaved bits of a point with coordinates in [0, 2²¹).
+/// Interleaves the bits of a point with coordinates in [0, 2²¹).
 fn morton_code(p: DVec3) -> u64 {
     spread(p.x as u64) | spread(p.y as u64) << 1 | spread(p.z as u64) << 2
 }

@@ -1,13 +1,13 @@
-//! Unit vectors in 32 bits, as the GPU keeps the normals of nodes.
+//! Unit vectors packed into 32 bits, the storage format of node normals on the GPU.
 
 use glam::{DVec2, DVec3};
 
-/// In place of a packed normal: the node has none.
+/// Value of a packed normal for a node without normal.
 pub const NO_NORMAL: u32 = u32::MAX;
 
-/// Packs the direction of `n`: octahedral coordinates of 16 bits each, x in the lower half. Off by
-/// 7·10⁻⁵ rad at most; [`NO_NORMAL`] for the zero vector and for what is not a number. The twin of
-/// `shaders/lib/normals.wgsl`.
+/// Packs the direction of `n`: octahedral coordinates of 16 bits each, x in the lower half. The
+/// error is at most 7·10⁻⁵ rad; [`NO_NORMAL`] for the zero vector and for NaN. Reference
+/// implementation of `shaders/lib/normals.wgsl`.
 pub fn pack_normal(n: DVec3) -> u32 {
     let size = n.abs().element_sum();
     if !(size > 0.0 && size.is_finite()) {
@@ -19,7 +19,7 @@ pub fn pack_normal(n: DVec3) -> u32 {
     bits.x | bits.y << 16
 }
 
-/// The unit vector in `packed`; none for [`NO_NORMAL`].
+/// Unpacks the unit vector in `packed`; `None` for [`NO_NORMAL`].
 pub fn unpack_normal(packed: u32) -> Option<DVec3> {
     if packed == NO_NORMAL {
         return None;
@@ -30,7 +30,7 @@ pub fn unpack_normal(packed: u32) -> Option<DVec3> {
     Some(q.extend(z).normalize())
 }
 
-/// The lower half of the octahedron over the corners of the square.
+/// Folds the lower half of the octahedron over the corners of the square.
 fn folded(p: DVec2) -> DVec2 {
     let sign = |x: f64| if x >= 0.0 { 1.0 } else { -1.0 };
     DVec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))

@@ -1,19 +1,19 @@
-//! Regions that share nodes are welded: parting them.
+//! Splitting of interfaces between regions that share nodes.
 
 use super::{Bvh, FACES, Field, Location, TetMesh, Topology, edge_face_intersections};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Nodes of a seam that go through what is beside it are taken half of their way back this often, and
-/// all of it then.
+/// Displacements of nodes that penetrate their surroundings are halved up to this many times, then
+/// set to zero.
 const MAX_GAP_HALVINGS: usize = 4;
 
 impl TetMesh {
-    /// The label of a region: a whole number, or the name it has in the mesh.
+    /// Returns the label of a region given as an integer or by its name in the mesh.
     ///
     /// # Errors
-    /// [`Error::Input`] listing the names there are.
+    /// An [`Error::Input`] that lists the valid names.
     pub fn region_label(&self, region: &str) -> Result<i64> {
         if let Ok(label) = region.parse() {
             return Ok(label);
@@ -34,20 +34,20 @@ impl TetMesh {
         })
     }
 
-    /// Parts the regions with these labels, which were welded where they meet: nodes that both have are
-    /// doubled, and the tets of `second` take the double, so that the faces between them become
-    /// boundary on either side. Tets stay as they are, in their
-    /// order; doubles come last, where the nodes are that they come from, with their values.
+    /// Splits the interface between the regions with these labels, which share nodes: common nodes
+    /// are duplicated, and the tets of `second` use the duplicates, so the faces between the
+    /// regions become boundary faces on either side. The tets keep their order; the duplicates are
+    /// last, at the positions and with the values of their originals.
     ///
-    /// A node around which other regions hold the two together, from one of their faces to the next, is
-    /// left to both: there the seam ends. Where the two meet in faces and have no other nodes, all
-    /// of them are doubled, and what is between stays with `first`.
+    /// A node around which other regions connect the two through faces stays shared: the seam ends
+    /// there. If two regions meet in faces and have no other nodes, all of them are duplicated, and
+    /// whatever is in between stays with `first`.
     ///
-    /// Returns each double with the node it comes from.
+    /// Returns each duplicate with its original node.
     ///
     /// # Errors
-    /// [`Error::Input`] where the mesh has no field that says its regions, for a region parted from
-    /// itself, and for two that share no node at which nothing else holds them together.
+    /// An [`Error::Input`] if the mesh has no region field, if both regions are the same, and if
+    /// they share no node that can be split.
     pub fn split_interface(&mut self, first: i64, second: i64) -> Result<Vec<[u32; 2]>> {
         let labels = self.field("label", Location::Cell);
         let Some(labels) = labels.or_else(|| self.region_field()) else {
@@ -67,7 +67,7 @@ impl TetMesh {
         let mut held = self.held_together(&shared, side);
         let meet = (0..self.nodes.len() as u32).filter(|v| shared[*v as usize] == 3);
         if meet.clone().all(|v| held.contains(&v)) && self.meet_in_faces(&shared, side) {
-            // They are so narrow where they meet that they have no node there to themselves.
+            // The regions are so narrow at the interface that they have no unshared node there.
             held.clear();
         }
         let mut double = vec![u32::MAX; self.nodes.len()];
@@ -116,7 +116,7 @@ impl TetMesh {
         Ok(made)
     }
 
-    /// Whether tets of one `side` (1 or 2, or neither) have faces in common with those of the other.
+    /// Whether tets of one `side` (1 or 2, or neither) share faces with those of the other.
     fn meet_in_faces(&self, shared: &[u8], side: impl Fn(usize) -> u8) -> bool {
         let mut faces: BTreeMap<[u32; 3], u8> = BTreeMap::new();
         for (t, tet) in self.tets.iter().enumerate().filter(|(t, _)| side(*t) != 0) {
@@ -131,9 +131,9 @@ impl TetMesh {
         faces.values().any(|sides| *sides == 3)
     }
 
-    /// Nodes of both sides of a seam, which are those that are 3 in `shared`, around which the tets of
-    /// one `side` (1 or 2, or neither) hang together with those of the other, though not by faces
-    /// between the two.
+    /// Returns the nodes of both sides of a seam (value 3 in `shared`) around which the tets of one
+    /// `side` (1 or 2, or neither) are connected to those of the other, but not by faces between
+    /// the two.
     fn held_together(&self, shared: &[u8], side: impl Fn(usize) -> u8) -> BTreeSet<u32> {
         let mut around: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (t, tet) in self.tets.iter().enumerate() {
@@ -167,14 +167,14 @@ impl TetMesh {
         held
     }
 
-    /// Draws the two sides of a seam apart by `gap`: `doubles`, as [`TetMesh::split_interface`] returned them, and
-    /// the nodes they come from, half each, along the normals of the seam. So each side has somewhere
-    /// to be where the two press on each other. Where they would go through what is beside
-    /// the seam they are drawn apart by less; doubles that cannot be are joined again, and the numbers
-    /// of others change.
+    /// Opens a gap of width `gap` between the two sides of a seam: moves `doubles`, as returned by
+    /// [`TetMesh::split_interface`], and their originals by half of it each along the normals of
+    /// the seam. This separates the two sides before contact between them. If nodes would penetrate
+    /// the surroundings of the seam, the gap is reduced; duplicates that cannot be separated are
+    /// merged again, which renumbers others.
     ///
     /// # Errors
-    /// [`Error::Input`] for a gap that makes no sense, or so wide that it would turn tets inside out.
+    /// An [`Error::Input`] for an invalid gap, or one so wide that it would invert tets.
     pub fn open_interface_gap(&mut self, doubles: &[[u32; 2]], gap: f64) -> Result<()> {
         let wrong = |why: &str| {
             Err(Error::Input(format!(
@@ -198,7 +198,7 @@ impl TetMesh {
         let faces: Vec<[u32; 3]> = faces.map(|f| topology.boundary_nodes(self, *f)).collect();
         let known: BTreeSet<[u32; 3]> = faces.iter().map(|nodes| sorted(*nodes)).collect();
         for nodes in faces.iter().copied() {
-            // What it lay on before: at the rim the two have nodes in common.
+            // The original face: at the rim the two sides share nodes.
             let other = nodes.map(|v| double.get(&v).copied().unwrap_or(v));
             if other != nodes && known.contains(&sorted(other)) {
                 let [a, b, c] = nodes.map(|v| self.nodes[v as usize]);
@@ -226,7 +226,7 @@ impl TetMesh {
         Ok(())
     }
 
-    /// Has doubles that are still nearer than `gap` to where they come from be one with that again.
+    /// Merges duplicates that are still nearer than `gap` to their originals with these.
     fn join_again(&mut self, doubles: &[[u32; 2]], gap: f64) {
         let near = |[v, from]: &&[u32; 2]| {
             let apart = self.nodes[*v as usize].distance(self.nodes[*from as usize]);
@@ -245,8 +245,8 @@ impl TetMesh {
         self.repairs.unused_nodes = known;
     }
 
-    /// Takes nodes that went `ways` back, half of what is left at a time, until no edge goes through a
-    /// face of the boundary any more for them.
+    /// Halves the displacements `ways` of nodes repeatedly until none of their edges intersects a
+    /// boundary face.
     fn take_back(&mut self, before: &[DVec3], mut ways: BTreeMap<u32, DVec3>, faces: &[[u32; 3]]) {
         let mut edges: Vec<[u32; 2]> = faces
             .iter()
@@ -279,7 +279,7 @@ impl TetMesh {
         }
     }
 
-    /// [`TetMesh::split_interface`] for every pair of regions, by name or label.
+    /// Calls [`TetMesh::split_interface`] for every pair of regions, given by name or label.
     ///
     /// # Errors
     /// As [`TetMesh::region_label`] and [`TetMesh::split_interface`].
@@ -333,11 +333,11 @@ mod tests {
         let topology = Topology::new(&before);
         let mut mesh = before.clone();
         let made = mesh.split_interface(1, 2).unwrap();
-        // The nodes between them: 2 rows of 3, without those of the row where region 3 holds both.
+        // The interface nodes: 2 rows of 3, without the row that region 3 shares with both.
         assert_eq!(made.len(), 6);
         let left = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
         assert_eq!(left(1.0, 2.0), 3);
-        // Region 3 stays with both.
+        // Region 3 stays connected to both.
         let both = |a: f64, b: f64| nodes_of(&mesh, a).intersection(&nodes_of(&mesh, b)).count();
         assert_eq!((both(1.0, 3.0), both(2.0, 3.0)), (9, 9));
         for (a, b) in mesh.tets.iter().zip(&before.tets) {
@@ -374,7 +374,7 @@ mod tests {
         assert_eq!(between, 8);
         assert_eq!(rim, 0);
         assert_eq!(more, 2 * (between + rim));
-        // No face is shared by more than two, and no tet turned over.
+        // No face is shared by more than two tets, and no tet is inverted.
         assert_eq!(crate::mesh::topology::crowded_faces(&mesh.tets), 0);
         assert!((0..mesh.tets.len()).all(|t| mesh.tet_volume(t) > 0.0));
     }
@@ -382,7 +382,7 @@ mod tests {
     #[test]
     fn regions_that_meet_in_an_edge_are_parted_too() {
         let mut mesh = bar();
-        // Region 2 becomes 4 but for its corner cells far from region 1.
+        // Region 2 becomes 4 except for its corner cells far from region 1.
         let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
         label.values.iter_mut().for_each(|l| {
             if *l == 1.0 {
@@ -407,7 +407,7 @@ mod tests {
         let label = Field::scalar("label", Location::Cell, label);
         let mut mesh = TetMesh::new(mesh.nodes, tets, Vec::new(), Vec::new()).unwrap();
         mesh.set_field(label).unwrap();
-        // Without them, three nodes.
+        // Without the other regions, three nodes.
         assert_eq!(mesh.split_interface(6, 2).unwrap().len(), 3);
         assert!(nodes_of(&mesh, 6.0).is_disjoint(&nodes_of(&mesh, 2.0)));
     }

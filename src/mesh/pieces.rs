@@ -1,30 +1,31 @@
-//! Meshes cut into pieces, each with the tets of its neighbours that it touches.
+//! Partitioning of meshes into pieces with ghost cells.
 
 use super::{Field, Location, TetMesh, group_by_key};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// A part of the tets of a mesh, and around it those of other parts at its nodes: with these, all
-/// that is made of what is around a node is the same as in the whole.
+/// A part of the tets of a mesh with one layer of ghost cells: the tets of other parts at its
+/// nodes. With these, everything computed from the neighbourhood of a node is the same as in the
+/// whole mesh.
 #[derive(Clone, Debug)]
 pub struct MeshPiece {
-    /// Its own tets, and behind them its neighbours' at its nodes; both, and the nodes, in the order
-    /// of the whole.
+    /// Its own tets, followed by the ghost cells; tets and nodes are each in the order of the whole
+    /// mesh.
     pub mesh: TetMesh,
-    /// How many tets are its own.
+    /// Number of owned tets.
     pub owned_tets: usize,
-    /// The number of each node in the whole.
+    /// The number of each node in the whole mesh.
     pub nodes: Vec<u32>,
-    /// The number of each tet in the whole.
+    /// The number of each tet in the whole mesh.
     pub tets: Vec<u32>,
 }
 
-/// Which part each tet belongs to: cut in two along the longest side of the box around the tets'
-/// middles, and each half again, until there are `parts` of them, of as good as the same number of
-/// tets. Parts whose numbers follow each other mostly touch.
+/// Assigns each tet to a part by recursive bisection along the longest side of the bounding box of
+/// the centroids, until there are `parts` parts of nearly equal numbers of tets. Parts with
+/// consecutive numbers are mostly adjacent.
 ///
 /// # Errors
-/// [`Error::Input`] for no parts, or more than there are tets.
+/// An [`Error::Input`] for no parts, or more than there are tets.
 pub fn kd_partition(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
     let tets = mesh.tets.len();
     if parts == 0 || parts > tets {
@@ -56,7 +57,7 @@ pub fn kd_partition(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
         let left = parts / 2;
         let half = own.len() * left / parts;
         let key = |t: &u32| middles[*t as usize][axis];
-        // Equal middles, as in grids, are told apart by number: the same parts every time.
+        // Ties of centroids, as in grids, are broken by number, so the parts are deterministic.
         own.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
         pending.push((from, from + half, first, left));
         pending.push((from + half, to, first + left, parts - left));
@@ -64,24 +65,25 @@ pub fn kd_partition(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
     Ok(part_of)
 }
 
-/// A mesh whose tets are told apart by a part each.
+/// A mesh whose tets are assigned to parts.
 pub struct MeshPartition<'a> {
     mesh: &'a TetMesh,
     part_of: &'a [u32],
-    /// Where the tets of each part begin in `own`, their end last.
+    /// The start of each part in `own`, followed by the end of the last.
     firsts: Vec<u32>,
     own: Vec<u32>,
     /// Whether each node has tets of several parts.
     shared: Vec<bool>,
-    /// The tets around those that have.
+    /// The tets around those nodes.
     around: (Vec<u32>, Vec<u32>),
 }
 
 impl<'a> MeshPartition<'a> {
-    /// `mesh` in as many parts as the largest number in `part_of`, one a tet, says.
+    /// Partitions `mesh` by `part_of`, the part of each tet; the number of parts is one more than
+    /// the largest.
     ///
     /// # Errors
-    /// [`Error::Input`] where these are not one a tet, or a part has none.
+    /// An [`Error::Input`] if `part_of` does not have one entry per tet, or a part is empty.
     pub fn new(mesh: &'a TetMesh, part_of: &'a [u32]) -> Result<MeshPartition<'a>> {
         let parts = part_of.iter().max().map_or(0, |p| *p as usize + 1);
         if part_of.len() != mesh.tets.len() || parts > part_of.len() {
@@ -117,20 +119,20 @@ impl<'a> MeshPartition<'a> {
         })
     }
 
-    /// How many parts there are.
+    /// Returns the number of parts.
     pub fn len(&self) -> usize {
         self.firsts.len() - 1
     }
 
-    /// Whether there are none.
+    /// Whether there are no parts.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Part `number`, with the tets around it.
+    /// Extracts part `number` with its ghost cells.
     ///
     /// # Errors
-    /// [`Error::Input`] for a number that is none of theirs.
+    /// An [`Error::Input`] for an invalid number.
     pub fn extract(&self, number: usize) -> Result<MeshPiece> {
         let Some([first, last]) = self.firsts.get(number..number + 2) else {
             return Err(Error::Input(format!(
@@ -256,13 +258,13 @@ mod tests {
                     assert_eq!(here[v as usize], around[of_whole]);
                     assert_eq!(piece.mesh.nodes[v as usize], mesh.nodes[of_whole]);
                 }
-                // Its bare faces are bare in the whole.
+                // Boundary faces of its own tets are boundary faces of the whole mesh.
                 let theirs = whole.neighbours[piece.tets[t] as usize];
                 for (a, b) in topology.neighbours[t].iter().zip(theirs) {
                     assert_eq!(*a == NO_NEIGHBOUR, b == NO_NEIGHBOUR);
                 }
             }
-            // With its own tets shown alone, cuts are bare too, and no ghost is.
+            // Restricted to its own tets, cut faces are boundary, too, and ghost cells have none.
             let shown = topology.restricted_to(piece.owned_tets);
             assert!(
                 shown

@@ -1,19 +1,19 @@
-//! The shape of tets: dihedral angles, a quality from 0 to 1, the worst of them.
+//! Quality of tets: dihedral angles, mean ratio, list of the worst.
 
 use super::{FACES, TET_EDGES, TetMesh, signed_volume};
 use crate::parallel;
 use glam::DVec3;
 
-/// Tets of a quality below this are counted as slivers.
+/// Tets with a mean ratio below this are counted as slivers.
 pub const SLIVER: f64 = 0.01;
 
 /// Bins of [`QualityReport::dihedral_histogram`]: 10° each.
 pub const DIHEDRAL_BINS: usize = 18;
 
-/// How many of the worst tets a [`QualityReport`] lists.
+/// Number of the worst tets listed by a [`QualityReport`].
 const MAX_LISTED: usize = 10;
 
-/// The shape of one tet.
+/// Quality measures of one tet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TetQuality {
     /// The smallest of its six dihedral angles, in degrees; 70.5 when regular.
@@ -28,7 +28,7 @@ pub struct TetQuality {
 /// A badly shaped tet.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct WorstTet {
-    /// Which tet.
+    /// Its number.
     pub tet: usize,
     /// Its [`TetQuality::mean_ratio`].
     pub quality: f64,
@@ -38,31 +38,31 @@ pub struct WorstTet {
     pub centroid: [f64; 3],
 }
 
-/// The shape of all tets of a mesh.
+/// Quality statistics of all tets of a mesh.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct QualityReport {
     /// The smallest dihedral angle of the mesh, in degrees.
     pub min_dihedral: f64,
     /// The largest dihedral angle of the mesh, in degrees.
     pub max_dihedral: f64,
-    /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles a tet.
+    /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles per tet.
     pub dihedral_histogram: [usize; DIHEDRAL_BINS],
     /// The smallest [`TetQuality::mean_ratio`].
     pub min: f64,
     /// The mean [`TetQuality::mean_ratio`].
     pub mean: f64,
-    /// Number of tets whose shape is below [`SLIVER`].
+    /// Number of tets whose mean ratio is below [`SLIVER`].
     pub slivers: usize,
     /// The up to ten worst tets, the worst first.
     pub worst: Vec<WorstTet>,
 }
 
-/// The six dihedral angles of the tet with corners `v`, in degrees, at the edges of
-/// [`TET_EDGES`]. Angles at a face without area are 0.
+/// Returns the six dihedral angles of the tet with corners `v`, in degrees, at the edges of
+/// [`TET_EDGES`]. Angles at a degenerate face are 0.
 pub fn dihedral_angles(v: [DVec3; 4]) -> [f64; 6] {
     let normals = FACES.map(|[a, b, c]| (v[b] - v[a]).cross(v[c] - v[a]));
     TET_EDGES.map(|[a, b]| {
-        // The two faces that meet at an edge are those opposite the other two corners.
+        // The two faces at an edge are those opposite the other two corners.
         let mut faces = (0..4).filter(|f| *f != a && *f != b);
         let (Some(p), Some(q)) = (faces.next(), faces.next()) else {
             return 0.0;
@@ -76,7 +76,7 @@ pub fn dihedral_angles(v: [DVec3; 4]) -> [f64; 6] {
     })
 }
 
-/// The shape of the tet with corners `v`.
+/// Returns the quality measures of the tet with corners `v`.
 pub fn tet_quality(v: [DVec3; 4]) -> TetQuality {
     quality_from(v, &dihedral_angles(v))
 }
@@ -104,7 +104,7 @@ impl QualityReport {
             QualityReport::of(mesh, c * chunk..end)
         });
         let mut whole = QualityReport::empty();
-        // Added in the order of the tets, so that the mean does not depend on the threads.
+        // Summed in the order of the tets, so the mean does not depend on the threads.
         for part in parts {
             whole.add(part);
         }
@@ -126,7 +126,7 @@ impl QualityReport {
         }
     }
 
-    /// The tets of a range; `mean` is still the sum.
+    /// Measures a range of tets; `mean` is still the sum.
     fn of(mesh: &TetMesh, tets: std::ops::Range<usize>) -> QualityReport {
         let mut report = QualityReport::empty();
         for t in tets {

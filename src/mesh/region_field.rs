@@ -1,11 +1,11 @@
-//! Which cell field says what region each tet belongs to.
+//! Detection of the cell field that assigns tets to regions.
 
 use super::{Field, Location, TetMesh};
 use std::collections::{BTreeMap, HashSet};
 
-/// The most regions: a field of more values numbers something else.
+/// Maximum number of regions: a field with more values is not a region field.
 const MOST_REGIONS: usize = 128;
-/// Words in the names of fields that say regions, the surest first.
+/// Keywords in the names of region fields, the most reliable first.
 const REGION_KEYWORDS: [&[&str]; 5] = [
     &["label", "labels"],
     &["region", "regions", "regionid", "tissue", "tissues"],
@@ -53,7 +53,7 @@ const REGION_KEYWORDS: [&[&str]; 5] = [
         "objectid",
     ],
 ];
-/// Words in the names of fields that number tets, or say how they were shared out to processes.
+/// Keywords in the names of fields that number tets or assign them to processes.
 const NUMBERING_KEYWORDS: [&str; 14] = [
     "element",
     "elementid",
@@ -72,16 +72,16 @@ const NUMBERING_KEYWORDS: [&str; 14] = [
 ];
 
 impl TetMesh {
-    /// The cell field that says which region each tet belongs to: whole numbers, at least two of
-    /// them and at most 128, fewer than there are tets. Of several, names that usually mean
-    /// regions go first (`label`, `region`, `material`, `part`, …) and names of numberings last;
-    /// among equals the first in the file. A constant field says nothing.
+    /// Returns the cell field that assigns each tet to a region: integers, at least two and at most
+    /// 128 distinct ones, fewer than tets. Among several candidates, names that usually denote
+    /// regions are preferred (`label`, `region`, `material`, `part`, …) and names of numberings
+    /// come last; ties are resolved by the order in the file. A constant field does not count.
     pub fn region_field(&self) -> Option<&Field> {
         let fields = self.fields.iter().filter(|f| self.is_region_field(f));
         fields.min_by_key(|f| rank(&f.name))
     }
 
-    /// As [`TetMesh::region_field`], but no field that by its name numbers tets.
+    /// As [`TetMesh::region_field`], without fields whose names denote numberings of tets.
     pub(crate) fn named_region_field(&self) -> Option<&Field> {
         self.region_field().filter(|f| rank(&f.name) < NUMBERING)
     }
@@ -104,8 +104,8 @@ impl TetMesh {
         values.len() > 1 && values.len() < field.values.len()
     }
 
-    /// The regions that `field` says, by value: how many tets each has, and their volume. Empty
-    /// where it is no scalar of whole numbers in the tets.
+    /// Returns the regions of `field` by value: number of tets and volume of each. Empty if it is
+    /// not an integer scalar cell field.
     pub(crate) fn regions_of(&self, field: &Field) -> BTreeMap<i64, (usize, f64)> {
         let whole = |v: &f64| v.fract() == 0.0 && v.abs() < 1e15;
         let mut regions: BTreeMap<i64, (usize, f64)> = BTreeMap::new();
@@ -122,10 +122,10 @@ impl TetMesh {
     }
 }
 
-/// The rank of a name that numbers.
+/// The rank of a name that denotes a numbering.
 const NUMBERING: usize = 2 + REGION_KEYWORDS.len();
 
-/// How surely a field of this name says regions: 0 the most.
+/// Returns the rank of a field name as region field: 0 is the most reliable.
 fn rank(name: &str) -> usize {
     if name == "label" {
         return 0;

@@ -1,18 +1,18 @@
-//! The boundary of regions of a mesh as a surface.
+//! Extraction of the boundary of regions of a mesh as a surface.
 
 use super::{Field, Location, ScalarType, TetMesh, Topology, TriMesh};
 use crate::{Error, Result};
 use std::collections::BTreeSet;
 
 impl TetMesh {
-    /// The boundary of the union of all tets whose value in the cell field `label` is one of
-    /// `labels`, or of all tets for `None`; triangles face outward.
+    /// Returns the boundary of the union of all tets whose value in the cell field `label` is one
+    /// of `labels`, or of all tets for `None`; triangles face outward.
     ///
-    /// The vertex field `node` has the node of this mesh that each vertex is; vertices are in
-    /// the order of these. Scalar fields of the nodes come along.
+    /// The vertex field `node` holds the node of this mesh for each vertex; vertices are in the
+    /// order of the nodes. Scalar node fields are copied.
     ///
     /// # Errors
-    /// [`Error::Input`] when the mesh has no field `label`, or no tet one of the labels.
+    /// An [`Error::Input`] if the mesh has no field `label`, or no tet has one of the labels.
     pub fn boundary_surface(&self, labels: Option<&[i64]>) -> Result<TriMesh> {
         let chosen = TetMesh {
             tets: match labels {
@@ -59,7 +59,7 @@ impl TetMesh {
         })
     }
 
-    /// The tets whose value in the cell field `label` is one of `labels`.
+    /// Returns the tets whose value in the cell field `label` is one of `labels`.
     fn tets_labelled(&self, labels: &[i64]) -> Result<Vec<[u32; 4]>> {
         let field = self.field("label", Location::Cell).ok_or_else(|| {
             Error::Input(

@@ -1,36 +1,36 @@
-//! Making a mesh safe to work with: what is repaired, what is counted, what is refused.
+//! Validation and repair of meshes.
 
 use super::grouped::map_groups;
 use super::{Field, Location, TetMesh};
 use crate::{Error, Result, parallel};
 use glam::DVec3;
 
-/// What was repaired, dropped or noticed when a mesh was made.
+/// Repairs, drops and warnings from the construction of a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RepairReport {
     /// Tets whose orientation was flipped.
     pub inverted_fixed: usize,
-    /// Tets dropped because they have a repeated corner or no volume at all.
+    /// Tets dropped for a repeated corner or zero volume.
     pub degenerate: usize,
-    /// Tets dropped because the same four nodes came before.
+    /// Tets dropped because they repeat the four nodes of an earlier one.
     pub repeated: usize,
     /// Nodes dropped because no tet uses them.
     pub unused_nodes: usize,
     /// Faces shared by more than two tets; they are left unconnected.
     pub overshared_faces: usize,
-    /// Everything above and whatever a reader noticed, in words.
+    /// Descriptions of the above and the warnings of the reader.
     pub warnings: Vec<String>,
 }
 
 impl TetMesh {
-    /// A mesh from nodes, tets in any orientation, and fields, made safe to work with.
+    /// Builds a valid mesh from nodes, tets in any orientation, and fields.
     ///
-    /// Wrongly oriented tets are flipped; tets with a repeated corner or no volume (less than
-    /// rounding in f64 could make), and repeats of a tet, are dropped; nodes that no tet uses are dropped. All of it is
-    /// counted in [`TetMesh::repairs`], after the `warnings` given.
+    /// Inverted tets are flipped; tets with a repeated corner or a volume below the rounding error
+    /// of f64, repeated tets, and nodes that no tet uses are dropped. All repairs are counted in
+    /// [`TetMesh::repairs`], after the given `warnings`.
     ///
     /// # Errors
-    /// No tets, an index out of range, a coordinate of a used node that is not finite, or a
+    /// An error for no tets, an index out of range, a non-finite coordinate of a used node, or a
     /// field whose length does not match.
     pub fn new(
         nodes: Vec<DVec3>,
@@ -122,7 +122,7 @@ impl TetMesh {
         }
     }
 
-    /// Of the tets to `keep`, those whose nodes are those of one before.
+    /// Returns those tets of `keep` that repeat the nodes of an earlier one.
     fn repeats(&self, keep: &[bool]) -> Vec<u32> {
         let kept = self.tets.iter().enumerate().filter(|(t, _)| keep[*t]);
         let by_smallest = kept.map(|(t, tet)| {
@@ -186,7 +186,7 @@ impl TetMesh {
     }
 }
 
-/// A tet's nodes in rising order, and whether that took an odd number of exchanges.
+/// Sorts the nodes of a tet; also returns whether the permutation is odd.
 fn sorted(mut tet: [u32; 4]) -> ([u32; 4], bool) {
     let mut odd = false;
     for (a, b) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
@@ -198,9 +198,9 @@ fn sorted(mut tet: [u32; 4]) -> ([u32; 4], bool) {
     (tet, odd)
 }
 
-/// Signed volume (times six) of a tet, 0 where rounding could have made its sign: with less
-/// volume than f64 can tell from none, a tet has no orientation. Given the corners in a fixed
-/// order, a tet and its mirror image get exactly opposite volumes.
+/// Returns six times the signed volume of a tet, or 0 if its sign is not certain in f64 arithmetic:
+/// such a tet has no orientation. With the corners in a fixed order, a tet and its mirror image get
+/// exactly opposite volumes.
 fn certain_volume([p, a, b, c]: [DVec3; 4]) -> f64 {
     let (a, b, c) = (a - p, b - p, c - p);
     let determinant = a.dot(b.cross(c));
@@ -208,8 +208,8 @@ fn certain_volume([p, a, b, c]: [DVec3; 4]) -> f64 {
     let size = a.x * (b.y * c.z + b.z * c.y)
         + a.y * (b.z * c.x + b.x * c.z)
         + a.z * (b.x * c.y + b.y * c.x);
-    // Shewchuk's bound for orient3d is (7 + 56ε)ε, ε = 2⁻⁵³; double that covers any order of
-    // the corners.
+    // Shewchuk's bound for orient3d is (7 + 56ε)ε, ε = 2⁻⁵³; twice that covers any order of the
+    // corners.
     if determinant.abs() > 7.0 * f64::EPSILON * size {
         determinant
     } else {

@@ -1,17 +1,17 @@
-//! Smoothing of surfaces.
+//! Taubin smoothing of surfaces.
 
 use super::TriMesh;
 use crate::parallel;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
-/// The shrinking step, and the growing one that undoes what it does to large shapes.
+/// The shrinking step λ, and the inflating step μ that restores large shapes.
 const STEPS: [f64; 2] = [0.5, -0.53];
 
 impl TriMesh {
-    /// This surface after `rounds` of Taubin's λ|μ smoothing (*A signal processing approach to
-    /// fair surface design*, 1995), λ = 0.5, μ = −0.53: steps of the size of voxels go, the
-    /// volume stays. Vertices on open rims stay where they are. Ten rounds take the steps off a
+    /// Returns this surface after `rounds` of Taubin's λ|μ smoothing (*A signal processing approach
+    /// to fair surface design*, 1995), λ = 0.5, μ = −0.53: it removes steps of the size of voxels
+    /// and preserves the volume. Vertices on open rims are fixed. Ten rounds remove the steps of a
     /// label surface.
     pub fn smoothed(&self, rounds: u32) -> TriMesh {
         let neighbours = Neighbours::new(self);
@@ -31,16 +31,16 @@ impl TriMesh {
     }
 }
 
-/// The vertices that each vertex shares an edge with; none for those that stay.
+/// The edge neighbours of each vertex; none for fixed vertices.
 struct Neighbours {
-    /// Where the neighbours of each vertex start, and the end.
+    /// Start of the neighbours of each vertex, and the end.
     starts: Vec<usize>,
     vertices: Vec<u32>,
 }
 
 impl Neighbours {
     fn new(surface: &TriMesh) -> Neighbours {
-        // Each edge once for each of its triangles, both ways.
+        // Each edge once for each of its triangles, in both directions.
         let mut pairs: Vec<[u32; 2]> = surface
             .triangles
             .iter()

@@ -1,7 +1,7 @@
-//! Sorted lists of which little changes.
+//! In-place update of sorted lists.
 
-/// Takes the items with the keys `gone` out of `list` and puts `added` in; all are sorted by key.
-/// What lies between is moved, not looked at.
+/// Removes the items with the keys `gone` from `list` and inserts `added`; all are sorted by key.
+/// Unchanged runs are moved as blocks, without inspecting them.
 pub(crate) fn replace_sorted<T: Copy, K: Ord + Copy>(
     list: &mut Vec<T>,
     key: impl Fn(&T) -> K,
@@ -23,7 +23,7 @@ pub(crate) fn replace_sorted<T: Copy, K: Ord + Copy>(
     }
     list.copy_within(from.., to);
     list.truncate(to + list.len() - from);
-    // From the end on, each added item moves what follows it to its final place.
+    // Backwards: each added item moves the following run to its final position.
     let mut end = list.len();
     list.extend_from_slice(added);
     for (k, item) in added.iter().enumerate().rev() {

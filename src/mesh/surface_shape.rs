@@ -1,4 +1,4 @@
-//! The shape of a triangle surface: its pieces, rims, orientation and measures.
+//! Analysis of triangle surfaces: components, open edges, orientation, area and volume.
 
 use super::boundary::DisjointSets;
 use super::{FieldDescription, TriMesh};
@@ -6,54 +6,54 @@ use glam::DVec3;
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
 
-/// What is in a surface, and what is wrong with it.
+/// Statistics and problems of a surface.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct SurfaceDescription {
     /// Vertices.
     pub vertices: usize,
     /// Triangles.
     pub triangles: usize,
-    /// Pieces that do not touch each other.
+    /// Connected components (through shared vertices).
     pub components: usize,
-    /// Edges of one triangle only: the rims of holes.
+    /// Edges of one triangle only (rims of holes).
     pub open_edges: usize,
     /// Edges of more than two triangles.
     pub nonmanifold_edges: usize,
     /// Whether every edge belongs to two triangles.
     pub closed: bool,
-    /// Whether neighbouring triangles all face the same way.
+    /// Whether neighbouring triangles are consistently oriented.
     pub consistently_oriented: bool,
     /// Vertices − edges + triangles: 2 for each sphere, 0 for each torus.
     pub euler_number: i64,
     /// Area, in the square of the file's unit.
     pub area: f64,
-    /// Enclosed volume by the divergence theorem; means something where the surface is closed.
+    /// Enclosed volume by the divergence theorem; meaningful if the surface is closed.
     pub volume: f64,
     /// Lower and upper corner of the bounds.
     pub bounds: [[f64; 3]; 2],
-    /// Fields.
+    /// Report on each field.
     pub fields: Vec<FieldDescription>,
-    /// What was done or noticed when it was read.
+    /// Notes of the reader.
     pub notes: Vec<String>,
 }
 
-/// An edge, smaller vertex first, and the triangles at it: whether each runs from the smaller to
-/// the larger vertex.
+/// Edges, smaller vertex first, with their triangles, and whether each traverses the edge from the
+/// smaller to the larger vertex.
 type Edges = HashMap<[u32; 2], Vec<(u32, bool)>>;
 
 impl TriMesh {
-    /// Area-weighted normal of triangle `t`: half the cross product of its edges.
+    /// Returns the area-weighted normal of triangle `t`: half the cross product of its edges.
     pub fn area_vector(&self, t: usize) -> DVec3 {
         let [a, b, c] = self.corners(t);
         0.5 * (b - a).cross(c - a)
     }
 
-    /// The corners of triangle `t`.
+    /// Returns the corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [DVec3; 3] {
         self.triangles[t].map(|v| self.vertices[v as usize])
     }
 
-    /// The enclosed volume by the divergence theorem, positive where triangles face outward.
+    /// Returns the enclosed volume by the divergence theorem, positive if triangles face outward.
     pub fn volume(&self) -> f64 {
         let (low, high) = self.bounds();
         let middle = 0.5 * (low + high);
@@ -64,7 +64,7 @@ impl TriMesh {
         (0..self.triangles.len()).map(part).sum()
     }
 
-    /// The axis-aligned bounding box: (lower corner, upper corner).
+    /// Returns the axis-aligned bounding box: (lower corner, upper corner).
     pub fn bounds(&self) -> (DVec3, DVec3) {
         super::bounds(&self.vertices)
     }
@@ -81,8 +81,8 @@ impl TriMesh {
         edges
     }
 
-    /// The piece of each triangle, numbered in the order of the triangles, and the number of
-    /// pieces; triangles that share a vertex are of one piece.
+    /// Returns the component of each triangle, numbered in the order of the triangles, and the
+    /// number of components; triangles that share a vertex are connected.
     pub fn connected_components(&self) -> (Vec<u32>, usize) {
         let mut groups = DisjointSets::new(self.vertices.len());
         for [a, b, c] in &self.triangles {
@@ -101,9 +101,9 @@ impl TriMesh {
         (piece, number.len())
     }
 
-    /// Turns triangles so that neighbours face the same way and each connected sheet encloses a
-    /// positive volume. A sheet inside another is left as it is when it was consistent: it may
-    /// be a cavity. Returns how many triangles were turned.
+    /// Flips triangles so that neighbours are consistently oriented and each connected sheet
+    /// encloses a positive volume. A consistent sheet inside another is left unchanged: it may be a
+    /// cavity. Returns the number of flipped triangles.
     pub fn orient_consistently(&mut self) -> usize {
         let edges = self.edges();
         let mut across: Vec<Vec<(u32, bool)>> = vec![Vec::new(); self.triangles.len()];

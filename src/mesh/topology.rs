@@ -1,4 +1,4 @@
-//! How the tets of a mesh hang together: neighbours across faces, and the boundary.
+//! Connectivity of the tets of a mesh: neighbours across faces, and the boundary.
 
 use super::TetMesh;
 use super::grouped::map_groups;
@@ -10,7 +10,7 @@ pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 /// The local corners at the two ends of each of a tet's six edges.
 pub const TET_EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-/// The neighbour of a boundary face.
+/// Marks a boundary face in the list of neighbours.
 pub const NO_NEIGHBOUR: u32 = u32::MAX;
 
 /// A face that belongs to one tet only.
@@ -33,8 +33,8 @@ pub struct Topology {
 }
 
 impl Topology {
-    /// The topology of `mesh`, in parallel. Time grows with the tets, and with the logarithm of
-    /// how many are at a node.
+    /// Builds the topology of `mesh`, in parallel. The time is linear in the tets and logarithmic
+    /// in the number of tets per node.
     pub fn new(mesh: &TetMesh) -> Topology {
         let mut neighbours = vec![[NO_NEIGHBOUR; 4]; mesh.tets.len()];
         let pairs = same_faces(&mesh.tets, |same, pairs| {
@@ -52,9 +52,9 @@ impl Topology {
         }
     }
 
-    /// The same for rays that meet the first `own` tets alone, as of a piece that has others around
-    /// it: what these have in common with the others is boundary, and the others have none, being
-    /// their own neighbours all around.
+    /// Returns the topology for rays restricted to the first `own` tets, as in a piece with ghost
+    /// cells: faces shared with ghost cells become boundary, and the ghost cells have no neighbours
+    /// (each is its own neighbour on all sides).
     pub fn restricted_to(&self, own: usize) -> Topology {
         let mut neighbours = self.neighbours.clone();
         for (t, across) in neighbours.iter_mut().enumerate() {
@@ -72,13 +72,13 @@ impl Topology {
         }
     }
 
-    /// The three nodes of boundary face `b`, counter-clockwise seen from outside.
+    /// Returns the three nodes of boundary face `b`, counter-clockwise seen from outside.
     pub fn boundary_nodes(&self, mesh: &TetMesh, b: BoundaryFace) -> [u32; 3] {
         FACES[b.face as usize].map(|i| mesh.tets[b.tet as usize][i])
     }
 }
 
-/// The faces without a neighbour, in the order of their tets.
+/// Returns the faces without a neighbour, in the order of their tets.
 fn bare(neighbours: &[[u32; 4]]) -> Vec<BoundaryFace> {
     let of_tet = |(t, across): (usize, &[u32; 4])| {
         let across = *across;
@@ -91,7 +91,7 @@ fn bare(neighbours: &[[u32; 4]]) -> Vec<BoundaryFace> {
     neighbours.iter().enumerate().flat_map(of_tet).collect()
 }
 
-/// Number of faces that more than two tets share.
+/// Counts the faces shared by more than two tets.
 pub(super) fn crowded_faces(tets: &[[u32; 4]]) -> usize {
     let crowded = same_faces(tets, |same, crowded| {
         if same.len() > 2 {
@@ -101,13 +101,13 @@ pub(super) fn crowded_faces(tets: &[[u32; 4]]) -> usize {
     crowded.len()
 }
 
-/// What `tell` pushes of each face of the `tets`, given as often as tets have it: its nodes in
-/// rising order, and 4 tet + face.
+/// Concatenates the items that `tell` pushes for each face of `tets`, given once per incident tet:
+/// its nodes in ascending order, and 4 tet + face.
 fn same_faces<B: Send>(
     tets: &[[u32; 4]],
     tell: impl Fn(&[[u32; 4]], &mut Vec<B>) + Sync,
 ) -> Vec<B> {
-    // By smallest node: there are fewer nodes than that in most meshes, and none may be listed.
+    // Grouped by smallest node: most meshes have fewer nodes than that, and none may be listed.
     let groups = tets.len() / 4 + 1;
     let faces = tets.iter().enumerate().flat_map(|(t, tet)| {
         (0..4).map(move |f| {

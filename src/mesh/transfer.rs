@@ -1,36 +1,36 @@
-//! Values at the nodes of one mesh carried over to points of another.
+//! Interpolation of node values of one mesh at points of another.
 
 use super::{TetMesh, Topology, TriangleBvh, bounds, signed_volume};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::{DVec3, UVec3};
 
-/// Carries what is linear in the tets of a mesh over to given points: positions and velocities
-/// from one body to another of the same shape but another resolution.
+/// Barycentric interpolation of node values of a mesh at given points: transfers positions and
+/// velocities between bodies of the same shape and different resolution.
 ///
-/// A point inside has the weights of its tet's corners; one outside those of the tet at the
-/// nearest boundary face, beyond 0 and 1.
+/// A point inside has the barycentric weights of its tet; a point outside extrapolates from the tet
+/// at the nearest boundary face, with weights beyond 0 and 1.
 #[derive(Clone, Debug)]
 pub struct BarycentricMap {
     nodes: usize,
-    /// Of each point: four nodes and their weights, of sum 1.
+    /// For each point: four nodes and their weights, of sum 1.
     shares: Vec<([u32; 4], [f64; 4])>,
 }
 
-/// Tets for each cell of the search grid.
+/// Tets per cell of the search grid.
 const TETS_A_CELL: f64 = 4.0;
-/// Most cells along an axis.
+/// Maximum number of cells along an axis.
 const MOST_CELLS: f64 = 256.0;
-/// Weights this far below 0 are on a face.
+/// Weights down to this count as on a face.
 const ON_FACE: f64 = -1e-9;
 
 impl BarycentricMap {
-    /// Prepares to carry values at the nodes of `mesh`, at rest, over to `points`. Tets without a
-    /// volume are passed over.
+    /// Prepares the interpolation from the nodes of `mesh`, at rest, to `points`. Tets with zero
+    /// volume are skipped.
     ///
     /// # Errors
-    /// [`Error::Mesh`] when no tet on the boundary has a volume; [`Error::Input`] for a point that
-    /// lies nowhere.
+    /// An [`Error::Mesh`] if no tet on the boundary has a volume; an [`Error::Input`] for a point
+    /// with non-finite coordinates.
     pub fn new(mesh: &TetMesh, points: &[DVec3]) -> Result<BarycentricMap> {
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::Input(format!(
@@ -66,16 +66,16 @@ impl BarycentricMap {
         })
     }
 
-    /// Of each point: the four nodes that its value is made of, and their weights, of sum 1.
+    /// Returns, for each point, its four source nodes and their weights, of sum 1.
     pub fn source_weights(&self) -> &[([u32; 4], [f64; 4])] {
         &self.shares
     }
 
-    /// The transpose of [`BarycentricMap::apply`]: what acts at the points, `forces`, as it acts at the
-    /// nodes, with the same sum and the same work.
+    /// Applies the transpose of [`BarycentricMap::apply`]: distributes `forces` at the points to
+    /// the nodes, with the same resultant and the same work.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of forces.
+    /// An [`Error::Input`] for a wrong number of forces.
     pub fn apply_transpose(&self, forces: &[DVec3]) -> Result<Vec<DVec3>> {
         if forces.len() != self.shares.len() {
             return Err(Error::Input(format!(
@@ -93,10 +93,10 @@ impl BarycentricMap {
         Ok(gathered)
     }
 
-    /// The value at each point, of `values` at the nodes.
+    /// Interpolates `values` at the nodes to the points.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of values.
+    /// An [`Error::Input`] for a wrong number of values.
     pub fn apply(&self, values: &[DVec3]) -> Result<Vec<DVec3>> {
         if values.len() != self.nodes {
             return Err(Error::Input(format!(
@@ -113,7 +113,7 @@ impl BarycentricMap {
     }
 }
 
-/// The weights of the corners of tet `t` at `p`, of sum 1.
+/// Returns the barycentric weights of `p` in tet `t`, of sum 1.
 fn weights(mesh: &TetMesh, t: u32, p: DVec3) -> [f64; 4] {
     let corners = mesh.tet_nodes(t as usize);
     let volume = signed_volume(corners);
@@ -125,7 +125,7 @@ fn weights(mesh: &TetMesh, t: u32, p: DVec3) -> [f64; 4] {
     [1.0 - a - b - c, a, b, c]
 }
 
-/// The tets that reach into each cell of a regular grid.
+/// The tets that overlap each cell of a regular grid.
 struct Grid {
     low: DVec3,
     cell: DVec3,
@@ -174,7 +174,7 @@ impl Grid {
         (cell.x + self.size.x * (cell.y + self.size.y * cell.z)) as usize
     }
 
-    /// The first tet that holds `p`.
+    /// Returns the first tet that contains `p`.
     fn tet_at(&self, mesh: &TetMesh, p: DVec3) -> Option<u32> {
         let inside = |t: &&u32| weights(mesh, **t, p).iter().all(|w| *w >= ON_FACE);
         let cell = self.index(self.cell_at(p));

@@ -1,32 +1,34 @@
-//! Triangle meshes: surfaces as files hold them.
+//! Triangle meshes as stored in files.
 
 use super::{Field, Location};
 use glam::{DVec2, DVec3};
 
-/// Name of the field of texture coordinates: two numbers a vertex, or six a triangle, two for each
-/// corner, which may differ between the triangles at a vertex (a seam).
+/// Name of the field of texture coordinates: two numbers per vertex, or six per triangle, two for
+/// each corner, which may differ between the triangles at a vertex (a seam).
 pub const UV: &str = "uv";
-/// Name of the field of normals: three numbers a vertex, or nine a triangle, three for each corner.
+/// Name of the field of normals: three numbers per vertex, or nine per triangle, three for each
+/// corner.
 pub const NORMAL: &str = "normal";
 
 /// A triangle mesh with fields, in the units of the file it came from.
 ///
-/// Triangles run anticlockwise seen from outside. Values of fields at [`Node`](super::Location)
+/// Triangles are counter-clockwise seen from outside. Values of fields at [`Node`](super::Location)
 /// belong to vertices, those in cells to triangles.
 #[derive(Clone, Debug, Default)]
 pub struct TriMesh {
     /// Vertex positions.
     pub vertices: Vec<DVec3>,
-    /// Three vertex indices a triangle.
+    /// Three vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
     /// Fields at the vertices and in the triangles, by name.
     pub fields: Vec<Field>,
-    /// What was repaired, dropped or noticed when it was read, a sentence each.
+    /// Repairs, drops and warnings of the reader, one sentence each.
     pub notes: Vec<String>,
 }
 
 impl TriMesh {
-    /// The field called `name`, with `width` numbers a vertex or three times as many a triangle.
+    /// Returns the field `name` with `width` numbers per vertex or three times as many per
+    /// triangle.
     fn corner_field(&self, name: &str, width: usize) -> Option<&Field> {
         self.fields.iter().find(|f| {
             let items = match f.location {
@@ -43,7 +45,7 @@ impl TriMesh {
         })
     }
 
-    /// The numbers of the corners of triangle `t` in such a field.
+    /// Returns the values of such a field at the corners of triangle `t`.
     fn corner_values(&self, field: &Field, width: usize, t: usize) -> [[f64; 3]; 3] {
         [0, 1, 2].map(|corner| {
             let item = match field.location {
@@ -56,7 +58,7 @@ impl TriMesh {
         })
     }
 
-    /// A scalar of the vertices, if there is one of that name.
+    /// Returns the scalar vertex field of that name, if there is one.
     pub fn vertex_scalar(&self, name: &str) -> Option<&[f64]> {
         self.fields
             .iter()
@@ -65,7 +67,7 @@ impl TriMesh {
             .filter(|v| v.len() == self.vertices.len())
     }
 
-    /// Several scalars of the vertices side by side, as PLY has them.
+    /// Combines several vertex scalars, as in PLY, into tuples.
     fn zip_scalars<const N: usize>(&self, names: [&str; N]) -> Option<Vec<[[f64; N]; 3]>> {
         let found = names.map(|n| self.vertex_scalar(n));
         if found.iter().any(Option::is_none) {
@@ -75,8 +77,8 @@ impl TriMesh {
         Some(self.triangles.iter().map(|t| t.map(at)).collect())
     }
 
-    /// Texture coordinates of the corners of every triangle: the field [`UV`], or the vertex
-    /// scalars `u` and `v`, or `s` and `t`.
+    /// Returns the texture coordinates of the corners of every triangle: the field [`UV`], or the
+    /// vertex scalars `u` and `v`, or `s` and `t`.
     pub fn corner_uvs(&self) -> Option<Vec<[DVec2; 3]>> {
         if let Some(field) = self.corner_field(UV, 2) {
             let of = |t| {
@@ -92,7 +94,7 @@ impl TriMesh {
         Some(beside.into_iter().map(|c| c.map(DVec2::from)).collect())
     }
 
-    /// Normals of the corners of every triangle, as the file has them: the field [`NORMAL`] (or
+    /// Returns the normals of the corners of every triangle from the file: the field [`NORMAL`] (or
     /// VTK's `Normals`), or the vertex scalars `nx`, `ny` and `nz`.
     pub fn corner_normals(&self) -> Option<Vec<[DVec3; 3]>> {
         let named = [NORMAL, "Normals"];
@@ -104,7 +106,7 @@ impl TriMesh {
         Some(beside.into_iter().map(|c| c.map(DVec3::from)).collect())
     }
 
-    /// Turns triangle `t` over; what its corners have goes with them.
+    /// Flips triangle `t` together with the values of its corners.
     pub(super) fn flip_triangle(&mut self, t: usize) {
         self.triangles[t].swap(1, 2);
         for name in [UV, NORMAL] {

@@ -1,4 +1,4 @@
-//! Inside and outside of closed surfaces.
+//! Closed surfaces: winding number, signed distance, and domains bounded by them.
 
 use super::Domain;
 use crate::mesh::{SurfaceDescription, TriMesh, TriangleBvh};
@@ -7,44 +7,45 @@ use glam::DVec3;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Subtrees whose centre is farther than this many times their radius count as one dipole.
+/// Subtrees whose centre is farther than this multiple of their radius are approximated by one
+/// dipole.
 const FAR_FIELD_RATIO: f64 = 3.0;
-/// The largest part of a surface's edges that may be open.
+/// Maximum fraction of open edges of a surface.
 const MAX_OPEN_EDGE_RATIO: f64 = 0.02;
 
-/// A closed surface that tells inside from outside and how far a point is from it.
+/// A closed surface with inside test and signed distance.
 ///
-/// Inside is where the surface winds around a point more than half: the generalised winding
-/// number of Jacobson et al., *Robust inside-outside segmentation using generalized winding
-/// numbers* (2013), summed over a tree as by Barill et al., *Fast winding numbers for soups and
-/// clouds* (2018). So pieces may overlap and the surface may cross itself, and small holes are
-/// closed in the least surprising way; cavities are pieces that face inward.
+/// A point is inside if its winding number exceeds ½: the generalised winding number of Jacobson et
+/// al., *Robust inside-outside segmentation using generalized winding numbers* (2013), summed over
+/// a tree as by Barill et al., *Fast winding numbers for soups and clouds* (2018). Components may
+/// therefore overlap, the surface may intersect itself, and small holes are closed; cavities are
+/// components that face inward.
 #[derive(Debug)]
 pub struct ClosedSurface {
     tree: TriangleBvh,
-    /// Of each box of the tree.
+    /// The dipole of each box of the tree.
     dipoles: Vec<Dipole>,
-    /// What was mended or is odd, a sentence each.
+    /// Repairs and warnings, one sentence each.
     notes: Vec<String>,
     volume: f64,
 }
 
-/// The triangles of a box, seen from afar.
+/// The far-field approximation of the triangles of a box.
 #[derive(Clone, Copy, Debug, Default)]
 struct Dipole {
     /// Area-weighted centre.
     centre: DVec3,
     /// Sum of the area vectors.
     normal: DVec3,
-    /// The farthest corner from the centre, squared.
+    /// The squared distance of the farthest corner from the centre.
     radius_squared: f64,
 }
 
 impl ClosedSurface {
-    /// Prepares `surface`; triangles are turned to face the same way first.
+    /// Prepares `surface`; triangles are oriented consistently first.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a surface with large holes, or without an inside.
+    /// An [`Error::Mesh`] for a surface with large holes, or without an inside.
     pub fn new(surface: &TriMesh) -> Result<ClosedSurface> {
         let mut surface = surface.clone();
         let mut notes = Vec::new();
@@ -81,23 +82,23 @@ impl ClosedSurface {
         })
     }
 
-    /// What was mended or is odd about the surface.
+    /// Returns the repairs and warnings of the surface.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The volume that the surface encloses; where it overlaps itself, that counts twice.
+    /// Returns the enclosed volume; overlaps count twice.
     pub fn volume(&self) -> f64 {
         self.volume
     }
 
-    /// The axis-aligned bounding box: (lower corner, upper corner).
+    /// Returns the axis-aligned bounding box: (lower corner, upper corner).
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let root = self.tree.boxes.first();
         root.map_or((DVec3::ZERO, DVec3::ZERO), |b| (b.low, b.high))
     }
 
-    /// Distance to the nearest point of the surface, positive inside.
+    /// Returns the signed distance to the surface, positive inside.
     pub fn signed_distance(&self, p: DVec3) -> f64 {
         let distance = self.tree.distance(p);
         if self.is_inside(p) {
@@ -113,7 +114,7 @@ impl ClosedSurface {
         p.cmpge(low).all() && p.cmple(high).all() && self.winding_number(p) > 0.5
     }
 
-    /// How often the surface winds around `p`: 1 inside, 0 outside, with fractions near holes.
+    /// Returns the winding number of `p`: 1 inside, 0 outside, with fractions near holes.
     pub fn winding_number(&self, p: DVec3) -> f64 {
         let mut angle = 0.0;
         let mut stack = [0usize; 64];
@@ -143,7 +144,7 @@ impl ClosedSurface {
     }
 }
 
-/// The solid angle of a triangle seen from the origin: Van Oosterom & Strackee (1983).
+/// Returns the solid angle of a triangle seen from the origin: Van Oosterom & Strackee (1983).
 pub(crate) fn solid_angle([a, b, c]: [DVec3; 3]) -> f64 {
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     let above = a.dot(b.cross(c));
@@ -182,7 +183,7 @@ fn dipoles(tree: &TriangleBvh) -> Vec<Dipole> {
         .collect()
 }
 
-/// Regions bounded by closed surfaces, one each; where they overlap, the later one has the place
+/// Regions bounded by one closed surface each; where they overlap, the later one takes precedence
 /// (bone inside skin).
 #[derive(Debug)]
 pub struct SurfaceDomain {
@@ -190,10 +191,10 @@ pub struct SurfaceDomain {
 }
 
 impl SurfaceDomain {
-    /// Region n + 1 is the inside of surface n.
+    /// Creates the domain; region n + 1 is the inside of surface n.
     ///
     /// # Errors
-    /// No surface, or more than a few thousand.
+    /// An error for no surface, or more than a few thousand.
     pub fn new(surfaces: Vec<ClosedSurface>) -> Result<SurfaceDomain> {
         match surfaces.len() {
             1..=4096 => Ok(SurfaceDomain { surfaces }),
@@ -203,7 +204,7 @@ impl SurfaceDomain {
         }
     }
 
-    /// The inside of the closed surface in the file at `path`.
+    /// Reads the closed surface in the file at `path` as a domain of one region.
     ///
     /// # Errors
     /// As [`read_surface`](crate::io::read_surface) and [`ClosedSurface::new`].
@@ -212,7 +213,7 @@ impl SurfaceDomain {
         SurfaceDomain::new(vec![ClosedSurface::new(&surface)?])
     }
 
-    /// The surfaces, the first being that of region 1.
+    /// Returns the surfaces, the first being that of region 1.
     pub fn surfaces(&self) -> &[ClosedSurface] {
         &self.surfaces
     }
@@ -228,7 +229,7 @@ impl Domain for SurfaceDomain {
 
     fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
         weights.clear();
-        // The distance into a region is cut short where a later one begins.
+        // The signed distance of a region is clipped where a later one begins.
         let mut outside = f64::INFINITY;
         for (n, surface) in self.surfaces.iter().enumerate().rev() {
             let distance = surface.signed_distance(p);
@@ -241,7 +242,7 @@ impl Domain for SurfaceDomain {
     fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
         let middle = 0.5 * (low + high);
         let radius = 0.5 * (high - low).length();
-        // The last region that holds the middle has the whole box if no surface comes near it.
+        // If no surface is near, the whole box belongs to the last region that contains the centre.
         let mut region = 0;
         for (n, surface) in self.surfaces.iter().enumerate() {
             if surface.tree.distance(middle) <= radius {
@@ -320,7 +321,7 @@ mod tests {
         };
         let worst = check(&mesh);
         assert!(worst < 0.04, "{worst}");
-        // With a hole the sum is another: the comparison can tell.
+        // A hole changes the sum, so the comparison is sensitive.
         let closed = ClosedSurface::new(&mesh).unwrap();
         mesh.triangles.truncate(mesh.triangles.len() - 20);
         let holed = ClosedSurface::new(&mesh).unwrap();

@@ -1,5 +1,5 @@
-//! Where the boundaries between regions cross the edges of the lattice, and which points of the
-//! lattice are moved onto them.
+//! Intersections of the region boundaries with the edges of the lattice, and snapping of lattice
+//! points to them.
 
 use super::domain::{OffsetDomain, Sampler};
 use super::lattice::LatticeMesh;
@@ -10,31 +10,32 @@ use crate::progress::ProgressScope;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
-/// A point is moved when a long edge (along an axis) is cut within this part of its length.
+/// A point is snapped if a long edge (along an axis) is cut within this fraction of its length.
 const SNAP_LONG: f64 = 0.24999;
 
-/// The same for a short edge, which runs from a corner to a centre of a leaf.
+/// The fraction for a short edge, which runs from a corner to the centre of a leaf.
 const SNAP_SHORT: f64 = 0.41189;
 
-/// A cut lies where the weights of the two sides differ by this part of what they do at the ends.
+/// Tolerance of a cut: the weights of the two sides differ by this fraction of their difference at
+/// the ends.
 const ROOT_TOLERANCE: f64 = 1e-7;
 
-/// In place of a region: the point has been moved onto a boundary, and every region touches it.
+/// In place of a region: the point has been snapped to a boundary and touches every region.
 pub(super) const ON_BOUNDARY: u16 = u16::MAX;
 
 /// The lattice with its points assigned to regions and its edges cut.
 pub(super) struct CutLattice {
     /// The region of each point, or [`ON_BOUNDARY`].
     pub region: Vec<u16>,
-    /// The points, those on a boundary moved there.
+    /// The points, snapped ones at their positions on the boundary.
     pub positions: Vec<DVec3>,
-    /// For each point on a boundary the two regions that meet there, the lower first.
+    /// The two regions at each point on a boundary, the lower first.
     pub sides: Vec<[u16; 2]>,
-    /// The cut edges whose ends were not moved, (smaller, larger) point, sorted.
+    /// The cut edges whose ends were not snapped, (smaller, larger) point, sorted.
     pub edges: Vec<[u32; 2]>,
-    /// Where they are cut.
+    /// The positions of the cuts.
     pub cuts: Vec<DVec3>,
-    /// Number of points that were moved.
+    /// Number of snapped points.
     pub snapped: usize,
 }
 
@@ -42,7 +43,7 @@ pub(super) struct CutLattice {
 pub(super) struct SampledLattice {
     /// The region of each point.
     pub region: Vec<u16>,
-    /// The weights there; empty where the region was known without them.
+    /// The weights there; empty if the region is known without them.
     weights: Vec<Box<[(u16, f64)]>>,
 }
 
@@ -126,7 +127,7 @@ impl CutLattice {
         Ok(whole)
     }
 
-    /// Moves every point that has a cut close by to the nearest one.
+    /// Snaps every point with a nearby cut to the nearest one.
     fn snap(&mut self, lattice: &LatticeMesh, edges: &[[u32; 2]], cuts: &[f64]) {
         let mut nearest = vec![(f64::INFINITY, u32::MAX); lattice.positions.len()];
         for (e, (edge, &t)) in edges.iter().zip(cuts).enumerate() {
@@ -158,8 +159,9 @@ impl CutLattice {
     }
 }
 
-/// Where the regions of the two ends weigh the same, as a fraction of the edge from the first;
-/// `f_low` and `f_high` are by how much the first exceeds the second at the ends.
+/// Returns the point of an edge at which the regions of its two ends have equal weights, as a
+/// fraction from the first end; `f_low` and `f_high` are the weight differences, first minus
+/// second, at the ends.
 fn crossing(
     sampler: &mut Sampler,
     [from, to]: [DVec3; 2],
@@ -175,7 +177,7 @@ fn crossing(
     }
     let least = ROOT_TOLERANCE * (f_low - f_high);
     let (mut t, mut moved_last) = (0.5, None);
-    // False position after Illinois; three to five rounds on anything smooth.
+    // False position, Illinois variant; three to five iterations for smooth functions.
     for _ in 0..12 {
         t = (low * f_high - high * f_low) / (f_high - f_low);
         if !(t > low && t < high) {
@@ -185,7 +187,7 @@ fn crossing(
         if f.abs() <= least || high - low < 1e-9 {
             break;
         }
-        // An end that stays twice in a row counts half, or it would stay for good.
+        // The value at an end retained twice in a row is halved, or it would be retained for good.
         if f > 0.0 {
             (low, f_low) = (t, f);
             f_high *= if moved_last == Some(true) { 0.5 } else { 1.0 };

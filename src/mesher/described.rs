@@ -1,4 +1,4 @@
-//! What a recipe describes, before it is meshed or carved: a domain, and the names of its regions.
+//! The domain described by a meshing configuration, and the names of its regions.
 
 use super::{
     ClosedSurface, Domain, LabelDomain, Labels, MeshingConfig, SurfaceDomain, ThresholdDomain,
@@ -9,35 +9,35 @@ use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Metres in the world's unit of volumes.
+/// Unit of the world coordinates of volumes, in metres.
 pub(super) const MILLIMETRE: f64 = 1e-3;
-/// The field that a volume's own values become.
+/// The node field of the values of the volume itself.
 pub(super) const INTENSITY: &str = "intensity";
 
-/// The regions of a domain: label, name and volume of each.
+/// The regions of a domain: label, name and volume.
 pub(super) struct Regions {
     pub labels: Vec<i64>,
     pub names: Vec<Option<String>>,
     pub volumes: Vec<Option<f64>>,
 }
 
-/// A domain that a recipe describes.
+/// The domain described by a meshing configuration.
 pub struct DomainDescription<'a> {
     /// The domain.
     pub domain: &'a dyn Domain,
     /// The label of each region.
     pub labels: Vec<i64>,
-    /// The name of each region, where it has one.
+    /// The name of each region, if it has one.
     pub names: Vec<Option<String>>,
-    /// Metres in a unit of the domain, where that is known.
+    /// Unit of the domain in metres, if known.
     pub unit: Option<f64>,
-    /// The volume that it comes from, where its values are intensities.
+    /// The source volume, if its values are intensities.
     pub volume: Option<&'a Volume>,
-    /// What was mended or is odd, a sentence each.
+    /// Repairs and warnings, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// The surfaces of a recipe, as they are and closed.
+/// The surfaces of a configuration, as read and closed.
 pub(super) struct Surfaces {
     pub surfaces: Vec<TriMesh>,
     pub closed: Vec<ClosedSurface>,
@@ -46,11 +46,11 @@ pub(super) struct Surfaces {
 }
 
 impl MeshingConfig {
-    /// Hands the domain that the recipe describes to `use_`: of a volume, of closed surfaces, or
-    /// of the boundary of a tet mesh.
+    /// Passes the domain described by the configuration to `use_`: that of a volume, of closed
+    /// surfaces, or of the boundary of a tet mesh.
     ///
     /// # Errors
-    /// As [`MeshingConfig::mesh`], and what `use_` gives.
+    /// As [`MeshingConfig::mesh`], and the errors of `use_`.
     pub fn with_domain<R>(&self, use_: impl FnOnce(DomainDescription) -> Result<R>) -> Result<R> {
         let Some(first) = self.input.first() else {
             return Err(Error::Input(
@@ -94,7 +94,8 @@ impl MeshingConfig {
         }
     }
 
-    /// The domain of a volume, its regions, and whether these come from values, not labels.
+    /// Passes on the domain of a volume, its regions, and whether they are defined by thresholds
+    /// instead of labels.
     pub(super) fn with_volume_domain<R>(
         &self,
         file: &Path,
@@ -167,7 +168,7 @@ impl MeshingConfig {
             regions
                 .names
                 .push(Some(stem.to_string_lossy().into_owned()));
-            // What lies in a later surface is that one's.
+            // The part inside a later surface belongs to the latter.
             let alone = self.input.len() == 1;
             regions.volumes.push(alone.then(|| closed.volume()));
             found.surfaces.push(surface);
@@ -177,7 +178,7 @@ impl MeshingConfig {
     }
 }
 
-/// Refuses a volume of which nothing says what its regions are.
+/// Rejects a volume without a definition of its regions.
 pub(super) fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
     const MOST: usize = 64;
     let labels = volume.labels();

@@ -1,33 +1,33 @@
-//! What the mesher fills: space divided into regions.
+//! Domains to be meshed: space divided into regions.
 
 use glam::DVec3;
 
 /// Space divided into regions 1, 2, … and the outside, 0.
 ///
-/// Each region has a weight at every point, which changes continuously; a point belongs to the
-/// region of the largest weight (the lowest region where several are equal). Regions stay below
+/// Each region has a weight at every point, which is a continuous function; a point belongs to the
+/// region of the largest weight (the lowest region among equals). Region numbers are less than
 /// `u16::MAX`.
 pub trait Domain: Sync {
-    /// A box beyond which everything is outside: (lower corner, upper corner).
+    /// Returns a bounding box of all regions: (lower corner, upper corner).
     fn bounds(&self) -> (DVec3, DVec3);
 
-    /// Empties `weights` and fills it with (region, weight) at `p`, in no particular order. A
-    /// region that is not named has the weight 0.
+    /// Clears `weights` and fills it with (region, weight) at `p`, in any order. Missing regions
+    /// have weight 0.
     fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>);
 
-    /// The one region that all of the closed box from `low` to `high` belongs to; none where
-    /// there are several, or where that is not known cheaply. What this says decides how coarse
-    /// the lattice may be, so that a domain that never knows is filled evenly.
+    /// Returns the single region that contains the closed box from `low` to `high`; `None` if there
+    /// are several, or if the test is expensive. The result determines how coarse the lattice may
+    /// be: without it the domain is meshed uniformly.
     fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
         let _ = (low, high);
         None
     }
 
-    /// What is known of the true volumes of regions 1, 2, …: all of them, or nothing.
+    /// Returns the true volumes of regions 1, 2, …, or an empty list if they are unknown.
     ///
-    /// Flat tets between nodes on a curved boundary hold too little or too much, and smoothing
-    /// shrinks what is round. Where the true volumes are known, weights are raised or lowered a
-    /// little so that the mesh has them.
+    /// Linear tets between nodes on a curved boundary enclose too small or too large a volume, and
+    /// smoothing shrinks convex shapes. If the true volumes are known, the weights are offset
+    /// slightly so that the mesh reproduces them.
     fn volumes(&self) -> Vec<RegionVolume> {
         Vec::new()
     }
@@ -38,22 +38,23 @@ pub trait Domain: Sync {
 pub struct RegionVolume {
     /// The volume.
     pub volume: f64,
-    /// About how much the region grows when 1 is added to its weight everywhere.
+    /// Approximate derivative of the volume of the region with respect to a uniform offset of its
+    /// weight.
     pub area: f64,
 }
 
-/// A domain, and what is added to the weights of its regions.
+/// A domain with offsets added to the weights of its regions.
 #[derive(Clone, Copy)]
 pub(super) struct OffsetDomain<'a> {
     pub domain: &'a dyn Domain,
-    /// For regions 1, 2, …; nothing where it is not given.
+    /// The offsets of regions 1, 2, …; 0 where missing.
     pub added: &'a [f64],
 }
 
-/// A domain with room for the weights at one point: one for each thread.
+/// A domain with a buffer for the weights at a point, one per thread.
 pub(super) struct Sampler<'a> {
     domain: &'a dyn Domain,
-    /// What is added to the weights of regions 1, 2, …, where it is given.
+    /// The offsets of the weights of regions 1, 2, …, where given.
     added: &'a [f64],
     weights: Vec<(u16, f64)>,
 }
@@ -67,19 +68,19 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The region `p` belongs to.
+    /// Returns the region of `p`.
     pub(super) fn region(&mut self, p: DVec3) -> u16 {
         self.at(p);
         self.heaviest()
     }
 
-    /// The region `p` belongs to, and the weights there.
+    /// Returns the region of `p` and the weights there.
     pub(super) fn region_and_weights(&mut self, p: DVec3) -> (u16, Box<[(u16, f64)]>) {
         let region = self.region(p);
         (region, self.weights.as_slice().into())
     }
 
-    /// By how much the weight of `a` exceeds that of `b` where the weights are `known`.
+    /// Returns the weight of `a` minus that of `b` for the weights `known`.
     pub(super) fn excess_of(&self, known: &[(u16, f64)], a: u16, b: u16) -> f64 {
         self.weight_in(known, a) - self.weight_in(known, b)
     }
@@ -100,13 +101,13 @@ impl<'a> Sampler<'a> {
         best.0
     }
 
-    /// The weights of `regions` at `p`.
+    /// Returns the weights of `regions` at `p`.
     pub(super) fn weights_of<const N: usize>(&mut self, p: DVec3, regions: [u16; N]) -> [f64; N] {
         self.at(p);
         regions.map(|r| self.weight(r))
     }
 
-    /// By how much the weight of `a` exceeds that of `b` at `p`.
+    /// Returns the weight of `a` minus that of `b` at `p`.
     pub(super) fn weight_difference(&mut self, p: DVec3, a: u16, b: u16) -> f64 {
         let [a, b] = self.weights_of(p, [a, b]);
         a - b

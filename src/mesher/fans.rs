@@ -1,23 +1,23 @@
-//! How the tets around one node hang together: where they fall into several fans, a boundary is
-//! pinched.
+//! Connectivity of the tets around a node: if they form several fans, a boundary is non-manifold
+//! there.
 
 use super::stencil::Piece;
 
 /// The tets around a node, and which of them share a face at it.
 pub(super) struct VertexFans {
-    /// Region of each tet; the last stands for what lies beyond the tets there are, outside.
+    /// Region of each tet; the last entry represents the outside beyond the tets.
     pub region: Vec<u16>,
     /// Pairs that share a face.
     joined: Vec<[u32; 2]>,
     /// Edges of the node's link that belong to one tet only.
     rim: Vec<[u32; 2]>,
-    /// Sets of tets, while they are counted.
+    /// Union-find parents of the tets.
     parent: Vec<u32>,
 }
 
 impl VertexFans {
     pub(super) fn new(v: u32, star: &[u32], pieces: &[Piece]) -> VertexFans {
-        // The edges of the node's link, each with the tet it came from.
+        // The edges of the node's link, each with its tet.
         let mut sides: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * star.len());
         for (n, t) in star.iter().enumerate() {
             let tet = pieces[*t as usize].0;
@@ -73,8 +73,8 @@ impl VertexFans {
         }
     }
 
-    /// The fan of each tet that `wanted` says yes to, as the least number in it; `u32::MAX` for
-    /// the others. And the number of fans.
+    /// Returns the fan of each tet whose region `wanted` accepts, identified by its smallest tet,
+    /// `u32::MAX` for the others, and the number of fans.
     pub(super) fn split(&mut self, wanted: impl Fn(u16) -> bool) -> (Vec<u32>, usize) {
         let parent = &mut self.parent;
         parent.clear();
@@ -105,7 +105,7 @@ impl VertexFans {
         (fan, fans)
     }
 
-    /// The regions there are, rising.
+    /// Returns the regions at the node, ascending.
     pub(super) fn regions(&self) -> Vec<u16> {
         let mut regions = self.region.clone();
         regions.sort_unstable();
@@ -113,8 +113,8 @@ impl VertexFans {
         regions
     }
 
-    /// Fans too many around the node: of what is inside and what is outside, and of each region
-    /// and what is not of it. Nothing is pinched there where both are 0.
+    /// Counts the excess fans around the node: of the inside and the outside, and of each region
+    /// and its complement. The node is manifold if both counts are 0.
     pub(super) fn count_excess_fans(&mut self) -> [usize; 2] {
         let regions = self.regions();
         if regions.len() < 2 {
@@ -145,7 +145,7 @@ impl VertexFans {
         of.saturating_sub(1) + not.saturating_sub(1)
     }
 
-    /// The region that most faces join the tets of a fan to.
+    /// Returns the region that shares the most faces with the tets of a fan.
     pub(super) fn dominant_neighbour(&self, fan: &[bool]) -> Option<u16> {
         let mut shared: Vec<(u16, usize)> = Vec::new();
         for [a, b] in &self.joined {
@@ -158,7 +158,7 @@ impl VertexFans {
                 }
             }
         }
-        // Inside before outside where both are as long.
+        // Among equals, inside takes precedence over outside.
         let best = shared.into_iter().max_by_key(|s| (s.1, s.0));
         best.map(|s| s.0)
     }

@@ -1,4 +1,4 @@
-//! Islands: small pieces of a region that hang together across faces.
+//! Merging of small face-connected components of a region (islands) into their neighbours.
 
 use super::stencil::Piece;
 use crate::Result;
@@ -14,14 +14,14 @@ use std::collections::BTreeMap;
 pub struct IslandReport {
     /// The region, from 1 on.
     pub region: u16,
-    /// How many there were.
+    /// Their number.
     pub islands: usize,
     /// Their volume.
     pub volume: f64,
 }
 
-/// Gives every piece of a region that is smaller than `least` to the neighbour with which it
-/// shares the largest area, the smallest piece first. What is given to the outside is dropped.
+/// Merges every component of a region smaller than `least` into the neighbour with which it shares
+/// the largest area, the smallest component first. Components merged into the outside are dropped.
 pub(super) fn merge_small_components(
     nodes: &[DVec3],
     pieces: &mut [Piece],
@@ -30,7 +30,7 @@ pub(super) fn merge_small_components(
 ) -> Result<Vec<IslandReport>> {
     let mut reports: BTreeMap<u16, IslandReport> = BTreeMap::new();
     if least > 0.0 {
-        // Islands that joined others may be small still.
+        // Merged islands may still be small.
         while dissolve_once(nodes, pieces, least, &mut reports) {
             part.check_cancelled()?;
         }
@@ -38,7 +38,7 @@ pub(super) fn merge_small_components(
     Ok(reports.into_values().collect())
 }
 
-/// One round of it, over the islands there are now; false when there are none.
+/// Runs one round over the current islands; returns false if there are none.
 fn dissolve_once(
     nodes: &[DVec3],
     pieces: &mut [Piece],
@@ -56,7 +56,7 @@ fn dissolve_once(
     });
     faces.par_sort_unstable();
     let mut groups = DisjointSets::new(pieces.len());
-    // Faces between two regions, or a region and what lies beyond the tets there are.
+    // Faces between two regions, or between a region and the outside beyond the tets.
     let mut walls: Vec<(u32, Option<u32>, f64)> = Vec::new();
     for same in faces.chunk_by(|a, b| a.0 == b.0) {
         let [a, b, c] = same[0].0.map(|v| nodes[v as usize]);
@@ -93,7 +93,8 @@ fn dissolve_once(
             }
         }
     }
-    // Pieces are merged as they change region; the region of a piece is that of its first tet.
+    // Components are merged as they change region; the region of a component is that of its first
+    // tet.
     let mut region_of: BTreeMap<u32, u16> = BTreeMap::new();
     for (own_volume, group) in small {
         let now = groups.find(group);

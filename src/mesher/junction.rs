@@ -1,5 +1,5 @@
-//! Points where three or four regions meet: one in each face of the lattice with three regions,
-//! one in each tet with three or more.
+//! Points at junctions of three or four regions: one in each face of the lattice with three
+//! regions, one in each tet with three or more.
 
 use super::cut::{CutLattice, ON_BOUNDARY};
 use super::domain::{OffsetDomain, Sampler};
@@ -12,24 +12,24 @@ use crate::progress::ProgressScope;
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 
-/// The least barycentric coordinates of the points in faces and in tets: as far as they are kept
-/// from the sides.
+/// Minimum barycentric coordinates of the points in faces and in tets: their clearance from the
+/// sides.
 const FACE_MARGIN: f64 = 0.14;
 const TET_MARGIN: f64 = 0.1;
 
 /// The points inside faces and tets.
 pub(super) struct Junctions {
-    /// Faces with three regions, their points rising; sorted.
+    /// Faces with three regions, their points ascending; sorted.
     faces: Vec<[u32; 3]>,
-    /// Lattice tets with a point inside, rising.
+    /// Lattice tets with an interior point, ascending.
     tets: Vec<u32>,
     /// The points: of faces, then of tets.
     pub points: Vec<DVec3>,
-    /// The number of the first node after lattice points and cuts.
+    /// The number of the first junction node, after lattice points and cuts.
     first: usize,
 }
 
-/// The points of a face in rising order.
+/// Sorts the points of a face.
 pub(super) fn face_key(mut face: [u32; 3]) -> [u32; 3] {
     face.sort_unstable();
     face
@@ -88,25 +88,25 @@ impl Junctions {
         Ok(whole)
     }
 
-    /// Faces with a point, tets with a point.
+    /// Returns the number of faces and of tets with a point.
     pub(super) fn counts(&self) -> [usize; 2] {
         [self.faces.len(), self.tets.len()]
     }
 
-    /// The node inside a face with three regions.
+    /// Returns the node inside a face with three regions.
     pub(super) fn face_point(&self, key: [u32; 3]) -> u32 {
-        // Every such face was listed; the search cannot fail.
+        // Every such face is listed, so the search cannot fail.
         let place = self.faces.binary_search(&key).unwrap_or_else(|p| p);
         (self.first + place) as u32
     }
 
-    /// The node inside a tet with three or more regions.
+    /// Returns the node inside a tet with three or more regions.
     pub(super) fn tet_point(&self, t: u32) -> u32 {
         let place = self.tets.binary_search(&t).unwrap_or_else(|p| p);
         (self.first + self.faces.len() + place) as u32
     }
 
-    /// A point amid the junctions on the faces of a tet, or amid its cuts.
+    /// Returns the mean of the junctions on the faces of a tet, or of its cuts.
     fn inside(&self, lattice: &LatticeMesh, cut: &CutLattice, tet: [u32; 4]) -> DVec3 {
         let faces = FACES.map(|f| face_key(f.map(|i| tet[i])));
         let mut around: Vec<DVec3> = faces
@@ -120,7 +120,7 @@ impl Junctions {
         let corners = tet.map(|p| cut.positions[p as usize]);
         let centre = corners.into_iter().sum::<DVec3>() / 4.0;
         let point = around.iter().sum::<DVec3>() / around.len() as f64;
-        // Pulled to the centre until it is far enough from every face.
+        // Moved towards the centroid until the clearance from every face suffices.
         let volume = |[a, b, c, d]: [DVec3; 4]| (b - a).cross(c - a).dot(d - a);
         let all = volume(corners);
         let least = (0..4)
@@ -138,8 +138,8 @@ impl Junctions {
     }
 }
 
-/// The point of a triangle where the regions of its three corners weigh the same, kept away from
-/// its sides.
+/// Returns the point of a triangle at which the regions of its three corners have equal weights,
+/// with a clearance from the sides.
 fn meeting_point(sampler: &mut Sampler, corners: [DVec3; 3], regions: [u16; 3]) -> DVec3 {
     let [a, b, c] = corners;
     let at = |[u, v]: [f64; 2]| a + u * (b - a) + v * (c - a);
@@ -172,7 +172,8 @@ fn meeting_point(sampler: &mut Sampler, corners: [DVec3; 3], regions: [u16; 3]) 
     at(x)
 }
 
-/// The point of the triangle u, v, 1 − u − v ≥ margin on the way from its middle to `x`.
+/// Returns the point of the triangle u, v, 1 − u − v ≥ margin on the segment from its centroid to
+/// `x`.
 fn kept_inside(x: [f64; 2]) -> Option<[f64; 2]> {
     let [u, v] = x;
     if !(u.is_finite() && v.is_finite()) {

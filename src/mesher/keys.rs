@@ -1,12 +1,12 @@
-//! Maps by number, without the cost of a hash that withstands attackers.
+//! Integer-keyed hash maps with a cheap hash that does not resist attacks.
 
 use std::collections::{HashMap, HashSet};
 use std::hash::{BuildHasherDefault, Hasher};
 
-/// A map by number. Its order is not to reach any result.
+/// An integer-keyed map. No result may depend on its order.
 pub(super) type KeyMap<K, V> = HashMap<K, V, BuildHasherDefault<KeyHasher>>;
 
-/// A set of numbers. Its order is not to reach any result.
+/// A set of integers. No result may depend on its order.
 pub(super) type KeySet<K> = HashSet<K, BuildHasherDefault<KeyHasher>>;
 
 /// Mixes all bits of a number into all bits of its hash, after SplitMix64 (Steele et al. 2014).

@@ -1,4 +1,4 @@
-//! The labels of a volume as a domain.
+//! The label map of a volume as a domain.
 
 use super::{Domain, RegionVolume};
 use crate::parallel;
@@ -7,19 +7,19 @@ use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 
-/// Bricks of voxels that are not all of one region.
+/// Value of bricks whose voxels belong to several regions.
 const MIXED_BRICK: u16 = u16::MAX;
 
-/// How far, in voxels, the boundary of a region moves when 1 is added to its weight: the weights
-/// on both sides of a flat one change by 3/4 a voxel, and stairs have half as many faces again as
-/// the slope they stand for.
+/// Displacement of the boundary of a region, in voxels, per unit of added weight: the weights on
+/// both sides of a flat boundary change by 3/4 per voxel, and staircases have 1.5 times the faces
+/// of the slope that they approximate.
 const BOUNDARY_SHIFT_PER_WEIGHT: f64 = 1.0 / (2.0 * 0.75) / 1.5;
 
-/// The labels of a volume: each voxel's label, and 0 beyond the volume, smoothed by the quadratic
-/// B-spline over the nearest 3 × 3 × 3 voxels.
+/// The label map of a volume: each voxel's label, and 0 beyond the volume, smoothed by the
+/// quadratic B-spline over the nearest 3 × 3 × 3 voxels.
 ///
-/// The boundary between two labels lies half-way between their voxels where it is flat, and is
-/// smooth where the voxels make stairs.
+/// A flat boundary between two labels lies half-way between their voxels; staircases of voxels are
+/// smoothed.
 #[derive(Debug)]
 pub struct LabelDomain {
     size: [usize; 3],
@@ -29,19 +29,19 @@ pub struct LabelDomain {
     bricks: Vec<([usize; 3], Vec<u16>)>,
     labels: Vec<i64>,
     voxels: Vec<usize>,
-    /// The box, in voxels, that holds all regions.
+    /// The bounding box of all regions, in voxels.
     extent: (DVec3, DVec3),
     to_world: DAffine3,
     to_index: DAffine3,
 }
 
 impl LabelDomain {
-    /// The regions of `volume` that have the given labels, in that order; with none given those
-    /// of all labels but 0, rising.
+    /// Creates the regions of `volume` with the given labels, in that order; for `None`, those of
+    /// all labels except 0, ascending.
     ///
     /// # Errors
-    /// No voxel with a label that was asked for; more than 65,534 labels; values that are not
-    /// whole numbers; a volume without an extent.
+    /// An error if no voxel has one of the labels, for more than 65,534 labels, for non-integer
+    /// values, and for a volume without an extent.
     pub fn new(volume: &Volume, labels: Option<&[i64]>) -> Result<LabelDomain> {
         let to_index = volume.to_world.inverse();
         if !to_index.is_finite() {
@@ -93,12 +93,12 @@ impl LabelDomain {
         Ok(domain)
     }
 
-    /// The label of each region, from region 1 on.
+    /// Returns the label of each region, from region 1 on.
     pub fn labels(&self) -> &[i64] {
         &self.labels
     }
 
-    /// For each region, how many faces of its voxels are at its boundary.
+    /// Counts the boundary faces of the voxels of each region.
     fn boundary_faces(&self) -> Vec<usize> {
         let [nx, ny, nz] = self.size;
         let none = || vec![0usize; self.voxels.len()];
@@ -107,7 +107,7 @@ impl LabelDomain {
         let counts = parallel::collect(ny * nz, |rows, counts| {
             let mut faces = none();
             let mut between = |a: &[u16], b: &[u16]| {
-                // Most rows are alike.
+                // Most rows are equal.
                 if a == b {
                     return;
                 }
@@ -139,7 +139,7 @@ impl LabelDomain {
         })
     }
 
-    /// The volume of each region's voxels, from region 1 on.
+    /// Returns the volume of the voxels of each region, from region 1 on.
     pub fn voxel_volumes(&self) -> Vec<f64> {
         let voxel = self.to_world.matrix3.determinant().abs();
         let counts = self.voxels.iter().skip(1);
@@ -183,8 +183,8 @@ impl LabelDomain {
         }
     }
 
-    /// Whether all voxels of a brick that lie within `range` are of the region `found`, which is
-    /// set by the first of them.
+    /// Whether all voxels of a brick within `range` belong to the region `found`, which the first
+    /// voxel sets.
     fn is_one(
         &self,
         level: usize,
@@ -227,7 +227,7 @@ impl Domain for LabelDomain {
         weights.clear();
         let x = self.to_index.transform_point3(p);
         let near = x.round();
-        // Beyond the volume, and a voxel around it, is outside.
+        // Everything beyond the volume and one layer of voxels around it is outside.
         let size = DVec3::from(self.size.map(|n| n as f64));
         if !(near.cmpge(DVec3::splat(-2.0)).all() && near.cmple(size + 1.0).all()) {
             weights.push((0, 1.0));
@@ -268,7 +268,7 @@ impl Domain for LabelDomain {
 
     fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {
         let (low, high) = world_box(&self.to_index, low, high);
-        // The voxels that have a part in any weight within the box.
+        // The voxels that contribute to any weight within the box.
         let first = (low - 1.5).ceil();
         let last = (high + 1.5).floor();
         let end = DVec3::from(self.size.map(|n| n as f64 - 1.0));
@@ -296,8 +296,8 @@ impl Domain for LabelDomain {
     }
 }
 
-/// The box, half a voxel beyond the voxels of any region; the lower corner above the upper when
-/// there are none.
+/// Returns the box half a voxel beyond the voxels of any region; the lower corner is above the
+/// upper one if there are none.
 fn extent(regions: &[u16], [nx, ny, nz]: [usize; 3]) -> (DVec3, DVec3) {
     let of_row = |row: usize| {
         let voxels = &regions[row * nx..(row + 1) * nx];
@@ -314,7 +314,7 @@ fn extent(regions: &[u16], [nx, ny, nz]: [usize; 3]) -> (DVec3, DVec3) {
     boxes.fold(none, |a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
-/// The box with sides along the axes around the image of a box.
+/// Returns the axis-aligned bounding box of the image of a box.
 pub(super) fn world_box(map: &DAffine3, low: DVec3, high: DVec3) -> (DVec3, DVec3) {
     let centre = map.transform_point3(0.5 * (low + high));
     let half = 0.5 * (high - low);
@@ -323,14 +323,14 @@ pub(super) fn world_box(map: &DAffine3, low: DVec3, high: DVec3) -> (DVec3, DVec
     (centre - reach, centre + reach)
 }
 
-/// Up to ten numbers in words.
+/// Formats up to ten labels as text.
 fn listed(labels: &[i64]) -> String {
     let first: Vec<String> = labels.iter().take(10).map(i64::to_string).collect();
     let more = if labels.len() > 10 { ", …" } else { "" };
     format!("{}{more}", first.join(", "))
 }
 
-/// The labels of a volume but for 0, rising.
+/// Returns the labels of a volume except 0, ascending.
 fn present(volume: &Volume) -> Result<Vec<i64>> {
     let Some(counts) = volume.labels() else {
         return Err(Error::Input(

@@ -1,10 +1,10 @@
-//! The tets of an octree: a body-centred cubic lattice where leaves are equal, and a transition
-//! between leaves of different size.
+//! The tets of an octree: a body-centred cubic lattice between equal leaves, and a transition
+//! between leaves of different sizes.
 //!
-//! After Labelle & Shewchuk, *Isosurface stuffing* (2007), section 4. Tets lie between the centres
-//! of two leaves and an edge of the face between them, halved where smaller leaves put a point
-//! there; between leaves of different size the smaller faces, each cut along the diagonal from
-//! the middle of the large face, are joined to both centres.
+//! After Labelle & Shewchuk, *Isosurface stuffing* (2007), section 4. A tet connects the centres of
+//! two leaves and an edge of the face between them, halved if smaller leaves have a point there;
+//! between leaves of different sizes the smaller faces, each split along the diagonal from the
+//! centre of the large face, are connected to both centres.
 
 use super::keys::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
@@ -13,18 +13,18 @@ use crate::progress::ProgressScope;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// The corners of the face of a leaf on the upper side of an axis, run around.
+/// The corners of the face of a leaf on the upper side of an axis, in cyclic order.
 const AROUND: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
 
 /// The points and tets of an octree.
 pub(super) struct LatticeMesh {
-    /// Where the points lie on the lattice.
+    /// The points in lattice coordinates.
     pub points: Vec<Lattice>,
-    /// Where they lie in space.
+    /// Their positions in space.
     pub positions: Vec<DVec3>,
-    /// The region that is known of a point from its leaf.
+    /// The region of a point as known from its leaf.
     pub known: Vec<Option<u16>>,
-    /// Four points a tet, in any orientation.
+    /// Four points per tet, in any orientation.
     pub tets: Vec<[u32; 4]>,
 }
 
@@ -86,7 +86,7 @@ impl LatticeMesh {
     }
 }
 
-/// Corner `n` of a leaf for n below 8, the centre for 8.
+/// Returns corner `n` of a leaf for n < 8, the centre for 8.
 fn point_of(leaf: &Leaf, n: u32) -> Lattice {
     let side = side(leaf.level);
     match n {
@@ -95,7 +95,7 @@ fn point_of(leaf: &Leaf, n: u32) -> Lattice {
     }
 }
 
-/// What is needed to find the tets between leaves.
+/// Data for the tets between leaves.
 struct Between<'a> {
     tree: &'a Octree,
     points: &'a [Lattice],
@@ -104,8 +104,8 @@ struct Between<'a> {
 }
 
 impl Between<'_> {
-    /// The tets between leaf `l` and its neighbours: those of its size on the upper sides, and
-    /// those twice as large on all.
+    /// Adds the tets between leaf `l` and its neighbours: those of equal size on the upper sides,
+    /// and those of twice the size on all sides.
     fn tets_of(&self, l: u32, tets: &mut Vec<[u32; 4]>) {
         let leaf = self.tree.leaves[l as usize];
         let own = self.own[l as usize];
@@ -133,7 +133,7 @@ impl Between<'_> {
                 let holder = beside.map(|c| c / (2 * size) * (2 * size));
                 if let Some(other) = self.tree.find(holder, leaf.level + 1) {
                     let centres = [own[8], self.own[other as usize][8]];
-                    // The middle of the large face is no corner of the large leaf.
+                    // The centre of the large face is not a corner of the large leaf.
                     let middle = AROUND.iter().position(|[u, v]| {
                         let steps = [(axis + 1) % 3, (axis + 2) % 3].into_iter().zip([u, v]);
                         steps
@@ -151,7 +151,7 @@ impl Between<'_> {
         }
     }
 
-    /// The tets around the line between the centres of two equal leaves.
+    /// Adds the tets around the line between the centres of two equal leaves.
     fn equal(&self, leaf: &Leaf, face: [u32; 4], [c, d]: [u32; 2], tets: &mut Vec<[u32; 4]>) {
         for n in 0..4 {
             let (a, b) = (face[n], face[(n + 1) % 4]);
@@ -166,7 +166,7 @@ impl Between<'_> {
         }
     }
 
-    /// The point half-way between two corners of a leaf, where there is one.
+    /// Returns the midpoint between two corners of a leaf, if it is a lattice point.
     fn middle(&self, a: u32, b: u32) -> Option<u32> {
         let (a, b) = (self.points[a as usize], self.points[b as usize]);
         let middle = [0, 1, 2].map(|axis| (a[axis] + b[axis]) / 2);

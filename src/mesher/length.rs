@@ -1,17 +1,17 @@
-//! Lengths with units, as people write them.
+//! Parsing of lengths with units.
 
 use crate::{Error, Result};
 use std::str::FromStr;
 
-/// A length as a user gives it: `2mm`, `0.2 cm`, or a bare number in the unit of the input.
+/// A length as entered by a user: `2mm`, `0.2 cm`, or a number in the unit of the input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Length {
     value: f64,
-    /// Metres in its unit, if it has one.
+    /// Its unit in metres, if given.
     unit: Option<f64>,
 }
 
-/// Metres in a unit of length, by name: `m`, `cm`, `mm`, `um`, `in`.
+/// Returns a unit of length in metres, by name: `m`, `cm`, `mm`, `um`, `in`.
 pub fn metres_in(name: &str) -> Option<f64> {
     match name {
         "m" => Some(1.0),
@@ -24,10 +24,10 @@ pub fn metres_in(name: &str) -> Option<f64> {
 }
 
 impl Length {
-    /// The length in an input's unit of `metres`; a bare number is in that unit already.
+    /// Converts the length to the input's unit of `metres`; a number without unit is already in it.
     ///
     /// # Errors
-    /// [`Error::Input`] when the length has a unit and that of the input is not known.
+    /// An [`Error::Input`] if the length has a unit and that of the input is unknown.
     pub fn in_unit_of(&self, metres: Option<f64>) -> Result<f64> {
         match (self.unit, metres) {
             (None, _) => Ok(self.value),

@@ -1,18 +1,17 @@
-//! From scans and surfaces to tetrahedral meshes.
+//! Meshing of scans and surfaces with tetrahedra.
 //!
-//! A [`Domain`] says which region each point belongs to; [`mesh_domain`] makes the tets. After Labelle &
-//! Shewchuk, *Isosurface stuffing: fast tetrahedral meshes with good dihedral angles* (2007),
-//! carried to several regions in the manner of Bronson, Levine & Whitaker, *Lattice cleaving*
-//! (2014):
+//! A [`Domain`] assigns points to regions; [`mesh_domain`] meshes it. After Labelle & Shewchuk,
+//! *Isosurface stuffing: fast tetrahedral meshes with good dihedral angles* (2007), extended to
+//! several regions in the manner of Bronson, Levine & Whitaker, *Lattice cleaving* (2014):
 //!
 //! 1. `octree`: the smallest leaves along all boundaries, larger ones away from them.
 //! 2. `lattice`: the octree’s points and tets, a body-centred cubic lattice where leaves are equal.
-//! 3. `cut`: the region of each point; where edges between regions are cut; points close to a cut
-//!    are moved onto it.
-//! 4. `stencil`, `junction`: what each tet is divided into.
-//!    `volumes`: where the true volumes are known, boundaries are moved a little to keep them.
-//! 5. `islands`, `pinches`: small pieces, and places where a boundary is not a manifold.
-//! 6. `optimise`: the few worst tets are improved.
+//! 3. `cut`: assigns points to regions, cuts the edges between regions, and snaps points close to
+//!    a cut onto it.
+//! 4. `stencil`, `junction`: subdivision of each tet.
+//!    `volumes`: if the true volumes are known, boundaries are offset slightly to preserve them.
+//! 5. `islands`, `pinches`: repair of small components and non-manifold boundaries.
+//! 6. `optimise`: improvement of the worst tets.
 
 mod closed_surface;
 mod cut;
@@ -68,30 +67,30 @@ use octree::Octree;
 use spacing::find_spacing;
 use stencil::{Piece, Stencils};
 
-/// Tries at the true volumes of regions, each of which leaves a fraction of what is amiss.
+/// Maximum number of corrections to match the true volumes; each leaves a fraction of the error.
 const VOLUME_CORRECTIONS: usize = 3;
 
-/// How large the tets are.
+/// Target size of the tets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Spacing {
-    /// The lattice's edge at region boundaries; tets have edges of about that length.
+    /// Edge of the lattice at region boundaries; tets have edges of about that length.
     Edge(f64),
-    /// The edge is found that makes about as many tets.
+    /// Target number of tets, for which the edge is searched.
     Tets(usize),
 }
 
-/// What [`mesh_domain`] is to do.
+/// Options of [`mesh_domain`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOptions {
-    /// How large the tets at region boundaries are.
+    /// Size of the tets at region boundaries.
     pub spacing: Spacing,
-    /// How much larger the largest tets inside a region may be: 1, 2, 4, … (others are rounded
-    /// down).
+    /// Maximum ratio of the size of interior tets to those at boundaries: 1, 2, 4, … (other values
+    /// are rounded down).
     pub grading: f64,
-    /// Pieces of a region of less volume than this are given to what surrounds them.
+    /// Components of a region below this volume are merged into their surroundings.
     pub min_island: f64,
-    /// By how many edges the lattice is moved, as seen from the lower corner of the domain's
-    /// bounds, where one of its points lies otherwise.
+    /// Offset of the lattice, in edges, from the lower corner of the domain's bounds, where it has
+    /// a point by default.
     pub offset: DVec3,
 }
 
@@ -106,27 +105,28 @@ impl Default for MeshOptions {
     }
 }
 
-/// A domain filled with tets.
+/// A meshed domain.
 #[derive(Clone, Debug)]
 pub struct MeshedDomain {
     /// Node positions.
     pub nodes: Vec<DVec3>,
-    /// Four nodes a tet, positively oriented.
+    /// Four nodes per tet, positively oriented.
     pub tets: Vec<[u32; 4]>,
     /// The region of each tet, from 1 on.
     pub regions: Vec<u16>,
-    /// How it was made, and how good it is.
+    /// Statistics of the meshing and the quality.
     pub report: MeshReport,
 }
 
-/// Fills the regions of `domain` with tets that conform where regions meet.
+/// Meshes the regions of `domain` with tets that conform at the interfaces.
 ///
-/// The same domain and options give the same bytes, whatever the number of threads. `progress`
-/// is told what is being done.
+/// The result for the same domain and options is bitwise identical on any number of threads.
+/// `progress` receives the stages.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; a domain without an inside, options that make no sense, an edge so small that 32 bits cannot
-/// count the tets, or so large that nothing of the body is left.
+/// An [`Error::Cancelled`]; an error for a domain without an inside, invalid options, an edge so
+/// small that the tets cannot be counted with 32 bits, or so large that nothing of the body is
+/// left.
 pub fn mesh_domain(
     domain: &dyn Domain,
     options: &MeshOptions,
@@ -141,7 +141,7 @@ pub fn mesh_domain(
             let known: f64 = domain.volumes().iter().map(|r| r.volume).sum();
             let volume = match known > 0.0 {
                 true => known,
-                // Bodies fill about a third of their boxes.
+                // Bodies fill about a third of their bounding boxes.
                 false => (high - low).to_array().iter().product::<f64>() / 3.0,
             };
             let graded = options.grading >= 2.0;
@@ -190,7 +190,7 @@ pub fn mesh_domain(
     Ok(filling)
 }
 
-/// A domain divided into tets, those outside along its boundary among them.
+/// A domain divided into tets, including those outside along its boundary.
 struct Laid {
     lattice: LatticeMesh,
     nodes: Vec<DVec3>,
@@ -199,13 +199,13 @@ struct Laid {
 }
 
 impl Laid {
-    /// Number of tets inside.
+    /// Returns the number of tets inside.
     fn tets(&self) -> usize {
         self.pieces.iter().filter(|p| p.1 != 0).count()
     }
 }
 
-/// Lays a lattice with that edge over the domain, cuts it and divides its tets.
+/// Builds a lattice with that edge over the domain, cuts it and subdivides its tets.
 fn lay(
     domain: &dyn Domain,
     options: &MeshOptions,
@@ -231,7 +231,7 @@ fn lay(
     })
 }
 
-/// Cuts a lattice where the regions of a domain meet, and divides its tets.
+/// Cuts a lattice at the interfaces between regions, and subdivides its tets.
 fn divide(
     domain: OffsetDomain,
     lattice: &LatticeMesh,
@@ -295,7 +295,7 @@ fn check(options: &MeshOptions) -> Result<()> {
     Ok(())
 }
 
-/// Leaves out what is outside and the nodes that nothing uses, and measures the rest.
+/// Drops tets outside and unused nodes, and measures the rest.
 fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<MeshedDomain> {
     let mut number = vec![u32::MAX; nodes.len()];
     let mut filling = MeshedDomain {
@@ -336,7 +336,7 @@ mod tests {
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// A ball in a ball.
+    /// A ball inside a ball.
     struct Balls;
 
     impl Domain for Balls {
@@ -370,7 +370,7 @@ mod tests {
         for last in (0..all).step_by(all / 40 + 1) {
             let told = AtomicUsize::new(0);
             let ended = mesh_domain(&Balls, &options, &|_, _| {
-                // Said once: it is not to be said again.
+                // The callback has cancelled once and must not be called again.
                 match told.fetch_add(1, Ordering::Relaxed) == last {
                     true => ControlFlow::Break(()),
                     false => ControlFlow::Continue(()),
@@ -381,7 +381,7 @@ mod tests {
                 "call {last} of {all}"
             );
             let more = told.into_inner() - last;
-            // Other threads were about to ask.
+            // Calls of other threads may have been in flight.
             assert!(
                 more <= 1 + rayon::current_num_threads(),
                 "{more} calls after it"

@@ -1,5 +1,5 @@
-//! A balanced octree over a domain: the smallest leaves along all region boundaries, growing
-//! leaves away from them.
+//! A balanced octree over a domain: the smallest leaves along all region boundaries, larger ones
+//! away from them.
 
 use super::Domain;
 use super::keys::KeyMap;
@@ -13,10 +13,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Bits of a lattice coordinate; three of them fit 64.
 const BITS: u32 = 21;
 
-/// The largest leaves by which empty space is searched: 2⁵ of the smallest.
+/// The level of the largest leaves in the search of empty space: 2⁵ times the smallest.
 const SEARCH_LEVEL: u32 = 5;
 
-/// A lattice of more leaves than this, with some twelve tets each, is refused.
+/// Maximum number of leaves of a lattice, with about twelve tets each.
 const MAX_LEAVES: usize = 1 << 25;
 
 /// A point of the lattice, in half edges of the smallest leaf.
@@ -27,35 +27,35 @@ pub(super) type Lattice = [u32; 3];
 pub(super) struct Leaf {
     /// Its lower corner; all coordinates are multiples of its [`side`].
     pub corner: Lattice,
-    /// The smallest leaves have level 0, and each level is twice as large as the one below.
+    /// The smallest leaves have level 0; each level doubles the size.
     pub level: u32,
-    /// The region that all of it belongs to, where that is known.
+    /// The region that contains all of it, if known.
     pub region: Option<u16>,
 }
 
-/// The leaves of an octree, along a Morton curve.
+/// The leaves of an octree in Morton order.
 pub(super) struct Octree {
     pub leaves: Vec<Leaf>,
-    /// For each level, the place of a leaf in `leaves` by the key of its corner.
+    /// For each level, the index of a leaf in `leaves` by the key of its corner.
     index: Vec<KeyMap<u64, u32>>,
     origin: DVec3,
     half: f64,
 }
 
-/// The length of a leaf's side in half edges.
+/// Returns the side of a leaf in half edges.
 pub(super) fn side(level: u32) -> u32 {
     2 << level
 }
 
-/// A lattice point as one number, in the order z, y, x.
+/// Packs a lattice point into one integer, in the order z, y, x.
 pub(super) fn key(p: Lattice) -> u64 {
     u64::from(p[0]) | u64::from(p[1]) << BITS | u64::from(p[2]) << (2 * BITS)
 }
 
 impl Octree {
-    /// The octree over `domain` whose smallest leaves have the side `edge`, its largest `2^levels`
-    /// times that. Its planes run through the lower corner of the domain's bounds, moved by
-    /// `offset` edges. Leaves that are outside, and a leaf away from every region, are left out.
+    /// Builds the octree over `domain` with smallest leaves of side `edge` and largest leaves of
+    /// `2^levels` times that. Its planes pass through the lower corner of the domain's bounds,
+    /// moved by `offset` edges. Leaves outside, and not adjacent to a region, are dropped.
     pub(super) fn new(
         domain: &dyn Domain,
         edge: f64,
@@ -70,7 +70,7 @@ impl Octree {
                 "there is nothing to mesh: no voxel or point is inside a region".into(),
             ));
         }
-        // Two cells to spare on each side, and a third for the offset.
+        // A margin of two cells on each side, and a third for the offset.
         let origin = low + (offset - 3.0) * edge;
         let top = levels.max(SEARCH_LEVEL);
         let across = ((extent / edge).max_element() + 7.0) / f64::from(1u32 << top);
@@ -127,17 +127,17 @@ impl Octree {
         Ok(tree)
     }
 
-    /// Where a lattice point lies.
+    /// Returns the position of a lattice point.
     pub(super) fn position(&self, p: Lattice) -> DVec3 {
         self.origin + DVec3::from(p.map(f64::from)) * self.half
     }
 
-    /// The leaf of that level with that corner.
+    /// Returns the leaf of that level with that corner.
     pub(super) fn find(&self, corner: Lattice, level: u32) -> Option<u32> {
         self.index.get(level as usize)?.get(&key(corner)).copied()
     }
 
-    /// Adds the leaves of `cell` to `leaves`, divided where a boundary comes within an edge of it.
+    /// Adds the leaves of `cell` to `leaves`, subdivided if a boundary is within one edge.
     fn divide(
         &self,
         domain: &dyn Domain,
@@ -150,7 +150,7 @@ impl Octree {
             return;
         }
         let region = cell.region.or_else(|| {
-            // With an edge around it, a leaf next to a boundary's has boundary too.
+            // With a margin of one edge, a leaf adjacent to one with a boundary is subdivided, too.
             let reach = 2.0 * self.half;
             let low = self.position(cell.corner) - reach;
             let high = self.position(cell.corner.map(|c| c + side(cell.level))) + reach;
@@ -169,7 +169,7 @@ impl Octree {
         }
     }
 
-    /// Divides leaves until those that share an edge or a face differ by one level at most.
+    /// Subdivides leaves until those that share an edge or a face differ by at most one level.
     fn balance(&mut self, levels: u32) {
         if levels < 2 {
             return;
@@ -182,7 +182,7 @@ impl Octree {
         let mut small = Vec::with_capacity(waiting.len());
         while let Some(leaf) = waiting.pop() {
             let is_large = leaf.level > 1;
-            // It may have been divided since.
+            // It may have been subdivided since.
             if is_large && !large[leaf.level as usize].contains_key(&key(leaf.corner)) {
                 continue;
             }
@@ -207,7 +207,7 @@ impl Octree {
                 }
             }
             if divided {
-                // The child beside it may be too large still.
+                // The adjacent child may still be too large.
                 waiting.push(leaf);
             } else if !is_large {
                 small.push(leaf);
@@ -236,8 +236,8 @@ impl Leaf {
     }
 }
 
-/// The corners of cells of `level` that hold a neighbour of `leaf` across a face or an edge, and
-/// not the leaf itself.
+/// Returns the corners of cells of `level` that contain a face or edge neighbour of `leaf`, but not
+/// the leaf itself.
 fn ancestors_beside(leaf: Leaf, level: u32) -> impl Iterator<Item = Lattice> {
     let (own, wide) = (side(leaf.level), side(level));
     let holder = move |p: Lattice| p.map(|c| c / wide * wide);
@@ -261,7 +261,7 @@ fn from_key(key: u64) -> Lattice {
     [0, 1, 2].map(|axis| (key >> (axis * BITS)) as u32 & ((1 << BITS) - 1))
 }
 
-/// The interleaved bits of a lattice point.
+/// Returns the Morton code of a lattice point.
 fn morton(p: Lattice) -> u64 {
     let spread = |x: u32| {
         let mut x = u64::from(x);

@@ -1,9 +1,10 @@
-//! Pinches: edges and nodes where the boundary of the body, or of a region, is not a manifold.
+//! Repair of non-manifold edges and nodes (pinches) of the boundary of the body or of a region.
 //!
-//! First tets around them are given to other regions, the smaller fan to what surrounds it, as
-//! long as there are fewer pinches afterwards; the outside takes part with the tets along the
-//! boundary. What is left of the body's own is parted: a node at which the body falls into
-//! several fans becomes one for each, and where the outside does, the tets at the node go.
+//! First, tets around them are assigned to other regions, the smaller fan to its surroundings, as
+//! long as this reduces the number of pinches; the outside takes part with the tets along the
+//! boundary. Remaining pinches of the body's own boundary are split: a node at which the body has
+//! several fans is duplicated for each, and if the outside has several fans, the tets at the node
+//! are removed.
 
 use super::fans::VertexFans;
 use super::stars::Stars;
@@ -15,29 +16,29 @@ use crate::progress::ProgressScope;
 use glam::DVec3;
 use std::collections::VecDeque;
 
-/// A pinch of the body's own boundary counts as so many between regions.
+/// Weight of a pinch of the body's own boundary relative to one between regions.
 const OUTER_BOUNDARY_WEIGHT: usize = 100;
 
-/// Pinches between two looks at whether to go on.
+/// Number of pinches between two checks for cancellation.
 const LOOK: usize = 256;
 
-/// What was done about pinches.
+/// Statistics of the repair of pinches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct NonManifoldReport {
-    /// Nodes at which the boundary of the body or a region was pinched.
+    /// Nodes at which the boundary of the body or a region was non-manifold.
     pub found: usize,
-    /// Tets given to another region or the outside, or filled.
+    /// Tets assigned to another region or the outside, or added.
     #[serde(rename = "relabelled")]
     pub relabelled_tets: usize,
-    /// Nodes doubled so that parts of the body that met in them are apart.
+    /// Nodes duplicated to separate parts of the body that met in them.
     #[serde(rename = "doubled")]
     pub duplicated_nodes: usize,
-    /// Nodes at which a region is still pinched; the boundary of the whole body never is.
+    /// Nodes at which a region is still non-manifold; the boundary of the whole body never is.
     pub left: usize,
 }
 
-/// Resolves pinches: see the module. `pieces` must hold the tets outside along the boundary;
-/// afterwards it holds those inside only.
+/// Repairs pinches as described in the module. `pieces` must contain the tets outside along the
+/// boundary; afterwards it contains only those inside.
 pub(super) fn repair_non_manifold(
     nodes: &mut Vec<DVec3>,
     pieces: &mut Vec<Piece>,
@@ -76,14 +77,14 @@ pub(super) fn repair_non_manifold(
     Ok(report)
 }
 
-/// Those of 0..n of which `is_so` holds, ascending.
+/// Returns the numbers in 0..n that satisfy `is_so`, ascending.
 fn filtered(n: usize, is_so: impl Fn(u32) -> bool + Sync) -> Vec<u32> {
     parallel::collect(n, |range, found| {
         found.extend(range.map(|v| v as u32).filter(|v| is_so(*v)));
     })
 }
 
-/// How badly boundaries are pinched at `v`.
+/// Returns the weighted number of pinches at `v`.
 fn cost(v: u32, stars: &Stars, pieces: &[Piece]) -> usize {
     let star = stars.of(v);
     let region = |t: &u32| pieces[*t as usize].1;
@@ -97,7 +98,7 @@ fn cost(v: u32, stars: &Stars, pieces: &[Piece]) -> usize {
     OUTER_BOUNDARY_WEIGHT * outer + inner
 }
 
-/// The nodes of some tets, rising.
+/// Returns the nodes of some tets, ascending.
 fn corners(tets: &[u32], pieces: &[Piece]) -> Vec<u32> {
     let mut corners: Vec<u32> = tets.iter().flat_map(|t| pieces[*t as usize].0).collect();
     corners.sort_unstable();
@@ -105,8 +106,8 @@ fn corners(tets: &[u32], pieces: &[Piece]) -> Vec<u32> {
     corners
 }
 
-/// The tets at `v`, and the region to give them to, after which there are fewest pinches; none
-/// when no change makes them fewer.
+/// Returns the tets at `v`, and the region to assign them to, that minimise the number of pinches;
+/// `None` if no change reduces it.
 fn best_change(
     v: u32,
     nodes: &[DVec3],
@@ -168,7 +169,7 @@ fn best_change(
     best.map(|b| b.1)
 }
 
-/// Parts the body where its boundary is still pinched, at one of the nodes `suspects`. All pieces
+/// Splits the body where its boundary is still non-manifold, at the nodes `suspects`. All pieces
 /// must be inside.
 fn part(
     nodes: &mut Vec<DVec3>,

@@ -1,4 +1,4 @@
-//! From files to a mesh with regions, names and intensities.
+//! Meshing of files: a mesh with regions, names and intensities.
 
 use super::described::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
 use super::{
@@ -13,95 +13,95 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use web_time::Instant;
 
-/// Tets where nothing is said.
+/// Default number of tets.
 const DEFAULT_TETS: usize = 50_000;
 
-/// Which labels of a volume become regions.
+/// The labels of a volume that become regions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Labels {
-    /// All but 0.
+    /// All except 0.
     All,
     /// These.
     These(Vec<i64>),
 }
 
-/// How large the tets are, in a user's words.
+/// Target size of the tets as entered by a user.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TargetSize {
-    /// Edges at boundaries are about this long.
+    /// Edges at boundaries have about this length.
     Edge(Length),
-    /// About so many tets.
+    /// About this many tets.
     Tets(usize),
 }
 
-/// What to make a mesh of, and how.
+/// Input and options of the mesher.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshingConfig {
-    /// One volume, or closed surfaces, one a region; later ones lie inside earlier ones.
+    /// One volume, or closed surfaces, one per region; later ones lie inside earlier ones.
     pub input: Vec<PathBuf>,
-    /// Regions from the labels of a volume; all of a label map where nothing is said.
+    /// Regions from the labels of a volume; by default all labels of a label map.
     pub labels: Option<Labels>,
-    /// Regions from thresholds on, each up to the next.
+    /// Regions above a threshold, each up to the next threshold.
     pub above: Vec<ThresholdRange>,
     /// Regions between thresholds.
     pub between: Vec<ThresholdRange>,
-    /// How large the tets are; about 50,000 of them by default.
+    /// Target size of the tets; by default about 50,000 tets.
     pub size: Option<TargetSize>,
-    /// Times by which edges may be longer away from boundaries.
+    /// Ratio of the edges away from boundaries to those at boundaries.
     pub grading: Option<f64>,
-    /// Pieces of regions of less volume are given to what surrounds them, in cubic units of the
-    /// input.
+    /// Components of regions below this volume, in cubic units of the input, are merged into their
+    /// surroundings.
     pub min_island: Option<f64>,
-    /// Pairs of regions, by name or label, that are parted where they meet; see
+    /// Pairs of regions, by name or label, whose interface is split; see
     /// [`TetMesh::split_interface`].
     pub split_interfaces: Vec<[String; 2]>,
-    /// Metres in the unit of surface files; volumes are in mm.
+    /// Unit of surface files in metres; volumes are in mm.
     pub unit: Option<f64>,
-    /// Volumes whose values the nodes take, by the name of the field.
+    /// Volumes sampled at the nodes, by the name of the field.
     pub intensities: Vec<(String, PathBuf)>,
-    /// Whether the installed program TetGen makes the tets.
+    /// Whether to use the installed program TetGen.
     pub tetgen: bool,
 }
 
-/// A mesh that was made, and how.
+/// A generated mesh with its report.
 #[derive(Debug)]
 pub struct MeshingResult {
     /// The mesh: cell field `label`, node fields of intensities, names of its regions, its unit.
     pub mesh: TetMesh,
-    /// How it was made.
+    /// Statistics of the meshing.
     pub report: RecipeReport,
-    /// What was mended or is odd, a sentence each.
+    /// Repairs and warnings, one sentence each.
     pub notes: Vec<String>,
 }
 
-/// How a mesh was made, and how good it is.
+/// Statistics of the meshing and the quality.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct RecipeReport {
     /// The regions of the mesh.
     pub regions: Vec<RegionSummary>,
-    /// What the lattice mesher tells, where it made the mesh.
+    /// Report of the lattice mesher, if it was used.
     pub mesher: Option<MeshReport>,
-    /// What all took, reading included, in seconds.
+    /// Total time, including reading, in seconds.
     pub seconds: f64,
 }
 
-/// A region of a mesh that was made.
+/// A region of a generated mesh.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct RegionSummary {
     /// Its value in the cell field `label`.
     pub label: i64,
-    /// Its name, where it has one.
+    /// Its name, if it has one.
     pub name: Option<String>,
     /// Number of its tets.
     pub tets: usize,
     /// Their volume, in cubic units of the mesh.
     pub volume: f64,
-    /// The volume in the input: that of its voxels, or what its surface encloses.
+    /// The volume in the input: that of its voxels, or the one enclosed by its surface.
     pub input_volume: Option<f64>,
 }
 
-/// A mesh of about `tets` tets in what the file at `path` holds: a closed surface, or a volume whose
-/// regions are labelled. For anything else there is [`MeshingConfig`].
+/// Meshes the file at `path` with about `tets` tets: a closed surface, or a label map. Use
+/// [`MeshingConfig`] for anything else.
 ///
 /// # Errors
 /// As [`MeshingConfig::mesh`].
@@ -115,11 +115,11 @@ pub fn mesh_file(path: impl AsRef<Path>, tets: usize) -> Result<TetMesh> {
 }
 
 impl MeshingConfig {
-    /// Makes the mesh, telling `progress` what is being done.
+    /// Generates the mesh, with reports to `progress`.
     ///
     /// # Errors
-    /// [`Error::Cancelled`]; what reading gives; [`Error::Input`] for a recipe that does not fit its input; otherwise as
-    /// [`fill`].
+    /// An [`Error::Cancelled`]; the errors of reading; an [`Error::Input`] for a configuration that
+    /// does not match its input; otherwise as [`mesh_domain`].
     pub fn mesh(&self, progress: ProgressFn) -> Result<MeshingResult> {
         let started = Instant::now();
         let Some(first) = self.input.first() else {
@@ -148,13 +148,14 @@ impl MeshingConfig {
         Ok(made)
     }
 
-    /// The surface of what the recipe describes, at the full resolution of its input, smoothed
-    /// by `rounds` rounds: the isosurface of a volume's one threshold or range, the boundary of
-    /// the union of its labels; the boundary of the labels of a tet mesh (of all of it where none
-    /// are named); a surface as it is.
+    /// Extracts the surface described by the configuration, at the full resolution of its input,
+    /// smoothed by `rounds` iterations: the isosurface of a volume's one threshold or range, the
+    /// boundary of the union of its labels, the boundary of the labels of a tet mesh (of all of it
+    /// if none are given), or a surface as it is.
     ///
     /// # Errors
-    /// What reading gives; [`Error::Input`] for a recipe that does not fit its input.
+    /// The errors of reading; an [`Error::Input`] for a configuration that does not match its
+    /// input.
     pub fn extract_surface(&self, rounds: u32, progress: ProgressFn) -> Result<TriMesh> {
         let [file] = self.input.as_slice() else {
             return Err(Error::Input(format!(
@@ -207,7 +208,7 @@ impl MeshingConfig {
         })
     }
 
-    /// The windows asked for: thresholds nest, each up to the next.
+    /// Returns the requested ranges: each threshold extends up to the next.
     pub fn windows(&self) -> Vec<ThresholdRange> {
         let mut windows = self.above.clone();
         windows.sort_by(|a, b| a.low.total_cmp(&b.low));
@@ -253,7 +254,7 @@ impl MeshingConfig {
         Ok(made)
     }
 
-    /// The spacing in units of the input.
+    /// Converts the target size to units of the input.
     fn spacing(&self, unit: Option<f64>) -> Result<Spacing> {
         Ok(match self.size.unwrap_or(TargetSize::Tets(DEFAULT_TETS)) {
             TargetSize::Edge(length) => Spacing::Edge(length.in_unit_of(unit)?),
@@ -296,7 +297,7 @@ impl Regions {
         }
     }
 
-    /// The filling as a mesh with these labels and names.
+    /// Converts the meshed domain to a mesh with these labels and names.
     fn name(&self, filling: MeshedDomain, unit: Option<f64>) -> Result<MeshingResult> {
         let label_of = |region: u16| self.labels[usize::from(region) - 1];
         let values: Vec<f64> = filling

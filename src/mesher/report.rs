@@ -1,4 +1,4 @@
-//! What is told of a filling.
+//! Statistics of a meshed domain.
 
 use super::{IslandReport, NonManifoldReport, OptimiserReport};
 use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
@@ -6,10 +6,10 @@ use crate::parallel;
 use glam::DVec3;
 use web_time::Instant;
 
-/// Bins of the angles from which the 1st percentile is read: a hundredth of a degree each.
+/// Bins of the angles for the 1st percentile, 0.01° each.
 const FINE_BINS: usize = 18_000;
 
-/// How a mesh was made, and how good it is.
+/// Statistics of the meshing and the quality.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct MeshReport {
     /// The lattice's edge at region boundaries.
@@ -18,31 +18,31 @@ pub struct MeshReport {
     pub nodes: usize,
     /// Number of tets.
     pub tets: usize,
-    /// The regions, rising.
+    /// The regions, ascending.
     pub regions: Vec<RegionReport>,
     /// The smallest dihedral angle, in degrees.
     pub min_dihedral: f64,
     /// The largest dihedral angle, in degrees.
     pub max_dihedral: f64,
-    /// One tet in a hundred has a smaller dihedral angle than this, in degrees.
+    /// The 1st percentile of the smallest dihedral angle of a tet, in degrees.
     pub first_percentile: f64,
-    /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles a tet.
+    /// Number of dihedral angles in 0–10°, 10–20°, … 170–180°; six angles per tet.
     pub dihedral_histogram: [usize; DIHEDRAL_BINS],
-    /// Lattice points moved onto a boundary.
+    /// Number of lattice points snapped to a boundary.
     pub snapped_nodes: usize,
-    /// Faces of the lattice in which three regions meet.
+    /// Number of lattice faces at which three regions meet.
     pub triple_points: usize,
-    /// Tets of the lattice in which three or four regions meet.
+    /// Number of lattice tets in which three or four regions meet.
     pub quadruple_points: usize,
-    /// Islands given to their neighbours or dropped, by region.
+    /// Islands merged into their neighbours or dropped, by region.
     pub islands: Vec<IslandReport>,
-    /// What was done where a boundary was no manifold.
+    /// Repairs of non-manifold boundaries.
     pub pinches: NonManifoldReport,
-    /// What was done about the worst tets.
+    /// Improvements of the worst tets.
     pub optimiser: OptimiserReport,
-    /// What each stage took, in seconds.
+    /// Time of each stage, in seconds.
     pub seconds: Vec<(&'static str, f64)>,
-    /// The most memory the process has held so far, in bytes, where the system tells.
+    /// Peak memory of the process so far, in bytes, if the system reports it.
     pub peak_memory: Option<u64>,
     #[serde(skip)]
     started: Option<Instant>,
@@ -68,7 +68,7 @@ impl MeshReport {
         }
     }
 
-    /// Notes that `stage` ends now.
+    /// Records the end of `stage`.
     pub(super) fn stage(&mut self, stage: &'static str) {
         if let Some(started) = self.started.replace(Instant::now()) {
             self.seconds.push((stage, started.elapsed().as_secs_f64()));
@@ -119,7 +119,7 @@ impl MeshReport {
             before * 100 >= tets.len()
         });
         let upper = (bin.unwrap_or(0) + 1) as f64 * 180.0 / FINE_BINS as f64;
-        // Not below the smallest of all, which lies within the same bin in a small mesh.
+        // At least the minimum, which lies within the same bin in a small mesh.
         self.first_percentile = upper.max(min);
         (self.min_dihedral, self.max_dihedral) = (min, max);
         self.dihedral_histogram = histogram;
@@ -128,7 +128,7 @@ impl MeshReport {
     }
 }
 
-/// The most memory the process has held, where /proc tells.
+/// Returns the peak memory of the process, if /proc reports it.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;

@@ -1,26 +1,27 @@
-//! The edge that makes a wanted number of tets.
+//! Search for the edge length that gives a target number of tets.
 
 use crate::{Error, Result};
 
-/// How near to the wanted number a trial must come: cleaning takes or adds a few tets after it.
+/// Relative tolerance of the number of tets of a trial: the clean-up removes or adds a few
+/// afterwards.
 const COUNT_TOLERANCE: f64 = 0.1;
 
-/// Trials, the last of which is the best there is.
+/// Maximum number of trials; the best one is used.
 const MAX_TRIALS: usize = 12;
 
-/// The shares of the wanted tets that the first and the second trial aim at.
+/// The fractions of the target number of tets used for the first and the second trial.
 const FIRST_TRIALS: [f64; 2] = [0.06, 0.22];
 
-/// By how much the power falls where the edge falls to an e-th and the inside is graded: seen on
-/// bones, a lung, a knee.
+/// Decrease of the exponent per factor of e in the edge for a graded mesh: measured on bones, a
+/// lung, a knee.
 const EXPONENT_DROP: f64 = 0.55;
 
-/// Looks for the edge at which `lay` makes about `wanted` tets of a body of about that volume, and
-/// returns what it made there. `count` tells the number of tets.
+/// Searches for the edge at which `lay` generates about `wanted` tets of a body of about that
+/// volume, and returns the result. `count` returns the number of tets.
 ///
-/// The number of tets goes with a power of the edge that lies between 3, for the inside, and 2,
-/// for the boundary; it is taken from the trials, of which the first two are small. Where the
-/// mesh is `graded`, the power falls with the edge.
+/// The number of tets is a power of the edge with an exponent between 3, for the interior, and 2,
+/// for the boundary; it is estimated from the trials, of which the first two are small. If the mesh
+/// is `graded`, the exponent decreases with the edge.
 pub(super) fn find_spacing<T>(
     wanted: usize,
     volume: f64,
@@ -35,7 +36,7 @@ pub(super) fn find_spacing<T>(
         )));
     }
     let target = wanted as f64;
-    // A box full of tets has twelve for each cube of the edge.
+    // A box full of tets has twelve per cube of the edge.
     let mut edge = (12.0 * volume / (FIRST_TRIALS[0] * target)).cbrt();
     let mut before: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;

@@ -2,7 +2,7 @@
 
 use super::stencil::Piece;
 
-/// For each node the tets it is a corner of.
+/// The incident tets of each node.
 pub(super) struct Stars {
     first: Vec<u32>,
     tets: Vec<u32>,
@@ -29,7 +29,7 @@ impl Stars {
         Stars { first, tets }
     }
 
-    /// The tets at node `v`, rising.
+    /// Returns the tets at node `v`, ascending.
     pub(super) fn of(&self, v: u32) -> &[u32] {
         let v = v as usize;
         &self.tets[self.first[v] as usize..self.first[v + 1] as usize]

@@ -1,8 +1,8 @@
-//! What each tet of the cut lattice is divided into.
+//! Subdivision of each tet of the cut lattice.
 //!
-//! Where two regions meet, the stencils of Labelle & Shewchuk, *Isosurface stuffing* (2007), for
-//! both sides. Where three or four do, the faces of the tet are divided first, in a way that
-//! depends on the face alone, and joined to a point inside.
+//! At an interface of two regions: the stencils of Labelle & Shewchuk, *Isosurface stuffing*
+//! (2007), on both sides. At a junction of three or four: the faces of the tet are subdivided
+//! first, depending on the face alone, and connected to an interior point.
 
 use super::cut::{CutLattice, ON_BOUNDARY};
 use super::domain::Sampler;
@@ -14,12 +14,12 @@ use glam::DVec3;
 /// A tet and its region.
 pub(super) type Piece = ([u32; 4], u16);
 
-/// Angles that a tet all of whose corners were moved must keep to stay in the body: the bound
-/// that Labelle & Shewchuk prove for the others.
+/// Minimum dihedral angle of a tet with four snapped corners to stay in the body: the bound that
+/// Labelle & Shewchuk prove for the others.
 const MIN_DIHEDRAL: f64 = 10.7;
 const MAX_DIHEDRAL: f64 = 164.8;
 
-/// Divides tets. Nodes are numbered: lattice points, cuts, middles of faces, middles of tets.
+/// Subdivides tets. The nodes are numbered: lattice points, cuts, face points, interior points.
 pub(super) struct Stencils<'a> {
     pub lattice: &'a LatticeMesh,
     pub cut: &'a CutLattice,
@@ -29,7 +29,7 @@ pub(super) struct Stencils<'a> {
 
 /// The corners of a tet by region.
 pub(super) struct Corners {
-    /// The regions present, in the order they come, and their corners.
+    /// The regions in the order of the corners, and their corners.
     pub groups: Vec<(u16, Vec<u32>)>,
     /// The corners on a boundary.
     pub zero: Vec<u32>,
@@ -51,14 +51,14 @@ impl Corners {
         Corners { groups, zero }
     }
 
-    /// Whether the stencil has a point inside the tet.
+    /// Whether the stencil has an interior point.
     pub(super) fn needs_interior_point(&self, lattice: &LatticeMesh) -> bool {
         match &self.groups[..] {
             [(_, one), (_, other)] => match (&one[..], &other[..]) {
                 ([a, b], [c, d]) => {
                     let near = forced(lattice, [*a, *b], [*c, *d]);
                     let far = forced(lattice, [*c, *d], [*a, *b]);
-                    // One as seen from the other side runs between the same cuts.
+                    // The opposite one connects the same cuts.
                     matches!((near, far), (Some(n), Some(f)) if n != f)
                 }
                 _ => false,
@@ -68,11 +68,11 @@ impl Corners {
     }
 }
 
-/// Which diagonal splits the quad that is left of a face with `a` and `b` in one region and `d`
-/// in another: true for the one from `a` to the cut next to `b`.
+/// Returns which diagonal splits the quad that remains of a face with `a` and `b` in one region and
+/// `d` in another: true for the one from `a` to the cut next to `b`.
 ///
-/// Both tets at the face must come to the same answer, so it depends on the face alone. The
-/// diagonal that avoids the cut of a long edge makes the better tets.
+/// Both tets at the face must choose the same diagonal, so it depends on the face alone. The
+/// diagonal that avoids the cut of a long edge gives better tets.
 fn first_diagonal(lattice: &LatticeMesh, a: u32, b: u32, d: u32) -> bool {
     match (lattice.is_long(a, d), lattice.is_long(b, d)) {
         (true, false) => true,
@@ -81,8 +81,8 @@ fn first_diagonal(lattice: &LatticeMesh, a: u32, b: u32, d: u32) -> bool {
     }
 }
 
-/// Between `a`, `b` on one side and `c`, `d` on the other: whether the quad of the cuts must be
-/// split between those of a–c and b–d (true) or of a–d and b–c, if the faces leave no choice.
+/// For `a`, `b` on one side and `c`, `d` on the other: whether the quad of the cuts must be split
+/// between those of a–c and b–d (true) or of a–d and b–c (false), if the faces determine it.
 fn forced(lattice: &LatticeMesh, [a, b]: [u32; 2], [c, d]: [u32; 2]) -> Option<bool> {
     let on_c = first_diagonal(lattice, a, b, c);
     let on_d = first_diagonal(lattice, a, b, d);
@@ -90,11 +90,11 @@ fn forced(lattice: &LatticeMesh, [a, b]: [u32; 2], [c, d]: [u32; 2]) -> Option<b
 }
 
 impl Stencils<'_> {
-    /// Adds the tets that number `t` of the lattice is divided into. Those outside are left out
-    /// unless a boundary touches them.
+    /// Adds the tets that subdivide lattice tet `t`. Those outside are dropped unless they touch a
+    /// boundary.
     pub(super) fn subdivide(&self, t: u32, sampler: &mut Sampler, out: &mut Vec<Piece>) {
         let tet = self.lattice.tets[t as usize];
-        // Most tets are of one region, and whole.
+        // Most tets lie in one region and are not subdivided.
         let first = self.cut.region[tet[0] as usize];
         if first != ON_BOUNDARY && tet.iter().all(|p| self.cut.region[*p as usize] == first) {
             if first != 0 {
@@ -114,7 +114,7 @@ impl Stencils<'_> {
                 self.side(one, &corners.zero, other, *r, out);
                 self.side(other, &corners.zero, one, *s, out);
             }
-            // Three regions and a corner on their boundary: joined to that corner.
+            // Three regions and a corner on their boundary: connected to that corner.
             _ => {
                 if let Some(&zero) = corners.zero.first() {
                     self.cone(tet, zero, |face| !face.contains(&zero), out);
@@ -123,7 +123,7 @@ impl Stencils<'_> {
         }
     }
 
-    /// The region of a tet all of whose corners lie on boundaries.
+    /// Returns the region of a tet with all corners on boundaries.
     fn region_of_moved(&self, tet: [u32; 4], sampler: &mut Sampler) -> u16 {
         let corners = tet.map(|p| self.nodes[p as usize]);
         let region = sampler.region(corners.into_iter().sum::<DVec3>() / 4.0);
@@ -135,7 +135,8 @@ impl Stencils<'_> {
         if good || !at_outside { region } else { 0 }
     }
 
-    /// The part of a tet that belongs to the corners `plus`, cut off from the corners `minus`.
+    /// Adds the part of a tet on the side of the corners `plus`, separated from the corners
+    /// `minus`.
     fn side(&self, plus: &[u32], zero: &[u32], minus: &[u32], region: u16, out: &mut Vec<Piece>) {
         match (plus, zero, minus) {
             ([a], _, _) => {
@@ -178,8 +179,8 @@ impl Stencils<'_> {
         }
     }
 
-    /// The prism between the triangles `near` and `far`. Flag i: the quad between corners i and
-    /// i+1 is split from near[i] to far[i+1], not from near[i+1] to far[i].
+    /// Adds the prism between the triangles `near` and `far`. Flag i: the quad between corners i
+    /// and i+1 is split from near[i] to far[i+1], not from near[i+1] to far[i].
     fn prism(
         &self,
         near: [u32; 3],
@@ -190,8 +191,8 @@ impl Stencils<'_> {
     ) {
         for i in 0..3 {
             let (next, last) = ((i + 1) % 3, (i + 2) % 3);
-            // Two diagonals that meet in one corner: a pyramid over the third quad from there,
-            // and the tet over the triangle at the other end.
+            // Two diagonals share a corner: a pyramid over the third quad with its apex there, and
+            // the tet over the triangle at the other end.
             let (apex, triangle) = match (first[i], first[last]) {
                 (true, false) => (near[i], far),
                 (false, true) => (far[i], near),
@@ -204,14 +205,14 @@ impl Stencils<'_> {
         }
     }
 
-    /// The pyramid over `quad`, split along 0–2 when `first`, otherwise along 1–3.
+    /// Adds the pyramid over `quad`, split along 0–2 if `first`, otherwise along 1–3.
     fn pyramid(&self, quad: [u32; 4], first: bool, apex: u32, region: u16, out: &mut Vec<Piece>) {
         for [a, b, c] in halves(quad, first) {
             self.push([apex, a, b, c], region, out);
         }
     }
 
-    /// Joins the pieces of the wanted faces of `tet` to `apex`.
+    /// Connects the pieces of the selected faces of `tet` to `apex`.
     fn cone(
         &self,
         tet: [u32; 4],
@@ -227,8 +228,8 @@ impl Stencils<'_> {
         }
     }
 
-    /// The triangles that a face of the lattice without moved corners is divided into, each with
-    /// its region. They depend on nothing but the face.
+    /// Enumerates the triangles that subdivide a face of the lattice without snapped corners, each
+    /// with its region. They depend on the face alone.
     fn face_pieces(&self, face: [u32; 3], mut piece: impl FnMut([u32; 3], u16)) {
         let region = face.map(|p| self.cut.region[p as usize]);
         for i in 0..3 {
@@ -256,10 +257,10 @@ impl Stencils<'_> {
         }
     }
 
-    /// The node where the edge between two lattice points is cut.
+    /// Returns the node of the cut of the edge between two lattice points.
     fn cut(&self, a: u32, b: u32) -> u32 {
         let found = self.cut.edges.binary_search(&[a.min(b), a.max(b)]);
-        // Every edge between two regions was cut; the search cannot fail.
+        // Every edge between two regions is cut, so the search cannot fail.
         let place = found.unwrap_or_else(|place| place);
         (self.cut.positions.len() + place) as u32
     }
@@ -272,7 +273,7 @@ impl Stencils<'_> {
     }
 }
 
-/// The two triangles of a quad, split along 0–2 when `first`, otherwise along 1–3.
+/// Returns the two triangles of a quad, split along 0–2 if `first`, otherwise along 1–3.
 fn halves([p, q, r, s]: [u32; 4], first: bool) -> [[u32; 3]; 2] {
     match first {
         true => [[p, q, r], [p, r, s]],

@@ -1,8 +1,8 @@
-//! Tets from closed surfaces by the installed program TetGen.
+//! Meshing of closed surfaces by the installed program TetGen.
 //!
-//! TetGen (Hang Si, *TetGen, a Delaunay-based quality tetrahedral mesh generator*, 2015) keeps
-//! the surface's triangles, divided where need be. Its licence is the AGPL, so it is run as a
-//! program of its own and nothing of it is linked.
+//! TetGen (Hang Si, *TetGen, a Delaunay-based quality tetrahedral mesh generator*, 2015) preserves
+//! the triangles of the surface, subdivided where necessary. It is licensed under the AGPL, so it
+//! runs as a separate program and is not linked.
 
 use super::{
     ClosedSurface, Domain, MeshReport, MeshedDomain, Spacing, SurfaceDomain, find_spacing, finish,
@@ -22,33 +22,33 @@ use std::time::Duration;
 /// The program's name.
 const PROGRAM: &str = "tetgen";
 
-/// Largest ratio of a tet's circumradius to its shortest edge, and the smallest dihedral angle in
-/// degrees that it aims at.
+/// Maximum ratio of a tet's circumradius to its shortest edge, and target minimum dihedral angle in
+/// degrees.
 const QUALITY_SWITCH: &str = "q1.4/10";
 
-/// The largest tet is allowed this many times the volume of a regular one of the wanted edge.
+/// Maximum volume of a tet relative to a regular one of the target edge.
 const MAX_VOLUME_RATIO: f64 = 1.2;
 
-/// How far the number of tets may be from what was asked for.
+/// Relative tolerance of the number of tets.
 const TOLERANCE: f64 = 0.15;
 
-/// Time between two looks at whether the program has ended, or is to.
+/// Interval of the checks for the end of the program and for cancellation.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Characters of the program's last words that go into an error.
+/// Maximum length of the program's output quoted in an error, in characters.
 const MAX_STDERR_CHARS: usize = 400;
 
-/// Fills closed surfaces with tets by running the installed program `tetgen`.
+/// Meshes closed surfaces by running the installed program `tetgen`.
 ///
-/// Region n + 1 is the inside of surface n, less later surfaces, which may lie inside earlier
-/// ones but not cross them; cavities are pieces that face inward. `spacing` bounds the volume of
-/// tets, or is searched for the wanted number of them; the surfaces' triangles are the least
-/// there is.
+/// Region n + 1 is the inside of surface n without that of later surfaces, which may lie inside
+/// earlier ones but not cross them; cavities are components that face inward. `spacing` bounds the
+/// volume of tets, or is searched for the target number of tets; the triangles of the surfaces
+/// limit the minimum number.
 ///
 /// # Errors
-/// [`Error::Input`] when the program is not installed, refuses the surfaces (those that cross
-/// themselves), or cannot come within 15 % of the wanted number; [`Error::Mesh`] for surfaces
-/// without an inside; [`Error::Io`] when no temporary folder can be written.
+/// An [`Error::Input`] if the program is not installed, rejects the surfaces (those with
+/// self-intersections), or cannot meet the target number within 15 %; an [`Error::Mesh`] for
+/// surfaces without an inside; an [`Error::Io`] if no temporary folder can be written.
 pub fn tetgen(
     surfaces: &[TriMesh],
     spacing: Spacing,
@@ -89,7 +89,7 @@ fn run(
     Ok(filling)
 }
 
-/// Writes the surfaces as one piecewise linear complex; vertices that coincide are one.
+/// Writes the surfaces as one piecewise linear complex; coincident vertices are merged.
 fn write_complex(surfaces: &[TriMesh], file: &Path) -> std::io::Result<()> {
     let mut numbers: HashMap<[u64; 3], usize> = HashMap::new();
     let mut places = Vec::new();
@@ -117,12 +117,12 @@ fn write_complex(surfaces: &[TriMesh], file: &Path) -> std::io::Result<()> {
     for [a, b, c] in &triangles {
         writeln!(file, "3 {a} {b} {c}")?;
     }
-    // No holes, no regions: what lies where is found afterwards.
+    // No holes, no regions: regions are assigned afterwards.
     writeln!(file, "0\n0")?;
     file.flush()
 }
 
-/// A folder with a surface in it, to be meshed as often as need be.
+/// A folder with a surface that can be meshed repeatedly.
 struct Job<'a> {
     program: &'a OsStr,
     folder: &'a Path,
@@ -131,7 +131,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// The tets with edges of about that length, or the fewest there are.
+    /// Meshes with edges of about that length, or with the fewest tets.
     fn fill(&self, edge: Option<f64>) -> Result<MeshedDomain> {
         let mut report = MeshReport::start(edge.unwrap_or(0.0));
         let part = ProgressScope::begin(self.progress, "TetGen", 0.1)?;
@@ -140,7 +140,7 @@ impl Job<'_> {
             let volume = MAX_VOLUME_RATIO * edge.powi(3) / (6.0 * 2f64.sqrt());
             switches += &format!("a{volume:e}");
         }
-        // A failed run must not be taken for the one before.
+        // A failed run must not be mistaken for the previous one.
         let elements = self.folder.join("surface.1.ele");
         if elements.exists() {
             std::fs::remove_file(&elements).map_err(Error::io(&elements))?;
@@ -157,9 +157,9 @@ impl Job<'_> {
         sorted(mesh, self.regions, report)
     }
 
-    /// What a run says once it has ended; one that is not to go on is ended.
+    /// Runs the program and returns its output; a cancelled run is killed.
     fn output(&self, switches: &str, part: &ProgressScope) -> Result<Output> {
-        // Files take whatever it says, and nobody has to read along.
+        // Output goes to files, so that no reader is needed while it runs.
         let said = |name: &str| {
             let file = self.folder.join(name);
             let made = File::create(&file).map_err(Error::io(&file))?;
@@ -194,9 +194,9 @@ impl Job<'_> {
         })
     }
 
-    /// What to say of a run that failed.
+    /// Returns the error for a failed run.
     fn refused(&self, output: &Output) -> Error {
-        // It aborts without a word that gets through; asked for crossings it answers.
+        // TetGen aborts without a usable message; a second run detects self-intersections.
         let crossings = Command::new(self.program)
             .args(["-d", "surface.smesh"])
             .current_dir(self.folder)
@@ -214,7 +214,7 @@ impl Job<'_> {
         ))
     }
 
-    /// About `wanted` tets.
+    /// Meshes with about `wanted` tets.
     fn about(&self, wanted: usize) -> Result<MeshedDomain> {
         let within = |filling: &MeshedDomain| {
             let made = filling.tets.len() as f64;
@@ -254,7 +254,7 @@ fn not_started(program: &OsStr, error: &std::io::Error) -> Error {
     })
 }
 
-/// The end of what a program said, on one line.
+/// Returns the end of the program's output, on one line.
 fn last_words(output: &Output) -> String {
     let said = [&output.stdout[..], b"\n", &output.stderr].concat();
     let said = String::from_utf8_lossy(&said);
@@ -263,10 +263,10 @@ fn last_words(output: &Output) -> String {
     format!("{}.", &said[from.map_or(0, |(n, _)| n)..])
 }
 
-/// Tets by region; those in cavities are left out.
+/// Sorts tets by region; those in cavities are dropped.
 fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<MeshedDomain> {
-    // TetGen numbers the parts that the surfaces divide space into: the largest tet tells which
-    // region a part belongs to. A single part may go without a number.
+    // TetGen numbers the parts into which the surfaces divide space: the largest tet of a part
+    // determines its region. A single part may have no number.
     let part = mesh.field("tetgen:ref", Location::Cell);
     let part = |t: usize| part.map_or(0, |f| f.values[t] as i64);
     let mut largest: BTreeMap<i64, (f64, usize)> = BTreeMap::new();
@@ -291,7 +291,7 @@ fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<
     finish(mesh.nodes, pieces, report)
 }
 
-/// The mean length of the tets' edges.
+/// Returns the mean edge length of the tets.
 fn mean_edge(mesh: &TetMesh) -> f64 {
     let edges = mesh.edges();
     let length = |[a, b]: &[u32; 2]| mesh.nodes[*a as usize].distance(mesh.nodes[*b as usize]);

@@ -1,13 +1,13 @@
-//! In a browser there are no other programs to run.
+//! Stub for browsers, where no other programs can be run.
 
 use super::{MeshedDomain, Spacing};
 use crate::mesh::TriMesh;
 use crate::{Error, ProgressFn, Result};
 
-/// Says that TetGen cannot be run here.
+/// Returns the error that TetGen cannot be run here.
 ///
 /// # Errors
-/// Always [`Error::Input`].
+/// Always an [`Error::Input`].
 pub fn tetgen(_: &[TriMesh], _: Spacing, _: ProgressFn) -> Result<MeshedDomain> {
     Err(Error::Input(
         "TetGen is a program, which a browser cannot run; use the lattice mesher".into(),

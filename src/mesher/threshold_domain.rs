@@ -7,32 +7,33 @@ use crate::volume::Volume;
 use crate::{Error, Result};
 use glam::{DAffine3, DVec3};
 
-/// Voxels along each side of a brick of which the range of values is kept.
+/// Side, in voxels, of a brick of the min-max pyramid.
 const BRICK: usize = 4;
 
-/// The parts of a volume where its values, trilinear between voxel centres, lie in a window:
-/// region 1 for the first window, and so on. Beyond the volume is outside.
+/// The parts of a volume whose values, trilinear between voxel centres, lie in a range: region 1
+/// for the first range, and so on. Everything beyond the volume is outside.
 ///
-/// Values that are not finite count as outside. Where windows overlap, a point belongs to the one
-/// it lies deeper in.
+/// Non-finite values count as outside. Where ranges overlap, a point belongs to the one it lies
+/// deeper in.
 #[derive(Debug)]
 pub struct ThresholdDomain<'a> {
     volume: &'a Volume,
     windows: Vec<[f64; 2]>,
-    /// Smallest and largest value in bricks of voxels and the voxels next to them.
+    /// Minimum and maximum in bricks of voxels, including the adjacent voxels.
     bricks: Vec<[f64; 2]>,
     brick_size: [usize; 3],
-    /// Smallest and largest value of the volume.
+    /// Minimum and maximum of the volume.
     range: [f64; 2],
     to_index: DAffine3,
     extent: (DVec3, DVec3),
 }
 
 impl<'a> ThresholdDomain<'a> {
-    /// The regions of `volume` whose values lie in `windows`.
+    /// Creates the regions of `volume` whose values lie in `windows`.
     ///
     /// # Errors
-    /// A window that no voxel lies in; no window; a volume without an extent or a finite value.
+    /// An error for a range without voxels, for no range, and for a volume without an extent or a
+    /// finite value.
     pub fn new(volume: &'a Volume, windows: &[ThresholdRange]) -> Result<ThresholdDomain<'a>> {
         let to_index = volume.to_world.inverse();
         if !to_index.is_finite() {
@@ -78,7 +79,7 @@ impl<'a> ThresholdDomain<'a> {
         Ok(domain)
     }
 
-    /// The value of a voxel; one that is not finite is less than all others.
+    /// Returns the value of a voxel; a non-finite one is less than all others.
     fn value(&self, n: usize) -> f64 {
         let value = self.volume.value(n);
         match value.is_finite() {
@@ -108,7 +109,7 @@ impl<'a> ThresholdDomain<'a> {
         range
     }
 
-    /// The box, in voxels, that holds all regions.
+    /// Returns the bounding box of all regions, in voxels.
     fn find_extent(&self) -> (DVec3, DVec3) {
         let [nx, ny, _] = self.volume.size;
         let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -126,11 +127,12 @@ impl<'a> ThresholdDomain<'a> {
             boxes.extend(points.reduce(both));
         });
         let (low, high) = boxes.into_iter().fold(none, both);
-        // Between voxels, values within a window may be a voxel away from any that is inside.
+        // Between voxels, values within a range may be up to one voxel away from any that is
+        // inside.
         ((low - 1.0).max(DVec3::splat(-0.5)), (high + 1.0).min(last))
     }
 
-    /// The trilinear value at voxel coordinates, that of the border beyond it.
+    /// Returns the trilinear value at voxel coordinates, clamped to the border.
     fn at(&self, x: DVec3) -> f64 {
         let size = self.volume.size;
         let x = x.clamp(DVec3::ZERO, DVec3::from(size.map(|n| n as f64 - 1.0)));
@@ -161,8 +163,8 @@ impl Domain for ThresholdDomain<'_> {
         weights.clear();
         let x = self.to_index.transform_point3(p);
         let value = self.at(x);
-        // Half a voxel beyond the outermost centres the volume ends: towards there, weights fall
-        // by the whole range of values in a voxel.
+        // The volume ends half a voxel beyond the outermost centres: towards there, weights
+        // decrease by the whole range of values per voxel.
         let last = DVec3::from(self.volume.size.map(|n| n as f64)) - 0.5;
         let depth = (x + 0.5).min(last - x).min_element();
         let end = depth * (self.range[1] - self.range[0]).max(f64::MIN_POSITIVE);
@@ -197,14 +199,15 @@ impl Domain for ThresholdDomain<'_> {
                 }
             }
         }
-        // Near its end the volume has an outside too, and weights that are not the values'.
+        // Near the border the volume has an outside, too, and the weights are not those of the
+        // values.
         let inside = low.cmpgt(DVec3::splat(0.5)).all() && high.cmplt(last - 1.0).all();
         region.filter(|r| inside || *r == 0)
     }
 }
 
 impl ThresholdDomain<'_> {
-    /// The one region that values within `range` belong to.
+    /// Returns the single region of values within `range`.
     fn region_of(&self, [least, most]: [f64; 2]) -> Option<u16> {
         let apart = |w: &[f64; 2]| most < w[0] || least > w[1];
         let mut inside = (1u16..).zip(&self.windows).filter(|(_, w)| !apart(w));

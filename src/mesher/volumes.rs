@@ -1,19 +1,19 @@
-//! Weights raised or lowered until regions have their true volumes.
+//! Iterative offsets of weights so that regions have their true volumes.
 
 use super::domain::RegionVolume;
 use super::stencil::Piece;
 use crate::mesh::signed_volume;
 use glam::DVec3;
 
-/// Regions whose volume is as near as this to the true one are near enough.
+/// Relative tolerance of the volume of a region.
 const VOLUME_TOLERANCE: f64 = 0.005;
 
-/// The most that is added to or taken from a weight: where whole parts of a region slip through
-/// the lattice, the rest is not to be blown up for them.
+/// Maximum offset of a weight: if parts of a region are below the resolution of the lattice, the
+/// rest must not be inflated to compensate.
 const MAX_OFFSET: f64 = 0.2;
 
-/// Changes `added`, what is added to the weights of regions 1, 2, …, for the next try; false when
-/// all volumes are near enough.
+/// Updates `added`, the offsets of the weights of regions 1, 2, …, for the next iteration; returns
+/// false if all volumes are within the tolerance.
 pub(super) fn correct_region_volumes(
     truth: &[RegionVolume],
     nodes: &[DVec3],

@@ -1,14 +1,14 @@
-//! Regions of a volume by the range of its values.
+//! Regions of a volume defined by ranges of its values.
 
 use crate::{Error, Result};
 use std::str::FromStr;
 
-/// A region of a volume: where its values lie between two thresholds.
+/// A region of a volume between two thresholds.
 ///
-/// As text: `300` (from 300 on), `150..400`, and either with a name in front, `skull=300`.
+/// As text: `300` (300 and above), `150..400`, and either with a name in front, `skull=300`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThresholdRange {
-    /// What the region is called.
+    /// Its name, if given.
     pub name: Option<String>,
     /// Lowest value inside.
     pub low: f64,

@@ -1,30 +1,30 @@
-//! What is in a volume, in words and numbers.
+//! Statistics of a volume.
 
 use super::Volume;
 use std::fmt;
 
-/// What is in a volume.
+/// Statistics of a volume.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct VolumeDescription {
     /// Voxels along i, j, k.
     pub size: [usize; 3],
     /// Distance between voxel centres, mm.
     pub spacing: [f64; 3],
-    /// Where i, j and k point, nearest: L or R, P or A, I or S; `LPS` for an image that runs to
-    /// the left, the back and the top.
+    /// Nearest anatomical directions of i, j and k: L or R, P or A, I or S; `LPS` for an image that
+    /// runs to the left, posterior and superior.
     pub orientation: String,
-    /// Largest angle between a voxel axis and that of the world it is nearest to, degrees.
+    /// Largest angle between a voxel axis and the nearest world axis, degrees.
     #[serde(rename = "obliqueness")]
     pub obliquity_degrees: f64,
-    /// The world-aligned box around all voxels, RAS in mm: lower and upper corner.
+    /// World-aligned bounding box of all voxels, RAS in mm: lower and upper corner.
     pub bounds: [[f64; 3]; 2],
     /// The type of the stored numbers.
     pub scalar_type: String,
-    /// From stored numbers to values: factor and what is added.
+    /// Scaling of stored numbers to values: factor and offset.
     pub scaling: [f64; 2],
     /// Smallest and largest value.
     pub range: Option<[f64; 2]>,
-    /// The labels, where the volume has at most a few dozen different whole values.
+    /// The labels, if the volume has at most a few dozen distinct integer values.
     pub labels: Vec<LabelDescription>,
 }
 
@@ -35,13 +35,13 @@ pub struct LabelDescription {
     pub label: i64,
     /// Its name, if the file has one.
     pub name: Option<String>,
-    /// Voxels that have it.
+    /// Number of its voxels.
     pub voxels: usize,
     /// Their volume, mm³.
     pub volume: f64,
 }
 
-/// A volume with more different values than this is described by their range alone.
+/// Maximum number of distinct values for which labels are listed; otherwise only the range is.
 const SHOWN_LABELS: usize = 64;
 
 impl VolumeDescription {

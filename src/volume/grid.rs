@@ -1,10 +1,10 @@
-//! Where voxels are, without their values.
+//! Geometry of a voxel grid.
 
 use super::Volume;
 use glam::{DAffine3, DVec3};
 
-/// A regular 3D grid with its place in the world: what two images share that can be compared voxel
-/// by voxel.
+/// A regular 3D grid and its position in the world. Two images with equal grids can be compared
+/// voxel by voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
     /// Voxels along i, j, k; each at least 1.
@@ -15,18 +15,18 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Number of voxels.
+    /// Returns the number of voxels.
     pub fn voxels(&self) -> usize {
         self.size.iter().product()
     }
 
-    /// The centre of voxel (i, j, k) in the world.
+    /// Returns the centre of voxel (i, j, k) in the world.
     pub fn centre(&self, i: usize, j: usize, k: usize) -> DVec3 {
         let index = DVec3::new(i as f64, j as f64, k as f64);
         self.to_world.transform_point3(index)
     }
 
-    /// Distance between the centres of neighbouring voxels along i, j and k, in mm.
+    /// Returns the distance between the centres of adjacent voxels along i, j and k, in mm.
     pub fn spacing(&self) -> DVec3 {
         let axes = self.to_world.matrix3;
         DVec3::new(
@@ -36,7 +36,7 @@ impl Grid {
         )
     }
 
-    /// The world-aligned box that holds all voxels whole: (lower corner, upper corner).
+    /// Returns the world-aligned bounding box of all voxels: (lower corner, upper corner).
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let far = DVec3::from(self.size.map(|n| n as f64 - 0.5));
         let corners = (0..8).map(|n| {
@@ -50,7 +50,7 @@ impl Grid {
 }
 
 impl Volume {
-    /// Where its voxels are.
+    /// Returns its voxel grid.
     pub fn grid(&self) -> Grid {
         Grid {
             size: self.size,

@@ -1,4 +1,4 @@
-//! Surfaces of volumes at full voxel resolution.
+//! Isosurfaces of volumes at full voxel resolution.
 
 use super::Volume;
 use super::cube_cases::CUBE_CASES;
@@ -7,25 +7,24 @@ use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// How near to a voxel's centre a vertex may come, in voxels: no triangle is without an area.
+/// Minimum distance of a vertex from a voxel centre, in voxels, to avoid degenerate triangles.
 const MIN_VERTEX_OFFSET: f64 = 1e-3;
 
-/// An edge of the grid that no vertex lies on.
+/// Marks an edge of the grid without a vertex.
 const NONE: u32 = u32::MAX;
 
 impl Volume {
-    /// The boundary of where the values are from `low` to `high`, in the world (RAS, mm); either
-    /// may be infinite.
+    /// Extracts the boundary of the points with values from `low` to `high`, in the world (RAS,
+    /// mm); either may be infinite.
     ///
-    /// Marching cubes (Lorensen & Cline 1987) between the centres of voxels, values being linear
-    /// along the edges of that grid. What lies beyond the outermost voxels is outside, and so are
-    /// voxels that are no number. The surface is closed, every edge belongs to two triangles,
-    /// every vertex to one fan of them, and triangles face outward. The same volume gives the
-    /// same bytes.
+    /// Marching cubes (Lorensen & Cline 1987) between the centres of voxels, with values linear
+    /// along the edges of that grid. Everything beyond the outermost voxels and NaN voxels is
+    /// outside. The surface is closed, every edge belongs to two triangles, every vertex to one fan
+    /// of them, and triangles face outward. The result is deterministic.
     ///
     /// # Errors
-    /// [`Error::Input`] for a window in which no voxel lies or which has no inside, and for a
-    /// surface of more vertices than 32 bits count.
+    /// An [`Error::Input`] for a range without voxels or without an inside, and for a surface of
+    /// more vertices than 32 bits can count.
     pub fn isosurface(&self, low: f64, high: f64) -> Result<TriMesh> {
         if low.is_nan() || high.is_nan() || low > high {
             return Err(Error::Input(format!(
@@ -45,12 +44,13 @@ impl Volume {
         Ok(surface)
     }
 
-    /// The boundary of the voxels that have one of `labels`, in the world (RAS, mm), half-way
-    /// between the centres of voxels inside and outside; otherwise as [`Volume::isosurface`].
+    /// Extracts the boundary of the voxels that have one of `labels`, in the world (RAS, mm),
+    /// half-way between the centres of voxels inside and outside; otherwise as
+    /// [`Volume::isosurface`].
     ///
     /// # Errors
-    /// [`Error::Input`] when no voxel has one of the labels, and for a surface of more vertices
-    /// than 32 bits count.
+    /// An [`Error::Input`] if no voxel has one of the labels, and for a surface of more vertices
+    /// than 32 bits can count.
     pub fn label_surface(&self, labels: &[i64]) -> Result<TriMesh> {
         let is_in = |value: f64| labels.iter().any(|l| *l as f64 == value);
         let surface = self.march(|value| f64::from(u8::from(is_in(value))), 0.5, 1.5)?;
@@ -69,7 +69,7 @@ impl Volume {
         Ok(surface)
     }
 
-    /// The boundary of where `value_of` a voxel's value is from `low` to `high`.
+    /// Extracts the boundary of the points at which `value_of` the value is from `low` to `high`.
     fn march(&self, value_of: impl Fn(f64) -> f64 + Sync, low: f64, high: f64) -> Result<TriMesh> {
         let grid = Grid {
             volume: self,
@@ -91,7 +91,7 @@ impl Volume {
                 ));
             }
         }
-        // The last plane, all outside, has no vertices.
+        // The last plane, entirely outside, has no vertices.
         first.push(count as u32);
         let mirrored = self.to_world.matrix3.determinant() < 0.0;
         let triangles = parallel::map_coarse(slabs, |k| {
@@ -106,19 +106,19 @@ impl Volume {
     }
 }
 
-/// A volume with a layer of outside around it. Slab k lies between planes k and k + 1; its
+/// A volume with a layer of outside voxels around it. Slab k lies between planes k and k + 1; its
 /// vertices are those in plane k, then those between the planes.
 struct Grid<'a, F> {
     volume: &'a Volume,
     value_of: F,
     window: (f64, f64),
-    /// Points in a row of a plane.
+    /// Number of points in a row of a plane.
     row: usize,
-    /// Points in a plane.
+    /// Number of points in a plane.
     plane: usize,
 }
 
-/// The vertices on the edges along i and j of a plane, two a point.
+/// The vertices on the edges along i and j of a plane, two per point.
 type PlaneNumbers = Vec<[u32; 2]>;
 
 impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
@@ -126,7 +126,7 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
         self.window.0 <= value && value <= self.window.1
     }
 
-    /// The values in plane k, row by row; those around the volume are no numbers.
+    /// Returns the values in plane k, row by row; those around the volume are NaN.
     fn load(&self, k: usize) -> Vec<f64> {
         let mut values = vec![f64::NAN; self.plane];
         let [ni, nj, nk] = self.volume.size;
@@ -142,7 +142,8 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
         values
     }
 
-    /// Where along an edge from a point inside to one outside the window ends.
+    /// Returns the end of the range along an edge from an inside to an outside point, as a
+    /// fraction.
     fn crossing(&self, inside: f64, outside: f64) -> f64 {
         let (low, high) = self.window;
         let bound = if outside < low { low } else { high };
@@ -153,7 +154,7 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
         }
     }
 
-    /// The vertex on the edge along `axis` from point `n` of plane `k`, if there is one.
+    /// Returns the vertex on the edge along `axis` from point `n` of plane `k`, if there is one.
     fn vertex(&self, k: usize, n: usize, axis: usize, [a, b]: [f64; 2]) -> Option<DVec3> {
         let part = match (self.is_inside(a), self.is_inside(b)) {
             (true, false) => self.crossing(a, b),
@@ -165,7 +166,7 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
         Some(self.volume.to_world.transform_point3(index - 1.0))
     }
 
-    /// The vertices of slab `k`, and how many of them lie in its plane.
+    /// Returns the vertices of slab `k`, and the number of them in its plane.
     fn vertices(&self, k: usize) -> (usize, Vec<DVec3>) {
         let [low, high] = [k, k + 1].map(|k| self.load(k));
         let mut vertices = Vec::new();
@@ -183,7 +184,7 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
         (in_plane, vertices)
     }
 
-    /// The numbers of the vertices in a plane of such values, from `next` on.
+    /// Numbers the vertices in a plane with these values, starting at `next`.
     fn plane_numbers(&self, values: &[f64], mut next: u32) -> PlaneNumbers {
         let crossed = |n: usize, step: usize| {
             let end = values.get(n + step);
@@ -194,8 +195,8 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
             .collect()
     }
 
-    /// The triangles of slab `k`; `start` has the numbers of the first vertex in its plane, of the
-    /// first above it, and of the first in the next plane.
+    /// Returns the triangles of slab `k`; `start` holds the numbers of the first vertex in its
+    /// plane, of the first above it, and of the first in the next plane.
     fn triangles(&self, k: usize, start: [u32; 3], mirrored: bool) -> Vec<[u32; 3]> {
         let [low, high] = [k, k + 1].map(|k| self.load(k));
         let planes = [
@@ -235,7 +236,7 @@ impl<F: Fn(f64) -> f64 + Sync> Grid<'_, F> {
     }
 }
 
-/// The next number if there is something to number.
+/// Returns the next number if `there` is true.
 fn number(there: bool, next: &mut u32) -> u32 {
     match there {
         true => {

@@ -1,7 +1,7 @@
 //! Volumes: images of the inside of a body on a regular grid, placed in the world.
 //!
-//! The world frame is RAS in millimetres: x grows to the patient’s **R**ight, y to the
-//! **A**nterior, z to the **S**uperior. Readers bring everything there.
+//! The world frame is RAS in millimetres: x increases to the patient’s **R**ight, y to
+//! **A**nterior, z to **S**uperior. Readers convert all volumes to it.
 
 mod cube_cases;
 mod describe;
@@ -17,7 +17,7 @@ use crate::parallel;
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 
-/// A volume of more different values than this is no label map.
+/// Maximum number of distinct values of a label map.
 pub const MAX_LABELS: usize = 1000;
 
 /// A scalar image on a regular 3D grid.
@@ -28,15 +28,15 @@ pub const MAX_LABELS: usize = 1000;
 pub struct Volume {
     /// Voxels along i, j, k; each at least 1.
     pub size: [usize; 3],
-    /// The stored numbers, i running fastest, then j, then k; as many as `size` says.
+    /// The stored numbers, i running fastest, then j, then k; their number matches `size`.
     pub raw: Raw,
     /// Factor from stored numbers to physical units.
     pub slope: f64,
-    /// Added after the factor.
+    /// Offset added after the factor.
     pub intercept: f64,
     /// From voxel indices to world coordinates, RAS in mm.
     pub to_world: DAffine3,
-    /// Names of labels, where the file has them.
+    /// Names of labels, if stored in the file.
     pub label_names: BTreeMap<i64, String>,
 }
 
@@ -57,40 +57,41 @@ pub enum Raw {
 }
 
 impl Volume {
-    /// The centre of voxel (i, j, k) in the world.
+    /// Returns the centre of voxel (i, j, k) in the world.
     pub fn centre(&self, i: usize, j: usize, k: usize) -> DVec3 {
         self.grid().centre(i, j, k)
     }
 
-    /// Number of voxels.
+    /// Returns the number of voxels.
     pub fn voxels(&self) -> usize {
         self.size.iter().product()
     }
 
-    /// The value of voxel `n`, counted with i running fastest, in physical units.
+    /// Returns the value of voxel `n`, counted with i running fastest, in physical units.
     ///
     /// # Panics
-    /// When there are not so many voxels.
+    /// If `n` is out of range.
     pub fn value(&self, n: usize) -> f64 {
         self.slope * self.raw.get(n) + self.intercept
     }
 
-    /// Distance between the centres of neighbouring voxels along i, j and k, in mm.
+    /// Returns the distance between the centres of adjacent voxels along i, j and k, in mm.
     pub fn spacing(&self) -> DVec3 {
         self.grid().spacing()
     }
 
-    /// The volume of a voxel, in mm³.
+    /// Returns the volume of a voxel, in mm³.
     pub fn voxel_volume(&self) -> f64 {
         self.to_world.matrix3.determinant().abs()
     }
 
-    /// The world-aligned box that holds all voxels whole: (lower corner, upper corner).
+    /// Returns the world-aligned bounding box of all voxels: (lower corner, upper corner).
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.grid().bounds()
     }
 
-    /// Smallest and largest finite value, in physical units; `None` where nothing is finite.
+    /// Returns the smallest and largest finite value, in physical units; `None` if there is no
+    /// finite value.
     pub fn range(&self) -> Option<(f64, f64)> {
         let both = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
         let parts = parallel::collect(self.voxels(), |range, parts| {
@@ -100,8 +101,8 @@ impl Volume {
         parts.into_iter().reduce(both)
     }
 
-    /// The number of voxels of each label, if this is a label map: whole numbers, at most
-    /// [`MAX_LABELS`] different ones.
+    /// Returns the number of voxels of each label, if this is a label map: integers, at most
+    /// [`MAX_LABELS`] distinct ones.
     pub fn labels(&self) -> Option<BTreeMap<i64, usize>> {
         let mut counts = BTreeMap::new();
         let mut n = 0;
@@ -110,7 +111,7 @@ impl Volume {
             if value.fract() != 0.0 || value.abs() > 1e15 {
                 return None;
             }
-            // Labels come in runs.
+            // Labels occur in runs.
             let first = n;
             while n < self.voxels() && self.value(n) == value {
                 n += 1;
@@ -125,10 +126,10 @@ impl Volume {
 }
 
 impl Raw {
-    /// Number `n`, exact but for 64-bit integers beyond 2⁵³.
+    /// Returns number `n`, exact except for 64-bit integers beyond 2⁵³.
     ///
     /// # Panics
-    /// When there are not so many numbers.
+    /// If `n` is out of range.
     pub fn get(&self, n: usize) -> f64 {
         match self {
             Raw::I8(v) => v[n].into(),
@@ -144,7 +145,7 @@ impl Raw {
         }
     }
 
-    /// How many numbers there are.
+    /// Returns the number of stored numbers.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> usize {
         match self {
@@ -161,7 +162,7 @@ impl Raw {
         }
     }
 
-    /// The type of the numbers.
+    /// Returns the type of the numbers.
     pub fn scalar_type(&self) -> ScalarType {
         match self {
             Raw::I8(_) => ScalarType::I8,

@@ -1,21 +1,21 @@
-//! Values between voxels, and at the nodes of meshes.
+//! Interpolation of volumes between voxels, and sampling at the nodes of meshes.
 
 use super::Volume;
 use crate::mesh::{Field, Location, ScalarType, TET_EDGES, TetMesh};
 use crate::parallel;
 use glam::DVec3;
 
-/// Samples along each axis of the box that stands for a node's cell, at most.
+/// Maximum number of samples along each axis of the cell of a node.
 const MOST_SAMPLES: usize = 9;
 
 impl Volume {
-    /// The value at `p` in the world, trilinear between voxel centres; beyond the outermost
-    /// centres, that of the nearest point between them.
+    /// Returns the trilinear value at `p` in the world; outside the outermost voxel centres, `p` is
+    /// clamped.
     pub fn sample(&self, p: DVec3) -> f64 {
         self.at_index(self.to_world.inverse().transform_point3(p))
     }
 
-    /// The trilinear value at voxel coordinates `x`.
+    /// Returns the trilinear value at voxel coordinates `x`.
     pub(crate) fn at_index(&self, x: DVec3) -> f64 {
         let last = DVec3::from(self.size.map(|n| n as f64 - 1.0));
         let x = x.clamp(DVec3::ZERO, last);
@@ -42,11 +42,11 @@ impl Volume {
         sum
     }
 
-    /// The values at the nodes of `mesh`, in the world, as a node field called `name`.
+    /// Samples the volume at the nodes of `mesh`, in the world, as a node field `name`.
     ///
-    /// A node stands for its cell: a cube whose side is the mean length of its edges. Where that
-    /// is no larger than a voxel the value is trilinear at the node, else it is the mean over the
-    /// cube, so that a coarse mesh shows what is around its nodes, not single voxels.
+    /// A node represents its cell: a cube whose side is the mean length of its edges. If that is at
+    /// most a voxel, the value is trilinear at the node, otherwise the mean over the cube, so that
+    /// a coarse mesh shows the surroundings of its nodes, not single voxels.
     pub fn onto_nodes(&self, mesh: &TetMesh, name: &str) -> Field {
         let to_index = self.to_world.inverse();
         let spacing = self.spacing();
@@ -60,7 +60,7 @@ impl Volume {
             if count == 1 {
                 return written(self.at_index(middle));
             }
-            // The cube stands along the voxel axes.
+            // The cube is aligned with the voxel axes.
             let step = DVec3::splat(sides[v]) / spacing / DVec3::from(samples.map(|n| n as f64));
             let mut sum = 0.0;
             for n in 0..count {
@@ -83,12 +83,12 @@ impl Volume {
     }
 }
 
-/// Samples along an axis on which a node's cell measures `voxels`.
+/// Returns the number of samples along an axis on which the cell of a node measures `voxels`.
 fn samples_along(voxels: f64) -> usize {
     (voxels.ceil().max(1.0) as usize).min(MOST_SAMPLES)
 }
 
-/// Mean length of the edges at each node.
+/// Returns the mean length of the edges at each node.
 fn node_sides(mesh: &TetMesh) -> Vec<f64> {
     let mut sums = vec![(0.0, 0u32); mesh.nodes.len()];
     for tet in &mesh.tets {

@@ -1,4 +1,4 @@
-//! What stands around a picture: in scenes, as pixels, and what it leaves alone.
+//! Annotations of pictures: in scenes, as pixels, and parts that they must leave unchanged.
 
 use crate::support::gpu;
 use palpate::annotate::{Annotations, Axes, BarColours, Legend, ScaleBar};
@@ -8,7 +8,8 @@ use palpate::scene::{Scene, Stage};
 
 const LIMB: &str = "[mesh]\ngenerate = \"limb\"\ntets = 3000\n";
 
-/// The stage of a scene of a small limb, its picture of `size` pixels and as `picture` says.
+/// Returns the stage of a scene of a small limb with a picture of `size` pixels and the entries
+/// `picture`.
 fn stage(size: [u32; 2], picture: &str) -> Stage {
     let [width, height] = size;
     let scene = format!("{LIMB}[picture]\nsize = [{width}, {height}]\n{picture}");
@@ -49,7 +50,8 @@ fn a_scale_bar_is_as_long_in_pixels_as_it_says() {
         annotations
             .draw(&mut image, &camera, Background::Black)
             .unwrap();
-        // The longest row of light pixels is the bar's; its first may be partly covered.
+        // The longest row of light pixels is the scale bar's; its first pixel may be partly
+        // covered.
         let ink = image.values.iter().copied().step_by(4).fold(0.0, f32::max);
         let light = |y: u32| -> f32 { (0..size[0]).map(|x| image.pixel(x, y)[0] / ink).sum() };
         let drawn = (0..size[1]).map(light).fold(0.0, f32::max);
@@ -92,7 +94,7 @@ fn regions_are_in_the_legend_by_name_and_in_their_colours() {
         .map(String::as_str)
         .collect();
     assert_eq!(names, known);
-    // The note of the scene says the same colours.
+    // The note of the scene states the same colours.
     let note = stage.scalar_field().note.clone().unwrap();
     for region in &regions {
         let [r, g, b] = region.colour.map(|c| (255.0 * c).round() as u8);
@@ -148,7 +150,7 @@ fn a_scalar_has_a_bar_of_what_the_picture_shows() {
 #[test]
 fn annotations_are_on_pngs_and_the_picture_below_is_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    // A view of its own: one that nobody chose leaves room for the legend.
+    // An automatic view leaves room for the legend.
     let view = "background = \"white\"\n[camera]\neye = [-0.12, -0.45, 0.45]\nlook_at = [0.165, 0.005, 0.0]\nup = [0, 0, 1]\nfov = 22\n";
     let around = "legend = true\nscale_bar = true\naxes = true\ntitle = \"A limb\"\n";
     let mut plain = stage([320, 240], view);

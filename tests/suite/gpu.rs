@@ -1,4 +1,4 @@
-//! The pass mechanism, on a real adapter (the software one will do; without any, these fail).
+//! The pass mechanism on a real adapter (a software one suffices; without any, these tests fail).
 
 use palpate::gpu::{
     Gpu, GpuStruct, ROW_TEXELS, Texel, add_shader, check_layout, compose, parse, shader_names,
@@ -235,7 +235,8 @@ fn main() {
     .unwrap();
     assert_eq!(texture_loads("suite/loads").unwrap(), [1, 3]);
     assert!(texture_loads("suite/nowhere").is_err());
-    // Nodes are a loop of the pass, their springs one within; a term more costs none.
+    // Nodes are the outer loop of the pass, their springs an inner one; an additional term needs
+    // none.
     let bare = texture_loads("physics/forces springs").unwrap();
     assert_eq!(bare, texture_loads("physics/forces springs floor").unwrap());
     assert!(
@@ -252,7 +253,7 @@ fn what_is_asked_back_arrives_without_waiting() {
     assert!(gpu.read_array_async::<[u32; 4]>(&array).is_err());
     let before = gpu.readbacks();
     let mut pending = gpu.read_array_async::<u32>(&array).unwrap();
-    // Written after it was asked for: not seen.
+    // Writes after the request are not visible.
     gpu.write_items(&array, 0, &[9u32]).unwrap();
     let found = (0..120_000).find_map(|_| {
         std::thread::sleep(std::time::Duration::from_millis(1));
@@ -267,7 +268,7 @@ fn what_is_asked_back_arrives_without_waiting() {
 #[test]
 fn parts_of_arrays_are_written_and_arrays_grow() {
     let gpu = Gpu::new().unwrap();
-    // Within a row, across two, and over whole rows with a beginning and an end.
+    // Within a row, across two, and over full rows with a partial row at either end.
     for (len, first, count) in [(100, 3, 50), (10_000, 8_100, 200), (30_000, 8_191, 17_000)] {
         let mut expected: Vec<[f32; 2]> = (0..len).map(|i| [i as f32, 0.5]).collect();
         let array = gpu.array_of("a", Texel::F32x2, &expected).unwrap();
@@ -315,7 +316,7 @@ fn arrays_of_any_length_are_written_read_copied_and_grow() {
         let content: Vec<[u32; 2]> = (0..len).map(|i| [i, 7 * i]).collect();
         let array = gpu.array_of("a", Texel::U32x2, &content).unwrap();
         let [width, rows] = [array.texture().width(), array.texture().height()];
-        // A full row only where there are several.
+        // A full row only if there are several.
         assert!(width * rows < len + ROW_TEXELS && (rows == 1 || width == ROW_TEXELS));
         assert!(rows > 1 || width < len + 256, "{len}: {width}");
         assert_eq!(gpu.read_array::<[u32; 2]>(&array).unwrap(), content);
@@ -349,7 +350,7 @@ fn large_arrays_go_and_come_in_pieces() {
     let adapter =
         pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
             .unwrap();
-    // So that it need not be very large.
+    // Avoids a very large test array.
     let descriptor = wgpu::DeviceDescriptor {
         required_limits: wgpu::Limits {
             max_buffer_size: 5 << 20,
@@ -360,7 +361,7 @@ fn large_arrays_go_and_come_in_pieces() {
     };
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
     let gpu = Gpu::from_wgpu(&adapter, device, queue);
-    // More than the 32 MiB that go at a time, from the middle of a row to the middle of another.
+    // More than the 32 MiB of a chunk, from the middle of a row to the middle of another.
     let len = 2_500_000;
     let array = gpu.array("a", Texel::U32x4, len).unwrap();
     let part: Vec<[u32; 4]> = (100..len as u32 - 33).map(|i| [i, 1, 2, !i]).collect();
@@ -436,7 +437,7 @@ fn a_destroyed_device_says_so_in_every_call_after() {
     };
     let pass = sentence().unwrap();
     gpu.wait().unwrap();
-    // Another device, dropped, is no loss to this one.
+    // Dropping another device does not lose this one.
     drop(Gpu::new().unwrap());
     gpu.poll_errors().unwrap();
     gpu.device().destroy();

@@ -1,5 +1,5 @@
-//! Every test of the library and of the command line, in one program: it is linked once, and its
-//! tests share one device. `cargo test --test suite render::` runs those of one room.
+//! All tests of the library and of the command line, in one program: it is linked once, and its
+//! tests share one device. `cargo test --test suite render::` runs those of one module.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod annotate;

@@ -1,4 +1,4 @@
-//! Presses: a fingertip on a body that lies on a table.
+//! Indentation by a fingertip of a body on a table.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -13,7 +13,7 @@ fn block(more: &str) -> Scene {
     Scene::parse(&text).unwrap()
 }
 
-/// All samples of a press.
+/// Returns all samples of an indentation.
 fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
     let mut press = Press::new(&gpu(), scene, wanted).unwrap();
     while press.advance().unwrap().is_some() {}
@@ -32,7 +32,7 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
     let load: Vec<_> = samples.iter().filter(|s| s.phase == "load").collect();
     let unload: Vec<_> = samples.iter().filter(|s| s.phase == "unload").collect();
     assert_eq!((load.len(), unload.len()), (16, 16));
-    // The deeper, the harder; and nothing once it has let go.
+    // The force increases with depth, and is zero after release.
     assert!(load.windows(2).all(|w| w[1].force_n > w[0].force_n - 1e-6));
     assert!(
         unload
@@ -41,7 +41,7 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
     );
     let end = unload.last().unwrap();
     assert!(end.depth_m < 0.0 && end.force_n.abs() < 1e-9, "{samples:?}");
-    // Slow: what is elastic gives back what it took.
+    // Slow: an elastic body returns the work.
     for s in &load {
         let back = unload.iter().find(|u| (u.depth_m - s.depth_m).abs() < 1e-9);
         if let Some(back) = back {
@@ -53,14 +53,14 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
         }
     }
     let report = press.report(1.0);
-    // A layer on what is hard seems stiffer than it is, but is of that order.
+    // A layer on a hard base appears stiffer, but of the same order.
     let over = report.hertz_young_pa / 2e4;
     assert!((0.7..3.0).contains(&over), "{over}");
     assert_eq!(report.max_force_n, load.last().unwrap().force_n);
     assert_eq!(report.poisson, 0.3);
 }
 
-/// Cartilage between rigid bones, of which more and more touches.
+/// Cartilage between rigid bones, with increasing contact area.
 #[test]
 fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes/knee.toml");
@@ -97,7 +97,7 @@ fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
     let press = pressed(&scene, &by_force);
     let found = press.report(0.0);
     assert!((found.max_force_n / force - 1.0).abs() < 0.05 && !press.force_not_reached());
-    // It stops at the first step at which the force is reached.
+    // It stops at the first step that reaches the force.
     let before = press.samples().iter().filter(|s| s.phase == "load");
     let before: Vec<f64> = before.map(|s| s.force_n).collect();
     assert!(before[..before.len() - 1].iter().all(|f| *f < 0.99 * force));
@@ -163,7 +163,7 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
     assert!(whole.median().is_none() && whole.image(&gpu).is_err());
     whole.measure(&gpu, &mut |_| Ok(())).unwrap();
     let stiffness = |map: &PressMap, k: usize| map.points()[k].stiffness().unwrap();
-    // Those in the middle are alike, and stiffer than those at the corners.
+    // The central points are alike, and stiffer than those at the corners.
     let middle = [5, 6, 9, 10].map(|k| stiffness(&whole, k));
     let corner = [0, 3, 12, 15].map(|k| stiffness(&whole, k));
     let mean = |of: [f64; 4]| of.iter().sum::<f64>() / 4.0;
@@ -172,7 +172,8 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
         "{middle:?}"
     );
     assert!(mean(corner) < mean(middle));
-    // Interrupted after five points, which are kept; a press knows nothing of those before it.
+    // Interrupted after five points, which are kept; an indentation is independent of the previous
+    // ones.
     let mut begun = PressMap::new(&scene, &map_of([4, 4])).unwrap();
     assert_eq!(begun.fingerprint(), whole.fingerprint());
     let mut done = 0;
@@ -197,7 +198,7 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
     assert!(rest.restore(&[]).is_err());
     let image = rest.image(&gpu).unwrap();
     assert_eq!(image.channels, 4);
-    // Of another body, or pressed in another way.
+    // Of another body, or with other settings.
     let finer = PressMap::new(&scene, &map_of([5, 4])).unwrap();
     let mut softer = scene.clone();
     softer.material.young = Some(1e3);

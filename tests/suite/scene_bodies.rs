@@ -18,7 +18,7 @@ fn refused(text: &str) -> String {
     Stage::new(&gpu(), &scene).err().unwrap().to_string()
 }
 
-/// Two boxes of 0.1 m, red at y = 0 and blue at y = 0.3, opaque, seen along `way`.
+/// Returns two boxes of 0.1 m, red at y = 0 and blue at y = 0.3, opaque, viewed along `way`.
 fn boxes(way: f64, more: &str) -> String {
     format!(
         "[[body]]\nname = \"red\"\nmesh = {{ generate = \"box\", tets = 400 }}\n\
@@ -44,11 +44,12 @@ fn one_picture_shows_them_in_order_of_depth() {
     let ([r, _, b], [r2, _, b2]) = (middle(&front), middle(&back));
     assert!(r > 0.99 && b < 0.01, "{r} {b}");
     assert!(r2 < 0.01 && b2 > 0.99, "{r2} {b2}");
-    // Moved apart sideways, each is beside the other; translucent, one shines through the other.
+    // Moved apart laterally, they are next to each other; if translucent, one is visible through
+    // the other.
     let thin = boxes(2.0, "").replace("900", "9");
     let [r, _, b] = middle(&stage(&thin).image().unwrap());
     assert!(r > b && b > 0.05, "{r} {b}");
-    // It is the picture of the same mesh in one piece.
+    // It equals the picture of the same mesh in one piece.
     let mut both = stage(&thin);
     let whole: TetMesh = both.mesh().clone();
     let alone = thin
@@ -62,7 +63,7 @@ fn one_picture_shows_them_in_order_of_depth() {
     assert!(both.notes().iter().all(|n| !n.contains("nothing moves")));
 }
 
-/// The scene that ships, smaller.
+/// Returns the shipped scene, smaller.
 fn three(more: &str) -> Scene {
     let text = std::fs::read_to_string(format!("{DATA}/scenes/three_bodies.toml")).unwrap();
     let text = text
@@ -101,7 +102,7 @@ fn each_moves_by_its_own_scheme_and_the_report_says_so() {
     assert_eq!(report.tets, bodies.iter().map(|b| b.tets).sum::<usize>());
     assert_eq!((report.lost_rays, report.inverted), (0, 0));
     assert_ne!(stage.image().unwrap().values, before.values);
-    // Every body has moved, and none has flown.
+    // Every body has moved, and none has diverged.
     let (rest, now) = (stage.mesh(), stage.deformed_mesh().unwrap());
     let mut first = 0;
     for body in bodies {
@@ -117,7 +118,7 @@ fn a_checkpoint_takes_all_of_them_up_again() {
     let more = "[[cut]]\nedge = [[0.06, -1, -0.2], [0.06, 1, -0.2]]\npath = [[0.02, 0, 0, 0], [0.05, 0, 0, 0.5]]\n\
          [[grab]]\nat = [0.1, -0.12, 0.01]\nradius = 0.03\npath = [[0, 0, 0, 0], [0.1, 0, 0, 0.01]]\n";
     let mut scene = three(more);
-    // What a cage carries cannot be cut.
+    // A mesh in a cage cannot be cut.
     scene.body[2].cage = None;
     let gpu = gpu();
     let mut whole = Stage::new(&gpu, &scene).unwrap();

@@ -1,4 +1,4 @@
-//! Tools with a mass or on a spring, as scenes say them.
+//! Dynamic tools (with a mass or on a spring) in scenes.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -25,7 +25,7 @@ z_below = 0.001
 size = [48, 36]
 "#;
 
-/// A finger that a hand of at most 3 N presses 4 cm deep, if that force could.
+/// A finger that a target pushes 4 cm deep with a force of at most 3 N.
 const FINGER: &str = r#"
 [[tool]]
 name = "finger"
@@ -60,7 +60,7 @@ fn refused(text: &str) -> String {
     }
 }
 
-/// Means of the places of the nodes of a region.
+/// Returns the mean position of the nodes of a region.
 fn middle(stage: &Stage, name: &str) -> DVec3 {
     let mesh = stage.mesh();
     let (label, _) = mesh
@@ -100,7 +100,7 @@ fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() 
     let pressed = force(&mut stage, "finger spring");
     assert!((pressed.length() - 3.0).abs() < 1e-3, "{pressed}");
     assert!(pressed.z > 2.9, "{pressed}");
-    // What the body exerts on the tools themselves bears these and what presses on them.
+    // The contact forces on the tools balance the loads on them.
     let ball = 4.0 / 3.0 * std::f64::consts::PI * 0.015f64.powi(3);
     let on_finger = force(&mut stage, "finger");
     let bears = pressed + DVec3::Z * 9.81 * 1000.0 * ball;
@@ -120,7 +120,7 @@ fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() 
     assert_eq!(told, ["finger", "weight"]);
     let finger = middle(&stage, "finger");
     assert!(finger.z < 0.114 && finger.z > 0.085, "{finger}");
-    // The table bears the body, 1 kg, both tools and the finger's force.
+    // The table supports the body, 1 kg, both tools and the finger's force.
     let table = force(&mut stage, "table");
     let volume = 4.0 / 3.0 * std::f64::consts::PI * 0.015f64.powi(3);
     let borne = 9.81 * (1.0 + 0.2 + 1000.0 * volume) + 3.0;
@@ -134,7 +134,7 @@ fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() 
     assert!(middle(&stage, "weight").distance(weight) < 1e-3);
 }
 
-/// A closed surface, not convex: an L of 3 by 3 by 1 cm.
+/// Writes a closed, non-convex surface: an L of 3 by 3 by 1 cm.
 fn bracket() -> std::path::PathBuf {
     let outline = [
         [0.0, 0.0],
@@ -199,7 +199,7 @@ fn a_surface_on_a_spring_follows_its_path() {
     let before = middle(&stage, "hook");
     stage.run(100, &mut |_| {}).unwrap();
     let moved = middle(&stage, "hook") - before;
-    // The spring gives by the weight of 5 cm³ of water.
+    // The spring deflects by the weight of 5 cm³ of water.
     let goal = DVec3::new(0.0, 0.02, -9.81 * 5e-3 / 500.0);
     assert!(moved.distance(goal) < 5e-4, "{moved} {goal}");
     let all = stage.reactions().unwrap();
@@ -211,13 +211,13 @@ fn a_surface_on_a_spring_follows_its_path() {
 
 #[test]
 fn a_stiff_spring_on_a_light_tool_is_stable() {
-    // 2 g on 5 kN/m, 30 times as stiff as an explicit step could take.
+    // 2 g on 5 kN/m, 30 times the stability limit of an explicit step.
     let light = FINGER.replace("spring = 400", "spring = 5000\nmass = 0.002");
     let light = light.replace("limit = 3\n", "");
     let mut stage = stage(&format!("{BOX}{light}"));
     stage.run(40, &mut |_| {}).unwrap();
     let finger = middle(&stage, "finger");
-    // The spring gives by what it bears.
+    // The deflection of the spring equals its load.
     let target = DVec3::new(0.05, 0.05, 0.078);
     assert!(
         finger.distance(target) < 1e-2 && finger.z > target.z,
@@ -232,7 +232,7 @@ fn tools_that_are_carried_are_drawn() {
     let [with, hidden] = [&mut with, &mut hidden].map(|stage| stage.image().unwrap().values);
     assert_ne!(with, hidden);
 
-    // And still are when the body is cut.
+    // And still are after the body is cut.
     let mut cut = stage(&format!("{BOX}{WEIGHT}"));
     assert_eq!(cut.skins().len(), 1);
     let corners = [[-1.0, 0.05], [1.0, 0.05], [1.0, 0.2], [-1.0, 0.2]];

@@ -1,10 +1,10 @@
-//! Contact of a body with itself, as scenes say it.
+//! Self-contact of a body in scenes.
 
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::scene::{Scene, Stage};
 
-/// A box of 10 cm that is held, and another 4 mm above it, askew.
+/// A box of 10 cm that is pinned, and another 4 mm above it, oblique.
 const TWO: &str = r#"
 [mesh]
 generate = "box"
@@ -33,8 +33,8 @@ fn stage(text: &str) -> Stage {
     Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
 }
 
-/// How many edges of the boundary go through faces of it: by the signs of volumes, of all pairs
-/// whose boxes meet.
+/// Counts the boundary edges that intersect boundary faces: by the signs of volumes, for all pairs
+/// with overlapping bounding boxes.
 fn pierced(stage: &Stage) -> usize {
     let x = stage.motion().unwrap().positions().unwrap();
     let (mesh, topology) = (stage.mesh(), palpate::mesh::Topology::new(stage.mesh()));
@@ -75,7 +75,7 @@ fn pierced(stage: &Stage) -> usize {
     edges.iter().filter(goes_through).count()
 }
 
-/// The lowest node of the upper box.
+/// Returns the height of the lowest node of the upper box.
 fn lowest(stage: &Stage) -> f64 {
     let x = stage.motion().unwrap().positions().unwrap();
     let upper = &x[x.len() / 2..];
@@ -99,7 +99,7 @@ fn a_box_that_falls_on_another_stays_on_it() {
     }
     let z = lowest(&resting);
     assert!((0.09..0.101).contains(&z), "{z}");
-    // Without, it falls through.
+    // Without contact, it falls through.
     let mut falling = stage(TWO);
     falling.run(8, &mut |_| {}).unwrap();
     assert!(pierced(&falling) > 0);
@@ -172,6 +172,6 @@ fn no_cartilage_of_a_knee_passes_through() {
         stage.run(5, &mut |_| {}).unwrap();
     }
     assert_eq!(pierced(&stage), 0);
-    // In mm: it did bend.
+    // In mm: it has bent.
     assert!(tibia(&stage).distance(start) > 5.0);
 }

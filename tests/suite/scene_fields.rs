@@ -1,4 +1,4 @@
-//! Fields computed of a body that moves: drawn by name, and written.
+//! Computed fields of a moving body: rendering by name, and output.
 
 use crate::support::gpu;
 use palpate::gpu::Gpu;
@@ -6,7 +6,7 @@ use palpate::mesh::{Field, Location};
 use palpate::physics::MaterialModel;
 use palpate::scene::{Scene, Stage};
 
-/// A bar of 0.12 m that hangs from its end at x = 0.
+/// Returns a bar of 0.12 m that hangs from its end at x = 0.
 fn scene(field: &str, more: &str) -> Scene {
     let text = format!(
         r#"
@@ -75,8 +75,8 @@ fn a_loaded_body_shows_its_stress_in_the_range_that_it_has() {
         told.contains("von_mises") && told.contains("--range"),
         "{told}"
     );
-    // The weight of the bar on its end: ρ g L, in tension along x; its mean over the nodes there,
-    // whose tets reach a cell into the bar.
+    // The weight of the bar at its end: ρ g L, in tension along x; averaged over the nodes there,
+    // whose tets extend one cell into the bar.
     let stress = Stage::new(&gpu(), &scene("stress_1", "")).map(|mut stage| {
         run(&mut stage, 60);
         stage.image().unwrap();
@@ -101,7 +101,7 @@ fn a_given_range_is_kept_and_others_have_their_own_colours() {
     assert_eq!(range, (0.0, 5000.0));
     let (narrow, _) = picture("range = [0.0, 500.0]");
     assert!(wide.values != narrow.values);
-    // Shown again in the range that was found, the picture is the same.
+    // With the range found, the picture is the same.
     let (found, (low, high)) = picture("");
     let (again, _) = picture(&format!("range = [{low:?}, {high:?}]"));
     assert!(found.values == again.values);
@@ -153,7 +153,7 @@ fn nobody_who_does_not_ask_pays() {
         }
         gpu.readbacks() - before
     };
-    // Once for three pictures of a body that stands still.
+    // Once for three pictures of a body at rest.
     assert_eq!(readbacks(Some("von_mises")), 1);
     assert_eq!(readbacks(None), 0);
 }
@@ -172,7 +172,7 @@ fn what_is_asked_for_is_written() {
     assert_eq!(values(&mesh.fields, "J", Location::Node).len(), nodes);
     let moved = values(&mesh.fields, "displacement", Location::Node);
     assert_eq!(moved.len(), 3 * nodes);
-    // J is volume over volume at rest.
+    // J is the ratio of volume to rest volume.
     let rest = stage.mesh();
     for (t, j) in values(&mesh.fields, "J", Location::Cell).iter().enumerate() {
         assert!((mesh.tet_volume(t) / rest.tet_volume(t) - j).abs() < 1e-9);

@@ -1,4 +1,4 @@
-//! Pressure, moves and muscles as scenes say them.
+//! Pressure, prescribed displacements and muscles in scenes.
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
@@ -95,13 +95,13 @@ axis = [0, 0, 2]
                 );
             }
         }
-        // What is between follows: half way up, about half as far.
+        // Interior nodes follow: half way up, by about half the distance.
         let now = positions(&stage);
         let inner = (0..rest.len()).filter(|i| (rest[*i].z - 0.05).abs() < 1e-6);
         let moved: Vec<f64> = inner.map(|i| (now[i] - rest[i]).z).collect();
         let mean = moved.iter().sum::<f64>() / moved.len() as f64;
         assert!((0.004..0.016).contains(&mean), "{model} {mean}");
-        // At rest, where that is reached, the move and the pin bear the weight together.
+        // In the final equilibrium, the moved and the pinned nodes support the weight together.
         run(&mut stage, 60);
         let reactions = stage.reactions().unwrap();
         let names: Vec<&str> = reactions.iter().map(|r| r.0.as_str()).collect();
@@ -156,7 +156,7 @@ fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
         "{force} {expected}"
     );
     assert!((expected.length() / 4.0 - 1.0).abs() < 0.1, "{expected}");
-    // The same faces by where they are, and a pressure that comes on.
+    // The same faces selected by position, with a pressure that is ramped up.
     let (same, _) = pressed("on = { z_above = 0.0999 }\npascal = [[0.0, 0.0], [0.5, 400.0]]\n");
     assert!(
         same.distance(force) < 1e-3 * force.length(),
@@ -186,7 +186,7 @@ fn one_region_presses_on_another() {
     let text = |more: &str| {
         format!("{text}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\npascal = 400.0\n{more}")
     };
-    // 400 Pa on a square of 0.1 m, both ways: as much less or more for the pin to bear.
+    // 400 Pa on a square of 0.1 m, both signs: the pin's reaction changes accordingly.
     for (between, sign) in [("[2, 1]", 1.0), ("[1, 2]", -1.0)] {
         let mut stage = stage(&text(&format!("between = {between}\n")));
         run(&mut stage, 40);
@@ -196,7 +196,7 @@ fn one_region_presses_on_another() {
             "{between}: {force}"
         );
     }
-    // A part of where they meet.
+    // A part of the interface.
     let mut half = stage(&text(&format!(
         "between = [2, 1]\non = {{ x_below = {} }}\n",
         mesh.bounds().0.x + 0.0501
@@ -214,7 +214,7 @@ fn one_region_presses_on_another() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// The volume of the tets of a region, its length along z, and its mean cross-section.
+/// Returns the volume of the tets of a region, its length along z, and its mean cross-section.
 fn shape(mesh: &TetMesh, nodes: &[DVec3], label: f64) -> [f64; 3] {
     let labels = &mesh.field("label", Location::Cell).unwrap().values;
     let (mut volume, mut low, mut high) = (0.0, f64::INFINITY, f64::NEG_INFINITY);
@@ -239,7 +239,7 @@ fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
     let mut stage = Stage::new(&gpu(), &scene).unwrap();
     let rest = stage.mesh().nodes.clone();
     let [volume, length, section] = shape(stage.mesh(), &rest, 1.0);
-    // Slack, it hangs a little longer.
+    // Relaxed, it is slightly longer.
     run(&mut stage, 10);
     let [_, slack, _] = shape(stage.mesh(), &positions(&stage), 1.0);
     assert!(slack >= 0.999 * length, "{slack} {length}");
@@ -258,10 +258,10 @@ fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
         (volume_now / volume - 1.0).abs() < 0.1,
         "{volume_now} {volume}"
     );
-    // The lower tendon has come up.
+    // The lower tendon has moved up.
     let lowest = |nodes: &[DVec3]| nodes.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
     assert!(lowest(&now) > lowest(&rest) + 0.02);
-    // It holds what hangs from it: 2 N and its own weight.
+    // Its force balances the suspended load: 2 N and its own weight.
     let body = stage.motion().unwrap().simulator.as_ref();
     let weight = 2.0 + 9.81 * body.masses().iter().sum::<f64>();
     let [(name, origin)] = &stage.reactions().unwrap()[..] else {

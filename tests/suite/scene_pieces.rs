@@ -1,4 +1,4 @@
-//! Meshes in pieces: written, read as one, and drawn piece by piece as the whole is.
+//! Partitioned meshes: written, read as one, and rendered by pieces as the whole is.
 
 use crate::support::{gpu, real_data};
 use palpate::io;
@@ -18,7 +18,7 @@ fn limb() -> TetMesh {
     generate::by_name("limb", Some(5_000)).unwrap()
 }
 
-/// The scene of a picture with these entries, small.
+/// Returns the scene of a small picture with these entries.
 fn scene(picture: &str) -> Scene {
     Scene::parse_in(
         &format!("[picture]\nsize = [150, 110]\n{picture}"),
@@ -27,7 +27,7 @@ fn scene(picture: &str) -> Scene {
     .unwrap()
 }
 
-/// The picture of all pieces that an index lists.
+/// Returns the merged picture of all pieces of an index.
 fn in_pieces(index: &Path, scene: &Scene) -> Image {
     let mut told: Option<RaySegments> = None;
     for number in 0..io::piece_files(index).unwrap().len() {
@@ -41,7 +41,7 @@ fn in_pieces(index: &Path, scene: &Scene) -> Image {
     scene.composite(&told.unwrap()).unwrap()
 }
 
-/// Draws `mesh` in so many pieces and whole, as each of `pictures` says.
+/// Renders `mesh` in `pieces` pieces and as a whole, with the entries of each of `pictures`.
 fn check(name: &str, mesh: &TetMesh, pieces: usize, pictures: &[&str]) {
     let index = folder(name).join("body.pvtu");
     write_pieces(&index, mesh, pieces).unwrap();
@@ -67,7 +67,7 @@ fn a_scene_in_pieces_is_the_picture_of_the_whole() {
         &limb(),
         7,
         &[
-            // The regions, in colours of their own.
+            // The regions, in their own colours.
             "",
             "field = \"intensity\"\nrange = [300, 1500]\ntransfer = \"tissue\"",
             "transfer = \"viridis\"\nsamples = 4",
@@ -122,12 +122,12 @@ fn pieces_are_read_as_the_mesh_that_was_cut() {
         assert_eq!(sorted(&read), sorted(&mesh));
         assert_eq!(read.repairs.warnings, Vec::<String>::new());
     }
-    // Of a mesh that is seen by its depth, that is no field of the mesh.
+    // For a mesh rendered by depth, which is not one of its fields.
     mesh.fields.clear();
     let index = folder.join("plain.pvtu");
     write_pieces(&index, &mesh, 3).unwrap();
     assert!(io::read(&index).unwrap().fields.is_empty());
-    // A piece knows those around it, and no more.
+    // A piece contains its ghost cells only.
     let piece = Piece::read(&index, 1).unwrap();
     let own = piece.mesh();
     assert!(own.owned_tets < own.tets.len() && own.tets.len() < mesh.tets.len());
@@ -162,13 +162,13 @@ fn pieces_of_other_programs_are_one_mesh_by_the_places_of_their_nodes() {
         (mesh.nodes.len(), mesh.tets.len())
     );
     assert!((read.volume() / mesh.volume() - 1.0).abs() < 1e-12);
-    // They cannot be drawn by themselves, and it is said what makes them so.
+    // They cannot be rendered independently, and the message states the reason.
     let told = Piece::read(&index, 0).err().unwrap().to_string();
     assert!(
         told.contains("palpate convert") && told.contains("--pieces 2"),
         "{told}"
     );
-    // A damaged index, or one that lists what is not there.
+    // A damaged index, or one that lists missing files.
     for cut in (0..both.len() - 1).step_by(7) {
         std::fs::write(&index, &both[..cut]).unwrap();
         assert!(io::read(&index).is_err(), "cut at {cut}");
@@ -224,7 +224,7 @@ fn what_pieces_cannot_be_is_refused() {
     for (path, pieces) in [(&index, 0), (&index, 10_000), (&folder.join("box.vtu"), 2)] {
         assert!(write_pieces(path, &mesh, pieces).is_err(), "{pieces}");
     }
-    // What is said of the whole is damaged.
+    // The data about the whole mesh are damaged.
     let file = &io::piece_files(&index).unwrap()[0];
     let bytes = std::fs::read(file).unwrap();
     let told = b"Name=\"palpate:whole\"";

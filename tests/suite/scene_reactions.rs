@@ -1,4 +1,4 @@
-//! What bodies exert on that which holds them.
+//! Reactions of bodies on their supports.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -6,15 +6,15 @@ use palpate::physics::Reaction;
 use palpate::scene::{ReactionLog, Scene, Stage};
 
 const GRAVITY: f64 = 9.81;
-/// Metres in a unit of the mesh: the bar is 6 cm long.
+/// Unit of the mesh in metres: the bar is 6 cm long.
 const UNIT: f64 = 0.5;
 
-/// A bar along x, held where x is least, its mesh in half metres.
+/// Returns a bar along x, pinned at its lowest x, with its mesh in half metres.
 fn bar(model: &str, more: &str) -> Stage {
     bar_of(model, "", more)
 }
 
-/// The same with more said of its material.
+/// The same with additional material entries.
 fn bar_of(model: &str, made: &str, more: &str) -> Stage {
     let text = format!(
         r#"
@@ -52,7 +52,7 @@ fn reaction(stage: &mut Stage, name: &str) -> Reaction {
     found.unwrap_or_else(|| panic!("no {name} in {all:?}")).1
 }
 
-/// Weight and its moment, N and N·m, of the body where it stands.
+/// Returns the weight and its moment, N and N·m, of the body at its current positions.
 fn weight(stage: &Stage) -> Reaction {
     let body = stage.motion().unwrap().simulator.as_ref();
     let unit = body.loads().frame_and_unit().1;
@@ -74,7 +74,7 @@ fn same(found: DVec3, expected: DVec3, tolerance: f64) {
 fn a_hanging_body_at_rest_exerts_its_weight_and_the_moment_of_it() {
     for model in ["neo-hookean", "corotated", "springs"] {
         let mut stage = bar(model, PIN);
-        // Nothing has bent yet: the pin bears the weight of its own nodes.
+        // No deflection yet: the pin supports the weight of its own nodes.
         let first = reaction(&mut stage, "wall, left").force;
         assert!(
             first.z < 0.0 && first.z > 0.3 * weight(&stage).force.z,
@@ -84,7 +84,7 @@ fn a_hanging_body_at_rest_exerts_its_weight_and_the_moment_of_it() {
         let (found, expected) = (reaction(&mut stage, "wall, left"), weight(&stage));
         same(found.force, expected.force, 1e-4);
         same(found.moment, expected.moment, 1e-4);
-        // The lever: half of the bar's length, but for how it sags.
+        // The lever arm: half of the bar's length, reduced by its deflection.
         let volume = stage.mesh().volume() * UNIT.powi(3);
         let lever = expected.moment.y / (1000.0 * volume * GRAVITY);
         let length = UNIT * stage.mesh().bounds().1.x;
@@ -94,7 +94,7 @@ fn a_hanging_body_at_rest_exerts_its_weight_and_the_moment_of_it() {
 
 #[test]
 fn grabs_feel_their_springs_and_what_they_accelerate() {
-    // Pulled by springs of 40 N/m in all: at first the target moves, then it rests.
+    // Pulled by springs of 40 N/m in total: the target moves first, then rests.
     let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
     let mut stage = bar("neo-hookean", &format!("{PIN}{spring}"));
     assert_eq!(reaction(&mut stage, "grab1"), Reaction::default());
@@ -109,11 +109,11 @@ fn grabs_feel_their_springs_and_what_they_accelerate() {
     let pull = 40.0 * UNIT * (DVec3::new(0.0, 0.0, 0.02) - moved);
     let found = reaction(&mut stage, "grab1").force;
     same(found, -pull, 1e-3);
-    // Together pins and grab bear the weight.
+    // Pins and grab support the weight together.
     let (pin, all) = (reaction(&mut stage, "wall, left"), weight(&stage));
     same(found + pin.force, all.force, 1e-3);
 
-    // Taken along by the hand that is all that holds it: what is exerted is weight and inertia.
+    // Moved by the grab alone: the reaction is the weight plus the inertial force.
     let follow = "[[grab]]\nname = \"hand\"\nat = [0.0, 0.03, 0.03]\nradius = 0.02\npath = [[0.0, 0, 0, 0], [0.05, 0, 0, 0.001], [0.1, 0, 0, 0.004], [0.15, 0, 0, 0.002], [9.0, 0, 0, 0.002]]\n";
     let floor = "[floor]\npoint = [0, 0, -90]\n";
     let mut stage = bar_of("neo-hookean", "damping = 0.0", &format!("{floor}{follow}"));
@@ -141,7 +141,7 @@ fn grabs_feel_their_springs_and_what_they_accelerate() {
 }
 
 fn stage_grab(stage: &Stage) -> palpate::physics::GrabId {
-    // The first of a fresh body.
+    // The first value of a new body.
     let body = stage.motion().unwrap().simulator.as_ref();
     let id: palpate::physics::GrabId = serde_json::from_str("0").unwrap();
     assert!(body.held_by(id).is_ok());
@@ -154,7 +154,7 @@ fn what_holds_nothing_and_what_is_not_known_is_refused() {
     let floor = "[floor]\npoint = [0, 0, -1]\n";
     assert!(refused(&mut bar("springs", floor)).contains("[[pin]]"));
     let mut stage = bar("springs", "");
-    // Of a body that nobody pinned, the end by which it is held.
+    // For a body without pins: the automatically clamped end.
     run(&mut stage, 80);
     same(
         reaction(&mut stage, "held").force,
@@ -190,7 +190,7 @@ fn tables_go_on_after_the_frames_that_were_finished() {
     ReactionLog::resume(&path, &times[..2]).unwrap();
     let kept = std::fs::read_to_string(&path).unwrap();
     assert_eq!(kept.lines().collect::<Vec<_>>(), lines[..3]);
-    // A frame that is not there, and a file that is no table.
+    // A missing frame, and a file that is not a table.
     let error = ReactionLog::resume(&path, &times).unwrap_err().to_string();
     assert!(
         error.contains("frame 2") && error.contains("--resume"),

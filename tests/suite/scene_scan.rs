@@ -1,5 +1,5 @@
-//! Scans that scenes have their bodies carry. A scan and a field of the mesh that are the same linear
-//! function of where a point rests are the same to see, whatever else is in the scene.
+//! Scans carried by bodies in scenes. A scan and a mesh field that are the same linear function of
+//! the rest position must give the same picture, whatever else is in the scene.
 
 use crate::support::{gpu, real_data};
 use glam::{DAffine3, DMat3, DVec3};
@@ -12,7 +12,7 @@ use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What both are.
+/// The common linear function.
 fn ramp(p: DVec3) -> f64 {
     p.dot(DVec3::new(17.0, 4.0, 9.0)) + 200.0
 }
@@ -23,7 +23,7 @@ fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// A block of 40 mm with the ramp at its nodes.
+/// Returns a block of 40 mm with the ramp at its nodes.
 fn block() -> TetMesh {
     let size = DVec3::splat(40.0);
     let mut mesh = generate::box_mesh([5, 5, 5], size, generate::Split::Five).unwrap();
@@ -55,12 +55,12 @@ fn volume(size: [usize; 3], spacing: f64, first: f64, value: impl Fn(DVec3) -> f
     }
 }
 
-/// The block, the scan, a skin, and what they look like, in files.
+/// Writes the block, the scan, a skin, and their appearance.
 fn files(name: &str) -> PathBuf {
     let folder = folder(name);
     let mesh = block();
     io::write(folder.join("block.vtu"), &mesh).unwrap();
-    // Voxels end halfway between those that stand beyond the block.
+    // The voxels extend to half a voxel beyond the block.
     io::write_volume(folder.join("ramp.nrrd"), &volume([24; 3], 2.0, -3.0, ramp)).unwrap();
     let topology = Topology::new(&mesh);
     let corners = topology
@@ -113,7 +113,7 @@ at = [30, 49, 30]
 path = [[0, 0, 0, 0], [0.1, 0, -6, 0]]
 "#;
 
-/// Through half of the block, and open by the end.
+/// Through half of the block, and open at the end.
 const CUT: &str = r#"
 [[cut]]
 edge = [[10.1, 50, -5], [10.1, 50, 45]]
@@ -137,14 +137,14 @@ fn refused(folder: &Path, text: &str) -> String {
     stage.err().expect("it should be refused").to_string()
 }
 
-/// What is seen after `steps`.
+/// Returns the picture after `steps` steps.
 fn seen(stage: &mut Stage, steps: u32) -> Image {
     stage.run(steps, &mut |_| {}).unwrap();
     stage.image().unwrap()
 }
 
-/// The root mean square of the difference, of 255, or of 255 parts of the most in EXRs; without the
-/// thousandth part of all rays that differ most, which graze what they meet.
+/// Returns the root mean square of the difference, in 1/255, or in 1/255 of the maximum for EXRs;
+/// without the 0.1 % of rays with the largest difference, which are grazing.
 fn unlike(a: &Image, b: &Image) -> f64 {
     let most = a.values.iter().fold(1.0f32, |m, v| m.max(*v));
     let rays = a.values.chunks(a.channels).zip(b.values.chunks(b.channels));
@@ -157,14 +157,14 @@ fn unlike(a: &Image, b: &Image) -> f64 {
     255.0 * (each.iter().sum::<f64>() / a.values.len() as f64).sqrt()
 }
 
-/// What it is called, what is added to the scene, and what is said otherwise in it.
+/// Name, additions to the scene, and replacements in it.
 type Case<'a> = (&'a str, &'a str, &'a [(&'a str, &'a str)]);
 
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
     let folder = files("alike");
-    // What more a scene has, and words of it that are replaced.
+    // Additional entries of a scene, and replaced words.
     let plain = [("", "")];
     let inside = [("eye = [90, 60, 140]", "eye = [22, 12, 24]")];
     let xray = "[xray]\nwater = 1000\nair = 0\n";
@@ -214,7 +214,7 @@ fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
         assert!(off < 0.1, "{name}: {off}");
         let lit = field.values.iter().filter(|v| **v > 0.02).count();
         assert!(lit > 1000, "{name}: only {lit} values are seen");
-        // Each of them is seen, but for the coarse body, which does as the fine one.
+        // Each of them is visible, except for the coarse body, which equals the fine one.
         let other = pictures.first().map(|plain| unlike(plain, &field));
         assert!(
             other.is_none_or(|off| off > 1.0) || *name == "cage",
@@ -225,7 +225,7 @@ fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// How much of the light is left where there are shadows.
+/// Returns the fraction of light that remains with shadows.
 fn left(gpu: &Gpu, folder: &Path, text: &str) -> f64 {
     let sum = |shadows: &str| {
         let text = text.replace("from = \"none\"", shadows);
@@ -253,7 +253,7 @@ fn two_bodies_carry_one_scan() {
     let mut upper = block();
     upper.nodes.iter_mut().for_each(|p| p.z += 60.0);
     io::write(folder.join("upper.vtu"), &upper).unwrap();
-    // Between the blocks it starts anew, as the field of the upper one does.
+    // Between the blocks it restarts, as does the field of the upper one.
     let wide = volume([48, 48, 96], 1.2, -3.0, |p| {
         ramp(p) - if p.z > 50.0 { 9.0 * 60.0 } else { 0.0 }
     });
@@ -300,8 +300,8 @@ fn x_rays_go_by_numbers_and_not_by_what_is_shown() {
         let image = stage.image().unwrap();
         image.values.iter().fold(0.0f32, |m, v| m.max(*v))
     };
-    // From 200 to 1400 they are taken for numbers that are offset by 1024: μ from 0.036 to 0.28 per cm,
-    // on at most 6.9 cm.
+    // Values from 200 to 1400 are interpreted as offset by 1024: μ from 0.036 to 0.28 per cm, over
+    // at most 6.9 cm.
     let film = [
         &wide,
         &narrow,
@@ -316,7 +316,7 @@ fn x_rays_go_by_numbers_and_not_by_what_is_shown() {
         "{film:?}"
     );
     assert!(said.iter().all(|s| s.contains("water at 1024")), "{said:?}");
-    // Those of Hounsfield are as they are, with fat and without air.
+    // Hounsfield units are used unchanged, with fat and without air.
     let mut mesh = block();
     let hounsfield = mesh.nodes.iter().map(|p| ramp(*p) - 320.0).collect();
     mesh.set_field(Field::scalar("ramp", Location::Node, hounsfield))
@@ -414,7 +414,7 @@ fn what_a_scene_may_not_say_of_scans_is_named() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// The scenes beside the documentation, on the real scans that they are about.
+/// The scenes in the documentation, on their real scans.
 #[test]
 #[ignore = "long: three scenes of real scans"]
 fn scenes_of_real_scans_move_what_they_show() {

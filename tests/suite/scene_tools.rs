@@ -1,4 +1,4 @@
-//! Tools as scenes say them, and in pictures.
+//! Tools in scenes and pictures.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -6,7 +6,7 @@ use palpate::physics::{Engine, Reaction};
 use palpate::render::Image;
 use palpate::scene::{ReactionLog, Scene, Stage};
 
-/// A box of 100 mm, pinned below.
+/// A box of 100 mm, pinned at the bottom.
 const BOX: &str = r#"
 [mesh]
 generate = "box"
@@ -73,7 +73,7 @@ fn a_finger_presses_and_the_table_bears_it() {
     assert!(finger.force.z > 0.1, "{finger:?}");
     let off = (finger.force + table.force).length();
     assert!(off < 0.01 * finger.force.z, "{finger:?} {table:?}");
-    // Pressed in the middle, it is neither pushed aside nor turned.
+    // Pressed at the centre, it is neither displaced laterally nor rotated.
     assert!(finger.force.truncate().length() < 0.1 * finger.force.z);
     assert!(finger.moment.length() < 0.1 * 0.02 * finger.force.z);
     let text = std::fs::read_to_string(&file).unwrap();
@@ -85,7 +85,7 @@ fn a_finger_presses_and_the_table_bears_it() {
     let report = stage.measure(1).unwrap();
     assert_eq!(report.tools.len(), 1);
     assert_eq!(report.tools[0].name, "finger");
-    // No node of the boundary is inside.
+    // No boundary node is inside.
     let centre = DVec3::new(0.05, 0.05, 0.105);
     let nearest = positions(&stage)
         .iter()
@@ -155,7 +155,7 @@ fn a_surface_presses_as_the_ball_that_it_is_and_friction_drags() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// A ball as an OBJ file has it.
+/// Returns a ball as an OBJ file.
 fn sphere(radius: f64) -> String {
     let (rings, around) = (24, 32);
     let mut text = format!("v 0 0 {radius}\nv 0 0 -{radius}\n");
@@ -224,7 +224,7 @@ fn a_run_that_is_taken_up_again_takes_the_same_steps_and_one_begun_anew_too() {
     );
 }
 
-/// The share of pixels in which two pictures differ.
+/// Returns the fraction of pixels in which two pictures differ.
 fn differ(a: &Image, b: &Image) -> f64 {
     let pixels = a.values.chunks(4).zip(b.values.chunks(4));
     let apart = pixels.filter(|(a, b)| a.iter().zip(*b).any(|(a, b)| (a - b).abs() > 0.02));
@@ -233,7 +233,7 @@ fn differ(a: &Image, b: &Image) -> f64 {
 
 #[test]
 fn tools_are_drawn_in_their_places() {
-    // Seen along −y: the body lies between 0 and 0.1.
+    // Viewed along −y: the body lies between 0 and 0.1.
     let eye = "[camera]\neye = [0.05, -0.4, 0.06]\nlook_at = [0.05, 0.05, 0.06]\n";
     for mode in ["surface", "composite"] {
         let picture = |tool: &str| {
@@ -254,13 +254,13 @@ fn tools_are_drawn_in_their_places() {
         let hidden = at(-0.1, "hidden = true\n");
         assert_eq!(differ(&nothing, &hidden), 0.0, "{mode}");
         assert!(differ(&nothing, &before) > 0.02, "{mode}");
-        // Red, where it is: in the middle.
+        // Red at its position: in the middle.
         let middle = 4 * (18 * 48 + 24);
         let [r, g] = [0, 1].map(|k| before.values[middle + k]);
         assert!(r > 0.3 && g < 0.1 * r, "{mode}: {r} {g}");
         let behind = at(0.2, "colour = [1.0, 0, 0]\n");
         match mode {
-            // What is opaque hides what is behind it.
+            // Opaque objects occlude those behind them.
             "surface" => assert!(differ(&nothing, &behind) < 0.002),
             _ => assert!(differ(&nothing, &behind) < differ(&nothing, &before) + 0.01),
         }
@@ -331,7 +331,7 @@ fn what_makes_no_sense_is_refused_with_what_would() {
         let error = refused(&format!("{BOX}{FINGER}").replace(from, to));
         assert!(words.iter().all(|w| error.contains(w)), "{error}");
     }
-    // What starts inside is told, and pushed out.
+    // A tool that starts inside is reported, and pushed out.
     let inside = FINGER.replace("0.125]", "0.11]");
     let stage = stage(&format!("{BOX}{inside}"));
     let note = stage.notes().iter().find(|n| n.contains("pushed out"));

@@ -1,4 +1,4 @@
-//! What windows need of a stage: steps that nobody waits for, looks that change, a finger led by hand.
+//! Interactive use of a stage: asynchronous steps, changing appearances, a finger moved by hand.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// A box of 10 cm on a table, with a finger above it, and a force that grows.
+/// A box of 10 cm on a table, with a finger above it, and an increasing force.
 const BOX: &str = r#"
 [mesh]
 generate = "box"
@@ -36,7 +36,7 @@ fn stage(text: &str) -> Stage {
     Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
 }
 
-/// Asks for steps one by one, and looks until each is done.
+/// Requests steps one by one, and polls until each is done.
 fn go(stage: &mut Stage, steps: u32) {
     for _ in 0..steps {
         stage.request_steps(1).unwrap();
@@ -70,7 +70,7 @@ fn steps_that_nobody_waits_for_are_those_that_are_waited_for() {
         assert_eq!(asked.time(), waited.time(), "{more}");
         assert_eq!(asked.mesh().tets, waited.mesh().tets, "{more}");
         assert!(places(&asked) == places(&waited), "{more}");
-        // And on, each in the other's way.
+        // Continued, each with the other's method.
         asked.run(2, &mut |_| {}).unwrap();
         go(&mut waited, 2);
         assert!(places(&asked) == places(&waited), "{more}");
@@ -95,7 +95,8 @@ fn who_waits_for_nothing_is_called() {
     let mut answered = 0;
     loop {
         let now = calls.load(Ordering::Relaxed);
-        // Loads that arrive before the step call too: only the state counts, looked at after a call.
+        // Loads that arrive before the step also notify: only the state counts, checked after a
+        // notification.
         if now > answered && !stage.poll_steps().unwrap() {
             break;
         }
@@ -114,7 +115,7 @@ fn a_finger_is_led_by_hand_and_put_elsewhere() {
         .unwrap();
     go(&mut stage, 1);
     assert!(stage.tool_force(0).unwrap().z > 0.05);
-    // Through the box, to below it: nothing is pushed along.
+    // Through the box, to below it: teleported, nothing is pushed.
     stage
         .teleport_tool(0, DVec3::new(0.05, 0.05, -0.3))
         .unwrap();
@@ -150,7 +151,7 @@ fn looks_change_while_the_body_stays_where_it_is() {
         assert!(apart(&image, &plain) > 0.0, "{look}");
         assert_eq!(changed.time(), 0.1);
     }
-    // Planes alone, which are quicker.
+    // Planes alone, which are faster.
     for look in [looks[2], "[[isosurface]]\nvalue = 0.02\n", ""] {
         let scene = Scene::parse(&format!("{BOX}{look}")).unwrap();
         changed.set_appearance(&Scene::parse(BOX).unwrap()).unwrap();
@@ -160,12 +161,12 @@ fn looks_change_while_the_body_stays_where_it_is() {
         let apart = apart(&image, &changed.image().unwrap());
         assert!(apart == 0.0, "{look}: {apart}");
     }
-    // What makes no sense leaves all as it was.
+    // Invalid input changes nothing.
     let before = changed.image().unwrap();
     let wrong = Scene::parse(&BOX.replace("[picture]", "[picture]\nfield = \"nothing\"")).unwrap();
     assert!(changed.set_appearance(&wrong).is_err());
     assert!(apart(&changed.image().unwrap(), &before) == 0.0);
-    // It goes on from where it is.
+    // It continues from its current position.
     changed.run(1, &mut |_| {}).unwrap();
     assert!((changed.time() - 0.12).abs() < 1e-12);
     changed.set_appearance(&Scene::parse(BOX).unwrap()).unwrap();

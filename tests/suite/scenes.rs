@@ -1,5 +1,5 @@
-//! Everything with everything: grid bodies and tet bodies, raycast, drawn, under skins, grabbed
-//! and cut, as scenes say it; each cell of the table holds numbers.
+//! All combinations in scenes: grid bodies and tet bodies, raycast, drawn, under skins, grabbed and
+//! cut; each cell of the table has numerical criteria.
 
 use glam::{DQuat, DVec2, DVec3};
 use palpate::gpu::Gpu;
@@ -14,10 +14,10 @@ use std::collections::BTreeSet;
 const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/ball.vtu");
 const SIZE: f64 = 0.1;
 
-/// Pixels each way of a picture that shows so many metres.
+/// Pixels per side of a picture of this many metres.
 const PIXELS: u32 = 160;
 const VIEW: f64 = 0.2;
-/// The view's middle and what is up and right in it: no row of pixels lies along the grid.
+/// Centre of the view and its up and right directions: no row of pixels lies along the grid.
 const MIDDLE: DVec3 = DVec3::new(0.000_137, 0.0, 0.000_071);
 const UP: DVec3 = DVec3::new(0.28, 0.0, 0.96);
 const RIGHT: DVec3 = DVec3::new(0.96, 0.0, -0.28);
@@ -40,7 +40,7 @@ enum What {
     Cut,
 }
 
-/// A number, and the range that it should be in.
+/// A number, and its expected range.
 type Number = (&'static str, f64, [f64; 2]);
 
 #[test]
@@ -63,7 +63,7 @@ fn every_body_does_everything() {
             for (name, number, [low, high]) in numbers {
                 let line = format!("{body:?}, {what:?}: {name} {number:.3e} in {low:e} … {high:e}");
                 println!("{line}");
-                // Not a number is in no range.
+                // NaN is in no range.
                 if !(number >= low && number <= high) {
                     wrong.push(line);
                 }
@@ -73,7 +73,7 @@ fn every_body_does_everything() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// The ball in a picture of `mode`, with `more` of a scene.
+/// Returns the ball in a picture of `mode`, with the entries `more`.
 fn stage(gpu: &Gpu, body: Body, mode: &str, more: &str) -> Stage {
     Stage::new(gpu, &scene(body, mode, more)).unwrap()
 }
@@ -95,12 +95,12 @@ fn scene(body: Body, mode: &str, more: &str) -> Scene {
     .unwrap()
 }
 
-/// A bend that turns no tet inside out.
+/// A bend that inverts no tet.
 fn bent(p: DVec3) -> DVec3 {
     DVec3::new(p.x + 4.0 * p.z * p.z - 0.01, 1.1 * p.y, 0.9 * p.z)
 }
 
-/// A stage whose body is bent, and its mesh there.
+/// Returns a stage with a bent body, and its mesh there.
 fn bent_stage(gpu: &Gpu, body: Body, mode: &str) -> (Stage, TetMesh) {
     let mut stage = stage(gpu, body, mode, "");
     let there: Vec<DVec3> = stage.mesh().nodes.iter().map(|p| bent(*p)).collect();
@@ -109,14 +109,14 @@ fn bent_stage(gpu: &Gpu, body: Body, mode: &str) -> (Stage, TetMesh) {
     (stage, mesh)
 }
 
-/// For each pixel, whether triangles cover its middle, and how much lies between those that face
-/// the camera and those that face away: in float64.
+/// Returns, for each pixel, whether triangles cover its centre, and the length between front and
+/// back faces: in float64.
 fn seen(vertices: &[DVec3], triangles: &[[u32; 3]]) -> Vec<(bool, f64)> {
     let n = PIXELS as usize;
     let step = VIEW / f64::from(PIXELS);
     let mut pixels = vec![(false, 0.0); n * n];
     for triangle in triangles {
-        // In pixels from the upper left corner, and how far away.
+        // In pixels from the upper left corner, and the distance.
         let corners = triangle.map(|v| {
             let p = vertices[v as usize] - MIDDLE;
             let [x, y] = [p.dot(RIGHT), -p.dot(UP)].map(|x| x / step + 0.5 * n as f64);
@@ -146,7 +146,7 @@ fn boundary_seen(mesh: &TetMesh) -> Vec<(bool, f64)> {
     seen(&surface.vertices, &surface.triangles)
 }
 
-/// Pixels that are lit in one but not in the other, as a share of those that should be.
+/// Returns the pixels covered in only one of the two, as a fraction of those that should be.
 fn unlike(image: &Image, truth: &[(bool, f64)]) -> f64 {
     let lit = image.values.chunks_exact(4).map(|p| p[3] > 0.5);
     let unlike = lit.zip(truth).filter(|(lit, t)| *lit != t.0).count();
@@ -172,7 +172,7 @@ fn volume(mesh: &TetMesh) -> f64 {
     (0..mesh.tets.len()).map(|t| mesh.tet_volume(t)).sum()
 }
 
-/// The thickness picture's integral over the volume of the mesh.
+/// Returns the integral of the thickness picture over the volume of the mesh.
 fn ratio(image: &Image, mesh: &TetMesh) -> f64 {
     let sum: f64 = image.values.iter().map(|v| f64::from(*v)).sum();
     sum * (VIEW / f64::from(PIXELS)).powi(2) / volume(mesh)
@@ -188,7 +188,7 @@ fn thickness(gpu: &Gpu, body: Body) -> Vec<Number> {
     let covered = truth.iter().filter(|t| t.0).count() as f64;
     vec![
         ("integral over volume", ratio(&image, &mesh), [0.998, 1.002]),
-        // The bend changes the volume by what it should.
+        // The bend changes the volume as expected.
         (
             "volume over that at rest",
             volume(&mesh) / rest,
@@ -247,14 +247,14 @@ fn skin(gpu: &Gpu, body: Body, mapping: Mapping) -> Vec<Number> {
         rest.len() == surface.vertices.len(),
     );
     let start = placed(&stage);
-    // Turned and shifted, it is the same skin.
+    // Rotated and translated, the skin is the same.
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, -2.0, 0.7).normalize(), 1.1);
     let moved = |p: &DVec3| turn * *p + DVec3::new(0.01, -0.02, 0.015);
     let there: Vec<DVec3> = stage.mesh().nodes.iter().map(moved).collect();
     stage.set_positions(&there).unwrap();
     let turned: Vec<DVec3> = start.iter().map(moved).collect();
     let rigid = apart(&placed(&stage), &turned);
-    // Bent, its picture is where its vertices are.
+    // Bent, its picture matches its vertices.
     let there: Vec<DVec3> = stage.mesh().nodes.iter().map(|p| bent(*p)).collect();
     stage.set_positions(&there).unwrap();
     let image = stage.image().unwrap();
@@ -271,7 +271,8 @@ fn skin(gpu: &Gpu, body: Body, mapping: Mapping) -> Vec<Number> {
             [0.0, 1e-6],
         ),
         match mapping {
-            // Its vertices sit on nodes, no farther than the hills and the grid's steps are high.
+            // The distance of its vertices from nodes is at most the height of the hills and the
+            // grid's steps.
             Mapping::OneToOne => ("shift at rest", apart(&start, &rest), [0.01, 0.2]),
             _ => ("shift at rest", apart(&start, &rest), [0.0, 1e-6]),
         },
@@ -280,7 +281,7 @@ fn skin(gpu: &Gpu, body: Body, mapping: Mapping) -> Vec<Number> {
     ]
 }
 
-/// The largest distance between where nodes are and where they should be, over the size.
+/// Returns the largest distance between actual and expected node positions, relative to the size.
 fn farthest(nodes: &[(DVec3, DVec3)]) -> f64 {
     let far = nodes.iter().map(|(is, should)| is.distance(*should));
     far.fold(0.0, f64::max) / SIZE
@@ -306,7 +307,7 @@ fn grab(gpu: &Gpu, body: Body) -> Vec<Number> {
         .filter(|(_, r)| near(r))
         .map(|(p, r)| (*p, *r + target))
         .collect();
-    // Half way between, the body follows a part of the way.
+    // In between, the body follows partly.
     let middle = pairs().filter(|(_, r)| r.z.abs() < 0.01 && r.x.hypot(r.y) > 0.03);
     let moved: Vec<_> = middle.map(|(p, r)| (*p, *r)).collect();
     let pinned = pairs().filter(|(_, r)| r.distance(DVec3::new(0.0, 0.0, -0.05)) <= 0.02);
@@ -324,7 +325,7 @@ fn grab(gpu: &Gpu, body: Body) -> Vec<Number> {
     ]
 }
 
-/// Mass and momentum of the body.
+/// Returns mass and momentum of the body.
 fn momentum(stage: &Stage) -> (f64, DVec3) {
     let simulator = &stage.motion().unwrap().simulator;
     let masses = simulator.masses();
@@ -333,13 +334,13 @@ fn momentum(stage: &Stage) -> (f64, DVec3) {
     (masses.iter().sum(), momenta.sum())
 }
 
-/// The plane x = `x` through the whole view.
+/// Returns the plane x = `x` through the whole view.
 fn blade(x: f64) -> Blade {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
     Blade::from_quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap()
 }
 
-/// Springs and edges of tets that pass through the plane x = `x` at rest: none survives a cut.
+/// Counts the springs and edges of tets that cross the plane x = `x` at rest: none survives a cut.
 fn crossings(stage: &Stage, x: f64) -> usize {
     let (low, high) = (|p: DVec3| p.x < x - 1e-6, |p: DVec3| p.x > x + 1e-6);
     let simulator = &stage.motion().unwrap().simulator;
@@ -352,7 +353,7 @@ fn crossings(stage: &Stage, x: f64) -> usize {
             .filter(|[a, b]| low(*a) && high(*b) || high(*a) && low(*b))
             .count();
     }
-    // A tet body is cut along faces: no spring joins its two pieces.
+    // A tet body is cut along faces: no spring connects its two components.
     let (piece, count) = components(&Topology::new(stage.mesh()));
     assert_eq!(count, 2);
     let mut pieces = vec![BTreeSet::new(); stage.mesh().nodes.len()];
@@ -366,7 +367,7 @@ fn crossings(stage: &Stage, x: f64) -> usize {
 }
 
 fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
-    // Held at the left, pulled to the right; cut through while it stretches.
+    // Pinned at the left, pulled to the right; cut during the stretch.
     let x = 0.0013;
     let pull = "[[pin]]\nsphere = [-0.05, 0, 0, 0.02]\n\
                 [[force]]\non = { sphere = [0.05, 0, 0, 0.025] }\ntotal = [0.5, 0, 0]";
@@ -384,7 +385,7 @@ fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
     let mut open = run(&knife, 0.12);
     let rest = stage(gpu, body, "thickness", "").image().unwrap();
     let image = open.image().unwrap();
-    // What is empty now, was not at rest, and lies between what is covered in its row.
+    // Pixels now empty, covered at rest, and between covered ones in their row.
     let gap = |now: &[f32]| {
         let width = PIXELS as usize;
         let rows = now.chunks_exact(width).zip(rest.values.chunks_exact(width));
@@ -400,7 +401,7 @@ fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
     let uncut = whole.image().unwrap();
     let open_ratio = ratio(&image, &open.deformed_mesh().unwrap());
     let (_, pieces) = components(&Topology::new(open.mesh()));
-    // In the middle of a motion, from code: nothing is lost.
+    // During a motion, by the API: nothing is lost.
     let (mass, before) = momentum(&whole);
     let volume_before = volume(whole.mesh());
     let there = whole.deformed_mesh().unwrap().nodes;
@@ -423,7 +424,7 @@ fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
             [0.0, 1e-5],
         ),
         match body {
-            // Cells along the blade are no longer whole.
+            // Cells along the blade are incomplete now.
             Body::Grid => ("volume lost", lost, [0.05, 0.3]),
             Body::Tets => ("volume lost", lost, [-1e-9, 1e-9]),
         },
@@ -436,7 +437,7 @@ fn the_walls_of_a_cut_are_drawn_under_its_skin() {
     let entry = format!("[[skin]]\nfile = '{BALL}'\ncolour = [1, 0, 0]\nwall = [0, 1, 0]");
     for body in [Body::Grid, Body::Tets] {
         let mut stage = stage(&gpu, body, "skin", &entry);
-        // In two strokes: the walls of the first are still there after the second.
+        // In two strokes: the walls of the first remain after the second.
         let half = |low: f64, high: f64| {
             let corners = [[-1.0, low], [1.0, low], [1.0, high], [-1.0, high]];
             Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.0013, y, z))).unwrap()
@@ -457,7 +458,7 @@ fn the_walls_of_a_cut_are_drawn_under_its_skin() {
             tet.iter()
                 .for_each(|v| side[*v as usize] = if right { 1.0 } else { -1.0 });
         }
-        // As a shell opens, towards the camera.
+        // Opened like a shell, towards the camera.
         let left: f64 = stage.mesh().tets[0]
             .iter()
             .map(|v| stage.mesh().nodes[*v as usize].x)
@@ -472,7 +473,7 @@ fn the_walls_of_a_cut_are_drawn_under_its_skin() {
             let is_green = |p: &&[f32]| p[1] > 0.1 && p[0] < 0.05;
             image.values.chunks_exact(4).filter(is_green).count()
         };
-        // What little shows when it is closed lies where the skin has opened.
+        // The few differences in the closed state are at the opening of the skin.
         let closed = green(&mut stage);
         stage.set_positions(&there).unwrap();
         let open = green(&mut stage);
@@ -568,7 +569,7 @@ fn what_a_scene_may_not_say_of_touch_is_named() {
     assert!(refused(&wrong).contains("verlet"));
     let wrong = scene(Body::Grid, "skin", "");
     assert!(refused(&wrong).contains("[[skin]]"));
-    // What holds no node is named when its time has come, and the body stays as it is.
+    // A cutter or grab that selects no node is reported at its time, and the body is unchanged.
     for body in [Body::Grid, Body::Tets] {
         let more = "[[grab]]\nat = [0.3, 0, 0]\nradius = 0.1\npath = [[0, 0, 0, 0]]";
         let mut stage = stage(&gpu, body, "surface", more);
@@ -576,7 +577,7 @@ fn what_a_scene_may_not_say_of_touch_is_named() {
         assert!(error.contains("nothing to grab"), "{error}");
         assert_eq!(stage.time(), 0.0);
     }
-    // What nothing moves is neither grabbed nor cut, and that is said.
+    // A static body cannot be grabbed or cut, and the message states it.
     let more = format!("[[cut]]\n{edge}\npath = [[0, 0, 0, 0], [1, 0, 2, 0]]");
     let mut still = scene(Body::Tets, "surface", &more);
     still.solver.name = None;

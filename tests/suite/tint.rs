@@ -1,11 +1,11 @@
-//! Every composed shader for `scripts/tint`, which hands them to a browser's compiler.
+//! Exports every composed shader for `scripts/tint`, which passes them to a browser's compiler.
 
 use palpate::gpu::{compose, parse, shader_names};
 use serde_json::{Value, json};
 use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
 
-/// Writes them as JSON into the file that `PALPATE_SHADERS` names, with what a pipeline needs:
-/// entry points, formats of targets, and the values of override constants that are worth a try.
+/// Writes them as JSON into the file given by `PALPATE_SHADERS`, with the parameters of a pipeline:
+/// entry points, formats of targets, and the values of override constants to be tested.
 #[test]
 #[ignore = "for a browser: scripts/test web"]
 fn every_composed_shader_is_written_for_a_browser() {
@@ -31,7 +31,7 @@ fn composed() -> palpate::Result<Value> {
         .collect()
 }
 
-/// The bindings and types that the fragment stage gives out.
+/// Returns the bindings and types of the outputs of the fragment stage.
 fn outputs(module: &Module) -> Vec<(Binding, &TypeInner)> {
     let fragment = |e: &&wgpu::naga::EntryPoint| e.stage == ShaderStage::Fragment;
     let result = module
@@ -67,14 +67,14 @@ fn targets(module: &Module) -> Vec<&'static str> {
         .collect()
 }
 
-/// Whether the fragment stage writes depths, or nothing but those of its triangles.
+/// Whether the fragment stage writes depths, or only those of its triangles.
 fn writes_depth(module: &Module) -> bool {
     let depth = |b: &Binding| matches!(b, Binding::BuiltIn(BuiltIn::FragDepth));
     targets(module).is_empty() || outputs(module).iter().any(|(b, _)| depth(b))
 }
 
-/// Each override constant with the values that it is tried with, one constant at a time: both of
-/// a flag, the first numbers of a choice.
+/// Returns each override constant with its test values, one constant at a time: both of a flag, the
+/// first numbers of a choice.
 fn overrides(module: &Module) -> Vec<Value> {
     let values = |inner: &TypeInner| match inner.scalar_kind() {
         Some(ScalarKind::Bool) => vec![0, 1],

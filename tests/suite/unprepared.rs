@@ -1,5 +1,4 @@
-//! The first picture of a mesh that nobody prepared: its regions, what holds and pulls it, and
-//! all of it in the picture.
+//! The first picture of an arbitrary mesh: its regions, automatic supports and loads, and framing.
 
 use crate::support::{gpu, real_data};
 use glam::DVec3;
@@ -10,7 +9,7 @@ use palpate::scene::{PlannedRun, Scene, Stage};
 
 const FRAMES: u32 = 6;
 
-/// A body as the command line moves it where nothing but the solver is named.
+/// Returns a scene as the command line builds it if only the solver is given.
 fn unprepared(drawn: bool, steps: u32) -> Scene {
     let mut scene = Scene::parse("mesh = {}\n[solver]\nname = \"implicit\"").unwrap();
     scene.solver.steps = Some(steps);
@@ -34,7 +33,7 @@ fn lit(image: &Image) -> usize {
     pixels.filter(|p| p[3] > 0.02).count()
 }
 
-/// Simulates `mesh` and looks at every frame.
+/// Simulates `mesh` and checks every frame.
 fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
     let mut scene = unprepared(true, FRAMES);
     scene.picture.size = Some(size);
@@ -65,12 +64,12 @@ fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
     }
     println!("{name}: {ratio:.3} of the diagonal; {said}");
     assert!((0.03..0.3).contains(&ratio), "{name}: {ratio}; {said}");
-    // One picture of the end is framed for the end.
+    // A single picture of the end is framed for the end.
     stage.fit_view(&[]).unwrap();
     assert!(!touches_the_border(&stage.image().unwrap()), "{name}");
 }
 
-/// The tets of a block whose middle is inside, as a mesh.
+/// Returns the tets of a block whose centroid is inside, as a mesh.
 fn carved(cells: [usize; 3], size: DVec3, inside: impl Fn(DVec3) -> bool) -> TetMesh {
     let block = generate::bar(cells, size).unwrap();
     let tets = (0..block.tets.len())
@@ -124,7 +123,7 @@ fn what_is_given_is_obeyed() {
     assert!(said.contains("gravity of 3.00 m/s²"), "{said}");
 }
 
-/// The report of `render` has what the movement is held against.
+/// The report of `render` contains the reference scale of the motion.
 #[test]
 fn the_report_has_the_diagonal() {
     let bar = generate::paper_bar().unwrap();
@@ -160,7 +159,7 @@ fn a_real_alligator_is_not_hung_from_its_nose() {
     real("gaia_alligator.vtk", [160, 120]);
 }
 
-/// A ball with a core: the core has the value 7, what is around it 3.
+/// Writes a ball with a core: the core has the value 7, its surroundings 3.
 fn cored(name: &str) -> TetMesh {
     let mut ball = generate::ball(1.0, 6).unwrap();
     let inside = |t: usize| ball.tet_nodes(t).iter().sum::<DVec3>().length() / 4.0 < 0.5;
@@ -194,7 +193,7 @@ fn regions_are_seen_a_colour_each_whatever_their_field_is_called() {
         let legend = format!("regions of \"{name}\": 3 (#e69f00), 7 core (#56b4e9)");
         assert!(said.contains(&legend), "{said}");
         let image = stage.image().unwrap();
-        // In the middle the core shows, blue, through what is around it, orange.
+        // In the middle the blue core is visible through its orange surroundings.
         let (middle, rim) = (image.pixel(32, 32), image.pixel(32, 8));
         assert!(middle[2] > middle[0] * 0.9 && middle[0] > 0.2, "{middle:?}");
         assert!(rim[0] > 1.3 * rim[1] && rim[1] > 5.0 * rim[2], "{rim:?}");
@@ -221,7 +220,7 @@ fn what_the_user_names_is_seen_instead_of_regions() {
     assert_eq!(seen(Some("heat"), None), ("heat".into(), false));
     assert_eq!(seen(Some("stress"), None), ("stress".into(), false));
     assert_eq!(seen(Some("part"), None), ("part".into(), true));
-    // Through a transfer function of the user's own the values themselves are seen.
+    // Through a user-defined transfer function the values themselves are visible.
     assert_eq!(seen(Some("part"), Some("viridis")), ("part".into(), false));
     assert_eq!(seen(None, Some("viridis")), ("heat".into(), false));
 }

@@ -1,10 +1,10 @@
-//! What is wrong in a scene is said with the file, the line and the column, and what would do.
+//! Errors in a scene are reported with the file, the line, the column and a remedy.
 
 use palpate::mesh::generate;
 use palpate::scene::{Region, Scene};
 
-/// A scene with one line too many or another one, the line and column that the message names, and
-/// words that it has.
+/// A scene with an additional or modified line, the line and column in the message, and words in
+/// it.
 const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "[mesh]\nfiel = \"a.vtu\"",
@@ -231,7 +231,7 @@ fn what_is_wrong_is_said_with_its_place() {
         std::fs::write(&path, content).unwrap();
         let said = Scene::read(&path).unwrap_err().to_string();
         assert!(said.contains("scene.toml"), "{content}\n{said}");
-        // "line 1" is not "line 12".
+        // "line 1" must not match "line 12".
         let there = said
             .match_indices(place)
             .any(|(at, _)| !said[at + place.len()..].starts_with(|c: char| c.is_ascii_digit()));
@@ -262,7 +262,7 @@ fn regions_are_bounded_by_places_in_the_unit_of_the_mesh() {
         assert!(above.iter().all(|v| at(v) >= middle[k]));
         let both = (0..bar.nodes.len() as u32).filter(|v| at(v) == middle[k]);
         assert_eq!(below.len() + above.len(), bar.nodes.len() + both.count());
-        // Half of the extent is the same place.
+        // Half of the extent is the same position.
         let part = nodes(&format!("axis = \"{axis}\"\nbelow = 0.5")).unwrap();
         assert_eq!(part, below);
     }
@@ -282,7 +282,7 @@ fn regions_are_bounded_by_places_in_the_unit_of_the_mesh() {
         .unwrap_err()
         .to_string();
     assert!(said.contains("hip"), "{said}");
-    // Regions made in code are held to the same.
+    // Regions created by code are checked as well.
     let made = Region {
         axis: Some(palpate::scene::Axis::Z),
         below: Some(-0.6),

@@ -1,4 +1,4 @@
-//! Two coarse bars side by side, and a round skin for each: figure 5 of Mosegaard & Sørensen
+//! Two coarse bars next to each other with a round skin each: figure 5 of Mosegaard & Sørensen
 //! (2005), both mappings in one picture; in m.
 
 use glam::DVec3;
@@ -8,10 +8,10 @@ use palpate::mesh::{TetMesh, TriMesh};
 use std::f64::consts::TAU;
 
 const SIZE: DVec3 = DVec3::new(0.24, 0.03, 0.03);
-/// From one bar to the other.
+/// Offset between the bars.
 const APART: DVec3 = DVec3::new(0.0, 0.09, 0.0);
 
-/// Both bars, of eight cells each.
+/// Returns both bars, of eight cells each.
 pub fn bodies() -> Result<TetMesh> {
     let bar = box_mesh([8, 1, 1], SIZE, Split::Six)?;
     let count = bar.nodes.len() as u32;
@@ -22,7 +22,7 @@ pub fn bodies() -> Result<TetMesh> {
     TetMesh::new(nodes, tets, Vec::new(), Vec::new())
 }
 
-/// A tube around bar `n`, its ends open.
+/// Returns a tube around bar `n`, with open ends.
 pub fn tube(n: usize) -> TriMesh {
     let (along, around, radius) = (72usize, 32usize, 0.026);
     let middle = 0.5 * SIZE * DVec3::new(0.0, 1.0, 1.0) + n as f64 * APART;

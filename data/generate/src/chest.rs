@@ -1,5 +1,5 @@
-//! A chest in CT with contrast: lungs with their vessels, ribs, heart, and what lies under the
-//! diaphragm. World coordinates are RAS, in mm; numbers are Hounsfield units.
+//! Phantom of a chest in CT with contrast agent: lungs with their vessels, ribs, heart, and the
+//! organs below the diaphragm. World coordinates are RAS, in mm; values are Hounsfield units.
 
 use super::phantoms::{blend, centred, ellipsoid, over, rod, volume};
 use glam::{DMat3, DVec2, DVec3};
@@ -8,7 +8,7 @@ use palpate::volume::{Raw, Volume};
 const SIZE: [usize; 3] = [110, 76, 112];
 /// The edge of a voxel, mm.
 const VOXEL: f64 = 3.2;
-/// Numbers are multiples of this, so that the file is small.
+/// Values are rounded to multiples of this, which reduces the size of the file.
 const GREYS: f64 = 20.0;
 
 const AIR: f64 = -1000.0;
@@ -23,7 +23,7 @@ const CORTICAL: f64 = 700.0;
 /// A vessel of a lung: its two ends and its radius.
 type Vessel = (DVec3, DVec3, f64);
 
-/// The tree of vessels of the lung on a side, from its hilum outwards.
+/// Returns the vessel tree of the lung on a side, from its hilum outwards.
 fn vessels(side: f64) -> Vec<Vessel> {
     let mut made = Vec::new();
     let ways = [
@@ -57,7 +57,7 @@ fn branch(
     if more == 0 {
         return;
     }
-    // Each fork lies across the one before.
+    // Each fork is perpendicular to the previous one.
     let across = way.cross(if more.is_multiple_of(2) {
         DVec3::Y
     } else {
@@ -70,7 +70,7 @@ fn branch(
     }
 }
 
-/// The height of the diaphragm: two domes.
+/// Returns the height of the diaphragm: two domes.
 fn diaphragm(p: DVec3) -> f64 {
     let dome = |side: f64, top: f64| {
         let q = DVec2::new(p.x - side * 68.0, p.y);
@@ -88,8 +88,8 @@ fn lung(p: DVec3, side: f64) -> f64 {
     whole.max(diaphragm(p) - p.z)
 }
 
-/// About the distance to the rib of this number, and how far round to the front it is there, from
-/// −1 to 1.
+/// Returns the approximate distance to a rib, and the position around the chest, from −1 (back) to
+/// 1 (front).
 fn rib(p: DVec3, number: usize) -> (f64, f64) {
     let n = number as f64;
     let wide = (0.55 + 0.13 * n).min(1.0);
@@ -105,7 +105,7 @@ fn rib(p: DVec3, number: usize) -> (f64, f64) {
     (off.length() - 4.5, front)
 }
 
-/// The number at `p`, `trees` being the vessels of the lungs on the left and on the right.
+/// Returns the value at `p`; `trees` are the vessels of the left and the right lung.
 fn value(p: DVec3, trees: &[Vec<Vessel>; 2]) -> f64 {
     let v = DVec3::new;
     let narrow = 1.0 - 0.0035 * (p.z - 100.0).max(0.0);
@@ -117,7 +117,7 @@ fn value(p: DVec3, trees: &[Vec<Vessel>; 2]) -> f64 {
     let mut x = put(AIR, FAT, skin);
     x = put(x, MUSCLE, skin + 10.0);
 
-    // Under the diaphragm.
+    // Below the diaphragm.
     let under = p.z - diaphragm(p) + 5.0;
     let organ = |p, at, radii| ellipsoid(p, at, radii).max(under);
     let cavity = organ(p, v(0.0, 0.0, -120.0), v(128.0, 82.0, 110.0));
@@ -136,7 +136,7 @@ fn value(p: DVec3, trees: &[Vec<Vessel>; 2]) -> f64 {
         x = put(x, 190.0, kidney);
     }
 
-    // The lungs, and what lies between them.
+    // The lungs, and the mediastinum.
     let heart = ellipsoid(p, v(-20.0, 20.0, -14.0), v(50.0, 44.0, 48.0));
     let heart = heart.max(diaphragm(p) - p.z - 2.0);
     for (side, tree) in [-1.0, 1.0].into_iter().zip(trees) {
@@ -172,7 +172,7 @@ fn value(p: DVec3, trees: &[Vec<Vessel>; 2]) -> f64 {
         rod(p, v(0.0, -10.0, 190.0), v(0.0, -16.0, 58.0), 8.0),
     );
 
-    // Bones: spongy inside, cortical outside.
+    // Bones: cancellous inside, cortical outside.
     let bone = |x: f64, d: f64| put(put(x, CORTICAL, d), SPONGY, d + 3.5);
     let along = (p.z / 28.0).rem_euclid(1.0) * 28.0;
     let spine = rod(p, v(0.0, -68.0, -200.0), v(0.0, -68.0, 200.0), 17.0);
@@ -210,7 +210,7 @@ fn value(p: DVec3, trees: &[Vec<Vessel>; 2]) -> f64 {
     )
 }
 
-/// A chest in CT: Hounsfield units, voxels of 3.2 mm.
+/// Returns the CT of a chest: Hounsfield units, voxels of 3.2 mm.
 pub fn chest_ct() -> Volume {
     let axes = DMat3::from_diagonal(DVec3::new(-VOXEL, -VOXEL, VOXEL));
     let to_world = centred(axes, SIZE, DVec3::new(0.0, 0.0, -6.0));

@@ -1,4 +1,4 @@
-//! A heart-like phantom: muscle around two chambers of blood, and its detailed surface; in mm.
+//! Heart-like phantom: muscle around two chambers of blood, and its detailed surface; in mm.
 
 use glam::{DAffine3, DMat3, DVec3};
 use palpate::Result;
@@ -8,18 +8,19 @@ use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
-/// Voxels along an axis, and how far they are apart.
+/// Number of voxels along an axis, and their spacing.
 const VOXELS: usize = 60;
 const VOXEL: f64 = 2.0;
 
-/// The distance from the middle to the outer wall in a direction; apex down.
+/// Returns the distance from the centre to the outer wall in a direction; the apex is at the
+/// bottom.
 fn wall(d: DVec3) -> f64 {
     let taper = 1.0 + 0.28 * d.z - 0.1 * d.x;
     let radii = DVec3::new(40.0 * taper, 35.0 * taper, 52.0);
     (d / radii).length().recip()
 }
 
-/// Vessels and folds on the wall: what only the normal map shows.
+/// Returns the height of vessels and folds on the wall, which only the normal map shows.
 fn relief(longitude: f64, latitude: f64) -> f64 {
     let vessels = (0..5).map(|n| {
         let n = f64::from(n);
@@ -48,7 +49,7 @@ fn label(p: DVec3) -> u8 {
     }
 }
 
-/// Labels: 1 muscle, 2 and 3 the chambers.
+/// Returns the label map: 1 muscle, 2 and 3 the chambers.
 pub fn labels() -> Volume {
     let first = DVec3::splat(-0.5 * VOXEL * (VOXELS as f64 - 1.0));
     let at = |i: usize| {
@@ -66,12 +67,12 @@ pub fn labels() -> Volume {
     }
 }
 
-/// The wall as rings of longitude and latitude, with texture coordinates; with its relief or
-/// without.
+/// Returns the wall as rings of longitude and latitude, with texture coordinates; with its relief
+/// or without.
 pub fn surface(around: usize, along: usize, detailed: bool) -> TriMesh {
     let mut vertices = Vec::new();
     let mut uvs = Vec::new();
-    // The seam has two vertices at each place, the poles one for each column.
+    // The seam has two vertices at each position, the poles one for each column.
     for j in 0..=along {
         for i in 0..=around {
             let (u, v) = (i as f64 / around as f64, j as f64 / along as f64);
@@ -98,7 +99,7 @@ pub fn surface(around: usize, along: usize, detailed: bool) -> TriMesh {
             corners.extend([[a, b, c], [a, c, d]]);
         }
     }
-    // One vertex for each place; what differs there is kept at the corners.
+    // One vertex per position; attributes that differ there are stored at the corners.
     let place = |n: usize| {
         let (i, j) = (n % (around + 1), n / (around + 1));
         match j {
@@ -130,7 +131,7 @@ pub fn surface(around: usize, along: usize, detailed: bool) -> TriMesh {
     }
 }
 
-/// The relief as a normal map for the plain surface.
+/// Returns the normal map of the relief for the smooth surface.
 pub fn normals() -> Result<Map> {
     let (map, _) = bake(
         &surface(64, 40, false),

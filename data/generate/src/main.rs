@@ -1,5 +1,5 @@
-//! Makes the small meshes, volumes and surfaces under `data/` (or in a folder given as the
-//! argument) anew.
+//! Regenerates the small meshes, volumes and surfaces under `data/` (or in a folder given as the
+//! argument).
 
 mod bars;
 mod chest;
@@ -13,17 +13,17 @@ use palpate::mesh::{TetMesh, Topology, TriMesh, depth_field};
 use palpate::volume::Volume;
 use std::path::PathBuf;
 
-/// Edges of the bones of the foot, m: as fine as keeps their file below 400 KB.
+/// Edge length of the bones of the foot, m: the finest for a file below 400 KB.
 const FOOT_SPACING: f64 = 0.003;
 
-/// The mesh with a field to colour it by.
+/// Adds the depth field to a mesh, for colouring.
 fn with_depth(mut mesh: TetMesh) -> Result<TetMesh> {
     let depth = depth_field(&mesh, &Topology::new(&mesh));
     mesh.set_field(depth)?;
     Ok(mesh)
 }
 
-/// File names and meshes.
+/// Returns the file names and meshes.
 pub fn meshes() -> Result<Vec<(&'static str, TetMesh)>> {
     let size = glam::DVec3::splat(0.1);
     Ok(vec![
@@ -36,7 +36,7 @@ pub fn meshes() -> Result<Vec<(&'static str, TetMesh)>> {
     ])
 }
 
-/// File names and volumes.
+/// Returns the file names and volumes.
 pub fn volumes() -> Vec<(&'static str, Volume)> {
     vec![
         ("knee.nrrd", phantoms::knee()),
@@ -47,7 +47,7 @@ pub fn volumes() -> Vec<(&'static str, Volume)> {
     ]
 }
 
-/// File names and surfaces.
+/// Returns the file names and surfaces.
 pub fn surfaces() -> Result<Vec<(&'static str, TriMesh)>> {
     Ok(vec![
         ("lobe.stl", phantoms::lobe()),

@@ -1,12 +1,12 @@
-//! Phantoms of what scans and segmentations are like: a knee's labels, a head in CT and in MRI,
-//! and the surface of a lobe of a lung. World coordinates are RAS, in mm.
+//! Phantoms resembling scans and segmentations: the labels of a knee, a head in CT and in MRI, and
+//! the surface of a lobe of a lung. World coordinates are RAS, in mm.
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use palpate::mesh::TriMesh;
 use palpate::volume::{Raw, Volume};
 use std::collections::{BTreeMap, HashMap};
 
-/// Labels of [`knee`], numbered as they are in the segmentations of the DESS knee data sets.
+/// Labels of [`knee`], numbered as in the segmentations of the DESS knee data sets.
 const KNEE: [(u8, &str); 10] = [
     (1, "femoral cartilage"),
     (2, "medial tibial cartilage"),
@@ -20,26 +20,27 @@ const KNEE: [(u8, &str); 10] = [
     (10, "medial meniscus"),
 ];
 
-/// Union of two solids with the crease between them filled.
+/// Smooth union of two solids.
 pub fn blend(a: f64, b: f64, width: f64) -> f64 {
     let h = (width - (a - b).abs()).max(0.0) / width;
     a.min(b) - 0.25 * h * h * width
 }
 
-/// About the distance to an ellipsoid, negative inside.
+/// Returns the approximate signed distance to an ellipsoid, negative inside.
 pub fn ellipsoid(p: DVec3, centre: DVec3, radii: DVec3) -> f64 {
     let q = (p - centre) / radii;
     let steepness = (q / radii).length().max(1e-12);
     q.length() * (q.length() - 1.0) / steepness
 }
 
-/// A rod with round ends.
+/// Returns the signed distance to a rod with round ends.
 pub fn rod(p: DVec3, a: DVec3, b: DVec3, radius: f64) -> f64 {
     let along = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
     p.distance(a.lerp(b, along)) - radius
 }
 
-/// The label at `p`: a knee stretched out, its joint near the origin, the lateral side at +x.
+/// Returns the label at `p`: an extended knee with its joint near the origin and the lateral side
+/// at +x.
 fn knee_label(p: DVec3) -> u8 {
     let v = DVec3::new;
     let condyle = |side: f64| ellipsoid(p, v(21.0 * side, -4.0, 13.0), v(18.0, 27.0, 20.0));
@@ -60,7 +61,7 @@ fn knee_label(p: DVec3) -> u8 {
     };
     let wedge = |side: f64| {
         let around = DVec2::new((p.x - 21.0 * side) / 0.85, p.y + 4.0).length() - 17.0;
-        // Open towards the middle of the joint, where its horns are fixed.
+        // Open towards the centre of the joint, where its horns are attached.
         let open = side * p.x < 9.0 && (p.y + 4.0).abs() < 7.0;
         !open && around.hypot((p.z + 8.0) * 1.1) < 5.0
     };
@@ -79,10 +80,10 @@ fn knee_label(p: DVec3) -> u8 {
     }
 }
 
-/// A segmented knee: labels 0 to 10, oblique voxels of 1.3 × 1.3 × 1.5 mm.
+/// Returns a segmented knee: labels 0 to 10, oblique voxels of 1.3 × 1.3 × 1.5 mm.
 pub fn knee() -> Volume {
     let turn = DMat3::from_rotation_z(0.08) * DMat3::from_rotation_x(-0.05);
-    // The voxels run as in a sagittal scan: forwards, down, sideways.
+    // The voxel axes are those of a sagittal scan: anterior, inferior, left.
     let axes = DMat3::from_cols(DVec3::Y * 1.3, DVec3::NEG_Z * 1.3, DVec3::NEG_X * 1.5);
     let size = [78, 104, 64];
     let to_world = centred(turn * axes, size, DVec3::new(2.0, 4.0, 0.0));
@@ -93,7 +94,7 @@ pub fn knee() -> Volume {
     }
 }
 
-/// What a point of the head is, from outside in.
+/// Tissue of a point of the head, from outside in.
 struct Head {
     skin: f64,
     skull: f64,
@@ -151,12 +152,12 @@ fn head(p: DVec3) -> Head {
     }
 }
 
-/// Passes from `outside` to `inside` over one voxel's width about the surface.
+/// Blends from `outside` to `inside` over the width of a voxel at the surface.
 pub fn over(outside: f64, inside: f64, distance: f64, width: f64) -> f64 {
     outside + (inside - outside) * (0.5 - distance / width).clamp(0.0, 1.0)
 }
 
-/// A head in CT: numbers 1,024 above Hounsfield units, voxels of 3.2 × 3.2 × 3 mm.
+/// Returns a head in CT: values are Hounsfield units + 1,024, voxels of 3.2 × 3.2 × 3 mm.
 pub fn head_ct() -> Volume {
     let size = [56, 70, 78];
     let axes = DMat3::from_diagonal(DVec3::new(-3.2, -3.2, 3.0));
@@ -170,7 +171,7 @@ pub fn head_ct() -> Volume {
     volume(size, to_world, value, Raw::I16)
 }
 
-/// A head in MRI (T1-like): numbers that a slope of 2.5 makes 0 to 500, voxels of 3.4 mm.
+/// Returns a head in MRI (T1-like): values of 0 to 500 with a slope of 2.5, voxels of 3.4 mm.
 pub fn head_mri() -> Volume {
     let size = [52, 66, 72];
     let axes = DMat3::from_diagonal(DVec3::splat(3.4));
@@ -192,7 +193,7 @@ pub fn head_mri() -> Volume {
     }
 }
 
-/// The transform that puts the middle of a grid at `middle`.
+/// Returns the transform that moves the centre of a grid to `middle`.
 pub fn centred(axes: DMat3, size: [usize; 3], middle: DVec3) -> DAffine3 {
     let half = DVec3::from(size.map(|n| (n as f64 - 1.0) / 2.0));
     DAffine3::from_mat3_translation(axes, middle - axes * half)
@@ -224,13 +225,13 @@ pub fn volume<T>(
     }
 }
 
-/// The surface of a lobe of a lung, in mm: a sphere of 1,280 triangles, pushed into shape.
+/// Returns the surface of a lobe of a lung, in mm: a deformed sphere of 1,280 triangles.
 pub fn lobe() -> TriMesh {
     let (directions, triangles) = sphere(3);
     let shape = |d: DVec3| {
         let outer = DVec3::new(48.0, 62.0, 88.0);
         let r = (d / outer).length().recip();
-        // Hollowed towards the heart, cut off at the fissure below.
+        // Concave towards the heart, cut off at the fissure below.
         let heart = 1.0 - 0.35 * (-4.0 * (1.0 - d.dot(DVec3::new(-0.8, 0.5, -0.33)))).exp();
         let bumps = 1.0 + 0.02 * ((5.0 * d.x).sin() + (6.0 * d.y).cos() * (4.0 * d.z).sin());
         let mut p = d * r * heart * bumps;
@@ -249,7 +250,7 @@ pub fn lobe() -> TriMesh {
     }
 }
 
-/// A unit icosahedron whose triangles are cut in four `times` times.
+/// Returns a unit icosahedron subdivided `times` times.
 fn sphere(times: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let mut vertices: Vec<DVec3> = [(-1.0, g), (1.0, g), (-1.0, -g), (1.0, -g)]

@@ -1,7 +1,7 @@
-//! Triangle surfaces in and out: one file a format.
+//! Readers and writers of triangle surfaces, one file per format.
 //!
-//! The crates for these formats (`stl_io`, `ply-rs-bw`, `tobj`) size what they allocate by what a
-//! header says, or give up fields, so the readers are our own.
+//! The crates for these formats (`stl_io`, `ply-rs-bw`, `tobj`) size allocations by unchecked
+//! headers, or drop fields, so these are separate readers.
 
 mod obj;
 mod ply;
@@ -19,7 +19,7 @@ use std::path::Path;
 
 pub(super) type Reader = fn(&[u8]) -> ParseResult<RawMesh>;
 
-/// The reader for STL, PLY or OBJ.
+/// Returns the reader for STL, PLY or OBJ.
 pub(super) fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
     if bytes.starts_with(ply::MAGIC) {
         Some(ply::read)
@@ -33,11 +33,11 @@ pub(super) fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
 }
 
 /// Reads a triangle surface: STL, PLY, OBJ, VTK POLYDATA, or the surface cells of any mesh format
-/// that [`read`](super::read) knows. Polygons are cut into triangles, vertices that coincide are
-/// merged, triangles without an area dropped; what was done is told in [`TriMesh::notes`].
+/// that [`read`](super::read) supports. Polygons are triangulated, coincident vertices merged,
+/// degenerate triangles dropped; [`TriMesh::notes`] reports the changes.
 ///
 /// # Errors
-/// A file that cannot be read, is damaged, or has no surface in it.
+/// An error if the file cannot be read, is damaged, or contains no surface.
 pub fn read_surface(path: impl AsRef<Path>) -> Result<TriMesh> {
     let path = path.as_ref();
     let extension = super::extension(path);
@@ -45,7 +45,7 @@ pub fn read_surface(path: impl AsRef<Path>) -> Result<TriMesh> {
     surface_of(&bytes, &extension).map_err(|e| Error::format(path, e))
 }
 
-/// The surface in the content of a file with that extension.
+/// Parses the surface in the content of a file with that extension.
 pub(super) fn surface_of(bytes: &[u8], extension: &str) -> ParseResult<TriMesh> {
     let reader = match reader_of(bytes, extension) {
         Some(reader) => reader,

@@ -1,14 +1,14 @@
-//! Reader for Wavefront OBJ: positions, polygons, and their corners' texture coordinates and
-//! normals where every corner has them. Groups and materials are passed over.
+//! Reader for Wavefront OBJ: positions, polygons, and the texture coordinates and normals of their
+//! corners if every corner has them. Groups and materials are skipped.
 
 use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult, integer, number};
 use crate::mesh::{Field, Location, NORMAL, UV};
 
-/// VTK's number for a triangle.
+/// VTK number of a triangle.
 const TRIANGLE: u8 = 5;
 
-/// What a corner may name beside its vertex: a list in the file, and what triangles have of it.
+/// A list of corner attributes (texture coordinates or normals), and its values at the triangles.
 struct Extra {
     name: &'static str,
     what: &'static str,
@@ -34,7 +34,7 @@ impl Extra {
         self.listed.len() / self.width
     }
 
-    /// Another item of the list; what is no number counts as 0.
+    /// Appends an item to the list; anything but a number counts as 0.
     fn list<'a>(&mut self, mut words: impl Iterator<Item = &'a [u8]>) {
         for _ in 0..self.width {
             let value = words.next().and_then(number).filter(|x| x.is_finite());
@@ -68,7 +68,8 @@ impl Extra {
     }
 }
 
-/// The item that `word` names of `count` listed so far: counted from 1, or back from the latest.
+/// Returns the index referenced by `word` among `count` items so far: from 1, or backwards from the
+/// last.
 fn item(word: &[u8], count: usize) -> Option<usize> {
     integer(word).and_then(|i| match i {
         1.. => usize::try_from(i - 1).ok().filter(|i| *i < count),
@@ -86,7 +87,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut uvs = Extra::new(UV, "texture coordinates", 2);
     let mut normals = Extra::new(NORMAL, "normals", 3);
     while let Some((start, line)) = at.line() {
-        // A line may go on after a backslash.
+        // A line continues after a backslash.
         let mut line = line.to_vec();
         while line.last() == Some(&b'\\') {
             line.pop();

@@ -1,19 +1,19 @@
 //! Reader for PLY: ASCII, and binary of both byte orders.
 //!
-//! The vertices' properties beside x, y, z become fields. Properties and elements of any other
-//! kind are passed over.
+//! Vertex properties other than x, y, z become fields. Properties and elements of any other kind
+//! are skipped.
 
 use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult};
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
-/// How every file of this format begins.
+/// Magic bytes of the format.
 pub(super) const MAGIC: &[u8] = b"ply";
 
-/// VTK's number for a polygon.
+/// VTK number of a polygon.
 const POLYGON: u8 = 7;
-/// A polygon of more corners than this is taken for damage.
+/// Maximum number of corners of a polygon; more indicate a damaged file.
 const MOST_CORNERS: usize = 1 << 16;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -23,7 +23,7 @@ enum Encoding {
     Big,
 }
 
-/// A property of an element: one number, or a list with its count in front.
+/// A property of an element: a number, or a list preceded by its count.
 struct Property {
     name: String,
     scalar: ScalarType,
@@ -134,7 +134,7 @@ fn scalar_type(word: &str) -> Option<ScalarType> {
 }
 
 impl Property {
-    /// The fewest bytes that one of it takes.
+    /// Returns the minimum size of an item in bytes.
     fn least(&self, encoding: Encoding) -> usize {
         match encoding {
             Encoding::Ascii => 2,
@@ -152,7 +152,7 @@ fn bytes_in(scalar: ScalarType) -> usize {
     }
 }
 
-/// What follows the header.
+/// The data after the header.
 struct Body<'a> {
     at: Cursor<'a>,
     encoding: Encoding,
@@ -184,7 +184,7 @@ impl Body<'_> {
         })
     }
 
-    /// The items of a property: one, or those of a list.
+    /// Reads the items of a property: one, or those of a list.
     fn items(&mut self, property: &Property) -> ParseResult<Vec<f64>> {
         let count = match property.count {
             None => 1,
@@ -219,7 +219,7 @@ impl Body<'_> {
         let (Some(x), Some(y), Some(z)) = (place("x"), place("y"), place("z")) else {
             return Err("the vertices have no properties x, y and z".into());
         };
-        // Properties beside the position, one number each, are fields.
+        // Scalar properties other than the position become fields.
         let kept: Vec<usize> = (0..element.properties.len())
             .filter(|n| ![x, y, z].contains(n) && element.properties[*n].count.is_none())
             .collect();
@@ -261,7 +261,7 @@ impl Body<'_> {
         Ok(())
     }
 
-    /// Strips of triangles in one list, with −1 between them.
+    /// Reads triangle strips in one list, separated by −1.
     fn strips(&mut self, element: &Element, mesh: &mut RawMesh) -> ParseResult<()> {
         const STRIP: u8 = 6;
         for _ in 0..element.count {
@@ -278,7 +278,7 @@ impl Body<'_> {
     }
 }
 
-/// A vertex index; what is none becomes one that is out of range.
+/// Converts a vertex index; an invalid one becomes one out of range.
 fn index(value: f64) -> usize {
     match value >= 0.0 && value.fract() == 0.0 {
         true => value as usize,

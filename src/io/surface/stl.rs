@@ -1,18 +1,18 @@
-//! Reader for STL, ASCII and binary: triangles one by one.
+//! Reader for STL, ASCII and binary: a list of triangles.
 
 use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult};
 use glam::DVec3;
 
-/// VTK's number for a triangle.
+/// VTK number of a triangle.
 const TRIANGLE: u8 = 5;
-/// Bytes before the triangles of a binary file, and of each triangle.
+/// Size of the header of a binary file and of each triangle, in bytes.
 const HEADER: usize = 84;
 const RECORD: usize = 50;
 
 /// Reads the content of an STL file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
-    // Binary files may begin with "solid" as well: the length tells, and that text has no zeros.
+    // Binary files may begin with "solid", too: the length decides, and that text has no zeros.
     let count = bytes.get(80..HEADER).map(|c| {
         let mut number = [0; 4];
         number.copy_from_slice(c);
@@ -52,7 +52,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             number.copy_from_slice(&record[4 * n..4 * n + 4]);
             f64::from(f32::from_le_bytes(number))
         };
-        // The normal, numbers 0 to 2, follows from the corners.
+        // The normal, numbers 0 to 2, is recomputed from the corners.
         for corner in 1..4 {
             let at = 3 * corner;
             mesh.nodes
@@ -63,7 +63,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     Ok(mesh)
 }
 
-/// A triangle of the last three nodes.
+/// Adds a triangle of the last three nodes.
 fn push_triangle(mesh: &mut RawMesh) {
     let end = mesh.nodes.len();
     mesh.cells.push(TRIANGLE, end - 3..end);

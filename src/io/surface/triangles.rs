@@ -1,4 +1,4 @@
-//! From the cells of a file to triangles: the stage that all surface readers share.
+//! Conversion of the cells of a file to triangles, shared by all surface readers.
 
 use crate::io::cells::RawMesh;
 use crate::io::cursor::ParseResult;
@@ -6,7 +6,7 @@ use crate::mesh::{Field, Location, TriMesh};
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// The surface cells of `raw` as triangles.
+/// Converts the surface cells of `raw` to triangles.
 pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
     let mut surface = TriMesh {
         notes: raw.warnings.clone(),
@@ -81,7 +81,7 @@ fn used(triangles: &[[u32; 3]]) -> impl Iterator<Item = u32> {
     triangles.iter().flatten().copied()
 }
 
-/// The triangles of all cells, the cell of each, and the number of cells that are no polygons.
+/// Returns the triangles of all cells, the cell of each, and the number of non-polygonal cells.
 #[allow(clippy::type_complexity)]
 fn triangulated(raw: &RawMesh) -> ParseResult<(Vec<[u32; 3]>, Vec<u32>, usize)> {
     let (mut triangles, mut cells, mut dropped) = (Vec::new(), Vec::new(), 0);
@@ -96,13 +96,13 @@ fn triangulated(raw: &RawMesh) -> ParseResult<(Vec<[u32; 3]>, Vec<u32>, usize)> 
         let before = triangles.len();
         match (kind, nodes) {
             (6, nodes) => triangles.extend(nodes.windows(3).enumerate().map(|(n, w)| {
-                // Every other triangle of a strip runs the other way.
+                // Alternate triangles of a strip have opposite orientation.
                 match n % 2 {
                     0 => [w[0], w[1], w[2]],
                     _ => [w[1], w[0], w[2]],
                 }
             })),
-            // A pixel's corners run in rows.
+            // The corners of a pixel are in row order.
             (8, [a, b, c, d]) => triangles.extend([[*a, *b, *d], [*a, *d, *c]]),
             (5 | 7 | 9, [a, rest @ ..]) => {
                 triangles.extend(rest.windows(2).map(|w| [*a, w[0], w[1]]));
@@ -115,16 +115,16 @@ fn triangulated(raw: &RawMesh) -> ParseResult<(Vec<[u32; 3]>, Vec<u32>, usize)> 
     Ok((triangles, cells, dropped))
 }
 
-/// The vertices that are left.
+/// The remaining vertices after merging.
 struct Merged {
     places: Vec<DVec3>,
-    /// The vertex of the file that each comes from.
+    /// The vertex in the file for each.
     sources: Vec<u32>,
     merged: usize,
 }
 
-/// For each vertex of the file the one that takes its place: the first at the same place. Those
-/// that no triangle uses are left out.
+/// Returns the replacement of each vertex of the file: the first at the same position. Unused
+/// vertices are dropped.
 fn merged(nodes: &[DVec3], triangles: &[[u32; 3]]) -> (Vec<u32>, Merged) {
     let mut first = vec![u32::MAX; nodes.len()];
     let mut at: HashMap<[u64; 3], u32> = HashMap::new();
@@ -138,7 +138,7 @@ fn merged(nodes: &[DVec3], triangles: &[[u32; 3]]) -> (Vec<u32>, Merged) {
             continue;
         }
         let place = nodes[v as usize];
-        // −0 and 0 are one place.
+        // −0 and 0 are the same position.
         let key = (place + DVec3::ZERO).to_array().map(f64::to_bits);
         let next = vertices.places.len() as u32;
         let index = *at.entry(key).or_insert(next);

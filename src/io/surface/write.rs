@@ -1,5 +1,4 @@
-//! Writers for surfaces: binary PLY with its scalar fields, OBJ with texture coordinates, binary
-//! STL.
+//! Writers for surfaces: binary PLY with scalar fields, OBJ with texture coordinates, binary STL.
 
 use crate::io::{atomic_write, extension};
 use crate::mesh::{Field, Location, TriMesh};
@@ -7,12 +6,12 @@ use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;
 
-/// Writes a surface as `.ply`, `.obj` or `.stl`, in one go: the file is either whole or not
-/// there. PLY keeps positions in double precision and the scalar fields of the vertices; STL
-/// keeps single precision.
+/// Writes a surface as `.ply`, `.obj` or `.stl`, atomically. PLY stores positions in double
+/// precision and the scalar fields of the vertices; STL stores single precision.
 ///
 /// # Errors
-/// Another extension, more triangles than the format can count, or the file cannot be written.
+/// An error for another extension, for more triangles than the format can count, or if the file
+/// cannot be written.
 pub fn write_surface(path: impl AsRef<Path>, surface: &TriMesh) -> Result<()> {
     let path = path.as_ref();
     let fill: fn(&TriMesh, &mut dyn Write) -> std::io::Result<()> = match extension(path).as_str() {

@@ -1,4 +1,4 @@
-//! The headers of volumes that are written.
+//! Headers of written volumes.
 
 use crate::mesh::ScalarType;
 use crate::volume::{Grid, Volume};
@@ -7,16 +7,16 @@ use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// NIfTI's code for images of vectors. ITK takes these as they are, in its own frame, LPS; those
-/// of displacements (1006) only its newer versions turn there from RAS.
+/// NIfTI code for vector images. ITK keeps them as they are, in its own frame, LPS; displacements
+/// (1006) are converted from RAS only by newer versions.
 const INTENT_VECTOR: i16 = 1007;
 
-/// What a header says of its voxels.
+/// Layout of the voxels described by a header.
 #[derive(Clone)]
 pub(crate) struct Layout<'a> {
     pub grid: Grid,
     pub scalar: ScalarType,
-    /// Numbers a voxel: 1, or 3 of a vector, in LPS.
+    /// Numbers per voxel: 1, or 3 for a vector, in LPS.
     pub components: usize,
     pub slope: f64,
     pub intercept: f64,
@@ -35,7 +35,7 @@ impl<'a> Layout<'a> {
         }
     }
 
-    /// The header of an attached NRRD whose voxels follow as gzip.
+    /// Returns the header of an attached NRRD with gzip-compressed voxels.
     pub fn nrrd(&self) -> Result<Vec<u8>> {
         if (self.slope, self.intercept) != (1.0, 0.0) {
             return Err(Error::Input(
@@ -56,7 +56,7 @@ impl<'a> Layout<'a> {
             ScalarType::F64 => "double",
         };
         let [i, j, k] = self.grid.size;
-        // Vectors are in the frame that the space names.
+        // Vectors are in the frame of the space.
         let (space, turn) = match self.components {
             1 => ("right-anterior-superior", DMat3::IDENTITY),
             _ => ("left-posterior-superior", ras_to_lps()),
@@ -91,7 +91,7 @@ impl<'a> Layout<'a> {
         Ok(text.into_bytes())
     }
 
-    /// The header of a MetaImage whose voxels follow as so many bytes of zlib.
+    /// Returns the header of a MetaImage followed by `packed` bytes of zlib-compressed voxels.
     pub fn metaimage(&self, packed: u64) -> Vec<u8> {
         let kind = match self.scalar {
             ScalarType::I8 => "MET_CHAR",
@@ -128,7 +128,7 @@ impl<'a> Layout<'a> {
         .into_bytes()
     }
 
-    /// The header of a NIfTI-1 in one file; of vectors, all first components come first.
+    /// Returns the header of a single-file NIfTI-1; vectors are stored component by component.
     pub fn nifti(&self) -> Result<Vec<u8>> {
         const HEADER: usize = 352;
         let mut bytes = vec![0u8; HEADER];
@@ -178,7 +178,7 @@ impl<'a> Layout<'a> {
         put(108, &(HEADER as f32).to_le_bytes());
         put(112, &(self.slope as f32).to_le_bytes());
         put(116, &(self.intercept as f32).to_le_bytes());
-        // Millimetres; the sform in scanner coordinates.
+        // Millimetres; the sform is in scanner coordinates.
         put(123, &[2]);
         put(254, &1i16.to_le_bytes());
         for row in 0..3 {
@@ -193,7 +193,7 @@ impl<'a> Layout<'a> {
     }
 }
 
-/// From the frame of Palpate and NIfTI to that of ITK and DICOM.
+/// Returns the map from RAS (Palpate, NIfTI) to LPS (ITK, DICOM).
 fn ras_to_lps() -> DMat3 {
     DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0))
 }

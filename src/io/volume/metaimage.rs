@@ -1,4 +1,4 @@
-//! Reader for MetaImage: a header with its data in other files (.mhd) or attached (.mha).
+//! Reader for MetaImage: a header with detached (.mhd) or attached (.mha) data.
 //!
 //! The format is described at itk.org/Wiki/MetaIO/Documentation; its world is LPS, in mm.
 
@@ -11,10 +11,10 @@ use crate::volume::Volume;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::{BTreeMap, HashMap};
 
-/// The most data files that a LIST or a pattern may name.
+/// Maximum number of data files of a LIST or a pattern.
 const MOST_FILES: i64 = 100_000;
 
-/// Whether a file begins as this format does: with one of the fields a header may start with.
+/// Whether a file begins with one of the fields that can start a header.
 pub(super) fn is_metaimage(bytes: &[u8]) -> bool {
     let line = bytes
         .split(|b| *b == b'\n')
@@ -33,11 +33,11 @@ pub(super) fn is_metaimage(bytes: &[u8]) -> bool {
 /// The fields of a header, with their lines.
 struct Header {
     fields: HashMap<String, (usize, String)>,
-    /// What follows the last field.
+    /// The lines after the last field.
     rest_of_names: Vec<String>,
 }
 
-/// The bytes of `file` as a volume.
+/// Parses the bytes of `file` as a volume.
 pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     let (header, attached) = Header::parse(file)?;
     let dimensions = header.whole("NDims")?.unwrap_or(3);
@@ -110,7 +110,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
 }
 
 impl Header {
-    /// The header, and what follows its line `ElementDataFile`.
+    /// Parses the header; returns it and the data after its line `ElementDataFile`.
     fn parse(file: &[u8]) -> ParseResult<(Header, &[u8])> {
         let mut header = Header {
             fields: HashMap::new(),
@@ -154,7 +154,7 @@ impl Header {
         found.map(|(line, value)| (*line, value.as_str()))
     }
 
-    /// The numbers of a field, as many as `count` says.
+    /// Returns the numbers of a field; `count` of them, if given.
     fn numbers(&self, name: &str, count: Option<usize>) -> ParseResult<Option<Vec<f64>>> {
         let Some((line, text)) = self.get(name) else {
             return Ok(None);
@@ -211,7 +211,7 @@ impl Header {
             "MET_UCHAR" => ScalarType::U8,
             "MET_SHORT" => ScalarType::I16,
             "MET_USHORT" => ScalarType::U16,
-            // A long of this format has 32 bits, whatever the machine's have.
+            // A long of this format has 32 bits on all machines.
             "MET_INT" | "MET_LONG" => ScalarType::I32,
             "MET_UINT" | "MET_ULONG" => ScalarType::U32,
             "MET_LONG_LONG" => ScalarType::I64,
@@ -226,7 +226,7 @@ impl Header {
         })
     }
 
-    /// The data, from this file or from those it names, without their headers.
+    /// Reads the data, from this file or from the named ones, without their headers.
     fn data(&self, attached: &[u8], fetch: Fetch, bytes: usize) -> ParseResult<Vec<u8>> {
         let (line, named) = self.get("ElementDataFile").unwrap_or((0, ""));
         let names = if named.eq_ignore_ascii_case("LOCAL") {
@@ -259,7 +259,7 @@ impl Header {
     fn after_header<'a>(&self, file: &'a [u8], bytes: usize) -> ParseResult<&'a [u8]> {
         match self.get("HeaderSize") {
             None => Ok(file),
-            // The data are the last bytes of the file.
+            // The data are at the end of the file.
             Some((_, "-1")) => Ok(&file[file.len().saturating_sub(bytes)..]),
             Some(_) => {
                 let skip = self.whole("HeaderSize")?.unwrap_or(0);
@@ -287,7 +287,7 @@ impl Header {
         let spacing = spacing.map_or(DVec3::ONE, |s| vector(&s));
         let origin = first(&["Offset", "Origin", "Position"], dimensions)?;
         let origin = origin.map_or(DVec3::ZERO, |o| vector(&o));
-        // One row for each axis of the image: where it points.
+        // One row for each axis of the image: its direction.
         let matrix = ["TransformMatrix", "Rotation", "Orientation"];
         let axes = match first(&matrix, dimensions * dimensions)? {
             Some(m) => {

@@ -1,4 +1,4 @@
-//! Volumes in and out: one file a format. Everything is brought to RAS, in mm.
+//! Readers and writers of volumes, one file per format. All are converted to RAS, in mm.
 
 #[cfg(feature = "dicom")]
 pub(super) mod dicom;
@@ -22,18 +22,18 @@ use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Fetches the bytes of a data file that a header names, relative to the header's folder. A name
-/// that begins with `*` has the header's own name there, without its extension.
+/// Reads the data file named in a header, relative to the header's folder. A leading `*` stands for
+/// the header's own name without its extension.
 type Fetch<'a> = &'a dyn Fn(&str) -> ParseResult<Vec<u8>>;
 
-/// Reads a volume of any format that is known: NIfTI, NRRD, MetaImage. The content decides,
-/// then the extension.
+/// Reads a volume in any supported format: NIfTI, NRRD, MetaImage. The format is detected from the
+/// content, then from the extension.
 ///
-/// A folder is a series of DICOM slices (with the cargo feature `dicom`): that with the most
-/// images is read, and it must be whole and evenly spaced.
+/// A folder is a series of DICOM slices (with the cargo feature `dicom`): the series with the most
+/// images is read; it must be complete and evenly spaced.
 ///
 /// # Errors
-/// A file that cannot be read, is damaged, or holds something else than one scalar volume.
+/// An error if the file cannot be read, is damaged, or contains anything but one scalar volume.
 pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     let path = path.as_ref();
     if path.is_dir() {
@@ -50,7 +50,7 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     volume_of(&bytes, &extension(path), &fetch).map_err(|e| Error::format(path, e))
 }
 
-/// What the name of a file says of its format: its extension, `nii` for `.nii.gz`.
+/// Returns the extension of a file, `nii` for `.nii.gz`.
 pub(super) fn extension(path: &Path) -> String {
     match super::extension(path).as_str() {
         "gz" => super::extension(Path::new(path.file_stem().unwrap_or_default())),
@@ -71,7 +71,7 @@ fn read_folder(path: &Path) -> Result<Volume> {
     ))
 }
 
-/// Whether a file begins as a volume does, or is called one.
+/// Whether a file is a volume by its content or extension.
 pub(super) fn is_volume(bytes: &[u8], extension: &str) -> bool {
     reader_of(bytes, extension).is_some()
 }
@@ -86,7 +86,7 @@ fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
     } else if metaimage::is_metaimage(bytes) {
         Some(metaimage::read)
     } else {
-        // Nothing known at the start: the reader its name asks for says what it expected.
+        // Unknown content: the reader selected by the extension reports what it expected.
         match extension {
             "nrrd" | "nhdr" => Some(nrrd::read),
             "nii" | "hdr" => Some(nifti::read),
@@ -96,7 +96,7 @@ fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
     }
 }
 
-/// The volume in the content of a file.
+/// Parses the volume in the content of a file.
 pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> ParseResult<Volume> {
     let reader = reader_of(bytes, extension).ok_or(
         "this is no volume that Palpate reads: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and MetaImage (.mhd, .mha) are",
@@ -104,8 +104,8 @@ pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> ParseRes
     reader(bytes, fetch)
 }
 
-/// The data of several files, one after the other. Stops when there are far more bytes than
-/// `bytes` of voxels can take, in text even.
+/// Concatenates the data of several files. Stops if there are far more bytes than `bytes` of voxels
+/// can take, even as text.
 fn joined(names: &[String], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> {
     let limit = bytes.saturating_mul(32).saturating_add(1 << 20);
     let mut data = Vec::new();

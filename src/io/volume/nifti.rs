@@ -13,14 +13,14 @@ use std::collections::BTreeMap;
 use std::io::Read;
 
 const GZIP: [u8; 2] = [0x1f, 0x8b];
-/// Length of the headers of versions 1 and 2, which is also their first number.
+/// Sizes of the headers of versions 1 and 2, which are also their first number.
 const LENGTHS: [usize; 2] = [348, 540];
 
-/// The first bytes, unpacked; as many as a header has, if there are.
+/// Returns the start of the file, decompressed; at most the size of a header.
 fn beginning(file: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let limit = LENGTHS[1] as u64;
-    // What cannot be unpacked has no beginning to recognise.
+    // A failed decompression gives an empty, unrecognised start.
     let _ = match file.starts_with(&GZIP) {
         true => MultiGzDecoder::new(file)
             .take(limit)
@@ -30,21 +30,21 @@ fn beginning(file: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Whether a file begins as this format does.
+/// Whether a file begins as a NIfTI file.
 pub(super) fn is_nifti(file: &[u8]) -> bool {
     Header::new(&beginning(file)).is_some()
 }
 
-/// A header, in whichever version and byte order.
+/// A header of either version and byte order.
 struct Header<'a> {
     bytes: &'a [u8],
     second: bool,
     big_endian: bool,
-    /// Whether the voxels are in a file of their own.
+    /// Whether the voxels are in a separate file.
     pair: bool,
 }
 
-/// The bytes of `file` as a volume.
+/// Parses the bytes of `file` as a volume.
 pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     let start = beginning(file);
     let header = Header::new(&start).ok_or("the file does not begin with a NIfTI header")?;
@@ -58,7 +58,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
         (other.as_slice(), offset)
     } else {
         let least = LENGTHS[usize::from(header.second)];
-        // Some writers leave the offset 0 in a single file.
+        // Some writers leave the offset at 0 in a single file.
         (file, if offset == 0 { least + 4 } else { offset })
     };
     if !header.pair && offset < LENGTHS[usize::from(header.second)] {
@@ -122,7 +122,7 @@ impl<'a> Header<'a> {
         None
     }
 
-    /// The bytes of a number; zeros past the end, where a shorter header would have none.
+    /// Returns the bytes of a number; zeros past the end of a shorter header.
     fn at<const N: usize>(&self, place: usize) -> [u8; N] {
         let mut number = [0; N];
         if let Some(bytes) = self.bytes.get(place..place + N) {
@@ -142,7 +142,7 @@ impl<'a> Header<'a> {
         i64::from_le_bytes(self.at(place))
     }
 
-    /// Entry `n` of an array of reals: single in version 1, double in version 2.
+    /// Returns entry `n` of an array of reals: single precision in version 1, double in version 2.
     fn real(&self, [first, second]: [usize; 2], n: usize) -> f64 {
         match self.second {
             false => f32::from_le_bytes(self.at(first + 4 * n)).into(),
@@ -150,7 +150,7 @@ impl<'a> Header<'a> {
         }
     }
 
-    /// A code: 16 bits in version 1, 32 in version 2.
+    /// Returns a code: 16 bits in version 1, 32 in version 2.
     fn code(&self, [first, second]: [usize; 2]) -> i64 {
         match self.second {
             false => self.i16(first),
@@ -208,7 +208,7 @@ impl<'a> Header<'a> {
             }
         };
         let bits = self.i16(if self.second { 14 } else { 72 });
-        // Some writers leave it 0.
+        // Some writers leave it at 0.
         if bits != 0 && bits != 8 * bytes_in(scalar) as i64 {
             return Err(format!(
                 "`bitpix` is {bits}, but numbers of `datatype` {code} have {} bits",
@@ -231,7 +231,7 @@ impl<'a> Header<'a> {
         }
     }
 
-    /// Slope and intercept; a slope of 0 means that there are none.
+    /// Returns slope and intercept; a slope of 0 means no scaling.
     fn scaling(&self) -> (f64, f64) {
         let slope = self.real([112, 176], 0);
         let intercept = self.real([116, 184], 0);
@@ -241,7 +241,7 @@ impl<'a> Header<'a> {
         }
     }
 
-    /// Millimetres in the header's unit of length.
+    /// Returns the header's unit of length in millimetres.
     fn unit(&self) -> f64 {
         let code = match self.second {
             false => i64::from(self.bytes.get(123).copied().unwrap_or(0)),
@@ -250,12 +250,12 @@ impl<'a> Header<'a> {
         match code & 7 {
             1 => 1e3,
             3 => 1e-3,
-            // Millimetres, or nothing said.
+            // Millimetres, or unspecified.
             _ => 1.0,
         }
     }
 
-    /// The sform where there is one, else the qform, else the spacing alone.
+    /// Returns the sform if present, otherwise the qform, otherwise the spacing alone.
     fn to_world(&self) -> ParseResult<DAffine3> {
         let spacing = |n: usize| self.real([76, 104], n);
         let spacings = DVec3::new(spacing(1), spacing(2), spacing(3)).abs();
@@ -271,7 +271,7 @@ impl<'a> Header<'a> {
             let real = (1.0 - imaginary.length_squared()).max(0.0).sqrt();
             let [b, c, d] = imaginary.to_array();
             let turn = DMat3::from_quat(DQuat::from_xyzw(b, c, d, real).normalize());
-            // The handedness is kept in the first spacing.
+            // The handedness is stored in the sign of the first spacing.
             let hand = if spacing(0) < 0.0 { -1.0 } else { 1.0 };
             let scaled = DMat3::from_diagonal(spacings * DVec3::new(1.0, 1.0, hand));
             let offset = DVec3::new(part(3), part(4), part(5));

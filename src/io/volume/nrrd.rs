@@ -1,4 +1,4 @@
-//! Reader for NRRD, attached (.nrrd) and with its data in other files (.nhdr).
+//! Reader for NRRD with attached (.nrrd) or detached data (.nhdr).
 //!
 //! The format is described at teem.sourceforge.net/nrrd/format.html.
 
@@ -11,7 +11,7 @@ use crate::mesh::ScalarType;
 use crate::volume::Volume;
 use std::collections::{BTreeMap, HashMap};
 
-/// How the format begins.
+/// Magic bytes of the format.
 pub(super) const MAGIC: &[u8] = b"NRRD000";
 
 /// The fields and key/value pairs of a header.
@@ -21,7 +21,7 @@ pub(super) struct Header {
     pairs: Vec<(String, String)>,
 }
 
-/// The bytes of `file` as a volume.
+/// Parses the bytes of `file` as a volume.
 pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     if !file.starts_with(MAGIC) {
         return Err("line 1: the file should begin with NRRD0001 to NRRD0005".into());
@@ -45,7 +45,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
             let lines = header.number("line skip")?.unwrap_or(0);
             let skip = header.byte_skip()?.unwrap_or(0);
             let block = after_lines(&packed, lines)?;
-            // Bytes are skipped in the data, not in its compressed form.
+            // Bytes are skipped in the decompressed data.
             let wanted = bytes
                 .checked_add(skip)
                 .ok_or("`byte skip` is larger than any file")?;
@@ -69,7 +69,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
 }
 
 impl Header {
-    /// The header, and the bytes after its empty line.
+    /// Parses the header; returns it and the bytes after its empty line.
     fn parse(file: &[u8]) -> ParseResult<(Header, &[u8])> {
         let mut header = Header {
             fields: HashMap::new(),
@@ -100,7 +100,7 @@ impl Header {
                     && value.to_uppercase().starts_with("LIST");
                 header.fields.insert(name, (number, value));
                 if list {
-                    // The names follow, to the end of the file.
+                    // The names follow, up to the end of the file.
                     let names = String::from_utf8_lossy(rest);
                     let names = names.lines().map(str::trim).filter(|l| !l.is_empty());
                     header
@@ -141,7 +141,7 @@ impl Header {
         }
     }
 
-    /// `byte skip`; none where it is -1, which means "the last bytes of the file".
+    /// Returns `byte skip`; `None` if it is -1, i.e. the data are at the end of the file.
     fn byte_skip(&self) -> ParseResult<Option<usize>> {
         match self.get("byte skip") {
             None => Ok(Some(0)),
@@ -150,7 +150,7 @@ impl Header {
         }
     }
 
-    /// The data, from this file or from those it names.
+    /// Reads the data, from this file or from the named ones.
     fn data(&self, attached: &[u8], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> {
         let Some((line, named)) = self.get("data file") else {
             if attached.is_empty() {
@@ -187,8 +187,8 @@ impl Header {
         joined(&names, bytes, fetch)
     }
 
-    /// `data` after the lines and bytes that are to be skipped; `wanted` bytes at the end where
-    /// the header says so.
+    /// Returns `data` after the skipped lines and bytes; the last `wanted` bytes if the header
+    /// requests it.
     fn skipped<'a>(&self, data: &'a [u8], wanted: Option<usize>) -> ParseResult<&'a [u8]> {
         let data = after_lines(data, self.number("line skip")?.unwrap_or(0))?;
         match (self.byte_skip()?, wanted) {
@@ -218,7 +218,7 @@ impl Header {
         }
     }
 
-    /// The names of labels, as 3D Slicer writes them for segmentations.
+    /// Returns the names of labels, as written by 3D Slicer for segmentations.
     fn segment_names(&self) -> BTreeMap<i64, String> {
         let pairs = self.pairs.iter().map(|(k, v)| (k.as_str(), v.as_str()));
         let values: HashMap<&str, &str> = pairs.collect();

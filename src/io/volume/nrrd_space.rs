@@ -1,10 +1,10 @@
-//! Where a NRRD lies in space: its axes, and its frame brought to RAS in mm.
+//! Spatial axes of a NRRD, and conversion of its frame to RAS in mm.
 
 use super::nrrd::Header;
 use crate::io::cursor::ParseResult;
 use glam::{DAffine3, DMat3, DVec3};
 
-/// The three axes of space.
+/// The three spatial axes.
 pub(super) struct Axes {
     pub size: [usize; 3],
     pub to_world: DAffine3,
@@ -32,7 +32,7 @@ impl Axes {
             Some((line, text)) => Some(vectors(line, text, sizes.len())?),
             None => None,
         };
-        // What is not an axis of space must have one value only.
+        // A non-spatial axis must have one sample only.
         let in_space: Vec<usize> = match &directions {
             Some(directions) => (0..sizes.len())
                 .filter(|a| directions[*a].is_some())
@@ -86,7 +86,7 @@ impl Axes {
 }
 
 impl Header {
-    /// The spacing of each axis, 1 where it is not known.
+    /// Returns the spacing of each axis, 1 if unknown.
     fn spacings(&self, axes: usize) -> ParseResult<Vec<f64>> {
         let Some((line, text)) = self.get("spacings") else {
             return Ok(vec![1.0; axes]);
@@ -106,8 +106,8 @@ impl Header {
 }
 
 impl Header {
-    /// Where the first sample of each axis lies, in samples: from `axis mins`, which is the
-    /// border of the first cell where `centers` says so; 0 where nothing is said.
+    /// Returns the position of the first sample of each axis, in samples: from `axis mins`, which
+    /// is the border of the first cell if `centers` states so; 0 by default.
     fn axis_starts(&self, axes: usize) -> ParseResult<Vec<f64>> {
         let named = self.get("axis mins").or_else(|| self.get("axismins"));
         let Some((line, text)) = named else {
@@ -139,7 +139,7 @@ impl Header {
     }
 }
 
-/// `count` vectors such as `(1,0,0)`; `none` where an axis is not one of space.
+/// Parses `count` vectors such as `(1,0,0)`; `none` for an axis that is not spatial.
 fn vectors(line: usize, text: &str, count: usize) -> ParseResult<Vec<Option<DVec3>>> {
     let wrong = || {
         format!(
@@ -171,10 +171,10 @@ fn vectors(line: usize, text: &str, count: usize) -> ParseResult<Vec<Option<DVec
     }
 }
 
-/// From the header's space, in its units, to RAS in mm.
+/// Returns the map from the header's space, in its units, to RAS in mm.
 fn to_ras(header: &Header) -> ParseResult<DMat3> {
     let signs = match header.get("space") {
-        // Nothing is said: as the numbers are.
+        // Unspecified: coordinates are used as they are.
         None => DVec3::ONE,
         Some((line, name)) => match name.to_lowercase().as_str() {
             "right-anterior-superior" | "ras" | "scanner-xyz" | "3d-right-handed" => DVec3::ONE,

@@ -1,9 +1,9 @@
-//! Data files numbered by a pattern.
+//! Expansion of patterns of numbered data files.
 
-/// The most files that a pattern may stand for.
+/// Maximum number of files of a pattern.
 const MOST_FILES: i64 = 100_000;
 
-/// The file names that `NAME%03d FIRST LAST STEP` stands for.
+/// Expands `NAME%03d FIRST LAST STEP` to file names.
 pub(super) fn numbered(pattern: &str) -> Option<Vec<String>> {
     let mut words = pattern.split_whitespace();
     let name = words.next()?;

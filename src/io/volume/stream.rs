@@ -1,8 +1,7 @@
-//! Volumes that are written a few planes at a time, in bounded memory.
+//! Incremental writer of volumes, a few planes at a time, in bounded memory.
 //!
-//! Deflate's blocks may be packed apart and set one after the other: here by all cores, and so that
-//! the three parts of a NIfTI of vectors, which follow each other in the file, can be written side by
-//! side.
+//! Deflate blocks can be compressed independently and concatenated: here on all cores, and so that
+//! the three consecutive parts of a vector NIfTI can be written at the same time.
 
 use super::header::Layout;
 use crate::files::OutFile;
@@ -16,14 +15,14 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 
-/// Bytes that are packed by themselves: enough that little is lost by it.
+/// Bytes compressed independently: large enough for little loss of compression.
 const BLOCK_BYTES: usize = 1 << 18;
-/// A gzip member without a name, of no particular system.
+/// Header of a gzip member without a name, of no particular system.
 const GZIP: [u8; 10] = [0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 0xff];
-/// The last block of a deflate stream, with nothing in it.
+/// The last block of a deflate stream, empty.
 const LAST: [u8; 2] = [3, 0];
 
-/// A format that volumes are written in.
+/// An output format of volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum VolumeFormat {
     Nrrd,
@@ -32,7 +31,7 @@ pub(crate) enum VolumeFormat {
 }
 
 impl VolumeFormat {
-    /// The one that the name of a file asks for.
+    /// Returns the format of the extension of a file.
     pub fn from_path(path: &Path) -> Result<VolumeFormat> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         match extension(path).as_str() {
@@ -47,7 +46,8 @@ impl VolumeFormat {
     }
 }
 
-/// Where what belongs later in a file waits; gone with the process, however that ends.
+/// Temporary file for data that belong later in the output; removed when the process ends in any
+/// case.
 #[cfg(not(target_arch = "wasm32"))]
 type Spool = File;
 #[cfg(target_arch = "wasm32")]
@@ -66,7 +66,7 @@ fn spool(_: &Path) -> io::Result<Spool> {
     Ok(Spool::default())
 }
 
-/// Deflate blocks of what is pushed, and what gzip says of it at its end.
+/// Deflate blocks of the pushed bytes, and the data of the gzip trailer.
 struct Blocks {
     level: Compression,
     waiting: Vec<u8>,
@@ -82,7 +82,7 @@ impl Blocks {
         }
     }
 
-    /// Packs what is there in whole pieces, or all of it.
+    /// Compresses the complete blocks, or all data.
     fn pack(&mut self, all: bool, out: &mut dyn Write) -> io::Result<()> {
         let whole = self.waiting.len() / BLOCK_BYTES * BLOCK_BYTES;
         let length = if all { self.waiting.len() } else { whole };
@@ -102,9 +102,10 @@ impl Blocks {
     }
 }
 
-/// Blocks of all of `bytes`, none of them the last of their stream, which end on a whole byte.
+/// Compresses `bytes` to deflate blocks, none of them the last of the stream, that end on a byte
+/// boundary.
 fn deflated(bytes: &[u8], level: Compression) -> io::Result<Vec<u8>> {
-    // All must fit at once: a flush that runs out of room is not taken up again.
+    // The buffer must fit all output: a flush that runs out of room is not resumed.
     let room = bytes.len() + bytes.len() / 4 + 4096;
     let mut blocks = Vec::with_capacity(room);
     let mut packer = Compress::new(level, false);
@@ -117,16 +118,16 @@ fn deflated(bytes: &[u8], level: Compression) -> io::Result<Vec<u8>> {
     }
 }
 
-/// How the voxels are packed.
+/// Compressed voxels.
 enum Packed {
-    /// One gzip stream, a part of it for each array that follows the one before: the first is
-    /// written where it belongs, others wait.
+    /// One gzip stream, with a part for each of the consecutive arrays: the first is written in
+    /// place, the others to temporary files.
     Gzip(Vec<Blocks>, Vec<Spool>),
-    /// Whose size its header tells.
+    /// A stream whose size is stored in the header.
     Zlib(Box<ZlibEncoder<Spool>>),
 }
 
-/// A volume on its way into a file: voxels are pushed in their order, then it is ended.
+/// A volume being written: voxels are pushed in order, then it is closed.
 pub(crate) struct VolumeStream<'a> {
     path: &'a Path,
     out: &'a mut BufWriter<OutFile>,
@@ -135,14 +136,14 @@ pub(crate) struct VolumeStream<'a> {
 }
 
 impl<'a> VolumeStream<'a> {
-    /// Begins the file at `path`, which is `out` for now, with its header.
+    /// Begins the volume at `path`, currently the temporary file `out`, with its header.
     pub fn begin(
         path: &'a Path,
         layout: Layout<'a>,
         out: &'a mut BufWriter<OutFile>,
     ) -> Result<VolumeStream<'a>> {
         let format = VolumeFormat::from_path(path)?;
-        // The last digits of displacements are noise, which no effort packs.
+        // The last digits of displacements are noise, which cannot be compressed.
         let level = Compression::new(if layout.components > 1 { 1 } else { 6 });
         let packed = match format {
             VolumeFormat::MetaImage => {
@@ -179,7 +180,7 @@ impl<'a> VolumeStream<'a> {
         Ok(stream)
     }
 
-    /// Adds voxels, little-endian; the components of each stand together.
+    /// Adds voxels, little-endian; the components of each voxel are adjacent.
     pub fn push(&mut self, bytes: &[u8]) -> Result<()> {
         self.pack(bytes).map_err(Error::io(self.path))
     }
@@ -208,7 +209,7 @@ impl<'a> VolumeStream<'a> {
         }
     }
 
-    /// Writes what is left, all of it into the file.
+    /// Writes the remaining data and completes the file.
     pub fn close(self) -> Result<()> {
         let path = self.path;
         self.finish().map_err(Error::io(path))
@@ -257,7 +258,7 @@ mod tests {
 
     #[test]
     fn what_is_packed_in_pieces_is_one_member_of_gzip_and_comes_back() {
-        // Noise, which grows when it is packed, then what packs well; in pushes of any size.
+        // Noise, which grows under compression, then compressible data; in pushes of any size.
         let mut noise = 1u64;
         let mut next = || {
             noise = noise

@@ -1,4 +1,4 @@
-//! From a file's bytes to voxels.
+//! Decoding of voxels from the bytes of a file.
 
 use crate::io::cursor::{Cursor, ParseResult, number};
 use crate::mesh::ScalarType;
@@ -6,7 +6,7 @@ use crate::volume::Raw;
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
 use std::io::Read;
 
-/// Bytes in one number.
+/// Returns the size of a number in bytes.
 pub(super) fn bytes_in(scalar: ScalarType) -> usize {
     match scalar {
         ScalarType::I8 | ScalarType::U8 => 1,
@@ -16,7 +16,7 @@ pub(super) fn bytes_in(scalar: ScalarType) -> usize {
     }
 }
 
-/// Number of voxels and of their bytes, if neither overflows.
+/// Returns the number of voxels and their size in bytes, if neither overflows.
 pub(super) fn extent(size: [usize; 3], scalar: ScalarType) -> ParseResult<(usize, usize)> {
     let voxels = size.iter().try_fold(1usize, |n, s| n.checked_mul(*s));
     voxels
@@ -28,7 +28,7 @@ pub(super) fn extent(size: [usize; 3], scalar: ScalarType) -> ParseResult<(usize
         })
 }
 
-/// How data bytes are packed.
+/// Compression of data bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Packing {
     Raw,
@@ -36,12 +36,11 @@ pub(super) enum Packing {
     Zlib,
 }
 
-/// More bytes than this after the voxels mean that the header is wrong; fewer are a line end, or
-/// padding.
+/// Maximum number of bytes after the voxels (a line end, or padding); more indicate a wrong header.
 const MOST_PADDING: usize = 16;
 
-/// The `wanted` bytes of the voxels out of `packed`. Grows with what is there, not with what is
-/// said to be.
+/// Decompresses the `wanted` bytes of the voxels in `packed`. The allocation grows with the actual
+/// data, not with the stated size.
 pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> ParseResult<Vec<u8>> {
     let mut bytes = Vec::new();
     let limit = (wanted as u64).saturating_add(MOST_PADDING as u64 + 1);
@@ -70,7 +69,7 @@ pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> ParseRes
     Ok(bytes)
 }
 
-/// Voxels from binary data of exactly the right length.
+/// Decodes voxels from binary data of exactly the right length.
 pub(super) fn decode(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Raw {
     macro_rules! numbers {
         ($raw:ident, $type:ty) => {
@@ -103,10 +102,10 @@ pub(super) fn decode(bytes: &[u8], scalar: ScalarType, big_endian: bool) -> Raw 
     }
 }
 
-/// Voxels written as text.
+/// Decodes voxels written as text.
 pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> ParseResult<Raw> {
     let mut cursor = Cursor::new(bytes);
-    // Every number takes a character and a separator.
+    // Every number takes at least a character and a separator.
     let voxels = cursor.validate_count(
         i64::try_from(voxels).unwrap_or(i64::MAX),
         format_args!("the number of voxels"),

@@ -10,12 +10,13 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 use std::io::Write;
 use std::path::Path;
 
-/// Writes a volume as `.nrrd`, `.mha` or `.nii.gz`, in one go: the file is either whole or not
-/// there. Values, transform and scaling read back as they are (the transform of NIfTI in single
-/// precision; names of labels, and no scaling, in NRRD only).
+/// Writes a volume as `.nrrd`, `.mha` or `.nii.gz`, atomically. Values, transform and scaling are
+/// preserved (the transform of NIfTI in single precision; names of labels, and no scaling, in NRRD
+/// only).
 ///
 /// # Errors
-/// Another extension, a volume that the format cannot hold, or the file cannot be written.
+/// An error for another extension, for a volume that the format cannot represent, or if the file
+/// cannot be written.
 pub fn write_volume(path: impl AsRef<Path>, volume: &Volume) -> Result<()> {
     let path = path.as_ref();
     if volume.raw.len() != volume.voxels() || volume.voxels() == 0 {
@@ -52,7 +53,7 @@ fn zlib(bytes: &[u8]) -> Result<Vec<u8>> {
 }
 
 impl Raw {
-    /// All numbers, little-endian.
+    /// Encodes all numbers, little-endian.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         match self {
             Raw::I8(v) => v.iter().flat_map(|n| n.to_le_bytes()).collect(),

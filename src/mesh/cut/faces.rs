@@ -1,11 +1,11 @@
-//! Which faces a blade opens.
+//! Selection of the faces that a blade opens.
 
 use crate::mesh::{Blade, BoundaryFace, NO_NEIGHBOUR, TetMesh, Topology};
 use crate::parallel;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// The faces whose two tets have their centroids on different sides of the blade, sorted.
+/// Returns the faces whose two tets have their centroids on different sides of the blade, sorted.
 pub(super) fn faces_crossing_blade(
     mesh: &TetMesh,
     topology: &Topology,
@@ -13,8 +13,8 @@ pub(super) fn faces_crossing_blade(
     blade: &Blade,
 ) -> Vec<[BoundaryFace; 2]> {
     let (low, high) = blade.bounds();
-    // Which of the six planes of the blade's box a node lies beyond, and which all nodes of a tet
-    // do: two tets that share one are not parted by the blade.
+    // Bit mask of the six planes of the bounding box of the blade that a node lies beyond, and, for
+    // a tet, of those that all its nodes lie beyond: two tets with a common bit are not separated.
     let node_beyond = parallel::map(positions.len(), |v| {
         let p = positions[v];
         (p.cmplt(low).bitmask() | p.cmpgt(high).bitmask() << 3) as u8
@@ -49,8 +49,8 @@ pub(super) fn faces_crossing_blade(
     })
 }
 
-/// Leaves out the faces around tets that would be cut off on their own: such a tet goes with its
-/// neighbours, wherever its centroid lies. Of two that would be alone, both are.
+/// Drops the faces around tets that would be cut off individually: such a tet stays with its
+/// neighbours wherever its centroid lies. Of two adjacent ones, both stay.
 pub(super) fn skip_isolated_tets(topology: &Topology, faces: &mut Vec<[BoundaryFace; 2]>) {
     let mut links: HashMap<u32, usize> = HashMap::new();
     for face in faces.iter().flatten() {

@@ -1,20 +1,20 @@
-//! Which nodes come apart when faces are opened: those around which the tets fall into several fans.
+//! Duplication of the nodes around which opened faces separate the tets into several fans.
 
 use crate::mesh::{BoundaryFace, DisjointSets, FACES, Location, NO_NEIGHBOUR, TetMesh, Topology};
 use crate::parallel;
 use std::collections::HashMap;
 
-/// Nodes doubled, and the tets around the faces that were opened.
+/// Duplicated nodes, and the tets around the opened faces.
 pub(super) struct SplitNodes {
     pub duplicated: Vec<[u32; 2]>,
     pub star: Vec<u32>,
-    /// Nodes of the tets of `star` as they were.
+    /// Nodes of the tets of `star` before the split.
     pub before: Vec<[u32; 4]>,
 }
 
-/// Doubles every node around which the faces `opened`, which have lost their links, part a fan of
-/// tets into several: the fan with the smallest tet keeps the node. Tets that are `gone` do not
-/// count.
+/// Duplicates every node around which the faces `opened`, whose links have been removed, separate a
+/// fan of tets into several: the fan with the tet of lowest number keeps the node. Tets in `gone`
+/// are ignored.
 pub(super) fn split_nodes(
     mesh: &mut TetMesh,
     topology: &Topology,
@@ -32,7 +32,7 @@ pub(super) fn split_nodes(
         star.extend(range.filter(is_marked).map(|t| t as u32));
     });
     let before: Vec<[u32; 4]> = star.iter().map(|t| mesh.tets[*t as usize]).collect();
-    // One more than the place in the star of each tet, 0 of those elsewhere.
+    // One plus the index of each tet in the star; 0 for other tets.
     let mut place = vec![0u32; mesh.tets.len()];
     for (t, s) in star.iter().zip(1..) {
         place[*t as usize] = s;

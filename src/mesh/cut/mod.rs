@@ -1,5 +1,5 @@
-//! Cutting a mesh open: the faces nearest to a blade lose their link, and nodes are doubled where
-//! that leaves their tets in several fans. Tets stay whole, and none is lost.
+//! Cutting of a mesh: the faces nearest to a blade lose their link, and nodes are duplicated where
+//! their tets then form several fans. Tets are neither subdivided nor removed.
 
 mod faces;
 mod fans;
@@ -12,17 +12,17 @@ use faces::{faces_crossing_blade, skip_isolated_tets};
 use fans::{sorted_face, split_nodes};
 use glam::DVec3;
 
-/// What a cut, or the removal of tets, changed in a mesh.
+/// Changes of a mesh by a cut or by the removal of tets.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TetCut {
-    /// Faces opened, each as its two tets see it. Both are boundary now. Of a removal: the faces
-    /// laid bare, the second of each that of a tet now gone, both numbered as they were before.
+    /// Opened faces, each as seen from its two tets; both are boundary faces now. After a removal:
+    /// the exposed faces, the second of each that of a removed tet, both in the old numbering.
     pub opened_faces: Vec<[BoundaryFace; 2]>,
-    /// Each new node, and the node it is a double of. New nodes come last, in this order.
+    /// Each new node, and the node it duplicates. New nodes are last, in this order.
     pub duplicated_nodes: Vec<[u32; 2]>,
     /// Tets whose nodes or neighbours have changed, ascending.
     pub tets: Vec<u32>,
-    /// Nodes that were doubled, and their doubles, ascending.
+    /// Duplicated nodes and their duplicates, ascending.
     pub nodes: Vec<u32>,
     /// The tets at these nodes, ascending.
     pub incident_tets: Vec<u32>,
@@ -30,30 +30,30 @@ pub struct TetCut {
     pub previous_edges: Vec<[u32; 2]>,
     /// The edges at these nodes now, each with every tet around it, sorted.
     pub edge_tets: Vec<([u32; 2], u32)>,
-    /// Tets that were removed, ascending, by their numbers before; those that stay keep their
-    /// order. After a removal `tets`, `star` and edges are not listed.
+    /// Removed tets, ascending, in the old numbering; the remaining tets keep their order. After a
+    /// removal, `tets`, `incident_tets` and the edges are not listed.
     pub removed: Vec<u32>,
 }
 
 impl TetCut {
-    /// Whether nothing was hit, and nothing has changed.
+    /// Whether nothing was cut and nothing has changed.
     pub fn is_empty(&self) -> bool {
         self.opened_faces.is_empty() && self.removed.is_empty()
     }
 }
 
-/// Cuts `mesh`, whose nodes stand at `positions` now, along `blade`: opens every face whose two
-/// tets have their centroids on different sides of it, and doubles the nodes around which that
-/// parts the tets. A blade right through a body so leaves it in two pieces; where a cut ends
-/// within, its two sides stay joined at the nodes of its tip.
+/// Cuts `mesh`, with its nodes at `positions`, along `blade`: opens every face whose two tets have
+/// their centroids on different sides of the blade, and duplicates the nodes around which this
+/// separates the tets. A blade right through a body thus leaves two components; where a cut ends
+/// inside, its two sides stay joined at the nodes of its tip.
 ///
-/// A face none of whose nodes is doubled cannot gape and stays closed, and no tet is cut off all
-/// alone unless its neighbour is. Two sweeps in a row open
-/// what one along both would. Fields at nodes are copied to the doubles. Nodes at which fans only
-/// touch, before the cut, stay as they are. Nothing is changed on an error.
+/// A face without a duplicated node cannot open and stays closed, and a single tet is not cut off
+/// unless its neighbour is, too. Two consecutive sweeps open the same faces as one sweep along
+/// both. Fields at nodes are copied to the duplicates. Nodes at which fans only touch before the
+/// cut stay as they are. An error changes nothing.
 ///
 /// # Errors
-/// [`Error::Input`] when `topology` or `positions` are not those of `mesh`; [`Error::Mesh`] when
+/// An [`Error::Input`] if `topology` or `positions` do not match `mesh`; an [`Error::Mesh`] if
 /// there would be more nodes than can be indexed.
 pub fn cut(
     mesh: &mut TetMesh,
@@ -117,15 +117,15 @@ pub fn cut(
     })
 }
 
-/// Takes `tets` out of `mesh`. Nodes around which that leaves several fans of tets are doubled,
-/// so that what hangs together at a node only falls apart; nodes that no tet uses any more stay
-/// in the list. The tets that are left keep their order, and so do fields in tets.
+/// Removes `tets` from `mesh`. Nodes around which several fans of tets remain are duplicated, so
+/// parts that only touch at a node separate; nodes without tets stay in the list. The remaining
+/// tets and fields of tets keep their order.
 ///
-/// Takes time in proportion to the mesh, unlike [`cut`].
+/// The time is proportional to the size of the mesh, unlike [`cut`].
 ///
 /// # Errors
-/// [`Error::Input`] for tets that do not exist, for a `topology` that is not that of `mesh`, and
-/// when no tet would be left.
+/// An [`Error::Input`] for tets that do not exist, for a `topology` that does not match `mesh`, and
+/// if no tet would remain.
 pub fn remove(mesh: &mut TetMesh, topology: &mut Topology, tets: &[u32]) -> Result<TetCut> {
     check(mesh, topology)?;
     let count = mesh.tets.len();
@@ -184,7 +184,7 @@ pub fn remove(mesh: &mut TetMesh, topology: &mut Topology, tets: &[u32]) -> Resu
     })
 }
 
-/// The nodes that were doubled and their doubles, ascending.
+/// Returns the duplicated nodes and their duplicates, ascending.
 fn both(doubled: &[[u32; 2]]) -> Vec<u32> {
     let mut nodes: Vec<u32> = doubled.iter().flatten().copied().collect();
     nodes.sort_unstable();
@@ -200,7 +200,7 @@ fn check(mesh: &TetMesh, topology: &Topology) -> Result<()> {
             mesh.tets.len()
         )));
     }
-    // As many again may be needed.
+    // Up to that many duplicates may be needed.
     if mesh.nodes.len() + 4 * mesh.tets.len() > u32::MAX as usize {
         return Err(Error::Mesh(
             "there are too many tets to double nodes within 32-bit indices; use a coarser mesh"
@@ -210,9 +210,9 @@ fn check(mesh: &TetMesh, topology: &Topology) -> Result<()> {
     Ok(())
 }
 
-/// The edges of `tets` that have a node among those `touched`, each with its tets, sorted.
+/// Returns the edges of `tets` with at least one node in `touched`, each with its tets, sorted.
 fn edges_around(mesh: &TetMesh, tets: &[u32], touched: &[bool]) -> Vec<([u32; 2], u32)> {
-    // As one number each, which sort faster than pairs do.
+    // Packed into single integers, which sort faster than pairs.
     let mut packed = Vec::with_capacity(6 * tets.len());
     for t in tets {
         let tet = mesh.tets[*t as usize];
@@ -228,7 +228,7 @@ fn edges_around(mesh: &TetMesh, tets: &[u32], touched: &[bool]) -> Vec<([u32; 2]
     packed.into_iter().map(unpack).collect()
 }
 
-/// What the sorted `edges` were before nodes were doubled, sorted.
+/// Returns the sorted `edges` as they were before nodes were duplicated, sorted.
 fn edges_as_they_were(edges: &[[u32; 2]], doubled: &[[u32; 2]]) -> Vec<[u32; 2]> {
     let first = doubled.first().map_or(u32::MAX, |[new, _]| *new);
     let old = |v: u32| match v.checked_sub(first) {

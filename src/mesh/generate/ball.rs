@@ -1,4 +1,4 @@
-//! A ball.
+//! Generator of balls.
 
 use super::grid::{check_size, from_parts};
 use super::solid::fill_solid;
@@ -6,14 +6,15 @@ use crate::mesh::TetMesh;
 use crate::{Error, Result, no_progress};
 use glam::DVec3;
 
-/// More cells than this have more tets than can be held.
+/// Number of cells above which the tets cannot be indexed.
 const MAX_CELLS: usize = 350;
 
-/// A ball of `radius` about the origin, of well-shaped tets, about `cells` lattice cells across:
-/// 10 gives some 6,000 tets, and the number grows with the cube.
+/// Returns a ball of `radius` about the origin, of well-shaped tets, about `cells` lattice cells
+/// across: 10 gives about 6,000 tets, and the number grows with the cube.
 ///
 /// # Errors
-/// A radius that is not positive and finite, or fewer than 2 cells, or too many to index.
+/// An error if the radius is not positive and finite, or for fewer than 2 cells, or too many to
+/// index.
 pub fn ball(radius: f64, cells: usize) -> Result<TetMesh> {
     check_size("a ball", DVec3::splat(radius))?;
     if !(2..=MAX_CELLS).contains(&cells) {

@@ -1,4 +1,4 @@
-//! The paper's bar, and bars of any size.
+//! Generators of bars: the paper's, and bars of any size.
 
 use super::{Split, box_mesh};
 use crate::mesh::TetMesh;
@@ -11,18 +11,18 @@ pub const PAPER_BAR_CELLS: [usize; 3] = [4, 2, 2];
 /// Size of the paper's bar in metres: cells of 30 mm.
 pub const PAPER_BAR_SIZE: DVec3 = DVec3::new(0.12, 0.06, 0.06);
 
-/// The bar of Tejada & Ertl 2005: 80 tets in 4 × 2 × 2 cells of 30 mm, in metres.
+/// Returns the bar of Tejada & Ertl 2005: 80 tets in 4 × 2 × 2 cells of 30 mm, in metres.
 ///
-/// At 1000 kg/m³ it weighs 0.432 kg, and undamped Verlet holds up to 1.08 ms at κ = 3,000 N/m
-/// and 0.342 ms at 30,000 N/m, which are the steps the paper tells of.
+/// At 1000 kg/m³ its mass is 0.432 kg, and undamped Verlet is stable up to 1.08 ms at κ = 3,000 N/m
+/// and 0.342 ms at 30,000 N/m, the time steps reported in the paper.
 ///
 /// # Errors
-/// None in practice: its numbers are fixed.
+/// None in practice: its parameters are fixed.
 pub fn paper_bar() -> Result<TetMesh> {
     bar(PAPER_BAR_CELLS, PAPER_BAR_SIZE)
 }
 
-/// A bar of `cells` cells, five tets each, from the origin to `size`.
+/// Returns a bar of `cells` cells, five tets each, from the origin to `size`.
 ///
 /// # Errors
 /// As [`box_mesh`].
@@ -30,11 +30,10 @@ pub fn bar(cells: [usize; 3], size: DVec3) -> Result<TetMesh> {
     box_mesh(cells, size, Split::Five)
 }
 
-/// A bar from the origin to `size` with about `tets` tets in cells as near to cubes as that
-/// number allows.
+/// Returns a bar from the origin to `size` with about `tets` tets in nearly cubic cells.
 ///
 /// # Errors
-/// As [`box_mesh`], and fewer than 5 tets.
+/// As [`box_mesh`], and an error for fewer than 5 tets.
 pub fn bar_of_about(tets: usize, size: DVec3) -> Result<TetMesh> {
     super::grid::check_size("a bar", size)?;
     if tets < 5 {
@@ -45,7 +44,7 @@ pub fn bar_of_about(tets: usize, size: DVec3) -> Result<TetMesh> {
     let wanted = tets as f64 / 5.0;
     let cell = (size.x * size.y * size.z / wanted).cbrt();
     let ideal = size / cell;
-    // Off by a tenth in the count costs as much as a cell a tenth longer than wide.
+    // A relative error of 10 % in the count costs as much as an aspect ratio of 1.1.
     let cost = |cells: [usize; 3]| {
         let n = DVec3::from(cells.map(|n| n as f64));
         let stretch = n / ideal;

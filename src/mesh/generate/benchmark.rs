@@ -1,4 +1,4 @@
-//! The cube of the rendering benchmark: a mesh and a field that other raycasters draw as well.
+//! The cube of the rendering benchmark: a mesh and a field that other raycasters render, too.
 
 use super::Split;
 use super::grid::{from_parts, grid};
@@ -9,8 +9,8 @@ use glam::DVec3;
 /// Half the width of the duct of [`benchmark_cube`], measured between cell centres.
 const HALF_BORE: f64 = 0.18;
 
-/// The unit cube in n³ cells of six tets (n = 20 gives 48,000, n = 40 gives 384,000), with the
-/// node field `scalar` = ½ + ¼ (sin 9x cos 7y + sin(8z + 2x)) about the centre of the cube.
+/// Returns the unit cube in n³ cells of six tets (n = 20 gives 48,000, n = 40 gives 384,000), with
+/// the node field `scalar` = ½ + ¼ (sin 9x cos 7y + sin(8z + 2x)) about the centre of the cube.
 ///
 /// With `hole`, a square duct runs through it along z.
 ///

@@ -1,4 +1,4 @@
-//! A phantom of a muscle: a spindle between two tendons.
+//! Phantom of a muscle: a spindle between two tendons.
 
 use super::solid::{fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
@@ -6,7 +6,7 @@ use crate::mesher::MeshedDomain;
 use crate::{Error, Result, no_progress};
 use glam::DVec3;
 
-/// Half of its length, and of that of its belly, m.
+/// Half the length of the phantom and of its belly, m.
 const HALF: f64 = 0.12;
 const BELLY: f64 = 0.085;
 /// Radius in the middle, and of the tendons, m.
@@ -17,7 +17,7 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.006];
 /// Labels of belly and tendons.
 const LABELS: [(i64, &str); 2] = [(1, "muscle"), (2, "tendon")];
 
-/// The radius at `z`, and how it changes with it.
+/// Returns the radius at `z` and its derivative.
 fn radius(z: f64) -> [f64; 2] {
     if z.abs() >= BELLY {
         return [TENDON, 0.0];
@@ -30,12 +30,12 @@ fn radius(z: f64) -> [f64; 2] {
     ]
 }
 
-/// A biceps with about `tets` tets, 24 cm long, in metres, its length along z and its middle at the
-/// origin. The cell field `label` is 1 in its belly, `muscle`, and 2 in its tendons; `fibre` is the
-/// direction of its fibres, which run from one tendon to the other. Deterministic.
+/// Returns a biceps with about `tets` tets, 24 cm long, in metres, with its axis along z and its
+/// centre at the origin. The cell field `label` is 1 in its belly, `muscle`, and 2 in its tendons;
+/// `fibre` is the direction of its fibres, which run from one tendon to the other. Deterministic.
 ///
 /// # Errors
-/// Fewer than 1,000 tets, or more than 32-bit indices hold.
+/// An error for fewer than 1,000 tets, or more than 32-bit indices can address.
 pub fn biceps(tets: usize) -> Result<TetMesh> {
     if !(1_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
@@ -71,13 +71,13 @@ pub fn biceps(tets: usize) -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// Its mesh on a lattice of the given step.
+/// Meshes the phantom on a lattice of the given step.
 fn filled(step: f64) -> Result<MeshedDomain> {
     let corner = DVec3::new(THICK, THICK, HALF);
     let inside = |q: DVec3| {
         let p = q * step - corner;
         let [r, slope] = radius(p.z);
-        // About the distance to the side, or to the round end of a tendon.
+        // Approximate distance to the side, or to the round end of a tendon.
         let past = (p.z.abs() - (HALF - TENDON)).max(0.0);
         (r - p.truncate().length().hypot(past)) / (step * (1.0 + slope * slope).sqrt())
     };

@@ -1,4 +1,4 @@
-//! A phantom of a breast on the muscle of the chest.
+//! Phantom of a breast on the chest muscle.
 
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, rod, smooth_union};
@@ -6,29 +6,30 @@ use crate::mesh::TetMesh;
 use crate::{ProgressFn, Result, no_progress};
 use glam::DVec3;
 
-/// Radius of its base and its height, m; how boxy its profile is.
+/// Radius of its base and its height, m, and the exponent of its profile.
 const BASE: f64 = 0.07;
 const HEIGHT: f64 = 0.052;
 const POWER: i32 = 3;
 /// Thickness of the muscle beneath it, m.
 const MUSCLE: f64 = 0.008;
-/// Where the lump is: the upper outer quadrant, where most are found.
+/// Position of the lump: the upper outer quadrant, the most frequent site.
 const LUMP: [f64; 2] = [0.022, 0.022];
 
-/// A breast of about `tets` tets, 14 cm wide and 5 cm high, in metres: its base lies at z = 0 and it
-/// rises along z. The cell field `label` has fat, gland, the muscle of the chest and, where one is
-/// asked for, a lump below its upper outer quadrant; `stiffness` is the lump's contrast there and 1
-/// elsewhere, for [`Material::stiffness_scale_field`](crate::physics::Material::stiffness_scale_field). It has no
-/// skin: a millimetre and a half is less than its tets can carry. Deterministic.
+/// Returns a breast of about `tets` tets, 14 cm wide and 5 cm high, in metres: its base lies at z =
+/// 0 and it rises along z. The cell field `label` has fat, gland, the chest muscle and, if `lump`
+/// is given, a lump below its upper outer quadrant; `stiffness` is the lump's contrast there and 1
+/// elsewhere, for
+/// [`Material::stiffness_scale_field`](crate::physics::Material::stiffness_scale_field). It has no
+/// skin: its thickness of 1.5 mm is below the element size. Deterministic.
 ///
 /// # Errors
-/// [`Error::Input`](crate::Error::Input) for fewer than 1,000 tets or more than 20 million, and for
-/// a lump that does not fit or makes no sense.
+/// An [`Error::Input`](crate::Error::Input) for fewer than 1,000 tets or more than 20 million, and
+/// for an invalid lump or one that does not fit.
 pub fn breast(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
     telling(tets, lump, &no_progress)
 }
 
-/// As [`breast`], telling how far it is.
+/// As [`breast`], with progress reports.
 pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> Result<TetMesh> {
     organ(Breast, tets, lump, progress)
 }
@@ -36,7 +37,7 @@ pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> 
 struct Breast;
 
 impl Breast {
-    /// About the distance to the surface, negative inside.
+    /// Approximate signed distance to the surface, negative inside.
     fn outside(p: DVec3) -> f64 {
         let around = p.truncate().length();
         let [a, b] = [around / BASE, p.z.abs() / HEIGHT];

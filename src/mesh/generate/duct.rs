@@ -1,4 +1,4 @@
-//! A box with a duct through it: the simplest mesh that a ray enters twice.
+//! Generator of boxes with a duct: the simplest mesh that a ray enters twice.
 
 use super::Split;
 use super::grid::{Grid, check_size, from_parts, grid};
@@ -15,13 +15,13 @@ pub enum Bore {
     Round,
 }
 
-/// A box from the origin to `size` with a duct along z, a third as wide as the box.
+/// Returns a box from the origin to `size` with a duct along z, a third as wide as the box.
 ///
 /// `cells` counts the cells along each side of the box; the first two must be multiples of 3.
 /// The boundary is a torus: its Euler number is 0.
 ///
 /// # Errors
-/// A number of cells that does not fit, or a size that is not positive and finite.
+/// An error for an invalid number of cells, or a size that is not positive and finite.
 pub fn duct(cells: [usize; 3], size: DVec3, bore: Bore) -> Result<TetMesh> {
     check_size("a duct", size)?;
     let [nx, ny, nz] = cells;
@@ -42,7 +42,7 @@ pub fn duct(cells: [usize; 3], size: DVec3, bore: Bore) -> Result<TetMesh> {
     }
 }
 
-/// Rings of cells from the bore out to the sides of the box.
+/// Meshes rings of cells from the bore to the sides of the box.
 fn round([nx, ny, nz]: [usize; 3], size: DVec3) -> Result<TetMesh> {
     let around = (nx.saturating_add(ny)).saturating_mul(2);
     let rings = nx.min(ny) / 3;
@@ -50,7 +50,7 @@ fn round([nx, ny, nz]: [usize; 3], size: DVec3) -> Result<TetMesh> {
         nodes: lattice,
         mut tets,
     } = grid([around, rings, nz], Split::Six, |_| true)?;
-    // The seam: the last lattice column is the first again.
+    // The seam: the last lattice column coincides with the first.
     let row = around as u32 + 1;
     for v in tets.iter_mut().flatten() {
         let (line, i) = (*v / row, *v % row);
@@ -75,8 +75,8 @@ fn round([nx, ny, nz]: [usize; 3], size: DVec3) -> Result<TetMesh> {
     from_parts(nodes, tets)
 }
 
-/// Point `i` around the square [−1, 1]², clockwise from (−1, −1), so that (around, out, z) is a
-/// right-handed system; z stays 0.
+/// Returns point `i` on the boundary of the square [−1, 1]², clockwise from (−1, −1), so that
+/// (around, out, z) is a right-handed system; z is 0.
 fn perimeter(i: usize, nx: usize, ny: usize) -> DVec3 {
     let along = |i: usize, n: usize| 2.0 * i as f64 / n as f64 - 1.0;
     match i {

@@ -1,15 +1,15 @@
-//! Boxes: regular grids of hexahedral cells, each split into tets whose faces match.
+//! Generator of boxes: regular grids of hexahedral cells, each split into conforming tets.
 
 use crate::mesh::{TetMesh, signed_volume};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// How a cell of a grid is split into tets.
+/// Subdivision of a grid cell into tets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
-    /// One regular tet in the middle and four at the corners, mirrored from cell to cell.
+    /// One regular tet in the centre and four at the corners, mirrored in alternate cells.
     Five,
-    /// Kuhn's six, all around the diagonal from the lowest to the highest corner.
+    /// Kuhn's subdivision into six tets around the diagonal from the lowest to the highest corner.
     Six,
 }
 
@@ -22,7 +22,7 @@ const FIVE: [[usize; 4]; 5] = [
     [7, 3, 5, 6],
 ];
 
-/// Kuhn's six tets: from corner 0 to corner 7, one axis after the other in each order.
+/// Kuhn's six tets: from corner 0 to corner 7, along the axes in each order.
 const SIX: [[usize; 4]; 6] = [
     [0, 1, 3, 7],
     [0, 1, 5, 7],
@@ -32,11 +32,12 @@ const SIX: [[usize; 4]; 6] = [
     [0, 4, 6, 7],
 ];
 
-/// A box of `cells` grid cells with one corner at the origin and the opposite one at `size`.
+/// Returns a box of `cells` grid cells with one corner at the origin and the opposite one at
+/// `size`.
 ///
 /// # Errors
-/// No cells along an axis, a size that is not positive and finite, or more nodes or tets than
-/// 32-bit indices hold.
+/// An error for no cells along an axis, a size that is not positive and finite, or more nodes or
+/// tets than 32-bit indices can address.
 pub fn box_mesh(cells: [usize; 3], size: DVec3, split: Split) -> Result<TetMesh> {
     check_size("a box", size)?;
     let Grid { nodes, tets } = grid(cells, split, |_| true)?;
@@ -45,13 +46,13 @@ pub fn box_mesh(cells: [usize; 3], size: DVec3, split: Split) -> Result<TetMesh>
     from_parts(nodes.iter().map(place).collect(), tets)
 }
 
-/// The lattice points that serve as nodes, and the tets between them.
+/// The lattice points used as nodes, and the tets between them.
 pub(crate) struct Grid {
     pub nodes: Vec<[usize; 3]>,
     pub tets: Vec<[u32; 4]>,
 }
 
-/// The nodes and tets of those cells of a grid that `keep` wants, x running fastest.
+/// Returns the nodes and tets of the grid cells that `keep` accepts, x running fastest.
 pub(crate) fn grid(
     cells: [usize; 3],
     split: Split,
@@ -59,7 +60,7 @@ pub(crate) fn grid(
 ) -> Result<Grid> {
     let nodes_along = cells.map(|n| n.saturating_add(1));
     let product = |n: [usize; 3]| n[0].checked_mul(n[1])?.checked_mul(n[2]);
-    // Six tets a cell, and a quarter of the 32-bit range as TetMesh allows.
+    // Six tets per cell, and a quarter of the 32-bit range as TetMesh allows.
     let fits = product(nodes_along).is_some_and(|n| n <= u32::MAX as usize / 24);
     if product(cells).unwrap_or(1) == 0 || !fits {
         return Err(Error::Input(format!(
@@ -111,17 +112,17 @@ pub(crate) fn grid(
     Ok(Grid { nodes, tets })
 }
 
-/// All index triples below `n`, x running fastest.
+/// Iterates over all index triples below `n`, x running fastest.
 fn lattice(n: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     (0..n[2]).flat_map(move |k| (0..n[1]).flat_map(move |j| (0..n[0]).map(move |i| [i, j, k])))
 }
 
-/// A mesh without fields.
+/// Builds a mesh without fields.
 pub(super) fn from_parts(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> Result<TetMesh> {
     TetMesh::new(nodes, tets, Vec::new(), Vec::new())
 }
 
-/// Refuses sizes that are not positive and finite.
+/// Rejects sizes that are not positive and finite.
 pub(super) fn check_size(what: &str, size: DVec3) -> Result<()> {
     if size.is_finite() && size.min_element() > 0.0 {
         return Ok(());

@@ -1,4 +1,4 @@
-//! A phantom of a liver.
+//! Phantom of a liver.
 
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, smooth_union};
@@ -6,14 +6,14 @@ use crate::mesh::TetMesh;
 use crate::{ProgressFn, Result, no_progress};
 use glam::DVec3;
 
-/// Where its back is, on which it lies, m.
+/// Height of its flat back, m.
 const BACK: f64 = -0.028;
-/// Where the lump is: in the right lobe.
+/// Position of the lump: in the right lobe.
 const LUMP: [f64; 2] = [-0.03, 0.0];
 
-/// A liver of about `tets` tets, 22 cm wide, in metres: it lies on its flat back, its front is along
-/// z, and its right lobe, the larger, is at negative x. The cell field `label` has liver and, where
-/// one is asked for, a lump below the front of the right lobe; `stiffness` is as in
+/// Returns a liver of about `tets` tets, 22 cm wide, in metres: it lies on its flat back, its front
+/// faces z, and its right lobe, the larger, is at negative x. The cell field `label` has liver and,
+/// if `lump` is given, a lump below the front of the right lobe; `stiffness` is as in
 /// [`breast`](super::breast). Deterministic.
 ///
 /// # Errors
@@ -22,7 +22,7 @@ pub fn liver(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
     telling(tets, lump, &no_progress)
 }
 
-/// As [`liver`], telling how far it is.
+/// As [`liver`], with progress reports.
 pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> Result<TetMesh> {
     organ(Liver, tets, lump, progress)
 }
@@ -30,7 +30,7 @@ pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> 
 struct Liver;
 
 impl Liver {
-    /// About the distance to the surface, negative inside.
+    /// Approximate signed distance to the surface, negative inside.
     fn outside(p: DVec3) -> f64 {
         let right = ellipsoid(
             p,

@@ -1,4 +1,4 @@
-//! Organs with a lump in them: what the phantoms for presses share.
+//! Organs with a lump: shared code of the palpation phantoms.
 
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
@@ -6,13 +6,13 @@ use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use std::f64::consts::PI;
 
-/// The field of factors on the stiffness that organs with a lump have.
+/// The stiffness-factor field of organs with a lump.
 const FACTORS: &str = "stiffness";
-/// What is left between a lump and the organ's back, m.
+/// Minimum clearance between a lump and the back of the organ, m.
 const MIN_BACK_CLEARANCE: f64 = 2e-3;
-/// A lump is made at most this many times wider, for its volume.
+/// Maximum widening factor of a lump to correct its volume.
 const MAX_WIDENING: f64 = 1.2;
-/// A weight changes by at most so much per metre: what tells boxes that lie in one region.
+/// Maximum gradient of a weight per metre: it determines which boxes lie in one region.
 const MAX_GRADIENT: f64 = 4.0;
 
 /// A ball of stiffer tissue below the surface of an organ.
@@ -20,9 +20,9 @@ const MAX_GRADIENT: f64 = 4.0;
 pub struct Lump {
     /// Its diameter, m.
     pub diameter: f64,
-    /// How far its nearest point is below the surface, m.
+    /// Depth of its nearest point below the surface, m.
     pub depth: f64,
-    /// How many times as stiff it is as what it lies in.
+    /// Ratio of its stiffness to that of the surrounding tissue.
     pub contrast: f64,
 }
 
@@ -37,28 +37,28 @@ impl Default for Lump {
     }
 }
 
-/// An organ: a solid in metres, and the tissues in it.
+/// An organ: a solid in metres, and its tissues.
 pub(super) trait Organ: Sync {
-    /// What it is called.
+    /// Its name.
     const NAME: &'static str;
-    /// Its tissues; those that come later lie over those before.
+    /// Its tissues; later ones overlay earlier ones.
     const TISSUES: &'static [&'static str];
 
-    /// The box that holds it.
+    /// Returns its bounding box.
     fn bounds(&self) -> (DVec3, DVec3);
 
-    /// About how far inside a tissue a point is, negative outside it; of the first, which is all
-    /// of the organ, and of those over it.
+    /// Returns the approximate signed distance of a point to a tissue, positive inside; the first
+    /// tissue fills the whole organ, the others overlay it.
     fn inside(&self, tissue: usize, p: DVec3) -> f64;
 
-    /// The place on the surface that a lump lies below, and which way is out there.
+    /// Returns the surface point above the lump, and the outward direction there.
     fn above_lump(&self) -> (DVec3, DVec3);
 }
 
-/// An organ with its lump: regions 1, 2, … are its tissues, and the last is the lump.
+/// An organ with its lump: regions 1, 2, … are its tissues, the last is the lump.
 struct Lumped<O> {
     organ: O,
-    /// Middle and radius.
+    /// Centre and radius.
     lump: Option<(DVec3, f64)>,
 }
 
@@ -72,7 +72,7 @@ impl<O: Organ> Domain for Lumped<O> {
         let mut heaviest = self.organ.inside(0, p);
         weights.push((1, heaviest));
         let mut over = |region: u16, inside: f64| {
-            // Not beyond the organ.
+            // Clipped to the organ.
             let weight = heaviest + inside.min(heaviest);
             weights.push((region, weight));
             heaviest = heaviest.max(weight);
@@ -95,7 +95,7 @@ impl<O: Organ> Domain for Lumped<O> {
     }
 }
 
-/// The mesh of an organ of about `tets` tets.
+/// Meshes an organ with about `tets` tets.
 pub(super) fn organ<O: Organ>(
     organ: O,
     tets: usize,
@@ -123,7 +123,7 @@ pub(super) fn organ<O: Organ>(
     let mut filled = mesh_domain(&domain, &options, progress)?;
     let own = O::TISSUES.len() as u16 + 1;
     if let Some((_, radius)) = &mut domain.lump {
-        // Flat tets in a ball hold too little: another one holds what this one should.
+        // The linear tets of a ball enclose too small a volume: the radius is enlarged accordingly.
         let over = volume(&filled, own) / (4.0 / 3.0 * PI * radius.powi(3));
         if over > 0.0 {
             *radius *= over.cbrt().recip().min(MAX_WIDENING);
@@ -160,7 +160,7 @@ pub(super) fn organ<O: Organ>(
     Ok(mesh)
 }
 
-/// The volume of a region.
+/// Returns the volume of a region.
 fn volume(filled: &MeshedDomain, region: u16) -> f64 {
     let own = filled.tets.iter().zip(&filled.regions);
     let own = own.filter(|(_, r)| **r == region).map(|(tet, _)| {
@@ -170,7 +170,7 @@ fn volume(filled: &MeshedDomain, region: u16) -> f64 {
     own.sum()
 }
 
-/// Where a lump lies, and its radius.
+/// Returns the centre and radius of a lump.
 fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     let wrong = |why: String| Err(Error::Input(why));
     let positive = |x: f64| x.is_finite() && x > 0.0;
@@ -196,8 +196,8 @@ fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     }
 }
 
-/// The place on the surface of an organ above (x, y), and which way is out there, found by halving
-/// between two heights; none where it is not in between.
+/// Returns the point on the surface of an organ above (x, y) and the outward direction there, found
+/// by bisection between two heights; `None` if it is not in between.
 pub(super) fn surface_above(
     inside: impl Fn(DVec3) -> f64,
     [x, y]: [f64; 2],

@@ -1,7 +1,7 @@
-//! Meshes made, not read: one file a shape.
+//! Mesh generators, one file per shape.
 //!
-//! All of them are deterministic, positively oriented, of one component, and have a closed
-//! boundary without non-manifold edges.
+//! All meshes are deterministic, positively oriented and connected, and have a closed boundary
+//! without non-manifold edges.
 
 mod ball;
 mod bar;

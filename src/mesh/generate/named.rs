@@ -1,4 +1,4 @@
-//! Generators by name, for scenes and the command line.
+//! Lookup of generators by name, for scenes and the command line.
 
 use super::{
     Bore, Lump, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh,
@@ -8,7 +8,7 @@ use crate::mesh::TetMesh;
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
 
-/// The names that [`by_name`] knows, and what each of them makes.
+/// The names accepted by [`by_name`], with a description of each mesh.
 pub const GENERATORS: [(&str, &str); 10] = [
     (
         "bar",
@@ -40,15 +40,15 @@ pub const GENERATORS: [(&str, &str); 10] = [
     ("foot", "a foot of 26 bones in flesh; 100,000 tets"),
 ];
 
-/// Whether what the generator called `name` makes has a lump.
+/// Whether the meshes of the generator `name` have a lump.
 pub(crate) fn has_lump(name: &str) -> bool {
     matches!(name, "breast" | "liver")
 }
 
-/// Whether there is a generator called `name`.
+/// Checks that there is a generator `name`.
 ///
 /// # Errors
-/// [`Error::Input`] where there is none; the message lists those there are.
+/// An [`Error::Input`] if there is none; the message lists the valid names.
 pub(crate) fn check_name(name: &str) -> Result<()> {
     match GENERATORS.iter().any(|g| g.0 == name) {
         true => Ok(()),
@@ -64,38 +64,37 @@ fn unknown(name: &str) -> Error {
     ))
 }
 
-/// The mesh called `name`, one of [`GENERATORS`], with about `tets` tets, or with the number
-/// named there.
+/// Generates the mesh `name`, one of [`GENERATORS`], with about `tets` tets, or the default number.
 ///
 /// # Errors
-/// A name that is not known, or a number of tets that the generator cannot make.
+/// An error for an unknown name, or a number of tets that the generator cannot make.
 pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
     with_lump(name, tets, Some(Lump::default()))
 }
 
-/// As [`by_name`], with that lump, or none, in organs that have one.
+/// As [`by_name`], with the given lump, or none, in organs that have one.
 ///
 /// # Errors
-/// As [`by_name`], and for a lump that the organ has no room for.
+/// As [`by_name`], and an error for a lump that does not fit into the organ.
 pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
     by_name_with_progress(name, tets, lump, &no_progress)
 }
 
-/// As [`with_lump`], telling `progress` how far the large ones are.
+/// As [`with_lump`], with progress reports for the large ones.
 pub(crate) fn by_name_with_progress(
     name: &str,
     tets: Option<usize>,
     lump: Option<Lump>,
     progress: ProgressFn,
 ) -> Result<TetMesh> {
-    // Cells along each side when a unit cube of cells has this many tets.
+    // Number of cells per side for this many tets per cell of the unit cube.
     let side =
         |tets: usize, per_cell: f64| ((tets as f64 / per_cell).cbrt().round() as usize).max(1);
     let size = DVec3::splat(0.1);
     match name {
         "bar" => bar_of_about(tets.unwrap_or(80), PAPER_BAR_SIZE),
         "box" => box_mesh([side(tets.unwrap_or(6_000), 6.0); 3], size, Split::Six),
-        // A ball fills π/6 of its box, with twelve tets a cell.
+        // A ball fills π/6 of its box, with twelve tets per cell.
         "ball" => ball(0.05, side(tets.unwrap_or(6_000), 6.5).max(2)),
         // Around, out and along: 4n · n/3 · m cells of six tets.
         "duct" => {

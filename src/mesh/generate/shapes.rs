@@ -1,26 +1,26 @@
-//! Solids as functions: negative inside, positive outside, about the distance to the surface.
+//! Implicit solids: approximate signed distances to the surface, negative inside.
 
 use glam::{DVec2, DVec3};
 
-/// Union of two solids with the crease between them filled out to a width of about `k`.
+/// Smooth union of two solids, the crease filled to a width of about `k`.
 pub(super) fn smooth_union(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.min(b) - 0.25 * h * h * k
 }
 
-/// 0 below `from`, 1 above `to`, smooth between.
+/// Smooth step: 0 below `from`, 1 above `to`.
 pub(super) fn smooth_step(from: f64, to: f64, x: f64) -> f64 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// The nearest point of a segment, as a fraction of its length, and the distance to it.
+/// Returns the parameter in 0..1 of the closest point of a segment, and the distance to it.
 fn nearest_on_segment(p: DVec3, a: DVec3, b: DVec3) -> (f64, f64) {
     let along = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
     (along, p.distance(a.lerp(b, along)))
 }
 
-/// A rod with round ends whose radius changes evenly from one end to the other.
+/// A rod with round ends whose radius varies linearly from one end to the other.
 pub(super) fn rod(p: DVec3, [a, b]: [DVec3; 2], [ra, rb]: [f64; 2]) -> f64 {
     let (along, distance) = nearest_on_segment(p, a, b);
     distance - (ra + (rb - ra) * along)
@@ -60,7 +60,7 @@ impl LongBone {
     pub(super) fn distance(&self, p: DVec3) -> f64 {
         let [a, b] = self.ends;
         let (along, distance) = nearest_on_segment(p, a, b);
-        // The heads take about a quarter of the length each.
+        // Each head spans about a quarter of the length.
         let first = smooth_step(0.30, 0.04, along);
         let last = smooth_step(0.70, 0.96, along);
         let radius =

@@ -1,4 +1,4 @@
-//! Solids given by a function, filled by the mesher with tets of even size.
+//! Meshing of implicit solids with tets of uniform size.
 
 use crate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
 use crate::{ProgressFn, Result};
@@ -21,8 +21,8 @@ impl<F: Fn(DVec3) -> f64 + Sync> Domain for Solid<F> {
     }
 }
 
-/// Fills {p : inside(p) > 0}, which lies in the box from the origin to `size`, with tets of
-/// edges of about 1. Pieces smaller than `least` are left out.
+/// Meshes {p : inside(p) > 0}, contained in the box from the origin to `size`, with edges of about
+/// 1. Components with a volume below `least` are dropped.
 pub(super) fn fill_solid(
     size: DVec3,
     least: f64,
@@ -38,10 +38,10 @@ pub(super) fn fill_solid(
     mesh_domain(&Solid { size, inside }, &options, progress)
 }
 
-/// Which tets are of which bone so that no two bones share a node: as stiff ones, let alone rigid
-/// ones, they would be one. Of each tet of a mesh of so many nodes, `nearest` has the nearest bone
-/// and how far its surface is from the tet's middle, negative inside. At a node between bones the
-/// one that reaches deepest stays.
+/// Assigns tets to bones so that no two bones share a node: stiff or rigid bones with a common node
+/// would act as one. For each tet of a mesh with the given number of nodes, `nearest` holds the
+/// nearest bone and the signed distance of its surface to the centroid of the tet, negative inside.
+/// At a node between bones the one with the deepest centroid is kept.
 pub(super) fn separate_bones(
     tets: &[[u32; 4]],
     nodes: usize,
@@ -65,11 +65,11 @@ pub(super) fn separate_bones(
     tets.iter().zip(nearest).map(of_tet).collect()
 }
 
-/// Below this number of tets the step is corrected by making the mesh.
+/// Number of tets below which the step is corrected by trial meshes.
 const MAX_TRIAL_TETS: usize = 20_000;
 
-/// The lattice step with which a solid has about `tets` tets, estimated from the `count` of two
-/// coarse meshes: they are as many as a/step³ + b/step², for the volume and for the surface.
+/// Estimates the lattice step for which a solid has about `tets` tets from the `count` of two
+/// coarse meshes: the number is a/step³ + b/step², for the volume and the surface.
 pub(super) fn lattice_step(
     tets: usize,
     [coarse, fine]: [f64; 2],
@@ -89,7 +89,7 @@ pub(super) fn lattice_step(
     }
     let mut step = 0.5 * (low + high);
     if tets < MAX_TRIAL_TETS {
-        // Where cells are as large as fingers the estimate is poor, but trying costs little.
+        // If cells are as large as fingers the estimate is poor, but trials are cheap.
         for _ in 0..3 {
             step *= (count(step)? / tets as f64).cbrt();
         }

@@ -1,4 +1,4 @@
-//! Edges collapsed to one of their ends.
+//! Edge collapses.
 
 use super::shape::quality;
 use super::work::EditableMesh;
@@ -6,17 +6,18 @@ use crate::mesh::TET_EDGES;
 use crate::mesher::stencil::Piece;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Edges in a boundary longer than this part of the lattice's stay: the boundary would move.
+/// Boundary edges longer than this fraction of the lattice's edge are not collapsed, since the
+/// boundary would move.
 const MAX_ON_BOUNDARY: f64 = 0.6;
 
-/// In links, the far end of all that lies outside.
+/// In links, the vertex at infinity that represents the outside.
 const OUTSIDE: u32 = u32::MAX;
 
-/// The parts of a link: nodes, edges and faces, each with its nodes rising.
+/// The simplices of a link: nodes, edges and faces, each with its nodes ascending.
 type Link = BTreeSet<Vec<u32>>;
 
 impl EditableMesh<'_> {
-    /// Collapses the first edge of tet `t` that makes a better worst tet.
+    /// Collapses the first edge of tet `t` whose collapse improves the minimum quality.
     pub(super) fn collapse_around(&mut self, t: u32) -> bool {
         let tet = self.corners(t);
         let edges = TET_EDGES.map(|[i, j]| [tet[i], tet[j]]);
@@ -32,7 +33,7 @@ impl EditableMesh<'_> {
         both.into_iter().any(|[u, v]| self.collapse(u, v))
     }
 
-    /// Moves node `u` to `v` and makes one of them, if that is sound and better.
+    /// Collapses node `u` onto `v`, if this is valid and an improvement.
     fn collapse(&mut self, u: u32, v: u32) -> bool {
         if self.is_fixed(u) || self.is_fixed(v) {
             return false;
@@ -62,9 +63,9 @@ impl EditableMesh<'_> {
         true
     }
 
-    /// Whether collapsing an edge keeps the topology of the body and of all boundaries: the link
-    /// condition of Dey et al., *Topology preserving edge contraction* (1999), in the body with
-    /// the outside as one more node, and in the boundaries.
+    /// Whether collapsing an edge preserves the topology of the body and of all boundaries: the
+    /// link condition of Dey et al., *Topology preserving edge contraction* (1999), in the body
+    /// with the outside as an additional vertex, and in the boundaries.
     fn may_collapse(&self, u: u32, v: u32) -> bool {
         let around = self.edge_ring(u, v);
         let mut regions: Vec<u16> = around.iter().map(|t| self.pieces[*t as usize].1).collect();
@@ -75,7 +76,7 @@ impl EditableMesh<'_> {
         }
         regions.sort_unstable();
         regions.dedup();
-        // A node stays in the boundaries and junctions it is part of.
+        // A node stays on its boundaries and junctions.
         if regions != self.regions_at(u) {
             return false;
         }
@@ -91,7 +92,8 @@ impl EditableMesh<'_> {
         if shared != of_edge {
             return false;
         }
-        // The same for boundaries between regions: three edges of them around no face.
+        // The link condition for interfaces between regions: three interface edges without a face
+        // between them.
         let [beside_u, beside_v] = [u, v].map(|v| self.edges_in_boundaries(v));
         beside_u.intersection(&beside_v).all(|w| {
             let of_face = around.iter().filter(|t| self.corners(**t).contains(w));
@@ -104,7 +106,7 @@ impl EditableMesh<'_> {
         })
     }
 
-    /// What surrounds node `v`, what lies outside seen as joined to one more node.
+    /// Returns the link of node `v`, with the outside as an additional vertex.
     fn link(&self, v: u32) -> Link {
         let mut link = Link::new();
         let mut sides: BTreeMap<Vec<u32>, usize> = BTreeMap::new();
@@ -132,7 +134,7 @@ impl EditableMesh<'_> {
         link
     }
 
-    /// The nodes to which edges lead from `v` that more than one region, or the outside, touches.
+    /// Returns the nodes connected to `v` by edges that touch several regions, or the outside.
     fn edges_in_boundaries(&self, v: u32) -> BTreeSet<u32> {
         let mut seen: BTreeMap<u32, (u16, bool)> = BTreeMap::new();
         let mut sides: BTreeMap<[u32; 2], usize> = BTreeMap::new();
@@ -156,7 +158,7 @@ impl EditableMesh<'_> {
     }
 }
 
-/// The part of a link between `part` and the outside.
+/// Returns the part of a link between `part` and the outside.
 fn outside(part: &[u32]) -> Vec<u32> {
     let mut part = part.to_vec();
     part.push(OUTSIDE);

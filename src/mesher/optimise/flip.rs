@@ -1,15 +1,15 @@
-//! Other edges and faces between the same nodes, within one region.
+//! Topological flips of edges and faces within one region.
 
 use super::shape::quality;
 use super::work::EditableMesh;
 use crate::mesh::{FACES, TET_EDGES};
 use crate::mesher::stencil::Piece;
 
-/// Rings of more tets around an edge are not tried.
+/// Maximum number of tets around an edge to be removed.
 const MAX_RING: usize = 7;
 
 impl EditableMesh<'_> {
-    /// Flips the first edge or face of tet `t` that makes a better worst tet.
+    /// Flips the first edge or face of tet `t` whose flip improves the minimum quality.
     pub(super) fn flip_around(&mut self, t: u32) -> bool {
         let tet = self.corners(t);
         TET_EDGES
@@ -39,7 +39,7 @@ impl EditableMesh<'_> {
                 [ring[k], ring[j], ring[i], a],
             ]
         };
-        // best[i][j]: the worst shape of the best triangulation of ring[i..=j], and its apex
+        // best[i][j]: the minimum quality of the best triangulation of ring[i..=j], and its apex
         // over the side i–j (Klincsek 1980).
         let mut best = [[(f64::INFINITY, 0usize); MAX_RING]; MAX_RING];
         for length in 2..n {
@@ -71,8 +71,8 @@ impl EditableMesh<'_> {
         true
     }
 
-    /// The nodes around the edge from `a` to `b`, run through as a right hand along it does; none
-    /// when the tets do not close around it.
+    /// Returns the nodes around the edge from `a` to `b` in right-handed order; `None` if the tets
+    /// do not form a closed ring.
     fn ring(&self, a: u32, b: u32, around: &[u32]) -> Option<Vec<u32>> {
         let mut steps: Vec<[u32; 2]> = Vec::with_capacity(around.len());
         for t in around {
@@ -94,8 +94,8 @@ impl EditableMesh<'_> {
         closed.then_some(ring)
     }
 
-    /// Replaces two tets of one region that share face `f` of tet `t` by three around the line
-    /// between their other corners.
+    /// Replaces two tets of one region that share face `f` of tet `t` by three around the edge
+    /// between their opposite corners.
     fn remove_face(&mut self, t: u32, f: usize) -> bool {
         let tet = self.corners(t);
         let face = FACES[f].map(|i| tet[i]);
@@ -112,7 +112,7 @@ impl EditableMesh<'_> {
         let far = self.corners(other).into_iter().find(|v| !face.contains(v));
         let Some(far) = far else { return false };
         let [p, q, r] = face;
-        // The face runs anticlockwise seen from the far side.
+        // The face is counter-clockwise seen from the far side.
         let new = [[p, q], [q, r], [r, p]].map(|[u, v]| [apex, u, v, far]);
         let shapes = new.map(|tet| quality(self.positions(tet)));
         let least = shapes.into_iter().fold(f64::INFINITY, f64::min);

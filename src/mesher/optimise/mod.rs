@@ -1,6 +1,6 @@
-//! Better shapes for the few worst tets: nodes are moved, edges flipped or collapsed around them.
+//! Local improvement of the worst tets: node smoothing, edge flips and edge collapses.
 //!
-//! Nothing else is touched, and no step is taken that does not improve the worst tet it changes.
+//! Other tets are unchanged, and a step is taken only if it improves the worst tet that it changes.
 //! After Freitag & Ollivier-Gooch, *Tetrahedral mesh improvement using swapping and smoothing*
 //! (1997), and Klingner & Shewchuk, *Aggressive tetrahedral mesh improvement* (2007).
 
@@ -18,33 +18,34 @@ use crate::progress::ProgressScope;
 use glam::DVec3;
 use work::EditableMesh;
 
-/// Tets of a lesser shape than this are worked on: 11.5° in the acute angles.
+/// Tets below this quality are improved: 11.5° for acute angles.
 const TARGET_QUALITY: f64 = 0.2;
 
-/// Rounds over the bad tets.
+/// Maximum number of passes over the bad tets.
 const MAX_PASSES: usize = 6;
 
-/// Tets between two looks at whether to go on.
+/// Number of tets between two checks for cancellation.
 const CANCEL_CHECK_INTERVAL: usize = 256;
 
-/// What was done to improve the shape of tets.
+/// Statistics of the improvement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct OptimiserReport {
-    /// Tets that asked for it.
+    /// Tets below the target quality at the start.
     #[serde(rename = "bad")]
     pub below_target: usize,
-    /// Times that a node was moved.
+    /// Node moves.
     pub moved: usize,
-    /// Edges or faces that were replaced by others.
+    /// Edge and face flips.
     pub flipped: usize,
-    /// Edges that were collapsed to a node.
+    /// Edge collapses.
     pub collapsed: usize,
-    /// Tets that are still below the goal.
+    /// Tets still below the target quality.
     #[serde(rename = "left")]
     pub remaining: usize,
 }
 
-/// Improves the worst tets. Nodes from number `doubled` on, and those at the same places, stay.
+/// Improves the worst tets. Nodes from number `doubled` on, and those at the same positions, are
+/// fixed.
 pub(super) fn optimise(
     domain: OffsetDomain,
     edge: f64,
@@ -79,7 +80,7 @@ pub(super) fn optimise(
     Ok(report)
 }
 
-/// The tets below the goal, the worst first.
+/// Returns the tets below the target quality, the worst first.
 fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
     let shape = |t: usize| shape::quality(pieces[t].0.map(|v| nodes[v as usize]));
     let mut bad: Vec<(f64, u32)> = parallel::collect(pieces.len(), |range, bad| {
@@ -92,7 +93,7 @@ fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
 }
 
 impl EditableMesh<'_> {
-    /// Tries what may help tet `t`, until it is good enough or nothing does.
+    /// Applies operations to tet `t` until it is good enough or none improves it.
     fn better(&mut self, t: u32, report: &mut OptimiserReport) {
         for _ in 0..4 {
             if !self.is_bad(t) {

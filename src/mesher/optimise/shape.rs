@@ -1,23 +1,23 @@
-//! How well a tet is shaped, as one number without angles.
+//! Quality of a tet as one number, computed without trigonometric functions.
 
 use glam::DVec3;
 
-/// Obtuse angles count as if their sine were this much less: with it, the bounds of 10.7° and
-/// 164.8° are about the same.
+/// Factor on the sine of obtuse angles: with it, the bounds of 10.7° and 164.8° are about
+/// equivalent.
 const OBTUSE_PENALTY: f64 = 0.7;
 
-/// The least sine of the dihedral angles, those of obtuse ones taken 0.7 times; the least of all
-/// negative volumes is as bad as none.
+/// Returns the minimum sine of the dihedral angles, with a factor of 0.7 for obtuse ones; −1 for
+/// inverted or flat tets.
 pub(super) fn quality(v: [DVec3; 4]) -> f64 {
     let [a, b, c] = [v[1] - v[0], v[2] - v[0], v[3] - v[0]];
     let volume = a.cross(b).dot(c);
     if volume <= 0.0 {
         return -1.0;
     }
-    // Twice the faces opposite 0, 1, 2, 3, pointing out.
+    // Twice the area vectors of the faces opposite 0, 1, 2, 3, pointing outward.
     let n = [(b - a).cross(c - a), c.cross(b), a.cross(c), b.cross(a)];
     let size = n.map(|n| n.length());
-    // Each edge with the faces that meet in it.
+    // Each edge with its two faces.
     let edges = [
         (a, 2, 3),
         (b, 1, 3),

@@ -1,26 +1,26 @@
-//! Nodes moved to where the worst tet around them is better.
+//! Node smoothing that maximises the minimum quality of the incident tets.
 //!
-//! Nodes on boundaries slide along them: a move is followed by one onto the place where the
-//! regions around the node weigh the same.
+//! Boundary nodes slide along their boundary: each move is followed by a projection onto the points
+//! of equal weights of the regions around the node.
 
 use super::shape::quality;
 use super::work::EditableMesh;
 use glam::{DMat3, DVec3};
 
-/// Steps that are tried, as parts of the mean length of the edges at the node.
+/// Trial step lengths as fractions of the mean length of the edges at the node.
 const STEPS: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
 
-/// Nodes on a boundary stay as near to it as this part of the lattice's edge.
+/// Maximum distance of a boundary node from its boundary, as a fraction of the lattice's edge.
 const MAX_BOUNDARY_DRIFT: f64 = 0.08;
 
-/// Gradients of weights are differences over this part of the lattice's edge.
+/// Finite-difference step for gradients of weights, as a fraction of the lattice's edge.
 const FINITE_DIFFERENCE_STEP: f64 = 0.02;
 
-/// A move must improve the worst shape by this much.
+/// Minimum improvement of the quality by a move.
 const MIN_IMPROVEMENT: f64 = 1e-3;
 
 impl EditableMesh<'_> {
-    /// Moves node `v` to the best of some places around it, if one is better.
+    /// Moves node `v` to the best of several trial positions, if one is an improvement.
     pub(super) fn smooth(&mut self, v: u32) -> bool {
         if self.is_fixed(v) {
             return false;
@@ -70,7 +70,7 @@ impl EditableMesh<'_> {
         false
     }
 
-    /// The worst shape around `v` if it were at `to`, or any number below `enough`.
+    /// Returns the minimum quality around `v` if it were at `to`, or any number below `enough`.
     fn worst_with(&self, v: u32, to: DVec3, star: &[u32], enough: f64) -> f64 {
         let mut least = f64::INFINITY;
         for t in star {
@@ -89,7 +89,8 @@ impl EditableMesh<'_> {
         least
     }
 
-    /// By how much the first region outweighs each other one at `p`; unused entries are 0.
+    /// Returns the weight of the first region minus that of each other one at `p`; unused entries
+    /// are 0.
     fn gaps(&mut self, p: DVec3, regions: &[u16]) -> DVec3 {
         let of = |i: usize| regions.get(i).copied().unwrap_or(regions[0]);
         let [a, b, c, d] = self
@@ -98,29 +99,29 @@ impl EditableMesh<'_> {
         DVec3::new(a - b, a - c, a - d)
     }
 
-    /// The boundary between `regions` at `p`, linearised; none where weights do not change.
+    /// Linearises the boundary between `regions` at `p`; `None` if the gradients vanish.
     fn boundary_at(&mut self, p: DVec3, regions: &[u16]) -> Option<Boundary> {
         let step = FINITE_DIFFERENCE_STEP * self.edge;
         let slope = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| {
             let ahead = self.gaps(p + step * axis, regions);
             (ahead - self.gaps(p - step * axis, regions)) / (2.0 * step)
         });
-        // Rows are the gradients of the gaps.
+        // Rows are the gradients of the weight differences.
         let gradients = DMat3::from_cols(slope[0], slope[1], slope[2]);
         let rows = gradients.transpose();
         let mut square = gradients * rows;
         let scale = rows.x_axis.length_squared();
-        // Unused gaps, and those that depend on the others, stay 0.
+        // Unused differences, and linearly dependent ones, stay 0.
         for i in 0..3 {
             square.col_mut(i)[i] += 1e-6 * scale + f64::MIN_POSITIVE;
         }
-        // From gaps to the shortest step that closes them.
+        // Maps weight differences to the shortest step that cancels them (pseudo-inverse).
         let back = rows * square.inverse();
         let off = back.mul_vec3(self.gaps(p, regions)).length();
         off.is_finite().then_some(Boundary { back })
     }
 
-    /// `p` moved onto the boundary; none when it does not come near.
+    /// Projects `p` onto the boundary; `None` if the iteration does not converge.
     fn onto(&mut self, boundary: &Boundary, mut p: DVec3, regions: &[u16]) -> Option<DVec3> {
         let near = MAX_BOUNDARY_DRIFT * self.edge;
         for _ in 0..3 {
@@ -135,7 +136,7 @@ impl EditableMesh<'_> {
     }
 }
 
-/// A boundary near a node: from the gaps between weights to the way back onto it.
+/// A linearised boundary near a node: maps weight differences to the step back onto it.
 struct Boundary {
     back: DMat3,
 }

@@ -1,4 +1,4 @@
-//! A mesh that is worked on.
+//! The editable mesh of the optimiser.
 
 use super::shape::quality;
 use crate::mesher::domain::{OffsetDomain, Sampler};
@@ -8,16 +8,16 @@ use crate::mesher::stars::Stars;
 use crate::mesher::stencil::Piece;
 use glam::DVec3;
 
-/// A mesh with the tets at each node, kept up as it changes.
+/// A mesh with the tets at each node, updated as it changes.
 pub(super) struct EditableMesh<'a> {
     pub nodes: Vec<DVec3>,
-    /// Tets that were removed have the region 0.
+    /// Removed tets have region 0.
     pub pieces: Vec<Piece>,
     pub sampler: Sampler<'a>,
-    /// The lattice's edge.
+    /// The edge of the lattice.
     pub edge: f64,
     stars: Stars,
-    /// The tets at nodes where they have changed.
+    /// The tets at nodes whose tets have changed.
     changed: KeyMap<u32, Vec<u32>>,
     fixed: KeySet<u32>,
 }
@@ -48,12 +48,12 @@ impl<'a> EditableMesh<'a> {
         }
     }
 
-    /// Whether a node must stay, because another lies at its place.
+    /// Whether a node is fixed because another lies at its position.
     pub(super) fn is_fixed(&self, v: u32) -> bool {
         self.fixed.contains(&v)
     }
 
-    /// The tets at node `v`.
+    /// Returns the tets at node `v`.
     pub(super) fn star(&self, v: u32) -> &[u32] {
         match self.changed.get(&v) {
             Some(star) => star,
@@ -73,24 +73,24 @@ impl<'a> EditableMesh<'a> {
         quality(self.positions(self.corners(t)))
     }
 
-    /// The worst shape of some tets.
+    /// Returns the minimum quality of some tets.
     pub(super) fn min_quality(&self, tets: &[u32]) -> f64 {
         let shapes = tets.iter().map(|t| self.tet_quality(*t));
         shapes.fold(f64::INFINITY, f64::min)
     }
 
-    /// The tets at the edge between two nodes.
+    /// Returns the tets at the edge between two nodes.
     pub(super) fn edge_ring(&self, a: u32, b: u32) -> Vec<u32> {
         let star = self.star(a).iter().copied();
         star.filter(|t| self.corners(*t).contains(&b)).collect()
     }
 
-    /// The regions at node `v`, rising; 0 is there where it lies on the boundary.
+    /// Returns the regions at node `v`, ascending; 0 is included if it lies on the boundary.
     pub(super) fn regions_at(&self, v: u32) -> Vec<u16> {
         VertexFans::new(v, self.star(v), &self.pieces).regions()
     }
 
-    /// Takes the tets `old` out and puts others, of these corners and regions, in.
+    /// Replaces the tets `old` by others with these corners and regions.
     pub(super) fn replace(&mut self, old: &[u32], new: &[Piece]) {
         for &t in old {
             for v in self.corners(t) {

@@ -1,4 +1,4 @@
-//! Cages made from fine bodies: mass, stiffness, and how far they bend.
+//! Cages made from fine bodies: mass, stiffness, and deflection.
 
 use glam::{DQuat, DVec3};
 use palpate::cage::{Cage, CageKind};
@@ -10,7 +10,7 @@ use palpate::physics::{
 };
 use std::collections::BTreeMap;
 
-/// How a bar lies: along the axes, or across the cells of its cage.
+/// Orientation of a bar: along the axes, or oblique to the cells of its cage.
 fn bar(turned: bool) -> TetMesh {
     let mut mesh = generate::bar([20, 5, 5], DVec3::new(0.2, 0.05, 0.05)).unwrap();
     if turned {
@@ -35,7 +35,7 @@ fn elements() -> Material {
     }
 }
 
-/// Nodes at the fixed end and at the tip, of the bar as it was before it was turned.
+/// Returns the nodes at the fixed end and at the tip of the bar, before its rotation.
 fn ends() -> [Vec<u32>; 2] {
     let nodes = bar(false).nodes;
     let chosen = |f: &dyn Fn(&DVec3) -> bool| -> Vec<u32> {
@@ -47,7 +47,7 @@ fn ends() -> [Vec<u32>; 2] {
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -1.0);
 
-/// How far the tip sinks on average, where these positions are those of the fine mesh.
+/// Returns the mean deflection of the tip for these positions of the fine mesh.
 fn sunk(mesh: &TetMesh, positions: &[DVec3]) -> f64 {
     let [_, tip] = ends();
     let sum: f64 = tip
@@ -57,7 +57,7 @@ fn sunk(mesh: &TetMesh, positions: &[DVec3]) -> f64 {
     sum / tip.len() as f64
 }
 
-/// The body at rest under gravity.
+/// Returns the body at rest under gravity.
 fn settled(gpu: &Gpu, mut body: GpuBody, pinned: &[u32]) -> Vec<DVec3> {
     body.pin_nodes(pinned).unwrap();
     body.set_gravity(GRAVITY);
@@ -83,8 +83,8 @@ fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
     flags
 }
 
-/// Tip of the fine bar, of its cage, and of the same tets made of the same material without
-/// anything carried over.
+/// Deflections of the tip of the fine bar, of its cage, and of the same tets of the same material
+/// without homogenisation.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn a_cage_bends_as_the_fine_body_does() {
@@ -145,7 +145,7 @@ fn a_cage_bends_as_the_fine_body_does() {
 
 #[test]
 fn mass_and_the_stiffness_of_regions_are_carried_over() {
-    // The upper half is a hundred times stiffer and twice as heavy.
+    // The upper half is a hundred times as stiff and twice as dense.
     let mut mesh = bar(false);
     let upper: Vec<bool> = (0..mesh.tets.len())
         .map(|t| mesh.tet_nodes(t).iter().sum::<DVec3>().x / 4.0 > 0.1)
@@ -214,7 +214,7 @@ fn cages_cover_what_they_carry() {
                     (0.6..1.6).contains(&ratio),
                     "{name} {kind} {wanted}: {report:?}"
                 );
-                // Cells that are partly filled are lighter, none is massless.
+                // Partly filled cells are lighter, none is massless.
                 let least = cage.network.masses.iter().filter(|m| **m > 0.0);
                 let mean = network.masses.iter().sum::<f64>() / report.nodes as f64;
                 let least = least.copied().fold(f64::INFINITY, f64::min);

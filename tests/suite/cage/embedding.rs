@@ -1,4 +1,4 @@
-//! The pass against `reference::cage`, and motions that it must carry exactly.
+//! The embedding pass against `reference::cage`, and motions that it must reproduce exactly.
 
 use super::noise;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -7,7 +7,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
 use palpate::physics::NodePositions;
 
-/// A limb, and tets around it.
+/// Returns a limb, and tets around it.
 fn limb_in_a_box() -> (TetMesh, TetMesh) {
     let fine = generate::by_name("limb", Some(4_000)).unwrap();
     let (low, high) = fine.bounds();
@@ -19,7 +19,7 @@ fn limb_in_a_box() -> (TetMesh, TetMesh) {
     (fine, coarse)
 }
 
-/// The fine nodes with the coarse ones at `there`, from the GPU.
+/// Returns the fine nodes for coarse ones at `there`, from the GPU.
 fn carried(
     gpu: &Gpu,
     coarse: &TetMesh,
@@ -68,7 +68,7 @@ fn carried_nodes_match_float64_on_random_cages() {
         let error = worst(&found, &truth) / size;
         assert!(error < 1e-6, "{error}");
         assert!(worst(&embedding.interpolate(&there).unwrap(), &truth) < 1e-12 * size);
-        // Two corners of one node taken for each other are seen.
+        // Two swapped corners are detected.
         let mut wrong = shares.to_vec();
         let most = (0..wrong.len()).max_by(|a, b| {
             let spread = |i: &usize| wrong[*i].1[1] - wrong[*i].1[0];
@@ -143,7 +143,7 @@ fn forces_gathered_do_the_same_work() {
     assert!(embedding.transfer().apply_transpose(&forces[1..]).is_err());
 }
 
-/// Where each point is that is tied to four of the `nodes` by weights of sum 1: Σ w_k x_k.
+/// Returns each point interpolated from four of the `nodes` by weights of sum 1: Σ w_k x_k.
 fn carry(shares: &[([u32; 4], [f64; 4])], nodes: &[DVec3]) -> Vec<DVec3> {
     let at = |(corners, weights): &([u32; 4], [f64; 4])| {
         let parts = corners.iter().zip(weights);

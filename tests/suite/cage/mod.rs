@@ -1,11 +1,11 @@
-//! Cages: fine meshes carried by coarse bodies that are made from them.
+//! Cages: fine meshes embedded in coarse bodies that are made from them.
 
 mod bodies;
 mod embedding;
 mod scenes;
 mod study;
 
-/// Repeatable numbers in −1..1.
+/// Returns a deterministic generator of numbers in −1..1.
 fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {

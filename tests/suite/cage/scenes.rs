@@ -1,4 +1,4 @@
-//! Cages in scenes; bodies that fall asleep; nothing done that no one asked for.
+//! Cages in scenes; sleeping bodies; no unnecessary work.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -7,7 +7,7 @@ use palpate::physics::GrabMode;
 use palpate::physics::{Engine, EngineChoice, Simulator};
 use palpate::scene::{Scene, Stage};
 
-/// A small limb with two materials, held and pulled, and `more` of a scene.
+/// Returns a scene of a small limb with two materials, pinned and pulled, with the entries `more`.
 fn limb(more: &str) -> String {
     format!(
         "[mesh]\ngenerate = \"limb\"\ntets = 6000\n\
@@ -18,14 +18,14 @@ fn limb(more: &str) -> String {
     )
 }
 
-/// Stepped by passes, which these tests count.
+/// Simulated by passes, which these tests count.
 fn stage(gpu: &Gpu, text: &str) -> Stage {
     let mut scene = Scene::parse(text).unwrap();
     scene.solver.engine = Some(EngineChoice::Exactly(Engine::Gpu));
     Stage::new(gpu, &scene).unwrap()
 }
 
-/// How far the nodes of the mesh are from where they rested.
+/// Returns the displacements of the nodes of the mesh.
 fn moved(stage: &Stage) -> Vec<DVec3> {
     let there = stage.deformed_mesh().unwrap().nodes;
     let rest = &stage.mesh().nodes;
@@ -66,7 +66,7 @@ fn a_cage_moves_the_limb_of_a_scene_as_its_own_tets_do() {
             wrong.push((cage, error));
         }
         assert!(norm(&truth) > 0.01 * (truth.len() as f64).sqrt() * 0.33);
-        // The picture is of the fine mesh where it is now, and needs no read-back before it.
+        // The picture shows the current fine mesh, without a previous read-back.
         let report = stage.measure(1).unwrap();
         assert_eq!(report.readbacks, 0);
         let nodes = report.cage.unwrap().nodes;
@@ -124,7 +124,7 @@ fn cages_that_make_no_sense_are_refused() {
     assert!(stage.cut(&blade).is_err());
 }
 
-/// A bar that sags and comes to rest, of tets or of particles.
+/// Returns a bar that sags and comes to rest, of tets or of particles.
 fn resting(gpu: &Gpu, kind: &str) -> Stage {
     let text = format!(
         "[mesh]\nfile = '{}/data/bar.vtu'\n[material]\nyoung = 2e4\n[solver]\n{kind}\n\
@@ -197,7 +197,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
             );
             assert_ne!(gpu.passes_recorded(), before);
         }
-        // Awake, it is stepped; and a body that may not sleep does not.
+        // An awake body is simulated, and so is one that may not sleep.
         stage.motion_mut().unwrap().set_sleep_allowed(false);
         let slept = stage.motion().unwrap().steps_slept();
         stage.run(300, &mut |_| {}).unwrap();
@@ -236,34 +236,34 @@ fn nothing_is_done_that_no_one_asked_for() {
     let [refreshes, tables, _, carried] = counts();
     assert_eq!((refreshes, carried), (1, 0), "at rest nothing is carried");
     assert!(tables > 0);
-    // The same picture again costs nothing, not even with steps of a body that sleeps between.
+    // The same picture again needs no pass, even with steps of a sleeping body in between.
     let before = gpu.passes_recorded();
     assert_eq!(stage.image().unwrap(), first);
     assert_eq!(gpu.passes_recorded(), before);
-    // Another view: no refresh, no table; but a picture.
+    // Another view: no refresh, no table, but a picture.
     stage.camera_mut().eye.z += 0.05;
     let other = stage.image().unwrap();
     assert_ne!(other, first);
     let now = counts();
     assert_eq!([now[0], now[1], now[3]], [1, tables, 0]);
-    // Steps: one carrying and one refresh for one picture, however many steps.
+    // Steps: one embedding and one refresh per picture, however many steps.
     stage.run(30, &mut |_| {}).unwrap();
     stage.image().unwrap();
     let now = counts();
     assert_eq!([now[0], now[1], now[3]], [2, tables, 1]);
-    // Asleep: nothing.
+    // Asleep: no pass.
     settle(&mut stage);
     let asleep = stage.image().unwrap();
     let before = gpu.passes_recorded();
     stage.run(30, &mut |_| {}).unwrap();
     assert_eq!(stage.image().unwrap(), asleep);
     assert_eq!(gpu.passes_recorded(), before);
-    // No skin and no light, no normals.
+    // Without skin and light, no normals are needed.
     assert_eq!(
         count("skin/node_normals") + count("render/surface_normals"),
         0
     );
-    // The report has the counts; and measuring draws and steps what sleeps.
+    // The report has the counts; measuring renders and simulates sleeping bodies, too.
     let report = stage.measure(3).unwrap();
     assert_eq!(report.frames_reused, 2);
     assert_eq!(report.pictures_drawn, 4);

@@ -1,4 +1,4 @@
-//! The study of cages, quick.
+//! The quick study of cages.
 
 use palpate::gpu::Gpu;
 use palpate::study::{Run, STUDIES};

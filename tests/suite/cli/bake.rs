@@ -4,8 +4,8 @@ use crate::cli::{DATA, failure, folder, palpate, stdout, text};
 use std::fmt::Write;
 use std::path::Path;
 
-/// A sphere of `rings` rings as an OBJ, its radius by height and turn, with texture coordinates
-/// if asked for.
+/// Writes a sphere of `rings` rings as an OBJ, its radius a function of height and angle, with
+/// texture coordinates on request.
 pub fn sphere(path: &Path, rings: usize, uvs: bool, radius: impl Fn(f64, f64) -> f64) {
     let around = 2 * rings;
     let mut obj = String::new();
@@ -53,7 +53,7 @@ fn a_normal_map_is_baked_from_a_fine_surface() {
     let (coarse, fine, round) = (file("coarse.obj"), file("fine.obj"), file("round.obj"));
     sphere(&coarse, 20, true, |_, _| 1.0);
     sphere(&round, 80, false, |_, _| 1.0);
-    // Waves along the turn alone: normals lean along the tangent, red, and never up or down.
+    // Waves along the angle alone: normals lean along the tangent, red, and never up or down.
     sphere(&fine, 80, false, |_, turn| 1.0 + 0.01 * (12.0 * turn).sin());
     let bake = |fine: &Path, out: &Path| {
         let report = file("bake.json");
@@ -76,7 +76,8 @@ fn a_normal_map_is_baked_from_a_fine_surface() {
     };
     let map = bake(&fine, &file("waves.png"));
     assert_eq!(map.dimensions(), (240, 120));
-    // At the equator the slope is 0.01 · 12 cos(12 turn): the normal leans the other way.
+    // At the equator the slope is 0.01 · 12 cos(12 angle): the normal leans in the opposite
+    // direction.
     let mut worst: f64 = 0.0;
     for x in 0..240 {
         let turn = std::f64::consts::TAU * (f64::from(x) + 0.5) / 240.0;
@@ -91,7 +92,7 @@ fn a_normal_map_is_baked_from_a_fine_surface() {
     }
     println!("worst {worst}");
     assert!(worst < 0.04, "{worst}");
-    // From a round one it is flat.
+    // The normal map of a round sphere is flat.
     let flat = bake(&round, &file("flat.png"));
     let lean = |p: &image::Rgb<u8>| p.0[0].abs_diff(128).max(p.0[1].abs_diff(128));
     let row = (0..240).map(|x| lean(flat.get_pixel(x, 60)));

@@ -1,4 +1,4 @@
-//! The documentation's command lines, held against the program, its targets and its scripts.
+//! Checks the command lines in the documentation against the program, its targets and its scripts.
 
 use super::command_line::command;
 use clap::error::ErrorKind;
@@ -6,17 +6,17 @@ use std::collections::BTreeSet;
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
-/// A line of a document that may be run.
+/// A line of a document that may be executed.
 struct Line {
-    /// Where it begins, counted from 1.
+    /// Its line number, from 1.
     number: usize,
     text: String,
-    /// Whether it is code within a sentence, where a command may be named without all it needs.
+    /// Whether it is inline code, where a command may be named without its required arguments.
     inline: bool,
 }
 
-/// The lines of code blocks, fenced and indented, with continued ones joined, and the pieces of code
-/// within sentences.
+/// Returns the lines of code blocks, fenced and indented, with continued ones joined, and inline
+/// code.
 fn lines_of_code(markdown: &str) -> Vec<Line> {
     let mut found = Vec::new();
     let mut fenced = false;
@@ -48,7 +48,7 @@ fn lines_of_code(markdown: &str) -> Vec<Line> {
     found
 }
 
-/// The commands of a line as a shell would see them: words, without comments and redirections.
+/// Splits a line into commands as a shell does: words, without comments and redirections.
 fn commands(line: &str) -> Vec<Vec<String>> {
     let mut words = Vec::new();
     let mut word: Option<String> = None;
@@ -73,7 +73,7 @@ fn commands(line: &str) -> Vec<Vec<String>> {
         match word.as_str() {
             "|" | "&&" | "||" | ";" | "&" => commands.push(Vec::new()),
             ">" | ">>" | "2>" | "<" => drop(words.next()),
-            // Left out by the writer.
+            // An ellipsis of the author.
             "…" | "..." => {}
             _ => commands.last_mut().unwrap().push(word),
         }
@@ -81,7 +81,7 @@ fn commands(line: &str) -> Vec<Vec<String>> {
     commands
 }
 
-/// A value for what stands for one.
+/// Returns a value for a placeholder.
 fn filled_in(word: &str) -> String {
     match word {
         "COMMAND" => "info",
@@ -96,7 +96,7 @@ fn filled_in(word: &str) -> String {
     .to_owned()
 }
 
-/// What is wrong with the arguments of `palpate`.
+/// Returns the error in the arguments of `palpate`, if there is one.
 fn wrong_arguments(words: &[String], inline: bool) -> Option<String> {
     let ends_in_a_flag = words.last().is_some_and(|word| word.starts_with("--"));
     let words = words.iter().map(|word| filled_in(word));
@@ -120,7 +120,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// All files under a folder whose names end so.
+/// Collects all files under a folder with that ending.
 fn files(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).into_iter().flatten() {
         let path = entry.unwrap().path();
@@ -133,7 +133,7 @@ fn files(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The paths of all functions under a folder of sources, as `cargo test` writes them.
+/// Returns the paths of all functions under a folder of sources, as `cargo test` writes them.
 fn functions(folder: &Path) -> Vec<String> {
     let mut sources = Vec::new();
     files(folder, ".rs", &mut sources);
@@ -154,7 +154,7 @@ fn functions(folder: &Path) -> Vec<String> {
     paths
 }
 
-/// Whether `folder` has a target of the kind that a file, or a folder with a main file, makes.
+/// Whether `folder` has a target of that kind, from a file or from a folder with a main file.
 fn has_target(member: &str, kind: &str, name: &str) -> bool {
     let folder = root().join(member).join(kind);
     folder.join(format!("{name}.rs")).is_file() || folder.join(name).join("main.rs").is_file()
@@ -165,7 +165,7 @@ fn manifest(folder: &str) -> toml::Table {
     read_to_string(path).unwrap().parse().unwrap()
 }
 
-/// The names of members of the workspace, with their folders.
+/// Returns the names of the workspace members, with their folders.
 fn members() -> Vec<(String, String)> {
     let whole = manifest("");
     let members = whole["workspace"]["members"].as_array().unwrap().iter();
@@ -182,7 +182,7 @@ fn members() -> Vec<(String, String)> {
         .collect()
 }
 
-/// What is wrong with the arguments of `cargo`.
+/// Returns the error in the arguments of `cargo`, if there is one.
 fn wrong_cargo(words: &[String], inline: bool) -> Option<String> {
     let (own, others) = match words.iter().position(|word| word == "--") {
         Some(at) => (&words[..at], &words[at + 1..]),
@@ -191,7 +191,7 @@ fn wrong_cargo(words: &[String], inline: bool) -> Option<String> {
     let (subcommand, own) = own.split_first()?;
     let mut folder = String::new();
     let mut named = false;
-    // Where the functions are that words select.
+    // The folder of the functions that the words select.
     let mut places = vec!["src", "tests/suite", "tests"];
     let mut filters = Vec::new();
     let mut own = own.iter();
@@ -263,7 +263,7 @@ fn wrong_cargo(words: &[String], inline: bool) -> Option<String> {
     }
 }
 
-/// What is wrong with a script or its argument.
+/// Returns the error in a script or its arguments, if there is one.
 fn wrong_script(name: &str, words: &[String]) -> Option<String> {
     let path = root().join("scripts").join(name);
     let Ok(text) = read_to_string(path) else {
@@ -275,10 +275,10 @@ fn wrong_script(name: &str, words: &[String]) -> Option<String> {
     (!known).then(|| format!("scripts/{name} knows no {argument}"))
 }
 
-/// What is wrong with a line, if anything is.
+/// Returns the error in a line, if there is one.
 fn wrong(line: &Line) -> Option<String> {
     commands(&line.text).iter().find_map(|words| {
-        // Variables and interpreters come before what they are for.
+        // Variables and interpreters precede the command.
         let before = |word: &&String| {
             let variable = word
                 .split_once('=')
@@ -297,7 +297,7 @@ fn wrong(line: &Line) -> Option<String> {
     })
 }
 
-/// The documents that users and developers read.
+/// Returns the documents for users and developers.
 fn documents() -> Vec<PathBuf> {
     let mut found = vec![root().join("README.md"), root().join("ARCHITECTURE.md")];
     for folder in ["docs", "python", "viewer", "benches"] {
@@ -324,7 +324,7 @@ fn every_command_line_in_the_documentation_can_be_run() {
         }
     }
     assert!(wrongs.is_empty(), "{}", wrongs.join("\n"));
-    // They were found at all.
+    // Documents were found.
     assert!(checked > 100, "{checked} command lines of palpate");
     for program in ["cargo", "scripts/test", "scripts/demo"] {
         assert!(programs.contains(program), "{programs:?}");

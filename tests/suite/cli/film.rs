@@ -2,7 +2,7 @@
 
 use crate::cli::*;
 
-/// The frames of a GIF, and the hundredths of a second that it lasts.
+/// Returns the frames of a GIF, and its duration in hundredths of a second.
 fn frames(path: &Path) -> (Vec<Vec<u8>>, u32) {
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::RGBA);
@@ -74,7 +74,7 @@ fn a_simulation_is_filmed_frame_by_frame() {
     ));
     let (frames, lasts) = frames(&film);
     assert_eq!((frames.len(), lasts), (4, 20));
-    // The frames are the pictures beside it.
+    // The frames equal the pictures in the same folder.
     for (i, frame) in frames.iter().enumerate() {
         let picture = out.join(format!("bar_{i:04}.png"));
         let picture = image::open(picture).unwrap().to_rgba8();
@@ -154,7 +154,7 @@ fn films_that_cannot_be_made_are_refused_before_the_work() {
         &film("a.png"),
     ]));
     assert!(said.contains("--film"), "{said}");
-    // A mesh without a solver: the way to go round it is told.
+    // A mesh without a solver: the message mentions the orbit.
     let mesh = format!("{DATA}/bar.vtu");
     let said = failure(&palpate(&["simulate", &mesh, "--out", text(&out)]));
     assert!(said.contains("goes round a body at rest"), "{said}");

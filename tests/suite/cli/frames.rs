@@ -1,4 +1,4 @@
-//! `render --frames-from`: frames that another program writes into a pipe.
+//! `render --frames-from`: frames written by another program into a pipe.
 
 use crate::cli::*;
 use glam::DVec3;
@@ -7,7 +7,7 @@ use palpate::mesh::{TetMesh, generate};
 use std::io::Write;
 use std::process::Stdio;
 
-/// A stream of `frames` of `mesh`, which comes along or not.
+/// Returns a stream of `frames` of `mesh`, with the mesh in the stream if `along` is true.
 fn stream(mesh: &TetMesh, along: bool, frames: &[(f64, Vec<DVec3>)]) -> Vec<u8> {
     let mut bytes = b"PALPATE1".to_vec();
     let tets = if along { mesh.tets.len() } else { 0 };
@@ -30,7 +30,7 @@ fn stream(mesh: &TetMesh, along: bool, frames: &[(f64, Vec<DVec3>)]) -> Vec<u8> 
     bytes
 }
 
-/// A bar, and three frames of it that bend it.
+/// Returns a bar, and three frames that bend it.
 fn bar() -> (TetMesh, Vec<(f64, Vec<DVec3>)>) {
     let mesh = generate::bar([6, 2, 2], DVec3::new(3.0, 1.0, 1.0)).unwrap();
     let bent = |k: u32| {
@@ -49,7 +49,7 @@ fn piped(arguments: &[&str], bytes: &[u8]) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // What refuses the beginning does not read the rest.
+    // A process that rejects the header does not read the rest.
     let _ = child.stdin.take().unwrap().write_all(bytes);
     child.wait_with_output().unwrap()
 }
@@ -76,7 +76,7 @@ fn frames_from_a_pipe_are_those_of_a_series_to_the_bit() {
     let pvd = folder.join("series.pvd");
     let again = [&["simulate", text(&pvd), "--out", text(&out)], &view[..]].concat();
     stdout(&palpate(&again));
-    // From a file beside a mesh, and from standard input with the mesh in it.
+    // From a file next to a mesh, and from standard input with the mesh in the stream.
     let file = folder.join("frames.bin");
     std::fs::write(&file, stream(&mesh, false, &frames)).unwrap();
     let [one, two, film] = ["one.png", "two.png", "film.gif"].map(|n| folder.join(n));
@@ -132,7 +132,8 @@ fn a_frame_is_drawn_before_the_next_one_comes() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    // Read and write: opening a pipe for writing alone would block for ever had the child died.
+    // Opened for reading and writing: opening a pipe for writing alone would block if the child
+    // died.
     let mut writer = std::fs::File::options()
         .read(true)
         .write(true)
@@ -200,7 +201,7 @@ fn what_is_no_stream_is_refused_with_what_would_be() {
     };
     let whole = stream(&mesh, true, &frames);
     assert!(refused(b"P6 640 480 255 and so on").contains("begins with PALPATE1"));
-    // Counts beyond what comes make no room for that.
+    // Counts beyond the actual data do not size an allocation.
     let mut many = whole.clone();
     many[8..16].fill(0xff);
     assert!(refused(&many).contains("ends within the rest places"));
@@ -223,7 +224,7 @@ fn what_is_no_stream_is_refused_with_what_would_be() {
     let time = whole.len() - 8 - 24 * mesh.nodes.len();
     endless[time..time + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
     assert!(refused(&endless).contains("time inf"));
-    // And what does not fit the command.
+    // Invalid combinations of arguments.
     let dash = [
         "render",
         "-",

@@ -1,9 +1,9 @@
-//! `palpate mesh`, and scenes that mesh what they name.
+//! `palpate mesh`, and scenes that mesh their input.
 
 use crate::cli::{DATA, failure, folder, palpate, stdout, text};
 use std::path::Path;
 
-/// A file of those that ship.
+/// Returns the path of a shipped file.
 fn shipped(file: &str) -> String {
     format!("{DATA}/{file}")
 }
@@ -37,7 +37,7 @@ fn a_segmentation_becomes_a_mesh_with_named_regions() {
     assert_eq!(read.region_names[&5], "femur bone");
     let told = stdout(&palpate(&["info", text(&mesh)]));
     assert!(told.contains("tibia bone"), "{told}");
-    // The same input gives the same bytes.
+    // The output is deterministic.
     let again = folder.join("again.vtu");
     stdout(&made(&again));
     assert_eq!(
@@ -80,11 +80,11 @@ fn regions_are_parted() {
             .flat_map(|(t, _)| *t)
             .collect()
     };
-    // Where others hold the two together they stay so.
+    // If other regions connect the two, they stay connected.
     let left = nodes(bone).intersection(&nodes(cartilage)).count();
     let more = parted.nodes.len() - whole.nodes.len();
     assert!(more > 20 && left < 2 * more, "{more} {left}");
-    // What is not there, or not a pair, is told.
+    // Missing regions and invalid pairs are reported.
     let (output, _) = made("none.vtu", &["--part", "femur bone:rib"]);
     assert!(failure(&output).contains("\"rib\"; there are"));
     let (output, _) = made("one.vtu", &["--part", "femur bone"]);

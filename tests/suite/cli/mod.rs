@@ -1,7 +1,7 @@
-//! The command line, as a user runs it.
+//! End-to-end tests of the command line.
 
 mod bake;
-/// The program's own, for the flags it takes.
+/// The program's flags module.
 #[allow(dead_code)]
 #[path = "../../../src/cli/mod.rs"]
 mod command_line;
@@ -267,7 +267,7 @@ fn simulate_writes_a_series_that_plays_back_to_the_same_pictures() {
     for (a, b) in &pictures {
         stdout(&palpate(&["compare", text(a), text(b)]));
     }
-    // It moved: the first and the last picture are not the same, and compare says so.
+    // It moved: the first and the last picture differ, and compare reports it.
     let moved = palpate(&["compare", text(&pictures[0].0), text(&pictures[3].0)]);
     assert_eq!(moved.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&moved.stdout).contains("different"));
@@ -340,7 +340,7 @@ fn the_demo_leaves_its_pictures_and_series() {
     }
 }
 
-/// A newcomer meets few types: ten do every example.
+/// The API surface is small: ten types suffice for every example.
 #[test]
 fn ten_types_do_every_example() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
@@ -403,7 +403,7 @@ fn every_example_runs() {
     ] {
         assert!(folder.join(picture).exists(), "{picture}");
     }
-    // The second time there is a picture to compare with, and it is the same.
+    // The second run compares with the stored picture, and it is equal.
     let again = Command::new(built.join("regression_picture"))
         .current_dir(&folder)
         .output();

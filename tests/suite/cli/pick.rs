@@ -1,4 +1,4 @@
-//! `palpate render --pick`: what a pixel shows, as JSON.
+//! `palpate render --pick`: the pick at a pixel, as JSON.
 
 use crate::cli::*;
 
@@ -23,7 +23,7 @@ fn a_pixel_is_told_as_json() {
     let json =
         |pixel: &str| -> serde_json::Value { serde_json::from_str(&stdout(&pick(pixel))).unwrap() };
     let found = json("35,17");
-    // A pixel is 1/20 wide; its middle lies 5.5 and 2.5 from the picture's.
+    // A pixel is 1/20 wide; its centre is 5.5 and 2.5 pixels from that of the picture.
     let expected = [0.5 + 5.5 / 20.0, 0.0, 0.5 + 2.5 / 20.0];
     for (k, expected) in expected.into_iter().enumerate() {
         let at = found["point"][k].as_f64().unwrap();

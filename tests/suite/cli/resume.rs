@@ -1,11 +1,12 @@
-//! Simulations that are killed and taken up again end as those that run through, byte for byte.
+//! Simulations that are killed and resumed give the same result as uninterrupted ones, byte for
+//! byte.
 
 use super::{failure, folder, palpate, stdout, text};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A bar, held at one end, grabbed at the other, cut in between.
+/// A bar, pinned at one end, grabbed at the other, cut in between.
 const BAR: &str = r#"
 [mesh]
 generate = "bar"
@@ -33,7 +34,7 @@ path = [[0.03, 0, 0, 0], [0.15, 0.002, 0, -0.045]]
 size = [96, 72]
 "#;
 
-/// A grid body that is drawn by springs and cut.
+/// A grid body that is pulled by springs and cut.
 const GRID: &str = r#"
 [mesh]
 file = "BAR_FILE"
@@ -83,7 +84,7 @@ fn simulate(scene: &Path, out: &Path, frames: u32, more: &[&str]) -> std::proces
     palpate(&[&given, more].concat())
 }
 
-/// The frames and the index in a folder, by name.
+/// Returns the frames and the index in a folder, by name.
 fn frames(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let wanted = |name: &str| [".vtu", ".png", ".pvd"].iter().any(|e| name.ends_with(e));
     let mut all: Vec<(String, Vec<u8>)> = std::fs::read_dir(folder)
@@ -111,7 +112,7 @@ fn assert_same(broken: &Path, whole: &Path, what: &str) {
     }
 }
 
-/// Random numbers, the same on every run (xorshift).
+/// A deterministic random number generator (xorshift).
 struct Dice(u64);
 
 impl Dice {
@@ -123,7 +124,7 @@ impl Dice {
     }
 }
 
-/// Waits until `file` is there; whether it came before the child ended.
+/// Waits for `file`; returns whether it appeared before the child ended.
 fn comes(file: &Path, child: &mut Child) -> bool {
     let patience = Instant::now();
     while !file.exists() {
@@ -157,7 +158,7 @@ fn a_run_killed_at_five_moments_ends_as_an_unbroken_one() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // At any moment of a frame, and long before the end: the machine may be faster by then.
+        // At any moment of a frame, and well before the end: the machine may run faster by then.
         let frame = 2 * u64::from(kill) + dice.below(2);
         let mark = broken.join(format!("bar_{frame:05}.vtu"));
         comes(&mark, &mut child);
@@ -169,7 +170,7 @@ fn a_run_killed_at_five_moments_ends_as_an_unbroken_one() {
     assert!(killed_running >= 3, "only {killed_running} kills hit a run");
     stdout(&simulate(&scene, &broken, FRAMES, &["--resume"]));
     assert_same(&broken, &whole, "killed");
-    // The cut has doubled nodes: it is part of what was taken up.
+    // The cut has duplicated nodes: it is part of the restored state.
     let count = |i: u32| {
         let mesh = palpate::io::read(whole.join(format!("bar_{i:05}.vtu"))).unwrap();
         mesh.nodes.len()
@@ -177,7 +178,7 @@ fn a_run_killed_at_five_moments_ends_as_an_unbroken_one() {
     assert!(count(FRAMES) > count(0));
 }
 
-/// A bar of elements with all that only the processor's engine knows of.
+/// A bar of elements with all features that only the CPU engine supports.
 const LOADED: &str = r#"
 [mesh]
 generate = "bar"
@@ -225,19 +226,19 @@ fn a_loaded_run_goes_on_with_its_fields_and_reactions() {
     let table = |folder: &Path| std::fs::read_to_string(folder.join("reactions.csv")).unwrap();
     let all = table(&whole);
     assert_eq!(all, table(&broken));
-    // A line for the pin and one for the hand, for six frames.
+    // A line for the pin and one for the grab, for six frames.
     assert_eq!(all.lines().count(), 1 + 2 * 6, "{all}");
     assert!(all.lines().skip(1).all(|line| line.split(',').count() == 8));
     let last = palpate::io::read(whole.join("scene_00005.vtu")).unwrap();
     let fields = ["von_mises", "J"].map(|name| last.field(name, palpate::mesh::Location::Cell));
     assert!(fields.iter().all(Option::is_some));
-    // A table that is gone cannot be gone on with.
+    // A missing table prevents resuming.
     std::fs::remove_file(broken.join("reactions.csv")).unwrap();
     let said = failure(&simulate(&scene, &broken, 6, &["--resume"]));
     assert!(said.contains("reactions.csv"), "{said}");
 }
 
-/// A run of 4 frames that goes on to 9 is one of 9.
+/// A run of 4 frames resumed to 9 equals one of 9.
 fn goes_on(name: &str, content: &str) {
     let here = folder(&format!("resume_{name}"));
     let scene = scene(&here, "scene", content);
@@ -319,7 +320,7 @@ fn checkpoints_of_other_runs_are_refused() {
         assert!(said.contains("without --resume"), "{said}");
         assert!(!out.join("bar_00003.vtu").exists());
     };
-    // Another scene: by a flag, by its text.
+    // A different scene: by a flag, by its text.
     refused(&["another scene"], &["--dt", "0.003"]);
     scene(
         &here,
@@ -329,7 +330,7 @@ fn checkpoints_of_other_runs_are_refused() {
     );
     refused(&["another scene"], &[]);
     scene(&here, "bar", BAR);
-    // Damaged: a bit in the middle, the end missing, nothing left, something else.
+    // Damaged: a bit in the middle, truncated, empty, other content.
     for place in [30, good.len() / 2, good.len() - 1] {
         let mut bad = good.clone();
         bad[place] ^= 4;
@@ -342,7 +343,7 @@ fn checkpoints_of_other_runs_are_refused() {
     refused(&["no checkpoint"], &[]);
     std::fs::write(&kept, b"palpate checkpoint 1 0.0.9\nxxxx").unwrap();
     refused(&["1 0.0.9"], &[]);
-    // A frame that was finished is gone.
+    // The file of a completed frame is missing.
     std::fs::write(&kept, &good).unwrap();
     std::fs::remove_file(out.join("bar_00001.vtu")).unwrap();
     let said = failure(&simulate(&bar, &out, 4, &["--no-pictures", "--resume"]));
@@ -363,7 +364,7 @@ fn a_checkpoint_that_was_tampered_with_does_not_end_the_same() {
     let kept = broken.join("bar.checkpoint");
     let mut bytes = std::fs::read(&kept).unwrap();
     let start = bytes.iter().position(|b| *b == b'\n').unwrap() + 5;
-    // Among the positions, and with a checksum that is right.
+    // Within the positions, with a correct checksum.
     for byte in &mut bytes[start + 1000..start + 1016] {
         *byte ^= 4;
     }
@@ -402,7 +403,7 @@ fn without_a_checkpoint_a_run_starts_and_says_so() {
     assert!(failure(&played).contains("nothing to resume"));
 }
 
-/// rapier cannot be put back to where it was: such runs leave nothing to go on from, and say so.
+/// The state of rapier cannot be restored: such runs write no checkpoint, and a message states it.
 #[cfg(feature = "rapier")]
 #[test]
 fn runs_of_rapier_start_anew() {

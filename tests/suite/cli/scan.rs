@@ -1,4 +1,4 @@
-//! `--scan`, `--rest`, `--mode xray`: scans that bodies carry, from the command line.
+//! `--scan`, `--rest`, `--mode xray`: scans carried by bodies, from the command line.
 
 use crate::cli::*;
 use glam::DVec3;
@@ -6,7 +6,7 @@ use palpate::io;
 use palpate::mesh::{Field, Location};
 use palpate::render::Image;
 
-/// A mesh of a phantom's scan, at rest and bent, the second also with its displacement.
+/// Writes meshes of a phantom's scan, at rest and bent, the second also with its displacement.
 fn meshes(folder: &Path, scan: &str, regions: &[&str]) -> [PathBuf; 3] {
     let [rest, bent, told] = ["rest.vtu", "bent.vtu", "told.vtu"].map(|f| folder.join(f));
     let mesh = [
@@ -66,7 +66,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
     };
     assert!(unlike(&by_mesh, &by_field) < 1e-4);
     assert!(unlike(&straight, &by_mesh) > 0.01);
-    // Not told, it is taken to rest as it stands: the scan stays where it was.
+    // Without --rest, the mesh is taken as the rest state: the scan stays in place.
     let (unmoved, _) = drawn(&bent, &scan, &out("c.exr"), &[]);
     assert!(unlike(&unmoved, &by_mesh) > 0.01);
     let file = out("d.png");
@@ -87,7 +87,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
         text(&file),
     ];
     assert!(failure(&palpate(&nothing)).contains("nothing.nrrd"));
-    // X-rays of fields, too, go by how dense the body is against its rest.
+    // X-rays of fields, too, depend on the ratio of the density to that at rest.
     let film = |mesh: &Path, name: &str, more: &[&str]| {
         let (file, mode) = (out(name), ["--mode", "xray"]);
         let fixed = ["render", text(mesh), "--out", text(&file)];
@@ -97,7 +97,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
     let by_mesh = film(&by_hand, "f.exr", &["--rest", text(&rest)]);
     assert!(unlike(&by_mesh, &film(&told, "g.exr", &[])) < 1e-4);
     assert!(unlike(&by_mesh, &film(&by_hand, "h.exr", &[])) > 1e-3);
-    // Tets that a motion turned inside out are turned back by a reader.
+    // Tets inverted by the motion are flipped by a reader.
     let mut folded = io::read(&rest).unwrap();
     let [a, b, c, d] = folded.tet_nodes(0);
     let node = folded.tets[0][0] as usize;

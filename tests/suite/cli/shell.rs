@@ -3,7 +3,7 @@
 use super::command_line::command;
 use super::*;
 
-/// All subcommands, but the one that clap adds.
+/// Returns all subcommands, except the one added by clap.
 fn subcommands() -> Vec<String> {
     let whole = command();
     let names = whole.get_subcommands().map(|of| of.get_name().to_owned());

@@ -1,11 +1,11 @@
-//! What comes to the terminal: reports as JSON on standard output, notes and errors on standard error,
-//! and nothing that is not ours.
+//! Terminal output: reports as JSON on standard output, notes and errors on standard error, and no
+//! output of other libraries.
 
 use super::bake::sphere;
 use super::*;
 use serde_json::Value;
 
-/// A bar of elements that falls on its pins, three steps a frame.
+/// A bar of elements that falls on its pins, three steps per frame.
 const BAR: &str = "[mesh]\ngenerate = \"bar\"\n[material]\nyoung = 2e4\n\
                    [solver]\nname = \"implicit\"\ndt = 0.01\nsteps = 3\n[picture]\nsize = [48, 32]\n";
 
@@ -15,8 +15,8 @@ fn scene(folder: &Path, text: &str) -> PathBuf {
     path
 }
 
-/// The report that a command prints with `--json`, and nothing else with it; with `--quiet` nothing
-/// comes on standard error.
+/// Returns the report that a command prints with `--json`, the only output; with `--quiet` standard
+/// error is empty.
 fn reported(arguments: &[&str]) -> Value {
     let output = palpate(&[arguments, &["--json", "--quiet"]].concat());
     let text = stdout(&output);
@@ -36,7 +36,7 @@ fn close(value: &Value, expected: f64) -> bool {
         .is_some_and(|x| (x - expected).abs() <= 1e-9 * expected.abs())
 }
 
-/// The lines that are not in the form of ours.
+/// Returns the lines that do not have the form of Palpate's messages.
 fn foreign(stderr: &str) -> Vec<&str> {
     let ours = |line: &&str| !line.starts_with("palpate: ");
     stderr.lines().filter(ours).collect()
@@ -50,7 +50,7 @@ fn nothing_but_ours_comes_on_standard_error() {
     let bare = |arguments: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
         command.args(arguments).env_clear();
-        // Without what says which driver there is there may be none.
+        // Without the setting that selects a driver there may be none.
         for name in ["VK_ICD_FILENAMES", "VK_DRIVER_FILES", "LD_LIBRARY_PATH"] {
             command.envs(std::env::var_os(name).map(|value| (name, value)));
         }
@@ -197,7 +197,7 @@ fn baked_and_compared_pictures_are_reported_as_json() {
     grey(100, &map);
     grey(101, &other);
     let compared = reported(&["compare", text(&map), text(&other), "--rmse", "2"]);
-    // Of four channels alpha is the same.
+    // Of the four channels, alpha is equal.
     let rmse = 0.75_f64.sqrt() / 255.0;
     assert!((compared["rmse"].as_f64().unwrap() - rmse).abs() < 1e-6);
     assert!((compared["max"].as_f64().unwrap() - 1.0 / 255.0).abs() < 1e-6);
@@ -235,7 +235,7 @@ fn pictures_and_series_are_reported_as_json() {
     assert_eq!(played["frames"], 3);
     assert_eq!(played["nodes"], made["nodes"]);
     assert!(close(&played["time_s"], 0.06), "{played}");
-    // A pick is a report of its own.
+    // A pick has its own report.
     let two = palpate(&["render", text(&scene), "--pick", "1,1", "--json"]);
     assert_eq!(two.status.code(), Some(2));
 }

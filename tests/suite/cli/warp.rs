@@ -7,7 +7,7 @@ use palpate::mesh::TetMesh;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A folder with the knee meshed, and bent.
+/// Returns a folder with the meshed knee, and its bent mesh.
 fn knee(name: &str) -> (PathBuf, String, TetMesh) {
     let folder = folder(name);
     let scan = format!("{DATA}/knee.nrrd");
@@ -23,7 +23,7 @@ fn bend(p: DVec3) -> DVec3 {
     p + 4.0 * DVec3::new((0.03 * p.z).sin(), (0.02 * p.x).cos(), 0.0)
 }
 
-/// The mesh with its nodes moved.
+/// Writes the mesh with its nodes moved.
 fn write(path: &Path, mesh: &TetMesh, to: impl Fn(DVec3) -> DVec3) {
     let nodes = mesh.nodes.iter().map(|p| to(*p)).collect();
     let moved = TetMesh {
@@ -74,13 +74,13 @@ fn a_segmentation_follows_a_mesh_with_moved_nodes() {
         labels.keys().copied().collect()
     };
     assert_eq!(set(&before), set(&after));
-    // Bent, but neither squeezed nor lost: the femur is as large as it was, to what a coarse mesh
-    // leaves out of it.
+    // Bent, but neither compressed nor truncated: the femur keeps its volume, up to the error of a
+    // coarse mesh.
     let femur = |labels: &std::collections::BTreeMap<i64, usize>| labels[&5] as f64;
     let share = femur(&after) / femur(&before);
     assert!((0.9..1.05).contains(&share), "{share}");
     assert!(files.iter().all(|f| Path::new(f).is_file()));
-    // On the grid of another scan, in a type that is its own.
+    // On the grid of another scan, with its own type.
     let (other, like) = (format!("{DATA}/head_ct.mha"), at("like.mha"));
     let on_other = ["--like", &other, "--labels", "--background", "200"];
     let given = [
@@ -105,7 +105,7 @@ fn a_segmentation_follows_a_mesh_with_moved_nodes() {
 #[test]
 fn a_scene_is_simulated_and_its_mesh_is_that_at_rest() {
     let (folder, scan, mesh) = knee("warp_scene");
-    // In metres, which the file tells: places are brought to the scan's mm.
+    // In metres, stated in the file: positions are converted to the scan's mm.
     let small = TetMesh {
         nodes: mesh.nodes.iter().map(|p| 1e-3 * *p).collect(),
         length_unit: Some(1.0),
@@ -154,7 +154,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
     let holds = |errors: &str, words: &[&str]| {
         assert!(words.iter().all(|w| errors.contains(w)), "{errors}");
     };
-    // Other nodes, other tets, the same number of others.
+    // Different nodes, different tets, the same number of others.
     write_part(&folder.join("fewer.vtu"), &mesh, |tets| tets.truncate(3000));
     let errors = refused(&scan, &rest, &at("fewer.vtu"), &out);
     holds(&errors, &["fewer.vtu", "nodes", "--mesh-out"]);
@@ -181,7 +181,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
         &errors,
         &["other.vtu", "which no tet of the mesh at rest does"],
     );
-    // No numbers, no files, no folder, no such format.
+    // Invalid numbers, missing files, a missing folder, an unknown format.
     let text_mesh = at("bent.vtk");
     stdout(&palpate(&["convert", &bent, &text_mesh, "--text"]));
     let mut lines: Vec<String> = std::fs::read_to_string(&text_mesh)
@@ -207,7 +207,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
     holds(&errors, &["none", "make it first"]);
     let errors = refused(&scan, &rest, &bent, &at("out.dcm"));
     holds(&errors, &["out.dcm", ".nii.gz"]);
-    // A scan of something else, a mesh at rest that nobody named, a flag that is for scenes.
+    // A scan of another region, a missing rest mesh, a flag for scenes only.
     write(&folder.join("far.vtu"), &mesh, |p| p + 1e4);
     let errors = refused(&scan, &rest, &at("far.vtu"), &out);
     holds(&errors, &["no voxel lies in the body", "RAS"]);
@@ -222,13 +222,13 @@ fn what_does_not_fit_together_is_refused_in_words() {
     assert!(!Path::new(&out).exists());
 }
 
-/// Whether all nodes of a tet are those of others too, so that it can be left out.
+/// Whether all nodes of a tet also belong to others, so it can be dropped.
 fn mesh_without(mesh: &TetMesh, tet: &[u32; 4]) -> bool {
     tet.iter()
         .all(|v| mesh.tets.iter().filter(|t| t.contains(v)).count() > 1)
 }
 
-/// The bent mesh with other tets.
+/// Writes the bent mesh with modified tets.
 fn write_part(path: &Path, mesh: &TetMesh, change: impl FnOnce(&mut Vec<[u32; 4]>)) {
     let mut tets = mesh.tets.clone();
     change(&mut tets);
@@ -241,7 +241,7 @@ fn write_part(path: &Path, mesh: &TetMesh, change: impl FnOnce(&mut Vec<[u32; 4]
 fn tets_inside_out_are_told() {
     let (folder, scan, mesh) = knee("warp_inverted");
     let at = |name: &str| text(&folder.join(name)).to_owned();
-    // Readers turn such tets over; which they were is known from the mesh at rest.
+    // Readers flip such tets; the rest mesh identifies them.
     let (low, high) = mesh.bounds();
     let middle = 0.5 * (low + high);
     let near = (0..mesh.nodes.len()).min_by(|a, b| {

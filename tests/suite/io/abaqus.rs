@@ -1,10 +1,10 @@
-//! Abaqus input files: sets, ranges, regions, and what is refused.
+//! Abaqus input files: sets, ranges, regions, and rejected input.
 
 use crate::io::sample::Bench;
 use palpate::mesh::{Location, TetMesh};
 use std::fmt::Write as _;
 
-/// A row of `count` tets numbered from 1, each with nodes of its own, after `elements`.
+/// Returns a row of `count` tets numbered from 1, each with its own nodes, after `elements`.
 fn row(count: usize, elements: &str, sets: &str) -> String {
     let mut text = String::from("*NODE\n");
     for i in 0..count {
@@ -60,7 +60,7 @@ fn sets_are_regions() {
     assert_eq!(labels(&mesh), [1.0, 2.0, 1.0, 2.0, 1.0]);
     assert_eq!(names(&mesh), ["odd", "even"]);
     assert_eq!(mesh.repairs.warnings, Vec::<String>::new());
-    // A set of everything is none where there are parts, and all there is otherwise.
+    // A set of all elements is ignored if there are others, and is the only region otherwise.
     let everything = "*ELSET, ELSET=all\nODD, even\n";
     assert_eq!(
         names(&read(&row(5, PLAIN, &format!("{everything}{lists}")))),
@@ -68,7 +68,7 @@ fn sets_are_regions() {
     );
     let mesh = read(&row(3, "*ELEMENT, TYPE=C3D4, ELSET=all", ""));
     assert_eq!((labels(&mesh), names(&mesh)), (vec![1.0; 3], vec!["all"]));
-    // Sections of solids come first; loads on some elements are no region.
+    // Solid sections take precedence; load sets are not regions.
     let sections = "*ELSET, ELSET=loaded\n1, 2\n*ELSET, ELSET=a\n1, 2, 3\n*ELSET, ELSET=b\n4, 5\n*SOLID SECTION, ELSET=B, MATERIAL=m\n*SOLID SECTION, MATERIAL=m, ELSET=a\n";
     let mesh = read(&row(5, PLAIN, sections));
     assert_eq!(labels(&mesh), [1.0, 1.0, 1.0, 2.0, 2.0]);
@@ -80,7 +80,7 @@ fn sets_are_regions() {
         ["body"],
         "the set of *ELEMENT covers the volume"
     );
-    // Nothing covers it: all together, and what is in none has the label 0.
+    // No kind of set covers the volume: all together, and elements in none have the label 0.
     let mesh = read(&row(
         3,
         PLAIN,

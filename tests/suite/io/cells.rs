@@ -1,4 +1,4 @@
-//! Cells of all kinds become tets whose shared faces match.
+//! Cells of all types are subdivided into conforming tets.
 
 use crate::io::sample::Bench;
 use glam::DVec3;
@@ -6,7 +6,7 @@ use palpate::mesh::{Location, TetMesh, Topology};
 use proptest::prelude::*;
 use std::fmt::Write as _;
 
-/// Cells as a legacy VTK file with the cell field "cell" (its index).
+/// Returns cells as a legacy VTK file with the cell field "cell" (its index).
 fn file(nodes: &[DVec3], cells: &[(u8, Vec<usize>)]) -> String {
     let mut text = format!(
         "# vtk DataFile Version 3.0\ncells\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {} double\n",
@@ -40,7 +40,7 @@ fn read(nodes: &[DVec3], cells: &[(u8, Vec<usize>)]) -> palpate::Result<TetMesh>
     Bench::new().read("cells.vtk", file(nodes, cells).as_bytes())
 }
 
-/// Volume of the tets of each cell, by the cell field.
+/// Returns the volume of the tets of each cell, by the cell field.
 fn volumes(mesh: &TetMesh, cells: usize) -> Vec<f64> {
     let mut volumes = vec![0.0; cells];
     let cell = mesh.field("cell", Location::Cell).unwrap();
@@ -68,7 +68,7 @@ fn unit_hexahedron() -> Vec<DVec3> {
 
 proptest! {
     /// A block of cells (each cube a hexahedron, a voxel, two wedges, six pyramids or six tets),
-    /// its nodes numbered at random: whatever meets shares whole triangles.
+    /// with random node numbers: adjacent cells share complete triangles.
     #[test]
     fn shared_faces_match(
         kinds in prop::collection::vec(0..5usize, 27),
@@ -97,8 +97,8 @@ proptest! {
                 0 => cells.push((12, h.clone())),
                 1 => cells.push((11, pick(&[0, 1, 3, 2, 4, 5, 7, 6]))),
                 2 | 3 => {
-                    // Wedges along z, their triangles' diagonal fixed by the lower and upper
-                    // neighbour's rule: from the smallest number. Only used where both agree.
+                    // Wedges along z, with the diagonals of their triangles determined by the lower
+                    // and upper neighbour: from the smallest number. Only used if both agree.
                     let fan = |q: [usize; 4]| (0..4).min_by_key(|k| h[q[*k]]).unwrap() % 2;
                     if fan([0, 1, 2, 3]) == fan([4, 5, 6, 7]) {
                         let (a, b) = if fan([0, 1, 2, 3]) == 0 {
@@ -124,7 +124,7 @@ proptest! {
             cubes.extend(std::iter::repeat_n(i, cells.len() - first));
         }
         let mesh = read(&nodes, &cells).unwrap();
-        // Six sides of nine squares, two triangles each; any mismatch inside adds to them.
+        // Six sides of nine squares, two triangles each; any mismatch inside increases the number.
         prop_assert_eq!(Topology::new(&mesh).boundary.len(), 6 * 9 * 2);
         prop_assert_eq!(mesh.repairs.inverted_fixed, 0, "cells keep their orientation");
         prop_assert_eq!(mesh.repairs.degenerate, 0);

@@ -1,4 +1,4 @@
-//! Real meshes against their true counts.
+//! Real meshes against their known counts.
 
 use palpate::io;
 use palpate::mesh::{Location, ScalarType, TetMesh, Topology};
@@ -57,7 +57,7 @@ fn real_meshes_have_their_true_counts() {
         assert_eq!(Topology::new(&mesh).boundary.len(), boundary, "{name}");
         assert_eq!(mesh.repairs.inverted_fixed, 0, "{name}");
         assert_eq!(mesh.repairs.degenerate, 0, "{name}");
-        // The table gives four to six digits.
+        // The table has four to six digits.
         let error = (mesh.volume() - volume).abs() / volume;
         assert!(error < 5e-5, "{name}: volume {}", mesh.volume());
     }

@@ -1,4 +1,4 @@
-//! The sample mesh in every variant of every format, written here independently of the library.
+//! The sample mesh in every variant of every format, encoded independently of the library.
 
 use crate::io::sample::{Fixture, Sample};
 use base64::Engine;
@@ -6,7 +6,7 @@ use palpate::mesh::{Field, Location, ScalarType, TetMesh};
 use std::fmt::Write as _;
 use std::io::Write as _;
 
-/// Every fixture there is.
+/// Returns all fixtures.
 pub fn all() -> Vec<Fixture> {
     let mut all = Vec::new();
     for format in ["ascii", "binary", "raw", "base64"] {
@@ -76,7 +76,7 @@ fn flat(sample: &Sample) -> Vec<f64> {
     sample.nodes.iter().flat_map(|p| p.to_array()).collect()
 }
 
-/// VTU; `block`: zlib blocks of so many bytes.
+/// VTU; `block`: size of the zlib blocks in bytes.
 fn vtu(format: &str, wide: bool, big: bool, block: Option<usize>) -> Fixture {
     let sample = Sample::new();
     let encode64 = |bytes: &[u8]| {
@@ -215,7 +215,7 @@ fn legacy(version: &str, is_binary: bool) -> Fixture {
         }
         file.push(b'\n');
     };
-    // Fields of the file as a whole: passed over, strings and all.
+    // Fields of the whole file: skipped, including strings.
     file.extend(b"FIELD FieldData 2\n");
     values(&mut file, "TIME 1 1 double", &[1.5], ScalarType::F64);
     file.extend(b"note 1 1 string\n");
@@ -261,7 +261,7 @@ fn legacy(version: &str, is_binary: bool) -> Fixture {
     }
     let kinds: Vec<f64> = sample.cells.iter().map(|c| f64::from(c.0)).collect();
     values(&mut file, "CELL_TYPES 3", &kinds, ScalarType::I32);
-    // A kind 10 cut to 1 is a vertex: nobody can tell.
+    // Type 10 truncated to 1 is a vertex: undetectable.
     may_end.extend(file.len() - 2..=file.len());
     file.extend(b"POINT_DATA 5\n");
     may_end.extend([file.len() - 1, file.len()]);
@@ -488,7 +488,7 @@ fn tetgen(first: usize) -> Fixture {
     fixture
 }
 
-/// Medit, tidy or as others write it.
+/// Medit, in regular form or with the irregularities of other writers.
 fn medit(odd: bool) -> Fixture {
     let sample = Sample::new().with_fields(|_| false);
     let mut file = String::from(if odd {
@@ -509,7 +509,7 @@ fn medit(odd: bool) -> Fixture {
         let n: Vec<String> = nodes.iter().map(|v| (v + 1).to_string()).collect();
         let _ = writeln!(file, "{} {}", n.join(" "), i + 6);
     }
-    // Nobody can tell a file that ends here, or has lost the word End, from a whole one.
+    // A file that ends here, or has lost the word End, cannot be told from a complete one.
     let mut may_end = vec![file.len() - 1, file.len()];
     file += "Normals\n1\n0.5 1e3 inf\n";
     let tetrahedra_end = may_end[1];

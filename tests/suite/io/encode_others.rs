@@ -1,11 +1,11 @@
-//! The sample mesh in MSH 1 and 4.0 and as an Abaqus input file, written independently of the
+//! The sample mesh in MSH 1 and 4.0 and as an Abaqus input file, encoded independently of the
 //! library.
 
 use crate::io::sample::{Fixture, Sample};
 use palpate::mesh::{Field, Location, ScalarType};
 use std::fmt::Write as _;
 
-/// Every fixture there is.
+/// Returns all fixtures.
 pub fn all() -> Vec<Fixture> {
     vec![
         gmsh_1(),
@@ -26,7 +26,7 @@ fn whole(name: &str, location: Location, scalar_type: ScalarType, values: &[f64]
     }
 }
 
-/// What both of Gmsh's files hold: the mesh, in physical group 7.
+/// Returns the content of both Gmsh files: the mesh, in physical group 7.
 fn with_groups(sample: &Sample) -> palpate::mesh::TetMesh {
     let mut expected = sample.tets();
     for (name, values) in [
@@ -62,7 +62,7 @@ fn gmsh_1() -> Fixture {
     Fixture::new("v1.msh", file.into_bytes(), with_groups(&sample))
 }
 
-/// MSH 4.0, whose blocks give the entity before the dimension, and each tag with its item.
+/// MSH 4.0, whose blocks store the entity before the dimension, and each tag with its item.
 fn gmsh_40(binary: bool, big: bool) -> Fixture {
     let sample = Sample::new().with_fields(|_| false);
     let mut file = format!("$MeshFormat\n4.0 {} 8\n", u8::from(binary)).into_bytes();
@@ -99,7 +99,7 @@ fn gmsh_40(binary: bool, big: bool) -> Fixture {
     }
     file.extend(b"$EndMeshFormat\n$Entities\n");
     size(&mut file, &[1, 0, 1, 2]);
-    // A point has a box in 4.0, of six numbers.
+    // A point has a bounding box in 4.0, of six numbers.
     int(&mut file, &[1]);
     real(&mut file, &[0.0; 6]);
     size(&mut file, &[0]);
@@ -139,7 +139,7 @@ fn gmsh_40(binary: bool, big: bool) -> Fixture {
     Fixture::new(name, file, with_groups(&sample))
 }
 
-/// Abaqus, with what such files have beside a mesh.
+/// Abaqus, with the usual content other than the mesh.
 fn abaqus() -> Fixture {
     let sample = Sample::new().with_fields(|_| false);
     let mut file = String::from(
@@ -155,9 +155,9 @@ fn abaqus() -> Fixture {
             .join(", ")
     };
     let _ = writeln!(file, "*Element, type=C3D4, elset=left\n10, {}", nodes(0));
-    // Nobody can tell a file that ends from here on from a whole one.
+    // A file that ends from here on cannot be told from a complete one.
     let end = file.len() - 1;
-    // The nodes of an element may go on in the next line, and so may a keyword.
+    // The nodes of an element may continue on the next line, and so may a keyword.
     let _ = write!(
         file,
         "*ELEMENT, TYPE=S3\n12, {}\n*Element, elset=\"right side\",\n  type=c3d4h\n14,\n{}\n",

@@ -1,8 +1,8 @@
-//! Errors say what is wrong, where, and what was expected.
+//! Errors state the defect, its position, and the expected content.
 
 use crate::io::sample::Bench;
 
-/// The message that reading `text` under `name` ends with.
+/// Returns the last part of the error message for the file `name` with `text`.
 fn message(name: &str, text: &str) -> String {
     match Bench::new().read(name, text.as_bytes()) {
         Ok(_) => panic!("{name} reads without an error:\n{text}"),
@@ -67,7 +67,7 @@ fn the_files_that_are_damaged_below_are_good() {
 fn damage_is_told_with_its_place() {
     let huge = "4000000000000";
     for (name, text, from, to, told) in [
-        // lying counts, which must size nothing
+        // wrong counts, which must not size an allocation
         (
             "a.vtk",
             LEGACY,

@@ -1,4 +1,4 @@
-//! What Gmsh writes beyond the plain mesh.
+//! Gmsh output beyond the plain mesh.
 
 use crate::io::errors::{GMSH_2, GMSH_4};
 use crate::io::sample::Bench;
@@ -39,7 +39,7 @@ fn an_element_with_a_number_that_is_taken_is_kept_and_counted() {
         );
     let data = "$ElementData\n1\n\"heat\"\n1\n0.5\n3\n0\n1\n2\n1 0.5\n2 1.5\n$EndElementData\n";
     let mesh = read(&format!("{six}{data}"));
-    // The third is the first again, under another number.
+    // The third repeats the first under another number.
     assert_eq!((mesh.tets.len(), mesh.repairs.repeated), (2, 1));
     let groups = mesh.field("gmsh:physical", Location::Cell).unwrap();
     assert_eq!(groups.values, [1.0, 2.0]);

@@ -1,4 +1,4 @@
-//! Files as bytes in memory.
+//! Parsing of files in memory.
 
 use crate::io::sample::bits;
 use palpate::io;

@@ -1,4 +1,4 @@
-//! Damaged files: an error, never a panic, a hang or a mesh that is not the file's.
+//! Damaged files give an error, never a panic, a hang or a wrong mesh.
 
 use crate::io::sample::{Bench, bits};
 use proptest::prelude::*;
@@ -9,7 +9,7 @@ fn a_file_cut_at_any_byte_is_an_error() {
     for (number, fixture) in crate::io::encode::all().into_iter().enumerate() {
         let whole = bits(&fixture.expected);
         let (bytes, second) = (&fixture.bytes, fixture.second.as_deref());
-        // The many variants of VTU share out the places to cut among them, but for the tail.
+        // The many VTU variants share the truncation positions, except for the tail.
         let shared = fixture.name.ends_with(".vtu");
         for cut in 0..bytes.len() {
             if shared && cut % 24 != number % 24 && cut + 32 < bytes.len() {
@@ -42,7 +42,7 @@ fn a_file_cut_at_any_byte_is_an_error() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Random damage is read in some way or refused, but does not panic, and what is read is sound.
+    /// Random damage is read or rejected without a panic, and the result is valid.
     #[test]
     fn damage_never_panics(
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
@@ -66,7 +66,7 @@ proptest! {
         }
     }
 
-    /// So is text of the right words in the wrong places.
+    /// The same for text of valid words in wrong places.
     #[test]
     fn shuffled_words_never_panic(swaps in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..4)) {
         let bench = Bench::new();

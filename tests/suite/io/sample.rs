@@ -1,21 +1,22 @@
-//! A small mesh that every encoder of [`crate::io::encode`] writes, and what reading it must give.
+//! A small mesh that every encoder of [`crate::io::encode`] writes, and the expected result of
+//! reading it.
 
 use glam::DVec3;
 use palpate::mesh::{Field, Location, ScalarType, TetMesh};
 use std::path::PathBuf;
 
-/// A mesh as a file holds it.
+/// A mesh as stored in a file.
 #[derive(Clone, Default)]
 pub struct Sample {
     pub nodes: Vec<DVec3>,
-    /// VTK's kind and the nodes of each cell.
+    /// VTK type and the nodes of each cell.
     pub cells: Vec<(u8, Vec<usize>)>,
     pub fields: Vec<Field>,
 }
 
 impl Sample {
-    /// Two tets and a triangle in between, with fields of several types. The last value of each
-    /// array has one digit, so that an ASCII file cut within it is noticed.
+    /// Returns two tets and a triangle in between, with fields of several types. The last value of
+    /// each array has one digit, so that a truncated ASCII file is detected.
     pub fn new() -> Sample {
         let nodes = [
             [0.1, 0.0, -0.0],
@@ -75,13 +76,13 @@ impl Sample {
         }
     }
 
-    /// The same with only the fields that `keep` keeps.
+    /// Keeps only the fields accepted by `keep`.
     pub fn with_fields(mut self, keep: impl Fn(&Field) -> bool) -> Sample {
         self.fields.retain(keep);
         self
     }
 
-    /// What reading gives: the tets of the sample with their share of the fields.
+    /// Returns the expected result: the tets of the sample with their part of the fields.
     pub fn tets(&self) -> TetMesh {
         let tets: Vec<usize> = (0..self.cells.len())
             .filter(|c| self.cells[*c].0 == 10)
@@ -115,7 +116,7 @@ impl Sample {
     }
 }
 
-/// The bits of everything in a mesh, fields in order of name: equal means identical.
+/// Returns the bits of everything in a mesh, fields ordered by name: equal means identical.
 pub fn bits(mesh: &TetMesh) -> impl PartialEq + std::fmt::Debug + use<> {
     let nodes: Vec<[u64; 3]> = mesh
         .nodes
@@ -140,13 +141,13 @@ pub fn bits(mesh: &TetMesh) -> impl PartialEq + std::fmt::Debug + use<> {
     (nodes, mesh.tets.clone(), fields)
 }
 
-/// A file (or TetGen's two) to be read.
+/// A file (or a pair of TetGen files) to be read.
 pub struct Fixture {
     pub name: String,
     pub bytes: Vec<u8>,
     /// `.ele` beside a `.node`.
     pub second: Option<Vec<u8>>,
-    /// Lengths at which a shorter file is one that nobody could tell from a whole one.
+    /// Lengths at which a truncated file cannot be told from a complete one.
     pub may_end: Vec<usize>,
     pub expected: TetMesh,
 }
@@ -163,7 +164,7 @@ impl Fixture {
     }
 }
 
-/// A folder to write fixtures to, reused from file to file.
+/// A folder for fixtures, reused for all files.
 pub struct Bench(tempfile::TempDir);
 
 impl Bench {
@@ -181,7 +182,7 @@ impl Bench {
         palpate::io::read(&path)
     }
 
-    /// Reads a fixture with other bytes in place of its own.
+    /// Reads a fixture with other bytes instead of its own.
     pub fn read_as(
         &self,
         fixture: &Fixture,

@@ -23,7 +23,7 @@ const VOLUME: f64 = 4.0 * 3.5 / 3.0;
 /// A value at each vertex, exact in single precision.
 const WARM: [f64; 5] = [0.5, -1.25, 3.0, 1e3, 7.0];
 
-/// A file: its name and content, and whether it has the values in it.
+/// A file: its name and content, and whether it stores the values.
 struct Fixture {
     name: &'static str,
     bytes: Vec<u8>,
@@ -63,7 +63,7 @@ fn triangles() -> Vec<[usize; 3]> {
         .collect()
 }
 
-/// Lists between the coordinates, and elements of other kinds around those that count.
+/// Lists between the coordinates, and elements of other kinds around the relevant ones.
 fn ply_ascii() -> String {
     let mut text = String::from(
         "ply\r\nformat ascii 1.0\r\ncomment made by hand\r\nobj_info nothing\r\nelement camera 1\r\nproperty list uchar float view\r\nproperty int shutter\r\nelement vertex 5\r\nproperty double z\r\nproperty list int short touching\r\nproperty float warm\r\nproperty float64 x\r\nproperty float32 y\r\nelement face 5\r\nproperty uchar red\r\nproperty list uint8 int32 vertex_index\r\nproperty list uchar float texcoord\r\nend_header\r\n2 0.5 0.25 8\r\n",
@@ -90,7 +90,7 @@ fn ply_binary(big: bool) -> Vec<u8> {
     };
     for ([x, y, z], warm) in PLACES.iter().zip(WARM) {
         put(&3u16.to_le_bytes());
-        // 10 looks like the end of a line.
+        // 10 looks like a line end.
         [1i8, -1, 10].iter().for_each(|n| put(&n.to_le_bytes()));
         put(&y.to_le_bytes());
         put(&(*x as f32).to_le_bytes());
@@ -316,14 +316,14 @@ fn a_surface_cut_at_any_byte_is_an_error() {
                 continue;
             };
             let whole = is_pyramid(&surface, warm) && bytes[cut..].trim_ascii().is_empty();
-            // OBJ and the text of STL count nothing: a file that ends with a line is whole.
+            // OBJ and ASCII STL have no counts: a file that ends with a line is complete.
             let noted = match name {
                 "plain.obj" => true,
                 "text.stl" => {
                     let ended = bytes[cut..].len() <= b" a pyramid\n".len();
                     ended || surface.notes.iter().any(|n| n.contains("endsolid"))
                 }
-                // A section more is no promise: values and strips come last.
+                // An additional section is optional: values and strips are last.
                 _ => {
                     let rest = bytes[cut..].trim_ascii_start();
                     let sections = [&b"POINT_DATA"[..], b"SCALARS", b"TRIANGLE_STRIPS"];
@@ -412,7 +412,7 @@ fn lying_counts_and_indices_are_named() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Random damage is read in some way or refused; what is read has valid indices.
+    /// Random damage is read or rejected; the result has valid indices.
     #[test]
     fn damaged_surfaces_never_panic(
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
@@ -489,7 +489,7 @@ fn real_surfaces_have_their_true_counts() {
     assert_eq!(found.euler_number, 52);
 }
 
-/// Two triangles folded along an edge, with a seam of the texture at one of its ends.
+/// Two triangles folded along an edge, with a texture seam at one of its ends.
 const SEAM: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n\
     vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 1 0.25\nvn 0 0 1\nvn 0 2 0\n";
 
@@ -515,7 +515,7 @@ fn obj_keeps_texture_coordinates_and_normals_of_corners() {
     );
     let normals = surface.corner_normals().unwrap();
     assert_eq!(normals[1][2].to_array(), [0.0, 2.0, 0.0]);
-    // A turned triangle takes its corners' coordinates along.
+    // A flipped triangle keeps the coordinates of its corners.
     surface.triangles[1].swap(1, 2);
     let [v, w] = [surface.triangles[1][1], surface.triangles[1][2]];
     assert_eq!(surface.orient_consistently(), 1);
@@ -525,18 +525,18 @@ fn obj_keeps_texture_coordinates_and_normals_of_corners() {
         turned.map(|u| u.to_array()),
         [[1.0, 0.25], [0.5, 1.0], [0.0, 0.0]]
     );
-    // Written and read again they are the same.
+    // They are preserved by writing and reading.
     let again = folder.path().join("again.obj");
     io::write_surface(&again, &surface).unwrap();
     let again = io::read_surface(&again).unwrap();
     assert_eq!(again.corner_uvs(), surface.corner_uvs());
     assert_eq!(again.triangles, surface.triangles);
 
-    // Where a corner has none, there are none, and that is said.
+    // If a corner has none, all are dropped with a note.
     let part = read("f 1/1 2/2 3/3\nf 2/4 1 4/3\n");
     assert!(part.corner_uvs().is_none());
     assert!(part.notes.iter().any(|n| n.contains("texture coordinates")));
-    // PLY has them as scalars of the vertices.
+    // PLY stores them as vertex scalars.
     let mut ply = read("f 1 2 3\nf 2 1 4\n");
     for (name, values) in [("s", [0.0, 0.1, 0.2, 0.3]), ("t", [1.0, 0.9, 0.8, 0.7])] {
         let field = palpate::mesh::Field::scalar(name, Location::Node, values.to_vec());

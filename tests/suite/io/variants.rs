@@ -21,7 +21,7 @@ fn windows_line_ends_and_a_byte_order_mark_change_nothing() {
         let Ok(text) = std::str::from_utf8(&fixture.bytes) else {
             continue;
         };
-        // Not the binary ones, where it would change numbers.
+        // Not the binary ones, whose numbers it would change.
         if text.contains('\0') || fixture.name.contains("raw") {
             continue;
         }

@@ -1,4 +1,4 @@
-//! One small image, and what writes it in every variant of the formats.
+//! A small image, and its writer in every variant of the formats.
 
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
@@ -21,16 +21,16 @@ pub const TYPES: [ScalarType; 10] = [
     ScalarType::F64,
 ];
 
-/// Where and how the voxels are kept.
+/// Storage of the voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
     Attached,
     Packed,
     Beside,
     BesidePacked,
-    /// As text; for NIfTI its second version.
+    /// As text; for NIfTI: version 2.
     Text,
-    /// After something that is to be skipped; for NIfTI placed by the qform alone.
+    /// After skipped content; for NIfTI: positioned by the qform alone.
     Skipped,
 }
 
@@ -43,7 +43,7 @@ pub const PLACES: [Place; 6] = [
     Place::Skipped,
 ];
 
-/// What every file holds.
+/// Content of all files.
 pub struct Image {
     pub size: [usize; 3],
     pub scalar: ScalarType,
@@ -53,7 +53,7 @@ pub struct Image {
     pub to_world: DAffine3,
 }
 
-/// A header file and what lies in its folder.
+/// A header file and the other files in its folder.
 pub struct File {
     pub name: String,
     pub bytes: Vec<u8>,
@@ -61,7 +61,7 @@ pub struct File {
 }
 
 impl Image {
-    /// Oblique, left-handed, with the extremes of its type.
+    /// Creates an oblique, left-handed image with the extremes of its type.
     pub fn new(scalar: ScalarType) -> Image {
         let size = [3, 4, 2];
         let (low, high) = match scalar {
@@ -166,7 +166,7 @@ fn zlib(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// From RAS to LPS.
+/// Converts RAS to LPS.
 fn lps(v: DVec3) -> [f64; 3] {
     [-v.x, -v.y, v.z]
 }
@@ -307,7 +307,7 @@ pub fn nifti(image: &Image, big: bool, place: Place) -> File {
         }
         header[at..at + number.len()].copy_from_slice(&number);
     };
-    // A real and a code, in the width of the version.
+    // A real number and a code, in the width of the version.
     let real = |v: f64| match second {
         true => v.to_le_bytes().to_vec(),
         false => (v as f32).to_le_bytes().to_vec(),
@@ -363,7 +363,7 @@ pub fn nifti(image: &Image, big: bool, place: Place) -> File {
     put(qform_code, &code(1));
     let shift = image.to_world.translation;
     let q = image.turn;
-    // A qform that is wrong where the sform must win.
+    // A wrong qform, which the sform must override.
     let wrong = if by_qform { 0.0 } else { 1.0 };
     let quaternion = [q.x, q.y, q.z, shift.x + wrong, shift.y, shift.z];
     for (n, v) in quaternion.into_iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Volumes: real files against what SimpleITK and nibabel read in them,
-//! every variant of the formats against one image, and damage.
+//! Volumes: real files against SimpleITK and nibabel, every variant of the formats against one
+//! image, and damage.
 
 use crate::io::volume_files::{Image, PLACES, TYPES, gzip, metaimage, nifti, nrrd};
 use glam::{DAffine3, DMat3, DVec3};
@@ -13,7 +13,7 @@ fn real(name: &str) -> Option<Volume> {
     Some(io::read_volume(path).unwrap())
 }
 
-/// A voxel, where it lies in RAS, and its value.
+/// A voxel, its position in RAS, and its value.
 type Known = ([usize; 3], [f64; 3], f64);
 
 fn holds(volume: &Volume, known: &[Known]) {
@@ -96,7 +96,7 @@ fn the_heads_are_where_and_what_others_read() {
     assert!((mri.range().unwrap().1 - 512.00003).abs() < 1e-4);
 }
 
-/// Reads `bytes` as the file `name`, with `beside` in its folder.
+/// Reads `bytes` as the file `name`, with the files `beside` in its folder.
 fn read(name: &str, bytes: &[u8], beside: &[(&str, &[u8])]) -> palpate::Result<Volume> {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in beside {
@@ -143,7 +143,7 @@ fn every_type_byte_order_and_place_of_data_is_one_image() {
                         &image,
                         &what,
                     );
-                    // Without what lies beside it there is nothing to read.
+                    // Without the detached data there is nothing to read.
                     if !beside.is_empty() {
                         let error = read(&file.name, &file.bytes, &[]).unwrap_err().to_string();
                         assert!(error.contains(&file.beside[0].0), "{what}: {error}");
@@ -188,8 +188,8 @@ fn what_is_written_reads_back() {
     );
 }
 
-/// Reads a header followed by 64 bytes, each way that `changes` has it: from, to, what must be
-/// said of it. As it is it reads.
+/// Reads a header followed by 64 bytes with each of `changes`: from, to, expected message. The
+/// unchanged header is valid.
 fn lies(name: &str, header: &str, changes: &[(&str, &str, &str)]) {
     let data: Vec<u8> = (1..=64).collect();
     let with = |header: &str| read(name, &[header.as_bytes(), &data].concat(), &[]);
@@ -349,7 +349,7 @@ fn headers_of_nifti_that_lie_are_errors_that_name_the_field() {
         let mut changed = file.bytes.clone();
         changed[at..at + bytes.len()].copy_from_slice(bytes);
         match read("a.nii", &changed, &[]) {
-            // Some writers leave the offset 0.
+            // Some writers leave the offset at 0.
             Ok(_) => assert!(what.is_empty(), "byte {at}: no error, where {what} lies"),
             Err(error) => {
                 let error = error.to_string();
@@ -424,7 +424,7 @@ fn names_of_segments_are_those_of_labels() {
     assert!(volume.label_names.into_iter().eq([(3, "femur".to_owned())]));
 }
 
-/// Every variant of every format, small.
+/// Returns every variant of every format, small.
 fn all_files() -> Vec<crate::io::volume_files::File> {
     let image = Image::new(ScalarType::I16);
     let writers = [nrrd, metaimage, nifti];
@@ -447,8 +447,8 @@ fn a_volume_cut_at_any_byte_is_an_error() {
                 continue;
             };
             let tail = &file.bytes[cut..];
-            // Nobody can tell a missing line end, nor data counted from the end of a file with
-            // something before them; and here any part of a data file's name finds its bytes.
+            // A missing line end is undetectable, and so are data counted from the end of a file
+            // with a prefix; and here any part of a data file's name finds its bytes.
             let from_the_end = [&b"byte skip: -1"[..], b"HeaderSize = -1"];
             let from_the_end = from_the_end
                 .iter()
@@ -487,7 +487,7 @@ proptest! {
     }
 }
 
-/// A volume of f(p) = 3x − 2y + z + 1, oblique.
+/// Returns an oblique volume of f(p) = 3x − 2y + z + 1.
 fn linear() -> (Volume, impl Fn(DVec3) -> f64) {
     let f = |p: DVec3| 3.0 * p.x - 2.0 * p.y + p.z + 1.0;
     let mut volume = Image::new(ScalarType::F64).volume();

@@ -1,4 +1,4 @@
-//! Series of DICOM slices, written here with the crate that reads them.
+//! Series of DICOM slices, written here with the crate used by the reader.
 
 use dicom_core::value::{InMemFragment, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
@@ -29,7 +29,7 @@ struct Slice {
 }
 
 fn slices(syntax: &'static str) -> Vec<Slice> {
-    // The order of the names is not that of the places.
+    // The order of the names differs from that of the positions.
     [2, 0, 3, 1]
         .map(|n: i16| Slice {
             name: format!("{}.dcm", 9 - (n + 2) % 4),
@@ -103,14 +103,14 @@ impl Slice {
     }
 }
 
-/// High bytes as literals, low bytes as literals: a frame of two segments.
+/// Encodes high bytes as literals, low bytes as literals: a frame of two segments.
 fn run_lengths(pixels: &[i16]) -> Vec<u8> {
     let mut frame = vec![0u8; 64];
     frame[0] = 2;
     for plane in 0..2 {
         let start = frame.len() as u32;
         frame[4 + 4 * plane..8 + 4 * plane].copy_from_slice(&start.to_le_bytes());
-        // One pixel as a run of one, the rest as they are.
+        // One pixel as a run of one, the rest as literals.
         let bytes: Vec<u8> = pixels.iter().map(|p| p.to_be_bytes()[plane]).collect();
         frame.extend([128, 0, bytes[0], bytes.len() as u8 - 2]);
         frame.extend(&bytes[1..]);
@@ -208,7 +208,7 @@ fn damaged_slices_are_errors_and_never_panic() {
     let whole = std::fs::read(&path).unwrap();
     for cut in 140..whole.len() {
         std::fs::write(&path, &whole[..cut]).unwrap();
-        // Without its pixels a file is no image, and then its slice is missing.
+        // Without its pixels a file is not an image, so its slice is missing.
         assert!(io::read_volume(folder.path()).is_err(), "cut at {cut}");
     }
     for at in 132..whole.len() {

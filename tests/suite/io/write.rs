@@ -1,4 +1,4 @@
-//! What is written reads back identical; series stay valid.
+//! Written files read back identical; series stay valid.
 
 use crate::io::sample::{Bench, Sample, bits};
 use glam::DVec3;
@@ -19,7 +19,7 @@ const TYPES: [ScalarType; 10] = [
     ScalarType::F64,
 ];
 
-/// `x` as a number that `scalar` can hold.
+/// Rounds `x` to a number that `scalar` can represent.
 fn held(x: f64, scalar: ScalarType) -> f64 {
     match scalar {
         ScalarType::I8 => f64::from(x as i8),
@@ -270,7 +270,7 @@ fn the_regions_names_and_the_unit_are_kept() {
     let back = palpate::io::read(&path).unwrap();
     assert_eq!(back.region_names, mesh.region_names);
     assert_eq!(back.length_unit, mesh.length_unit);
-    // The names are those of arrays of numbers, which every reader takes.
+    // The names are those of numeric arrays, which every reader accepts.
     let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
     assert!(text.contains("Name=\"region:bone\""));
     assert!(!text.contains("type=\"String\""));
@@ -298,6 +298,6 @@ fn names_of_regions_as_they_were_written_at_first_are_read() {
         named("0 1"),
         [(0, "ä".to_owned()), (1, "bo".to_owned())].into()
     );
-    // Fewer names than labels belong to nobody.
+    // Fewer names than labels are ambiguous.
     assert!(named("0 1 2").is_empty());
 }

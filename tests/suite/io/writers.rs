@@ -1,10 +1,10 @@
-//! Every format that is written reads back with the same counts, volume, regions and fields.
+//! Every output format reads back with the same counts, volume, regions and fields.
 
 use crate::io::sample::Bench;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::{Field, Location, MeshDescription, ScalarType, TetMesh};
 
-/// Every way to write a mesh: format, whether as text, and a name.
+/// Returns all output variants: format, whether as text, and a name.
 pub fn ways() -> Vec<(MeshFormat, bool, &'static str)> {
     vec![
         (MeshFormat::Vtu, false, "a.vtu"),
@@ -21,7 +21,7 @@ pub fn ways() -> Vec<(MeshFormat, bool, &'static str)> {
     ]
 }
 
-/// A bar with fields of several widths, its tets in regions of these labels.
+/// Returns a bar with fields of several widths and tets in regions with these labels.
 pub fn bar(labels: &[i64]) -> TetMesh {
     let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
     for node in &mut mesh.nodes {
@@ -77,8 +77,8 @@ fn named(labels: &[i64], names: &[(i64, &str)]) -> TetMesh {
     mesh
 }
 
-/// The meshes to write: plain labels, labels and names that most formats cannot hold as they
-/// are, labels without names, no labels.
+/// Returns the meshes to write: plain labels, labels and names that most formats cannot store
+/// unchanged, labels without names, no labels.
 fn meshes() -> Vec<TetMesh> {
     let mut plain = bar(&[1]);
     plain.fields.retain(|f| f.name != "label");
@@ -116,7 +116,7 @@ fn every_format_keeps_counts_volume_regions_names_and_unit() {
             assert_eq!(back.tets.len(), mesh.tets.len(), "{what}");
             assert_eq!(back.region_names, mesh.region_names, "{what}");
             assert_eq!(back.length_unit, mesh.length_unit, "{what}");
-            // A file that CalculiX reads gives a number at most 20 characters.
+            // CalculiX accepts numbers of at most 20 characters.
             let close = match format {
                 MeshFormat::Abaqus => 1e-14,
                 _ => 0.0,
@@ -126,8 +126,8 @@ fn every_format_keeps_counts_volume_regions_names_and_unit() {
             }
             let volume = mesh.volume();
             assert!((back.volume() - volume).abs() < 1e-12 * volume, "{what}");
-            // "rank" is a numbering: it is taken for regions where there is no better, and not every
-            // format has a place for it.
+            // "rank" is a numbering: it is used for regions only if there is no better field, and
+            // not every format can store it.
             let regions = |mesh: &TetMesh| match mesh.region_field() {
                 Some(field) if field.name != "rank" => MeshDescription::new(mesh).regions,
                 _ => Vec::new(),
@@ -143,7 +143,7 @@ fn every_format_keeps_counts_volume_regions_names_and_unit() {
                 assert!((a.volume - b.volume).abs() < 1e-12 * volume, "{what}");
             }
             for field in &mesh.fields {
-                // Gmsh's tets are in the order of their regions; only node fields are compared.
+                // Gmsh orders tets by region; only node fields are compared.
                 let kept = back.field(&field.name, field.location);
                 let left = notes
                     .iter()
@@ -243,7 +243,7 @@ fn a_written_file_cut_at_any_byte_is_never_another_mesh() {
         let bytes = std::fs::read(&path).unwrap();
         assert!(bytes.len() < 20_000, "{name} is small: {}", bytes.len());
         for cut in 0..bytes.len() {
-            // A kind of cell cut from 10 to 1 makes a vertex of it: nobody can tell.
+            // Cell type 10 truncated to 1 is a vertex: undetectable.
             if name == "text.vtk" && bytes[..cut].ends_with(b"\n1") {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! Cuts through meshes, and tets taken out of them.
+//! Cuts through meshes, and removal of tets.
 
 use crate::mesh::support::check_topology;
 use glam::DVec3;
@@ -9,7 +9,7 @@ use palpate::mesh::{
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 
-/// A square blade about `centre` across `normal`, reaching `half` to each side.
+/// Returns a square blade about `centre` perpendicular to `normal`, of half-width `half`.
 fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     let u = normal.any_orthonormal_vector();
     let v = normal.cross(u);
@@ -23,7 +23,7 @@ fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     .unwrap()
 }
 
-/// What is wrong with a mesh and its topology after a cut of `before`, if anything.
+/// Returns the first error in a mesh and its topology after a cut of `before`, if there is one.
 fn flaw(before: &TetMesh, after: &TetMesh, topology: &Topology, cut: &TetCut) -> Option<String> {
     let fresh = Topology::new(after);
     let corners = |mesh: &TetMesh| -> Vec<[DVec3; 4]> {
@@ -59,12 +59,12 @@ fn flaw(before: &TetMesh, after: &TetMesh, topology: &Topology, cut: &TetCut) ->
     wrong.map(|(claim, _)| (*claim).to_owned())
 }
 
-/// Cuts a copy of `mesh` where it stands, and checks what holds of every cut.
+/// Cuts a copy of `mesh`, and checks the invariants of cuts.
 fn checked(mesh: &TetMesh, positions: &[DVec3], blade: &Blade) -> (TetMesh, Topology, TetCut) {
     let (mut after, mut topology) = (mesh.clone(), Topology::new(mesh));
     let cut = cut(&mut after, &mut topology, positions, blade).unwrap();
     assert_eq!(flaw(mesh, &after, &topology, &cut), None);
-    // Lists name exactly what has changed.
+    // Lists contain exactly the changes.
     let old = Topology::new(mesh);
     let changed = |t: &u32| {
         let t = *t as usize;
@@ -91,7 +91,7 @@ fn checked(mesh: &TetMesh, positions: &[DVec3], blade: &Blade) -> (TetMesh, Topo
 fn a_blade_right_through_leaves_two_pieces() {
     let whole = bar([8, 4, 4], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let middle = DVec3::new(0.06, 0.03, 0.03);
-    // In a plane of the lattice, where all is known beforehand.
+    // In a plane of the lattice, where the result is known.
     let (mesh, topology, cut) = checked(&whole, &whole.nodes, &across(middle, DVec3::X, 0.1));
     assert_eq!(
         (cut.opened_faces.len(), cut.duplicated_nodes.len()),
@@ -106,7 +106,7 @@ fn a_blade_right_through_leaves_two_pieces() {
     };
     assert!((volume(0) - volume(1)).abs() < 1e-12 * mesh.volume());
     assert!((mesh.volume() - whole.volume()).abs() < 1e-12 * whole.volume());
-    // No edge passes the blade, and no node belongs to both pieces.
+    // No edge crosses the blade, and no node belongs to both components.
     let side = |v: u32| mesh.nodes[v as usize].x - middle.x;
     let edges = mesh.edges();
     assert!(edges.iter().all(|[a, b]| side(*a) * side(*b) > -1e-15));
@@ -138,7 +138,7 @@ fn no_tet_falls_off_alone() {
         piece.iter().for_each(|p| sizes[*p as usize] += 1);
         assert!(pieces >= 2 && sizes.iter().all(|n| *n > 1), "{sizes:?}");
     }
-    // But two of one size do.
+    // But two of one size are separated.
     let pair = TetMesh::new(
         vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, -DVec3::Z],
         vec![[0, 1, 2, 3], [0, 2, 1, 4]],
@@ -152,7 +152,8 @@ fn no_tet_falls_off_alone() {
 
 #[test]
 fn centroids_in_the_blade_are_on_one_side_of_it() {
-    // Kuhn's tets have centroids at quarters of a cell; the blade is as far off as rounding goes.
+    // The centroids of Kuhn's tets are at quarters of a cell; the offset of the blade is of the
+    // order of the rounding error.
     let whole = box_mesh([4, 4, 4], DVec3::ONE, Split::Six).unwrap();
     for x in [0.4375, 0.4375 + 1e-16, 0.5625, 0.625] {
         for turn in [1e-17, 0.0] {
@@ -171,7 +172,7 @@ fn a_cut_part_of_the_way_stays_joined_at_its_tip() {
     let half = Blade::from_sweep(&[edge(2.0), edge(0.5)]).unwrap();
     let (mesh, topology, cut) = checked(&whole, &whole.nodes, &half);
     assert_eq!(components(&topology).1, 1);
-    // Two rows of four squares; the five nodes of the tip stay single.
+    // Two rows of four squares; the five nodes of the tip are not duplicated.
     assert_eq!(
         (cut.opened_faces.len(), cut.duplicated_nodes.len()),
         (16, 10)
@@ -182,7 +183,7 @@ fn a_cut_part_of_the_way_stays_joined_at_its_tip() {
             .all(|[_, old]| whole.nodes[*old as usize].z > 0.5)
     );
     check_topology(&mesh);
-    // The second half of the way parts it, as one sweep would have.
+    // The second half separates it, as a single sweep would.
     let mut swept = (mesh, topology);
     let rest = Blade::from_sweep(&[edge(0.5), edge(-1.0)]).unwrap();
     let positions = swept.0.nodes.clone();
@@ -213,7 +214,7 @@ fn one_long_sweep_is_many_short_ones() {
         let blade = Blade::from_sweep(pair).unwrap();
         cut(&mut mesh, &mut many, &positions, &blade).unwrap();
     }
-    // Faces too few to gape when they were met may have stayed closed on the way.
+    // Sets of faces too small to open when they were cut may have stayed closed.
     assert!(many.boundary.len() <= topology.boundary.len());
     assert!(many.boundary.len() > topology.boundary.len() / 2);
     assert_eq!(once.tets.len(), mesh.tets.len());
@@ -292,7 +293,7 @@ fn meshes_from_elsewhere_are_cut() {
     }
 }
 
-/// 48 random cases; 6 where others are cut down to a quarter.
+/// 48 random cases; 6 if others are reduced to a quarter.
 fn some_cases() -> ProptestConfig {
     let usual = ProptestConfig::default();
     ProptestConfig::with_cases(if usual.cases < 256 { 6 } else { 48 })
@@ -309,7 +310,7 @@ proptest! {
         let mut topology = Topology::new(&mesh);
         let points: Vec<DVec3> = corners.into_iter().map(DVec3::from).collect();
         let edges: Vec<[DVec3; 2]> = points.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
-        // Crumpled, then once more through what is cut already.
+        // Deformed, then cut again through the previous cut.
         for blade in [Blade::from_sweep(&edges).unwrap(), Blade::from_sweep(&edges[..2]).unwrap()] {
             let before = mesh.clone();
             let positions = mesh.nodes.clone();
@@ -345,7 +346,7 @@ proptest! {
 
 #[test]
 fn pieces_that_hang_together_at_a_node_only_fall_apart() {
-    // A row of cells without its middle one, but for what touches along an edge.
+    // A row of cells without its middle one, except for tets that touch along an edge.
     let mut mesh = box_mesh([3, 1, 1], DVec3::new(3.0, 1.0, 1.0), Split::Six).unwrap();
     let mut topology = Topology::new(&mesh);
     let middle = |t: &u32| {
@@ -354,11 +355,11 @@ fn pieces_that_hang_together_at_a_node_only_fall_apart() {
     };
     let chosen: Vec<u32> = (0..18).filter(middle).collect();
     assert_eq!(chosen.len(), 6);
-    // One tet of the middle that bridges the gap at nodes is left for last.
+    // The last tet of the middle, connected only at nodes, is removed at the end.
     let done = remove(&mut mesh, &mut topology, &chosen).unwrap();
     assert!(done.duplicated_nodes.is_empty());
     assert_eq!(components(&topology).1, 2);
-    // Of a 2 × 2 block of cells, two in a diagonal: they touch along an edge, which is doubled.
+    // Of a 2 × 2 block of cells, two on a diagonal: they touch along an edge, which is duplicated.
     let mut mesh = box_mesh([2, 2, 1], DVec3::new(2.0, 2.0, 1.0), Split::Six).unwrap();
     let mut topology = Topology::new(&mesh);
     let off = |t: &u32| {

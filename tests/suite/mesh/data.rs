@@ -1,4 +1,4 @@
-//! The meshes under `data/` are those that the example makes.
+//! The meshes under `data/` equal the output of the generator.
 
 #[allow(dead_code)]
 #[path = "../../../data/generate/src/main.rs"]
@@ -14,7 +14,7 @@ fn the_meshes_that_ship_are_up_to_date() {
             "{name}: run cargo run -p palpate-data"
         );
         assert_eq!(kept.repairs, Default::default(), "{name}");
-        // Sines may differ in the last bit from one platform to the next.
+        // Sines may differ in the last bit between platforms.
         let near = |(a, b): (&glam::DVec3, &glam::DVec3)| a.distance(*b) < 1e-9;
         assert!(kept.nodes.iter().zip(&made.nodes).all(near), "{name}");
         assert_eq!(kept.fields.len(), made.fields.len(), "{name}");
@@ -47,7 +47,7 @@ fn the_volumes_and_surfaces_that_ship_are_up_to_date() {
             .to_world
             .transform_point3(glam::DVec3::new(5.0, 6.0, 7.0));
         assert!(here.distance(made.centre(5, 6, 7)) < 1e-4, "{name}");
-        // A voxel in the boundary may be rounded otherwise on another platform.
+        // A voxel on the boundary may be rounded differently on another platform.
         let other = |n: &usize| (kept.value(*n) - made.value(*n)).abs() > 3.0;
         let others = (0..kept.voxels()).filter(other).count();
         assert!(others * 10_000 < kept.voxels(), "{name}: {others}");

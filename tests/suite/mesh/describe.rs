@@ -1,10 +1,10 @@
-//! What `palpate info` tells: of meshes whose oddities are known, and of the real ones.
+//! `palpate info` on meshes with known defects, and on real ones.
 
 use glam::DVec3;
 use palpate::mesh::generate::{Bore, ball, benchmark_cube, duct};
 use palpate::mesh::{Field, Location, MeshDescription, TetMesh};
 
-/// Two tets; the second has its first `shared` corners in common with the first.
+/// Returns two tets; the second shares its first `shared` corners with the first.
 fn two_tets(shared: usize) -> TetMesh {
     let mut nodes = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
     let mut second = [0, 1, 2, 3];
@@ -34,7 +34,7 @@ fn tets_that_share_a_face_an_edge_a_node_or_nothing() {
         )
     };
     assert_eq!(told(3), (1, 2, 0, 0, true));
-    // Two spheres with an edge in common: 4 − 1 − 1 fewer nodes and edges.
+    // Two spheres with a common edge: 4 − 1 − 1 fewer nodes and edges.
     assert_eq!(told(2), (2, 3, 1, 2, true));
     assert_eq!(told(1), (2, 3, 0, 1, true));
     assert_eq!(told(0), (2, 4, 0, 0, true));
@@ -145,8 +145,8 @@ fn text_is_readable_at_any_scale() {
     );
 }
 
-/// The real meshes: name, nodes, tets, boundary faces, slivers, Euler number,
-/// volume; where the table there has no number, none is held against.
+/// The real meshes: name, nodes, tets, boundary faces, slivers, Euler number, volume; missing
+/// numbers are not checked.
 type Row = (
     &'static str,
     usize,
@@ -248,7 +248,7 @@ const REAL: [Row; 12] = [
         None,
         1629.66,
     ),
-    // 173 nodes in the file, of which one is unused.
+    // 173 nodes in the file, one of which is unused.
     (
         "scalar/chaste_heart_decimation.vtu",
         172,

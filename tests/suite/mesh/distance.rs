@@ -1,4 +1,4 @@
-//! Depth below the boundary against shapes where it is known.
+//! Depth below the boundary of shapes with known distances.
 
 use glam::DVec3;
 use palpate::mesh::generate::{Bore, Split, ball, box_mesh, duct};
@@ -42,7 +42,7 @@ fn the_middle_of_a_ball_is_its_deepest_point() {
 }
 
 fn point() -> impl Strategy<Value = DVec3> {
-    // Whole numbers make many points that lie on edges, and triangles without area.
+    // Integers give many points on edges, and degenerate triangles.
     let coordinate = || prop_oneof![-2.0..2.0, (-2..=2).prop_map(f64::from)];
     (coordinate(), coordinate(), coordinate()).prop_map(DVec3::from)
 }

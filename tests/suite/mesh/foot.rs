@@ -1,5 +1,5 @@
-//! The foot phantom: one sound piece at every resolution, with 26 bones apart from each other in
-//! flesh, and the surfaces of these bones.
+//! The foot phantom: one valid component at every resolution, with 26 separate bones in soft
+//! tissue, and the surfaces of these bones.
 
 use crate::mesh::support::{check_generated, rigid_pieces};
 use glam::DVec3;
@@ -20,7 +20,7 @@ fn a_foot_is_one_sound_piece_at_any_resolution() {
         assert!(quality.min_dihedral > 5.0, "{}°", quality.min_dihedral);
         let (low, high) = mesh.bounds();
         let size = high - low;
-        // As long as a foot, and as wide for its length as one.
+        // Length and aspect ratio of a foot.
         assert!((0.24..0.31).contains(&size.x), "{size}");
         assert!((0.3..0.45).contains(&(size.y / size.x)), "{size}");
         assert_eq!(mesh.length_unit, Some(1.0));
@@ -54,7 +54,8 @@ fn every_bone_has_a_name_and_tets_inside_flesh_and_apart_from_its_neighbours() {
             .count(),
         5
     );
-    // Flesh covers them: no corner of a bone's tet is far outside, none of its faces on the skin.
+    // Soft tissue covers them: no corner of a bone's tet is far outside, none of its faces is on
+    // the skin.
     let topology = Topology::new(&mesh);
     let bare = topology
         .boundary
@@ -62,7 +63,7 @@ fn every_bone_has_a_name_and_tets_inside_flesh_and_apart_from_its_neighbours() {
         .filter(|f| label[f.tet as usize] > 1.0);
     let bare = bare.count();
     assert!(bare * 50 < topology.boundary.len(), "{bare} bare faces");
-    // Bones are denser than flesh.
+    // Bones have higher intensities than soft tissue.
     let intensity = &mesh.field("intensity", Location::Node).unwrap().values;
     let mean = |bone: bool| {
         let tets = (0..mesh.tets.len()).filter(|t| (label[*t] > 1.0) == bone);
@@ -107,7 +108,7 @@ fn the_bones_alone_are_26_closed_surfaces() {
     );
     let pieces = (0..piece.len() as u32).filter(|v| piece[*v as usize] == *v);
     assert_eq!(pieces.count(), 26);
-    // They face outward, and hold as much as the bones of a foot do.
+    // They face outward and enclose the volume of the bones of a foot.
     assert!((5e-5..4e-4).contains(&bones.volume()), "{}", bones.volume());
     assert!(foot_bones(0.01).is_err() && foot_bones(f64::NAN).is_err());
 }

@@ -43,8 +43,8 @@ fn senseless_boxes_are_refused() {
     assert!(bar_of_about(4, DVec3::ONE).is_err());
 }
 
-/// 2/ω_max, the largest step of undamped Verlet, with stiffness `kappa` on every edge and a
-/// quarter of each tet's mass at its corners: power iteration of M⁻¹K at rest.
+/// Returns 2/ω_max, the largest stable step of undamped Verlet, with stiffness `kappa` on every
+/// edge and a quarter of each tet's mass at its corners: power iteration of M⁻¹K at rest.
 fn verlet_limit(mesh: &TetMesh, kappa: f64, density: f64) -> f64 {
     let mut mass = vec![0.0; mesh.nodes.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
@@ -166,7 +166,7 @@ fn morton_order_is_a_permutation_that_shortens_the_way() {
     sorted.sort_unstable();
     assert!(sorted.iter().enumerate().all(|(i, t)| i == *t as usize));
     let centroid = |t: u32| mesh.tet_nodes(t as usize).into_iter().sum::<DVec3>() / 4.0;
-    // Diagonals of the boxes around each 64 tets in a row.
+    // Diagonals of the bounding boxes of each 64 consecutive tets.
     let spread = |order: &[u32]| -> f64 {
         let size = |(low, high): (DVec3, DVec3)| low.distance(high);
         let boxes = order
@@ -194,7 +194,7 @@ fn balls_are_round_and_well_shaped() {
         let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.125;
         assert!(q.min_dihedral > 10.0, "{cells}: {}", q.min_dihedral);
         assert_eq!(q.slivers, 0);
-        // The surface is inscribed: too small by the square of the cell size.
+        // The surface is inscribed: the error of the volume is of second order in the cell size.
         let missing = 1.0 - mesh.volume() / exact;
         assert!(
             missing > 0.0 && missing < 1.5 / (cells * cells) as f64,
@@ -239,7 +239,7 @@ fn every_named_generator_makes_about_what_it_says() {
     assert!(text.contains("spleen") && text.contains("limb"), "{text}");
 }
 
-/// The tets of a region.
+/// Returns the tets of a region.
 fn region(mesh: &TetMesh, name: &str) -> Vec<usize> {
     let label = mesh.region_names.iter().find(|(_, own)| *own == name);
     let label = *label.unwrap().0 as f64;
@@ -266,13 +266,13 @@ fn organs_have_the_lump_that_is_asked_for_where_it_is_asked_for() {
             "{organ} {}",
             volume / ball
         );
-        // Factors are the contrast in it, and 1 elsewhere.
+        // Factors are the contrast inside, and 1 elsewhere.
         let factors = &mesh.field("stiffness", Location::Cell).unwrap().values;
         for (t, factor) in factors.iter().enumerate() {
             let expected = if own.contains(&t) { 7.0 } else { 1.0 };
             assert_eq!(*factor, expected);
         }
-        // Its nearest point is as deep as asked for.
+        // Its nearest point has the requested depth.
         let topology = Topology::new(&mesh);
         let boundary = topology.boundary.iter().map(|b| {
             let nodes = topology.boundary_nodes(&mesh, *b);
@@ -289,7 +289,7 @@ fn organs_have_the_lump_that_is_asked_for_where_it_is_asked_for() {
         let nearest = nodes.iter().map(|v| depth(mesh.nodes[*v as usize]));
         let nearest = nearest.fold(f64::INFINITY, f64::min);
         assert!((nearest - lump.depth).abs() < 1.5e-3, "{organ} {nearest}");
-        // Without one there is none.
+        // Without a lump there is no such region.
         let plain = make(5_000, None).unwrap();
         assert!(plain.region_names.values().all(|name| name != "lump"));
         let factors = &plain.field("stiffness", Location::Cell).unwrap().values;

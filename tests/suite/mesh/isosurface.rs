@@ -1,4 +1,4 @@
-//! Surfaces of volumes against bodies with known measures, and on random ones.
+//! Isosurfaces of volumes of bodies with known measures, and of random ones.
 
 use glam::{DAffine3, DMat3, DVec3};
 use palpate::mesh::{SurfaceDescription, TriMesh};
@@ -18,7 +18,7 @@ fn volume(size: [usize; 3], to_world: DAffine3, raw: Raw) -> Volume {
     }
 }
 
-/// A cube of side 8 around the origin, `n` voxels a side, with the values of `f`.
+/// Returns a cube of side 8 around the origin, `n` voxels per side, with the values of `f`.
 fn cube(n: usize, f: impl Fn(DVec3) -> f64) -> Volume {
     let step = 8.0 / n as f64;
     let to_world = DAffine3::from_scale_rotation_translation(
@@ -33,7 +33,7 @@ fn cube(n: usize, f: impl Fn(DVec3) -> f64) -> Volume {
     volume([n; 3], to_world, Raw::F64(values))
 }
 
-/// Describes `surface`, which must be closed, edge-manifold and turned outward everywhere.
+/// Describes `surface`, which must be closed, edge-manifold and oriented outward.
 fn sound(surface: &TriMesh) -> SurfaceDescription {
     let description = SurfaceDescription::new(surface);
     assert!(
@@ -78,7 +78,7 @@ fn spheres_and_tori_have_their_measures_and_converge() {
         });
         for (coarse, fine) in errors.iter().zip(&errors[1..]) {
             for (a, b) in coarse.iter().zip(fine) {
-                // Second order would be 4.
+                // Second order would give 4.
                 assert!(a / b > 2.8, "{errors:?}");
             }
         }
@@ -94,7 +94,7 @@ fn windows_have_an_inner_side_too() {
     assert_eq!((found.components, found.euler_number), (2, 4));
     let enclosed = 4.0 / 3.0 * PI * (27.0 - 1.5f64.powi(3));
     assert!((found.volume / enclosed - 1.0).abs() < 0.01);
-    // Cut off by the border of the image, the body still has a closed skin there.
+    // Clipped by the border of the image, the body still has a closed surface there.
     let whole = shell.isosurface(f64::NEG_INFINITY, 100.0).unwrap();
     let found = sound(&whole);
     assert!((found.volume / 512.0 - 1.0).abs() < 1e-3, "{found}");
@@ -119,7 +119,7 @@ fn the_frame_may_be_mirrored_and_oblique() {
     let straight = sound(&labels.label_surface(&[7, 3]).unwrap());
     let factor = axes.determinant().abs();
     assert!((mirrored.volume / (factor * straight.volume) - 1.0).abs() < 1e-9);
-    // Turned round, it would not be outward: the check can fail.
+    // Flipped, it would not face outward: the check is effective.
     let mut inward = surface.clone();
     inward.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     assert!(inward.volume() < 0.0);
@@ -161,7 +161,7 @@ proptest! {
         let value = |n: usize| {
             let at = [n % size[0], n / size[0] % size[1], n / size[0] / size[1]];
             match checkers {
-                // Checkers, some of them spoiled: every ambiguous face and cube there is.
+                // Checkerboards, some of them perturbed: all ambiguous faces and cubes.
                 0 => f64::from((at.iter().sum::<usize>() % 2) as i32 * 5),
                 1 if values[n] > 0 => f64::from((at.iter().sum::<usize>() % 2) as i32 * 5),
                 _ if values[n] == 5 && values[0] == 5 => f64::NAN,
@@ -178,7 +178,7 @@ proptest! {
             Ok(surface) => {
                 let found = sound(&surface);
                 prop_assert!(found.volume > 0.0 && found.volume < 8.0 * inside as f64);
-                // Every voxel inside is wound around once, seen from its centre.
+                // The winding number at the centre of every inside voxel is 1.
                 let winding = |p: DVec3| -> f64 {
                     let angle = |t: usize| {
                         let [a, b, c] = surface.corners(t).map(|v| (v - p).normalize());

@@ -1,4 +1,4 @@
-//! The limb phantom: one sound piece at every resolution, with all of its tissues and digits.
+//! The limb phantom: one valid component at every resolution, with all of its tissues and digits.
 
 use crate::mesh::support::{check_generated, rigid_pieces};
 use glam::DVec3;
@@ -9,7 +9,7 @@ fn centroid(mesh: &TetMesh, t: usize) -> DVec3 {
     mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0
 }
 
-/// Number of pieces that the part of `mesh` beyond `x` falls into.
+/// Returns the number of components of the part of `mesh` beyond `x`.
 fn pieces_beyond(mesh: &TetMesh, x: f64) -> usize {
     let tets = (0..mesh.tets.len())
         .filter(|t| centroid(mesh, *t).x > x)
@@ -63,7 +63,7 @@ fn the_bones_of_a_limb_stand_apart() {
     let bones = TISSUES[5..].iter().map(|t| i64::from(t.label));
     let bones = rigid_pieces(&mesh, bones.collect());
     assert!(bones.iter().filter(|n| **n > 8).count() == 28, "{bones:?}");
-    // It can fail: with cartilage they are fewer.
+    // The check is effective: with cartilage the number is smaller.
     assert!(rigid_pieces(&mesh, [5, 6, 7].into()).len() < 10);
 }
 

@@ -1,4 +1,4 @@
-//! Dihedral angles and quality against tets whose numbers are known.
+//! Dihedral angles and quality of tets with known values.
 
 use approx::assert_relative_eq;
 use glam::{DQuat, DVec3};
@@ -71,7 +71,7 @@ fn a_report_counts_every_angle_and_lists_the_worst_first() {
         (1.0 + 4.0 * tet_quality([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]).mean_ratio) / 5.0;
     assert_relative_eq!(q.mean, mean, epsilon = 1e-9);
 
-    // Pull a corner nearly into the opposite face of its tet.
+    // Moves a corner nearly into the opposite face of its tet.
     let [_, b, c, d] = mesh.tet_nodes(12_345);
     mesh.nodes[mesh.tets[12_345][0] as usize] = (b + c + d) / 3.0;
     let q = QualityReport::new(&mesh);

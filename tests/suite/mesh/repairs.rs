@@ -1,4 +1,4 @@
-//! Bad meshes: what is mended and counted, and what is refused.
+//! Invalid meshes: repairs, counts, and rejected input.
 
 use crate::mesh::support::check_topology;
 use glam::DVec3;
@@ -31,7 +31,7 @@ fn mixed_orientations_are_turned_and_counted() {
 fn repeated_flat_and_collapsed_tets_go_and_take_their_values_along() {
     let mut mesh = cube();
     let [a, b, c, d] = mesh.tets[5];
-    // The lowest layer of nodes is flat: four of its nodes span nothing.
+    // The lowest layer of nodes is flat: four of its nodes span no volume.
     mesh.tets.insert(7, [d, b, a, c]);
     mesh.tets.insert(9, [0, 1, 3, 4]);
     mesh.tets.insert(0, [a, b, a, d]);
@@ -76,7 +76,7 @@ fn faces_shared_by_three_tets_are_left_apart() {
     let [a, b, c, _] = mesh.tets[0];
     let apex = mesh.nodes.len() as u32;
     mesh.nodes.push(DVec3::new(5.0, 4.0, 3.0));
-    // Face abc of tet 0 may be boundary; two more tets crowd it in any case.
+    // Face abc of tet 0 may be boundary; it is shared by two more tets.
     mesh.nodes.push(DVec3::new(-5.0, 4.0, -3.0));
     mesh.tets.extend([[a, b, c, apex], [a, b, c, apex + 1]]);
     let mesh = remade(mesh).unwrap();

@@ -1,10 +1,10 @@
-//! What every mesh must satisfy, said once.
+//! Invariants of all meshes.
 
 use palpate::mesh::{NO_NEIGHBOUR, TetMesh, Topology};
 use palpate::physics::{DiscreteModel, Material, MaterialModel};
 use std::collections::{BTreeSet, HashMap};
 
-/// How many nodes each of the bodies has that the tets of `labels` are, if those are rigid.
+/// Returns the number of nodes of each rigid body formed by the tets of `labels`.
 pub fn rigid_pieces(mesh: &TetMesh, labels: BTreeSet<i64>) -> Vec<usize> {
     let material = Material {
         model: MaterialModel::NeoHookean,
@@ -17,7 +17,7 @@ pub fn rigid_pieces(mesh: &TetMesh, labels: BTreeSet<i64>) -> Vec<usize> {
     bodies.map(|b| b.nodes.len()).collect()
 }
 
-/// Volume enclosed by the boundary, by the divergence theorem.
+/// Returns the volume enclosed by the boundary, by the divergence theorem.
 pub fn enclosed_volume(mesh: &TetMesh, topology: &Topology) -> f64 {
     let origin = mesh.bounds().0;
     topology
@@ -32,7 +32,8 @@ pub fn enclosed_volume(mesh: &TetMesh, topology: &Topology) -> f64 {
         .sum()
 }
 
-/// Checks what holds of every mesh of [`TetMesh::new`], with or without odd boundary edges.
+/// Checks the invariants of every mesh of [`TetMesh::new`], with or without non-manifold boundary
+/// edges.
 pub fn check_topology(mesh: &TetMesh) -> Topology {
     let topology = Topology::new(mesh);
     for (t, neighbours) in topology.neighbours.iter().enumerate() {
@@ -71,8 +72,8 @@ pub fn check_topology(mesh: &TetMesh) -> Topology {
     topology
 }
 
-/// Checks a generated mesh: nothing to repair, topology sound; returns the Euler number of its
-/// boundary, each of whose edges must belong to exactly two faces.
+/// Checks a generated mesh: no repairs, valid topology; returns the Euler number of its boundary,
+/// each edge of which must belong to exactly two faces.
 pub fn check_generated(mesh: &TetMesh) -> i64 {
     assert_eq!(mesh.repairs, Default::default(), "nothing to repair");
     let topology = check_topology(mesh);

@@ -1,4 +1,4 @@
-//! Smoothing, and the boundaries of regions.
+//! Smoothing, and boundaries of regions.
 
 use glam::{DAffine3, DVec3};
 use palpate::mesh::generate::bar;
@@ -6,7 +6,7 @@ use palpate::mesh::{Field, Location, SurfaceDescription, TetMesh, TriMesh};
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 
-/// The staircase skin of a ball of radius 10 voxels.
+/// Returns the staircase surface of a ball of radius 10 voxels.
 fn staircase() -> TriMesh {
     let n = 26;
     let place = |i: usize| DVec3::from([i % n, i / n % n, i / n / n].map(|i| i as f64 - 12.5));
@@ -22,7 +22,7 @@ fn staircase() -> TriMesh {
     volume.label_surface(&[1]).unwrap()
 }
 
-/// The root mean square angle between triangles and the sphere, in degrees.
+/// Returns the root mean square angle between triangles and the sphere, in degrees.
 fn roughness(surface: &TriMesh) -> f64 {
     let angle = |t: usize| {
         let middle: DVec3 = surface.corners(t).iter().sum();
@@ -74,7 +74,8 @@ fn rims_stay_where_they_are() {
     assert_ne!(bowl.vertices, smooth.vertices);
 }
 
-/// A bar 4 × 1 × 1 with labels 1 in its left quarter, 2 in the middle half and 5 on the right.
+/// Returns a bar 4 × 1 × 1 with labels 1 in its left quarter, 2 in the middle half and 5 on the
+/// right.
 fn labelled_bar() -> TetMesh {
     let mut mesh = bar([8, 2, 2], DVec3::new(4.0, 1.0, 1.0)).unwrap();
     let (low, _) = mesh.bounds();

@@ -6,7 +6,7 @@ use palpate::mesh::generate::{Split, box_mesh};
 use palpate::mesh::{Field, Location, TetMesh, Topology, components};
 use proptest::prelude::*;
 
-/// A box with jittered nodes, of which some tets are missing, with tets and corners in any order.
+/// Returns a box with jittered nodes and some missing tets, with tets and corners in random order.
 fn ragged() -> impl Strategy<Value = TetMesh> {
     let cells = (1..4usize, 1..4usize, 1..4usize);
     (cells, any::<bool>(), any::<u64>(), 0.0..0.9).prop_map(|((x, y, z), six, seed, missing)| {
@@ -76,7 +76,7 @@ proptest! {
 
 #[test]
 fn pieces_are_counted_by_faces_not_by_edges() {
-    // Of a 5-tet cell without its middle, the four corner tets touch along edges only.
+    // In a 5-tet cell without its central tet, the four corner tets touch along edges only.
     let mesh = box_mesh([1, 1, 1], DVec3::ONE, Split::Five).unwrap();
     let corners =
         TetMesh::new(mesh.nodes.clone(), mesh.tets[1..].to_vec(), vec![], vec![]).unwrap();
@@ -86,7 +86,7 @@ fn pieces_are_counted_by_faces_not_by_edges() {
 
 #[test]
 fn neighbours_need_no_nodes() {
-    // Two tets at a face, whose nodes are far up in a list that is not given.
+    // Two tets with a common face whose nodes have large indices.
     let far = u32::MAX - 1;
     let mesh = TetMesh {
         tets: vec![[far, 7, 8, 9], [0, 8, 7, 9]],

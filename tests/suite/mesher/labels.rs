@@ -1,4 +1,4 @@
-//! Label volumes, thresholds, and what the checks themselves are worth.
+//! Label volumes, thresholds, and tests of the checks themselves.
 
 use crate::mesher::support::{
     angles, euler_number, farthest_from_labels, faults, filled, options, region_volume, volume_of,
@@ -39,7 +39,7 @@ proptest! {
         let f = filled(&domain, &wanted);
         prop_assert_eq!(faults(&f), Vec::<String>::new());
         prop_assert!(angles(&f).0 > 4.0, "{}", angles(&f).0);
-        // Alone or in company, the same bytes.
+        // Deterministic, alone or in parallel with others.
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let again = alone.install(|| filled(&domain, &wanted));
         prop_assert_eq!(bits(&f.nodes), bits(&again.nodes));
@@ -67,7 +67,8 @@ fn checkerboards_are_filled_soundly() {
     }
 }
 
-/// A ball around another, off the middle, and a rod with round ends through both, in 32³ voxels.
+/// Returns a ball around another, off-centre, and a rod with round ends through both, in 32³
+/// voxels.
 fn phantom() -> Volume {
     volume_of([32; 3], |c| {
         let p = DVec3::from(c.map(|i| i as f64 + 0.5));
@@ -167,7 +168,7 @@ fn chosen_labels_are_regions_and_the_rest_is_outside() {
 
 #[test]
 fn thresholds_that_share_a_value_share_a_boundary() {
-    // Values fall with the distance from the middle: nested balls.
+    // Values decrease with the distance from the centre: nested balls.
     let volume = volume_of([24; 3], |c| {
         let p = DVec3::from(c.map(|i| i as f64 + 0.5));
         (250.0 - 20.0 * p.distance(DVec3::splat(12.0))).max(0.0) as u8
@@ -246,7 +247,7 @@ fn the_checks_see_what_is_wrong() {
     let mut holed = sound.clone();
     holed.regions[11] = 0;
     assert!(!faults(&holed).is_empty());
-    // Two tets on their own that share an edge.
+    // Two separate tets that share an edge.
     let mut pinched = sound.clone();
     let n = pinched.nodes.len() as u32;
     let far = DVec3::splat(100.0);

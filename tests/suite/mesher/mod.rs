@@ -1,4 +1,4 @@
-//! The mesher, held to the truth.
+//! The mesher against known geometry.
 
 mod labels;
 mod scans;

@@ -1,4 +1,4 @@
-//! Scans and surfaces of people: real data.
+//! Real scans and surfaces of people.
 
 use crate::mesher::support::{angles, faults, filled, region_volume};
 use crate::support::real_data;

@@ -1,4 +1,4 @@
-//! Solids with smooth surfaces, whose volume and topology are known.
+//! Solids with smooth surfaces, of known volume and topology.
 
 use crate::mesher::support::{
     angles, euler_number, faults, filled, options, region_volume, solids,
@@ -9,7 +9,7 @@ use palpate::no_progress;
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
-/// The bound of Labelle & Shewchuk (2007) for one region of even tets.
+/// The bound of Labelle & Shewchuk (2007) for one region of uniform tets.
 const BOUND: (f64, f64) = (10.7, 164.8);
 
 #[test]
@@ -26,7 +26,7 @@ fn a_ball_keeps_the_published_bound_and_its_volume_converges() {
         assert_eq!(euler_number(&f, 1), 2);
         off.push(1.0 - region_volume(&f, 1) / exact);
     }
-    // The surface is inscribed, and too small by the square of the edge.
+    // The surface is inscribed: the error of the volume is of second order in the edge.
     let order = (off[0] / off[2]).log2() / 2.0;
     println!("{off:?}: order {order:.2}");
     assert!(off[0] > 0.0 && off[1] < 0.03 && order > 1.8, "{off:?}");
@@ -176,7 +176,7 @@ fn options_without_sense_are_refused() {
             offset: DVec3::splat(f64::NAN),
             ..edge(0.1)
         },
-        // All of the ball slips through a lattice as coarse as this.
+        // The ball is below the resolution of so coarse a lattice.
         edge(40.0),
     ] {
         assert!(
@@ -201,7 +201,7 @@ proptest! {
         offset in prop::array::uniform3(0.0f64..1.0),
         level in -0.3f64..0.3,
     ) {
-        // A ball that is dented and bored by waves, down to features of about an edge.
+        // A ball with dents and wave-shaped holes, down to features of about an edge.
         let solid = solids(1.0, |p| {
             let sum: f64 = waves
                 .iter()

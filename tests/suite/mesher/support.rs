@@ -1,4 +1,4 @@
-//! Domains with known answers, and what every filling must satisfy.
+//! Domains with known results, and invariants of every meshed domain.
 
 use glam::{DAffine3, DVec3};
 use palpate::mesh::{BoundaryReport, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
@@ -7,7 +7,7 @@ use palpate::no_progress;
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;
 
-/// Regions given by functions that change no faster than distances do, positive inside.
+/// Regions given by functions with a gradient of at most 1, positive inside.
 pub struct Solids<F> {
     pub half_size: f64,
     pub weights: F,
@@ -28,7 +28,7 @@ impl<F: Fn(DVec3) -> Vec<(u16, f64)> + Sync> Domain for Solids<F> {
         weights.push((0, 0.0));
         weights.sort_by(|a, b| b.1.total_cmp(&a.1));
         let lead = weights[0].1 - weights.get(1).map_or(f64::NEG_INFINITY, |w| w.1);
-        // Each weight changes by half the diagonal; that of the outside, which stays 0, by none.
+        // The weights change by at most half the diagonal; that of the outside is constant 0.
         let changing = weights.len().min(3) as f64 - 1.0;
         (lead > 0.5 * changing * (high - low).length()).then_some(weights[0].0)
     }
@@ -50,7 +50,7 @@ pub fn filled(domain: &dyn Domain, options: &MeshOptions) -> MeshedDomain {
     mesh_domain(domain, options, &no_progress).unwrap()
 }
 
-/// A volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
+/// Returns a volume of unit voxels, the first centred at (0.5, 0.5, 0.5).
 pub fn volume_of(size: [usize; 3], label: impl Fn([usize; 3]) -> u8) -> Volume {
     let [nx, ny, nz] = size;
     let at = |n: usize| [n % nx, n / nx % ny, n / nx / ny];
@@ -69,14 +69,14 @@ pub fn mesh_of(filling: &MeshedDomain) -> TetMesh {
     TetMesh::new(nodes, tets, vec![], vec![]).unwrap()
 }
 
-/// The part of a filling in one region.
+/// Returns the part of a meshed domain in one region.
 pub fn region_of(filling: &MeshedDomain, region: u16) -> TetMesh {
     let tets = filling.tets.iter().zip(&filling.regions);
     let tets = tets.filter(|t| *t.1 == region).map(|t| *t.0).collect();
     TetMesh::new(filling.nodes.clone(), tets, vec![], vec![]).unwrap()
 }
 
-/// What is wrong with a filling: nothing, if it is sound.
+/// Returns the errors in a meshed domain; empty if it is valid.
 pub fn faults(filling: &MeshedDomain) -> Vec<String> {
     let mut faults = Vec::new();
     let mut say = |wrong: bool, what: String| {
@@ -104,7 +104,7 @@ pub fn faults(filling: &MeshedDomain) -> Vec<String> {
             shape.non_manifold_nodes.len()
         ),
     );
-    // A node within a boundary face, or on its edge, is where tets do not match.
+    // A node within a boundary face, or on its edge, indicates non-conforming tets.
     say(
         hanging_nodes(&mesh, &topology) > 0,
         format!(
@@ -121,8 +121,8 @@ pub fn faults(filling: &MeshedDomain) -> Vec<String> {
     faults
 }
 
-/// Boundary nodes that lie on a boundary face or edge whose corner they are not, and are not at
-/// the place of one of its corners.
+/// Counts the boundary nodes that lie on a boundary face or edge without being one of its corners
+/// or coinciding with one.
 pub fn hanging_nodes(mesh: &TetMesh, topology: &Topology) -> usize {
     let (low, high) = mesh.bounds();
     let cell = (high - low).max_element() / (mesh.tets.len() as f64).cbrt().max(1.0);
@@ -160,7 +160,7 @@ pub fn hanging_nodes(mesh: &TetMesh, topology: &Topology) -> usize {
     hanging
 }
 
-/// The smallest and largest dihedral angle, measured here.
+/// Returns the smallest and largest dihedral angle, measured here.
 pub fn angles(filling: &MeshedDomain) -> (f64, f64) {
     let all = filling
         .tets
@@ -171,7 +171,7 @@ pub fn angles(filling: &MeshedDomain) -> (f64, f64) {
     })
 }
 
-/// Nodes − edges + faces of the boundary of a region.
+/// Returns the Euler number nodes − edges + faces of the boundary of a region.
 pub fn euler_number(filling: &MeshedDomain, region: u16) -> i64 {
     let part = region_of(filling, region);
     BoundaryReport::new(&part, &Topology::new(&part)).euler_number()
@@ -182,16 +182,16 @@ pub fn region_volume(filling: &MeshedDomain, region: u16) -> f64 {
     entry.map_or(0.0, |r| r.volume)
 }
 
-/// The farthest that the boundaries of a filling's regions lie from the faces between voxels of
-/// different labels, and the farthest that those lie from them, in voxels of a volume of unit
-/// voxels from the origin.
+/// Returns the two one-sided Hausdorff distances between the boundaries of a meshed domain's
+/// regions and the faces between voxels of different labels, in voxels of a volume of unit voxels
+/// from the origin.
 pub fn farthest_from_labels(filling: &MeshedDomain, volume: &Volume) -> (f64, f64) {
     let size = volume.size.map(|n| n as i64);
     let label = |c: [i64; 3]| match (0..3).all(|a| (0..size[a]).contains(&c[a])) {
         true => volume.value((c[0] + size[0] * (c[1] + size[1] * c[2])) as usize),
         false => 0.0,
     };
-    // Faces as boxes of no thickness.
+    // Faces as boxes of zero thickness.
     let mut walls: Vec<(DVec3, DVec3)> = Vec::new();
     for n in 0..(size[0] + 1) * (size[1] + 1) * (size[2] + 1) {
         let (nx, ny) = (size[0] + 1, size[1] + 1);

@@ -1,12 +1,12 @@
-//! The installed program TetGen (Debian package `tetgen`), which these tests need; some read the
-//! real surfaces in `../shared/data`.
+//! Meshing by the installed program TetGen (Debian package `tetgen`), which these tests need; some
+//! read the real surfaces in `../shared/data`.
 
 use glam::DVec3;
 use palpate::mesh::{Field, Location, SurfaceDescription, TetMesh, TriMesh};
 use palpate::mesher::{MeshedDomain, Spacing, tetgen};
 use palpate::{Result, io};
 
-/// A sphere around the origin: an octahedron with each triangle cut in four three times over.
+/// Returns a sphere around the origin: an octahedron subdivided three times.
 fn sphere(radius: f64) -> TriMesh {
     let mut corners: Vec<[DVec3; 3]> = Vec::new();
     for n in 0..8 {
@@ -65,7 +65,7 @@ fn nested_surfaces_become_regions_that_fit() {
         assert!(found.closed);
         assert_eq!(found.euler_number, euler);
     }
-    // The other way round, the later and larger one has it all.
+    // In the opposite order, the later and larger one takes everything.
     let [a, b] = surfaces;
     let filling = made(&[b, a], Spacing::Edge(2.0)).unwrap();
     assert!(filling.regions.iter().all(|r| *r == 2));

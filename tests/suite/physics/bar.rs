@@ -7,7 +7,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::generate;
 use palpate::physics::{GpuBody, Material, Report, SolverKind, largest_stable_step};
 
-/// The bar, its end pinned, under gravity.
+/// Returns the bar, pinned at one end, under gravity.
 fn bar(gpu: &Gpu, stiffness: f64, damping: f64) -> GpuBody {
     let mesh = generate::paper_bar().unwrap();
     let mut body =
@@ -48,7 +48,7 @@ fn implicit_euler_is_stable_for_a_thousand_large_steps() {
             let report = Report::new(&body, &mesh).unwrap();
             assert_eq!(report.inverted_tets, 0);
             assert!((report.volume_ratio - 1.0).abs() < 0.05, "{report:?}");
-            // 10 seconds later it hangs still.
+            // 10 seconds later it hangs at rest.
             assert!(report.energy.kinetic < 1e-6, "{report:?}");
             if load > 0.0 && stiffness == 30_000.0 {
                 assert!(report.max_displacement > 0.01 * 0.12, "{report:?}");
@@ -88,7 +88,7 @@ fn verlet_holds_small_steps_and_stops_large_ones() {
     assert!((time - 0.01 * (step - 1) as f64).abs() < 1e-12, "{text}");
     assert!(text.contains("--dt 0.001 or less"), "{text}");
     assert!(text.contains("--solver implicit"), "{text}");
-    // The last good state is there, and stays.
+    // The last valid state is kept.
     let frozen = body.positions().unwrap();
     assert!(frozen.iter().all(|p| p.is_finite()));
     let report = Report::new(&body, &mesh).unwrap();
@@ -96,14 +96,14 @@ fn verlet_holds_small_steps_and_stops_large_ones() {
     verlet.step(&mut body, 0.01).unwrap();
     assert!(verlet.poll(&body).is_err());
     assert_eq!(frozen, body.positions().unwrap());
-    // Changed from outside, it goes on.
+    // After an external change it continues.
     body.set_positions(&mesh.nodes).unwrap();
     body.set_velocities(&vec![DVec3::ZERO; mesh.nodes.len()])
         .unwrap();
     verlet.run(&mut body, 10, 0.001).unwrap();
 }
 
-/// The estimate of the largest stable step, damping and all, is one that holds, and not by far.
+/// The estimate of the largest stable step, including damping, is stable and nearly sharp.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn the_stable_step_is_stable_and_not_timid() {

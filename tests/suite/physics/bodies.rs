@@ -1,4 +1,4 @@
-//! Bodies as a user meets them: materials, loads, callers who write on the GPU themselves.
+//! The user interface of bodies: materials, loads, and callers who write on the GPU themselves.
 
 use super::common::{Twins, solver, step_truth};
 use glam::DVec3;
@@ -10,7 +10,7 @@ use palpate::physics::{
     DiscreteModel, GpuBody, Material, RegionMaterial, Report, SolverKind, Stiffness,
 };
 
-/// Strain along x of the middle half of a beam pulled by `stress` at its end.
+/// Returns the strain along x of the middle half of a beam under tensile `stress` at its end.
 fn strain(gpu: &Gpu, mesh: &TetMesh, young: f64, stress: f64) -> f64 {
     let material = Material {
         damping_time: 0.02,
@@ -35,8 +35,8 @@ fn strain(gpu: &Gpu, mesh: &TetMesh, young: f64, stress: f64) -> f64 {
     (mean(b) - mean(a)) / (b - a) - 1.0
 }
 
-/// A regular split has preferred directions: along its axes the five-tet bar, with C11 = 4/3 E
-/// and C12 = 1/3 E, has the modulus 1.2 E. A finer mesh shows it better.
+/// A regular split is anisotropic: along its axes the five-tet bar, with C11 = 4/3 E and C12 = 1/3
+/// E, has the modulus 1.2 E. A finer mesh approximates it better.
 #[test]
 fn a_stretched_beam_shows_the_modulus_of_its_lattice() {
     let gpu = Gpu::new().unwrap();
@@ -53,8 +53,8 @@ fn a_stretched_beam_shows_the_modulus_of_its_lattice() {
     assert!((ratio - 2.0).abs() < 0.03, "{ratio}");
 }
 
-/// Stretched by s along every direction in turn, a body of modulus E at ν = ¼ holds the energy
-/// 3/5 E s² a volume: C1111 = 6/5 E. Averaged so, the formula is exact on any mesh.
+/// Stretched by s along every direction in turn, a body of modulus E at ν = ¼ stores the mean
+/// energy 3/5 E s² per volume: C1111 = 6/5 E. With this average, the formula is exact on any mesh.
 #[test]
 fn the_spring_constants_have_youngs_modulus_on_any_mesh() {
     let duct = generate::duct([6, 6, 3], DVec3::ONE, generate::Bore::Round).unwrap();
@@ -100,7 +100,7 @@ fn a_force_array_written_on_the_gpu_acts() {
         };
         let mut stepper = solver(&gpu, &twins.body, kind);
         stepper.step(&mut twins.body, h).unwrap();
-        // Nothing pulls yet.
+        // No load yet.
         assert_eq!(
             Report::new(&twins.body, &mesh)
                 .unwrap()
@@ -121,7 +121,7 @@ fn a_force_array_written_on_the_gpu_acts() {
         } else {
             300
         };
-        // Into the caller's encoder, as an application would.
+        // Into the caller's encoder, as in an application.
         let mut encoder = gpu
             .device()
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -197,7 +197,7 @@ fn regions_and_fields_of_factors_scale_the_stiffness() {
             let network = DiscreteModel::new(&mesh, material).unwrap();
             network.masses.iter().sum()
         };
-        // Half of the bar is of the region, which is half as dense.
+        // Half of the bar belongs to the region, which has half the density.
         assert!((mass(&regions) / mass(&plain) - 0.75).abs() < 1e-9);
         for (a, b) in base.iter().zip(springs(&regions)) {
             let [i, j] = a.nodes.map(|v| mesh.nodes[v as usize].x);
@@ -209,7 +209,8 @@ fn regions_and_fields_of_factors_scale_the_stiffness() {
             };
             assert!(expected.abs() < 1e-9, "{i} {j} {factor}");
         }
-        // A factor on each tet does what a region that much stiffer does, and leaves masses alone.
+        // A factor on each tet acts like a region with the scaled stiffness, and leaves masses
+        // unchanged.
         for (a, b) in springs(&regions).iter().zip(springs(&by_tet)) {
             assert!((b.stiffness / a.stiffness - 1.0).abs() < 1e-12);
         }
@@ -287,7 +288,7 @@ fn the_default_load_says_what_it_does() {
     );
 }
 
-/// A caller may set loads before every step: no scheme loses its place by it.
+/// A caller may set loads before every step: no scheme loses its state.
 #[test]
 fn loads_set_anew_every_step_are_the_same_loads() {
     let gpu = Gpu::new().unwrap();

@@ -1,4 +1,4 @@
-//! What the tests share.
+//! Shared helpers of the physics tests.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -7,7 +7,7 @@ use palpate::physics::plain::springs::ReferenceSprings;
 use palpate::physics::plain::steppers;
 use palpate::physics::{DiscreteModel, GpuBody, Material, Solver, SolverKind};
 
-/// A repeatable stream of numbers in −1..1.
+/// A deterministic stream of numbers in −1..1.
 pub struct Noise(pub u64);
 
 impl Noise {
@@ -28,7 +28,7 @@ impl Noise {
     }
 }
 
-/// The same model twice: on the GPU and in float64.
+/// The same model on the GPU and in float64.
 pub struct Twins {
     pub mesh: TetMesh,
     pub body: GpuBody,
@@ -56,8 +56,8 @@ impl Twins {
         self.truth.gravity = gravity;
     }
 
-    /// Displaces every node by up to `amount` of the extent, with velocities of `speed` m/s; the
-    /// truth takes what f32 made of it.
+    /// Displaces every node by up to `amount` of the extent, with velocities of up to `speed` m/s;
+    /// the reference gets the values rounded to f32.
     pub fn disturb(&mut self, amount: f64, speed: f64, seed: u64) {
         let mut noise = Noise(seed);
         let extent = self.body.nodes().frame().scale;
@@ -85,7 +85,7 @@ impl Twins {
         self.take_over();
     }
 
-    /// Sets the truth to the body's state.
+    /// Sets the reference to the body's state.
     pub fn take_over(&mut self) {
         let network = &self.truth.network;
         let unit = network.length_unit;
@@ -95,7 +95,7 @@ impl Twins {
         self.truth.v = v.iter().map(|v| *v * unit).collect();
     }
 
-    /// Largest differences of positions (m) and velocities (m/s).
+    /// Returns the largest differences of positions (m) and velocities (m/s).
     pub fn difference(&self) -> (f64, f64) {
         let network = &self.truth.network;
         let x = self.body.positions().unwrap();
@@ -112,7 +112,7 @@ impl Twins {
     }
 }
 
-/// `steps` steps in float64, as `kind` does them.
+/// Makes `steps` steps of the scheme `kind` in float64.
 pub fn step_truth(kind: SolverKind, p: &mut ReferenceSprings, steps: u32, h: f64) {
     let mut verlet = steppers::Verlet::default();
     let mut velocity_verlet = steppers::VelocityVerlet::default();

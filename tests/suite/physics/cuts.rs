@@ -1,4 +1,4 @@
-//! Bodies cut while they move.
+//! Cuts of moving bodies.
 
 use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
@@ -7,7 +7,7 @@ use palpate::mesh::{Blade, TetMesh, Topology, components, generate};
 use palpate::physics::plain::springs::ReferenceSprings;
 use palpate::physics::{DiscreteModel, GpuBody, Material, Report, SolverKind, largest_stable_step};
 
-/// A square blade about `centre` across `normal`, reaching `half` to each side.
+/// Returns a square blade about `centre` perpendicular to `normal`, of half-width `half`.
 fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     let u = half * normal.any_orthonormal_vector();
     let v = normal.cross(u);
@@ -80,7 +80,7 @@ fn a_bar_cut_through_falls_apart() {
     let crossing = |network: &DiscreteModel| {
         let crosses = |s: &palpate::physics::Spring| {
             let [a, b] = s.nodes.map(|v| rest[v as usize]);
-            // A node in the blade is of either side.
+            // A node on the blade belongs to either side.
             a.x.abs().min(b.x.abs()) > 1e-9 && whole.separates(a, b)
         };
         let mut owner = vec![0; rest.len()];
@@ -100,7 +100,7 @@ fn a_bar_cut_through_falls_apart() {
     let before = DiscreteModel::new(&uncut, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     assert!(crossing(&before) > 20, "the count can tell");
 
-    // The same solver goes on, and each half goes its way.
+    // The same solver continues, and the halves move independently.
     let progress = implicit.run(&mut body, 40, 0.005).unwrap();
     assert_eq!(progress.steps, 60);
     let now = body.positions().unwrap();
@@ -119,7 +119,7 @@ fn a_bar_cut_through_falls_apart() {
     assert_eq!(Report::new(&body, &mesh).unwrap().inverted_tets, 0);
 }
 
-/// A ball in motion, cut part of the way by an oblique blade; its twin follows.
+/// Returns a moving ball, partly cut by an oblique blade, and its reference.
 fn cut_ball(gpu: &Gpu, material: &Material, kind: SolverKind) -> Twins {
     let mesh = generate::ball(0.05, 6).unwrap();
     let mut twins = Twins::new(gpu, &mesh, material);
@@ -161,14 +161,14 @@ fn a_cut_body_moves_as_float64_has_it() {
         let twins = cut_ball(&gpu, &material, kind);
         let (x, v) = twins.difference();
         println!("{kind:?}: {x:.1e} m, {v:.1e} m/s");
-        // Conjugate gradients stop at a thousandth.
+        // The tolerance of conjugate gradients is 10⁻³.
         let most = if kind == SolverKind::Implicit {
             5e-6
         } else {
             5e-8
         };
         assert!(x < most, "{kind:?}: {x}");
-        // The network is the one that would be made of the mesh as it is now.
+        // The model equals the one built from the current mesh.
         let fresh = DiscreteModel::new(&twins.mesh, &material).unwrap();
         let network = twins.body.network();
         assert_eq!(network.springs, fresh.springs);
@@ -208,7 +208,7 @@ fn cuts_go_on_when_the_room_is_used_up() {
     let mut topology = Topology::new(&mesh);
     let mut stepper = solver(&gpu, &twins.body, SolverKind::Implicit);
     let kind = SolverKind::Symplectic;
-    // It sleeps through all the cuts.
+    // It sleeps throughout all cuts.
     let mut sleeper = solver(&gpu, &twins.body, kind);
     let (mut noise, mut last) = (Noise(5), 0);
     let (mass, _) = mass_and_momentum(&twins.body);
@@ -220,7 +220,7 @@ fn cuts_go_on_when_the_room_is_used_up() {
         assert_eq!(steps, last + 2, "round {round}");
         last = steps;
     }
-    // The arrays began with room for fewer than 4,096.
+    // The initial capacity of the arrays is below 4,096.
     assert!(
         nodes < 2_500 && mesh.nodes.len() > 4_096,
         "{nodes}, {}",
@@ -275,7 +275,7 @@ fn pins_loads_and_mass_are_shared_by_the_doubles() {
             .iter()
             .any(|[new, _]| body.pinned()[*new as usize])
     );
-    // What acts on all nodes has their new number.
+    // Loads on all nodes use their new number.
     assert!(body.set_forces(&vec![DVec3::ZERO; masses.len()]).is_err());
     body.set_forces(&vec![DVec3::ZERO; mesh.nodes.len()])
         .unwrap();
@@ -325,7 +325,7 @@ fn a_cut_that_hits_nothing_is_harmless_and_a_wrong_mesh_is_refused() {
     let cut = body.cut(&mut mesh, &mut topology, &far).unwrap();
     assert!(cut.is_empty() && cut.duplicated_nodes.is_empty());
     assert_eq!(body.positions().unwrap(), x);
-    // Verlet goes on with its last step: no restart.
+    // Verlet continues with its last step, without a restart.
     let mut other = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     let mut same = solver(&gpu, &other, SolverKind::Verlet);
     other.add_force(DVec3::X, |p| p.x > 0.1).unwrap();

@@ -23,7 +23,7 @@ fn particles(kind: Damping) -> ReferenceSprings {
     p
 }
 
-/// The largest difference between two lists, over the largest entry of the second.
+/// Returns the largest difference between two lists, relative to the largest entry of the second.
 fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
     let scale = b.iter().map(|b| b.length()).fold(0.0, f64::max);
     let error = a.iter().zip(b).map(|(a, b)| a.distance(*b));
@@ -65,7 +65,7 @@ fn the_exact_jacobian_is_the_derivative_of_the_forces() {
         }
     });
     assert!(relative(&exact, &measured) < 1e-6);
-    // The clamped one differs: half of the springs are compressed.
+    // The clamped Hessian differs: half of the springs are compressed.
     let clamped = p.stiffness_product(&direction, true);
     assert!(relative(&clamped, &measured) > 1e-3);
 }
@@ -84,7 +84,7 @@ fn the_damping_matrix_is_the_derivative_by_velocity() {
     }
 }
 
-/// Central difference of the forces along `direction`, applied by `change`.
+/// Returns the central difference of the forces along `direction`, applied by `change`.
 fn differences(
     p: &ReferenceSprings,
     direction: &[DVec3],

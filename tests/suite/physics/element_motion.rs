@@ -1,4 +1,4 @@
-//! The engine on the CPU in float64, held to motions computed without it.
+//! The CPU engine in float64 against motions computed independently.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -16,7 +16,7 @@ fn material() -> Material {
     }
 }
 
-/// How far the end of that bar has sunk after each of `steps` steps, m.
+/// Returns the deflection of the end of that bar after each of `steps` steps, m.
 fn sunk(kind: SolverKind, dt: f64, steps: u32) -> Vec<f64> {
     falling(&material(), 9.81, kind, (dt, steps))
 }
@@ -55,7 +55,7 @@ fn falling(
         .collect()
 }
 
-/// The deepest, m, and after how many steps.
+/// Returns the maximum deflection, m, and the number of its step.
 fn deepest(sunk: &[f64]) -> (f64, usize) {
     let steps = sunk.iter().copied().zip(1..);
     steps.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
@@ -77,7 +77,7 @@ fn implicit_euler_makes_the_motion_that_a_sparse_newton_finds() {
     }
     let (depth, step) = deepest(&found);
     assert!((depth - 0.18929358).abs() < 2e-8 && step == 26, "{depth}");
-    // The comparison can fail: another rule makes another motion.
+    // The comparison is effective: another scheme gives another motion.
     let other = sunk(SolverKind::Bdf2, 0.01, 26);
     assert!((other[25] - depth).abs() > 1e-3);
 }
@@ -97,13 +97,13 @@ fn rules_of_second_order_make_that_of_the_trapezoidal_rule() {
         assert!((depth - 0.20527739).abs() < within, "{kind}: {depth}");
         assert!(step.abs_diff(262) <= 1, "{kind}: {step}");
     }
-    // Implicit Euler, of first order, is farther off.
+    // Implicit Euler, of first order, has a larger error.
     let euler = sunk(SolverKind::Implicit, 0.001, 270);
     assert!((euler[249] - 0.20468867).abs() > 1e-3);
 }
 
-/// Of a swing of one frequency with the damping ratio ζ each extreme is nearer to where it ends than
-/// the one before by e^(−πζ/√(1−ζ²)).
+/// In an oscillation of a single mode with damping ratio ζ, the deviation from equilibrium
+/// decreases by the factor e^(−πζ/√(1−ζ²)) from one extremum to the next.
 #[test]
 fn a_damping_ratio_is_that_of_the_swing() {
     let hertz = 1.0 / (2.0 * 0.262);
@@ -127,7 +127,7 @@ fn a_damping_ratio_is_that_of_the_swing() {
             "{kind} {ratio}: {found}"
         );
     }
-    // Without damping it comes back to where it was let go.
+    // Without damping it returns to its release position.
     let free = falling(&material(), 0.05, SolverKind::Midpoint, (0.002, 300));
     let (depth, step) = deepest(&free);
     let back = free[step..].iter().copied().fold(f64::INFINITY, f64::min);

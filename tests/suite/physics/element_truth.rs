@@ -1,4 +1,4 @@
-//! A body of finite elements in float64: forces, and steps that those of the GPU are held against.
+//! A body of finite elements in float64: forces, and reference steps for those of the GPU.
 
 use glam::{DMat3, DVec3};
 use palpate::physics::plain::linear::conjugate_gradients;
@@ -48,7 +48,7 @@ impl Truth {
         .collect()
     }
 
-    /// Elastic forces, weight, and what damps a motion with the velocities `v`.
+    /// Returns the elastic forces, the weight, and the damping forces for the velocities `v`.
     pub fn forces(&self, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
         let masses = self.network.masses.iter();
         let drag = self.network.elements.mass_damping;
@@ -83,7 +83,8 @@ impl Truth {
         self.advance(self.v.clone(), h);
     }
 
-    /// The change of the velocities `w` that one Newton iteration gives, from where they lead.
+    /// Returns the change of the velocities `w` by one Newton iteration, from the positions they
+    /// predict.
     pub fn newton(&self, w: &[DVec3], h: f64) -> Vec<DVec3> {
         let x: Vec<DVec3> = self.x.iter().zip(w).map(|(x, w)| *x + h * *w).collect();
         let f = self.forces(&x, w);
@@ -120,8 +121,8 @@ impl Truth {
         self.v = w;
     }
 
-    /// One step as the GPU does it; `before` are the velocities before the last step. Returns the
-    /// start that it picked.
+    /// Makes one step of the GPU scheme; `before` are the velocities before the last step. Returns
+    /// the selected initial guess.
     pub fn step(&mut self, before: &[DVec3], h: f64) -> usize {
         let nodes = 0..self.x.len();
         let held = |i: usize, w: DVec3| if self.pinned[i] { DVec3::ZERO } else { w };
@@ -155,7 +156,7 @@ impl Truth {
         inertia + self.energy(&x)
     }
 
-    /// A step to the minimum of the incremental potential.
+    /// Makes a step to the minimum of the incremental potential.
     pub fn converged_step(&mut self, h: f64) {
         let held = |(v, held): (&DVec3, &bool)| if *held { DVec3::ZERO } else { *v };
         let mut w: Vec<DVec3> = self.v.iter().zip(&self.pinned).map(held).collect();
@@ -183,7 +184,7 @@ pub fn product(blocks: &Blocks, p: &[DVec3]) -> Vec<DVec3> {
     out
 }
 
-/// The greatest distance, over the greatest length in `b`.
+/// Returns the largest distance, relative to the largest length in `b`.
 pub fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
     let most = |a: f64, b: f64| if b.is_nan() { f64::NAN } else { a.max(b) };
     let apart = a.iter().zip(b).map(|(a, b)| a.distance(*b));

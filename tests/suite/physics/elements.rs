@@ -1,4 +1,4 @@
-//! Finite elements on the GPU, held against their plain form in float64.
+//! Finite elements on the GPU against their float64 reference.
 
 use super::common::{Noise, solver};
 use super::element_truth::{Truth, relative};
@@ -10,7 +10,7 @@ use palpate::physics::{
     MaterialModel, Report, Solver, SolverKind,
 };
 
-/// Of the unit of time: a step too short to move.
+/// In units of time: a step too short to move.
 const SHORT: f64 = 1e-7;
 
 const MODELS: [MaterialModel; 2] = [MaterialModel::NeoHookean, MaterialModel::Corotated];
@@ -23,13 +23,13 @@ fn material(model: MaterialModel) -> Material {
     }
 }
 
-/// A bar whose nodes f32 holds exactly.
+/// Returns a bar with nodes that f32 represents exactly.
 fn bar() -> TetMesh {
     generate::bar([8, 2, 2], DVec3::new(1.0, 0.25, 0.25)).unwrap()
 }
 
-/// Forces that the GPU finds at a state, by a step of `share` of the unit of time; and the elastic
-/// energy after it.
+/// Returns the forces on the GPU for a state, from a step of `share` of the unit of time, and the
+/// elastic energy after it.
 fn gpu_forces(gpu: &Gpu, body: &mut GpuBody, share: f64) -> (Vec<DVec3>, f64) {
     let before = Truth::of(body);
     let h = share * body.units().time;
@@ -41,7 +41,7 @@ fn gpu_forces(gpu: &Gpu, body: &mut GpuBody, share: f64) -> (Vec<DVec3>, f64) {
     (f, progress.last.elastic)
 }
 
-/// Random states: moved a little, much, turned inside out, and pressed flat.
+/// Returns random states: with small and large displacements, inverted, and flattened.
 fn states(mesh: &TetMesh) -> Vec<(&'static str, Vec<DVec3>)> {
     let mut noise = Noise(3);
     let mut moved = |amount: f64| -> Vec<DVec3> {
@@ -52,7 +52,7 @@ fn states(mesh: &TetMesh) -> Vec<(&'static str, Vec<DVec3>)> {
             .collect()
     };
     let flat = mesh.nodes.iter().map(|p| DVec3::new(p.x, p.y, 0.0));
-    // Not alike along all axes: then the nearest rotation is not one only.
+    // Anisotropic: otherwise the nearest rotation is not unique.
     let mirror = DVec3::new(1.0, 1.2, -0.8);
     vec![
         ("a little", moved(1e-3)),
@@ -83,7 +83,7 @@ fn forces_and_energy_of_any_state() {
             assert!((energy / energies - 1.0).abs() < 1e-4, "{model} {name}");
             let report = Report::new(&body, &mesh).unwrap();
             assert!((report.energy.elastic / energies - 1.0).abs() < 1e-4);
-            // It can fail: by the other law these are other forces.
+            // The check is effective: the other constitutive model gives other forces.
             truth.network.elements.law = match truth.law() {
                 ConstitutiveModel::NeoHookean => ConstitutiveModel::Corotated,
                 ConstitutiveModel::Corotated => ConstitutiveModel::NeoHookean,
@@ -106,8 +106,7 @@ fn a_body_at_rest_has_no_forces() {
     }
 }
 
-/// Forces in proportion to velocities are τ K v, K the second derivatives of the energy where
-/// these are positive.
+/// Damping forces are τ K v with K the Hessian of the energy, projected to positive semidefinite.
 #[test]
 fn damping_is_the_derivative_of_the_forces() {
     let gpu = Gpu::new().unwrap();
@@ -130,7 +129,7 @@ fn damping_is_the_derivative_of_the_forces() {
             println!("{model} {name}: {apart:.1e}");
             assert!(apart < 1e-3, "{model} {name}: {apart}");
             if name == "a little" {
-                // Of nearly relaxed tets nothing is negative.
+                // Nearly relaxed tets have no negative eigenvalues.
                 let plain = Truth {
                     network: DiscreteModel::new(&mesh, &still).unwrap(),
                     ..Truth::of(&body)
@@ -194,7 +193,7 @@ fn explicit_steps() {
     }
 }
 
-/// Steps from random states are the Newton iteration that they are meant to be.
+/// Steps from random states equal the corresponding Newton iterations.
 #[test]
 fn implicit_steps() {
     let gpu = Gpu::new().unwrap();
@@ -220,7 +219,7 @@ fn implicit_steps() {
                 let apart = relative(&there.v, &truth.v);
                 println!("{model} {name} τ {damping_time}: from start {picked}, {apart:.1e}");
                 assert!(apart < 2e-3, "{model} {name}: {apart}");
-                // It can fail: another step length is another step.
+                // The check is effective: another step length gives another step.
                 truth.x = start;
                 truth.v = v.clone();
                 truth.step(&v, 0.0101);
@@ -230,7 +229,7 @@ fn implicit_steps() {
     }
 }
 
-/// Over a motion steps are near what converged ones come to.
+/// Over a motion, steps are close to converged ones.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn implicit_motions() {
@@ -260,9 +259,9 @@ fn implicit_motions() {
     }
 }
 
-/// The patch test: a body of any mesh, strained alike everywhere, is in balance inside. And Hooke:
-/// pulled along x by the strain s, and narrower by ν s, it resists with E s an area, and not at
-/// all across.
+/// Patch test: a uniformly strained body of any mesh is in equilibrium inside. Hooke's law: under
+/// the strain s along x, with lateral contraction ν s, its resistance per area is E s along x, and
+/// zero laterally.
 #[test]
 fn affine_strain_is_in_balance_and_obeys_hooke() {
     let gpu = Gpu::new().unwrap();
@@ -308,7 +307,7 @@ fn affine_strain_is_in_balance_and_obeys_hooke() {
     }
 }
 
-/// From any shape back to the one at rest.
+/// Returns from any shape to the rest shape.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn scrambled_bodies_recover() {
@@ -368,7 +367,7 @@ fn elements_follow_cuts() {
             n.elements.tets.iter().map(|e| e.nodes).collect()
         };
         assert_eq!(nodes(body.network()), nodes(&fresh));
-        // Without its other half the loose one falls freely.
+        // The separated half falls freely.
         let steps = (0.2 / h) as u32;
         let loose: Vec<usize> = (0..mesh.nodes.len())
             .filter(|i| mesh.nodes[*i].x > 0.8)
@@ -386,8 +385,8 @@ fn elements_follow_cuts() {
     }
 }
 
-/// A bar of elements swings as far with a large step of second order as with small ones; implicit
-/// Euler loses half of it.
+/// With the second-order scheme, a bar of elements has the same amplitude with a large step as with
+/// small ones; implicit Euler loses half of it.
 #[test]
 fn rules_of_second_order_keep_the_swing() {
     let gpu = Gpu::new().unwrap();

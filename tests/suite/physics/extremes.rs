@@ -1,4 +1,4 @@
-//! Where methods fail, or nearly: what happens, in numbers. `docs/failures.md` tells of them.
+//! Limits of the methods: behaviour in numbers, as described in `docs/failures.md`.
 
 use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
@@ -14,13 +14,13 @@ fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
 }
 
-/// The smallest value found of pᵀAp/pᵀMp, by descent from a random p.
+/// Returns the smallest value found of pᵀAp/pᵀMp, by descent from a random p.
 fn smallest_quotient(p: &ReferenceSprings, product: impl Fn(&[DVec3]) -> Vec<DVec3>) -> f64 {
     let masses = &p.network.masses;
     let weigh =
         |v: &[DVec3]| -> Vec<DVec3> { v.iter().zip(masses).map(|(v, m)| *v * *m).collect() };
-    // M⁻¹A has no eigenvalue beyond this, by power iteration; then M⁻¹A − that has its own
-    // largest where M⁻¹A has its smallest.
+    // An upper bound of the eigenvalues of M⁻¹A, by power iteration; M⁻¹A minus the bound has its
+    // largest-magnitude eigenvalue where M⁻¹A has its smallest.
     let iterate = |shift: f64, steps: usize| {
         let mut v = Noise(9).vectors(p.x.len());
         let mut quotient = 0.0;
@@ -38,8 +38,8 @@ fn smallest_quotient(p: &ReferenceSprings, product: impl Fn(&[DVec3]) -> Vec<DVe
     iterate(1.05 * largest, 4000)
 }
 
-/// A bar pressed to 70 % of its length: the exact Jacobian makes the system of an implicit step
-/// indefinite, which conjugate gradients cannot solve; the clamped one does not.
+/// A bar compressed to 70 % of its length: the exact Jacobian makes the system of an implicit step
+/// indefinite, so conjugate gradients fail; the clamped Jacobian does not.
 #[test]
 fn compressed_springs_need_the_clamp() {
     let gpu = Gpu::new().unwrap();
@@ -63,7 +63,7 @@ fn compressed_springs_need_the_clamp() {
     assert!(unclamped < -10.0, "{unclamped}");
     let clamped = smallest_quotient(p, |v| p.system_product(h, v));
     assert!((clamped - 1.0).abs() < 1e-3, "{clamped}");
-    // With it the bar springs back.
+    // With the clamped one the bar recovers.
     let mut implicit = solver(&gpu, &twins.body, SolverKind::Implicit);
     implicit.run(&mut twins.body, 200, h).unwrap();
     let report = Report::new(&twins.body, &mesh).unwrap();
@@ -71,8 +71,8 @@ fn compressed_springs_need_the_clamp() {
     assert_eq!(report.inverted_tets, 0);
 }
 
-/// Springs know no volume: a mirrored body is at rest, a flat one stays in its plane. Nothing
-/// fails; the report counts what is inside out.
+/// Springs have no volume term: a mirrored body is at rest, a flat one stays planar. Nothing fails;
+/// the report counts inverted tets.
 #[test]
 fn mirrored_and_flattened_bodies_stay_so_and_are_counted() {
     let gpu = Gpu::new().unwrap();
@@ -95,12 +95,12 @@ fn mirrored_and_flattened_bodies_stay_so_and_are_counted() {
     assert!((mirrored.volume_ratio + 1.0).abs() < 1e-3, "{mirrored:?}");
     let flat = run(&|p| DVec3::new(p.x, p.y, middle));
     assert!(flat.volume_ratio.abs() < 1e-3, "{flat:?}");
-    // As thin as 1 %, it unfolds again.
+    // At a thickness of 1 %, it recovers.
     let thin = run(&|p| DVec3::new(p.x, p.y, middle + 0.01 * (p.z - middle)));
     assert!(thin.volume_ratio > 0.5, "{thin:?}");
 }
 
-/// Nodes anywhere in the body's box: the implicit solver settles, with tets left inside out.
+/// Nodes at random positions in the body's box: the implicit solver settles with inverted tets.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn a_scrambled_body_settles_into_a_knot() {
@@ -127,12 +127,12 @@ fn a_scrambled_body_settles_into_a_knot() {
         let report = Report::new(&body, &mesh).unwrap();
         assert!(report.energy.total < 0.5 * before.energy.total, "{kind}");
         assert!(report.max_displacement < 0.3, "{kind}: {report:?}");
-        // At rest, but not as it was: a user is told how many.
+        // At rest, but not in the original shape: the number of inverted tets is reported.
         assert!(report.inverted_tets > 0, "{kind}");
     }
 }
 
-/// A bar whose far half is of another material.
+/// Returns a bar with a different material in its far half.
 fn two_halves(stiffness: [f64; 2], density: [f64; 2]) -> (TetMesh, Material) {
     let mut mesh = generate::paper_bar().unwrap();
     let far = |t: usize| mesh.tet_nodes(t).iter().map(|p| p.x).sum::<f64>() > 0.24;
@@ -155,8 +155,8 @@ fn two_halves(stiffness: [f64; 2], density: [f64; 2]) -> (TetMesh, Material) {
     (mesh, material)
 }
 
-/// One body of 1:10,000 in stiffness, another in mass: implicit Euler with its usual tolerance
-/// stays near float64, and the iterations it takes are bounded.
+/// One body with a stiffness ratio of 1:10,000, another with such a mass ratio: implicit Euler with
+/// its default tolerance stays close to float64, and its number of iterations is bounded.
 #[test]
 fn ratios_of_ten_thousand_in_one_body() {
     let gpu = Gpu::new().unwrap();
@@ -181,14 +181,14 @@ fn ratios_of_ten_thousand_in_one_body() {
         let (off, _) = twins.difference();
         assert!(off < 0.02 * moved, "{off} of {moved} m");
         assert!(most < 200, "{most} iterations");
-        // An explicit scheme must take the step of the stiffest or lightest part.
+        // An explicit scheme must use the step of the stiffest or lightest part.
         let limit = largest_stable_step(network, &twins.truth.pinned, SolverKind::Symplectic);
         assert!(limit.unwrap() < 2e-3);
     }
 }
 
-/// What moves nothing that f32 shows is not iterated on: a tolerance below what f32 can reach ends
-/// where a sensible one does, and costs no more.
+/// Changes below the resolution of f32 are not iterated on: a tolerance below the f32 limit ends
+/// where a reasonable one does, at the same cost.
 #[test]
 fn conjugate_gradients_at_the_limit_of_f32() {
     let gpu = Gpu::new().unwrap();
@@ -216,8 +216,8 @@ fn conjugate_gradients_at_the_limit_of_f32() {
     assert!(iterations[2] <= iterations[1] + 2, "{iterations:?}");
 }
 
-/// Half a million metres from the origin, and beyond what f32 could tell apart: positions are
-/// held in a frame of the body's own.
+/// Half a million metres from the origin, beyond the resolution of f32: positions are stored in a
+/// local frame of the body.
 #[test]
 fn a_body_far_from_the_origin_moves_as_it_does_at_home() {
     let gpu = Gpu::new().unwrap();
@@ -246,11 +246,11 @@ fn a_body_far_from_the_origin_moves_as_it_does_at_home() {
         largest > 1e-3 && off < 1e-4 * largest,
         "{off} of {largest} m"
     );
-    // In f32, a part in a thousand of it is lost there.
+    // In f32, a relative error of 10⁻³ would occur there.
     assert_eq!(1e6 + 1e-3 * largest as f32, 1e6f32);
 }
 
-/// What explicit Euler needs to be stable at the paper's step: damping in a narrow band.
+/// Stability of explicit Euler at the paper's step: damping in a narrow band.
 #[test]
 fn explicit_euler_takes_the_papers_step_in_a_band_of_damping_only() {
     let mesh = generate::paper_bar().unwrap();

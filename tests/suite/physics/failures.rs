@@ -1,4 +1,4 @@
-//! Failures are found on the GPU, freeze the last good state, and are told with what to change.
+//! Failures are detected on the GPU, freeze the last valid state, and are reported with advice.
 
 use super::common::{Twins, solver};
 use glam::DVec3;
@@ -25,7 +25,7 @@ fn numbers_that_are_not_finite_freeze_the_state_before() {
             let mut stepper = solver(&gpu, &body, kind);
             stepper.run(&mut body, 5, 1e-3).unwrap();
             let good = body.positions().unwrap();
-            // One node of the caller's force array goes wrong; thirty steps in one submit.
+            // One node of the caller's force array becomes invalid; thirty steps in one submission.
             let mut forces = vec![[0.0f32; 4]; mesh.nodes.len()];
             forces[17][1] = bad;
             gpu.write_array(body.force_array(), &forces).unwrap();
@@ -39,7 +39,7 @@ fn numbers_that_are_not_finite_freeze_the_state_before() {
                 "{error}"
             );
             assert_eq!(body.positions().unwrap(), good, "{kind}");
-            // Set right, it goes on.
+            // Once corrected, it continues.
             body.set_forces(&vec![DVec3::ZERO; mesh.nodes.len()])
                 .unwrap();
             let progress = stepper.run(&mut body, 5, 1e-3).unwrap();
@@ -90,7 +90,7 @@ fn runaway_energy_is_stopped_long_before_infinity() {
     }
 }
 
-/// Falling gives a body any amount of energy: that is no failure, nor is a hard throw.
+/// Free fall can add any amount of energy: neither it nor a fast throw is a failure.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn falling_and_flying_are_no_failures() {
@@ -111,7 +111,7 @@ fn falling_and_flying_are_no_failures() {
         let x = body.positions().unwrap();
         let fallen = x[0] - mesh.nodes[0];
         let expected = DVec3::new(20.0 * time, 0.0, 5.0 * time - 0.5 * 9.81 * time * time);
-        // Euler's schemes fall h/2 too far or too short in every step.
+        // Euler's schemes have an error of h/2 in the fall velocity of every step.
         let slack = 9.81 * time * h + 2e-3 * expected.length();
         assert!(
             fallen.distance(expected) < slack,
@@ -136,7 +136,7 @@ fn gradients_that_do_not_converge_are_told() {
     let error = implicit.run(&mut twins.body, 10, 0.01).unwrap_err();
     assert!(what(&error).contains("in 5 iterations"), "{error}");
     assert_eq!(twins.body.positions().unwrap(), good);
-    // What is acceptable is taken.
+    // Valid settings are accepted.
     let settings = CgSettings {
         acceptable: 0.9,
         ..settings
@@ -145,7 +145,7 @@ fn gradients_that_do_not_converge_are_told() {
     let progress = implicit.run(&mut twins.body, 10, 0.01).unwrap();
     assert_eq!((progress.steps, progress.last.iterations), (10, 5));
     assert!(progress.last.residual > 1e-5 && progress.last.residual < 0.9);
-    // Settings that make no sense are refused.
+    // Invalid settings are rejected.
     let settings = CgSettings {
         tolerance: 0.0,
         ..settings

@@ -1,4 +1,4 @@
-//! A floor, which is a term of the energy beside the springs.
+//! A floor as a term of the energy in addition to the springs.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -6,7 +6,7 @@ use palpate::mesh::generate;
 use palpate::physics::{Engine, EngineChoice, Floor, Material, NodeTerm, Simulator, SolverKind};
 use std::sync::Arc;
 
-/// A ball of 0.1 m, dropped from a hundredth of a metre onto a floor, or through none.
+/// Drops a ball of 0.1 m from a hundredth of a metre onto a floor, or without one.
 fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>, Floor) {
     let mesh = generate::ball(0.05, 6).unwrap();
     let material = Material {
@@ -36,9 +36,10 @@ fn a_ball_comes_to_rest_on_a_floor() {
         let (ball, floor) = dropped(kind, engine, true);
         let positions = ball.positions().unwrap();
         let lowest = positions.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-        // The few nodes that bear it sink in by some millimetres, by g/ω² times what lies on each.
+        // The few supporting nodes penetrate by some millimetres, by g/ω² times the ratio of the
+        // load to the node's mass.
         assert!((-0.068..-0.06).contains(&lowest), "{kind}: {lowest}");
-        // What the floor bears is the weight.
+        // The force on the floor equals the weight.
         let (frame, unit) = ball.loads().frame_and_unit();
         let nodes = positions.iter().zip(ball.masses());
         let borne: DVec3 = nodes
@@ -50,7 +51,7 @@ fn a_ball_comes_to_rest_on_a_floor() {
         assert!(borne.truncate().length() < 1e-3 * weight);
         assert_eq!(ball.report().unwrap().inverted_tets, 0);
     }
-    // It can fail: without a floor the ball is gone.
+    // The check is effective: without a floor the ball falls.
     let (ball, _) = dropped(SolverKind::Implicit, Engine::Cpu, false);
     assert!(ball.positions().unwrap().iter().all(|p| p.z < -0.5));
 }

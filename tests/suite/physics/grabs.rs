@@ -1,4 +1,4 @@
-//! Grabs of tet bodies, with every solver that holds still.
+//! Grabs of tet bodies, with every solver that reaches equilibrium.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -70,7 +70,7 @@ fn grabbed_nodes_follow_and_are_let_go() {
 fn springs_draw_with_no_more_than_their_limit() {
     let gpu = Gpu::new().unwrap();
     for kind in SOLVERS {
-        // The first pulls as far as it can, the second as far as it may.
+        // The first pulls with full stiffness, the second up to its force limit.
         for (stiffness, limit) in [(0.5, 1e9), (1e3, 0.02)] {
             let mut body = body(&gpu);
             let mass: f64 = body.network().masses.iter().sum();

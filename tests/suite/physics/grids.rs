@@ -1,4 +1,4 @@
-//! Grid bodies: shapes, their model, Verlet on the GPU held against float64.
+//! Grid bodies: shapes, their model, Verlet on the GPU against float64.
 
 use crate::physics::common::Noise;
 use glam::{DMat3, DVec3};
@@ -10,7 +10,7 @@ use palpate::physics::grid::plain::GridReference;
 use palpate::physics::grid::{GridBody, GridModel, GridShape, SPRING_OFFSETS};
 use palpate::physics::{GrabMode, Material, RegionMaterial};
 
-/// A box and, inside it from x = 0 on, a second region.
+/// A box, containing a second region from x = 0 on.
 struct Block {
     half: DVec3,
 }
@@ -148,7 +148,7 @@ fn thin_sheets_are_found() {
         DMat3::IDENTITY,
     )
     .unwrap();
-    // One or two layers, by how the grid falls.
+    // One or two layers, depending on the alignment of the grid.
     let layers = sheet.count() / 121;
     assert_eq!(
         sheet.undefined_normal_particles().is_empty(),
@@ -159,7 +159,7 @@ fn thin_sheets_are_found() {
     assert_eq!(error.is_err(), layers == 1);
 }
 
-/// The body and its truth, disturbed.
+/// Returns the body and its reference, perturbed.
 fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridReference) {
     let shape = GridShape::from_domain(
         &Block {
@@ -189,7 +189,7 @@ fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridRe
         .collect();
     body.set_forces(&forces).unwrap();
     truth.forces = forces;
-    // What f32 made of it is the start of both.
+    // Both start from the values rounded to f32.
     let moved: Vec<DVec3> = body
         .mesh()
         .nodes
@@ -207,7 +207,7 @@ fn twins(gpu: &Gpu, material: &Material, noise: &mut Noise) -> (GridBody, GridRe
     (body, truth)
 }
 
-/// The largest distance between the body and the truth, in metres.
+/// Returns the largest distance between the body and the reference, in metres.
 fn apart(body: &GridBody, truth: &GridReference) -> f64 {
     let frame = body.model().frame;
     let unit = body.model().length_unit;
@@ -258,7 +258,7 @@ fn steps_are_the_twins() {
             off < 2e-6 * size * f64::from(steps).sqrt().max(1.0),
             "{steps} steps: {off}"
         );
-        // The comparison can fail: one step more is another place.
+        // The comparison is effective: an additional step changes the positions.
         truth.step(h);
         assert!(apart(&body, &truth) > 10.0 * off.max(1e-9));
     }
@@ -271,7 +271,7 @@ fn normals_are_those_of_the_twin() {
     let (mut body, mut truth) = twins(&gpu, &soft(), &mut noise);
     let h = 0.3 * body.model().conservative_step();
     truth.previous = truth.x.clone();
-    // The normals written in the third step are of the positions after the second.
+    // The normals written in the third step belong to the positions after the second.
     body.run(3, h).unwrap();
     truth.first_step(h);
     truth.step(h);
@@ -371,7 +371,7 @@ fn grabbed_particles_follow_and_are_let_go() {
     for i in &near {
         assert!(held[*i].distance(rest[*i] + up) < 1e-7);
     }
-    // What is not held is drawn along, and stays behind.
+    // Nodes outside the grab are pulled along with a lag.
     let middle = body
         .model()
         .shape
@@ -403,7 +403,7 @@ fn springs_draw_with_no_more_than_their_limit() {
     for (target, stiffness, limit) in [(0.01, 2.0, 1e9), (0.04, 1e3, 0.05)] {
         let mut body = GridBody::new(&gpu, model.clone()).unwrap();
         body.set_damping(0.0).unwrap();
-        // The whole body is drawn: its centre falls as one mass.
+        // The whole body is grabbed: its centre moves as a single mass.
         let grip = GrabMode::Spring { stiffness, limit };
         let grab = body.grab(DVec3::ZERO, 1.0, grip).unwrap();
         body.set_target(grab, DVec3::new(target, 0.0, 0.0)).unwrap();
@@ -424,7 +424,7 @@ fn springs_draw_with_no_more_than_their_limit() {
             false => 0.5 * force / mass * time * time,
         };
         assert!((moved / exact - 1.0).abs() < 0.02, "{moved} for {exact}");
-        // Let go, no force is left.
+        // After release no force remains.
         body.release(grab).unwrap();
         let before = body.velocities().unwrap();
         body.run(30, h).unwrap();
@@ -435,7 +435,7 @@ fn springs_draw_with_no_more_than_their_limit() {
     }
 }
 
-/// The pieces that springs hold together: of each particle, the lowest number in its piece.
+/// Returns the connected component of each particle, by its smallest particle number.
 fn pieces(model: &GridModel) -> Vec<usize> {
     let offsets = model.shape.offsets();
     let mut piece: Vec<usize> = (0..model.springs.len()).collect();
@@ -465,7 +465,7 @@ fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
     let mut body = GridBody::new(&gpu, model).unwrap();
     let count = body.mesh().nodes.len();
     body.set_damping(0.0).unwrap();
-    // A spin, so that there is momentum to keep.
+    // A rotation, so that angular momentum is conserved nontrivially.
     let spin: Vec<DVec3> = body
         .mesh()
         .nodes
@@ -493,7 +493,7 @@ fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
     let model = body.model();
     assert_eq!(model.masses.iter().sum::<f64>(), mass);
     assert_eq!(body.velocities().unwrap(), before);
-    // No spring that is left crosses the blade; the pieces are those of its two sides.
+    // No remaining spring crosses the blade; the components are those of its two sides.
     let now = body.positions().unwrap();
     let offsets = model.shape.offsets();
     let piece = pieces(model);
@@ -530,7 +530,7 @@ fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
         .filter(|i| !side[*i])
         .map(|i| apart[i].x);
     assert!(least.fold(1.0, f64::min) > most.fold(-1.0, f64::max));
-    // A single spring is erased at no cost to others.
+    // A single spring is erased without affecting others.
     let one = body
         .model()
         .shape
@@ -549,7 +549,7 @@ fn rest_normals_are_the_gpus_own() {
     let h = 0.1 * model.conservative_step();
     let mut body = GridBody::new(&gpu, model).unwrap();
     let rest = body.rest_normals().unwrap();
-    // At rest nothing moves, and a step makes the same bits.
+    // At rest nothing moves, and steps are bitwise identical.
     body.run(1, h).unwrap();
     let stepped: Vec<u32> = gpu.read_array(body.normals()).unwrap();
     assert_eq!(rest, stepped);

@@ -1,4 +1,4 @@
-//! Integrators and terms of a program that uses the library, written outside of it.
+//! User-defined integrators and terms, implemented outside of the library.
 
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
@@ -13,7 +13,7 @@ use palpate::{Error, Result};
 use std::sync::Arc;
 
 palpate::gpu_struct! {
-    /// What `lib/move` asks for.
+    /// Parameters of `lib/move`.
     struct MoveParams {
         nodes: u32,
         dt: f32,
@@ -22,7 +22,7 @@ palpate::gpu_struct! {
     }
 }
 
-/// Leapfrog by kick and drift: symplectic Euler once more, in words of its own.
+/// Leapfrog by kick and drift: a reimplementation of symplectic Euler.
 const LEAPFROG: &str = "
 #import lib/move
 
@@ -37,7 +37,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
 }
 ";
 
-/// The step of [`LEAPFROG`]; `FORCES` times are forces asked for, which ought to be 1.
+/// The step of [`LEAPFROG`]; `FORCES` is the number of force evaluations, which should be 1.
 struct Leapfrog<const FORCES: usize>;
 
 impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
@@ -73,7 +73,7 @@ impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
     }
 }
 
-/// A bar held at one end, which sinks, stepped by what `solver` makes.
+/// Returns a bar clamped at one end, which sags, with the solver of `solver`.
 fn bar<S: Solver + 'static>(solver: impl Fn(&GpuBody) -> Result<S>) -> GpuTets {
     let gpu = gpu();
     let mesh = generate::bar([8, 2, 2], DVec3::new(0.4, 0.1, 0.1)).unwrap();
@@ -100,12 +100,12 @@ fn an_integrator_of_ones_own_steps_as_the_librarys_does() {
     let moved = own.report().unwrap().max_displacement;
     assert!(moved > 1e-4, "{moved}");
     assert_eq!(own.positions().unwrap(), known.positions().unwrap());
-    // States of one are none of the other.
+    // The states of different solvers are incompatible.
     let state = own.state().unwrap();
     own.set_state(&state).unwrap();
     let refused = known.set_state(&state).unwrap_err().to_string();
     assert!(refused.contains("leapfrog"), "{refused}");
-    // Who never weighs the candidate, or does twice, is told so.
+    // A solver that never evaluates the candidate, or does so twice, is reported.
     for mut wrong in [
         bar(|body| Stepper::<Leapfrog<0>>::new(&gpu, body)),
         bar(|body| Stepper::<Leapfrog<2>>::new(&gpu, body)),
@@ -198,6 +198,6 @@ fn shaders_that_are_none_are_refused() {
     add_shader("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
     let other = "@compute @workgroup_size(2) fn main() {}";
     assert!(add_shader("suite/fine", other).is_err());
-    // What was refused may be mended.
+    // A rejected state can be corrected.
     add_shader("suite/broken", other).unwrap();
 }

@@ -1,4 +1,4 @@
-//! What must not matter: node order, orientation, place, units; and what must stay constant.
+//! Invariance to node order, orientation, position and units; and conserved quantities.
 
 use super::common::{Noise, Twins, solver};
 use glam::DVec3;
@@ -13,7 +13,7 @@ fn material() -> Material {
     }
 }
 
-/// Where the nodes are after 40 steps of a bar bending under its weight, in file units.
+/// Returns the positions after 40 steps of a bar bending under its weight, in file units.
 fn bent(gpu: &Gpu, mesh: &TetMesh, material: &Material, kind: SolverKind) -> Vec<DVec3> {
     let mut body = GpuBody::new(gpu, mesh, material).unwrap();
     let (low, high) = mesh.bounds();
@@ -49,7 +49,7 @@ fn order_and_orientation_in_the_file_do_not_matter() {
     let gpu = Gpu::new().unwrap();
     let mesh = beam();
     let nodes = mesh.nodes.len();
-    // A permutation: multiply by a number without a common divisor.
+    // A permutation: multiplication by a number coprime to the count.
     let step = (nodes / 2..).find(|s| gcd(*s, nodes) == 1).unwrap();
     let place: Vec<usize> = (0..nodes).map(|i| (i * step + 3) % nodes).collect();
     let mut shuffled = vec![DVec3::ZERO; nodes];
@@ -101,7 +101,7 @@ fn place_and_units_do_not_matter() {
         let c = bent(&gpu, &in_millimetres, &millimetres, kind);
         let apart = largest(a.iter().zip(&c).map(|(a, c)| 1000.0 * *a - *c)) / 1000.0;
         assert!(apart < 1e-4 * moved, "{kind}, in mm: {apart} of {moved}");
-        // The comparison can fail: without the unit it is another, kilometre-sized body.
+        // The comparison is effective: without the unit it is another, kilometre-sized body.
         let d = bent(&gpu, &in_millimetres, &material(), SolverKind::Implicit);
         let apart = largest(a.iter().zip(&d).map(|(a, d)| 1000.0 * *a - *d)) / 1000.0;
         assert!(apart > 0.1 * moved, "{kind}: {apart} of {moved}");
@@ -127,14 +127,15 @@ fn tiny_and_huge_bodies_stay_finite() {
         twins.disturb(0.02, 0.0, 4);
         let before = twins.body.positions().unwrap();
         let mut implicit = solver(&gpu, &twins.body, SolverKind::Implicit);
-        // The time in which such a body swings.
+        // The oscillation period of such a body.
         let h = 5.0 * twins.body.units().time;
         implicit.run(&mut twins.body, 20, h).unwrap();
         let after = twins.body.positions().unwrap();
         assert!(after.iter().all(|p| p.is_finite()));
         let moved = largest(after.iter().zip(&before).map(|(a, b)| *a - *b));
         assert!(moved > 1e-4 && moved < 0.12, "unit {unit} m: {moved}");
-        // And from rest with everyday steps, as far from the body's own time as they are.
+        // And from rest with ordinary steps, which differ from the body's time scale by the same
+        // ratio.
         twins.disturb(0.02, 0.0, 4);
         implicit.run(&mut twins.body, 5, 0.01).unwrap();
         assert!(
@@ -152,7 +153,7 @@ fn tiny_and_huge_bodies_stay_finite() {
 fn collapsed_springs_and_lonely_nodes_make_no_nan() {
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::paper_bar().unwrap();
-    // A node that no tet uses, and a flat tet with two corners in one place.
+    // A node that no tet uses, and a flat tet with two coincident corners.
     mesh.nodes.push(DVec3::new(0.01, 0.02, 0.2));
     let twin = mesh.nodes.len() as u32;
     mesh.nodes.push(mesh.nodes[0]);
@@ -189,18 +190,18 @@ fn a_free_body_keeps_its_momentum_and_with_axial_damping_its_spin() {
         twins.take_over();
         let (after, spin_after, _) = moments(&twins);
         let lost = (after - momentum).length() / scale;
-        // Conjugate gradients keep it to their tolerance.
+        // Conserved up to the tolerance of conjugate gradients.
         let slack = if kind == SolverKind::Implicit {
             2e-3
         } else {
             2e-4
         };
         assert!(lost < slack, "{kind}: {lost} of the momentum");
-        // Spin is kept to the order of the scheme, in metres of lever.
+        // Angular momentum is conserved up to the order of the scheme, in metres of lever arm.
         let lost = (spin_after - spin).length() / (scale * 0.2);
         assert!(lost < 1e-3, "{kind}: {lost} of the spin");
     }
-    // The paper's damping brakes rotation: the comparison can fail.
+    // The paper's damping dissipates rotation: the comparison is effective.
     let braking = Material {
         damping: 0.05,
         damping_kind: Damping::Relative,
@@ -224,7 +225,7 @@ fn a_free_body_keeps_its_momentum_and_with_axial_damping_its_spin() {
     assert!(lost > 1e-3, "{lost}");
 }
 
-/// Momentum, angular momentum, and Σm|v|.
+/// Returns momentum, angular momentum, and Σm|v|.
 fn moments(twins: &Twins) -> (DVec3, DVec3, f64) {
     let p = &twins.truth;
     let mut total = (DVec3::ZERO, DVec3::ZERO, 0.0);
@@ -257,7 +258,7 @@ fn undamped_symplectic_schemes_keep_their_energy() {
             (mean / before - 1.0).abs() < 0.03,
             "{kind}: {mean} of {before} J"
         );
-        // The last step's energies are those of the state.
+        // The energies of the last step are those of the state.
         twins.take_over();
         let last = history.last().unwrap();
         let elastic = twins.truth.elastic_energy();

@@ -1,5 +1,5 @@
-//! Physics on a real adapter (the software one will do; without any, these fail), held against
-//! the float64 twins.
+//! Physics on a real adapter (a software one suffices; without any, these tests fail), against the
+//! float64 reference.
 
 mod bar;
 mod bodies;

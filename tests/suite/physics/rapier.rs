@@ -1,4 +1,4 @@
-//! The engine by rapier's soft bodies, beside the engine on the processor.
+//! The engine by rapier's soft bodies, compared with the CPU engine.
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// 1 MPa, so damped that what swings at 1.6 Hz, the bar, is at rest within a second.
+/// 1 MPa, damped so that the bar, which oscillates at 1.6 Hz, is at rest within a second.
 fn soft() -> Material {
     Material {
         model: MaterialModel::NeoHookean,
@@ -30,14 +30,14 @@ fn made(engine: Engine, mesh: &TetMesh, material: &Material) -> Box<dyn Simulato
     body.unwrap()
 }
 
-/// A bar along x, held at its lower end.
+/// Returns a bar along x, pinned at its lower end.
 fn bar(engine: Engine, material: &Material) -> Box<dyn Simulator> {
     let mut body = made(engine, &bar_mesh(), material);
     body.pin(|p| p.x < 1e-6).unwrap();
     body
 }
 
-/// `body` under its weight, at rest.
+/// Returns `body` in equilibrium under its weight.
 fn rested(mut body: Box<dyn Simulator>) -> Box<dyn Simulator> {
     body.loads_mut().set_gravity(GRAVITY);
     body.run(100, 0.02).unwrap();
@@ -48,8 +48,8 @@ fn bar_mesh() -> TetMesh {
     generate::bar([8, 2, 2], DVec3::new(0.8, 0.2, 0.2)).unwrap()
 }
 
-/// A block of 10 cm and 20 kPa from the origin, in units of `unit` metres, of so many cells along
-/// each edge.
+/// Returns a block of 10 cm and 20 kPa from the origin, in units of `unit` metres, with `cells`
+/// cells along each edge.
 fn block(engine: Engine, cells: usize, unit: f64) -> Box<dyn Simulator> {
     let mesh = generate::bar([cells; 3], DVec3::splat(0.1 / unit)).unwrap();
     let material = Material {
@@ -61,7 +61,7 @@ fn block(engine: Engine, cells: usize, unit: f64) -> Box<dyn Simulator> {
     made(engine, &mesh, &material)
 }
 
-/// The farthest that a node of one body is from that of the other.
+/// Returns the largest distance between corresponding nodes of two bodies.
 fn apart(a: &dyn Simulator, b: &dyn Simulator) -> f64 {
     let (a, b) = (a.positions().unwrap(), b.positions().unwrap());
     let each = a.iter().zip(&b).map(|(a, b)| a.distance(*b));
@@ -80,7 +80,7 @@ fn momentum(body: &dyn Simulator) -> DVec3 {
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn a_bar_comes_to_rest_where_the_processors_does() {
-    // rapier's corotated law has a volume term of its own: they agree where strains are small.
+    // rapier's corotated model has a different volume term: they agree for small strains.
     for (model, near) in [
         (MaterialModel::NeoHookean, 1e-3),
         (MaterialModel::Corotated, 1e-2),
@@ -92,13 +92,13 @@ fn a_bar_comes_to_rest_where_the_processors_does() {
         assert!(bent > 0.03, "{bent}");
         let off = apart(&*ours, &*theirs) / bent;
         assert!(off < near, "{model}: {off}");
-        // What is pinned has not moved.
+        // Pinned nodes have not moved.
         let (now, rest) = (ours.positions().unwrap(), &ours.mesh().nodes);
         let held = rest.iter().zip(&now).filter(|(p, _)| p.x < 1e-6);
         assert_eq!(held.clone().count(), 9);
         assert!(held.map(|(p, x)| p.distance(*x)).fold(0.0, f64::max) < 1e-6);
     }
-    // One twice as stiff bends about half as far.
+    // A bar twice as stiff bends about half as far.
     let stiff = Material {
         stiffness: Stiffness::Young(2e6),
         ..soft()
@@ -154,7 +154,7 @@ fn regions_have_a_stiffness_each() {
     let off = apart(&*ours, &*theirs) / way(&*theirs);
     assert!(off < 5e-3, "{off}");
     assert!(way(&*ours) < 0.9 * way(&*rested(bar(Engine::Rapier, &soft()))));
-    // Poisson's ratio is one for all.
+    // Poisson's ratio is uniform.
     material.regions.insert(
         1,
         RegionMaterial {
@@ -182,7 +182,7 @@ fn state_is_what_was_set() {
     body.set_velocities(&vec![thrown; places.len()]).unwrap();
     let before = momentum(&*body);
     body.run(10, 0.01).unwrap();
-    // Turned and thrown it flies as it is.
+    // Rotated and thrown, it moves rigidly.
     let flown = places.iter().map(|p| *p + 0.1 * thrown);
     let now = body.positions().unwrap();
     let off = now.iter().zip(flown).map(|(a, b)| a.distance(b));
@@ -191,7 +191,7 @@ fn state_is_what_was_set() {
     assert!(body.set_positions(&places[1..]).is_err());
     body.restart().unwrap();
     assert!(way(&*body) < 1e-6);
-    // What is drawn is where the body is.
+    // The rendered positions are those of the body.
     body.loads_mut().set_gravity(GRAVITY);
     body.run(20, 0.01).unwrap();
     body.sync_nodes().unwrap();
@@ -210,7 +210,7 @@ fn grabs_hold_pull_and_let_go() {
         stiffness: 500.0,
         limit,
     };
-    // Springs stand off by about their share of the step: 10 % at 20 ms.
+    // Springs deviate by about their fraction of the step: 10 % at 20 ms.
     for grip in [GrabMode::Follow, spring(1e9), spring(20.0)] {
         let mut bars = [Engine::Rapier, Engine::Cpu].map(|engine| bar(engine, &soft()));
         let grabs = bars.each_mut().map(|body| {
@@ -248,8 +248,8 @@ fn led_nodes_go_where_they_are_led() {
     assert!(body.add_prescribed_motion(&end).is_err());
 }
 
-/// A block on a table, into whose top `shape` goes by a tenth of its height: it starts `below` its
-/// origin. Also what the tool and the table bear.
+/// Indents the top of a block on a table with `shape` by a tenth of its height; the shape starts
+/// `below` its origin. Also returns the forces on the tool and the table.
 fn pressed(
     engine: Engine,
     unit: f64,
@@ -301,8 +301,8 @@ fn tools_press_and_are_pressed() {
         for (shape, below) in shapes {
             let (body, [tool, table]) = pressed(Engine::Rapier, unit, shape.clone(), below);
             let (_, [expected, _]) = pressed(Engine::Cpu, unit, shape.clone(), below);
-            // It is pushed up, by what the table bears and the processor's engine finds: rapier
-            // keeps nodes out of a tool, and little of what lies between them.
+            // It is pushed up by the force of the table as computed by the CPU engine: rapier keeps
+            // nodes out of a tool, but hardly the surface between them.
             assert!(tool.z > 1.0, "{shape:?}: {tool}");
             assert!(
                 (tool + table).length() < 0.1 * tool.z,
@@ -312,7 +312,7 @@ fn tools_press_and_are_pressed() {
                 tool.distance(expected) < 0.25 * expected.z,
                 "{shape:?}: {tool} {expected}"
             );
-            // It dents the block by as much as it goes in.
+            // The indentation equals the displacement of the tool.
             let now = body.positions().unwrap();
             let sunk = body.mesh().nodes.iter().zip(&now).map(|(p, x)| p.z - x.z);
             let dent = sunk.fold(0.0, f64::max) / size;
@@ -436,7 +436,7 @@ fn what_it_cannot_do_it_says() {
         let told = told.unwrap().to_string();
         assert!(told.contains("--engine cpu"), "{told}");
     }
-    // It goes on all the same.
+    // It continues regardless.
     body.run(2, 0.01).unwrap();
     assert!(body.run(2, -1.0).is_err());
 }

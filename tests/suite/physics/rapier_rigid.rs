@@ -1,4 +1,4 @@
-//! Rigid regions, free tools and joints of the engine by rapier.
+//! Rigid regions, dynamic tools and joints of the rapier engine.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -9,7 +9,7 @@ use palpate::physics::{
 };
 use palpate::scene::{Scene, Stage};
 
-/// Region 1 is soft, the others are rigid; the body is drawn out for joints to be seen.
+/// Region 1 is soft, the others are rigid; the body is stretched to make joints visible.
 fn material(rigid: &[i64]) -> Material {
     Material {
         model: MaterialModel::NeoHookean,
@@ -27,7 +27,8 @@ fn made(engine: Engine, mesh: &TetMesh, material: &Material) -> Box<dyn Simulato
     body.unwrap()
 }
 
-/// A soft block of 10 cm about x = −1 and bars of 40 cm along x from these places, regions 2, 3 ….
+/// Returns a soft block of 10 cm about x = −1 and bars of 40 cm along x from these positions,
+/// regions 2, 3 ….
 fn beside(bars: &[DVec3]) -> TetMesh {
     let soft = generate::bar([2; 3], DVec3::splat(0.1)).unwrap();
     let bar = generate::bar([8, 1, 1], DVec3::new(0.4, 0.04, 0.04)).unwrap();
@@ -47,7 +48,7 @@ fn beside(bars: &[DVec3]) -> TetMesh {
     mesh
 }
 
-/// That of rapier, whose soft block is pinned.
+/// Returns the rapier body with the soft block pinned.
 fn held(bars: &[DVec3]) -> Box<dyn Simulator> {
     let labels: Vec<i64> = (2..).take(bars.len()).collect();
     let mut body = made(Engine::Rapier, &beside(bars), &material(&labels));
@@ -55,7 +56,7 @@ fn held(bars: &[DVec3]) -> Box<dyn Simulator> {
     body
 }
 
-/// The node at a place at rest.
+/// Returns the node at a rest position.
 fn node(body: &dyn Simulator, at: DVec3) -> usize {
     let mut nodes = body.mesh().nodes.iter();
     nodes.position(|p| p.distance(at) < 1e-9).unwrap()
@@ -77,13 +78,13 @@ fn a_bar_on_a_hinge_swings_as_a_pendulum_and_stops_at_its_limits() {
             kind: JointKind::Hinge(DVec3::Y, limits),
         };
         body.add_joint(hinge).unwrap();
-        // It hangs along x but for a tenth of a radian: z goes down and x with the weight.
+        // It hangs along x except for a tenth of a radian: z points down and the weight along x.
         let (sin, cos) = 0.1f64.sin_cos();
         body.loads_mut()
             .set_gravity(9.81 * DVec3::new(cos, 0.0, -sin));
         body
     };
-    // A physical pendulum: T = 2π √(I/(m g d)) (1 + θ²/16), of the mass that the nodes have.
+    // A physical pendulum: T = 2π √(I/(m g d)) (1 + θ²/16), with the mass of the nodes.
     let mut body = swing(None);
     let bar = |p: &DVec3| p.x > -0.5;
     let nodes = || body.mesh().nodes.iter().zip(body.masses());
@@ -115,7 +116,7 @@ fn a_bar_on_a_hinge_swings_as_a_pendulum_and_stops_at_its_limits() {
     println!("{quarter} at a quarter of the period, {half} at half");
     assert!((quarter - rate).abs() < 5e-3 * rate, "{quarter}");
     assert!((half - 2.0 * rate).abs() < 5e-3 * rate, "{half}");
-    // The bar has kept its shape, and its place on the hinge.
+    // The bar has kept its shape, and its position on the hinge.
     let x = body.positions().unwrap();
     for (p, q) in body.mesh().nodes.iter().zip(&x).filter(|(p, _)| bar(p)) {
         assert!((p.distance(pivot) - q.distance(pivot)).abs() < 1e-5);
@@ -154,7 +155,7 @@ fn balls_turn_sliders_slide_and_what_is_fixed_does_neither() {
         })
         .unwrap();
     }
-    // They hang along x from the first, and the last slides as far as it can.
+    // They hang along x from the start, and the last slides to its limit.
     body.loads_mut().set_gravity(DVec3::new(9.81, 0.0, 0.0));
     body.run(200, 0.005).unwrap();
     let x = body.positions().unwrap();
@@ -164,7 +165,7 @@ fn balls_turn_sliders_slide_and_what_is_fixed_does_neither() {
     assert!(moved(DVec3::new(0.82, 0.04, 0.04)).length() < near);
     let slid = moved(DVec3::new(1.24, 0.0, 0.04));
     assert!(slid.distance(DVec3::new(0.05, 0.0, 0.0)) < near, "{slid}");
-    // Pulled aside they turn about the first joint alone.
+    // Pulled sideways they rotate about the first joint only.
     body.loads_mut().set_gravity(DVec3::new(9.81, 0.0, 3.0));
     body.run(100, 0.005).unwrap();
     let y = body.positions().unwrap();
@@ -176,7 +177,7 @@ fn balls_turn_sliders_slide_and_what_is_fixed_does_neither() {
     assert!(one.angle_between(two) < 1e-2 && one.angle_between(three) < 1e-2);
 }
 
-/// A bar whose far half is bone, held at the near end.
+/// Returns a bar with bone in its far half, pinned at the near end.
 fn bony(engine: Engine) -> Box<dyn Simulator> {
     let mut mesh = generate::bar([8, 2, 2], DVec3::new(0.8, 0.2, 0.2)).unwrap();
     let middle = |t: usize| mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0;
@@ -206,7 +207,7 @@ fn bone_hangs_in_flesh_as_on_the_processor() {
     let off = apart(&rested[0], &rested[1]) / bent;
     println!("{off:.1e} of {bent:.3} m apart");
     assert!(bent > 0.02 && off < 3e-3, "{off} {bent}");
-    // The bone has its shape.
+    // The bone has kept its shape.
     let bone = |p: &&DVec3| p.x > 0.5 + 1e-6;
     let pairs: Vec<(DVec3, DVec3)> = rest
         .iter()
@@ -229,7 +230,7 @@ fn bones_follow_what_holds_them() {
         stiffness: 2e4,
         limit: 1e4,
     };
-    // One node, about which it turns; many, with which it goes; springs.
+    // One node: it rotates about it; several: it moves with them; springs.
     for (radius, grip, near) in [
         (0.01, GrabMode::Follow, 2e-3),
         (0.15, GrabMode::Follow, 2e-3),
@@ -261,7 +262,8 @@ fn forces_and_a_state_reach_bones() {
     body.loads_mut()
         .add_force(DVec3::new(0.0, mass, 0.0), &bar)
         .unwrap();
-    // 1 m/s² for 0.1 s, and as much by what it was given; one radian a second about its middle.
+    // 1 m/s² for 0.1 s, and the same as an initial velocity; one radian per second about its
+    // centre.
     let rest = body.mesh().nodes.clone();
     let spin = DVec3::new(0.0, 0.0, 1.0);
     let given: Vec<DVec3> = rest
@@ -366,7 +368,7 @@ fn weights_rest_on_what_is_soft_and_arms_hang_on_joints() {
     println!("{all:?}");
     let weight = 0.2 * 9.81;
     assert!((of("weight").z / weight - 1.0).abs() < 0.05, "{all:?}");
-    // The table bears block and weight.
+    // The table supports block and weight.
     let body = &stage.motion().unwrap().simulator;
     let masses = body.mesh().nodes.iter().zip(body.masses());
     let block = 9.81
@@ -378,7 +380,7 @@ fn weights_rest_on_what_is_soft_and_arms_hang_on_joints() {
         (of("table").z / -(block + weight) - 1.0).abs() < 0.05,
         "{all:?}"
     );
-    // The arm swings below its hinge, and stays on it.
+    // The arm swings below its hinge, and stays attached.
     let (rest, x) = (&body.mesh().nodes, body.positions().unwrap());
     let pivot = DVec3::new(0.3, 0.05, 0.2);
     let arm: Vec<(&DVec3, &DVec3)> = rest.iter().zip(&x).filter(|(p, _)| p.x > 0.15).collect();

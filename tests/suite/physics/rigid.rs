@@ -1,4 +1,4 @@
-//! Rigid regions as scenes and engines have them.
+//! Rigid regions in scenes and engines.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -71,7 +71,7 @@ fn a_bone_that_is_cut_through_is_two() {
     }
 }
 
-/// `shape`: how much distances within a bone may change, m.
+/// `shape`: maximum change of distances within a bone, m.
 fn cut_through(engine: Engine, shape: f64) {
     let (gpu, (mesh, material)) = (gpu(), bar());
     let choice = EngineChoice::Exactly(engine);
@@ -111,7 +111,7 @@ fn cut_through(engine: Engine, shape: f64) {
     for bone in &bones {
         assert!(gap(&bone.nodes, &now) < shape, "{engine}");
     }
-    // The loose one has fallen away.
+    // The separated part has fallen.
     let both: Vec<u32> = bones.iter().flat_map(|b| b.nodes.clone()).collect();
     assert!(gap(&both, &now) > 0.1);
 }
@@ -120,7 +120,7 @@ fn cut_through(engine: Engine, shape: f64) {
 fn scenes_name_them() {
     let (mut mesh, _) = bar();
     let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
-    // The bone is of two regions.
+    // The bone consists of two regions.
     let labels = &mut label.values;
     for (l, tet) in labels.iter_mut().zip(&mesh.tets) {
         let x: f64 = tet.iter().map(|v| mesh.nodes[*v as usize].x / 4.0).sum();
@@ -168,7 +168,7 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     let nodes = |stage: &Stage| stage.deformed_mesh().unwrap().nodes;
     assert_eq!(nodes(&stage), nodes(&resumed));
     assert_ne!(nodes(&stage), stage.mesh().nodes);
-    // Where there is none it is said, and what has none refuses it.
+    // A missing region is reported, and an engine without rigid regions rejects them.
     for (more, words) in [
         ("[cage]\nnodes = 100\n", "have no rigid regions"),
         ("", "springs have no rigid regions"),

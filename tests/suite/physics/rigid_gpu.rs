@@ -1,4 +1,4 @@
-//! Rigid regions on the GPU, held against the engine on the CPU in float64.
+//! Rigid regions on the GPU against the CPU engine in float64.
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 const SIZE: DVec3 = DVec3::new(0.8, 0.2, 0.2);
 
-/// A soft bar in which `bone`, of parts of its size, is rigid, and as dense as given.
+/// Returns a soft bar in which `bone` (in fractions of its size) is rigid with the given density.
 fn bar(cells: [usize; 3], bone: impl Fn(DVec3) -> bool, density: f64) -> (TetMesh, Material) {
     let mut mesh = generate::bar(cells, SIZE).unwrap();
     let labels = (0..mesh.tets.len()).map(|t| {
@@ -74,7 +74,7 @@ fn nodes(body: &dyn Simulator, which: impl Fn(DVec3) -> bool) -> Vec<u32> {
         .collect()
 }
 
-/// Pinned at its low end, under gravity: positions after so many steps.
+/// Returns the positions after `steps` steps, pinned at the low end, under gravity.
 fn swung(body: &mut dyn Simulator, steps: u32) -> Vec<DVec3> {
     let end = nodes(body, |p| p.x < 1e-9);
     body.pin_nodes(&end).unwrap();
@@ -83,7 +83,7 @@ fn swung(body: &mut dyn Simulator, steps: u32) -> Vec<DVec3> {
     body.positions().unwrap()
 }
 
-/// How far `a` is from `b`, over how far that is from rest.
+/// Returns the distance of `a` from `b`, relative to the displacement of `b` from rest.
 fn apart(mesh: &TetMesh, a: &[DVec3], b: &[DVec3]) -> f64 {
     let square = |a: &[DVec3], b: &[DVec3]| -> f64 {
         a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
@@ -91,7 +91,7 @@ fn apart(mesh: &TetMesh, a: &[DVec3], b: &[DVec3]) -> f64 {
     (square(a, b) / square(b, &mesh.nodes)).sqrt()
 }
 
-/// How much distances between nodes of rigid bodies have changed, at most.
+/// Returns the largest change of distances between nodes of rigid bodies.
 fn strained(body: &dyn Simulator, x: &[DVec3]) -> f64 {
     let rest = &body.mesh().nodes;
     let mut worst = 0.0f64;
@@ -107,7 +107,7 @@ fn strained(body: &dyn Simulator, x: &[DVec3]) -> f64 {
     worst
 }
 
-/// Momentum, and its moment about the origin.
+/// Returns the momentum, and the angular momentum about the origin.
 fn momenta(body: &dyn Simulator) -> (DVec3, DVec3) {
     let (x, v) = (body.positions().unwrap(), body.velocities().unwrap());
     let all = || body.masses().iter().zip(&x).zip(&v);
@@ -119,7 +119,7 @@ fn momenta(body: &dyn Simulator) -> (DVec3, DVec3) {
 
 type Bone = fn(DVec3) -> bool;
 
-/// A block inside, a rod through all but the end that is pinned, two bones with a joint between.
+/// A block inside, a rod through all but the pinned end, two bones with a joint between them.
 const BONES: [(&str, Bone, usize); 3] = [
     (
         "block",
@@ -139,7 +139,7 @@ fn bones_move_as_on_the_cpu() {
         let found = swung(&mut fast, 40);
         let there = swung(&mut truth, 40);
         let off = apart(&scene.0, &found, &there);
-        // It can fail: a bone of another density has other inertia.
+        // The check is effective: a bone of another density has another inertia.
         let heavier = bar([10, 5, 5], bone, 2100.0);
         let other = swung(&mut on_cpu(&heavier, 1e-9), 40);
         let control = apart(&scene.0, &found, &other);
@@ -169,11 +169,11 @@ fn bones_keep_their_shape() {
         worst = worst.max(strained(&body, &x));
     }
     println!("distances change by {worst:.1e} m in 400 steps");
-    // Of positions of f32 in a frame of 0.8 m.
+    // For positions in f32 in a frame of 0.8 m.
     assert!(worst < 5e-7, "{worst}");
 }
 
-/// Free, spinning and flying: momentum is kept, and its moment as by the CPU.
+/// Free, rotating and translating: momentum is conserved, and angular momentum agrees with the CPU.
 #[test]
 fn free_bodies_spin_as_on_the_cpu() {
     for (name, bone) in [("all", (|_| true) as Bone), ("half", |p| p.x > 0.5)] {
@@ -201,7 +201,8 @@ fn free_bodies_spin_as_on_the_cpu() {
     }
 }
 
-/// What pins leave to a bone: a point, a hinge, nothing.
+/// Rigid-body modes that pins leave to a bone: rotation about a point, rotation about an axis,
+/// none.
 #[test]
 fn bones_turn_about_what_is_pinned() {
     let scene = bar([6, 3, 3], |_| true, 1900.0);
@@ -237,7 +238,7 @@ fn bones_turn_about_what_is_pinned() {
     }
 }
 
-/// Grabbed nodes take a bone along, and what is soft with it.
+/// Grabbed nodes move a bone, and the soft tissue with it.
 #[test]
 fn bones_follow_grabs() {
     let scene = bar([8, 4, 4], |p| p.x > 0.5, 1900.0);
@@ -301,7 +302,8 @@ fn bones_are_pushed_anywhere() {
     assert!(off < 5e-3, "{off}");
 }
 
-/// A pose is what positions say: it may be set, far from rest, and be no pose quite.
+/// The pose follows from the positions: these may be set far from rest, and need not be exactly
+/// rigid.
 #[test]
 fn poses_are_taken_from_positions() {
     let scene = bar([8, 4, 4], |p| p.x > 0.5, 1900.0);
@@ -316,7 +318,7 @@ fn poses_are_taken_from_positions() {
     let off = off.fold(0.0, f64::max);
     println!("stands where it was put to {off:.1e} m");
     assert!(off < 1e-5, "{off}");
-    // A node of the bone that was moved alone is put back.
+    // A single displaced node of the bone is projected back.
     let bone = body.network().unwrap().elements.rigid[0].nodes[3] as usize;
     x[bone] += DVec3::new(0.01, 0.0, 0.0);
     body.set_positions(&x).unwrap();

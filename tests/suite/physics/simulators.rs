@@ -1,5 +1,4 @@
-//! What every simulator does, whatever it is made of and whatever steps it: one trait, one set of
-//! tests.
+//! Common behaviour of all simulators, of any kind and engine: one trait, one set of tests.
 
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
@@ -74,7 +73,7 @@ pub(super) fn carried(gpu: &Gpu, choice: EngineChoice) -> EmbeddedSimulator {
 
 const ELEMENTS: [MaterialModel; 2] = [MaterialModel::NeoHookean, MaterialModel::Corotated];
 
-/// A bar on the GPU and another behind it on the CPU, which takes two steps in one.
+/// Returns a bar on the GPU and another behind it on the CPU, which takes two substeps.
 fn two(gpu: &Gpu) -> MultiBody {
     let mut other = bar();
     other.nodes.iter_mut().for_each(|p| p.y += 0.07);
@@ -102,7 +101,7 @@ fn two(gpu: &Gpu) -> MultiBody {
     MultiBody::new(gpu, members).unwrap()
 }
 
-/// One of each, by name, with a step that suits it.
+/// Returns one simulator of each kind, by name, with a suitable step.
 fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
     let gpu = gpu();
     let mut all: Vec<(String, Box<dyn Simulator>)> = Vec::new();
@@ -163,7 +162,7 @@ fn all() -> Vec<(String, Box<dyn Simulator>, f64)> {
     with_step.collect()
 }
 
-/// Held at its lower end along x, with weight.
+/// Pins the lower end along x, and applies gravity.
 pub(super) fn hold(simulator: &mut dyn Simulator) {
     let nodes = simulator.mesh().nodes.iter().enumerate();
     let held: Vec<u32> = nodes
@@ -208,7 +207,7 @@ fn all_bend_by_the_same_weight_to_the_same_shape() {
     }
     let (single, double) = (of("cpu implicit"), of("cpu f64 implicit"));
     assert!((single / double - 1.0).abs() < 2e-3, "{single} {double}");
-    // Newton starts from other points: what is left of it is not the same.
+    // Newton starts from other initial guesses: the remaining errors differ.
     for model in ELEMENTS {
         let (gpu, cpu) = (of(&format!("gpu {model}")), of(&format!("cpu {model}")));
         assert!((gpu / cpu - 1.0).abs() < 2e-2, "{model}: {gpu} {cpu}");
@@ -236,7 +235,7 @@ fn steps_are_asked_for_and_arrive() {
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         assert_eq!(simulator.finish().unwrap().steps, 12, "{name}");
-        // What is drawn is where the body is, and is noticed.
+        // The rendered positions are current, and the change is detected.
         let before = simulator.nodes().version();
         let gpu = gpu();
         simulator.run(3, dt).unwrap();
@@ -281,7 +280,7 @@ fn a_state_taken_up_goes_on_to_the_bit() {
             "{name}"
         );
         assert_eq!(one.velocities().unwrap(), other.velocities().unwrap());
-        // It can fail: one that was left to itself is elsewhere.
+        // The check is effective: an independent simulator is elsewhere.
         other.run(1, dt).unwrap();
         assert_ne!(one.positions().unwrap(), other.positions().unwrap());
     }
@@ -304,7 +303,7 @@ fn grabs_hold_and_cuts_part() {
             .min_by(|a, b| rest[*a].distance(at).total_cmp(&rest[*b].distance(at)))
             .unwrap();
         let moved = simulator.positions().unwrap()[near] - rest[near];
-        // A mesh in a cage follows the nodes of the cage that were grabbed.
+        // A mesh in a cage follows the grabbed nodes of the cage.
         let near = if name.starts_with("carried") {
             8e-3
         } else {
@@ -352,7 +351,7 @@ fn failures_say_what_and_leave_the_last_good_state() {
         assert!(advice.contains("--dt"), "{name}: {told}");
         let there = simulator.positions().unwrap();
         assert!(there.iter().all(|p| p.is_finite()), "{name}");
-        // It goes on with a step that holds.
+        // It continues with a stable step.
         let rest = simulator.mesh().nodes.clone();
         simulator.set_positions(&rest).unwrap();
         simulator

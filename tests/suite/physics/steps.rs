@@ -1,4 +1,4 @@
-//! One step and a hundred of every solver, against the float64 twins.
+//! One step and a hundred of every solver, against the float64 reference.
 
 use super::common::{Twins, solver, step_truth};
 use glam::DVec3;
@@ -80,13 +80,13 @@ fn a_hundred_steps_of_every_solver() {
         assert!(moved > 0.01 * 0.12, "{kind} moved by {moved} m only");
         // The bar is 0.12 m long.
         assert!(dx < 1e-4 * 0.12, "{kind}: {dx} m of {moved}");
-        // And the comparison can fail: one step more is another state.
+        // The comparison is effective: an additional step changes the state.
         step_truth(kind, &mut twins.truth, 1, h);
         assert!(twins.difference().0 > 2.0 * dx, "{kind}");
     }
 }
 
-/// Steps one at a time, recorded in several ways, are the same steps.
+/// Steps made individually, or recorded in several ways, are identical.
 #[test]
 fn recording_and_running_agree() {
     let gpu = Gpu::new().unwrap();
@@ -126,7 +126,7 @@ fn recording_and_running_agree() {
     }
 }
 
-/// Steps recorded for a caller, as a window does: as many iterations as they need, learnt from the
+/// Steps recorded for a caller, as in a window: the number of iterations is predicted from the
 /// steps before without waiting for any.
 #[test]
 fn recorded_steps_are_given_the_iterations_they_need() {
@@ -146,14 +146,14 @@ fn recorded_steps_are_given_the_iterations_they_need() {
     let steps = implicit.history(&stepped.body).unwrap();
     assert_eq!(steps.len(), 6);
     let most = steps.iter().map(|s| u64::from(s.iterations)).max().unwrap();
-    // Nothing is known of the first.
+    // The first step has no prediction.
     assert_eq!(counts[0], 256);
     assert!(
         counts[2..].iter().all(|n| *n <= 2 * most + 8),
         "{counts:?} for {most}"
     );
     assert!(*counts.last().unwrap() >= most && most > 4, "{counts:?}");
-    // A step that was recorded and thrown away leaves no trace.
+    // A step that was recorded and discarded has no effect.
     let mut work = gpu.start_recording();
     implicit
         .record(&mut work, &mut stepped.body, 1, 0.01)

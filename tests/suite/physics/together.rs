@@ -10,7 +10,7 @@ use palpate::physics::{
     CpuTets, EngineChoice, GpuTets, GrabMode, Member, MultiBody, Precision, Simulator, SolverKind,
 };
 
-/// From one body to the next.
+/// Offset from one body to the next.
 const APART: DVec3 = DVec3::new(0.0, 0.3, 0.0);
 
 fn moved_bar(by: DVec3) -> palpate::mesh::TetMesh {
@@ -19,7 +19,7 @@ fn moved_bar(by: DVec3) -> palpate::mesh::TetMesh {
     mesh
 }
 
-/// Of each kind one, held and heavy, and the largest step that each takes.
+/// Returns a body of each kind, pinned, under gravity, and the largest step of each.
 fn members(gpu: &Gpu) -> Vec<Member> {
     let (soft, cg) = (material(), Default::default());
     let implicit = GpuTets::new(gpu, bar(), &soft, SolverKind::Implicit).unwrap();
@@ -83,7 +83,7 @@ fn each_moves_as_it_does_alone_in_steps_of_its_own() {
         first += truth.len();
     }
     assert_eq!(first, there.len());
-    // The pass that brings them together is its float64 form, and can be told from it.
+    // The pass that combines them agrees with its float64 form, and the comparison is effective.
     let seen = drawn(&mut bodies, &gpu);
     assert!(farthest(&seen, &there) < 1e-7);
     bodies.run(1, dt).unwrap();
@@ -96,7 +96,7 @@ fn what_acts_on_all_acts_on_each() {
     let gpu = gpu();
     let dt = 0.005;
     let mut bodies = MultiBody::new(&gpu, members(&gpu)).unwrap();
-    // Without weight, forces and pins on some nodes of the second.
+    // Without gravity, with forces and pins on some nodes of the second.
     let first = bodies.members()[0].simulator.mesh().nodes.len() as u32;
     let count = bodies.mesh().nodes.len();
     let loads = bodies.loads_mut();
@@ -116,7 +116,7 @@ fn what_acts_on_all_acts_on_each() {
     assert!(moved(&bodies, 1) > 1e-6);
     let held = &bodies.positions().unwrap()[first as usize..][..3];
     assert!(farthest(held, &bodies.mesh().nodes[first as usize..][..3]) < 1e-9);
-    // A grab takes nodes of the bodies that are there only.
+    // A grab takes nodes of existing bodies only.
     let at = DVec3::new(0.2, 0.025, 0.025) + APART;
     let grab = bodies.grab(at, 0.02, GrabMode::Follow).unwrap();
     let target = at + DVec3::Z * 0.01;
@@ -132,7 +132,7 @@ fn what_acts_on_all_acts_on_each() {
             .to_string()
             .contains("body \"implicit\"")
     );
-    // Back to where all began.
+    // Back to the initial state.
     bodies.restart().unwrap();
     assert!(farthest(&bodies.positions().unwrap(), &bodies.mesh().nodes) < 1e-7);
 }
@@ -149,7 +149,7 @@ fn a_cut_goes_through_all_that_it_meets() {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
     let blade = |x: f64| Blade::from_quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap();
     let change = bodies.cut(&blade(0.101)).unwrap();
-    // Of tets nodes are doubled, of particles tets are lost.
+    // Tet bodies duplicate nodes, particle bodies lose tets.
     assert!(!change.mesh.duplicated_nodes.is_empty() && !change.mesh.removed.is_empty());
     assert_eq!(
         bodies.mesh().nodes.len(),
@@ -179,7 +179,7 @@ fn a_cut_goes_through_all_that_it_meets() {
 fn a_failure_says_whose_it_is() {
     let gpu = gpu();
     let mut members = members(&gpu);
-    // Far beyond what its scheme can bear.
+    // Far beyond the stability limit of its scheme.
     members[1].step = 1.0;
     let mut bodies = MultiBody::new(&gpu, members).unwrap();
     let told = bodies.run(10, 0.05).unwrap_err();

@@ -1,4 +1,4 @@
-//! Tools on the GPU beside those on the processor, and beside what is known of them.
+//! Tools on the GPU against those on the CPU, and against analytic results.
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
@@ -19,7 +19,7 @@ fn material() -> Material {
     }
 }
 
-/// A body on the GPU, and the same on the processor in float64.
+/// Returns a body on the GPU, and the same on the CPU in float64.
 fn both(mesh: &TetMesh) -> [Box<dyn Simulator>; 2] {
     let (gpu, kind) = (gpu(), SolverKind::Implicit);
     let settings = CgSettings::default();
@@ -66,7 +66,7 @@ fn forces_are_those_of_the_processor_as_a_sphere_goes_down_and_back() {
         body.pin(|p| p.z < 1e-3).unwrap();
         let start = DVec3::new(0.5, 0.52, 0.81);
         let id = add(body, &shape, start, 0.0);
-        // Drawn back by less than it was pressed in, and by many gaps, it presses still.
+        // Retracted by less than the indentation, and by many gaps, it is still in contact.
         let depths = [0.02, 0.04, 0.06, 0.08, 0.1, 0.096, 0.092, 0.06];
         depths
             .iter()
@@ -111,8 +111,8 @@ fn nothing_passes_a_sphere_that_goes_a_radius_a_step() {
     }
 }
 
-/// How far a block has slid on a plane of friction ½ that is inclined by so many degrees, after ¼
-/// and after ½ of a second, in its edges; and what of its weight the plane bore before.
+/// Returns the distance that a block has slid on an inclined plane with friction ½ after ¼ and
+/// after ½ of a second, in its edges, and the fraction of its weight on the plane before.
 fn slid(degrees: f64) -> [f64; 3] {
     let edge = 0.1;
     let mesh = box_mesh([3, 3, 2], DVec3::new(edge, edge, 0.5 * edge), Split::Five).unwrap();
@@ -127,7 +127,7 @@ fn slid(degrees: f64) -> [f64; 3] {
     body.run(80, 0.01).unwrap();
     let weight: f64 = 9.81 * body.masses().iter().sum::<f64>();
     let borne = -body.tool_forces().unwrap()[0].force.z / weight;
-    // Tilted little by little, so that nothing swings.
+    // Tilted slowly to avoid oscillations.
     for k in 1..=20 {
         body.loads_mut()
             .set_gravity(tilted(f64::from(k) / 20.0 * degrees));
@@ -151,7 +151,7 @@ fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
     let angle = 0.5f64.atan().to_degrees();
     let [quarter, half, borne] = slid(angle - 1.0);
     assert!((borne - 1.0).abs() < 2e-3, "{borne} of its weight is borne");
-    // Held, it creeps by less than the speed below which friction holds, and some for rounding.
+    // Sticking, it creeps by less than the regularisation speed of the friction, plus rounding.
     assert!((half - quarter).abs() < 0.25 * 2e-4, "{quarter} {half}");
     let [quarter, half, _] = slid(angle + 1.0);
     let steep = (angle + 1.0).to_radians();
@@ -183,7 +183,7 @@ fn a_body_that_no_tool_comes_near_steps_as_without() {
     let ((x, of_tools), (y, without)) = (run(true), run(false));
     let off = x.iter().zip(&y).map(|(a, b)| a.distance(*b));
     assert!(off.fold(0.0, f64::max) < 1e-6);
-    // One linear solve a step, told in rounds of eight iterations.
+    // One linear solve per step, reported in rounds of eight iterations.
     for (a, b) in of_tools.iter().zip(&without) {
         assert!(*a <= b.next_multiple_of(8) + 8, "{of_tools:?} {without:?}");
     }

@@ -1,4 +1,4 @@
-//! What the render tests share: devices, scenes, comparisons.
+//! Shared helpers of the render tests: devices, scenes, comparisons.
 
 use glam::DVec3;
 use palpate::gpu::Gpu;
@@ -10,19 +10,19 @@ use palpate::render::{
 
 pub use crate::support::gpu;
 
-/// Reads a real mesh, where there is real data.
+/// Reads a real mesh, if the real data are present.
 pub fn real_mesh(name: &str) -> Option<TetMesh> {
     Some(palpate::io::read(crate::support::real_data(name)?).unwrap())
 }
 
-/// Real meshes, those that are there.
+/// Iterates over the real meshes that are present.
 pub fn real_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
     let found = |name: &&'static str| Some((*name, real_mesh(name)?));
     REAL_MESHES.iter().filter_map(found)
 }
 
-/// Meshes made here that are as unlike each other as the real ones: convex and not, with a duct,
-/// thin limbs, and slivers.
+/// Iterates over generated meshes as diverse as the real ones: convex and not, with a duct, thin
+/// limbs, and slivers.
 pub fn made_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
     let round = generate::Bore::Round;
     [
@@ -36,7 +36,8 @@ pub fn made_meshes() -> impl Iterator<Item = (&'static str, TetMesh)> {
     .into_iter()
 }
 
-/// A cube with a duct, its nodes shaken so far that many tets are almost flat and none is turned.
+/// Returns a cube with a duct, its nodes perturbed so that many tets are nearly flat and none is
+/// inverted.
 pub fn slivers() -> TetMesh {
     let mut mesh = generate::benchmark_cube(9, true).unwrap();
     let mut random = Random::new(11);
@@ -47,7 +48,7 @@ pub fn slivers() -> TetMesh {
     let least = 0.03 * mesh.volume() / mesh.tets.len() as f64;
     for (v, tets) in around.iter().enumerate() {
         let before = mesh.nodes[v];
-        // As far as one of the tets around it lets it, and a little less.
+        // As far as the incident tets allow, with a margin.
         let mut shift = 0.09 * random.direction();
         mesh.nodes[v] = before + shift;
         while tets.iter().any(|t| mesh.tet_volume(*t) < least) {
@@ -58,12 +59,12 @@ pub fn slivers() -> TetMesh {
     mesh
 }
 
-/// The values of a node field.
+/// Returns the values of a node field.
 pub fn node_scalars(mesh: &TetMesh, name: &str) -> Vec<f64> {
     mesh.field(name, Location::Node).unwrap().values.clone()
 }
 
-/// A smooth made-up field for meshes without one: waves over the mesh's bounds.
+/// Returns a smooth synthetic field for meshes without one: waves over the mesh's bounds.
 pub fn waves(mesh: &TetMesh) -> Vec<f64> {
     let (low, high) = mesh.bounds();
     let unit = (high - low).max_element();
@@ -76,7 +77,7 @@ pub fn waves(mesh: &TetMesh) -> Vec<f64> {
         .collect()
 }
 
-/// The transfer function of the comparison with VTK (`benches/peers/cube.py`).
+/// Returns the transfer function of the comparison with VTK (`benches/peers/cube.py`).
 pub fn peers_transfer() -> TransferFunction {
     TransferFunction::new(
         vec![
@@ -95,13 +96,13 @@ pub fn peers_transfer() -> TransferFunction {
     .unwrap()
 }
 
-/// The camera of the comparison with VTK, before its first turn.
+/// Returns the camera of the comparison with VTK, before its first rotation.
 pub fn peers_camera() -> Camera {
     let middle = DVec3::splat(0.5);
     Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
 }
 
-/// Root mean square and 99.9th percentile of the differences, in 255ths.
+/// Returns the root mean square and 99.9th percentile of the differences, in 1/255.
 pub fn difference(image: &Image, truth: &[[f64; 4]]) -> (f64, f64) {
     let mut errors: Vec<f64> = image
         .values
@@ -117,7 +118,7 @@ pub fn difference(image: &Image, truth: &[[f64; 4]]) -> (f64, f64) {
     (rms, errors[errors.len() * 999 / 1000])
 }
 
-/// A raycaster and the exact one, for nodes at `positions`.
+/// A raycaster and the exact reference, for nodes at `positions`.
 pub struct Scene {
     pub caster: Raycaster,
     pub truth: ReferenceRaycaster,
@@ -148,7 +149,7 @@ impl Scene {
         }
     }
 
-    /// The picture and its differences from the truth.
+    /// Returns the picture and its differences from the reference.
     pub fn compare(&mut self, camera: &Camera, size: [u32; 2]) -> (Image, f64, f64) {
         let image = self.caster.image(camera, size, Mode::Composite).unwrap();
         let transfer = self.caster.transfer();
@@ -160,7 +161,7 @@ impl Scene {
     }
 }
 
-/// Where pictures of failing (and other) tests can be looked at.
+/// Saves a picture for inspection.
 pub fn keep(image: &Image, name: &str) {
     if let Ok(folder) = std::env::var("PALPATE_TEST_PICTURES") {
         image
@@ -169,7 +170,7 @@ pub fn keep(image: &Image, name: &str) {
     }
 }
 
-/// A repeatable stream of numbers from 0 to 1.
+/// A deterministic stream of numbers from 0 to 1.
 pub struct Random(u64);
 
 impl Random {
@@ -212,7 +213,7 @@ const REAL_MESHES: [&str; 10] = [
     "scalar/chaste_heart_decimation.vtu",
 ];
 
-/// A smooth bend and swell of the mesh, as strong as leaves every tet the right way out.
+/// Returns a smooth deformation of the mesh, as large as possible without inverted tets.
 pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
     let (low, high) = mesh.bounds();
     let (middle, unit) = (0.5 * (low + high), (high - low).max_element());
@@ -241,7 +242,7 @@ pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
     panic!("no bend leaves every tet the right way out");
 }
 
-/// The intensities of the limb phantom.
+/// Returns the intensities of the limb phantom.
 pub fn limb_scalars(mesh: &TetMesh) -> Vec<f64> {
     let field = mesh
         .fields

@@ -1,4 +1,4 @@
-//! What is cut is seen: the gap, and the same picture as of a mesh that came cut.
+//! Rendering of cuts: the gap is visible, and the picture equals that of a mesh cut beforehand.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -7,7 +7,7 @@ use palpate::mesh::{Blade, TetMesh, Topology, cut, generate, remove};
 use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::*;
 
-/// A square blade about `centre` across `normal`, reaching `half` to each side.
+/// Returns a square blade about `centre` perpendicular to `normal`, of half-width `half`.
 fn across(centre: DVec3, normal: DVec3, half: f64) -> Blade {
     let u = half * normal.any_orthonormal_vector();
     let v = normal.cross(u);
@@ -49,7 +49,7 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     };
     let mut raycaster = caster(&mesh, &topology, &body);
     let mut ignorant = caster(&mesh, &topology, &body);
-    // From the side, a little askew.
+    // From the side, slightly oblique.
     let middle = DVec3::new(0.06, 0.03, 0.03);
     let away = DVec3::new(0.02, -1.0, 0.03).normalize();
     let camera = Camera::orthographic(middle + away, middle, DVec3::Z, 0.3);
@@ -77,7 +77,7 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     geometry
         .apply_cut(&mesh, &topology, &done, positions, &scalars)
         .unwrap();
-    // Nothing has moved yet: the cut is there, but closed.
+    // Nothing has moved yet: the cut exists, but is closed.
     let closed = thickness(&mut raycaster, &mesh, &body);
     let apart = uncut
         .iter()
@@ -108,12 +108,12 @@ fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
     assert_eq!(raycaster.report(&camera, size).unwrap().lost_rays, 0);
     let image = raycaster.image(&camera, size, Mode::Composite).unwrap();
     keep(&image, "gap.png");
-    // One that was not told of the cut still draws the tets as they were.
+    // A renderer without the update for the cut still draws the tets as they were.
     let stale = ignorant.image(&camera, size, Mode::Thickness).unwrap();
     assert_eq!(gap(&stale.values), 0);
 }
 
-/// Pictures in all ways to draw a geometry: both walks and the surface.
+/// Pictures in all modes of rendering a geometry: both traversals and the surface.
 struct Pictures {
     casters: [Raycaster; 2],
     surface: Surface,
@@ -162,7 +162,7 @@ impl Pictures {
         ]
     }
 
-    /// Follows, at `positions` of the mesh as it is now.
+    /// Applies a cut, at `positions` of the current mesh.
     fn follow(
         &mut self,
         gpu: &Gpu,
@@ -186,7 +186,7 @@ impl Pictures {
     }
 }
 
-/// Every node drawn towards the middle of its tets, so that every cut gapes.
+/// Moves every node towards the centre of its tets, so that every cut opens.
 fn drawn_in(mesh: &TetMesh) -> Vec<DVec3> {
     let mut middles = vec![(DVec3::ZERO, 0.0); mesh.nodes.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
@@ -226,7 +226,7 @@ fn a_geometry_that_followed_is_one_made_afresh() {
         let rest = mesh.nodes.clone();
         let done = match normals.get(round) {
             Some(normal) => {
-                // The first ends within the ball.
+                // The first ends inside the ball.
                 let half = if round == 0 { 0.6 } else { 3.0 };
                 let blade = across(0.1 * DVec3::ONE, normal.normalize(), half);
                 cut(&mut mesh, &mut topology, &rest, &blade).unwrap()

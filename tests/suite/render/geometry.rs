@@ -8,14 +8,14 @@ use palpate::mesh::{
 };
 use palpate::render::*;
 
-/// The records of a mesh after a refresh: eight texels a tet, as floats.
+/// Returns the records of a mesh after a refresh: eight texels per tet, as floats.
 fn records(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[Vec4; 8]> {
     let float = |t: [u32; 4]| Vec4::from(t.map(f32::from_bits));
     let texels = texels(gpu, mesh, positions, scalars);
     texels.into_iter().map(|record| record.map(float)).collect()
 }
 
-/// The same as they are.
+/// The same as raw bits.
 fn texels(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> Vec<[[u32; 4]; 8]> {
     let frame = LocalFrame::from_mesh(mesh);
     let array = local_positions(gpu, &frame, positions).unwrap();
@@ -34,7 +34,7 @@ fn in_frame(frame: &LocalFrame, p: DVec3) -> DVec3 {
     frame.to_local(p).as_dvec3()
 }
 
-/// Largest error of normals, offsets and (relative to its own size) gradients.
+/// Returns the largest error of normals, offsets and (relative) gradients.
 fn worst(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], twin: &[DVec3]) -> [f64; 3] {
     let scalars = waves(mesh);
     let low = scalars.iter().copied().fold(f64::INFINITY, f64::min);
@@ -67,7 +67,7 @@ fn planes_and_gradients_match_their_twin() {
     let [normal, offset, gradient] = worst(&gpu, &mesh, &bent, &bent);
     println!("normal {normal:.2e} offset {offset:.2e} gradient {gradient:.2e}");
     assert!(normal < 1e-5 && offset < 1e-5 && gradient < 1e-4);
-    // Negative control: the twin of another shape is told apart.
+    // Negative control: the reference of another shape differs.
     let [normal, ..] = worst(&gpu, &mesh, &bent, &mesh.nodes);
     assert!(normal > 1e-2);
 }
@@ -114,7 +114,7 @@ fn slivers_and_flat_tets_have_finite_planes_and_gradients() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(2, false).unwrap();
     let mut flat = mesh.nodes.clone();
-    // The middle node into a face of its tets, others onto each other.
+    // The centre node moved into a face of its tets, others onto each other.
     flat[13] = 0.5 * (flat[0] + flat[2]);
     flat[5] = flat[4];
     let scalars = waves(&mesh);
@@ -151,7 +151,7 @@ fn inverted_tets_are_counted() {
 
 #[test]
 fn records_are_made_for_the_walk_that_reads_them() {
-    // Of its own: the bytes are counted by device.
+    // A separate device: bytes are counted by device.
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::benchmark_cube(8, true).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -175,12 +175,12 @@ fn records_are_made_for_the_walk_that_reads_them() {
     let planes = draw(&mut caster, Traversal::Planes);
     let records = 128 * mesh.tets.len() as u64;
     assert!(caster.geometry().records().is_some() && gpu.bytes_allocated() - made >= records);
-    // Either walk draws the same as before, and the same as the other but for rounding.
+    // Either traversal draws the same as before, and both agree up to rounding.
     assert_eq!(draw(&mut caster, Traversal::Vertices), first);
     assert_eq!(draw(&mut caster, Traversal::Planes), planes);
     let apart = ImageDifference::between(&planes, &first).unwrap();
     assert!(apart.within(0.5 / 255.0, 4.0 / 255.0), "{apart}");
-    // After a cut, what was drawn by planes before is drawn as if it had not been.
+    // After a cut, the previous plane traversal is reset completely.
     let blade = Blade::from_quad(
         [[0.0, -0.1], [1.1, -0.1], [1.1, 1.1], [0.0, 1.1]]
             .map(|[x, y]| DVec3::new(x, y, 0.5 + 0.2 * x)),

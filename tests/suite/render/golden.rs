@@ -1,5 +1,5 @@
-//! Small pictures kept under `tests/golden`, so that nothing changes unnoticed. Set
-//! `PALPATE_BLESS=1` to write them anew, and look at them before committing.
+//! Small pictures stored under `tests/golden`, to detect changes. Set `PALPATE_BLESS=1` to rewrite
+//! them, and inspect them before committing.
 
 use crate::render::common::*;
 use palpate::mesh::{Location, generate};
@@ -10,7 +10,7 @@ fn golden(name: &str) -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden")).join(name)
 }
 
-/// Holds a picture against the golden one, with what `palpate compare` compares with.
+/// Compares a picture with the golden one, with the metric of `palpate compare`.
 fn hold(image: &Image, name: &str) {
     let path = golden(name);
     if std::env::var_os("PALPATE_BLESS").is_some() {

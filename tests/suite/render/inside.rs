@@ -1,4 +1,4 @@
-//! Eyes inside the mesh, and things that hide parts of it.
+//! Eyes inside the mesh, and objects that occlude parts of it.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -23,7 +23,7 @@ fn an_eye_inside_sees_from_where_it_is() {
             .collect();
         near.iter().sum::<DVec3>() / near.len() as f64
     };
-    // In the body beside the duct, and in the duct itself, which is outside.
+    // In the body next to the duct, and in the duct itself, which is outside.
     let eyes = [at(0.15, 0.2, 0.5), at(0.85, 0.5, 0.3), at(0.5, 0.15, 0.9)];
     for walk in [Traversal::Vertices, Traversal::Planes] {
         let options = RaycastOptions {
@@ -73,7 +73,7 @@ fn an_opaque_wall_ends_the_rays() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
-    // The wall is the surface of a thin plate, drawn into a depth buffer of our own.
+    // The wall is the surface of a thin plate, drawn into a separate depth buffer.
     let plate =
         generate::box_mesh([1, 1, 1], DVec3::new(3.0, 3.0, 0.5), generate::Split::Six).unwrap();
     let wall: Vec<DVec3> = plate

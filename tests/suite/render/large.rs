@@ -1,4 +1,4 @@
-//! Meshes of many millions of tets, and more than there can be.
+//! Meshes of many millions of tets, and beyond the limits.
 
 use crate::render::common::*;
 use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
@@ -13,7 +13,7 @@ fn more_tets_than_the_device_can_draw_are_refused_before_the_work() {
         tets: vec![[0, 1, 2, 3]; most + 1],
         ..TetMesh::default()
     };
-    // Of none of its tets: it is not looked at.
+    // No tet is read.
     let topology = Topology {
         neighbours: Vec::new(),
         boundary: Vec::new(),
@@ -53,7 +53,7 @@ fn ten_million_tets_are_drawn() {
         counts[0] < 1_100_000 && counts[1] > 10_000_000,
         "{counts:?}"
     );
-    // The same smooth field, twice as finely sampled each way.
+    // The same smooth field, sampled twice as finely along each axis.
     let apart = ImageDifference::between(&coarse, &fine).unwrap();
     println!("{apart}");
     assert!(apart.within(0.5 / 255.0, 2.0 / 255.0), "{apart}");
@@ -71,7 +71,7 @@ fn ten_million_tets_are_drawn() {
     let apart = ImageDifference::between(&lit, &fine).unwrap();
     assert!(lit.values.iter().all(|v| v.is_finite()));
     assert!(!apart.within(4.0 / 255.0, 20.0 / 255.0), "{apart}");
-    // What the walk over planes needs would not fit.
+    // The data of the plane traversal would not fit.
     let planes = RaycastOptions {
         walk: Traversal::Planes,
         ..Default::default()

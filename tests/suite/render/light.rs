@@ -1,4 +1,4 @@
-//! Light on the inside, against its float64 form.
+//! Lighting of the interior, against its float64 reference.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -6,7 +6,7 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, LocalFrame, Location, TetMesh, Topology, cut, generate};
 use palpate::render::*;
 
-/// A mesh somewhere, its scalars, and what light sees of it.
+/// A positioned mesh, its scalars, and the sections that affect light.
 struct Lit<'a> {
     mesh: &'a TetMesh,
     positions: Vec<DVec3>,
@@ -54,7 +54,8 @@ impl<'a> Lit<'a> {
         }
     }
 
-    /// Root mean square and worst of the differences between a picture and the truth, in 255ths.
+    /// Returns the root mean square and maximum of the differences between a picture and the
+    /// reference, in 1/255.
     fn compare(&mut self, camera: &Camera, light: Light) -> (f64, f64) {
         let size = [64, 64];
         let image = self.caster.image(camera, size, Mode::Composite).unwrap();
@@ -126,7 +127,7 @@ fn lit_pictures_are_those_of_the_float64_form() {
                 rms < 0.5 && worst < 3.0,
                 "{name} {walk:?} {light:?}: {rms} {worst}"
             );
-            // It can be told from the picture without light.
+            // It differs from the picture without light.
             let (dark, _) = lit.compare(&camera, Light::None);
             assert!(dark > 1.0, "{name} {walk:?}: {dark}");
         }
@@ -172,7 +173,7 @@ fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
     caster.image(&camera, [16, 16], Mode::Composite).unwrap();
     let error = check(caster.geometry(), &mesh, &topology, &scalars);
     assert!(error < 1e-3, "{error}");
-    // It can fail.
+    // The check is effective.
     let other: Vec<f64> = scalars.iter().map(|s| s * s).collect();
     assert!(check(caster.geometry(), &mesh, &topology, &other) > 0.05);
     let corners = [[-1.0, -1.0], [2.0, -1.0], [2.0, 2.0], [-1.0, 2.0]];
@@ -213,7 +214,7 @@ fn light_costs_nothing_where_there_is_none() {
         .image(&camera, [16, 16], Mode::Composite)
         .unwrap_err();
     assert!(told.to_string().contains("illuminate"), "{told}");
-    // Lengths have no light.
+    // Thickness pictures are not lit.
     caster.image(&camera, [16, 16], Mode::Thickness).unwrap();
     let topology = Topology::new(&mesh);
     caster
@@ -238,7 +239,7 @@ fn light_costs_nothing_where_there_is_none() {
     assert!(refused.is_err());
 }
 
-/// The share of light at the nodes in float64, as the caster should have it.
+/// Returns the fraction of light at the nodes in float64, as the caster should compute it.
 fn shares_of_light(lit: &Lit, light: Light, strength: f64, inside: &Sections) -> Vec<f64> {
     let transfer = lit.caster.transfer();
     let (given, cells) = values(lit.scalars);
@@ -309,14 +310,14 @@ fn shadows_are_those_of_the_float64_form() {
             };
             let truth = shares_of_light(&lit, light, 0.8, &inside);
             let spread = truth.iter().cloned().fold(1.0, f64::min);
-            // Points on the borders of cells may count to either.
+            // Points on the borders of cells may count for either cell.
             let rms = off(&truth);
             println!("{name} {walk:?} {light:?}: {rms:.5}, darkest {spread:.2}");
             assert!(
                 rms < 2e-3 && spread < 0.6,
                 "{name} {walk:?}: {rms} {spread}"
             );
-            // Another light, and a body that dims half as much, are told apart.
+            // Another light, and half the extinction, give different results.
             let other = shares_of_light(&lit, Light::From(DVec3::Z), 0.8, &inside);
             assert!(off(&other) > 0.02, "{name} {walk:?}");
             assert!(off(&shares_of_light(&lit, light, 0.4, &inside)) > 0.02);
@@ -351,7 +352,7 @@ fn shadows_are_those_of_the_float64_form() {
 
 #[test]
 fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
-    // Of its own: it counts passes.
+    // A separate device: passes are counted.
     let gpu = Gpu::new().unwrap();
     let mesh = generate::by_name("box", Some(2_000)).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.z).collect();
@@ -387,7 +388,7 @@ fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
         .image(&camera, [16, 16], Mode::Thickness)
         .unwrap();
     assert_eq!(made() - before, 1);
-    // Moved as a whole, the same nodes are in the same light.
+    // After a rigid translation, the same nodes have the same light.
     let frame = LocalFrame::from_mesh(&mesh);
     let places = lit.caster.geometry().positions().clone();
     let put = |at: &dyn Fn(DVec3) -> DVec3| {

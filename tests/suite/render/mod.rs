@@ -1,4 +1,4 @@
-//! The raycaster against float64 truth, on the software adapter.
+//! The raycaster against a float64 reference, on the software adapter.
 
 #[allow(dead_code)]
 mod common;

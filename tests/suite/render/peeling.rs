@@ -1,11 +1,11 @@
-//! Layers behind layers: none lost, none doubled.
+//! Depth peeling: no layer is lost or duplicated.
 
 use crate::render::common::*;
 use glam::DVec3;
 use palpate::mesh::{TetMesh, generate, generate::Split};
 use palpate::render::*;
 
-/// Boxes given by corner, size and cells, in one mesh that shares no nodes.
+/// Returns a mesh of boxes, given by corner, size and cells, without common nodes.
 fn boxes(list: &[([f64; 3], [f64; 3], usize)]) -> TetMesh {
     let (mut nodes, mut tets) = (Vec::new(), Vec::new());
     for (corner, size, cells) in list {
@@ -68,7 +68,7 @@ fn touching_duplicated_and_coplanar_boxes() {
 
 #[test]
 fn layers_that_end_in_different_parts_of_the_picture() {
-    // Ever smaller ones, beside each other and apart.
+    // Boxes of decreasing size, next to each other with gaps.
     let plates: Vec<_> = (0..7)
         .flat_map(|i| {
             let (z, side) = (-1.0 + 0.3 * f64::from(i), 0.9 / f64::from(i + 1));
@@ -114,7 +114,7 @@ fn rays_that_are_opaque_ask_for_no_further_layers() {
     let mesh = boxes(&plates);
     let gpu = gpu();
     let solid = TransferFunction::new(vec![[0.0, 1.0, 0.5, 0.25]], vec![[0.0, 1e4]]).unwrap();
-    // One layer is enough where the first plate hides the rest.
+    // One layer suffices if the first plate is opaque.
     let options = RaycastOptions {
         layers: 1,
         ..Default::default()

@@ -1,4 +1,4 @@
-//! Pixels picked on the GPU, against every face tried in float64; and grabs that start there.
+//! Picks on the GPU against intersection with every face in float64; and grabs from picks.
 
 use crate::render::common::*;
 use glam::{DMat3, DVec2, DVec3};
@@ -12,29 +12,28 @@ use palpate::render::{Camera, Geometry, Pick, local_positions};
 
 const SIZE: [u32; 2] = [160, 120];
 
-/// The boundary as triangles, with tet and face of each.
+/// Returns the boundary as triangles, with tet and face of each.
 fn boundary(mesh: &TetMesh, topology: &Topology) -> (Vec<[u32; 3]>, Vec<(u32, u32)>) {
     let faces = topology.boundary.iter();
     let corners = |f| topology.boundary_nodes(mesh, f);
     faces.map(|f| (corners(*f), (f.tet, f.face))).unzip()
 }
 
-/// How picks and truth compare.
+/// Comparison of picks with the reference.
 #[derive(Default, Debug)]
 struct Tally {
     hits: usize,
     misses: usize,
     /// Hit by one and missed by the other, or another face.
     differ: usize,
-    /// Of these, those not explained by an edge of a face within `NEAR` of the ray.
+    /// Of these, those without an edge of a face within `NEAR` of the ray.
     wrong: usize,
-    /// Farthest that a picked point lies beside the ray, where the faces are the same, in sizes
-    /// of the body.
+    /// Maximum distance of a picked point from the ray, for equal faces, in units of the body size.
     apart: f64,
 }
 
-/// Rays go 0.61/256 of a pixel beside the middle, at most 2e-6 of the body's size where that is;
-/// farther away more, and what is 32 bits is rounded. A pixel is about 1e-2.
+/// Rays pass up to 0.61/256 of a pixel from its centre, i.e. at most 2e-6 of the body size at its
+/// distance; more at larger distances, plus rounding to 32 bits. A pixel is about 1e-2.
 const NEAR: f64 = 3e-5;
 
 impl Tally {
@@ -68,7 +67,7 @@ impl Tally {
             }
             _ => {
                 self.differ += 1;
-                // A ray a little to any side finds what was picked.
+                // One of the rays with small offsets hits the picked face.
                 let aside = ray.direction.any_orthonormal_vector();
                 let other = ray.direction.cross(aside);
                 let code = found.map(|p| (p.tet, p.face));
@@ -87,7 +86,7 @@ impl Tally {
     }
 }
 
-/// A bar bent into a horseshoe: many rays meet it twice.
+/// Returns a bar bent into a horseshoe: many rays hit it twice.
 fn horseshoe() -> (TetMesh, Vec<DVec3>) {
     let mesh = generate::bar([32, 4, 4], DVec3::new(8.0, 1.0, 1.0)).unwrap();
     let bend = |p: &DVec3| {
@@ -105,14 +104,14 @@ fn cameras(middle: DVec3) -> [Camera; 4] {
         Camera::perspective(middle + aside, middle, up, 34.0),
         Camera::orthographic(middle + aside, middle, up, 5.0),
         Camera::perspective(middle + 3000.0 * aside, middle, up, 0.011),
-        // Between the arms, and so near that parts lie behind it.
+        // Between the arms, and so close that parts lie behind it.
         Camera::perspective(middle + DVec3::new(0.4, -1.4, 0.1), middle, up, 80.0),
     ]
 }
 
 #[test]
 fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
-    // Of its own: it counts what is read back.
+    // A separate device: read-backs are counted.
     let gpu = palpate::gpu::Gpu::new().unwrap();
     let (mesh, bent) = horseshoe();
     let topology = Topology::new(&mesh);
@@ -149,7 +148,7 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
         assert!(tally.hits > 50, "{tally:?}");
         assert!(tally.wrong == 0 && tally.differ <= 3, "{tally:?}");
         assert!(tally.apart < NEAR, "{tally:?}");
-        // By the processor it is float64.
+        // The CPU pick is in float64.
         assert!(
             same >= 247 && on_processor.apart < 1e-9,
             "{same} {on_processor:?}"
@@ -158,7 +157,7 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
             on_processor.wrong == 0 && on_processor.differ == 0,
             "{on_processor:?}"
         );
-        // The comparison tells a body that is not bent, of which nothing was picked.
+        // The comparison is effective: the body at rest gives other picks.
         assert!(at_rest.wrong > 10, "{at_rest:?}");
     }
 }
@@ -202,7 +201,7 @@ fn inside_a_body_its_wall_is_picked_from_behind() {
     assert_eq!(face, found.nodes);
 }
 
-/// The point of `pick` on the body at `nodes`.
+/// Returns the point of `pick` on the body at `nodes`.
 fn on(pick: &Pick, nodes: &[DVec3]) -> DVec3 {
     (0..3)
         .map(|k| pick.weights[k] * nodes[pick.nodes[k] as usize])
@@ -233,7 +232,7 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
     let mut solver = ImplicitEuler::new(&gpu, &body).unwrap();
     solver.run(&mut body, 20, 0.005).unwrap();
 
-    // Into the gap, onto the wall of the piece that stays.
+    // Into the gap, onto the wall of the fixed piece.
     let nodes = body.positions().unwrap();
     let middle = DVec3::new(0.06, 0.03, 0.03);
     let camera = Camera::perspective(middle + DVec3::new(0.2, -0.2, 0.2), middle, DVec3::Z, 24.0);
@@ -264,7 +263,7 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
     let now = body.positions().unwrap()[wall.node as usize];
     let expected = nodes[wall.node as usize] + (pulled - wall.point);
     assert!(now.distance(expected) < 1e-6, "{now} {expected}");
-    // The same pixel shows another place now; the wall's point is where the hand is, or near.
+    // The same pixel now shows another place; the point on the wall is at or near the target.
     let moved = on(&wall, &body.positions().unwrap());
     assert!(moved.distance(pulled) < 0.01, "{moved} {pulled}");
 }

@@ -1,4 +1,4 @@
-//! Whole pictures against the exact ray integral.
+//! Complete pictures against the exact ray integral.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -51,7 +51,7 @@ fn the_benchmark_cube_by_both_walks_and_tables() {
     }
 }
 
-/// One of the five scenes: both walks within half a level of the truth.
+/// One of the five scenes: both traversals within half a level of the reference.
 fn scene<'a>(
     name: &str,
     mesh: &TetMesh,

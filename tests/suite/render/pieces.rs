@@ -1,4 +1,4 @@
-//! A body drawn in pieces: the picture of the whole, whatever the pieces are.
+//! Rendering in pieces: the picture equals that of the whole, for any partition.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -10,7 +10,7 @@ use palpate::render::*;
 
 const SIZE: [u32; 2] = [160, 120];
 
-/// What a picture shows.
+/// Content of a picture.
 struct Shown<'a> {
     mesh: &'a TetMesh,
     /// At the nodes, or in the tets.
@@ -62,7 +62,7 @@ impl Shown<'_> {
         Raycaster::with_options(gpu, geometry, &self.transfer, self.options).unwrap()
     }
 
-    /// What each part of the mesh tells.
+    /// Returns the ray segments of each part of the mesh.
     fn told(&self, gpu: &Gpu, part_of: &[u32], camera: &Camera) -> Vec<RaySegments> {
         let parted = MeshPartition::new(self.mesh, part_of).unwrap();
         (0..parted.len())
@@ -74,7 +74,7 @@ impl Shown<'_> {
     }
 }
 
-/// All of them in one, by twos.
+/// Merges all of them pairwise.
 fn reduced(mut told: Vec<RaySegments>) -> RaySegments {
     while told.len() > 1 {
         told = told
@@ -95,12 +95,12 @@ fn options(light: Light) -> RaycastOptions {
     }
 }
 
-/// From outside, from far to the side, along an axis, and from within.
+/// Returns cameras outside at several distances and sides, along an axis, and inside.
 fn cameras(mesh: &TetMesh) -> [Camera; 3] {
     let (low, high) = mesh.bounds();
     let (middle, extent) = (0.5 * (low + high), (high - low).max_element());
     let framing = Camera::fit_mesh_in(mesh, SIZE);
-    // The middle of a tet near the middle of the body: an eye inside it.
+    // The centre of a tet near the centre of the body: an eye inside it.
     let near = |t: &usize| {
         let p = mesh.tet_nodes(*t).iter().sum::<DVec3>() / 4.0;
         p.distance_squared(middle)
@@ -121,8 +121,8 @@ fn cameras(mesh: &TetMesh) -> [Camera; 3] {
     ]
 }
 
-/// Holds the pieces of `shown` against the whole, in light and without, from every camera; the
-/// largest root mean square and the largest difference, in 255ths.
+/// Compares the pieces of `shown` with the whole, with and without light, from every camera;
+/// returns the largest root mean square and the largest difference, in 1/255.
 fn check(name: &str, shown: &mut Shown, parts: &[usize]) -> (f64, f64) {
     let gpu = gpu();
     let (mut rmse, mut most) = (0.0f64, 0.0f64);
@@ -228,7 +228,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
         };
         let whole = shown.whole(&gpu).image(&camera, SIZE, Mode::Composite);
         let whole = whole.unwrap();
-        // As many layers as there are, are found by themselves.
+        // The required number of layers is determined automatically.
         shown.options.layers = 1;
         let mut random = Random::new(5);
         let part_of: Vec<u32> = mesh
@@ -237,7 +237,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
             .map(|_| (3.0 * random.unit()) as u32)
             .collect();
         let told = shown.told(&gpu, &part_of, &camera);
-        // A ray goes in and out of each part many times.
+        // A ray enters and leaves each part many times.
         let rays = whole.values.chunks(4).filter(|p| p[3] > 0.0).count();
         let ways: usize = told.iter().map(|t| t.items().len()).sum();
         println!("{ways} ways of {rays} rays");
@@ -245,7 +245,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
         let apart = ImageDifference::between(&reduced(told.clone()).image(), &whole).unwrap();
         println!("scattered, {walk:?}: {apart:?}");
         assert!(255.0 * apart.rmse < 0.1, "{walk:?}: {apart:?}");
-        // Laid one behind the other without regard to depth it is not the whole.
+        // Composited without depth order, it differs from the whole.
         let mut wrong = told[0].image();
         for part in &told[1..] {
             for (a, b) in wrong
@@ -310,7 +310,7 @@ fn ways_through_a_piece_are_those_of_float64() {
             let told: Vec<&RaySegment> = told.iter().filter(|i| i.rgba[3] > 1e-4).collect();
             rays += usize::from(!truth.is_empty());
             if truth.len() != told.len() {
-                // Along a silhouette of the piece, a hair beside.
+                // Along a silhouette of the piece, with a tiny offset.
                 continue;
             }
             let eye = (camera.eye - frame.origin).dot(forward) / frame.scale;
@@ -327,7 +327,7 @@ fn ways_through_a_piece_are_those_of_float64() {
         rays > 10_000 && alike as f64 > 0.98 * rays as f64,
         "{alike} of {rays}"
     );
-    // All pieces' together are the whole ray's; in the wrong order they are not.
+    // The merged segments of all pieces equal the whole ray; in the wrong order they do not.
     let whole = ReferenceRaycaster::new(&mesh, &mesh.nodes, &shown.scalars);
     let whole = whole.render(&camera, SIZE, |r, ray| r.composite(ray, &transfer));
     let (mut worst, mut wrong) = (0.0f64, 0.0f64);
@@ -380,7 +380,7 @@ fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
     caster.set_sections(&iso).unwrap();
     let told = said(&mut caster);
     assert!(told.contains("isosurfaces"), "{told}");
-    // And without it pictures of the same raycaster go on as before.
+    // Without it, pictures of the same raycaster are unaffected.
     caster.set_sections(&Sections::default()).unwrap();
     let before = caster.picture(&camera, SIZE).unwrap();
     let told = caster.intervals(&camera, SIZE).unwrap();

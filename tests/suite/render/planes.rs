@@ -1,4 +1,4 @@
-//! Planes and isosurfaces in a volume, against their float64 form.
+//! Planes and isosurfaces in a volume, against their float64 reference.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -9,7 +9,7 @@ use palpate::scene::{Scene, Stage};
 
 const SIZE: [u32; 2] = [64, 64];
 
-/// A mesh somewhere, seen with light.
+/// A positioned mesh with light.
 pub struct Seen<'a> {
     mesh: &'a TetMesh,
     pub scalars: Vec<f64>,
@@ -17,7 +17,7 @@ pub struct Seen<'a> {
     pub caster: Raycaster,
     rays: ReferenceRaycaster,
     light: Light,
-    /// Of regions, where they have any of their own.
+    /// Appearances of regions, if any.
     looks: Option<RegionAppearance>,
 }
 
@@ -63,7 +63,7 @@ impl<'a> Seen<'a> {
         self.looks = Some(looks);
     }
 
-    /// Of the nodes of a tet, by weights.
+    /// Interpolates values at the nodes of a tet with weights.
     fn mix(&self, of: &[DVec3], tet: u32, weights: [f64; 4]) -> DVec3 {
         let nodes = self.mesh.tets[tet as usize];
         let parts = nodes.iter().zip(weights);
@@ -97,8 +97,8 @@ impl<'a> Seen<'a> {
         })
     }
 
-    /// Share of pixels that are off by more than 4/255, and the root mean square of the others in
-    /// 255ths. An edge of a surface may pass a pixel on either side.
+    /// Returns the fraction of pixels with an error above 4/255, and the root mean square of the
+    /// others in 1/255. An edge of a surface may fall on either side of a pixel.
     pub fn compare(&mut self, camera: &Camera, inside: &Sections) -> (f64, f64, Image) {
         self.caster.set_sections(inside).unwrap();
         let image = self.caster.image(camera, SIZE, Mode::Composite).unwrap();
@@ -127,7 +127,7 @@ pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
     mesh.nodes.iter().map(bend).collect()
 }
 
-/// What is tried of a body: planes alone, surfaces alone, and all of it.
+/// Returns the tested sections: planes alone, surfaces alone, and all combined.
 pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Sections)> {
     let (low, high) = mesh.bounds();
     let (middle, size) = (0.5 * (low + high), high - low);
@@ -216,7 +216,7 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
             let all = insides(mesh, &seen.scalars.clone());
             let plain = seen.compare(&camera, &Sections::default()).2;
             for (m, (what, inside)) in all.iter().enumerate() {
-                // Each with some, and all of it with each.
+                // Each with some, and the whole body with each.
                 if what != &"all" && (m + n + k) % 3 != 0 {
                     continue;
                 }
@@ -224,7 +224,7 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
                 keep(&image, &format!("planes_{name}_{k}_{m}.png"));
                 let apart = 255.0 * ImageDifference::between(&image, &plain).unwrap().rmse;
                 println!("{name} {walk:?} {what}: {far:.4} far, rms {rms:.3}, moved {apart:.1}");
-                // It can be told from the picture without; an eye inside may see nothing of it.
+                // It differs from the picture without sections; an eye inside may see none of them.
                 let told = inside.is_empty() || k > 1 || apart > 1.0;
                 if far > 0.01 || rms > 0.5 || !told {
                     wrong.push(format!("{name} {walk:?} {what} {k}: {far} {rms} {apart}"));
@@ -276,7 +276,7 @@ fn boundaries_have_cut_faces_without_holes() {
     let middle = 0.5 * (low + high);
     for (at, rest) in [(0.4, false), (0.4, true), (0.6, false)] {
         let p = low + at * (high - low);
-        // Whichever way the camera looks, one side of the plane faces it.
+        // For any direction of the camera, one side of the plane faces it.
         let faces: Vec<Image> = [1.0, -1.0]
             .map(|way: f64| {
                 scene(&format!(
@@ -292,7 +292,7 @@ fn boundaries_have_cut_faces_without_holes() {
             parts.iter().all(|n| *n < lit(&whole) && *n > 0),
             "{parts:?}"
         );
-        // A pixel of the picture is of the boundary, of a cut face, or empty; none shows through.
+        // A pixel of the picture shows the boundary, a cut face, or nothing; none shows through.
         for image in &faces {
             let (width, height) = (96, 72);
             let alpha = |x: usize, y: usize| image.values[4 * (y * width + x) + 3];

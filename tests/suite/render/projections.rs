@@ -1,18 +1,18 @@
-//! The largest, least and mean scalar on each ray, against float64.
+//! Maximum, minimum and mean intensity projection, against float64.
 
 use crate::render::common::*;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
 use palpate::render::*;
 
-/// Of the range of scalars.
+/// Tolerance as a fraction of the range of scalars.
 const NEAR: f64 = 2e-3;
 
 const SIZE: [u32; 2] = [64, 64];
 
 const MODES: [Mode; 3] = [Mode::Maximum, Mode::Minimum, Mode::Mean];
 
-/// What a ray's stretches project to, and over which length.
+/// Returns the projection of the segments of a ray, and their length.
 fn projected(mode: Mode, segments: &[Segment]) -> Option<f64> {
     let ends = segments.iter().flat_map(|s| s.s);
     let length: f64 = segments.iter().map(|s| s.t[1] - s.t[0]).sum();
@@ -26,7 +26,7 @@ fn projected(mode: Mode, segments: &[Segment]) -> Option<f64> {
     })
 }
 
-/// A mesh whose scalars are waves, and a view of it.
+/// A mesh with waves as scalars, and a view of it.
 struct Projected {
     scene: Scene,
     camera: Camera,
@@ -46,9 +46,9 @@ impl Projected {
         }
     }
 
-    /// Of the rays that meet the mesh, the share of those whose pixel in the picture of `mode` is
-    /// off by more than `NEAR` from what they project to by `against`. A ray along a rim may meet
-    /// another part of it than that in float64.
+    /// Returns, among the rays that hit the mesh, the fraction of those whose pixel in the picture
+    /// of `mode` differs by more than `NEAR` from their projection by `against`. A ray along a
+    /// silhouette may hit another part than in float64.
     fn apart(&mut self, mode: Mode, against: Mode) -> f64 {
         let Scene { caster, truth } = &mut self.scene;
         let image = caster.image(&self.camera, SIZE, mode).unwrap();
@@ -75,7 +75,7 @@ impl Projected {
 
 #[test]
 fn projections_match_float64() {
-    // A duct is left and entered again: projections go on over layers.
+    // A duct is left and entered again: projections continue over layers.
     for mesh in [
         generate::by_name("duct", Some(4000)).unwrap(),
         generate::ball(1.0, 5).unwrap(),

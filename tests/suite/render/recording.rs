@@ -1,4 +1,4 @@
-//! Several pictures recorded before one submit, each with what it was recorded with.
+//! Several pictures recorded before one submission, each with its own settings.
 
 use crate::render::common::*;
 use palpate::gpu::{Gpu, Recorder};
@@ -31,10 +31,10 @@ fn raycaster(gpu: &Gpu, options: RaycastOptions) -> Raycaster {
     Raycaster::with_options(gpu, geometry, &peers_transfer(), options).unwrap()
 }
 
-/// What is drawn in one recording: camera, transfer function, size.
+/// Settings of a picture in a recording: camera, transfer function, size.
 type Wanted = (Camera, TransferFunction, [u32; 2]);
 
-/// Three that differ from one to the next in one thing.
+/// Returns three settings that differ in one item each.
 fn wanted() -> Vec<Wanted> {
     let (near, preset) = (peers_camera(), TransferFunction::preset("viridis").unwrap());
     let mut aside = near;
@@ -97,7 +97,7 @@ fn recordings_are_submitted_in_any_order_or_never() {
         work.submit().unwrap();
         encoders.push((colour, encoder));
     }
-    // The first, which was the one to build its table, never runs.
+    // The first, which should build its table, is never submitted.
     encoders.remove(0);
     for ((colour, encoder), truth) in encoders.into_iter().zip(&truth[1..]).rev() {
         gpu.queue().submit([encoder.finish()]);

@@ -1,4 +1,4 @@
-//! A transfer function for each region, against the float64 form.
+//! Transfer functions per region, against the float64 reference.
 
 use crate::render::common::*;
 use crate::render::planes::{Seen, bent, insides};
@@ -7,7 +7,7 @@ use palpate::mesh::{Field, Location, TetMesh, generate};
 use palpate::render::*;
 use palpate::scene::{Scene, Stage};
 
-/// Four regions: as the rest, in one colour, by another preset, and hidden.
+/// Returns appearances of four regions: default, one colour, another preset, and hidden.
 fn looks(mesh: &TetMesh) -> RegionAppearance {
     let preset = |name| TransferFunction::preset(name).unwrap();
     let (low, high) = mesh.bounds();
@@ -66,14 +66,14 @@ fn regions_are_those_of_the_float64_form() {
                 let (far, rms, image) = seen.compare(&camera, inside);
                 println!("{name} {walk:?} {light:?} {what}: rms {rms:.3}, far {far:.4}");
                 keep(&image, &format!("regions_{name}_{walk:?}_{what}.png"));
-                // Where a region is hidden its faces are edges.
+                // Faces of a hidden region are silhouettes.
                 assert!(
                     rms < 0.5 && far < 0.01,
                     "{name} {walk:?} {what}: {rms} {far}"
                 );
                 let changed = image.values.iter().zip(&plain.values);
                 let changed: f64 = changed.map(|(a, b)| f64::from((a - b).abs())).sum();
-                // An eye inside may see little but the region that it is in.
+                // An eye inside may see little except its own region.
                 let from_inside = camera == within;
                 assert!(
                     from_inside || changed / image.values.len() as f64 > 0.003,
@@ -83,7 +83,7 @@ fn regions_are_those_of_the_float64_form() {
             if camera == within {
                 continue;
             }
-            // Another region hidden is told apart.
+            // Another hidden region is detected.
             let mut other = looks(mesh);
             for look in &mut other.tet_regions {
                 *look = look.map_or(Some(1), |k| (k != 1).then_some(k));

@@ -1,4 +1,4 @@
-//! Scans that a body carries, against float64 truth.
+//! Scans carried by a body, against a float64 reference.
 
 use crate::render::common::*;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 const SIZE: [u32; 2] = [96, 72];
 
-/// A head of sorts, 16-bit, in voxels that stand askew and are longer than wide: skin, a shell of
-/// bone with edges as sharp as scans have them, things inside.
+/// Returns a head-like phantom, 16-bit, in oblique, anisotropic voxels: skin, a shell of bone with
+/// edges as sharp as in scans, internal structures.
 fn phantom() -> Volume {
     let size = [40usize, 36, 28];
     let spacing = DVec3::new(0.027, 0.03, 0.038);
@@ -46,7 +46,7 @@ fn phantom() -> Volume {
     }
 }
 
-/// Air is clear, tissue thin, bone dense.
+/// Air is transparent, tissue has low opacity, bone is dense.
 fn transfer() -> TransferFunction {
     TransferFunction::new(
         vec![
@@ -80,7 +80,7 @@ fn camera() -> Camera {
     Camera::perspective(DVec3::new(1.9, 1.2, 2.4), DVec3::splat(0.5), DVec3::Y, 32.0)
 }
 
-/// A raycaster of `scans`, carried by `mesh` whose nodes stand at `positions`.
+/// Returns a raycaster of `scans`, carried by `mesh` with its nodes at `positions`.
 fn caster(
     mesh: &TetMesh,
     positions: &[DVec3],
@@ -108,15 +108,15 @@ fn plain(walk: Traversal) -> RaycastOptions {
     }
 }
 
-/// The exact picture of the scan carried by `mesh`.
+/// Returns the exact picture of the scan carried by `mesh`.
 fn exact(mesh: &TetMesh, positions: &[DVec3], scan: &Scan, camera: &Camera) -> Vec<[f64; 4]> {
     let truth = ReferenceRaycaster::from_scan(mesh, positions, scan, 24.0);
     let transfer = transfer().to_absolute(scan.range(), 1.0);
     truth.render(camera, SIZE, |r, ray| r.composite(ray, &transfer))
 }
 
-/// What the scan shows without any mesh: points of the ray brought to where they rest by `rest`, as
-/// far as they rest in the unit cube.
+/// Returns the picture of the scan without a mesh: points of the ray are mapped to the rest state
+/// by `rest`, if they lie in the unit cube there.
 fn without_tets(scan: &Scan, camera: &Camera, rest: impl Fn(DVec3) -> DVec3) -> Vec<[f64; 4]> {
     let transfer = transfer().to_absolute(scan.range(), 1.0);
     let [width, height] = SIZE;
@@ -182,7 +182,7 @@ fn at_rest_it_is_the_raycast_of_the_scan() {
             assert!(rms < 0.5 && of_free < 1.0, "{walk:?}: {rms} {of_free}");
         }
     }
-    // The comparison tells another scan.
+    // The comparison detects another scan.
     let mut other = phantom();
     other.to_world.translation.x += 0.5 * other.spacing().x;
     let mesh = generate::box_mesh([1; 3], DVec3::ONE, generate::Split::Six).unwrap();
@@ -245,7 +245,7 @@ fn a_bend_is_that_of_its_points() {
     let (of_free, _) = difference(&image, &free);
     println!("by tets {rms:.3}, by the bend itself {of_free:.3}");
     assert!(rms < 0.5 && of_free < 1.0, "{rms} {of_free}");
-    // And it is not the picture at rest.
+    // And it differs from the picture at rest.
     let mut still = caster(
         &mesh,
         &mesh.nodes,
@@ -281,7 +281,7 @@ fn planes_isosurfaces_and_light_see_the_scan() {
         let corners = mesh.tet_nodes(t as usize);
         (0..4).map(|k| w[k] * corners[k]).sum()
     };
-    // Differences of the scan, a voxel to either side, carried by F to the power -T.
+    // Central differences of the scan over one voxel, transformed by F^(−T).
     let to_voxel = scan.rest_to_voxel();
     let back = to_voxel.inverse();
     let (low, high) = scan.range();
@@ -317,7 +317,7 @@ fn planes_isosurfaces_and_light_see_the_scan() {
                 r.composite_sections(ray, &|_| Some(&resolved), &inside, &rest, lighting)
             });
             let (_, worst) = difference(&image, &all);
-            // Rays that graze the isosurface between two samples see it or do not.
+            // Rays that graze the isosurface between two samples may miss it.
             let pairs = image.values.chunks(4).zip(&all);
             let off = pairs.map(|(a, b)| (0..4).map(|k| (f64::from(a[k]) - b[k]).abs()));
             let grazing = off.filter(|off| off.clone().any(|e| e > 0.03)).count();
@@ -373,7 +373,7 @@ fn projections_and_regions_see_the_scan() {
         println!("{name}: {rms:.3}");
         assert!(rms < 1.0, "{name}: {rms}");
     }
-    // A half is hidden, the other has a transfer function of its own.
+    // One half is hidden, the other has its own transfer function.
     let own = transfer().with_colour([0.2, 0.9, 0.4]);
     let upper = |t: usize| mesh.tet_nodes(t).iter().map(|p| p.y).sum::<f64>() > 2.0;
     let looks = RegionAppearance {
@@ -418,7 +418,7 @@ fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
         let mut caster = caster(&mesh, &mesh.nodes, std::slice::from_ref(scan), options);
         picture(&mut caster, &camera)
     });
-    // The two voxels are in a corner, of which most is outside the cube.
+    // The two voxels are in a corner, most of which lies outside the cube.
     let each = plain_one.values.iter().zip(&far_one.values);
     let off = each.filter(|(a, b)| (*a - *b).abs() > 0.2 / 255.0).count();
     println!("{off} of {} differ", plain_one.values.len());
@@ -448,7 +448,7 @@ fn without_scans_scalars_are_drawn_as_they_were() {
     assert_ne!(picture(&mut caster, &camera), scanned);
     caster.set_scans(&mesh, &[]).unwrap();
     assert_eq!(picture(&mut caster, &camera), before);
-    // Isosurfaces are of values: neither may come after the other.
+    // Isosurfaces need values, not labels: the combination is rejected in either order.
     let inside = Sections {
         isosurfaces: vec!["0.5".parse().unwrap()],
         ..Sections::default()
@@ -539,7 +539,7 @@ fn x_rays_meet_as_much_however_the_body_is_bent() {
                 assert!(rms < 1.0 && most > 0.5, "{rms} {most}");
                 totals.push(total);
             }
-            // As much in all, however the body is bent: what a picture of pixels can tell of it.
+            // The total mass is constant for any bend, up to the resolution of the picture.
             for total in &totals {
                 assert!((total / totals[0] - 1.0).abs() < 1e-3, "{totals:?}");
             }
@@ -547,14 +547,14 @@ fn x_rays_meet_as_much_however_the_body_is_bent() {
     }
 }
 
-/// CT numbers at the nodes.
+/// Returns the CT numbers at the nodes.
 fn node_field(mesh: &TetMesh) -> Vec<f64> {
     let middle = DVec3::splat(0.5);
     let at = |p: &DVec3| 700.0 - 2600.0 * p.distance(middle).powi(2);
     mesh.nodes.iter().map(at).collect()
 }
 
-/// Three labels in voxels of another grid.
+/// Returns three labels in voxels of another grid.
 fn labels() -> Volume {
     let size = [13usize, 11, 12];
     let to_world = DAffine3::from_scale_rotation_translation(
@@ -618,7 +618,7 @@ fn labels_are_themselves_to_their_borders_and_mix_with_values() {
     };
     let transfer = transfer().to_absolute(values.range(), 1.0);
     let of_tets = ReferenceRaycaster::new(&mesh, &moved, &vec![0.0; mesh.nodes.len()]);
-    // Both at once, in short stretches.
+    // Both together, with short segments.
     let truth = |with_values: bool| {
         of_tets.render(&camera, SIZE, |r, ray| {
             let mut sum = [0.0f64; 4];
@@ -719,7 +719,7 @@ fn scans_that_make_no_sense_are_refused_in_words() {
     let other = generate::box_mesh([1; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let said = caster.set_scans(&other, &[scan_of(phantom())]).unwrap_err();
     assert!(said.to_string().contains("another is given"), "{said}");
-    // What was there stays.
+    // The previous contents are kept.
     assert!(caster.shows_scans());
     caster.image(&camera(), SIZE, Mode::Composite).unwrap();
 }

@@ -1,4 +1,4 @@
-//! Impossible sizes: an error from each way to ask for one, and the device goes on.
+//! Invalid sizes: an error from every function that takes a size, and the device remains usable.
 
 use crate::render::common::*;
 use palpate::Error;
@@ -10,7 +10,7 @@ use palpate::skin::{Compositor, CompositorOptions, Skin, SkinBase};
 
 const TOO_LARGE: [u32; 2] = [100_000, 100_000];
 
-/// The message of an error that names the size.
+/// Returns the message of an error that states the size.
 fn refused<T>(result: palpate::Result<T>) -> String {
     match result {
         Err(e @ (Error::Input(_) | Error::Gpu(_))) => e.to_string(),
@@ -56,7 +56,7 @@ fn a_stage_refuses_them_too() {
         stage.set_size(TOO_LARGE);
         refused(stage.image());
         refused(stage.measure(1));
-        // What a picture in memory is tiled for, a single target cannot be.
+        // A picture in memory is tiled, a single render target cannot be.
         stage.set_size([9_000, 9]);
         assert!(refused(stage.frame_ms(1)).contains("measured picture"));
         stage.set_size([16, 16]);

@@ -1,5 +1,5 @@
-//! Rays start wherever they enter, however coarse the grid is onto which the rasteriser moves
-//! corners; one that does not is counted.
+//! Rays start wherever they enter, despite the coarse grid to which the rasteriser snaps corners;
+//! missing starts are counted.
 
 use crate::render::common::*;
 use glam::DVec3;
@@ -25,7 +25,7 @@ fn every_ray_of_a_limb_starts() {
     let mesh = generate::by_name("limb", Some(9_000)).unwrap();
     let mut caster = caster(&mesh, &Topology::new(&mesh), Traversal::Vertices);
     let far = Camera::fit_mesh(&mesh);
-    // Faces of several pixels, of a part of one, and some that reach far outside the picture.
+    // Faces of several pixels, of subpixel size, and some far beyond the picture.
     let mut close = far;
     close.eye = close.look_at + 0.25 * (close.eye - close.look_at);
     for (camera, size) in [
@@ -42,7 +42,7 @@ fn every_ray_of_a_limb_starts() {
 
 #[test]
 fn every_ray_starts_at_slivers_seen_edge_on() {
-    // A plate as thin as a millionth, and needles: all faces are slivers, or are seen as such.
+    // A plate of thickness 1e-6, and needles: all faces are slivers, or appear as such.
     for scale in [
         DVec3::new(1.0, 1.0, 1e-6),
         DVec3::new(1.0, 1e-3, 1e-3),
@@ -75,7 +75,7 @@ fn every_ray_starts_around_an_eye_inside_or_close_to_the_boundary() {
     for eye in [
         DVec3::new(0.11, 0.17, 0.52),
         DVec3::new(0.5, 0.5, 0.06),
-        // Barely outside of a side, and barely inside.
+        // Slightly outside of a side, and slightly inside.
         DVec3::new(-0.001, 0.4, 0.45),
         DVec3::new(0.001, 0.4, 0.45),
         // Along a side, with faces on both sides of the plane of the eye.
@@ -92,7 +92,7 @@ fn every_ray_starts_around_an_eye_inside_or_close_to_the_boundary() {
     }
 }
 
-/// The topology of `mesh` with one face that `is` no longer on the boundary: no ray starts there.
+/// Returns the topology of `mesh` without the boundary face selected by `is`: no ray starts there.
 fn without(mesh: &TetMesh, is: impl Fn([DVec3; 3]) -> bool) -> Topology {
     let mut topology = Topology::new(mesh);
     let bare = |t: usize, f: usize| topology.neighbours[t][f] == u32::MAX;
@@ -101,7 +101,7 @@ fn without(mesh: &TetMesh, is: impl Fn([DVec3; 3]) -> bool) -> Topology {
         .flat_map(|t| (0..4).map(move |f| (t, f)))
         .find(|(t, f)| bare(*t, *f) && is(corners(*t, *f)))
         .unwrap();
-    // Another tet behind it, which no ray gets to this way.
+    // Another tet behind it, which no ray reaches through that face.
     topology.neighbours[t][f] = 4 * ((t as u32 + 7) % mesh.tets.len() as u32);
     topology
 }
@@ -126,7 +126,7 @@ fn rays_that_never_start_are_counted() {
         let holes = image.values.iter().filter(|t| **t == 0.0).count() as u64;
         let report = holed.report(&camera, size).unwrap();
         assert!(holes > 100, "{holes}");
-        // Once each, or twice: the report also walks back from behind, into the wrong tet.
+        // Once or twice each: the report also traverses from behind, into the wrong tet.
         let lost = report.lost_rays;
         assert!((holes..=2 * holes).contains(&lost), "{walk:?}: {lost}");
         assert_eq!(report.rays, 150 * 150);

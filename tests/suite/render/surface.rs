@@ -1,4 +1,4 @@
-//! The lit surface: it covers what rays meet, and is lit from where its nodes are.
+//! The lit surface: its coverage equals that of the rays, and its lighting follows its nodes.
 
 use crate::render::common::*;
 use palpate::mesh::generate;
@@ -35,11 +35,11 @@ fn it_covers_exactly_what_rays_meet() {
             let mut apart = 0;
             for (pixel, length) in image.values.chunks(4).zip(&inside.values) {
                 let (covered, met) = (pixel[3], *length > 0.0);
-                // Edge pixels are covered in part.
+                // Edge pixels are partly covered.
                 apart += usize::from((covered == 1.0 && !met) || (covered == 0.0 && met));
                 assert!(pixel[..3].iter().all(|c| (0.0..=1.0).contains(c)));
             }
-            // A corner may hide between the samples of its pixel.
+            // A corner may lie between the samples of its pixel.
             assert!(apart <= 2, "{apart}");
             let bright = image.values.chunks(4).filter(|p| p[1] > 0.3).count();
             assert!(bright > 500, "{bright}");

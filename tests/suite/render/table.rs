@@ -22,14 +22,14 @@ fn random_transfer(random: &mut Random, density: f64) -> TransferFunction {
     TransferFunction::new(colour, extinction).unwrap()
 }
 
-/// Root mean square and largest error of look-ups, in 255ths.
+/// Returns the root mean square and maximum error of look-ups, in 1/255.
 fn errors(
     caster: &mut Raycaster,
     truth: &ResolvedTransfer,
     random: &mut Random,
     longest: f64,
 ) -> (f64, f64) {
-    // Segments as they occur: the scalar changes the more the longer they are.
+    // Realistic segments: the change of the scalar is proportional to the length.
     let segments: Vec<[f64; 3]> = (0..3000)
         .map(|_| {
             let d = longest * random.unit();
@@ -71,7 +71,7 @@ fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
             for _ in 0..4 {
                 let transfer = random_transfer(&mut random, density);
                 caster.set_transfer(&transfer).unwrap();
-                // The cell's diagonal is the longest edge.
+                // The diagonal of the cell is the longest edge.
                 let (r, m) = errors(
                     &mut caster,
                     &transfer.to_absolute((0.0, 1.0), 1.0),
@@ -90,7 +90,7 @@ fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
 #[test]
 fn no_segment_is_too_long() {
     let gpu = gpu();
-    // Segments are as long as tets may become.
+    // Segments up to the maximum length of tets.
     let mesh = generate::benchmark_cube(2, false).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
     for table in [TableKind::Integrals, TableKind::Sliced, TableKind::Volume] {

@@ -1,4 +1,4 @@
-//! The length of rays inside meshes, one by one and summed up; lost rays.
+//! Length of rays inside meshes, individually and summed; lost rays.
 
 use crate::render::common::*;
 use glam::{DVec2, DVec3};
@@ -29,7 +29,7 @@ fn caster(
     (scene.caster, scene.truth)
 }
 
-/// A camera somewhere around the mesh that sees all of it.
+/// Returns a random camera around the mesh that sees all of it.
 fn random_camera(positions: &[DVec3], random: &mut Random) -> Camera {
     let (low, high) = palpate::mesh::bounds(positions);
     let (middle, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
@@ -44,11 +44,11 @@ fn random_camera(positions: &[DVec3], random: &mut Random) -> Camera {
     }
 }
 
-/// Pixels whose thickness is not that of any exact ray within a 100th of a pixel, as far as the
-/// exact one varies there; and the largest difference in the middle of the pixel.
+/// Returns the number of pixels whose thickness is outside the range of the exact rays within a
+/// 100th of a pixel, and the largest difference at the pixel centre.
 ///
-/// A rasteriser places vertices on a grid of 256ths of a pixel: at a silhouette, the nearest
-/// exact rays decide whether a pixel is covered.
+/// A rasteriser snaps vertices to a grid of 256ths of a pixel: at a silhouette, the nearest exact
+/// rays determine whether a pixel is covered.
 fn wrong_pixels(
     image: &Image,
     truth: &ReferenceRaycaster,
@@ -207,7 +207,7 @@ fn lose_none(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
                 (DVec3::Y, DVec3::Z),
                 (DVec3::NEG_Z, DVec3::Y),
             ] {
-                // Odd sizes put a ray right through the middle, and even ones along the grid.
+                // Odd sizes put a ray exactly through the centre, and even ones along the grid.
                 for camera in [
                     Camera::orthographic(middle + 2.0 * unit * axis, middle, up, unit),
                     Camera::perspective(middle + 2.0 * unit * axis, middle, up, 35.0),
@@ -234,7 +234,7 @@ fn rays_along_the_edges_of_a_grid_are_as_long_as_the_grid() {
             DVec3::Y,
             0.9375,
         );
-        // Every other row and column of rays runs exactly along the grid's edges and faces.
+        // Alternate rows and columns of rays run exactly along the grid's edges and faces.
         let image = caster.image(&camera, [15, 15], Mode::Thickness).unwrap();
         for (i, t) in image.values.iter().enumerate() {
             assert!((t - 1.0).abs() < 1e-4, "{walk:?}: ray {i} is {t} long");

@@ -1,5 +1,5 @@
-//! All that a picture of the inside can show, in one: two clip planes, a slice, two isosurfaces, a
-//! translucent skin and light, against their float64 form.
+//! All features of interior pictures combined: two clip planes, a slice, two isosurfaces, a
+//! translucent skin and light, against their float64 reference.
 
 use crate::render::common::*;
 use crate::render::planes::{Seen, insides};
@@ -8,7 +8,7 @@ use palpate::mesh::{TriMesh, generate};
 use palpate::render::*;
 use palpate::skin::{Compositor, CompositorOptions, Mapping, Skin, SkinBase, SkinColouring};
 
-/// A square of `size` about `middle`, across `normal`.
+/// Returns a square of `size` about `middle`, perpendicular to `normal`.
 fn square(middle: DVec3, normal: DVec3, size: f64) -> TriMesh {
     let n = 12u32;
     let (u, v) = normal.any_orthonormal_pair();
@@ -32,7 +32,7 @@ fn everything_at_once_is_the_float64_form() {
     let (low, high) = mesh.bounds();
     let middle = 0.5 * (low + high);
     let camera = Camera::fit_mesh(&mesh);
-    // Towards the eye: what lies beyond it is before the skin.
+    // Towards the eye: points beyond the plane are in front of the skin.
     let normal = (camera.eye - middle).normalize() + DVec3::new(0.1, -0.05, 0.02);
     for (walk, light) in [
         (Traversal::Vertices, Light::Head),
@@ -67,7 +67,7 @@ fn everything_at_once_is_the_float64_form() {
             )
             .unwrap();
         keep(&image, &format!("together_{walk:?}.png"));
-        // The same before the skin, and behind it.
+        // The same in front of the skin, and behind it.
         let half = |normal: DVec3| {
             let mut inside = all.clone();
             inside.planes.push(Plane::clip(middle, normal));
@@ -97,7 +97,7 @@ fn everything_at_once_is_the_float64_form() {
         println!("{walk:?}: {far:.4} far, rms {rms:.3}, the skin covers {covered} pixels");
         assert!(far < 0.01 && rms < 0.5, "{walk:?}: {far} {rms}");
         assert!(covered > 300, "{covered}");
-        // The skin before all of it is told apart.
+        // A skin in front of everything differs.
         let (far, _) = off(&|i, skin| over(&skin, &over(&before[i], &behind[i])));
         assert!(far > 0.02, "{far}");
     }

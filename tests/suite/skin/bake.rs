@@ -1,4 +1,4 @@
-//! Normal maps of coarse surfaces from fine ones.
+//! Normal maps baked from fine to coarse surfaces.
 
 use crate::skin::common::*;
 use crate::skin::mapping::with_uvs;
@@ -7,7 +7,7 @@ use palpate::mesh::{LocalFrame, TriMesh, generate};
 use palpate::render::{Camera, Image, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase, bake};
 
-/// A sphere with dents and bumps that a coarse one has not.
+/// A sphere with dents and bumps that the coarse one lacks.
 fn dented(p: DVec3) -> DVec3 {
     p * (1.0 + 0.02 * (14.0 * p.x).sin() * (13.0 * p.y).cos() * (12.0 * p.z).sin())
 }
@@ -18,7 +18,7 @@ fn a_coarse_surface_looks_like_the_fine_one_by_its_map() {
     let coarse = with_uvs(&sphere(24, 48, |p| p));
     let fine = sphere(150, 300, dented);
     let (map, report) = bake(&coarse, &fine, [512, 256]).unwrap();
-    // Nearly all of the texture is covered; the normals meet the fine surface.
+    // Nearly all of the texture is covered; the rays hit the fine surface.
     assert!(
         report.covered > 480 * 256 && report.missed < 500,
         "{report:?}"
@@ -35,7 +35,7 @@ fn a_coarse_surface_looks_like_the_fine_one_by_its_map() {
     let plain = picture(&mut coarse_skin);
     coarse_skin.set_normal_map(Some(&map)).unwrap();
     let mapped = picture(&mut coarse_skin);
-    // Within the middle of the disc: at its rim the shapes themselves differ.
+    // Within the centre of the disc: at its rim the silhouettes differ.
     let off = |image: &Image| {
         let (mut sum, mut count) = (0.0, 0);
         for (x, y) in (40..120).flat_map(|y| (40..120).map(move |x| (x, y))) {
@@ -54,11 +54,11 @@ fn a_surface_baked_from_itself_is_flat_and_bad_input_is_named() {
     let coarse = with_uvs(&sphere(16, 32, |p| p));
     let (map, report) = bake(&coarse, &coarse, [128, 64]).unwrap();
     assert_eq!(report.missed, 0);
-    // Only near the poles, where triangles end in a point, a part is not covered.
+    // Only near the poles, where triangles degenerate, texels are not covered.
     assert!(report.covered > 128 * 58, "{report:?}");
     let bent = |t: &&[u8; 4]| t[0].abs_diff(128) > 2 || t[1].abs_diff(128) > 2 || t[2] < 253;
     assert_eq!(map.texels.iter().filter(bent).count(), 0);
-    // From another surface it is not flat.
+    // The map of another surface is not flat.
     let (map, _) = bake(&coarse, &sphere(60, 120, dented), [128, 64]).unwrap();
     assert!(map.texels.iter().filter(bent).count() > 1000);
 

@@ -1,4 +1,4 @@
-//! What the skin tests share: bodies, surfaces, and bodies that carry them.
+//! Shared helpers of the skin tests: bodies, surfaces, and skinned bodies.
 
 use glam::DVec3;
 use palpate::gpu::{Array, Gpu};
@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 pub use crate::support::gpu;
 
-/// Repeatable numbers in −1..1.
+/// Returns a deterministic generator of numbers in −1..1.
 pub fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
@@ -20,7 +20,8 @@ pub fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A sphere of `rings` rings of `around` vertices and two poles, each vertex moved by `place`.
+/// Returns a sphere of `rings` rings of `around` vertices and two poles, each vertex mapped by
+/// `place`.
 pub fn sphere(rings: usize, around: usize, place: impl Fn(DVec3) -> DVec3) -> TriMesh {
     let mut vertices = vec![DVec3::Z];
     for r in 1..=rings {
@@ -50,7 +51,7 @@ pub fn sphere(rings: usize, around: usize, place: impl Fn(DVec3) -> DVec3) -> Tr
     }
 }
 
-/// A surface with hills and dales, about 1.1 in radius.
+/// Returns a surface with bumps, of radius about 1.1.
 pub fn bumpy(rings: usize) -> TriMesh {
     sphere(rings, 2 * rings, |p| {
         let hills = (7.0 * p.x).sin() * (6.0 * p.y).cos() + (5.0 * p.z).sin();
@@ -66,7 +67,8 @@ pub struct Scene {
     pub skin: TriMesh,
 }
 
-/// A ball of tets under hills, 18 nodes by hand under the same, and a bar under a rounded box.
+/// Returns a ball of tets with a bumpy skin, 18 explicit nodes with the same skin, and a bar with a
+/// rounded box.
 pub fn scenes() -> Vec<Scene> {
     let ball = generate::ball(1.0, 8).unwrap();
     let surface = ball.boundary_surface(None).unwrap();
@@ -90,7 +92,7 @@ pub fn scenes() -> Vec<Scene> {
     ]
 }
 
-/// The unit cube's surface, of so many cells along each axis.
+/// Returns the surface of the unit cube with `cells` cells along each axis.
 fn box_surface(cells: [u32; 3]) -> TriMesh {
     let mut surface = TriMesh::default();
     let mut known = HashMap::new();
@@ -117,7 +119,7 @@ fn box_surface(cells: [u32; 3]) -> TriMesh {
     surface
 }
 
-/// A bar of 8 × 1 × 1 cells under a finely cut surface 0.3 above it.
+/// Returns a bar of 8 × 1 × 1 cells with a fine surface 0.3 above it.
 pub fn bar() -> Scene {
     let mesh = generate::bar([8, 1, 1], DVec3::new(8.0, 1.0, 1.0)).unwrap();
     let base = mesh.boundary_surface(None).unwrap();
@@ -144,7 +146,7 @@ impl Scene {
         LocalFrame::from_bounds(low, high)
     }
 
-    /// Its nodes at `positions`, on the GPU.
+    /// Returns its nodes at `positions`, on the GPU.
     pub fn carrier(&self, gpu: &Gpu, positions: &[DVec3]) -> (SkinBase, Array) {
         let array = local_positions(gpu, &self.frame(), positions).unwrap();
         let carrier =
@@ -153,12 +155,12 @@ impl Scene {
     }
 }
 
-/// The normals of packed ones.
+/// Unpacks normals.
 pub fn unpacked(packed: &[u32]) -> Vec<Option<DVec3>> {
     packed.iter().map(|n| unpack_normal(*n)).collect()
 }
 
-/// The largest distance between two lists of points; NaN if any is.
+/// Returns the largest distance between two lists of points; NaN if any is.
 pub fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).fold(0.0, |worst: f64, (a, b)| {
@@ -171,13 +173,13 @@ pub fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
     })
 }
 
-/// The longest side of the bounds.
+/// Returns the longest side of the bounds.
 pub fn size(points: &[DVec3]) -> f64 {
     let (low, high) = palpate::mesh::bounds(points);
     (high - low).max_element()
 }
 
-/// Where pictures of tests can be looked at.
+/// Saves a picture for inspection.
 pub fn keep(image: &Image, name: &str) {
     if let Ok(folder) = std::env::var("PALPATE_TEST_PICTURES") {
         let path = std::path::Path::new(&folder).join(name);

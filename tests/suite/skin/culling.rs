@@ -1,5 +1,5 @@
-//! Triangles left out by the normals of their nodes: those that a float64 twin leaves out, and
-//! none that is missed in a picture.
+//! Back-face culling by node normals: the same triangles as in a float64 reference, and no visible
+//! one.
 
 use crate::skin::common::*;
 use glam::DVec3;
@@ -13,7 +13,7 @@ use std::collections::HashSet;
 
 const SIZE: [u32; 2] = [200, 160];
 
-/// A ball of tets, bent as far as `amount` says, and a gently hilly skin a little above it.
+/// A ball of tets, bent by `amount`, and a smooth skin slightly above it.
 struct Ball {
     mesh: TetMesh,
     frame: LocalFrame,
@@ -73,9 +73,9 @@ fn cameras() -> Vec<Camera> {
         look([3.0, -4.5, 2.0], 34.0),
         look([-300.0, 400.0, -100.0], 0.4),
         Camera::orthographic(DVec3::new(4.0, 3.0, -2.0), at, DVec3::Z, 3.2),
-        // Much of it outside the picture.
+        // Mostly outside the picture.
         look([0.5, -3.0, 0.4], 12.0),
-        // Close by, and inside.
+        // Close, and inside.
         look([0.3, -1.7, 0.4], 60.0),
         look([0.2, -0.4, 0.1], 70.0),
     ]
@@ -102,7 +102,7 @@ fn what_is_culled_is_not_missed_in_any_picture() {
             keep(&culled, &format!("culled_{mapping}_{n}.png"));
         }
         println!("{mapping}: left out {shares:.2?}");
-        // Most of what faces away; more where the picture shows but a part.
+        // Most back faces; more if the picture shows only a part.
         assert!(shares[..3].iter().all(|s| *s > 0.3), "{shares:?}");
         assert!(shares[3] > 0.7, "{shares:?}");
         assert!(shares.iter().all(|s| *s < 1.0));
@@ -117,7 +117,7 @@ fn the_pictures_tell_triangles_that_are_missing() {
     ball.stand(&gpu, bend);
     let camera = &cameras()[0];
     let whole = skin.image(camera, SIZE).unwrap();
-    // What the other side would leave out.
+    // The triangles that culling of the opposite side drops.
     let opposite = Camera {
         eye: 2.0 * camera.look_at - camera.eye,
         ..*camera
@@ -133,13 +133,14 @@ fn the_pictures_tell_triangles_that_are_missing() {
         .collect();
     assert!(shown.contains(&false));
     skin.set_visible_triangles(&shown).unwrap();
-    // A skin with holes: what faces away may be seen through them.
+    // A skin with holes: back faces may be visible through them.
     let holey = skin.image(camera, SIZE).unwrap();
     assert!(whole.values != holey.values);
     assert_eq!(skin.visible_triangles().unwrap().len(), drawn.len());
 }
 
-/// What the twin leaves out, and how near to the limit each triangle is, in radians.
+/// Returns the triangles culled by the reference, and the distance of each from the limit, in
+/// radians.
 fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool, f64)> {
     let base = skin.carrier().rest_mesh();
     let rest: Vec<Option<DVec3>> = base.normals.iter().map(|n| unpack_normal(*n)).collect();
@@ -266,7 +267,7 @@ fn what_has_no_normal_is_translucent_or_open_is_drawn_whole() {
     let mut skin = Skin::new(&gpu, &open, &ball.carrier, Mapping::Auto).unwrap();
     assert_eq!(count(&mut skin), all - 40);
 
-    // The nodes of the lower half have no normal, as where a grid body is one particle thin.
+    // The nodes of the lower half have no normal, as for a grid body one particle thick.
     let base = ball.carrier.rest_mesh();
     let mut packed = base.normals.to_vec();
     let places = &ball.mesh.nodes;

@@ -1,4 +1,4 @@
-//! Skins that open where their body is cut.
+//! Skins that open at cuts of their body.
 
 use crate::skin::common::*;
 use glam::DVec3;
@@ -6,7 +6,8 @@ use palpate::mesh::{Blade, LocalFrame, TetMesh, Topology, components, cut, gener
 use palpate::render::{Camera, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase};
 
-/// The bar under a fine skin, cut across at x = 4.2; positions with the far half moved away.
+/// Returns the bar under a fine skin, cut across at x = 4.2, and positions with the far half moved
+/// away.
 fn halves() -> (TetMesh, TetMesh, Vec<DVec3>, Blade) {
     let mesh = generate::bar([8, 2, 2], DVec3::new(8.0, 1.0, 1.0)).unwrap();
     let corner = |y: f64, z: f64| DVec3::new(4.2, y, z);
@@ -38,7 +39,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
         let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
         let carrier = SkinBase::from_mesh(&gpu, &mesh, &positions, frame).unwrap();
         let mut skin = Skin::new(&gpu, &surface, &carrier, mapping).unwrap();
-        // Cut, and not yet apart.
+        // Cut, but not yet separated.
         let positions = local_positions(&gpu, &frame, &parted.nodes).unwrap();
         let carrier = SkinBase::from_mesh(&gpu, &parted, &positions, frame).unwrap();
         let done = skin.apply_cut(&carrier, &blade).unwrap();
@@ -47,7 +48,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
         assert!(done.walls.len() > 10);
         let error = apart(&skin.vertices().unwrap(), &surface.vertices);
         assert!(error < 1e-5, "{mapping}: {error:e}");
-        // Apart: each half as it was, and nothing in between.
+        // Separated: each half as before, and nothing in between.
         let apart_now: Vec<[f32; 4]> = moved
             .iter()
             .map(|p| frame.to_local(*p).extend(1.0).to_array())
@@ -74,9 +75,9 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
                 .count()
         };
         assert_eq!(stretched(&|t| skin.shown()[t]), 0);
-        // Those that are hidden are the ones that would span the gap.
+        // The hidden triangles are those that would span the gap.
         assert!(stretched(&|t| !skin.shown()[t]) >= done.hidden);
-        // The walls can be seen through the gap.
+        // The walls are visible through the gap.
         let mut walls = Skin::body_surface(&gpu, &carrier, Some(&done.walls)).unwrap();
         let camera = Camera::perspective(
             DVec3::new(9.5, 4.0, 6.0),

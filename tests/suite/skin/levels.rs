@@ -7,7 +7,7 @@ use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::local_positions;
 use palpate::skin::{Mapping, Skin, SkinBase};
 
-/// A smooth bend of everything.
+/// A smooth bend of all points.
 fn bent(p: &DVec3) -> DVec3 {
     *p + DVec3::new(0.15 * p.z * p.z, 0.1 * (2.0 * p.x).sin(), 0.1 * p.x * p.y)
 }
@@ -35,7 +35,7 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
             .collect();
         gpu.write_array(&bodies[level].1, &local).unwrap();
     };
-    // At rest nothing moves at all.
+    // At rest nothing moves.
     let whole = size(&surface.vertices);
     for level in [1, 0, 1, 0] {
         skin.set_level(level).unwrap();
@@ -43,7 +43,7 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
         let error = apart(&skin.vertices().unwrap(), &surface.vertices);
         assert!(error < 1e-6 * whole, "{error:e}");
     }
-    // Bent, the coarse body hands its positions to the fine one.
+    // Bent, the coarse body transfers its positions to the fine one.
     let coarse: Vec<DVec3> = meshes[0].nodes.iter().map(bent).collect();
     stand(0, &coarse);
     let over = BarycentricMap::new(&meshes[0], &meshes[1].nodes).unwrap();
@@ -51,7 +51,7 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     let before = skin.vertices().unwrap();
     skin.set_level(1).unwrap();
     let jump = apart(&before, &skin.vertices().unwrap());
-    // How far the coarse mapping is from where the bend would have the skin.
+    // Distance of the coarse mapping from the exact bend of the skin.
     let truth: Vec<DVec3> = surface.vertices.iter().map(bent).collect();
     let error = apart(&before, &truth);
     let moved = apart(&before, &surface.vertices);
@@ -62,7 +62,7 @@ fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
     assert!(bare.add_level(&bodies[1].0).is_err());
 }
 
-/// How fast the vertices of `skin` move at the velocities of `body`.
+/// Returns the velocities of the vertices of `skin` for the velocities of `body`.
 fn pace(skin: &Skin, body: &mut GpuBody) -> Vec<DVec3> {
     let (places, velocities) = (body.positions().unwrap(), body.velocities().unwrap());
     let dt = 1e-3;
@@ -100,7 +100,7 @@ fn a_running_body_hands_over_place_and_velocity() {
         bodies[0].velocities().unwrap(),
     );
     let before = skin.vertices().unwrap();
-    // Where the tets of the coarse body, not its base triangles, would have the skin.
+    // Positions of the skin by the tets of the coarse body, not by its base triangles.
     let along = BarycentricMap::new(&meshes[0], &surface.vertices).unwrap();
     let truth = along.apply(&places).unwrap();
     let speeds = along.apply(&velocities).unwrap();
@@ -151,7 +151,7 @@ fn what_is_linear_is_carried_over_exactly() {
     let found = transfer.apply(&values).unwrap();
     let truth: Vec<DVec3> = to.nodes.iter().map(linear).collect();
     assert!(apart(&found, &truth) < 1e-9);
-    // What is not linear is not.
+    // Nonlinear fields are not reproduced.
     let bends: Vec<DVec3> = from.nodes.iter().map(|p| *p * p.x).collect();
     let truth: Vec<DVec3> = to.nodes.iter().map(|p| *p * p.x).collect();
     assert!(apart(&transfer.apply(&bends).unwrap(), &truth) > 1e-3);

@@ -1,4 +1,4 @@
-//! What the mappings promise: at rest, under rigid motion, bent; and what they refuse.
+//! Properties of the mappings: at rest, under rigid motion, bent; and rejected input.
 
 use crate::skin::common::*;
 use glam::{DMat3, DQuat, DVec3};
@@ -23,7 +23,7 @@ fn at_rest_every_mapping_but_one_to_one_returns_the_skin() {
             println!("{}, {mapping}: {error:.1e}, {binding:?}", scene.name);
             let vertices = skin.bound().len();
             match mapping {
-                // It puts vertices on nodes: what would be wrong with the others.
+                // It snaps vertices to nodes, hence the large error.
                 Mapping::OneToOne => assert!(error > 1e-2 && binding.one_to_one == vertices),
                 Mapping::Constant => assert_eq!(binding.constant, vertices),
                 Mapping::Interpolated => assert_eq!(binding.interpolated, vertices),
@@ -58,7 +58,7 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             let skin = Skin::new(&gpu, &scene.skin, &carrier, mapping).unwrap();
             let rest = skin.rest();
             let turned = |v: &[DVec3]| v.iter().map(|n| turn * *n).collect::<Vec<_>>();
-            // The twin, with normals that are not rounded: exactly.
+            // The reference, with unrounded normals: exact.
             let frame = scene.frame();
             let base = carrier.rest_mesh();
             let normals = unpacked(base.normals);
@@ -74,13 +74,13 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             };
             let worst = skin.bound().iter().map(exact).fold(0.0, f64::max);
             assert!(worst < 1e-12, "{}, {mapping}: {worst:e}", scene.name);
-            // The GPU, whose normals are rounded to 4e-5 twice: as far as offsets are long.
+            // The GPU, with normals rounded to 4e-5 twice: proportional to the length of offsets.
             let placed = skin.skinned_vertices().unwrap();
             let at = |f: fn(&palpate::skin::basis::SkinnedVertex) -> DVec3| {
                 placed.iter().map(f).collect::<Vec<_>>()
             };
             if mapping == Mapping::OneToOne {
-                // On its node; normals are the node's, so that nothing but rounding is lost.
+                // On its node; the normals are those of the node, so only rounding errors occur.
                 let home = |p: &DVec3| nodes.iter().any(|q| q.distance(*p) < 1e-6 * frame.scale);
                 assert!(at(|p| p.position).iter().all(home));
                 continue;
@@ -91,7 +91,7 @@ fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
             assert!(error < allowed, "{}, {mapping}: {error:e}", scene.name);
             assert!(apart(&at(|p| p.normal), &turned(&rest.normals)) < 3e-4);
             assert!(apart(&at(|p| p.tangent), &turned(&rest.tangents)) < 3e-4);
-            // Had the nodes not moved, all of this would be wrong.
+            // With unmoved nodes, all of these checks would fail.
             assert!(apart(&at(|p| p.normal), &rest.normals) > 0.5);
         }
     }
@@ -126,7 +126,7 @@ fn a_grid_body_carries_a_skin_by_its_own_normals() {
         println!("grid, {mapping}: {error:.1e}, {:?}", skin.binding());
         assert_eq!(error < 1e-6, mapping != Mapping::OneToOne, "{error:e}");
     }
-    // Turned and moved as a whole; its next step makes the normals there.
+    // Rotated and translated rigidly; its next step computes the normals there.
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 0.5).normalize(), 1.1);
     let moved = |p: &DVec3| turn * *p + DVec3::new(0.2, 0.1, -0.1);
     let nodes: Vec<DVec3> = body.mesh().nodes.iter().map(moved).collect();
@@ -139,7 +139,7 @@ fn a_grid_body_carries_a_skin_by_its_own_normals() {
     }
 }
 
-/// The bar rolled up along x by `angle`, its lower side inside.
+/// The bar rolled up along x by `angle`, with its lower side inside.
 fn rolled(p: DVec3, angle: f64) -> DVec3 {
     let radius = 8.0 / angle;
     let turn = p.x / radius;
@@ -190,7 +190,7 @@ fn a_bent_bar_tears_at_base_triangles_unless_bases_are_interpolated() {
     let interpolated = stretch(Mapping::Interpolated);
     println!("largest stretch: constant {constant:.2}, interpolated {interpolated:.2}");
     assert!(interpolated <= 0.5 * constant, "{interpolated} {constant}");
-    // Rolling the bar up stretches its outside by about half.
+    // Rolling up stretches the outside of the bar by about half.
     assert!(interpolated > 1.2 && interpolated < 2.0);
 }
 
@@ -218,7 +218,7 @@ fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
     };
     let (_, good) = count(&normals, &vertices, Mapping::Auto);
     assert_eq!(good.fallbacks, 0);
-    // One node without a normal, one with a normal that points inwards.
+    // One node without a normal, one with an inward normal.
     normals[10] = NO_NORMAL;
     normals[40] = pack_normal(-scene.rest[40]);
     let (bound, report) = count(&normals, &vertices, Mapping::Auto);
@@ -227,7 +227,7 @@ fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
         let bad = b.nodes.contains(&10) || b.nodes.contains(&40);
         assert!(!(bad && b.interpolated));
     }
-    // A skin that lies on the body itself looks the same either way.
+    // A skin on the body's own surface is the same with either mapping: `Auto` does not interpolate.
     let close = TriMesh {
         vertices: scene.rest.iter().map(|p| *p * 1.001).collect(),
         triangles: scene.triangles.clone(),
@@ -238,7 +238,7 @@ fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
     assert_eq!(report.interpolated, 0);
     let (_, report) = count(&normals, &close, Mapping::Interpolated);
     assert!(report.interpolated > 0);
-    // Without any normals every mapping has the constant basis left, and says so.
+    // Without any normals every mapping falls back to the constant basis, with a note.
     let none = vec![NO_NORMAL; normals.len()];
     for mapping in [Mapping::Interpolated, Mapping::NormalOnly, Mapping::Auto] {
         let (_, report) = count(&none, &vertices, mapping);
@@ -296,7 +296,7 @@ fn holes_are_allowed_and_reported_and_triangles_turned() {
     let gpu = gpu();
     let scene = scenes().remove(0);
     let mut skin = scene.skin.clone();
-    // A hole of one triangle, and one triangle the wrong way round.
+    // A hole of one triangle, and one flipped triangle.
     skin.triangles.remove(500);
     skin.triangles[100].swap(0, 1);
     let (carrier, _) = scene.carrier(&gpu, &scene.rest);
@@ -337,7 +337,7 @@ fn seams_of_the_texture_split_vertices_and_do_not_open() {
     assert!(rest.handedness.iter().all(|h| *h == 1.0));
 }
 
-/// `surface`, a sphere, with longitude and latitude as texture coordinates.
+/// Returns `surface`, a sphere, with longitude and latitude as texture coordinates.
 pub fn with_uvs(surface: &TriMesh) -> TriMesh {
     let mut values = Vec::new();
     for t in 0..surface.triangles.len() {
@@ -346,7 +346,7 @@ pub fn with_uvs(surface: &TriMesh) -> TriMesh {
         let longitude = |p: DVec3| p.y.atan2(p.x) / std::f64::consts::TAU;
         for p in corners {
             let mut u = longitude(p) - longitude(middle);
-            // At a pole any will do; elsewhere the same side of the seam as the middle.
+            // At a pole any value will do; elsewhere the side of the seam of the centroid.
             u = if p.truncate().length() < 1e-6 {
                 0.0
             } else {

@@ -1,4 +1,4 @@
-//! Skins against their float64 twin, at rest, moved, bent, and in pictures.
+//! Skins against their float64 reference, at rest, moved, bent, and in pictures.
 
 mod bake;
 mod common;

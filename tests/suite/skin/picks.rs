@@ -1,4 +1,4 @@
-//! Skins picked where their nodes have carried them, against every triangle tried in float64.
+//! Picks on moved skins, against intersection with every triangle in float64.
 
 use crate::skin::common::*;
 use glam::{DVec2, DVec3};
@@ -21,7 +21,7 @@ fn a_pick_on_a_bent_skin_names_its_triangle_its_vertex_and_a_node_that_carries_i
     let surface = bumpy(40);
     let mut skin = Skin::new(&gpu, &surface, &carrier, Mapping::Auto).unwrap();
     let vertices = skin.vertices().unwrap();
-    // Some triangles are not drawn, and so cannot be picked.
+    // Some triangles are not drawn, so they cannot be picked.
     let shown: Vec<bool> = (0..surface.triangles.len()).map(|t| t % 7 != 0).collect();
     let kept = (0..shown.len()).filter(|t| shown[*t]);
     let kept: Vec<usize> = kept.collect();

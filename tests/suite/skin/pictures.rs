@@ -1,4 +1,4 @@
-//! Skins in pictures: alone, lit by maps, and with a volume around and behind them.
+//! Skins in pictures: alone, lit with maps, and with a volume around and behind them.
 
 use crate::skin::common::*;
 use crate::skin::mapping::with_uvs;
@@ -30,7 +30,7 @@ fn target(gpu: &Gpu, size: u32, format: wgpu::TextureFormat) -> wgpu::TextureVie
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }
 
-/// The cube from −1 to 1 at rest, and what carries a skin on it.
+/// Returns the cube from −1 to 1 at rest, and the base of a skin on it.
 fn cube(gpu: &Gpu) -> (TetMesh, LocalFrame, palpate::gpu::Array, SkinBase) {
     let mut mesh = generate::bar([4, 4, 4], DVec3::splat(2.0)).unwrap();
     mesh.nodes.iter_mut().for_each(|p| *p -= 1.0);
@@ -55,7 +55,7 @@ fn raycaster(
 
 #[test]
 fn an_opaque_skin_is_lit_stands_at_its_depth_and_follows_its_nodes_unread() {
-    // Of its own: it counts what is read back.
+    // A separate device: read-backs are counted.
     let gpu = palpate::gpu::Gpu::new().unwrap();
     let (mesh, frame, positions, carrier) = cube(&gpu);
     let ball = sphere(60, 120, |p| 0.5 * p);
@@ -86,13 +86,13 @@ fn an_opaque_skin_is_lit_stands_at_its_depth_and_follows_its_nodes_unread() {
         assert_eq!(gpu.readbacks(), before);
         let pixels: Vec<[f32; 4]> = gpu.read_texture(colour.texture()).unwrap();
         let depths: Vec<f32> = gpu.read_texture(depth.texture()).unwrap();
-        // Where the middle ray meets the ball.
+        // Intersection of the central ray with the ball.
         let front = shift + 0.5 * (eye - shift).normalize();
         let clip = caster.file_to_clip(&camera, [size, size]) * front.extend(1.0);
         let (found, expected) = (f64::from(depths[32 * 65 + 32]), clip.z / clip.w);
         assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
         assert!(pixels[32 * 65 + 32][1] > 0.3);
-        // As many pixels as the ball's disc has.
+        // The number of pixels equals that of the ball's disc.
         let lit = pixels.iter().filter(|p| p[3] == 1.0).count() as f64;
         let away = (eye - shift).length();
         let radius = 0.5 / (away * away - 0.25).sqrt() / 10f64.to_radians().tan() * 32.5;
@@ -116,7 +116,7 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
         ..CompositorOptions::default()
     };
     let mut composer = Compositor::new(&gpu, options).unwrap();
-    // The middle pixel: the light of a skin that faces the eye there.
+    // The central pixel: the light of a skin that faces the eye there.
     let size = [33, 33];
     let middle = |image: &Image| [0, 1, 2, 3].map(|k| f64::from(image.pixel(16, 16)[k]));
     for radius in [0.5, 1.5] {
@@ -133,7 +133,7 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
                 .unwrap();
             keep(&image, &format!("composed-{radius}-{opacity}.png"));
             let found = middle(&image);
-            // From the back to the front, through the middle.
+            // From back to front, through the centre.
             let mut seen = [0.0; 4];
             let over = |front: [f64; 4], seen: [f64; 4]| {
                 [0, 1, 2, 3].map(|k| front[k] + (1.0 - front[3]) * seen[k])
@@ -151,14 +151,14 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
             layers.iter().for_each(|layer| seen = over(*layer, seen));
             let off = (0..4).fold(0.0, |m: f64, k| m.max((found[k] - seen[k]).abs()));
             assert!(off < 4e-3, "{radius} {opacity}: {found:?} {seen:?}");
-            // The skin over all of the volume would be another picture.
+            // A skin in front of the whole volume gives another picture.
             let simple = over(surface, over(surface, volume(2.0)));
             let differs = (0..3).any(|k| (found[k] - simple[k]).abs() > 0.03);
             assert!(differs || opacity == 1.0 && radius > 1.0);
             [skin] = skins;
         }
     }
-    // What the caller has drawn hides what lies behind it: here all of it.
+    // Opaque pixels of the caller occlude what is behind them: here everything.
     let colour = target(&gpu, 33, wgpu::TextureFormat::Rgba32Float);
     let depth = target(&gpu, 33, wgpu::TextureFormat::Depth32Float);
     for (near, expected) in [(1.0, 0), (0.0, 33 * 33 / 5)] {
@@ -218,7 +218,7 @@ fn skins_of_different_bodies_do_not_share_a_picture() {
     assert!(refused.err().unwrap().to_string().contains("local frame"));
 }
 
-/// The mean difference of two pictures.
+/// Returns the mean difference of two pictures.
 fn difference(a: &Image, b: &Image) -> f64 {
     let pairs = a.values.iter().zip(&b.values);
     pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / a.values.len() as f64
@@ -271,7 +271,7 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
         "{north} {south} {east} {west}"
     );
     skin.set_normal_map(Some(&bumps)).unwrap();
-    // A height map at the surface everywhere sinks nothing; elsewhere the bumps move.
+    // A height map at the surface everywhere has no effect; otherwise the bumps move.
     let level = map(|_, _| [255; 4]);
     skin.set_height_map(Some((&level, 0.1))).unwrap();
     assert!(difference(&picture(&mut skin), &bumpy) < 1e-6);
@@ -284,7 +284,7 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
     skin.set_height_map(None).unwrap();
     assert_eq!(picture(&mut skin), plain);
 
-    // A scalar through colours: the upper half another one.
+    // A scalar mapped to colours: the upper half has another one.
     let transfer = TransferFunction::relative(
         vec![[0.5, 1.0, 0.0, 0.0], [0.5, 0.0, 0.0, 1.0]],
         vec![[0.0, 1.0]],
@@ -300,13 +300,13 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
     let (top, bottom) = (halves.pixel(48, 20), halves.pixel(48, 76));
     assert!(top[2] > 0.2 && top[0] < 0.2 && bottom[0] > 0.1 && bottom[2] < 0.2);
     assert!(skin.set_colour(&colour("width")).is_err());
-    // Triangles that are not shown are not there.
+    // Hidden triangles are absent.
     let count = skin.rest().triangles.len();
     skin.set_visible_triangles(&vec![false; count]).unwrap();
     assert!(picture(&mut skin).values.iter().all(|v| *v == 0.0));
     assert!(skin.set_visible_triangles(&[true]).is_err());
 
-    // Maps need texture coordinates; opacities and reliefs make sense.
+    // Maps need texture coordinates; opacities and reliefs must be valid.
     let bare = sphere(8, 16, |p| p);
     let mut bare = Skin::new(&gpu, &bare, &carrier, Mapping::Auto).unwrap();
     assert!(bare.set_normal_map(Some(&flat)).is_err());

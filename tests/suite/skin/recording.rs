@@ -1,4 +1,4 @@
-//! Several pictures with a skin recorded before one submit, each with what it was recorded with.
+//! Several pictures with a skin recorded before one submission, each with its own settings.
 
 use crate::skin::common::*;
 use glam::DVec3;

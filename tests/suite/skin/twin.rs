@@ -8,7 +8,8 @@ use palpate::render::local_positions;
 use palpate::skin::basis::{VertexBinding, node_normals, skin_vertex};
 use palpate::skin::{Mapping, Skin, SkinBase};
 
-/// Errors of position, normal and tangent over all vertices, where the twin is given `bound`.
+/// Returns the errors of position, normal and tangent over all vertices, with the reference given
+/// `bound`.
 fn errors(
     gpu: &Gpu,
     skin: &Skin,
@@ -48,7 +49,7 @@ fn placed_vertices_match_float64_on_random_nodes_and_normals() {
             .iter()
             .map(|n| n.map_or(NO_NORMAL, pack_normal))
             .collect();
-        // Anywhere, some nodes on top of each other, some triangles flat.
+        // Random positions, some coincident nodes, some degenerate triangles.
         let mut nodes: Vec<DVec3> = scene
             .rest
             .iter()
@@ -79,9 +80,9 @@ fn placed_vertices_match_float64_on_random_nodes_and_normals() {
             let skin = Skin::new(&gpu, &scene.skin, &carrier, mapping).unwrap();
             let found = errors(&gpu, &skin, &positions, |b| *b);
             println!("{}, {mapping}: {found:?}", scene.name);
-            // Random normals make bases that are near to flat, and so lose up to three digits.
+            // Random normals give nearly degenerate bases, which lose up to three digits.
             assert!(found.iter().all(|e| *e < 2e-3), "{mapping}: {found:?}");
-            // Another order of the nodes is another place: the comparison can fail.
+            // Another order of the nodes gives other positions: the comparison is effective.
             let wrong = errors(&gpu, &skin, &positions, |b| VertexBinding {
                 nodes: [b.nodes[1], b.nodes[0], b.nodes[2]],
                 ..*b
@@ -123,7 +124,7 @@ fn area_weighted_node_normals_match_float64() {
     let gpu = gpu();
     let mut next = noise(3);
     let mut scene = scenes().remove(0);
-    // A node that no triangle has.
+    // A node without triangles.
     scene.rest.push(DVec3::ZERO);
     let moved: Vec<DVec3> = scene
         .rest
@@ -151,7 +152,7 @@ fn area_weighted_node_normals_match_float64() {
     };
     let error = compare(&local);
     assert!(error < 1e-4 && error > 1e-6, "{error:e}");
-    // At rest they are others: the comparison can fail.
+    // At rest they differ: the comparison is effective.
     assert!(compare(&scene.rest) > 0.05);
     assert_eq!(found.last(), Some(&None));
 }

@@ -1,4 +1,4 @@
-//! The frame of studies: sheets, runs, charts.
+//! Common parts of studies: sheets, runs, charts.
 
 use crate::support::gpu;
 use palpate::Result;
@@ -81,7 +81,7 @@ fn a_stopped_run_and_a_failed_point_keep_what_was_measured() {
         })
     };
     assert!(measure(2, true).unwrap_err().to_string().contains("failed"));
-    // Points 0 and 1 are there; 2 and 3 are measured, and the stop comes within 3.
+    // Points 0 and 1 are present; 2 and 3 are measured, and the stop comes during 3.
     assert_eq!(measure(3, false).unwrap().len(), 4);
     stop.store(false, Ordering::Relaxed);
     assert_eq!(measure(6, false).unwrap().len(), 6);
@@ -105,7 +105,7 @@ fn a_sheet_of_other_columns_is_left_alone() {
     );
 }
 
-/// Pixels of a PNG whose colour is near `colour`.
+/// Counts the pixels of a PNG whose colour is near `colour`.
 fn pixels(path: &Path, colour: [u8; 3]) -> usize {
     let picture = image::open(path).unwrap().to_rgb8();
     let near = |p: &&image::Rgb<u8>| (0..3).all(|c| p[c].abs_diff(colour[c]) < 24);
@@ -172,6 +172,6 @@ fn maps_paint_each_cell_in_the_colour_of_its_state() {
         diverged("one", [0, 0, 1, 0, 1, 2]),
         diverged("two", [0, 0, 2, 0, 1, 2]),
     );
-    // A cell is a sixth of the plane, less its marks; the legend has a patch of its own.
+    // A cell is a sixth of the plane, minus its marks; the legend has its own patch.
     assert!(one > 160_000 && two > one + 160_000, "{one} {two}");
 }

@@ -1,4 +1,4 @@
-//! Studies: what they measure is kept, gone on from, and drawn.
+//! Studies: measurements are kept, resumed, and plotted.
 
 mod frame;
 mod motion;

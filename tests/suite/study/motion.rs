@@ -1,4 +1,4 @@
-//! The truth that solvers are held against, and how fast they come to it in float64.
+//! The reference solution of motions, and the convergence of solvers to it in float64.
 
 use crate::support::gpu;
 use glam::DVec3;
@@ -17,7 +17,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// The paper's bar in float64, its end held, and the state in which it is turned and let go.
+/// Returns the paper's bar in float64, clamped at one end, and the rotated state from which it is
+/// released.
 fn bar(damping_time: f64) -> (CpuTets, MotionState) {
     let material = Material {
         damping_time,
@@ -65,9 +66,9 @@ fn exact(bar: &mut (CpuTets, MotionState)) -> Vec<MotionState> {
         .states
 }
 
-/// The order of a solver, over steps well below the limit.
+/// Returns the order of convergence of a solver, over steps well below the limit.
 fn order(bar: &mut (CpuTets, MotionState), kind: SolverKind, truth: &[MotionState]) -> f64 {
-    // What an undamped explicit step adds to the fastest modes fades only with many steps.
+    // Errors of an undamped explicit step in the fastest modes decay only over many steps.
     let first = match kind {
         SolverKind::Explicit => 1024,
         SolverKind::Implicit => 64,
@@ -98,8 +99,8 @@ fn orders_of_convergence_are_those_of_the_schemes() {
             );
         }
     }
-    // The fit can fail: a scheme of second order measured against a truth that is off by a little
-    // shows no order at all.
+    // The fit is effective: a second-order scheme compared with a slightly wrong reference shows no
+    // order of convergence.
     let mut bar = bar(0.0);
     let mut off = exact(&mut bar);
     off.iter_mut()
@@ -122,7 +123,7 @@ fn slopes_are_fitted_in_the_logarithms() {
 fn a_single_spring_swings_as_it_must() {
     let (kappa, mass, length, pull) = (50.0, 0.1, 0.2, 0.02);
     for damping in [0.0, 0.4] {
-        // Of a mesh of one tet, whose other two nodes are tied to nothing.
+        // From a mesh of one tet, whose other two nodes are not connected.
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| length * p);
         let mesh = TetMesh::new(corners.to_vec(), vec![[0, 1, 2, 3]], vec![], vec![]).unwrap();
         let material = Material::from_young(1.0);
@@ -166,7 +167,7 @@ fn a_single_spring_swings_as_it_must() {
             let error = state.x[1].x - state.x[0].x - length - stretch(t);
             assert!(error.abs() < 1e-8 * pull, "{error} at {t} s");
         }
-        // What was extrapolated is better by far than what it was extrapolated from.
+        // The extrapolated solution is far better than its inputs.
         let last = found.halvings.last().unwrap();
         assert!(
             last.extrapolated < 1e-9 && last.change > 100.0 * last.extrapolated,
@@ -175,7 +176,7 @@ fn a_single_spring_swings_as_it_must() {
     }
 }
 
-/// A truth needs a motion to be the truth of.
+/// A reference solution needs a motion.
 #[test]
 fn a_body_that_flies_apart_has_no_motion() {
     let (mut bar, start) = bar(0.0);
@@ -192,7 +193,7 @@ fn a_body_that_flies_apart_has_no_motion() {
     );
 }
 
-/// Refined, elements sink as deep as Timoshenko's beam.
+/// With refinement, the deflection of elements converges to Timoshenko's beam.
 #[test]
 fn a_cantilever_sinks_as_deep_as_timoshenko_says() {
     let beam = Cantilever {
@@ -213,16 +214,16 @@ fn a_cantilever_sinks_as_deep_as_timoshenko_says() {
         beam.measured_tip(&gpu(), &mesh, &material).unwrap() / beam.analytic_tip(0.25)
     };
     let [coarse, fine] = [tip(4), tip(8)];
-    // Second order in the cells' size.
+    // Second order in the cell size.
     let limit = fine + (fine - coarse) / 3.0;
     println!("{coarse:?} {fine:?} {limit}");
     assert!(coarse < fine && fine < 0.99);
     assert!((limit - 1.0).abs() < 0.03, "{limit}");
-    // It can fail: the coarse bar alone is too stiff.
+    // The check is effective: the coarse bar alone is too stiff.
     assert!((coarse - 1.0).abs() > 0.03, "{coarse}");
 }
 
-/// Runs the quick study of motion, on a scene or on its own.
+/// Runs the quick study of motion, on a given or its default scene.
 fn study(dir: &Path, scene: Option<&Path>) -> palpate::Result<()> {
     let (_, _, study) = STUDIES.iter().find(|s| s.0 == "motion").unwrap();
     let run = Run {
@@ -236,7 +237,7 @@ fn study(dir: &Path, scene: Option<&Path>) -> palpate::Result<()> {
     study(&run, scene)
 }
 
-/// The columns named of a CSV, row by row.
+/// Returns the named columns of a CSV, row by row.
 fn read(path: &Path, columns: &[&str]) -> Vec<Vec<String>> {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let headers = reader.headers().unwrap().clone();
@@ -274,30 +275,30 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
     assert!(several(1) >= 2 && several(2) >= 3 && several(3) >= 4);
     assert!(released().any(|r| r[4] == "diverged" && r[5] == "NaN"));
     let number = |r: &[String], k: usize| r[k].parse::<f64>().unwrap();
-    // Of rapier only the whole is known.
+    // For rapier only the total is known.
     let (other, ours): (Vec<_>, Vec<_>) = rows.iter().partition(|r| r[2] == "rapier");
     for r in &other {
         assert!(r[4] == "diverged" || number(r, 5) < 1.0, "{r:?}");
     }
     for r in ours.into_iter().filter(|r| r[4] != "diverged") {
         let [error, time, solver, single] = [5, 6, 7, 8].map(|k| number(r, k));
-        // The parts make up the whole, and none of them but time can be larger than it allows.
+        // The parts sum to the total, and only time can exceed its bound.
         assert!(error <= 1.001 * (time + solver + single) + 1e-9, "{r:?}");
         assert!(time <= 1.001 * (error + solver + single) + 1e-9, "{r:?}");
-        // Where the solve is cut off, rounding may be magnified by what is left of it.
+        // If the solve is truncated, its residual may amplify rounding errors.
         assert!(single < 1e-3 || r[10] == "5", "{r:?}");
         assert!(number(r, 9) > 0.0, "{r:?}");
         if !["implicit", "bdf2", "midpoint"].contains(&r[2].as_str()) {
             assert_eq!(solver, 0.0, "{r:?}");
         }
     }
-    // Where every step used up its five iterations the solve was cut off, and it shows.
+    // If every step used up its five iterations, the solve was truncated, with a visible error.
     let cut_off = || released().filter(|r| r[10] == "5" && r[11] == "5");
     assert!(cut_off().count() >= 2);
     for r in cut_off() {
         assert!(number(r, 7) > 2e-5, "{r:?}");
     }
-    // Truth is what halving the step does not change; its second order shows.
+    // The reference is invariant to halving the step; it is of second order.
     let truths = read(
         &dir.path().join("motion_truth.csv"),
         &["truth", "order_of_change", "change_of_extrapolation"],
@@ -310,7 +311,7 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
         );
     }
     assert_eq!(truths.iter().filter(|r| r[0] == "exact").count(), 2);
-    // The elements are the stiffer the coarser, and the springs' own error is named.
+    // Coarser elements are stiffer, and the springs' own error is stated.
     let text = std::fs::read_to_string(dir.path().join("motion.md")).unwrap();
     assert!(
         text.contains("error of the model") && text.contains("order of convergence"),

@@ -1,4 +1,4 @@
-//! Pictures: the perceptual difference on known cases, and the settings that a tolerance picks.
+//! Pictures: the perceptual difference in known cases, and the settings selected by a tolerance.
 
 use palpate::mesh::{Location, generate};
 use palpate::render::ReferenceRaycaster;
@@ -38,7 +38,7 @@ fn waves(shift: f64) -> Image {
     })
 }
 
-/// What the authors' own program (flip-evaluator 1.7, LDR, its default viewing distance) gives.
+/// The result of the authors' own program (flip-evaluator 1.7, LDR, its default viewing distance).
 #[test]
 fn flip_is_that_of_its_authors() {
     let plain = |c: [f64; 3]| picture(move |_, _| c);
@@ -78,7 +78,7 @@ fn flip_grows_with_the_error_and_is_none_of_equal_pictures() {
         .map(|shift| flip(&waves(0.0), &waves(shift)))
         .to_vec();
     assert!(grown.is_sorted() && grown[0] > 0.0, "{grown:?}");
-    // It does not matter which is which.
+    // The metric is symmetric.
     let (a, b) = (
         flip(&waves(0.0), &waves(0.1)),
         flip(&waves(0.1), &waves(0.0)),
@@ -93,12 +93,12 @@ fn a_value_that_is_none_counts_as_wholly_different() {
     let pixels = f64::from(SIZE[0] * SIZE[1]);
     let got = flip(&waves(0.0), &broken);
     assert!(got >= 1.0 / pixels && got < 0.1, "{got}");
-    // Both broken at one place: nothing to tell apart there.
+    // Both have the defect at the same place: no difference there.
     assert_eq!(flip(&broken, &broken.clone()), 0.0);
 }
 
-/// A small body with waves in it, its exact picture, and what draws it, through thin shells or
-/// through colours that jump.
+/// Returns a small body with waves, its exact picture, and its renderer, with thin shells or
+/// discontinuous colours.
 fn scene(extinction: Vec<[f64; 2]>, colour: Vec<[f64; 4]>) -> (Raycaster, Camera, Image) {
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let scalars = mesh.field("scalar", Location::Node).unwrap().values.clone();
@@ -134,7 +134,7 @@ fn jumps() -> (Raycaster, Camera, Image) {
     scene(vec![[0.0, 6.0], [1.0, 12.0]], colour)
 }
 
-/// Root mean square error with `options`, in 1/255.
+/// Returns the root mean square error with `options`, in 1/255.
 fn error(scene: &mut (Raycaster, Camera, Image), options: RaycastOptions) -> f64 {
     let (caster, camera, truth) = scene;
     caster.set_options(options).unwrap();
@@ -151,7 +151,7 @@ fn a_tolerance_is_met_and_a_looser_one_never_costs_more() {
         for tolerance in tolerances {
             let options = RaycastOptions::for_tolerance(tolerance / 255.0).unwrap();
             let found = error(&mut scene, options);
-            // One-dimensional integrals have more points than any table of slices, and cost less.
+            // One-dimensional integrals have more samples than any table of slices, at lower cost.
             let size = match scene.0.table_layers() {
                 1 => 0,
                 _ => scene.0.table_size(),
@@ -290,7 +290,7 @@ fn options_out_of_range_are_refused() {
         let message = caster.set_options(options).unwrap_err().to_string();
         assert!(message.contains(said), "{message}");
     }
-    // The old ones stay.
+    // The old ones remain.
     assert_eq!(*caster.options(), plain);
     for tolerance in [0.0, -1.0, f64::NAN, 1.0] {
         let message = RaycastOptions::for_tolerance(tolerance)

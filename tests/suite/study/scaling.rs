@@ -1,4 +1,4 @@
-//! Scaling: the memory that is computed is the memory that is made.
+//! Scaling: the computed memory equals the allocated memory.
 
 use palpate::gpu::Gpu;
 use palpate::mesh::{Location, Topology, generate};
@@ -6,9 +6,9 @@ use palpate::physics::{GpuBody, Material, SolverKind};
 use palpate::render::Geometry;
 use palpate::study::computed_bytes;
 
-/// Shares of what is made that is computed: body, solvers, geometry.
+/// Returns the ratio of computed to allocated memory: body, solvers, geometry.
 fn shares(cells: usize) -> Vec<(&'static str, f64)> {
-    // Of its own: the bytes are counted by device, and other tests make theirs on the shared one.
+    // A separate device: bytes are counted by device, and other tests allocate on the shared one.
     let gpu = Gpu::new().unwrap();
     let mesh = generate::benchmark_cube(cells, false).unwrap();
     let topology = Topology::new(&mesh);
@@ -38,8 +38,8 @@ fn memory_is_what_is_computed() {
     for cells in [8, 20] {
         for (part, share) in shares(cells) {
             println!("{cells}: {part} {share:.4}");
-            // Rows of springs are filled up to fours, and to the longest of 32; each solver keeps
-            // a history of its last steps, which counts beside a small mesh.
+            // Rows of springs are padded to multiples of four, and to the longest of 32; each
+            // solver keeps a history of its last steps, which is significant for a small mesh.
             let least = if matches!(part, "body" | "implicit") || cells < 20 {
                 0.8
             } else {

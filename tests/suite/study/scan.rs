@@ -1,10 +1,10 @@
-//! The study of scans: what cages carry is sharper than what nodes know.
+//! The study of scans: a scan carried by a cage is sharper than node values.
 
 use palpate::study::STUDIES;
 use std::sync::atomic::AtomicBool;
 
-/// The quick study: pictures by cages are near the truth, coarser ones less so, and those by values
-/// far from it, as far as its meshes go. A second run has nothing left to measure.
+/// The quick study: pictures by cages are close to the reference, coarser ones less so, and those
+/// by node values are far from it, for its mesh sizes. A second run measures nothing.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn the_quick_study_finds_cages_sharper_than_values() {
@@ -31,7 +31,8 @@ fn the_quick_study_finds_cages_sharper_than_values() {
     let [cages, values] = ["cage", "means"].map(|what| of(what, "rmse_255"));
     println!("cages {cages:?}, values {values:?}");
     assert!(cages.is_sorted_by(|a, b| a > b) && values.is_sorted_by(|a, b| a > b));
-    // The finest mesh of values has four times the tets of the finest cage, and ten times its error.
+    // The finest mesh of node values has four times the tets of the finest cage, and ten times its
+    // error.
     assert!(of("means", "tets")[2] > 4.0 * of("cage", "tets")[1]);
     assert!(values[2] > 10.0 * cages[1] && of("samples", "rmse_255")[2] > 10.0 * cages[1]);
     let [cages, values] = ["cage", "means"].map(|what| of(what, "gradient_r2"));
@@ -57,7 +58,7 @@ fn the_quick_study_finds_cages_sharper_than_values() {
     ] {
         assert!(dir.path().join(name).is_file(), "{name}");
     }
-    // Of a run that is stopped at once, everything is there.
+    // A run that is stopped immediately keeps everything.
     run(true);
     assert_eq!(std::fs::read_to_string(&path).unwrap(), sheet);
 }

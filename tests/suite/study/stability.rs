@@ -1,5 +1,5 @@
-//! On the edge of stability: 0.95 of the step that theory allows holds for ten thousand steps,
-//! 1.05 of it diverges and is caught, in float64 and on the GPU.
+//! The stability limit: 0.95 of the theoretical step is stable for ten thousand steps, 1.05 of it
+//! diverges and is detected, in float64 and on the GPU.
 
 use glam::{DMat3, DVec3};
 use palpate::mesh::{TetMesh, generate};
@@ -14,8 +14,8 @@ use std::sync::atomic::AtomicBool;
 
 const STEPS: usize = 10_000;
 
-/// How far the worst displacement goes at the start, as a share of the extent: springs turn too
-/// little for their stiffness to change.
+/// Initial maximum displacement as a fraction of the extent: the rotation of the springs is too
+/// small to change their stiffness.
 const AMPLITUDE: f64 = 1e-4;
 
 const EXPLICIT: [SolverKind; 4] = [
@@ -33,7 +33,7 @@ fn held(p: DVec3) -> bool {
     p.x < 0.001
 }
 
-/// The mesh held at one end, linearised.
+/// Returns the mesh clamped at one end, linearised.
 fn linearised(material: &Material) -> (ReferenceSprings, LinearisedModel) {
     let mesh = mesh();
     let network = DiscreteModel::new(&mesh, material).unwrap();
@@ -44,8 +44,8 @@ fn linearised(material: &Material) -> (ReferenceSprings, LinearisedModel) {
     (particles, body)
 }
 
-/// Undamped; damped below and beyond the critical damping of the stiffest mode; and as in the
-/// paper, where the modes do not decouple.
+/// Returns an undamped material; materials damped below and beyond the critical damping of the
+/// stiffest mode; and the paper's, for which the modes do not decouple.
 fn materials() -> [Material; 4] {
     let young = Material::from_young(1e5);
     let (_, body) = linearised(&young);
@@ -62,7 +62,8 @@ fn materials() -> [Material; 4] {
     ]
 }
 
-/// The energy after each of `steps` steps over that at the start, until it is a thousandfold.
+/// Returns the energy after each of `steps` steps relative to the initial one, until it has grown a
+/// thousandfold.
 fn energies(start: &ReferenceSprings, kind: SolverKind, steps: usize, h: f64) -> Vec<f64> {
     let mut p = start.clone();
     let mut verlet = steppers::Verlet::default();
@@ -94,7 +95,7 @@ fn displace(p: &mut ReferenceSprings, displacement: &[DVec3]) {
     }
 }
 
-/// The limit of `kind`; of explicit Euler with damping of any kind by bisection on the growth.
+/// Returns the limit of `kind`; for explicit Euler with any damping by bisection on the growth.
 fn limit(body: &LinearisedModel, kind: SolverKind) -> StepLimit {
     let mut limit = body.largest_step(kind).unwrap();
     if limit.exact {
@@ -134,7 +135,8 @@ fn the_edge_in_float64() {
             displace(&mut start, &limit.displacement);
             let held = energies(&start, kind, STEPS, 0.95 * limit.step);
             assert_eq!(held.len(), STEPS, "{kind}, material {m}");
-            // Undamped, the energy of symplectic Euler swings by 1/(1 − hω/2), which is twentyfold.
+            // Undamped, the energy of symplectic Euler oscillates by 1/(1 − hω/2), a factor of
+            // twenty.
             let most = held.iter().copied().fold(0.0, f64::max);
             assert!(most < 25.0, "{kind}, material {m}: {most}");
             let broken = energies(&start, kind, STEPS, 1.05 * limit.step);
@@ -181,7 +183,7 @@ fn the_edge_on_the_gpu() {
     }
 }
 
-/// What users are told is the same limit, and never more.
+/// The limit reported to users is the same, and never larger.
 #[test]
 fn the_step_told_to_users_is_the_limit() {
     for material in materials() {
@@ -213,8 +215,8 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
             );
         }
     }
-    // Where they do not decouple the limit is still where growth begins, and the stiffest mode
-    // alone would not have told.
+    // If the modes do not decouple, the limit is still where growth begins, and the stiffest mode
+    // alone would not give it.
     let (_, body) = linearised(&paper);
     for kind in &EXPLICIT[1..] {
         let limit = body.largest_step(*kind).unwrap();
@@ -225,7 +227,8 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
     }
 }
 
-/// Implicit Euler has no edge: a hundred times the others' limit, and ten thousand times.
+/// Implicit Euler is unconditionally stable: at a hundred times the others' limit, and ten thousand
+/// times.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn implicit_euler_holds_where_no_other_does() {
@@ -271,7 +274,7 @@ fn the_edge_of_grids() {
         model.damping = damping;
         let mut truth = model.reference();
         let limit = LinearisedModel::from_grid(&model).grid_limit();
-        // The bound that needs no iteration is below it, and not by far.
+        // The bound without iteration is below it, and close.
         let bound = model.conservative_step();
         assert!(
             bound < limit.step && bound > 0.5 * limit.step,
@@ -287,7 +290,7 @@ fn the_edge_of_grids() {
         for (factor, steps) in [(0.95, STEPS), (1.05, 400)] {
             let h = factor * limit.step;
             let mut p = truth.clone();
-            // Rayon has little to do on so few particles: a share of the steps will do.
+            // Rayon has little work for so few particles: a fraction of the steps suffices.
             let most = (0..steps.min(2000)).fold(0.0f64, |most, _| {
                 p.step(h);
                 most.max(p.energy(h)[1] / elastic)
@@ -305,7 +308,7 @@ fn the_edge_of_grids() {
     }
 }
 
-/// The quick study has failing cells among its own, and theory is right about all of them.
+/// The quick study contains diverging cells, and theory predicts all of them.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn the_quick_study_maps_what_fails() {

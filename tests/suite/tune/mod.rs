@@ -1,5 +1,5 @@
-//! The tuner on scenes that it was not developed on, against exhaustive searches. Costs are
-//! counted in visits of springs, so that they are the same on every machine.
+//! The tuner on scenes not used in its development, against exhaustive searches. Costs are counted
+//! in spring evaluations, so they are the same on every machine.
 
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 
 const SECONDS: f64 = 0.4;
 
-/// Five scenes: name, and the scene.
+/// Returns five scenes with their names.
 fn scenes() -> Vec<(&'static str, String)> {
     let solver = "[solver]\nname = \"implicit\"\ndt = 0.03\n";
     let data = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
@@ -54,12 +54,12 @@ fn scenes() -> Vec<(&'static str, String)> {
     ]
 }
 
-/// Costs and errors of all candidates, each tried once.
+/// Costs and errors of all candidates, each evaluated once.
 struct Table<'a> {
     motions: MotionSearch<'a>,
     costs: HashMap<String, f64>,
     errors: HashMap<String, f64>,
-    /// Cost of what was tried in the search that is going on.
+    /// Cost of the evaluations of the current search.
     spent: f64,
 }
 
@@ -93,7 +93,7 @@ impl Candidates for Table<'_> {
     }
 }
 
-/// The best of all candidates, and the finest one.
+/// Returns the lowest cost of a candidate within the tolerance, if any, and the total cost of all.
 fn exhaustive(table: &mut Table, tolerance: f64) -> (Option<f64>, f64) {
     let points = table.points();
     let mut best: Option<f64> = None;
@@ -148,14 +148,14 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
             };
             spent_of_all = [spent_of_all[0] + spent, spent_of_all[1] + all];
             assert!(found.error <= tolerance);
-            // The error is that of the point when it is tried again by itself.
+            // The error equals that of a separate evaluation of the point.
             let again = table.motions.error(&found.point, f64::INFINITY).unwrap();
             assert!((again / found.error - 1.0).abs() < 1e-3, "{name}: {again}");
             assert!(found.cost <= 1.5 * best, "{name} to {tolerance}: {best}");
             if let Some(tighter) = before.filter(|f| f.met) {
                 assert!(found.cost <= tighter.cost, "{name}: looser costs more");
             }
-            // Always the finest would not do.
+            // The finest candidate alone does not suffice.
             let finest = table
                 .points()
                 .into_iter()
@@ -166,7 +166,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
             chosen_of_all.push(found.point);
             before = Some(found);
         }
-        // Nothing meets a tolerance of nothing, and the nearest is named.
+        // No candidate meets a tolerance of zero, and the closest is reported.
         let none = cheapest(&mut table, 1e-9, &|_| ControlFlow::Continue(())).unwrap();
         assert!(!none.met && none.error > 1e-9);
         assert!(
@@ -178,13 +178,14 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
     assert!(spent < 0.5 * all, "{spent} of {all}");
     assert!(chosen_of_all.len() >= 8, "{chosen_of_all:?}");
     assert_eq!(finest_fails, chosen_of_all.len());
-    // It does not choose the same each time.
+    // The choice depends on the scene.
     let different: std::collections::HashSet<String> =
         chosen_of_all.iter().map(|p| p.to_string()).collect();
     assert!(different.len() >= 4, "{different:?}");
 }
 
-/// The whole of it, on the machine at hand: a file that can be read again and meets what it says.
+/// The complete tuner, on the current machine: the output file can be read again and meets its
+/// statement.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn a_tuned_scene_is_written_and_can_be_read() {
@@ -214,7 +215,7 @@ fn a_tuned_scene_is_written_and_can_be_read() {
     assert_eq!(again.picture.size, Some(tuned.picture.point.size));
     let mut stage = palpate::scene::Stage::new(&gpu, &again).unwrap();
     stage.run(2, &mut |_| {}).unwrap();
-    // What cannot be met is said.
+    // An unattainable target is reported.
     let never = wanted(1e-6, Some(1e6));
     let tuned = palpate::tune::tune(&gpu, &scene, &never, &palpate::no_progress).unwrap();
     assert!(!tuned.target_met);

@@ -1,4 +1,4 @@
-//! Warped scans and motions as files.
+//! Output files of warped scans and displacement fields.
 
 use super::{around, grid, scan};
 use flate2::read::GzDecoder;
@@ -46,7 +46,7 @@ fn every_format_holds_the_image_and_the_vectors_in_lps() {
     let warp = Warp::new(&rest, &bent).unwrap();
     let expected = warp.image(&scan, &grid(), &WarpOptions::default()).unwrap();
     let voxels = grid().voxels();
-    // Rest less bent is (−1.25, 2.5, −3.75) in RAS.
+    // Rest minus bent is (−1.25, 2.5, −3.75) in RAS.
     let lps = [1.25f32, -2.5, -3.75];
     for extension in ["nii.gz", "nrrd", "mha"] {
         let path = |name: &str| folder.path().join(format!("{name}.{extension}"));
@@ -60,7 +60,7 @@ fn every_format_holds_the_image_and_the_vectors_in_lps() {
         let mut planes = Vec::new();
         let mut progress = |done: usize, all: usize| {
             planes.push((done, all));
-            // Whoever looks, or kills it, finds no half file.
+            // A reader, or an interrupted run, finds no incomplete file.
             assert!(!image.exists() && !inverse.exists());
         };
         let report = warp
@@ -200,7 +200,7 @@ fn what_cannot_be_written_leaves_nothing_behind_and_old_files_as_they_were() {
     );
     let told = refused(&warp, &inverse, &inverse);
     assert!(told.contains("two outputs"), "{told}");
-    // All planes are done before it is known that none met the body.
+    // All planes are processed before it is known that none intersects the body.
     let far: Vec<DVec3> = bent.iter().map(|p| *p + 900.0).collect();
     let told = refused(&Warp::new(&rest, &far).unwrap(), &image, &inverse);
     assert!(told.contains("no voxel lies in the body"), "{told}");

@@ -1,4 +1,4 @@
-//! Scans in the bent body.
+//! Scans warped to the bent body.
 
 use super::{around, body, centres, grid, noise, scan, voxels};
 use glam::{DAffine3, DMat3, DVec3};
@@ -40,7 +40,7 @@ fn a_body_at_rest_leaves_the_scan_bit_for_bit() {
                 .collect(),
         ),
         Raw::F64(values.iter().map(|v| v / 3.0).collect()),
-        // Beyond what float64 tells apart.
+        // Beyond the resolution of float64.
         Raw::U64(of(&|v| u64::MAX - (1e6 * v) as u64)),
     ];
     for raw in raws {
@@ -69,7 +69,7 @@ fn a_body_at_rest_leaves_the_scan_bit_for_bit() {
     }
 }
 
-/// The bits of a number.
+/// Returns the bits of a number.
 fn exact(raw: &Raw, n: usize) -> [u8; 8] {
     match raw {
         Raw::U64(v) => v[n].to_le_bytes(),
@@ -86,7 +86,7 @@ fn motion() -> DAffine3 {
     DAffine3::from_mat3_translation(turn, middle - turn * middle + DVec3::new(0.9, 0.4, -0.6))
 }
 
-/// A scan that is linear in the world, moved: the value at each voxel is known.
+/// A scan that is linear in the world, warped: the value at each voxel is known.
 fn ramp(p: DVec3) -> f64 {
     3.0 * p.x - 2.0 * p.y + 0.7 * p.z
 }
@@ -104,7 +104,7 @@ fn values_are_those_of_the_place_at_rest() {
     let warp = Warp::new(&rest, &bent).unwrap();
     let to_index = grid.to_world.inverse();
     let last = DVec3::from(grid.size.map(|n| n as f64 - 1.0));
-    // Stored as they are, and in whole numbers of a tenth from −100 on.
+    // Stored unchanged, and as integers in steps of a tenth from −100.
     let mut tenths = scan(
         grid,
         Raw::I16(
@@ -177,7 +177,7 @@ fn labels_are_those_that_are_there_and_the_nearest() {
         let near = x.round();
         let within = near.cmpge(DVec3::ZERO).all()
             && near.cmplt(DVec3::from(grid.size.map(|n| n as f64))).all();
-        // Halfway between two either will do.
+        // Half-way between two, either will do.
         if within && (x - near).abs().max_element() < 0.499_999 {
             assert_eq!(found[n], block(near.to_array().map(|x| x as usize)));
             checked += 1;
@@ -198,7 +198,7 @@ fn numbers_are_rounded_and_stay_within_their_type() {
     let scan = scan(grid, Raw::I8(voxels(&grid).into_iter().map(of).collect()));
     let warped = warp.image(&scan, &grid, &WarpOptions::default()).unwrap();
     for (n, [i, _, _]) in voxels(&grid).into_iter().enumerate() {
-        // −1.5 to −2; up to half a voxel outside the scan the outermost.
+        // −1.5 to −2; up to half a voxel outside the scan, the outermost value.
         let expected = if i == 0 { -128.0 } else { -2.0 };
         let found = warped.volume.raw.get(n);
         assert!(

@@ -1,4 +1,4 @@
-//! Scans that follow the body.
+//! Scans warped by the deformation of a body.
 
 mod files;
 mod images;
@@ -10,7 +10,7 @@ use palpate::mesh::generate::{Split, box_mesh};
 use palpate::volume::{Grid, Raw, Volume};
 use std::collections::BTreeMap;
 
-/// A grid as scanners make them: turned, stretched, left-handed.
+/// Returns a typical scanner grid: rotated, anisotropic, left-handed.
 fn grid() -> Grid {
     let turn = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.2, -0.4, 0.3));
     let scaled = DMat3::from_diagonal(DVec3::new(-1.5, 0.75, 2.0));
@@ -20,7 +20,7 @@ fn grid() -> Grid {
     }
 }
 
-/// A scan on `grid` whose voxels are `raw`, i running fastest.
+/// Returns a scan on `grid` with the voxels `raw`, i running fastest.
 fn scan(grid: Grid, raw: Raw) -> Volume {
     Volume {
         size: grid.size,
@@ -32,36 +32,36 @@ fn scan(grid: Grid, raw: Raw) -> Volume {
     }
 }
 
-/// Voxel indices of all of `grid`, i running fastest.
+/// Returns all voxel indices of `grid`, i running fastest.
 fn voxels(grid: &Grid) -> Vec<[usize; 3]> {
     let [nx, ny, nz] = grid.size;
     let all = (0..nx * ny * nz).map(|n| [n % nx, n / nx % ny, n / nx / ny]);
     all.collect()
 }
 
-/// The centres of the voxels, in that order.
+/// Returns the centres of the voxels, in that order.
 fn centres(grid: &Grid) -> Vec<DVec3> {
     let all = voxels(grid).into_iter();
     all.map(|[i, j, k]| grid.centre(i, j, k)).collect()
 }
 
-/// A box of `cells` between two corners in voxel coordinates of `grid`, in the world.
+/// Returns a box of `cells` between two corners in voxel coordinates of `grid`, in the world.
 fn body(grid: &Grid, cells: [usize; 3], low: DVec3, high: DVec3) -> TetMesh {
     let mesh = box_mesh(cells, high - low, Split::Five).unwrap();
     let least = mesh.bounds().0;
     let place = |p: &DVec3| grid.to_world.transform_point3(*p - least + low);
     let nodes = mesh.nodes.iter().map(place).collect();
-    // Where the grid is left-handed its tets are turned over.
+    // If the grid is left-handed, its tets are flipped.
     TetMesh::new(nodes, mesh.tets, Vec::new(), Vec::new()).unwrap()
 }
 
-/// A box with room for all of `grid`.
+/// Returns a box that contains all of `grid`.
 fn around(grid: &Grid, cells: [usize; 3]) -> TetMesh {
     let far = DVec3::from(grid.size.map(|n| n as f64));
     body(grid, cells, DVec3::splat(-6.3), far + 5.3)
 }
 
-/// `n` numbers in 0..1 that look random.
+/// Returns `n` pseudorandom numbers in 0..1.
 fn noise(n: usize) -> Vec<f64> {
     let mut seed = 3u64;
     let mut next = || {

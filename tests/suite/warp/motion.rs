@@ -1,4 +1,4 @@
-//! Motions against what they are known to be.
+//! Displacement fields against known motions.
 
 use super::{around, body, centres, grid, voxels};
 use glam::{DAffine3, DMat3, DVec3};
@@ -6,7 +6,7 @@ use palpate::mesh::TetMesh;
 use palpate::volume::Grid;
 use palpate::warp::{DisplacementField, Warp};
 
-/// The least distance between voxels of the grid here, in mm.
+/// The smallest distance between voxels of this grid, in mm.
 const VOXEL: f64 = 0.75;
 
 fn affine() -> DAffine3 {
@@ -15,7 +15,7 @@ fn affine() -> DAffine3 {
         DVec3::new(-0.1, 0.9, 0.3),
         DVec3::new(0.05, -0.2, 1.2),
     );
-    // About the middle of the grid, so that all of it stays within the body.
+    // About the centre of the grid, so that all of it stays within the body.
     let grid = grid();
     let middle = grid
         .to_world
@@ -94,12 +94,12 @@ fn there_and_back_is_where_it_began() {
     let (rest, bent) = waved(&grid);
     let warp = Warp::new(&rest, &bent).unwrap();
     assert_eq!(warp.inverted(), 0);
-    // As points, by the same tets both ways.
+    // As points, by the same tets in both directions.
     for p in centres(&grid) {
         let back = warp.map_inverse(warp.map_forward(p).unwrap()).unwrap();
         assert!(back.abs_diff_eq(p, 1e-9), "{back} is not {p}");
     }
-    // As fields, of which one is read between its voxels.
+    // As fields, one of which is sampled between its voxels.
     let [there, back] = [warp.displacement(&grid), warp.inverse(&grid)].map(|f| f.unwrap());
     assert_eq!(back.coverage.uncovered, 0);
     let to_index = grid.to_world.inverse();
@@ -121,7 +121,7 @@ fn there_and_back_is_where_it_began() {
     assert!(back.vectors.iter().any(|v| vector(*v).length() > 0.5));
 }
 
-/// The field between its voxels, trilinear, where there are eight around `x`.
+/// Returns the field between its voxels, trilinear, if there are eight around `x`.
 fn between(field: &DisplacementField, x: DVec3) -> Option<DVec3> {
     let low = x.floor();
     let part = x - low;
@@ -201,7 +201,7 @@ fn where_pieces_overlap_the_first_has_the_voxel_and_it_is_counted() {
     let second = b.tets.iter().map(|t| t.map(|v| v + offset));
     let tets: Vec<[u32; 4]> = a.tets.iter().copied().chain(second).collect();
     let rest = TetMesh::new(nodes, tets, Vec::new(), Vec::new()).unwrap();
-    // The second piece goes four voxels into the gap and the first piece.
+    // The second piece moves four voxels into the gap and the first piece.
     let push = grid.to_world.transform_vector3(DVec3::new(-4.0, 0.0, 0.0));
     let moved = |(v, p): (usize, &DVec3)| {
         *p + if v >= offset as usize {
@@ -230,7 +230,7 @@ fn where_pieces_overlap_the_first_has_the_voxel_and_it_is_counted() {
 fn tets_inside_out_are_counted_and_hold_nothing() {
     let grid = grid();
     let rest = body(&grid, [4, 4, 4], DVec3::splat(1.5), DVec3::splat(13.5));
-    // A node in the middle goes far through its neighbours.
+    // A central node moves far through its neighbours.
     let middle = grid.to_world.transform_point3(DVec3::splat(7.5));
     let mut bent = rest.nodes.clone();
     let v = (0..bent.len()).min_by(|a, b| {
@@ -246,7 +246,7 @@ fn tets_inside_out_are_counted_and_hold_nothing() {
     let warp = Warp::new(&rest, &bent).unwrap();
     assert!(inverted > 0);
     assert_eq!(warp.inverted(), inverted);
-    // What is left fills the box more than once where it is folded, and still all of it.
+    // The remaining tets overlap where folded, and still cover the whole box.
     let coverage = warp.inverse(&grid).unwrap().coverage;
     assert_eq!(coverage.voxels - coverage.uncovered, 12 * 12 * 12);
     assert!(coverage.overlapping > 0);

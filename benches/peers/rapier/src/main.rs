@@ -1,10 +1,11 @@
-//! The bar of the chart of motion, stepped by rapier's soft bodies: `compare.py` calls it.
+//! The bar of the chart of motion, simulated by rapier's soft bodies: `compare.py` calls it.
 //!
 //!     rapier-bar MESH OUT SOLVER POISSON GRAVITY STEP FRAME FRAMES [ROD]
 //!
-//! The arguments are those of `peer_bar`, Palpate's program beside it. SOLVER is `fem`,
-//! `constraints`, or `fem-solved`, whose linear systems get up to 1,000 iterations in place of 20. A step is one of rapier's substeps; a world's step is FRAME seconds, or 16 substeps where
-//! that is less.
+//! The arguments are those of `peer_bar`, Palpate's program in the same folder. SOLVER is `fem`,
+//! `constraints`, or `fem-solved`, whose linear systems get up to 1,000 iterations instead of 20.
+//! STEP is one of rapier's substeps; a world's step is FRAME seconds, or 16 substeps if that is
+//! less.
 
 use rapier3d::prelude::*;
 use std::error::Error;
@@ -60,7 +61,7 @@ fn main() -> Result<()> {
     while taken.is_empty() || (taken.len() < 15 && begin.elapsed() < Duration::from_millis(300)) {
         let first = taken.is_empty();
         taken.push(run(&bar, &asked, |found| {
-            // Each later run makes the same motion.
+            // The motion is the same in every run.
             if first {
                 for (x, rest) in found.iter().zip(&bar.nodes) {
                     let place = [x.x, x.y, x.z].map(f64::from);
@@ -80,7 +81,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Steps the bar from rest; milliseconds of processor time and of wall time that this took.
+/// Simulates the bar from rest; returns milliseconds of processor time and of wall time.
 fn run(bar: &Bar, asked: &Asked, mut frame: impl FnMut(&[Vector])) -> Result<(f64, f64)> {
     let mut mass = vec![0.0_f64; bar.nodes.len()];
     for tet in &bar.tets {
@@ -164,9 +165,9 @@ fn run(bar: &Bar, asked: &Asked, mut frame: impl FnMut(&[Vector])) -> Result<(f6
     Ok((busy, wall))
 }
 
-/// What the threads of this program have computed so far, where Linux tells it.
+/// Returns the processor time of the threads of this program, if Linux reports it.
 fn processor_ms() -> f64 {
-    // A thread that runs is counted up to its last turn: let this one have had it.
+    // A running thread is counted up to its last time slice: yield, so that this one is.
     std::thread::sleep(Duration::from_micros(200));
     let Ok(threads) = std::fs::read_dir("/proc/self/task") else {
         return f64::NAN;

@@ -1,18 +1,18 @@
-//! A walk along the elements of a DICOM file, which holds every length against the file.
+//! Pre-parser of a DICOM file that checks every length against the size of the file.
 //!
-//! The crate that parses the values makes room for as many bytes as a length says, and descends
-//! into nested sequences by calling itself; so it sees only the few elements that make a slice,
-//! their lengths checked.
+//! The crate that parses the values allocates as many bytes as a length states, and recurses into
+//! nested sequences; so it receives only the few elements that define a slice, with checked
+//! lengths.
 
 use crate::io::cursor::ParseResult;
 use dicom_core::{DataDictionary, VR};
 use dicom_object::{StandardDataDictionary, Tag};
 
-/// Where the first element lies: after the preamble and `DICM`.
+/// Offset of the first element: after the preamble and `DICM`.
 const FIRST: usize = 132;
-/// A length that is not known beforehand.
+/// Value of an undefined length.
 const UNDEFINED: u32 = u32::MAX;
-/// The deepest nesting of sequences and items.
+/// Maximum nesting depth of sequences and items.
 const MAX_NESTING: usize = 64;
 
 const META_LENGTH: Tag = Tag(0x0002, 0x0000);
@@ -22,7 +22,7 @@ const ITEM: Tag = Tag(0xfffe, 0xe000);
 const END_OF_ITEM: Tag = Tag(0xfffe, 0xe00d);
 const END_OF_SEQUENCE: Tag = Tag(0xfffe, 0xe0dd);
 
-/// What elements lie in.
+/// Container of elements.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     /// A list of items.
@@ -33,24 +33,24 @@ enum Kind {
     Item,
 }
 
-/// Something that elements lie in.
+/// An open container of elements.
 struct Frame {
     kind: Kind,
-    /// The end, where its length is defined.
+    /// Its end, if its length is defined.
     end: Option<usize>,
-    /// Whether elements in it name no type.
+    /// Whether its elements have implicit types.
     implicit: bool,
 }
 
-/// How the data set is written.
+/// Encoding of the data set.
 #[derive(Clone, Copy)]
 struct Syntax {
     implicit: bool,
     big_endian: bool,
 }
 
-/// Checks all lengths in `file`, and that what opens closes. Returns its transfer syntax, and a
-/// file of the elements `wanted` alone: all that the parser gets to see.
+/// Checks all lengths in `file`, and that containers are closed. Returns its transfer syntax, and a
+/// file with only the elements `wanted`, for the parser.
 pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(String, Vec<u8>)> {
     let (uid, mut at) = meta_data(file)?;
     if uid == "1.2.840.10008.1.2.1.99" {
@@ -134,7 +134,7 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
         frames.push(Frame {
             kind,
             end,
-            // A sequence of unknown type holds elements without types.
+            // A sequence of unknown type has elements with implicit types.
             implicit: implicit || (vr == VR::UN && kind == Kind::Sequence),
         });
         if frames.len() > MAX_NESTING {
@@ -151,7 +151,7 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
     }
 }
 
-/// The beginning of a file of that transfer syntax.
+/// Returns the start of a file with that transfer syntax.
 fn heading(uid: &str) -> Vec<u8> {
     let mut elements = b"\x02\0\x01\0OB\0\0\x02\0\0\0\0\x01".to_vec();
     for (number, text) in [(2, "1.2"), (3, "1.2"), (0x10, uid), (0x12, "1.2")] {
@@ -167,8 +167,8 @@ fn heading(uid: &str) -> Vec<u8> {
     file
 }
 
-/// The transfer syntax in the meta data, which are always little-endian with types; and where the
-/// data set begins.
+/// Returns the transfer syntax in the meta data, which are always little-endian with explicit
+/// types, and the offset of the data set.
 fn meta_data(file: &[u8]) -> ParseResult<(String, usize)> {
     let mut at = FIRST;
     let mut end = None;
@@ -209,8 +209,8 @@ fn meta_data(file: &[u8]) -> ParseResult<(String, usize)> {
     Ok((uid, at))
 }
 
-/// Where an element of that length ends; none where it has no length. The value begins at `at`,
-/// `around` is the end of what it lies in.
+/// Returns the end of an element of that length; `None` if the length is undefined. The value
+/// begins at `at`, `around` is the end of its container.
 fn fits(
     file: &[u8],
     start: usize,
@@ -235,7 +235,7 @@ fn fits(
     Ok(Some(at + length as usize))
 }
 
-/// The bytes of one value of a type.
+/// Returns the size of one value of a type in bytes.
 fn width(vr: VR) -> u32 {
     match vr {
         VR::OW | VR::SS | VR::US => 2,
@@ -245,7 +245,7 @@ fn width(vr: VR) -> u32 {
     }
 }
 
-/// The element at byte `at`: its tag, type, length, and the bytes of these.
+/// Parses the element at byte `at`: its tag, type, length, and the size of these.
 fn element(
     file: &[u8],
     at: usize,

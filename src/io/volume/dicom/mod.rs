@@ -1,7 +1,7 @@
-//! Reader for a series of DICOM slices: a folder of files, one slice each.
+//! Reader for a series of DICOM slices: a folder with one slice per file.
 //!
-//! The format is described at dicomstandard.org; its world is LPS, in mm. The crate
-//! `dicom-object` parses the files, after [`lengths`] has held them against their size.
+//! The format is described at dicomstandard.org; its world is LPS, in mm. The crate `dicom-object`
+//! parses the files, after [`lengths`] has checked them.
 
 mod lengths;
 mod slice;
@@ -15,13 +15,13 @@ use slice::{Image, Slice};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Slices may stray from even spacing by this part of it,
+/// Tolerance of the slice spacing, relative,
 const UNEVEN: f64 = 0.02;
-/// and by as much for the digits that positions are written with, in mm.
+/// and absolute, in mm, for the rounding of the stored positions.
 const ROUNDING: f64 = 0.01;
 
-/// Reads the series with the most images in `folder` (of several with as many, the one whose
-/// identifier comes first). Other files are passed over.
+/// Reads the series with the most images in `folder` (among equals, the one with the first
+/// identifier). Other files are skipped.
 pub(super) fn read(folder: &Path) -> Result<Volume> {
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder))? {
@@ -44,7 +44,7 @@ pub(super) fn read(folder: &Path) -> Result<Volume> {
             of_one.push((path, image));
         }
     }
-    // The last of equals wins, so they come backwards.
+    // The last among equals is selected, so the order is reversed.
     let largest = series.into_values().rev().max_by_key(Vec::len);
     let largest = largest.ok_or_else(|| {
         Error::format(
@@ -62,13 +62,13 @@ pub(super) fn read(folder: &Path) -> Result<Volume> {
     stack(slices).map_err(|(path, e)| Error::format(path, e))
 }
 
-/// Whether there is a whole image in one file.
+/// Whether a file contains a complete image.
 pub(in crate::io) fn parse(file: &[u8]) -> std::result::Result<bool, String> {
     let image = Image::parse(file)?;
     image.map_or(Ok(false), |image| image.slice().map(|_| true))
 }
 
-/// The volume that `slices` are stacked to; an error names the file it is about.
+/// Stacks `slices` to a volume; an error names its file.
 fn stack(mut slices: Vec<(PathBuf, Slice)>) -> std::result::Result<Volume, (PathBuf, String)> {
     let first = &slices[0].1;
     let [along, down] = first.axes;
@@ -116,7 +116,7 @@ fn stack(mut slices: Vec<(PathBuf, Slice)>) -> std::result::Result<Volume, (Path
     })
 }
 
-/// From one slice to the next; all must be as far apart.
+/// Returns the step between slices, which must be uniform.
 fn step(
     slices: &[(PathBuf, Slice)],
     normal: DVec3,
@@ -171,7 +171,7 @@ fn step(
     Ok(step)
 }
 
-/// The pixels of all slices as they are stored.
+/// Concatenates the stored pixels of all slices.
 fn joined(slices: Vec<(PathBuf, Slice)>) -> Raw {
     let mut raws = slices.into_iter().map(|(_, s)| s.raw);
     let mut all = raws.next().unwrap_or(Raw::U8(Vec::new()));
@@ -183,14 +183,14 @@ fn joined(slices: Vec<(PathBuf, Slice)>) -> Raw {
             (Raw::I16(all), Raw::I16(v)) => all.extend(v),
             (Raw::U32(all), Raw::U32(v)) => all.extend(v),
             (Raw::I32(all), Raw::I32(v)) => all.extend(v),
-            // Slices of one series have one type, which `stack` has made sure of.
+            // Slices of a series have the same type, as checked by `stack`.
             _ => {}
         }
     }
     all
 }
 
-/// The values of slices that are each scaled in their own way, in single precision.
+/// Returns the values of slices with individual scalings, in single precision.
 fn scaled(slices: &[(PathBuf, Slice)]) -> Raw {
     let values = slices.iter().flat_map(|(_, slice)| {
         let [slope, intercept] = slice.scaling;

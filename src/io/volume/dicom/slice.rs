@@ -1,4 +1,4 @@
-//! One DICOM file: a slice of a volume.
+//! A slice of a volume in a DICOM file.
 
 use super::lengths;
 use crate::io::cursor::ParseResult;
@@ -47,7 +47,7 @@ const WANTED: [Tag; 17] = [
     PIXELS,
 ];
 
-/// The transfer syntaxes whose pixels lie in the file as they are.
+/// The transfer syntaxes with uncompressed pixels.
 const NATIVE: [&str; 3] = [
     "1.2.840.10008.1.2",
     "1.2.840.10008.1.2.1",
@@ -59,7 +59,7 @@ const RUN_LENGTH: &str = "1.2.840.10008.1.2.5";
 pub(super) struct Image {
     object: DefaultDicomObject,
     syntax: String,
-    /// The series that it belongs to.
+    /// Its series.
     pub series: String,
 }
 
@@ -67,20 +67,20 @@ pub(super) struct Image {
 pub(super) struct Slice {
     pub columns: usize,
     pub rows: usize,
-    /// Of the middle of the first pixel.
+    /// Position of the centre of the first pixel.
     pub position: DVec3,
-    /// Where columns are counted to, and where rows are.
+    /// Directions of increasing column and row index.
     pub axes: [DVec3; 2],
     /// Distance between columns, and between rows.
     pub spacing: DVec2,
-    /// The thickness, where the file tells it.
+    /// The thickness, if stored.
     pub thickness: Option<f64>,
     pub scaling: [f64; 2],
     pub raw: Raw,
 }
 
 impl Image {
-    /// The image in a file; none where the file is not DICOM, or holds no image.
+    /// Parses the image in a file; `None` if the file is not DICOM, or contains no image.
     pub fn parse(file: &[u8]) -> ParseResult<Option<Image>> {
         if file.get(128..132) != Some(b"DICM") {
             return Ok(None);
@@ -107,7 +107,7 @@ impl Image {
         Ok(text.trim_matches(['\0', ' ']).to_owned())
     }
 
-    /// The number called `name`; none where there is none.
+    /// Returns the number `name`, if it is present.
     fn one<T: FromStr>(&self, tag: Tag, name: &str) -> ParseResult<Option<T>> {
         let Some(element) = self.object.get(tag) else {
             return Ok(None);
@@ -134,7 +134,7 @@ impl Image {
             .ok_or_else(|| format!("`{name}` should be {N} finite numbers"))
     }
 
-    /// The slice, with its pixels.
+    /// Returns the slice with its pixels.
     pub fn slice(&self) -> ParseResult<Slice> {
         let frames: u32 = self.one(FRAMES, "NumberOfFrames")?.unwrap_or(1);
         if frames != 1 {
@@ -219,10 +219,10 @@ impl Image {
                     bytes.len()
                 )
             })?;
-            // The crate has turned them to the order of this machine.
+            // The crate has converted them to native byte order.
             decode(bytes, scalar, cfg!(target_endian = "big"))
         } else if self.syntax == RUN_LENGTH {
-            // The first block is a table of offsets where frames are several.
+            // The first block is an offset table if there are several frames.
             let frame = element.fragments().and_then(|f| f.first());
             let frame = frame.ok_or("`PixelData` has no image in it")?;
             decode(&run_lengths(frame, count, width)?, scalar, true)
@@ -249,7 +249,7 @@ fn missing(name: &str) -> String {
     format!("it has no `{name}`")
 }
 
-/// Only the bits that belong to the value: moved up by `up`, then down by `down` with the sign.
+/// Keeps the bits of the value: shifts left by `up`, then right by `down` with sign extension.
 fn without_overlay(raw: Raw, up: u16, down: u16) -> Raw {
     macro_rules! shift {
         ($raw:ident, $values:ident) => {
@@ -268,7 +268,7 @@ fn without_overlay(raw: Raw, up: u16, down: u16) -> Raw {
     }
 }
 
-/// The pixels of a run-length frame (DICOM part 5, annex G), most significant byte first.
+/// Decodes a run-length frame (DICOM part 5, annex G), most significant byte first.
 fn run_lengths(frame: &[u8], count: usize, width: usize) -> ParseResult<Vec<u8>> {
     let number = |n: usize| -> Option<usize> {
         let bytes: [u8; 4] = frame.get(4 * n..4 * n + 4)?.try_into().ok()?;
@@ -292,7 +292,7 @@ fn run_lengths(frame: &[u8], count: usize, width: usize) -> ParseResult<Vec<u8>>
         .collect())
 }
 
-/// `count` bytes out of PackBits; none where there are not so many.
+/// Decodes `count` bytes of PackBits; `None` if there are fewer.
 fn unpack_bits(mut packed: &[u8], count: usize) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
     while bytes.len() < count {

@@ -1,4 +1,4 @@
-//! The anatomy of the phantom: where its skin and its bones are.
+//! Geometry of the foot phantom: skin and bones as implicit solids.
 //!
 //! A right foot, standing, in metres: x runs from the heel to the toes, y towards the big toe,
 //! z up from the sole.
@@ -36,16 +36,16 @@ pub const FOOT_BONES: [&str; 26] = [
     "fifth distal phalanx bone",
 ];
 
-/// Least thickness of flesh over any bone.
+/// Minimum thickness of soft tissue over any bone.
 const COVER: f64 = 0.0015;
 
-/// The leg is cut off here.
+/// Height of the cut through the leg.
 const ANKLE: f64 = 0.102;
 
-/// The ground.
+/// Height of the ground.
 const SOLE: f64 = -0.002;
 
-/// A rounded part of a bone or of the skin.
+/// A rounded primitive of a bone or of the skin.
 enum Part {
     Rod { ends: [DVec3; 2], radii: [f64; 2] },
     Round { centre: DVec3, radii: DVec3 },
@@ -64,12 +64,12 @@ impl Part {
     }
 }
 
-/// A bone: its parts, blended.
+/// A bone: the smooth union of its primitives.
 struct Bone {
     parts: Vec<Part>,
-    /// Parts pass into each other over this width.
+    /// Width of the smooth union.
     blend: f64,
-    /// A ball around it.
+    /// Its bounding sphere.
     ball: (DVec3, f64),
 }
 
@@ -105,7 +105,7 @@ struct Ray {
     radii: [f64; 3],
     /// Direction of the toe in the plane of the sole, in degrees from x towards y.
     spread: f64,
-    /// How far each phalanx bends down, in degrees.
+    /// Flexion of each phalanx, downwards, in degrees.
     flexion: &'static [f64],
     /// Lengths between joints, and radii of shaft and ends.
     phalanges: &'static [[f64; 3]],
@@ -181,7 +181,7 @@ const RAYS: [Ray; 5] = [
     },
 ];
 
-/// Everything about the phantom that does not depend on the point asked for.
+/// Precomputed geometry of the phantom, independent of the query point.
 pub(super) struct Anatomy {
     bones: Vec<Bone>,
     /// Skin of the heel, the ankle and the middle of the foot.
@@ -206,7 +206,7 @@ impl Anatomy {
                 0.0165,
                 0.0125,
             ),
-            // The shelf that carries the talus.
+            // The sustentaculum, which carries the talus.
             rod(
                 v(0.0600, -0.0020, 0.0370),
                 v(0.0660, 0.0100, 0.0400),
@@ -263,7 +263,7 @@ impl Anatomy {
                 0.0290,
                 0.0290,
             ),
-            // The tendon of the heel, and the leg.
+            // The Achilles tendon, and the leg.
             rod(
                 v(0.0210, -0.0005, 0.0400),
                 v(0.0350, 0.0000, 0.1400),
@@ -276,10 +276,10 @@ impl Anatomy {
                 0.0315,
                 0.0300,
             ),
-            // The ankle bones of the leg show on either side.
+            // The malleoli on either side.
             round(v(0.0640, 0.0265, 0.0800), v(0.0130, 0.0090, 0.0150)),
             round(v(0.0560, -0.0270, 0.0740), v(0.0120, 0.0085, 0.0150)),
-            // The instep falls off from the leg.
+            // The instep below the leg.
             rod(
                 v(0.0800, 0.0030, 0.0660),
                 v(0.1450, 0.0110, 0.0470),
@@ -295,26 +295,28 @@ impl Anatomy {
             [0.0170, 0.0140],
         ]) {
             let [base, head] = ray.metatarsal;
-            // It goes on backwards below the tarsus, and ends a little above the head's middle.
+            // It extends backwards below the tarsus, and ends slightly above the centre of the
+            // head.
             let start = base.lerp(head, -0.45) - DVec3::Z * 0.008;
             back.push(rod(start, head + DVec3::Z * 0.0005, from, to));
         }
         Anatomy { bones, back, toes }
     }
 
-    /// Number of bones.
+    /// Returns the number of bones.
     pub(super) fn bones(&self) -> usize {
         self.bones.len()
     }
 
-    /// Distance to the outside of the phantom: its skin, the ground, and the cut through the leg.
+    /// Returns the distance to the outside of the phantom: its skin, the ground, and the cut
+    /// through the leg.
     pub(super) fn outside(&self, p: DVec3) -> f64 {
-        // Soft rims: a lattice cannot follow sharp ones.
+        // Rounded edges: the lattice cannot resolve sharp ones.
         let ground = -smooth_union(-self.skin(p), p.z - SOLE, 0.006);
         -smooth_union(-ground, ANKLE - p.z, 0.008)
     }
 
-    /// Distance to the skin of a leg that goes on, and of a foot in the air.
+    /// Returns the distance to the skin, without the cut through the leg and the ground.
     fn skin(&self, p: DVec3) -> f64 {
         let width = 0.012 + 0.008 * smooth_step(0.14, 0.08, p.x);
         let back = self.back.iter().map(|part| part.distance(p));
@@ -327,13 +329,13 @@ impl Anatomy {
         smooth_union(back, toes, 0.007)
     }
 
-    /// Distance to the outside, the nearest bone, and the distance to that.
+    /// Returns the distance to the outside, the nearest bone, and the distance to it.
     pub(super) fn distances(&self, p: DVec3) -> (f64, usize, f64) {
         let outside = self.outside(p);
         let mut nearest = (0, f64::INFINITY);
         for (n, bone) in self.bones.iter().enumerate() {
             let (middle, reach) = bone.ball;
-            // Nothing of a bone is nearer than the ball around it.
+            // The bounding sphere is a lower bound of the distance.
             if p.distance(middle) - reach - bone.blend < nearest.1 {
                 let distance = bone.distance(p);
                 if distance < nearest.1 {
@@ -344,7 +346,7 @@ impl Anatomy {
         (outside, nearest.0, nearest.1.max(outside + COVER))
     }
 
-    /// The box around a bone, and the distance to its surface as a function.
+    /// Returns the bounding box of a bone and its distance function.
     pub(super) fn bone(&self, n: usize) -> ((DVec3, DVec3), impl Fn(DVec3) -> f64 + '_) {
         let bone = &self.bones[n];
         let (middle, reach) = bone.ball;
@@ -355,7 +357,7 @@ impl Anatomy {
 }
 
 impl Ray {
-    /// Its metatarsal, its phalanges, and the skin around these.
+    /// Returns the metatarsal, the phalanges, and the skin around the phalanges.
     fn parts(&self) -> [Vec<Part>; 3] {
         let [base, head] = self.metatarsal;
         let mut joints = vec![base, head];
@@ -371,7 +373,7 @@ impl Ray {
                 );
             joints.push(at);
         }
-        // A joint is a gap of two millimetres between the surfaces.
+        // A joint is a gap of 2 mm between the surfaces.
         let bone = |ends: &[DVec3], shaft: f64, heads: [f64; 2]| {
             let axis = (ends[1] - ends[0]).normalize_or_zero();
             let inset = heads.map(|r| r + 0.0009);

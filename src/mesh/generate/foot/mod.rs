@@ -1,7 +1,7 @@
-//! A foot phantom: 26 bones in flesh, and the surfaces of these bones alone.
+//! Foot phantom: 26 bones in soft tissue, and the surfaces of these bones alone.
 //!
-//! Skin and bones are solids given by distance functions (`anatomy`); the mesh fills the
-//! skin, and the bones inside give each node an intensity and each tet a label.
+//! Skin and bones are solids given by distance functions (`anatomy`); the mesh fills the skin, and
+//! the bones inside determine the intensity of each node and the label of each tet.
 
 mod anatomy;
 
@@ -17,7 +17,7 @@ use anatomy::Anatomy;
 use glam::{DAffine3, DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// The label of flesh; the bones follow in the order of [`FOOT_BONES`].
+/// The label of soft tissue; the bones follow in the order of [`FOOT_BONES`].
 const FLESH: u8 = 1;
 
 /// Typical values in Hounsfield units, from outside in.
@@ -30,36 +30,36 @@ const SPONGE_VALUE: f64 = 450.0;
 const SKIN: f64 = 0.0022;
 const CORTEX: f64 = 0.0032;
 
-/// Two tissues pass into each other over this many lattice cells.
+/// Width of the transition between two tissues, in lattice cells.
 const BLUR: f64 = 1.4;
 
-/// The box that holds the phantom, in metres.
+/// The bounding box of the phantom, in metres.
 const LOW: DVec3 = DVec3::new(-0.016, -0.066, -0.010);
 const HIGH: DVec3 = DVec3::new(0.304, 0.066, 0.112);
 
-/// Pieces of less volume than this, in cubic metres, are left out.
+/// Components below this volume, in cubic metres, are dropped.
 const MAIN_PIECE: f64 = 2e-4;
 
 /// Lattice steps, in metres, of the two coarse meshes from which the step is estimated.
 const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 
-/// A right foot with about `tets` tets, in metres, at any resolution.
+/// Returns a right foot with about `tets` tets, in metres, at any resolution.
 ///
-/// It stands on z = 0 and is cut off above the ankle, where it can be held; x runs from the heel
+/// It stands on z = 0 and is cut off above the ankle, where it can be clamped; x runs from the heel
 /// to the toes, y to the big toe, z up. The node field `intensity` resembles a CT scan in
-/// Hounsfield units; in the cell field `label` 1 is flesh and 2 to 27 are the [`FOOT_BONES`], by
-/// name in the mesh's regions. From some 30,000 tets on every bone has tets of its own and the
-/// toes stand apart; with fewer the smallest bones may have none. Deterministic; dihedral angles
-/// stay above 5°. No two bones share a node: between them lies flesh. `data/limb.json` is a transfer
-/// function for it.
+/// Hounsfield units; in the cell field `label` 1 is soft tissue and 2 to 27 are the [`FOOT_BONES`],
+/// named in the mesh's regions. From about 30,000 tets on every bone has tets of its own and the
+/// toes are separate; with fewer tets the smallest bones may have none. Deterministic; dihedral
+/// angles stay above 5°. No two bones share a node: there is soft tissue between them.
+/// `data/limb.json` is a suitable transfer function.
 ///
 /// # Errors
-/// Fewer than 2,000 tets, or more than 32-bit indices hold.
+/// An error for fewer than 2,000 tets, or more than 32-bit indices can address.
 pub fn foot(tets: usize) -> Result<TetMesh> {
     telling(tets, &no_progress)
 }
 
-/// As [`foot`], telling how far it is.
+/// As [`foot`], with progress reports.
 pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
@@ -105,11 +105,11 @@ pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// The bones of the [`foot`] as 26 closed surfaces in one, in metres, with edges of about
-/// `spacing`.
+/// Returns the bones of the [`foot`] as one surface of 26 closed components, in metres, with edges
+/// of about `spacing`.
 ///
 /// # Errors
-/// [`Error::Input`] for a spacing below 0.2 mm or above 3 mm, at which small bones vanish.
+/// An [`Error::Input`] for a spacing below 0.2 mm or above 3 mm, at which small bones vanish.
 pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
     if !(2e-4..=3e-3).contains(&spacing) {
         return Err(Error::Input(format!(
@@ -149,7 +149,7 @@ pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
     Ok(all)
 }
 
-/// The mesh of the whole phantom on a lattice of the given step.
+/// Meshes the whole phantom on a lattice of the given step.
 fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDomain> {
     let place = |p: DVec3| LOW + p * step;
     let least = MAIN_PIECE / step.powi(3);
@@ -159,11 +159,11 @@ fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDoma
     Ok(filled)
 }
 
-/// The CT-like value at these distances from the outside and the nearest bone, for a mesh of cell
-/// size `cell`.
+/// Returns the CT-like value for these distances to the outside and the nearest bone, for a mesh of
+/// cell size `cell`.
 fn intensity(outside: f64, bone: f64, cell: f64) -> f64 {
-    // Tissues pass into each other over more than a cell and evenly, which linear interpolation
-    // can follow: surfaces of equal intensity are then smooth, not stepped.
+    // The transition between tissues is wider than a cell and smooth, so linear interpolation can
+    // represent it: isosurfaces of the intensity are then smooth, without steps.
     let width = (BLUR * cell).max(0.0012);
     let within = |distance: f64| (0.5 - distance / width).clamp(0.0, 1.0);
     [

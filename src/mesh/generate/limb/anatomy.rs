@@ -1,4 +1,4 @@
-//! The anatomy of the phantom: where its skin, muscles, tendons, bones and joints are.
+//! Geometry of the limb phantom: skin, muscles, tendons, bones and joints as implicit solids.
 //!
 //! A forearm and hand, palm down, in metres: x runs from the cut through the forearm to the
 //! fingertips, y towards the thumb, z towards the back of the hand.
@@ -6,13 +6,13 @@
 use super::super::shapes::{LongBone, ellipse, ellipsoid, rod, smooth_step, smooth_union};
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
-/// Where the wrist is along x; the forearm is cut at x = 0.
+/// Position of the wrist along x; the forearm is cut at x = 0.
 const WRIST: f64 = 0.141;
 
-/// Least thickness of skin and fat over any muscle.
+/// Minimum thickness of skin and fat over any muscle.
 const COVER: f64 = 0.0036;
 
-/// How far cartilage reaches from the bone in a joint.
+/// Distance from the bone up to which a joint is filled with cartilage.
 const CARTILAGE: f64 = 0.0024;
 
 /// Signed distances of a point to the tissues, in metres: negative inside.
@@ -24,7 +24,7 @@ pub(super) struct Distances {
     pub cartilage: f64,
     /// To the outer surface of the nearest bone.
     pub bone: f64,
-    /// Which bone that is.
+    /// The number of that bone.
     pub nearest: usize,
     /// To its marrow.
     pub marrow: f64,
@@ -41,21 +41,22 @@ enum BoneShape {
     Round { centre: DVec3, radii: DVec3 },
 }
 
-/// A part of a finger: straight, between two joints.
+/// A straight segment of a finger between two joints.
 struct Segment {
     ends: [DVec3; 2],
     radii: [f64; 2],
 }
 
-/// A round belly of a forearm muscle, given at the cut: its centre and radius in the plane.
+/// A muscle belly of the forearm with a circular section: centre and radius in the plane of the
+/// cut.
 struct Belly {
     centre: DVec2,
     radius: f64,
 }
 
-/// Everything about the phantom that does not depend on the point asked for.
+/// Precomputed geometry of the phantom, independent of the query point.
 pub(super) struct Anatomy {
-    /// Skin around the fingers, from the knuckles out.
+    /// Skin around the fingers, distal of the knuckles.
     fingers: Vec<Segment>,
     /// Skin around the metacarpals.
     palm: Vec<Segment>,
@@ -68,13 +69,13 @@ pub(super) struct Anatomy {
     hand_muscles: Vec<Segment>,
 }
 
-/// What makes one digit differ from the next.
+/// Parameters of a digit.
 struct Digit {
     /// Base of the metacarpal, and the knuckle at its other end.
     metacarpal: [DVec3; 2],
     /// Direction in the plane of the hand, in degrees from x towards y.
     spread: f64,
-    /// How far each phalanx bends on, towards the palm, in degrees.
+    /// Flexion of each phalanx towards the palm, in degrees.
     flexion: &'static [f64],
     /// Lengths between joints.
     phalanges: &'static [f64],
@@ -210,7 +211,7 @@ impl Anatomy {
         }
     }
 
-    /// Bones, skin, joints and tendons of one digit.
+    /// Adds the bones, skin, joints and tendons of one digit.
     fn digit(&mut self, digit: &Digit) {
         let [base, knuckle] = digit.metacarpal;
         self.palm.push(Segment {
@@ -233,11 +234,11 @@ impl Anatomy {
         let last = joints.len() - 2;
         for (n, ends) in joints.windows(2).enumerate() {
             let axis = (ends[1] - ends[0]).normalize_or_zero();
-            // Bones become thinner from the palm to the tip.
+            // Bones taper from the palm to the tip.
             let size = digit.radius * (0.96 - 0.10 * n as f64);
             let (shaft, head) = (0.47 * size, 0.58 * size);
             let heads = [head, if n == last { 0.48 * size } else { head * 0.95 }];
-            // A joint is a gap of two millimetres between the surfaces.
+            // A joint is a gap of 2 mm between the surfaces.
             let near = if n == 0 { 0.0035 } else { head + 0.0010 };
             let far = heads[1] + 0.0010;
             let bone = LongBone {
@@ -266,11 +267,12 @@ impl Anatomy {
         self.digit_tendons(digit, &joints);
     }
 
-    /// One tendon along the palm side, one along the back, from the forearm to the last joint.
+    /// Adds one tendon along the palm side and one along the back, from the forearm to the last
+    /// joint.
     fn digit_tendons(&mut self, digit: &Digit, joints: &[DVec3]) {
         let base = joints[0];
         for (side, offset, radius) in [(-1.0, 0.0068, 0.0024), (1.0, 0.0072, 0.0017)] {
-            // Bundled where they pass the wrist.
+            // Bundled at the wrist.
             let bundle = if side < 0.0 { -0.0125 } else { 0.0125 };
             let mut path = vec![
                 dvec3(0.080, 0.7 * base.y, bundle * 1.15),
@@ -291,19 +293,20 @@ impl Anatomy {
         }
     }
 
-    /// Distance to the outside of the phantom: its skin, and the cut through the forearm.
+    /// Returns the distance to the outside of the phantom: its skin, and the cut through the
+    /// forearm.
     pub(super) fn outside(&self, p: DVec3) -> f64 {
-        // A soft rim: a lattice cannot follow a sharp one.
+        // A rounded edge: the lattice cannot resolve a sharp one.
         -smooth_union(-self.skin(p), p.x, 0.008)
     }
 
-    /// Distance to the skin of a forearm that goes on beyond the cut.
+    /// Returns the distance to the skin, without the cut through the forearm.
     fn skin(&self, p: DVec3) -> f64 {
-        // The forearm, thickest a third of the way down, flat at the wrist.
+        // The forearm, thickest at a third of its length, flat at the wrist.
         let t = smooth_step(0.02, 0.135, p.x);
         let swell = 0.0022 * smooth_step(0.0, 0.035, p.x) * (1.0 - t);
         let half = dvec2(0.0385 - 0.0110 * t + swell, 0.0310 - 0.0115 * t + swell);
-        // It goes on into the palm, ever thinner, and ends there.
+        // It tapers into the palm and ends there.
         let past = smooth_step(0.125, 0.205, p.x);
         let forearm = ellipse(dvec2(p.y, p.z), half - dvec2(0.0060, 0.0085) * past);
         let forearm = forearm.max(p.x - 0.195);
@@ -322,7 +325,7 @@ impl Anatomy {
         smooth_union(hand, fingers, 0.006)
     }
 
-    /// Distances to all tissues.
+    /// Returns the distances to all tissues.
     pub(super) fn distances(&self, p: DVec3) -> Distances {
         let skin = self.skin(p);
         let nearest = |segments: &[Segment]| {
@@ -361,7 +364,7 @@ impl Anatomy {
     }
 
     fn forearm_muscles(&self, p: DVec3) -> f64 {
-        // They draw together towards the wrist and end as tendons.
+        // They converge towards the wrist and end as tendons.
         let t = smooth_step(0.030, WRIST - 0.006, p.x);
         let gather = 1.0 - 0.36 * t;
         let plane = dvec2(p.y, p.z);

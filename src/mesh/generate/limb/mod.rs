@@ -1,7 +1,7 @@
-//! A limb phantom: a forearm and hand with skin, fat, muscles, tendons, bones and joints.
+//! Limb phantom: a forearm and hand with skin, fat, muscles, tendons, bones and joints.
 //!
-//! Every tissue is a solid given by a distance function (`anatomy`); the mesh fills
-//! the outermost, and the tissues inside give each node an intensity and each tet a label.
+//! Every tissue is a solid given by a distance function (`anatomy`); the mesh fills the outermost,
+//! and the tissues inside determine the intensity of each node and the label of each tet.
 
 mod anatomy;
 
@@ -18,7 +18,7 @@ use glam::DVec3;
 pub struct Tissue {
     /// Its value in the cell field `label`.
     pub label: u8,
-    /// What it is called.
+    /// Its name.
     pub name: &'static str,
     /// Its typical value in the node field `intensity`, in Hounsfield units.
     pub intensity: f64,
@@ -46,43 +46,43 @@ const fn tissue(label: u8, name: &'static str, intensity: f64) -> Tissue {
 /// Thickness of the skin in metres.
 const SKIN: f64 = 0.0018;
 
-/// Two tissues pass into each other over this many lattice cells.
+/// Width of the transition between two tissues, in lattice cells.
 const BLUR: f64 = 1.4;
 
-/// The box that holds the phantom, in metres.
+/// The bounding box of the phantom, in metres.
 const LOW: DVec3 = DVec3::new(0.0, -0.080, -0.042);
 const HIGH: DVec3 = DVec3::new(0.352, 0.104, 0.032);
 
-/// Lattice cells are this much larger than the rest in the forearm, and smaller in the hand…
+/// Factors on the size of lattice cells in the forearm and in the hand…
 const FOREARM_SCALE: f64 = 1.25;
 const HAND_SCALE: f64 = 0.7;
 
-/// …and change from one to the other between these x.
+/// …with a transition between these x.
 const GRADED: [f64; 2] = [0.06, 0.19];
 
-/// Pieces of less volume than this, in cubic metres of lattice coordinates, are left out: all but
-/// the one with the forearm.
+/// Components below this volume, in cubic metres of lattice coordinates, are dropped: all but the
+/// one with the forearm.
 const MAIN_PIECE: f64 = 2e-4;
 
 /// Lattice steps, in metres, of the two coarse meshes from which the step is estimated.
 const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 
-/// A forearm and hand with about `tets` tets, in metres, at any resolution.
+/// Returns a forearm and hand with about `tets` tets, in metres, at any resolution.
 ///
-/// The forearm is cut at x = 0, where it can be held; x runs to the fingertips, y to the thumb,
-/// z to the back of the hand. The node field `intensity` resembles a CT scan in Hounsfield
-/// units, the cell field `label` holds the labels of [`TISSUES`]. The digits stand apart from
-/// some 10,000 tets on; with fewer their lower parts may join. Deterministic; dihedral angles
-/// stay above 5°. No two bones share a node: between them lies cartilage. `data/limb.json` is a
-/// transfer function for it.
+/// The forearm is cut at x = 0, where it can be clamped; x runs to the fingertips, y to the thumb,
+/// z to the back of the hand. The node field `intensity` resembles a CT scan in Hounsfield units,
+/// the cell field `label` holds the labels of [`TISSUES`]. The digits are separate from about
+/// 10,000 tets on; with fewer tets their proximal parts may join. Deterministic; dihedral angles
+/// stay above 5°. No two bones share a node: there is cartilage between them. `data/limb.json` is a
+/// suitable transfer function.
 ///
 /// # Errors
-/// Fewer than 2,000 tets, or more than 32-bit indices hold.
+/// An error for fewer than 2,000 tets, or more than 32-bit indices can address.
 pub fn limb(tets: usize) -> Result<TetMesh> {
     telling(tets, &no_progress)
 }
 
-/// As [`limb`], telling how far it is.
+/// As [`limb`], with progress reports.
 pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
@@ -126,9 +126,9 @@ pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// The mesh of the whole phantom on a lattice of the given step.
+/// Meshes the whole phantom on a lattice of the given step.
 fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDomain> {
-    // One lattice plane lies in the cut at x = 0.
+    // A lattice plane coincides with the cut at x = 0.
     let low = DVec3::new(0.0, LOW.y / HAND_SCALE, LOW.z / HAND_SCALE);
     let high = DVec3::new(to_lattice(HIGH.x), HIGH.y / HAND_SCALE, HIGH.z / HAND_SCALE);
     let place = |p: DVec3| from_lattice(low + p * step);
@@ -139,14 +139,14 @@ fn fill(anatomy: &Anatomy, step: f64, progress: ProgressFn) -> Result<MeshedDoma
     Ok(filled)
 }
 
-/// How much larger than the step a lattice cell is at `x`.
+/// Returns the ratio of the size of a lattice cell at `x` to the step.
 fn scale(x: f64) -> f64 {
     let [from, to] = GRADED;
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     (1.0 / FOREARM_SCALE + t * (1.0 / HAND_SCALE - 1.0 / FOREARM_SCALE)).recip()
 }
 
-/// The lattice coordinate of `x`: the integral of 1/scale.
+/// Returns the lattice coordinate of `x`: the integral of 1/scale.
 fn to_lattice(x: f64) -> f64 {
     let [from, to] = GRADED;
     let (first, last) = (1.0 / FOREARM_SCALE, 1.0 / HAND_SCALE);
@@ -154,7 +154,7 @@ fn to_lattice(x: f64) -> f64 {
     first * x + (last - first) * (0.5 * t * t / (to - from) + (x - to).max(0.0))
 }
 
-/// The place of a point of the lattice, whose first coordinate is that of [`to_lattice`].
+/// Converts a point from lattice coordinates, the first of which is that of [`to_lattice`].
 fn from_lattice(p: DVec3) -> DVec3 {
     let [from, to] = GRADED;
     let (first, last) = (1.0 / FOREARM_SCALE, 1.0 / HAND_SCALE);
@@ -171,10 +171,10 @@ fn from_lattice(p: DVec3) -> DVec3 {
     DVec3::new(x, s * p.y, s * p.z)
 }
 
-/// The CT-like value where the tissues are as far as `d` says, for a mesh of cell size `cell`.
+/// Returns the CT-like value for the distances `d` to the tissues, for a mesh of cell size `cell`.
 fn intensity(d: &Distances, cell: f64) -> f64 {
-    // Tissues pass into each other over more than a cell and evenly, which linear interpolation
-    // can follow: surfaces of equal intensity are then smooth, not stepped.
+    // The transition between tissues is wider than a cell and smooth, so linear interpolation can
+    // represent it: isosurfaces of the intensity are then smooth, without steps.
     let width = (BLUR * cell).max(0.0012);
     let within = |distance: f64| (0.5 - distance / width).clamp(0.0, 1.0);
     let [skin, fat, muscle, tendon, cartilage, cortical, marrow] = TISSUES.map(|t| t.intensity);
@@ -192,8 +192,8 @@ fn intensity(d: &Distances, cell: f64) -> f64 {
     })
 }
 
-/// The label of a tet whose centroid lies as `d` says, part of a bone or not, for a mesh of cell
-/// size `cell`.
+/// Returns the label of a tet with the distances `d` at its centroid, part of a bone or not, for a
+/// mesh of cell size `cell`.
 fn label(d: &Distances, bone: bool, cell: f64) -> u8 {
     let [skin, fat, muscle, tendon, cartilage, cortical, marrow] = TISSUES.map(|t| t.label);
     // The skin is thinner than the cells of a coarse mesh: there, the outermost tets are skin.

@@ -1,4 +1,4 @@
-//! A cantilever sheared at its end, against Timoshenko's beam.
+//! A cantilever under a shear load at its end, against Timoshenko's beam theory.
 
 use super::{Setup, YOUNG, face_forces, nodes, order};
 use glam::DVec3;
@@ -7,7 +7,7 @@ use palpate::physics::VolumetricFormulation;
 
 const SIZE: DVec3 = DVec3::new(1.0, 0.2, 0.2);
 
-/// How far its end sinks on average, over what Timoshenko says, n cells high.
+/// Returns the mean deflection of its end, relative to Timoshenko's, for n cells over its height.
 fn sag(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
     let mesh = box_mesh([5 * n, n, n], SIZE, Split::Six).unwrap();
     let load = 1e-7 * YOUNG;
@@ -25,13 +25,13 @@ fn sag(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
         .sum();
     let inertia = SIZE.y * SIZE.z.powi(3) / 12.0;
     let bending = load * SIZE.x.powi(3) / (3.0 * YOUNG * inertia);
-    // Cowper's share of the section that is sheared.
+    // Cowper's shear coefficient of the section.
     let cowper = 10.0 * (1.0 + poisson) / (12.0 + 11.0 * poisson);
     let shear = YOUNG / (2.0 * (1.0 + poisson));
     work / load / (bending + load * SIZE.x / (cowper * shear * area))
 }
 
-/// At ν = 0 nothing but the beam theory differs: a held end stops no contraction.
+/// At ν = 0 only the beam theory differs: a clamped end prevents no contraction.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn a_cantilever_converges_to_timoshenko() {
@@ -42,13 +42,13 @@ fn a_cantilever_converges_to_timoshenko() {
         (0.45, VolumetricFormulation::NodalAveraged),
     ] {
         let found = [2, 4, 8].map(|n| sag(n, poisson, volume));
-        // Stiffness is what is too much, and goes down with the square of the mesh's fineness.
+        // The stiffness is too high, with an error of second order in the cell size.
         let (order, limit) = order(found.map(|sag| 1.0 / sag));
         println!(
             "ν = {poisson}, {volume}: {found:.4?}, order {order:.2}, stiffness {limit:.4} of a beam's"
         );
         assert!((order - 2.0).abs() < 0.25, "{order}");
-        // A held end that cannot contract is stiffer than a beam's.
+        // A clamped end that cannot contract is stiffer than a beam's.
         let off = if poisson == 0.0 { 0.01 } else { 0.03 };
         assert!((limit - 1.0).abs() < off, "{limit}");
     }

@@ -1,5 +1,5 @@
-//! Cook's membrane in plane strain: a tapered panel held at its left and sheared at its right,
-//! which bends, and so locks where what it is made of keeps its volume.
+//! Cook's membrane in plane strain: a tapered panel clamped at its left and sheared at its right,
+//! dominated by bending, which causes volumetric locking in nearly incompressible material.
 
 use super::{Setup, Slides, VOLUMES, YOUNG, face_forces, nodes, order};
 use glam::DVec3;
@@ -11,14 +11,14 @@ use std::time::Instant;
 /// `benches/peers/reference_statics.py cook`, to three digits.
 const REFERENCE: [(f64, f64); 3] = [(0.3, 22.0), (0.45, 19.6), (0.49, 18.8)];
 
-/// The mean rise of n × n cells of six tets.
+/// Returns the mean rise for n × n cells of six tets.
 fn rise(n: usize, poisson: f64, volume: VolumetricFormulation, kept: Option<f64>) -> f64 {
     let thickness = 48.0 / n as f64;
     let mut mesh = box_mesh([n, n, 1], DVec3::new(1.0, 1.0, thickness), Split::Six).unwrap();
     for p in &mut mesh.nodes {
         *p = DVec3::new(48.0 * p.x, 44.0 * p.x + p.y * (44.0 - 28.0 * p.x), p.z);
     }
-    // So little that only what is linear shows.
+    // Small enough for the linear regime.
     let load = 1e-5 * YOUNG * thickness;
     let right = |p: DVec3| p.x > 48.0 - 1e-9;
     let shear = |area: DVec3| load / (16.0 * thickness) * area.length() * DVec3::Y;
@@ -39,8 +39,8 @@ fn rise(n: usize, poisson: f64, volume: VolumetricFormulation, kept: Option<f64>
     work / load * YOUNG * thickness / load
 }
 
-/// Linear tets bend too little on a mesh as coarse as this. Averaged that is no worse at ν = 0.49
-/// than at 0.3; per tet it is.
+/// Linear tets bend too little on so coarse a mesh. With averaged volumes, the error at ν = 0.49 is
+/// no larger than at 0.3; with volumes per tet it is.
 #[test]
 fn averaged_volumes_do_not_lock() {
     let found = |poisson, volume| rise(16, poisson, volume, None);
@@ -55,7 +55,7 @@ fn averaged_volumes_do_not_lock() {
     }
 }
 
-/// Of both, over refinement, and with other shares that each tet keeps.
+/// Prints both over refinement, and with other fractions that each tet keeps.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn cook_converges_to_quadratic_tets() {

@@ -1,4 +1,4 @@
-//! A thick-walled cylinder under pressure from inside, in plane strain, against Lamé's formula.
+//! A thick-walled cylinder under internal pressure, in plane strain, against Lamé's solution.
 
 use super::{Rest, Setup, Slides, YOUNG, face_forces};
 use glam::DVec3;
@@ -14,7 +14,8 @@ fn radius(p: DVec3) -> f64 {
     p.truncate().length()
 }
 
-/// A ring one cell thick, of n cells from inside to outside and 6n around; and how thick it is.
+/// Returns a ring one cell thick, of n cells from inside to outside and 6n around, and its
+/// thickness.
 fn ring(n: usize) -> (TetMesh, f64) {
     let [a, b] = RADII;
     let (around, thickness) = (6 * n, (b - a) / n as f64);
@@ -43,14 +44,15 @@ fn ring(n: usize) -> (TetMesh, f64) {
     (mesh, thickness)
 }
 
-/// Lamé's displacement at radius r, m, of a pressure p inside: a²p(1+ν)/(E(b²−a²)) ((1−2ν) r + b²/r).
+/// Returns Lamé's displacement at radius r, m, for a pressure p inside: a²p(1+ν)/(E(b²−a²)) ((1−2ν)
+/// r + b²/r).
 fn lame(r: f64, pressure: f64, poisson: f64) -> f64 {
     let [a, b] = RADII;
     let front = a * a * pressure * (1.0 + poisson) / (YOUNG * (b * b - a * a));
     front * ((1.0 - 2.0 * poisson) * r + b * b / r)
 }
 
-/// Root mean square error of the displacements over their own, of n cells through the wall.
+/// Returns the relative root mean square error of the displacements for n cells through the wall.
 fn error(n: usize, poisson: f64, volume: VolumetricFormulation, compared: f64) -> f64 {
     let (mesh, thickness) = ring(n);
     let pressure = 1e-5 * YOUNG;
@@ -82,7 +84,7 @@ fn a_pressed_cylinder_gives_as_lame_says() {
         println!("ν = {poisson}, {volume}: {found:.4}");
         assert!(found < most, "{found}");
     }
-    // Per tet it locks; and what another ratio gives is told apart.
+    // Volumes per tet lock; and the result of another ratio is detected.
     let locked = error(8, 0.49, VolumetricFormulation::PerTet, 0.49);
     let other = error(8, 0.3, VolumetricFormulation::PerTet, 0.4);
     println!("locked {locked:.3}, of another ratio {other:.3}");

@@ -1,4 +1,4 @@
-//! Bodies of elements at rest under loads, held against formulas and against quadratic tets of
+//! Bodies of elements in static equilibrium under loads, against formulas and quadratic tets of
 //! another library (benches/peers/reference_statics.py).
 
 mod cantilever;
@@ -30,9 +30,9 @@ fn material(poisson: f64, volume: VolumetricFormulation) -> Material {
     }
 }
 
-/// What is known of a body that came to rest.
+/// A body at rest.
 struct Rest {
-    /// Where its nodes are, and where they were.
+    /// Current and rest positions of its nodes.
     places: Vec<DVec3>,
     from: Vec<DVec3>,
     elements: Elements,
@@ -49,16 +49,16 @@ impl Rest {
     }
 }
 
-/// A body and what is done to it.
+/// A body with its loads and constraints.
 struct Setup<'a> {
     mesh: &'a TetMesh,
     material: Material,
-    /// λ over μ that tets keep, where it is not the default.
+    /// Ratio of λ to μ that tets keep, if it is not the default.
     kept: Option<f64>,
     pinned: Vec<u32>,
     /// On the nodes, N.
     forces: Vec<DVec3>,
-    /// Where the nodes start from, those that are pinned to stay there.
+    /// Initial positions of the nodes; pinned nodes stay there.
     start: Option<Vec<DVec3>>,
     slides: Option<Slides>,
 }
@@ -76,7 +76,7 @@ impl<'a> Setup<'a> {
         }
     }
 
-    /// Where it comes to rest, in float64. Steps are so long that hardly any inertia is left.
+    /// Returns the equilibrium in float64. The steps are long enough for inertia to be negligible.
     fn rest(self) -> Rest {
         let mut network = DiscreteModel::new(self.mesh, &self.material).unwrap();
         if let Some(kept) = self.kept {
@@ -119,17 +119,18 @@ impl<'a> Setup<'a> {
     }
 }
 
-/// Holds the nodes of a slab one cell thick in the two planes of its faces: plane strain.
+/// Constrains the nodes of a slab one cell thick to the planes of its faces: plane strain.
 #[derive(Debug, Clone, Copy)]
 struct Slides {
     /// z of both faces.
     faces: [f64; 2],
-    /// N/m a node.
+    /// N/m per node.
     stiffness: f64,
 }
 
 impl Slides {
-    /// So stiff that nodes leave the faces by some 1e-5 of what they would.
+    /// Stiff enough to reduce the out-of-plane displacement of the nodes to about 1e-5 of the free
+    /// one.
     fn of(thickness: f64) -> Slides {
         Slides {
             faces: [0.0, thickness],
@@ -176,7 +177,7 @@ impl NodeTerm for Slides {
     }
 }
 
-/// The nodes at places that `where_` wants.
+/// Returns the nodes at the positions accepted by `where_`.
 fn nodes(mesh: &TetMesh, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
     let all = mesh.nodes.iter().enumerate();
     all.filter(|(_, p)| where_(**p))
@@ -184,8 +185,8 @@ fn nodes(mesh: &TetMesh, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
         .collect()
 }
 
-/// Forces on the nodes of the faces whose three corners `on` wants: a third each of what
-/// `traction` says of the area (a vector out of the body).
+/// Returns the forces on the nodes of the faces whose three corners `on` accepts: a third each of
+/// `traction` for the area vector (outward).
 fn face_forces(
     mesh: &TetMesh,
     on: impl Fn(DVec3) -> bool,
@@ -211,8 +212,8 @@ fn face_forces(
     forces
 }
 
-/// The order at which values of three meshes, each twice as fine as the one before, converge, and
-/// what they converge to.
+/// Returns the order of convergence of values on three meshes, each twice as fine as the one
+/// before, and the extrapolated limit.
 fn order([a, b, c]: [f64; 3]) -> (f64, f64) {
     let order = ((a - b) / (b - c)).abs().log2();
     (order, c + (c - b) / (2.0f64.powf(order) - 1.0))

@@ -1,4 +1,4 @@
-//! Where volumes cannot be averaged, that is said; and where they can, cuts are followed.
+//! Unsupported combinations of averaged volumes are reported; in supported ones, cuts are followed.
 
 use super::{VOLUMES, material};
 use crate::support::gpu;
@@ -49,7 +49,7 @@ fn the_gpu_has_no_averaged_volumes_and_springs_no_volume() {
     }
 }
 
-/// A body that was cut is the one that is made of the cut mesh.
+/// A body that was cut equals the one made of the cut mesh.
 #[test]
 fn cut_bodies_average_on_both_sides() {
     let mesh = generate::bar([6, 2, 2], DVec3::new(0.6, 0.2, 0.2)).unwrap();
@@ -83,7 +83,7 @@ fn cut_bodies_average_on_both_sides() {
     let energies = [&network, &anew, &whole].map(|n| n.elements.energy(&pull));
     println!("{energies:?}");
     assert!((energies[0] / energies[1] - 1.0).abs() < 1e-12);
-    // Whole, what is around a node is on both sides of the cut.
+    // In the uncut body, the neighbourhood of a node is on both sides of the cut.
     assert!((energies[0] / energies[2] - 1.0).abs() > 1e-6);
     body.run(5, 0.01).unwrap();
 }

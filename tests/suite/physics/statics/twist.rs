@@ -1,4 +1,4 @@
-//! A beam with one end turned by a quarter: large strains.
+//! A beam with one end rotated by 90°: large strains.
 
 use super::{Rest, Setup, VOLUMES, YOUNG, nodes, order};
 use glam::{DMat3, DVec3};
@@ -8,11 +8,11 @@ use std::f64::consts::FRAC_PI_2;
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.2, 0.6);
 
-/// Poisson's ratios, and the energy over E V: what the lines of
-/// `benches/peers/reference_statics.py twist` converge to.
+/// Poisson's ratios, and the energy over E V: the limits of the lines of
+/// `benches/peers/reference_statics.py twist`.
 const REFERENCE: [(f64, f64); 2] = [(0.3, 7.50e-3), (0.49, 6.60e-3)];
 
-/// Energy over E V, n cells across.
+/// Returns the energy over E V for n cells across.
 fn energy(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
     let mesh = box_mesh([n, n, 3 * n], SIZE, Split::Six).unwrap();
     let middle = 0.5 * DVec3::new(SIZE.x, SIZE.y, 0.0);
