@@ -200,7 +200,8 @@ impl App {
         for n in 0..points.len() {
             let at = plot.place(points[n]);
             let around = Rect::from_center_size(at, Vec2::splat(2.0 * POINT_RADIUS));
-            let id = |n: usize| response.id.with(n);
+            // Not `with(n)` alone: the tooltip of `response` takes these ids.
+            let id = |n: usize| response.id.with(("point", n));
             let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
             if !own.has_focus() {
                 continue;
