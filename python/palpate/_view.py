@@ -97,6 +97,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         self._sent = self._got = 0
         self._shown_at = 0.0
         self._ended = False
+        self._working = False
         self.on_msg(self._hear)
         self.observe(self._relook, ["field", "colour", "density", "range", "plane", "plane_at"])
         self._painter = threading.Thread(target=self._paint, name="palpate-view", daemon=True)
@@ -159,6 +160,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
     def _paint(self) -> None:
         while True:
             with self._news:
+                self._working = False
                 while not (self._ended or self._due()):
                     sharp = self._changed + _STILL - time.monotonic()
                     waits = self._shown_at < self._changed + _STILL
@@ -167,6 +169,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
                     return
                 heard, self._waits = self._waits, []
                 looks, self._looks = self._looks, False
+                self._working = True
                 free = self._sent == self._got
             try:
                 with self._at_work:
@@ -183,6 +186,14 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
                 samples = [s for s in self._touched.samples if s[1] >= 0.0][-_KEPT:]
                 if len(samples) != len(self.curve):
                     self.curve = [[1e3 * depth, force] for _, depth, force in samples]
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is pending and the browser has the sharp picture of the current state."""
+        with self._news:
+            pending = bool(self._waits) or self._looks or self._dirty or self._working
+            sharp = self._shown_at >= self._changed + _STILL
+            return sharp and not pending and not self._touched.moves and self._sent == self._got
 
     def _due(self) -> bool:
         busy = bool(self._waits) or self._looks or self._touched.moves

@@ -24,7 +24,8 @@ def client():
 
 
 def kill_one(client) -> None:
-    """Kills a worker that is at work."""
+    """Kills a worker, once all are there."""
+    client.wait_for_workers(4, timeout=600)
     pid = next(iter(client.run(os.getpid).values()))
     os.kill(pid, signal.SIGKILL)
 

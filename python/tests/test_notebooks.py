@@ -110,7 +110,13 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
                 raise
     view = page.locator(".palpate-view")
 
-    def rest() -> bytes:
+    def rest(unlike: str | None = None) -> bytes:
+        if unlike is not None:
+            page.wait_for_function(
+                "before => document.querySelector('.palpate-view').dataset.frame !== before",
+                arg=unlike,
+                timeout=600_000,
+            )
         before, same = "", 0
         for _ in range(600):
             now = view.get_attribute("data-frame") or ""
@@ -133,10 +139,13 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
             page.mouse.move(x + (to_x - x) * n / 12, y + (to_y - y) * n / 12)
             page.wait_for_timeout(50)
 
-    first = rest()
+    def frame() -> str:
+        return view.get_attribute("data-frame") or ""
+
+    first, shown = rest(), frame()
     drag((0.5, 0.5), (0.6, 0.55))
     page.mouse.up()
-    turned = rest()
+    turned = rest(unlike=shown)
     assert turned != first
     page.get_by_role("button", name="Press", exact=True).click()
     drag((0.5, 0.5), (0.6, 0.65))
@@ -145,8 +154,10 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
     page.screenshot(path=OUT / "pressed.png")
     page.mouse.up()
     assert pressed != turned
+    rest()
+    shown = frame()
     page.get_by_label("Cut off along").select_option("z")
-    clipped = rest()
+    clipped = rest(unlike=shown)
     assert clipped != pressed
     page.screenshot(path=OUT / "clipped.png")
     page.close()

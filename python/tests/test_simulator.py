@@ -112,7 +112,9 @@ def test_other_threads_go_on_and_ctrl_c_ends_it(bar: palpate.Body) -> None:
             time.sleep(0.001)
 
     def interrupt() -> None:
-        time.sleep(0.7)
+        # The other thread runs, and the first steps are done.
+        while counted < 50:
+            time.sleep(0.001)
         os.kill(os.getpid(), signal.SIGINT)
 
     threads = [threading.Thread(target=count), threading.Thread(target=interrupt)]
@@ -121,16 +123,15 @@ def test_other_threads_go_on_and_ctrl_c_ends_it(bar: palpate.Body) -> None:
     try:
         for thread in threads:
             thread.start()
-        start = time.monotonic()
+        # Days of work, were it not interrupted.
         with pytest.raises(KeyboardInterrupt):
             simulator.advance(10_000_000)
-        took = time.monotonic() - start
     finally:
         ended.set()
         for thread in threads:
             thread.join()
         signal.signal(signal.SIGINT, before)
-    assert took < 10 and counted > 50
+    assert counted >= 50
     # What is done stays done, and it goes on.
     time_then = simulator.time
     assert time_then > 0

@@ -34,18 +34,15 @@ class Shown:
     def say(self, **said: object) -> None:
         self.view._hear(None, said, [])
 
-    def wait(self, what: str, is_so, seconds: float = 60) -> None:
+    def wait(self, what: str, is_so, seconds: float = 600) -> None:
         end = time.monotonic() + seconds
         while not is_so():
             assert time.monotonic() < end, f"no sign of {what}; {self.view.said}"
             time.sleep(0.02)
 
     def rest(self) -> np.ndarray:
-        """The picture once nothing more comes."""
-        before = -1
-        while before != len(self.pictures):
-            before = len(self.pictures)
-            time.sleep(0.8)
+        """The sharp picture once nothing is pending."""
+        self.wait("rest", lambda: self.view.idle, seconds=600)
         return self.pictures[-1].astype(int)
 
 

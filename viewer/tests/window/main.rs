@@ -20,10 +20,10 @@ use std::time::{Duration, Instant};
 
 /// Root mean square difference of what is not alike, of 1, at least.
 const OTHER: f64 = 0.02;
-/// The interface is never busy for longer, ms.
-const STALL: f64 = 250.0;
-/// How often a use of the window is tried.
-const TRIES: usize = 3;
+/// Frames that take longer are printed, ms; ten times as long is a hang.
+const SLOW: f64 = 250.0;
+/// Rounds of use in the test of memory.
+const ROUNDS: usize = 8;
 
 fn apart(a: &Image, b: &Image) -> f64 {
     ImageDifference::between(a, b).unwrap().rmse
@@ -32,10 +32,6 @@ fn apart(a: &Image, b: &Image) -> f64 {
 /// Opens, goes round, presses, pulls, cuts, edits colours, clips, undoes and saves.
 #[test]
 fn a_session_in_the_window() {
-    in_a_few_tries(session);
-}
-
-fn session() -> Result<(), String> {
     let mut window = Window::open(&["--example", "limb"]);
     let open = window.hold_against("open");
 
@@ -128,46 +124,25 @@ fn session() -> Result<(), String> {
     window.key("Return");
     let said = window.wait("the error", |frame| nodes(frame).contains("nothing.vtu"));
     assert!(said["tets"].as_u64() > Some(0));
-    no_stall(&window)
+    check_for_hangs(&window);
 }
 
-/// Holds that a use of the window goes well in one of a few tries: other programs may take its time,
-/// and so have it draw finer or coarser on the way.
-fn in_a_few_tries(use_it: fn() -> Result<(), String>) {
-    let mut all = Vec::new();
-    while all.len() < TRIES {
-        match use_it() {
-            Ok(()) => return,
-            Err(why) => all.push(why),
-        }
-    }
-    panic!("{all:#?}");
-}
-
-/// Holds that the interface was never busy for longer than [`STALL`]. What a software driver takes to
+/// Asserts that no frame hung the interface, and prints slow ones. What a software driver takes to
 /// draw is not the interface's.
-fn no_stall(window: &Window) -> Result<(), String> {
-    let frames = window.frames();
+fn check_for_hangs(window: &Window) {
     let ms = |frame: &Value, key: &str| frame[key].as_f64().unwrap();
-    let busy = |frame: &Value| ms(frame, "ui_ms") - ms(frame, "driver_ms");
-    let slowest = frames.iter().map(busy).fold(0.0, f64::max);
-    println!(
-        "{} frames, the interface busy for {slowest:.0} ms at most",
-        frames.len()
-    );
-    let slow = |frame: &&Value| ms(frame, "ui_ms") > STALL / 3.0;
-    for frame in frames.iter().filter(slow) {
-        let said = frame["said"].as_str().unwrap_or_default();
-        let said: String = said.chars().take(60).collect();
-        let (own, driver) = (busy(frame), ms(frame, "driver_ms"));
-        println!(
-            "{own:.0} ms, and {driver:.0} ms of the driver, at step {}: {said}",
-            frame["steps"]
+    for frame in window.frames() {
+        let (own, driver) = (
+            ms(&frame, "ui_ms") - ms(&frame, "driver_ms"),
+            ms(&frame, "driver_ms"),
         );
-    }
-    match slowest < STALL {
-        true => Ok(()),
-        false => Err(format!("the interface was busy for {slowest:.0} ms")),
+        if own + driver > SLOW {
+            println!(
+                "{own:.0} ms, and {driver:.0} ms of the driver, at step {}: {}",
+                frame["steps"], frame["said"]
+            );
+        }
+        assert!(own < 10.0 * SLOW, "{own} ms: {frame}");
     }
 }
 
@@ -237,18 +212,27 @@ fn meshing_is_cancelled() {
     let left = window.wait("the end", |said| said["loading"].is_null());
     assert_eq!(left["said"], "large.toml was not opened");
     assert!(left["tets"].as_u64().unwrap() < 20_000);
-    // Nothing works on any more.
-    std::thread::sleep(Duration::from_secs(4));
+    // Nothing works on any more, once the memory is freed.
     let used = |window: &Window| {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", window.process())).unwrap();
         let after = stat.rsplit(')').next().unwrap();
         let fields: Vec<&str> = after.split_whitespace().collect();
         fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()
     };
-    let before = used(&window);
-    std::thread::sleep(Duration::from_secs(2));
-    let ticks = used(&window) - before;
-    assert!(ticks < 60.0, "{ticks} hundredths of a second in two");
+    let since = Instant::now();
+    loop {
+        let before = used(&window);
+        std::thread::sleep(Duration::from_secs(2));
+        let ticks = used(&window) - before;
+        if ticks < 60.0 {
+            break;
+        }
+        let waited = since.elapsed();
+        assert!(
+            waited < Duration::from_secs(90),
+            "{ticks} hundredths of a second in two"
+        );
+    }
 }
 
 /// A skin is put on, and undone.
@@ -275,18 +259,13 @@ fn a_skin_is_put_on() {
     assert!(apart(&worn, &window.shot()) > OTHER);
 }
 
-/// Looked at and pressed on for a while, it needs no more memory than at first.
+/// Rounds of orbiting and pressing need no more memory than the first ones. A leak of one picture's
+/// targets a frame would be gigabytes; the bound is ten times what rounds differ by.
 #[test]
 fn memory_does_not_grow() {
-    in_a_few_tries(two_minutes);
-}
-
-fn two_minutes() -> Result<(), String> {
     let mut window = Window::open(&["--example", "breast"]);
-    let memory = |window: &Window| window.last()["memory_mb"].as_f64().unwrap();
     let mut seen = Vec::new();
-    let since = Instant::now();
-    while since.elapsed() < Duration::from_secs(120) {
+    for _ in 0..ROUNDS {
         window.key("1");
         window.hold([300, 300], [500, 320]);
         window.let_go();
@@ -296,12 +275,10 @@ fn two_minutes() -> Result<(), String> {
         // So that each round draws all there is, the finger at full resolution as well.
         window.rest();
         window.let_go();
-        seen.push(memory(&window));
+        seen.push(window.last()["memory_mb"].as_f64().unwrap());
     }
     println!("{seen:.0?} MB");
-    let (early, late) = (seen[seen.len() / 2], seen[seen.len() - 1]);
-    if late >= 1.1 * early + 20.0 {
-        return Err(format!("{early} MB, later {late} MB"));
-    }
-    no_stall(&window)
+    let (early, late) = (seen[ROUNDS / 2], seen[ROUNDS - 1]);
+    assert!(late < 2.0 * early + 200.0, "{early} MB, later {late} MB");
+    check_for_hangs(&window);
 }

@@ -17,7 +17,7 @@ const ALIKE: f64 = 0.012;
 const QUIET: Duration = Duration::from_millis(400);
 /// How often the log is looked at, and for how long something may take on a machine that is busy.
 const LOOK: Duration = Duration::from_millis(20);
-const PATIENCE: Duration = Duration::from_secs(90);
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// Whose window it is: beside another, that one's time would be measured too.
 static ALONE: Mutex<()> = Mutex::new(());

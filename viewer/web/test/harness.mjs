@@ -115,23 +115,24 @@ export class Page {
     let before = [-1, Date.now()];
     const since = Date.now();
     while (Date.now() - before[1] < 900) {
-      const { pictures } = await this.state();
-      if (pictures !== before[0]) before = [pictures, Date.now()];
+      const { pictures, busy } = await this.state();
+      if (busy || pictures !== before[0]) before = [pictures, Date.now()];
       check(Date.now() - since < WAIT, "it never rests");
       await sleep(50);
     }
   }
 
   async key(name) {
+    const { keys } = await this.state();
     await this.page.keyboard.press(name);
-    await sleep(200);
+    await this.wait(`the key ${name}`, (state) => state.keys > keys);
   }
 
   /** Presses the left button at a place and moves it to another, where it stays down. */
   async hold([x, y], [toX, toY]) {
     await this.page.mouse.move(x, y);
     await this.page.mouse.down();
-    await sleep(100);
+    await this.wait("the button", (state) => state.down);
     for (let n = 1; n <= 12; n++) {
       await this.page.mouse.move(x + ((toX - x) * n) / 12, y + ((toY - y) * n) / 12);
       await sleep(60);
@@ -141,6 +142,7 @@ export class Page {
   async letGo() {
     await sleep(400);
     await this.page.mouse.up();
+    await this.wait("the button let go", (state) => !state.down);
     await this.rest();
   }
 
@@ -173,7 +175,7 @@ export class Page {
    */
   async holdAgainst(name, alike, own = false) {
     await this.page.mouse.move(4, 700);
-    await sleep(900);
+    await this.rest();
     const shot = await this.shot(name);
     const golden = path.join(GOLDEN, `${name}.png`);
     if (own && process.env.PALPATE_BLESS) fs.copyFileSync(shot, golden);
