@@ -11,7 +11,7 @@
 //! - `strain`, the largest eigenvalue of the Green–Lagrange strain ½(FᵀF − I);
 //! - `energy_density` = Ψ, of the volume at rest.
 
-use super::elements::eigen;
+use super::model::elements::eigen;
 use super::{ConstitutiveModel, DiscreteModel, Element, Simulator};
 use crate::mesh::TetMesh;
 use crate::parallel;

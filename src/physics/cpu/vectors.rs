@@ -1,6 +1,6 @@
 //! Vectors and 3×3 blocks as the engine keeps them: padded to four lanes, for the sake of SIMD.
 
-use super::real::Real;
+use super::scalar::Real;
 use glam::DVec3;
 
 /// x, y, z and a lane that is always zero.

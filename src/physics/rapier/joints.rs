@@ -1,7 +1,7 @@
 //! Joints between rigid regions, and of one to the world: rapier's.
 
-use super::rigid::{RigidRegion, RigidRegionBody};
-use super::scale::Scale;
+use super::rigid_region::{RigidRegion, RigidRegionBody};
+use super::units::Scale;
 use crate::physics::{Joint, JointKind};
 use crate::{Error, Result};
 use glam::DVec3;

@@ -3,17 +3,17 @@
 //!
 //! Tools are kinematic bodies in the same world, rigid regions dynamic ones, which joints hold
 //! together and to which particles are attached. rapier's vectors are of another glam than ours:
-//! they are crossed by their numbers, in `scale.rs`.
+//! they are crossed by their numbers, in `units.rs`.
 
-mod balance;
 mod body;
+mod collider;
+mod internal_forces;
 mod joints;
-mod matter;
-mod rigid;
-mod scale;
-mod shape;
+mod rigid_region;
 mod simulator;
-mod springs;
+mod soft_body_model;
+mod target_springs;
+mod units;
 mod world;
 
 pub use simulator::RapierTets;

@@ -1,7 +1,7 @@
 //! A body of tets as a simulator, stepped by rapier.
 
 use super::body::{RapierBody, no_state};
-use super::matter::SoftBodyModel;
+use super::soft_body_model::SoftBodyModel;
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
 use crate::physics::cpu::{

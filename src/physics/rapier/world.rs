@@ -1,10 +1,10 @@
 //! A world of rapier with one soft body in it, its rigid regions, and the tools that press on both.
 
+use super::collider::collider;
 use super::joints::RegionJoint;
-use super::matter::SoftBodyModel;
-use super::rigid::RigidRegionBody;
-use super::shape::collider;
-use super::springs::{AttachedSpring, SpringAnchor, TargetSpring};
+use super::rigid_region::RigidRegionBody;
+use super::soft_body_model::SoftBodyModel;
+use super::target_springs::{AttachedSpring, SpringAnchor, TargetSpring};
 use crate::physics::{CgSettings, SelfContactSettings, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;

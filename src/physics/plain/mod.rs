@@ -1,5 +1,0 @@
-//! Bodies of tets in float64, written plainly: what every engine is held against.
-
-pub mod linear;
-pub mod springs;
-pub mod steppers;
