@@ -1,6 +1,6 @@
 //! Making a mesh safe to work with: what is repaired, what is counted, what is refused.
 
-use super::grouped::map_groups;
+use super::group_by::map_groups;
 use super::{Field, Location, TetMesh};
 use crate::{Error, Result, parallel};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! Edges that go through faces.
 
-use super::hierarchy::{Bvh, bounds_union};
+use super::bvh::{Bvh, bounds_union};
 use crate::parallel;
 use glam::DVec3;
 
