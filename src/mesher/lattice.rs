@@ -6,7 +6,7 @@
 //! there; between leaves of different size the smaller faces, each cut along the diagonal from
 //! the middle of the large face, are joined to both centres.
 
-use super::keys::KeyMap;
+use super::id_hash::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
 use crate::parallel;
 use crate::progress::ProgressScope;

@@ -3,8 +3,8 @@
 //! Nodes on boundaries slide along them: a move is followed by one onto the place where the
 //! regions around the node weigh the same.
 
-use super::shape::quality;
-use super::work::EditableMesh;
+use super::editable_mesh::EditableMesh;
+use super::quality::quality;
 use glam::{DMat3, DVec3};
 
 /// Steps that are tried, as parts of the mean length of the edges at the node.

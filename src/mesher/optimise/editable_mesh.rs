@@ -1,9 +1,9 @@
 //! A mesh that is worked on.
 
-use super::shape::quality;
+use super::quality::quality;
 use crate::mesher::domain::{OffsetDomain, Sampler};
 use crate::mesher::fans::VertexFans;
-use crate::mesher::keys::{KeyMap, KeySet};
+use crate::mesher::id_hash::{KeyMap, KeySet};
 use crate::mesher::stars::Stars;
 use crate::mesher::stencil::Piece;
 use glam::DVec3;
