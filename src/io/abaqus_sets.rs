@@ -5,10 +5,10 @@
 //! none does. A set of the whole volume beside others is none; of several sets that have an
 //! element the first counts.
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
-use super::remarks::{Metadata, integer_field};
-use super::tags::Tags;
+use super::id_map::Tags;
+use super::metadata::{Metadata, integer_field};
+use super::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;

@@ -1,6 +1,6 @@
 //! The readers without files, for fuzzing: bytes in, a mesh, surface, volume or error out.
 
-use super::cells::RawMesh;
+use super::raw_mesh::RawMesh;
 use crate::mesh::{TetMesh, TriMesh};
 use crate::volume::Volume;
 

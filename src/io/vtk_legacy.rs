@@ -4,8 +4,8 @@
 //! The `vtkio` crate (0.6.3) was tried on real files and on what VTK 9 writes: it rejects
 //! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this reader is our own.
 
-use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult};
+use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
 use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;

@@ -4,7 +4,7 @@
 //! `length_unit` has the metres in one unit of the coordinates, and an array `region:NAME` the
 //! values that the cell field `label` has in the region NAME.
 
-use super::cells::RawMesh;
+use super::raw_mesh::RawMesh;
 use crate::mesh::TetMesh;
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
 //! Reader for Wavefront OBJ: positions, polygons, and their corners' texture coordinates and
 //! normals where every corner has them. Groups and materials are passed over.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult, integer, number};
+use crate::io::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, NORMAL, UV};
 
 /// VTK's number for a triangle.

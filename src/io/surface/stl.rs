@@ -1,7 +1,7 @@
 //! Reader for STL, ASCII and binary: triangles one by one.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult};
+use crate::io::raw_mesh::RawMesh;
 use glam::DVec3;
 
 /// VTK's number for a triangle.

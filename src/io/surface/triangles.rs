@@ -1,7 +1,7 @@
 //! From the cells of a file to triangles: the stage that all surface readers share.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::ParseResult;
+use crate::io::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, TriMesh};
 use glam::DVec3;
 use std::collections::HashMap;

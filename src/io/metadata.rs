@@ -1,9 +1,9 @@
 //! What a format has no place for, told in its comments: after the word `palpate:` a JSON value a
 //! line. Other programs pass comments over; [`super::read`] takes them up again.
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
 use super::groups::Groups;
+use super::raw_mesh::RawMesh;
 use super::scalar;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use serde::{Deserialize, Serialize};
