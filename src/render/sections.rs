@@ -4,7 +4,7 @@
 use super::ResolvedTransfer;
 use super::ray_integral::{ReferenceRaycaster, Segment, segment_integral};
 use super::table::TableRow;
-use super::transfer::named_colour;
+use super::transfer_function::named_colour;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::LocalFrame;
 use crate::render::Ray;

@@ -1,7 +1,7 @@
 //! Scans as a raycaster keeps them.
 
 use super::labels::{LabelAppearance, LabelIndex};
-use super::ranges::MinMaxPyramid;
+use super::min_max_pyramid::MinMaxPyramid;
 use super::texture::{Texels, texture};
 use super::{MAX_SCANS, Scan, ScanAppearance};
 use crate::gpu::Gpu;

@@ -1,6 +1,6 @@
 //! A geometry that follows the cuts made in its mesh.
 
-use super::placed::ReorderedMesh;
+use super::reordered::ReorderedMesh;
 use super::{Geometry, Scalars, check_input, count_pass, share};
 use crate::gpu::Array;
 use crate::mesh::{NO_NEIGHBOUR, TetCut, TetMesh, Topology, replace_sorted};

@@ -3,8 +3,8 @@
 
 use crate::gpu::{Array, Gpu, Texel};
 use crate::render::geometry::Geometry;
-use crate::render::inside::{Sections, colours};
 use crate::render::scan::ScanSet;
+use crate::render::sections::{Sections, colours};
 use crate::render::table::{Table, TableKind, TableRequest, TableRow};
 use crate::render::{RaycastOptions, TransferFunction};
 use crate::{Error, Result};
