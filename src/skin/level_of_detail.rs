@@ -1,7 +1,7 @@
 //! One skin on bodies of several resolutions, switched while running.
 
+use super::base::SkinBase;
 use super::binding::{BindingReport, bind, vertex_texels};
-use super::carrier::SkinBase;
 use super::draw::Skin;
 use crate::gpu::{Array, Texel};
 use crate::skin::basis::VertexBinding;

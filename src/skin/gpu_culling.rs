@@ -5,7 +5,7 @@
 //! compares that with how much each was tilted at rest; two more list those that are drawn, in
 //! their order. The draw takes list and length from the GPU.
 
-use super::carrier::SkinBase;
+use super::base::SkinBase;
 use super::draw::Skin;
 use crate::Result;
 use crate::gpu::{BitmaskPrefixSum, Gpu, Pass, Recorder, Texel};
