@@ -1,12 +1,12 @@
 //! What a scene shows of a body, ready to be drawn.
 
-use super::annotated::AnnotationContext;
-use super::drawn_tool::ToolSkin;
+use super::annotations::AnnotationContext;
+use super::computed_field::{self, ComputedField};
 use super::picture::{DEFAULT_SIZE, DisplayMode};
 use super::scan::SceneScans;
-use super::shown::{self, ComputedField};
 use super::skin::carrier;
 use super::stage::NodeSource;
+use super::tool_skin::ToolSkin;
 use super::xray::RadiographFilm;
 use super::{ScalarField, Scene};
 use crate::Result;
@@ -40,7 +40,7 @@ impl SceneAppearance {
     pub fn new(gpu: &Gpu, scene: &Scene, drive: &mut NodeSource) -> Result<SceneAppearance> {
         let (mesh, topology) = (drive.mesh(), drive.topology());
         let mut notes = Vec::new();
-        shown::check_output_fields(scene, drive)?;
+        computed_field::check_output_fields(scene, drive)?;
         let (scans, shown, scalars) = match scene.scans(mesh)? {
             Some(SceneScans {
                 scans,

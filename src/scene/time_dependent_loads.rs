@@ -1,8 +1,8 @@
 //! Pressures, moves and muscles of a scene, as time goes on.
 
-use super::path::{RigidTrajectory, second_difference, value_at};
 use super::region::{self, LabelOrName};
 use super::tool::ToolTrajectory;
+use super::trajectory::{RigidTrajectory, second_difference, value_at};
 use super::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene, TimeSeries};
 use crate::mesh::{BoundaryFace, Location, TetMesh, Topology};
 use crate::physics::{AmplitudeId, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind};

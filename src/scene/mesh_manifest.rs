@@ -1,7 +1,7 @@
 //! What a piece of a mesh is to know of the whole, so that its pictures are parts of the whole's: the
 //! view, the fields' ranges, which field is seen, what its regions look like.
 
-use super::region_looks::mean_chords;
+use super::region_appearance::mean_chords;
 use super::{ScalarField, Scene};
 use crate::io;
 use crate::mesh::{Field, LocalFrame, Location, TetMesh, Topology};
@@ -224,7 +224,7 @@ impl MeshManifest {
             measures = regions.measures.clone();
             found.range = measures.range;
         } else {
-            let values = super::source::magnitudes(field);
+            let values = super::mesh_source::magnitudes(field);
             match seen.in_tets {
                 true => found.cells = Some(values),
                 false => found.values = values,

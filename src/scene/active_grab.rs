@@ -1,7 +1,7 @@
 //! A scene's grabs, as time goes on.
 
 use super::GrabEntry;
-use super::path::{check, position_at, second_difference};
+use super::trajectory::{check, position_at, second_difference};
 use crate::physics::{GrabId, GrabMode, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;

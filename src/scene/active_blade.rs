@@ -1,10 +1,10 @@
 //! A scene's cuts, as time goes on.
 
 use super::CutEntry;
-use super::path::{check, position_at};
 use super::picture::DisplayMode;
 use super::skin::carrier;
 use super::stage::{NodeSource, Stage};
+use super::trajectory::{check, position_at};
 use crate::mesh::Blade;
 use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
