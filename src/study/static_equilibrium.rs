@@ -1,7 +1,7 @@
 //! Where bodies come to rest, in float64, by the engine on the CPU: what is wrong of a body there
 //! is the error of its model.
 
-use super::truth::converged;
+use super::reference_motion::converged;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{
