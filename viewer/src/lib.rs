@@ -6,32 +6,32 @@
 //! it can be undone and saved; the body follows.
 
 pub mod app;
-mod ask;
 mod blit;
+pub mod body_edits;
+pub mod body_session;
+pub mod camera_control;
 pub mod document;
 mod editing;
 pub mod examples;
-mod hand;
 mod handles;
 mod histogram;
-#[cfg(not(target_arch = "wasm32"))]
-mod kept;
 pub mod loading;
 pub mod log;
 mod menu;
-mod opening;
-pub mod orbit;
+mod open;
 mod panel;
+mod path_prompt;
 mod picture;
+mod platform;
+mod pointer_tool;
 #[cfg(not(target_arch = "wasm32"))]
 mod recording;
-mod saving;
+mod save;
 pub mod screen;
 pub mod series;
 pub mod settings;
-pub mod show;
-mod system;
-pub mod touches;
+#[cfg(not(target_arch = "wasm32"))]
+mod ui_cache;
 #[cfg(target_arch = "wasm32")]
 pub mod web;
 #[cfg(not(target_arch = "wasm32"))]

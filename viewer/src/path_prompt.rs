@@ -2,7 +2,7 @@
 
 use crate::app::App;
 use crate::panel::ImportKind;
-use crate::system::{self, SaveDialog};
+use crate::platform::{self, SaveDialog};
 use eframe::egui::{self, Key};
 use std::path::{Path, PathBuf};
 
@@ -127,7 +127,7 @@ impl App {
                     if ui.button(go).clicked() || entered {
                         done = Some(true);
                     }
-                    browse = system::HAS_SAVE_DIALOG && ui.button("Browse…").clicked();
+                    browse = platform::HAS_SAVE_DIALOG && ui.button("Browse…").clicked();
                     let escaped = ui.input(|i| i.key_pressed(Key::Escape));
                     if ui.button("Cancel").clicked() || escaped {
                         done = Some(false);
@@ -163,10 +163,10 @@ impl App {
     fn browse(&self, ask: &PathPrompt, context: &egui::Context) {
         let wish = self.dialog_sender(context);
         match ask.what.map(SaveKind::named) {
-            None => system::choose_file(wish, ask.purpose),
+            None => platform::choose_file(wish, ask.purpose),
             Some((title, _, kinds)) => {
                 let path = Path::new(&ask.path);
-                system::choose_place(&SaveDialog { title, kinds, path }, wish);
+                platform::choose_place(&SaveDialog { title, kinds, path }, wish);
             }
         }
     }

@@ -1,8 +1,8 @@
 //! A body that is open: stepped as time goes by, touched, drawn.
 
+use crate::body_edits::{BodyEdit, BodyEditHistory, BodySnapshot};
 use crate::loading::ReadScan;
 use crate::series::Player;
-use crate::touches::{BodyEdit, BodyEditHistory, BodySnapshot};
 use eframe::egui;
 use glam::{DVec2, DVec3};
 use palpate::gpu::{Gpu, Recorder};

@@ -71,7 +71,7 @@ impl BodyEditHistory {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::show::{BodySession, RebuildRequest};
+    use crate::body_session::{BodySession, RebuildRequest};
     use glam::DVec3;
     use palpate::gpu::Gpu;
     use palpate::mesh::generate::bar_of_about;

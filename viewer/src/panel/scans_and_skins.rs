@@ -2,9 +2,9 @@
 
 use super::regions::eye;
 use crate::app::App;
-use crate::ask::PathPrompt;
 use crate::document::{numbers, set_all, tables};
 use crate::loading::{BackgroundTask, ReadScan, read_scan};
+use crate::path_prompt::PathPrompt;
 use eframe::egui::{self, Color32};
 use palpate::render::TransferFunction;
 use palpate::scene::{LabelAppearanceEntry, ScanEntry, Scene, SkinEntry};
@@ -80,7 +80,7 @@ impl App {
         file: &Path,
         context: &egui::Context,
     ) {
-        let file = match crate::system::absolute(file) {
+        let file = match crate::platform::absolute(file) {
             Ok(file) => file,
             Err(why) => return self.show_error(Err(why)),
         };

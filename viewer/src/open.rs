@@ -1,13 +1,13 @@
 //! What is opened, made anew, and looked at again where it has changed.
 
 use crate::app::App;
+use crate::body_session::BodySession;
+use crate::camera_control::Orbit;
 use crate::document::Document;
 use crate::examples::Example;
-use crate::hand::PointerGesture;
 use crate::loading::{Loading, ReusableBody};
-use crate::orbit::Orbit;
-use crate::show::BodySession;
-use crate::system::{self, DialogResult, DialogSender};
+use crate::platform::{self, DialogResult, DialogSender};
+use crate::pointer_tool::PointerGesture;
 use eframe::egui;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -202,7 +202,7 @@ impl App {
     pub(crate) fn take_files(&mut self, context: &egui::Context) {
         let dropped = context.input(|i| i.raw.dropped_files.clone());
         if !dropped.is_empty() {
-            system::take_dropped(&dropped, &self.dialog_sender(context));
+            platform::take_dropped(&dropped, &self.dialog_sender(context));
         }
         while let Ok(chosen) = self.chosen.1.try_recv() {
             match chosen {

@@ -1,10 +1,10 @@
 //! What is saved: pictures, the scene, the body, the numbers of a press.
 
 use crate::app::App;
-use crate::ask::SaveKind;
 use crate::document::Document;
 use crate::loading::BackgroundTask;
-use crate::system;
+use crate::path_prompt::SaveKind;
+use crate::platform;
 use eframe::egui;
 use palpate::scene::{PendingImage, PictureWriter};
 use palpate::{Error, Result, io};
@@ -54,7 +54,7 @@ impl App {
                 stage.save(file)?;
             }
             SaveKind::Scene => {
-                let file = system::absolute(file)?;
+                let file = platform::absolute(file)?;
                 let folder = file.parent().unwrap_or(Path::new(""));
                 let frame = show.player.as_ref().and_then(|player| {
                     let field = show.stage().scalar_field();
@@ -72,7 +72,7 @@ impl App {
                     let beside = folder.join(name);
                     if !io::exists(&beside) {
                         write(&beside, bytes)?;
-                        system::start_download(&beside)?;
+                        platform::start_download(&beside)?;
                     }
                 }
             }
@@ -102,7 +102,7 @@ impl App {
     }
 
     fn saved(&mut self, file: &Path) -> Result<()> {
-        system::start_download(file)?;
+        platform::start_download(file)?;
         self.watch_from_now();
         self.set_status(format!("saved {}", file.display()));
         Ok(())

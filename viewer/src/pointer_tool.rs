@@ -1,9 +1,9 @@
 //! What the pointer does in the picture: it moves the view, or touches the body.
 
 use crate::app::App;
+use crate::body_session::BodySession;
 use crate::handles::HandlePart;
 use crate::settings::MouseBindings;
-use crate::show::BodySession;
 use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
 use glam::{DVec2, DVec3};
 use palpate::Result;
@@ -314,7 +314,7 @@ impl App {
     /// metres deep; goes on with the press that there is.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::show::BodySession::press).
+    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::body_session::BodySession::press).
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
         let nothing = || palpate::Error::Input("there is nothing to press on".into());
