@@ -1,6 +1,6 @@
 //! Files in and out: one file a format. Nothing here knows of the GPU.
 //!
-//! Readers fill a raw mesh of cells of any kind with fields; `cells` turns that into tets,
+//! Readers fill a raw mesh of cells of any kind with fields; `raw_mesh` turns that into tets,
 //! and [`TetMesh::new`] makes them safe to work with. Every error says where in the file the
 //! trouble is; no count in a file sizes anything before it is held against the file's length.
 

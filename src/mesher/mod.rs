@@ -10,8 +10,8 @@
 //! 3. `cut`: the region of each point; where edges between regions are cut; points close to a cut
 //!    are moved onto it.
 //! 4. `stencil`, `junction`: what each tet is divided into.
-//!    `volumes`: where the true volumes are known, boundaries are moved a little to keep them.
-//! 5. `islands`, `pinches`: small pieces, and places where a boundary is not a manifold.
+//!    `volume_correction`: where the true volumes are known, boundaries are moved a little to keep them.
+//! 5. `small_components`, `non_manifold`: small pieces, and places where a boundary is not a manifold.
 //! 6. `optimise`: the few worst tets are improved.
 
 mod closed_surface;

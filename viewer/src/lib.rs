@@ -1,6 +1,6 @@
 //! The viewer: a body in a window, to be pressed on, pulled at, cut and looked into.
 //!
-//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`show`]),
+//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`body_session`]),
 //! which the engine on the CPU steps on a thread of its own while the interface ([`app`]) draws it
 //! ([`screen`]) into its own frame, on one device. Who edits the scene edits its text, so that all of
 //! it can be undone and saved; the body follows.

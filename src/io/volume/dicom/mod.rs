@@ -1,7 +1,7 @@
 //! Reader for a series of DICOM slices: a folder of files, one slice each.
 //!
 //! The format is described at dicomstandard.org; its world is LPS, in mm. The crate
-//! `dicom-object` parses the files, after [`lengths`] has held them against their size.
+//! `dicom-object` parses the files, after [`element_scan`] has held them against their size.
 
 mod element_scan;
 mod slice;

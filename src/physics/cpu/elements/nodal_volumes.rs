@@ -1,4 +1,4 @@
-//! Volumes that the tets around nodes keep together, as `physics::element_volume` has it.
+//! Volumes that the tets around nodes keep together, as `physics::model::nodal_volume` has it.
 //!
 //! Their energy ½ Σ_a Λ_a θ_a² has second derivatives of two kinds: those of the volume of each
 //! tet under the mean pressure of its corners, which go into its blocks, and for each cell a the

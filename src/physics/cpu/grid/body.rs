@@ -1,5 +1,5 @@
 //! Grid bodies on the CPU: Verlet on particles with 18 implicit neighbours (Mosegaard, Herborg &
-//! Sørensen 2005). The twin of `shaders/physics/grid_verlet.wgsl` and `physics::grid::plain`.
+//! Sørensen 2005). The twin of `shaders/physics/grid_verlet.wgsl` and `physics::grid::reference`.
 
 use super::forces::{Slab, SoaVec3, SpringKind, SpringRun};
 use crate::physics::cpu::node_constraints::{NodeConstraint, check_attachments};
