@@ -35,7 +35,6 @@ pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
 pub use engine_choice::{Engine, EngineChoice};
 pub use fields::BodyField;
 pub use gpu::body::GpuBody;
-pub use gpu::implicit_euler::CgSettings;
 pub use gpu::integrator;
 pub use gpu::simulator::{GpuTets, TetState};
 pub use gpu::solver::Solver;
@@ -59,6 +58,7 @@ pub use model::nodal_volume::VolumetricFormulation;
 pub use model::node_term::NodeTerm;
 pub use model::rigid_region::RigidBody;
 pub use model::solver_kind::SolverKind;
+pub use model::solver_settings::CgSettings;
 pub use model::tissue::{TISSUES, Tissue};
 pub use model::units::LocalUnits;
 #[cfg(feature = "rapier")]

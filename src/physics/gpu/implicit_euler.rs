@@ -14,6 +14,7 @@ use super::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use super::stepper::Stepper;
 use super::terms::ProgramPart;
 use crate::gpu::{Array, Gpu, Pass, Texel};
+use crate::physics::CgSettings;
 use crate::physics::{GpuBody, SolverKind};
 use crate::{Error, Result};
 
@@ -74,31 +75,6 @@ use gpu_data::{AdvanceParams, BeginParams, CgParams, CgScalars, GateParams};
 
 /// Movement in one step, in units of the body's extent, that f32 positions do not show.
 const MIN_VISIBLE_MOVE: f32 = 1e-9;
-
-/// When conjugate gradients stop. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal
-/// blocks.
-///
-/// The default tolerance, 10⁻³, costs a swinging bar (`benches/steps.rs`) 1.5 · 10⁻⁵ of its
-/// way in 60 steps; 10⁻² costs 2 · 10⁻⁴ of it and two thirds of the iterations.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CgSettings {
-    /// The residual to reach.
-    pub tolerance: f64,
-    /// The residual that is still taken when the iterations run out; above it the step fails.
-    pub acceptable: f64,
-    /// Iterations a step at most.
-    pub max_iterations: u32,
-}
-
-impl Default for CgSettings {
-    fn default() -> Self {
-        CgSettings {
-            tolerance: 1e-3,
-            acceptable: 5e-2,
-            max_iterations: 2000,
-        }
-    }
-}
 
 /// The linear system and the vectors of conjugate gradients, each vector twice for ping-pong.
 #[derive(Debug)]

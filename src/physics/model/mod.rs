@@ -11,5 +11,6 @@ pub(super) mod nodal_volume;
 pub(super) mod node_term;
 pub(super) mod rigid_region;
 pub(super) mod solver_kind;
+pub(super) mod solver_settings;
 pub(super) mod tissue;
 pub(super) mod units;
