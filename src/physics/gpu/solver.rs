@@ -1,9 +1,8 @@
 //! What every solver can do.
 
-use super::status::{StepProgress, StepRecord};
 use crate::Result;
 use crate::gpu::Recorder;
-use crate::physics::{GpuBody, SolverKind, SolverState};
+use crate::physics::{GpuBody, SolverKind, SolverState, StepProgress, StepRecord};
 
 /// A time integrator bound to one body.
 ///

@@ -1,12 +1,10 @@
 //! What the GPU notes of every step, and what becomes of it on the CPU. The twin of
 //! `shaders/lib/status.wgsl`.
 
+use crate::physics::model::messages::TOOLS_OVERCONSTRAINED_MESSAGE;
 use crate::physics::model::units::LocalUnits;
-use crate::physics::{
-    DiscreteModel, GpuBody, NodeTerm, SolverKind, largest_stable_step, limit_with_terms,
-};
+use crate::physics::{GpuBody, SolverKind, StepProgress, StepRecord, time_step_advice};
 use crate::{Error, FailureCause};
-use std::sync::Arc;
 
 /// Steps in the history ring.
 pub(in crate::physics) const HISTORY: u32 = 1024;
@@ -34,33 +32,8 @@ use gpu_data::Status;
 
 const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
-/// What is told of tools that the body cannot get out of the way of.
-pub(in crate::physics) const TOOLS_OVERCONSTRAINED_MESSAGE: &str = "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far";
+
 const PIERCED: u32 = 4;
-
-/// How far a solver came.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct StepProgress {
-    /// Steps completed since the solver was made.
-    pub steps: u64,
-    /// Simulated time, s.
-    pub time: f64,
-    /// The last step.
-    pub last: StepRecord,
-}
-
-/// One step, as the GPU noted it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct StepRecord {
-    /// Iterations of conjugate gradients; 0 for explicit solvers.
-    pub iterations: u32,
-    /// Their relative residual, √(rᵀD⁻¹r / bᵀD⁻¹b) with D the diagonal blocks.
-    pub residual: f64,
-    /// Energy of motion, J (in f32; of Verlet: of the mean velocity over the step).
-    pub kinetic: f64,
-    /// Energy in the springs, J (in f32).
-    pub elastic: f64,
-}
 
 impl StepRecord {
     pub(in crate::physics) fn of_gpu(noted: [f32; 4], units: &LocalUnits) -> StepRecord {
@@ -207,41 +180,6 @@ pub(in crate::physics) const ENERGY_FACTOR: f64 = 50.0;
 /// Energy, of one node at local units, below which nothing is called a runaway: rounding.
 pub(in crate::physics) const ENERGY_FLOOR: f64 = 1e-9;
 
-/// What to change where steps of `dt` seconds failed.
-pub(in crate::physics) fn time_step_advice(
-    kind: SolverKind,
-    dt: f64,
-    (network, terms): (&DiscreteModel, &[Arc<dyn NodeTerm>]),
-    pinned: &[bool],
-) -> String {
-    let limit = largest_stable_step(network, pinned, kind);
-    match limit.map(|limit| limit_with_terms(limit, network, terms)) {
-        None => format!(
-            "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
-        ),
-        Some(0.0) => {
-            "explicit Euler is never stable without damping: use --solver implicit, or symplectic"
-                .to_owned()
-        }
-        Some(limit) if dt < 0.9 * limit => format!(
-            "its largest stable step at rest is {limit:.3e} s, so look for forces or velocities that are out of proportion, or use --solver implicit"
-        ),
-        Some(limit) => format!(
-            "use --dt {} or less, or --solver implicit",
-            floor_to_digits(0.95 * limit)
-        ),
-    }
-}
-
-/// `x` with two significant digits, not more than `x`.
-fn floor_to_digits(x: f64) -> f64 {
-    let unit = 10f64.powf(x.log10().floor() - 1.0);
-    // Through text, to shed the binary dust of the multiplication.
-    format!("{:.1e}", (x / unit).floor() * unit)
-        .parse()
-        .unwrap_or(x)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -257,11 +195,5 @@ mod tests {
         assert_eq!((clock.steps(), clock.time()), (4, 1.75));
         clock.complete(5);
         assert_eq!(clock.time(), 2.0);
-    }
-
-    #[test]
-    fn advice_never_rounds_up() {
-        assert_eq!(floor_to_digits(0.000349), 0.00034);
-        assert_eq!(floor_to_digits(1.0), 1.0);
     }
 }

@@ -2,10 +2,10 @@
 
 use super::integrator::{Integrator, Stage, Timing};
 use super::status::gpu_data::Status;
-use super::status::{Clock, HISTORY, StepProgress, StepRecord};
+use super::status::{Clock, HISTORY};
 use super::step_resources::{PreparedStep, StepResources};
 use crate::gpu::{Gpu, Pass, ReadbackRing, Recorder};
-use crate::physics::{GpuBody, Solver, SolverKind, SolverState};
+use crate::physics::{GpuBody, Solver, SolverKind, SolverState, StepProgress, StepRecord};
 use crate::{Error, Result};
 use std::collections::VecDeque;
 

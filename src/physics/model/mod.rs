@@ -7,6 +7,7 @@ pub(super) mod elements;
 pub(super) mod floor;
 pub(super) mod joint;
 pub(super) mod material;
+pub(super) mod messages;
 pub(super) mod nodal_volume;
 pub(super) mod node_term;
 pub(super) mod rigid_region;

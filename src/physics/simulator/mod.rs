@@ -2,6 +2,7 @@
 
 pub(super) mod helpers;
 pub(super) mod node_positions;
+pub(super) mod progress;
 pub(super) mod report;
 
 use super::{

@@ -1,7 +1,7 @@
 //! When a step is refused, and what is noted of one that is not. The twin of
 //! `shaders/physics/check.wgsl`.
 
-use crate::physics::gpu::status::TOOLS_OVERCONSTRAINED_MESSAGE;
+use crate::physics::model::messages::TOOLS_OVERCONSTRAINED_MESSAGE;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
