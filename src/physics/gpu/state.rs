@@ -11,27 +11,10 @@ use super::status::gpu_data::Status;
 use super::status::{Clock, HISTORY};
 use super::stepper::Stepper;
 use crate::gpu::{Array, Gpu};
+use crate::physics::GpuBody;
 use crate::physics::loads::{LoadVersions, LoadsState};
-use crate::physics::{GpuBody, GrabId, GrabMode};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
-
-/// Nodes that follow a target, as [`BodyState`] keeps them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::physics) struct GrabState {
-    pub id: GrabId,
-    pub nodes: Vec<u32>,
-    pub offsets: Vec<[f64; 3]>,
-    pub target: [f64; 3],
-    pub grip: GrabMode,
-}
-
-/// The grabs of a body.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::physics) struct GrabsState {
-    pub held: Vec<GrabState>,
-    pub next: u32,
-}
 
 /// The state of a [`GpuBody`]: see [`GpuBody::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -2,7 +2,7 @@
 
 use super::reactions::GrabbedNode;
 use crate::mesh::LocalFrame;
-use crate::physics::gpu::state::{GrabState, GrabsState};
+use crate::physics::loads::grab_state::{GrabState, GrabsState};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;

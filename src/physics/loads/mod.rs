@@ -1,15 +1,16 @@
 //! What holds a body and what pulls it, whatever engine steps it.
 
 pub(super) mod grab;
+pub(super) mod grab_state;
 pub(super) mod reactions;
 pub(super) mod scaled_load;
 
 use super::AmplitudeId;
 use super::contact::{ToolId, ToolPose, check_pose};
-use super::gpu::state::GrabsState;
 use super::loads::grab::{GrabId, GrabMode, Grabs};
 use super::loads::reactions::GrabbedNode;
 use crate::mesh::{LocalFrame, TetCut};
+use crate::physics::loads::grab_state::GrabsState;
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
