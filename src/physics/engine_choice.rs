@@ -1,5 +1,6 @@
 //! What computes the steps of a body.
 
+use super::Engine;
 use super::grid::{GpuGrid, GridBody, GridModel};
 use super::{
     CgSettings, CpuGrid, CpuTets, DiscreteModel, GpuBody, GpuTets, ImplicitEuler, Material,
@@ -8,31 +9,7 @@ use super::{
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
-use std::fmt;
 use std::str::FromStr;
-
-/// What computes the steps of a body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Engine {
-    /// Compute passes on the graphics device.
-    Gpu,
-    /// Threads of the processor.
-    Cpu,
-    /// The soft bodies of rapier, a physics library, on a thread of the processor: with the
-    /// feature `rapier`.
-    Rapier,
-}
-
-impl fmt::Display for Engine {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Engine::Gpu => "gpu",
-            Engine::Cpu => "cpu",
-            Engine::Rapier => "rapier",
-        })
-    }
-}
 
 /// Which engine is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -32,7 +32,7 @@ pub use contact::{
     ToolPose,
 };
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
-pub use engine_choice::{Engine, EngineChoice};
+pub use engine_choice::EngineChoice;
 pub use fields::BodyField;
 pub use gpu::body::GpuBody;
 pub use gpu::integrator;
@@ -49,6 +49,7 @@ pub use model::clamped_end::ClampedEnd;
 pub use model::discrete_model::{DiscreteModel, Spring};
 pub(crate) use model::elements::eigen;
 pub use model::elements::{ConstitutiveModel, Element, ElementHessian, Elements, NewtonSettings};
+pub use model::engine_kind::Engine;
 pub use model::floor::Floor;
 pub use model::joint::{Joint, JointKind};
 pub use model::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
