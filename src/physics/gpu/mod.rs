@@ -15,6 +15,7 @@ pub(super) mod implicit_euler;
 pub(super) mod implicit_guess;
 pub(super) mod implicit_rigid;
 pub mod integrator;
+pub(super) mod new_solver;
 #[cfg(test)]
 pub(super) mod reference_tests;
 pub(super) mod rigid;

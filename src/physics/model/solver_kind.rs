@@ -1,9 +1,5 @@
 //! The solvers by name.
 
-use crate::gpu::Gpu;
-use crate::physics::{
-    ExplicitEuler, GpuBody, ImplicitEuler, Solver, SymplecticEuler, VelocityVerlet, Verlet,
-};
 use crate::{Error, Result};
 use std::fmt;
 use std::str::FromStr;
@@ -69,22 +65,6 @@ impl SolverKind {
             SolverKind::Bdf2 => "bdf2",
             SolverKind::Midpoint => "midpoint",
         }
-    }
-
-    /// A solver of this kind for `body`.
-    ///
-    /// # Errors
-    /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for one of
-    /// [`SolverKind::ELEMENT_ONLY`].
-    pub fn solver(self, gpu: &Gpu, body: &GpuBody) -> Result<Box<dyn Solver>> {
-        Ok(match self {
-            SolverKind::Explicit => Box::new(ExplicitEuler::new(gpu, body)?),
-            SolverKind::Symplectic => Box::new(SymplecticEuler::new(gpu, body)?),
-            SolverKind::Verlet => Box::new(Verlet::new(gpu, body)?),
-            SolverKind::VelocityVerlet => Box::new(VelocityVerlet::new(gpu, body)?),
-            SolverKind::Implicit => Box::new(ImplicitEuler::new(gpu, body)?),
-            SolverKind::Bdf2 | SolverKind::Midpoint => return Err(self.requires_elements_error()),
-        })
     }
 }
 
