@@ -18,6 +18,7 @@ pub mod integrator;
 pub(super) mod new_solver;
 #[cfg(test)]
 pub(super) mod reference_tests;
+pub(super) mod report;
 pub(super) mod rigid;
 pub(super) mod simulator;
 pub(super) mod sliced_ellpack;

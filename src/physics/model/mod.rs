@@ -4,6 +4,7 @@
 pub(super) mod clamped_end;
 pub(super) mod discrete_model;
 pub(super) mod elements;
+pub(super) mod energy;
 pub(super) mod engine_kind;
 pub(super) mod floor;
 pub(super) mod joint;
