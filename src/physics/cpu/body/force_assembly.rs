@@ -6,6 +6,7 @@ use crate::physics::cpu::partition::{Nodes, Partition};
 use crate::physics::cpu::runtime::energy_guard::StepTotals;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, Term};
+use crate::physics::cpu::vectors::dot;
 use crate::physics::cpu::vectors::{V4, sum_f64};
 
 /// Speeds are scaled by this before they are squared: those of what a wave has hardly reached would
@@ -99,21 +100,6 @@ impl<T: Real> ForceSources<'_, T> {
 /// Σ f·v.
 pub fn power<T: Real>(f: &[V4<T>], v: &[V4<T>]) -> f64 {
     dot(f, v)
-}
-
-/// Σ a·b: lanes of 32 vectors at a time, these in f64.
-pub fn dot<T: Real>(a: &[V4<T>], b: &[V4<T>]) -> f64 {
-    let mut sum = 0.0;
-    for (a, b) in a.chunks(32).zip(b.chunks(32)) {
-        let mut lanes = [T::ZERO; 4];
-        for (a, b) in a.iter().zip(b) {
-            for n in 0..4 {
-                lanes[n] += a[n] * b[n];
-            }
-        }
-        sum += sum_f64(lanes);
-    }
-    sum
 }
 
 /// Energy of motion, and a sum that is zero where everything is finite and no number otherwise.

@@ -3,9 +3,10 @@
 use super::CpuBody;
 use super::force_assembly::ForceSources;
 use crate::physics::cpu::node_constraints::{Loads, NodeConstraint};
-use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, PROXY_NODES, Pose, RigidGroup, wide};
+use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, PROXY_NODES, Pose, RigidGroup};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
+use crate::physics::cpu::vectors::to_dvec;
 use crate::physics::cpu::vectors::zero;
 use glam::DVec3;
 
@@ -141,7 +142,7 @@ impl<T: Real> CpuBody<T> {
             // Carriers, the last, have what pulls by springs.
             let own = body.nodes.start..body.nodes.end - PROXY_NODES;
             for (i, f) in own.clone().zip(&forces[own]) {
-                let f = wide(*f);
+                let f = to_dvec(*f);
                 sum[0] += f;
                 sum[1] += (pose.rotation * rigid.lever_arms[i - rigid.first]).cross(f);
             }

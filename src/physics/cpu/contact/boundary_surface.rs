@@ -4,10 +4,11 @@
 //! that none lets it through. They keep their places in the faces: what they feel is smooth in the
 //! nodes' places, and so many areas under a pressure.
 
-use super::tool_contact::{ToolState, to_dvec};
+use super::tool_contact::ToolState;
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::V4;
+use crate::physics::cpu::vectors::to_dvec;
 use glam::DVec3;
 
 /// Points of a face's lattice are nearer to each other at rest than this part of a tool's size.

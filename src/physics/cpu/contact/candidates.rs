@@ -2,7 +2,6 @@
 
 use super::boundary_surface::BoundarySurface;
 use super::enclosed_components::EnclosedComponents;
-use super::tool_contact::to_dvec;
 use crate::mesh::{Bounds, Bvh, bounds_union, edge_face_intersections};
 use crate::parallel;
 use crate::physics::DiscreteModel;
@@ -11,6 +10,7 @@ use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::V4;
+use crate::physics::cpu::vectors::to_dvec;
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -7,13 +7,15 @@
 
 use super::boundary_surface::BoundarySurface;
 use super::candidates::{CollisionCandidate, Intersection, SelfContactSurface};
-use super::tool_contact::{outer_product, to_dvec, to_v4};
 use crate::physics::contact::{Barrier, FrictionMollifier, PrimitivePair};
 use crate::physics::cpu::linear::point_blocks::PointBlocks;
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
+use crate::physics::cpu::vectors::outer_product;
+use crate::physics::cpu::vectors::to_dvec;
+use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;

@@ -13,6 +13,7 @@ use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{V4, add};
+use crate::physics::cpu::vectors::{outer_product, to_dvec, to_v4};
 use glam::{DMat3, DQuat, DVec3};
 
 /// Where a tool is, local units.
@@ -416,21 +417,4 @@ impl<T: Real> Term<T> for ToolContact<T> {
     fn contact_mut(&mut self) -> Option<&mut ToolContact<T>> {
         Some(self)
     }
-}
-
-pub(in crate::physics::cpu) fn to_dvec<T: Real>(v: V4<T>) -> DVec3 {
-    DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64())
-}
-
-pub(in crate::physics::cpu) fn to_v4<T: Real>(v: DVec3) -> V4<T> {
-    [
-        T::from_f64(v.x),
-        T::from_f64(v.y),
-        T::from_f64(v.z),
-        T::ZERO,
-    ]
-}
-
-pub(in crate::physics::cpu) fn outer_product(n: DVec3) -> DMat3 {
-    DMat3::from_cols(n * n.x, n * n.y, n * n.z)
 }

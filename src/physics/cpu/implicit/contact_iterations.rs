@@ -7,10 +7,12 @@ use super::schemes::StepCoefficients;
 use crate::physics;
 use crate::physics::contact::MIN_DISTANCE_RATIO;
 use crate::physics::cpu::contact::self_contact::SelfContactTerm;
-use crate::physics::cpu::contact::tool_contact::{ToolContact, to_dvec, to_v4};
+use crate::physics::cpu::contact::tool_contact::ToolContact;
 use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
+use crate::physics::cpu::vectors::to_dvec;
+use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add, add_scaled, apply, dot_f64, sub, zero};
 use glam::DVec3;
 

@@ -5,8 +5,8 @@ use super::newton::StepInput;
 use super::schemes::StepCoefficients;
 use crate::physics::cpu::partition::Nodes;
 use crate::physics::cpu::rigid::bodies::RigidBodies;
-use crate::physics::cpu::rigid::pose::narrow;
 use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add, add_scaled, scale, sub, zero};
 
 /// A displacement to start from.
@@ -110,7 +110,7 @@ impl<T: Real> InitialGuesses<T> {
                         for (i, place) in body.proxy_nodes().zip(places) {
                             let goal = &mut goal.0[i - nodes.start];
                             let straight = scale(gamma, scene.at.v[i]);
-                            *goal = add(sub(*goal, straight), narrow(place));
+                            *goal = add(sub(*goal, straight), to_v4(place));
                         }
                     }
                 }

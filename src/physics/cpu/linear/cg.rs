@@ -4,10 +4,10 @@
 use super::coarse_space::{CoarseSpace, rigid_displacement};
 use super::rigid_projection::RigidProjection;
 use super::sparse_cholesky::Vec6Padded;
-use crate::physics::cpu::body::force_assembly::dot;
 use crate::physics::cpu::partition::{Groups, Nodes, Partition};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
+use crate::physics::cpu::vectors::dot;
 use crate::physics::cpu::vectors::{Mat3Columns, V4, add, add_scaled, scale, sum_f64, zero};
 
 /// The matrix A.

@@ -11,11 +11,12 @@
 
 use super::closest_rotation::closest_rotation;
 use super::pose::{
-    DegreesOfFreedom, PROXY_NODES, PROXY_POSITIONS, Pose, RigidGroup, inertia_of, narrow, outer,
-    rotation_response, wide,
+    DegreesOfFreedom, PROXY_NODES, PROXY_POSITIONS, Pose, RigidGroup, inertia_of, rotation_response,
 };
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::V4;
+use crate::physics::cpu::vectors::outer;
+use crate::physics::cpu::vectors::{to_dvec, to_v4};
 use glam::{DMat3, DQuat, DVec3};
 
 /// The rigid bodies of a body, whose nodes are the last of its plan and what lies beyond it.
@@ -111,7 +112,7 @@ impl RigidBodies {
             let mut targets = [DVec3::ZERO; PROXY_NODES];
             for (x, i) in targets.iter_mut().zip(body.proxy_nodes()) {
                 let r = from.rotation * self.lever_arms[i - self.first];
-                *x = body.centre + from.translation + r + wide(at(i));
+                *x = body.centre + from.translation + r + to_dvec(at(i));
             }
             self.trial[b] = body.closest_pose(&from, targets);
         }
@@ -133,7 +134,7 @@ impl RigidBodies {
             let (mut sum, mut moment, mut inertia) = (DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
             for i in body.proxy_nodes() {
                 let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
-                let s = wide(vector[i]);
+                let s = to_dvec(vector[i]);
                 sum += s;
                 moment += a.cross(s);
                 inertia += inertia_of(a);
@@ -219,7 +220,7 @@ impl RigidBodies {
     pub fn change<T: Real>(&self, i: usize) -> V4<T> {
         let n = i - self.first;
         let (shift, turn) = &self.changes[self.owner[n] as usize];
-        narrow(*shift + *turn * self.lever_arms[n])
+        to_v4(*shift + *turn * self.lever_arms[n])
     }
 
     /// Makes the last trial the best.
@@ -237,7 +238,7 @@ impl RigidBodies {
     pub fn write_nodes<T: Real>(&self, poses: &[Pose], u: &mut [V4<T>]) {
         for (n, b) in self.owner.iter().enumerate() {
             let i = self.first + n;
-            u[i] = narrow(self.displacement(i, &poses[*b as usize]));
+            u[i] = to_v4(self.displacement(i, &poses[*b as usize]));
         }
     }
 
@@ -245,7 +246,7 @@ impl RigidBodies {
     pub fn write_velocities<T: Real>(&self, b: usize, all: bool, v: &mut [V4<T>]) {
         let body = &self.bodies[b];
         let carriers: [DVec3; PROXY_NODES] =
-            std::array::from_fn(|k| wide(v[body.proxy_nodes().start + k]));
+            std::array::from_fn(|k| to_dvec(v[body.proxy_nodes().start + k]));
         let mean = carriers.iter().sum::<DVec3>() / PROXY_NODES as f64;
         let mut change = DMat3::ZERO;
         for (v, t) in carriers.iter().zip(PROXY_POSITIONS) {
@@ -255,7 +256,7 @@ impl RigidBodies {
         let surface =
             body.nodes.start..body.nodes.end - if all { PROXY_NODES } else { body.nodes.len() };
         for i in surface.chain(body.inner.clone()) {
-            v[i] = narrow(mean + change * self.lever_arms[i - self.first]);
+            v[i] = to_v4(mean + change * self.lever_arms[i - self.first]);
         }
     }
 
@@ -278,7 +279,7 @@ impl RigidBodies {
         };
         for i in body.nodes.clone().chain(body.inner.clone()) {
             let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
-            v[i] = narrow(linear + spin.cross(a));
+            v[i] = to_v4(linear + spin.cross(a));
         }
     }
 
@@ -290,8 +291,8 @@ impl RigidBodies {
         let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
         for i in body.proxy_nodes() {
             let a = pose.rotation * (self.lever_arms[i - self.first] - pivot);
-            sum += m * wide(v[i]);
-            moment += m * a.cross(wide(v[i]));
+            sum += m * to_dvec(v[i]);
+            moment += m * a.cross(to_dvec(v[i]));
         }
         (sum, moment)
     }

@@ -1,11 +1,14 @@
 //! Forces on rigid bodies from outside: handed to their carriers.
 
 use super::bodies::RigidBodies;
-use super::pose::{PROXY_NODES, PROXY_POSITIONS, RigidGroup, narrow, outer, wide};
+use super::pose::{PROXY_NODES, PROXY_POSITIONS, RigidGroup};
 use super::target_springs::RigidTargetSpring;
 use crate::physics::LocalUnits;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::vectors::outer;
+use crate::physics::cpu::vectors::to_dvec;
+use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, zero};
 use glam::{DMat3, DVec3};
 
@@ -75,7 +78,7 @@ impl RigidBodies {
         for i in body.nodes.start..body.nodes.end - PROXY_NODES {
             let force = &mut f[i - start];
             if force[..3].iter().any(|x| *x != T::ZERO) {
-                let one = wide(*force);
+                let one = to_dvec(*force);
                 sum += one;
                 moment += outer(one, self.lever_arms[i - self.first]);
                 *force = zero();
@@ -83,8 +86,8 @@ impl RigidBodies {
         }
         let shares = carrier_forces(body, sum, moment);
         for (i, share) in body.proxy_nodes().zip(shares) {
-            let own = wide(f[i - start]);
-            f[i - start] = narrow(own + share);
+            let own = to_dvec(f[i - start]);
+            f[i - start] = to_v4(own + share);
         }
     }
 }

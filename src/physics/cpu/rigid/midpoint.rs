@@ -11,9 +11,10 @@
 //! γ (I(R₊)⁻¹ ℓ₀ − φ₊/γ).
 
 use super::bodies::RigidBodies;
-use super::pose::{DegreesOfFreedom, PROXY_NODES, Pose, inertia_of, narrow, rotation_response};
+use super::pose::{DegreesOfFreedom, PROXY_NODES, Pose, inertia_of, rotation_response};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::V4;
+use crate::physics::cpu::vectors::to_v4;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Rounds in which a guess is found; each is right to a power more of the turn.
@@ -98,8 +99,8 @@ impl RigidBodies {
                 let a = turn * (self.lever_arms[i - self.first] - pivot);
                 let own = if free { linear } else { DVec3::ZERO };
                 after[i] = match body.freedom {
-                    DegreesOfFreedom::Fixed => narrow(DVec3::ZERO),
-                    _ => narrow(own + spin.cross(a)),
+                    DegreesOfFreedom::Fixed => to_v4(DVec3::ZERO),
+                    _ => to_v4(own + spin.cross(a)),
                 };
             }
         }

@@ -1,8 +1,7 @@
 //! A rigid body by itself: the carriers of its mass, how it can move, and where it is.
 
 use super::closest_rotation::closest_rotation;
-use crate::physics::cpu::scalar::Real;
-use crate::physics::cpu::vectors::V4;
+use crate::physics::cpu::vectors::outer;
 pub(in crate::physics::cpu) use crate::physics::model::rigid_region::DegreesOfFreedom;
 use crate::physics::model::rigid_region::MassProperties;
 use glam::{DMat3, DQuat, DVec3};
@@ -144,11 +143,6 @@ pub(in crate::physics::cpu) fn carriers(moments: &MassProperties) -> ([DVec3; PR
     (PROXY_POSITIONS.map(|t| spread * t), spread)
 }
 
-/// a bᵀ.
-pub(in crate::physics::cpu) fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
-}
-
 /// |a|² I − a aᵀ.
 pub(in crate::physics::cpu) fn inertia_of(a: DVec3) -> DMat3 {
     DMat3::from_diagonal(DVec3::splat(a.length_squared())) - outer(a, a)
@@ -163,17 +157,4 @@ pub(in crate::physics::cpu) fn rotation_response(
     let trace = inertia.x_axis.x + inertia.y_axis.y + inertia.z_axis.z;
     let whole = within * inertia * within + (DMat3::IDENTITY - within) * trace;
     within * (whole.inverse() * (within * moment))
-}
-
-pub(in crate::physics::cpu) fn wide<T: Real>(v: V4<T>) -> DVec3 {
-    DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64())
-}
-
-pub(in crate::physics::cpu) fn narrow<T: Real>(v: DVec3) -> V4<T> {
-    [
-        T::from_f64(v.x),
-        T::from_f64(v.y),
-        T::from_f64(v.z),
-        T::ZERO,
-    ]
 }

@@ -4,11 +4,13 @@
 //! E = ½ k d² up to the force F of the limit, and F d − ½ F²/k beyond, d being the distance of a
 //! point from its target. The point is a mean of its body's carriers.
 
-use crate::physics::cpu::contact::tool_contact::{outer_product, to_dvec, to_v4};
 use crate::physics::cpu::linear::point_blocks::PointBlocks;
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
+use crate::physics::cpu::vectors::outer_product;
+use crate::physics::cpu::vectors::to_dvec;
+use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add};
 use glam::{DMat3, DVec3};
 
