@@ -1,9 +1,9 @@
 //! A grid body as a simulator, stepped on the GPU.
 
-use super::cut::retain_tets;
 use crate::gpu::{Array, Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::grid::GridBody;
+use crate::physics::grid::retain_tets;
 use crate::physics::{
     CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, Report, Simulator,
     SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
