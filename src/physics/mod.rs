@@ -41,6 +41,7 @@ pub use gpu::simulator::{GpuTets, TetState};
 pub use gpu::solver::Solver;
 pub use gpu::state::{BodyState, SolverState};
 pub use gpu::stepper::Stepper;
+pub use gpu::{ExplicitEuler, ImplicitEuler, SymplecticEuler, VelocityVerlet, Verlet};
 pub use grid::{GpuGrid, GridState};
 pub use loads::grab::{GrabId, GrabMode};
 pub use loads::reactions::{GrabbedNode, Reaction};
@@ -73,16 +74,3 @@ use stability::advice::time_step_advice;
 pub use stability::linearised_model;
 pub use stability::step_limit::largest_stable_step;
 use stability::step_limit::limit_with_terms;
-
-/// Explicit Euler: x' = x + h v, v' = v + h a. Never stable without damping.
-pub type ExplicitEuler = Stepper<gpu::explicit_euler::Scheme>;
-/// Symplectic Euler: v' = v + h a, x' = x + h v'.
-pub type SymplecticEuler = Stepper<gpu::symplectic_euler::Scheme>;
-/// Verlet: x' = 2x − x₋₁ + h² a, started with x₋₁ = x₀ − h v₀ + ½h² a₀. Damping acts on the
-/// velocity half a step ago: of second order without damping, of first order with it.
-pub type Verlet = Stepper<gpu::verlet::Scheme>;
-/// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a): of second
-/// order with damping too.
-pub type VelocityVerlet = Stepper<gpu::velocity_verlet::Scheme>;
-/// Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h(f + h K̃ v).
-pub type ImplicitEuler = Stepper<gpu::implicit_euler::ImplicitEulerScheme>;

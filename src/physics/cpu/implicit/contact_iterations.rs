@@ -4,7 +4,7 @@
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::{NewtonSolver, PROJECTED_SOLVES};
 use super::schemes::StepCoefficients;
-use crate::physics;
+use crate::physics::NewtonSettings;
 use crate::physics::contact::MIN_DISTANCE_RATIO;
 use crate::physics::cpu::contact::self_contact::SelfContactTerm;
 use crate::physics::cpu::contact::tool_contact::ToolContact;
@@ -111,7 +111,7 @@ impl<T: Real> NewtonSolver<T> {
         // Made of other points in contact: and so that a run that is resumed takes the same steps.
         implicit.drop_coarse_space();
         let own = self.settings;
-        self.step_settings = physics::NewtonSettings {
+        self.step_settings = NewtonSettings {
             iterations: own.iterations.max(MAX_CONTACT_ITERATIONS),
             tolerance: match own.tolerance > 0.0 {
                 true => own.tolerance.min(CONTACT_TOLERANCE),

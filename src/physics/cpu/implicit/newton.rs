@@ -18,7 +18,7 @@ use super::initial_guess::{InitialGuess, InitialGuesses};
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::schemes::{ImplicitScheme, StepCoefficients};
 use super::trial_state::{TrialState, has_inverted_tets};
-use crate::physics;
+use crate::physics::NewtonSettings;
 use crate::physics::cpu::linear::cg::{CgTolerance, SystemOperator};
 use crate::physics::cpu::node_constraints::Loads;
 use crate::physics::cpu::partition::{Nodes, Partition};
@@ -54,7 +54,7 @@ const MAX_ITERATIONS_WHILE_INVERTING: u32 = 40;
 #[derive(Clone, Debug)]
 pub struct NewtonSolver<T> {
     /// When it stops.
-    pub settings: physics::NewtonSettings,
+    pub settings: NewtonSettings,
     /// The rule.
     pub rule: ImplicitScheme,
     /// α, in local units.
@@ -72,7 +72,7 @@ pub struct NewtonSolver<T> {
     /// What of the body is rigid.
     pub(in crate::physics::cpu) rigid: RigidBodies,
     /// When the step under way stops.
-    pub(in crate::physics::cpu) step_settings: physics::NewtonSettings,
+    pub(in crate::physics::cpu) step_settings: NewtonSettings,
     /// Displacements on the way to a trial; none where nothing touches.
     pub(in crate::physics::cpu) pushed_displacements: Vec<V4<T>>,
     /// The part of their way in the step that nodes that are led have gone in trials: less than all
@@ -108,7 +108,7 @@ impl<T: Real> NewtonSolver<T> {
     /// For a body shared out by `plan`, by `rule`.
     pub fn new(
         plan: &Partition,
-        (settings, rule): (physics::NewtonSettings, ImplicitScheme),
+        (settings, rule): (NewtonSettings, ImplicitScheme),
         mass_damping: f64,
     ) -> NewtonSolver<T> {
         let nodes = plan.nodes();
