@@ -20,9 +20,9 @@ mod springs;
 mod term;
 mod vectors;
 
-pub(super) use body::tools::{STATIC_FRICTION_SPEED, check_contact, face_stiffnesses, tool_gap};
 #[cfg(feature = "rapier")]
-pub(super) use body::tools::{ToolTarget, count_intersecting_faces};
+pub(super) use body::tools::count_intersecting_faces;
+pub(super) use body::tools::{STATIC_FRICTION_SPEED, check_contact, face_stiffnesses, tool_gap};
 pub(super) use contact::boundary_surface::BoundarySurface;
 pub(super) use contact::reference::ReferenceToolContact;
 #[cfg(feature = "rapier")]
@@ -34,7 +34,7 @@ pub(super) use runtime::energy_guard::StepFailure;
 #[cfg(feature = "rapier")]
 pub(super) use runtime::load_sync::send_loads;
 #[cfg(feature = "rapier")]
-pub(super) use runtime::steppable::{LoadUpdate, Steppable};
+pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
 #[cfg(feature = "rapier")]
 pub(super) use runtime::worker::{Worker, WorkerCommand, WorkerError};
 

@@ -10,6 +10,7 @@ pub(super) mod scaled_load_tests;
 pub(super) mod simulator;
 pub(super) mod state;
 pub(super) mod step;
+mod steppable;
 #[cfg(test)]
 pub(super) mod tests;
 pub(super) mod tools;

@@ -10,6 +10,7 @@ use crate::physics::cpu::contact::tool_contact::{LocalToolPose, ToolContact, Too
 use crate::physics::cpu::implicit::contact_iterations::{
     contact_mut, resolve_penetration, self_contact, tool_contact,
 };
+use crate::physics::cpu::runtime::steppable::ToolTarget;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
 use crate::physics::{
@@ -37,10 +38,6 @@ const RIGID_SURFACE_STIFFNESS: f64 = 1e6;
 
 /// Young's modulus over μ, nearly: from 2 to 3.
 const YOUNG_OVER_MU: f64 = 2.8;
-
-/// Where a tool is to be, in metres from the frame's origin, and how often it was put elsewhere
-/// without going there.
-pub(in crate::physics) type ToolTarget = (ToolPose, u64);
 
 /// Refuses contact with `what` of bodies that cannot be stepped with it.
 ///

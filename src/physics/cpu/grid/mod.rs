@@ -5,5 +5,6 @@ pub(super) mod forces;
 pub(super) mod normals;
 pub(super) mod simulator;
 pub(super) mod step;
+mod steppable;
 #[cfg(test)]
 pub(super) mod tests;

@@ -3,8 +3,8 @@
 use super::steppable::{LoadUpdate, Steppable};
 use super::worker::{Worker, WorkerCommand};
 use crate::Result;
-use crate::physics::cpu::body::tools::ToolTarget;
 use crate::physics::cpu::node_constraints::NodeConstraint;
+use crate::physics::cpu::runtime::steppable::ToolTarget;
 use crate::physics::loads::LoadVersions;
 use crate::physics::{GrabMode, GrabbedNode, Loads, ToolPose};
 use glam::DVec3;
