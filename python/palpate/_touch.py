@@ -1,7 +1,8 @@
 """A body to be touched: a simulator with a finger, and a camera that goes round it.
 
-The same habits as the viewer's (`viewer/src/show.rs`, `orbit.rs`): what nothing holds lies on a table,
-the finger goes in by a small part of its radius a step, and stops where the body gives no further.
+The same habits as the viewer's (`viewer/src/body_session.rs`, `camera_control.rs`): what nothing
+holds lies on a table, the finger goes in by a small part of its radius a step, and stops where
+the body gives no further.
 """
 
 from __future__ import annotations

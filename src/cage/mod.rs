@@ -4,13 +4,13 @@
 //! cage is simulated; an [`Embedding`] carries the nodes of the fine mesh along, so that the fine
 //! mesh is what is drawn.
 
-mod carried;
-mod cells;
+mod embedded_simulator;
 mod embedding;
-mod fit;
+mod lattice;
 mod model;
+mod stiffness_fit;
 
-pub use carried::EmbeddedSimulator;
+pub use embedded_simulator::EmbeddedSimulator;
 pub use embedding::Embedding;
-pub(crate) use fit::Compliance;
 pub use model::{Cage, CageKind, CageReport};
+pub(crate) use stiffness_fit::Compliance;

@@ -1,7 +1,7 @@
 //! A cage: a coarse body made from a fine one.
 
-use super::cells::Cells;
-use super::fit::{ConstrainedNetwork, compliance, gravity_loads};
+use super::lattice::Cells;
+use super::stiffness_fit::{ConstrainedNetwork, compliance, gravity_loads};
 use crate::mesh::generate::{Grid, Split, grid};
 use crate::mesh::{BarycentricMap, LocalFrame, TET_EDGES, TetMesh};
 use crate::physics::grid::{

@@ -1,8 +1,8 @@
 //! From the sentence of a pass to a bind group: what the WGSL declares, held against what is given.
 
 use super::array::Version;
-use super::layout::GpuStruct;
-use super::{Gpu, layout, shader};
+use super::struct_layout::GpuStruct;
+use super::{Gpu, shader, struct_layout};
 use crate::{Error, Result};
 use std::sync::Arc;
 use wgpu::naga;
@@ -81,7 +81,7 @@ impl<'a> BindingList<'a> {
     pub(super) fn params<P: GpuStruct>(&mut self, p: &'a P) {
         self.words.push(Word::Params {
             bytes: bytemuck::bytes_of(p),
-            compare: layout::compare::<P>,
+            compare: struct_layout::compare::<P>,
         });
     }
 

@@ -2,7 +2,7 @@
 
 use super::binding::{Bind, BindingList};
 use super::device::lock;
-use super::layout::GpuStruct;
+use super::struct_layout::GpuStruct;
 use super::{Gpu, Recorder};
 use crate::Result;
 

@@ -7,30 +7,30 @@
 
 mod array;
 mod binding;
+mod bitmask_prefix_sum;
 mod device;
 mod draw;
-mod layout;
-mod loads;
 mod pass;
 mod readback;
+mod readback_ring;
 mod record;
-mod ring;
-mod scan_marks;
 mod shader;
+mod struct_layout;
 mod texture;
+mod texture_load_count;
 mod timing;
 
 #[cfg(feature = "study")]
 pub(crate) use array::array_size;
 pub use array::{Array, Positions, ROW_TEXELS, Texel, Version};
 pub use binding::{Bind, Resource};
+pub(crate) use bitmask_prefix_sum::BitmaskPrefixSum;
 pub use device::{ADAPTER_VARIABLE, Gpu, submit_time};
 pub use draw::{Draw, DrawBuilder};
-pub use layout::{GpuStruct, check_layout};
-pub use loads::texture_loads;
 pub use pass::{Pass, PassBuilder};
 pub use readback::PendingReadback;
+pub(crate) use readback_ring::ReadbackRing;
 pub use record::Recorder;
-pub(crate) use ring::ReadbackRing;
-pub(crate) use scan_marks::BitmaskPrefixSum;
 pub use shader::{add_shader, compose, parse, shader_names};
+pub use struct_layout::{GpuStruct, check_layout};
+pub use texture_load_count::texture_loads;

@@ -3,7 +3,7 @@
 use super::array::Version;
 use super::binding::{Bind, BindingList};
 use super::device::lock;
-use super::layout::GpuStruct;
+use super::struct_layout::GpuStruct;
 use super::{Gpu, Recorder};
 use crate::{Error, Result};
 use std::collections::HashMap;

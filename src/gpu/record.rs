@@ -1,6 +1,6 @@
 //! Recording passes into an encoder, Palpate's own or the caller's.
 
-use super::layout::GpuStruct;
+use super::struct_layout::GpuStruct;
 use super::timing::TimestampQueries;
 use super::{Array, Gpu};
 use crate::{Error, Result};

@@ -9,10 +9,10 @@
 use super::abaqus_elements::{Shape, shape};
 use super::abaqus_lines::{Card, members, shown, tag};
 use super::abaqus_sets::{Member, Sets};
-use super::cells::RawMesh;
 use super::cursor::{ParseResult, number};
-use super::remarks::Metadata;
-use super::tags::{Tags, repeated_numbers};
+use super::id_map::{Tags, repeated_numbers};
+use super::metadata::Metadata;
+use super::raw_mesh::RawMesh;
 use glam::DVec3;
 use std::collections::BTreeMap;
 

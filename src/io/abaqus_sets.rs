@@ -4,10 +4,10 @@
 //! first of the three that covers the whole volume, or all together if none does. A set of the
 //! whole volume is ignored if there are others; an element in several sets belongs to the first.
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
-use super::remarks::{Metadata, integer_field};
-use super::tags::Tags;
+use super::id_map::Tags;
+use super::metadata::{Metadata, integer_field};
+use super::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;

@@ -1,9 +1,10 @@
 //! Writer for Abaqus input files: nodes, C3D4 elements, and one element set per region. Materials,
 //! sections and steps are left to the user.
 
+use super::atomic_write;
 use super::format::dropped_fields_note;
 use super::groups::Groups;
-use super::{atomic_write, remarks};
+use super::metadata;
 use crate::mesh::{Field, TetMesh};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, HashSet};
@@ -82,8 +83,8 @@ fn fill(
         file,
         "*HEADING\nWritten by Palpate {}\n{}{}*NODE\n",
         env!("CARGO_PKG_VERSION"),
-        remarks::count_comment("** ", mesh),
-        remarks::mesh_comments("** ", mesh, groups, sets)
+        metadata::count_comment("** ", mesh),
+        metadata::mesh_comments("** ", mesh, groups, sets)
     )?;
     for (i, p) in mesh.nodes.iter().enumerate() {
         let [x, y, z] = p.to_array().map(short);

@@ -1,6 +1,6 @@
 //! Entry points of the readers for fuzzing: bytes in, a mesh, surface, volume or error out.
 
-use super::cells::RawMesh;
+use super::raw_mesh::RawMesh;
 use crate::mesh::{TetMesh, TriMesh};
 use crate::volume::Volume;
 

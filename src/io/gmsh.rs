@@ -6,13 +6,13 @@
 //! constant 0; a cell in several physical groups belongs to the first. If physical volumes have
 //! names, their tags become the cell field `label`, too.
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
 use super::gmsh_data::DataSection;
 use super::gmsh_kinds::{MOST_NODES, vtk_kind};
 use super::gmsh_source::Source;
-use super::remarks::{Metadata, integer_field};
-use super::tags::{Tags, repeated_numbers};
+use super::id_map::{Tags, repeated_numbers};
+use super::metadata::{Metadata, integer_field};
+use super::raw_mesh::RawMesh;
 use crate::mesh::Location;
 use glam::DVec3;
 use std::collections::HashMap;

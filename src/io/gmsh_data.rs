@@ -1,8 +1,8 @@
 //! Gmsh sections $NodeData and $ElementData: values by node or element tag.
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
 use super::gmsh_source::Source;
+use super::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 
 /// One section of values.

@@ -4,9 +4,10 @@
 //! $ElementData. The section $Comments, which other programs skip, stores the other data of the
 //! regions.
 
+use super::atomic_write;
 use super::format::{dropped_fields_note, one_line};
 use super::groups::Groups;
-use super::{atomic_write, remarks};
+use super::metadata;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -160,7 +161,7 @@ impl<W: Write> Out<'_, W> {
             self.lines("\n")?;
         }
         self.lines("$EndMeshFormat\n")?;
-        let remarks = remarks::mesh_comments("", mesh, groups, &[]);
+        let remarks = metadata::mesh_comments("", mesh, groups, &[]);
         if !remarks.is_empty() {
             self.lines(&format!("$Comments\n{remarks}$EndComments\n"))?;
         }

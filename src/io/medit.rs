@@ -4,9 +4,9 @@
 //! references that are constant 0 carry no information and are dropped. Sections other than
 //! vertices and cells are skipped.
 
-use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult};
-use super::remarks::Metadata;
+use super::metadata::Metadata;
+use super::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 

@@ -1,8 +1,9 @@
 //! Writer for Medit `.mesh` files, text. Regions are the references of tets.
 
+use super::atomic_write;
 use super::format::dropped_fields_note;
 use super::groups::Groups;
-use super::{atomic_write, remarks};
+use super::metadata;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::{Error, Result};
 use std::io::Write;
@@ -60,7 +61,7 @@ fn fill(
     write!(
         file,
         "MeshVersionFormatted 2\nDimension 3\n{}Vertices\n{}\n",
-        remarks::mesh_comments("# ", mesh, groups, &[]),
+        metadata::mesh_comments("# ", mesh, groups, &[]),
         mesh.nodes.len()
     )?;
     for (i, p) in mesh.nodes.iter().enumerate() {

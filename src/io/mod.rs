@@ -11,7 +11,6 @@ mod abaqus_sets;
 mod abaqus_write;
 mod atomic;
 mod cell_kinds;
-mod cells;
 mod cursor;
 mod format;
 mod frames;
@@ -23,15 +22,16 @@ mod gmsh_kinds;
 mod gmsh_source;
 mod gmsh_write;
 mod groups;
+mod id_map;
 mod medit;
 mod medit_write;
+mod metadata;
 mod parse;
 mod pvd;
 mod pvtu;
-mod remarks;
+mod raw_mesh;
 mod scalar;
 mod surface;
-mod tags;
 mod tetgen;
 mod tetgen_write;
 mod volume;
@@ -130,7 +130,7 @@ pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
     })
 }
 
-type Reader = fn(&[u8]) -> cursor::ParseResult<cells::RawMesh>;
+type Reader = fn(&[u8]) -> cursor::ParseResult<raw_mesh::RawMesh>;
 
 /// Returns the start of a file in lower case.
 fn start_of(bytes: &[u8]) -> String {

@@ -23,7 +23,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
     let bytes = content_of(path, bytes)?;
     format_of(bytes, &extension)
         .and_then(|reader| reader(bytes))
-        .and_then(super::cells::RawMesh::into_tets)
+        .and_then(super::raw_mesh::RawMesh::into_tets)
         .map_err(|e| Error::format(path, e))
 }
 

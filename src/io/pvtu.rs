@@ -5,8 +5,8 @@
 //! contain ghost cells, the tets of their neighbours at their nodes, so that a piece can be
 //! rendered alone, and the caller's data about the whole mesh.
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
+use super::raw_mesh::RawMesh;
 use super::vtu_tags::attribute;
 use super::vtu_write::{self, escaped};
 use super::{scalar, vtu};
@@ -117,7 +117,7 @@ impl PieceData {
     fn new(mut mesh: RawMesh) -> ParseResult<PieceData> {
         let [nodes, cells] = [mesh.nodes.len(), mesh.cells.len()];
         let ids = |field: Field| -> ParseResult<Vec<u64>> {
-            let whole = |v: &f64| super::cells::index(*v).map(|i| i as u64);
+            let whole = |v: &f64| super::raw_mesh::index(*v).map(|i| i as u64);
             let ids: Option<Vec<u64>> = field.values.iter().map(whole).collect();
             ids.ok_or_else(|| format!("field \"{}\" should have whole numbers", field.name))
         };
@@ -413,7 +413,7 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
         Some(mesh.fields.remove(place).values)
     };
     let ids = |values: Vec<f64>| -> Option<Vec<u32>> {
-        let id = |v: &f64| super::cells::index(*v).and_then(|i| u32::try_from(i).ok());
+        let id = |v: &f64| super::raw_mesh::index(*v).and_then(|i| u32::try_from(i).ok());
         values.iter().map(id).collect()
     };
     let nodes = take(NODE_IDS, Location::Node).and_then(ids);

@@ -4,10 +4,10 @@
 //! boundary markers of nodes; `tetgen:ref` for the region of tets (`tetgen:ref2` ... for further
 //! attributes). Markers and regions that are constant 0 carry no information and are dropped.
 
-use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult, integer, number};
-use super::remarks::Metadata;
-use super::tags::{Tags, repeated_numbers};
+use super::id_map::{Tags, repeated_numbers};
+use super::metadata::Metadata;
+use super::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
 use glam::DVec3;

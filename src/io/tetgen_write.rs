@@ -1,11 +1,12 @@
 //! Writer for TetGen `.node` and `.ele` files. Regions are the first attribute of tets, node fields
 //! are attributes of nodes; comments name the columns.
 
+use super::atomic_write;
 use super::format::dropped_fields_note;
 use super::groups::Groups;
 use super::medit_write::{is_whole, node_markers};
-use super::remarks::integer_field;
-use super::{atomic_write, remarks};
+use super::metadata;
+use super::metadata::integer_field;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::{Error, Result};
 use std::io::Write;
@@ -67,7 +68,7 @@ fn nodes(
     fields: &[&Field],
     markers: Option<&Field>,
 ) -> std::io::Result<()> {
-    header(file, &remarks::field_comments("# ", fields))?;
+    header(file, &metadata::field_comments("# ", fields))?;
     let marked = u8::from(markers.is_some());
     writeln!(file, "{} 3 {} {marked}", mesh.nodes.len(), columns(fields))?;
     for (i, p) in mesh.nodes.iter().enumerate() {
@@ -89,13 +90,13 @@ fn tets(
     groups: &Groups,
     fields: &[&Field],
 ) -> std::io::Result<()> {
-    let mut told = remarks::mesh_comments("# ", mesh, groups, &[]);
+    let mut told = metadata::mesh_comments("# ", mesh, groups, &[]);
     if !fields.is_empty() {
         // Groups that are not regions are an ordinary column.
         let column = integer_field("tetgen:ref", Vec::new());
         let plain = !groups.tet_groups.is_empty() && groups.regions().next().is_none();
         let columns: Vec<&Field> = plain.then_some(&column).into_iter().collect();
-        told += &remarks::field_comments("# ", &[columns, fields.to_vec()].concat());
+        told += &metadata::field_comments("# ", &[columns, fields.to_vec()].concat());
     }
     header(file, &told)?;
     let grouped = usize::from(!groups.tet_groups.is_empty());

@@ -4,8 +4,8 @@
 //! The `vtkio` crate (0.6.3) was tested on real files and on the output of VTK 9: it rejects
 //! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this is a separate reader.
 
-use super::cells::RawMesh;
 use super::cursor::{Cursor, ParseResult};
+use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
 use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;

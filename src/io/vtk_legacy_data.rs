@@ -1,7 +1,7 @@
 //! Values of a legacy VTK file, ASCII or binary.
 
-use super::cells::index;
 use super::cursor::{Cursor, ParseResult};
+use super::raw_mesh::index;
 use super::scalar;
 use crate::mesh::ScalarType;
 

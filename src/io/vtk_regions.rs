@@ -4,7 +4,7 @@
 //! `length_unit` is the unit of the coordinates in metres, and an array `region:NAME` holds the
 //! values of the cell field `label` in the region NAME.
 
-use super::cells::RawMesh;
+use super::raw_mesh::RawMesh;
 use crate::mesh::TetMesh;
 use std::collections::BTreeMap;
 

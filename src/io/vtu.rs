@@ -5,8 +5,8 @@
 //! appended base64 of older VTK, and rejects appended raw data and compressed arrays of more than
 //! one block, so this is a separate reader, based on quick-xml, base64 and flate2.
 
-use super::cells::{RawMesh, index};
 use super::cursor::ParseResult;
+use super::raw_mesh::{RawMesh, index};
 use super::scalar;
 use super::vtk_regions::{self, Global};
 use super::vtu_data::{Layout, Source, numbers};

@@ -4,59 +4,59 @@
 
 mod blade;
 mod boundary;
-mod crossing;
+mod bvh;
 mod cut;
-mod describe;
-mod distance;
+mod edge_face_intersection;
 mod field;
 mod frame;
 pub mod generate;
-mod grouped;
-mod hierarchy;
+mod group_by;
 mod merge;
-mod moved;
+mod mesh_report;
 mod order;
 mod packed_normal;
-mod part;
-mod pieces;
+mod partition;
 mod quality;
 mod region_field;
 mod region_surface;
 mod repair;
+mod same_connectivity;
 mod smooth;
-mod splice;
-mod surface_shape;
+mod sorted_list;
+mod split_interface;
+mod surface_report;
 mod topology;
 mod transfer;
 mod tri_mesh;
+mod triangle_bvh;
 
 pub use blade::Blade;
 pub(crate) use boundary::DisjointSets;
 pub use boundary::{BoundaryReport, components};
-#[cfg(test)]
-pub(crate) use crossing::intersect_edge_face;
-pub(crate) use crossing::{EdgeFaceIntersection, edge_face_intersections};
+pub(crate) use bvh::{Bounds, Bvh, bounds_union};
 pub use cut::{TetCut, cut, remove};
-pub use describe::{FieldDescription, MeshDescription, RegionDescription};
-pub use distance::{DEPTH, depth_field, point_triangle_distance};
-pub(crate) use distance::{TriangleBvh, closest_point_weights};
+#[cfg(test)]
+pub(crate) use edge_face_intersection::intersect_edge_face;
+pub(crate) use edge_face_intersection::{EdgeFaceIntersection, edge_face_intersections};
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
-pub(crate) use grouped::group_by_key;
-pub(crate) use hierarchy::{Bounds, Bvh, bounds_union};
+pub(crate) use group_by::group_by_key;
+pub use mesh_report::{FieldDescription, MeshDescription, RegionDescription};
 pub use order::morton_order;
 pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
-pub use pieces::{MeshPartition, MeshPiece, kd_partition};
+pub use partition::{MeshPartition, MeshPiece, kd_partition};
 pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };
 pub use repair::RepairReport;
-pub(crate) use splice::replace_sorted;
-pub use surface_shape::SurfaceDescription;
+pub(crate) use sorted_list::replace_sorted;
+pub use surface_report::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
 pub use transfer::BarycentricMap;
 pub use tri_mesh::{NORMAL, TriMesh, UV};
+pub use triangle_bvh::{DEPTH, depth_field, point_triangle_distance};
+pub(crate) use triangle_bvh::{TriangleBvh, closest_point_weights};
 
 use crate::{Error, Result};
 use glam::DVec3;

@@ -1,6 +1,6 @@
 //! Validation and repair of meshes.
 
-use super::grouped::map_groups;
+use super::group_by::map_groups;
 use super::{Field, Location, TetMesh};
 use crate::{Error, Result, parallel};
 use glam::DVec3;

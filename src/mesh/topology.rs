@@ -1,7 +1,7 @@
 //! Connectivity of the tets of a mesh: neighbours across faces, and the boundary.
 
 use super::TetMesh;
-use super::grouped::map_groups;
+use super::group_by::map_groups;
 
 /// The three local corners of face i, the face opposite vertex i, counter-clockwise seen from
 /// outside a positively oriented tet.

@@ -6,7 +6,7 @@
 //! between leaves of different sizes the smaller faces, each split along the diagonal from the
 //! centre of the large face, are connected to both centres.
 
-use super::keys::KeyMap;
+use super::id_hash::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
 use crate::parallel;
 use crate::progress::ProgressScope;

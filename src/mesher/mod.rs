@@ -15,45 +15,45 @@
 
 mod closed_surface;
 mod cut;
-mod described;
 mod domain;
+mod domain_source;
 mod fans;
-mod islands;
+mod id_hash;
 mod junction;
-mod keys;
 mod label_domain;
 mod lattice;
-mod length;
+mod length_unit;
+mod mesh_report;
+mod non_manifold;
 mod octree;
 mod optimise;
-mod pinches;
 mod recipe;
-mod report;
+mod small_components;
 mod spacing;
 mod stars;
 mod stencil;
 #[cfg_attr(target_arch = "wasm32", path = "tetgen_absent.rs")]
 mod tetgen;
 mod threshold_domain;
-mod volumes;
-mod window;
+mod threshold_range;
+mod volume_correction;
 
 pub(crate) use closed_surface::solid_angle;
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
-pub use described::DomainDescription;
 pub use domain::{Domain, RegionVolume};
-pub use islands::IslandReport;
+pub use domain_source::DomainDescription;
 pub use label_domain::LabelDomain;
-pub use length::{Length, metres_in};
+pub use length_unit::{Length, metres_in};
+pub use mesh_report::{MeshReport, RegionReport};
+pub use non_manifold::NonManifoldReport;
 pub use optimise::OptimiserReport;
-pub use pinches::NonManifoldReport;
 pub use recipe::{
     Labels, MeshingConfig, MeshingResult, RecipeReport, RegionSummary, TargetSize, mesh_file,
 };
-pub use report::{MeshReport, RegionReport};
+pub use small_components::IslandReport;
 pub use tetgen::tetgen;
 pub use threshold_domain::ThresholdDomain;
-pub use window::ThresholdRange;
+pub use threshold_range::ThresholdRange;
 
 use crate::parallel;
 use crate::progress::ProgressScope;
@@ -157,7 +157,7 @@ pub fn mesh_domain(
     let truth = domain.volumes();
     let mut added = Vec::new();
     for _ in 0..VOLUME_CORRECTIONS {
-        if !volumes::correct_region_volumes(&truth, &nodes, &pieces, &mut added) {
+        if !volume_correction::correct_region_volumes(&truth, &nodes, &pieces, &mut added) {
             break;
         }
         let added = &added[..];
@@ -172,9 +172,9 @@ pub fn mesh_domain(
     report.stage("volumes");
     let part = ProgressScope::begin(progress, "cleaning", 0.7)?;
     report.islands =
-        islands::merge_small_components(&nodes, &mut pieces, options.min_island, &part)?;
+        small_components::merge_small_components(&nodes, &mut pieces, options.min_island, &part)?;
     let own = nodes.len();
-    report.pinches = pinches::repair_non_manifold(&mut nodes, &mut pieces, &part)?;
+    report.pinches = non_manifold::repair_non_manifold(&mut nodes, &mut pieces, &part)?;
     report.stage("cleaning");
     let part = ProgressScope::begin(progress, "shapes", 0.8)?;
     let weighed = OffsetDomain {

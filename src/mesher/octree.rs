@@ -2,7 +2,7 @@
 //! away from them.
 
 use super::Domain;
-use super::keys::KeyMap;
+use super::id_hash::KeyMap;
 use crate::parallel;
 use crate::progress::ProgressScope;
 use crate::{Error, Result};

@@ -1,6 +1,6 @@
 //! Meshing of files: a mesh with regions, names and intensities.
 
-use super::described::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
+use super::domain_source::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
 use super::{
     Domain, Length, MeshOptions, MeshReport, MeshedDomain, Spacing, SurfaceDomain, ThresholdRange,
     mesh_domain, tetgen,

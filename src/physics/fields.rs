@@ -10,7 +10,7 @@
 //! - `strain`, the largest eigenvalue of the Green–Lagrange strain ½(FᵀF − I);
 //! - `energy_density` = Ψ, per volume at rest.
 
-use super::elements::eigen;
+use super::model::elements::eigen;
 use super::{ConstitutiveModel, DiscreteModel, Element, Simulator};
 use crate::mesh::TetMesh;
 use crate::parallel;

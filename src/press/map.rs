@@ -1,7 +1,7 @@
 //! A body pressed at the points of a grid from above, to find what is hard beneath.
 
 use super::curve::{self, PressSample};
-use super::spot::{Boundary, PressSite};
+use super::site::{Boundary, PressSite};
 use super::{DEPTH, INITIAL_CLEARANCE, STEP, laid, on_table, only_tets, table};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh};

@@ -6,11 +6,11 @@
 
 mod curve;
 mod map;
-mod spot;
+mod site;
 
 pub use curve::{PressReport, PressSample};
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
-pub use spot::PressSite;
+pub use site::PressSite;
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -19,7 +19,7 @@ use crate::render::{Plane, Sections};
 use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
-use spot::Boundary;
+use site::Boundary;
 
 /// Steps down to the depth, and up again.
 const STEPS: u32 = 16;
@@ -118,7 +118,7 @@ impl Press {
         scene.solver.name = solver;
         let mesh = still.mesh().clone();
         let boundary = Boundary::new(&mesh);
-        let spot = spot::find_site(&mut still, &boundary, wanted)?;
+        let spot = site::find_site(&mut still, &boundary, wanted)?;
         let camera = *still.camera_mut();
         drop(still);
         if on_table(&mesh, down, spot.point) {

@@ -1,7 +1,7 @@
 //! Picture against picture: the comparer of regression tests and of `palpate compare`.
 
 use super::Image;
-use super::flip::flip;
+use super::flip_metric::flip;
 use crate::{Error, Result};
 use serde::Serialize;
 use std::fmt;

@@ -4,7 +4,7 @@
 //! tests that the raycaster starts its rays by. What comes back is 36 bytes. Where the nodes came from
 //! the processor it is held against them there, and nobody waits for the device.
 
-use super::first_hit::closest_hit;
+use super::closest_hit::closest_hit;
 use super::geometry::Geometry;
 use super::view::{CameraTransform, ImageRegion, View};
 use super::{Camera, Ray};

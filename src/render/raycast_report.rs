@@ -1,10 +1,10 @@
 //! What a raycaster tells about itself, read back.
 
 use super::Camera;
-use super::peel::attachment;
+use super::depth_peeling::attachment;
+use super::image_tiles::{check_size, copy_tile, draw_in_tiles};
 use super::raycast_options::{Integrand, RaycastReport, Target};
 use super::raycaster::Raycaster;
-use super::tiles::{check_size, copy_tile, draw_in_tiles};
 use super::view::{ImageRegion, View};
 use crate::Result;
 use crate::gpu::{Recorder, Texel};

@@ -5,8 +5,8 @@
 //! Extinction is strewn into a coarse grid over the body as it stands, and light is followed from
 //! every node through it. It depends on the body and on what is seen of it, not on the camera.
 
-use super::inside::Sections;
 use super::light::{GRADIENT_HALF_SATURATION, Light};
+use super::sections::Sections;
 use crate::mesh::TetMesh;
 use glam::{DVec3, UVec3};
 

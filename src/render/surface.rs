@@ -1,10 +1,10 @@
 //! The lit boundary of a mesh, where its nodes are now.
 
+use super::depth_peeling::attachment;
 use super::geometry::Geometry;
 use super::image::Image;
-use super::inside::Sections;
-use super::peel::attachment;
-use super::tiles::draw_in_tiles;
+use super::image_tiles::draw_in_tiles;
+use super::sections::Sections;
 use super::view::{CameraTransform, ImageRegion, View};
 use super::{Camera, TransferFunction};
 use crate::gpu::{Array, Draw, Gpu, Pass, Recorder, Texel};

@@ -1,8 +1,8 @@
 //! From a scene's `[[body]]` entries to several bodies that move as one.
 
-use super::acting::TimeDependentLoads;
 use super::reactions::NamedPins;
 use super::simulator::SimulatorSetup;
+use super::time_dependent_loads::TimeDependentLoads;
 use super::{BodyEntry, MeshSource, Scene, SolverEntry};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;

@@ -1,8 +1,8 @@
 //! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
 
 use super::Scene;
-use super::acting::TimeDependentLoads;
 use super::simulator::{ChosenSupport, SimulatorSetup, choose_step, stable_damping};
+use super::time_dependent_loads::TimeDependentLoads;
 use crate::cage::{Cage, CageKind, EmbeddedSimulator};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;

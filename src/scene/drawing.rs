@@ -1,8 +1,8 @@
 //! The pictures of a stage: drawn where the body is now, kept while nothing changes.
 
-use super::drawn_tool::ToolSkin;
 use super::picture::DisplayMode;
 use super::stage::{NodeSource, Stage};
+use super::tool_skin::ToolSkin;
 use crate::gpu::{PendingReadback, Recorder};
 use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
 use crate::{Error, Result};

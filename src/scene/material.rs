@@ -1,7 +1,7 @@
 //! From a scene's `[material]` to what the body is made of.
 
+use super::keywords::{DAMPING_KINDS, damping_kind, unknown_keyword_error};
 use super::region::LabelOrName;
-use super::words::{DAMPING_KINDS, damping_kind, unknown_keyword_error};
 use crate::mesh::{Location, TetMesh};
 use crate::physics::{
     Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,

@@ -30,67 +30,67 @@
 //! size = [1024, 768]
 //! ```
 
-mod acting;
-mod annotated;
-mod attachment;
+mod active_blade;
+mod active_grab;
+mod annotations;
+mod appearance;
 mod bodies;
 mod cage;
-mod carried;
 mod checkpoint;
-mod cutter;
+mod computed_field;
+mod default_load;
 mod drawing;
-mod drawn_tool;
+mod dynamic_tools;
 mod entries;
-mod given;
 mod grid;
 mod joint;
-mod load;
-mod looks;
+mod keywords;
 mod material;
-mod measure;
+mod mesh_manifest;
+mod mesh_source;
 mod motion;
-mod path;
 mod picture;
 mod pieces;
+mod preloaded;
 mod reactions;
-mod recorded;
 mod region;
-mod region_looks;
+mod region_appearance;
 mod regions;
 mod rest;
 mod scan;
-mod shown;
+mod series_frame;
 mod simulator;
 mod skin;
 mod sleep;
-mod source;
 mod stage;
+mod stage_report;
 #[cfg(test)]
 mod tests;
+mod time_dependent_loads;
 mod tool;
-mod whole;
-mod words;
+mod tool_skin;
+mod trajectory;
 mod xray;
 
-pub use annotated::PictureWriter;
+pub use annotations::PictureWriter;
 pub use cage::CageEntry;
 pub use checkpoint::Checkpoint;
 pub(crate) use checkpoint::scene_hash;
 pub use drawing::PendingImage;
 pub use entries::*;
-pub use given::Preloaded;
 pub use material::{MaterialEntry, TissueEntry, TissueTable};
-#[cfg(feature = "study")]
-pub(crate) use measure::median_ms;
-pub use measure::{CgReport, StageReport, ToolReport};
+pub use mesh_manifest::MeshManifest;
+pub use mesh_source::ScalarField;
 pub use motion::Motion;
 pub(crate) use picture::DEFAULT_SIZE;
 pub use pieces::{Piece, write_pieces};
+pub use preloaded::Preloaded;
 pub use reactions::ReactionLog;
 pub use region::{Axis, LabelOrName, Region};
-pub use source::ScalarField;
 pub use stage::{STEPS, Stage};
-pub use whole::MeshManifest;
+#[cfg(feature = "study")]
+pub(crate) use stage_report::median_ms;
+pub use stage_report::{CgReport, StageReport, ToolReport};
 
 use crate::files;
 use crate::physics::EngineChoice;
@@ -187,10 +187,10 @@ pub struct Scene {
 pub struct SolverEntry {
     /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`; of elements on the CPU
     /// also `bdf2` and `midpoint`.
-    #[serde(default, deserialize_with = "words::solver")]
+    #[serde(default, deserialize_with = "keywords::solver")]
     pub name: Option<String>,
     /// What computes the steps: `auto`, `gpu`, `cpu`, or `rapier` in builds that have it.
-    #[serde(default, deserialize_with = "words::engine")]
+    #[serde(default, deserialize_with = "keywords::engine")]
     pub engine: Option<EngineChoice>,
     /// Step size in seconds.
     pub dt: Option<f64>,

@@ -1,11 +1,11 @@
 //! A body that moves as its scene says.
 
 use super::Scene;
-use super::acting::TimeDependentLoads;
-use super::attachment::ActiveGrab;
+use super::active_grab::ActiveGrab;
 use super::reactions::NamedPins;
 use super::simulator::SimulatorSetup;
 use super::sleep::Sleep;
+use super::time_dependent_loads::TimeDependentLoads;
 use crate::Result;
 use crate::cage::CageReport;
 use crate::gpu::Gpu;

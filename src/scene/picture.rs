@@ -1,6 +1,6 @@
 //! What a scene says of its picture, made real: camera, what is shown, what draws it.
 
-use super::words::{BACKGROUNDS, MODES, WALKS, unknown_keyword_error};
+use super::keywords::{BACKGROUNDS, MODES, WALKS, unknown_keyword_error};
 use super::{ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};

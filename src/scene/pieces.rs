@@ -1,8 +1,8 @@
 //! One body in pieces, each drawn where nothing but it is: on a machine, or by a device, that could
 //! not hold the whole.
 
+use super::mesh_manifest::MeshManifest;
 use super::picture::{DEFAULT_SIZE, DisplayMode};
-use super::whole::MeshManifest;
 use super::{PictureEntry, Scene};
 use crate::gpu::Gpu;
 use crate::io;

@@ -1,6 +1,6 @@
 //! Groups of nodes named by where they are or what they are part of.
 
-use super::words::{check_fraction, fraction};
+use super::keywords::{check_fraction, fraction};
 use crate::mesh::{Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;

@@ -1,8 +1,8 @@
 //! From a scene's material, solver, pins and forces to the simulator that moves its body.
 
-use super::acting::TimeDependentLoads;
-use super::load::{LoadResponse, format_acceleration, weight};
+use super::default_load::{LoadResponse, format_acceleration, weight};
 use super::reactions::NamedPins;
+use super::time_dependent_loads::TimeDependentLoads;
 use super::{FloorEntry, Scene};
 use crate::cage::{CageKind, CageReport};
 use crate::gpu::Gpu;

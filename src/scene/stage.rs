@@ -1,14 +1,14 @@
 //! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
 
-use super::annotated::AnnotationContext;
+use super::active_blade::ActiveBlade;
+use super::annotations::AnnotationContext;
+use super::appearance::SceneAppearance;
 use super::bodies;
 use super::checkpoint::CutHistory;
-use super::cutter::ActiveBlade;
+use super::computed_field::{self, ComputedField};
 use super::drawing::CachedFrame;
-use super::drawn_tool::ToolSkin;
-use super::looks::SceneAppearance;
 use super::picture::DisplayMode;
-use super::shown::{self, ComputedField};
+use super::tool_skin::ToolSkin;
 use super::xray::RadiographFilm;
 use super::{Motion, ScalarField, Scene, ToolEntry};
 use crate::gpu::Gpu;
@@ -671,7 +671,7 @@ impl Stage {
         if let Some(motion) = self.motion() {
             let velocities = motion.simulator.velocities()?;
             fields.push(vector_field("velocity", velocities.into_iter()));
-            fields.extend(shown::output_fields(&self.scene, motion)?);
+            fields.extend(computed_field::output_fields(&self.scene, motion)?);
         }
         Ok(fields)
     }

@@ -1,6 +1,6 @@
 //! Tools of a scene: their shapes, their ways, and the surfaces that are drawn.
 
-use super::path::RigidTrajectory;
+use super::trajectory::RigidTrajectory;
 use super::{Scene, ToolEntry};
 use crate::mesh::{TetMesh, TriMesh};
 use crate::mesher::MeshingConfig;

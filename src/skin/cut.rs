@@ -1,8 +1,8 @@
 //! Skins that open where their body was cut.
 
+use super::base::SkinBase;
 use super::binder::{Binder, BindingSite, Vertex};
 use super::binding::{Mapping, vertex_texels};
-use super::carrier::SkinBase;
 use super::draw::Skin;
 use crate::mesh::Blade;
 use crate::parallel;

@@ -1,11 +1,11 @@
 //! Drawing a skin where its nodes are now.
 
+use super::base::SkinBase;
 use super::binder::bind_to_node;
 use super::binding::{BindingReport, Mapping, bind, vertex_texels};
-use super::carrier::SkinBase;
-use super::cull::Cull;
 use super::cut::TriangleKey;
-use super::levels::Level;
+use super::gpu_culling::Cull;
+use super::level_of_detail::Level;
 use super::report::SkinReport;
 use super::vertices::{Vertices, check};
 use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};

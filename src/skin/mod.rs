@@ -5,31 +5,31 @@
 //! to three nodes of the body; the vertex shader does the rest from the texture of positions.
 //! Nothing is read back, and what a vertex is made of never changes.
 
+mod appearance;
 mod bake;
+mod base;
 pub mod basis;
 mod binder;
 mod binding;
-mod carrier;
-mod composer;
-mod cull;
+mod compositor;
 pub mod culling;
 mod cut;
 mod draw;
-mod levels;
-mod look;
+mod gpu_culling;
+mod level_of_detail;
 mod map;
 mod pick;
-mod placed;
 mod report;
+mod skinned_vertices;
 mod vertices;
 
+pub use appearance::SkinColouring;
 pub use bake::{BakeReport, bake};
+pub use base::SkinBase;
 pub use binding::{BaseMesh, BindingReport, Mapping, bind};
-pub use carrier::SkinBase;
-pub use composer::{Compositor, CompositorOptions};
+pub use compositor::{Compositor, CompositorOptions};
 pub use cut::SkinCut;
 pub use draw::Skin;
-pub use look::SkinColouring;
 pub use map::Map;
 pub use pick::SkinPick;
 pub use report::SkinReport;

@@ -1,6 +1,6 @@
 //! Charts of lines and marks, readable in print and by the colour-blind.
 
-use super::scale::Axis;
+use super::axis::Axis;
 use crate::render::Image;
 use crate::{Error, Result};
 use plotters::coord::Shift;
@@ -160,8 +160,8 @@ impl Drawable for Chart {
             .axis_desc_style((FONT, 34))
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
-            .x_label_formatter(&|v| super::scale::tick(*v))
-            .y_label_formatter(&|v| super::scale::tick(*v))
+            .x_label_formatter(&|v| super::axis::tick(*v))
+            .y_label_formatter(&|v| super::axis::tick(*v))
             .draw()?;
         for (i, series) in self.series.iter().enumerate() {
             let points: Vec<(f64, f64)> = series

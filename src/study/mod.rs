@@ -3,27 +3,27 @@
 //! A study measures points, each with all of its settings, into one CSV that a second run goes on
 //! from, draws charts of them, and says in a paragraph what was found.
 
+mod axis;
 mod bodies;
 mod cages;
 mod chart;
+mod csv_table;
 mod lumps;
 mod motion;
 mod pictures;
+pub mod reference_motion;
 mod run;
-mod scale;
 mod scaling;
 mod scan;
-mod sheet;
 mod stability;
 mod state_map;
-pub mod statics;
-pub mod truth;
+pub mod static_equilibrium;
 
+pub use axis::Axis;
 pub use chart::{Chart, Series, SeriesStyle};
+pub use csv_table::{Cell, Row};
 pub use run::Run;
-pub use scale::Axis;
 pub use scaling::computed_bytes;
-pub use sheet::{Cell, Row};
 pub use state_map::StateMap;
 
 use crate::Result;

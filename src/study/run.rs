@@ -1,6 +1,6 @@
 //! One run of a study: what it measures on, where it writes, how far it is.
 
-use super::sheet::{Cell, CsvTable, Row};
+use super::csv_table::{Cell, CsvTable, Row};
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::io::atomic_write;

@@ -1,7 +1,7 @@
 //! Maps of what becomes of each cell of a plane of settings.
 
+use super::axis::{Axis, Scale, tick};
 use super::chart::{DrawResult, Drawable, FONT, SIZE, Series, draw_label, draw_legend_entry};
-use super::scale::{Axis, Scale, tick};
 use crate::Result;
 use plotters::coord::Shift;
 use plotters::prelude::*;

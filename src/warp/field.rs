@@ -1,6 +1,6 @@
 //! Motions as vectors on a grid.
 
-use super::cover::Plane;
+use super::voxel_cover::Plane;
 use super::{Coverage, MapDirection, Warp};
 use crate::Result;
 use crate::volume::Grid;

@@ -1,8 +1,8 @@
 //! Warped scans and motions as files, in the memory of the scan and a few planes.
 
-use super::cover::Plane;
 use super::field::lps;
 use super::image::Sampler;
+use super::voxel_cover::Plane;
 use super::{Coverage, Warp, WarpOptions};
 use crate::io::{Layout, OutFile, VolumeFormat, VolumeStream, atomic_write};
 use crate::mesh::ScalarType;

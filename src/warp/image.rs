@@ -1,6 +1,6 @@
 //! A scan brought to where its matter went.
 
-use super::cover::Plane;
+use super::voxel_cover::Plane;
 use super::{Coverage, Warp};
 use crate::mesh::ScalarType;
 use crate::volume::{Grid, Raw, Volume};

@@ -20,12 +20,12 @@
 //! place there ([`Warp::inverted`]). Where no tet is, there is no motion: images have their
 //! background, fields 0.
 
-mod cover;
 mod field;
 mod files;
 mod image;
-mod points;
+mod point_map;
 mod tet;
+mod voxel_cover;
 
 pub use field::DisplacementField;
 pub use files::{WarpFiles, WarpReport};

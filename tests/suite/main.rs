@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod annotate;
+mod architecture;
 mod cage;
 mod cli;
 mod gpu;

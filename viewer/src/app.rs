@@ -1,23 +1,23 @@
 //! The window: what is open, and a frame of the interface.
 
-use crate::ask::PathPrompt;
 use crate::blit::PresentCallback;
+use crate::body_session::BodySession;
+use crate::camera_control::Orbit;
 use crate::document::Document;
 use crate::examples::Example;
-use crate::hand::{PointerGesture, PointerTool, Viewport};
 use crate::histogram::Histogram;
-#[cfg(not(target_arch = "wasm32"))]
-use crate::kept::UiCache;
 use crate::loading::Loading;
 use crate::log::{Frame, FrameLog, memory_mb};
-use crate::opening::WatchedFile;
-use crate::orbit::Orbit;
+use crate::open::WatchedFile;
 use crate::panel::PendingImport;
-use crate::saving::PendingScreenshot;
+use crate::path_prompt::PathPrompt;
+use crate::platform::DialogResult;
+use crate::pointer_tool::{PointerGesture, PointerTool, Viewport};
+use crate::save::PendingScreenshot;
 use crate::screen::Screen;
 use crate::settings::{Settings, Theme};
-use crate::show::BodySession;
-use crate::system::DialogResult;
+#[cfg(not(target_arch = "wasm32"))]
+use crate::ui_cache::UiCache;
 use eframe::egui;
 use eframe::egui_wgpu::{SurfaceConfig, WgpuConfiguration, WgpuSetupCreateNew};
 use glam::DVec3;

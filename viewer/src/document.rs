@@ -1,6 +1,6 @@
 //! What is open: the text of a scene, edited in place, with its undo.
 
-use crate::system;
+use crate::platform;
 use palpate::render::{Camera, Projection};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
@@ -55,7 +55,7 @@ impl Document {
     /// [`Error::Io`] for a file that is not there; of a scene, [`Error::Format`] for what it has that
     /// makes no sense. What else a file holds is found out by who reads it.
     pub fn open(file: &Path) -> Result<Document> {
-        let file = system::absolute(file)?;
+        let file = platform::absolute(file)?;
         let name = file.file_name().map(|n| n.to_string_lossy().into_owned());
         let name = name.unwrap_or_default();
         let folder = file.parent().map(Path::to_path_buf).unwrap_or_default();

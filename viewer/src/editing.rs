@@ -1,10 +1,10 @@
 //! Edits of the scene, which the body follows, and their undo.
 
 use crate::app::App;
+use crate::body_edits::BodyEdit;
+use crate::body_session::{BodySession, RebuildRequest};
 use crate::document::Document;
 use crate::loading::Loading;
-use crate::show::{BodySession, RebuildRequest};
-use crate::touches::BodyEdit;
 use eframe::egui;
 use palpate::Result;
 use palpate::scene::Scene;

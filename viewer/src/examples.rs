@@ -1,7 +1,7 @@
 //! Bodies that ship with the viewer.
 
 use crate::document::Document;
-use crate::system;
+use crate::platform;
 use palpate::{Error, Result};
 
 /// A body that ships with the viewer.
@@ -86,7 +86,7 @@ impl Example {
     /// # Errors
     /// [`Error::Io`] where that cannot be.
     pub fn open(&self) -> Result<Document> {
-        let folder = system::bundle_files(self.files)?;
+        let folder = platform::bundle_files(self.files)?;
         let mut document = Document::new(self.name.to_owned(), folder, self.text)?;
         document.bundled_files = self.files;
         Ok(document)

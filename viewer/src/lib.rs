@@ -1,37 +1,37 @@
 //! The viewer: a body in a window, to be pressed on, pulled at, cut and looked into.
 //!
-//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`show`]),
+//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`body_session`]),
 //! which the engine on the CPU steps on a thread of its own while the interface ([`app`]) draws it
 //! ([`screen`]) into its own frame, on one device. Who edits the scene edits its text, so that all of
 //! it can be undone and saved; the body follows.
 
 pub mod app;
-mod ask;
 mod blit;
+pub mod body_edits;
+pub mod body_session;
+pub mod camera_control;
 pub mod document;
 mod editing;
 pub mod examples;
-mod hand;
 mod handles;
 mod histogram;
-#[cfg(not(target_arch = "wasm32"))]
-mod kept;
 pub mod loading;
 pub mod log;
 mod menu;
-mod opening;
-pub mod orbit;
+mod open;
 mod panel;
+mod path_prompt;
 mod picture;
+mod platform;
+mod pointer_tool;
 #[cfg(not(target_arch = "wasm32"))]
 mod recording;
-mod saving;
+mod save;
 pub mod screen;
 pub mod series;
 pub mod settings;
-pub mod show;
-mod system;
-pub mod touches;
+#[cfg(not(target_arch = "wasm32"))]
+mod ui_cache;
 #[cfg(target_arch = "wasm32")]
 pub mod web;
 #[cfg(not(target_arch = "wasm32"))]

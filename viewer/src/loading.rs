@@ -1,10 +1,10 @@
 //! Bodies are read, meshed and made ready while the interface goes on.
 
+use crate::body_edits::BodyEdit;
+use crate::body_session::{BodySession, RebuildRequest};
 use crate::document::Document;
+use crate::platform;
 use crate::series::Series;
-use crate::show::{BodySession, RebuildRequest};
-use crate::system;
-use crate::touches::BodyEdit;
 use eframe::egui;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
@@ -48,7 +48,7 @@ impl<T: Send + 'static> BackgroundTask<T> {
         let told = Arc::new(Mutex::new((what.to_owned(), 0.0)));
         let ends = Arc::new(AtomicBool::new(false));
         let (context, tell, ended) = (context.clone(), told.clone(), ends.clone());
-        system::spawn(move || {
+        platform::spawn(move || {
             let progress = |what: &str, share: f64| {
                 *tell.lock().unwrap_or_else(PoisonError::into_inner) = (what.to_owned(), share);
                 match ended.load(Ordering::Relaxed) {

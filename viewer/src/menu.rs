@@ -1,13 +1,13 @@
 //! Menus, keys, the tools at the left and the line at the bottom.
 
 use crate::app::App;
-use crate::ask::{PathPrompt, SaveKind};
+use crate::camera_control::Side;
 use crate::examples::EXAMPLES;
-use crate::hand::{PointerGesture, PointerTool};
-use crate::orbit::Side;
 use crate::panel::ImportKind;
+use crate::path_prompt::{PathPrompt, SaveKind};
+use crate::platform;
+use crate::pointer_tool::{PointerGesture, PointerTool};
 use crate::settings::{MouseBindings, Theme};
-use crate::system;
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 use glam::DVec2;
 use std::f64::consts::PI;
@@ -43,7 +43,7 @@ impl App {
             self.undo(false, context);
         }
         if pressed(&OPEN) {
-            system::choose_file(self.dialog_sender(context), ImportKind::Open);
+            platform::choose_file(self.dialog_sender(context), ImportKind::Open);
         }
         if pressed(&OPEN_PATH) {
             self.ask = Some(PathPrompt::of(ImportKind::Open));
@@ -189,7 +189,7 @@ impl App {
 
     fn menu_file(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         if item(ui, true, "Open…", Some(&OPEN)) {
-            system::choose_file(self.dialog_sender(context), ImportKind::Open);
+            platform::choose_file(self.dialog_sender(context), ImportKind::Open);
         }
         if item(ui, true, "Open path…", Some(&OPEN_PATH)) {
             self.ask = Some(PathPrompt::of(ImportKind::Open));

@@ -1,9 +1,9 @@
 //! The picture in the window, and what is drawn over it.
 
 use crate::app::App;
-use crate::hand::{PointerGesture, Viewport};
+use crate::pointer_tool::{PointerGesture, Viewport};
 #[cfg(not(target_arch = "wasm32"))]
-use crate::kept::UiCache;
+use crate::ui_cache::UiCache;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
 use palpate::render::Camera;

@@ -1,7 +1,7 @@
 //! The picture within the window: a texture that the interface shows, coarser while something moves.
 
 use crate::blit::{Blit, PresentCallback};
-use crate::show::BodySession;
+use crate::body_session::BodySession;
 use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 use palpate::Result;

@@ -1,7 +1,7 @@
 //! A recorded series: its frames, and how they go by.
 
+use crate::body_session::BodySession;
 use crate::loading::BackgroundTask;
-use crate::show::BodySession;
 use eframe::egui;
 use glam::DVec3;
 use palpate::annotate::FrameTime;

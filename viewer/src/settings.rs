@@ -1,6 +1,6 @@
 //! What is remembered from one time to the next.
 
-use crate::system;
+use crate::platform;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -43,7 +43,7 @@ pub struct Settings {
 impl Settings {
     /// Those that were written last. What of them makes no sense is as usual, and the rest is kept.
     pub fn read() -> Settings {
-        Settings::of(&system::stored_settings().unwrap_or_default())
+        Settings::of(&platform::stored_settings().unwrap_or_default())
     }
 
     fn of(text: &str) -> Settings {
@@ -59,7 +59,7 @@ impl Settings {
     /// Writes them.
     pub fn write(&self) {
         if let Ok(text) = serde_json::to_string_pretty(self) {
-            system::store_settings(&text);
+            platform::store_settings(&text);
         }
     }
 

@@ -1,8 +1,8 @@
 //! The viewer in a page: what its JavaScript calls.
 
 use crate::app::{App, InitialFile, Options, device};
+use crate::camera_control::Orbit;
 use crate::log::Frame;
-use crate::orbit::Orbit;
 use eframe::egui::{FontData, FontDefinitions};
 use glam::DVec3;
 use palpate::io;

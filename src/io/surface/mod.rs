@@ -11,8 +11,8 @@ mod write;
 
 pub use write::write_surface;
 
-use super::cells::RawMesh;
 use super::cursor::ParseResult;
+use super::raw_mesh::RawMesh;
 use crate::mesh::TriMesh;
 use crate::{Error, Result};
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Reader for Wavefront OBJ: positions, polygons, and the texture coordinates and normals of their
 //! corners if every corner has them. Groups and materials are skipped.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult, integer, number};
+use crate::io::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, NORMAL, UV};
 
 /// VTK number of a triangle.

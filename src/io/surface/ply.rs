@@ -3,8 +3,8 @@
 //! Vertex properties other than x, y, z become fields. Properties and elements of any other kind
 //! are skipped.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult};
+use crate::io::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 

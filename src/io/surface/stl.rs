@@ -1,7 +1,7 @@
 //! Reader for STL, ASCII and binary: a list of triangles.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::{Cursor, ParseResult};
+use crate::io::raw_mesh::RawMesh;
 use glam::DVec3;
 
 /// VTK number of a triangle.

@@ -1,7 +1,7 @@
 //! Conversion of the cells of a file to triangles, shared by all surface readers.
 
-use crate::io::cells::RawMesh;
 use crate::io::cursor::ParseResult;
+use crate::io::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, TriMesh};
 use glam::DVec3;
 use std::collections::HashMap;

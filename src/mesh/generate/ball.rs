@@ -1,7 +1,7 @@
 //! Generator of balls.
 
 use super::grid::{check_size, from_parts};
-use super::solid::fill_solid;
+use super::lattice_fill::fill_solid;
 use crate::mesh::TetMesh;
 use crate::{Error, Result, no_progress};
 use glam::DVec3;

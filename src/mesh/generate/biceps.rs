@@ -1,6 +1,6 @@
 //! Phantom of a muscle: a spindle between two tendons.
 
-use super::solid::{fill_solid, lattice_step};
+use super::lattice_fill::{fill_solid, lattice_step};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::MeshedDomain;
 use crate::{Error, Result, no_progress};

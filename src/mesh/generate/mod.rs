@@ -11,12 +11,12 @@ mod breast;
 mod duct;
 mod foot;
 mod grid;
+mod lattice_fill;
 mod limb;
 mod liver;
 mod lump;
 mod named;
 mod shapes;
-mod solid;
 
 pub use ball::ball;
 pub use bar::{PAPER_BAR_CELLS, PAPER_BAR_SIZE, bar, bar_of_about, paper_bar};

@@ -1,7 +1,7 @@
 //! Edge collapses.
 
-use super::shape::quality;
-use super::work::EditableMesh;
+use super::editable_mesh::EditableMesh;
+use super::quality::quality;
 use crate::mesh::TET_EDGES;
 use crate::mesher::stencil::Piece;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,7 +1,7 @@
 //! Topological flips of edges and faces within one region.
 
-use super::shape::quality;
-use super::work::EditableMesh;
+use super::editable_mesh::EditableMesh;
+use super::quality::quality;
 use crate::mesh::{FACES, TET_EDGES};
 use crate::mesher::stencil::Piece;
 

@@ -5,18 +5,18 @@
 //! (1997), and Klingner & Shewchuk, *Aggressive tetrahedral mesh improvement* (2007).
 
 mod collapse;
+mod editable_mesh;
 mod flip;
-mod shape;
+mod quality;
 mod smooth;
-mod work;
 
 use super::domain::OffsetDomain;
 use super::stencil::Piece;
 use crate::Result;
 use crate::parallel;
 use crate::progress::ProgressScope;
+use editable_mesh::EditableMesh;
 use glam::DVec3;
-use work::EditableMesh;
 
 /// Tets below this quality are improved: 11.5° for acute angles.
 const TARGET_QUALITY: f64 = 0.2;
@@ -82,7 +82,7 @@ pub(super) fn optimise(
 
 /// Returns the tets below the target quality, the worst first.
 fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
-    let shape = |t: usize| shape::quality(pieces[t].0.map(|v| nodes[v as usize]));
+    let shape = |t: usize| quality::quality(pieces[t].0.map(|v| nodes[v as usize]));
     let mut bad: Vec<(f64, u32)> = parallel::collect(pieces.len(), |range, bad| {
         let inside = range.filter(|t| pieces[*t].1 != 0);
         let shapes = inside.map(|t| (shape(t), t as u32));

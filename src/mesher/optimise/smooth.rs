@@ -3,8 +3,8 @@
 //! Boundary nodes slide along their boundary: each move is followed by a projection onto the points
 //! of equal weights of the regions around the node.
 
-use super::shape::quality;
-use super::work::EditableMesh;
+use super::editable_mesh::EditableMesh;
+use super::quality::quality;
 use glam::{DMat3, DVec3};
 
 /// Trial step lengths as fractions of the mean length of the edges at the node.

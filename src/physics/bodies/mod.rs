@@ -1,19 +1,19 @@
 //! Several bodies as one simulator: each body has its own simulator, and all are drawn in one
 //! picture.
 
-mod place;
+mod merged_mesh;
+mod node_scatter;
 mod simulator;
-mod whole;
 
 use super::loads::{LoadVersions, LoadsState};
 use super::{Engine, GrabId, Loads, NodePositions, Simulator, SimulatorState};
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 use glam::DVec3;
-use place::NodeScatterPass;
+use merged_mesh::{MergedMesh, MeshRef};
+use node_scatter::NodeScatterPass;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use whole::{MergedMesh, MeshRef};
 
 /// One of several bodies.
 pub struct Member {

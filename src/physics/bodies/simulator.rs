@@ -3,7 +3,7 @@
 use super::{BodiesState, Member, MultiBody};
 use crate::gpu::Recorder;
 use crate::mesh::{Blade, TetMesh, Topology};
-use crate::physics::grab::unknown_grab_error as unknown_grab;
+use crate::physics::loads::grab::unknown_grab_error as unknown_grab;
 use crate::physics::{
     CgSettings, Energy, Engine, ExactPositions, GrabId, GrabMode, GrabbedNode, Loads,
     NodePositions, NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress,

@@ -4,18 +4,18 @@
 //! The solver's part is in `physics/cpu/contact*.rs`.
 
 mod barrier;
-mod field;
-mod own;
-mod pair;
+mod primitive_pair;
+mod sdf;
+mod self_contact_settings;
 mod shape;
 mod tool;
 
 pub(super) use barrier::{Barrier, FrictionMollifier};
-pub use field::DistanceField;
-pub use own::SelfContactSettings;
 #[cfg(test)]
-pub(crate) use pair::pseudo_random_points;
-pub(super) use pair::{MIN_DISTANCE_RATIO, PrimitivePair};
+pub(crate) use primitive_pair::pseudo_random_points;
+pub(super) use primitive_pair::{MIN_DISTANCE_RATIO, PrimitivePair};
+pub use sdf::DistanceField;
+pub use self_contact_settings::SelfContactSettings;
 pub use shape::{Shape, SurfaceDistance};
 pub use tool::{InitialPenetration, Tool, ToolId, ToolPose};
 pub(super) use tool::{ToolMotion, check_pose};

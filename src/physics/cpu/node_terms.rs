@@ -1,8 +1,8 @@
 //! A term that acts on each node by itself, on the CPU.
 
-use super::pool::Partition;
-use super::real::Real;
-use super::terms::{StateRef, SystemContribution, Term};
+use super::partition::Partition;
+use super::scalar::Real;
+use super::term::{StateRef, SystemContribution, Term};
 use super::vectors::{SymMat3, V4, add, apply_symmetric, from_metres, sub, to_metres};
 use crate::physics::{DiscreteModel, LocalUnits, NodeTerm};
 use glam::{DMat3, DVec3};

@@ -3,8 +3,8 @@
 //! On each node of a face −⅓ p A n, A n = ½ (x₁ − x₀) × (x₂ − x₀) where the nodes are. Implicit
 //! steps take it at their start, as they do all loads: it has no part in the second derivatives.
 
-use super::pool::Partition;
-use super::real::Real;
+use super::partition::Partition;
+use super::scalar::Real;
 use super::vectors::{V4, add, from_metres, scale, sub, zero};
 use crate::physics::LocalUnits;
 use glam::DVec3;

@@ -1,7 +1,7 @@
 //! Vectors and 3×3 blocks as the engine keeps them: padded to four lanes, for the sake of SIMD.
 
-use super::real::Real;
-use glam::DVec3;
+use super::scalar::Real;
+use glam::{DMat3, DVec3};
 
 /// x, y, z and a lane that is always zero.
 pub type V4<T> = [T; 4];
@@ -126,4 +126,44 @@ pub fn inverse<T: Real>(m: &SymMat3<T>) -> Mat3Columns<T> {
         let [x, y, w] = [m[0], m[1], m[2]].map(|x| T::from_f64(1.0 / x));
         [[x, z, z, z], [z, y, z, z], [z, z, w, z]]
     }
+}
+
+/// `v` in f64.
+pub fn to_dvec<T: Real>(v: V4<T>) -> DVec3 {
+    DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64())
+}
+
+/// `v` as the engine keeps it.
+pub fn to_v4<T: Real>(v: DVec3) -> V4<T> {
+    [
+        T::from_f64(v.x),
+        T::from_f64(v.y),
+        T::from_f64(v.z),
+        T::ZERO,
+    ]
+}
+
+/// n nᵀ.
+pub fn outer_product(n: DVec3) -> DMat3 {
+    DMat3::from_cols(n * n.x, n * n.y, n * n.z)
+}
+
+/// a bᵀ.
+pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+/// Σ a·b: lanes of 32 vectors at a time, these in f64.
+pub fn dot<T: Real>(a: &[V4<T>], b: &[V4<T>]) -> f64 {
+    let mut sum = 0.0;
+    for (a, b) in a.chunks(32).zip(b.chunks(32)) {
+        let mut lanes = [T::ZERO; 4];
+        for (a, b) in a.iter().zip(b) {
+            for n in 0..4 {
+                lanes[n] += a[n] * b[n];
+            }
+        }
+        sum += sum_f64(lanes);
+    }
+    sum
 }

@@ -5,20 +5,16 @@
 //! The position array is the paper's flat 3D texture: particle (x, y, z) is item x + nx (y + ny z).
 //! Drawing and embedding use it like the nodes of other bodies.
 
-mod body;
-mod cut;
-mod model;
-pub mod plain;
-mod shape;
-mod simulator;
-mod state;
-mod verlet;
+mod mesh_filter;
+pub(super) mod model;
+pub mod reference;
+pub(super) mod shape;
 
-pub use body::GridBody;
-pub use cut::GridCut;
-pub(crate) use cut::retain_tets;
+pub use crate::physics::gpu::grid::body::GridBody;
+pub use crate::physics::gpu::grid::cut::GridCut;
+pub use crate::physics::gpu::grid::simulator::GpuGrid;
+pub use crate::physics::gpu::grid::state::GridState;
+pub(crate) use mesh_filter::retain_tets;
 pub use model::GridModel;
 pub(crate) use model::isotropic_stiffness;
 pub use shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
-pub use simulator::GpuGrid;
-pub use state::GridState;

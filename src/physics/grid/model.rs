@@ -3,7 +3,7 @@
 use super::shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::mesher::Domain;
-use crate::physics::grid::plain::GridReference;
+use crate::physics::grid::reference::GridReference;
 use crate::physics::{Energy, Material, MaterialModel, RegionMaterial, Stiffness};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};

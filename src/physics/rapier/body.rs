@@ -1,9 +1,9 @@
 //! The body that the rapier worker steps: loads, steps and state.
 
-use super::balance::internal_forces;
+use super::internal_forces::internal_forces;
 use super::joints::RegionJoint;
-use super::matter::SoftBodyModel;
-use super::springs::TargetSpring;
+use super::soft_body_model::SoftBodyModel;
+use super::target_springs::TargetSpring;
 use super::world::{Contacts, World};
 use crate::physics::cpu::{
     LoadUpdate, NodeConstraint, StepFailure, Steppable, ToolTarget, check_attachments,

@@ -1,7 +1,7 @@
 //! Joints of rapier between rigid regions, or from a region to the world.
 
-use super::rigid::{RigidRegion, RigidRegionBody};
-use super::scale::Scale;
+use super::rigid_region::{RigidRegion, RigidRegionBody};
+use super::units::Scale;
 use crate::physics::{Joint, JointKind};
 use crate::{Error, Result};
 use glam::DVec3;

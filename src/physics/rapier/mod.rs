@@ -5,15 +5,15 @@
 //! joints, to which particles are attached. rapier uses another version of glam, so `scale.rs`
 //! converts vectors component by component.
 
-mod balance;
 mod body;
+mod collider;
+mod internal_forces;
 mod joints;
-mod matter;
-mod rigid;
-mod scale;
-mod shape;
+mod rigid_region;
 mod simulator;
-mod springs;
+mod soft_body_model;
+mod target_springs;
+mod units;
 mod world;
 
 pub use simulator::RapierTets;

@@ -1,7 +1,7 @@
 //! The [`Simulator`] implementation of tetrahedral bodies stepped by rapier.
 
 use super::body::{RapierBody, no_state};
-use super::matter::SoftBodyModel;
+use super::soft_body_model::SoftBodyModel;
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
 use crate::physics::cpu::{

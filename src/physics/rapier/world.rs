@@ -1,10 +1,10 @@
 //! A rapier world with one soft body, its rigid regions, and the tools.
 
+use super::collider::collider;
 use super::joints::RegionJoint;
-use super::matter::SoftBodyModel;
-use super::rigid::RigidRegionBody;
-use super::shape::collider;
-use super::springs::{AttachedSpring, SpringAnchor, TargetSpring};
+use super::rigid_region::RigidRegionBody;
+use super::soft_body_model::SoftBodyModel;
+use super::target_springs::{AttachedSpring, SpringAnchor, TargetSpring};
 use crate::physics::{CgSettings, SelfContactSettings, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;

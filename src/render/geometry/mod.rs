@@ -8,18 +8,18 @@ use crate::gpu::{Array, Gpu, Pass, Positions, Texel};
 use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
 use crate::{Error, Result, parallel};
 
-mod follow;
+mod apply_cut;
 mod gradients;
-mod measures;
-mod placed;
 mod records;
+mod reordered;
 mod scalars;
+mod table_statistics;
 
 use gradients::Gradients;
-pub use measures::TableStatistics;
-use measures::{longest_edge, mean_chord, scalar_histogram, scalar_range};
-use placed::ReorderedMesh;
 use records::TetRecords;
+use reordered::ReorderedMesh;
+pub use table_statistics::TableStatistics;
+use table_statistics::{longest_edge, mean_chord, scalar_histogram, scalar_range};
 
 mod gpu_data {
     crate::gpu_struct! {

@@ -3,10 +3,10 @@
 use super::Raycaster;
 use crate::gpu::{Draw, Recorder};
 use crate::render::Camera;
-use crate::render::peel::{CACHED_SIZES, Peel, SUM, TraversalDraws, attachment};
+use crate::render::depth_peeling::{CACHED_SIZES, Peel, SUM, TraversalDraws, attachment};
+use crate::render::image_tiles::check_size;
 use crate::render::raycast_options::{Integrand, Target, Traversal};
 use crate::render::scan::ScanSet;
-use crate::render::tiles::check_size;
 use crate::render::view::{CameraTransform, ImageRegion, View};
 use crate::{Error, Result};
 use std::collections::HashMap;

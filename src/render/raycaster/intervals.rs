@@ -2,8 +2,8 @@
 
 use super::Raycaster;
 use crate::gpu::Gpu;
+use crate::render::image_tiles::check_size;
 use crate::render::raycast_options::{Integrand, Target};
-use crate::render::tiles::check_size;
 use crate::render::view::ImageRegion;
 use crate::render::{Camera, RaySegment, RaySegments};
 use crate::{Error, Result};

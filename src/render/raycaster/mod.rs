@@ -3,28 +3,28 @@
 //! A start pass rasterises the boundary and writes the tet and face where each pixel's ray enters;
 //! a fullscreen fragment pass walks the ray from tet to tet to where it leaves, and composites
 //! front to back ([`Traversal`] names the two ways to walk). Rays that enter again are peeled off layer
-//! by layer ([`super::peel`]). Segments are looked up in a pre-integrated table
+//! by layer ([`super::depth_peeling`]). Segments are looked up in a pre-integrated table
 //! ([`super::table`]). Nothing is read back to decide anything.
 
+mod appearance;
 mod draw;
 mod intervals;
-mod looks;
 mod shadows;
 
 use super::geometry::Geometry;
 use super::image::Image;
-use super::inside::Sections;
+use super::image_tiles::draw_in_tiles;
 use super::raycast_options::{Integrand, Mode, RaycastOptions, Target};
 use super::scan::{Scan, ScanSet};
-use super::tiles::draw_in_tiles;
+use super::sections::Sections;
 use super::view::{CameraTransform, ImageRegion};
 use super::{Camera, ResolvedTransfer, TransferFunction};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
+use appearance::Appearance;
+pub use appearance::RegionAppearance;
 use draw::Frame;
-use looks::Appearance;
-pub use looks::RegionAppearance;
 use shadows::Shadows;
 
 /// Draws the inside of a [`Geometry`].

@@ -7,15 +7,15 @@
 //! are those of the deformed body. Gradients for light are differences of the scan, carried by F⁻ᵀ.
 //! The twin of `shaders/terms/scan.wgsl`.
 
-mod held;
 mod labels;
-mod ranges;
+mod min_max_pyramid;
+mod reference;
+mod scan_set;
 mod texture;
-mod truth;
 
-pub(super) use held::ScanSet;
 pub use labels::LabelAppearance;
-pub(super) use truth::ScanReference;
+pub(super) use reference::ScanReference;
+pub(super) use scan_set::ScanSet;
 
 use super::TransferFunction;
 use crate::mesh::TetMesh;

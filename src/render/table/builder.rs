@@ -1,7 +1,7 @@
 //! Tables that are looked up through a sampler, built on the GPU: slices, the paper's volume, and
 //! the transfer function itself.
 
-use super::pieces::{LinearPieces, gpu_data::Piece};
+use super::linear_pieces::{LinearPieces, gpu_data::Piece};
 use super::{Table, TableKind, TableRequest, TableTexel};
 use crate::Result;
 use crate::gpu::{Gpu, Pass};

@@ -10,7 +10,7 @@
 //! what is behind it in proportion to depth, to first order, which takes the moment
 //! Q(b) − Q(a) − P(a) (C(b) − C(a)); see `shaders/terms/integrals.wgsl`.
 
-use super::pieces::{LinearPieces, gpu_data::Piece};
+use super::linear_pieces::{LinearPieces, gpu_data::Piece};
 use super::{Table, TableKind, TableRequest, TableRow};
 use crate::Result;
 use crate::gpu::Gpu;

@@ -11,12 +11,12 @@
 
 mod builder;
 mod integrals;
-mod pieces;
+mod linear_pieces;
 
 use super::ResolvedTransfer;
 use crate::gpu::{Gpu, Pass};
 use crate::{Error, Result};
-use pieces::LinearPieces;
+use linear_pieces::LinearPieces;
 
 /// How segments are looked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]

@@ -4,7 +4,8 @@ use super::ForceEntry;
 use crate::mesher::{Length, ThresholdRange};
 use crate::physics::EngineChoice;
 use crate::scene::LabelOrName;
-use crate::scene::{CageEntry, MaterialEntry, Region, words};
+use crate::scene::keywords;
+use crate::scene::{CageEntry, MaterialEntry, Region};
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer};
 use std::path::PathBuf;
@@ -30,7 +31,7 @@ pub struct MeshSource {
     /// are given at rest go by it. A field `displacement`, as series have it, serves as well.
     pub rest: Option<PathBuf>,
     /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
-    #[serde(default, deserialize_with = "words::generator")]
+    #[serde(default, deserialize_with = "keywords::generator")]
     pub generate: Option<String>,
     /// About how many tets the generator or the mesher makes.
     pub tets: Option<usize>,
@@ -69,7 +70,7 @@ pub struct MeshSource {
     pub join: Vec<JoinEntry>,
     /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
     /// file says by default, or else `m`.
-    #[serde(default, deserialize_with = "words::unit")]
+    #[serde(default, deserialize_with = "keywords::unit")]
     pub unit: Option<Unit>,
 }
 
@@ -94,7 +95,7 @@ pub struct JoinEntry {
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
     /// A generator's name, instead of a file.
-    #[serde(default, deserialize_with = "words::generator")]
+    #[serde(default, deserialize_with = "keywords::generator")]
     pub generate: Option<String>,
     /// About how many tets the generator makes.
     pub tets: Option<usize>,
@@ -133,10 +134,10 @@ pub struct BodyEntry {
     /// What it is made of; the scene's `[material]` where nothing is said.
     pub material: Option<MaterialEntry>,
     /// By which scheme it is stepped; `[solver] name` where nothing is said.
-    #[serde(default, deserialize_with = "words::solver")]
+    #[serde(default, deserialize_with = "keywords::solver")]
     pub solver: Option<String>,
     /// What computes its steps; `[solver] engine` where nothing is said.
-    #[serde(default, deserialize_with = "words::engine")]
+    #[serde(default, deserialize_with = "keywords::engine")]
     pub engine: Option<EngineChoice>,
     /// Its largest step, in seconds: a longer one of `[solver] dt` is made of several.
     pub dt: Option<f64>,

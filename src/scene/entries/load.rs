@@ -3,7 +3,8 @@
 use super::body::present_list;
 use crate::mesh::TriMesh;
 use crate::mesher::ThresholdRange;
-use crate::scene::{Preloaded, Region, words};
+use crate::scene::keywords;
+use crate::scene::{Preloaded, Region};
 use crate::skin::Mapping;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -115,7 +116,7 @@ pub struct SkinEntry {
     /// A scalar of its vertices that colours it instead.
     pub field: Option<String>,
     /// The preset whose colours that scalar takes; `viridis` where nothing is said.
-    #[serde(default, deserialize_with = "words::preset")]
+    #[serde(default, deserialize_with = "keywords::preset")]
     pub transfer: Option<String>,
     /// From 0, invisible, to 1, opaque.
     pub opacity: Option<f32>,

@@ -2,7 +2,7 @@
 
 use crate::annotate::Axes;
 use crate::render::Light;
-use crate::scene::words;
+use crate::scene::keywords;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 #[serde(deny_unknown_fields)]
 pub struct LightEntry {
     /// Where it comes from; the eye where nothing is said.
-    #[serde(default, deserialize_with = "words::light")]
+    #[serde(default, deserialize_with = "keywords::light")]
     pub from: Option<Light>,
     /// How dark it is where the body keeps the light off.
     pub shadows: Option<f64>,
@@ -85,22 +85,22 @@ pub struct PictureEntry {
     /// has where nothing is said, and of one that is computed, those that it has had so far.
     pub range: Option<[f64; 2]>,
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
-    #[serde(default, deserialize_with = "words::transfer")]
+    #[serde(default, deserialize_with = "keywords::transfer")]
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
     /// `composite`, `thickness`, `mip`, `minip` or `mean` (the largest, least or mean scalar on each
     /// ray, grey), `xray` (∫ μ dl of CT numbers, on film in a PNG), `surface`, or `skin`: the skins alone, without the inside.
-    #[serde(default, deserialize_with = "words::mode")]
+    #[serde(default, deserialize_with = "keywords::mode")]
     pub mode: Option<String>,
     /// Whether the volume itself is drawn beside slices and isosurfaces; it is where nothing is
     /// said.
     pub volume: Option<bool>,
     /// `vertices` or `planes`.
-    #[serde(default, deserialize_with = "words::walk")]
+    #[serde(default, deserialize_with = "keywords::walk")]
     pub walk: Option<String>,
     /// What is behind the volume in a PNG: `black`, `white` or `transparent`.
-    #[serde(default, deserialize_with = "words::background")]
+    #[serde(default, deserialize_with = "keywords::background")]
     pub background: Option<String>,
     /// The most surface layers a ray may enter.
     pub layers: Option<u32>,
@@ -131,7 +131,7 @@ pub struct PictureEntry {
     pub scale_bar: Option<bool>,
     /// `true` for arrows x, y and z, or `"anatomical"` for R L A P S I at the picture's edges, of a
     /// mesh in RAS, as those made of scans are: see [`Axes`](crate::annotate::Axes).
-    #[serde(default, deserialize_with = "words::axes")]
+    #[serde(default, deserialize_with = "keywords::axes")]
     pub axes: Option<Axes>,
     /// A line of text at the top.
     pub title: Option<String>,
@@ -166,10 +166,10 @@ impl PictureEntry {
 #[serde(deny_unknown_fields)]
 pub struct RegionAppearanceEntry {
     /// A preset's name, a JSON file beside the scene file, or the JSON itself.
-    #[serde(default, deserialize_with = "words::transfer")]
+    #[serde(default, deserialize_with = "keywords::transfer")]
     pub transfer: Option<String>,
     /// A colour's name, or #RRGGBB: for all values of the field.
-    #[serde(default, deserialize_with = "words::colour")]
+    #[serde(default, deserialize_with = "keywords::colour")]
     pub colour: Option<String>,
     /// What a ray's mean way through the region hides, from 0 to 1, whatever the field; 0.9 where
     /// a colour is given and no transfer function.

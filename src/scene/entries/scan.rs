@@ -1,6 +1,7 @@
 //! Scans that the body carries, as a scene file has them.
 
-use crate::scene::{Preloaded, words};
+use crate::scene::Preloaded;
+use crate::scene::keywords;
 use crate::volume::Volume;
 use serde::de::{Error as _, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer};
@@ -36,7 +37,7 @@ pub struct ScanEntry {
     /// What it is called in a legend; its file's name where nothing is said.
     pub name: Option<String>,
     /// What shows its values; of the first scan that of `[picture]` where nothing is said.
-    #[serde(default, deserialize_with = "words::transfer")]
+    #[serde(default, deserialize_with = "keywords::transfer")]
     pub transfer: Option<String>,
     /// Smallest and largest value, which stand for what is beyond them.
     pub range: Option<[f64; 2]>,
@@ -55,7 +56,7 @@ pub struct ScanEntry {
 #[serde(deny_unknown_fields)]
 pub struct LabelAppearanceEntry {
     /// A colour's name, or #RRGGBB; one of its own where nothing is said.
-    #[serde(default, deserialize_with = "words::colour")]
+    #[serde(default, deserialize_with = "keywords::colour")]
     pub colour: Option<String>,
     /// What a ray's mean way through it hides, from 0 to 1.
     pub opacity: Option<f64>,

@@ -3,7 +3,7 @@
 use super::setting::MotionSetting;
 use super::trial::STOPS;
 use crate::physics::{CgSettings, Simulator};
-use crate::study::truth::MotionState;
+use crate::study::reference_motion::MotionState;
 use crate::{Error, FailureCause, Result};
 use std::time::Instant;
 

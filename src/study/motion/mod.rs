@@ -12,7 +12,7 @@ mod trial;
 use super::{Cell, Row, Run};
 use crate::Result;
 use crate::physics::{CgSettings, SolverKind};
-use crate::study::truth::fitted_order;
+use crate::study::reference_motion::fitted_order;
 use setting::MotionSetting;
 use std::path::Path;
 use trial::{MotionTrial, STOPS};

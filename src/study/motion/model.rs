@@ -3,7 +3,7 @@
 
 use crate::Result;
 use crate::mesh::generate::{self, Split};
-use crate::study::statics::{Cantilever, materials, poisson};
+use crate::study::static_equilibrium::{Cantilever, materials, poisson};
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use glam::DVec3;
 

@@ -3,7 +3,7 @@
 use crate::gpu::Gpu;
 use crate::mesh::generate;
 use crate::physics::{CpuTets, Material, Precision, Simulator, SolverKind};
-use crate::study::truth::{
+use crate::study::reference_motion::{
     MotionState, converged, distance, fitted_order, motion, reference_motion,
 };
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};

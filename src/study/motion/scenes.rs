@@ -10,7 +10,7 @@ use crate::physics::{
     SolverKind,
 };
 use crate::scene::{Motion, Scene};
-use crate::study::truth::MotionState;
+use crate::study::reference_motion::MotionState;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::path::Path;

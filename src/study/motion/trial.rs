@@ -8,7 +8,7 @@ use crate::physics::{
     CgSettings, CpuTets, DiscreteModel, Engine, Material, Precision, Simulator, SolverKind,
     largest_stable_step,
 };
-use crate::study::truth::{
+use crate::study::reference_motion::{
     MotionState, ReferenceMotion, Scheme, converged, distance, motion, reference_motion,
 };
 use crate::{Error, Result};

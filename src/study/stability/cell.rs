@@ -2,7 +2,7 @@
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::spectrum::LinearisedModel;
+use crate::physics::linearised_model::LinearisedModel;
 use crate::physics::{
     CgSettings, CpuTets, DiscreteModel, EngineChoice, Material, Precision, Simulator, SolverKind,
 };

@@ -5,8 +5,8 @@ use crate::mesh::{generate, signed_volume};
 use crate::physics::{
     CpuTets, DiscreteModel, Material, Precision, Simulator, SolverKind, largest_stable_step,
 };
-use crate::study::statics::{at_rest, materials, poisson};
-use crate::study::truth::converged;
+use crate::study::reference_motion::converged;
+use crate::study::static_equilibrium::{at_rest, materials, poisson};
 use crate::study::{Cell, Run};
 use glam::DVec3;
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::gpu::{Gpu, Recorder};
 use palpate::mesh::{Field, Location, TetMesh, generate};
-use palpate::physics::plain::springs::ReferenceSprings;
+use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{
     DiscreteModel, GpuBody, Material, RegionMaterial, Report, SolverKind, Stiffness,
 };

@@ -3,8 +3,8 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
-use palpate::physics::plain::springs::ReferenceSprings;
-use palpate::physics::plain::steppers;
+use palpate::physics::reference::integrators;
+use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{DiscreteModel, GpuBody, Material, Solver, SolverKind};
 
 /// A deterministic stream of numbers in −1..1.
@@ -114,16 +114,16 @@ impl Twins {
 
 /// Makes `steps` steps of the scheme `kind` in float64.
 pub fn step_truth(kind: SolverKind, p: &mut ReferenceSprings, steps: u32, h: f64) {
-    let mut verlet = steppers::Verlet::default();
-    let mut velocity_verlet = steppers::VelocityVerlet::default();
+    let mut verlet = integrators::Verlet::default();
+    let mut velocity_verlet = integrators::VelocityVerlet::default();
     for _ in 0..steps {
         match kind {
-            SolverKind::Explicit => steppers::explicit_euler(p, h),
-            SolverKind::Symplectic => steppers::symplectic_euler(p, h),
+            SolverKind::Explicit => integrators::explicit_euler(p, h),
+            SolverKind::Symplectic => integrators::symplectic_euler(p, h),
             SolverKind::Verlet => verlet.step(p, h),
             SolverKind::VelocityVerlet => velocity_verlet.step(p, h),
             SolverKind::Implicit => {
-                steppers::implicit_euler(p, h, 1e-10).unwrap();
+                integrators::implicit_euler(p, h, 1e-10).unwrap();
             }
             kind => panic!("{kind} steps no springs"),
         }

@@ -4,7 +4,7 @@ use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, Topology, components, generate};
-use palpate::physics::plain::springs::ReferenceSprings;
+use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{DiscreteModel, GpuBody, Material, Report, SolverKind, largest_stable_step};
 
 /// Returns a square blade about `centre` perpendicular to `normal`, of half-width `half`.

@@ -3,7 +3,7 @@
 use super::common::Noise;
 use glam::DVec3;
 use palpate::mesh::generate;
-use palpate::physics::plain::springs::ReferenceSprings;
+use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{Damping, DiscreteModel, Material};
 
 fn particles(kind: Damping) -> ReferenceSprings {

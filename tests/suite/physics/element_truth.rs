@@ -1,7 +1,7 @@
 //! A body of finite elements in float64: forces, and reference steps for those of the GPU.
 
 use glam::{DMat3, DVec3};
-use palpate::physics::plain::linear::conjugate_gradients;
+use palpate::physics::reference::linear::conjugate_gradients;
 use palpate::physics::{ConstitutiveModel, DiscreteModel, GpuBody};
 
 /// A body and its state in float64, SI units.

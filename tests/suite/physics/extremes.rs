@@ -4,7 +4,7 @@ use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh, generate};
-use palpate::physics::plain::springs::ReferenceSprings;
+use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{
     CgSettings, DiscreteModel, GpuBody, ImplicitEuler, Material, RegionMaterial, Report, Solver,
     SolverKind, largest_stable_step,

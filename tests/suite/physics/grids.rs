@@ -6,7 +6,7 @@ use palpate::Error;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, Topology, pack_normal, unpack_normal};
 use palpate::mesher::Domain;
-use palpate::physics::grid::plain::GridReference;
+use palpate::physics::grid::reference::GridReference;
 use palpate::physics::grid::{GridBody, GridModel, GridShape, SPRING_OFFSETS};
 use palpate::physics::{GrabMode, Material, RegionMaterial};
 

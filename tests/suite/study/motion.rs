@@ -8,10 +8,10 @@ use palpate::physics::{
     CpuTets, Damping, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
     Spring,
 };
-use palpate::study::statics::Cantilever;
-use palpate::study::truth::{
+use palpate::study::reference_motion::{
     MotionState, converged, distance, fitted_order, motion, reference_motion,
 };
+use palpate::study::static_equilibrium::Cantilever;
 use palpate::study::{Run, STUDIES};
 use std::collections::BTreeSet;
 use std::path::Path;

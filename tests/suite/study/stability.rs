@@ -5,9 +5,9 @@ use glam::{DMat3, DVec3};
 use palpate::mesh::{TetMesh, generate};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::plain::springs::ReferenceSprings;
-use palpate::physics::plain::steppers;
-use palpate::physics::spectrum::{LinearisedModel, StepLimit};
+use palpate::physics::linearised_model::{LinearisedModel, StepLimit};
+use palpate::physics::reference::integrators;
+use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{DiscreteModel, GpuBody, Material, SolverKind, largest_stable_step};
 use palpate::study::STUDIES;
 use std::sync::atomic::AtomicBool;
@@ -66,18 +66,18 @@ fn materials() -> [Material; 4] {
 /// thousandfold.
 fn energies(start: &ReferenceSprings, kind: SolverKind, steps: usize, h: f64) -> Vec<f64> {
     let mut p = start.clone();
-    let mut verlet = steppers::Verlet::default();
-    let mut velocity_verlet = steppers::VelocityVerlet::default();
+    let mut verlet = integrators::Verlet::default();
+    let mut velocity_verlet = integrators::VelocityVerlet::default();
     let before = p.elastic_energy();
     let mut energies = Vec::new();
     for _ in 0..steps {
         match kind {
-            SolverKind::Explicit => steppers::explicit_euler(&mut p, h),
-            SolverKind::Symplectic => steppers::symplectic_euler(&mut p, h),
+            SolverKind::Explicit => integrators::explicit_euler(&mut p, h),
+            SolverKind::Symplectic => integrators::symplectic_euler(&mut p, h),
             SolverKind::Verlet => verlet.step(&mut p, h),
             SolverKind::VelocityVerlet => velocity_verlet.step(&mut p, h),
             SolverKind::Implicit => {
-                steppers::implicit_euler(&mut p, h, 1e-8).unwrap();
+                integrators::implicit_euler(&mut p, h, 1e-8).unwrap();
             }
             kind => panic!("{kind} steps no springs"),
         }

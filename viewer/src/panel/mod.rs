@@ -1,22 +1,22 @@
 //! The panels at the right, and here those of colours, light and touch.
 
-mod carried;
-mod matter;
+mod material;
 mod planes;
 mod regions;
+mod scans_and_skins;
 mod series;
 mod transfer;
 #[cfg(not(target_arch = "wasm32"))]
 mod tuning;
 
-pub(crate) use carried::{ImportKind, PendingImport};
 pub(crate) use planes::plane_table;
+pub(crate) use scans_and_skins::{ImportKind, PendingImport};
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use tuning::Tuning;
 
 use crate::app::App;
-use crate::ask::SaveKind;
 use crate::document::set;
+use crate::path_prompt::SaveKind;
 use eframe::egui;
 use egui_plot::{Line as Curve, Plot, PlotPoints};
 use palpate::mesh::TetMesh;

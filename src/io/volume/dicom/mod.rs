@@ -3,7 +3,7 @@
 //! The format is described at dicomstandard.org; its world is LPS, in mm. The crate `dicom-object`
 //! parses the files, after [`lengths`] has checked them.
 
-mod lengths;
+mod element_scan;
 mod slice;
 
 use crate::parallel;

@@ -1,6 +1,6 @@
 //! A slice of a volume in a DICOM file.
 
-use super::lengths;
+use super::element_scan;
 use crate::io::cursor::ParseResult;
 use crate::io::volume::voxels::decode;
 use crate::mesh::ScalarType;
@@ -85,7 +85,7 @@ impl Image {
         if file.get(128..132) != Some(b"DICM") {
             return Ok(None);
         }
-        let (syntax, sifted) = lengths::extract_elements(file, &WANTED)?;
+        let (syntax, sifted) = element_scan::extract_elements(file, &WANTED)?;
         let object = OpenFileOptions::new()
             .from_reader(sifted.as_slice())
             .map_err(|e| format!("it is not DICOM as the standard has it: {e}"))?;

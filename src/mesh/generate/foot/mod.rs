@@ -7,7 +7,7 @@ mod anatomy;
 
 pub use anatomy::FOOT_BONES;
 
-use super::solid::{fill_solid, lattice_step, separate_bones};
+use super::lattice_fill::{fill_solid, lattice_step, separate_bones};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
 use crate::mesher::MeshedDomain;
 use crate::parallel;

@@ -5,7 +5,7 @@
 
 mod anatomy;
 
-use super::solid::{fill_solid, lattice_step, separate_bones};
+use super::lattice_fill::{fill_solid, lattice_step, separate_bones};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::MeshedDomain;
 use crate::parallel;

@@ -1,0 +1,161 @@
+//! Steps of bodies with finite elements.
+
+use super::CpuBody;
+use super::force_assembly::kinetic_totals;
+use crate::physics::StepRecord;
+use crate::physics::cpu::implicit::contact_iterations::{tool_contact, touching_mut};
+use crate::physics::cpu::implicit::linear_step::StepContext;
+use crate::physics::cpu::implicit::newton::StepInput;
+use crate::physics::cpu::implicit::schemes::ImplicitScheme;
+use crate::physics::cpu::runtime::energy_guard::{StepFailure, StepTotals};
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::StateRef;
+use crate::physics::cpu::vectors::{scale, sub, zero};
+#[cfg(test)]
+use crate::{Error, Result, physics::NewtonSettings};
+
+/// What is noted of a step, or why it was refused.
+type StepResult = std::result::Result<StepRecord, StepFailure>;
+
+impl<T: Real> CpuBody<T> {
+    /// Says when the minimisation of a step of a body of elements stops; bodies without elements,
+    /// and explicit schemes, take no notice.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for settings that make no sense.
+    #[cfg(test)]
+    pub fn set_newton(&mut self, settings: NewtonSettings) -> Result<()> {
+        let NewtonSettings {
+            iterations,
+            tolerance,
+            linear_tolerance: linear,
+        } = settings;
+        let sound =
+            iterations > 0 && (0.0..1.0).contains(&tolerance) && linear > 0.0 && linear < 1.0;
+        if !sound {
+            return Err(Error::Input(format!(
+                "Newton's method cannot be run to a residual of {tolerance} in {iterations} iterations with linear solves to {linear}: at least one iteration, 0 ≤ tolerance < 1, and 0 < linear < 1"
+            )));
+        }
+        if let Some(newton) = &mut self.newton {
+            newton.settings = settings;
+        }
+        Ok(())
+    }
+
+    /// Says by which implicit rule a body of elements steps; others take no notice. The next step
+    /// is a first one.
+    #[cfg(test)]
+    pub fn set_scheme(&mut self, rule: ImplicitScheme) {
+        if let Some(newton) = &mut self.newton {
+            newton.rule = rule;
+            self.previous_dt = 0.0;
+            if let Some(implicit) = &mut self.implicit {
+                implicit.clear_history();
+            }
+        }
+    }
+
+    /// One step of `h` local units; `None` where the body has none of this kind.
+    pub(in crate::physics::cpu) fn advance_newton(&mut self, h: f64) -> Option<StepResult> {
+        self.set_constraint_velocities(h);
+        let done = self.minimise(h);
+        self.commit_constraints(matches!(done, Some(Ok(_))));
+        self.commit_tools(matches!(done, Some(Ok(_))));
+        done
+    }
+
+    /// Gives nodes that are held and have to go to their places the velocities that take them there
+    /// in a step of `h`.
+    fn set_constraint_velocities(&mut self, h: f64) {
+        let over = T::from_f64(1.0 / h);
+        for (k, to) in &self.moving_constraints {
+            self.state.v[*k] = scale(over, sub(*to, self.state.u[*k]));
+        }
+    }
+
+    /// Has them stay there after a step that was sound.
+    fn commit_constraints(&mut self, sound: bool) {
+        for (k, to) in &self.moving_constraints {
+            self.state.v[*k] = zero();
+            if sound {
+                self.state.u[*k] = *to;
+            }
+        }
+        if sound {
+            self.moving_constraints.clear();
+        }
+    }
+
+    fn minimise(&mut self, h: f64) -> Option<StepResult> {
+        let (Some(newton), Some(implicit)) = (&mut self.newton, &mut self.implicit) else {
+            return None;
+        };
+        let scene = StepContext {
+            plan: &self.plan,
+            masses: &self.masses,
+            free: &self.free_mask,
+            rest: &self.rest_local,
+            at: StateRef {
+                u: &self.state.u,
+                v: &self.state.v,
+            },
+            f: &self.state.f,
+        };
+        let outside = StepInput {
+            loads: &self.loads,
+            inverse: &self.inverse_masses,
+            last: self.previous_dt,
+        };
+        let found = newton.step(implicit, &scene, &mut self.terms, outside, h);
+        let Some(descent) = found else {
+            return Some(Err(StepFailure::NonFinite));
+        };
+        if tool_contact(&self.terms)
+            .is_some_and(|c| c.exceeds_penetration_limit(&newton.best.displacements))
+        {
+            return Some(Err(StepFailure::ToolPenetration));
+        }
+        let own = touching_mut(&mut self.terms);
+        if newton.prescribed_fraction < 1.0
+            || own.is_some_and(|own| own.has_new_intersections(&newton.best.displacements))
+        {
+            return Some(Err(StepFailure::SelfContactBlocked));
+        }
+        let next = &mut self.next;
+        newton.finish(
+            &scene,
+            implicit,
+            (h, self.previous_dt),
+            (&mut next.u, &mut next.v),
+        );
+        let mut elastic = descent.elastic;
+        if newton.rule == ImplicitScheme::Midpoint {
+            let terms = &self.terms;
+            [elastic] = self.plan.for_each_chunk((), &|chunk, _, ()| {
+                [terms.iter().map(|t| t.energy(chunk, &next.u)).sum()]
+            });
+        }
+        let (masses, u, v) = (&self.masses, &next.u, &next.v);
+        let [kinetic, bad] = self.plan.for_each_chunk((), &|_, nodes, ()| {
+            let u = &u[nodes.clone()];
+            let (kinetic, bad) = kinetic_totals(&masses[nodes.clone()], u, &v[nodes], u);
+            [kinetic, bad]
+        });
+        let sums = StepTotals {
+            kinetic,
+            elastic,
+            power: 0.0,
+            non_finite: bad,
+        };
+        // Nothing runs away: the potential of a step is never raised.
+        if let Err(failure) = self.guard.check_finite(sums) {
+            return Some(Err(failure));
+        }
+        newton.keep(implicit);
+        std::mem::swap(&mut self.state, &mut self.next);
+        self.previous_dt = h;
+        self.steps += 1;
+        Some(Ok(self.record(descent.iterations, descent.residual)))
+    }
+}

@@ -1,0 +1,613 @@
+//! A body of tets as a simulator, stepped on the CPU.
+
+use super::tools::check_contact;
+use crate::gpu::{Gpu, Recorder};
+use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology, cut};
+use crate::physics::cpu::runtime::energy_guard::StepFailure;
+use crate::physics::cpu::runtime::load_sync::{full_load_update, send_loads};
+use crate::physics::cpu::runtime::steppable::{LoadUpdate, Precision, TetBody};
+use crate::physics::cpu::runtime::worker::{StepClock, Worker, WorkerCommand, WorkerError};
+use crate::physics::loads::{LoadVersions, LoadsState};
+use crate::physics::{
+    AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ExactPositions, GrabId, GrabMode,
+    Loads, Material, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad,
+    SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, Tool,
+    ToolId, TopologyChange, largest_stable_step, limit_with_terms, time_step_advice,
+};
+use crate::{Error, FailureCause, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A body of tets on threads of the processor. Steps are done on a thread of its own, which shares
+/// them out in rayon's global pool: do not wait for them from within that pool. What is drawn is
+/// uploaded once a picture.
+pub struct CpuTets {
+    mesh: TetMesh,
+    topology: Topology,
+    material: Material,
+    network: DiscreteModel,
+    settings: CgSettings,
+    kind: SolverKind,
+    loads: Loads,
+    /// The loads that the worker has.
+    synced_loads: Option<LoadVersions>,
+    terms: Vec<Arc<dyn NodeTerm>>,
+    /// Pressures and muscles, in the order of their levels.
+    scaled_loads: Vec<ScaledLoad>,
+    tools: Vec<Tool>,
+    self_contact: Option<SelfContactSettings>,
+    precision: Precision,
+    worker: Worker<dyn TetBody>,
+    nodes: NodePositions,
+    /// The positions that were uploaded.
+    uploaded_version: u64,
+    /// Counts changes of state and shape from outside.
+    changes: u64,
+    progress: StepProgress,
+}
+
+/// The state of a [`CpuTets`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CpuState {
+    /// The body's own, packed: its numbers are those of the type that it computes in.
+    body: Vec<u8>,
+    loads: LoadsState,
+    sent: Option<LoadVersions>,
+    changes: u64,
+    progress: StepProgress,
+    span: StepClock,
+    /// In how many parts the nodes are shared out among threads: sums depend on it.
+    parts: usize,
+}
+
+impl CpuTets {
+    /// `mesh` made of `material`, at rest, stepped by `kind` in numbers of that precision, its linear
+    /// solves stopping as `settings` say. `gpu` is what it is drawn on.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the nodes do not
+    /// fit the device.
+    pub fn new(
+        gpu: &Gpu,
+        mesh: TetMesh,
+        material: &Material,
+        kind: SolverKind,
+        settings: CgSettings,
+        precision: Precision,
+    ) -> Result<CpuTets> {
+        let network = DiscreteModel::new(&mesh, material)?;
+        CpuTets::of_network(gpu, (mesh, network), material, (kind, settings), precision)
+    }
+
+    /// As [`CpuTets::new`], with masses and springs of one's own: those of a cage, for example.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`CpuTets::new`].
+    pub fn of_network(
+        gpu: &Gpu,
+        (mesh, network): (TetMesh, DiscreteModel),
+        material: &Material,
+        (kind, settings): (SolverKind, CgSettings),
+        precision: Precision,
+    ) -> Result<CpuTets> {
+        if network.rest_positions.len() != mesh.nodes.len() {
+            return Err(Error::Input(format!(
+                "masses of {} nodes are given for a mesh of {}",
+                network.rest_positions.len(),
+                mesh.nodes.len()
+            )));
+        }
+        let body = precision.tets(&network, (kind, settings), None)?;
+        let nodes = NodePositions::new(gpu, &mesh)?;
+        Ok(CpuTets {
+            topology: Topology::new(&mesh),
+            material: material.clone(),
+            loads: Loads::new(mesh.nodes.len(), nodes.frame(), network.length_unit),
+            mesh,
+            network,
+            settings,
+            kind,
+            synced_loads: None,
+            terms: Vec::new(),
+            scaled_loads: Vec::new(),
+            tools: Vec::new(),
+            self_contact: None,
+            precision,
+            worker: Worker::new(body),
+            nodes,
+            uploaded_version: 0,
+            changes: 0,
+            progress: StepProgress::default(),
+        })
+    }
+
+    /// What is told of a step that was refused.
+    fn error(&mut self, refusal: WorkerError) -> Error {
+        match refusal {
+            WorkerError::Wrong(error) => {
+                // Loads that were refused are sent again.
+                self.synced_loads = None;
+                error
+            }
+            WorkerError::Failed(StepFailure::BadStep { h }, ..) => Error::Input(format!(
+                "a time step of {h} s makes no sense for this body; give a positive number of seconds"
+            )),
+            WorkerError::Failed(failure, dt, progress) => {
+                self.progress = progress;
+                Error::Solver {
+                    solver: self.kind.name(),
+                    step: progress.steps + 1,
+                    time: progress.time,
+                    cause: match failure {
+                        StepFailure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
+                        StepFailure::NotConverged { .. }
+                        | StepFailure::ToolPenetration
+                        | StepFailure::SelfContactBlocked => FailureCause::NotConverged,
+                        _ => FailureCause::NotFinite,
+                    },
+                    what: failure.to_string(),
+                    advice: time_step_advice(
+                        self.kind,
+                        dt,
+                        (&self.network, &self.terms),
+                        self.loads.pinned(),
+                    ),
+                }
+            }
+        }
+    }
+
+    fn metres(&self, positions: &[DVec3]) -> Vec<DVec3> {
+        positions
+            .iter()
+            .map(|p| self.network.to_metres(*p))
+            .collect()
+    }
+
+    fn to_file_units(&self, metres: &[DVec3]) -> Vec<DVec3> {
+        metres.iter().map(|x| self.network.to_file(*x)).collect()
+    }
+
+    fn velocities_to_file_units(&self, velocities: &[DVec3]) -> Vec<DVec3> {
+        let unit = self.network.length_unit;
+        velocities.iter().map(|v| *v * unit).collect()
+    }
+
+    /// Uploads the positions that were put out last, if they are new.
+    fn upload(&mut self) -> Result<()> {
+        let Some((version, positions)) = self.worker.published(self.uploaded_version) else {
+            return Ok(());
+        };
+        self.uploaded_version = version;
+        let unit = self.network.length_unit;
+        let origin = self.network.frame.origin;
+        let places: Vec<DVec3> = positions.iter().map(|x| origin + *x / unit).collect();
+        self.nodes.set_positions(&places)
+    }
+
+    /// Uploads the positions of now.
+    fn upload_now(&mut self) -> Result<()> {
+        self.worker.publish();
+        self.upload()
+    }
+
+    /// A body of what the network is now, at rest, its nodes shared out in so many parts, or as
+    /// many as suit it.
+    fn body(&self, parts: Option<usize>) -> Result<Box<dyn TetBody>> {
+        let how = (self.kind, self.settings);
+        let mut body = self.precision.tets(&self.network, how, parts)?;
+        for term in &self.terms {
+            body.add_node_term(term.clone(), &self.network);
+        }
+        for (level, acting) in self.scaled_loads.iter().enumerate() {
+            self.apply_scaled_load(&mut *body, acting, level);
+        }
+        let faces = self.boundary();
+        for (tool, (pose, _)) in self.tools.iter().zip(self.loads.tools()) {
+            let there = Tool {
+                pose: *pose,
+                ..tool.clone()
+            };
+            body.add_tool(&there, &faces, &self.network);
+        }
+        if let Some(wanted) = &self.self_contact {
+            body.set_self_contact(wanted, &faces, &self.network);
+        }
+        body.apply_loads(LoadUpdate {
+            gravity: self.loads.gravity(),
+            levels: Some(self.loads.amplitudes().to_vec()),
+            pinned: Some(self.loads.pinned().to_vec()),
+            ..LoadUpdate::default()
+        })?;
+        Ok(body)
+    }
+
+    /// The faces of the boundary, by their nodes.
+    fn boundary(&self) -> Vec<[u32; 3]> {
+        let faces = self.topology.boundary.iter();
+        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
+        faces.map(nodes).collect()
+    }
+
+    /// Has `acting` act on `body`, made of this mesh and network.
+    fn apply_scaled_load(&self, body: &mut dyn TetBody, acting: &ScaledLoad, level: usize) {
+        match acting {
+            ScaledLoad::Pressure(faces) => {
+                let (mesh, topology) = (&self.mesh, &self.topology);
+                let faces = faces.iter().map(|f| topology.boundary_nodes(mesh, *f));
+                body.add_pressure(&faces.collect::<Vec<_>>(), level);
+            }
+            ScaledLoad::Muscle(muscle) => {
+                body.add_muscle(muscle, level, (&self.network, &self.mesh.tets));
+            }
+        }
+    }
+
+    /// Makes the body anew of what the network is now, in the state that it is in.
+    fn rebuild_body(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+        let mut body = self.body(None)?;
+        body.set_state(
+            &self.metres(positions),
+            &self.velocities_to_file_units(velocities),
+        )?;
+        *self.worker.body() = body;
+        self.synced_loads = None;
+        self.changes += 1;
+        self.upload_now()
+    }
+
+    /// Makes the body one in so many parts, where it is not; its state is to be set.
+    fn repartition(&mut self, parts: usize) -> Result<()> {
+        if self.worker.body().parts() != parts {
+            let body = self.body(Some(parts))?;
+            *self.worker.body() = body;
+        }
+        Ok(())
+    }
+}
+
+impl Simulator for CpuTets {
+    fn integrator(&self) -> SolverKind {
+        self.kind
+    }
+
+    fn engine(&self) -> Engine {
+        Engine::Cpu
+    }
+
+    fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.network.masses
+    }
+
+    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+        self.network.springs.iter().map(|s| s.nodes).collect()
+    }
+
+    fn network(&self) -> Option<&DiscreteModel> {
+        Some(&self.network)
+    }
+
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
+        if !self.tools.is_empty() {
+            check_contact("tools", &self.network, kind)?;
+        }
+        if self.self_contact.is_some() {
+            check_contact("itself", &self.network, kind)?;
+        }
+        self.worker.cancel_pending();
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        (self.kind, self.settings) = (kind, settings);
+        self.progress = StepProgress::default();
+        self.worker
+            .set_progress(self.progress, StepClock::default());
+        self.rebuild_body(&positions, &velocities)
+    }
+
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        let mut body = self.worker.body();
+        body.add_node_term(term.clone(), &self.network);
+        self.terms.push(term);
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
+        acting.check(&self.mesh, &self.network)?;
+        let level = self.scaled_loads.len();
+        self.apply_scaled_load(&mut **self.worker.body(), &acting, level);
+        self.scaled_loads.push(acting);
+        self.changes += 1;
+        Ok(self.loads.add_amplitude())
+    }
+
+    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
+        let acting = self.scaled_loads.get(id.0).ok_or_else(|| {
+            Error::Input(format!("nothing acts on this body at the level {}", id.0))
+        })?;
+        acting.check_amplitude(level)?;
+        self.loads.set_amplitude(id, level);
+        Ok(())
+    }
+
+    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
+        tool.check()?;
+        check_contact("tools", &self.network, self.kind)?;
+        let faces = self.boundary();
+        self.worker.body().add_tool(&tool, &faces, &self.network);
+        let id = self.loads.add_tool(tool.pose);
+        self.tools.push(tool);
+        self.changes += 1;
+        Ok(id)
+    }
+
+    fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
+        wanted.check()?;
+        check_contact("itself", &self.network, self.kind)?;
+        let faces = self.boundary();
+        let mut body = self.worker.body();
+        let through = body.set_self_contact(&wanted, &faces, &self.network);
+        drop(body);
+        self.self_contact = Some(wanted);
+        self.changes += 1;
+        Ok(through)
+    }
+
+    fn self_contact(&self) -> Option<SelfContactSettings> {
+        self.self_contact
+    }
+
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        self.finish()?;
+        let forces = self.worker.body().tool_forces();
+        let reaction = |[force, moment]: [DVec3; 2]| Reaction { force, moment };
+        Ok(forces.into_iter().map(reaction).collect())
+    }
+
+    fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
+        let mut bodies = self.network.elements.rigid.iter();
+        let Some(b) = bodies.position(|body| body.labels.contains(&label)) else {
+            return Ok(None);
+        };
+        self.finish()?;
+        let forces = self.worker.body().rigid_forces();
+        Ok(forces.get(b).map(|[force, moment]| Reaction {
+            force: *force,
+            moment: *moment,
+        }))
+    }
+
+    fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
+        let mut bones = self.network.elements.rigid.iter();
+        if bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
+            return Err(Error::Input(
+                "nodes of a rigid region cannot be led along; move soft ones, or hold the region by a grab and move that".into(),
+            ));
+        }
+        let positions = self.positions()?;
+        let place = |v: &u32| positions.get(*v as usize).copied();
+        let places: Option<Vec<DVec3>> = nodes.iter().map(place).collect();
+        self.loads
+            .add_prescribed_motion(nodes, &places.unwrap_or_default())
+    }
+
+    fn largest_stable_step(&self) -> Option<f64> {
+        let limit = largest_stable_step(&self.network, self.loads.pinned(), self.kind)?;
+        Some(limit_with_terms(limit, &self.network, &self.terms))
+    }
+
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Err(Error::Input(format!(
+                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+            )));
+        }
+        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
+        match steps {
+            0 => Ok(()),
+            steps => self.worker.enqueue(WorkerCommand::Steps(steps, dt)),
+        }
+    }
+
+    fn set_waker(&mut self, waker: StepCallback) {
+        self.worker.set_waker(waker);
+    }
+
+    fn progress(&mut self) -> Result<StepProgress> {
+        self.progress = match self.worker.progress() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
+    }
+
+    fn finish(&mut self) -> Result<StepProgress> {
+        self.progress = match self.worker.finish() {
+            Ok(progress) => progress,
+            Err(refusal) => return Err(self.error(refusal)),
+        };
+        Ok(self.progress)
+    }
+
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
+        self.run(steps, dt)?;
+        self.update_nodes(work)
+    }
+
+    fn iterations(&self) -> Result<Vec<u32>> {
+        Ok(self.worker.iterations())
+    }
+
+    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
+        self.upload()
+    }
+
+    fn nodes(&self) -> &NodePositions {
+        &self.nodes
+    }
+
+    fn positions(&self) -> Result<Vec<DVec3>> {
+        let metres = self.worker.body().positions();
+        Ok(self.to_file_units(&metres))
+    }
+
+    fn forces(&mut self) -> Result<Vec<DVec3>> {
+        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
+        self.finish()?;
+        let mut forces = self.worker.body().forces();
+        let rigid = self.network.elements.rigid.iter();
+        for v in rigid.flat_map(|body| &body.nodes) {
+            forces[*v as usize] = DVec3::NAN;
+        }
+        Ok(forces)
+    }
+
+    fn velocities(&self) -> Result<Vec<DVec3>> {
+        let unit = self.network.length_unit;
+        let metres = self.worker.body().velocities();
+        Ok(metres.iter().map(|v| *v / unit).collect())
+    }
+
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
+        self.nodes
+            .check("positions", positions, |p| self.network.frame.to_local(p))?;
+        let metres = self.metres(positions);
+        {
+            let mut body = self.worker.body();
+            let velocities = body.velocities();
+            body.set_state(&metres, &velocities)?;
+        }
+        self.changes += 1;
+        self.upload_now()
+    }
+
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
+        let velocities = self.velocities_to_file_units(velocities);
+        let mut body = self.worker.body();
+        let positions = body.positions();
+        body.set_state(&positions, &velocities)?;
+        self.changes += 1;
+        Ok(())
+    }
+
+    fn loads(&self) -> &Loads {
+        &self.loads
+    }
+
+    fn loads_mut(&mut self) -> &mut Loads {
+        &mut self.loads
+    }
+
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
+        // As they were before a step under way: nobody waits for that.
+        let positions = self.to_file_units(&self.worker.positions());
+        self.loads
+            .grab(&positions, |_| true, (centre, radius), grip)
+    }
+
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
+        self.finish()?;
+        let (mut positions, mut velocities) = (self.positions()?, self.velocities()?);
+        let done = cut(&mut self.mesh, &mut self.topology, &positions, blade)?;
+        if done.is_empty() {
+            return Ok(TopologyChange::default());
+        }
+        self.network.apply_cut(&self.mesh, &self.material, &done)?;
+        self.scaled_loads
+            .iter_mut()
+            .for_each(|a| a.apply_cut(&done));
+        for [_, old] in &done.duplicated_nodes {
+            positions.push(positions[*old as usize]);
+            velocities.push(velocities[*old as usize]);
+        }
+        self.loads.apply_cut(&done, &self.network.masses);
+        let blank = vec![[0.0; 4]; done.duplicated_nodes.len()];
+        self.nodes.extend(&blank)?;
+        self.rebuild_body(&positions, &velocities)?;
+        Ok(TopologyChange {
+            mesh: done,
+            springs: 0,
+        })
+    }
+
+    fn report(&self) -> Result<Report> {
+        let positions = self.positions()?;
+        let velocities = self.velocities()?;
+        let energy = Energy::from_state(&self.network, &self.terms, &positions, &velocities);
+        Ok(Report::from_positions(energy, &self.mesh, &positions))
+    }
+
+    fn rms_speed(&self) -> f64 {
+        if self.progress.steps == 0 {
+            return f64::INFINITY;
+        }
+        let mass: f64 = self.network.masses.iter().sum();
+        let speed = (2.0 * self.progress.last.kinetic.max(0.0) / mass).sqrt();
+        speed / (self.network.frame.scale * self.network.length_unit)
+    }
+
+    fn change_count(&self) -> u64 {
+        self.changes + self.loads.version()
+    }
+
+    fn state(&self) -> Result<SimulatorState> {
+        let (body, parts) = {
+            let body = self.worker.body();
+            (body.serialise_state()?, body.parts())
+        };
+        Ok(SimulatorState::Cpu(Box::new(CpuState {
+            body,
+            loads: self.loads.state(),
+            sent: self.synced_loads,
+            changes: self.changes,
+            progress: self.progress,
+            span: self.worker.span(),
+            parts,
+        })))
+    }
+
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
+        let SimulatorState::Cpu(state) = state else {
+            return Err(Error::Input(
+                "the state of another kind of body, or of another engine".into(),
+            ));
+        };
+        self.worker.cancel_pending();
+        self.loads.set_state(&state.loads)?;
+        self.repartition(state.parts)?;
+        {
+            let mut body = self.worker.body();
+            body.apply_loads(full_load_update(&self.loads))?;
+            body.resume(&state.body)?;
+        }
+        self.synced_loads = state.sent;
+        self.changes = state.changes;
+        self.progress = state.progress;
+        self.worker.set_progress(state.progress, state.span);
+        self.upload_now()
+    }
+
+    fn pose(&self) -> Result<ExactPositions> {
+        Ok(ExactPositions {
+            displacements: self.worker.body().displacements(),
+            ..ExactPositions::default()
+        })
+    }
+
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+        self.worker.body().set_displacements(&pose.displacements)?;
+        self.upload_now()
+    }
+}

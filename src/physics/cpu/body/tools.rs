@@ -1,0 +1,300 @@
+//! Tools of a body, as they are set and read from outside.
+
+use super::{CpuBody, ForceStatus};
+#[cfg(feature = "rapier")]
+use crate::physics::CgSettings;
+use crate::physics::contact::check_pose;
+use crate::physics::cpu::contact::boundary_surface::BoundarySurface;
+use crate::physics::cpu::contact::self_contact::SelfContactTerm;
+use crate::physics::cpu::contact::tool_contact::{LocalToolPose, ToolContact, ToolState};
+use crate::physics::cpu::implicit::contact_iterations::{
+    contact_mut, resolve_penetration, self_contact, tool_contact,
+};
+use crate::physics::cpu::runtime::steppable::ToolTarget;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::StateRef;
+use crate::physics::{
+    DiscreteModel, LocalUnits, SelfContactSettings, Shape, SolverKind, Tool, ToolPose,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// The gap from which on a tool pushes, where none is given: over its size, and over the mean edge
+/// of the body's boundary.
+const GAP_PER_TOOL_SIZE: f64 = 1.0 / 2000.0;
+const GAP_PER_EDGE: f64 = 1.0 / 100.0;
+
+/// The gap from which on parts of a body push each other, over the mean edge of its boundary.
+const SELF_GAP_PER_EDGE: f64 = 1.0 / 20.0;
+
+/// And at least, over the extent of the body: f32 resolves a hundredth of it.
+const MIN_GAP_PER_EXTENT: f64 = 2e-5;
+
+/// The speed below which friction holds, in extents of the body a second.
+pub(in crate::physics) const STATIC_FRICTION_SPEED: f64 = 1e-4;
+
+/// The stiffness of what is behind the boundary where all of a body is rigid, Pa.
+const RIGID_SURFACE_STIFFNESS: f64 = 1e6;
+
+/// Young's modulus over μ, nearly: from 2 to 3.
+const YOUNG_OVER_MU: f64 = 2.8;
+
+/// Refuses contact with `what` of bodies that cannot be stepped with it.
+///
+/// # Errors
+/// [`Error::Input`].
+pub(in crate::physics) fn check_contact(
+    what: &str,
+    network: &DiscreteModel,
+    kind: SolverKind,
+) -> Result<()> {
+    if network.elements.is_empty() {
+        return Err(Error::Input(format!(
+            "contact with {what} is of finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)"
+        )));
+    }
+    match kind {
+        SolverKind::Implicit | SolverKind::Bdf2 => Ok(()),
+        _ => Err(Error::Input(format!(
+            "{kind} knows no contact with {what}: take implicit or bdf2"
+        ))),
+    }
+}
+
+/// How many of the boundary `faces` of `network` go through others where its nodes stand at `x` (m).
+///
+/// # Errors
+/// [`Error::Input`] for positions that are not those of its nodes.
+#[cfg(feature = "rapier")]
+pub(in crate::physics) fn count_intersecting_faces(
+    network: &DiscreteModel,
+    faces: &[[u32; 3]],
+    x: &[DVec3],
+) -> Result<usize> {
+    let settings = CgSettings::default();
+    let mut body = CpuBody::<f32>::new(network, SolverKind::Implicit, settings, None)?;
+    body.set_state(x, &vec![DVec3::ZERO; x.len()])?;
+    Ok(body.set_self_contact(&SelfContactSettings::default(), faces, network))
+}
+
+impl<T: Real> CpuBody<T> {
+    /// Adds a tool that presses on the boundary `faces` of `network`, which this body is, by the
+    /// numbers of its nodes.
+    pub fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &DiscreteModel) {
+        if tool_contact(&self.terms).is_none() {
+            let hull = self.hull(faces, network);
+            let least = STATIC_FRICTION_SPEED * self.units.time;
+            let term = ToolContact::new(hull, &self.plan, least);
+            self.add_term(Box::new(term));
+        }
+        let at = LocalToolPose {
+            place: network.to_metres(tool.pose.place()) / self.units.length,
+            turn: tool.pose.turn().normalize(),
+        };
+        let unit = network.length_unit / self.units.length;
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return;
+        };
+        let shape = tool.shape.with_scale(unit);
+        let gap = tool_gap(tool, &shape, contact.hull.edge, unit);
+        contact.tools.push(ToolState {
+            shape,
+            from: at,
+            at,
+            to: at,
+            friction: tool.friction,
+            gap,
+            jumps: 0,
+        });
+        self.invalidate(ForceStatus::Restart);
+    }
+
+    /// Has the body feel itself from now on, as `wanted` says; its boundary is `faces` of `network`,
+    /// which it is. How many of these go through others, or are of parts within others, as it is now.
+    pub fn set_self_contact(
+        &mut self,
+        wanted: &SelfContactSettings,
+        faces: &[[u32; 3]],
+        network: &DiscreteModel,
+    ) -> usize {
+        self.terms.retain(|term| term.as_self_contact().is_none());
+        let hull = self.hull(faces, network);
+        let gap = match wanted.gap {
+            Some(gap) => gap * network.length_unit / self.units.length,
+            None => SELF_GAP_PER_EDGE * hull.edge,
+        };
+        let settings = [
+            wanted.friction,
+            gap.max(MIN_GAP_PER_EXTENT),
+            STATIC_FRICTION_SPEED * self.units.time,
+        ];
+        let mut term = SelfContactTerm::new(hull, &self.plan, settings);
+        let through = term
+            .surface
+            .find_enclosed((network, &self.engine_index), &self.state.u);
+        self.add_term(Box::new(term));
+        through
+    }
+
+    /// Says where each tool is to be at the end of the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for poses that are none, or another number of them.
+    pub fn set_tool_targets(&mut self, tools: &[ToolTarget]) -> Result<()> {
+        let length = self.units.length;
+        let place = |pose: &ToolPose| LocalToolPose {
+            place: pose.place() / length,
+            turn: pose.turn().normalize(),
+        };
+        let places: Vec<LocalToolPose> = tools
+            .iter()
+            .map(|(pose, _)| check_pose(pose).map(|()| place(pose)))
+            .collect::<Result<_>>()?;
+        let count = tool_contact(&self.terms).map_or(0, |c| c.tools.len());
+        if count != tools.len() {
+            return Err(Error::Input(format!(
+                "{} tools are guided on a body that has {count}",
+                tools.len()
+            )));
+        }
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return Ok(());
+        };
+        let mut jumped = false;
+        for (k, (place, (_, jumps))) in places.iter().zip(tools).enumerate() {
+            if contact.tools[k].jumps == *jumps {
+                contact.tools[k].to = *place;
+                continue;
+            }
+            contact.tools[k].jumps = *jumps;
+            contact.teleport(k, *place);
+            jumped = true;
+        }
+        self.invalidate(match jumped {
+            true => ForceStatus::Restart,
+            false => ForceStatus::Resume,
+        });
+        Ok(())
+    }
+
+    /// The force of the body on each tool, N, and its moment about the origin of the tool's shape,
+    /// N·m.
+    pub fn tool_forces(&self) -> Vec<[DVec3; 2]> {
+        let at = StateRef {
+            u: &self.state.u,
+            v: &self.state.v,
+        };
+        let units = [self.units.force(), self.units.energy()];
+        let Some(contact) = tool_contact(&self.terms) else {
+            return Vec::new();
+        };
+        let local = contact.reactions(at);
+        local
+            .iter()
+            .map(|[f, m]| [*f * units[0], *m * units[1]])
+            .collect()
+    }
+
+    /// Moves what lies inside tools out of them before a first step.
+    pub(in crate::physics::cpu) fn resolve_initial_penetration(&mut self) {
+        let Some(contact) = contact_mut(&mut self.terms) else {
+            return;
+        };
+        contact.begin(&self.state.u, (&self.free_mask, &self.plan), (0.0, 0.0));
+        let pushed = resolve_penetration(contact, &self.state.u, &self.free_mask);
+        let rigid = self.newton.as_mut().map(|n| &mut n.rigid);
+        crate::physics::cpu::implicit::contact_iterations::apply_push_out(
+            pushed,
+            &mut self.state.u,
+            rigid,
+        );
+    }
+
+    /// Leaves tools where they went in a step that was sound, or puts them back where they were.
+    pub(in crate::physics::cpu) fn commit_tools(&mut self, sound: bool) {
+        let own = self_contact(&self.terms).is_some_and(|own| !own.is_empty());
+        let mut near = false;
+        if let Some(contact) = contact_mut(&mut self.terms) {
+            if !sound {
+                contact.set_tool_fraction(0.0);
+                return;
+            }
+            contact.update_friction(&self.state.u);
+            contact.commit_tools();
+            near |= !contact.contact_points.is_empty();
+        }
+        match &mut self.implicit {
+            Some(implicit) if own => implicit.drop_aggregate_pattern(),
+            Some(implicit) if near => implicit.drop_coarse_space(),
+            _ => {}
+        }
+    }
+
+    /// Where the tools are.
+    pub(in crate::physics::cpu) fn tool_places(&self) -> Vec<[f64; 7]> {
+        let tools = tool_contact(&self.terms).map_or(&[][..], |c| &c.tools);
+        tools.iter().map(|t| t.from.numbers()).collect()
+    }
+
+    /// Puts the tools where [`CpuBody::tool_places`] found them.
+    pub(in crate::physics::cpu) fn resume_tools(&mut self, places: &[[f64; 7]]) {
+        if let Some(contact) = contact_mut(&mut self.terms) {
+            for (tool, numbers) in contact.tools.iter_mut().zip(places) {
+                tool.from = LocalToolPose::of_numbers(*numbers);
+                tool.at = tool.from;
+            }
+        }
+    }
+
+    /// The boundary, each face with the stiffness of what is behind it.
+    fn hull(&self, faces: &[[u32; 3]], network: &DiscreteModel) -> BoundarySurface {
+        let faces: Vec<([u32; 3], f64)> = face_stiffnesses(faces, network, &self.units)
+            .map(|(face, young)| (face.map(|v| self.engine_index[v as usize]), young))
+            .collect();
+        let places = self.node_order.iter().map(|v| self.rest[*v as usize]);
+        BoundarySurface::new(places.map(|x| x / self.units.length).collect(), &faces)
+    }
+}
+
+/// The gap from which on `tool`, of a shape in local units, pushes on a body whose boundary has
+/// edges of that mean length; `unit` is a file unit.
+pub(in crate::physics) fn tool_gap(tool: &Tool, shape: &Shape, edge: f64, unit: f64) -> f64 {
+    let gap = match tool.gap {
+        Some(gap) => gap * unit,
+        None => (GAP_PER_TOOL_SIZE * shape.feature_size()).min(GAP_PER_EDGE * edge),
+    };
+    gap.max(MIN_GAP_PER_EXTENT)
+}
+
+/// `faces` of `network`, each with the Young's modulus of what is behind it, local units.
+pub(in crate::physics) fn face_stiffnesses(
+    faces: &[[u32; 3]],
+    network: &DiscreteModel,
+    units: &LocalUnits,
+) -> impl Iterator<Item = ([u32; 3], f64)> {
+    let mut around = vec![(0.0, 0.0); network.rest_positions.len()];
+    let (mut all, mut volume) = (0.0, 0.0);
+    for e in &network.elements.tets {
+        let young = YOUNG_OVER_MU * e.lame_parameters[0];
+        all += young * e.volume;
+        volume += e.volume;
+        for v in e.nodes {
+            let (sum, count) = &mut around[v as usize];
+            (*sum, *count) = (*sum + young, *count + 1.0);
+        }
+    }
+    let mean = if volume > 0.0 {
+        all / volume
+    } else {
+        RIGID_SURFACE_STIFFNESS
+    };
+    let pressure = units.force() / (units.length * units.length);
+    faces.iter().map(move |face| {
+        let of_node = |v: &u32| match around[*v as usize] {
+            (sum, count) if count > 0.0 => sum / count,
+            _ => mean,
+        };
+        let young = face.iter().map(of_node).sum::<f64>() / 3.0;
+        (*face, young / pressure)
+    })
+}

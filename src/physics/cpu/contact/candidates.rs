@@ -1,0 +1,303 @@
+//! Which features of a body's boundary may come near each other in a step.
+
+use super::boundary_surface::BoundarySurface;
+use super::enclosed_components::EnclosedComponents;
+use crate::mesh::{Bounds, Bvh, bounds_union, edge_face_intersections};
+use crate::parallel;
+use crate::physics::DiscreteModel;
+use crate::physics::contact::PrimitivePair;
+use crate::physics::cpu::partition::Partition;
+use crate::physics::cpu::rigid::bodies::RigidBodies;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::vectors::V4;
+use crate::physics::cpu::vectors::to_dvec;
+use glam::DVec3;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The gap of a pair that is nearer at rest, over its distance there.
+const REST_GAP_RATIO: f64 = 0.8;
+
+/// Pairs whose gap would be less than this part of the others' coincide at rest. They are left alone
+/// until a step begins with them so far apart, and push each other from the second part on then.
+const COINCIDENT_GAP_RATIO: f64 = 1e-2;
+const SEPARATED_GAP_RATIO: f64 = 5e-2;
+
+/// A vertex counts for so much of its area, and an edge: each place has several pairs on both sides.
+const AREA_FRACTION: f64 = 0.25;
+
+/// Two features that may come near each other.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::physics::cpu) struct CollisionCandidate {
+    pub nodes: [u32; 4],
+    pub features: PrimitivePair,
+    /// The gap from which on they push each other.
+    pub gap: f64,
+    /// A K.
+    pub weight: f64,
+    /// Lengths of two edges at rest.
+    pub lengths: [f64; 2],
+    pub chunks: [u32; 4],
+}
+
+impl CollisionCandidate {
+    /// The chunks of its nodes, each once.
+    pub fn chunks_of(&self) -> impl Iterator<Item = usize> + use<> {
+        let chunks = self.chunks;
+        (0..4)
+            .filter(move |k| chunks[..*k].iter().all(|c| *c != chunks[*k]))
+            .map(move |k| chunks[k] as usize)
+    }
+}
+
+/// The boundary, as it meets itself.
+#[derive(Clone, Debug)]
+pub(in crate::physics::cpu) struct SelfContactSurface {
+    hull: BoundarySurface,
+    edges: Vec<([u32; 2], f64)>,
+    faces_tree: Bvh,
+    edges_tree: Bvh,
+    /// Where nodes of the boundary are in a step: from one place to another, all of them at the same
+    /// part of their ways, and how far from there.
+    trajectories: Vec<[DVec3; 2]>,
+    margin: f64,
+    /// Where all nodes are when a step begins.
+    step_start: Vec<DVec3>,
+    /// Nodes of features that go through each other: they are in no pair with each other until they
+    /// are free.
+    intersecting: Vec<bool>,
+    buried: EnclosedComponents,
+}
+
+/// An edge that goes through a face.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::physics::cpu) struct Intersection {
+    /// Its end that is behind the face, and the face.
+    pub nodes: [u32; 4],
+    /// Its other end.
+    pub other: u32,
+    /// The number of the face.
+    pub face: u32,
+    /// Σ w x leads from where it goes through to that end.
+    pub weights: [f64; 4],
+    /// Of the face, outwards.
+    pub normal: DVec3,
+    /// A K.
+    pub weight: f64,
+}
+
+impl SelfContactSurface {
+    pub fn new(hull: BoundarySurface) -> SelfContactSurface {
+        let mut edges: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+        for ([a, b, c], weight) in &hull.faces {
+            for [i, j] in [[a, b], [b, c], [c, a]] {
+                *edges.entry([*i.min(j), *i.max(j)]).or_default() += weight / 3.0;
+            }
+        }
+        let edges: Vec<([u32; 2], f64)> = edges.into_iter().collect();
+        let at = |v: u32| hull.rest[v as usize];
+        let faces_tree = Bvh::new(hull.faces.len(), |k| {
+            hull.faces[k].0.iter().map(|v| at(*v)).sum::<DVec3>() / 3.0
+        });
+        let edges_tree = Bvh::new(edges.len(), |k| {
+            edges[k].0.iter().map(|v| at(*v)).sum::<DVec3>() / 2.0
+        });
+        SelfContactSurface {
+            intersecting: vec![false; hull.rest.len()],
+            hull,
+            edges,
+            faces_tree,
+            edges_tree,
+            trajectories: Vec::new(),
+            margin: 0.0,
+            step_start: Vec::new(),
+            buried: EnclosedComponents::default(),
+        }
+    }
+
+    /// Looks for parts of `network` that are within others at `u`. How many faces of the boundary are
+    /// theirs, or go through others.
+    pub fn find_enclosed<T: Real>(&mut self, of: (&DiscreteModel, &[u32]), u: &[V4<T>]) -> usize {
+        self.buried = EnclosedComponents::new(&self.hull, of, u);
+        let through = self.crossings(u);
+        let through = through.iter().map(|crossing| crossing.face);
+        let all: BTreeSet<u32> = through
+            .chain(self.buried.enclosed_faces(&self.hull))
+            .collect();
+        all.len()
+    }
+
+    /// The mean edge.
+    pub fn edge(&self) -> f64 {
+        self.hull.edge
+    }
+
+    /// Where a node is.
+    #[inline]
+    pub fn place<T: Real>(&self, i: u32, u: &[V4<T>]) -> DVec3 {
+        self.hull.position(i as usize, u)
+    }
+
+    /// Whether nodes of the boundary are at `u` farther than they may be from the ways that pairs were
+    /// chosen for. All at the same part of these: what moves together and is stopped apart may meet.
+    pub fn exceeds_margin<T: Real>(&self, u: &[V4<T>]) -> bool {
+        let ways = || {
+            let nodes = self.hull.nodes.iter().zip(&self.trajectories);
+            nodes.map(|((i, _), [a, b])| (self.place(*i, u), *a, *b - *a))
+        };
+        let (mut gone, mut all) = (0.0, 0.0);
+        for (p, a, way) in ways() {
+            gone += (p - a).dot(way);
+            all += way.length_squared();
+        }
+        let part = match all > 0.0 {
+            true => (gone / all).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        let off = ways().map(|(p, a, way)| p.distance_squared(a + part * way));
+        off.fold(0.0, f64::max) > self.margin * self.margin
+    }
+
+    /// Takes note of where a step begins.
+    pub fn begin<T: Real>(&mut self, u: &[V4<T>]) {
+        self.step_start.clear();
+        let places = self.hull.rest.iter().zip(u);
+        self.step_start
+            .extend(places.map(|(x, u)| *x + to_dvec(*u)));
+    }
+
+    /// Takes note of which features go through each other at `u`: these, and what leads parts out that
+    /// are within others.
+    pub fn mark_intersections<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Intersection> {
+        let mut found = self.crossings(u);
+        self.intersecting.fill(false);
+        for crossing in &found {
+            let nodes = crossing.nodes.iter().chain([&crossing.other]);
+            nodes.for_each(|v| self.intersecting[*v as usize] = true);
+        }
+        let (hull, tangled) = (&self.hull, &mut self.intersecting);
+        let more = self.buried.extraction_pairs((hull, u), &found, tangled);
+        found.extend(more);
+        found
+    }
+
+    /// Edges that go through faces at `u`.
+    pub fn crossings<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Intersection> {
+        let (hull, edges, tree) = (&self.hull, &self.edges, &mut self.faces_tree);
+        let at = |v: u32| hull.position(v as usize, u);
+        let (edge, face) = (|k: usize| edges[k].0, |k: usize| hull.faces[k].0);
+        let found = edge_face_intersections((edges.len(), edge), face, tree, at).into_iter();
+        let of = |found: crate::mesh::EdgeFaceIntersection| {
+            let ([first, second], weight) = edges[found.edge];
+            let ends = [first, second];
+            let [a, b, c] = hull.faces[found.face].0;
+            let [x, y, z] = [a, b, c].map(at);
+            let [u, v, w] = found.weights;
+            Intersection {
+                nodes: [ends[found.inner_end], a, b, c],
+                other: ends[1 - found.inner_end],
+                face: found.face as u32,
+                weights: [1.0, -u, -v, -w],
+                normal: (y - x).cross(z - x).normalize_or_zero(),
+                weight,
+            }
+        };
+        found.map(of).collect()
+    }
+
+    /// Chooses the pairs that may come nearer than `gap` while nodes stay within `margin` of their
+    /// ways from `u` on, by `moved`. Pairs of which no node is free, or that are of one rigid body,
+    /// are none.
+    pub fn build_candidates<T: Real>(
+        &mut self,
+        (u, free, plan): (&[V4<T>], &[T], &Partition),
+        rigid: &RigidBodies,
+        moved: &(dyn Fn(usize) -> DVec3 + Sync),
+        (gap, margin): (f64, f64),
+    ) -> Vec<CollisionCandidate> {
+        self.margin = margin;
+        let way = |v: u32| {
+            let at = self.hull.rest[v as usize] + to_dvec(u[v as usize]);
+            [at, at + moved(v as usize)]
+        };
+        self.trajectories = self.hull.nodes.iter().map(|(v, _)| way(*v)).collect();
+        // As seen by what moves along with them all.
+        let count = self.trajectories.len().max(1) as f64;
+        let mean = self
+            .trajectories
+            .iter()
+            .map(|[a, b]| *b - *a)
+            .sum::<DVec3>()
+            / count;
+        let more = margin + 0.5 * gap;
+        let boxed = |nodes: &[u32]| -> Bounds {
+            let boxes = nodes.iter().map(|v| {
+                let [a, b] = way(*v);
+                [a.min(b - mean) - more, a.max(b - mean) + more]
+            });
+            boxes.reduce(bounds_union).unwrap_or_default()
+        };
+        let (faces, edges, nodes) = (&self.hull.faces, &self.edges, &self.hull.nodes);
+        self.faces_tree.refit(|k| boxed(&faces[k].0));
+        self.edges_tree.refit(|k| boxed(&edges[k].0));
+        let made = |features: PrimitivePair, own: [u32; 4], weight: f64| {
+            let ways = own.map(way);
+            let start = features.closest_points(&ways.map(|[a, _]| a)).distance;
+            let approach = features.max_approach(&ways.map(|[a, b]| b - a));
+            if start - approach - 2.0 * margin >= gap {
+                return None;
+            }
+            let held = own.iter().all(|v| free[*v as usize] == T::ZERO);
+            let bodies = own.map(|v| rigid.body_of(v as usize));
+            let one = bodies[0].is_some() && bodies.iter().all(|b| *b == bodies[0]);
+            let ends = match features {
+                PrimitivePair::VertexFace => own.split_at(1),
+                PrimitivePair::EdgeEdge => own.split_at(2),
+            };
+            let through = |nodes: &[u32]| nodes.iter().any(|v| self.intersecting[*v as usize]);
+            if held || one || (through(ends.0) && through(ends.1)) {
+                return None;
+            }
+            let rest = own.map(|v| self.hull.rest[v as usize]);
+            let mut own_gap = gap.min(REST_GAP_RATIO * features.closest_points(&rest).distance);
+            if own_gap < COINCIDENT_GAP_RATIO * gap {
+                let begun = own.map(|v| self.step_start[v as usize]);
+                if features.closest_points(&begun).distance < COINCIDENT_GAP_RATIO * gap {
+                    return None;
+                }
+                own_gap = SEPARATED_GAP_RATIO * gap;
+            }
+            Some(CollisionCandidate {
+                nodes: own,
+                features,
+                gap: own_gap,
+                weight: AREA_FRACTION * weight,
+                lengths: [rest[0].distance(rest[1]), rest[2].distance(rest[3])],
+                chunks: own.map(|v| plan.chunk_of(v as usize) as u32),
+            })
+        };
+        let (faces_tree, edges_tree) = (&self.faces_tree, &self.edges_tree);
+        let mut pairs =
+            parallel::collect(nodes.len(), |range, pairs: &mut Vec<CollisionCandidate>| {
+                for (v, weight) in &nodes[range] {
+                    faces_tree.for_each_overlapping(&boxed(&[*v]), |f| {
+                        let [a, b, c] = faces[f as usize].0;
+                        if ![a, b, c].contains(v) {
+                            pairs.extend(made(PrimitivePair::VertexFace, [*v, a, b, c], *weight));
+                        }
+                    });
+                }
+            });
+        pairs.extend(parallel::collect(edges.len(), |range, pairs| {
+            for k in range {
+                let ([a, b], weight) = edges[k];
+                edges_tree.for_each_overlapping(&boxed(&[a, b]), |other| {
+                    let ([c, d], _) = edges[other as usize];
+                    if other as usize > k && ![c, d].contains(&a) && ![c, d].contains(&b) {
+                        pairs.extend(made(PrimitivePair::EdgeEdge, [a, b, c, d], weight));
+                    }
+                });
+            }
+        }));
+        pairs
+    }
+}

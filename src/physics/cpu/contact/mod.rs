@@ -1,0 +1,18 @@
+//! Contact with tools and of a body with itself: candidates, energy and continuous collision
+//! detection.
+
+pub(super) mod boundary_surface;
+pub(super) mod candidates;
+pub(super) mod ccd;
+pub(super) mod enclosed_components;
+pub(super) mod reference;
+pub(super) mod self_contact;
+#[cfg(test)]
+pub(super) mod self_contact_ccd_tests;
+#[cfg(test)]
+pub(super) mod self_contact_rigid_tests;
+#[cfg(test)]
+pub(super) mod self_contact_tests;
+pub(super) mod tool_contact;
+#[cfg(test)]
+pub(super) mod tool_tests;

@@ -1,0 +1,124 @@
+//! The tools on a body that another engine steps, in float64: the form that its kernels are held
+//! against, and what tells the forces on its tools.
+
+use super::boundary_surface::BoundarySurface;
+use super::tool_contact::{LocalToolPose, ToolContact, ToolState};
+use crate::physics::Shape;
+use crate::physics::contact::ToolMotion;
+use crate::physics::cpu::partition::Partition;
+use crate::physics::cpu::term::StateRef;
+#[cfg(test)]
+use crate::physics::cpu::term::{SystemContribution, Term};
+use crate::physics::cpu::vectors::V4;
+#[cfg(test)]
+use crate::physics::cpu::vectors::from_metres;
+use glam::DVec3;
+
+/// The boundary of a body, and the tools near it; local units, nodes as they are numbered there.
+pub(in crate::physics) struct ReferenceToolContact {
+    contact: ToolContact<f64>,
+    plan: Partition,
+}
+
+impl ReferenceToolContact {
+    /// No tools yet; friction holds below a speed.
+    pub fn new(hull: BoundarySurface, least_speed: f64) -> ReferenceToolContact {
+        let plan = Partition::with_chunks(vec![0, hull.rest.len()], 1);
+        ReferenceToolContact {
+            contact: ToolContact::new(hull, &plan, least_speed),
+            plan,
+        }
+    }
+
+    /// Adds a tool of this friction that pushes from a gap on.
+    pub fn add(&mut self, shape: Shape, friction: f64, gap: f64) {
+        let nowhere = LocalToolPose {
+            place: DVec3::ZERO,
+            turn: glam::DQuat::IDENTITY,
+        };
+        self.contact.tools.push(ToolState {
+            shape,
+            from: nowhere,
+            at: nowhere,
+            to: nowhere,
+            friction,
+            gap,
+            jumps: 0,
+        });
+    }
+
+    /// Begins a step of `time` from the displacements `u`, in which tools go their paths and nodes at
+    /// most as far as `margin`: friction goes by the normal forces there. Tools are at the end of
+    /// their paths after.
+    fn begin(
+        &mut self,
+        u: &[V4<f64>],
+        free: &[f64],
+        paths: &[ToolMotion],
+        (time, margin): (f64, f64),
+    ) {
+        let place = |[place, turn]: [[f64; 4]; 2]| LocalToolPose {
+            place: DVec3::new(place[0], place[1], place[2]),
+            turn: glam::DQuat::from_array(turn).normalize(),
+        };
+        for (tool, path) in self.contact.tools.iter_mut().zip(paths) {
+            (tool.from, tool.to) = (place(path.from), place(path.to));
+        }
+        self.contact.begin(u, (free, &self.plan), (time, margin));
+        self.contact.set_tool_fraction(1.0);
+    }
+
+    /// The force of the body on each tool, and its moment about the origin of the tool's shape, at the
+    /// displacements and velocities to which tools came on their paths in a step of `time`.
+    pub fn reactions(
+        &mut self,
+        [u, v]: [&[V4<f64>]; 2],
+        free: &[f64],
+        paths: &[ToolMotion],
+        time: f64,
+    ) -> Vec<[DVec3; 2]> {
+        self.begin(u, free, paths, (time, 0.0));
+        self.contact.update_friction(u);
+        self.contact.reactions(StateRef { u, v })
+    }
+
+    /// Forces on all nodes at the end of tools' paths, and −h² ∂f/∂u − h ∂f/∂v by `way`, after a step
+    /// that began at `before`.
+    #[cfg(test)]
+    pub fn forces(
+        &mut self,
+        before: &[V4<f64>],
+        [u, v]: [&[V4<f64>]; 2],
+        (free, paths): (&[f64], &[ToolMotion]),
+        (time, way): (f64, &[V4<f64>]),
+    ) -> [Vec<V4<f64>>; 2] {
+        self.begin(before, free, paths, (time, 1.0));
+        let mut f = vec![from_metres(DVec3::ZERO, 1.0); u.len()];
+        self.contact.forces(0, StateRef { u, v }, &mut f);
+        let (mut diagonal, mut change) = (vec![[0.0; 8]; u.len()], f.clone());
+        let share = SystemContribution {
+            diagonal: &mut diagonal,
+            stiffness_velocity: &mut change,
+        };
+        self.contact.set_psd_projection(true);
+        self.contact
+            .linearise(&self.plan, StateRef { u, v }, time, share);
+        let mut y = vec![from_metres(DVec3::ZERO, 1.0); u.len()];
+        self.contact.multiply(0, way, &mut y);
+        [f, y]
+    }
+
+    /// The part of the way between two displacements on which no point goes too deep into a tool at
+    /// the end of its path.
+    #[cfg(test)]
+    pub fn collision_free_fraction(
+        &mut self,
+        [from, to]: [&[V4<f64>]; 2],
+        free: &[f64],
+        paths: &[ToolMotion],
+    ) -> f64 {
+        self.begin(from, free, paths, (1.0, 1.0));
+        self.contact
+            .collision_free_fraction(from, to, (free, &self.plan))
+    }
+}

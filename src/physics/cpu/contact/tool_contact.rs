@@ -1,0 +1,420 @@
+//! Tools that press on a body: a term of its energy that keeps points of its boundary out of them.
+//!
+//! E = Σ A K ĝ b(d/ĝ) over points of the boundary whose distance d from a tool is less than ĝ, b
+//! being the barrier of incremental potential contact (Li et al. 2020), A the area that a point
+//! stands for and K the Young's modulus of what lies behind it: pressure is K |b'|, so that even
+//! what is pressed hard stands off by nearly ĝ. Friction is Coulomb's, with the normal forces and
+//! normals of the iterate before (section 5 there), as a potential of velocities.
+
+use super::boundary_surface::{BoundarySurface, ContactPoint};
+use crate::physics::contact::{Barrier, FrictionMollifier, Shape, SurfaceDistance};
+use crate::physics::cpu::linear::point_blocks::PointBlocks;
+use crate::physics::cpu::partition::Partition;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
+use crate::physics::cpu::vectors::{V4, add};
+use crate::physics::cpu::vectors::{outer_product, to_dvec, to_v4};
+use glam::{DMat3, DQuat, DVec3};
+
+/// Where a tool is, local units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::physics::cpu) struct LocalToolPose {
+    pub place: DVec3,
+    pub turn: DQuat,
+}
+
+impl LocalToolPose {
+    /// Between this and `to`.
+    pub fn between(&self, to: &LocalToolPose, share: f64) -> LocalToolPose {
+        if share >= 1.0 {
+            return *to;
+        }
+        LocalToolPose {
+            place: self.place.lerp(to.place, share),
+            turn: self.turn.slerp(to.turn, share),
+        }
+    }
+
+    /// Where `p` is in its frame.
+    pub fn to_local(&self, p: DVec3) -> DVec3 {
+        self.turn.inverse() * (p - self.place)
+    }
+
+    /// Where what is `p` in its frame is.
+    pub fn to_world(&self, p: DVec3) -> DVec3 {
+        self.place + self.turn * p
+    }
+
+    /// As numbers, to the bit.
+    pub fn numbers(&self) -> [f64; 7] {
+        let ([a, b, c], [x, y, z, w]) = (self.place.to_array(), self.turn.to_array());
+        [a, b, c, x, y, z, w]
+    }
+
+    /// What [`LocalToolPose::numbers`] gave.
+    pub fn of_numbers([a, b, c, x, y, z, w]: [f64; 7]) -> LocalToolPose {
+        LocalToolPose {
+            place: DVec3::new(a, b, c),
+            turn: DQuat::from_array([x, y, z, w]),
+        }
+    }
+}
+
+/// A tool in local units.
+#[derive(Clone, Debug)]
+pub(in crate::physics::cpu) struct ToolState {
+    pub shape: Shape,
+    /// Where it was at the start of the step, where it is in it, and where it goes.
+    pub from: LocalToolPose,
+    pub at: LocalToolPose,
+    pub to: LocalToolPose,
+    pub friction: f64,
+    /// ĝ.
+    pub gap: f64,
+    /// How often it was put elsewhere.
+    pub jumps: u64,
+}
+
+impl ToolState {
+    /// Where `p` stands to it.
+    pub fn touch(&self, p: DVec3) -> SurfaceDistance {
+        let touch = self.shape.surface_distance(self.at.to_local(p));
+        let turn = DMat3::from_quat(self.at.turn);
+        SurfaceDistance {
+            distance: touch.distance,
+            normal: turn * touch.normal,
+            curvature: turn * touch.curvature * turn.transpose(),
+        }
+    }
+
+    /// The distance of `p`.
+    pub fn distance(&self, p: DVec3) -> f64 {
+        self.shape.distance(self.at.to_local(p))
+    }
+
+    /// How far it goes in the step at most where it is within `reach` of its origin.
+    pub fn max_travel(&self, reach: f64) -> f64 {
+        let arm = self.shape.bounding_radius().min(reach);
+        let angle = self.from.turn.angle_between(self.to.turn);
+        self.from.place.distance(self.to.place) + angle * arm
+    }
+}
+
+/// What a point's friction goes by: those of the iterate before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::physics::cpu) struct ToolFriction {
+    pub normal: DVec3,
+    /// μ times the normal force.
+    pub max_force: f64,
+    /// Velocity of the tool there.
+    pub tool_velocity: DVec3,
+}
+
+/// The tools of a body.
+pub(in crate::physics::cpu) struct ToolContact<T> {
+    pub tools: Vec<ToolState>,
+    pub hull: BoundarySurface,
+    /// Points that may come near in the step.
+    pub contact_points: Vec<ContactPoint>,
+    /// Whether they were chosen since this was looked at last: friction goes by them.
+    pub candidates_changed: bool,
+    /// Those with a node in each chunk.
+    pub chunk_points: Vec<Vec<u32>>,
+    pub lagged_friction: Vec<ToolFriction>,
+    /// The speed below which friction holds.
+    pub least_speed: f64,
+    /// Time over which the tools go from where they were.
+    pub time: f64,
+    chunk_starts: Vec<usize>,
+    blocks: PointBlocks<T>,
+    projected: bool,
+}
+
+impl<T: Real> ToolContact<T> {
+    /// No tools yet, on a boundary.
+    pub fn new(hull: BoundarySurface, plan: &Partition, least_speed: f64) -> ToolContact<T> {
+        let chunks = plan.chunks();
+        ToolContact {
+            tools: Vec::new(),
+            hull,
+            contact_points: Vec::new(),
+            candidates_changed: false,
+            chunk_points: vec![Vec::new(); chunks],
+            lagged_friction: Vec::new(),
+            least_speed,
+            time: 0.0,
+            chunk_starts: (0..chunks).map(|c| plan.range(c).start).collect(),
+            blocks: PointBlocks::new(chunks),
+            projected: false,
+        }
+    }
+
+    /// Where a point is.
+    pub fn point(&self, s: &ContactPoint, u: &[V4<T>]) -> DVec3 {
+        s.corners()
+            .map(|(i, w)| w * self.hull.position(i, u))
+            .sum::<DVec3>()
+    }
+
+    /// The tool of a point, where that stands to it, and A K; none where it is too far.
+    fn active_distance(
+        &self,
+        s: &ContactPoint,
+        u: &[V4<T>],
+    ) -> Option<(&ToolState, SurfaceDistance)> {
+        let tool = &self.tools[s.tool as usize];
+        let p = self.point(s, u);
+        // Without rotating anything for what is far.
+        if tool.distance(p) >= tool.gap {
+            return None;
+        }
+        Some((tool, tool.touch(p)))
+    }
+
+    /// The force on a point that touches, from the tool, without friction.
+    fn contact_force(&self, s: &ContactPoint, tool: &ToolState, touch: &SurfaceDistance) -> DVec3 {
+        -s.area_stiffness
+            * Barrier::clamped(touch.distance / tool.gap).first_derivative
+            * touch.normal
+    }
+
+    /// The velocity of a point, from that of the tool there, along its surface.
+    fn tangential_velocity(&self, s: &ContactPoint, rub: &ToolFriction, v: &[V4<T>]) -> DVec3 {
+        let own: DVec3 = s.corners().map(|(i, w)| w * to_dvec(v[i])).sum();
+        let off = own - rub.tool_velocity;
+        off - rub.normal * rub.normal.dot(off)
+    }
+
+    /// The force of friction on a point.
+    fn friction_force(&self, s: &ContactPoint, rub: &ToolFriction, v: &[V4<T>]) -> DVec3 {
+        let slide = self.tangential_velocity(s, rub, v);
+        -rub.max_force
+            * FrictionMollifier::at(slide.length(), self.least_speed).slope_over_speed
+            * slide
+    }
+
+    /// Takes note of normal forces, normals and velocities of tools at the displacements `u`, for
+    /// friction. By how much the forces changed, over themselves.
+    pub fn update_friction(&mut self, u: &[V4<T>]) -> f64 {
+        let mut rubs = std::mem::take(&mut self.lagged_friction);
+        rubs.resize(self.contact_points.len(), ToolFriction::default());
+        let (mut change, mut all) = (0.0, 0.0);
+        if self.damped() && self.time > 0.0 {
+            for (s, rub) in self.contact_points.iter().zip(&mut rubs) {
+                let before = std::mem::take(rub);
+                if self.tools[s.tool as usize].friction > 0.0 {
+                    *rub = self.lagged_friction_of(s, u).unwrap_or_default();
+                }
+                let vector = |r: &ToolFriction| r.max_force * r.normal;
+                change += vector(rub).distance(vector(&before));
+                all += rub.max_force;
+            }
+        }
+        self.lagged_friction = rubs;
+        match change > 0.0 {
+            true => change / all.max(change),
+            false => 0.0,
+        }
+    }
+
+    fn lagged_friction_of(&self, s: &ContactPoint, u: &[V4<T>]) -> Option<ToolFriction> {
+        let (tool, touch) = self.active_distance(s, u)?;
+        let own = tool.at.to_local(self.point(s, u));
+        let moved = tool.to.to_world(own) - tool.from.to_world(own);
+        Some(ToolFriction {
+            normal: touch.normal,
+            max_force: tool.friction * self.contact_force(s, tool, &touch).length(),
+            tool_velocity: moved / self.time,
+        })
+    }
+
+    /// Whether anything touches a tool at the displacements `u`.
+    #[cfg(test)]
+    pub fn has_contact(&self, u: &[V4<T>]) -> bool {
+        self.contact_points
+            .iter()
+            .any(|s| self.active_distance(s, u).is_some())
+    }
+
+    /// Σ λ² w²/m over points, λ being normal forces and `over` inverse blocks: what residuals are
+    /// measured by where contact bears all that acts.
+    pub fn residual_scale(&self, u: &[V4<T>], over: impl Fn(usize, DVec3) -> f64) -> f64 {
+        let of = |s: &ContactPoint| {
+            let force = self
+                .active_distance(s, u)
+                .map(|(tool, touch)| self.contact_force(s, tool, &touch));
+            force.map_or(0.0, |f| s.corners().map(|(i, w)| over(i, w * f)).sum())
+        };
+        self.contact_points.iter().map(of).sum()
+    }
+
+    /// Force of the body on each tool, and its moment about the origin of the tool's shape.
+    pub fn reactions(&self, at: StateRef<'_, T>) -> Vec<[DVec3; 2]> {
+        let mut sums = vec![[DVec3::ZERO; 2]; self.tools.len()];
+        for (k, s) in self.contact_points.iter().enumerate() {
+            let Some((tool, touch)) = self.active_distance(s, at.u) else {
+                continue;
+            };
+            let mut force = self.contact_force(s, tool, &touch);
+            if let Some(rub) = self
+                .lagged_friction
+                .get(k)
+                .filter(|rub| rub.max_force > 0.0)
+            {
+                force += self.friction_force(s, rub, at.v);
+            }
+            let [sum, moment] = &mut sums[s.tool as usize];
+            *sum -= force;
+            *moment -= (self.point(s, at.u) - tool.at.place).cross(force);
+        }
+        sums
+    }
+
+    /// Tells the corners of a point that are in a chunk, as numbers in it.
+    #[inline]
+    fn within<'a>(
+        &'a self,
+        chunk: usize,
+        s: &'a ContactPoint,
+        count: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + 'a {
+        let first = self.chunk_starts[chunk];
+        // Nodes before the chunk wrap around and are beyond its end.
+        let own = s.corners().map(move |(i, w)| (i.wrapping_sub(first), w));
+        own.filter(move |(i, _)| *i < count)
+    }
+
+    /// The points with a node in a chunk, and whether it is the one to count their energy.
+    fn points_of_chunk(&self, chunk: usize) -> impl Iterator<Item = (usize, &ContactPoint, bool)> {
+        self.chunk_points[chunk].iter().map(move |k| {
+            let s = &self.contact_points[*k as usize];
+            (*k as usize, s, s.owner_chunk as usize == chunk)
+        })
+    }
+}
+
+impl<T: Real> Term<T> for ToolContact<T> {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let energy = self.elastic_forces(chunk, at.u, f);
+        self.damping_forces(chunk, at, f);
+        energy
+    }
+
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        let mut energy = 0.0;
+        for (_, s, counts) in self.points_of_chunk(chunk) {
+            let Some((tool, touch)) = self.active_distance(s, u) else {
+                continue;
+            };
+            let force = self.contact_force(s, tool, &touch);
+            for (i, w) in self.within(chunk, s, f.len()) {
+                f[i] = add(f[i], to_v4(w * force));
+            }
+            if counts {
+                energy +=
+                    s.area_stiffness * tool.gap * Barrier::clamped(touch.distance / tool.gap).value;
+            }
+        }
+        energy
+    }
+
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        let own = self.points_of_chunk(chunk).filter(|(.., counts)| *counts);
+        own.map(|(_, s, _)| {
+            let tool = &self.tools[s.tool as usize];
+            let gap = tool.distance(self.point(s, u)) / tool.gap;
+            s.area_stiffness * tool.gap * Barrier::clamped(gap).value
+        })
+        .sum()
+    }
+
+    fn damped(&self) -> bool {
+        self.tools.iter().any(|tool| tool.friction > 0.0)
+    }
+
+    fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let mut loss = 0.0;
+        for (k, s, counts) in self.points_of_chunk(chunk) {
+            let Some(rub) = self
+                .lagged_friction
+                .get(k)
+                .filter(|rub| rub.max_force > 0.0)
+            else {
+                continue;
+            };
+            let force = self.friction_force(s, rub, at.v);
+            for (i, w) in self.within(chunk, s, f.len()) {
+                f[i] = add(f[i], to_v4(w * force));
+            }
+            if counts {
+                let speed = self.tangential_velocity(s, rub, at.v).length();
+                loss += rub.max_force * FrictionMollifier::at(speed, self.least_speed).value;
+            }
+        }
+        loss
+    }
+
+    fn set_psd_projection(&mut self, projected: bool) {
+        self.projected = projected;
+    }
+
+    fn linearise(
+        &mut self,
+        plan: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
+        let h = h.to_f64();
+        let mut blocks = std::mem::replace(&mut self.blocks, PointBlocks::new(0));
+        blocks.clear();
+        for (k, s) in self.contact_points.iter().enumerate() {
+            let mut block = DMat3::ZERO;
+            if let Some((tool, touch)) = self.active_distance(s, at.u) {
+                let barrier = Barrier::clamped(touch.distance / tool.gap);
+                block += outer_product(touch.normal)
+                    * (h * h * s.area_stiffness * barrier.second_derivative / tool.gap);
+                if !self.projected {
+                    block +=
+                        touch.curvature * (h * h * s.area_stiffness * barrier.first_derivative);
+                }
+            }
+            if let Some(rub) = self
+                .lagged_friction
+                .get(k)
+                .filter(|rub| rub.max_force > 0.0)
+            {
+                let slide = self.tangential_velocity(s, rub, at.v);
+                let slip = FrictionMollifier::at(slide.length(), self.least_speed);
+                let along = slide.normalize_or_zero();
+                let plane = DMat3::IDENTITY - outer_product(rub.normal);
+                let across = plane * slip.slope_over_speed;
+                let bend = match self.projected {
+                    true => slip.projected_hessian(),
+                    false => slip.bend,
+                };
+                let way = outer_product(along) * (bend - slip.slope_over_speed);
+                block += (across + way) * (h * rub.max_force);
+            }
+            blocks.push(plan, s.spread(), &block, share.diagonal);
+        }
+        self.blocks = blocks;
+    }
+
+    fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
+        self.blocks
+            .multiply((chunk, self.chunk_starts[chunk]), p, y);
+    }
+
+    fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        self.blocks.visit_off_diagonal(visit);
+    }
+
+    fn as_tool_contact(&self) -> Option<&ToolContact<T>> {
+        Some(self)
+    }
+
+    fn contact_mut(&mut self) -> Option<&mut ToolContact<T>> {
+        Some(self)
+    }
+}

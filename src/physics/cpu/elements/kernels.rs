@@ -1,0 +1,253 @@
+//! Energy, stress and second derivatives of four tets at a time. They share nothing with the
+//! plain form in `physics::elements`.
+//!
+//! With G = F − I nothing cancels where strains are small:
+//! |F|² − 3 = 2 tr G + |G|², J − 1 = tr G + tr cof G + det G.
+
+use super::batch::{
+    LaneMat3, LaneVec3, TetBatch, add_identity, cofactor, cofactor_from_gradient, cross, dot, times,
+};
+use super::svd::Svd;
+use crate::physics::ConstitutiveModel;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::simd::Lane;
+use crate::physics::cpu::vectors::V4;
+use crate::physics::model::elements::{CRUSH_STIFFNESS_RATIO, CRUSH_THRESHOLD_J};
+
+/// Pairs of a tet's nodes, the ones of its blocks off the diagonal.
+pub(in crate::physics::cpu) const NODE_PAIRS: [[usize; 2]; 6] =
+    [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+
+impl<T: Real> TetBatch<T> {
+    /// Energy of each tet at displacements with the gradient `g`.
+    #[inline(always)]
+    pub fn energy(&self, law: ConstitutiveModel, g: &LaneMat3<T::Lanes>) -> T::Lanes {
+        let half = T::Lanes::splat(0.5);
+        let mu = self.lame[0];
+        let small = cofactor(g);
+        let turn = small[0][0] + small[1][1] + small[2][2];
+        let bulge = dot(small[0], g[0]);
+        let growth = (g[0][0] + g[1][1] + g[2][2]) + turn + bulge;
+        let shear = match law {
+            ConstitutiveModel::NeoHookean => {
+                let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
+                half * square - turn - bulge
+            }
+            ConstitutiveModel::Corotated => {
+                let m = Svd::new(g).stretch;
+                dot(m, m)
+            }
+        };
+        mu * shear + volumetric_energy(self.lame, growth)
+    }
+
+    /// Whether any of the tets is inside out, or flat.
+    #[inline(always)]
+    pub fn inverted(&self, g: &LaneMat3<T::Lanes>) -> bool {
+        let growth = cofactor_from_gradient(g).2;
+        T::Lanes::splat(-1.0).any_above(growth)
+    }
+
+    /// P times the volume, by columns, and the energy. `push` is a pressure, times the volume, that
+    /// comes from outside the tets.
+    #[inline(always)]
+    pub fn stress(
+        &self,
+        law: ConstitutiveModel,
+        g: &LaneMat3<T::Lanes>,
+        push: T::Lanes,
+    ) -> (LaneMat3<T::Lanes>, T::Lanes) {
+        let (c, less, growth) = cofactor_from_gradient(g);
+        let mu = self.lame[0];
+        let swelling = volumetric_energy(self.lame, growth);
+        let pressure = volume_stress(self.lame, growth)[0] + push;
+        match law {
+            ConstitutiveModel::NeoHookean => {
+                let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
+                let trace = g[0][0] + g[1][1] + g[2][2];
+                let half = T::Lanes::splat(0.5);
+                let energy = mu * (half * square - (growth - trace)) + swelling;
+                // F − cof F, of which the units are gone.
+                let stress = combine(|j, i| mu * (g[j][i] - less[j][i]) + pressure * c[j][i]);
+                (stress, energy)
+            }
+            ConstitutiveModel::Corotated => {
+                let svd = Svd::new(g);
+                let m = svd.stretch;
+                let energy = mu * dot(m, m) + swelling;
+                let bent = svd.compose(m.map(|x| (mu + mu) * x));
+                (combine(|j, i| bent[j][i] + pressure * c[j][i]), energy)
+            }
+        }
+    }
+
+    /// How P times the volume changes when F does by `d`, under a push that changes by the second
+    /// number: exactly.
+    #[inline(always)]
+    pub fn stress_differential(
+        &self,
+        law: ConstitutiveModel,
+        g: &LaneMat3<T::Lanes>,
+        d: &LaneMat3<T::Lanes>,
+        [push, push_change]: [T::Lanes; 2],
+    ) -> LaneMat3<T::Lanes> {
+        let mu = self.lame[0];
+        let (c, _, growth) = cofactor_from_gradient(g);
+        let [own, stiffness] = volume_stress(self.lame, growth);
+        let pressure = own + push;
+        let change =
+            stiffness * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2])) + push_change;
+        let f = add_identity(g);
+        let turning = |j: usize| -> LaneVec3<T::Lanes> {
+            let (k, l) = ((j + 1) % 3, (j + 2) % 3);
+            let (a, b) = (cross(d[k], f[l]), cross(f[k], d[l]));
+            std::array::from_fn(|i| a[i] + b[i])
+        };
+        let turning: LaneMat3<T::Lanes> = std::array::from_fn(turning);
+        match law {
+            ConstitutiveModel::NeoHookean => {
+                combine(|j, i| mu * d[j][i] + change * c[j][i] + (pressure - mu) * turning[j][i])
+            }
+            ConstitutiveModel::Corotated => {
+                let turned = Svd::new(g).rotation_differential(d);
+                let two = mu + mu;
+                combine(|j, i| {
+                    two * (d[j][i] - turned[j][i]) + change * c[j][i] + pressure * turning[j][i]
+                })
+            }
+        }
+    }
+
+    /// The six blocks off the diagonal of the second derivatives under a push that stays, in the
+    /// order of [`NODE_PAIRS`], times `scale`: for each tet the three columns of each block.
+    #[inline(always)]
+    pub fn blocks(
+        &self,
+        (law, projected): (ConstitutiveModel, bool),
+        g: &LaneMat3<T::Lanes>,
+        push: T::Lanes,
+        scale: T::Lanes,
+        mut take: impl FnMut(usize, [[V4<T>; 3]; 4]),
+    ) {
+        let lame = self.lame.map(|l| l * scale);
+        let push = push * scale;
+        let gradients = self.all_gradients();
+        if law == ConstitutiveModel::NeoHookean && !projected {
+            let f = add_identity(g);
+            let (c, _, growth) = cofactor_from_gradient(g);
+            let mu = lame[0];
+            let [own, lambda] = volume_stress(lame, growth);
+            let s = own + push - mu;
+            let cg = gradients.map(|g| times(&c, g));
+            for (n, [a, b]) in NODE_PAIRS.iter().enumerate() {
+                // μ g_a·g_b I + λ (C g_a)(C g_b)ᵀ − s [F (g_a × g_b)]×.
+                let (ga, gb) = (gradients[*a], gradients[*b]);
+                let along = mu * dot(ga, gb);
+                let w = times(&f, cross(ga, gb)).map(|x| s * x);
+                let left = cg[*a].map(|x| lambda * x);
+                let mut block: LaneMat3<T::Lanes> =
+                    std::array::from_fn(|j| left.map(|x| x * cg[*b][j]));
+                for (k, column) in block.iter_mut().enumerate() {
+                    column[k] = column[k] + along;
+                }
+                block[1][0] = block[1][0] + w[2];
+                block[2][0] = block[2][0] - w[1];
+                block[0][1] = block[0][1] - w[2];
+                block[2][1] = block[2][1] + w[0];
+                block[0][2] = block[0][2] + w[1];
+                block[1][2] = block[1][2] - w[0];
+                take(n, unpack_blocks::<T>(&block));
+            }
+        } else {
+            let svd = Svd::new(g);
+            let curvature = svd.curvature(law, lame, push, projected);
+            let turned = gradients.map(|g| svd.v.map(|v| dot(v, g)));
+            for (n, [a, b]) in NODE_PAIRS.iter().enumerate() {
+                take(
+                    n,
+                    unpack_blocks::<T>(&curvature.block(turned[*a], turned[*b])),
+                );
+            }
+        }
+    }
+
+    /// Of the shape functions of all four nodes.
+    #[inline(always)]
+    pub fn all_gradients(&self) -> [LaneVec3<T::Lanes>; 4] {
+        let [a, b, c] = self.gradients;
+        let rest = std::array::from_fn(|i| -(a[i] + b[i] + c[i]));
+        [rest, a, b, c]
+    }
+}
+
+impl<L: Lane> Svd<L> {
+    /// How the rotation U Vᵀ changes when F does by `d`, by columns.
+    #[inline(always)]
+    fn rotation_differential(&self, d: &LaneMat3<L>) -> LaneMat3<L> {
+        // Uᵀ d V.
+        let dv = self.v.map(|v| times(d, v));
+        let inner: LaneMat3<L> =
+            std::array::from_fn(|j| std::array::from_fn(|i| dot(self.u[i], dv[j])));
+        let ridge = L::splat(1e-4);
+        let turn = |i: usize, j: usize| {
+            (inner[j][i] - inner[i][j]) / (self.sigma[i] + self.sigma[j]).max(ridge)
+        };
+        let zero = L::splat(0.0);
+        let (a, b, c) = (turn(0, 1), turn(0, 2), turn(1, 2));
+        // By columns, skew.
+        let omega = [[zero, -a, -b], [a, zero, -c], [b, c, zero]];
+        let uw = omega.map(|column| times(&self.u, column));
+        let v = &self.v;
+        combine(|j, i| uw[0][i] * v[0][j] + uw[1][i] * v[1][j] + uw[2][i] * v[2][j])
+    }
+}
+
+/// The energy of a volume ratio of 1 + `growth`.
+#[inline(always)]
+fn volumetric_energy<L: Lane>([mu, lambda]: [L; 2], growth: L) -> L {
+    let c = crush_ramp(growth);
+    let beyond = (L::splat(-1.0) - growth).max(L::splat(0.0));
+    let bracket = L::splat(CRUSH_THRESHOLD_J / 12.0)
+        + c * (c * L::splat(CRUSH_THRESHOLD_J / 30.0) - L::splat(CRUSH_THRESHOLD_J / 10.0));
+    let square = c * c;
+    let stop = square * square * bracket + L::splat(1.0 / 30.0) * beyond;
+    L::splat(0.5) * lambda * growth * growth
+        + L::splat(16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J) * mu * stop
+}
+
+/// Its first and second derivatives.
+#[inline(always)]
+pub(in crate::physics::cpu) fn volume_stress<L: Lane>([mu, lambda]: [L; 2], growth: L) -> [L; 2] {
+    let c = crush_ramp(growth);
+    let square = c * c;
+    let bracket = L::splat(1.0 / 3.0) + c * (c * L::splat(0.2) - L::splat(0.5));
+    let stop =
+        L::splat(16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J) * mu * square * c * bracket;
+    let bump = c * (L::splat(1.0) - c);
+    [
+        lambda * growth - stop,
+        lambda + L::splat(16.0 * CRUSH_STIFFNESS_RATIO) * mu * bump * bump,
+    ]
+}
+
+/// How far a volume ratio of 1 + `growth` is from where tets count as crushed (0) to nothing (1).
+#[inline(always)]
+fn crush_ramp<L: Lane>(growth: L) -> L {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    let c = ((L::splat(CRUSH_THRESHOLD_J - 1.0) - growth) * L::splat(1.0 / CRUSH_THRESHOLD_J))
+        .max(zero);
+    c.select_greater(one, one, c)
+}
+
+#[inline(always)]
+fn combine<L: Lane>(entry: impl Fn(usize, usize) -> L) -> LaneMat3<L> {
+    std::array::from_fn(|j| std::array::from_fn(|i| entry(j, i)))
+}
+
+/// The block of each tet, its columns padded.
+#[inline(always)]
+fn unpack_blocks<T: Real>(block: &LaneMat3<T::Lanes>) -> [[V4<T>; 3]; 4] {
+    let zero = T::Lanes::splat(0.0);
+    let columns = block.map(|[x, y, z]| T::Lanes::transpose([x, y, z, zero]));
+    std::array::from_fn(|l| columns.map(|c| T::array(c[l])))
+}

@@ -1,0 +1,226 @@
+//! A muscle as a term of a body's energy: Ψ = ½ a T |F m|², of which the second derivatives are
+//! constant, and the same along all axes.
+//!
+//! With s_i = g_i·m of the nodes' shape functions F m = m + Σ u_i s_i, so that over all tets, but
+//! for a constant, E = a (Σ b_i·u_i + ½ Σ k_ij u_i·u_j), b_i = Σ V T s_i m, k_ij = Σ V T s_i s_j.
+//! Rows of k add up to nothing: differences of displacements are taken, in which translations are
+//! gone.
+
+use crate::physics::cpu::partition::Partition;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
+use crate::physics::cpu::vectors::{V4, add, add_scaled, dot_f64, from_metres, scale, sub, zero};
+use crate::physics::{DiscreteModel, LocalUnits, Muscle};
+use glam::{DMat3, DVec3};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// The nodes of a muscle in one chunk, ascending, with what ties each to the others.
+#[derive(Clone, Debug, Default)]
+struct Rows<T> {
+    first: usize,
+    nodes: Vec<u32>,
+    starts: Vec<u32>,
+    columns: Vec<u32>,
+    /// k_ij, i ≠ j.
+    coupling: Vec<T>,
+    /// b_i.
+    linear_forces: Vec<V4<T>>,
+}
+
+/// A muscle on the nodes of a body, in its order and units.
+#[derive(Clone, Debug)]
+pub(in crate::physics::cpu) struct MuscleTerm<T> {
+    chunks: Vec<Rows<T>>,
+    /// Which level is the activation.
+    level: usize,
+    activation: T,
+    /// h² a, as last linearised.
+    scale: T,
+}
+
+impl<T: Real> MuscleTerm<T> {
+    /// `muscle` of `network`, whose tets are `tets`, at the level of this number; slack as yet.
+    pub fn new(
+        muscle: &Muscle,
+        level: usize,
+        (network, tets): (&DiscreteModel, &[[u32; 4]]),
+        (place, units, plan): (&[u32], LocalUnits, &Partition),
+    ) -> MuscleTerm<T> {
+        // Nothing contracts what is rigid.
+        let mut bones = vec![u32::MAX; network.rest_positions.len()];
+        for (b, body) in network.elements.rigid.iter().enumerate() {
+            body.nodes
+                .iter()
+                .for_each(|v| bones[*v as usize] = b as u32);
+        }
+        let mut rows: BTreeMap<u32, (DVec3, BTreeMap<u32, f64>)> = BTreeMap::new();
+        for (tet, along) in &muscle.fibres {
+            let nodes = tets[*tet as usize];
+            let bone = bones[nodes[0] as usize];
+            if bone != u32::MAX && nodes.iter().all(|v| bones[*v as usize] == bone) {
+                continue;
+            }
+            let corners = nodes.map(|v| network.rest_positions[v as usize]);
+            let edges = DMat3::from_cols(
+                corners[1] - corners[0],
+                corners[2] - corners[0],
+                corners[3] - corners[0],
+            );
+            let volume = edges.determinant() / 6.0;
+            let inverse = edges.inverse();
+            // Tets without volume have no energy.
+            if !(volume > 0.0 && inverse.is_finite()) {
+                continue;
+            }
+            let [a, b, c] = (inverse * *along * units.length).to_array();
+            let slopes = [-(a + b + c), a, b, c];
+            let strength = volume * muscle.tension / units.energy();
+            for (i, s) in nodes.iter().zip(slopes) {
+                let (pull, ties) = rows.entry(place[*i as usize]).or_default();
+                *pull += strength * s * *along;
+                for (j, t) in nodes.iter().zip(slopes).filter(|(j, _)| *j != i) {
+                    *ties.entry(place[*j as usize]).or_default() += strength * s * t;
+                }
+            }
+        }
+        let chunk = |nodes: Range<usize>| {
+            let mut own = Rows {
+                first: nodes.start,
+                starts: vec![0],
+                ..Rows::default()
+            };
+            for (i, (pull, ties)) in rows.range(nodes.start as u32..nodes.end as u32) {
+                own.nodes.push(*i);
+                own.linear_forces.push(from_metres(*pull, 1.0));
+                for (j, tie) in ties {
+                    own.columns.push(*j);
+                    own.coupling.push(T::from_f64(*tie));
+                }
+                own.starts.push(own.columns.len() as u32);
+            }
+            own
+        };
+        MuscleTerm {
+            chunks: (0..plan.chunks()).map(|c| chunk(plan.range(c))).collect(),
+            level,
+            activation: T::ZERO,
+            scale: T::ZERO,
+        }
+    }
+}
+
+impl<T: Real> Rows<T> {
+    /// Each node, with its number among the muscle's, and the ties of it.
+    fn each(&self) -> impl Iterator<Item = (usize, usize, Range<usize>)> {
+        let spans = self.starts.windows(2);
+        let spans = spans.map(|w| w[0] as usize..w[1] as usize);
+        let nodes = self.nodes.iter().map(|i| *i as usize);
+        nodes
+            .zip(spans)
+            .enumerate()
+            .map(|(n, (i, span))| (n, i, span))
+    }
+
+    /// Σ_j k_ij (p_j − p_i).
+    #[inline]
+    fn coupling_product(&self, i: usize, span: Range<usize>, p: &[V4<T>]) -> V4<T> {
+        let mut sum = zero();
+        for (j, tie) in self.columns[span.clone()].iter().zip(&self.coupling[span]) {
+            sum = add_scaled(sum, *tie, sub(p[*j as usize], p[i]));
+        }
+        sum
+    }
+
+    /// Σ u_i·(b_i + ½ Σ_j k_ij u_j), telling each node's force at full activation.
+    #[inline]
+    fn evaluate(&self, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) -> f64 {
+        let mut energy = 0.0;
+        for (n, i, span) in self.each() {
+            let (pull, tied) = (self.linear_forces[n], self.coupling_product(i, span, u));
+            energy += dot_f64(u[i], add_scaled(pull, T::HALF, tied));
+            take(i, sub(zero(), add(pull, tied)));
+        }
+        energy
+    }
+}
+
+impl<T: Real> Term<T> for MuscleTerm<T> {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        self.elastic_forces(chunk, at.u, f)
+    }
+
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        if self.activation == T::ZERO {
+            return 0.0;
+        }
+        let rows = &self.chunks[chunk];
+        let energy = rows.evaluate(u, |i, force| {
+            let f = &mut f[i - rows.first];
+            *f = add_scaled(*f, self.activation, force);
+        });
+        self.activation.to_f64() * energy
+    }
+
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        match self.activation == T::ZERO {
+            true => 0.0,
+            false => self.activation.to_f64() * self.chunks[chunk].evaluate(u, |_, _| {}),
+        }
+    }
+
+    fn set_amplitudes(&mut self, levels: &[f64]) {
+        self.activation = T::from_f64(levels.get(self.level).copied().unwrap_or(0.0));
+    }
+
+    fn linearise(
+        &mut self,
+        _: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
+        self.scale = h * h * self.activation;
+        if self.activation == T::ZERO {
+            return;
+        }
+        for rows in &self.chunks {
+            for (_, i, span) in rows.each() {
+                let mut own = T::ZERO;
+                rows.coupling[span.clone()]
+                    .iter()
+                    .for_each(|tie| own -= *tie);
+                for d in &mut share.diagonal[i][..3] {
+                    *d += self.scale * own;
+                }
+                let kv = scale(self.activation, rows.coupling_product(i, span, at.v));
+                share.stiffness_velocity[i] = sub(share.stiffness_velocity[i], kv);
+            }
+        }
+    }
+
+    fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
+        if self.scale == T::ZERO {
+            return;
+        }
+        let rows = &self.chunks[chunk];
+        for (_, i, span) in rows.each() {
+            let y = &mut y[i - rows.first];
+            *y = add_scaled(*y, self.scale, rows.coupling_product(i, span, p));
+        }
+    }
+
+    fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        for rows in &self.chunks {
+            for (_, i, span) in rows.each() {
+                for (j, tie) in rows.columns[span.clone()].iter().zip(&rows.coupling[span]) {
+                    if i < *j as usize {
+                        let block =
+                            DMat3::from_diagonal(DVec3::splat((self.scale * *tie).to_f64()));
+                        visit([i as u32, *j], &block);
+                    }
+                }
+            }
+        }
+    }
+}

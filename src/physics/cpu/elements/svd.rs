@@ -1,0 +1,286 @@
+//! F = U Σ Vᵀ of four tets at a time, without branches, and what of the second derivatives of an
+//! isotropic energy can be said in that frame.
+//!
+//! U and V are rotations: of the σ, descending in size, only the last is negative, where F is
+//! inverted. The second derivatives of Ψ(σ) by F in that frame (Stomakhin et al. 2012; Smith, de
+//! Goes & Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies") are a 3×3 matrix
+//! ∂²Ψ/∂σ², and for each pair of axes a twist (Ψ_i + Ψ_j)/(σ_i + σ_j) and a flip
+//! (Ψ_i − Ψ_j)/(σ_i − σ_j).
+
+use super::batch::{LaneMat3, LaneVec3, add_identity, cross, dot, times};
+use crate::physics::ConstitutiveModel;
+use crate::physics::cpu::simd::Lane;
+
+/// What a twist is divided by, at least: the corotated energy has a ridge where it is zero.
+const MIN_TWIST_DENOMINATOR: f64 = 1e-4;
+
+/// The parts of F.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::physics::cpu) struct Svd<L> {
+    /// Columns.
+    pub u: LaneMat3<L>,
+    /// Columns.
+    pub v: LaneMat3<L>,
+    /// Σ.
+    pub sigma: LaneVec3<L>,
+    /// Σ − 1.
+    pub stretch: LaneVec3<L>,
+}
+
+/// Second derivatives of the energy by F, times the volume, in the frame of the tet.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::physics::cpu) struct PrincipalHessian<L> {
+    u: LaneMat3<L>,
+    /// xx, yy, zz, yz, xz, xy of ∂²Ψ/∂σ².
+    a: [L; 6],
+    /// How P_ij goes with F_ij, where k is neither i nor j.
+    p: LaneVec3<L>,
+    /// And with F_ji.
+    q: LaneVec3<L>,
+}
+
+/// One of Jacobi's rotations: makes a_pq zero.
+#[inline(always)]
+fn rotate<L: Lane>(a: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize) {
+    let (one, four) = (L::splat(1.0), L::splat(4.0));
+    let d = a[q][q] - a[p][p];
+    let apq = a[p][q];
+    let reach = d.abs() + (d * d + four * apq * apq).sqrt();
+    let t = (apq + apq) / reach.select_greater(L::splat(0.0), reach, one);
+    let t = L::splat(0.0).select_greater(d, -t, t);
+    let c = one / (t * t + one).sqrt();
+    let s = t * c;
+    let r = 3 - p - q;
+    let (arp, arq) = (a[r][p], a[r][q]);
+    a[p][p] = a[p][p] - t * apq;
+    a[q][q] = a[q][q] + t * apq;
+    a[p][q] = L::splat(0.0);
+    a[q][p] = a[p][q];
+    a[r][p] = c * arp - s * arq;
+    a[p][r] = a[r][p];
+    a[r][q] = s * arp + c * arq;
+    a[q][r] = a[r][q];
+    let (x, y) = (v[p], v[q]);
+    v[p] = std::array::from_fn(|i| c * x[i] - s * y[i]);
+    v[q] = std::array::from_fn(|i| s * x[i] + c * y[i]);
+}
+
+/// Makes a symmetric matrix diagonal; returns its eigenvectors as columns.
+#[inline(always)]
+fn diagonalise<L: Lane>(a: &mut LaneMat3<L>) -> LaneMat3<L> {
+    let mut v = add_identity(&[[L::splat(0.0); 3]; 3]);
+    for _ in 0..L::SWEEPS {
+        let own = a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2];
+        let rest = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
+        if !rest.any_above(own * L::splat(L::OFF_DIAGONAL_TOLERANCE)) {
+            break;
+        }
+        rotate(a, &mut v, 0, 1);
+        rotate(a, &mut v, 0, 2);
+        rotate(a, &mut v, 1, 2);
+    }
+    v
+}
+
+/// Turns two columns of W = F V, and of V, until those of W are across each other (Hestenes'
+/// one-sided rotation), where they are not to the digits there are.
+#[inline(always)]
+fn orthogonalise_columns<L: Lane>(w: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize) {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
+    let d = b - a;
+    let reach = d.abs() + (d * d + L::splat(4.0) * c * c).sqrt();
+    let t = (c + c) / reach.select_greater(zero, reach, one);
+    let t = zero.select_greater(d, -t, t);
+    // Squares of small stretches are within the range of f32 as long as these are above 1e-9.
+    let skew = (c * c).select_greater(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b, t, zero);
+    let cos = one / (skew * skew + one).sqrt();
+    let sin = skew * cos;
+    for m in [w, v] {
+        let (x, y) = (m[p], m[q]);
+        m[p] = std::array::from_fn(|i| cos * x[i] - sin * y[i]);
+        m[q] = std::array::from_fn(|i| sin * x[i] + cos * y[i]);
+    }
+}
+
+impl<L: Lane> Svd<L> {
+    /// Of F = I + `g`.
+    #[inline(always)]
+    pub fn new(g: &LaneMat3<L>) -> Svd<L> {
+        // FᵀF − I, in which nothing cancels; its eigenvalues are σ² − 1.
+        let strain: LaneMat3<L> =
+            std::array::from_fn(|j| std::array::from_fn(|i| g[j][i] + g[i][j] + dot(g[i], g[j])));
+        let mut v = diagonalise(&mut { strain });
+        let f = add_identity(g);
+        let mut w = v.map(|v| times(&f, v));
+        // Of a tet that is nearly a line or a point the strain says too little.
+        for _ in 0..3 {
+            let skew = |p: usize, q: usize| {
+                let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
+                (c * c).any_above(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b)
+            };
+            if !(skew(0, 1) || skew(0, 2) || skew(1, 2)) {
+                break;
+            }
+            for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+                orthogonalise_columns(&mut w, &mut v, p, q);
+            }
+        }
+        let mut e: LaneVec3<L> = std::array::from_fn(|k| dot(v[k], times(&strain, v[k])));
+        let mut n = w.map(|w| dot(w, w));
+        for (p, q) in [(0, 1), (1, 2), (0, 1)] {
+            let (a, b) = (n[p], n[q]);
+            n[p] = b.select_greater(a, b, a);
+            n[q] = b.select_greater(a, a, b);
+            (e[p], e[q]) = (
+                b.select_greater(a, e[q], e[p]),
+                b.select_greater(a, e[p], e[q]),
+            );
+            // Turned a quarter, not swapped: V stays a rotation.
+            for m in [&mut v, &mut w] {
+                let (x, y) = (m[p], m[q]);
+                m[p] = std::array::from_fn(|i| b.select_greater(a, y[i], x[i]));
+                m[q] = std::array::from_fn(|i| b.select_greater(a, -x[i], y[i]));
+            }
+        }
+        let (zero, one, tiny) = (L::splat(0.0), L::splat(1.0), L::splat(L::TINY));
+        let n0 = dot(w[0], w[0]);
+        let point = L::splat(1e-30);
+        let over = one / n0.select_greater(point, n0, one).sqrt();
+        // Of a tet that is a point any frame will do; of one that is a line, any across it.
+        let u0: LaneVec3<L> = std::array::from_fn(|i| {
+            n0.select_greater(point, w[0][i] * over, if i == 0 { one } else { zero })
+        });
+        let d = dot(u0, w[1]);
+        let across: LaneVec3<L> = std::array::from_fn(|i| w[1][i] - d * u0[i]);
+        let x = u0[0].abs().select_greater(L::splat(0.8), zero, one);
+        let any = cross(u0, [x, one - x, zero]);
+        let thin = tiny * n0 + point;
+        let n1 = dot(across, across);
+        let u1: LaneVec3<L> = std::array::from_fn(|i| n1.select_greater(thin, across[i], any[i]));
+        let over = one / dot(u1, u1).sqrt();
+        let u1 = u1.map(|x| x * over);
+        // Where it was nearly a line, rounding left something along u0.
+        let d = dot(u0, u1);
+        let u1: LaneVec3<L> = std::array::from_fn(|i| u1[i] - d * u0[i]);
+        let over = one / dot(u1, u1).sqrt();
+        let u1 = u1.map(|x| x * over);
+        let u = [u0, u1, cross(u0, u1)];
+        let sigma: LaneVec3<L> = std::array::from_fn(|i| dot(u[i], w[i]));
+        let stretch = std::array::from_fn(|i| {
+            let s = sigma[i];
+            s.select_greater(L::splat(0.5), e[i] / (one + s.max(zero)), s - one)
+        });
+        Svd {
+            u,
+            v,
+            sigma,
+            stretch,
+        }
+    }
+
+    /// U d Vᵀ for a diagonal d, by columns.
+    #[inline(always)]
+    pub fn compose(&self, d: LaneVec3<L>) -> LaneMat3<L> {
+        let v = &self.v;
+        let scaled: LaneMat3<L> = std::array::from_fn(|k| self.u[k].map(|x| x * d[k]));
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| {
+                scaled[0][i] * v[0][j] + scaled[1][i] * v[1][j] + scaled[2][i] * v[2][j]
+            })
+        })
+    }
+
+    /// The curvature of `law` under a pressure `push` that stays, times what `lame` and that are
+    /// times; without its negative eigenvalues, if it is to be `projected`.
+    #[inline(always)]
+    pub fn curvature(
+        &self,
+        law: ConstitutiveModel,
+        [mu, lambda]: [L; 2],
+        push: L,
+        projected: bool,
+    ) -> PrincipalHessian<L> {
+        let (s, one, half, zero) = (self.sigma, L::splat(1.0), L::splat(0.5), L::splat(0.0));
+        let m = &self.stretch;
+        // J − 1 from the stretches.
+        let pairs = m[0] * m[1] + m[1] * m[2] + m[2] * m[0];
+        let growth = (m[0] + m[1] + m[2]) + pairs + m[0] * m[1] * m[2];
+        let [own, lambda] = super::kernels::volume_stress([mu, lambda], growth);
+        let pressure = own + push;
+        let rest = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
+        let clamp = |x: L| if projected { x.max(zero) } else { x };
+        let across = match law {
+            ConstitutiveModel::NeoHookean => pressure - mu,
+            ConstitutiveModel::Corotated => pressure,
+        };
+        let (mut p, mut q) = ([zero; 3], [zero; 3]);
+        for k in 0..3 {
+            let (twist, flip) = match law {
+                ConstitutiveModel::NeoHookean => (mu + across * s[k], mu - across * s[k]),
+                ConstitutiveModel::Corotated => {
+                    let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+                    let sum = (s[i] + s[j]).max(L::splat(MIN_TWIST_DENOMINATOR));
+                    let two = mu + mu;
+                    // 2 μ (σ_i + σ_j − 2)/(σ_i + σ_j).
+                    (
+                        two * (m[i] + m[j]) / sum + across * s[k],
+                        two - across * s[k],
+                    )
+                }
+            };
+            let (twist, flip) = (clamp(twist), clamp(flip));
+            p[k] = half * (twist + flip);
+            q[k] = half * (flip - twist);
+        }
+        let own = match law {
+            ConstitutiveModel::NeoHookean => mu,
+            ConstitutiveModel::Corotated => mu + mu,
+        };
+        let j = growth + one;
+        let mut a: LaneMat3<L> = std::array::from_fn(|i| {
+            std::array::from_fn(|k| match i == k {
+                true => own + lambda * rest[i] * rest[i],
+                false => s[3 - i - k] * (lambda * j + across),
+            })
+        });
+        if projected {
+            let v = diagonalise(&mut a);
+            let e = [a[0][0], a[1][1], a[2][2]].map(|x| x.max(zero));
+            a = std::array::from_fn(|i| {
+                std::array::from_fn(|k| {
+                    e[0] * v[0][i] * v[0][k] + e[1] * v[1][i] * v[1][k] + e[2] * v[2][i] * v[2][k]
+                })
+            });
+        }
+        PrincipalHessian {
+            u: self.u,
+            a: [a[0][0], a[1][1], a[2][2], a[1][2], a[0][2], a[0][1]],
+            p,
+            q,
+        }
+    }
+}
+
+impl<L: Lane> PrincipalHessian<L> {
+    /// The block between two nodes with the gradients `x` and `y` in the frame of V (Vᵀ g), by
+    /// columns.
+    #[inline(always)]
+    pub fn block(&self, x: LaneVec3<L>, y: LaneVec3<L>) -> LaneMat3<L> {
+        let m: LaneMat3<L> = std::array::from_fn(|k| {
+            std::array::from_fn(|i| match i == k {
+                true => {
+                    let (j, l) = ((i + 1) % 3, (i + 2) % 3);
+                    self.a[i] * x[i] * y[i] + self.p[l] * x[j] * y[j] + self.p[j] * x[l] * y[l]
+                }
+                false => self.a[6 - i - k] * x[i] * y[k] + self.q[3 - i - k] * x[k] * y[i],
+            })
+        });
+        // U m Uᵀ.
+        let um = m.map(|column| times(&self.u, column));
+        let u = &self.u;
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| um[0][i] * u[0][j] + um[1][i] * u[1][j] + um[2][i] * u[2][j])
+        })
+    }
+}

@@ -1,0 +1,485 @@
+//! Tets of hyperelastic material as a term of a body's energy.
+//!
+//! A chunk of nodes has the tets of which all nodes are its own, and those of which some are; the
+//! latter are computed by every chunk that has a node of them, so that no chunk writes to
+//! another's nodes.
+
+use super::batch::TetBatch;
+use super::nodal_volumes::{NodalVolumeTerm, VolumeSources};
+use crate::physics::cpu::linear::block_csr::BlockCsr;
+use crate::physics::cpu::partition::{Chunks, Nodes, Partition};
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::simd::Lane;
+use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
+use crate::physics::cpu::vectors::{Mat3Columns, V4, scale, sub, sum_f64, zero};
+use crate::physics::{ConstitutiveModel, DiscreteModel, Elements, LocalUnits};
+use glam::{DMat3, DVec3};
+use std::ops::Range;
+
+/// Tets of a chunk, four at a time.
+#[derive(Clone, Debug, Default)]
+struct List<T: Real> {
+    batches: Vec<TetBatch<T>>,
+    /// Where each tet's blocks go, in the order of the pairs of its nodes.
+    block_slots: Vec<[[u32; 6]; 4]>,
+    /// 1, or 0 for tets whose energy another chunk counts.
+    energy_mask: Vec<V4<T>>,
+}
+
+/// The tets of a chunk of nodes.
+#[derive(Debug)]
+struct Chunk<T: Real> {
+    first: usize,
+    /// All of their nodes are in the chunk.
+    interior: List<T>,
+    /// Some are.
+    shared: List<T>,
+    /// Where what is around a node keeps its volume.
+    volumes: Option<NodalVolumeTerm<T>>,
+    rows: BlockCsr<T>,
+    /// β K of the damping, in the pattern of the rows.
+    damping: Vec<Mat3Columns<T>>,
+    /// α m of every node, where there is an α.
+    mass_damping: Vec<T>,
+}
+
+/// All tets of a body.
+#[derive(Debug)]
+pub struct ElementTerm<T: Real> {
+    law: ConstitutiveModel,
+    chunks: Vec<Chunk<T>>,
+    /// β, local units.
+    damping: T,
+    projected: bool,
+}
+
+/// What is made of the tets of a chunk when they are linearised.
+#[derive(Clone, Copy)]
+struct AssemblyOptions<T> {
+    law: ConstitutiveModel,
+    projected: bool,
+    /// What the blocks are multiplied by.
+    scale: T,
+    /// What β K is, that is added.
+    damping: T,
+}
+
+impl<T: Real> ElementTerm<T> {
+    /// The elements of `network`, of which node `order[k]` is the engine's k-th, shared out by
+    /// `plan`; `implicit` if they are to be linearised.
+    pub fn new(
+        network: &DiscreteModel,
+        (order, units, plan): (&[u32], LocalUnits, &Partition),
+        implicit: bool,
+    ) -> ElementTerm<T> {
+        let mut place = vec![0u32; order.len()];
+        for (k, v) in order.iter().enumerate() {
+            place[*v as usize] = k as u32;
+        }
+        let elements = &network.elements;
+        let tets = &elements.tets;
+        // Nodes ascending, so that blocks above the diagonal are those of the pairs.
+        let mut sorted: Vec<SortedTet> = tets
+            .iter()
+            .enumerate()
+            .map(|(t, tet)| {
+                let nodes = tet.nodes.map(|v| place[v as usize]);
+                let mut turn = [0, 1, 2, 3];
+                turn.sort_unstable_by_key(|a| nodes[*a]);
+                (turn.map(|a| nodes[a]), turn, t as u32)
+            })
+            .collect();
+        sorted.sort_unstable();
+        let cells = elements.cells();
+        let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
+        for tet in &sorted {
+            let mut homes = tet.0.map(|v| plan.chunk_of(v as usize)).to_vec();
+            homes.dedup();
+            match homes[..] {
+                [home] => lists[home].0.push((*tet, true)),
+                _ => {
+                    for (n, home) in homes.iter().enumerate() {
+                        lists[*home].1.push((*tet, n == 0));
+                    }
+                }
+            }
+        }
+        let alpha = network.elements.mass_damping / units.damping();
+        let drag = |v: &u32| T::from_f64(alpha * network.masses[*v as usize]);
+        let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
+            let mine = || inner.iter().chain(&outer).map(|t| &t.0.0);
+            let rows = match implicit {
+                true => BlockCsr::new(plan.range(c), mine()),
+                false => BlockCsr::default(),
+            };
+            let fill = plan.range(c).start as u32;
+            let list = |own: &[_]| List::new(own, elements, &units, &rows, fill);
+            let volumes = (!cells.cells.is_empty()).then(|| {
+                let beyond = VolumeSources {
+                    elements,
+                    units: &units,
+                    cells: &cells,
+                    place: &place,
+                    sorted: &sorted,
+                };
+                NodalVolumeTerm::new(&beyond, plan.range(c), [&inner, &outer], implicit)
+            });
+            Chunk {
+                volumes,
+                first: plan.range(c).start,
+                interior: list(&inner),
+                shared: list(&outer),
+                damping: Vec::new(),
+                mass_damping: order[plan.range(c)]
+                    .iter()
+                    .filter(|_| alpha > 0.0)
+                    .map(drag)
+                    .collect(),
+                rows,
+            }
+        });
+        let mut tets = ElementTerm {
+            law: network.elements.law,
+            chunks: chunks.collect(),
+            damping: T::from_f64(network.damping_time / units.time),
+            projected: false,
+        };
+        if tets.damping > T::ZERO {
+            for chunk in &mut tets.chunks {
+                chunk.damping = vec![[zero(); 3]; chunk.rows.values.len()];
+                if let Some(volumes) = &mut chunk.volumes {
+                    volumes.damp();
+                }
+            }
+        }
+        tets
+    }
+}
+
+/// A tet, its nodes ascending, with the places they had.
+pub(in crate::physics::cpu) type SortedTet = ([u32; 4], [usize; 4], u32);
+
+/// And whether its energy is counted.
+pub(in crate::physics::cpu) type CountedTet = (SortedTet, bool);
+
+impl<T: Real> TetBatch<T> {
+    /// Up to four of the elements; the rest are at node `fill`.
+    pub fn new(
+        own: &[CountedTet],
+        elements: &Elements,
+        units: &LocalUnits,
+        fill: u32,
+    ) -> TetBatch<T> {
+        let mut nodes = [[fill; 4]; 4];
+        let mut gradients = [[[T::ZERO; 4]; 3]; 3];
+        let mut lame = [[T::ZERO; 4]; 2];
+        for (l, ((sorted, turn, t), _)) in own.iter().enumerate() {
+            let tet = elements.without_averaged_lambda(&elements.tets[*t as usize]);
+            nodes[l] = *sorted;
+            let all = tet.gradients();
+            for k in 0..3 {
+                let g: DVec3 = all[turn[k + 1]] * units.length;
+                for (axis, x) in g.to_array().into_iter().enumerate() {
+                    gradients[k][axis][l] = T::from_f64(x);
+                }
+            }
+            for (to, modulus) in lame.iter_mut().zip(tet.lame_parameters) {
+                to[l] = T::from_f64(modulus * tet.volume / units.energy());
+            }
+        }
+        TetBatch {
+            nodes,
+            gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
+            lame: lame.map(|l| T::lanes(&l)),
+        }
+    }
+}
+
+impl<T: Real> List<T> {
+    fn new(
+        own: &[CountedTet],
+        elements: &Elements,
+        units: &LocalUnits,
+        rows: &BlockCsr<T>,
+        fill: u32,
+    ) -> List<T> {
+        let mut list = List::default();
+        for four in own.chunks(4) {
+            let mut places = [[0; 6]; 4];
+            let mut counted = [T::ZERO; 4];
+            for (l, ((sorted, ..), counts)) in four.iter().enumerate() {
+                for (place, [a, b]) in places[l].iter_mut().zip(super::kernels::NODE_PAIRS) {
+                    *place = rows.entry_slot(sorted[a], sorted[b]);
+                }
+                counted[l] = T::of_bit(u32::from(*counts));
+            }
+            list.batches
+                .push(TetBatch::new(four, elements, units, fill));
+            list.block_slots.push(places);
+            list.energy_mask.push(counted);
+        }
+        list
+    }
+
+    fn energy(&self, law: ConstitutiveModel, u: &[V4<T>]) -> f64 {
+        let batches = self.batches.iter().zip(&self.energy_mask);
+        batches
+            .map(|(batch, counted)| {
+                let energy = batch.energy(law, &batch.gradient(u));
+                sum_f64(T::array(energy * T::lanes(counted)))
+            })
+            .sum()
+    }
+
+    fn inverted(&self, u: &[V4<T>]) -> bool {
+        let mut batches = self.batches.iter();
+        batches.any(|batch| batch.inverted(&batch.gradient(u)))
+    }
+
+    /// Adds the forces; of velocities `v`, if there are any, also those of the damping β. `push`
+    /// tells what presses in the tets of a batch beside their law, and how that changes.
+    #[inline(always)]
+    fn forces<const INNER: bool, const DAMPED: bool>(
+        &self,
+        law: ConstitutiveModel,
+        (u, v, damping): (&[V4<T>], &[V4<T>], T),
+        push: impl Fn(usize) -> [T::Lanes; 2],
+        first: usize,
+        f: &mut [V4<T>],
+    ) -> f64 {
+        let mut sum = 0.0;
+        for (n, (batch, counted)) in self.batches.iter().zip(&self.energy_mask).enumerate() {
+            let g = batch.gradient(u);
+            let push = push(n);
+            let (mut stress, energy) = batch.stress(law, &g, push[0]);
+            if DAMPED {
+                let change = batch.stress_differential(law, &g, &batch.gradient(v), push);
+                for (s, c) in stress
+                    .as_flattened_mut()
+                    .iter_mut()
+                    .zip(change.as_flattened())
+                {
+                    *s = *s + damping.splat() * *c;
+                }
+            }
+            batch.scatter::<INNER>(&stress, first, f);
+            sum += sum_f64(T::array(energy * T::lanes(counted)));
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn assemble<const INNER: bool>(
+        &self,
+        how: AssemblyOptions<T>,
+        u: &[V4<T>],
+        push: impl Fn(usize) -> [T::Lanes; 2],
+        rows: &mut BlockCsr<T>,
+    ) {
+        for (k, (batch, places)) in self.batches.iter().zip(&self.block_slots).enumerate() {
+            let g = batch.gradient(u);
+            let (law, scale) = ((how.law, how.projected), how.scale.splat());
+            batch.blocks(law, &g, push(k)[0], scale, |n, blocks| {
+                for (block, places) in blocks.iter().zip(places) {
+                    match INNER {
+                        true => rows.add(places[n], block),
+                        false => rows.add_placed(places[n], block),
+                    }
+                }
+            });
+        }
+    }
+}
+
+impl<T: Real> Chunk<T> {
+    fn assemble(&mut self, how: AssemblyOptions<T>, u: &[V4<T>]) {
+        if how.damping > T::ZERO {
+            for (to, from) in self.rows.values.iter_mut().zip(&self.damping) {
+                *to = from.map(|c| scale(how.damping, c));
+            }
+        } else {
+            self.rows.values.fill([zero(); 3]);
+        }
+        let (inner, outer, rows) = (&self.interior, &self.shared, &mut self.rows);
+        if let Some(volumes) = &mut self.volumes {
+            let lists = [&inner.batches[..], &outer.batches];
+            {
+                let changes = volumes.changes::<false>(u, u, lists);
+                inner.assemble::<true>(how, u, |n| changes.tet_pressures(&volumes.inner, n), rows);
+                outer.assemble::<false>(how, u, |n| changes.tet_pressures(&volumes.outer, n), rows);
+            }
+            volumes.linearise(u, lists, how.scale, how.damping);
+        } else {
+            inner.assemble::<true>(how, u, nothing, rows);
+            outer.assemble::<false>(how, u, nothing, rows);
+        }
+        self.rows.finish();
+    }
+
+    #[inline(always)]
+    fn forces<const DAMPED: bool>(
+        &self,
+        law: ConstitutiveModel,
+        with: (&[V4<T>], &[V4<T>], T),
+        f: &mut [V4<T>],
+    ) -> f64 {
+        let (inner, outer, first) = (&self.interior, &self.shared, self.first);
+        let Some(volumes) = &self.volumes else {
+            return inner.forces::<true, DAMPED>(law, with, nothing, first, f)
+                + outer.forces::<false, DAMPED>(law, with, nothing, first, f);
+        };
+        let lists = [&inner.batches[..], &outer.batches];
+        let changes = volumes.changes::<DAMPED>(with.0, with.1, lists);
+        let push = |n| changes.tet_pressures(&volumes.inner, n);
+        let sum = inner.forces::<true, DAMPED>(law, with, push, first, f);
+        let push = |n| changes.tet_pressures(&volumes.outer, n);
+        sum + outer.forces::<false, DAMPED>(law, with, push, first, f) + volumes.energy(&changes)
+    }
+
+    fn energy(&self, law: ConstitutiveModel, u: &[V4<T>]) -> f64 {
+        let shared = self.volumes.as_ref().map_or(0.0, |volumes| {
+            let lists = [&self.interior.batches[..], &self.shared.batches];
+            volumes.energy(&volumes.changes::<false>(u, u, lists))
+        });
+        self.interior.energy(law, u) + self.shared.energy(law, u) + shared
+    }
+}
+
+/// No push.
+#[inline(always)]
+fn nothing<L: Lane>(_: usize) -> [L; 2] {
+    [L::splat(0.0); 2]
+}
+
+impl<T: Real> Term<T> for ElementTerm<T> {
+    fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let drag = &self.chunks[chunk].mass_damping;
+        let velocities = &at.v[self.chunks[chunk].first..];
+        for ((f, v), c) in f.iter_mut().zip(velocities).zip(drag) {
+            *f = sub(*f, scale(*c, *v));
+        }
+        if self.damping == T::ZERO {
+            return self.elastic_forces(chunk, at.u, f);
+        }
+        self.chunks[chunk].forces::<true>(self.law, (at.u, at.v, self.damping), f)
+    }
+
+    fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        self.chunks[chunk].forces::<false>(self.law, (u, u, T::ZERO), f)
+    }
+
+    fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
+        self.chunks[chunk].energy(self.law, u)
+    }
+
+    fn inverted(&self, chunk: usize, u: &[V4<T>]) -> bool {
+        let chunk = &self.chunks[chunk];
+        chunk.interior.inverted(u) || chunk.shared.inverted(u)
+    }
+
+    fn freeze_damping(&mut self, plan: &Partition, u: &[V4<T>]) {
+        if self.damping == T::ZERO {
+            return;
+        }
+        let how = AssemblyOptions {
+            law: self.law,
+            projected: true,
+            scale: self.damping,
+            damping: T::ZERO,
+        };
+        plan.for_each_chunk((Chunks(&mut self.chunks), ()), &|_, _, (chunks, ())| {
+            for chunk in chunks.0 {
+                chunk.assemble(how, u);
+                std::mem::swap(&mut chunk.rows.values, &mut chunk.damping);
+                if let Some(volumes) = &mut chunk.volumes {
+                    volumes.freeze_damping();
+                }
+            }
+            []
+        });
+    }
+
+    fn damped(&self) -> bool {
+        self.damping > T::ZERO
+    }
+
+    fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
+        let chunk = &self.chunks[chunk];
+        if chunk.damping.is_empty() {
+            return 0.0;
+        }
+        let shared = chunk.volumes.as_ref();
+        let shared = shared.map_or(0.0, |v| v.resist(chunk.first, at.v, f));
+        0.5 * (chunk.rows.subtract_product(&chunk.damping, at.v, f) + shared)
+    }
+
+    fn set_psd_projection(&mut self, projected: bool) {
+        self.projected = projected;
+    }
+
+    fn linearise(
+        &mut self,
+        plan: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        share: SystemContribution<'_, T>,
+    ) {
+        let how = AssemblyOptions {
+            law: self.law,
+            projected: self.projected,
+            scale: h * h,
+            damping: if self.damping > T::ZERO { h } else { T::ZERO },
+        };
+        let data = (Chunks(&mut self.chunks), Nodes(share.diagonal));
+        plan.for_each_chunk(data, &|_, _, (chunks, diagonal)| {
+            for chunk in chunks.0 {
+                chunk.assemble(how, at.u);
+                chunk.rows.add_diagonal(diagonal.0);
+                if let Some(volumes) = &chunk.volumes {
+                    volumes.add_diagonal(chunk.first, diagonal.0);
+                }
+            }
+            []
+        });
+    }
+
+    fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
+        let Chunk {
+            rows,
+            volumes,
+            first,
+            ..
+        } = &self.chunks[chunk];
+        rows.multiply(&rows.values, p, y);
+        if let Some(volumes) = volumes {
+            volumes.multiply(*first, p, y);
+        }
+    }
+
+    fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        for chunk in &self.chunks {
+            chunk.rows.visit_upper_blocks(visit);
+            if let Some(volumes) = &chunk.volumes {
+                volumes.pairs(visit);
+            }
+        }
+    }
+
+    fn visit_off_diagonal_in(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        let inside = nodes.end as u32;
+        for chunk in &self.chunks {
+            chunk.rows.pairs_of(nodes.clone(), &mut |[i, j], m| {
+                if j < inside {
+                    visit([i, j], m);
+                }
+            });
+            if let Some(volumes) = &chunk.volumes {
+                volumes.pairs(&mut |pair, m| {
+                    if pair.iter().all(|i| nodes.contains(&(*i as usize))) {
+                        visit(pair, m);
+                    }
+                });
+            }
+        }
+    }
+}

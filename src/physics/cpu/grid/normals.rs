@@ -1,0 +1,41 @@
+//! The approximate normals of a grid body: what its surface is shaded by.
+
+use super::body::CpuGridBody;
+use crate::parallel;
+use crate::physics::cpu::scalar::Real;
+use glam::DVec3;
+
+/// As `physics::grid::shape::LEAST_NORMAL`: of the springs' unit vectors around a node, summed,
+/// where they come to less than this, the node has no side that it could face.
+const LEAST_NORMAL: f64 = 0.5;
+
+impl<T: Real> CpuGridBody<T> {
+    /// The unit normal of every particle, normalize(Σ_j normalize(x_i − x_j)) over its springs;
+    /// zero where that sum nearly vanishes: inside, where the body is one particle thin, and for
+    /// particles that it has not.
+    pub fn normals(&self) -> Vec<DVec3> {
+        parallel::map(self.rest.len(), |i| {
+            let sum = self.away(i);
+            match sum.length() >= LEAST_NORMAL {
+                true => sum.normalize_or_zero(),
+                false => DVec3::ZERO,
+            }
+        })
+    }
+
+    /// Σ_j normalize(x_i − x_j).
+    fn away(&self, i: usize) -> DVec3 {
+        let mut sum = DVec3::ZERO;
+        let springs = self.springs[i];
+        for (k, kind) in self.kinds.iter().enumerate() {
+            for (bit, sign) in [(2 * k, 1), (2 * k + 1, -1)] {
+                if springs >> bit & 1 == 1 {
+                    let j = i.wrapping_add_signed(sign * kind.offset);
+                    let u = self.displacement(&self.now, i) - self.displacement(&self.now, j);
+                    sum += (self.rest[i] - self.rest[j] + u).normalize_or_zero();
+                }
+            }
+        }
+        sum
+    }
+}

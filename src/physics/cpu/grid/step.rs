@@ -1,0 +1,180 @@
+//! Steps of a grid body: forces, the next positions, and whether all went well.
+
+use super::body::CpuGridBody;
+use crate::physics::cpu::node_constraints::NodeConstraint;
+use crate::physics::cpu::partition::{Chunks, Nodes, Partition};
+use crate::physics::cpu::runtime::energy_guard::StepFailure;
+use crate::physics::cpu::scalar::Real;
+use std::sync::Arc;
+
+/// A body farther than this from where it rests, in its own sizes, has flown apart.
+const MAX_DISTANCE: f64 = 1e4;
+
+/// What a step is made of.
+#[derive(Clone, Copy)]
+struct VerletCoefficients<T> {
+    damping_factor: T,
+    /// h²/m of the mean particle, with the gain.
+    spring: T,
+    pull: [T; 3],
+}
+
+impl<T: Real> CpuGridBody<T> {
+    /// Takes `steps` steps of `h` seconds: x' = x + ((1 − γh/2)(x − x₋₁) + h² a) / (1 + γh/2).
+    ///
+    /// # Errors
+    /// Why a step was refused; the body stands as it stood before that one.
+    pub fn run(&mut self, steps: u32, h: f64) -> Result<(), StepFailure> {
+        if !(h > 0.0 && h.is_finite() && h * h > 0.0) {
+            return Err(StepFailure::BadStep { h });
+        }
+        let plan = Arc::clone(&self.plan);
+        plan.in_pool(|| (0..steps).try_for_each(|_| self.step(&plan, h)))
+    }
+
+    fn step(&mut self, plan: &Partition, h: f64) -> Result<(), StepFailure> {
+        let first = self.previous_dt.is_none();
+        if self.previous_dt != Some(h) {
+            self.begin(h);
+        }
+        let gain = 1.0 / (1.0 + 0.5 * self.damping * h);
+        let share = if first { 0.5 } else { 1.0 };
+        let rate = share * gain * h * h;
+        for (kind, k) in self.kinds.iter_mut().zip(self.stiffness) {
+            kind.stiffness = T::from_f64(rate * k / self.mean_mass);
+        }
+        let rates = VerletCoefficients {
+            damping_factor: T::from_f64((1.0 - 0.5 * self.damping * h) * gain),
+            spring: T::from_f64(rate / self.mean_mass),
+            pull: (rate / self.length * self.gravity)
+                .to_array()
+                .map(T::from_f64),
+        };
+        self.collect_pulls();
+        let (kinds, now, before) = (&self.kinds, &self.now, &self.before);
+        let (factors, springs) = (&self.factors[..], &self.springs[..]);
+        let (inverse, forces, drawn) = (&self.inverse, &self.forces, &self.pulls);
+        let [x, y, z] = self.next.each_mut().map(|a| Nodes(&mut a[..]));
+        let data = (Chunks(&mut self.slabs), (x, y, z));
+        let [bad, far] = plan.for_each_chunk(data, &|_, nodes, (slabs, (x, y, z))| {
+            let Some(slab) = slabs.0.first_mut() else {
+                return [0.0; 2];
+            };
+            slab.spring_forces(nodes.start, kinds, now, factors, springs);
+            for (i, f) in drawn {
+                if nodes.contains(i) {
+                    for (axis, f) in f.to_array().iter().enumerate() {
+                        slab.forces[axis][*i - nodes.start] += rates.spring * T::from_f64(*f);
+                    }
+                }
+            }
+            let mut lost = [T::ZERO; 2];
+            for (axis, out) in [x.0, y.0, z.0].into_iter().enumerate() {
+                let (now, before, f) = (&now[axis], &before[axis], &slab.forces[axis]);
+                let external = forces.as_ref().map(|f| &f[axis][..]);
+                for r in &slab.particles {
+                    let local = r.start - nodes.start..r.end - nodes.start;
+                    let external = external.map(|e| &e[r.clone()]);
+                    let state = (&now[r.clone()], &before[r.clone()]);
+                    let given = (&f[local.clone()], external, &inverse[r.clone()]);
+                    let out = &mut out[local];
+                    advance(rates, rates.pull[axis], state, given, out, &mut lost);
+                }
+            }
+            // Sums over slabs: any that is not zero tells.
+            [
+                lost[0].to_f64(),
+                f64::from(u8::from(lost[1].to_f64() > MAX_DISTANCE)),
+            ]
+        });
+        if !bad.is_finite() {
+            return Err(StepFailure::NonFinite);
+        }
+        if far > 0.0 {
+            return Err(StepFailure::Diverged);
+        }
+        std::mem::swap(&mut self.before, &mut self.now);
+        std::mem::swap(&mut self.now, &mut self.next);
+        self.previous_dt = Some(h);
+        self.steps += 1;
+        Ok(())
+    }
+
+    /// Makes the positions before a first step, or before one of another length than the last.
+    fn begin(&mut self, h: f64) {
+        let ratio = T::from_f64(self.previous_dt.map_or(0.0, |lag| h / lag));
+        // Such that the first step, with its damping, is exact to second order.
+        let drift = match self.previous_dt {
+            None => h * (1.0 + 0.5 * self.damping * h) / self.length,
+            Some(_) => 0.0,
+        };
+        for axis in 0..3 {
+            let states = self.before[axis].iter_mut().zip(&self.now[axis]);
+            for ((before, now), v) in states.zip(&self.velocities) {
+                *before = *now - ratio * (*now - *before) - T::from_f64(drift * v[axis]);
+            }
+        }
+        for axis in 0..3 {
+            // What the next steps leave alone has to be in all three.
+            self.next[axis].copy_from_slice(&self.now[axis]);
+        }
+    }
+
+    /// Takes note of what pulls at particles, over the length unit, N/m.
+    fn collect_pulls(&mut self) {
+        let mut drawn = std::mem::take(&mut self.pulls);
+        drawn.clear();
+        for a in &self.attachments {
+            if let NodeConstraint::Spring {
+                node,
+                target,
+                stiffness,
+                limit,
+            } = *a
+            {
+                let i = node as usize;
+                let x = self.rest[i] + self.displacement(&self.now, i);
+                let pull = stiffness * (target - x);
+                let share = (limit / pull.length().max(1e-300)).min(1.0);
+                drawn.push((i, pull * share / self.length));
+            }
+        }
+        self.pulls = drawn;
+    }
+}
+
+/// The next displacements of a run along one axis.
+#[inline(always)]
+fn advance<T: Real>(
+    rates: VerletCoefficients<T>,
+    pull: T,
+    (now, before): (&[T], &[T]),
+    (f, external, inverse): (&[T], Option<&[T]>, &[T]),
+    out: &mut [T],
+    lost: &mut [T; 2],
+) {
+    let n = out.len();
+    let (now, before, f, inverse) = (&now[..n], &before[..n], &f[..n], &inverse[..n]);
+    for m in 0..n {
+        let w = inverse[m];
+        let mut a = w * f[m] + pull;
+        if let Some(e) = external {
+            a += w * rates.spring * e[m];
+        }
+        let step = rates.damping_factor * (now[m] - before[m]) + a;
+        out[m] = now[m] + if w > T::ZERO { step } else { T::ZERO };
+    }
+    let mut lanes = [[T::ZERO; 8]; 2];
+    for eight in out.chunks(8) {
+        for (k, x) in eight.iter().enumerate() {
+            lanes[0][k] += *x * T::ZERO;
+            let far = if *x > T::ZERO { *x } else { -*x };
+            lanes[1][k] = far.max(lanes[1][k]);
+        }
+    }
+    let [sums, farthest] = lanes;
+    for (sum, far) in sums.into_iter().zip(farthest) {
+        lost[0] += sum;
+        lost[1] = far.max(lost[1]);
+    }
+}

@@ -1,0 +1,75 @@
+//! Block Jacobi of what was linearised, where blocks may be indefinite.
+
+use super::linear_step::{LinearStepSolver, StepContext};
+use crate::physics::cpu::partition::{Nodes, Partition};
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::vectors::{SymMat3, apply, dot_f64 as dot, inverse_definite, zero};
+
+impl<T: Real> LinearStepSolver<T> {
+    /// Makes the inverse diagonal blocks of what was linearised; those of rigid bodies are there.
+    /// Returns rᵀD⁻¹r, the number of nodes times the harmonic mean of the diagonal, by which what is
+    /// stiff does not hide what is soft, and whether all blocks are positive definite.
+    pub(in crate::physics::cpu) fn build_block_jacobi(
+        &mut self,
+        scene: &StepContext<'_, T>,
+    ) -> (f64, f64, bool) {
+        let (blocks, inverses, residual, tied) = self.diagonal();
+        let data = (Nodes(inverses), ());
+        let [start, gives, count, bad] =
+            scene
+                .plan
+                .for_each_chunk(data, &|chunk, nodes, (inverses, ())| {
+                    let (mut start, mut gives, mut count, mut bad) = (0.0, 0.0, 0.0, 0.0);
+                    let mut weigh = |d: &SymMat3<T>| {
+                        let mean = (d[0].to_f64() + d[1].to_f64() + d[2].to_f64()) / 3.0;
+                        if mean > 0.0 {
+                            gives += 1.0 / mean;
+                            count += 1.0;
+                        }
+                    };
+                    for (n, i) in nodes.enumerate() {
+                        let d = &blocks[i];
+                        if scene.free[i] == T::ZERO || tied.has(i) {
+                            inverses.0[n] = [zero(); 3];
+                            if scene.free[i] != T::ZERO {
+                                weigh(d);
+                            }
+                            continue;
+                        }
+                        let (inverse, definite) = inverse_definite(d);
+                        inverses.0[n] = inverse;
+                        if !definite {
+                            bad += 1.0;
+                        }
+                        let r = residual[i];
+                        start += dot(r, apply(&inverse, r));
+                        weigh(d);
+                    }
+                    for body in tied.bodies_of(scene.plan, chunk) {
+                        let first = body.nodes().start;
+                        start += body.energy(&body.restrict(|n| residual[first + n]));
+                    }
+                    [start, gives, count, bad]
+                });
+        let weight = count * count / f64::max(gives, f64::MIN_POSITIVE);
+        (start, weight, bad == 0.0 && tied.is_positive_definite())
+    }
+
+    /// rᵀD⁻¹r with the inverse blocks of the last linearisation.
+    pub(in crate::physics::cpu) fn preconditioned_norm_squared(&self, plan: &Partition) -> f64 {
+        let solver = &self.solver;
+        let [sum] = plan.for_each_chunk((), &|chunk, nodes, ()| {
+            let all = nodes.map(|i| {
+                let r = solver.residual[i];
+                dot(r, apply(&solver.inverse[i], r))
+            });
+            let mut sum: f64 = all.sum();
+            for body in solver.rigid_projection.bodies_of(plan, chunk) {
+                let first = body.nodes().start;
+                sum += body.energy(&body.restrict(|n| solver.residual[first + n]));
+            }
+            [sum]
+        });
+        sum
+    }
+}

@@ -1,0 +1,148 @@
+//! Where Newton may start.
+
+use super::linear_step::StepContext;
+use super::newton::StepInput;
+use super::schemes::StepCoefficients;
+use crate::physics::cpu::partition::Nodes;
+use crate::physics::cpu::rigid::bodies::RigidBodies;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::vectors::to_v4;
+use crate::physics::cpu::vectors::{V4, add, add_scaled, scale, sub, zero};
+
+/// A displacement to start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InitialGuess {
+    /// The velocity changes as it did in the last step.
+    ConstantAcceleration,
+    /// It does not.
+    ConstantVelocity,
+    /// Nothing but what acts from outside: δ̂.
+    InertialTarget,
+    /// Nothing moves.
+    AtRest,
+}
+
+impl InitialGuess {
+    /// All of them; those that are the best most often come first.
+    pub const ALL: [InitialGuess; 4] = [
+        InitialGuess::ConstantAcceleration,
+        InitialGuess::ConstantVelocity,
+        InitialGuess::InertialTarget,
+        InitialGuess::AtRest,
+    ];
+}
+
+/// The guesses of a step, and what inertia pulls to.
+#[derive(Clone, Debug)]
+pub struct InitialGuesses<T> {
+    /// δ̂.
+    inertial_target: Vec<V4<T>>,
+    /// b.
+    history_offset: Vec<V4<T>>,
+    /// Of [`InitialGuess::ConstantAcceleration`].
+    curved: Vec<V4<T>>,
+    has_history: bool,
+    evaluation_time: T,
+}
+
+impl<T: Real> InitialGuesses<T> {
+    /// Of so many nodes.
+    pub fn new(nodes: usize) -> InitialGuesses<T> {
+        InitialGuesses {
+            inertial_target: vec![zero(); nodes],
+            history_offset: vec![zero(); nodes],
+            curved: vec![zero(); nodes],
+            has_history: false,
+            evaluation_time: T::ZERO,
+        }
+    }
+
+    /// For a step from `scene`, before which velocities and displacements changed by `history`.
+    pub fn prepare(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        outside: StepInput<'_, T>,
+        history: Option<&[Vec<V4<T>>; 2]>,
+        form: StepCoefficients,
+        rigid: &RigidBodies,
+    ) {
+        self.has_history = history.is_some() && form.velocity_extrapolation > 0.0;
+        self.evaluation_time = T::from_f64(form.evaluation_time);
+        let [gamma, back, reach, bend] = [
+            form.gamma,
+            form.history,
+            form.evaluation_time,
+            form.velocity_extrapolation,
+        ]
+        .map(T::from_f64);
+        let data = (
+            Nodes(&mut self.inertial_target),
+            Nodes(&mut self.history_offset),
+            Nodes(&mut self.curved),
+        );
+        scene
+            .plan
+            .for_each_chunk(data, &|chunk, nodes, (goal, base, curved)| {
+                let (masses, u) = (scene.masses, scene.at.u);
+                outside
+                    .loads
+                    .write_forces(scene.plan, chunk, masses, u, goal.0);
+                for (b, body) in rigid.bodies.iter().enumerate() {
+                    if nodes.contains(&body.nodes.start) {
+                        rigid.transfer_surface_forces(b, nodes.start, goal.0);
+                    }
+                }
+                for (n, i) in nodes.clone().enumerate() {
+                    let mut v = scene.at.v[i];
+                    base.0[n] = zero();
+                    if let Some([change, moved]) = history {
+                        curved.0[n] = scale(reach, add_scaled(v, bend, change[i]));
+                        base.0[n] = scale(back, moved[i]);
+                        v = add_scaled(v, back, change[i]);
+                    }
+                    let by = scale(gamma, scale(outside.inverse[i], goal.0[n]));
+                    let faster = add_scaled(v, T::ONE, by);
+                    goal.0[n] = add_scaled(base.0[n], gamma, faster);
+                }
+                for (b, body) in rigid.bodies.iter().enumerate() {
+                    if rigid.midpoint && nodes.contains(&body.nodes.start) {
+                        let places = rigid.inertial_target(b, form.gamma, scene.at.v);
+                        for (i, place) in body.proxy_nodes().zip(places) {
+                            let goal = &mut goal.0[i - nodes.start];
+                            let straight = scale(gamma, scene.at.v[i]);
+                            *goal = add(sub(*goal, straight), to_v4(place));
+                        }
+                    }
+                }
+                []
+            });
+    }
+
+    /// Whether there is such a guess.
+    pub fn has(&self, guess: InitialGuess) -> bool {
+        guess != InitialGuess::ConstantAcceleration || self.has_history
+    }
+
+    /// Where it puts node `i`.
+    #[inline(always)]
+    pub fn at(&self, guess: InitialGuess, scene: &StepContext<'_, T>, i: usize) -> V4<T> {
+        match guess {
+            InitialGuess::ConstantAcceleration => self.curved[i],
+            InitialGuess::ConstantVelocity => scale(self.evaluation_time, scene.at.v[i]),
+            InitialGuess::InertialTarget => self.inertial_target[i],
+            InitialGuess::AtRest => zero(),
+        }
+    }
+
+    /// δ̂ of node `i`.
+    #[inline(always)]
+    pub fn goal(&self, i: usize) -> V4<T> {
+        self.inertial_target[i]
+    }
+
+    /// b of node `i`.
+    #[inline(always)]
+    pub fn base(&self, i: usize) -> V4<T> {
+        self.history_offset[i]
+    }
+}

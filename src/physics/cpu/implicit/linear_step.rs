@@ -1,0 +1,339 @@
+//! Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), then
+//! v' = v + Δv and x' = x + h v'. The twin of `reference::integrators::implicit_euler`.
+
+use crate::physics::CgSettings;
+use crate::physics::cpu::linear::cg::{CgResult, CgSolver, CgTolerance, SystemOperator};
+use crate::physics::cpu::linear::coarse_space::CoarseSpace;
+use crate::physics::cpu::linear::rigid_projection::RigidProjection;
+use crate::physics::cpu::partition::{Nodes, Partition};
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
+use crate::physics::cpu::vectors::{
+    Mat3Columns, SymMat3, V4, add_scaled, apply, inverse, scale, sum_f64, zero,
+};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Solves for which a coarse space is kept, at most.
+const MAX_COARSE_AGE: u32 = 30;
+
+/// A coarse space is made anew when it takes this many times the iterations that it took at first,
+/// and [`REBUILD_ITERATION_SLACK`] more.
+const REBUILD_ITERATION_RATIO: f64 = 1.3;
+const REBUILD_ITERATION_SLACK: u32 = 3;
+
+/// Blocks, inverse blocks and residual of every node, and those that are tied.
+type Diagonal<'a, T> = (
+    &'a [SymMat3<T>],
+    &'a mut [Mat3Columns<T>],
+    &'a [V4<T>],
+    &'a mut RigidProjection<T>,
+);
+
+/// The system of a step and its solver.
+#[derive(Clone, Debug)]
+pub struct LinearStepSolver<T> {
+    /// Where conjugate gradients stop.
+    pub settings: CgSettings,
+    /// The vectors of conjugate gradients, and the last solutions.
+    pub solver: CgSolver<T>,
+    diagonal: Vec<SymMat3<T>>,
+    stiffness_times_velocity: Vec<V4<T>>,
+    coarse: Option<CoarseSpace<T>>,
+    /// What the coarse space was built from.
+    pub basis: CoarseSpaceState<T>,
+    /// The levels that terms act at.
+    pub levels: Vec<f64>,
+}
+
+/// The state that a coarse space was built at, and how it did since.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CoarseSpaceState<T> {
+    /// Displacements.
+    pub u: Vec<V4<T>>,
+    /// Length of step, local units; 0 for none.
+    pub h: T,
+    /// Solves since.
+    pub age: u32,
+    /// Iterations of the first of them.
+    pub first: u32,
+    /// And of the last.
+    pub last: u32,
+    /// Of bodies of elements: whether blocks were projected.
+    pub projected: bool,
+    /// And the displacements that damping was taken at, if there was any.
+    pub damping_displacements: Vec<V4<T>>,
+    /// And solves left for which blocks are projected.
+    pub projected_solves_left: u32,
+    /// And where the rigid bodies were.
+    pub poses: Vec<[f64; 7]>,
+    /// And the levels that terms acted at.
+    pub levels: Vec<f64>,
+}
+
+/// What a step goes by.
+pub struct StepContext<'a, T> {
+    /// How the nodes are shared out.
+    pub plan: &'a Partition,
+    /// Masses.
+    pub masses: &'a [T],
+    /// 1, or 0 for nodes that stay.
+    pub free: &'a [T],
+    /// Rest positions.
+    pub rest: &'a [V4<T>],
+    /// Displacements and velocities.
+    pub at: StateRef<'a, T>,
+    /// Forces.
+    pub f: &'a [V4<T>],
+}
+
+impl<T: Real> LinearStepSolver<T> {
+    /// For a body shared out by `plan`.
+    pub fn new(plan: &Partition, settings: CgSettings) -> LinearStepSolver<T> {
+        LinearStepSolver {
+            settings,
+            solver: CgSolver::new(plan),
+            diagonal: vec![[T::ZERO; 8]; plan.nodes()],
+            stiffness_times_velocity: vec![zero(); plan.nodes()],
+            coarse: None,
+            basis: CoarseSpaceState {
+                u: vec![zero(); plan.nodes()],
+                ..CoarseSpaceState::default()
+            },
+            levels: Vec::new(),
+        }
+    }
+
+    /// Forgets the coarse space: nodes were pinned, or let go.
+    pub fn drop_coarse_space(&mut self) {
+        self.basis.h = T::ZERO;
+    }
+
+    /// Forgets also between what it couples groups of nodes, as contact does that comes and goes.
+    pub fn drop_aggregate_pattern(&mut self) {
+        self.coarse = None;
+        self.drop_coarse_space();
+    }
+
+    /// Forgets the solutions that the next would start from.
+    pub fn clear_history(&mut self) {
+        self.solver.count = 0;
+    }
+
+    /// Makes the coarse space that `basis` tells of, after a state was put back.
+    pub fn resume(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        basis: CoarseSpaceState<T>,
+    ) {
+        self.basis = basis;
+        if self.basis.h > T::ZERO {
+            let u = std::mem::take(&mut self.basis.u);
+            let at = StateRef {
+                u: &u,
+                v: scene.at.v,
+            };
+            let h = self.basis.h;
+            self.linearise(scene, terms, at, h);
+            self.solver.rigid_projection.build(&self.diagonal, terms);
+            self.build(scene, terms, &u);
+            self.basis.u = u;
+        }
+    }
+
+    /// Finds Δv, which is then [`CgSolver::solution`] until [`CgSolver::store_solution`]; local units.
+    pub fn solve(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        h: T,
+    ) -> CgResult {
+        self.linearise(scene, terms, scene.at, h);
+        let (start, weight) = self.right_hand_side(scene, h);
+        self.refresh(scene, terms, scene.at.u, h);
+        let matrix = SystemOperator {
+            plan: scene.plan,
+            masses: scene.masses,
+            free: scene.free,
+            terms,
+        };
+        let stop = CgTolerance {
+            tolerance: self.settings.tolerance,
+            floor: weight * (T::NEGLIGIBLE / h.to_f64()).powi(2),
+            max_iterations: self.settings.max_iterations,
+        };
+        let outcome = self.solver.solve(&matrix, &mut self.coarse, start, stop);
+        self.record_result(outcome);
+        outcome
+    }
+
+    /// As [`CgSolver::solve_from_zero`], with the coarse space.
+    pub(in crate::physics::cpu) fn solve_afresh(
+        &mut self,
+        a: &SystemOperator<'_, T>,
+        start: f64,
+        stop: CgTolerance,
+    ) -> CgResult {
+        let outcome = self
+            .solver
+            .solve_from_zero(a, &mut self.coarse, start, stop);
+        self.record_result(outcome);
+        outcome
+    }
+
+    /// Makes the coarse space anew where it is due, of what was linearised at `u`. Whether it was.
+    pub(in crate::physics::cpu) fn refresh(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        u: &[V4<T>],
+        h: T,
+    ) -> bool {
+        let due = self.coarse_is_stale(h);
+        if due {
+            self.basis.h = h;
+            self.basis.age = 0;
+            self.basis.u.copy_from_slice(u);
+            self.basis.levels.clone_from(&self.levels);
+            self.build(scene, terms, u);
+        }
+        due
+    }
+
+    /// Whether a coarse space is due to be made anew for steps of length `h`.
+    fn coarse_is_stale(&self, h: T) -> bool {
+        let basis = &self.basis;
+        let slow = f64::from(basis.last)
+            > REBUILD_ITERATION_RATIO * f64::from(basis.first) + f64::from(REBUILD_ITERATION_SLACK);
+        basis.h != h || basis.age >= MAX_COARSE_AGE || slow
+    }
+
+    /// Makes the blocks of rigid bodies anew where they are due, of what was linearised.
+    pub(in crate::physics::cpu) fn refresh_tied(&mut self, terms: &[Box<dyn Term<T>>], h: T) {
+        if self.coarse_is_stale(h) {
+            self.solver.rigid_projection.build(&self.diagonal, terms);
+        }
+    }
+
+    /// Whether there is a coarse space to solve with.
+    pub(in crate::physics::cpu) fn has_coarse(&self) -> bool {
+        self.coarse.as_ref().is_some_and(CoarseSpace::is_factorised)
+    }
+
+    /// The diagonal blocks, with the inverse blocks to be made of them, the residual, and what is
+    /// tied.
+    pub(in crate::physics::cpu) fn diagonal(&mut self) -> Diagonal<'_, T> {
+        let solver = &mut self.solver;
+        (
+            &self.diagonal,
+            &mut solver.inverse,
+            &solver.residual,
+            &mut solver.rigid_projection,
+        )
+    }
+
+    /// Takes note of how the coarse space did.
+    fn record_result(&mut self, outcome: CgResult) {
+        let basis = &mut self.basis;
+        if basis.age == 0 {
+            basis.first = outcome.iterations;
+        }
+        basis.last = outcome.iterations;
+        basis.age += 1;
+    }
+
+    /// v' = v + Δv, u' = u + h v'.
+    pub fn advance(
+        &self,
+        plan: &Partition,
+        at: StateRef<'_, T>,
+        h: T,
+        next: (&mut [V4<T>], &mut [V4<T>]),
+    ) {
+        let change = &self.solver.solution;
+        plan.for_each_chunk((Nodes(next.0), Nodes(next.1)), &|_, nodes, (u, v)| {
+            for (n, i) in nodes.enumerate() {
+                v.0[n] = add_scaled(at.v[i], T::ONE, change[i]);
+                u.0[n] = add_scaled(at.u[i], h, v.0[n]);
+            }
+            []
+        });
+    }
+
+    pub(in crate::physics::cpu) fn linearise(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        at: StateRef<'_, T>,
+        h: T,
+    ) {
+        let data = (
+            Nodes(&mut self.diagonal),
+            Nodes(&mut self.stiffness_times_velocity),
+        );
+        scene
+            .plan
+            .for_each_chunk(data, &|_, nodes, (diagonal, change)| {
+                change.0.fill(zero());
+                for (d, m) in diagonal.0.iter_mut().zip(&scene.masses[nodes]) {
+                    *d = [T::ZERO; 8];
+                    d[..3].fill(*m);
+                }
+                []
+            });
+        for term in terms {
+            let share = SystemContribution {
+                diagonal: &mut self.diagonal,
+                stiffness_velocity: &mut self.stiffness_times_velocity,
+            };
+            term.linearise(scene.plan, at, h, share);
+        }
+    }
+
+    /// b = h (f + h K̃ v), and the inverse diagonal blocks D⁻¹. Returns bᵀD⁻¹b and the sum of the
+    /// diagonal's means.
+    fn right_hand_side(&mut self, scene: &StepContext<'_, T>, h: T) -> (f64, f64) {
+        let (diagonal, change) = (&self.diagonal, &self.stiffness_times_velocity);
+        let data = (
+            Nodes(&mut self.solver.inverse),
+            Nodes(&mut self.solver.residual),
+        );
+        let [start, weight] = scene.plan.for_each_chunk(data, &|_, nodes, (inverses, b)| {
+            let (mut start, mut weight) = (0.0, 0.0);
+            for (n, i) in nodes.enumerate() {
+                if scene.free[i] == T::ZERO {
+                    inverses.0[n] = [zero(); 3];
+                    b.0[n] = zero();
+                    continue;
+                }
+                let d = &diagonal[i];
+                inverses.0[n] = inverse(d);
+                let r = scale(h, add_scaled(scene.f[i], h, change[i]));
+                b.0[n] = r;
+                let z = apply(&inverses.0[n], r);
+                start += sum_f64([z[0] * r[0], z[1] * r[1], z[2] * r[2], T::ZERO]);
+                weight += (d[0].to_f64() + d[1].to_f64() + d[2].to_f64()) / 3.0;
+            }
+            [start, weight]
+        });
+        (start, weight)
+    }
+
+    fn build(&mut self, scene: &StepContext<'_, T>, terms: &[Box<dyn Term<T>>], u: &[V4<T>]) {
+        let coarse = self
+            .coarse
+            .get_or_insert_with(|| CoarseSpace::new(scene.plan, terms));
+        let point = |i: usize| {
+            let (r, u) = (scene.rest[i], u[i]);
+            DVec3::new(
+                r[0].to_f64() + u[0].to_f64(),
+                r[1].to_f64() + u[1].to_f64(),
+                r[2].to_f64() + u[2].to_f64(),
+            )
+        };
+        let free = |i: usize| scene.free[i] != T::ZERO;
+        let tied = &self.solver.rigid_projection;
+        coarse.factorise(scene.plan, point, free, &self.diagonal, terms, tied);
+    }
+}

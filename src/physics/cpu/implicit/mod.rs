@@ -1,0 +1,13 @@
+//! The implicit step: schemes, Newton's method, the line search and the updates of contact.
+
+pub(super) mod block_jacobi;
+pub(super) mod contact_iterations;
+pub(super) mod initial_guess;
+pub(super) mod line_search;
+pub(super) mod linear_step;
+pub(super) mod newton;
+pub(super) mod residual;
+pub(super) mod schemes;
+#[cfg(test)]
+pub(super) mod tests;
+pub(super) mod trial_state;

@@ -1,0 +1,70 @@
+//! The slope of the incremental potential.
+
+use super::linear_step::{LinearStepSolver, StepContext};
+use super::newton::NewtonSolver;
+use super::schemes::StepCoefficients;
+use crate::physics::cpu::partition::Nodes;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::{StateRef, Term};
+use crate::physics::cpu::vectors::{add, apply, dot_f64, scale, sub, zero};
+
+impl<T: Real> NewtonSolver<T> {
+    /// Puts γ² times the slope of −Φ into the residual of the solver. Returns the square of what
+    /// it is measured by: γ² times the forces, or the momentum they change.
+    pub(in crate::physics::cpu) fn residual(
+        &mut self,
+        implicit: &mut LinearStepSolver<T>,
+        scene: &StepContext<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        form: StepCoefficients,
+    ) -> f64 {
+        let square = T::from_f64(form.gamma * form.gamma);
+        let heavier = T::from_f64(self.mass_damping * form.gamma);
+        let (best, guesses, lagged) = (&self.best, &self.guesses, &self.damping_displacements);
+        let solver = &mut implicit.solver;
+        solver
+            .rigid_projection
+            .update_poses(&self.rigid, &self.rigid.best);
+        let (inverses, tied) = (&solver.inverse, &solver.rigid_projection);
+        let data = (Nodes(&mut solver.residual), ());
+        let [pull, push] = scene.plan.for_each_chunk(data, &|chunk, nodes, (b, ())| {
+            let start = nodes.start;
+            b.0.fill(zero());
+            for term in terms {
+                term.elastic_forces(chunk, &best.displacements, b.0);
+                if term.damped() {
+                    let at = StateRef {
+                        u: lagged,
+                        v: &best.velocities,
+                    };
+                    term.damping_forces(chunk, at, b.0);
+                }
+            }
+            let (mut pull, mut push) = (0.0, 0.0);
+            for (n, i) in nodes.enumerate() {
+                let (m, free) = (scene.masses[i], scene.free[i]);
+                let force = scale(free * square, b.0[n]);
+                let goal = scale(free * m, guesses.goal(i));
+                pull += dot_f64(force, apply(&inverses[i], force));
+                push += dot_f64(goal, apply(&inverses[i], goal));
+                let off = scale(m, sub(best.delta[i], guesses.goal(i)));
+                let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
+                b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
+            }
+            for body in tied.bodies_of(scene.plan, chunk) {
+                let first = body.nodes().start;
+                let goal = |i: usize| scale(scene.masses[i], guesses.goal(i));
+                let inertia = |i: usize| {
+                    let off = sub(best.delta[i], guesses.goal(i));
+                    let drag = scale(heavier, sub(best.delta[i], guesses.base(i)));
+                    scale(scene.masses[i], add(off, drag))
+                };
+                let force = |n: usize| add(b.0[first + n - start], inertia(first + n));
+                pull += body.energy(&body.restrict(force));
+                push += body.energy(&body.restrict(|n| goal(first + n)));
+            }
+            [pull, push]
+        });
+        pull.max(push)
+    }
+}

@@ -1,0 +1,149 @@
+//! The incremental potential of a step at one displacement: what it is, and where it was taken.
+
+use super::initial_guess::InitialGuesses;
+use super::linear_step::StepContext;
+use super::schemes::StepCoefficients;
+use crate::physics::cpu::partition::{Nodes, Partition};
+use crate::physics::cpu::rigid::bodies::RigidBodies;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::{StateRef, Term};
+use crate::physics::cpu::vectors::{V4, add, add_scaled, scale, sub, zero};
+
+/// A displacement from the start of the step, and its potential.
+#[derive(Clone, Debug)]
+pub struct TrialState<T> {
+    /// δ.
+    pub delta: Vec<V4<T>>,
+    /// x + δ.
+    pub displacements: Vec<V4<T>>,
+    /// w.
+    pub velocities: Vec<V4<T>>,
+    /// ½ |δ − δ̂|²_M / γ², and the part of α.
+    pub inertia: f64,
+    /// E.
+    pub elastic: f64,
+    /// ½ γ w·D w.
+    pub dissipation: f64,
+}
+
+impl<T: Real> TrialState<T> {
+    /// Of so many nodes.
+    pub fn new(nodes: usize) -> TrialState<T> {
+        TrialState {
+            delta: vec![zero(); nodes],
+            displacements: vec![zero(); nodes],
+            velocities: vec![zero(); nodes],
+            inertia: 0.0,
+            elastic: 0.0,
+            dissipation: 0.0,
+        }
+    }
+
+    /// Φ.
+    pub fn total(&self) -> f64 {
+        self.inertia + self.elastic + self.dissipation
+    }
+
+    /// What Φ may be wrong by from rounding.
+    pub fn rounding_error(&self) -> f64 {
+        T::ENERGY_ROUNDING * (self.inertia.abs() + self.elastic.abs() + self.dissipation.abs())
+    }
+
+    /// Puts the nodes that are free at δ = `at`, those of rigid bodies as their last trial says, and
+    /// the others where their velocities take them (none, but of nodes that are led); and weighs
+    /// the inertia of the free.
+    pub fn set_displacement(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        guesses: &InitialGuesses<T>,
+        (form, mass_damping): (StepCoefficients, f64),
+        rigid: &RigidBodies,
+        at: impl Fn(usize) -> V4<T> + Sync,
+    ) {
+        let over = T::from_f64(1.0 / form.gamma);
+        let (reach, ahead) = (
+            T::from_f64(form.evaluation_time),
+            T::from_f64(1.0 / form.evaluation_time),
+        );
+        let data = (
+            Nodes(&mut self.delta),
+            Nodes(&mut self.displacements),
+            Nodes(&mut self.velocities),
+        );
+        let [inertia, drag] =
+            scene
+                .plan
+                .for_each_chunk(data, &|_, nodes, (delta, place, speed)| {
+                    let (mut inertia, mut drag) = (0.0, 0.0);
+                    for (n, i) in nodes.enumerate() {
+                        let free = scene.free[i];
+                        let led = match i >= rigid.first {
+                            true => scale((T::ONE - free) * ahead, rigid.change(i)),
+                            false => scale(T::ONE - free, scene.at.v[i]),
+                        };
+                        let d = match i >= rigid.first {
+                            true => rigid.change(i),
+                            false => add_scaled(scale(free, at(i)), reach, led),
+                        };
+                        delta.0[n] = d;
+                        place.0[n] = add(scene.at.u[i], d);
+                        let w = add_scaled(led, free * over, sub(d, guesses.base(i)));
+                        speed.0[n] = w;
+                        // Over γ before it is squared: the square of what is small would be subnormal.
+                        let off = scale(free * over, sub(d, guesses.goal(i)));
+                        let m = scene.masses[i];
+                        inertia +=
+                            (m * (off[0] * off[0] + off[1] * off[1] + off[2] * off[2])).to_f64();
+                        drag += (m * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2])).to_f64();
+                    }
+                    [inertia, drag]
+                });
+        self.inertia = 0.5 * (inertia + mass_damping * form.gamma * drag);
+        self.elastic = 0.0;
+        self.dissipation = 0.0;
+    }
+
+    /// Adds what the terms weigh there. `scratch` may be anything after.
+    pub fn evaluate(
+        &mut self,
+        scene: &StepContext<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        lagged: &[V4<T>],
+        scratch: &mut [V4<T>],
+        form: StepCoefficients,
+    ) {
+        let (place, speed) = (&self.displacements, &self.velocities);
+        let [elastic, loss] =
+            scene
+                .plan
+                .for_each_chunk((Nodes(scratch), ()), &|chunk, _, (f, ())| {
+                    let (mut elastic, mut loss) = (0.0, 0.0);
+                    for term in terms {
+                        elastic += term.energy(chunk, place);
+                        if term.damped() {
+                            let at = StateRef {
+                                u: lagged,
+                                v: speed,
+                            };
+                            loss += term.damping_forces(chunk, at, f.0);
+                        }
+                    }
+                    [elastic, loss]
+                });
+        self.elastic = elastic;
+        self.dissipation = form.gamma * loss;
+    }
+}
+
+/// Whether any tet is inside out at the displacements `u`.
+pub fn has_inverted_tets<T: Real>(
+    plan: &Partition,
+    terms: &[Box<dyn Term<T>>],
+    u: &[V4<T>],
+) -> bool {
+    let [count] = plan.for_each_chunk((), &|chunk, _, ()| {
+        let any = terms.iter().any(|term| term.inverted(chunk, u));
+        [f64::from(u8::from(any))]
+    });
+    count > 0.0
+}

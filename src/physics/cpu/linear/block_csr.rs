@@ -1,0 +1,209 @@
+//! The rows of a sparse matrix of 3×3 blocks that belong to a chunk of nodes.
+//!
+//! The matrix is symmetric and moves nothing by translations: only the blocks above the diagonal
+//! are added up, those below are their transposes, and those on it less the sum of their rows.
+
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::vectors::{Mat3Columns, SymMat3, V4, sum_f64, zero};
+use glam::DMat3;
+use std::ops::Range;
+
+/// No slot.
+pub(in crate::physics::cpu) const NO_SLOT: u32 = u32::MAX;
+
+/// Marks the slot of a block that is to be added transposed.
+pub(in crate::physics::cpu) const TRANSPOSED_FLAG: u32 = 1 << 31;
+
+/// Rows in compressed form: columns ascending, each a node of the body.
+#[derive(Clone, Debug, Default)]
+pub(in crate::physics::cpu) struct BlockCsr<T> {
+    nodes: Range<usize>,
+    starts: Vec<u32>,
+    columns: Vec<u32>,
+    /// The slot of each row's block on the diagonal.
+    diagonal: Vec<u32>,
+    /// The slot above the diagonal that this one is the transpose of, or none.
+    mirror: Vec<u32>,
+    /// A block a slot, columns padded.
+    pub values: Vec<Mat3Columns<T>>,
+}
+
+impl<T: Real> BlockCsr<T> {
+    /// The rows `nodes` of a matrix that ties the nodes of every tet to each other.
+    pub fn new<'a>(nodes: Range<usize>, tets: impl Iterator<Item = &'a [u32; 4]>) -> BlockCsr<T> {
+        let mut entries: Vec<(u32, u32)> = nodes.clone().map(|i| (i as u32, i as u32)).collect();
+        for tet in tets {
+            for i in tet.iter().filter(|i| nodes.contains(&(**i as usize))) {
+                entries.extend(tet.iter().map(|j| (*i, *j)));
+            }
+        }
+        entries.sort_unstable();
+        entries.dedup();
+        let count = entries.len();
+        let mut rows = BlockCsr {
+            starts: vec![0],
+            columns: entries.iter().map(|e| e.1).collect(),
+            diagonal: Vec::with_capacity(nodes.len()),
+            mirror: vec![NO_SLOT; count],
+            values: vec![[zero(); 3]; count],
+            nodes,
+        };
+        for (k, (i, j)) in entries.iter().enumerate() {
+            if i == j {
+                rows.diagonal.push(k as u32);
+            }
+            if entries.get(k + 1).is_none_or(|next| next.0 != *i) {
+                rows.starts.push(k as u32 + 1);
+            }
+        }
+        for (k, (i, j)) in entries.iter().enumerate() {
+            if j < i {
+                rows.mirror[k] = rows.slot(*j, *i).unwrap_or(NO_SLOT);
+            }
+        }
+        rows
+    }
+
+    /// Where a block between two nodes is added up: above the diagonal if that row is here, else
+    /// below it, else nowhere. i < j.
+    pub fn entry_slot(&self, i: u32, j: u32) -> u32 {
+        let below = || self.slot(j, i).map(|s| s | TRANSPOSED_FLAG);
+        self.slot(i, j).or_else(below).unwrap_or(NO_SLOT)
+    }
+
+    fn slot(&self, i: u32, j: u32) -> Option<u32> {
+        let row = (i as usize).checked_sub(self.nodes.start)?;
+        let from = *self.starts.get(row)? as usize;
+        let to = *self.starts.get(row + 1)? as usize;
+        let found = self.columns[from..to].binary_search(&j).ok()?;
+        Some((from + found) as u32)
+    }
+
+    /// Adds a block above the diagonal.
+    #[inline(always)]
+    pub fn add(&mut self, slot: u32, block: &Mat3Columns<T>) {
+        add(&mut self.values[slot as usize], block);
+    }
+
+    /// Adds a block where [`BlockCsr::entry_slot`] said.
+    #[inline(always)]
+    pub fn add_placed(&mut self, place: u32, block: &Mat3Columns<T>) {
+        if place == NO_SLOT {
+            return;
+        }
+        match place & TRANSPOSED_FLAG {
+            0 => self.add(place, block),
+            _ => self.add(place & !TRANSPOSED_FLAG, &transposed(block)),
+        }
+    }
+
+    /// Fills in what lies below the diagonal and on it.
+    pub fn finish(&mut self) {
+        for (row, own) in self.diagonal.iter().enumerate() {
+            let mut sum = [T::ZERO.splat(); 3];
+            for k in self.starts[row] as usize..self.starts[row + 1] as usize {
+                if k as u32 == *own {
+                    continue;
+                }
+                let from = self.mirror[k];
+                if from != NO_SLOT {
+                    self.values[k] = transposed(&self.values[from as usize]);
+                }
+                for (s, c) in sum.iter_mut().zip(&self.values[k]) {
+                    *s = *s - T::lanes(c);
+                }
+            }
+            self.values[*own as usize] = sum.map(T::array);
+        }
+    }
+
+    /// Adds the blocks on the diagonal to those of the chunk's nodes.
+    pub fn add_diagonal(&self, out: &mut [SymMat3<T>]) {
+        for (d, own) in out.iter_mut().zip(&self.diagonal) {
+            let [x, y, z] = self.values[*own as usize];
+            for (d, m) in d.iter_mut().zip([x[0], y[1], z[2], y[0], z[0], z[1]]) {
+                *d += m;
+            }
+        }
+    }
+
+    /// Adds `values` times p to the chunk's nodes; the fourth lanes may be anything.
+    #[inline]
+    pub fn multiply(&self, values: &[Mat3Columns<T>], p: &[V4<T>], y: &mut [V4<T>]) {
+        self.each_product(values, p, y, |y, sum| {
+            *y = T::array(T::lanes(y) + sum);
+            0.0
+        });
+    }
+
+    /// Takes `values` times w from the chunk's nodes. Returns their part of w·values w.
+    pub fn subtract_product(&self, values: &[Mat3Columns<T>], w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+        let first = self.nodes.start;
+        let mut node = first;
+        self.each_product(values, w, f, |f, sum| {
+            *f = T::array(T::lanes(f) - sum);
+            let product = T::array(T::lanes(&w[node]) * sum);
+            node += 1;
+            sum_f64(product)
+        })
+    }
+
+    #[inline(always)]
+    fn each_product(
+        &self,
+        values: &[Mat3Columns<T>],
+        p: &[V4<T>],
+        y: &mut [V4<T>],
+        mut take: impl FnMut(&mut V4<T>, T::Lanes) -> f64,
+    ) -> f64 {
+        let (mut from, mut all) = (0, 0.0);
+        for (y, to) in y.iter_mut().zip(&self.starts[1..]) {
+            let to = *to as usize;
+            // One sum a column: each waits for the last.
+            let mut sums = [T::ZERO.splat(); 3];
+            for (block, j) in values[from..to].iter().zip(&self.columns[from..to]) {
+                let p = &p[*j as usize];
+                for (k, sum) in sums.iter_mut().enumerate() {
+                    *sum = *sum + T::lanes(&block[k]) * p[k].splat();
+                }
+            }
+            all += take(y, sums[0] + (sums[1] + sums[2]));
+            from = to;
+        }
+        all
+    }
+
+    /// Tells the blocks above the diagonal.
+    pub fn visit_upper_blocks(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        self.pairs_of(self.nodes.clone(), visit);
+    }
+
+    /// The same of some rows.
+    pub fn pairs_of(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
+        for i in nodes.start.max(self.nodes.start)..nodes.end.min(self.nodes.end) {
+            let row = i - self.nodes.start;
+            for k in self.diagonal[row] as usize + 1..self.starts[row + 1] as usize {
+                let wide = |c: V4<T>| glam::DVec3::new(c[0].to_f64(), c[1].to_f64(), c[2].to_f64());
+                let [x, y, z] = self.values[k].map(wide);
+                visit([i as u32, self.columns[k]], &DMat3::from_cols(x, y, z));
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn add<T: Real>(to: &mut Mat3Columns<T>, block: &Mat3Columns<T>) {
+    for (to, b) in to.iter_mut().zip(block) {
+        *to = T::array(T::lanes(to) + T::lanes(b));
+    }
+}
+
+#[inline(always)]
+fn transposed<T: Real>([x, y, z]: &Mat3Columns<T>) -> Mat3Columns<T> {
+    let o = T::ZERO;
+    [
+        [x[0], y[0], z[0], o],
+        [x[1], y[1], z[1], o],
+        [x[2], y[2], z[2], o],
+    ]
+}

@@ -1,0 +1,350 @@
+//! Conjugate gradients on one vector a node, preconditioned by the inverse diagonal blocks and,
+//! added to them, a coarse space.
+
+use super::coarse_space::{CoarseSpace, rigid_displacement};
+use super::rigid_projection::RigidProjection;
+use super::sparse_cholesky::Vec6Padded;
+use crate::physics::cpu::partition::{Groups, Nodes, Partition};
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::Term;
+use crate::physics::cpu::vectors::dot;
+use crate::physics::cpu::vectors::{Mat3Columns, V4, add, add_scaled, scale, sum_f64, zero};
+
+/// The matrix A.
+pub struct SystemOperator<'a, T> {
+    /// How the nodes are shared out.
+    pub plan: &'a Partition,
+    /// What stands on the diagonal apart from the terms.
+    pub masses: &'a [T],
+    /// 1, or 0 for nodes that stay: their rows are zero.
+    pub free: &'a [T],
+    /// Linearised.
+    pub terms: &'a [Box<dyn Term<T>>],
+}
+
+impl<T: Real> SystemOperator<'_, T> {
+    /// y = A p, for p that is zero at nodes that stay. Returns p·y.
+    pub fn multiply(&self, p: &[V4<T>], y: &mut [V4<T>]) -> f64 {
+        let [sum] = self
+            .plan
+            .for_each_chunk((Nodes(y), ()), &|chunk, nodes, (y, ())| {
+                let p_here = &p[nodes.clone()];
+                for ((y, p), m) in y.0.iter_mut().zip(p_here).zip(&self.masses[nodes.clone()]) {
+                    *y = scale(*m, *p);
+                }
+                for term in self.terms {
+                    term.multiply(chunk, p, y.0);
+                }
+                for (y, free) in y.0.iter_mut().zip(&self.free[nodes]) {
+                    *y = [*free * y[0], *free * y[1], *free * y[2], T::ZERO];
+                }
+                [dot(p_here, y.0)]
+            });
+        sum
+    }
+}
+
+/// Where conjugate gradients stop.
+#[derive(Clone, Copy, Debug)]
+pub struct CgTolerance {
+    /// Relative residual √(rᵀD⁻¹r / bᵀD⁻¹b) to reach.
+    pub tolerance: f64,
+    /// rᵀD⁻¹r that is as good as none.
+    pub floor: f64,
+    /// Iterations at most.
+    pub max_iterations: u32,
+}
+
+/// How far they came.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CgResult {
+    /// Iterations.
+    pub iterations: u32,
+    /// The relative residual.
+    pub residual: f64,
+    /// Whether it is what was asked for.
+    pub converged: bool,
+    /// Of [`CgSolver::solve_from_zero`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
+    pub predicted_decrease: f64,
+    /// Of [`CgSolver::solve_from_zero`]: whether it ended where the matrix is not positive definite.
+    pub indefinite: bool,
+}
+
+/// The vectors of conjugate gradients, and the solutions of the last two systems.
+#[derive(Clone, Debug)]
+pub struct CgSolver<T> {
+    /// The inverse diagonal blocks; zero for nodes that stay.
+    pub inverse: Vec<Mat3Columns<T>>,
+    /// b; then what is left of it.
+    pub residual: Vec<V4<T>>,
+    /// The solution.
+    pub solution: Vec<V4<T>>,
+    /// The last solution and the one before.
+    pub previous_solutions: [Vec<V4<T>>; 2],
+    /// How many of those there are.
+    pub count: usize,
+    direction: Vec<V4<T>>,
+    product: Vec<V4<T>>,
+    /// D⁻¹ r.
+    preconditioned: Vec<V4<T>>,
+    other: Vec<V4<T>>,
+    motions: Vec<Vec6Padded<T>>,
+    forces: Vec<Vec6Padded<T>>,
+    /// Nodes that move together.
+    pub rigid_projection: RigidProjection<T>,
+}
+
+impl<T: Real> CgSolver<T> {
+    /// For a body shared out by `plan`.
+    pub fn new(plan: &Partition) -> CgSolver<T> {
+        let vector = || vec![zero(); plan.nodes()];
+        CgSolver {
+            inverse: vec![[zero(); 3]; plan.nodes()],
+            residual: vector(),
+            solution: vector(),
+            previous_solutions: [vector(), vector()],
+            count: 0,
+            direction: vector(),
+            product: vector(),
+            preconditioned: vector(),
+            other: vector(),
+            motions: vec![[T::ZERO; 8]; plan.groups()],
+            forces: vec![[T::ZERO; 8]; plan.groups()],
+            rigid_projection: RigidProjection::empty(),
+        }
+    }
+
+    /// Solves A x = b, b in [`CgSolver::residual`] with bᵀD⁻¹b = `start`; x is left in
+    /// [`CgSolver::solution`].
+    pub fn solve(
+        &mut self,
+        a: &SystemOperator<'_, T>,
+        coarse: &mut Option<CoarseSpace<T>>,
+        start: f64,
+        stop: CgTolerance,
+    ) -> CgResult {
+        self.initialise(a, self.count);
+        self.iterate(a, coarse, start, stop, false)
+    }
+
+    /// As [`CgSolver::solve`], from nothing, and of a matrix that may not be positive definite:
+    /// there it ends.
+    pub fn solve_from_zero(
+        &mut self,
+        a: &SystemOperator<'_, T>,
+        coarse: &mut Option<CoarseSpace<T>>,
+        start: f64,
+        stop: CgTolerance,
+    ) -> CgResult {
+        self.initialise(a, 0);
+        self.iterate(a, coarse, start, stop, true)
+    }
+
+    fn iterate(
+        &mut self,
+        a: &SystemOperator<'_, T>,
+        coarse: &mut Option<CoarseSpace<T>>,
+        start: f64,
+        stop: CgTolerance,
+        may_be_indefinite: bool,
+    ) -> CgResult {
+        let goal = (stop.tolerance * stop.tolerance * start).max(stop.floor);
+        let mut coarse = coarse.as_mut().filter(|c| c.is_factorised());
+        let mut smooth = self.update_solution(a.plan, coarse.as_deref(), T::ZERO);
+        let (mut before, mut iterations) = (0.0, 0);
+        let (mut gain, mut indefinite) = (0.0, false);
+        // Not a number goes on as converged, and is found in the state.
+        while smooth > goal && iterations < stop.max_iterations {
+            let rz = smooth + self.apply_coarse(&mut coarse);
+            let beta = if before > 0.0 { rz / before } else { 0.0 };
+            before = rz;
+            self.update_direction(a.plan, coarse.as_deref(), T::from_f64(beta));
+            let pq = a.multiply(&self.direction, &mut self.product);
+            if may_be_indefinite && pq <= 0.0 {
+                indefinite = true;
+                break;
+            }
+            // The matrix is positive definite; if rounding says otherwise, stay where we are.
+            let alpha = if pq > 0.0 { rz / pq } else { 0.0 };
+            smooth = self.update_solution(a.plan, coarse.as_deref(), T::from_f64(alpha));
+            gain += alpha * rz;
+            iterations += 1;
+            if pq.is_nan() {
+                break;
+            }
+        }
+        let residual = if start > 0.0 {
+            (smooth / start).sqrt()
+        } else {
+            0.0
+        };
+        CgResult {
+            iterations,
+            residual,
+            converged: smooth <= goal,
+            predicted_decrease: gain,
+            indefinite,
+        }
+    }
+
+    /// Keeps the solution for the start of the next solve.
+    pub fn store_solution(&mut self) {
+        self.previous_solutions.rotate_right(1);
+        std::mem::swap(&mut self.previous_solutions[0], &mut self.solution);
+        self.count = (self.count + 1).min(2);
+    }
+
+    /// The start: what of the space of the last two solutions has the lowest ½xᵀAx − bᵀx.
+    ///
+    /// That is never higher than of nothing, of the last solution, or of what both extrapolate to.
+    fn initialise(&mut self, a: &SystemOperator<'_, T>, count: usize) {
+        let [last, older] = &self.previous_solutions;
+        let mut weights = [0.0; 2];
+        if count > 0 {
+            let aa = a.multiply(last, &mut self.product);
+            let ab = dot(last, &self.residual);
+            if aa > 0.0 {
+                weights[0] = ab / aa;
+            }
+            if count > 1 {
+                let oo = a.multiply(older, &mut self.other);
+                let ob = dot(older, &self.residual);
+                let ao = dot(last, &self.other);
+                let determinant = aa * oo - ao * ao;
+                if determinant > 1e-6 * aa * oo {
+                    weights[0] = (ab * oo - ob * ao) / determinant;
+                    weights[1] = (ob * aa - ab * ao) / determinant;
+                }
+            }
+        }
+        let [s, t] = weights.map(T::from_f64);
+        let (product, other) = (&self.product, &self.other);
+        let data = (
+            Nodes(&mut self.solution),
+            Nodes(&mut self.residual),
+            Nodes(&mut self.direction),
+        );
+        a.plan.for_each_chunk(data, &|_, nodes, (x, r, p)| {
+            p.0.fill(zero());
+            x.0.fill(zero());
+            for (n, i) in nodes.enumerate() {
+                if count > 0 {
+                    x.0[n] = add_scaled(x.0[n], s, last[i]);
+                    r.0[n] = add_scaled(r.0[n], -s, product[i]);
+                }
+                if count > 1 {
+                    x.0[n] = add_scaled(x.0[n], t, older[i]);
+                    r.0[n] = add_scaled(r.0[n], -t, other[i]);
+                }
+            }
+            []
+        });
+        self.product.fill(zero());
+    }
+
+    /// x += α p, r −= α A p, and the forces that the coarse space and tied nodes see. Returns
+    /// rᵀD⁻¹r, D having the blocks of tied nodes too.
+    fn update_solution(
+        &mut self,
+        plan: &Partition,
+        coarse: Option<&CoarseSpace<T>>,
+        alpha: T,
+    ) -> f64 {
+        let (p, q, inverse) = (&self.direction, &self.product, &self.inverse);
+        let tied = &self.rigid_projection;
+        let data = (
+            Nodes(&mut self.solution),
+            Nodes(&mut self.residual),
+            Nodes(&mut self.preconditioned),
+            Groups(&mut self.forces),
+        );
+        let step = alpha.splat();
+        let [sum] = plan.for_each_chunk(data, &|chunk, nodes, (x, r, z, forces)| {
+            let mut sum = 0.0;
+            for (g, force) in plan.groups_of(chunk).zip(forces.0) {
+                let here = plan.group(g);
+                let mine = here.start - nodes.start..here.end - nodes.start;
+                let (x, r) = (&mut x.0[mine.clone()], &mut r.0[mine.clone()]);
+                let (z, first) = (&mut z.0[mine], here.start);
+                let steps = p[here.clone()].iter().zip(&q[here.clone()]);
+                let mut lanes = T::ZERO.splat();
+                let state = x.iter_mut().zip(&mut *r).zip(z);
+                for (((x, r), z), ((p, q), m)) in state.zip(steps.zip(&inverse[here])) {
+                    *x = T::array(T::lanes(x) + step * T::lanes(p));
+                    let rest = T::lanes(r) - step * T::lanes(q);
+                    *r = T::array(rest);
+                    let smooth = (T::lanes(&m[0]) * r[0].splat() + T::lanes(&m[1]) * r[1].splat())
+                        + T::lanes(&m[2]) * r[2].splat();
+                    *z = T::array(smooth);
+                    lanes = lanes + smooth * rest;
+                }
+                sum += sum_f64(T::array(lanes));
+                if let Some(body) = tied.of(g) {
+                    *force = body.restrict(|n| r[n]);
+                    sum += body.energy(force);
+                } else if let Some(coarse) = coarse {
+                    *force = coarse.restrict(first, r);
+                }
+            }
+            [sum]
+        });
+        sum
+    }
+
+    /// The answers of the coarse space and of tied nodes to the forces they see. Returns the part of
+    /// r·z that is not in rᵀD⁻¹r: the coarse space's.
+    fn apply_coarse(&mut self, coarse: &mut Option<&mut CoarseSpace<T>>) -> f64 {
+        let Some(coarse) = coarse else {
+            self.rigid_projection
+                .apply_inverse(&self.forces, &mut self.motions, false);
+            return 0.0;
+        };
+        self.motions.copy_from_slice(&self.forces);
+        self.rigid_projection
+            .remove_constrained_forces(&mut self.motions);
+        coarse.solve(&mut self.motions);
+        let mut sum = 0.0;
+        for (f, m) in self.forces.iter().zip(&self.motions) {
+            for k in 0..6 {
+                sum += (f[k] * m[k]).to_f64();
+            }
+        }
+        self.rigid_projection
+            .apply_inverse(&self.forces, &mut self.motions, true);
+        sum
+    }
+
+    /// p = z + β p.
+    fn update_direction(&mut self, plan: &Partition, coarse: Option<&CoarseSpace<T>>, beta: T) {
+        let (smoothed, motions, tied) =
+            (&self.preconditioned, &self.motions, &self.rigid_projection);
+        plan.for_each_chunk(
+            (Nodes(&mut self.direction), ()),
+            &|chunk, nodes, (p, ())| {
+                for g in plan.groups_of(chunk) {
+                    let here = plan.group(g);
+                    let p = &mut p.0[here.start - nodes.start..here.end - nodes.start];
+                    let (z, first) = (&smoothed[here.clone()], here.start);
+                    if let Some(body) = tied.of(g) {
+                        body.update_direction(&motions[g], beta, p);
+                        continue;
+                    }
+                    match coarse {
+                        None => {
+                            for (p, z) in p.iter_mut().zip(z) {
+                                *p = add_scaled(*z, beta, *p);
+                            }
+                        }
+                        Some(coarse) => {
+                            let motion = &motions[g];
+                            for ((p, z), a) in p.iter_mut().zip(z).zip(coarse.arms(first)) {
+                                *p = add_scaled(add(*z, rigid_displacement(a, motion)), beta, *p);
+                            }
+                        }
+                    }
+                }
+                []
+            },
+        );
+    }
+}

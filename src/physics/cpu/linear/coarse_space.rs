@@ -1,0 +1,237 @@
+//! A coarse space for conjugate gradients: the six rigid motions of every group of nodes.
+//!
+//! Block Jacobi takes what is rough out of an error in a few iterations and the smooth rest in
+//! hundreds; stiff parts in soft ones are worse still. Rigid motions of groups of nodes, 40 in a small
+//! body and hundreds in a large one (Galerkin, added to block Jacobi), catch that rest.
+
+use super::rigid_projection::RigidProjection;
+use super::sparse_cholesky::{Block, SparseCholesky, Vec6Padded};
+use crate::physics::cpu::partition::Partition;
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::Term;
+use crate::physics::cpu::vectors::{SymMat3, V4, add};
+use glam::{DMat3, DVec3};
+
+/// By how much the diagonal of the coarse matrix is made larger: rotations of a group whose nodes
+/// lie on a line, or of one that is held, move nothing.
+const DIAGONAL_SHIFT: f64 = 1e-7;
+
+/// The rigid motions of groups of nodes, and the factor of their matrix.
+#[derive(Clone, Debug)]
+pub struct CoarseSpace<T> {
+    /// Of every node: where it lies from the middle of its group, in the group's radii; the
+    /// fourth lane is 1, or 0 for nodes that stay.
+    lever_arms: Vec<V4<T>>,
+    /// The group of every node.
+    group: Vec<u32>,
+    factor: SparseCholesky<T>,
+    ready: bool,
+}
+
+impl<T: Real> CoarseSpace<T> {
+    /// Analyses which groups of `plan` are tied to which by `terms`, which were linearised before.
+    pub fn new(plan: &Partition, terms: &[Box<dyn Term<T>>]) -> CoarseSpace<T> {
+        let group = node_groups(plan);
+        let mut pairs = Vec::new();
+        let mut last = (u32::MAX, u32::MAX);
+        for term in terms {
+            term.visit_off_diagonal(&mut |[i, j], _| {
+                let pair = (group[i as usize], group[j as usize]);
+                if pair.0 != pair.1 && pair != last {
+                    pairs.push(pair);
+                    pairs.push((pair.1, pair.0));
+                    last = pair;
+                }
+                if pairs.len() > 1 << 22 {
+                    pairs.sort_unstable();
+                    pairs.dedup();
+                }
+            });
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        CoarseSpace {
+            lever_arms: vec![[T::ZERO; 4]; plan.nodes()],
+            factor: SparseCholesky::new(plan.groups(), &pairs),
+            group,
+            ready: false,
+        }
+    }
+
+    /// Whether there is a factor to solve with.
+    pub fn is_factorised(&self) -> bool {
+        self.ready
+    }
+
+    /// Makes the matrix and its factor, of the system that `terms` were linearised to. `points`
+    /// are the nodes' positions, `free` says which of them move; a body that is `tied` is a group
+    /// whose motions are its own.
+    pub fn factorise(
+        &mut self,
+        plan: &Partition,
+        points: impl Fn(usize) -> DVec3,
+        free: impl Fn(usize) -> bool,
+        diagonal: &[SymMat3<T>],
+        terms: &[Box<dyn Term<T>>],
+        tied: &RigidProjection<T>,
+    ) {
+        for g in 0..plan.groups() {
+            let first = plan.group(g).start;
+            let arms = &mut self.lever_arms[plan.group(g)];
+            if let Some(body) = tied.of(g) {
+                // One that is held somewhere has not all of these motions.
+                match body.free() {
+                    true => arms.copy_from_slice(body.arms()),
+                    false => arms.fill([T::ZERO; 4]),
+                }
+                continue;
+            }
+            let count = arms.len();
+            let nodes = || (first..first + count).filter(|i| free(*i));
+            let count = nodes().count().max(1) as f64;
+            let middle = nodes().map(&points).sum::<DVec3>() / count;
+            let reach = |i: usize| points(i).distance_squared(middle);
+            let radius = (nodes().map(reach).sum::<f64>() / count).sqrt();
+            let over = if radius > 0.0 { 1.0 / radius } else { 0.0 };
+            for (n, arm) in arms.iter_mut().enumerate() {
+                *arm = [T::ZERO; 4];
+                if free(first + n) {
+                    let r = (points(first + n) - middle) * over;
+                    *arm = [T::from_f64(r.x), T::from_f64(r.y), T::from_f64(r.z), T::ONE];
+                }
+            }
+        }
+        self.factor.clear();
+        let mut known = (u32::MAX, u32::MAX, 0, false);
+        for (i, d) in diagonal.iter().enumerate() {
+            let d = d.map(Real::to_f64);
+            let m = DMat3::from_cols_array(&[d[0], d[3], d[4], d[3], d[1], d[5], d[4], d[5], d[2]]);
+            let g = self.group[i];
+            if let Some((place, _)) = self.factor.block_index(g, g) {
+                add_projected_block(
+                    &m,
+                    &self.lever_arms[i],
+                    &self.lever_arms[i],
+                    self.factor.block_mut(place),
+                    false,
+                );
+            }
+        }
+        let (arms, group, factor) = (&self.lever_arms, &self.group, &mut self.factor);
+        for term in terms {
+            term.visit_off_diagonal(&mut |[i, j], m| {
+                let [a, b] = [i, j].map(|v| group[v as usize]);
+                let (i, j) = (&arms[i as usize], &arms[j as usize]);
+                if (known.0, known.1) != (a, b) {
+                    let Some((place, turned)) = factor.block_index(a, b) else {
+                        return;
+                    };
+                    known = (a, b, place, turned);
+                }
+                let block = factor.block_mut(known.2);
+                if a == b {
+                    add_projected_block(m, i, j, block, false);
+                }
+                add_projected_block(m, i, j, block, known.3 || a == b);
+            });
+        }
+        for g in 0..plan.groups() as u32 {
+            if let Some((place, _)) = self.factor.block_index(g, g) {
+                let block = self.factor.block_mut(place);
+                let largest = (0..6).map(|k| block[k][k]).fold(0.0, f64::max);
+                for (k, column) in block.iter_mut().enumerate() {
+                    match largest > 0.0 {
+                        true => column[k] += DIAGONAL_SHIFT * largest,
+                        // All of the group is held.
+                        false => column[k] = 1.0,
+                    }
+                }
+            }
+        }
+        self.ready = self.factor.factorise();
+    }
+
+    /// What the motions of a group see of the forces `r` on its nodes, the first of which is
+    /// `first`.
+    #[inline]
+    pub fn restrict(&self, first: usize, r: &[V4<T>]) -> Vec6Padded<T> {
+        let (mut sum, mut turn) = ([T::ZERO; 4], [T::ZERO; 4]);
+        for (r, a) in r.iter().zip(&self.lever_arms[first..]) {
+            let w = a[3];
+            sum = add(sum, [w * r[0], w * r[1], w * r[2], T::ZERO]);
+            turn = add(turn, cross(*a, *r));
+        }
+        let z = T::ZERO;
+        [sum[0], sum[1], sum[2], turn[0], turn[1], turn[2], z, z]
+    }
+
+    /// Solves the coarse system in place: one vector a group.
+    pub fn solve(&mut self, x: &mut [Vec6Padded<T>]) {
+        self.factor.solve(x);
+    }
+
+    /// The arms of the nodes from `first` on, for [`rigid_displacement`].
+    pub fn arms(&self, first: usize) -> &[V4<T>] {
+        &self.lever_arms[first..]
+    }
+}
+
+/// How a node with that arm moves with the motion of its group.
+#[inline(always)]
+pub fn rigid_displacement<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
+    let w = arm[3];
+    add(
+        [w * m[0], w * m[1], w * m[2], T::ZERO],
+        cross([m[3], m[4], m[5], T::ZERO], *arm),
+    )
+}
+
+fn node_groups(plan: &Partition) -> Vec<u32> {
+    let mut of = vec![0; plan.nodes()];
+    for g in 0..plan.groups() {
+        of[plan.group(g)].fill(g as u32);
+    }
+    of
+}
+
+#[inline(always)]
+fn cross<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+        T::ZERO,
+    ]
+}
+
+/// Adds P_iᵀ m P_j, or its transpose, to a block: P = w [I, −[a]×].
+pub(in crate::physics::cpu) fn add_projected_block<T: Real>(
+    m: &DMat3,
+    i: &V4<T>,
+    j: &V4<T>,
+    block: &mut Block,
+    transposed: bool,
+) {
+    let [a, b] = [i, j].map(|v| DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64()));
+    let [wa, wb] = [i, j].map(|v| v[3].to_f64());
+    let columns = [
+        m.x_axis * wb,
+        m.y_axis * wb,
+        m.z_axis * wb,
+        // m (e_k × b).
+        m.z_axis * b.y - m.y_axis * b.z,
+        m.x_axis * b.z - m.z_axis * b.x,
+        m.y_axis * b.x - m.x_axis * b.y,
+    ];
+    for (c, column) in columns.iter().enumerate() {
+        let (s, t) = (*column * wa, a.cross(*column));
+        let full = [s.x, s.y, s.z, t.x, t.y, t.z];
+        for (r, x) in full.iter().enumerate() {
+            if transposed {
+                block[r][c] += x;
+            } else {
+                block[c][r] += x;
+            }
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! Linear algebra of the implicit step: block matrices, conjugate gradients, the coarse space and
+//! the projection onto rigid motions.
+
+pub(super) mod block_csr;
+pub(super) mod cg;
+pub(super) mod coarse_space;
+pub(super) mod point_blocks;
+pub(super) mod rigid_projection;
+pub(super) mod sparse_cholesky;

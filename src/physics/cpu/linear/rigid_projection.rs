@@ -1,0 +1,308 @@
+//! Nodes tied together in conjugate gradients: those of a rigid body move with its six unknowns.
+//!
+//! Vectors of a solve have an entry for every node still. Directions are kept within what P moves,
+//! where row i of P is [I, −[a]×] of node i's arm a: they come of P B Pᵀ r alone, B being the
+//! inverse of the body's own block of Pᵀ A P. That is conjugate gradients on Pᵀ A P, without that
+//! matrix.
+
+use super::coarse_space::{add_projected_block, rigid_displacement};
+use super::sparse_cholesky::{Block, DOF_PER_GROUP, Vec6Padded, inverse_factor};
+use crate::physics::cpu::partition::Partition;
+use crate::physics::cpu::rigid::bodies::RigidBodies;
+use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, Pose, RigidGroup};
+use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::term::Term;
+use crate::physics::cpu::vectors::{SymMat3, V4, add, zero};
+use glam::{DMat3, DQuat, DVec3};
+use std::ops::Range;
+
+/// A group of nodes that are one body.
+#[derive(Clone, Debug)]
+pub struct RigidBlock<T> {
+    nodes: Range<usize>,
+    /// Where each of them is from the pivot, in the body's radii; the fourth lane is 1, or 0 where
+    /// the pivot stays. All zero where the body stays.
+    arms: Vec<V4<T>>,
+    /// Which turns it makes.
+    rotation_projector: DMat3,
+    /// B.
+    inverse: [Vec6Padded<T>; DOF_PER_GROUP],
+    /// It as it was made, how the body was turned then, and whether its block was positive
+    /// definite.
+    built_block: Option<Block>,
+    turned: DQuat,
+    turn: DQuat,
+    /// Whether it moves as a group of a coarse space does.
+    free: bool,
+}
+
+/// The last groups of a plan, each a body; mostly there is none.
+#[derive(Clone, Debug)]
+pub struct RigidProjection<T> {
+    /// The first of these groups.
+    first: usize,
+    /// The first of their nodes.
+    node: usize,
+    bodies: Vec<RigidBlock<T>>,
+}
+
+impl<T: Real> RigidProjection<T> {
+    /// No nodes are tied.
+    pub fn empty() -> RigidProjection<T> {
+        RigidProjection {
+            first: usize::MAX,
+            node: usize::MAX,
+            bodies: Vec::new(),
+        }
+    }
+
+    /// The rigid bodies of a plan.
+    pub(in crate::physics::cpu) fn new(
+        plan: &Partition,
+        rigid: &RigidBodies,
+    ) -> RigidProjection<T> {
+        if rigid.is_empty() {
+            return RigidProjection::empty();
+        }
+        let body = |b: &RigidGroup| RigidBlock {
+            nodes: b.nodes.clone(),
+            arms: vec![zero(); b.nodes.len()],
+            rotation_projector: DMat3::ZERO,
+            inverse: [[T::ZERO; 8]; DOF_PER_GROUP],
+            built_block: None,
+            turned: DQuat::IDENTITY,
+            turn: DQuat::IDENTITY,
+            free: false,
+        };
+        RigidProjection {
+            first: plan.groups() - rigid.bodies.len(),
+            node: rigid.first,
+            bodies: rigid.bodies.iter().map(body).collect(),
+        }
+    }
+
+    /// The body that a group is, if it is one.
+    #[inline(always)]
+    pub fn of(&self, group: usize) -> Option<&RigidBlock<T>> {
+        self.bodies.get(group.checked_sub(self.first)?)
+    }
+
+    /// Whether node `i` is one of a body's.
+    #[inline(always)]
+    pub fn has(&self, i: usize) -> bool {
+        i >= self.node
+    }
+
+    /// Lets the arms be those of `poses`, and B turn with its body.
+    pub(in crate::physics::cpu) fn update_poses(&mut self, rigid: &RigidBodies, poses: &[Pose]) {
+        for ((body, known), pose) in self.bodies.iter_mut().zip(&rigid.bodies).zip(poses) {
+            let (pivot, within) = known.pivot(pose);
+            let over = 1.0 / known.radius();
+            body.free = known.freedom == DegreesOfFreedom::Free;
+            body.rotation_projector = within;
+            let weight = if body.free { T::ONE } else { T::ZERO };
+            let stays = known.freedom == DegreesOfFreedom::Fixed;
+            for (arm, i) in body.arms.iter_mut().zip(body.nodes.clone()) {
+                let r = rigid.lever_arms[i - rigid.first] - pivot;
+                let a = pose.rotation * r * if stays { 0.0 } else { over };
+                *arm = [T::from_f64(a.x), T::from_f64(a.y), T::from_f64(a.z), weight];
+            }
+            body.turn = pose.rotation;
+            body.turn_inverse();
+        }
+    }
+
+    /// Makes the bodies' blocks of what was linearised, `diagonal` being its diagonal blocks. They
+    /// are kept as long as a coarse space is.
+    pub(in crate::physics::cpu) fn build(
+        &mut self,
+        diagonal: &[SymMat3<T>],
+        terms: &[Box<dyn Term<T>>],
+    ) {
+        for body in &mut self.bodies {
+            let (first, arms) = (body.nodes.start, &body.arms);
+            let mut block: Block = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
+            for (d, arm) in diagonal[body.nodes.clone()].iter().zip(arms) {
+                let d = d.map(Real::to_f64);
+                let x = DVec3::new(d[0], d[3], d[4]);
+                let (y, z) = (DVec3::new(d[3], d[1], d[5]), DVec3::new(d[4], d[5], d[2]));
+                let m = DMat3::from_cols(x, y, z);
+                add_projected_block(&m, arm, arm, &mut block, false);
+            }
+            for term in terms {
+                term.visit_off_diagonal_in(body.nodes.clone(), &mut |[i, j], m| {
+                    let [a, b] = [i, j].map(|v| &arms[v as usize - first]);
+                    add_projected_block(m, a, b, &mut block, false);
+                    add_projected_block(m, a, b, &mut block, true);
+                });
+            }
+            body.built_block = inverse_within(&block, body.free, &body.rotation_projector);
+            body.turned = body.turn;
+            body.turn_inverse();
+        }
+    }
+
+    /// Whether all blocks were positive definite.
+    pub(in crate::physics::cpu) fn is_positive_definite(&self) -> bool {
+        self.bodies.iter().all(|body| body.built_block.is_some())
+    }
+
+    /// The nodes from `first` on that are a body's, among those of a chunk, body by body.
+    pub(in crate::physics::cpu) fn bodies_of(
+        &self,
+        plan: &Partition,
+        chunk: usize,
+    ) -> impl Iterator<Item = &RigidBlock<T>> + '_ {
+        plan.groups_of(chunk).filter_map(|g| self.of(g))
+    }
+
+    /// Takes the forces out that a coarse space must not see: of bodies that are held somewhere.
+    pub fn remove_constrained_forces(&self, forces: &mut [Vec6Padded<T>]) {
+        for (body, f) in self.bodies.iter().zip(forces.iter_mut().skip(self.first)) {
+            if !body.free {
+                *f = [T::ZERO; 8];
+            }
+        }
+    }
+
+    /// Adds the motions of the bodies by their own blocks under `forces` to those that a coarse
+    /// space gave, if there was one.
+    pub fn apply_inverse(
+        &self,
+        forces: &[Vec6Padded<T>],
+        motions: &mut [Vec6Padded<T>],
+        coarse: bool,
+    ) {
+        let from = self.first.min(forces.len());
+        let all = forces[from..].iter().zip(&mut motions[from..]);
+        for (body, (f, m)) in self.bodies.iter().zip(all) {
+            let own = body.answer(f);
+            match coarse {
+                true => m.iter_mut().zip(own).for_each(|(m, o)| *m += o),
+                false => *m = own,
+            }
+        }
+    }
+}
+
+impl<T: Real> RigidBlock<T> {
+    fn turn_inverse(&mut self) {
+        let Some(made) = &self.built_block else {
+            return;
+        };
+        let by = DMat3::from_quat(self.turn * self.turned.inverse());
+        let mut q = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
+        for k in 0..3 {
+            for r in 0..3 {
+                (q[k][r], q[3 + k][3 + r]) = (by.col(k)[r], by.col(k)[r]);
+            }
+        }
+        let back: Block = std::array::from_fn(|c| std::array::from_fn(|r| q[r][c]));
+        let inverse = times(&times(&q, made), &back);
+        let entry = |c: usize, r: usize| {
+            if r < DOF_PER_GROUP {
+                T::from_f64(inverse[c][r])
+            } else {
+                T::ZERO
+            }
+        };
+        self.inverse = std::array::from_fn(|c| std::array::from_fn(|r| entry(c, r)));
+    }
+
+    /// Its nodes.
+    pub fn nodes(&self) -> Range<usize> {
+        self.nodes.clone()
+    }
+
+    /// Pᵀ r of its nodes: `at` gives r of the n-th of them.
+    #[inline]
+    pub fn restrict(&self, at: impl Fn(usize) -> V4<T>) -> Vec6Padded<T> {
+        let (mut sum, mut turn) = ([0.0; 3], [0.0; 3]);
+        for (n, arm) in self.arms.iter().enumerate() {
+            let [a, r] = [arm, &at(n)].map(|v| [v[0].to_f64(), v[1].to_f64(), v[2].to_f64()]);
+            let w = arm[3].to_f64();
+            for k in 0..3 {
+                let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+                sum[k] += w * r[k];
+                turn[k] += a[i] * r[j] - a[j] * r[i];
+            }
+        }
+        let [[x, y, z], [a, b, c]] = [sum, turn].map(|v| v.map(T::from_f64));
+        [x, y, z, a, b, c, T::ZERO, T::ZERO]
+    }
+
+    /// B f.
+    #[inline]
+    pub fn answer(&self, f: &Vec6Padded<T>) -> Vec6Padded<T> {
+        let mut out = [T::ZERO; 8];
+        for (column, f) in self.inverse.iter().zip(f) {
+            for (o, c) in out.iter_mut().zip(column) {
+                *o += *c * *f;
+            }
+        }
+        out
+    }
+
+    /// f·B f.
+    #[inline]
+    pub fn energy(&self, f: &Vec6Padded<T>) -> f64 {
+        let m = self.answer(f);
+        (0..DOF_PER_GROUP).map(|k| (f[k] * m[k]).to_f64()).sum()
+    }
+
+    /// The arms, for [`rigid_displacement`].
+    pub fn arms(&self) -> &[V4<T>] {
+        &self.arms
+    }
+
+    /// Whether it has all six motions.
+    pub fn free(&self) -> bool {
+        self.free
+    }
+
+    /// p = z + P m + β p of its nodes, z being what the diagonal blocks say.
+    #[inline]
+    pub fn update_direction(&self, m: &Vec6Padded<T>, beta: T, p: &mut [V4<T>]) {
+        for (p, arm) in p.iter_mut().zip(&self.arms) {
+            let z = rigid_displacement(arm, m);
+            *p = add(z, [beta * p[0], beta * p[1], beta * p[2], T::ZERO]);
+        }
+    }
+}
+
+/// a b.
+fn times(a: &Block, b: &Block) -> Block {
+    std::array::from_fn(|c| {
+        std::array::from_fn(|r| (0..DOF_PER_GROUP).map(|k| a[k][r] * b[c][k]).sum::<f64>())
+    })
+}
+
+/// The inverse of a body's block, of those of its motions that there are.
+fn inverse_within(block: &Block, free: bool, within: &DMat3) -> Option<Block> {
+    let keep = f64::from(u8::from(free));
+    let mut p = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
+    for k in 0..3 {
+        p[k][k] = keep;
+        for r in 0..3 {
+            p[3 + k][3 + r] = within.col(k)[r];
+        }
+    }
+    let mut whole = times(&times(&p, block), &p);
+    let scale = (0..DOF_PER_GROUP).map(|k| whole[k][k]).fold(0.0, f64::max);
+    let scale = if scale > 0.0 { scale } else { 1.0 };
+    for c in 0..DOF_PER_GROUP {
+        for r in 0..DOF_PER_GROUP {
+            whole[c][r] += scale * (f64::from(u8::from(r == c)) - p[c][r]);
+        }
+    }
+    let lower = inverse_factor(&whole)?;
+    // A⁻¹ = L⁻ᵀ L⁻¹.
+    let inverse: Block = std::array::from_fn(|c| {
+        std::array::from_fn(|r| {
+            (0..DOF_PER_GROUP)
+                .map(|k| lower[r][k] * lower[c][k])
+                .sum::<f64>()
+        })
+    });
+    Some(times(&times(&p, &inverse), &p))
+}

@@ -1,0 +1,249 @@
+//! What acts on a body from outside: gravity, forces, pins, and attachments.
+
+use super::partition::Partition;
+use super::pressure::Pressure;
+use super::scalar::Real;
+use super::vectors::{V4, add, from_metres, scale, sub, zero};
+use crate::physics::LocalUnits;
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// What holds a node or pulls at it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NodeConstraint {
+    /// The node is where it is told to be, at rest.
+    Fixed {
+        /// Which, by the file's numbers.
+        node: u32,
+        /// Where, m from the frame's origin.
+        place: DVec3,
+    },
+    /// The node is at a place, and goes on from there at a velocity.
+    Prescribed {
+        /// Which, by the file's numbers.
+        node: u32,
+        /// Where it is now, m from the frame's origin.
+        place: DVec3,
+        /// m/s.
+        velocity: DVec3,
+    },
+    /// A spring without length from the node to a target.
+    Spring {
+        /// Which, by the file's numbers.
+        node: u32,
+        /// Where to, m from the frame's origin.
+        target: DVec3,
+        /// N/m.
+        stiffness: f64,
+        /// The largest force of the spring, N.
+        limit: f64,
+    },
+}
+
+impl NodeConstraint {
+    /// The node.
+    pub fn node(&self) -> u32 {
+        match self {
+            NodeConstraint::Fixed { node, .. }
+            | NodeConstraint::Prescribed { node, .. }
+            | NodeConstraint::Spring { node, .. } => *node,
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        match self {
+            NodeConstraint::Fixed { place, .. } => place.is_finite(),
+            NodeConstraint::Prescribed {
+                place, velocity, ..
+            } => place.is_finite() && velocity.is_finite(),
+            NodeConstraint::Spring {
+                target,
+                stiffness,
+                limit,
+                ..
+            } => target.is_finite() && stiffness.is_finite() && *stiffness >= 0.0 && *limit >= 0.0,
+        }
+    }
+}
+
+/// A spring to a target, in local units.
+#[derive(Clone, Copy, Debug)]
+struct NodeTargetSpring<T> {
+    node: usize,
+    /// From the node's rest position to the target.
+    to: V4<T>,
+    stiffness: T,
+    limit: T,
+}
+
+/// Everything that acts on a body from outside, in local units and the engine's order.
+#[derive(Clone, Debug)]
+pub struct Loads<T> {
+    gravity: V4<T>,
+    forces: Vec<V4<T>>,
+    has_forces: bool,
+    target_springs: Vec<NodeTargetSpring<T>>,
+    pressures: Vec<Pressure<T>>,
+}
+
+impl<T: Real> Loads<T> {
+    /// Nothing, on `nodes` nodes.
+    pub fn empty(nodes: usize) -> Loads<T> {
+        Loads {
+            gravity: zero(),
+            forces: vec![zero(); nodes],
+            has_forces: false,
+            target_springs: Vec::new(),
+            pressures: Vec::new(),
+        }
+    }
+
+    /// Adds a pressure.
+    pub(super) fn add_pressure(&mut self, pressure: Pressure<T>) {
+        self.pressures.push(pressure);
+    }
+
+    /// Takes the pressures from among all levels.
+    pub fn set_levels(&mut self, levels: &[f64]) {
+        self.pressures
+            .iter_mut()
+            .for_each(|p| p.set_amplitude(levels));
+    }
+
+    /// Sets gravity, m/s².
+    pub fn set_gravity(&mut self, gravity: DVec3, units: &LocalUnits) {
+        self.gravity = from_metres(gravity, units.acceleration());
+    }
+
+    /// Sets the force on every node, N, in the file's order.
+    pub fn set_forces(&mut self, forces: &[DVec3], order: &[u32], units: &LocalUnits) {
+        self.has_forces = forces.iter().any(|f| *f != DVec3::ZERO);
+        for (f, v) in self.forces.iter_mut().zip(order) {
+            *f = from_metres(forces[*v as usize], units.force());
+        }
+    }
+
+    /// Sets the springs to targets: those of `attachments` that pull. `place` is the engine's
+    /// number of every node, `rest` the rest positions in the file's order, m.
+    pub fn set_target_springs(
+        &mut self,
+        attachments: &[NodeConstraint],
+        place: &[u32],
+        rest: &[DVec3],
+        units: &LocalUnits,
+    ) {
+        self.target_springs.clear();
+        for a in attachments {
+            if let NodeConstraint::Spring {
+                node,
+                target,
+                stiffness,
+                limit,
+            } = *a
+            {
+                self.target_springs.push(NodeTargetSpring {
+                    node: place[node as usize] as usize,
+                    to: from_metres(target - rest[node as usize], units.length),
+                    stiffness: T::from_f64(stiffness / units.stiffness()),
+                    limit: T::from_f64((limit / units.force()).min(1e30)),
+                });
+            }
+        }
+        self.target_springs.sort_by_key(|d| d.node);
+    }
+
+    /// Puts the loads on the nodes of a chunk into `f`, where springs to targets pull as they do
+    /// at the displacements `u`.
+    pub fn write_forces(
+        &self,
+        plan: &Partition,
+        chunk: usize,
+        masses: &[T],
+        u: &[V4<T>],
+        f: &mut [V4<T>],
+    ) {
+        let nodes = plan.range(chunk);
+        for (f, m) in f.iter_mut().zip(&masses[nodes.clone()]) {
+            *f = scale(*m, self.gravity);
+        }
+        if self.has_forces {
+            for (f, e) in f.iter_mut().zip(&self.forces[nodes.clone()]) {
+                *f = add(*f, *e);
+            }
+        }
+        let from = self
+            .target_springs
+            .partition_point(|d| d.node < nodes.start);
+        let mine = self.target_springs[from..].iter();
+        for d in mine.take_while(|d| d.node < nodes.end) {
+            let i = d.node - nodes.start;
+            f[i] = add(f[i], d.spring_force(u));
+        }
+        for pressure in &self.pressures {
+            pressure.add_forces(chunk, nodes.start, u, f);
+        }
+    }
+}
+
+impl<T: Real> Loads<T> {
+    /// The power of the loads on a chunk's nodes, which move with `v`.
+    pub fn power(
+        &self,
+        plan: &Partition,
+        chunk: usize,
+        masses: &[T],
+        u: &[V4<T>],
+        v: &[V4<T>],
+    ) -> f64 {
+        // Few nodes at a time, so that nothing is allocated.
+        let nodes = plan.range(chunk);
+        let g = self.gravity;
+        let mut sum = 0.0;
+        for ((v, m), f) in v
+            .iter()
+            .zip(&masses[nodes.clone()])
+            .zip(&self.forces[nodes.clone()])
+        {
+            let f = add(scale(*m, g), *f);
+            sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).to_f64();
+        }
+        let from = self
+            .target_springs
+            .partition_point(|d| d.node < nodes.start);
+        let mine = self.target_springs[from..].iter();
+        for d in mine.take_while(|d| d.node < nodes.end) {
+            let (f, v) = (d.spring_force(u), v[d.node - nodes.start]);
+            sum += (f[0] * v[0] + f[1] * v[1] + f[2] * v[2]).to_f64();
+        }
+        let pressures = self.pressures.iter();
+        sum + pressures
+            .map(|p| p.power(chunk, nodes.start, u, v))
+            .sum::<f64>()
+    }
+}
+
+impl<T: Real> NodeTargetSpring<T> {
+    /// The force at the displacements `u`.
+    fn spring_force(&self, u: &[V4<T>]) -> V4<T> {
+        let pull = scale(self.stiffness, sub(self.to, u[self.node]));
+        let strength = (pull[0] * pull[0] + pull[1] * pull[1] + pull[2] * pull[2]).sqrt();
+        match strength > self.limit {
+            true => scale(self.limit / strength, pull),
+            false => pull,
+        }
+    }
+}
+
+/// Refuses attachments that make no sense for a body of `nodes` nodes.
+///
+/// # Errors
+/// [`Error::Input`].
+pub fn check_attachments(attachments: &[NodeConstraint], nodes: usize) -> Result<()> {
+    let strange = |a: &&NodeConstraint| a.node() as usize >= nodes || !a.is_finite();
+    match attachments.iter().find(strange) {
+        None => Ok(()),
+        Some(a) => Err(Error::Input(format!(
+            "{a:?} makes no sense for a body of {nodes} nodes; give nodes that exist, finite points, and stiffness and limit of at least 0"
+        ))),
+    }
+}

@@ -1,0 +1,166 @@
+//! How a body's nodes are laid out where some of it is rigid: what is soft in lumps, then each rigid
+//! body as a group of its own, and beyond the plan what lies inside these.
+
+use super::bodies::RigidBodies;
+use super::pose::{DegreesOfFreedom, PROXY_NODES, RigidGroup, carriers};
+use crate::physics::cpu::aggregation::Aggregates;
+use crate::physics::model::rigid_region::{MassProperties, node_owners};
+use crate::physics::{DiscreteModel, LocalUnits, SolverKind};
+use crate::{Error, Result};
+use glam::DVec3;
+use std::borrow::Cow;
+
+/// Refuses schemes that step no rigid bodies.
+///
+/// # Errors
+/// [`Error::Input`].
+fn check_rigid_support(kind: SolverKind) -> Result<()> {
+    match kind {
+        SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => Ok(()),
+        _ => Err(Error::Input(format!(
+            "{kind} steps no rigid regions: take implicit, bdf2 or midpoint"
+        ))),
+    }
+}
+
+/// The network that the engine keeps of `network`, the order of its nodes, and what of it is rigid;
+/// `most` as for [`RigidLayout::new`].
+///
+/// # Errors
+/// As [`RigidLayout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
+pub(in crate::physics::cpu) fn build_layout<'a>(
+    network: &'a DiscreteModel,
+    kind: SolverKind,
+    units: &LocalUnits,
+    most: impl Fn(usize) -> usize,
+) -> Result<(Cow<'a, DiscreteModel>, Aggregates, RigidBodies)> {
+    if network.elements.rigid.is_empty() {
+        let lumps = Aggregates::new(&network.rest_positions, most(network.rest_positions.len()));
+        return Ok((Cow::Borrowed(network), lumps, RigidBodies::default()));
+    }
+    check_rigid_support(kind)?;
+    let RigidLayout {
+        network,
+        lumps,
+        rigid,
+    } = RigidLayout::new(network, units, most)?;
+    Ok((Cow::Owned(network), lumps, rigid))
+}
+
+/// A network with carriers for nodes, and the order of all of its nodes.
+struct RigidLayout {
+    /// The carriers come last, four a body; they have the mass of its nodes, which have none.
+    network: DiscreteModel,
+    lumps: Aggregates,
+    rigid: RigidBodies,
+}
+
+impl RigidLayout {
+    /// Of `network`, which has rigid bodies, its soft nodes in groups of at most `most(their
+    /// number)`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body without mass, a flat one, or of nodes that are not there.
+    fn new(
+        network: &DiscreteModel,
+        units: &LocalUnits,
+        most: impl Fn(usize) -> usize,
+    ) -> Result<RigidLayout> {
+        let count = network.rest_positions.len();
+        let bodies = &network.elements.rigid;
+        let owner = node_owners(bodies, count)?;
+        // What soft tets pull at takes part, wherever it is.
+        let mut outside = vec![false; count];
+        let surface = bodies.iter().flat_map(|b| &b.surface);
+        surface.for_each(|v| outside[*v as usize] = true);
+        let mut held = vec![false; count];
+        for v in network.elements.tets.iter().flat_map(|e| &e.nodes) {
+            held[*v as usize] = true;
+            outside[*v as usize] = true;
+        }
+
+        let free: Vec<u32> = (0..count as u32)
+            .filter(|v| owner[*v as usize].is_none())
+            .collect();
+        let points = |nodes: &[u32]| -> Vec<DVec3> {
+            nodes
+                .iter()
+                .map(|v| network.rest_positions[*v as usize])
+                .collect()
+        };
+        let mut lumps = match free.is_empty() {
+            true => Aggregates {
+                order: Vec::new(),
+                group_starts: vec![0],
+            },
+            false => Aggregates::new(&points(&free), most(free.len())),
+        };
+        for v in &mut lumps.order {
+            *v = free[*v as usize];
+        }
+        let first = lumps.order.len();
+        let mut extended = network.clone();
+        let mut rigid = Vec::with_capacity(bodies.len());
+        for (b, body) in bodies.iter().enumerate() {
+            let start = lumps.order.len();
+            let shown: Vec<u32> = body
+                .nodes
+                .iter()
+                .copied()
+                .filter(|v| outside[*v as usize])
+                .collect();
+            let near = Aggregates::new(&points(&shown), usize::MAX).order;
+            lumps.order.extend(near.iter().map(|v| shown[*v as usize]));
+            let own = (count + PROXY_NODES * b) as u32;
+            lumps.order.extend(own..own + PROXY_NODES as u32);
+            lumps.group_starts.push(lumps.order.len());
+            let one = MassProperties::of(network, body, units)?;
+            let (arms, spread) = carriers(&one);
+            let places = arms.map(|r| (one.centre + r) * units.length);
+            extended.rest_positions.extend(places);
+            for v in &body.nodes {
+                extended.masses[*v as usize] = 0.0;
+            }
+            let share = one.mass * units.mass / PROXY_NODES as f64;
+            extended.masses.extend([share; PROXY_NODES]);
+            rigid.push(RigidGroup {
+                nodes: start..lumps.order.len(),
+                inner: 0..0,
+                centre: one.centre,
+                mass: one.mass,
+                inertia_map: spread,
+                inverse_inertia_map: spread.inverse(),
+                freedom: DegreesOfFreedom::Free,
+                is_isolated: !body.nodes.iter().any(|v| held[*v as usize]),
+            });
+        }
+        for (body, rigid) in bodies.iter().zip(&mut rigid) {
+            let start = lumps.order.len();
+            let inside = body.nodes.iter().filter(|v| !outside[**v as usize]);
+            lumps.order.extend(inside);
+            rigid.inner = start..lumps.order.len();
+        }
+        let slots = &lumps.order[first..];
+        let mut arms: Vec<DVec3> = slots
+            .iter()
+            .map(|v| extended.rest_positions[*v as usize] / units.length)
+            .collect();
+        for body in &rigid {
+            for i in body.nodes.clone().chain(body.inner.clone()) {
+                arms[i - first] -= body.centre;
+            }
+        }
+        let weight = |v: &u32| {
+            network
+                .masses
+                .get(*v as usize)
+                .map_or(0.0, |m| m / units.mass)
+        };
+        let weights = slots.iter().map(weight).collect();
+        Ok(RigidLayout {
+            network: extended,
+            rigid: RigidBodies::new(first, rigid, arms, weights),
+            lumps,
+        })
+    }
+}

@@ -1,0 +1,82 @@
+//! Loads on their way to the thread that steps a body.
+
+use super::steppable::{LoadUpdate, Steppable};
+use super::worker::{Worker, WorkerCommand};
+use crate::Result;
+use crate::physics::cpu::node_constraints::NodeConstraint;
+use crate::physics::cpu::runtime::steppable::ToolTarget;
+use crate::physics::loads::LoadVersions;
+use crate::physics::{GrabMode, GrabbedNode, Loads, ToolPose};
+use glam::DVec3;
+
+/// Sends the loads that have changed since those of the versions in `sent`.
+pub(in crate::physics) fn send_loads<B: Steppable + ?Sized>(
+    loads: &Loads,
+    sent: &mut Option<LoadVersions>,
+    worker: &mut Worker<B>,
+) -> Result<()> {
+    let versions = loads.versions;
+    if *sent == Some(versions) {
+        return Ok(());
+    }
+    let known = *sent;
+    let differs = |of: fn(&LoadVersions) -> u64| known.is_none_or(|k| of(&k) != of(&versions));
+    let change = LoadUpdate {
+        gravity: loads.gravity(),
+        pinned: differs(|v| v.constraints).then(|| loads.pinned().to_vec()),
+        forces: differs(|v| v.forces).then(|| loads.forces().to_vec()),
+        attachments: differs(|v| v.grabs).then(|| node_constraints(loads)),
+        levels: differs(|v| v.levels).then(|| loads.amplitudes().to_vec()),
+        tools: differs(|v| v.tools).then(|| tools(loads)),
+    };
+    *sent = Some(versions);
+    worker.enqueue(WorkerCommand::Loads(Box::new(change)))
+}
+
+/// All loads.
+pub(in crate::physics::cpu) fn full_load_update(loads: &Loads) -> LoadUpdate {
+    LoadUpdate {
+        gravity: loads.gravity(),
+        pinned: Some(loads.pinned().to_vec()),
+        forces: Some(loads.forces().to_vec()),
+        attachments: Some(node_constraints(loads)),
+        levels: Some(loads.amplitudes().to_vec()),
+        tools: Some(tools(loads)),
+    }
+}
+
+/// Where tools go, in metres.
+fn tools(loads: &Loads) -> Vec<ToolTarget> {
+    let (frame, unit) = loads.frame_and_unit();
+    let metres = |pose: &ToolPose| ToolPose::new((pose.place() - frame.origin) * unit, pose.turn());
+    let all = loads.tools().iter();
+    all.map(|(pose, jumps)| (metres(pose), *jumps)).collect()
+}
+
+/// The nodes that grabs hold or pull, in metres.
+fn node_constraints(loads: &Loads) -> Vec<NodeConstraint> {
+    let (frame, unit) = loads.frame_and_unit();
+    let metres = |p: DVec3| (p - frame.origin) * unit;
+    let led = loads.prescribed_motions().iter().flat_map(|led| {
+        led.iter()
+            .map(|(node, place, velocity)| NodeConstraint::Prescribed {
+                node,
+                place: metres(place),
+                velocity: velocity * unit,
+            })
+    });
+    let held = loads.grabs.iter().flat_map(|grab| grab.held());
+    let held = held.map(|GrabbedNode { node, place, grip }| match grip {
+        GrabMode::Follow => NodeConstraint::Fixed {
+            node,
+            place: metres(place),
+        },
+        GrabMode::Spring { stiffness, limit } => NodeConstraint::Spring {
+            node,
+            target: metres(place),
+            stiffness,
+            limit,
+        },
+    });
+    led.chain(held).collect()
+}

@@ -1,0 +1,510 @@
+//! Constraints and loads of a body, independent of the engine.
+
+pub(super) mod grab;
+pub(super) mod grab_state;
+pub(super) mod reactions;
+pub(super) mod scaled_load;
+
+use super::AmplitudeId;
+use super::contact::{ToolId, ToolPose, check_pose};
+use super::loads::grab::{GrabId, GrabMode, Grabs};
+use super::loads::reactions::GrabbedNode;
+use crate::mesh::{LocalFrame, TetCut};
+use crate::physics::loads::grab_state::GrabsState;
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Version numbers of the loads, by which engines detect changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct LoadVersions {
+    /// All loads.
+    pub any: u64,
+    /// Grabs: moved targets.
+    pub grabs: u64,
+    /// External forces.
+    pub forces: u64,
+    /// Constrained nodes: pinned, or held by a grab.
+    pub constraints: u64,
+    /// Amplitudes.
+    pub levels: u64,
+    /// Tool targets.
+    pub tools: u64,
+}
+
+/// Pins, grabs, gravity and forces, by the body's node numbers, in the same form for every engine;
+/// changes take effect with the next step.
+///
+/// Positions are in file units, forces in newtons, gravity in m/s², all along the file's axes.
+#[derive(Clone, Debug)]
+pub struct Loads {
+    frame: LocalFrame,
+    length_unit: f64,
+    gravity: DVec3,
+    forces: Vec<DVec3>,
+    pinned: Vec<bool>,
+    pub(super) grabs: Grabs,
+    led: Vec<PrescribedMotion>,
+    levels: Vec<f64>,
+    /// Targets of the tools, and how often each was teleported.
+    tools: Vec<(ToolPose, u64)>,
+    pub(super) versions: LoadVersions,
+}
+
+/// Identifies a set of nodes with prescribed motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PrescribedMotionId(usize);
+
+/// Nodes with a prescribed displacement (Dirichlet condition), each with a position and a velocity.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct PrescribedMotion {
+    nodes: Vec<u32>,
+    places: Vec<[f64; 3]>,
+    velocities: Vec<[f64; 3]>,
+}
+
+impl PrescribedMotion {
+    /// Each node with its position and velocity, in file units.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, DVec3, DVec3)> {
+        let ways = self.places.iter().zip(&self.velocities);
+        let nodes = self.nodes.iter().zip(ways);
+        nodes.map(|(v, (x, w))| (*v, DVec3::from(*x), DVec3::from(*w)))
+    }
+
+    /// Updates it after a cut: duplicated nodes move as their originals.
+    fn apply_cut(&mut self, cut: &TetCut) {
+        for [new, old] in &cut.duplicated_nodes {
+            if let Some(k) = self.nodes.iter().position(|v| v == old) {
+                self.nodes.push(*new);
+                self.places.push(self.places[k]);
+                self.velocities.push(self.velocities[k]);
+            }
+        }
+    }
+}
+
+/// The serialisable state of [`Loads`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct LoadsState {
+    gravity: [f64; 3],
+    forces: Vec<[f64; 3]>,
+    pinned: Vec<bool>,
+    grabs: GrabsState,
+    led: Vec<PrescribedMotion>,
+    levels: Vec<f64>,
+    tools: Vec<(ToolPose, u64)>,
+    versions: LoadVersions,
+}
+
+impl Loads {
+    /// No loads on `nodes` nodes; `length_unit` is metres per file unit.
+    pub(super) fn new(nodes: usize, frame: LocalFrame, length_unit: f64) -> Loads {
+        Loads {
+            frame,
+            length_unit,
+            gravity: DVec3::ZERO,
+            forces: vec![DVec3::ZERO; nodes],
+            pinned: vec![false; nodes],
+            grabs: Grabs::new(frame),
+            led: Vec::new(),
+            levels: Vec::new(),
+            tools: Vec::new(),
+            versions: LoadVersions::default(),
+        }
+    }
+
+    pub(super) fn frame(&self) -> LocalFrame {
+        self.frame
+    }
+
+    pub(super) fn length_unit(&self) -> f64 {
+        self.length_unit
+    }
+
+    /// The local frame of the mesh, and metres per file unit.
+    pub fn frame_and_unit(&self) -> (LocalFrame, f64) {
+        (self.frame, self.length_unit)
+    }
+
+    /// Version number that increases with every change of a load.
+    pub fn version(&self) -> u64 {
+        self.versions.any
+    }
+
+    /// Whether each node is pinned.
+    pub fn pinned(&self) -> &[bool] {
+        &self.pinned
+    }
+
+    /// Pins the listed nodes at their present positions.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a node does not exist.
+    pub fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
+        let count = self.pinned.len();
+        if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
+            return Err(Error::Input(format!(
+                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
+            )));
+        }
+        for v in nodes {
+            self.pinned[*v as usize] = true;
+        }
+        self.versions.constraints += 1;
+        self.versions.any += 1;
+        Ok(())
+    }
+
+    /// Unpins all nodes.
+    pub fn unpin_all(&mut self) {
+        self.pinned.fill(false);
+        self.versions.constraints += 1;
+        self.versions.any += 1;
+    }
+
+    /// Sets gravity, m/s².
+    pub fn set_gravity(&mut self, gravity: DVec3) {
+        self.gravity = gravity;
+        self.versions.any += 1;
+    }
+
+    /// Gravity, m/s².
+    pub fn gravity(&self) -> DVec3 {
+        self.gravity
+    }
+
+    /// Sets the external force on every node, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the number of forces is wrong or a force is not finite.
+    pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        if forces.len() != self.forces.len() {
+            return Err(Error::Input(format!(
+                "{} forces given for {} nodes",
+                forces.len(),
+                self.forces.len()
+            )));
+        }
+        if let Some(i) = forces.iter().position(|f| !f.as_vec3().is_finite()) {
+            return Err(Error::Input(format!(
+                "forces: node {i} is given {}, which is not finite (or far out of range)",
+                forces[i]
+            )));
+        }
+        self.forces.copy_from_slice(forces);
+        self.forces_changed();
+        Ok(())
+    }
+
+    /// The external force on every node as set or added, N.
+    pub fn forces(&self) -> &[DVec3] {
+        &self.forces
+    }
+
+    /// Distributes the total `force` (N) equally over `nodes`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the force is not finite, or a node does not exist.
+    pub fn add_force(&mut self, force: DVec3, nodes: &[u32]) -> Result<()> {
+        let strange = nodes.iter().any(|v| *v as usize >= self.forces.len());
+        if nodes.is_empty() || strange || !force.is_finite() {
+            return Err(Error::Input(format!(
+                "a force of {force} N on {} nodes cannot be applied",
+                nodes.len()
+            )));
+        }
+        let share = force / nodes.len() as f64;
+        for v in nodes {
+            self.forces[*v as usize] += share;
+        }
+        self.forces_changed();
+        Ok(())
+    }
+
+    fn forces_changed(&mut self) {
+        self.versions.forces += 1;
+        self.versions.any += 1;
+    }
+
+    /// Grabs the unconstrained nodes within `radius` of `centre` for which `there` is true;
+    /// `positions` are the present ones.
+    pub(super) fn grab(
+        &mut self,
+        positions: &[DVec3],
+        there: impl Fn(usize) -> bool,
+        (centre, radius): (DVec3, f64),
+        grip: GrabMode,
+    ) -> Result<GrabId> {
+        let free: Vec<bool> = self.constrained_nodes().iter().map(|held| !held).collect();
+        let free = |i: usize| free[i] && there(i);
+        let grab = self.grabs.add(positions, free, centre, radius, grip)?;
+        self.grabs_changed();
+        Ok(grab)
+    }
+
+    /// Moves the target of a grab; its nodes follow with the next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the grab does not exist, or the target is not finite or too far from the
+    /// body.
+    pub fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        if self.grabs.set_target(grab, target)? {
+            self.versions.grabs += 1;
+            self.versions.any += 1;
+        }
+        Ok(())
+    }
+
+    /// The nodes held by a grab.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the grab does not exist.
+    pub fn grabbed_nodes(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
+        self.grabs.held_by(grab)
+    }
+
+    /// Releases a grab. Returns the number of its nodes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the grab does not exist.
+    pub fn release(&mut self, grab: GrabId) -> Result<usize> {
+        let nodes = self.grabs.release(grab)?;
+        self.grabs_changed();
+        Ok(nodes)
+    }
+
+    fn grabs_changed(&mut self) {
+        self.versions.grabs += 1;
+        self.versions.constraints += 1;
+        self.versions.any += 1;
+    }
+
+    /// Prescribes the motion of `nodes`, which are at `places` (file units), from now on. The
+    /// engine must support it:
+    /// [`Simulator::add_prescribed_motion`](super::Simulator::add_prescribed_motion).
+    pub(super) fn add_prescribed_motion(
+        &mut self,
+        nodes: &[u32],
+        places: &[DVec3],
+    ) -> Result<PrescribedMotionId> {
+        let held = self.constrained_nodes();
+        if let Some(v) = nodes
+            .iter()
+            .find(|v| held.get(**v as usize) != Some(&false))
+        {
+            return Err(Error::Input(format!(
+                "node {v} cannot be led along: it is pinned, held or led already, or there are not so many nodes; leave it out of one of them"
+            )));
+        }
+        if nodes.is_empty() || nodes.len() != places.len() {
+            return Err(Error::Input(format!(
+                "{} places are given for {} nodes that are to be led",
+                places.len(),
+                nodes.len()
+            )));
+        }
+        self.led.push(PrescribedMotion {
+            nodes: nodes.to_vec(),
+            places: places.iter().map(|p| p.to_array()).collect(),
+            velocities: vec![[0.0; 3]; nodes.len()],
+        });
+        self.grabs_changed();
+        Ok(PrescribedMotionId(self.led.len() - 1))
+    }
+
+    /// Sets the positions `places` (file units) of nodes with prescribed motion, and the
+    /// `velocities` (file units per second) at which they continue until the next call.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the number of values is wrong or one is not finite.
+    pub fn set_prescribed_motion(
+        &mut self,
+        id: PrescribedMotionId,
+        places: &[DVec3],
+        velocities: &[DVec3],
+    ) -> Result<()> {
+        let count = self.led.get(id.0).map_or(0, |led| led.nodes.len());
+        let finite = places.iter().chain(velocities).all(|v| v.is_finite());
+        if [places.len(), velocities.len()] != [count; 2] || !finite {
+            return Err(Error::Input(format!(
+                "{} places and {} velocities for {count} nodes that are led, or some that are no numbers",
+                places.len(),
+                velocities.len()
+            )));
+        }
+        let led = &mut self.led[id.0];
+        let places: Vec<[f64; 3]> = places.iter().map(|p| p.to_array()).collect();
+        let velocities: Vec<[f64; 3]> = velocities.iter().map(|v| v.to_array()).collect();
+        if (&led.places, &led.velocities) != (&places, &velocities) {
+            (led.places, led.velocities) = (places, velocities);
+            self.versions.grabs += 1;
+            self.versions.any += 1;
+        }
+        Ok(())
+    }
+
+    pub(super) fn prescribed_motions(&self) -> &[PrescribedMotion] {
+        &self.led
+    }
+
+    /// Adds an amplitude with the value 0.
+    pub(super) fn add_amplitude(&mut self) -> AmplitudeId {
+        self.levels.push(0.0);
+        self.versions.levels += 1;
+        self.versions.any += 1;
+        AmplitudeId(self.levels.len() - 1)
+    }
+
+    pub(super) fn amplitudes(&self) -> &[f64] {
+        &self.levels
+    }
+
+    pub(super) fn set_amplitude(&mut self, id: AmplitudeId, level: f64) {
+        if let Some(own) = self.levels.get_mut(id.0).filter(|own| **own != level) {
+            *own = level;
+            self.versions.levels += 1;
+            self.versions.any += 1;
+        }
+    }
+
+    /// Adds a tool in a pose. The engine must support tools:
+    /// [`Simulator::add_tool`](super::Simulator::add_tool).
+    pub(super) fn add_tool(&mut self, pose: ToolPose) -> ToolId {
+        self.tools.push((pose, 0));
+        self.versions.tools += 1;
+        self.versions.any += 1;
+        ToolId(self.tools.len() - 1)
+    }
+
+    /// The targets of the tools, and how often each was teleported.
+    pub(super) fn tools(&self) -> &[(ToolPose, u64)] {
+        &self.tools
+    }
+
+    /// The target pose of a tool at the end of the next step, or its present pose.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the tool does not exist.
+    pub fn tool(&self, id: ToolId) -> Result<ToolPose> {
+        let tool = self.tools.get(id.0).map(|tool| tool.0);
+        tool.ok_or_else(|| Error::Input(format!("this body has no tool {}", id.0)))
+    }
+
+    /// Sets the target `pose` of a tool: it moves there along a straight path in the next step and
+    /// pushes away what is in its way.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the tool does not exist, or the pose is not finite.
+    pub fn set_tool_target(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
+        check_pose(&pose)?;
+        if self.tool(id)? != pose {
+            self.tools[id.0].0 = pose;
+            self.versions.tools += 1;
+            self.versions.any += 1;
+        }
+        Ok(())
+    }
+
+    /// Teleports a tool to `pose`, ignoring obstacles; points then inside it are pushed out.
+    ///
+    /// # Errors
+    /// As [`Loads::set_tool_target`].
+    pub fn teleport_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
+        check_pose(&pose)?;
+        self.tool(id)?;
+        self.tools[id.0] = (pose, self.tools[id.0].1 + 1);
+        self.versions.tools += 1;
+        self.versions.any += 1;
+        Ok(())
+    }
+
+    /// Whether each node is constrained: pinned, or held by a grab.
+    pub(super) fn constrained_nodes(&self) -> Vec<bool> {
+        let mut held = self.pinned.clone();
+        let led = self.led.iter().flat_map(|led| led.nodes.iter().copied());
+        self.grabs
+            .held()
+            .chain(led)
+            .for_each(|i| held[i as usize] = true);
+        held
+    }
+
+    /// Updates the loads after a cut: duplicated nodes are pinned as their originals, and forces
+    /// are distributed by `masses`, those after the cut. Returns whether a force was distributed.
+    pub(super) fn apply_cut(&mut self, cut: &TetCut, masses: &[f64]) -> bool {
+        for [_, old] in &cut.duplicated_nodes {
+            self.pinned.push(self.pinned[*old as usize]);
+        }
+        for led in &mut self.led {
+            led.apply_cut(cut);
+        }
+        self.forces.resize(masses.len(), DVec3::ZERO);
+        let mut shared = false;
+        for doubles in cut.duplicated_nodes.chunk_by(|a, b| a[1] == b[1]) {
+            let old = doubles[0][1] as usize;
+            let force = self.forces[old];
+            if force == DVec3::ZERO {
+                continue;
+            }
+            shared = true;
+            let nodes = || doubles.iter().map(|d| d[0] as usize).chain([old]);
+            let whole: f64 = nodes().map(|v| masses[v]).sum();
+            for v in nodes() {
+                let share = if whole > 0.0 { masses[v] / whole } else { 0.0 };
+                self.forces[v] = share * force;
+            }
+        }
+        self.versions.constraints += 1;
+        self.versions.any += 1;
+        if self.grabs.any() {
+            // Masses and loads around the cut have changed, so those of held nodes are computed
+            // again.
+            self.versions.grabs += 1;
+        }
+        shared
+    }
+
+    pub(super) fn state(&self) -> LoadsState {
+        LoadsState {
+            gravity: self.gravity.to_array(),
+            forces: self.forces.iter().map(|f| f.to_array()).collect(),
+            pinned: self.pinned.clone(),
+            grabs: self.grabs.state(),
+            led: self.led.clone(),
+            levels: self.levels.clone(),
+            tools: self.tools.clone(),
+            versions: self.versions,
+        }
+    }
+
+    /// Restores a state from [`Loads::state`] of a body with the same number of nodes.
+    pub(super) fn set_state(&mut self, state: &LoadsState) -> Result<()> {
+        let nodes = self.pinned.len();
+        if state.pinned.len() != nodes || state.forces.len() != nodes {
+            return Err(Error::Input(format!(
+                "the loads on {} nodes do not fit a body of {nodes}",
+                state.pinned.len()
+            )));
+        }
+        let alike = state.led.len() == self.led.len()
+            && state.levels.len() == self.levels.len()
+            && state.tools.len() == self.tools.len()
+            && state.led.iter().zip(&self.led).all(|(a, b)| {
+                a.nodes == b.nodes && [a.places.len(), a.velocities.len()] == [a.nodes.len(); 2]
+            });
+        if !alike {
+            return Err(Error::Input(
+                "the loads of a body with other nodes led, pressures, muscles or tools".into(),
+            ));
+        }
+        self.grabs.set_state(&state.grabs, nodes)?;
+        self.led.clone_from(&state.led);
+        self.levels.clone_from(&state.levels);
+        self.tools.clone_from(&state.tools);
+        self.gravity = state.gravity.into();
+        self.forces = state.forces.iter().map(|f| DVec3::from(*f)).collect();
+        self.pinned.clone_from(&state.pinned);
+        self.versions = state.versions;
+        Ok(())
+    }
+}

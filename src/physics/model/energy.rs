@@ -1,0 +1,57 @@
+//! Energies of a body, measured in float64.
+
+use super::discrete_model::{DiscreteModel, Spring};
+use super::node_term::NodeTerm;
+use crate::parallel;
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Energies of a body, J.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Energy {
+    /// Of motion, Σ ½mv².
+    pub kinetic: f64,
+    /// In the springs, Σ ½κ(|x| − L)², or in the elements, and in the terms beside them.
+    pub elastic: f64,
+    /// Kinetic and elastic.
+    pub total: f64,
+}
+
+impl Energy {
+    /// Energies at a state given in file units.
+    pub(crate) fn from_state(
+        network: &DiscreteModel,
+        terms: &[Arc<dyn NodeTerm>],
+        positions: &[DVec3],
+        velocities: &[DVec3],
+    ) -> Energy {
+        let unit = network.length_unit;
+        let of_spring = |s: &Spring| {
+            let [a, b] = s.nodes.map(|v| positions[v as usize]);
+            0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
+        };
+        let elements = &network.elements;
+        let matter: f64 = match elements.is_empty() {
+            true => parallel::sum(network.springs.len(), |s| of_spring(&network.springs[s])),
+            false => {
+                let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
+                elements.energy(&x)
+            }
+        };
+        let of_nodes = terms.iter().map(|term| -> f64 {
+            let nodes = network.masses.iter().zip(positions);
+            nodes
+                .map(|(m, x)| term.energy(*m, network.to_metres(*x)))
+                .sum()
+        });
+        let elastic = matter + of_nodes.sum::<f64>();
+        let kinetic = parallel::sum(velocities.len(), |v| {
+            0.5 * network.masses[v] * (velocities[v] * unit).length_squared()
+        });
+        Energy {
+            kinetic,
+            elastic,
+            total: kinetic + elastic,
+        }
+    }
+}

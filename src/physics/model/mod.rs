@@ -1,0 +1,19 @@
+//! What a body is made of: units, materials, springs and elements, rigid regions, joints, clamped
+//! ends and the energy terms of nodes.
+
+pub(super) mod clamped_end;
+pub(super) mod discrete_model;
+pub(super) mod elements;
+pub(super) mod energy;
+pub(super) mod engine_kind;
+pub(super) mod floor;
+pub(super) mod joint;
+pub(super) mod material;
+pub(super) mod messages;
+pub(super) mod nodal_volume;
+pub(super) mod node_term;
+pub(super) mod rigid_region;
+pub(super) mod solver_kind;
+pub(super) mod solver_settings;
+pub(super) mod tissue;
+pub(super) mod units;

@@ -1,5 +1,0 @@
-//! Reference implementation of tetrahedral bodies in float64, which the engines are tested against.
-
-pub mod linear;
-pub mod springs;
-pub mod steppers;

@@ -1,0 +1,456 @@
+//! The common interface of all simulated bodies, independent of model and engine.
+
+pub(super) mod helpers;
+pub(super) mod node_positions;
+pub(super) mod progress;
+pub(super) mod report;
+
+use super::{
+    AmplitudeId, BodiesState, CgSettings, CpuGridState, CpuState, DiscreteModel, Engine, GrabId,
+    GrabMode, GrabbedNode, GridState, Joint, Loads, MultiBody, NodePositions, NodeTerm,
+    PrescribedMotionId, Reaction, Report, ScaledLoad, SelfContactSettings, SolverKind,
+    StepProgress, TetState, Tool, ToolId,
+};
+use crate::gpu::{Array, Recorder};
+use crate::mesh::{Blade, TetCut, TetMesh, Topology};
+use crate::{Error, Result};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Callback invoked on a CPU body's thread whenever there are new positions to draw.
+pub type StepCallback = Arc<dyn Fn() + Send + Sync>;
+
+/// A body and its solver.
+///
+/// Positions are in file units, velocities in file units per second, forces in newtons; nodes are
+/// those of [`Simulator::mesh`]. Steps are requested with [`Simulator::advance`];
+/// [`Simulator::progress`] polls without waiting, and [`Simulator::finish`] waits. In between, a
+/// body on the CPU continues by itself; one on the GPU is given its next steps by either call. When
+/// a step fails, the remaining steps are dropped and the body keeps the state before that step (a
+/// grid body: at most 256 steps earlier), which can still be read and drawn; changing state, loads
+/// or pins clears the failure. Changed loads take effect with later steps.
+///
+/// To draw the body, use [`Simulator::nodes`] after [`Simulator::update_nodes`]; their version
+/// shows whether they have moved. A grid body on the GPU may be drawn before its last steps are
+/// validated.
+pub trait Simulator: Send {
+    /// The integration scheme.
+    fn integrator(&self) -> SolverKind;
+
+    /// The engine that computes the steps.
+    fn engine(&self) -> Engine;
+
+    /// The drawn mesh at rest, after cuts.
+    fn mesh(&self) -> &TetMesh;
+
+    /// The topology of that mesh.
+    fn topology(&self) -> &Topology;
+
+    /// Masses of all simulated nodes, kg.
+    fn masses(&self) -> &[f64];
+
+    /// The two simulated nodes of each spring.
+    fn spring_pairs(&self) -> Vec<[u32; 2]>;
+
+    /// The discrete model of a tetrahedral body.
+    fn network(&self) -> Option<&DiscreteModel> {
+        None
+    }
+
+    /// Switches to another scheme, restarted from positions and velocities.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the body does not support it.
+    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()>;
+
+    /// Adds an energy term.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the body supports springs only.
+    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
+        Err(Error::Input(format!(
+            "a {} cannot act on a grid body, which knows springs only; simulate tets",
+            term.name()
+        )))
+    }
+
+    /// Adds a pressure or a muscle, with amplitude 0 until [`Simulator::set_amplitude`].
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the load is invalid for this body, or the body is not a tetrahedral body
+    /// on the CPU.
+    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
+        Err(cpu_only_error(match acting {
+            ScaledLoad::Pressure(_) => "pressure acts",
+            ScaledLoad::Muscle(_) => "muscles act",
+        }))
+    }
+
+    /// Sets the amplitude of a pressure, Pa, or of a muscle, from 0 to 1; takes effect with the
+    /// next step.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the amplitude is out of range or `id` is unknown.
+    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
+        Err(Error::Input(format!(
+            "nothing acts on this body at a level, so {id:?} cannot be set to {level}"
+        )))
+    }
+
+    /// Adds a tool that presses on the body's boundary. [`Loads::set_tool_target`] moves it.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the tool is invalid, or the body is not one of finite elements on the
+    /// CPU, stepped by `implicit` or `bdf2`.
+    fn add_tool(&mut self, _: Tool) -> Result<ToolId> {
+        Err(cpu_only_error("tools press"))
+    }
+
+    /// The tools, in the order of their addition.
+    fn tools(&self) -> &[Tool] {
+        &[]
+    }
+
+    /// Enables self-contact: between parts of the boundary, and within its folds. Returns the
+    /// number of boundary faces that intersect others, or belong to parts inside others, in the
+    /// present configuration; these are gradually separated and exert no contact forces until they
+    /// are free.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a setting is out of range, or the body is not one of finite elements on
+    /// the CPU, stepped by `implicit` or `bdf2`.
+    fn set_self_contact(&mut self, _: SelfContactSettings) -> Result<usize> {
+        Err(cpu_only_error("bodies feel themselves"))
+    }
+
+    /// The settings of self-contact, if enabled.
+    fn self_contact(&self) -> Option<SelfContactSettings> {
+        None
+    }
+
+    /// Adds a joint between two rigid regions, or from one to the world, in the rest configuration.
+    /// Joined regions do not collide with each other.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the joint is invalid, a region is not rigid, or the body is not stepped
+    /// by rapier.
+    fn add_joint(&mut self, _: Joint) -> Result<()> {
+        Err(Error::Input(
+            "rigid regions are joined by rapier only: take --engine rapier (a build with the feature `rapier`), or leave [[joint]] out".into(),
+        ))
+    }
+
+    /// Returns the reaction on each tool in the present configuration: the force, and its moment
+    /// about the origin of the tool's shape. Waits for requested steps.
+    ///
+    /// # Errors
+    /// As [`Simulator::finish`].
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        Ok(Vec::new())
+    }
+
+    /// Returns the force that the rest of the body exerts on the rigid region with this label in
+    /// the present configuration, by contact and by the soft tissue around it, and its moment about
+    /// the region's centre of mass. `None` if there is no such region, or the body is on the GPU.
+    /// Waits for requested steps.
+    ///
+    /// # Errors
+    /// As [`Simulator::finish`].
+    fn region_force(&mut self, _: i64) -> Result<Option<Reaction>> {
+        Ok(None)
+    }
+
+    /// Prescribes the motion of nodes of the mesh from now on: [`Loads::set_prescribed_motion`]
+    /// sets their positions, whatever the forces on them.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a node does not exist or is already constrained, or the body is not a
+    /// tetrahedral body on the CPU.
+    fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
+        Err(cpu_only_error(match nodes.len() {
+            1 => "a node is led",
+            _ => "nodes are led",
+        }))
+    }
+
+    /// The largest stable step of its scheme at rest, s; `None` if any step is stable.
+    fn largest_stable_step(&self) -> Option<f64>;
+
+    /// Requests `steps` more steps of `dt` seconds. Waits only for steps recorded by
+    /// [`Simulator::record`] before.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the step is invalid; otherwise an error if the device rejects the work.
+    fn advance(&mut self, steps: u32, dt: f64) -> Result<()>;
+
+    /// Returns the known progress without waiting.
+    ///
+    /// # Errors
+    /// [`Error::Solver`] if a step failed; the remaining steps are dropped.
+    fn progress(&mut self) -> Result<StepProgress>;
+
+    /// Waits for all requested steps.
+    ///
+    /// # Errors
+    /// As [`Simulator::progress`].
+    fn finish(&mut self) -> Result<StepProgress>;
+
+    /// Sets a callback for completed steps that no call waits for, so that a window can sleep until
+    /// then. A body on the GPU does not call it and must be polled.
+    fn set_waker(&mut self, waker: StepCallback) {
+        let _ = waker;
+    }
+
+    /// Requests steps and waits for them.
+    ///
+    /// # Errors
+    /// As [`Simulator::advance`] and [`Simulator::finish`].
+    fn run(&mut self, steps: u32, dt: f64) -> Result<StepProgress> {
+        self.advance(steps, dt)?;
+        self.finish()
+    }
+
+    /// Records steps into the caller's work, or computes them if they are not on the GPU; see
+    /// [`Simulator::update_nodes`].
+    ///
+    /// # Errors
+    /// As [`Simulator::advance`].
+    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()>;
+
+    /// Iterations of the latest steps, oldest first; empty for schemes without iterations.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn iterations(&self) -> Result<Vec<u32>>;
+
+    /// Records the update of [`Simulator::nodes`] to the present configuration: interpolation from
+    /// a cage, or an upload.
+    ///
+    /// # Errors
+    /// An error if the device rejects the work.
+    fn update_nodes(&mut self, work: &mut Recorder) -> Result<()>;
+
+    /// The nodes on the GPU, for drawing.
+    fn nodes(&self) -> &NodePositions;
+
+    /// The approximate node normals that its steps compute, packed, on the GPU, and those at rest;
+    /// `None` if the renderer must compute the normals.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
+        Ok(None)
+    }
+
+    /// Returns the force on every node of the mesh in the present configuration, N: of the
+    /// material, damping, node terms and loads, without constraint forces; on constrained nodes it
+    /// is therefore the force on the support. Computed on request, after the requested steps. NaN
+    /// on nodes of rigid regions, where only the sum is known.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for bodies whose forces are known to the GPU only, grids, and meshes
+    /// embedded in a cage.
+    fn forces(&mut self) -> Result<Vec<DVec3>> {
+        Err(Error::Input(
+            "the forces on the nodes are known of a body of tets on the processor: --engine cpu, without [grid] or [cage]".into(),
+        ))
+    }
+
+    /// The nodes held by a grab, by the mesh's node numbers.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the grab does not exist.
+    fn held_by(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
+        self.loads().grabbed_nodes(grab)
+    }
+
+    /// Reads back the node positions.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn positions(&self) -> Result<Vec<DVec3>>;
+
+    /// Reads back the node velocities.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn velocities(&self) -> Result<Vec<DVec3>>;
+
+    /// Sets the node positions.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the number of positions is wrong or one is not finite, or if the body's
+    /// nodes cannot be moved.
+    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()>;
+
+    /// Sets the node velocities.
+    ///
+    /// # Errors
+    /// As [`Simulator::set_positions`].
+    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()>;
+
+    /// Resets it to its rest configuration with zero velocities; loads stay.
+    ///
+    /// # Errors
+    /// An error if the device rejects the work.
+    fn restart(&mut self) -> Result<()> {
+        let rest = self.mesh().nodes.clone();
+        self.set_positions(&rest)?;
+        self.set_velocities(&vec![DVec3::ZERO; rest.len()])
+    }
+
+    /// Pins, forces, gravity and grabs on the simulated nodes.
+    fn loads(&self) -> &Loads;
+
+    /// Mutable access to [`Simulator::loads`]; changes take effect with the next step.
+    fn loads_mut(&mut self) -> &mut Loads;
+
+    /// Pins nodes of the mesh at their present positions.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if a node does not exist.
+    fn pin_nodes(&mut self, nodes: &[u32]) -> Result<()> {
+        self.loads_mut().pin_nodes(nodes)
+    }
+
+    /// Sets the external force on every node of the mesh, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the number of forces is wrong or a force is not finite.
+    fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
+        self.loads_mut().set_forces(forces)
+    }
+
+    /// Grabs the nodes within `radius` of `centre`. Reads the positions back once.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if there are no nodes there, or a number is out of range.
+    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId>;
+
+    /// Moves the target of a grab; its nodes follow with the next step.
+    ///
+    /// # Errors
+    /// As [`Loads::set_target`].
+    fn set_target(&mut self, grab: GrabId, target: DVec3) -> Result<()> {
+        self.loads_mut().set_target(grab, target)
+    }
+
+    /// Releases a grab. Returns the number of its nodes.
+    ///
+    /// # Errors
+    /// As [`Loads::release`].
+    fn release(&mut self, grab: GrabId) -> Result<usize> {
+        self.loads_mut().release(grab)
+    }
+
+    /// Cuts the body along `blade` in its present configuration. Objects that draw it or are bound
+    /// to it must apply the returned change; a blade that hits nothing changes nothing.
+    ///
+    /// # Errors
+    /// As [`cut`](crate::mesh::cut()); [`Error::Input`] if the body cannot be cut.
+    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange>;
+
+    /// The simulated coarse body, if the mesh is embedded in a cage.
+    fn coarse_body(&self) -> Option<&dyn Simulator> {
+        None
+    }
+
+    /// The combined bodies, if there are several.
+    fn bodies(&self) -> Option<&MultiBody> {
+        None
+    }
+
+    /// Computes energies, volume and displacement from the state read back.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn report(&self) -> Result<Report>;
+
+    /// Root mean square speed after the last step known, in body sizes per second.
+    fn rms_speed(&self) -> f64;
+
+    /// Version number that increases with every change from outside: state, loads or topology.
+    fn change_count(&self) -> u64;
+
+    /// Whether it supports [`Simulator::state`] and [`Simulator::pose`].
+    fn has_state(&self) -> bool {
+        true
+    }
+
+    /// Reads back everything that its next steps depend on, after the steps of
+    /// [`Simulator::finish`]; of its topology only what identifies it.
+    ///
+    /// # Errors
+    /// Errors of reading back; [`Error::Input`] unless [`Simulator::has_state`].
+    fn state(&self) -> Result<SimulatorState>;
+
+    /// Restores a state from [`Simulator::state`] of this simulator, or of one created and cut in
+    /// the same manner: the following steps are identical.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the state is of another simulator.
+    fn set_state(&mut self, state: &SimulatorState) -> Result<()>;
+
+    /// The exact positions (bitwise), as a cut finds them.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn pose(&self) -> Result<ExactPositions>;
+
+    /// Sets the exact positions at the time of a cut, without velocities.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the positions are of another body.
+    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()>;
+}
+
+fn cpu_only_error(what: &str) -> Error {
+    Error::Input(format!(
+        "{what} on a body of tets on the processor only: --engine cpu, without [grid] or [cage], and one body in the scene"
+    ))
+}
+
+/// Changes of a body by a cut.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TopologyChange {
+    /// Changes of its mesh.
+    pub mesh: TetCut,
+    /// Number of removed springs.
+    pub springs: usize,
+}
+
+impl TopologyChange {
+    /// Whether the cut changed nothing.
+    pub fn is_empty(&self) -> bool {
+        self.springs == 0 && self.mesh.is_empty()
+    }
+}
+
+/// The exact positions of a body (bitwise).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ExactPositions {
+    /// Positions in the local frame.
+    pub(crate) positions: Vec<[f32; 4]>,
+    /// Packed normals, if its steps compute them.
+    pub(crate) normals: Vec<u32>,
+    /// Displacements of a body on the CPU, in its own numbering.
+    pub(crate) displacements: Vec<[f64; 3]>,
+    /// Positions of its members, if it is several bodies.
+    pub(crate) parts: Vec<ExactPositions>,
+}
+
+/// The state of a [`Simulator`]: see [`Simulator::state`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum SimulatorState {
+    /// A tetrahedral body on the GPU.
+    Tets(Box<TetState>),
+    /// A grid body on the GPU.
+    Grid(Box<GridState>),
+    /// A tetrahedral body on the CPU.
+    Cpu(Box<CpuState>),
+    /// A grid body on the CPU.
+    CpuGrid(Box<CpuGridState>),
+    /// Several bodies.
+    Bodies(Box<BodiesState>),
+}

@@ -1,0 +1,51 @@
+//! What to change where steps failed.
+
+use super::step_limit::{largest_stable_step, limit_with_terms};
+use crate::physics::{DiscreteModel, NodeTerm, SolverKind};
+use std::sync::Arc;
+
+/// What to change where steps of `dt` seconds failed.
+pub(in crate::physics) fn time_step_advice(
+    kind: SolverKind,
+    dt: f64,
+    (network, terms): (&DiscreteModel, &[Arc<dyn NodeTerm>]),
+    pinned: &[bool],
+) -> String {
+    let limit = largest_stable_step(network, pinned, kind);
+    match limit.map(|limit| limit_with_terms(limit, network, terms)) {
+        None => format!(
+            "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
+        ),
+        Some(0.0) => {
+            "explicit Euler is never stable without damping: use --solver implicit, or symplectic"
+                .to_owned()
+        }
+        Some(limit) if dt < 0.9 * limit => format!(
+            "its largest stable step at rest is {limit:.3e} s, so look for forces or velocities that are out of proportion, or use --solver implicit"
+        ),
+        Some(limit) => format!(
+            "use --dt {} or less, or --solver implicit",
+            floor_to_digits(0.95 * limit)
+        ),
+    }
+}
+
+/// `x` with two significant digits, not more than `x`.
+fn floor_to_digits(x: f64) -> f64 {
+    let unit = 10f64.powf(x.log10().floor() - 1.0);
+    // Through text, to shed the binary dust of the multiplication.
+    format!("{:.1e}", (x / unit).floor() * unit)
+        .parse()
+        .unwrap_or(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_never_rounds_up() {
+        assert_eq!(floor_to_digits(0.000349), 0.00034);
+        assert_eq!(floor_to_digits(1.0), 1.0);
+    }
+}

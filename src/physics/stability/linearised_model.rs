@@ -1,0 +1,553 @@
+//! Stability limits of the time integrators: the eigenvalues of each scheme's step matrix for a
+//! body linearised at rest, M ẍ + C ẋ + K x = 0.
+//!
+//! With damping proportional to stiffness (or to mass), the modes of M⁻¹K decouple, and each has
+//! its own small step matrix ([`Mode::step_matrix`]). The limits of all schemes but explicit Euler
+//! are exact for any damping: at the limit a displacement changes its sign in every step, and 4 is
+//! the largest eigenvalue of M⁻¹(h²K + 2hC), for velocity Verlet of M⁻¹(h²K + 4hC).
+
+use super::lanczos::{Eigenpair, dot, largest_eigenpair, start_vector};
+use crate::physics::grid::GridModel;
+use crate::physics::{ConstitutiveModel, Damping, DiscreteModel, Element, SolverKind};
+use glam::{DMat3, DVec3};
+
+/// A damped oscillator ẍ + γ ẋ + λ x = 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// Squared angular frequency λ = ω², 1/s².
+    pub stiffness: f64,
+    /// Damping rate γ, 1/s.
+    pub damping: f64,
+}
+
+impl Mode {
+    /// Returns the step matrix of `scheme` for the step `h` in seconds: of (x, v); for Verlet (x,
+    /// x₋₁); for velocity Verlet (x, v, a); for BDF2 that of its first step, which is implicit
+    /// Euler's. With two variables the third row and column are 0.
+    pub fn step_matrix(&self, scheme: SolverKind, h: f64) -> DMat3 {
+        let (k, c) = (self.stiffness, self.damping);
+        let rows: [[f64; 3]; 2] = match scheme {
+            SolverKind::Explicit => [[1.0, h, 0.0], [-h * k, 1.0 - h * c, 0.0]],
+            SolverKind::Symplectic => [
+                [1.0 - h * h * k, h * (1.0 - h * c), 0.0],
+                [-h * k, 1.0 - h * c, 0.0],
+            ],
+            // The damping velocity is (x − x₋₁)/h.
+            SolverKind::Verlet => [[2.0 - h * h * k - h * c, h * c - 1.0, 0.0], [1.0, 0.0, 0.0]],
+            SolverKind::VelocityVerlet => {
+                let moved = DVec3::new(1.0, h, 0.5 * h * h);
+                // The damping velocity is v + h a.
+                let a = -k * moved - c * DVec3::new(0.0, 1.0, h);
+                let v = DVec3::new(0.0, 1.0, 0.5 * h) + 0.5 * h * a;
+                return DMat3::from_cols(moved, v, a).transpose();
+            }
+            SolverKind::Midpoint => {
+                let a = 0.5 * h;
+                let g = 1.0 / (1.0 + a * c + a * a * k);
+                let back = -2.0 * g * a * k;
+                [[1.0 + a * back, h * g, 0.0], [back, 2.0 * g - 1.0, 0.0]]
+            }
+            SolverKind::Implicit | SolverKind::Bdf2 => {
+                let g = 1.0 / (1.0 + h * c + h * h * k);
+                [[1.0 - g * h * h * k, g * h, 0.0], [-g * h * k, g, 0.0]]
+            }
+        };
+        let [x, v] = rows.map(DVec3::from);
+        DMat3::from_cols(x, v, DVec3::ZERO).transpose()
+    }
+
+    /// Returns the spectral radius of [`Mode::step_matrix`]; above 1 the oscillation grows.
+    pub fn spectral_radius(&self, scheme: SolverKind, h: f64) -> f64 {
+        spectral_radius(self.step_matrix(scheme, h))
+    }
+
+    /// Returns the h in seconds above which [`Mode::spectral_radius`] exceeds 1; infinite for
+    /// implicit Euler.
+    pub fn largest_step(&self, scheme: SolverKind) -> f64 {
+        let (k, c) = (self.stiffness, self.damping);
+        match scheme {
+            SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => f64::INFINITY,
+            // det < 1: h < γ/λ. Overdamped, also 1 + tr + det = 4 − 2hγ + h²λ > 0.
+            SolverKind::Explicit if c * c < 4.0 * k => c / k,
+            SolverKind::Explicit => 4.0 / (c + (c * c - 4.0 * k).sqrt()),
+            // 1 + tr + det = 4 − 2hγ − h²λ > 0.
+            SolverKind::Symplectic | SolverKind::Verlet => 4.0 / (c + (c * c + 4.0 * k).sqrt()),
+            // Likewise for the cubic at μ = −1: 4 − 4hγ − h²λ > 0.
+            SolverKind::VelocityVerlet => 2.0 / (c + (c * c + k).sqrt()),
+        }
+    }
+}
+
+/// The spectral radius of a 3×3 matrix.
+fn spectral_radius(m: DMat3) -> f64 {
+    let [a, b, c] = m.transpose().to_cols_array_2d();
+    let minors = a[0] * b[1] - a[1] * b[0] + a[0] * c[2] - a[2] * c[0] + b[1] * c[2] - b[2] * c[1];
+    let (trace, determinant) = (a[0] + b[1] + c[2], m.determinant());
+    // μ³ − trace μ² + minors μ − determinant has a real root within Cauchy's bound; dividing it out
+    // leaves a quadratic.
+    let cubic = |x: f64| ((x - trace) * x + minors) * x - determinant;
+    let mut high = 1.0 + trace.abs().max(minors.abs()).max(determinant.abs());
+    let mut low = -high;
+    // Bisection would never quite reach a root at 0.
+    if determinant == 0.0 {
+        (low, high) = (0.0, 0.0);
+    }
+    while low < 0.5 * (low + high) && 0.5 * (low + high) < high {
+        match cubic(0.5 * (low + high)) < 0.0 {
+            true => low = 0.5 * (low + high),
+            false => high = 0.5 * (low + high),
+        }
+    }
+    let half_sum = 0.5 * (trace - high);
+    let product = minors - high * (trace - high);
+    let discriminant = half_sum * half_sum - product;
+    high.abs().max(match discriminant < 0.0 {
+        true => product.sqrt(),
+        false => half_sum.abs() + discriminant.sqrt(),
+    })
+}
+
+/// The largest stable step of a body, and the limiting mode.
+#[derive(Clone, Debug)]
+pub struct StepLimit {
+    /// Seconds; 0 if no step is stable, infinite if all are.
+    pub step: f64,
+    /// Whether the limit is exact; otherwise `step` is a lower bound, certainly stable.
+    pub exact: bool,
+    /// λ and γ of the displacement that becomes unstable first: its Rayleigh quotients xᵀKx and
+    /// xᵀCx over xᵀMx.
+    pub mode: Mode,
+    /// That displacement of every node, scaled to a maximum length of 1.
+    pub displacement: Vec<DVec3>,
+}
+
+/// A body linearised at rest.
+#[derive(Clone, Debug)]
+pub struct LinearisedModel {
+    links: Vec<LinearSpring>,
+    tets: Vec<LinearTet>,
+    /// Averaged nodal volumes: vectors v that contribute v vᵀ to K.
+    volumes: Vec<Vec<(u32, DVec3)>>,
+    /// Stiffness-proportional damping of the tets, s.
+    damping_time: f64,
+    /// 1/√m of every node; 0 for fixed nodes.
+    weights: Vec<f64>,
+    /// The damped velocity component of the springs.
+    kind: Damping,
+    /// Whether C = τK + drag M, in which case the modes decouple.
+    proportional: bool,
+    /// Mass-proportional damping, 1/s.
+    mass_damping: f64,
+}
+
+/// A spring at rest, which resists along its direction.
+#[derive(Clone, Copy, Debug)]
+struct LinearSpring {
+    nodes: [usize; 2],
+    direction: DVec3,
+    /// Stiffness, N/m.
+    stiffness: f64,
+    /// Damping, N·s/m.
+    damping: f64,
+}
+
+/// An element at rest: Hooke's law.
+#[derive(Clone, Copy, Debug)]
+struct LinearTet {
+    nodes: [usize; 4],
+    /// Gradients of the shape functions, 1/m.
+    gradients: [DVec3; 4],
+    /// Volume, m³.
+    volume: f64,
+    /// Lamé parameters μ and λ, Pa.
+    lame: [f64; 2],
+}
+
+impl LinearTet {
+    fn new(element: &Element, law: ConstitutiveModel) -> LinearTet {
+        LinearTet {
+            nodes: element.nodes.map(|v| v as usize),
+            gradients: element.gradients(),
+            volume: element.volume,
+            lame: element.small_strain(law),
+        }
+    }
+
+    /// Returns K u for the displacements u of its nodes: V σ g with σ = μ (∇u + ∇uᵀ) + λ tr ∇u.
+    fn product(&self, u: [DVec3; 4]) -> [DVec3; 4] {
+        let mut gradient = DMat3::ZERO;
+        for (u, g) in u.iter().zip(self.gradients) {
+            gradient += DMat3::from_cols(*u * g.x, *u * g.y, *u * g.z);
+        }
+        let [mu, lambda] = self.lame;
+        let trace = gradient.x_axis.x + gradient.y_axis.y + gradient.z_axis.z;
+        let stress = (gradient + gradient.transpose()) * mu
+            + DMat3::from_diagonal(DVec3::splat(lambda * trace));
+        self.gradients.map(|g| self.volume * (stress * g))
+    }
+}
+
+impl LinearisedModel {
+    /// Linearises `network` at rest, with the nodes marked in `pinned` fixed.
+    pub fn new(network: &DiscreteModel, pinned: &[bool]) -> LinearisedModel {
+        // If there are elements, the springs are not simulated.
+        let elements = &network.elements;
+        let springs = match elements.is_empty() {
+            true => network.springs.as_slice(),
+            false => &[],
+        };
+        // Rigid regions are held together by their springs here; otherwise loads would tear them
+        // apart.
+        let mut body = vec![u32::MAX; network.rest_positions.len()];
+        for (b, rigid) in elements.rigid.iter().enumerate() {
+            for v in &rigid.nodes {
+                body[*v as usize] = b as u32;
+            }
+        }
+        let in_one = |s: &&crate::physics::Spring| {
+            let [a, b] = s.nodes.map(|v| body[v as usize]);
+            a == b && a != u32::MAX
+        };
+        let ties = match elements.rigid.is_empty() {
+            true => &[],
+            false => network.springs.as_slice(),
+        };
+        let springs = springs.iter().chain(ties.iter().filter(in_one));
+        let tets = elements.tets.iter();
+        let links = springs.map(|s| {
+            let [i, j] = s.nodes.map(|v| v as usize);
+            LinearSpring {
+                nodes: [i, j],
+                direction: (network.rest_positions[j] - network.rest_positions[i])
+                    .normalize_or_zero(),
+                stiffness: s.stiffness,
+                damping: network.spring_damping(s),
+            }
+        });
+        let undamped = network.damping == 0.0 && network.damping_time == 0.0;
+        let axial = network.damping_kind == Damping::Axial;
+        LinearisedModel {
+            links: links.collect(),
+            tets: tets
+                .map(|e| LinearTet::new(&elements.without_averaged_lambda(e), elements.law))
+                .collect(),
+            volumes: elements.volume_gradients(&network.rest_positions),
+            damping_time: network.damping_time,
+            weights: network
+                .masses
+                .iter()
+                .zip(pinned)
+                .map(|(m, p)| if *p || *m <= 0.0 { 0.0 } else { 1.0 / m.sqrt() })
+                .collect(),
+            kind: network.damping_kind,
+            proportional: undamped || axial && network.damping == 0.0 || !elements.is_empty(),
+            mass_damping: elements.mass_damping,
+        }
+    }
+
+    /// Linearises the particles of a grid at rest.
+    pub fn from_grid(grid: &GridModel) -> LinearisedModel {
+        let (shape, offsets) = (&grid.shape, grid.shape.offsets());
+        let mut links = Vec::new();
+        for i in shape.particles() {
+            for (kind, offset) in offsets.into_iter().enumerate() {
+                if grid.springs[i] >> (2 * kind) & 1 == 0 {
+                    continue;
+                }
+                let j = (i as i64 + offset) as usize;
+                links.push(LinearSpring {
+                    nodes: [i, j],
+                    direction: (shape.rest_position(j) - shape.rest_position(i))
+                        .normalize_or_zero(),
+                    stiffness: 0.5
+                        * (grid.stiffness_scales[i] + grid.stiffness_scales[j])
+                        * grid.stiffness[kind],
+                    damping: 0.0,
+                });
+            }
+        }
+        let inverse = |m: &f64| if *m > 0.0 { 1.0 / m } else { 0.0 };
+        LinearisedModel {
+            links,
+            tets: Vec::new(),
+            volumes: Vec::new(),
+            damping_time: 0.0,
+            weights: grid.masses.iter().map(|m| inverse(m).sqrt()).collect(),
+            kind: Damping::Axial,
+            proportional: true,
+            mass_damping: grid.damping,
+        }
+    }
+
+    /// Returns M^-½ (a K + b C) M^-½ y.
+    fn product(&self, a: f64, b: f64, y: &[DVec3]) -> Vec<DVec3> {
+        let mut product = vec![DVec3::ZERO; y.len()];
+        for link in &self.links {
+            let [i, j] = link.nodes;
+            let w = y[j] * self.weights[j] - y[i] * self.weights[i];
+            let along = link.direction * link.direction.dot(w);
+            let f = match self.kind {
+                Damping::Axial => (a * link.stiffness + b * link.damping) * along,
+                Damping::Relative => a * link.stiffness * along + b * link.damping * w,
+            };
+            product[i] -= f;
+            product[j] += f;
+        }
+        let share = a + b * self.damping_time;
+        for tet in &self.tets {
+            let u = tet.nodes.map(|v| y[v] * self.weights[v]);
+            for (v, f) in tet.nodes.into_iter().zip(tet.product(u)) {
+                product[v] += share * f;
+            }
+        }
+        for slope in &self.volumes {
+            let each = slope.iter().map(|(v, g)| {
+                let v = *v as usize;
+                self.weights[v] * g.dot(y[v])
+            });
+            let change = share * each.sum::<f64>();
+            for (v, g) in slope {
+                product[*v as usize] += change * *g;
+            }
+        }
+        for ((f, w), y) in product.iter_mut().zip(&self.weights).zip(y) {
+            *f = *f * *w
+                + if *w > 0.0 {
+                    b * self.mass_damping * *y
+                } else {
+                    DVec3::ZERO
+                };
+        }
+        product
+    }
+
+    /// The largest eigenpair of M^-½ (a K + b C) M^-½.
+    fn largest_eigenpair(&self, a: f64, b: f64) -> Eigenpair {
+        largest_eigenpair(|y| self.product(a, b, y), self.start(), 1e-5, 100)
+    }
+
+    /// Returns the stiffest mode of M⁻¹K: its λ = ω² and its damping.
+    pub fn stiffest_mode(&self) -> Mode {
+        self.mode_of(&self.largest_eigenpair(1.0, 0.0).vector)
+    }
+
+    fn start(&self) -> Vec<DVec3> {
+        let mut start = start_vector(self.weights.len());
+        for (y, w) in start.iter_mut().zip(&self.weights) {
+            *y *= f64::from(u8::from(*w > 0.0));
+        }
+        start
+    }
+
+    /// Returns λ and γ along the unit vector y.
+    fn mode_of(&self, y: &[DVec3]) -> Mode {
+        Mode {
+            stiffness: dot(y, &self.product(1.0, 0.0, y)).max(0.0),
+            damping: dot(y, &self.product(0.0, 1.0, y)).max(0.0),
+        }
+    }
+
+    fn step_limit(&self, step: f64, exact: bool, y: &[DVec3]) -> StepLimit {
+        let mut displacement: Vec<DVec3> =
+            y.iter().zip(&self.weights).map(|(y, w)| *y * *w).collect();
+        let longest = displacement.iter().map(|u| u.length()).fold(0.0, f64::max);
+        if longest > 0.0 {
+            displacement.iter_mut().for_each(|u| *u /= longest);
+        }
+        StepLimit {
+            step,
+            exact,
+            mode: self.mode_of(y),
+            displacement,
+        }
+    }
+
+    /// Returns the largest stable step of `scheme`; `None` for implicit Euler, which has none.
+    ///
+    /// Exact, except for explicit Euler with damping that is not proportional to stiffness, where
+    /// it is a lower bound: the smaller of min κ_d/κ and 2/γ_max.
+    pub fn largest_step(&self, scheme: SolverKind) -> Option<StepLimit> {
+        Some(match scheme {
+            SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => return None,
+            SolverKind::Explicit => self.explicit_limit(),
+            _ => self.period_doubling_limit(scheme),
+        })
+    }
+
+    /// h²λ + s hγ = 4 (s = 2 or 4) has its smallest h where y is an eigenvector of h²K + s hC; any
+    /// other y gives a larger h, so h decreases monotonically.
+    fn period_doubling_limit(&self, scheme: SolverKind) -> StepLimit {
+        let share = match scheme {
+            SolverKind::VelocityVerlet => 4.0,
+            _ => 2.0,
+        };
+        let mut y = self.largest_eigenpair(1.0, 0.0).vector;
+        let mut step = self.mode_of(&y).largest_step(scheme);
+        if !self.proportional {
+            for _ in 0..50 {
+                let (a, b) = match step.is_finite() {
+                    true => (step * step, share * step),
+                    false => (0.0, 1.0),
+                };
+                y = self.largest_eigenpair(a, b).vector;
+                let next = self.mode_of(&y).largest_step(scheme);
+                let fell = step - next;
+                step = step.min(next);
+                if fell.is_nan() || fell <= 1e-9 * step {
+                    break;
+                }
+            }
+        }
+        self.step_limit(step, true, &y)
+    }
+
+    fn explicit_limit(&self) -> StepLimit {
+        let stiffest = self.largest_eigenpair(1.0, 0.0).vector;
+        if self.proportional {
+            let step = self.mode_of(&stiffest).largest_step(SolverKind::Explicit);
+            return self.step_limit(step, true, &stiffest);
+        }
+        let most_damped = self.largest_eigenpair(0.0, 1.0);
+        let ratio = self
+            .links
+            .iter()
+            .filter(|l| l.stiffness > 0.0)
+            .map(|l| l.damping / l.stiffness)
+            .fold(f64::INFINITY, f64::min);
+        let overdamped = 2.0 / most_damped.value;
+        match ratio <= overdamped {
+            true => self.step_limit(ratio, false, &stiffest),
+            false => self.step_limit(overdamped, false, &most_damped.vector),
+        }
+    }
+
+    /// Returns the largest stable step of Verlet with centred mass-proportional damping, as in grid
+    /// bodies: 2/ω for any damping.
+    pub fn grid_limit(&self) -> StepLimit {
+        let y = self.largest_eigenpair(1.0, 0.0).vector;
+        self.step_limit(2.0 / self.mode_of(&y).stiffness.sqrt(), true, &y)
+    }
+
+    /// Returns the mean growth factor per step of a small displacement over the later half of
+    /// `steps` steps of an explicit scheme, an estimate of the spectral radius of the whole step
+    /// matrix for any damping; and the final displacement, scaled to a maximum length of 1.
+    pub fn growth_rate(&self, scheme: SolverKind, h: f64, steps: usize) -> (f64, Vec<DVec3>) {
+        let x = self.start();
+        let mut state = [x.clone(), vec![DVec3::ZERO; x.len()], self.force(&x, None)];
+        let (mut logarithm, mut counted) = (0.0, 0);
+        for step in 0..steps {
+            self.advance(scheme, h, &mut state);
+            let [x, v, _] = &state;
+            let size = (dot(x, &self.product(1.0, 0.0, x)) + dot(v, v)).sqrt();
+            if !(size > 0.0 && size.is_finite()) {
+                break;
+            }
+            if step >= steps / 2 {
+                logarithm += size.ln();
+                counted += 1;
+            }
+            for y in state.iter_mut().flatten() {
+                *y /= size;
+            }
+        }
+        let growth = (logarithm / f64::from(counted.max(1))).exp();
+        (growth, self.step_limit(h, true, &state[0]).displacement)
+    }
+
+    /// Returns −Kx − Cv, for unit masses.
+    fn force(&self, x: &[DVec3], v: Option<&[DVec3]>) -> Vec<DVec3> {
+        let mut force = self.product(-1.0, 0.0, x);
+        if let Some(v) = v {
+            for (f, c) in force.iter_mut().zip(self.product(0.0, -1.0, v)) {
+                *f += c;
+            }
+        }
+        force
+    }
+
+    /// Advances an explicit scheme by one step from (x, v, a). (Verlet is symplectic Euler in other
+    /// variables.)
+    fn advance(&self, scheme: SolverKind, h: f64, [x, v, a]: &mut [Vec<DVec3>; 3]) {
+        if scheme == SolverKind::VelocityVerlet {
+            let before = a.clone();
+            for i in 0..x.len() {
+                x[i] += h * v[i] + 0.5 * h * h * before[i];
+                v[i] += h * before[i];
+            }
+            *a = self.force(x, Some(v));
+            for i in 0..x.len() {
+                v[i] += 0.5 * h * (a[i] - before[i]);
+            }
+            return;
+        }
+        let force = self.force(x, Some(v));
+        for i in 0..x.len() {
+            let before = v[i];
+            v[i] += h * force[i];
+            x[i] += h * match scheme {
+                SolverKind::Explicit => before,
+                _ => v[i],
+            };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EXPLICIT: [SolverKind; 4] = [
+        SolverKind::Explicit,
+        SolverKind::Symplectic,
+        SolverKind::Verlet,
+        SolverKind::VelocityVerlet,
+    ];
+
+    #[test]
+    fn radii_are_those_of_matrices_with_known_eigenvalues() {
+        let turned = |d: DVec3| {
+            let r = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.4);
+            r * DMat3::from_diagonal(d) * r.transpose()
+        };
+        for (d, radius) in [
+            (DVec3::new(0.5, -2.0, 1.0), 2.0),
+            (DVec3::new(0.5, 0.5, 0.5), 0.5),
+            (DVec3::new(-1.0, 0.9, 0.0), 1.0),
+        ] {
+            // A triple root is accurate to the cube root of the rounding error.
+            assert!((spectral_radius(turned(d)) - radius).abs() < 1e-4, "{d}");
+        }
+        let spiral = DMat3::from_rotation_z(1.0) * 1.5;
+        assert!((spectral_radius(spiral) - 1.5).abs() < 1e-12);
+    }
+
+    /// The closed forms are the steps at which the spectral radius passes 1, from light to far
+    /// overcritical damping.
+    #[test]
+    fn the_radius_passes_1_at_the_largest_step() {
+        for stiffness in [1.0, 3e4] {
+            for ratio in [0.0, 0.01, 0.5, 1.0, 1.99, 2.0, 2.01, 10.0, 300.0] {
+                let damping = ratio * f64::sqrt(stiffness);
+                let mode = Mode { stiffness, damping };
+                for scheme in EXPLICIT {
+                    let limit = mode.largest_step(scheme);
+                    if scheme == SolverKind::Explicit && ratio == 0.0 {
+                        assert_eq!(limit, 0.0);
+                        assert!(mode.spectral_radius(scheme, 1e-3) > 1.0);
+                        continue;
+                    }
+                    for f in [0.01, 0.3, 0.7, 0.99] {
+                        let r = mode.spectral_radius(scheme, f * limit);
+                        assert!(r < 1.0 + 1e-7, "{scheme} {mode:?} at {f}: {r}");
+                    }
+                    let r = mode.spectral_radius(scheme, 1.01 * limit);
+                    assert!(r > 1.0 + 1e-7, "{scheme} {mode:?}: {r}");
+                }
+                for h in [1e-3, 1.0, 1e3] {
+                    let r = mode.spectral_radius(SolverKind::Implicit, h);
+                    assert!(r < 1.0, "{mode:?} {h} s: {r}");
+                }
+            }
+        }
+    }
+}

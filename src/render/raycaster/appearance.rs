@@ -1,0 +1,436 @@
+//! What rays see in a mesh: transfer functions, of all or of each region, scans, planes and
+//! isosurfaces, as the walks read them.
+
+use crate::gpu::{Array, Gpu, Texel};
+use crate::render::geometry::Geometry;
+use crate::render::scan::ScanSet;
+use crate::render::sections::{Sections, colours};
+use crate::render::table::{Table, TableKind, TableRequest, TableRow};
+use crate::render::{RaycastOptions, TransferFunction};
+use crate::{Error, Result};
+use std::sync::Arc;
+
+/// What is not shown at all; `lib/segment.wgsl` has the same number.
+const HIDDEN_ROW: u32 = 0xffff;
+/// What marks a row where scans show nothing; the same.
+const TRANSPARENT_FLAG: u32 = 0x8000;
+/// Transfer functions in a table: two rows of texels each, within what every device holds.
+const MAX_TRANSFER_FUNCTIONS: usize = 1024;
+
+/// What each region of a body looks like.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RegionAppearance {
+    /// The transfer functions; up to 1,024.
+    pub transfers: Vec<TransferFunction>,
+    /// Of each tet, in the order of the mesh, which of them; none for a tet that is not shown.
+    pub tet_regions: Vec<Option<u32>>,
+}
+
+/// Regions as they are drawn.
+#[derive(Clone)]
+struct Regions {
+    transfers: Vec<TransferFunction>,
+    /// The row of each tet of the mesh, in its order.
+    of_tets: Arc<[u32]>,
+}
+
+/// What is asked of a picture.
+#[derive(Clone)]
+struct Asked {
+    /// Of the scalars of the mesh.
+    transfer: TransferFunction,
+    /// Of the first scan, where it shows values.
+    of_scan: Option<TransferFunction>,
+    regions: Option<Regions>,
+    inside: Sections,
+    scans: Option<Arc<ScanSet>>,
+}
+
+/// All that decides what a segment of a ray looks like.
+pub(in crate::render) struct Appearance {
+    asked: Asked,
+    /// The range of scalars that the table was made for.
+    range: (f64, f64),
+    pub table: Table,
+    /// Planes and isosurfaces.
+    pub sections: Array,
+    pub colours: Array,
+    /// The row of each tet, where the geometry keeps it: where regions have looks of their own, or
+    /// scans are shown.
+    rows: Option<Array>,
+    /// Where scans lie, if any are shown.
+    scans: Option<wgpu::Buffer>,
+}
+
+impl Appearance {
+    pub fn new(
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        transfer: &TransferFunction,
+    ) -> Result<Appearance> {
+        let asked = Asked {
+            transfer: transfer.clone(),
+            of_scan: None,
+            regions: None,
+            inside: Sections::default(),
+            scans: None,
+        };
+        Appearance::of(gpu, geometry, options, asked)
+    }
+
+    fn of(
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        asked: Asked,
+    ) -> Result<Appearance> {
+        asked.check(geometry)?;
+        let (rows, first) = asked.rows(geometry);
+        let table = Table::new(gpu, &asked.wanted(geometry, options, &rows))?;
+        let scans = match &asked.scans {
+            Some(held) => Some(held.to_gpu(gpu, geometry.frame, first)?),
+            None => None,
+        };
+        Ok(Appearance {
+            sections: cuts(gpu, geometry, rows[0].range, &table, &asked.inside)?,
+            colours: asked.colours(gpu, &rows, first, most(geometry, &table))?,
+            rows: asked.tet_rows(gpu, geometry, &rows, first)?,
+            range: rows[0].range,
+            scans,
+            table,
+            asked,
+        })
+    }
+
+    /// The transfer function of what is seen.
+    pub fn transfer(&self) -> &TransferFunction {
+        self.asked.shown()
+    }
+
+    /// The scalars that the transfer function covers.
+    pub fn range(&self) -> (f64, f64) {
+        self.range
+    }
+
+    /// Whether its table is the one for the scalars that `geometry` has now.
+    pub fn matches(&self, geometry: &Geometry, options: &RaycastOptions) -> bool {
+        let (rows, _) = self.asked.rows(geometry);
+        let wanted = self.asked.wanted(geometry, options, &rows);
+        self.range == rows[0].range && self.table.matches(&wanted)
+    }
+
+    pub fn inside(&self) -> &Sections {
+        &self.asked.inside
+    }
+
+    /// The scans it shows, and where these lie.
+    pub fn scans(&self) -> Option<(&ScanSet, &wgpu::Buffer)> {
+        self.asked.scans.as_deref().zip(self.scans.as_ref())
+    }
+
+    /// Whether rays are to know where the body rests.
+    pub fn needs_rest(&self) -> bool {
+        self.asked.inside.needs_rest_positions() || self.asked.scans.is_some()
+    }
+
+    /// The row of each tet, where not all have the first.
+    pub fn rows(&self) -> Option<&Array> {
+        self.rows.as_ref()
+    }
+
+    /// Whether they are those of `geometry` as it is now.
+    pub fn check(&self, geometry: &Geometry) -> Result<()> {
+        let tets = geometry.tet_count() as usize;
+        match (&self.asked.scans, &self.asked.regions) {
+            (Some(held), _) if held.tets() != tets => Err(Error::Input(
+                "the scans are those of the mesh before tets were removed; call Raycaster::set_scans again".into(),
+            )),
+            (_, Some(regions)) if regions.of_tets.len() != tets => Err(Error::Input(
+                "the regions are those of the mesh before tets were removed; call Raycaster::set_regions again".into(),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    pub fn set_transfer(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        transfer: &TransferFunction,
+    ) -> Result<()> {
+        let mut asked = self.asked.clone();
+        *asked.of_scan.as_mut().unwrap_or(&mut asked.transfer) = transfer.clone();
+        *self = Appearance::of(gpu, geometry, options, asked)?;
+        Ok(())
+    }
+
+    pub fn set_options(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+    ) -> Result<()> {
+        *self = Appearance::of(gpu, geometry, options, self.asked.clone())?;
+        Ok(())
+    }
+
+    pub fn set_regions(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        regions: Option<&RegionAppearance>,
+    ) -> Result<()> {
+        let mut asked = self.asked.clone();
+        asked.regions = regions.map(|r| Regions::new(geometry, r)).transpose()?;
+        *self = Appearance::of(gpu, geometry, options, asked)?;
+        Ok(())
+    }
+
+    pub fn set_scans(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        held: Option<ScanSet>,
+    ) -> Result<()> {
+        let mut asked = self.asked.clone();
+        if geometry.rest_positions().is_none() && held.is_some() {
+            return Err(Error::Input(MISSING_REST_MESSAGE.into()));
+        }
+        asked.of_scan = held.as_ref().and_then(ScanSet::transfer).cloned();
+        asked.scans = held.map(Arc::new);
+        *self = Appearance::of(gpu, geometry, options, asked)?;
+        Ok(())
+    }
+
+    /// Shows the scans as `held` has them after a cut.
+    pub fn update_scans_after_cut(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        held: ScanSet,
+    ) -> Result<()> {
+        let mut asked = self.asked.clone();
+        asked.scans = Some(Arc::new(held));
+        *self = Appearance::of(gpu, geometry, options, asked)?;
+        Ok(())
+    }
+
+    pub fn set_sections(
+        &mut self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        inside: &Sections,
+    ) -> Result<()> {
+        inside.check()?;
+        if inside.needs_rest_positions() && geometry.rest_positions().is_none() {
+            return Err(Error::Input(MISSING_REST_MESSAGE.into()));
+        }
+        let mut asked = self.asked.clone();
+        asked.inside = inside.clone();
+        if asked.scans.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
+            // Which tets show nothing goes by them.
+            *self = Appearance::of(gpu, geometry, options, asked)?;
+            return Ok(());
+        }
+        asked.check(geometry)?;
+        self.sections = cuts(gpu, geometry, self.range, &self.table, inside)?;
+        self.asked = asked;
+        Ok(())
+    }
+}
+
+const MISSING_REST_MESSAGE: &str =
+    "the geometry does not know where it rests; call Geometry::remember_rest first";
+
+impl Asked {
+    /// The transfer function of what is seen.
+    fn shown(&self) -> &TransferFunction {
+        self.of_scan.as_ref().unwrap_or(&self.transfer)
+    }
+
+    /// Refuses what does not go together.
+    fn check(&self, geometry: &Geometry) -> Result<()> {
+        let flat = match &self.scans {
+            Some(held) => held.transfer().is_none(),
+            None => geometry.is_cell_scalar,
+        };
+        if !self.inside.isosurfaces.is_empty() && flat {
+            return Err(Error::Input(
+                "isosurfaces need a field at the nodes, or a scan of values: one that is constant in each tet, and a map of labels, have none"
+                    .into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// The transfer functions of the table's rows, in absolute terms, and how many of them are
+    /// those of the scalar, or of the first scan.
+    fn rows(&self, geometry: &Geometry) -> (Vec<TableRow>, usize) {
+        let own = std::slice::from_ref(self.shown());
+        let transfers = self.regions.as_ref().map_or(own, |r| &r.transfers);
+        let extent = geometry.frame.scale;
+        let rows = match &self.scans {
+            Some(held) => held.rows(transfers, extent),
+            None => {
+                let row = |t: &TransferFunction| TableRow {
+                    transfer: t.to_absolute(geometry.range, extent),
+                    range: geometry.range,
+                    spread: geometry.spread.clone(),
+                };
+                transfers.iter().map(row).collect()
+            }
+        };
+        (rows, transfers.len())
+    }
+
+    /// What the table is made for.
+    fn wanted<'a>(
+        &self,
+        geometry: &Geometry,
+        options: &RaycastOptions,
+        rows: &'a [TableRow],
+    ) -> TableRequest<'a> {
+        let (form, mean) = match (&self.scans, options.table) {
+            // Stretches of a voxel are thin.
+            (Some(held), form) => (
+                if form == TableKind::Auto {
+                    TableKind::Integrals
+                } else {
+                    form
+                },
+                geometry
+                    .mean_chord
+                    .min(options.scan_step * held.min_texel_spacing() / geometry.frame.scale),
+            ),
+            (None, form) => (form, geometry.mean_chord),
+        };
+        TableRequest {
+            form,
+            texel: options.texel,
+            size: options.table_size,
+            rows,
+            scale: geometry.frame.scale,
+            longest_segment: geometry.longest_edge,
+            mean_segment: mean,
+            accuracy: options.table_tolerance,
+            opaque: options.opacity_cutoff,
+        }
+    }
+
+    /// The colours of each row, as `lib/inside.wgsl` reads them; in w extinction, over `most`.
+    fn colours(&self, gpu: &Gpu, rows: &[TableRow], first: usize, most: f64) -> Result<Array> {
+        let over = if most > 0.0 { most.recip() } else { 0.0 };
+        let mut all: Vec<Vec<[f64; 4]>> = rows.iter().map(colours).collect();
+        for (row, looks) in self.scans.iter().flat_map(|held| held.label_rows(first)) {
+            for (texel, look) in all[row].iter_mut().zip(looks) {
+                let [r, g, b] = look.colour;
+                *texel = [r, g, b, look.extinction];
+            }
+        }
+        let texels = all.iter().flatten();
+        let texels: Vec<[f32; 4]> = texels
+            .map(|[r, g, b, tau]| [*r, *g, *b, over * tau].map(|x| x as f32))
+            .collect();
+        gpu.array_of("colours", Texel::F32x4, &texels)
+    }
+
+    /// The row of each tet, where the geometry keeps it, if not all have the first.
+    fn tet_rows(
+        &self,
+        gpu: &Gpu,
+        geometry: &Geometry,
+        rows: &[TableRow],
+        first: usize,
+    ) -> Result<Option<Array>> {
+        if self.regions.is_none() && self.scans.is_none() {
+            return Ok(None);
+        }
+        let tets = geometry.tet_count() as usize;
+        let mut of_tets = match &self.regions {
+            Some(regions) if regions.of_tets.len() == tets => regions.of_tets.to_vec(),
+            // Those of a mesh before a cut: nothing is drawn by them.
+            _ => vec![0; tets],
+        };
+        if let Some(held) = self.scans.as_ref().filter(|held| held.tets() == tets) {
+            let values: Vec<f64> = self
+                .inside
+                .isosurfaces
+                .iter()
+                .map(|iso| iso.value)
+                .collect();
+            let own = of_tets.clone();
+            let row = |t: usize| (own[t] as usize).min(first - 1);
+            let clear = held.transparent_tets(rows, first, &row, &values);
+            for (row, clear) in of_tets.iter_mut().zip(clear) {
+                if clear && *row != HIDDEN_ROW {
+                    *row |= TRANSPARENT_FLAG;
+                }
+            }
+        }
+        let mut placed = vec![0; tets];
+        for (place, row) in geometry.tet_order.iter().zip(of_tets) {
+            placed[*place as usize] = row;
+        }
+        Ok(Some(gpu.array_of("looks of tets", Texel::U32, &placed)?))
+    }
+}
+
+impl Regions {
+    fn new(geometry: &Geometry, looks: &RegionAppearance) -> Result<Regions> {
+        let tets = geometry.tet_count();
+        let count = looks.transfers.len();
+        if looks.tet_regions.len() != tets as usize {
+            return Err(Error::Input(format!(
+                "looks for {} tets are given, and the mesh has {tets}",
+                looks.tet_regions.len()
+            )));
+        }
+        if !(1..=MAX_TRANSFER_FUNCTIONS).contains(&count) {
+            return Err(Error::Input(format!(
+                "regions have {count} transfer functions among them: from 1 to {MAX_TRANSFER_FUNCTIONS} are possible"
+            )));
+        }
+        if let Some(row) = looks
+            .tet_regions
+            .iter()
+            .flatten()
+            .find(|r| **r as usize >= count)
+        {
+            return Err(Error::Input(format!(
+                "a tet has transfer function {row}, and there are {count}, counted from 0"
+            )));
+        }
+        let rows = looks
+            .tet_regions
+            .iter()
+            .map(|row| row.unwrap_or(HIDDEN_ROW));
+        Ok(Regions {
+            transfers: looks.transfers.clone(),
+            of_tets: rows.collect(),
+        })
+    }
+}
+
+/// The largest extinction, per file unit.
+fn most(geometry: &Geometry, table: &Table) -> f64 {
+    f64::from(table.opacity) / (geometry.frame.scale * std::f64::consts::LOG2_E)
+}
+
+/// Planes and isosurfaces as walks read them, of scalars in a range.
+fn cuts(
+    gpu: &Gpu,
+    geometry: &Geometry,
+    (low, high): (f64, f64),
+    table: &Table,
+    inside: &Sections,
+) -> Result<Array> {
+    let [scale, shift] = table.scalar.map(f64::from);
+    let coordinate = |s: f64| scale * (s - low) / (high - low) + shift;
+    inside.to_gpu(gpu, geometry.frame, coordinate)
+}

@@ -1,0 +1,434 @@
+//! Planes and isosurfaces in a volume, in float64 and for the GPU; the twin of
+//! `shaders/lib/inside.wgsl`.
+
+use super::ResolvedTransfer;
+use super::ray_integral::{ReferenceRaycaster, Segment, segment_integral};
+use super::table::TableRow;
+use super::transfer_function::named_colour;
+use crate::gpu::{Array, Gpu, Texel};
+use crate::mesh::LocalFrame;
+use crate::render::Ray;
+use crate::{Error, Result};
+use glam::DVec3;
+use std::str::FromStr;
+
+/// Most planes of a picture, those of boxes and cut faces among them.
+const MAX_PLANES: usize = 32;
+/// Most isosurfaces of a picture: each costs a comparison a tet.
+const MOST_ISOSURFACES: usize = 64;
+/// Colours of the transfer function; `lib/inside.wgsl` has the same number.
+pub(super) const COLOURS: usize = 1024;
+
+/// What a plane does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PlaneKind {
+    /// It cuts off what lies beyond it.
+    Clip,
+    /// It shows the scalar where it meets the body, this opaque, in the transfer function's
+    /// colours.
+    Slice(f64),
+}
+
+/// A plane through a volume.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// A point of it, in file coordinates.
+    pub point: DVec3,
+    /// Which way lies what is beyond it; of any length.
+    pub normal: DVec3,
+    /// What it does.
+    pub kind: PlaneKind,
+    /// Whether it is given in the body at rest, and bends with it; else it stays in space.
+    pub at_rest: bool,
+}
+
+impl Plane {
+    /// A plane in space that cuts off what lies beyond.
+    pub fn clip(point: DVec3, normal: DVec3) -> Plane {
+        Plane {
+            point,
+            normal,
+            kind: PlaneKind::Clip,
+            at_rest: false,
+        }
+    }
+
+    /// A plane in space that shows the scalar.
+    pub fn slice(point: DVec3, normal: DVec3) -> Plane {
+        Plane {
+            kind: PlaneKind::Slice(1.0),
+            ..Plane::clip(point, normal)
+        }
+    }
+
+    /// The same in the body at rest.
+    pub fn at_rest(self) -> Plane {
+        Plane {
+            at_rest: true,
+            ..self
+        }
+    }
+
+    /// The six planes that cut off what lies outside of a box from `low` to `high`.
+    pub fn clip_box(low: DVec3, high: DVec3) -> [Plane; 6] {
+        let [x, y, z] = DVec3::AXES;
+        [
+            Plane::clip(low, -x),
+            Plane::clip(low, -y),
+            Plane::clip(low, -z),
+            Plane::clip(high, x),
+            Plane::clip(high, y),
+            Plane::clip(high, z),
+        ]
+    }
+
+    /// How far beyond it a place lies, in file units.
+    fn beyond(&self, place: DVec3, rest: DVec3) -> f64 {
+        let there = if self.at_rest { rest } else { place };
+        self.normal.normalize_or_zero().dot(there - self.point)
+    }
+}
+
+impl FromStr for Plane {
+    type Err = Error;
+
+    /// `x,y,z,nx,ny,nz`, a point and which way lies what is beyond, as a clip plane.
+    fn from_str(text: &str) -> Result<Plane> {
+        let numbers: Vec<f64> = text
+            .split(',')
+            .map_while(|t| t.trim().parse().ok())
+            .collect();
+        let plane = match numbers.as_slice() {
+            [x, y, z, a, b, c] if text.split(',').count() == 6 => {
+                Plane::clip(DVec3::new(*x, *y, *z), DVec3::new(*a, *b, *c))
+            }
+            _ => {
+                return Err(Error::Input(format!(
+                    "\"{text}\" is no plane; give x,y,z,nx,ny,nz: a point of it, and its normal"
+                )));
+            }
+        };
+        plane.check()?;
+        Ok(plane)
+    }
+}
+
+impl Plane {
+    fn check(&self) -> Result<()> {
+        let sound = self.point.is_finite()
+            && self.normal.is_finite()
+            && self.normal.length() > 0.0
+            && match self.kind {
+                PlaneKind::Clip => true,
+                PlaneKind::Slice(opacity) => (0.0..=1.0).contains(&opacity),
+            };
+        match sound {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "a plane through {} with the normal {} makes no sense; give finite numbers, a normal that is not zero, and of a slice an opacity from 0 to 1",
+                self.point, self.normal
+            ))),
+        }
+    }
+}
+
+/// A surface on which the scalar has one value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Isosurface {
+    /// The value.
+    pub value: f64,
+    /// Its colour, from 0 to 1; that of the transfer function there, where none is given.
+    pub colour: Option<[f64; 3]>,
+    /// Its opacity, from 0 to 1.
+    pub opacity: f64,
+}
+
+impl Isosurface {
+    fn check(&self) -> Result<()> {
+        let unit = |x: &f64| (0.0..=1.0).contains(x);
+        let coloured = self.colour.is_none_or(|c| c.iter().all(unit));
+        match self.value.is_finite() && coloured && unit(&self.opacity) {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "an isosurface at {} of colour {:?} and opacity {} makes no sense; give a finite value, and the others from 0 to 1",
+                self.value, self.colour, self.opacity
+            ))),
+        }
+    }
+}
+
+impl FromStr for Isosurface {
+    type Err = Error;
+
+    /// `VALUE[,COLOUR[,OPACITY]]`, the colour by name or as `#RRGGBB`, as in CSS.
+    fn from_str(text: &str) -> Result<Isosurface> {
+        let wrong = || {
+            Error::Input(format!(
+                "\"{text}\" is no isosurface; give VALUE[,COLOUR[,OPACITY]], such as 0.5 or 0.5,tomato,0.6 or 0.5,#d04030"
+            ))
+        };
+        let mut parts = text.split(',').map(str::trim);
+        let value = parts.next().and_then(|t| t.parse().ok());
+        let colour = match parts.next() {
+            None | Some("") => None,
+            Some(name) => Some(named_colour(name).map_err(|_| wrong())?),
+        };
+        let opacity = match parts.next() {
+            None => Some(1.0),
+            Some(text) => text.parse().ok(),
+        };
+        let (Some(value), Some(opacity), None) = (value, opacity, parts.next()) else {
+            return Err(wrong());
+        };
+        let found = Isosurface {
+            value,
+            colour,
+            opacity,
+        };
+        found.check()?;
+        Ok(found)
+    }
+}
+
+/// What is cut off a volume, and what is shown in it besides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sections {
+    /// Planes, up to 32.
+    pub planes: Vec<Plane>,
+    /// Isosurfaces, up to 64.
+    pub isosurfaces: Vec<Isosurface>,
+    /// Whether the volume itself is drawn.
+    pub draw_volume: bool,
+}
+
+impl Default for Sections {
+    fn default() -> Sections {
+        Sections {
+            planes: Vec::new(),
+            isosurfaces: Vec::new(),
+            draw_volume: true,
+        }
+    }
+}
+
+/// A surface that a ray meets in a segment: where, from 0 at its front to 1, and which.
+#[derive(Clone, Copy, Debug)]
+enum SurfaceHit {
+    Slice(f64),
+    Iso(Isosurface),
+}
+
+impl Sections {
+    /// Whether there is nothing but the volume.
+    pub fn is_empty(&self) -> bool {
+        self.planes.is_empty() && self.isosurfaces.is_empty() && self.draw_volume
+    }
+
+    /// Whether any plane is given in the body at rest.
+    pub fn needs_rest_positions(&self) -> bool {
+        self.planes.iter().any(|p| p.at_rest)
+    }
+
+    /// Whether there are slices or isosurfaces.
+    pub fn has_surfaces(&self) -> bool {
+        !self.isosurfaces.is_empty() || self.slices().next().is_some()
+    }
+
+    /// Those that cut off.
+    pub fn clips(&self) -> impl Iterator<Item = &Plane> {
+        self.planes.iter().filter(|p| p.kind == PlaneKind::Clip)
+    }
+
+    /// Those that show the scalar, and their opacity.
+    fn slices(&self) -> impl Iterator<Item = (&Plane, f64)> {
+        self.planes.iter().filter_map(|p| match p.kind {
+            PlaneKind::Clip => None,
+            PlaneKind::Slice(opacity) => Some((p, opacity)),
+        })
+    }
+
+    /// Whether numbers make sense.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where they do not, or there are too many.
+    pub fn check(&self) -> Result<()> {
+        if self.planes.len() > MAX_PLANES || self.isosurfaces.len() > MOST_ISOSURFACES {
+            return Err(Error::Input(format!(
+                "{} planes and {} isosurfaces: a picture has up to {MAX_PLANES} and {MOST_ISOSURFACES}",
+                self.planes.len(),
+                self.isosurfaces.len()
+            )));
+        }
+        self.planes.iter().try_for_each(Plane::check)?;
+        self.isosurfaces.iter().try_for_each(Isosurface::check)
+    }
+
+    /// Whether a place, which lies at `rest` when the body rests, is cut off.
+    pub(super) fn is_clipped(&self, place: DVec3, rest: DVec3) -> bool {
+        self.clips().any(|plane| plane.beyond(place, rest) > 0.0)
+    }
+
+    /// Numbers of clip planes, slices and isosurfaces.
+    pub(super) fn counts(&self) -> [usize; 3] {
+        let clips = self.clips().count();
+        [clips, self.planes.len() - clips, self.isosurfaces.len()]
+    }
+
+    /// As `lib/inside.wgsl` reads it, in `frame`, `coordinate` being the table coordinate of a
+    /// scalar.
+    pub(super) fn to_gpu(
+        &self,
+        gpu: &Gpu,
+        frame: LocalFrame,
+        coordinate: impl Fn(f64) -> f64,
+    ) -> Result<Array> {
+        let mut items: Vec<[f32; 4]> = Vec::new();
+        let slices = self.slices();
+        for (plane, opacity) in self.clips().map(|p| (p, 1.0)).chain(slices) {
+            let normal = plane.normal.normalize_or_zero();
+            let off = normal.dot(plane.point - frame.origin) / frame.scale;
+            items.push(normal.as_vec3().extend(off as f32).to_array());
+            let at_rest = f32::from(u8::from(plane.at_rest));
+            items.push([at_rest, opacity as f32, 0.0, 0.0]);
+        }
+        for iso in &self.isosurfaces {
+            let own = f32::from(u8::from(iso.colour.is_some()));
+            items.push([coordinate(iso.value) as f32, iso.opacity as f32, own, 0.0]);
+            let [r, g, b] = iso.colour.unwrap_or_default();
+            items.push([r, g, b, 0.0].map(|x| x as f32));
+        }
+        if items.is_empty() {
+            items.push([0.0; 4]);
+        }
+        gpu.array_of("planes and isosurfaces", Texel::F32x4, &items)
+    }
+
+    /// The part of a segment that is kept, from 0 at its front to 1, `ends` being the places of its
+    /// ends in space and at rest.
+    fn kept(&self, ends: [[DVec3; 2]; 2]) -> Option<[f64; 2]> {
+        let mut range = [0.0f64, 1.0];
+        for plane in self.clips() {
+            let [front, back] = ends.map(|[place, rest]| plane.beyond(place, rest));
+            match (front > 0.0, back > 0.0) {
+                (true, true) => return None,
+                (true, false) => range[0] = range[0].max(front / (front - back)),
+                (false, true) => range[1] = range[1].min(front / (front - back)),
+                (false, false) => {}
+            }
+        }
+        (range[0] < range[1]).then_some(range)
+    }
+
+    /// The surfaces in a part of a segment, front to back.
+    fn met(&self, s: [f64; 2], ends: [[DVec3; 2]; 2], within: [f64; 2]) -> Vec<(f64, SurfaceHit)> {
+        let mut found = Vec::new();
+        let mut take = |[front, back]: [f64; 2], surface: SurfaceHit| {
+            if (front < 0.0) != (back < 0.0) {
+                let u = front / (front - back);
+                if (within[0]..=within[1]).contains(&u) {
+                    found.push((u, surface));
+                }
+            }
+        };
+        for (plane, opacity) in self.slices() {
+            let beyond = ends.map(|[place, rest]| plane.beyond(place, rest));
+            take(beyond, SurfaceHit::Slice(opacity));
+        }
+        for iso in &self.isosurfaces {
+            take(s.map(|s| s - iso.value), SurfaceHit::Iso(*iso));
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found
+    }
+}
+
+/// The light of a float64 picture: at a point of a tet, as [`ReferenceRaycaster::composite_lit`] asks for
+/// it, of the volume and of surfaces.
+pub struct Lighting<'a> {
+    /// The factor on colours of the volume, and what is added in proportion to opacity.
+    pub volume: &'a dyn Fn(u32, DVec3, DVec3) -> [f64; 2],
+    /// The same of a surface that the gradient stands on.
+    pub surface: &'a dyn Fn(u32, DVec3, DVec3) -> [f64; 2],
+}
+
+impl ReferenceRaycaster {
+    /// Emission and absorption along `ray` with planes and isosurfaces: premultiplied colour and
+    /// opacity. `transfer` tells the transfer function of a tet, none where nothing of it is shown;
+    /// `rest`, of a tet and weights of its corners, where that place is at rest.
+    pub fn composite_sections<'a>(
+        &self,
+        ray: Ray,
+        transfer: &dyn Fn(u32) -> Option<&'a ResolvedTransfer>,
+        inside: &Sections,
+        rest: &dyn Fn(u32, [f64; 4]) -> DVec3,
+        light: Option<&Lighting>,
+    ) -> [f64; 4] {
+        let way = ray.direction.normalize_or_zero();
+        let place = |t: f64| ray.origin + ray.direction * t;
+        let mut sum = [0.0; 4];
+        let mut add = |colour: [f64; 3], alpha: f64| {
+            let clear = 1.0 - sum[3];
+            for k in 0..3 {
+                sum[k] += clear * colour[k].min(alpha);
+            }
+            sum[3] += clear * alpha;
+        };
+        for Segment { t, s, tet } in self.segments(ray) {
+            let Some(transfer) = transfer(tet) else {
+                continue;
+            };
+            let ends = t.map(|t| {
+                let p = place(t);
+                [p, rest(tet, self.barycentric_weights(tet, p))]
+            });
+            let Some(range) = inside.kept(ends) else {
+                continue;
+            };
+            let at = |u: f64, pair: [f64; 2]| pair[0] + u * (pair[1] - pair[0]);
+            let volume = |from: f64, to: f64, add: &mut dyn FnMut([f64; 3], f64)| {
+                if !inside.draw_volume || to <= from {
+                    return;
+                }
+                let length = at(to, t) - at(from, t);
+                let [r, g, b, a] = segment_integral(transfer, at(from, s), at(to, s), length);
+                let middle = place(at(0.5 * (from + to), t));
+                let [factor, shine] = light.map_or([1.0, 0.0], |l| (l.volume)(tet, middle, way));
+                add([r, g, b].map(|c| factor * c + shine * a), a);
+            };
+            let mut from = range[0];
+            for (u, surface) in inside.met(s, ends, range) {
+                volume(from, u, &mut add);
+                from = u;
+                let (colour, opacity) = match surface {
+                    SurfaceHit::Slice(opacity) => (transfer.colour(at(u, s)), opacity),
+                    SurfaceHit::Iso(iso) => {
+                        let own = iso.colour.unwrap_or_else(|| transfer.colour(iso.value));
+                        let [factor, shine] =
+                            light.map_or([1.0, 0.0], |l| (l.surface)(tet, place(at(u, t)), way));
+                        (own.map(|c| (factor * c + shine).min(1.0)), iso.opacity)
+                    }
+                };
+                add(colour.map(|c| c * opacity), opacity);
+            }
+            volume(from, range[1], &mut add);
+        }
+        sum
+    }
+}
+
+/// The colours of a row of the table over its range of scalars, as `lib/inside.wgsl` reads them; in
+/// w extinction.
+pub(super) fn colours(row: &TableRow) -> Vec<[f64; 4]> {
+    let TableRow {
+        transfer,
+        range: (low, high),
+        ..
+    } = row;
+    let colour = |k: usize| {
+        let share = k as f64 / (COLOURS - 1) as f64;
+        let s = low + share * (high - low);
+        let [r, g, b] = transfer.colour(s);
+        [r, g, b, transfer.extinction(s)]
+    };
+    (0..COLOURS).map(colour).collect()
+}

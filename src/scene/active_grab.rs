@@ -1,0 +1,82 @@
+//! A scene's grabs, as time goes on.
+
+use super::GrabEntry;
+use super::trajectory::{check, position_at, second_difference};
+use crate::physics::{GrabId, GrabMode, Simulator};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// A grab of a scene: waiting, holding, or done.
+#[derive(Debug)]
+pub(super) struct ActiveGrab {
+    entry: GrabEntry,
+    pub(super) grab: Option<GrabId>,
+    pub(super) done: bool,
+}
+
+impl ActiveGrab {
+    pub fn new(entry: &GrabEntry) -> Result<ActiveGrab> {
+        check(&entry.path, 1, "grab")?;
+        if entry.limit.is_some() && entry.spring.is_none() {
+            return Err(Error::Input(
+                "a grab has a `limit` of force without a `spring`; nodes that follow exactly have none".into(),
+            ));
+        }
+        Ok(ActiveGrab {
+            entry: entry.clone(),
+            grab: None,
+            done: false,
+        })
+    }
+
+    /// Its name, where it has one.
+    pub fn name(&self) -> Option<&str> {
+        self.entry.name.as_deref()
+    }
+
+    /// The acceleration of its target over the step of length `dt` that ended at `time`, file units
+    /// a second².
+    pub fn acceleration(&self, time: f64, dt: f64) -> DVec3 {
+        second_difference(|time| position_at(&self.entry.path, time), time, dt)
+    }
+
+    /// Lets go of what it holds.
+    pub fn release(&mut self, body: &mut dyn Simulator) -> Result<()> {
+        if let Some(grab) = self.grab.take() {
+            body.release(grab)?;
+        }
+        Ok(())
+    }
+
+    /// Takes hold, moves or lets go, as the path has it at `time`.
+    pub fn update(&mut self, body: &mut dyn Simulator, time: f64) -> Result<()> {
+        let begins = self.entry.path[0][0];
+        if self.done || time < begins {
+            return Ok(());
+        }
+        if self.entry.release.is_some_and(|release| time >= release) {
+            self.done = true;
+            if let Some(grab) = self.grab.take() {
+                body.release(grab)?;
+            }
+            return Ok(());
+        }
+        let at = DVec3::from(self.entry.at);
+        let grab = match self.grab {
+            Some(grab) => grab,
+            None => {
+                let grip = match self.entry.spring {
+                    None => GrabMode::Follow,
+                    Some(stiffness) => GrabMode::Spring {
+                        stiffness,
+                        limit: self.entry.limit.unwrap_or(f64::INFINITY),
+                    },
+                };
+                let grab = body.grab(at, self.entry.radius, grip)?;
+                self.grab = Some(grab);
+                grab
+            }
+        };
+        body.set_target(grab, at + position_at(&self.entry.path, time))
+    }
+}

@@ -1,0 +1,110 @@
+//! What a scene shows of a body, ready to be drawn.
+
+use super::annotations::AnnotationContext;
+use super::computed_field::{self, ComputedField};
+use super::picture::{DEFAULT_SIZE, DisplayMode};
+use super::scan::SceneScans;
+use super::skin::carrier;
+use super::stage::NodeSource;
+use super::tool_skin::ToolSkin;
+use super::xray::RadiographFilm;
+use super::{ScalarField, Scene};
+use crate::Result;
+use crate::gpu::Gpu;
+use crate::render::{Background, BitDepth, Camera, Raycaster, Surface};
+use crate::skin::{Compositor, Skin};
+
+/// The part of a [`Stage`](super::Stage) that goes by how its body looks, not by how it moves.
+pub(super) struct SceneAppearance {
+    pub surroundings: AnnotationContext,
+    pub film: RadiographFilm,
+    pub samples: u32,
+    pub camera: Camera,
+    pub size: [u32; 2],
+    pub mode: DisplayMode,
+    pub background: Background,
+    pub bits: BitDepth,
+    pub composer: Compositor,
+    pub skins: Vec<Skin>,
+    pub tools: Vec<ToolSkin>,
+    pub scalars: ScalarField,
+    pub shown: Option<ComputedField>,
+    pub raycaster: Raycaster,
+    pub surface: Surface,
+    /// What was assumed, in words.
+    pub notes: Vec<String>,
+}
+
+impl SceneAppearance {
+    /// Those that `scene` gives the body that `drive` moves, where it is.
+    pub fn new(gpu: &Gpu, scene: &Scene, drive: &mut NodeSource) -> Result<SceneAppearance> {
+        let (mesh, topology) = (drive.mesh(), drive.topology());
+        let mut notes = Vec::new();
+        computed_field::check_output_fields(scene, drive)?;
+        let (scans, shown, scalars) = match scene.scans(mesh)? {
+            Some(SceneScans {
+                scans,
+                seen,
+                notes: said,
+            }) => {
+                notes.extend(said);
+                (scans, None, seen)
+            }
+            None => match ComputedField::new(scene, drive)? {
+                Some((shown, scalars)) => (Vec::new(), Some(shown), scalars),
+                None => (Vec::new(), None, scene.scalar_field(mesh, topology)?),
+            },
+        };
+        notes.extend(scalars.note.clone());
+        let nodes = drive.nodes();
+        let seen = (&scalars, scans.as_slice());
+        let painters = scene.build_renderers(gpu, mesh, topology, seen, nodes, &mut notes)?;
+        let (raycaster, surface) = painters;
+        let size = scene.picture.size.unwrap_or(DEFAULT_SIZE);
+        let reach = match &*drive {
+            NodeSource::Simulated(motion) => motion.motion_envelope.as_ref(),
+            NodeSource::Posed(_) => None,
+        };
+        let points = reach.unwrap_or(&mesh.nodes);
+        let (surroundings, said) = AnnotationContext::new(scene, (mesh, topology), &scalars)?;
+        notes.extend(said);
+        let camera = scene.camera(mesh, points, size)?;
+        let tools = match &*drive {
+            NodeSource::Simulated(motion) => {
+                ToolSkin::build_all(gpu, scene, (mesh, drive.nodes().frame()), motion)?
+            }
+            NodeSource::Posed(_) => Vec::new(),
+        };
+        let mut skins = Vec::new();
+        if !(scene.skin.is_empty() && scene.carried.is_empty()) {
+            let carrier = carrier(gpu, drive)?;
+            for entry in scene.skin.iter().filter(|skin| !skin.hidden) {
+                let (mut skin, said) = entry.attach(gpu, &carrier)?;
+                skin.set_sections(raycaster.inside())?;
+                skins.push(skin);
+                notes.extend(said);
+            }
+            for entry in scene.carried.iter().filter(|tool| !tool.hidden) {
+                skins.push(entry.dynamic_tool_skin(gpu, &carrier)?);
+            }
+        }
+        Ok(SceneAppearance {
+            surroundings,
+            film: RadiographFilm::new(&scene.xray)?,
+            samples: scene.samples_each_way()?,
+            camera,
+            size,
+            mode: scene.display_mode()?,
+            background: scene.background()?,
+            bits: scene.bits()?,
+            composer: Compositor::new(gpu, scene.compose_options()?)?,
+            skins,
+            tools,
+            scalars,
+            shown,
+            raycaster,
+            surface,
+            notes,
+        })
+    }
+}

@@ -1,0 +1,345 @@
+//! Pressures, moves and muscles of a scene, as time goes on.
+
+use super::region::{self, LabelOrName};
+use super::tool::ToolTrajectory;
+use super::trajectory::{RigidTrajectory, second_difference, value_at};
+use super::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene, TimeSeries};
+use crate::mesh::{BoundaryFace, Location, TetMesh, Topology};
+use crate::physics::{AmplitudeId, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// The cosine between a face's normal and the direction that it faces, at least.
+const MIN_FACING_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
+/// What of a scene acts on its body as time goes on.
+#[derive(Clone, Debug, Default)]
+pub(super) struct TimeDependentLoads {
+    pub movers: Vec<ScheduledMotion>,
+    pub tools: Vec<ToolTrajectory>,
+    levels: Vec<(AmplitudeId, TimeSeries)>,
+}
+
+/// Nodes that move along a path.
+#[derive(Clone, Debug)]
+pub(super) struct ScheduledMotion {
+    /// In files of reactions.
+    pub name: String,
+    pub nodes: Vec<u32>,
+    id: PrescribedMotionId,
+    rest: Vec<DVec3>,
+    way: RigidTrajectory,
+    about: DVec3,
+}
+
+impl TimeDependentLoads {
+    /// Puts what `scene` has of them on its body, and notes what a user should know of them.
+    pub fn new(
+        scene: &Scene,
+        body: &mut dyn Simulator,
+        notes: &mut Vec<String>,
+    ) -> Result<TimeDependentLoads> {
+        let mut actors = TimeDependentLoads::default();
+        for (i, entry) in scene.tool.iter().enumerate() {
+            let (guided, note) = entry.add_to(i, body)?;
+            actors.tools.push(guided);
+            notes.extend(note);
+        }
+        for (i, entry) in scene.moves.iter().enumerate() {
+            actors.movers.push(entry.mover(i, body)?);
+        }
+        for entry in &scene.pressure {
+            let acting = entry.acting(body)?;
+            entry.pascal.check("pressure")?;
+            actors
+                .levels
+                .push((body.add_scaled_load(acting)?, entry.pascal.clone()));
+        }
+        for entry in &scene.muscle {
+            let acting = entry.acting(body.mesh())?;
+            entry.activation.check("activation")?;
+            let id = body.add_scaled_load(acting)?;
+            actors.levels.push((id, entry.activation.clone()));
+        }
+        // All of its levels, so that one that makes no sense is known before the first step.
+        for (id, course) in &actors.levels {
+            let keys: Vec<f64> = match course {
+                TimeSeries::Steady(value) => vec![*value],
+                TimeSeries::Keys(keys) => keys.iter().map(|key| key[1]).collect(),
+            };
+            keys.iter()
+                .try_for_each(|value| body.set_amplitude(*id, *value))?;
+        }
+        actors.apply(body, 0.0, 0.0)?;
+        Ok(actors)
+    }
+
+    /// Whether anything changes as time goes on.
+    pub fn is_time_dependent(&self) -> bool {
+        let keyed = |(_, course): &(AmplitudeId, TimeSeries)| matches!(course, TimeSeries::Keys(_));
+        let tools = self.tools.iter().any(ToolTrajectory::moves);
+        tools || !self.movers.is_empty() || self.levels.iter().any(keyed)
+    }
+
+    /// Puts tools where they are at first.
+    pub fn restart(&self, body: &mut dyn Simulator) -> Result<()> {
+        let mut tools = self.tools.iter();
+        tools.try_for_each(|tool| body.loads_mut().teleport_tool(tool.id, tool.pose(0.0)))
+    }
+
+    /// Sets all for the step of `dt` seconds, or for none, that begins at `time`.
+    pub fn apply(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
+        for mover in &self.movers {
+            let now = mover.positions_at(time);
+            let velocities: Vec<DVec3> = match dt > 0.0 {
+                false => vec![DVec3::ZERO; now.len()],
+                true => {
+                    let then = mover.positions_at(time + dt);
+                    then.iter().zip(&now).map(|(b, a)| (*b - *a) / dt).collect()
+                }
+            };
+            body.loads_mut()
+                .set_prescribed_motion(mover.id, &now, &velocities)?;
+        }
+        // Others are where who leads them by hand has them.
+        for tool in self.tools.iter().filter(|tool| tool.moves()) {
+            body.loads_mut()
+                .set_tool_target(tool.id, tool.pose(time + dt))?;
+        }
+        // Where in the step its forces are taken.
+        let kind = body.integrator();
+        let at = match kind {
+            SolverKind::Midpoint => time + 0.5 * dt,
+            kind if kind.is_implicit() => time + dt,
+            _ => time,
+        };
+        for (id, course) in &self.levels {
+            body.set_amplitude(*id, course.at(at))?;
+        }
+        Ok(())
+    }
+}
+
+impl TimeSeries {
+    pub(super) fn check(&self, what: &str) -> Result<()> {
+        let TimeSeries::Keys(keys) = self else {
+            return Ok(());
+        };
+        let ordered = keys.windows(2).all(|w| w[0][0] < w[1][0]);
+        match !keys.is_empty() && ordered && keys.iter().flatten().all(|x| x.is_finite()) {
+            true => Ok(()),
+            false => Err(Error::Input(format!(
+                "the course of a {what} should be a number, or a list of at least one [time, {what}], the times increasing"
+            ))),
+        }
+    }
+
+    fn at(&self, time: f64) -> f64 {
+        match self {
+            TimeSeries::Steady(value) => *value,
+            TimeSeries::Keys(keys) => value_at(keys, time),
+        }
+    }
+}
+
+impl PressureEntry {
+    fn acting(&self, body: &dyn Simulator) -> Result<ScaledLoad> {
+        let (mesh, topology) = (body.mesh(), body.topology());
+        let mut inside = vec![self.on.is_none(); mesh.nodes.len()];
+        if let Some(on) = &self.on {
+            on.nodes(mesh)?
+                .iter()
+                .for_each(|v| inside[*v as usize] = true);
+        }
+        let facing = self.facing.map(DVec3::from);
+        if let Some(way) = facing.filter(|way| !(way.is_finite() && way.length() > 0.0)) {
+            return Err(Error::Input(format!(
+                "a [[pressure]] on what is facing {way} makes no sense; give a direction"
+            )));
+        }
+        let wanted = |face: [u32; 3]| {
+            let [a, b, c] = face.map(|v| mesh.nodes[v as usize]);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            face.iter().all(|v| inside[*v as usize])
+                && facing.is_none_or(|way| normal.dot(way.normalize()) >= MIN_FACING_COSINE)
+        };
+        let mut faces = match &self.between {
+            Some(between) => faces_between(mesh, topology, between)?,
+            None => topology.boundary.clone(),
+        };
+        faces.retain(|b| wanted(topology.boundary_nodes(mesh, *b)));
+        if faces.is_empty() {
+            let facing = facing.map_or(String::new(), |way| format!(" that faces {way}"));
+            return Err(Error::Input(format!(
+                "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; choose more with `on` or `facing`",
+                self.between
+                    .as_ref()
+                    .map_or("of the boundary", |_| "where the two regions meet"),
+                self.on
+                    .as_ref()
+                    .map_or("there".into(), |on| format!("in {on}"))
+            )));
+        }
+        Ok(ScaledLoad::Pressure(faces))
+    }
+}
+
+/// The faces of the second region's tets that the first lies behind.
+fn faces_between(
+    mesh: &TetMesh,
+    topology: &Topology,
+    between: &[LabelOrName; 2],
+) -> Result<Vec<BoundaryFace>> {
+    let labels = region::labels(mesh)?;
+    let [pressing, pressed] = [between[0].label(mesh)?, between[1].label(mesh)?].map(|l| l as f64);
+    let mut faces = Vec::new();
+    for (t, neighbours) in topology.neighbours.iter().enumerate() {
+        for (f, beyond) in neighbours.iter().enumerate() {
+            // Of a face of the boundary there is none.
+            let behind = labels.get(*beyond as usize / 4);
+            if labels[t] == pressed && behind == Some(&pressing) {
+                faces.push(BoundaryFace {
+                    tet: t as u32,
+                    face: f as u32,
+                });
+            }
+        }
+    }
+    Ok(faces)
+}
+
+impl MoveEntry {
+    fn mover(&self, number: usize, body: &mut dyn Simulator) -> Result<ScheduledMotion> {
+        let nodes = self.on.nodes(body.mesh())?;
+        let way = RigidTrajectory::new(
+            "move",
+            (self.path.as_deref(), self.file.as_deref()),
+            (self.turn.as_deref(), self.axis),
+        )?;
+        let mesh = &body.mesh().nodes;
+        let rest: Vec<DVec3> = nodes.iter().map(|v| mesh[*v as usize]).collect();
+        let middle = rest.iter().sum::<DVec3>() / rest.len() as f64;
+        let id = body.add_prescribed_motion(&nodes)?;
+        let name = self.name.clone();
+        Ok(ScheduledMotion {
+            name: name.unwrap_or_else(|| format!("move{}", number + 1)),
+            nodes,
+            id,
+            rest,
+            way,
+            about: self.about.map_or(middle, DVec3::from),
+        })
+    }
+}
+
+impl ScheduledMotion {
+    /// Where its nodes are at `time`.
+    pub fn positions_at(&self, time: f64) -> Vec<DVec3> {
+        self.rest
+            .iter()
+            .map(|rest| self.place(*rest, time))
+            .collect()
+    }
+
+    fn place(&self, rest: DVec3, time: f64) -> DVec3 {
+        let (turned, moved) = self.way.at(time);
+        self.about + turned * (rest - self.about) + moved
+    }
+
+    /// Each node, and its acceleration over the step of length `dt` that ended at `time`, file
+    /// units a second².
+    pub fn accelerations(&self, time: f64, dt: f64) -> impl Iterator<Item = (u32, DVec3)> {
+        let nodes = self.nodes.iter().zip(&self.rest);
+        nodes.map(move |(v, rest)| (*v, second_difference(|t| self.place(*rest, t), time, dt)))
+    }
+
+    /// Follows a cut: doubles move as the nodes they come from.
+    pub fn apply_cut(&mut self, doubled: &[[u32; 2]]) {
+        for [new, old] in doubled {
+            if let Some(k) = self.nodes.iter().position(|v| v == old) {
+                self.nodes.push(*new);
+                self.rest.push(self.rest[k]);
+            }
+        }
+    }
+}
+
+impl MuscleEntry {
+    fn acting(&self, mesh: &TetMesh) -> Result<ScaledLoad> {
+        let tets = self.tets(mesh)?;
+        let of_field = |name: &str| -> Result<Vec<DVec3>> {
+            let field = mesh
+                .field(name, Location::Cell)
+                .filter(|f| f.components == 3);
+            let field = field.ok_or_else(|| {
+                Error::Input(format!(
+                    "a [[muscle]] has fibre = \"{name}\", and the mesh has no field of the tets of that name with three components"
+                ))
+            })?;
+            let vector = |t: &usize| DVec3::from_slice(&field.values[3 * t..3 * t + 3]);
+            Ok(tets.iter().map(vector).collect())
+        };
+        let ways = match &self.fibre {
+            Some(FibreEntry::Along(way)) => vec![DVec3::from(*way); tets.len()],
+            Some(FibreEntry::Field(name)) => of_field(name)?,
+            None => vec![longest(mesh, &tets); tets.len()],
+        };
+        let fibres = tets.iter().zip(&ways).map(|(t, way)| {
+            let unit = way.normalize_or_zero();
+            match unit == DVec3::ZERO {
+                true => Err(Error::Input(format!(
+                    "the fibre of tet {t} of a [[muscle]] is {way}, which is no direction"
+                ))),
+                false => Ok((*t as u32, unit)),
+            }
+        });
+        Ok(ScaledLoad::Muscle(Muscle {
+            fibres: fibres.collect::<Result<_>>()?,
+            tension: self.tension,
+        }))
+    }
+
+    /// The tets of its region.
+    fn tets(&self, mesh: &TetMesh) -> Result<Vec<usize>> {
+        let Some(region) = &self.region else {
+            return Ok((0..mesh.tets.len()).collect());
+        };
+        let label = region.label(mesh)? as f64;
+        let field = mesh.field("label", Location::Cell).or(mesh.region_field());
+        let field = field.ok_or_else(|| {
+            Error::Input(
+                "a [[muscle]] of a region needs a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
+            )
+        })?;
+        let tets: Vec<usize> = (0..mesh.tets.len())
+            .filter(|t| field.values[*t] == label)
+            .collect();
+        match tets.is_empty() {
+            false => Ok(tets),
+            true => Err(Error::Input(format!(
+                "a [[muscle]] has no tet: none of the mesh has the label {label}"
+            ))),
+        }
+    }
+}
+
+/// The way in which some tets spread the most, by volume: the first axis of the ellipsoid that
+/// their middles make.
+fn longest(mesh: &TetMesh, tets: &[usize]) -> DVec3 {
+    let middle = |t: usize| 0.25 * mesh.tet_nodes(t).iter().sum::<DVec3>();
+    let volume: f64 = tets.iter().map(|t| mesh.tet_volume(*t)).sum();
+    let sum = tets.iter().map(|t| mesh.tet_volume(*t) * middle(*t));
+    let centre = sum.sum::<DVec3>() / volume;
+    let mut spread = [[0.0; 3]; 3];
+    for t in tets {
+        let off = (middle(*t) - centre).to_array();
+        for (i, row) in spread.iter_mut().enumerate() {
+            for (j, entry) in row.iter_mut().enumerate() {
+                *entry += mesh.tet_volume(*t) * off[i] * off[j];
+            }
+        }
+    }
+    let (values, axes) = crate::physics::eigen(spread);
+    let most = (0..3).max_by(|a, b| values[*a].total_cmp(&values[*b]));
+    DVec3::from(axes[most.unwrap_or(0)])
+}

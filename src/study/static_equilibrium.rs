@@ -1,0 +1,162 @@
+//! Where bodies come to rest, in float64, by the engine on the CPU: what is wrong of a body there
+//! is the error of its model.
+
+use super::reference_motion::converged;
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::physics::{
+    CpuTets, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
+    VolumetricFormulation,
+};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Length of a step, s: so long that hardly any inertia is left.
+const STEP: f64 = 100.0;
+
+/// Steps after which a body that still moves is given up.
+const MOST_STEPS: u32 = 100;
+
+/// What the models of matter are told apart by in tables: names, and the materials of Young's
+/// modulus `young` (Pa).
+pub fn materials(young: f64) -> Vec<(String, Material)> {
+    let springs = ("springs".to_owned(), Material::from_young(young));
+    let elements = [
+        (
+            MaterialModel::NeoHookean,
+            0.25,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::Corotated,
+            0.25,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::NeoHookean,
+            0.45,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::NeoHookean,
+            0.49,
+            VolumetricFormulation::PerTet,
+        ),
+        (
+            MaterialModel::NeoHookean,
+            0.49,
+            VolumetricFormulation::NodalAveraged,
+        ),
+    ];
+    let elements = elements.map(|(model, poisson, volume)| {
+        let averaged = match volume {
+            VolumetricFormulation::PerTet => "",
+            VolumetricFormulation::NodalAveraged => ", averaged",
+        };
+        let material = Material {
+            model,
+            poisson,
+            volume,
+            ..Material::from_young(young)
+        };
+        (format!("{} {poisson}{averaged}", model.name()), material)
+    });
+    std::iter::once(springs).chain(elements).collect()
+}
+
+/// Poisson's ratio of what `material` makes: springs have ¼.
+pub fn poisson(material: &Material) -> f64 {
+    match material.model {
+        MaterialModel::Springs => 0.25,
+        _ => material.poisson,
+    }
+}
+
+/// `mesh` made of `material`, at rest where it starts from `start` (as the mesh's nodes), the nodes
+/// `held` kept there, under `gravity` (m/s²).
+///
+/// # Errors
+/// What the engine refuses; [`Error::Input`] where the body does not come to rest.
+pub fn at_rest(
+    gpu: &Gpu,
+    mesh: &TetMesh,
+    material: &Material,
+    (start, held): (&[DVec3], &[u32]),
+    gravity: DVec3,
+) -> Result<CpuTets> {
+    let network = DiscreteModel::new(mesh, material)?;
+    let how = converged(SolverKind::Implicit);
+    let own = (mesh.clone(), network);
+    let mut body = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
+    body.set_positions(start)?;
+    body.pin_nodes(held)?;
+    body.loads_mut().set_gravity(gravity);
+    let mut before = start.to_vec();
+    for _ in 0..MOST_STEPS {
+        body.run(1, STEP)?;
+        let now = body.positions()?;
+        let way = |(a, b): (&DVec3, &DVec3)| a.distance(*b);
+        let moved = now.iter().zip(&before).map(way).fold(0.0, f64::max);
+        let sunk = now.iter().zip(&mesh.nodes).map(way).fold(0.0, f64::max);
+        if moved <= 1e-7 * sunk {
+            return Ok(body);
+        }
+        before = now;
+    }
+    Err(Error::Input(format!(
+        "a body of {} tets does not come to rest in {MOST_STEPS} steps; its nodes still move",
+        mesh.tets.len()
+    )))
+}
+
+/// A bar of square section held at one end, bending under its own weight.
+#[derive(Clone, Copy, Debug)]
+pub struct Cantilever {
+    /// Length, m.
+    pub length: f64,
+    /// Side of the section, m.
+    pub width: f64,
+    /// Young's modulus, Pa.
+    pub young: f64,
+    /// Mass per volume, kg/m³.
+    pub density: f64,
+    /// m/s².
+    pub gravity: f64,
+}
+
+/// Of gravity, what the bar is bent by: so little that ways are in proportion to loads.
+const GRAVITY_SCALE: f64 = 1e-4;
+
+impl Cantilever {
+    /// How far its free end sinks, m, at Poisson's ratio `poisson`: Timoshenko's beam, w L⁴/8EI +
+    /// w L²/2kGA with Cowper's k = 10 (1 + ν)/(12 + 11 ν) of a rectangle.
+    pub fn analytic_tip(&self, poisson: f64) -> f64 {
+        let area = self.width * self.width;
+        let inertia = area * area / 12.0;
+        let load = self.density * self.gravity * area;
+        let shear = self.young / (2.0 * (1.0 + poisson));
+        let cowper = 10.0 * (1.0 + poisson) / (12.0 + 11.0 * poisson);
+        load * self.length.powi(4) / (8.0 * self.young * inertia)
+            + load * self.length.powi(2) / (2.0 * cowper * shear * area)
+    }
+
+    /// The same of a body: `mesh` of the bar, along x from 0, made of `material`; all ways in
+    /// proportion to the load.
+    ///
+    /// # Errors
+    /// As [`at_rest`].
+    pub fn measured_tip(&self, gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<f64> {
+        let slack = 1e-9 * self.length;
+        let nodes = (0u32..).zip(&mesh.nodes);
+        let held: Vec<u32> = nodes.filter(|n| n.1.x < slack).map(|n| n.0).collect();
+        let gravity = GRAVITY_SCALE * self.gravity * DVec3::NEG_Z;
+        let body = at_rest(gpu, mesh, material, (&mesh.nodes, &held), gravity)?;
+        let now = body.positions()?;
+        let end = mesh.nodes.iter().zip(&now);
+        let ways: Vec<f64> = end
+            .filter(|(rest, _)| rest.x > self.length - slack)
+            .map(|(rest, x)| (rest.z - x.z) / GRAVITY_SCALE)
+            .collect();
+        Ok(ways.iter().sum::<f64>() / ways.len().max(1) as f64)
+    }
+}

@@ -1,0 +1,344 @@
+//! Holds the tables of rooms in ARCHITECTURE.md to the imports in `src/`: a room uses the rooms
+//! above it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+/// Upward imports that exist: room, room that it uses, reason.
+const EXCEPTIONS: &[(&str, &str, &str)] = &[
+    (
+        "mesh",
+        "mesher",
+        "generators fill their solids with the mesher",
+    ),
+    ("mesh", "volume", "the foot is sampled as a volume"),
+    ("mesher", "io", "recipes read files, TetGen's among them"),
+    ("grid", "gpu/grid", "public paths of GPU grid bodies"),
+    (
+        "simulator",
+        "bodies",
+        "the state of any engine is one enum; several bodies are asked for",
+    ),
+    (
+        "simulator",
+        "cpu/body",
+        "the state of any engine is one enum",
+    ),
+    (
+        "simulator",
+        "cpu/grid",
+        "the state of any engine is one enum",
+    ),
+    ("simulator", "gpu", "the state of any engine is one enum"),
+    (
+        "simulator",
+        "gpu/grid",
+        "the state of any engine is one enum",
+    ),
+    (
+        "cpu",
+        "cpu/contact",
+        "the trait of terms names the terms that Newton asks for",
+    ),
+    (
+        "cpu",
+        "cpu/rigid",
+        "the trait of terms names the terms that Newton asks for",
+    ),
+    (
+        "cpu/linear",
+        "cpu/rigid",
+        "the projection is made from the poses of rigid bodies",
+    ),
+    (
+        "cpu/runtime",
+        "cpu/body",
+        "the trait of what is stepped makes bodies",
+    ),
+    (
+        "cpu/runtime",
+        "cpu/grid",
+        "the trait of what is stepped makes bodies",
+    ),
+];
+
+/// The rooms of the table whose header starts with this cell, from the top down. A row may name
+/// several files.
+fn rooms(text: &str, header: &str) -> Vec<String> {
+    let rows = text.lines().skip_while(|l| !l.starts_with(header)).skip(2);
+    let cells = rows
+        .take_while(|l| l.starts_with('|'))
+        .filter_map(|l| l.split('|').nth(1));
+    let names = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2));
+    names
+        .map(|n| n.trim_end_matches('/').trim_end_matches(".rs").to_owned())
+        .collect()
+}
+
+/// The source without comments, strings and tests; lines keep their numbers.
+fn code(source: &str) -> String {
+    let (mut out, mut skip) = (String::new(), false);
+    for line in source.lines() {
+        if line == "#[cfg(test)]" {
+            skip = true;
+        } else if skip {
+            // An inline module ends the file; anything else is one item.
+            if line.starts_with("mod ") && line.ends_with('{') {
+                break;
+            }
+            skip = !(line.ends_with(';') || line == "}");
+        } else {
+            let line = line.split("//").next().unwrap_or("");
+            let mut parts = line.split('"');
+            out.push_str(parts.next().unwrap_or(""));
+            parts.skip(1).step_by(2).for_each(|p| out.push_str(p));
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// The paths of a tree of imports, and how far it goes.
+fn paths(text: &str, prefix: &[String], found: &mut Vec<Vec<String>>) -> usize {
+    let bytes = text.as_bytes();
+    let (mut at, mut path) = (0, prefix.to_vec());
+    loop {
+        while bytes.get(at).is_some_and(u8::is_ascii_whitespace) {
+            at += 1;
+        }
+        if bytes.get(at) == Some(&b'{') {
+            at += 1;
+            loop {
+                at += paths(&text[at..], &path, found);
+                while bytes.get(at).is_some_and(|b| b.is_ascii_whitespace()) {
+                    at += 1;
+                }
+                match bytes.get(at) {
+                    Some(b',') => at += 1,
+                    Some(b'}') => return at + 1,
+                    _ => return at,
+                }
+            }
+        }
+        let start = at;
+        while bytes
+            .get(at)
+            .is_some_and(|b| b.is_ascii_alphanumeric() || *b == b'_')
+        {
+            at += 1;
+        }
+        if start == at {
+            break;
+        }
+        path.push(text[start..at].to_owned());
+        if !text[at..].starts_with("::") {
+            break;
+        }
+        at += 2;
+    }
+    if path.len() > prefix.len() {
+        if path.last().is_some_and(|l| l == "self") {
+            path.pop();
+        }
+        found.push(path);
+    }
+    at
+}
+
+#[derive(Default)]
+struct Sources {
+    /// The code of every module, by its path from the root, and its file.
+    modules: BTreeMap<Vec<String>, (String, String)>,
+    /// What names that modules import stand for.
+    names: BTreeMap<(Vec<String>, String), Vec<String>>,
+}
+
+impl Sources {
+    fn add(&mut self, file: &str, source: &str) {
+        let path = file.trim_end_matches(".rs").trim_end_matches("/mod");
+        let module: Vec<String> = match path {
+            "lib" => Vec::new(),
+            path => path.split('/').map(str::to_owned).collect(),
+        };
+        self.modules.insert(module, (file.to_owned(), code(source)));
+    }
+
+    /// A path as written in `module`, from the root.
+    fn absolute(&self, module: &[String], path: &[String]) -> Option<Vec<String>> {
+        let supers = path.iter().take_while(|s| *s == "super").count();
+        let start = match path.first()?.as_str() {
+            "crate" => Vec::new(),
+            "super" => module[..module.len().checked_sub(supers)?].to_vec(),
+            "self" => module.to_vec(),
+            first => {
+                let mut child = module.to_vec();
+                child.push(first.to_owned());
+                if !self.modules.contains_key(&child) {
+                    return None;
+                }
+                module.to_vec()
+            }
+        };
+        let rest = path.iter().skip_while(|s| *s == "super");
+        let rest = rest.filter(|s| *s != "crate" && *s != "self");
+        Some(start.into_iter().chain(rest.cloned()).collect())
+    }
+
+    fn read_imports(&mut self) {
+        for (module, (_, text)) in &self.modules {
+            for (at, _) in text.match_indices("use ") {
+                let mut found = Vec::new();
+                paths(&text[at + 4..], &[], &mut found);
+                for path in found {
+                    let Some(full) = self.absolute(module, &path) else {
+                        continue;
+                    };
+                    if let Some(name) = full.last() {
+                        let key = (module.clone(), name.clone());
+                        self.names.insert(key, full.clone());
+                    }
+                }
+            }
+        }
+    }
+
+    /// The module in which what this path names is defined.
+    fn home(&self, path: &[String], depth: usize) -> Vec<String> {
+        let mut module = Vec::new();
+        for (k, name) in path.iter().enumerate() {
+            let mut child = module.clone();
+            child.push(name.clone());
+            if self.modules.contains_key(&child) {
+                module = child;
+                continue;
+            }
+            if let Some(target) = self.names.get(&(module.clone(), name.clone())) {
+                if depth < 8 && target[..] != path[..=k] {
+                    let mut target = target.clone();
+                    target.extend_from_slice(&path[k + 1..]);
+                    return self.home(&target, depth + 1);
+                }
+            }
+            break;
+        }
+        module
+    }
+
+    /// Every import, as file, line, module and the module where what it names is defined.
+    fn imports(&self) -> Vec<(String, usize, Vec<String>, Vec<String>)> {
+        let mut all = Vec::new();
+        for (module, (file, text)) in &self.modules {
+            if file.ends_with("tests.rs") {
+                continue;
+            }
+            for root in ["crate::", "super::"] {
+                for (at, _) in text.match_indices(root) {
+                    let before = text[..at].chars().next_back();
+                    if before.is_some_and(|c| c.is_alphanumeric() || "_:$".contains(c)) {
+                        continue;
+                    }
+                    // The place at which a path may be seen is none that it uses.
+                    if text[..at].ends_with("pub(in ") {
+                        continue;
+                    }
+                    let line = text[..at].matches('\n').count() + 1;
+                    let mut found = Vec::new();
+                    paths(&text[at..], &[], &mut found);
+                    for path in found {
+                        if let Some(path) = self.absolute(module, &path) {
+                            all.push((file.clone(), line, module.clone(), self.home(&path, 0)));
+                        }
+                    }
+                }
+            }
+        }
+        all
+    }
+}
+
+/// The innermost of `rooms` that a module below `prefix` is in, by its number.
+fn room(rooms: &[String], prefix: &[&str], module: &[String]) -> Option<usize> {
+    let rest = module.strip_prefix(&prefix.iter().map(|p| (*p).to_owned()).collect::<Vec<_>>()[..]);
+    let rest = rest?.join("/");
+    let inside = |r: &&String| rest == **r || rest.starts_with(&format!("{r}/"));
+    let best = rooms.iter().filter(inside).max_by_key(|r| r.len());
+    match best {
+        Some(best) => rooms.iter().position(|r| r == best),
+        None => rooms.iter().position(|r| r == "mod"),
+    }
+}
+
+/// Every upward import: the rooms, and where it is.
+fn upward(sources: &Sources, rooms: &[String], prefix: &[&str]) -> Vec<(String, String, String)> {
+    let mut found = BTreeSet::new();
+    for (file, line, from, to) in sources.imports() {
+        let places = (room(rooms, prefix, &from), room(rooms, prefix, &to));
+        if let (Some(a), Some(b)) = places {
+            // A folder shows what lies in it.
+            let facade = file.ends_with("mod.rs") && to.starts_with(&from);
+            if b > a && !facade {
+                let place = format!("{file}:{line}");
+                found.insert((rooms[a].clone(), rooms[b].clone(), place));
+            }
+        }
+    }
+    found.into_iter().collect()
+}
+
+fn read(folder: &Path, name: &str, sources: &mut Sources) {
+    let entries = fs::read_dir(folder).expect("a folder of sources");
+    for entry in entries {
+        let path = entry.expect("an entry").path();
+        let file = path.file_name().and_then(|f| f.to_str()).expect("a name");
+        let full = format!("{name}{file}");
+        if path.is_dir() {
+            read(&path, &format!("{full}/"), sources);
+        } else if full.ends_with(".rs") {
+            let text = fs::read_to_string(&path).expect("a source");
+            sources.add(&full, &text);
+        }
+    }
+}
+
+#[test]
+fn rooms_import_only_rooms_above_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = fs::read_to_string(root.join("ARCHITECTURE.md")).expect("the table of rooms");
+    let mut sources = Sources::default();
+    read(&root.join("src"), "", &mut sources);
+    sources.read_imports();
+    let outer = rooms(&text, "| `src/` |");
+    let inner = rooms(&text, "| `src/physics/` |");
+    assert!(outer.len() > 10 && inner.len() > 10, "{outer:?} {inner:?}");
+    let mut wrong = upward(&sources, &outer, &[]);
+    wrong.extend(upward(&sources, &inner, &["physics"]));
+    let mut used = BTreeSet::new();
+    let mut unknown = Vec::new();
+    for (a, b, place) in wrong {
+        match EXCEPTIONS.iter().find(|e| e.0 == a && e.1 == b) {
+            Some(e) => _ = used.insert((e.0, e.1)),
+            None => unknown.push(format!("{place}: {a} uses {b}, which stands below it")),
+        }
+    }
+    let gone = EXCEPTIONS.iter().filter(|e| !used.contains(&(e.0, e.1)));
+    let gone: Vec<_> = gone.collect();
+    assert!(unknown.is_empty(), "{}", unknown.join("\n"));
+    assert!(gone.is_empty(), "exceptions without an import: {gone:?}");
+}
+
+#[test]
+fn upward_import_is_found_through_a_re_export() {
+    let mut sources = Sources::default();
+    sources.add("lib.rs", "mod low;\nmod high;\npub use high::Thing;\n");
+    sources.add("high/mod.rs", "mod part;\npub use part::Thing;\n");
+    sources.add("high/part.rs", "pub struct Thing;\n");
+    sources.add("low.rs", "//! Low.\n\nuse crate::{\n    Thing,\n};\n");
+    sources.read_imports();
+    let rooms = ["low".to_owned(), "high".to_owned()];
+    let found = upward(&sources, &rooms, &[]);
+    let place = "low.rs:3".to_owned();
+    assert_eq!(found, [("low".to_owned(), "high".to_owned(), place)]);
+    let turned = ["high".to_owned(), "low".to_owned()];
+    assert!(upward(&sources, &turned, &[]).is_empty());
+}

@@ -1,0 +1,156 @@
+//! What was done to the body by hand, cuts and pins, and how it is undone.
+
+use palpate::mesh::Blade;
+use palpate::scene::Checkpoint;
+use std::sync::Arc;
+
+/// Something that was done to the body.
+pub enum BodyEdit {
+    /// It was cut, and stood so before.
+    Cut(Blade, Box<BodySnapshot>),
+    /// These nodes were held.
+    Pins(Vec<u32>),
+}
+
+/// A body before it was cut.
+pub struct BodySnapshot {
+    /// Where it stood, and how it had been cut.
+    pub checkpoint: Checkpoint,
+    /// The nodes that were held.
+    pub pinned: Vec<u32>,
+}
+
+/// What was done and can be undone, and what was undone and can be done again; each with how many
+/// edits of the scene there were before, so that both are undone in one order.
+#[derive(Clone, Default)]
+pub struct BodyEditHistory {
+    done: Vec<(usize, Arc<BodyEdit>)>,
+    undone: Vec<(usize, Arc<BodyEdit>)>,
+}
+
+impl BodyEditHistory {
+    /// Notes that something was done after so many edits; `again` where it had been undone.
+    pub fn push(&mut self, edits: usize, touch: BodyEdit, again: bool) {
+        if !again {
+            self.undone.clear();
+        }
+        self.done.push((edits, Arc::new(touch)));
+    }
+
+    /// Adds nodes to those that the last touch held.
+    pub fn extend(&mut self, edits: usize, nodes: &[u32]) {
+        let last = self.done.last_mut().map(|(_, touch)| touch);
+        match last.and_then(Arc::get_mut) {
+            Some(BodyEdit::Pins(own)) => own.extend_from_slice(nodes),
+            _ => self.push(edits, BodyEdit::Pins(nodes.to_vec()), false),
+        }
+    }
+
+    /// Whether the next to be undone, and to be done again, is one of these where there are so many
+    /// edits of the scene.
+    pub fn can(&self, edits: usize) -> [bool; 2] {
+        let done = self.done.last().is_some_and(|(own, _)| *own >= edits);
+        let undone = self.undone.last().is_some_and(|(own, _)| *own == edits);
+        [done, undone]
+    }
+
+    /// What is undone next.
+    pub fn undo(&mut self) -> Option<Arc<BodyEdit>> {
+        let (edits, touch) = self.done.pop()?;
+        self.undone.push((edits, touch.clone()));
+        Some(touch)
+    }
+
+    /// What is done again next.
+    pub fn redo(&mut self) -> Option<Arc<BodyEdit>> {
+        self.undone.pop().map(|(_, touch)| touch)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::body_session::{BodySession, RebuildRequest};
+    use glam::DVec3;
+    use palpate::gpu::Gpu;
+    use palpate::mesh::generate::bar_of_about;
+    use palpate::scene::Scene;
+    use std::time::{Duration, Instant};
+
+    /// Lets the body do what it was asked for, and so many steps.
+    fn steps(show: &mut BodySession, count: u32) {
+        let until = Instant::now() + Duration::from_secs(60);
+        let first = show.steps;
+        while show.steps < first + u64::from(count) || show.stage_mut().poll_steps().unwrap() {
+            show.advance_to_now(None);
+            assert!(show.failure.is_none(), "{:?}", show.failure);
+            assert!(Instant::now() < until);
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        show.playing = false;
+        show.advance_to_now(None);
+    }
+
+    #[test]
+    fn cuts_and_pins_are_undone_and_done_again() {
+        let gpu = Gpu::new().unwrap();
+        let text = "[solver]\nname = \"implicit\"\nengine = \"cpu\"\ndt = 0.01\n[material]\nyoung = 3e4\n\
+            [[pin]]\naxis = \"x\"\nbelow = 0.02\n";
+        let scene = Scene::parse(text).unwrap();
+        let mesh = bar_of_about(400, DVec3::new(0.12, 0.06, 0.06));
+        let mesh = Arc::new(mesh.unwrap());
+        let mut show = BodySession::new(&gpu, &scene, mesh.clone(), None).unwrap();
+        steps(&mut show, 4);
+        let place = show.stage().motion().unwrap().positions().unwrap();
+        let pinned = |show: &BodySession| {
+            let loads = show.stage().motion().unwrap().simulator.loads();
+            loads.pinned().iter().filter(|p| **p).count()
+        };
+        let held = pinned(&show);
+        let loads = show.stage().motion().unwrap().simulator.loads();
+        let free = loads.pinned().iter().enumerate();
+        let free: Vec<u32> = free.filter_map(|(v, p)| (!p).then_some(v as u32)).collect();
+        assert_eq!(show.hold(&free[..2], 0, true).unwrap(), 2);
+        assert_eq!(show.hold(&free[1..3], 0, false).unwrap(), 1);
+        assert_eq!(pinned(&show), held + 3);
+        let (low, high) = mesh.bounds();
+        let x = 0.5 * (low.x + high.x);
+        let edge = |z: f64| {
+            [
+                DVec3::new(x, low.y - 1.0, z),
+                DVec3::new(x, high.y + 1.0, z),
+            ]
+        };
+        let blade = Blade::from_sweep(&[edge(low.z - 1.0), edge(high.z + 1.0)]).unwrap();
+        show.cut(blade, 0);
+        show.advance_to_now(None);
+        assert!(show.stage().mesh().nodes.len() > mesh.nodes.len());
+        assert_eq!(show.edits.can(0), [true, false]);
+        assert_eq!(show.edits.can(1), [false, false], "an edit came after");
+        let touch = show.edits.clone().undo().unwrap();
+        let BodyEdit::Cut(_, before) = touch.as_ref() else {
+            panic!("the cut is undone first");
+        };
+        let mut back = RebuildRequest::of(&show).rebuild(&gpu, before).unwrap();
+        assert_eq!(back.stage().mesh().nodes.len(), mesh.nodes.len());
+        let there = back.stage().motion().unwrap().positions().unwrap();
+        assert!(there == place, "it stands where it stood");
+        assert!(place != mesh.nodes, "and that is not where it rested");
+        assert_eq!(pinned(&back), held + 3);
+        assert_eq!(back.edits.can(0), [true, true]);
+        // The pins next, as the body stands.
+        back.undo_pins().unwrap();
+        assert_eq!(pinned(&back), held);
+        assert_eq!(back.edits.can(0), [false, true]);
+        back.redo(0).unwrap();
+        assert_eq!(pinned(&back), held + 3);
+        back.redo(0).unwrap();
+        back.advance_to_now(None);
+        assert_eq!(
+            back.stage().mesh().nodes.len(),
+            show.stage().mesh().nodes.len()
+        );
+        assert_eq!(back.edits.can(0), [true, false]);
+    }
+}

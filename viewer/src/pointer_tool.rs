@@ -1,0 +1,583 @@
+//! What the pointer does in the picture: it moves the view, or touches the body.
+
+use crate::app::App;
+use crate::body_session::BodySession;
+use crate::handles::HandlePart;
+use crate::settings::MouseBindings;
+use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
+use glam::{DVec2, DVec3};
+use palpate::Result;
+use palpate::mesh::{Blade, Location};
+use palpate::physics::BodyField;
+use palpate::render::{Camera, Pick, Ray};
+use std::time::Duration;
+use web_time::Instant;
+
+/// So long after the frame before, one of a body in touch waits for its step.
+const MAX_STEP_WAIT: Duration = Duration::from_millis(50);
+
+/// What the left button does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PointerTool {
+    /// Goes round the body.
+    #[default]
+    Look,
+    /// Presses a finger in.
+    Press,
+    /// Takes hold and pulls.
+    Grab,
+    /// Cuts along a stroke.
+    Cut,
+    /// Holds what it is drawn over.
+    Pin,
+    /// Tells what is there.
+    Probe,
+    /// Measures from point to point.
+    Ruler,
+}
+
+impl PointerTool {
+    /// All of them: what they are called, the key that takes them, and what to do with them.
+    pub const ALL: [(PointerTool, &'static str, egui::Key, &'static str); 7] = [
+        (
+            PointerTool::Look,
+            "Look",
+            egui::Key::Num1,
+            "Drag to go round the body",
+        ),
+        (
+            PointerTool::Press,
+            "Press",
+            egui::Key::Num2,
+            "Press on the body and drag away from there, or turn the wheel, to go deeper",
+        ),
+        (
+            PointerTool::Grab,
+            "Grab",
+            egui::Key::Num3,
+            "Take hold of the body and pull",
+        ),
+        (
+            PointerTool::Cut,
+            "Cut",
+            egui::Key::Num4,
+            "Draw a stroke across the body, beginning on it",
+        ),
+        (
+            PointerTool::Pin,
+            "Pin",
+            egui::Key::Num5,
+            "Paint what is to stay where it is",
+        ),
+        (
+            PointerTool::Probe,
+            "Probe",
+            egui::Key::Num6,
+            "Click on the body to be told what is there",
+        ),
+        (
+            PointerTool::Ruler,
+            "Ruler",
+            egui::Key::Num7,
+            "Drag from one point of the body to another",
+        ),
+    ];
+}
+
+/// What the pointer is doing.
+#[derive(Clone, Debug, Default)]
+pub enum PointerGesture {
+    /// Nothing.
+    #[default]
+    Idle,
+    /// Moves the view.
+    View(CameraMotion),
+    /// Presses, from where and how deep the wheel went, in file units.
+    Press(Pos2, f64),
+    /// Pulls, from where; file units a point of the interface.
+    Grab(Pos2, f64),
+    /// Cuts what is so far from the eye.
+    Cut(Vec<Pos2>, DVec3),
+    /// Holds.
+    Pin,
+    /// Measures.
+    Ruler,
+    /// Moves or tilts the plane of this number by its handle.
+    Plane(usize, HandlePart),
+}
+
+/// How the view moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CameraMotion {
+    /// Round the body.
+    Orbit,
+    /// Across.
+    Pan,
+    /// Nearer.
+    Zoom,
+    /// About the line of sight.
+    Roll,
+}
+
+/// How a button moves the view.
+fn move_of(habit: MouseBindings, button: PointerButton, held: Modifiers) -> Option<CameraMotion> {
+    Some(match (habit, button) {
+        (MouseBindings::ParaView, PointerButton::Primary) if held.shift => CameraMotion::Roll,
+        (MouseBindings::Slicer, PointerButton::Primary) if held.shift => CameraMotion::Pan,
+        (MouseBindings::ParaView, PointerButton::Primary) if held.command => CameraMotion::Zoom,
+        (MouseBindings::Slicer, PointerButton::Primary) if held.command => CameraMotion::Roll,
+        (_, PointerButton::Primary) => CameraMotion::Orbit,
+        (_, PointerButton::Middle) => CameraMotion::Pan,
+        (_, PointerButton::Secondary) => CameraMotion::Zoom,
+        _ => return None,
+    })
+}
+
+/// The picture within the window.
+#[derive(Clone, Copy, Debug)]
+pub struct Viewport {
+    /// Where it is, in points.
+    pub rect: Rect,
+    /// Its pixels.
+    pub size: [u32; 2],
+}
+
+impl Viewport {
+    /// The pixel at a point of the interface.
+    fn pixel(&self, at: Pos2) -> DVec2 {
+        let share = (at - self.rect.min) / self.rect.size();
+        DVec2::new(f64::from(share.x), f64::from(share.y))
+            * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
+    }
+
+    /// The ray through a point of the interface.
+    pub fn ray(&self, camera: &Camera, at: Pos2) -> Ray {
+        camera.ray(self.pixel(at), self.size)
+    }
+
+    /// Where a place is seen, if it is before the eye.
+    pub fn project(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
+        let middle = camera.ray(0.5 * DVec2::from(self.size.map(f64::from)), self.size);
+        let away = (place - middle.origin).dot(middle.direction);
+        if away <= 0.0 {
+            return None;
+        }
+        // The camera's plane at that distance is spanned by the rays through three points of it.
+        let at = |x: f64, y: f64| {
+            let ray = camera.ray(DVec2::new(x, y), self.size);
+            let deep = (ray.origin - middle.origin).dot(middle.direction);
+            ray.origin + ray.direction * ((away - deep) / ray.direction.dot(middle.direction))
+        };
+        let [width, height] = self.size.map(f64::from);
+        let (corner, right, down) = (at(0.0, 0.0), at(width, 0.0), at(0.0, height));
+        let (u, v) = (right - corner, down - corner);
+        let q = place - corner;
+        let share = egui::vec2(
+            (q.dot(u) / u.length_squared()) as f32,
+            (q.dot(v) / v.length_squared()) as f32,
+        );
+        Some(self.rect.min + share * self.rect.size())
+    }
+}
+
+impl App {
+    /// Does what the pointer does in the picture.
+    pub(crate) fn handle_pointer(&mut self, ui: &egui::Ui, response: &Response, area: Viewport) {
+        let (held, scroll, zoom, turned) = ui.input(|i| {
+            (
+                i.modifiers,
+                i.smooth_scroll_delta().y,
+                i.zoom_delta(),
+                i.multi_touch()
+                    .map(|t| (t.translation_delta, t.rotation_delta)),
+            )
+        });
+        let height = f64::from(area.rect.height().max(1.0));
+        if response.hovered() || response.dragged() {
+            if let (PointerGesture::Press(_, wheel), Some(show)) = (&mut self.stroke, &self.show)
+                && scroll != 0.0
+            {
+                *wheel += 0.004 * f64::from(scroll) * show.radius;
+            } else if scroll != 0.0 {
+                self.orbit.zoom((0.002 * f64::from(scroll)).exp());
+            }
+            if zoom != 1.0 {
+                self.orbit.zoom(f64::from(zoom));
+            }
+            if let Some((moved, angle)) = turned {
+                self.orbit
+                    .pan(DVec2::new(f64::from(moved.x), f64::from(moved.y)) / height);
+                self.orbit.roll(-f64::from(angle));
+            }
+        }
+        let Some(at) = response.interact_pointer_pos() else {
+            self.end_gesture();
+            return;
+        };
+        let begun = [
+            PointerButton::Primary,
+            PointerButton::Middle,
+            PointerButton::Secondary,
+        ]
+        .into_iter()
+        .find(|b| ui.input(|i| i.pointer.button_pressed(*b)));
+        if let Some(button) = begun
+            && matches!(self.stroke, PointerGesture::Idle)
+        {
+            let handle = match button {
+                PointerButton::Primary => self.handle_at(at, area),
+                _ => None,
+            };
+            let touches = button == PointerButton::Primary
+                && self.pointer_tool != PointerTool::Look
+                && !held.shift
+                && !held.command;
+            let result = match (handle, touches) {
+                (Some((number, hold)), _) => {
+                    self.stroke = PointerGesture::Plane(number, hold);
+                    Ok(())
+                }
+                (None, true) => self.touch(at, area),
+                (None, false) => {
+                    let moves = move_of(self.settings.mouse_bindings, button, held);
+                    self.stroke = moves.map_or(PointerGesture::Idle, PointerGesture::View);
+                    Ok(())
+                }
+            };
+            self.show_error(result);
+        }
+        if response.drag_delta() != egui::Vec2::ZERO || scroll != 0.0 {
+            let moved = response.drag_delta();
+            let moved = DVec2::new(f64::from(moved.x), f64::from(moved.y)) / height;
+            let result = self.draw_on(at, moved, area);
+            self.show_error(result);
+        }
+        if ui.input(|i| i.pointer.any_released()) {
+            self.end_gesture();
+        }
+    }
+
+    /// What is seen at a point of the picture, and which way one looks there.
+    fn picked(&mut self, at: Pos2, area: Viewport) -> Result<Option<(Pick, DVec3)>> {
+        let (camera, pixel) = (self.orbit.camera(), area.pixel(at));
+        let Some(show) = &mut self.show else {
+            return Ok(None);
+        };
+        let sight = camera.ray(pixel, area.size).direction;
+        let pick = show.pick(&camera, pixel, area.size)?;
+        Ok(pick.map(|pick| (pick, sight)))
+    }
+
+    /// Begins to touch what is at a point of the picture; beside the body the view goes round.
+    fn touch(&mut self, at: Pos2, area: Viewport) -> Result<()> {
+        let Some((pick, sight)) = self.picked(at, area)? else {
+            self.stroke = PointerGesture::View(CameraMotion::Orbit);
+            return Ok(());
+        };
+        let edits = self.edits();
+        let eye = self.orbit.camera().eye;
+        let back = self.orbit.turn * DVec3::Z;
+        let away = match self.orbit.orthographic {
+            true => 1.0,
+            false => (eye - pick.point).dot(back) / self.orbit.distance,
+        };
+        let point = self.orbit.height() * away / f64::from(area.rect.height().max(1.0));
+        let Some(show) = &mut self.show else {
+            return Ok(());
+        };
+        match self.pointer_tool {
+            PointerTool::Look => {}
+            PointerTool::Press => {
+                show.press(&pick, sight)?;
+                self.stroke = PointerGesture::Press(at, 0.0);
+            }
+            PointerTool::Grab => {
+                show.grab(&pick)?;
+                self.stroke = PointerGesture::Grab(at, point);
+            }
+            PointerTool::Cut => self.stroke = PointerGesture::Cut(vec![at], pick.point),
+            PointerTool::Pin => {
+                let count = show.pin(&pick, edits, true)?;
+                self.set_status(format!("{count} nodes held"));
+                self.stroke = PointerGesture::Pin;
+            }
+            PointerTool::Probe => self.probe(&pick),
+            PointerTool::Ruler => {
+                self.ruler = Some([pick.point; 2]);
+                self.stroke = PointerGesture::Ruler;
+            }
+        }
+        Ok(())
+    }
+
+    /// Has the finger press on what is seen at a point of the picture, whose sides are 1, so many
+    /// metres deep; goes on with the press that there is.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::body_session::BodySession::press).
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
+        let nothing = || palpate::Error::Input("there is nothing to press on".into());
+        let area = self.area.ok_or_else(nothing)?;
+        if self.show.as_ref().is_some_and(|s| s.depth().is_none()) {
+            let at = area.rect.min + area.rect.size() * egui::vec2(x as f32, y as f32);
+            let (pick, sight) = self.picked(at, area)?.ok_or_else(nothing)?;
+            if let Some(show) = &mut self.show {
+                show.press(&pick, sight)?;
+            }
+        }
+        if let Some(show) = &mut self.show {
+            show.press_to(depth / show.unit);
+        }
+        Ok(())
+    }
+
+    /// Takes the finger out again.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn let_go_of_press(&mut self) {
+        if let Some(show) = &mut self.show {
+            show.retract();
+        }
+    }
+
+    /// Has a frame drawn.
+    #[cfg(target_arch = "wasm32")]
+    pub(crate) fn repaint(&self) {
+        self.context.request_repaint();
+    }
+
+    /// Has what is pressed or pulled go to where the pointer is. Until when this frame may wait for the step
+    /// under way: of a body in touch, frames in which it is where it was take from the step.
+    pub(crate) fn update_interaction(&mut self, context: &egui::Context) -> Option<Instant> {
+        if !matches!(
+            self.stroke,
+            PointerGesture::Press(..) | PointerGesture::Grab(..)
+        ) {
+            return None;
+        }
+        let at = context.input(|i| i.pointer.latest_pos());
+        if let (Some(at), Some(area)) = (at, self.area) {
+            let done = self.draw_on(at, DVec2::ZERO, area);
+            self.show_error(done);
+        }
+        Some(self.frames.done + MAX_STEP_WAIT)
+    }
+
+    /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.
+    fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Viewport) -> Result<()> {
+        if matches!(self.stroke, PointerGesture::View(_)) {
+            self.frames.moved.get_or_insert_with(Instant::now);
+        }
+        match &mut self.stroke {
+            PointerGesture::Idle => {}
+            PointerGesture::View(CameraMotion::Orbit) => self.orbit.orbit(moved),
+            PointerGesture::View(CameraMotion::Pan) => self.orbit.pan(moved),
+            PointerGesture::View(CameraMotion::Zoom) => self.orbit.zoom((-3.0 * moved.y).exp()),
+            PointerGesture::View(CameraMotion::Roll) => self.orbit.roll(3.0 * (moved.y - moved.x)),
+            PointerGesture::Press(from, wheel) => {
+                let point = self.orbit.height() / f64::from(area.rect.height().max(1.0));
+                let depth = f64::from(from.distance(at)) * point + *wheel;
+                if let Some(show) = &mut self.show {
+                    show.press_to(depth);
+                }
+            }
+            PointerGesture::Grab(from, point) => {
+                let (way, point) = (at - *from, *point);
+                let aside = DVec3::new(f64::from(way.x), -f64::from(way.y), 0.0) * point;
+                let aside = self.orbit.turn * aside;
+                if let Some(show) = &mut self.show {
+                    show.pull(aside)?;
+                }
+            }
+            PointerGesture::Cut(way, _) => {
+                if way.last().is_none_or(|last| last.distance(at) > 4.0) {
+                    way.push(at);
+                }
+            }
+            PointerGesture::Plane(number, hold) => {
+                let (number, hold) = (*number, *hold);
+                self.drag_handle(number, hold, at, area);
+            }
+            PointerGesture::Pin => {
+                let edits = self.edits();
+                if let Some((pick, _)) = self.picked(at, area)?
+                    && let Some(show) = &mut self.show
+                {
+                    show.pin(&pick, edits, false)?;
+                }
+            }
+            PointerGesture::Ruler => {
+                if let Some((pick, _)) = self.picked(at, area)?
+                    && let Some([_, end]) = &mut self.ruler
+                {
+                    *end = pick.point;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends what was begun.
+    pub(crate) fn end_gesture(&mut self) {
+        let stroke = std::mem::take(&mut self.stroke);
+        let result = match stroke {
+            PointerGesture::Press(..) => {
+                if let Some(show) = &mut self.show {
+                    show.retract();
+                }
+                Ok(())
+            }
+            PointerGesture::Grab(..) => self.show.as_mut().map_or(Ok(()), |show| show.release()),
+            PointerGesture::Cut(way, place) => self.cut(&way, place),
+            _ => Ok(()),
+        };
+        self.show_error(result);
+    }
+
+    /// Cuts along a stroke, as deep as is asked for from the surface that was seen where it began.
+    fn cut(&mut self, way: &[Pos2], place: DVec3) -> Result<()> {
+        let edits = self.edits();
+        let (Some(area), Some(show)) = (self.area, &mut self.show) else {
+            return Ok(());
+        };
+        if way.len() < 2 {
+            return Ok(());
+        }
+        let camera = self.orbit.camera();
+        let back = self.orbit.turn * DVec3::Z;
+        let (above, below) = (show.radius, self.cut_depth * show.diagonal());
+        let edges: Vec<[DVec3; 2]> = way
+            .iter()
+            .map(|at| {
+                let ray = camera.ray(area.pixel(*at), area.size);
+                let along = (place - ray.origin).dot(back) / ray.direction.dot(back);
+                let on = ray.origin + along * ray.direction;
+                [on - above * ray.direction, on + below * ray.direction]
+            })
+            .collect();
+        show.cut(Blade::from_sweep(&edges)?, edits);
+        Ok(())
+    }
+
+    /// Says what is where a pick is.
+    fn probe(&mut self, pick: &Pick) {
+        let Some(show) = &self.show else { return };
+        let (stage, mesh) = (show.stage(), show.stage().mesh());
+        let field = stage.scalar_field();
+        let at = |values: &[f64]| {
+            let parts = pick.nodes.iter().zip(pick.weights);
+            parts
+                .map(|(v, w)| w * values.get(*v as usize).copied().unwrap_or(f64::NAN))
+                .sum::<f64>()
+        };
+        let value = match &field.cells {
+            Some(cells) => cells.get(pick.tet as usize).copied().unwrap_or(f64::NAN),
+            None => at(&field.values),
+        };
+        let rest: DVec3 = pick
+            .nodes
+            .iter()
+            .zip(pick.weights)
+            .filter_map(|(v, w)| mesh.nodes.get(*v as usize).map(|p| w * *p))
+            .sum();
+        let label = mesh
+            .region_field()
+            .filter(|f| f.location == Location::Cell)
+            .and_then(|f| f.values.get(pick.tet as usize))
+            .map(|label| {
+                let name = mesh.region_names.get(&(*label as i64));
+                name.cloned().unwrap_or_else(|| format!("region {label}"))
+            });
+        let stress = stress_there(show, pick.tet);
+        let p = pick.point;
+        let mm = 1e3 * show.unit * (pick.point - rest).length();
+        self.set_status(format!(
+            "{}{} {value:.4}, moved {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
+            label.map_or(String::new(), |l| format!("{l}: ")),
+            field.name,
+            p.x,
+            p.y,
+            p.z,
+            pick.tet
+        ));
+    }
+}
+
+/// The stress in a tet in words; nothing where the body has none.
+fn stress_there(show: &BodySession, tet: u32) -> String {
+    let Some(motion) = show.stage().motion() else {
+        return String::new();
+    };
+    let of = |field: BodyField| {
+        let all = field.per_tet(motion.simulator.as_ref()).ok()?;
+        all.get(tet as usize).copied()
+    };
+    match (of(BodyField::VonMises), of(BodyField::Stress1)) {
+        (Some(von_mises), Some(first)) => {
+            let [von_mises, first] = [von_mises, first].map(pascals);
+            format!(", stress {von_mises} (von Mises), {first} (largest)")
+        }
+        _ => String::new(),
+    }
+}
+
+/// A stress with the unit that suits it.
+fn pascals(stress: f64) -> String {
+    let (unit, name) = match stress.abs() {
+        s if s >= 1e6 => (1e6, "MPa"),
+        s if s >= 1e3 => (1e3, "kPa"),
+        _ => (1.0, "Pa"),
+    };
+    format!("{:.3} {name}", stress / unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_seen_where_their_rays_are() {
+        let area = Viewport {
+            rect: Rect::from_min_size(Pos2::new(100.0, 50.0), egui::vec2(400.0, 300.0)),
+            size: [800, 600],
+        };
+        let (eye, to) = (DVec3::new(1.0, -5.0, 2.0), DVec3::new(0.2, 0.1, 0.0));
+        for camera in [
+            Camera::perspective(eye, to, DVec3::Z, 35.0),
+            Camera::orthographic(eye, to, DVec3::Z, 3.0),
+        ] {
+            for at in [Pos2::new(120.0, 60.0), Pos2::new(333.0, 290.0)] {
+                let ray = camera.ray(area.pixel(at), area.size);
+                let place = ray.origin + 4.0 * ray.direction;
+                let seen = area.project(&camera, place);
+                assert!(
+                    seen.is_some_and(|seen| seen.distance(at) < 0.01),
+                    "{seen:?}"
+                );
+            }
+            assert!(area.project(&camera, eye - (to - eye)).is_none());
+        }
+    }
+
+    #[test]
+    fn habits_are_those_of_other_programs() {
+        let left = |habit, held| move_of(habit, PointerButton::Primary, held);
+        let none = Modifiers::NONE;
+        assert_eq!(
+            left(MouseBindings::ParaView, none),
+            Some(CameraMotion::Orbit)
+        );
+        assert_eq!(
+            left(MouseBindings::Slicer, Modifiers::SHIFT),
+            Some(CameraMotion::Pan)
+        );
+        assert_eq!(
+            left(MouseBindings::ParaView, Modifiers::SHIFT),
+            Some(CameraMotion::Roll)
+        );
+        assert_eq!(
+            move_of(MouseBindings::Slicer, PointerButton::Middle, none),
+            Some(CameraMotion::Pan)
+        );
+    }
+}

@@ -1,0 +1,160 @@
+//! What is saved: pictures, the scene, the body, the numbers of a press.
+
+use crate::app::App;
+use crate::document::Document;
+use crate::loading::BackgroundTask;
+use crate::path_prompt::SaveKind;
+use crate::platform;
+use eframe::egui;
+use palpate::scene::{PendingImage, PictureWriter};
+use palpate::{Error, Result, io};
+use std::path::{Path, PathBuf};
+
+/// A picture that is being saved.
+pub(crate) enum PendingScreenshot {
+    /// On its way from the device.
+    Asked(PendingImage, Box<PictureWriter>, PathBuf),
+    /// On its way into a file.
+    Written(BackgroundTask<PathBuf>),
+}
+
+impl App {
+    /// Saves, where a dialog said.
+    ///
+    /// # Errors
+    /// What drawing or writing gives.
+    pub(crate) fn save(
+        &mut self,
+        what: SaveKind,
+        file: &Path,
+        context: &egui::Context,
+    ) -> Result<()> {
+        let camera = self.orbit.camera();
+        let (Some(document), Some(show)) = (&self.document, &mut self.show) else {
+            return Ok(());
+        };
+        match what {
+            #[cfg(not(target_arch = "wasm32"))]
+            SaveKind::Film => return self.begin_film(file, context),
+            // A browser cannot wait for it, and a window does not where it can do without.
+            SaveKind::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
+                let (pending, writer) = self.ask_picture(self.picture)?;
+                self.saved_picture = Some(PendingScreenshot::Asked(
+                    pending,
+                    Box::new(writer),
+                    file.to_path_buf(),
+                ));
+                context.request_repaint();
+                return Ok(());
+            }
+            SaveKind::Picture => {
+                let stage = show.stage_mut();
+                *stage.camera_mut() = camera;
+                stage.set_size(self.picture);
+                stage.save(file)?;
+            }
+            SaveKind::Scene => {
+                let file = platform::absolute(file)?;
+                let folder = file.parent().unwrap_or(Path::new(""));
+                let frame = show.player.as_ref().and_then(|player| {
+                    let field = show.stage().scalar_field();
+                    let range = player.series().range(&field.name);
+                    let range = range.filter(|_| field.regions.is_empty());
+                    Some((
+                        player.series().file(player.shown())?,
+                        range.map(|(a, b)| [a, b]),
+                    ))
+                });
+                let text = document.text_with_view(folder, &camera, self.picture, frame);
+                write(&file, text.as_bytes())?;
+                // What an example reads lies in no place that lasts.
+                for (name, bytes) in document.bundled_files {
+                    let beside = folder.join(name);
+                    if !io::exists(&beside) {
+                        write(&beside, bytes)?;
+                        platform::start_download(&beside)?;
+                    }
+                }
+            }
+            SaveKind::Mesh => {
+                io::write(file, &show.stage().deformed_mesh()?)?;
+            }
+            SaveKind::Press => {
+                let mut lines = "time_s,depth_m,force_n\n".to_owned();
+                for s in &show.samples {
+                    lines += &format!("{},{},{}\n", s.time_s, s.depth_m, s.force_n);
+                }
+                write(file, lines.as_bytes())?;
+            }
+        }
+        self.saved(file)
+    }
+
+    /// Asks for the picture, so many pixels large, and what saves it.
+    ///
+    /// # Errors
+    /// Where nothing is open; what drawing gives.
+    pub(crate) fn ask_picture(&mut self, size: [u32; 2]) -> Result<(PendingImage, PictureWriter)> {
+        let camera = self.orbit.camera();
+        let show = self.show.as_mut().ok_or_else(nothing_open)?;
+        let pending = show.ask_image(&camera, size)?;
+        Ok((pending, show.stage().picture_writer()))
+    }
+
+    fn saved(&mut self, file: &Path) -> Result<()> {
+        platform::start_download(file)?;
+        self.watch_from_now();
+        self.set_status(format!("saved {}", file.display()));
+        Ok(())
+    }
+
+    /// Goes on with a picture that is being saved.
+    ///
+    /// # Errors
+    /// As [`App::save`].
+    pub(crate) fn save_arrived(&mut self, context: &egui::Context) -> Result<()> {
+        let next = match self.saved_picture.take() {
+            None => return Ok(()),
+            Some(PendingScreenshot::Asked(mut pending, writer, file)) => {
+                match pending.try_take()? {
+                    None => {
+                        context.request_repaint();
+                        PendingScreenshot::Asked(pending, writer, file)
+                    }
+                    Some(image) => PendingScreenshot::Written(BackgroundTask::spawn(
+                        "saving",
+                        context,
+                        move |_| writer.save(image, &file).map(|()| file),
+                    )),
+                }
+            }
+            Some(PendingScreenshot::Written(work)) => match work.try_take() {
+                None => PendingScreenshot::Written(work),
+                Some(file) => return self.saved(&file?),
+            },
+        };
+        self.saved_picture = Some(next);
+        Ok(())
+    }
+}
+
+/// Whether a picture is to have eight bits a channel and one sample a pixel, as those have that are
+/// asked for.
+fn in_eight_bits(document: &Document, file: &Path) -> bool {
+    let bits = document.scene().map(|scene| scene.picture.bits);
+    file.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("png"))
+        && bits.is_ok_and(|bits| bits.is_none_or(|bits| bits == 8))
+}
+
+/// Why nothing can be saved.
+fn nothing_open() -> Error {
+    Error::Input("nothing is open yet".into())
+}
+
+fn write(file: &Path, bytes: &[u8]) -> Result<()> {
+    io::atomic_write(file, |out| {
+        use std::io::Write;
+        out.write_all(bytes).map_err(Error::io(file))
+    })
+}
