@@ -99,15 +99,16 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
     page.wait_for_function(
         "document.querySelector('.jp-Notebook-ExecutionIndicator')?.dataset.status === 'idle'", timeout=120_000
     )
-    # A kernel that has only just come may miss it.
-    for last in (False, False, False, True):
+    # A kernel that has only just come may miss the command: again until a cell runs or has run.
+    for last in (False, False, False, False, True):
         page.evaluate("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
         try:
-            page.wait_for_selector(".palpate-view[data-frame]", timeout=60_000)
+            page.wait_for_selector(".jp-InputPrompt:has-text('[*]'), .palpate-view", timeout=30_000)
             break
         except Exception:
             if last:
                 raise
+    page.wait_for_selector(".palpate-view[data-frame]", timeout=600_000)
     view = page.locator(".palpate-view")
 
     def rest(unlike: str | None = None) -> bytes:
