@@ -51,16 +51,6 @@ const EXCEPTIONS: &[(&str, &str, &str)] = &[
         "cpu/rigid",
         "the projection is made from the poses of rigid bodies",
     ),
-    (
-        "cpu/runtime",
-        "cpu/body",
-        "the trait of what is stepped makes bodies",
-    ),
-    (
-        "cpu/runtime",
-        "cpu/grid",
-        "the trait of what is stepped makes bodies",
-    ),
 ];
 
 /// The rooms of the table whose header starts with this cell, from the top down. A row may name
