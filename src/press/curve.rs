@@ -14,7 +14,7 @@ pub struct PressSample {
     pub phase: &'static str,
     /// Advance of the fingertip beyond its first contact with the body at rest, m.
     pub depth_m: f64,
-    /// The force on it, out of the body, N.
+    /// Contact force on it in the outward direction, N.
     pub force_n: f64,
 }
 

@@ -76,7 +76,7 @@ pub struct PressMap {
     /// Metres per file unit, and Poisson's ratio ν.
     unit: f64,
     poisson: f64,
-    /// Cells of the grid, low corner and steps in the two directions across.
+    /// Grid of the map.
     grid: MapGrid,
     spots: Vec<(PressSite, f64)>,
     points: Vec<MapPoint>,
