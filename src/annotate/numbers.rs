@@ -125,7 +125,7 @@ mod tests {
             let labels: Vec<String> = ticks.iter().map(|t| label(*t, step)).collect();
             let expected: Vec<&str> = expected.to_vec();
             let labels: Vec<&str> = labels.iter().map(String::as_str).collect();
-            // A range of parts of numbers that are not exact keeps its ends.
+            // Ticks at the ends are kept despite rounding errors of the range.
             assert_eq!(labels, expected, "{low} to {high}");
         }
     }
