@@ -45,8 +45,8 @@ impl Skin {
     }
 
     /// Switches to the body of `level`. Transfer positions and velocities between the bodies with
-    /// [`Transfer`](crate::mesh::Transfer); the changes by a cut apply only to the level at which
-    /// it was made.
+    /// [`BarycentricMap`](crate::mesh::BarycentricMap); the changes by a cut apply only to the
+    /// level at which it was made.
     ///
     /// # Errors
     /// [`Error::Input`] for an unknown level.
