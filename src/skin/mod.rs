@@ -3,7 +3,7 @@
 //! After Mosegaard & Sørensen, *Real-time Deformation of Detailed Geometry Based on Mappings to a
 //! Less Detailed Physical Simulation on the GPU* (2005). Every vertex is bound once, on the CPU, to
 //! three nodes of the body; the vertex shader computes its deformed position from the position
-//! texture. Nothing is read back, and bindings change only by a cut.
+//! texture. Drawing reads nothing back, and bindings change only after a cut or a switch of level.
 
 mod appearance;
 mod bake;
