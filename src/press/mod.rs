@@ -103,8 +103,8 @@ pub struct Press {
 
 impl Press {
     /// Places the body of `scene` on a table, fixes its lowest part along gravity there, and puts
-    /// the fingertip in front of the site. Loads, grabs and prescribed motions of the scene are
-    /// ignored, pins are kept.
+    /// the fingertip in front of the site. Loads, grabs, prescribed motions, cuts, tools and the
+    /// floor of the scene are ignored, pins are kept.
     ///
     /// # Errors
     /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point far from the body,
