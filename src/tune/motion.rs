@@ -19,14 +19,14 @@ const COMPARISONS: u32 = 4;
 const PROBE_STEPS: u32 = 3;
 /// Maximum number of cage nodes relative to the nodes of the mesh.
 const MAX_CAGE_FRACTION: f64 = 0.6;
-/// Minimum number of cage nodes, and the maximum number of cages.
+/// Approximate size of the smallest cage, in nodes, and the maximum number of cages.
 const LEAST_CAGE: f64 = 60.0;
 const CAGES: usize = 4;
 /// Steps between two comparisons, relative to those with the scene's time step.
 const STEP_RATIOS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Tolerances of conjugate gradients.
 const TOLERANCES: [f64; 2] = [0.1, 0.01];
-/// Lower bound of the cost of an implicit step, in explicit steps.
+/// Upper bound of the cost of an implicit step, in explicit steps.
 const MOST_EXPLICIT: f64 = 32.0;
 /// Approximate element evaluations per step.
 const EVALUATIONS: f64 = 3.0;
