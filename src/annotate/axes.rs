@@ -1,35 +1,36 @@
-//! Where the axes point.
+//! Axis indicators: arrows or anatomical letters.
 
 use super::Margins;
 use super::canvas::{Anchor, CAP_HEIGHT, Canvas, Colour};
 use crate::render::Camera;
 use glam::DVec3;
 
-/// Length of an axis that lies in the picture, of the letters' size.
+/// Length of an axis parallel to the image plane, as a multiple of the font size.
 const LENGTH: f64 = 2.4;
-/// Its letter is so much farther out.
+/// Additional distance of its letter, in the same unit.
 const LABEL_OFFSET: f64 = 0.75;
-/// Okabe and Ito's vermilion, bluish green and sky blue, which colour-blind people tell apart.
+/// Okabe and Ito's vermilion, bluish green and sky blue, which are distinguishable with colour
+/// blindness.
 const COLOURS: [Colour; 3] = [
     [0.835, 0.369, 0.0],
     [0.0, 0.62, 0.451],
     [0.337, 0.706, 0.914],
 ];
-/// Letters at the picture's edges, of ordinary ones.
+/// Size of letters at the image edges, as a multiple of the font size.
 const LARGER: f32 = 1.25;
-/// Parts of a direction below this go without a letter.
+/// Direction components below this get no letter.
 const MIN_COMPONENT: f64 = 0.35;
 
-/// How the directions of space are told.
+/// Style of the axis indicator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Axes {
-    /// Arrows called x, y and z at the lower left.
+    /// Arrows labelled x, y and z at the lower left.
     #[default]
     Xyz,
-    /// Letters at the edges of the picture: R L A P S I, for right, left, anterior, posterior,
-    /// superior and inferior, of a body in patient coordinates. These are RAS, as
-    /// [`volume`](crate::volume) has them and meshes made of scans: x grows to the patient's
-    /// right, y to the front, z upwards. An oblique view has two or three letters, the nearest
+    /// Letters at the edges of the image: R L A P S I, for right, left, anterior, posterior,
+    /// superior and inferior, for a body in patient coordinates. These are RAS, as in
+    /// [`volume`](crate::volume) and in meshes generated from scans: x points to the patient's
+    /// right, y to the front, z upwards. An oblique view has two or three letters, the dominant
     /// direction first.
     Anatomical,
 }
@@ -54,7 +55,7 @@ fn arrows(canvas: &mut Canvas, camera: &Camera) {
         (z, [x, -y])
     });
     let mut order = [0, 1, 2];
-    // What points away from the eye is drawn first.
+    // Draws axes that point away from the eye first.
     order.sort_by(|a, b| axes[*b].0.total_cmp(&axes[*a].0));
     for i in order {
         let direction = &mut axes[i].1;
@@ -63,7 +64,7 @@ fn arrows(canvas: &mut Canvas, camera: &Camera) {
     }
     for i in order {
         let direction = axes[i].1;
-        // The letter of an axis along the view lies beside the origin, not on it.
+        // The letter of an axis along the view is placed beside the origin, not on it.
         let long = direction[0].hypot(direction[1]);
         let out = LENGTH * long + LABEL_OFFSET;
         let way = match long > 0.05 {
@@ -71,7 +72,7 @@ fn arrows(canvas: &mut Canvas, camera: &Camera) {
             false => [-0.7, 0.7],
         };
         let [x, y] = [0, 1].map(|k| (origin[k] + out * em * way[k]) as f32);
-        // Small letters: half their height is a quarter of an em.
+        // Lower-case letters: half their height is a quarter of an em.
         let at = [x, y + 0.25 * canvas.em];
         canvas.text(
             ["x", "y", "z"][i],
@@ -83,7 +84,7 @@ fn arrows(canvas: &mut Canvas, camera: &Camera) {
     }
 }
 
-/// The letters of `direction` in RAS, the nearest first.
+/// Returns the letters of `direction` in RAS, the dominant one first.
 fn anatomical(direction: DVec3) -> String {
     let names = [['L', 'R'], ['P', 'A'], ['I', 'S']];
     let mut parts: Vec<(f64, char)> = direction
@@ -136,7 +137,7 @@ mod tests {
         ] {
             assert_eq!(anatomical(direction), expected);
         }
-        // From the front, the patient's right is at the left of the picture.
+        // From the front, the patient's right is at the left of the image.
         let camera = Camera::orthographic(DVec3::Y * 5.0, DVec3::ZERO, DVec3::Z, 2.0);
         assert_eq!(anatomical(camera.axes().right), "L");
         assert_eq!(anatomical(camera.axes().up), "S");

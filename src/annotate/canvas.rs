@@ -1,4 +1,4 @@
-//! Letters and shapes with a rim, drawn by tiny-skia and laid over a picture.
+//! Text and shapes with a halo, drawn by tiny-skia and composited over an image.
 
 use crate::render::{Background, Image};
 use crate::{Error, Result};
@@ -8,18 +8,18 @@ use tiny_skia::{
     Transform,
 };
 
-/// Letters as a share of the picture's height, and the least size that can be read, in pixels.
+/// Font size as a fraction of the image height, and the minimum legible size in pixels.
 const FONT_SCALE: f32 = 0.028;
 const MIN_FONT_SIZE: f32 = 10.0;
-/// Wider than this, a picture's height counts; narrower, its width.
+/// Aspect ratio below which the font size depends on the width instead of the height.
 const ASPECT: f32 = 4.0 / 3.0;
-/// Width of the rim around letters and shapes, of the letters' size, and its opacity.
+/// Width of the halo around text and shapes, as a multiple of the font size, and its opacity.
 const HALO_WIDTH: f32 = 0.13;
 const RIM_OPACITY: f32 = 0.7;
-/// Height of capital letters, of the letters' size.
+/// Height of capital letters, as a multiple of the font size.
 pub(super) const CAP_HEIGHT: f32 = 0.714;
 
-/// Which point of a line of text is placed.
+/// Horizontal anchor of a line of text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -27,29 +27,29 @@ pub(super) enum Anchor {
     End,
 }
 
-/// Red, green and blue from 0 to 1.
+/// RGB from 0 to 1.
 pub(super) type Colour = [f32; 3];
 
-/// What is to be laid over a picture.
+/// An overlay for an image.
 pub(super) struct Canvas {
     pixmap: Pixmap,
     font: FontRef<'static>,
-    /// Size of ordinary letters (their em), in pixels.
+    /// Default font size (em), in pixels.
     pub em: f32,
-    /// Colour of letters and lines.
+    /// Colour of text and lines.
     pub foreground: Colour,
     rim: Colour,
 }
 
 impl Canvas {
-    /// Nothing yet, for a picture of `size` pixels on `background`.
+    /// Creates an empty canvas for an image of `size` pixels on `background`.
     pub fn new(size: [u32; 2], background: Background) -> Result<Canvas> {
         let [width, height] = size.map(|n| n as f32);
         let em = (FONT_SCALE * height.min(width / ASPECT)).max(MIN_FONT_SIZE);
         Canvas::with_letters(size, background, em)
     }
 
-    /// As [`Canvas::new`], with letters of `em` pixels.
+    /// As [`Canvas::new`], with a font size of `em` pixels.
     pub fn with_letters(size: [u32; 2], background: Background, em: f32) -> Result<Canvas> {
         let pixmap = Pixmap::new(size[0], size[1]).ok_or_else(|| {
             Error::Input(format!(
@@ -73,22 +73,22 @@ impl Canvas {
         })
     }
 
-    /// Width and height in pixels.
+    /// Returns width and height in pixels.
     pub fn size(&self) -> [f32; 2] {
         [self.pixmap.width() as f32, self.pixmap.height() as f32]
     }
 
-    /// What is left free at the edges, in pixels.
+    /// Returns the margin at the edges, in pixels.
     pub fn margin(&self) -> f32 {
         0.8 * self.em
     }
 
-    /// Width of `text` in letters of `em` pixels.
+    /// Returns the width of `text` at a font size of `em` pixels.
     pub fn text_width(&self, text: &str, em: f32) -> f32 {
         self.letters(text).1 * self.scale(em)
     }
 
-    /// `text`, or as much of it as fits into `width` pixels in letters of `em`, and an ellipsis.
+    /// Returns `text`, truncated with an ellipsis to fit into `width` pixels at font size `em`.
     pub fn shortened(&self, text: &str, em: f32, width: f32) -> String {
         if self.text_width(text, em) <= width {
             return text.to_owned();
@@ -103,7 +103,7 @@ impl Canvas {
         }
     }
 
-    /// A line of text in letters of `em` pixels, its baseline through `at`.
+    /// Draws a line of text at a font size of `em` pixels, with its baseline through `at`.
     pub fn text(&mut self, text: &str, at: [f32; 2], anchor: Anchor, em: f32, colour: Colour) {
         let (glyphs, width) = self.letters(text);
         let scale = self.scale(em);
@@ -126,7 +126,7 @@ impl Canvas {
         }
     }
 
-    /// The rim of a shape that goes with letters of `em` pixels.
+    /// Draws the halo of a shape, scaled for a font size of `em` pixels.
     fn rim_of(&mut self, path: &Path, em: f32) {
         let stroke = Stroke {
             width: 2.0 * HALO_WIDTH * em,
@@ -144,7 +144,7 @@ impl Canvas {
         self.pixmap.fill_path(path, &paint, rule, there, None);
     }
 
-    /// A rectangle: left, top, width, height in pixels.
+    /// Fills a rectangle: left, top, width, height in pixels.
     pub fn rectangle(&mut self, [x, y, width, height]: [f32; 4], colour: Colour, opacity: f32) {
         if let Some(rect) = Rect::from_xywh(x, y, width, height) {
             let (paint, there) = (paint(colour, opacity), Transform::identity());
@@ -152,7 +152,7 @@ impl Canvas {
         }
     }
 
-    /// A rectangle in ink with a rim.
+    /// Fills a rectangle in the foreground colour with a halo.
     pub fn bar(&mut self, [x, y, width, height]: [f32; 4]) {
         if let Some(rect) = Rect::from_xywh(x, y, width, height) {
             let path = PathBuilder::from_rect(rect);
@@ -161,7 +161,7 @@ impl Canvas {
         }
     }
 
-    /// A line with a rim.
+    /// Draws a line with a halo.
     pub fn line(&mut self, from: [f32; 2], to: [f32; 2], width: f32, colour: Colour) {
         let mut line = PathBuilder::new();
         line.move_to(from[0], from[1]);
@@ -182,7 +182,7 @@ impl Canvas {
         }
     }
 
-    /// Lays what was drawn over `image`, of the same size and four channels.
+    /// Composites the canvas over `image`, of the same size and four channels.
     pub fn composite_over(&self, image: &mut Image) {
         let drawn = self.pixmap.pixels();
         for (under, over) in image.values.chunks_exact_mut(4).zip(drawn) {
@@ -196,12 +196,12 @@ impl Canvas {
         }
     }
 
-    /// Pixels for each of the font's units.
+    /// Returns pixels per font unit.
     fn scale(&self, em: f32) -> f32 {
         em / self.font.units_per_em().unwrap_or(1000.0)
     }
 
-    /// The glyphs of `text`, each with its place, and the width of all, in the font's units.
+    /// Returns the glyphs of `text` with their positions, and the total width, in font units.
     fn letters(&self, text: &str) -> (Vec<(ab_glyph::GlyphId, f32)>, f32) {
         let (mut glyphs, mut width): (Vec<(ab_glyph::GlyphId, f32)>, f32) = (Vec::new(), 0.0);
         for letter in text.chars().filter(|c| !c.is_control()) {
@@ -221,13 +221,13 @@ fn paint(colour: Colour, opacity: f32) -> Paint<'static> {
     let colour = Color::from_rgba(r, g, b, opacity.clamp(0.0, 1.0)).unwrap_or(Color::BLACK);
     Paint {
         shader: Shader::SolidColor(colour),
-        // The quick pipeline rounds colours to fewer levels than a legend has.
+        // The fast pipeline rounds colours to fewer levels than a legend has.
         force_hq_pipeline: true,
         ..Paint::default()
     }
 }
 
-/// Adds a glyph's curves to `path`, with `put` as their way to the picture.
+/// Adds the curves of a glyph to `path`, mapped to image coordinates by `put`.
 fn trace(
     path: &mut PathBuilder,
     curves: &[OutlineCurve],

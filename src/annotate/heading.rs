@@ -1,9 +1,9 @@
-//! The title of a picture and the time that it shows.
+//! Title and time stamp of an image.
 
 use super::canvas::{Anchor, CAP_HEIGHT, Canvas};
 use super::numbers;
 
-/// Letters of the title, of ordinary ones.
+/// Size of the title, as a multiple of the font size.
 const LARGER: f32 = 1.35;
 
 /// The time of a frame.
@@ -11,12 +11,11 @@ const LARGER: f32 = 1.35;
 pub struct FrameTime {
     /// The time, in seconds.
     pub seconds: f64,
-    /// From one frame to the next, in seconds: it is written in as many decimals as that needs.
-    /// 0 where it is not known.
+    /// Interval between frames, in seconds: determines the number of decimals. 0 if unknown.
     pub resolution: f64,
 }
 
-/// Draws a title and returns where the picture begins below it.
+/// Draws a title and returns the y coordinate below it.
 pub(super) fn draw_title(canvas: &mut Canvas, text: &str) -> f32 {
     let margin = canvas.margin();
     let room = canvas.size()[0] - 2.0 * margin;
@@ -29,7 +28,7 @@ pub(super) fn draw_title(canvas: &mut Canvas, text: &str) -> f32 {
     at[1] + margin
 }
 
-/// Draws the time, its top at `top`.
+/// Draws the time, with its upper edge at `top`.
 pub(super) fn draw_time(canvas: &mut Canvas, time: &FrameTime, top: f32) {
     let text = numbers::time(time.seconds, time.resolution);
     let at = [canvas.margin(), top + CAP_HEIGHT * canvas.em];

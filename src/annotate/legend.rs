@@ -1,35 +1,37 @@
-//! What the colours of a picture mean: a bar with its scalars, or the regions by name.
+//! Legends: a colour bar of a scalar field, or a list of regions.
 
 use super::canvas::{Anchor, CAP_HEIGHT, Canvas, Colour};
 use super::numbers::{label, ticks};
 use crate::render::ResolvedTransfer;
 
-/// Height of the bar, of the picture's.
+/// Height of the bar as a fraction of the image height.
 const HEIGHT: f32 = 0.5;
-/// Width of the bar and of the strip beside it, of the letters' size.
+/// Widths of the bar and of the opacity strip beside it, as multiples of the font size.
 const BAR: f32 = 1.1;
 const OPACITY_STRIP_WIDTH: f32 = 0.7;
-/// Most steps between ticks, and the least distance of two, of the letters' size.
+/// Maximum number of tick intervals, and the minimum distance of two ticks as a multiple of the
+/// font size.
 const TICKS: f32 = 6.0;
 const APART: f32 = 2.0;
-/// Most of the picture's width that names may take.
+/// Maximum width of names as a fraction of the image width.
 const NAMES: f32 = 0.35;
-/// Distance of the lines of two regions, of the letters' size.
+/// Line spacing of regions, as a multiple of the font size.
 const LINE: f32 = 1.4;
-/// The squares behind what lets light through, and their side, of the letters' size.
+/// Checkerboard behind translucent colours, and the size of its squares as a multiple of the font
+/// size.
 const CHECKER_GREYS: [f32; 2] = [0.85, 0.45];
 const CHECK: f32 = 0.35;
 
-/// What the colours of a picture mean.
+/// A colour legend.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Legend {
-    /// A bar of the colours of a scalar.
+    /// Colour bar of a scalar field.
     Bar(ColourBar),
-    /// Regions, a colour each.
+    /// List of regions with their colours.
     Regions {
-        /// What they are, above them.
+        /// Heading of the list.
         name: String,
-        /// The regions, from the top; those for which there is no room are counted.
+        /// The regions, from the top; those that do not fit are counted in the last line.
         regions: Vec<Swatch>,
     },
 }
@@ -39,19 +41,19 @@ pub enum Legend {
 pub struct Swatch {
     /// The region's name.
     pub name: String,
-    /// Red, green and blue from 0 to 1.
+    /// RGB from 0 to 1.
     pub colour: [f64; 3],
 }
 
-/// A bar of the colours of a scalar, the largest at the top, with ticks at round numbers.
+/// Colour bar of a scalar field, with the maximum at the top and ticks at round numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColourBar {
     /// The field's name.
     pub name: String,
-    /// Its unit; empty where it has none. Numbers of a Pa or J/m³ are told in its thousands,
-    /// millions or milliards where they are large.
+    /// Its unit; empty if it has none. Large values in Pa and J/m³ are labelled with a prefix: k, M
+    /// or G.
     pub unit: String,
-    /// Smallest and largest scalar.
+    /// Minimum and maximum of the scalar.
     pub range: (f64, f64),
     /// The colours.
     pub colours: BarColours,
@@ -60,20 +62,20 @@ pub struct ColourBar {
 /// The colours of a [`ColourBar`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum BarColours {
-    /// From black to white.
+    /// Greyscale from black to white.
     Grey,
-    /// Those of a transfer function.
+    /// Colours of a transfer function.
     Transfer {
-        /// It, in the units of the range and of the mesh.
+        /// The transfer function, in the units of the range and of the mesh.
         transfer: ResolvedTransfer,
-        /// A way through the body, in units of the mesh: a strip beside the bar shows the colours
-        /// as opaque as so much of the body is, before squares of grey. None leaves it out.
+        /// Path length through the body, in mesh units: a strip beside the bar shows the colours
+        /// with the opacity of this path length, over a checkerboard. `None` omits the strip.
         way: Option<f64>,
     },
 }
 
 impl Legend {
-    /// Draws it, and returns the width that is taken at the right, in pixels.
+    /// Draws the legend and returns its width at the right edge, in pixels.
     pub(super) fn draw(&self, canvas: &mut Canvas) -> f32 {
         match self {
             Legend::Bar(bar) => bar.draw(canvas),
@@ -82,17 +84,17 @@ impl Legend {
     }
 }
 
-/// Where the parts of a colour bar are, in pixels from the upper left.
+/// Layout of a colour bar, in pixels from the upper left.
 struct Layout {
     left: u32,
     top: u32,
-    /// Of the bar, and of the strip beside it.
+    /// Widths of the bar and of the strip beside it.
     widths: [u32; 2],
     height: u32,
 }
 
 impl ColourBar {
-    /// Numbers of the unit that labels are in, and its name.
+    /// Returns the scale of the label unit and its name with prefix.
     fn scale(&self) -> (f64, String) {
         let most = self.range.0.abs().max(self.range.1.abs());
         let prefix = match self.unit.as_str() {
@@ -104,7 +106,7 @@ impl ColourBar {
         (prefix.1, format!("{}{}", prefix.0, self.unit))
     }
 
-    /// The ticks: their scalars, and what is written at them.
+    /// Returns the ticks: scalars and labels.
     fn ticks(&self, canvas: &Canvas) -> Vec<(f64, String)> {
         let (scale, _) = self.scale();
         let height = HEIGHT * canvas.size()[1];
@@ -124,7 +126,7 @@ impl ColourBar {
         let bar = (BAR * em).round();
         let high = (HEIGHT * height).round().max(1.0);
         let left = width - canvas.margin() - labels - bar - strip;
-        // The name stands above it.
+        // Leaves room for the name above it.
         let top = 0.5 * (height - high) + 0.3 * em;
         Layout {
             left: left.max(0.0) as u32,
@@ -134,7 +136,7 @@ impl ColourBar {
         }
     }
 
-    /// The colour of a scalar, and how opaque it is along the way of the strip.
+    /// Returns the colour of a scalar, and its opacity along the path length of the strip.
     fn colour(&self, scalar: f64) -> (Colour, f32) {
         match &self.colours {
             BarColours::Grey => {
@@ -160,7 +162,7 @@ impl ColourBar {
         let [left, top] = [layout.left, layout.top].map(|n| n as f32);
         let [bar, strip] = layout.widths.map(|n| n as f32);
         let height = layout.height as f32;
-        // A rim around both.
+        // An outline around bar and strip.
         canvas.bar([left - 1.0, top - 1.0, bar + strip + 2.0, height + 2.0]);
         let corner = [layout.left, layout.top];
         self.fill(canvas, corner, layout.height, layout.widths, false);
@@ -190,8 +192,8 @@ impl ColourBar {
         (width - left).max(name) + margin
     }
 
-    /// The colours in `length` lines of pixels from `corner` on, each as long as bar and strip are
-    /// wide: from the top down, or across from the left.
+    /// Fills `length` lines of pixels from `corner` with the colours, each as long as the widths of
+    /// bar and strip: from the top down, or from left to right if `across`.
     pub(super) fn fill(
         &self,
         canvas: &mut Canvas,
@@ -228,7 +230,7 @@ fn draw_regions(canvas: &mut Canvas, name: &str, regions: &[Swatch]) -> f32 {
     let (em, ink, margin) = (canvas.em, canvas.foreground, canvas.margin());
     let [width, height] = canvas.size();
     let room = (0.8 * height / (LINE * em)) as usize;
-    // The last line says how many there are no lines for.
+    // The last line gives the number of regions that do not fit.
     let shown = match regions.len() > room.saturating_sub(1) {
         true => room.saturating_sub(2),
         false => regions.len(),

@@ -1,9 +1,8 @@
-//! What a picture needs around it, drawn onto a finished one: a legend, a scale bar, axes, a title
-//! and the time.
+//! Annotations of a finished image: legend, scale bar, axes, title and time.
 //!
-//! It is drawn on the CPU and sized by the picture, so that small and large ones look alike.
-//! Letters and lines are light on dark backgrounds and dark on light ones, with a rim of the other,
-//! so that they can be read wherever they lie.
+//! They are drawn on the CPU and scaled with the image, so that small and large images look alike.
+//! Text and lines are light on dark backgrounds and dark on light ones, with a halo of the opposite
+//! brightness, so that they are legible everywhere.
 
 mod axes;
 mod canvas;
@@ -23,18 +22,18 @@ use crate::render::{Background, Camera, Image};
 use crate::{Error, Result};
 use canvas::Canvas;
 
-/// What is drawn onto a picture; by default nothing.
+/// Annotations of an image; none by default.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Annotations {
-    /// A line of text at the top, in smaller letters where it is too long.
+    /// A line of text at the top, shrunk if it is too long.
     pub title: Option<String>,
-    /// The time that the picture shows, at the upper left.
+    /// Time of the image, at the upper left.
     pub time: Option<FrameTime>,
-    /// What the colours mean, at the right.
+    /// Colour legend, at the right.
     pub legend: Option<Legend>,
-    /// A length, at the lower right.
+    /// Scale bar, at the lower right.
     pub scale_bar: Option<ScaleBar>,
-    /// Where the axes point, at the lower left or at the picture's edges.
+    /// Axis indicator, at the lower left or at the image edges.
     pub axes: Option<Axes>,
 }
 
@@ -44,10 +43,10 @@ impl Annotations {
         *self == Annotations::default()
     }
 
-    /// Draws all of it onto `image`, a picture of `camera` that will be seen on `background`.
+    /// Draws all annotations onto `image`, rendered with `camera` for display on `background`.
     ///
     /// # Errors
-    /// [`Error::Input`] for a picture of other than four channels, or a bad camera.
+    /// [`Error::Input`] for an image without exactly four channels, or an invalid camera.
     pub fn draw(&self, image: &mut Image, camera: &Camera, background: Background) -> Result<()> {
         if self.is_empty() {
             return Ok(());
@@ -84,7 +83,7 @@ impl Annotations {
     }
 }
 
-/// What is taken already at the picture's edges, in pixels.
+/// Space already occupied at the image edges, in pixels.
 struct Margins {
     top: f32,
     right: f32,

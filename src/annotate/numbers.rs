@@ -1,27 +1,29 @@
-//! Round numbers, and how numbers are written.
+//! Round numbers and number formatting.
 
-/// The round numbers of a decade.
+/// Round mantissas of a decade.
 const ROUND: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
-/// Beyond these, numbers are written with a power of ten.
+/// Numbers outside of this range are written in scientific notation.
 const LARGE: f64 = 1e6;
 const SMALL: f64 = 1e-4;
 
-/// The largest of 1, 2 and 5 times a power of ten that is not above `most`, a positive number.
+/// Returns the largest of 1, 2 and 5 times a power of ten that is at most `most`, which must be
+/// positive.
 pub(super) fn round_below(most: f64) -> f64 {
     let power = 10f64.powf(most.log10().floor());
-    // The logarithm of a power of ten may be a hair below it.
+    // The logarithm of a power of ten may be slightly too small by rounding.
     let fits = |r: &&f64| **r * power <= most * (1.0 + 1e-12);
     ROUND.iter().rev().find(fits).map_or(power, |r| r * power)
 }
 
-/// The least of 1, 2 and 5 times a power of ten that is not below `least`, a positive number.
+/// Returns the smallest of 1, 2 and 5 times a power of ten that is at least `least`, which must be
+/// positive.
 fn round_above(least: f64) -> f64 {
     let power = 10f64.powf(least.log10().floor());
     let fits = |r: &&f64| **r * power >= least * (1.0 - 1e-12);
     ROUND.iter().find(fits).map_or(10.0 * power, |r| r * power)
 }
 
-/// Round numbers from `low` to `high`, up to `most` of them and one, and the distance between two.
+/// Returns round numbers from `low` to `high`, at most `most` + 1, and their distance.
 pub(super) fn ticks(low: f64, high: f64, most: usize) -> (Vec<f64>, f64) {
     let span = high - low;
     if !(span.is_finite() && span > 0.0) {
@@ -31,7 +33,7 @@ pub(super) fn ticks(low: f64, high: f64, most: usize) -> (Vec<f64>, f64) {
     let first = (low / step - 1e-9).ceil();
     let count = (high / step + 1e-9).floor() - first;
     let ticks: Vec<f64> = (0..=count.max(0.0) as usize)
-        // Not −0, and not −1e-17 either.
+        // Avoids −0 and rounding residues such as −1e-17.
         .map(|i| (first + i as f64) * step + 0.0)
         .filter(|tick| {
             (low..=high).contains(tick)
@@ -41,7 +43,7 @@ pub(super) fn ticks(low: f64, high: f64, most: usize) -> (Vec<f64>, f64) {
     (ticks, step)
 }
 
-/// A number as a label, in as many digits as tell it from others that are `step` away.
+/// Formats a number with enough digits to distinguish it from others at a distance of `step`.
 pub(super) fn label(value: f64, step: f64) -> String {
     let size = value.abs().max(step.abs());
     if value == 0.0 && !(SMALL..LARGE).contains(&size) {
@@ -70,7 +72,7 @@ pub(super) fn label(value: f64, step: f64) -> String {
     text.replace('-', "−")
 }
 
-/// Seconds in as many decimals as tell times apart that are `resolution` seconds from each other.
+/// Formats seconds with enough decimals to distinguish times at a distance of `resolution`.
 pub(super) fn time(seconds: f64, resolution: f64) -> String {
     let exact = |decimals: &usize| {
         let digits = resolution * 10f64.powi(*decimals as i32);
@@ -123,7 +125,7 @@ mod tests {
             let labels: Vec<String> = ticks.iter().map(|t| label(*t, step)).collect();
             let expected: Vec<&str> = expected.to_vec();
             let labels: Vec<&str> = labels.iter().map(String::as_str).collect();
-            // A range of parts of numbers that are not exact keeps its ends.
+            // Ticks at the ends are kept despite rounding errors of the range.
             assert_eq!(labels, expected, "{low} to {high}");
         }
     }

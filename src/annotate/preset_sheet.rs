@@ -1,29 +1,29 @@
-//! All presets of transfer functions on one sheet.
+//! Overview sheet of all transfer function presets.
 
 use super::canvas::{Anchor, CAP_HEIGHT, Canvas};
 use super::legend::{BarColours, ColourBar};
 use crate::Result;
 use crate::render::{Background, Image, TransferFunction};
 
-/// Size of letters, and of a preset's place on the sheet, in pixels.
+/// Font size and size of a cell, in pixels.
 const LETTERS: f32 = 15.0;
 const CELL_SIZE: [u32; 2] = [400, 44];
 const COLUMNS: u32 = 3;
 const MARGIN: u32 = 16;
-/// Where the bar of a preset begins, its width, and the heights of bar and strip.
+/// Left edge of the bar, its width, and the heights of bar and strip, in pixels.
 const BEGIN: u32 = 96;
 const WIDTH: u32 = 280;
 const BAR: u32 = 16;
 const STRIP: u32 = 12;
-/// The strip is as opaque as so much of the extent of a body.
+/// Path length of the opacity strip, as a fraction of the body's extent.
 const STRIP_DEPTH: f64 = 0.1;
 
-/// A sheet of all presets ([`TransferFunction::preset_names`]) on white: of each its name, the
-/// colours from the smallest scalar to the largest, and below them as opaque as a tenth of the
-/// extent of a body is, before squares of grey.
+/// Draws a sheet of all presets ([`TransferFunction::preset_names`]) on white: the name, the
+/// colours from the minimum to the maximum, and below them the colours with the opacity of a tenth
+/// of the body's extent, over a checkerboard.
 ///
 /// # Errors
-/// None that a caller can bring about: the font and the presets are part of the library.
+/// None in practice: the font and the presets are part of the library.
 pub fn preset_sheet() -> Result<Image> {
     let names = TransferFunction::preset_names();
     let rows = (names.len() as u32).div_ceil(COLUMNS);

@@ -1,14 +1,14 @@
-//! A bar of a round length.
+//! Scale bar with a round length.
 
 use super::canvas::{Anchor, Canvas};
 use super::numbers::{label, round_below};
 use crate::render::{Camera, Projection};
 
-/// The bar is at most this share of the picture's width.
+/// Maximum length of the bar as a fraction of the image width.
 const MOST: f64 = 0.25;
-/// Its thickness, of the letters' size.
+/// Thickness, as a multiple of the font size.
 const THICKNESS: f32 = 0.22;
-/// Units, the largest first: from which length on, in metres, and metres in one.
+/// Units, the largest first: name, minimum length in metres, metres per unit.
 const UNITS: [(&str, f64, f64); 5] = [
     ("m", 1.0, 1.0),
     ("cm", 0.1, 1e-2),
@@ -17,19 +17,20 @@ const UNITS: [(&str, f64, f64); 5] = [
     ("nm", 0.0, 1e-9),
 ];
 
-/// A bar of a round length: 1, 2 or 5 times a power of ten of nm, µm, mm, cm or m, or of the
-/// mesh's units.
+/// A scale bar with a round length: 1, 2 or 5 times a power of ten of nm, µm, mm, cm or m, or of
+/// mesh units.
 ///
-/// It is exact for an orthographic camera; of a perspective one it is the length at the distance of
-/// the point looked at.
+/// Exact for an orthographic camera; for a perspective one it is the length at the distance of the
+/// look-at point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ScaleBar {
-    /// Metres in one unit of the mesh, where it is known.
+    /// Metres per mesh unit, if known.
     pub length_unit: Option<f64>,
 }
 
 impl ScaleBar {
-    /// The length of the bar in a picture of `size` pixels of `camera`, in pixels, and in words.
+    /// Returns the length of the bar in pixels and its label, for an image of `size` pixels of
+    /// `camera`.
     pub fn measure(&self, camera: &Camera, size: [u32; 2]) -> (f64, String) {
         let half = camera.axes().half_height;
         let height = match camera.projection {
@@ -62,7 +63,7 @@ impl ScaleBar {
         let top = (height - margin - thickness).floor();
         let length = length as f32;
         canvas.bar([right - length, top, length, thickness]);
-        // Words wider than a short bar end where it does.
+        // A label wider than the bar is right-aligned with it.
         let half = 0.5 * canvas.text_width(&words, em);
         let middle = (right - 0.5 * length).min(right - half);
         let at = [middle, top - 0.4 * em];

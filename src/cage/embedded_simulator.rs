@@ -1,4 +1,4 @@
-//! A fine mesh carried by a coarse body, as a simulator.
+//! Simulator of a fine mesh embedded in a coarse body.
 
 use super::{Cage, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
@@ -11,8 +11,8 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// A mesh whose nodes a [`Cage`] carries. The cage is what is simulated: it can be gone round
-/// neither by a cut nor by moving the mesh's own nodes.
+/// A mesh embedded in a [`Cage`]. Only the cage is simulated, so the mesh can be neither cut nor
+/// moved node by node.
 pub struct EmbeddedSimulator {
     cage: Cage,
     inner: Box<dyn Simulator>,
@@ -22,10 +22,10 @@ pub struct EmbeddedSimulator {
 }
 
 impl EmbeddedSimulator {
-    /// `mesh` in `cage`, which `inner` simulates.
+    /// Creates the simulator of `mesh` in `cage`, which `inner` simulates.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when the nodes of the mesh do not fit the device.
+    /// [`Error::Gpu`] if the device cannot allocate the nodes of the mesh.
     pub fn new(
         gpu: &Gpu,
         mesh: TetMesh,
@@ -43,12 +43,12 @@ impl EmbeddedSimulator {
         })
     }
 
-    /// How the cage turned out.
+    /// Returns statistics of the cage.
     pub fn report(&self) -> CageReport {
         self.cage.report()
     }
 
-    /// Grabs reach at least this far, so that they find a node of the cage.
+    /// Returns the minimum grab radius, which ensures that a grab contains a node of the cage.
     fn reach(&self) -> f64 {
         0.51 * DVec3::from(self.cage.report().spacing).length()
     }

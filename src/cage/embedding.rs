@@ -1,4 +1,4 @@
-//! The fine mesh's nodes on the GPU, carried by the tets of a coarse one.
+//! Embeds the nodes of a fine mesh in the tetrahedra of a coarse one, on the GPU.
 
 use crate::Result;
 use crate::gpu::{Gpu, Pass, Recorder, Texel};
@@ -17,31 +17,31 @@ mod gpu_data {
     }
 }
 
-/// Weights below this are those of a node outside.
+/// Weights below this mark a node outside of the coarse mesh.
 const OUTSIDE: f64 = -1e-6;
 
-/// Nodes of a fine mesh, each tied by barycentric weights to the tet of a coarse mesh that holds
-/// it, or to the nearest one.
+/// Nodes of a fine mesh, each embedded by barycentric weights in the tetrahedron of a coarse mesh
+/// that contains it, or in the nearest one.
 ///
-/// One pass writes their positions, which whoever draws the fine mesh takes. Affine motions of
-/// the coarse mesh carry the fine one exactly.
+/// One pass computes their positions for rendering. Affine motions of the coarse mesh are
+/// reproduced exactly.
 #[derive(Debug)]
 pub struct Embedding {
     transfer: BarycentricMap,
     nodes: NodePositions,
     pass: Pass,
-    /// The version of the coarse nodes that the positions were made from.
+    /// Version of the coarse nodes at the last update.
     carried: u64,
     outside: usize,
 }
 
 impl Embedding {
-    /// Embeds the nodes of `fine` in the tets of `coarse`, both at rest and in the same unit.
+    /// Embeds the nodes of `fine` in the tetrahedra of `coarse`, both at rest and in the same unit.
     /// `carriers` are the coarse mesh's nodes on the GPU.
     ///
     /// # Errors
-    /// As [`BarycentricMap::new`]; [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the
-    /// device.
+    /// As [`BarycentricMap::new`]; [`Error::Gpu`](crate::Error::Gpu) if the device cannot allocate
+    /// the nodes.
     pub fn new(
         gpu: &Gpu,
         coarse: &TetMesh,
@@ -52,10 +52,10 @@ impl Embedding {
         Embedding::with_transfer(gpu, transfer, carriers, fine)
     }
 
-    /// As [`Embedding::new`], where it is known what carries what.
+    /// As [`Embedding::new`], with known weights.
     ///
     /// # Errors
-    /// [`Error::Gpu`](crate::Error::Gpu) when the nodes do not fit the device.
+    /// [`Error::Gpu`](crate::Error::Gpu) if the device cannot allocate the nodes.
     pub fn with_transfer(
         gpu: &Gpu,
         transfer: BarycentricMap,
@@ -94,23 +94,24 @@ impl Embedding {
         })
     }
 
-    /// The fine mesh's nodes, for drawing, as of the last [`Embedding::record_update`].
+    /// Returns the fine mesh's nodes for rendering, as of the last [`Embedding::record_update`].
     pub fn nodes(&self) -> &NodePositions {
         &self.nodes
     }
 
-    /// Fine nodes outside the coarse mesh, whose weights reach beyond 0 and 1.
+    /// Returns the number of fine nodes outside of the coarse mesh, whose weights are not all from
+    /// 0 to 1.
     pub fn outside(&self) -> usize {
         self.outside
     }
 
-    /// What carries each fine node.
+    /// Returns the barycentric weights of the fine nodes.
     pub fn transfer(&self) -> &BarycentricMap {
         &self.transfer
     }
 
-    /// Records the carrying of the fine nodes, if `carriers`, the nodes it was made with, may have
-    /// moved since the last time. Whether that is so.
+    /// Records the update of the fine nodes if `carriers`, the nodes passed at creation, changed
+    /// since the last update. Returns whether they did.
     pub fn record_update(&mut self, work: &mut Recorder, carriers: &NodePositions) -> bool {
         let moved = self.carried != carriers.version();
         if moved {
@@ -120,7 +121,7 @@ impl Embedding {
         moved
     }
 
-    /// Positions, or other vectors, of the fine nodes, of those of the coarse ones; in float64.
+    /// Interpolates positions, or other vectors, from coarse nodes to fine ones, in float64.
     ///
     /// # Errors
     /// As [`BarycentricMap::apply`].

@@ -1,60 +1,61 @@
-//! The cells around a fine body, and what of it each holds.
+//! Lattice cells that cover a fine body, with the mass and stiffness that each contains.
 
 use crate::mesh::{TET_EDGES, TetMesh};
 use crate::physics::DiscreteModel;
 use crate::{Error, Result};
 use glam::{DVec3, UVec3};
 
-/// Samples for each cell's volume of the fine body.
+/// Samples per cell volume of the fine body.
 const SAMPLES_A_CELL: f64 = 64.0;
-/// Samples of one tet, at least and at most.
+/// Minimum and maximum number of samples in a tetrahedron.
 const SAMPLES: [f64; 2] = [4.0, 4096.0];
-/// A cell that the body only touches is filled to this share.
+/// Minimum fill fraction of a cell that the body touches.
 const LEAST_FILL: f64 = 0.01;
-/// Cells whose sides differ by more than this have springs that cannot be as stiff all around.
+/// Maximum ratio of cell sides; more elongated cells cannot have isotropic springs.
 const MOST_STRETCH: f64 = 1.15;
-/// Most cells along an axis, and in all.
+/// Maximum number of cells along an axis, and in total.
 const MOST_ALONG: f64 = 1024.0;
 const MOST: f64 = 1e8;
 
-/// A point of the fine body that stands for a part of it.
+/// A sample point with its share of the fine body.
 struct Sample {
     place: DVec3,
     /// Young's modulus times volume, Pa m³.
     stiffness: f64,
-    /// Of finite elements: Lamé's μ and λ times volume, Pa m³.
+    /// Of finite elements: Lamé parameters μ and λ times volume, Pa m³.
     lame: [f64; 2],
-    /// kg.
+    /// Mass, kg.
     mass: f64,
 }
 
-/// What of the fine body a cell holds.
+/// Content of the fine body in a cell.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct CellContent {
-    /// Whether anything of the body is in the cell.
+    /// Whether the cell contains a part of the body.
     pub occupied: bool,
-    /// Young's modulus times the share of the cell that is filled, Pa.
+    /// Young's modulus times fill fraction, Pa.
     pub young: f64,
-    /// Of finite elements: Lamé's μ and λ times that share, Pa.
+    /// Of finite elements: Lamé parameters μ and λ times fill fraction, Pa.
     pub lame: [f64; 2],
-    /// kg.
+    /// Mass, kg.
     pub mass: f64,
 }
 
-/// Cells of a regular grid that cover a fine body.
+/// Cells of a regular grid that covers a fine body.
 #[derive(Clone, Debug)]
 pub(super) struct Cells {
-    /// The lowest corner, in file units.
+    /// Lowest corner, in file units.
     pub low: DVec3,
-    /// The sides of a cell, in file units.
+    /// Cell sides, in file units.
     pub spacing: DVec3,
     pub count: [usize; 3],
-    /// Of each cell, x running fastest.
+    /// One a cell, x varying fastest.
     pub contents: Vec<CellContent>,
 }
 
 impl Cells {
-    /// Cells with about `wanted` corners around `mesh`, whose masses and springs are `network`.
+    /// Creates cells with about `wanted` corners around `mesh`, which has the masses and springs of
+    /// `network`.
     pub fn cover(mesh: &TetMesh, network: &DiscreteModel, wanted: usize) -> Result<Cells> {
         let volume = mesh.volume().abs();
         let first = (volume / wanted as f64).cbrt();
@@ -125,7 +126,8 @@ impl Cells {
             mass += sample.mass;
         }
         let body = mesh.volume().abs() * unit.powi(3);
-        // Every node is inside, or at least on the side of a cell.
+        // Nodes that are not in or on an occupied cell, within a small tolerance, mark their cell
+        // as occupied.
         let nudge = 1e-6 * self.spacing;
         let sides = (0..8u32).map(|k| {
             let way = |bit: u32| if k >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -144,7 +146,7 @@ impl Cells {
         let mut total = 0.0;
         for content in self.contents.iter_mut().filter(|c| c.occupied) {
             content.young = content.young.max(LEAST_FILL * stiffness / body);
-            // One factor for both, so that Poisson's ratio stays.
+            // One factor for both, to preserve Poisson's ratio.
             let least = LEAST_FILL / body;
             match content.lame[0] {
                 0.0 => content.lame = lame.map(|l| least * l),
@@ -156,13 +158,13 @@ impl Cells {
             content.mass = content.mass.max(LEAST_FILL * mass / body * volume);
             total += content.mass;
         }
-        // What the least fill added is taken off everywhere.
+        // Rescales all cells to the total mass, which the minimum fill increased.
         for content in self.contents.iter_mut().filter(|c| c.occupied) {
             content.mass *= mass / total;
         }
     }
 
-    /// The cell at `p`, or the nearest one.
+    /// Returns the index of the cell that contains `p`, or of the nearest one.
     fn at(&self, p: DVec3) -> usize {
         let cell = ((p - self.low) / self.spacing).floor().max(DVec3::ZERO);
         let [nx, ny, nz] = self.count.map(|n| n as u32);
@@ -170,7 +172,7 @@ impl Cells {
         cell.x as usize + self.count[0] * (cell.y as usize + self.count[1] * cell.z as usize)
     }
 
-    /// What the cell at these coordinates holds; nothing where there is no such cell.
+    /// Returns the content of a cell by its indices; empty outside of the grid.
     pub fn content(&self, cell: [i64; 3]) -> CellContent {
         let inside = (0..3).all(|a| (0..self.count[a] as i64).contains(&cell[a]));
         match inside {
@@ -182,7 +184,7 @@ impl Cells {
         }
     }
 
-    /// Corners of the cells that hold anything.
+    /// Returns the number of corners of occupied cells.
     fn corners(&self) -> usize {
         let [nx, ny, nz] = self.count.map(|n| n as i64);
         let around = |x, y, z| {
@@ -197,7 +199,8 @@ impl Cells {
     }
 }
 
-/// Points all over the body, which share the mass and the stiffness of their tets.
+/// Returns sample points that fill the body, with shares of the mass and stiffness of their
+/// tetrahedra.
 fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sample>> {
     let unit = network.length_unit;
     let volume = |t: usize| mesh.tet_volume(t).abs() * unit.powi(3);
@@ -206,8 +209,8 @@ fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sam
         let nodes = [a.min(b), a.max(b)];
         springs.binary_search_by_key(&nodes, |s| s.nodes).ok()
     };
-    // A spring has κ = E ΣV / L² of the tets around it, and gives each its share of κ L²; so do
-    // nodes with their mass.
+    // A spring has κ = E ΣV / L² of its incident tetrahedra; κ L² is distributed to them by volume,
+    // and so is the mass of nodes.
     let mut around_spring = vec![0.0; springs.len()];
     let mut around_node = vec![0.0; mesh.nodes.len()];
     let edges = |t: usize| {
@@ -227,7 +230,7 @@ fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sam
     let mut elements = network.elements.tets.iter().peekable();
     for t in 0..mesh.tets.len() {
         let own = volume(t);
-        // Elements are in the order of the mesh's tets, of which some may be none.
+        // Elements are in the order of the mesh's tetrahedra, some of which may have none.
         let element = elements.next_if(|e| e.nodes == mesh.tets[t]);
         let lame = element.map_or([0.0; 2], |e| e.small_strain(law).map(|l| l * own));
         if own <= 0.0 {
@@ -263,8 +266,9 @@ fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sam
     }
 }
 
-/// The `n`th of points that fill a tet evenly: a Weyl sequence in the cube, folded into the tet
-/// (Rocchini & Cignoni, *Generating random points in a tetrahedron*, 2001).
+/// Returns point `n` of a uniform low-discrepancy set in a tetrahedron: a Weyl sequence in the
+/// cube, folded into the tetrahedron (Rocchini & Cignoni, *Generating random points in a
+/// tetrahedron*, 2001).
 fn place_in(corners: [DVec3; 4], n: usize) -> DVec3 {
     let step = DVec3::new(
         0.819_172_513_396_164_4,
@@ -297,7 +301,8 @@ mod tests {
         let (low, high) = bounds(&points);
         assert!(low.min_element() >= 0.0 && high.element_sum() < 3.0);
         assert!(points.iter().all(|p| p.element_sum() <= 1.0 + 1e-12));
-        // Moments of a tet: means of 1/4, and of 1/10 for squares. A fold left out misses by 0.07 or more.
+        // Moments of a tetrahedron: mean 1/4, mean square 1/10. A missing fold causes an error of
+        // at least 0.07.
         let mean = points.iter().sum::<DVec3>() / count as f64;
         let square = points.iter().map(|p| *p * *p).sum::<DVec3>() / count as f64;
         assert!((mean - 0.25).abs().max_element() < 5e-3, "{mean}");

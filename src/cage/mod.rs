@@ -1,8 +1,7 @@
-//! Coarse bodies that carry fine meshes: no more is simulated than a scene needs.
+//! Embedded deformation: coarse simulated bodies that deform fine meshes.
 //!
-//! A [`Cage`] is made from a fine body: cells around its mesh, with its mass and stiffness. The
-//! cage is simulated; an [`Embedding`] carries the nodes of the fine mesh along, so that the fine
-//! mesh is what is drawn.
+//! A [`Cage`] is created from a fine body: cells around its mesh, with its mass and stiffness. Only
+//! the cage is simulated; an [`Embedding`] interpolates the nodes of the fine mesh for rendering.
 
 mod embedded_simulator;
 mod embedding;

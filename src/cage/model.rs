@@ -1,4 +1,4 @@
-//! A cage: a coarse body made from a fine one.
+//! Cages: coarse bodies generated from fine ones.
 
 use super::lattice::Cells;
 use super::stiffness_fit::{ConstrainedNetwork, compliance, gravity_loads};
@@ -14,27 +14,27 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
 
-/// Nodes that a cage may have.
+/// Valid number of cage nodes.
 const NODES: std::ops::RangeInclusive<usize> = 8..=4_000_000;
-/// The least share of a held fine node's weights that held nodes of the cage have.
+/// Minimum total weight of pinned cage nodes in the embedding of a pinned fine node.
 const PINNED_WEIGHT: f64 = 0.75;
-/// Factors of stiffness beyond these are not believed.
+/// Fitted stiffness factors outside of this range are rejected.
 const VALID_STIFFNESS_SCALE: std::ops::RangeInclusive<f64> = 0.02..=50.0;
 
-/// What a cage is made of.
+/// Discretisation of a cage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CageKind {
-    /// Tets over the cells, five each, stepped by any solver.
+    /// Tetrahedra, five per cell, for any solver.
     #[default]
     Lattice,
-    /// Particles at the corners of the cells, with springs to 18 neighbours: a grid body, stepped
-    /// by Verlet.
+    /// Particles at the corners of the cells, with springs to 18 neighbours: a grid body,
+    /// integrated by the Verlet method.
     Grid,
 }
 
 impl CageKind {
-    /// The name, as in scenes.
+    /// Returns the name used in scenes.
     pub fn name(self) -> &'static str {
         match self {
             CageKind::Lattice => "lattice",
@@ -63,51 +63,50 @@ impl FromStr for CageKind {
     }
 }
 
-/// How a cage turned out.
+/// Statistics of a cage.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct CageReport {
-    /// Nodes that move.
+    /// Number of moving nodes.
     pub nodes: usize,
-    /// Sides of a cell, in file units.
+    /// Cell sides, in file units.
     pub spacing: [f64; 3],
-    /// Fine nodes outside its tets.
+    /// Fine nodes outside of its tetrahedra.
     #[serde(rename = "outside")]
     pub nodes_outside: usize,
-    /// What its stiffness was multiplied by so that it gives as the fine body does.
+    /// Factor by which its stiffness was scaled to match the compliance of the fine body.
     #[serde(rename = "fitted")]
     pub stiffness_scale: f64,
-    /// Rate of damping of the slowest swing, 1/s.
+    /// Damping rate of the lowest mode, 1/s.
     pub damping: f64,
 }
 
-/// A coarse body that carries a fine one: cells around the fine mesh, with its mass and
-/// stiffness.
+/// A coarse body that embeds a fine one: cells around the fine mesh, with its mass and stiffness.
 ///
-/// Each cell has the mass of what it holds of the fine body, and the mean of its moduli over the
-/// whole cell; so cells that are partly filled are lighter and softer. A lattice around a body of
-/// finite elements is one of elements by the same law. Otherwise cells have springs, those of full
-/// cells as stiff in all directions. Parts of the body that share a cell are one.
+/// Each cell has the mass of its content of the fine body, and the mean of its moduli over the
+/// whole cell; so partly filled cells are lighter and softer. A lattice around a body of finite
+/// elements has elements with the same constitutive model. Otherwise cells have springs, which are
+/// isotropic in full cells. Parts of the body in the same cell are coupled.
 #[derive(Clone, Debug)]
 pub struct Cage {
-    /// The tets that carry the fine nodes, in the unit of the fine mesh.
+    /// The tetrahedra that embed the fine nodes, in the unit of the fine mesh.
     pub mesh: TetMesh,
     /// Its masses, and its springs or elements.
     pub network: DiscreteModel,
-    /// The same as particles on a grid, where it is of that kind.
+    /// The grid model, for [`CageKind::Grid`].
     pub grid: Option<GridModel>,
     transfer: BarycentricMap,
-    /// Of each node: the sum of the weights with which it carries fine nodes.
+    /// For each node, the sum of its weights over all fine nodes.
     influence: Vec<f64>,
     report: CageReport,
 }
 
 impl Cage {
-    /// A cage of about `nodes` nodes around `mesh`, a body with these masses and springs or
-    /// elements.
+    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the masses and springs or
+    /// elements of `network`.
     ///
     /// # Errors
-    /// [`Error::Input`] for a number of nodes that makes no sense, rigid regions, or particles
-    /// around a body of elements; [`Error::Mesh`] for a mesh without an inside.
+    /// [`Error::Input`] for an invalid number of nodes, rigid regions, or a grid cage around a body
+    /// of finite elements; [`Error::Mesh`] for a mesh without volume.
     pub fn new(
         mesh: &TetMesh,
         network: &DiscreteModel,
@@ -172,18 +171,19 @@ impl Cage {
         })
     }
 
-    /// What carries each fine node.
+    /// Returns the barycentric weights of the fine nodes.
     pub fn transfer(&self) -> &BarycentricMap {
         &self.transfer
     }
 
-    /// How it turned out.
+    /// Returns statistics of the cage.
     pub fn report(&self) -> CageReport {
         self.report
     }
 
-    /// The nodes that stand for these nodes of the fine mesh: those that carry more of them than
-    /// of others, and so many more that each fine node is carried by them for the most part.
+    /// Returns the cage nodes that represent the fine nodes `fine`: those with more than half of
+    /// their total weight in these, and further ones until the chosen nodes have most of the weight
+    /// of each of these.
     pub fn coarse_nodes_for(&self, fine: &[u32]) -> Vec<u32> {
         let shares = self.transfer.source_weights();
         let carriers: Vec<&([u32; 4], [f64; 4])> = fine
@@ -212,18 +212,19 @@ impl Cage {
         chosen.into_iter().collect()
     }
 
-    /// Makes the cage stiffer or softer, all of it by one factor, so that the cage held at `pinned`
-    /// gives as far as the fine body held at `fine_pinned`, for small displacements: the work of
-    /// `load`, N on the fine nodes, is the same; without a load, that of the body's weight along
-    /// the three axes. Coarse cells bend less readily than fine ones, and this makes up for it.
-    /// Finds the damping of the slowest swing too.
+    /// Scales the stiffness of the whole cage by one factor, so that the cage pinned at `pinned`
+    /// has the same compliance as the fine body pinned at `fine_pinned`, for small displacements:
+    /// equal work of `load`, N on the fine nodes; without a load, of gravity along the three axes.
+    /// This compensates that coarse cells are stiffer in bending than fine ones. Also computes the
+    /// damping rate of the lowest mode.
     ///
-    /// Bodies that hang on nothing are held at one end for it, as [`DiscreteModel::find_clamped_end`] finds it.
+    /// Bodies without pins are clamped at one end for the fit, see
+    /// [`DiscreteModel::find_clamped_end`].
     ///
-    /// Returns the factor, 1 where none could be found.
+    /// Returns the factor, 1 if the fit fails.
     ///
     /// # Errors
-    /// [`Error::Input`] where the numbers of nodes, pins and loads differ.
+    /// [`Error::Input`] if the numbers of nodes, pins and loads differ.
     pub fn fit_stiffness(
         &mut self,
         fine: &DiscreteModel,
@@ -285,7 +286,8 @@ impl Cage {
         Ok(factor)
     }
 
-    /// Pins at the end that holds the fine body best, of it and of the cage.
+    /// Returns pins of the fine body and of the cage at the end chosen by
+    /// [`DiscreteModel::find_clamped_end`].
     fn held_at_one_end(&self, fine: &DiscreteModel) -> (Vec<bool>, Vec<bool>) {
         let held = fine.find_clamped_end(DVec3::NEG_Z).0.nodes;
         let mut fine_pinned = vec![false; fine.rest_positions.len()];
@@ -300,7 +302,7 @@ impl Cage {
     }
 }
 
-/// Springs of a cage with the given lists, damped as the fine body is.
+/// Creates a network of springs with the damping of the fine body.
 fn damped_as(
     fine: &DiscreteModel,
     frame: LocalFrame,
@@ -308,8 +310,8 @@ fn damped_as(
     masses: Vec<f64>,
     springs: Vec<Spring>,
 ) -> DiscreteModel {
-    // One κ_d for springs of any length makes meshes of any fineness alike only by its share of
-    // their stiffness.
+    // A constant κ_d for springs of any length is comparable between mesh resolutions only relative
+    // to their stiffness.
     let total: f64 = fine.springs.iter().map(|s| s.stiffness).sum();
     let extra = match total > 0.0 {
         true => fine.damping * fine.springs.len() as f64 / total,
@@ -328,12 +330,12 @@ fn damped_as(
     }
 }
 
-/// Tets over the cells, and springs along their edges; of a body of elements the tets are some too.
+/// Creates tetrahedra over the cells with springs along their edges, and for a body of finite
+/// elements also with elements.
 ///
-/// A cell of five tets has each edge of the cell, and one diagonal of each face. With κ of the
-/// edges as [`isotropic_stiffness`] has them, shared by four cells, and κ of the diagonals doubled, for
-/// there is one in place of two, and shared by two cells, full cells are as stiff in all
-/// directions.
+/// A cell of five tetrahedra has each edge of the cell, and one diagonal of each face. Full cells
+/// are isotropic: edges use κ of [`isotropic_stiffness`], shared by four cells; diagonals use twice
+/// κ, because there is one in place of two, shared by two cells.
 fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, DiscreteModel)> {
     let held = |c: [usize; 3]| cells.content(c.map(|n| n as i64)).occupied;
     let Grid { nodes, tets } = grid(cells.count, Split::Five, held)?;
@@ -413,7 +415,8 @@ fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, DiscreteMode
     Ok((mesh, network))
 }
 
-/// A tet of `mesh` with Lamé's μ and λ, Pa, by the law of `fine`.
+/// Creates an element of `mesh` from Lamé parameters μ and λ, Pa, with the constitutive model of
+/// `fine`.
 fn element(
     mesh: &TetMesh,
     tet: [u32; 4],
@@ -430,10 +433,10 @@ fn element(
     })
 }
 
-/// Particles at the corners of the cells: each has an eighth of the mass of the cells around it,
-/// and the mean of their moduli.
+/// Creates particles at the corners of the cells: each has an eighth of the mass of its incident
+/// cells, and the mean of their moduli.
 fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel> {
-    // A layer of particles that the body has not lies around those of the cells.
+    // A layer of empty particles surrounds those of the cells.
     let size = cells.count.map(|n| n + 3);
     let total: usize = size.iter().product();
     let at = |i: usize| {
@@ -455,7 +458,7 @@ fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel> {
         labels: vec![1],
     };
     let held = |c: [i64; 3]| cells.content(c).occupied;
-    // Springs hold only what a cell holds.
+    // Keeps only springs within an occupied cell.
     let mut springs = shape.springs();
     for (i, mask) in springs.iter_mut().enumerate() {
         let p = at(i);
@@ -491,7 +494,7 @@ fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel> {
     Ok(model)
 }
 
-/// The masses and springs of a grid as a list.
+/// Converts the masses and springs of a grid to a network.
 fn network_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
     let (shape, frame, unit) = (&model.shape, model.frame, model.length_unit);
     let offsets = shape.offsets();

@@ -1,46 +1,47 @@
-//! How far a body gives under loads, in float64 and for small displacements.
+//! Linear static compliance of a body under loads, in float64 for small displacements.
 
 use crate::parallel;
 use crate::physics::{DiscreteModel, Element};
 use glam::{DMat3, DVec3};
 
-/// Most iterations of conjugate gradients.
+/// Maximum iterations of conjugate gradients.
 const ITERATIONS: usize = 3000;
 /// Relative residual at which they stop.
 const TOLERANCE: f64 = 1e-4;
-/// The same where only the size of a load is asked for.
+/// Relative residual when estimating the size of a load.
 const LOAD_ESTIMATE_TOLERANCE: f64 = 1e-3;
 
-/// A list for each load case: loads, N, or displacements under them, m.
+/// One list per load case: loads, N, or displacements, m.
 pub(super) type LoadCases = Vec<Vec<DVec3>>;
 
-/// How much stiffer than the mean spring of what is soft those within rigid bodies are taken to be,
-/// at most: conjugate gradients have to get through.
+/// Upper bound of the spring stiffness within rigid bodies, relative to the mean spring of
+/// deformable parts: limits the condition number for conjugate gradients.
 const RIGID: f64 = 100.0;
 
-/// The weight of a body at 1 m/s² along each axis.
+/// Returns the weight of a body at 1 m/s² along each axis.
 pub(super) fn gravity_loads(network: &DiscreteModel) -> LoadCases {
     let along = |axis: DVec3| network.masses.iter().map(|m| *m * axis).collect();
     vec![along(DVec3::X), along(DVec3::Y), along(DVec3::Z)]
 }
 
-/// A network held at some nodes, linear in its displacements.
+/// A linearised network with pinned nodes.
 pub(super) struct ConstrainedNetwork<'a> {
     network: &'a DiscreteModel,
-    /// Of each node: what it is tied to, and by which edge.
+    /// Neighbours of each node with the connecting edge.
     rows: Vec<Vec<(u32, u32)>>,
-    /// Of each edge, from the smaller node i to j: B for a force B (u_j − u_i) on i; that on j is
-    /// Bᵀ (u_i − u_j).
+    /// For each edge, from the smaller node i to j: B with force B (u_j − u_i) on i; the force on j
+    /// is Bᵀ (u_i − u_j).
     edges: Vec<DMat3>,
     free: Vec<bool>,
-    /// The inverse diagonal blocks of the stiffness.
+    /// Inverse diagonal blocks of the stiffness matrix (block Jacobi preconditioner).
     inverse: Vec<DMat3>,
     /// Relative residual at which conjugate gradients stop.
     tolerance: f64,
 }
 
 impl<'a> ConstrainedNetwork<'a> {
-    /// The network held where `pinned` says. Parts that no pin holds stay as they are.
+    /// Linearises the network with the nodes in `pinned` fixed. Components with fewer than three
+    /// pins stay at rest.
     pub fn new(network: &'a DiscreteModel, pinned: &[bool]) -> ConstrainedNetwork<'a> {
         let count = network.rest_positions.len();
         let mut rows = vec![Vec::new(); count];
@@ -64,7 +65,8 @@ impl<'a> ConstrainedNetwork<'a> {
             .iter()
             .zip(&free)
             .map(|(block, free)| {
-                // A node on one line of springs is held weakly across it, not at all if alone.
+                // Collinear springs give a node no lateral stiffness: regularises the singular
+                // block.
                 let trace = block.x_axis.x + block.y_axis.y + block.z_axis.z;
                 let block = *block + DMat3::IDENTITY * (1e-9 * trace);
                 match *free && trace > 0.0 {
@@ -83,7 +85,7 @@ impl<'a> ConstrainedNetwork<'a> {
         }
     }
 
-    /// Whether anything can move.
+    /// Whether any node can move.
     pub fn has_free_nodes(&self) -> bool {
         self.free.contains(&true)
     }
@@ -108,7 +110,7 @@ impl<'a> ConstrainedNetwork<'a> {
         parallel::map(p.len(), row)
     }
 
-    /// Where the body gives way to under `loads`, from the guess `start` on.
+    /// Solves for the displacements under `loads`, with the initial guess `start`.
     pub fn solve_cases(&self, loads: &LoadCases, start: Option<&LoadCases>) -> LoadCases {
         let guess = |case: usize| start.and_then(|s| s.get(case)).map(Vec::as_slice);
         let cases = loads.iter().enumerate();
@@ -163,7 +165,8 @@ impl<'a> ConstrainedNetwork<'a> {
         x
     }
 
-    /// ω² of the slowest swing, by Rayleigh's quotient of the load case that gives most.
+    /// Estimates ω² of the lowest mode by the Rayleigh quotient of the load case with the largest
+    /// compliance.
     pub fn lowest_eigenvalue(&self, loads: &LoadCases, given: &LoadCases) -> f64 {
         let most = loads
             .iter()
@@ -181,12 +184,12 @@ impl<'a> ConstrainedNetwork<'a> {
     }
 }
 
-/// κ n nᵀ of each spring.
+/// Returns κ n nᵀ of each spring.
 fn edges_of_springs(network: &DiscreteModel) -> Vec<DMat3> {
     parallel::map(network.springs.len(), |s| spring_edge(network, s, f64::MAX))
 }
 
-/// The same of a spring whose κ counts up to `most`.
+/// Returns κ n nᵀ of a spring, with κ limited to `most`.
 fn spring_edge(network: &DiscreteModel, s: usize, most: f64) -> DMat3 {
     let spring = &network.springs[s];
     let [a, b] = spring.nodes.map(|v| network.rest_positions[v as usize]);
@@ -194,8 +197,8 @@ fn spring_edge(network: &DiscreteModel, s: usize, most: f64) -> DMat3 {
     outer(along, along) * spring.stiffness.clamp(0.0, most)
 }
 
-/// The blocks of linear elasticity at rest, with their signs turned, of which those of a node add
-/// up to zero with its own. Rigid bodies have springs, stiff ones.
+/// Returns the negative off-diagonal blocks of linear elasticity at rest; the diagonal block of a
+/// node is the sum of those of its edges. Rigid bodies are represented by stiff springs.
 fn edges_of_elements(network: &DiscreteModel) -> Vec<DMat3> {
     let springs = &network.springs;
     let mut edges = vec![DMat3::ZERO; springs.len()];
@@ -235,8 +238,8 @@ fn edges_of_elements(network: &DiscreteModel) -> Vec<DMat3> {
     edges
 }
 
-/// K_ab of a tet at rest, N/m: V (μ (g_a·g_b I + g_b g_aᵀ) + λ g_a g_bᵀ), of averaged volumes with
-/// as much of λ as the tet keeps.
+/// Returns K_ab of a tetrahedron at rest, N/m: V (μ (g_a·g_b I + g_b g_aᵀ) + λ g_a g_bᵀ); with
+/// nodal averaging of volumes, only with the per-tetrahedron part of λ.
 fn stiffness(element: &Element, network: &DiscreteModel) -> impl Fn(usize, usize) -> DMat3 {
     let elements = &network.elements;
     let [mu, lambda] = element.small_strain(elements.law);
@@ -249,12 +252,12 @@ fn stiffness(element: &Element, network: &DiscreteModel) -> impl Fn(usize, usize
     }
 }
 
-/// a bᵀ.
+/// Returns a bᵀ.
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// How far a body gives: the work of all loads.
+/// Returns the compliance: the total work of the loads.
 pub(super) fn compliance(loads: &LoadCases, given: &LoadCases) -> f64 {
     loads.iter().zip(given).map(|(f, u)| dot(f, u)).sum()
 }
@@ -263,7 +266,7 @@ fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
 }
 
-/// The nodes that can move, of parts that are pinned at three nodes or more.
+/// Returns the nodes that can move, in components with at least three pins.
 fn reached(rows: &[Vec<(u32, u32)>], pinned: &[bool]) -> Vec<bool> {
     let mut free = vec![false; rows.len()];
     let mut seen = vec![false; rows.len()];
@@ -292,19 +295,19 @@ fn reached(rows: &[Vec<(u32, u32)>], pinned: &[bool]) -> Vec<bool> {
     free
 }
 
-/// A network held at some nodes: how it gives under a load, for small displacements.
+/// Compliance of a network with pinned nodes, for small displacements.
 pub(crate) struct Compliance<'a>(ConstrainedNetwork<'a>);
 
 impl<'a> Compliance<'a> {
-    /// None where nothing can move, or nothing is held.
+    /// Creates the linear system; `None` if no node can move, or no component is constrained.
     pub fn new(network: &'a DiscreteModel, pinned: &[bool]) -> Option<Compliance<'a>> {
         let mut held = ConstrainedNetwork::new(network, pinned);
         held.tolerance = LOAD_ESTIMATE_TOLERANCE;
         held.has_free_nodes().then_some(Compliance(held))
     }
 
-    /// How far each node gives under `load` (N on the nodes), m, and the rate of the slowest
-    /// swing about there, rad/s.
+    /// Returns the displacement of each node under `load` (N on the nodes), m, and the angular
+    /// frequency of the lowest mode estimated from it, rad/s.
     pub fn solve_load(&self, load: &[DVec3]) -> (Vec<DVec3>, f64) {
         let loads = vec![load.to_vec()];
         let mut given = self.0.solve_cases(&loads, None);

@@ -1,6 +1,6 @@
-//! One-dimensional arrays on the GPU, held in two-dimensional textures.
+//! One-dimensional arrays on the GPU, stored in two-dimensional textures.
 //!
-//! Textures because gathers through a texture cache are what this work is made of: on the
+//! Textures, because the workload is dominated by gathers through the texture cache: on the
 //! software adapter they are several times faster than storage buffers.
 
 use super::{Bind, Gpu, Resource};
@@ -18,18 +18,18 @@ mod gpu_data {
     }
 }
 
-/// Texels in a full row of an [`Array`]; `lib/array.wgsl` has the same number. With as many rows
-/// it is the largest texture that every WebGPU device has.
+/// Texels in a full row of an [`Array`]; must equal the constant in `lib/array.wgsl`. A square
+/// texture of this size is the largest that every WebGPU device supports.
 pub const ROW_TEXELS: u32 = 8192;
-/// An array of one row is as wide as it needs to be, in steps of so many texels.
+/// The width of a single-row array is a multiple of this number of texels.
 const WIDTH_STEP: u32 = 256;
-/// Uploads go in pieces of at most so many bytes, each submitted by itself, so that what stages
-/// them does not grow with the array.
+/// Maximum bytes per upload. Each chunk is submitted separately, so that the staging memory does
+/// not grow with the array.
 const UPLOAD_CHUNK_BYTES: usize = 32 << 20;
-/// Single items sent at a time: storage buffers of 16 MiB.
+/// Maximum items per scatter: storage buffers of 16 MiB.
 const PUT: usize = 1 << 20;
 
-/// What one item of an [`Array`] is made of.
+/// Texel format of an [`Array`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Texel {
@@ -42,7 +42,7 @@ pub enum Texel {
 }
 
 impl Texel {
-    /// The texture format that holds it.
+    /// Returns the texture format.
     pub fn format(self) -> wgpu::TextureFormat {
         match self {
             Texel::F32 => wgpu::TextureFormat::R32Float,
@@ -54,7 +54,7 @@ impl Texel {
         }
     }
 
-    /// Bytes in one item.
+    /// Returns the bytes per item.
     pub fn bytes(self) -> u32 {
         match self {
             Texel::F32 | Texel::U32 => 4,
@@ -64,12 +64,12 @@ impl Texel {
     }
 }
 
-/// Counts the writes into an array, for all who hold it.
+/// Write counter of an array, shared by its clones.
 #[derive(Clone, Debug, Default)]
 pub struct Version(Arc<AtomicU64>);
 
 impl Version {
-    /// How many there were.
+    /// Returns the number of writes.
     pub fn get(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
@@ -79,11 +79,11 @@ impl Version {
     }
 }
 
-/// A GPU-resident array of `len` items, item i at texel (i mod [`ROW`], i / [`ROW`]). Where they
-/// fit one row, the texture may be narrower than that.
+/// A GPU-resident array of `len` items, item i at texel (i mod [`ROW_TEXELS`], i / [`ROW_TEXELS`]).
+/// If they fit one row, the texture may be narrower.
 ///
-/// It knows how often it was written: by passes recorded, copies and uploads. Who depends on its
-/// content compares [`Array::version`]; nobody has to tell them. Clones share texture and version.
+/// Counts its writes: recorded passes, copies and uploads. Dependants detect changes by comparing
+/// [`Array::version`]. Clones share texture and version.
 #[derive(Clone, Debug)]
 pub struct Array {
     pub(super) texture: wgpu::Texture,
@@ -94,17 +94,17 @@ pub struct Array {
 }
 
 impl Array {
-    /// A number that grows with every write into it.
+    /// Returns a number that increases with every write.
     pub fn version(&self) -> u64 {
         self.version.get()
     }
 
-    /// Says that its texture was or will be written by other means than Palpate's.
+    /// Increments the version, for writes to the texture outside of this crate.
     pub fn mark_written(&self) {
         self.version.next();
     }
 
-    /// Number of items.
+    /// Returns the number of items.
     pub fn len(&self) -> u32 {
         self.len
     }
@@ -114,22 +114,22 @@ impl Array {
         self.len == 0
     }
 
-    /// Number of items its texture can hold.
+    /// Returns the number of items that the texture can hold.
     pub fn capacity(&self) -> u32 {
         self.texture.width() * self.texture.height()
     }
 
-    /// What an item is made of.
+    /// Returns the texel format.
     pub fn texel(&self) -> Texel {
         self.texel
     }
 
-    /// The texture, for callers who fill or draw it themselves.
+    /// Returns the texture, for callers that fill or draw it directly.
     pub fn texture(&self) -> &wgpu::Texture {
         &self.texture
     }
 
-    /// The whole texture as a view.
+    /// Returns a view of the whole texture.
     pub fn view(&self) -> &wgpu::TextureView {
         &self.view
     }
@@ -139,7 +139,7 @@ impl Array {
     }
 }
 
-/// Width and height of the texture that holds `items`.
+/// Returns width and height of the texture for `items`.
 pub(crate) fn array_size(items: u32) -> [u32; 2] {
     let width = items.max(1).next_multiple_of(WIDTH_STEP).min(ROW_TEXELS);
     [width, items.div_ceil(ROW_TEXELS).max(1)]
@@ -155,26 +155,26 @@ impl Bind for Array {
     }
 }
 
-/// Positions of a mesh's nodes on the GPU and the local frame that they are in: where whoever moves
-/// nodes and whoever draws them meet.
+/// Node positions of a mesh on the GPU with their local frame: the interface between simulation and
+/// rendering.
 #[derive(Clone, Copy, Debug)]
 pub struct Positions<'a> {
     /// One item a node, in the mesh's order: xyz in `frame`.
     pub array: &'a Array,
-    /// What the array's numbers are in.
+    /// Frame of the positions.
     pub frame: LocalFrame,
 }
 
 impl Gpu {
-    /// An array of `len` items, zeroed.
+    /// Creates a zeroed array of `len` items.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when it exceeds the device's texture size or memory.
+    /// [`Error::Gpu`] if it exceeds the device's texture size or memory.
     pub fn array(&self, label: &str, texel: Texel, len: usize) -> Result<Array> {
         self.array_with_room(label, texel, len, 0)
     }
 
-    /// As [`Gpu::array`], with room for at least an eighth and 1,024 items more: see
+    /// As [`Gpu::array`], with spare capacity for at least an eighth and 1,024 items more: see
     /// [`Gpu::resize`].
     ///
     /// # Errors
@@ -183,9 +183,9 @@ impl Gpu {
         self.array_with_room(label, texel, len, len / 8 + 1024)
     }
 
-    /// The most items that an [`Array`] on this device can have.
+    /// Returns the maximum number of items of an [`Array`] on this device.
     pub fn max_items(&self) -> usize {
-        // Items are counted by u32.
+        // Item indices are u32.
         let rows = (u32::MAX / ROW_TEXELS).min(self.device().limits().max_texture_dimension_2d);
         ROW_TEXELS as usize * rows as usize
     }
@@ -218,7 +218,7 @@ impl Gpu {
         })
     }
 
-    /// An array filled with `data`.
+    /// Creates an array with the content `data`.
     ///
     /// # Errors
     /// As [`Gpu::array`] and [`Gpu::write_array`].
@@ -233,7 +233,8 @@ impl Gpu {
         Ok(array)
     }
 
-    /// A roomy array (see [`Gpu::array_with_headroom`]) filled with `data`.
+    /// Creates an array with spare capacity (see [`Gpu::array_with_headroom`]) and the content
+    /// `data`.
     ///
     /// # Errors
     /// As [`Gpu::array_of`].
@@ -248,11 +249,11 @@ impl Gpu {
         Ok(array)
     }
 
-    /// Replaces the whole content of `array`; it takes effect before the next submit. Much of it
-    /// is submitted at once, piece by piece.
+    /// Replaces the whole content of `array`; takes effect before the next submit. Large data is
+    /// submitted immediately, in chunks.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when the number or size of items differs from the array's.
+    /// [`Error::Gpu`] if the number or size of items differs from the array's.
     pub fn write_array<T: bytemuck::Pod>(&self, array: &Array, data: &[T]) -> Result<()> {
         let item = array.texel.bytes();
         if size_of::<T>() != item as usize || data.len() != array.len as usize {
@@ -266,10 +267,10 @@ impl Gpu {
         self.write_items(array, 0, data)
     }
 
-    /// Replaces the items from `first` on; it takes effect before the next submit.
+    /// Replaces the items from `first` on; takes effect before the next submit.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when the size of items differs from the array's, or they reach beyond it.
+    /// [`Error::Gpu`] if the size of items differs from the array's, or they exceed its end.
     pub fn write_items<T: bytemuck::Pod>(
         &self,
         array: &Array,
@@ -288,7 +289,7 @@ impl Gpu {
         }
         array.mark_written();
         let count = data.len() as u32;
-        // The rest of a row begun; whole rows; the beginning of a last one.
+        // The rest of a partial row, whole rows, then the start of the last row.
         let head = ((ROW_TEXELS - first % ROW_TEXELS) % ROW_TEXELS).min(count);
         let most_rows = (UPLOAD_CHUNK_BYTES as u32 / (ROW_TEXELS * item)).max(1);
         let (mut from, mut pieces) = (0, 0);
@@ -340,9 +341,9 @@ impl Gpu {
         );
     }
 
-    /// Makes `array` one of `len` items, of which those it had are kept. It stays the same texture
-    /// where that has the room; otherwise a roomy new one takes its place, and passes that were
-    /// prepared with the old one do not know of it. Returns whether that happened.
+    /// Changes the length of `array` to `len` and preserves its items. Reuses the texture if its
+    /// capacity suffices; otherwise allocates a new one with spare capacity, which passes prepared
+    /// with the old one do not see. Returns whether it reallocated.
     ///
     /// # Errors
     /// As [`Gpu::array`].
@@ -360,7 +361,7 @@ impl Gpu {
             array.texture.size(),
         );
         work.submit()?;
-        // It goes on counting, and so is not taken for the one it was.
+        // The version continues, so that dependants detect the change.
         grown
             .version
             .0
@@ -369,13 +370,13 @@ impl Gpu {
         Ok(true)
     }
 
-    /// Replaces single items of an array of [`Texel::U32x4`], [`Texel::U32x2`] or
-    /// [`Texel::F32x2`]: item `places[k]` by `items[k]`. Sends only these. Takes effect at once,
-    /// before whatever is submitted later.
+    /// Replaces single items of an array of [`Texel::U32x4`], [`Texel::U32x2`] or [`Texel::F32x2`]:
+    /// item `places[k]` by `items[k]`. Uploads only these. Takes effect immediately, before later
+    /// submits.
     ///
     /// # Errors
-    /// [`Error::Gpu`] for another kind of item, lists of different lengths, or a place beyond the
-    /// end.
+    /// [`Error::Gpu`] for another kind of item, lists of different lengths, or an index out of
+    /// range.
     pub fn scatter_items<T: bytemuck::Pod>(
         &self,
         array: &Array,
@@ -423,10 +424,10 @@ impl Gpu {
         Ok(())
     }
 
-    /// A zeroed buffer for storage, indirect arguments, copies, vertices and indices.
+    /// Creates a zeroed buffer for storage, indirect arguments, copies, vertices and indices.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when it exceeds the device's limits or memory.
+    /// [`Error::Gpu`] if it exceeds the device's limits or memory.
     pub fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
         let most = self.device().limits().max_buffer_size;
         if bytes > most {
@@ -451,7 +452,7 @@ impl Gpu {
         })
     }
 
-    /// A buffer filled with `data`.
+    /// Creates a buffer with the content `data`.
     ///
     /// # Errors
     /// As [`Gpu::buffer`].

@@ -1,4 +1,4 @@
-//! From the sentence of a pass to a bind group: what the WGSL declares, held against what is given.
+//! Creates bind groups from the bindings of a pass, validated against the WGSL declarations.
 
 use super::array::Version;
 use super::struct_layout::GpuStruct;
@@ -7,10 +7,10 @@ use crate::{Error, Result};
 use std::sync::Arc;
 use wgpu::naga;
 
-/// Something a shader can be given.
+/// A resource that can be bound to a shader.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Resource<'a> {
-    /// A texture, sampled, loaded from, or stored to.
+    /// A sampled, loaded or stored texture.
     Texture(&'a wgpu::TextureView),
     /// A whole storage buffer.
     Buffer(&'a wgpu::Buffer),
@@ -18,12 +18,12 @@ pub enum Resource<'a> {
     Sampler(&'a wgpu::Sampler),
 }
 
-/// Types that can stand in the sentence of a pass.
+/// Types that can be bound to a pass.
 pub trait Bind {
-    /// The resource itself.
+    /// Returns the resource.
     fn resource(&self) -> Resource<'_>;
 
-    /// What counts the writes into it, if anything does.
+    /// Returns its write counter, if it has one.
     fn version(&self) -> Option<&Version> {
         None
     }
@@ -45,7 +45,7 @@ impl Bind for wgpu::Sampler {
     }
 }
 
-/// One word of the sentence.
+/// One binding.
 enum Word<'a> {
     Read(Resource<'a>),
     Write(Resource<'a>),
@@ -55,17 +55,17 @@ enum Word<'a> {
     },
 }
 
-/// What a pass is given, in the order of its bindings.
+/// Bindings of a pass, in order.
 #[derive(Default)]
 pub(super) struct BindingList<'a> {
     words: Vec<Word<'a>>,
 }
 
-/// A sentence held against its shader: ready to make pipelines and bind groups with.
+/// Bindings validated against their shader, for the creation of pipelines and bind groups.
 pub(super) struct ValidatedBindings {
     pub(super) module: Arc<naga::Module>,
     pub(super) layout_entries: Vec<wgpu::BindGroupLayoutEntry>,
-    /// The uniforms, in the order of their bindings.
+    /// Uniform buffers, in binding order.
     pub(super) params: Vec<wgpu::Buffer>,
 }
 
@@ -85,7 +85,7 @@ impl<'a> BindingList<'a> {
         });
     }
 
-    /// Holds the sentence against the WGSL of `name` and makes the uniform buffers.
+    /// Validates the bindings against the WGSL of `name` and creates the uniform buffers.
     pub(super) fn check(
         &self,
         gpu: &Gpu,
@@ -131,7 +131,7 @@ impl<'a> BindingList<'a> {
             );
             layout_entries.push(wgpu::BindGroupLayoutEntry {
                 binding: *binding,
-                // Writing in the vertex stage needs a feature that not every device has.
+                // Writes in the vertex stage require a feature that not every device has.
                 visibility: if writable {
                     visibility.difference(wgpu::ShaderStages::VERTEX)
                 } else {
@@ -167,7 +167,7 @@ impl<'a> BindingList<'a> {
         })
     }
 
-    /// The bind group for a layout made from [`ValidatedBindings::layout_entries`].
+    /// Creates the bind group for a layout made from [`ValidatedBindings::layout_entries`].
     pub(super) fn bind_group(
         &self,
         gpu: &Gpu,
@@ -210,7 +210,7 @@ impl Gpu {
         self.small_buffer(label, bytes, wgpu::BufferUsages::UNIFORM)
     }
 
-    /// A buffer to copy parameters from.
+    /// Creates a buffer as a copy source of parameters.
     pub(super) fn parameters(&self, label: &str, bytes: &[u8]) -> Result<wgpu::Buffer> {
         self.small_buffer(label, bytes, wgpu::BufferUsages::COPY_SRC)
     }
@@ -234,7 +234,7 @@ impl Gpu {
     }
 }
 
-/// The binding type that the WGSL declares, if it agrees with the word given for it.
+/// Returns the binding type declared in the WGSL, if it matches the given binding.
 fn check_binding_type(
     gpu: &Gpu,
     module: &naga::Module,

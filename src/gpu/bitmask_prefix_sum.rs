@@ -1,9 +1,10 @@
-//! `shaders/gpu/scan_marks.wgsl`: what is marked to be drawn, counted in order.
+//! Parameters of `shaders/gpu/scan_marks.wgsl`: prefix sum over a bit mask, for stream compaction
+//! in order.
 
 crate::gpu_struct! {
-    /// Its parameters.
+    /// Parameters of the shader.
     pub(crate) struct BitmaskPrefixSum {
-        /// Words of marks: 32 things each.
+        /// Number of mask words, 32 bits each.
         pub runs: u32,
     }
 }

@@ -1,4 +1,4 @@
-//! The graphics device: Palpate's own, or the caller's.
+//! The graphics device, created by this crate or by the caller.
 
 use super::pass::Pipelines;
 use super::timing::Timer;
@@ -9,15 +9,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use web_time::{Duration, Instant};
 
-/// The environment variable that chooses the adapter: part of its name, its index in the list
-/// that the error shows, or `cpu` for a software adapter.
+/// Environment variable that selects the adapter: part of its name, its index in the list that the
+/// error shows, or `cpu` for a software adapter.
 pub const ADAPTER_VARIABLE: &str = "PALPATE_ADAPTER";
 
-/// Features used where the adapter has them; there is a path without each.
+/// Features used if the adapter has them; each has a fallback.
 const OPTIONAL_FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_FILTERABLE);
 
-/// A graphics device with what Palpate keeps beside it. Cloning shares the device.
+/// A graphics device with its caches and counters. Clones share the device.
 #[derive(Clone, Debug)]
 pub struct Gpu {
     inner: Arc<Inner>,
@@ -32,9 +32,9 @@ struct Inner {
     timer: Timer,
     readbacks: AtomicU64,
     bytes_made: AtomicU64,
-    /// How often each pass was recorded.
+    /// Number of recordings of each pass.
     recorded: Mutex<BTreeMap<String, u64>>,
-    /// The first thing that went wrong outside of any call; kept until the device goes.
+    /// First asynchronous error; a lost device is permanent.
     trouble: Arc<Mutex<Option<DeviceFault>>>,
 }
 
@@ -42,8 +42,8 @@ thread_local! {
     static SUBMITTING: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// For how long the calling thread has waited so far for drivers to take work over that Palpate
-/// recorded: microseconds each time, but where a driver draws by software, which does so meanwhile.
+/// Returns the total time that the calling thread has spent in queue submissions: microseconds
+/// each, except with software drivers, which may render during the submission.
 pub fn submit_time() -> Duration {
     SUBMITTING.get()
 }
@@ -55,20 +55,19 @@ enum DeviceFault {
 }
 
 impl Gpu {
-    /// A device of Palpate's own, on the adapter that `PALPATE_ADAPTER` names, or else on the
-    /// most capable one.
+    /// Creates a device on the adapter selected by `PALPATE_ADAPTER`, by default on the most
+    /// capable one.
     ///
     /// # Errors
-    /// [`Error::NoAdapter`] with what to install or which adapters there are.
+    /// [`Error::NoAdapter`] with a hint what to install or a list of the adapters.
     #[cfg(not(target_arch = "wasm32"))]
     pub fn new() -> Result<Gpu> {
         let wanted = std::env::var(ADAPTER_VARIABLE).ok();
         Gpu::with_adapter(wanted.as_deref())
     }
 
-    /// A device of Palpate's own on the adapter `wanted`: part of its name in any case, its
-    /// index, or `cpu`; `None` takes the most capable one (discrete before integrated before
-    /// software).
+    /// Creates a device on the adapter `wanted`: part of its name, case-insensitive, its index, or
+    /// `cpu`; `None` selects the most capable one (discrete before integrated before software).
     ///
     /// # Errors
     /// As [`Gpu::new`].
@@ -78,10 +77,10 @@ impl Gpu {
         pollster::block_on(Gpu::request(choose(&adapters, wanted)?))
     }
 
-    /// A device of Palpate's own on `adapter`, without blocking: the way in a browser.
+    /// Creates a device on `adapter` without blocking, as required in a browser.
     ///
     /// # Errors
-    /// [`Error::NoAdapter`] when the adapter refuses it.
+    /// [`Error::NoAdapter`] if the adapter refuses it.
     pub async fn request(adapter: &wgpu::Adapter) -> Result<Gpu> {
         let info = adapter.get_info();
         let descriptor = wgpu::DeviceDescriptor {
@@ -100,7 +99,7 @@ impl Gpu {
         let trouble = gpu.inner.trouble.clone();
         gpu.device()
             .set_device_lost_callback(move |reason, message| {
-                // Called for a device that is dropped, too, when nobody is left to look.
+                // Also called when a device is dropped, after the last reference to it.
                 let why = match reason {
                     wgpu::DeviceLostReason::Destroyed if message.is_empty() => "destroyed".into(),
                     _ => message,
@@ -115,8 +114,8 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// The caller's device: Palpate creates its arrays and pipelines there, and records into the
-    /// caller's encoders. The caller keeps the device's own error and loss callbacks.
+    /// Uses the caller's device: arrays and pipelines are created there, and passes can be recorded
+    /// into the caller's encoders. The caller keeps its own error and loss callbacks.
     pub fn from_wgpu(adapter: &wgpu::Adapter, device: wgpu::Device, queue: wgpu::Queue) -> Gpu {
         Gpu::from_parts(adapter.get_info(), device, queue)
     }
@@ -137,34 +136,34 @@ impl Gpu {
         }
     }
 
-    /// The device.
+    /// Returns the device.
     pub fn device(&self) -> &wgpu::Device {
         &self.inner.device
     }
 
-    /// The queue.
+    /// Returns the queue.
     pub fn queue(&self) -> &wgpu::Queue {
         &self.inner.queue
     }
 
-    /// Hands work to the driver, which is timed ([`submit_time`]).
+    /// Submits work and measures the time ([`submit_time`]).
     pub(crate) fn submit(&self, work: impl IntoIterator<Item = wgpu::CommandBuffer>) {
         let began = Instant::now();
         self.queue().submit(work);
         SUBMITTING.set(SUBMITTING.get() + began.elapsed());
     }
 
-    /// What the adapter says of itself.
+    /// Returns information about the adapter.
     pub fn adapter(&self) -> &wgpu::AdapterInfo {
         &self.inner.adapter
     }
 
-    /// The adapter in one line: name, kind and backend.
+    /// Returns the adapter in one line: name, kind and backend.
     pub fn adapter_name(&self) -> String {
         describe(self.adapter())
     }
 
-    /// All adapters here in the order of choice, one line each.
+    /// Returns all adapters in order of preference, one line each.
     #[cfg(not(target_arch = "wasm32"))]
     pub fn adapters() -> Vec<String> {
         enumerate()
@@ -173,23 +172,23 @@ impl Gpu {
             .collect()
     }
 
-    /// Whether the device was made with all of `features`.
+    /// Whether the device was created with all of `features`.
     pub fn has(&self, features: wgpu::Features) -> bool {
         self.device().features().contains(features)
     }
 
-    /// How often anything was read back from this device so far.
+    /// Returns the number of blocking read-backs from this device so far.
     pub fn readbacks(&self) -> u64 {
         self.inner.readbacks.load(Ordering::Relaxed)
     }
 
-    /// Bytes of all arrays and buffers made on this device so far, whether or not they are still
-    /// there.
+    /// Returns the total size of all arrays and buffers created on this device so far, in bytes,
+    /// including those already freed.
     pub fn bytes_allocated(&self) -> u64 {
         self.inner.bytes_made.load(Ordering::Relaxed)
     }
 
-    /// How often each pass was recorded so far, by its name: that of its shader.
+    /// Returns the number of recordings of each pass so far, by shader name.
     pub fn passes_recorded(&self) -> BTreeMap<String, u64> {
         lock(&self.inner.recorded).clone()
     }
@@ -207,7 +206,7 @@ impl Gpu {
     /// Waits until the device is idle.
     ///
     /// # Errors
-    /// [`Error::DeviceLost`], or [`Error::Gpu`] with whatever the device refused since.
+    /// [`Error::DeviceLost`], or [`Error::Gpu`] with an error reported since the last check.
     pub fn wait(&self) -> Result<()> {
         let polled = self.device().poll(wgpu::PollType::wait_indefinitely());
         self.poll_errors()?;
@@ -216,8 +215,8 @@ impl Gpu {
             .map_err(|e| Error::DeviceLost(e.to_string()))
     }
 
-    /// Reports a lost device or refused work noticed since the last look. Of a caller's device
-    /// ([`Gpu::from_wgpu`]) only the caller's own callbacks know.
+    /// Reports a lost device or an error since the last check. Errors of a caller's device
+    /// ([`Gpu::from_wgpu`]) are only reported to the caller's own callbacks.
     ///
     /// # Errors
     /// [`Error::DeviceLost`] (and from then on always), or [`Error::Gpu`].
@@ -225,7 +224,7 @@ impl Gpu {
         if let Some(DeviceFault::Lost(why)) = &*lock(&self.inner.trouble) {
             return Err(Error::DeviceLost(why.clone()));
         }
-        // A destroyed device says so when it is polled; what it says is kept in `trouble`.
+        // Polling reports a destroyed device; the reason is stored in `trouble`.
         let _ = self.device().poll(wgpu::PollType::Poll);
         let mut trouble = lock(&self.inner.trouble);
         match trouble.clone() {
@@ -238,14 +237,14 @@ impl Gpu {
         }
     }
 
-    /// Creates something on the device, turning what the device refuses into an error.
+    /// Creates a resource on the device and returns validation and memory errors.
     pub(super) fn create<T>(
         &self,
         label: &str,
         make: impl FnOnce(&wgpu::Device) -> T,
     ) -> Result<T> {
         self.poll_errors()?;
-        // A browser says later what it refuses: `poll_errors` tells it then.
+        // A browser reports errors asynchronously: `poll_errors` returns them later.
         #[cfg(target_arch = "wasm32")]
         return Ok((make(self.device()), label).0);
         #[cfg(not(target_arch = "wasm32"))]
@@ -290,7 +289,7 @@ impl Gpu {
     }
 }
 
-/// A mutex's content, whether or not a thread died holding it: all of ours stay consistent.
+/// Locks a mutex and ignores poisoning: the data of all our mutexes stays consistent.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -303,14 +302,14 @@ fn record_fault(trouble: &Mutex<Option<DeviceFault>>, what: DeviceFault) {
     }
 }
 
-/// All adapters, most capable first.
+/// Returns all adapters, most capable first.
 #[cfg(not(target_arch = "wasm32"))]
 fn enumerate() -> Vec<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-        // Vulkan, Metal and DirectX 12: the software rasteriser's OpenGL twin is slower.
+        // Vulkan, Metal and DirectX 12: the software rasteriser is slower with OpenGL.
         backends: wgpu::Backends::PRIMARY,
-        // Indirect arguments are written by our own shaders only, and checking each of them
-        // costs a dispatch: no VALIDATION_INDIRECT_CALL.
+        // Indirect arguments are written by our own shaders only, and validating each of them costs
+        // a dispatch: no VALIDATION_INDIRECT_CALL.
         flags: wgpu::InstanceFlags::empty().with_env(),
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     });

@@ -1,4 +1,4 @@
-//! Raster passes: pipelines prepared with the same sentence as compute passes.
+//! Render passes: draws declared and validated like compute passes.
 
 use super::binding::{Bind, BindingList};
 use super::device::lock;
@@ -6,9 +6,9 @@ use super::struct_layout::GpuStruct;
 use super::{Gpu, Recorder};
 use crate::Result;
 
-/// A draw ready to be recorded into render passes with attachments of its formats.
+/// A draw that can be recorded into render passes with attachments of its formats.
 ///
-/// Vertices come from the shader's own reads (`vertex_index`): there are no vertex buffers.
+/// The vertex shader fetches its data by `vertex_index`: there are no vertex buffers.
 #[derive(Clone, Debug)]
 pub struct Draw {
     pipeline: wgpu::RenderPipeline,
@@ -16,7 +16,7 @@ pub struct Draw {
     params: Option<wgpu::Buffer>,
 }
 
-/// The sentence of a draw being written; see [`Gpu::draw`].
+/// Builder of a draw; see [`Gpu::draw`].
 #[must_use]
 pub struct DrawBuilder<'a> {
     gpu: &'a Gpu,
@@ -29,8 +29,8 @@ pub struct DrawBuilder<'a> {
 }
 
 impl Gpu {
-    /// Begins the sentence of a draw with `shaders/{name}.wgsl`, entry points `vertex` and
-    /// `fragment`; triangles, no culling, until said otherwise.
+    /// Starts the declaration of a draw with `shaders/{name}.wgsl`, entry points `vertex` and
+    /// `fragment`; by default triangles without culling.
     pub fn draw<'a>(&'a self, name: &'a str) -> DrawBuilder<'a> {
         DrawBuilder {
             gpu: self,
@@ -51,25 +51,25 @@ impl<'a> DrawBuilder<'a> {
         self
     }
 
-    /// The next binding is read.
+    /// Declares the next binding as read.
     pub fn read(mut self, what: &'a impl Bind) -> Self {
         self.sentence.read(what.resource());
         self
     }
 
-    /// The next binding is written, by the fragment stage.
+    /// Declares the next binding as written by the fragment stage.
     pub fn write(mut self, what: &'a impl Bind) -> Self {
         self.sentence.write(what.resource());
         self
     }
 
-    /// The next binding is a uniform with these values; see [`Draw::set_params`].
+    /// Declares the next binding as a uniform with these values; see [`Draw::set_params`].
     pub fn params<P: GpuStruct>(mut self, params: &'a P) -> Self {
         self.sentence.params(params);
         self
     }
 
-    /// The next colour attachment has this format and, if given, this blending.
+    /// Adds a colour attachment of this format, with optional blending.
     pub fn target(mut self, format: wgpu::TextureFormat, blend: Option<wgpu::BlendState>) -> Self {
         self.targets.push(Some(wgpu::ColorTargetState {
             format,
@@ -79,7 +79,7 @@ impl<'a> DrawBuilder<'a> {
         self
     }
 
-    /// There is a depth attachment of this format, compared so, and written to if `write`.
+    /// Adds a depth attachment of this format with a depth test, written if `write`.
     pub fn depth(
         mut self,
         format: wgpu::TextureFormat,
@@ -96,16 +96,16 @@ impl<'a> DrawBuilder<'a> {
         self
     }
 
-    /// What the vertices make, and which faces are culled.
+    /// Sets the primitive topology and face culling.
     pub fn primitive(mut self, primitive: wgpu::PrimitiveState) -> Self {
         self.primitive = primitive;
         self
     }
 
-    /// Prepares the draw.
+    /// Validates the bindings and creates the draw.
     ///
     /// # Errors
-    /// [`Error::Gpu`](crate::Error::Gpu) when the shader and the sentence disagree.
+    /// [`Error::Gpu`](crate::Error::Gpu) if shader and bindings disagree.
     pub fn build(self) -> Result<Draw> {
         let (gpu, name) = (self.gpu, self.name);
         let bound = self
@@ -194,8 +194,8 @@ impl Draw {
         pass.draw(0..vertices, 0..instances);
     }
 
-    /// Records a draw of the first `count` vertices listed in `indices`, u32 each; the shader sees
-    /// them as `vertex_index`.
+    /// Records a draw of the first `count` vertices listed in `indices`, u32 each; the shader
+    /// receives them as `vertex_index`.
     pub fn record_indexed(&self, pass: &mut wgpu::RenderPass, indices: &wgpu::Buffer, count: u32) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &self.bind_group, &[]);
@@ -203,7 +203,7 @@ impl Draw {
         pass.draw_indexed(0..count, 0, 0..1);
     }
 
-    /// As [`Draw::record_indexed`], with the five u32 arguments that stand in `arguments`.
+    /// As [`Draw::record_indexed`], with the five u32 arguments in `arguments`.
     pub fn record_indexed_indirect(
         &self,
         pass: &mut wgpu::RenderPass,
@@ -216,7 +216,7 @@ impl Draw {
         pass.draw_indexed_indirect(arguments, 0);
     }
 
-    /// Records a draw whose four u32 arguments stand in `arguments` at byte `offset`.
+    /// Records a draw with the four u32 arguments in `arguments` at byte `offset`.
     pub fn record_indirect(
         &self,
         pass: &mut wgpu::RenderPass,
@@ -228,12 +228,12 @@ impl Draw {
         pass.draw_indirect(arguments, offset);
     }
 
-    /// Replaces the parameters for what is recorded in `work` from here on. Nothing recorded
-    /// elsewhere, or before, sees them. Not inside of a render pass.
+    /// Replaces the parameters for draws recorded in `work` after this call; earlier and other
+    /// recordings are unaffected. Not allowed inside a render pass.
     ///
     /// # Errors
-    /// [`Error::Gpu`](crate::Error::Gpu) for parameters of another size than it was prepared with, or when the
-    /// device cannot hold them.
+    /// [`Error::Gpu`](crate::Error::Gpu) for parameters of a different size than at creation, or if
+    /// the device cannot allocate them.
     pub fn set_params<P: GpuStruct>(&self, work: &mut Recorder, params: &P) -> Result<()> {
         match &self.params {
             Some(uniform) => work.write_uniform(uniform, params),

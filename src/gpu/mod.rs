@@ -1,9 +1,10 @@
 //! The device, GPU-resident arrays, passes, shader composition, read-back and timing.
 //!
-//! A pass is prepared once and recorded every step, and reads as a sentence: read these, write
-//! those, with these parameters, over this many items (see [`Gpu::pass`]). Bind-group layouts are
-//! reflected from the WGSL and held against that sentence when the pass is prepared, so a wrong
-//! order, format or struct layout is an error then and never a wrong picture later.
+//! A pass is prepared once and recorded every step. Its declaration lists, in binding order, what
+//! is read, what is written and the parameters, and the number of items (see [`Gpu::pass`]).
+//! Bind-group layouts are reflected from the WGSL and validated against the declaration when the
+//! pass is prepared, so a wrong order, format or struct layout is an error at that time instead of
+//! a wrong image later.
 
 mod array;
 mod binding;

@@ -10,23 +10,23 @@ use std::collections::HashMap;
 use std::sync::Mutex;
 use wgpu::naga;
 
-/// Pipelines already made, by shader, constants, layout and (render) attachments.
+/// Pipeline cache, keyed by shader, constants, layout and (render) attachments.
 #[derive(Debug, Default)]
 pub(super) struct Pipelines {
     pub(super) render: Mutex<HashMap<String, (wgpu::RenderPipeline, wgpu::BindGroupLayout)>>,
     compute: Mutex<HashMap<String, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>>,
 }
 
-/// What one dispatch covers.
+/// Size of a dispatch.
 #[derive(Clone, Debug)]
 enum Extent {
     Groups([u32; 3]),
     Indirect(wgpu::Buffer, u64),
 }
 
-/// A compute pass ready to be recorded, any number of times.
+/// A compute pass that can be recorded any number of times.
 ///
-/// For ping-pong, prepare one pass for each direction: they share their pipeline.
+/// For ping-pong buffers, prepare one pass per direction: they share their pipeline.
 #[derive(Clone, Debug)]
 pub struct Pass {
     name: String,
@@ -34,11 +34,11 @@ pub struct Pass {
     bind_group: wgpu::BindGroup,
     params: Option<wgpu::Buffer>,
     extent: Extent,
-    /// Of the arrays that it writes.
+    /// Write counters of the arrays that it writes.
     versions: Vec<Version>,
 }
 
-/// The sentence of a compute pass being written; see [`Gpu::pass`].
+/// Builder of a compute pass; see [`Gpu::pass`].
 #[must_use]
 pub struct PassBuilder<'a> {
     gpu: &'a Gpu,
@@ -49,10 +49,10 @@ pub struct PassBuilder<'a> {
 }
 
 impl Gpu {
-    /// Begins the sentence of a compute pass over `shaders/{name}.wgsl`, entry point `main`.
+    /// Starts the declaration of a compute pass with `shaders/{name}.wgsl`, entry point `main`.
     ///
-    /// What is read, written and given as parameters stands in the order of the shader's
-    /// bindings, from `@group(0) @binding(0)`.
+    /// Reads, writes and parameters are given in the order of the shader's bindings, from
+    /// `@group(0) @binding(0)`.
     pub fn pass<'a>(&'a self, name: &'a str) -> PassBuilder<'a> {
         PassBuilder {
             gpu: self,
@@ -71,20 +71,20 @@ impl<'a> PassBuilder<'a> {
         self
     }
 
-    /// The next binding is read.
+    /// Declares the next binding as read.
     pub fn read(mut self, what: &'a impl Bind) -> Self {
         self.sentence.read(what.resource());
         self
     }
 
-    /// The next binding is written.
+    /// Declares the next binding as written.
     pub fn write(mut self, what: &'a impl Bind) -> Self {
         self.sentence.write(what.resource());
         self.versions.extend(what.version().cloned());
         self
     }
 
-    /// The next binding is a uniform with these values; see [`Pass::set_params`].
+    /// Declares the next binding as a uniform with these values; see [`Pass::set_params`].
     pub fn params<P: GpuStruct>(mut self, params: &'a P) -> Self {
         self.sentence.params(params);
         self
@@ -93,7 +93,7 @@ impl<'a> PassBuilder<'a> {
     /// Prepares the pass over `items` items, one invocation each, folded into two dimensions.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when the shader and the sentence disagree.
+    /// [`Error::Gpu`] if shader and bindings disagree.
     pub fn dispatch_items(self, items: u32) -> Result<Pass> {
         let name = self.name;
         self.prepare(|size| {
@@ -104,7 +104,7 @@ impl<'a> PassBuilder<'a> {
                 )));
             }
             let groups = items.div_ceil(per_group);
-            // The dispatch limit a dimension, in every WebGPU device.
+            // The workgroup limit per dimension on every WebGPU device.
             let x = groups.min(65_535);
             Ok(Extent::Groups([x, groups.div_ceil(x.max(1)), 1]))
         })
@@ -118,8 +118,8 @@ impl<'a> PassBuilder<'a> {
         self.prepare(|_| Ok(Extent::Groups(groups)))
     }
 
-    /// Prepares the pass over as many workgroups as stand in `arguments` (three u32 at byte
-    /// `offset`) when it runs.
+    /// Prepares the pass with an indirect workgroup count: three u32 in `arguments` at byte
+    /// `offset`, read when it runs.
     ///
     /// # Errors
     /// As [`PassBuilder::dispatch_items`].
@@ -164,7 +164,7 @@ impl<'a> PassBuilder<'a> {
 }
 
 impl Pass {
-    /// Records the pass; the arrays that it writes count it.
+    /// Records the pass and increments the versions of the arrays that it writes.
     pub fn record(&self, work: &mut Recorder) {
         if matches!(self.extent, Extent::Groups(groups) if groups.contains(&0)) {
             return;
@@ -182,12 +182,12 @@ impl Pass {
         });
     }
 
-    /// Replaces the parameters for what is recorded in `work` from here on. Nothing recorded
-    /// elsewhere, or before, sees them. Not inside of a render pass.
+    /// Replaces the parameters for passes recorded in `work` after this call; earlier and other
+    /// recordings are unaffected. Not allowed inside a render pass.
     ///
     /// # Errors
-    /// [`Error::Gpu`] for parameters of another size than it was prepared with, or when the
-    /// device cannot hold them.
+    /// [`Error::Gpu`] for parameters of a different size than at creation, or if the device cannot
+    /// allocate them.
     pub fn set_params<P: GpuStruct>(&self, work: &mut Recorder, params: &P) -> Result<()> {
         match &self.params {
             Some(uniform) => work.write_uniform(uniform, params),
@@ -228,7 +228,7 @@ fn compute_pipeline(
     })
 }
 
-/// The workgroup size of entry point `main`, with `constants` in place of the overrides.
+/// Returns the workgroup size of entry point `main`, with overrides replaced by `constants`.
 fn workgroup_size(
     name: &str,
     module: &naga::Module,

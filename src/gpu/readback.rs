@@ -1,5 +1,4 @@
-//! Reading back, the only way out of the GPU: waiting for the device, which is counted, or asking
-//! now and looking later.
+//! Read-back from the GPU: blocking (counted), or asynchronous with polling.
 
 use super::{Array, Gpu};
 use crate::{Error, Result};
@@ -7,29 +6,29 @@ use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Mutex, PoisonError};
 
-/// Something on its way back from the device; see [`Gpu::read_array_async`].
+/// An asynchronous read-back; see [`Gpu::read_array_async`].
 #[derive(Debug)]
 pub struct PendingReadback<T> {
     gpu: Gpu,
-    /// Parts of it, in their order: what is larger than a buffer may be comes in several.
+    /// Staging buffers in order; several if the data exceeds the maximum buffer size.
     parts: Vec<wgpu::Buffer>,
-    /// Says of each part that it has arrived, in any order.
+    /// Receives one message per mapped part, in any order.
     told: Mutex<Receiver<std::result::Result<(), wgpu::BufferAsyncError>>>,
-    /// Parts still on their way.
+    /// Number of parts not mapped yet.
     missing: usize,
-    /// Bytes of a row that count, and of a row with its padding.
+    /// Bytes of a row without and with padding.
     row: usize,
     padded: usize,
-    /// Items at most.
+    /// Maximum number of items.
     items: usize,
     kind: PhantomData<T>,
 }
 
 impl<T: bytemuck::Pod> PendingReadback<T> {
-    /// What it is, once it has arrived; none before. Waits for nothing.
+    /// Returns the data if it has arrived, else `None`. Does not block.
     ///
     /// # Errors
-    /// [`Error::DeviceLost`] when it will never come; as [`Gpu::poll_errors`].
+    /// [`Error::DeviceLost`] if it will never arrive; as [`Gpu::poll_errors`].
     pub fn try_take(&mut self) -> Result<Option<Vec<T>>> {
         self.gpu.poll_errors()?;
         let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
@@ -44,10 +43,10 @@ impl<T: bytemuck::Pod> PendingReadback<T> {
         self.take().map(Some)
     }
 
-    /// Waits for it.
+    /// Blocks until the data has arrived and returns it.
     ///
     /// # Errors
-    /// As [`Gpu::wait`]; [`Error::Gpu`] in a browser, which cannot wait.
+    /// As [`Gpu::wait`]; [`Error::Gpu`] in a browser, which cannot block.
     pub fn wait(mut self) -> Result<Vec<T>> {
         if cfg!(target_arch = "wasm32") {
             let why = "a browser cannot wait for what is read back from the device";
@@ -56,7 +55,7 @@ impl<T: bytemuck::Pod> PendingReadback<T> {
         self.gpu.count_readback();
         self.gpu.wait()?;
         let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
-        // Another thread that polls the device may be the one to say so, a moment later.
+        // Another thread may have polled the device and send the message slightly later.
         for _ in 0..self.missing {
             let mapped = told.recv().map_err(|e| Error::DeviceLost(e.to_string()))?;
             mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
@@ -86,19 +85,19 @@ impl<T: bytemuck::Pod> PendingReadback<T> {
 }
 
 impl Gpu {
-    /// All items of `array`.
+    /// Returns all items of `array`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when `T` is not an item's size; otherwise as [`Gpu::wait`].
+    /// [`Error::Gpu`] if `T` does not have the size of an item; otherwise as [`Gpu::wait`].
     pub fn read_array<T: bytemuck::Pod>(&self, array: &Array) -> Result<Vec<T>> {
         self.read_array_async(array)?.wait()
     }
 
-    /// As [`Gpu::read_array`] without waiting: what the array holds after all that was submitted
-    /// so far, to be looked at with [`PendingReadback::try_take`] when it has arrived.
+    /// As [`Gpu::read_array`] without blocking: reads the state after everything submitted so far;
+    /// poll it with [`PendingReadback::try_take`].
     ///
     /// # Errors
-    /// [`Error::Gpu`] when `T` is not an item's size, or what the device refuses.
+    /// [`Error::Gpu`] if `T` does not have the size of an item, or if the device fails.
     pub fn read_array_async<T: bytemuck::Pod>(&self, array: &Array) -> Result<PendingReadback<T>> {
         if size_of::<T>() != array.texel().bytes() as usize {
             return Err(Error::Gpu(format!(
@@ -110,18 +109,18 @@ impl Gpu {
         self.ask_rows(array.texture(), array.rows(), array.len() as usize)
     }
 
-    /// All texels of the first layer of a two-dimensional `texture`, row after row.
+    /// Returns all texels of the first layer of a two-dimensional `texture`, row by row.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when `T` is not a texel's size; otherwise as [`Gpu::wait`].
+    /// [`Error::Gpu`] if `T` does not have the size of a texel; otherwise as [`Gpu::wait`].
     pub fn read_texture<T: bytemuck::Pod>(&self, texture: &wgpu::Texture) -> Result<Vec<T>> {
         self.read_texture_async(texture)?.wait()
     }
 
-    /// As [`Gpu::read_texture`] without waiting; see [`Gpu::read_array_async`].
+    /// As [`Gpu::read_texture`] without blocking; see [`Gpu::read_array_async`].
     ///
     /// # Errors
-    /// [`Error::Gpu`] when `T` is not a texel's size, or what the device refuses.
+    /// [`Error::Gpu`] if `T` does not have the size of a texel, or if the device fails.
     pub fn read_texture_async<T: bytemuck::Pod>(
         &self,
         texture: &wgpu::Texture,
@@ -181,7 +180,7 @@ impl Gpu {
         Ok(self.pending(parts, (row as usize, padded as usize), items))
     }
 
-    /// The content of `buffer` as a list of `T`.
+    /// Returns the content of `buffer` as a list of `T`.
     ///
     /// # Errors
     /// As [`Gpu::wait`].
@@ -189,7 +188,8 @@ impl Gpu {
         self.read_prefix(buffer, buffer.size())
     }
 
-    /// The first `bytes` of `buffer`, at most all of it and in whole words, as a list of `T`.
+    /// Returns the first `bytes` of `buffer`, rounded up to whole words and limited to its size, as
+    /// a list of `T`.
     ///
     /// # Errors
     /// As [`Gpu::wait`].
@@ -226,7 +226,7 @@ impl Gpu {
             .wait()
     }
 
-    /// Asks for mappable buffers of rows that have so many bytes, without and with padding.
+    /// Starts mapping buffers with rows of `row` bytes, `padded` bytes with padding.
     fn pending<T>(
         &self,
         parts: Vec<wgpu::Buffer>,
@@ -238,7 +238,7 @@ impl Gpu {
             let sender = sender.clone();
             part.slice(..)
                 .map_async(wgpu::MapMode::Read, move |result| {
-                    // If what is pending is gone, nobody asks.
+                    // Fails only if the read-back was dropped.
                     let _ = sender.send(result);
                 });
         }

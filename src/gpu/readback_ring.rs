@@ -1,5 +1,5 @@
-//! A ring of mappable buffers: what a buffer on the device holds after each submit, looked at when
-//! it arrives and never waited for unless that is asked.
+//! A ring of mappable buffers: copies a device buffer after each submit, read when it arrives
+//! without blocking, unless requested.
 
 use super::{Gpu, Recorder};
 use crate::{Error, Result};
@@ -9,25 +9,25 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 type Mapped = std::result::Result<(), wgpu::BufferAsyncError>;
 
-/// Copies recorded for others to submit that may be on their way at a time.
+/// Maximum number of pending copies recorded for submission by others.
 const MAX_PENDING: usize = 4;
 
-/// Copies of one small buffer on their way back, oldest first.
+/// Pending copies of one small buffer, oldest first.
 #[derive(Debug)]
 pub(crate) struct ReadbackRing {
     gpu: Gpu,
     bytes: u64,
     free: Vec<wgpu::Buffer>,
     flying: VecDeque<(wgpu::Buffer, Mutexed)>,
-    /// Of copies recorded for others to submit, the numbers that they were given.
+    /// Copies recorded for submission by others, with their numbers.
     recorded: VecDeque<(wgpu::Buffer, Mutexed, u64)>,
 }
 
-/// A receiver that a structure shared among threads can hold.
+/// A receiver in a mutex, so that the struct can be shared between threads.
 type Mutexed = std::sync::Mutex<Receiver<Mapped>>;
 
 impl ReadbackRing {
-    /// A ring for a buffer of so many bytes.
+    /// Creates a ring for a buffer of `bytes` bytes.
     pub fn new(gpu: &Gpu, bytes: u64) -> ReadbackRing {
         ReadbackRing {
             gpu: gpu.clone(),
@@ -38,21 +38,21 @@ impl ReadbackRing {
         }
     }
 
-    /// Forgets the copies on their way.
+    /// Drops the pending copies.
     pub fn clear(&mut self) {
         self.flying.clear();
         self.recorded.clear();
     }
 
-    /// How many copies are on their way.
+    /// Returns the number of pending copies.
     pub fn in_flight(&self) -> usize {
         self.flying.len()
     }
 
-    /// Submits `work`, and after it a copy of `from`.
+    /// Submits `work` followed by a copy of `from`.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device fails.
     pub fn submit(&mut self, mut work: Recorder<'static>, from: &wgpu::Buffer) -> Result<()> {
         let staging = self.staging()?;
         let encoder = work.encoder();
@@ -60,7 +60,7 @@ impl ReadbackRing {
         work.submit()?;
         let (sender, receiver) = channel();
         let tell = move |result| {
-            // If the ring is gone, nobody asks.
+            // Fails only if the ring was dropped.
             let _ = sender.send(result);
         };
         staging.slice(..).map_async(wgpu::MapMode::Read, tell);
@@ -75,11 +75,11 @@ impl ReadbackRing {
         }
     }
 
-    /// Records a copy of `from`, to be looked at with [`ReadbackRing::latest`] after the caller has
-    /// submitted `work`; `number` tells it from others. None where enough are on their way.
+    /// Records a copy of `from`, which [`ReadbackRing::latest`] returns after the caller has
+    /// submitted `work`; `number` identifies it. Records nothing if too many copies are pending.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device fails.
     pub fn record(&mut self, work: &mut Recorder, from: &wgpu::Buffer, number: u64) -> Result<()> {
         if self.recorded.len() >= MAX_PENDING {
             return Ok(());
@@ -89,7 +89,7 @@ impl ReadbackRing {
         encoder.copy_buffer_to_buffer(from, 0, &staging, 0, self.bytes);
         let (sender, receiver) = channel();
         let tell = move |result| {
-            // If the ring is gone, nobody asks.
+            // Fails only if the ring was dropped.
             let _ = sender.send(result);
         };
         encoder.map_buffer_on_submit(&staging, wgpu::MapMode::Read, .., tell);
@@ -97,9 +97,8 @@ impl ReadbackRing {
         Ok(())
     }
 
-    /// The number and content of the latest copy that [`ReadbackRing::record`] recorded and that has
-    /// arrived; none where none has since the last time. Those that were never submitted are
-    /// forgotten.
+    /// Returns number and content of the latest copy recorded by [`ReadbackRing::record`] that has
+    /// arrived since the last call, or `None`. Drops copies that were never submitted.
     ///
     /// # Errors
     /// As [`Gpu::poll_errors`].
@@ -122,15 +121,15 @@ impl ReadbackRing {
                 Err(TryRecvError::Empty) => {
                     self.recorded.push_back((staging, receiver, number));
                 }
-                // Never submitted, or the device is lost, which others say.
+                // Never submitted, or the device is lost, which is reported elsewhere.
                 Ok(Err(_)) | Err(TryRecvError::Disconnected) => {}
             }
         }
         Ok(latest)
     }
 
-    /// The oldest copy, if it has arrived; with `wait` it is waited for. None where none is on its
-    /// way.
+    /// Returns the oldest copy if it has arrived; blocks for it with `wait`. `None` if no copy is
+    /// pending.
     ///
     /// # Errors
     /// As [`Gpu::wait`].
@@ -143,7 +142,7 @@ impl ReadbackRing {
         let mapped = if wait && !cfg!(target_arch = "wasm32") {
             self.gpu.count_readback();
             self.gpu.wait()?;
-            // Another thread that polls the device may be the one to say so, a moment later.
+            // Another thread may have polled the device and send the message slightly later.
             receiver.recv().map_err(|e| lost(e.to_string()))?
         } else {
             self.gpu.poll_errors()?;
@@ -169,7 +168,7 @@ impl ReadbackRing {
     }
 }
 
-/// What a mapped buffer holds; unmaps it.
+/// Returns the content of a mapped buffer and unmaps it.
 fn content<T: bytemuck::Pod>(staging: &wgpu::Buffer) -> Result<Vec<T>> {
     let items = {
         let view = staging

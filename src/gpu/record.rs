@@ -1,20 +1,20 @@
-//! Recording passes into an encoder, Palpate's own or the caller's.
+//! Records passes into an encoder, owned by this crate or by the caller.
 
 use super::struct_layout::GpuStruct;
 use super::timing::TimestampQueries;
 use super::{Array, Gpu};
 use crate::{Error, Result};
 
-/// An encoder being filled with passes.
+/// A command encoder with its passes.
 ///
-/// Compute passes recorded one after the other share one WebGPU pass (each dispatch sees the
-/// writes of those before it), unless passes are being timed.
+/// Consecutive compute passes share one WebGPU pass (each dispatch sees the writes of those before
+/// it), unless passes are being timed.
 pub struct Recorder<'e> {
     gpu: Gpu,
     encoder: Encoder<'e>,
     open: Option<wgpu::ComputePass<'static>>,
     marks: Option<TimestampQueries>,
-    /// The parameters given last, and the buffer that holds them.
+    /// The last parameters, and the buffer that holds them.
     given: Option<(Vec<u8>, wgpu::Buffer)>,
 }
 
@@ -24,7 +24,7 @@ enum Encoder<'e> {
 }
 
 impl Gpu {
-    /// Begins recording into an encoder of its own.
+    /// Starts recording into an encoder of its own.
     pub fn start_recording(&self) -> Recorder<'static> {
         let encoder = self
             .device()
@@ -40,7 +40,7 @@ impl Gpu {
 }
 
 impl<'e> Recorder<'e> {
-    /// Begins recording into the caller's encoder, which the caller submits.
+    /// Starts recording into the caller's encoder, which the caller submits.
     pub fn with_encoder(gpu: &Gpu, encoder: &'e mut wgpu::CommandEncoder) -> Recorder<'e> {
         Recorder {
             gpu: gpu.clone(),
@@ -51,12 +51,12 @@ impl<'e> Recorder<'e> {
         }
     }
 
-    /// The device recorded for.
+    /// Returns the device.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
-    /// The encoder itself, for copies and clears; ends the open compute pass.
+    /// Ends the open compute pass and returns the encoder, for copies and clears.
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         self.open = None;
         match &mut self.encoder {
@@ -95,7 +95,7 @@ impl<'e> Recorder<'e> {
         self.open = Some(pass);
     }
 
-    /// Opens a render pass under `name`.
+    /// Begins a render pass under `name`.
     pub fn render_pass<'p>(
         &'p mut self,
         name: &str,
@@ -121,11 +121,11 @@ impl<'e> Recorder<'e> {
             })
     }
 
-    /// Records that `params` replace the content of `uniform`, for what is recorded after it. They
-    /// belong to the recording: no other one changes them, whichever is submitted first.
+    /// Records a copy of `params` into `uniform`, for everything recorded after it. The values
+    /// belong to this recording: the submission order of other recordings does not matter.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when their sizes differ or the device refuses.
+    /// [`Error::Gpu`] if the sizes differ or the device fails.
     pub(super) fn write_uniform<P: GpuStruct>(
         &mut self,
         uniform: &wgpu::Buffer,
@@ -140,7 +140,7 @@ impl<'e> Recorder<'e> {
                 uniform.size()
             )));
         }
-        // The draws of one picture share their view.
+        // The draws of one image share their view parameters.
         let given = match self.given.take().filter(|(known, _)| known == bytes) {
             Some(given) => given,
             None => (bytes.to_vec(), self.gpu.parameters(P::NAME, bytes)?),
@@ -151,12 +151,12 @@ impl<'e> Recorder<'e> {
         Ok(())
     }
 
-    /// Copies the whole of one array into another of the same kind and length.
+    /// Records a copy of an array into another of the same format and length.
     pub fn copy_array(&mut self, from: &Array, to: &Array) {
         debug_assert_eq!((from.texel(), from.len()), (to.texel(), to.len()));
         to.mark_written();
         let (from, to) = (from.texture(), to.texture());
-        // One may have more room than the other.
+        // Their capacities may differ.
         let size = wgpu::Extent3d {
             width: from.width().min(to.width()),
             height: from.height().min(to.height()),
@@ -166,8 +166,8 @@ impl<'e> Recorder<'e> {
             .copy_texture_to_texture(from.as_image_copy(), to.as_image_copy(), size);
     }
 
-    /// Submits what was recorded, if the encoder is Palpate's own; the caller's is left to the
-    /// caller. Does not wait.
+    /// Submits the recording, if the encoder is owned; a caller's encoder is submitted by the
+    /// caller. Does not block.
     ///
     /// # Errors
     /// As [`Gpu::poll_errors`].

@@ -1,20 +1,20 @@
-//! WGSL composition: `#import lib/tet` on a line of its own pulls in `shaders/lib/tet.wgsl`, once.
+//! WGSL composition: a line `#import lib/tet` includes `shaders/lib/tet.wgsl`, once.
 //!
 //! A program may be composed with terms: names of files in `shaders/terms` after its own, as in
 //! `physics/forces springs floor`.
 //!
-//! - `#term KIND`, in the file of a term, says what it is: `matter`, which gathers over what is
-//!   around a node, `law`, by which a tet resists, `rigid`, by which nodes move together, `node`,
-//!   which acts on each node by itself, `contact`, tools that press; of walks `reads`, how they read
-//!   the mesh, `table`, by which they look up what a ray passes, `scan`, what the mesh carries, or `intervals`,
-//!   which tells each way through the mesh by itself.
-//! - `#for PROGRAM …`, in the file of a term: what follows, up to the next such line, stands in
-//!   these programs only; after `#for all` in every one.
-//! - `#each KIND LINE`: the line stands once for each term of the kind, with `TERM` and `INDEX`
-//!   replaced by its name and its place among those of its kind.
-//! - `#any KIND LINE`: the line stands once if there are any.
-//! - `@binding(next)`: the binding after all that are numbered, in the order in which they stand.
-//!   So a term declares what it reads, whatever it is composed with.
+//! - `#term KIND`, in the file of a term, states its kind: `matter` (gathers over the neighbourhood
+//!   of a node), `law` (constitutive model of a tetrahedron), `rigid` (nodes that move as rigid
+//!   bodies), `node` (acts on each node independently), `contact` (contact with tools); for ray
+//!   traversal `reads` (mesh access), `table` (look-up of the ray integral), `scan` (scan data of
+//!   the mesh), or `intervals` (outputs each ray segment separately).
+//! - `#for PROGRAM …`, in the file of a term: the following lines, up to the next `#for`, are
+//!   included in these programs only; after `#for all` in every program.
+//! - `#each KIND LINE`: includes the line once for each term of the kind, with `TERM` and `INDEX`
+//!   replaced by its name and its index among those of its kind.
+//! - `#any KIND LINE`: includes the line once if there is any term of the kind.
+//! - `@binding(next)`: the next binding after all numbered ones, in source order. So a term can
+//!   declare its bindings independently of the composition.
 
 use super::device::lock;
 use crate::{Error, Result};
@@ -22,10 +22,10 @@ use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError, RwLock};
 use wgpu::naga;
 
-/// Every file under `shaders/`, embedded by `build.rs`: (name without extension, source).
+/// All files under `shaders/`, embedded by `build.rs`: (name without extension, source).
 const SHADERS: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
 
-/// The kinds of terms, in the order in which their names stand.
+/// Kinds of terms, in the order of their names in a composition.
 const KINDS: [&str; 9] = [
     "matter",
     "law",
@@ -38,10 +38,10 @@ const KINDS: [&str; 9] = [
     "intervals",
 ];
 
-/// What the number of a binding is where it follows from those before.
+/// Marker of a binding that is numbered automatically.
 const NEXT_BINDING: &str = "@binding(next)";
 
-/// Shaders of the program that uses the library, as [`SHADERS`].
+/// Shaders added by the application, as [`SHADERS`].
 static ADDED: RwLock<Vec<(&str, &str)>> = RwLock::new(Vec::new());
 
 fn source(name: &str) -> Option<&'static str> {
@@ -54,13 +54,13 @@ fn added(name: &str) -> Option<&'static str> {
     added.iter().find(|(n, _)| *n == name).map(|s| s.1)
 }
 
-/// Adds a shader of one's own: `room/name` is then a program for [`Gpu::pass`](super::Gpu::pass),
-/// `terms/name` a term of the energy that one of [`NodeTerm`](crate::physics::NodeTerm) names, and
-/// `lib/name` what `#import` pastes. It may `#import` all of the library's `shaders/lib`, and is
-/// kept as long as the program runs. Adding the same again does nothing.
+/// Adds a custom shader: `room/name` becomes a program for [`Gpu::pass`](super::Gpu::pass),
+/// `terms/name` an energy term that a [`NodeTerm`](crate::physics::NodeTerm) can name, and
+/// `lib/name` a file for `#import`. It may `#import` everything in `shaders/lib`, and is kept until
+/// the process ends. Adding identical source again does nothing.
 ///
 /// # Errors
-/// [`Error::Input`] for a name that is taken or is none; [`Error::Gpu`] with the place for WGSL
+/// [`Error::Input`] for a name that is taken or invalid; [`Error::Gpu`] with the position for WGSL
 /// that does not parse.
 pub fn add_shader(name: &str, source: &str) -> Result<()> {
     let mut parts = name.split('/');
@@ -90,10 +90,9 @@ pub fn add_shader(name: &str, source: &str) -> Result<()> {
     Ok(())
 }
 
-/// Names of all shaders that can be prepared as a pass: everything outside `lib/` and `terms/`,
-/// with everything that it cannot do without and can be composed with, with rigid bodies or without,
-/// with each of the terms that act on nodes or without, with tools or without, with scans or without,
-/// and with ways told by themselves or without.
+/// Returns the names of all shaders that can be prepared as a pass: everything outside `lib/` and
+/// `terms/`, composed with each required term, and with and without each optional kind: rigid
+/// bodies, node terms, tools, scans and ray segments.
 pub fn shader_names() -> impl Iterator<Item = String> {
     let programs = SHADERS.iter().map(|(name, _)| *name);
     programs
@@ -101,7 +100,7 @@ pub fn shader_names() -> impl Iterator<Item = String> {
         .flat_map(test_compositions)
 }
 
-/// The compositions of `program` that are worth a look.
+/// Returns the compositions of `program` to test.
 fn test_compositions(program: &str) -> Vec<String> {
     let mut names = vec![program.to_owned()];
     for kind in KINDS {
@@ -111,10 +110,11 @@ fn test_compositions(program: &str) -> Vec<String> {
         let fitting: Vec<&str> = terms(kind).filter(|t| applies_to(t, program)).collect();
         let alone = match kind {
             "rigid" | "node" | "contact" | "scan" | "intervals" => names.clone(),
-            // These a program cannot do without.
+            // Kinds required by a program.
             _ => Vec::new(),
         };
-        // Ways are told alike whatever the table is, and of scans none are.
+        // Segment output does not depend on the table, and does not support scans: one combination
+        // suffices.
         let table = terms("table").next();
         let alike = |name: &str| {
             let mut terms = name.split(' ');
@@ -140,13 +140,13 @@ fn accepts_kind(program: &str, kind: &str) -> bool {
         .any(|l| l.starts_with(&each) || l.starts_with(&any))
 }
 
-/// The terms of a kind that there are.
+/// Returns the built-in terms of a kind.
 fn terms(kind: &str) -> impl Iterator<Item = &'static str> {
     let names = SHADERS.iter().filter_map(|(n, _)| n.strip_prefix("terms/"));
     names.filter(move |name| kind_of(name) == Some(kind))
 }
 
-/// Whether a term has anything to say in `program`.
+/// Whether a term contributes lines to `program`.
 fn applies_to(term: &str, program: &str) -> bool {
     let source = source(&format!("terms/{term}")).unwrap_or_default();
     let mut parts = source.lines().filter_map(|l| l.strip_prefix("#for "));
@@ -154,7 +154,7 @@ fn applies_to(term: &str, program: &str) -> bool {
     !limited || parts.any(|p| p.split_whitespace().any(|p| p == program))
 }
 
-/// The kind of a term.
+/// Returns the kind of a term.
 fn kind_of(term: &str) -> Option<&'static str> {
     let source = source(&format!("terms/{term}"))?;
     source
@@ -163,11 +163,11 @@ fn kind_of(term: &str) -> Option<&'static str> {
         .map(str::trim)
 }
 
-/// The source of shader `name`, which the names of terms may follow, with its imports pasted in,
-/// each once, where first asked for.
+/// Returns the source of shader `name`, optionally followed by names of terms, with its imports
+/// included, each once, at the first `#import`.
 ///
 /// # Errors
-/// [`Error::Gpu`] when the shader, one of its terms or one of its imports does not exist.
+/// [`Error::Gpu`] if the shader, one of its terms or one of its imports does not exist.
 pub fn compose(name: &str) -> Result<String> {
     let mut words = name.split_whitespace();
     let program = words.next().unwrap_or_default();
@@ -191,7 +191,7 @@ pub fn compose(name: &str) -> Result<String> {
     Ok(assign_bindings(&composer.out))
 }
 
-/// Numbers the bindings that say `next`.
+/// Assigns numbers to the bindings marked `next`.
 fn assign_bindings(source: &str) -> String {
     let given = source.split("@binding(").skip(1);
     let given = given.filter_map(|rest| rest.split(')').next()?.parse::<u32>().ok());
@@ -245,7 +245,7 @@ impl Composer<'_> {
         Ok(())
     }
 
-    /// A line once for each term of a kind.
+    /// Emits a line once for each term of a kind.
     fn each(&mut self, kind: &str, line: &str, name: &str) -> Result<()> {
         let terms = self.terms.iter().filter(|t| t.0 == kind);
         let terms: Vec<String> = terms.map(|t| t.1.to_owned()).collect();
@@ -266,15 +266,15 @@ impl Composer<'_> {
     }
 }
 
-/// The kind and the rest of a line that begins with `directive`.
+/// Splits a line that begins with `directive` into the kind and the rest.
 fn split_kind<'a>(line: &'a str, directive: &str) -> Option<(&'a str, &'a str)> {
     line.strip_prefix(directive)?.split_once(' ')
 }
 
-/// The composed shader `name` as naga sees it.
+/// Parses the composed shader `name` with naga.
 ///
 /// # Errors
-/// [`Error::Gpu`] with the place in the composed source when it does not parse.
+/// [`Error::Gpu`] with the position in the composed source if it does not parse.
 pub fn parse(name: &str) -> Result<naga::Module> {
     let source = compose(name)?;
     naga::front::wgsl::parse_str(&source).map_err(|e| {
@@ -285,10 +285,10 @@ pub fn parse(name: &str) -> Result<naga::Module> {
     })
 }
 
-/// Shaders parsed so far: a pass prepared anew need not parse its shader again.
+/// Cache of parsed shaders, so that each is parsed only once.
 static PARSED: LazyLock<Mutex<HashMap<String, Arc<naga::Module>>>> = LazyLock::new(Mutex::default);
 
-/// [`parse`], once for each name.
+/// As [`parse`], cached by name.
 pub(super) fn parsed(name: &str) -> Result<Arc<naga::Module>> {
     if let Some(known) = lock(&PARSED).get(name) {
         return Ok(known.clone());

@@ -1,10 +1,10 @@
-//! Structs that cross to the GPU: their layout in Rust held against their layout in WGSL.
+//! Structs shared with the GPU: validates their layout in Rust against that in WGSL.
 
 use super::shader;
 use crate::{Error, Result};
 use wgpu::naga;
 
-/// A `#[repr(C)]` struct that crosses to the GPU; made by [`gpu_struct!`](crate::gpu_struct).
+/// A `#[repr(C)]` struct shared with the GPU; declared by [`gpu_struct!`](crate::gpu_struct).
 pub trait GpuStruct: bytemuck::Pod {
     /// The struct's name, in Rust and in WGSL.
     const NAME: &'static str;
@@ -12,9 +12,9 @@ pub trait GpuStruct: bytemuck::Pod {
     const MEMBERS: &'static [(&'static str, usize)];
 }
 
-/// Declares a struct that crosses to the GPU: `#[repr(C)]`, `Pod`, and a [`GpuStruct`].
+/// Declares a struct shared with the GPU: `#[repr(C)]`, `Pod`, and a [`GpuStruct`].
 ///
-/// Members whose names begin with `_` are padding; WGSL needs none of that name.
+/// Members whose names begin with `_` are padding and need no counterpart in WGSL.
 #[macro_export]
 macro_rules! gpu_struct {
     ($(#[$doc:meta])* $vis:vis struct $name:ident { $($(#[$mdoc:meta])* $mvis:vis $member:ident : $ty:ty),* $(,)? }) => {
@@ -31,11 +31,11 @@ macro_rules! gpu_struct {
     };
 }
 
-/// Holds the Rust layout of `T` against the struct of the same name in shader `name`: size,
-/// member names and offsets. Needs no GPU.
+/// Compares the Rust layout of `T` with the struct of the same name in shader `name`: size, member
+/// names and offsets. Needs no GPU.
 ///
 /// # Errors
-/// [`Error::Gpu`] naming the first difference.
+/// [`Error::Gpu`] with the first difference.
 pub fn check_layout<T: GpuStruct>(name: &str) -> Result<()> {
     let module = shader::parse(name)?;
     let found = module
@@ -51,7 +51,7 @@ pub fn check_layout<T: GpuStruct>(name: &str) -> Result<()> {
     }
 }
 
-/// Holds the Rust layout of `T` against a type of the parsed shader `name`.
+/// Compares the Rust layout of `T` with a type of the parsed shader `name`.
 pub(super) fn compare<T: GpuStruct>(name: &str, inner: &naga::TypeInner) -> Result<()> {
     let wrong =
         |what: String| Error::Gpu(format!("shaders/{name}.wgsl, struct {}: {what}", T::NAME));

@@ -1,13 +1,13 @@
-//! Textures that are no arrays: targets of draws, tables, maps.
+//! Textures other than arrays: render targets, tables, maps.
 
 use super::Gpu;
 use crate::Result;
 
 impl Gpu {
-    /// A texture of `size` texels (width, height, layers), without smaller levels.
+    /// Creates a texture of `size` texels (width, height, layers), without mipmaps.
     ///
     /// # Errors
-    /// [`Error::Gpu`](crate::Error::Gpu) when it exceeds the device's limits or memory;
+    /// [`Error::Gpu`](crate::Error::Gpu) if it exceeds the device's limits or memory;
     /// [`Error::DeviceLost`](crate::Error::DeviceLost).
     pub fn texture(
         &self,
@@ -19,7 +19,7 @@ impl Gpu {
         self.texture_of(label, wgpu::TextureDimension::D2, size, format, usage)
     }
 
-    /// The same with three dimensions: `size` is width, height and depth.
+    /// Creates a three-dimensional texture: `size` is width, height and depth.
     ///
     /// # Errors
     /// As [`Gpu::texture`].
@@ -59,8 +59,8 @@ impl Gpu {
         })
     }
 
-    /// The whole of a new texture of one layer, as a view; its texture is the view's
-    /// [`texture`](wgpu::TextureView::texture).
+    /// Creates a texture of one layer and returns a view of it; the texture is available as
+    /// [`texture`](wgpu::TextureView::texture) of the view.
     ///
     /// # Errors
     /// As [`Gpu::texture`].

@@ -1,12 +1,12 @@
-//! What a shader loads from textures, which is most of what its passes cost.
+//! Static count of the texture loads of a shader, which dominate the cost of its passes.
 
 use super::shader::parsed;
 use crate::Result;
 use wgpu::naga::{Block, Expression, Function, Module, Statement};
 
-/// The texture loads of one invocation of the shader `name`, which the names of terms may follow:
-/// outside of all loops, in one round of its loops, in one of the loops within these, and so on. Of
-/// both sides of a branch each is counted.
+/// Counts the texture loads of one invocation of the shader `name`, optionally followed by names of
+/// terms: outside of all loops, per iteration of the outermost loops, of the loops nested in these,
+/// and so on. Counts both sides of a branch.
 ///
 /// # Errors
 /// As [`parse`](super::parse).

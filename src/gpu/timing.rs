@@ -1,4 +1,4 @@
-//! GPU time of each pass, by timestamps, where the adapter has them.
+//! GPU time of each pass, by timestamp queries, if the adapter supports them.
 
 use super::Gpu;
 use super::device::lock;
@@ -7,22 +7,22 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Passes timed in one recording; later ones go untimed. WebGPU's limit is 4096 queries a set.
+/// Maximum number of timed passes per recording. WebGPU limits a query set to 4096 queries.
 const TIMED_PASSES: u32 = 2048;
 
 /// Collects the timestamps of every recording made while timing is on.
 #[derive(Debug)]
 pub(super) struct Timer {
     on: AtomicBool,
-    /// Nanoseconds a tick; `None` where the device has no timestamps.
+    /// Nanoseconds per tick; `None` if the device has no timestamps.
     period: Option<f32>,
     pending: Mutex<Vec<PassTimes>>,
 }
 
-/// The names of timed passes, and the mappable buffer that receives their timestamps.
+/// Names of timed passes, and the mappable buffer that receives their timestamps.
 pub(super) type PassTimes = (Vec<String>, wgpu::Buffer);
 
-/// The timestamps of one recording.
+/// Timestamp queries of one recording.
 pub(super) struct TimestampQueries {
     queries: wgpu::QuerySet,
     names: Vec<String>,
@@ -52,14 +52,14 @@ impl Timer {
 }
 
 impl Timer {
-    /// Keeps the times of a submitted recording for [`Gpu::timings`].
+    /// Stores the times of a submitted recording for [`Gpu::timings`].
     pub(super) fn add(&self, times: PassTimes) {
         lock(&self.pending).push(times);
     }
 }
 
 impl TimestampQueries {
-    /// The query set and the two queries of the next pass.
+    /// Returns the query set and the two query indices of the next pass.
     pub(super) fn next(&mut self, name: &str) -> Option<(wgpu::QuerySet, u32, u32)> {
         let pass = self.names.len() as u32;
         (pass < TIMED_PASSES).then(|| {
@@ -95,14 +95,14 @@ impl TimestampQueries {
 }
 
 impl Gpu {
-    /// Turns timing of passes on or off, for recordings begun from now on. Timed passes no
-    /// longer share a WebGPU pass, which costs a little.
+    /// Enables or disables timing for recordings started after this call. Timed passes do not share
+    /// a WebGPU pass, which has a small cost.
     pub fn time_passes(&self, on: bool) {
         self.timer().on.store(on, Ordering::Relaxed);
     }
 
-    /// Milliseconds spent in each pass, by name and summed, in recordings submitted since the
-    /// last call; empty where the adapter has no timestamps. Waits for the device.
+    /// Returns the total milliseconds of each pass, by name, over the recordings submitted since
+    /// the last call; empty if the adapter has no timestamps. Waits for the device.
     ///
     /// # Errors
     /// As [`Gpu::wait`].

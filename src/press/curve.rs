@@ -1,43 +1,44 @@
-//! What a press measures: force against depth, and what that says of the body.
+//! Force–depth curve of a press, and the stiffness and modulus fitted to it.
 
 use serde::Serialize;
 
-/// The part of the depth, from the deepest point on, over which stiffness is fitted.
+/// Stiffness is fitted where the depth is at least this fraction of the maximum.
 const FIT_FRACTION: f64 = 0.5;
 
 /// One step of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PressSample {
-    /// s.
+    /// Time, s.
     pub time_s: f64,
     /// `load` or `unload`.
     pub phase: &'static str,
-    /// How far the fingertip is beyond where it touched the body at rest, m.
+    /// Advance of the fingertip beyond its first contact with the body at rest, m.
     pub depth_m: f64,
-    /// The force on it, out of the body, N.
+    /// Contact force on it in the outward direction, N.
     pub force_n: f64,
 }
 
-/// What a press found.
+/// Result of a press.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PressReport {
-    /// The slope of force over depth, fitted to the deeper half of the way to the largest force.
+    /// Slope of force over depth, fitted to the deeper half of the loading path up to the maximum
+    /// force.
     pub stiffness_n_per_m: f64,
-    /// The Young's modulus of an elastic half space that would resist as much, by Hertz:
-    /// F = 4/3 E √R d³ᐟ² / (1 − ν²), fitted to the same way. A body that is thin over the contact, or
-    /// bonded to what is hard, seems stiffer than it is.
+    /// Young's modulus of an elastic half space with the same resistance, by Hertz: F = 4/3 E √R
+    /// d³ᐟ² / (1 − ν²), fitted to the loading path up to the maximum force. A body that is thin
+    /// over the contact, or bonded to something hard, appears stiffer than it is.
     pub hertz_young_pa: f64,
-    /// The largest force.
+    /// Maximum force.
     pub max_force_n: f64,
-    /// How deep it went.
+    /// Maximum depth.
     pub max_depth_m: f64,
     /// Radius of the fingertip.
     pub radius_m: f64,
-    /// ν that `hertz_young_pa` goes by.
+    /// Poisson's ratio ν used for `hertz_young_pa`.
     pub poisson: f64,
-    /// What computed it.
+    /// Engine that computed the press.
     pub engine: String,
-    /// Time of computing.
+    /// Computing time, s.
     pub seconds: f64,
 }
 
@@ -54,8 +55,8 @@ pub(super) fn report(
         .collect();
     let most = |k: usize| way_in.iter().map(|s| s[k]).fold(0.0, f64::max);
     let (max_depth, max_force) = (most(0), most(1));
-    // Where what is below has slipped away from under the fingertip, only what was before says how
-    // hard it is.
+    // After the tissue below has slipped away from the fingertip, the curve no longer measures its
+    // stiffness: uses only the samples up to the maximum force.
     let held = way_in.iter().position(|s| s[1] >= max_force);
     let way_in = &way_in[..held.map_or(0, |k| k + 1)];
     let deepest = way_in.iter().map(|s| s[0]).fold(0.0, f64::max);
@@ -82,7 +83,7 @@ pub(super) fn report(
     }
 }
 
-/// The slope of a line through points, by least squares; of one point, through the origin.
+/// Returns the least-squares slope of a line through the points; for one point, through the origin.
 fn slope(points: &[[f64; 2]]) -> f64 {
     let n = points.len() as f64;
     let mean = |k: usize| points.iter().map(|p| p[k]).sum::<f64>() / n;
@@ -122,10 +123,10 @@ mod tests {
         let found = report(&samples, [radius, poisson], "cpu".into(), 1.0);
         assert!((found.hertz_young_pa / young - 1.0).abs() < 1e-12);
         assert!((found.max_depth_m - 1.6e-3).abs() < 1e-12);
-        // The slope between half and all of the depth.
+        // The slope between half and full depth.
         let chord = (force(1.6e-3) - force(0.8e-3)) / 0.8e-3;
         assert!((found.stiffness_n_per_m / chord - 1.0).abs() < 0.01);
-        // What slips away in the end takes nothing from it.
+        // Samples after slipping do not change the fit.
         let mut slipped = samples[..18].to_vec();
         slipped.push(PressSample {
             depth_m: 1.7e-3,

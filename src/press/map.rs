@@ -1,4 +1,4 @@
-//! A body pressed at the points of a grid from above, to find what is hard beneath.
+//! Stiffness map: presses a body from above at the points of a grid, to find stiff inclusions.
 
 use super::curve::{self, PressSample};
 use super::site::{Boundary, PressSite};
@@ -14,27 +14,27 @@ use glam::{DQuat, DVec3};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-/// Steps down at each point.
+/// Loading steps at each point.
 const STEPS: u32 = 6;
-/// The most points along a side.
+/// Maximum number of points along a side.
 const MOST: u32 = 1_000;
-/// A body is too thin to be pressed where it is less than so many times as thick as presses are deep.
+/// A point is skipped if the body is thinner there than this multiple of the press depth.
 const MIN_THICKNESS_RATIO: f64 = 3.0;
-/// Height of the view over the body's extent in it, and the part of its width that a legend takes.
+/// Height of the view relative to the body's extent, and the fraction of its width reserved for the
+/// legend.
 const VIEW_SCALE: f64 = 1.15;
 const LEGEND: f64 = 0.2;
-/// The field that pictures show, N/m.
+/// Field shown in images, N/m.
 const FIELD: &str = "stiffness (N/m)";
 
-/// Which points to press, and how; what is not said suits the body.
+/// Points and settings of a map; unset values are chosen from the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapOptions {
-    /// Points along the two sides of the body as it is seen from above.
+    /// Number of points along the two sides of the body, seen from above.
     pub points: [u32; 2],
     /// Radius of the fingertip, in file units.
     pub radius: Option<f64>,
-    /// How far it goes in, in file units; a tenth of the body's median thickness where nothing is
-    /// said.
+    /// Press depth, in file units; by default a tenth of the body's median thickness.
     pub depth: Option<f64>,
 }
 
@@ -43,21 +43,21 @@ pub struct MapOptions {
 pub struct MapPoint {
     /// On the boundary, in file units.
     pub point: DVec3,
-    /// What was found there; none yet at first.
+    /// Its result; `None` until it is measured.
     pub pressed: Option<PointResult>,
 }
 
-/// What a press of a map found.
+/// Result of a press of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PointResult {
-    /// The slope of force over depth in the deeper half of the way in, N/m.
+    /// Slope of force over depth in the deeper half of the loading path, N/m.
     Stiffness(f64),
-    /// A step of it failed.
+    /// A simulation step failed.
     Failed,
 }
 
 impl MapPoint {
-    /// The stiffness found there, N/m.
+    /// Returns the measured stiffness, N/m.
     pub fn stiffness(&self) -> Option<f64> {
         match self.pressed {
             Some(PointResult::Stiffness(found)) => Some(found),
@@ -73,19 +73,19 @@ pub struct PressMap {
     up: DVec3,
     radius: f64,
     depth: f64,
-    /// Metres in a file unit, and ν.
+    /// Metres per file unit, and Poisson's ratio ν.
     unit: f64,
     poisson: f64,
-    /// Cells of the grid, low corner and steps in the two directions across.
+    /// Grid of the map.
     grid: MapGrid,
     spots: Vec<(PressSite, f64)>,
     points: Vec<MapPoint>,
-    /// Which cell of the grid each point is in.
+    /// Grid cell of each point.
     cells: Vec<usize>,
     notes: Vec<String>,
 }
 
-/// The body's extent as it is seen from above, shared out in cells.
+/// A grid over the body's extent, seen from above.
 #[derive(Clone, Copy, Debug)]
 struct MapGrid {
     axes: [usize; 2],
@@ -108,7 +108,7 @@ impl MapGrid {
         }
     }
 
-    /// The middle of a cell.
+    /// Returns the centre of a cell.
     fn middle(&self, cell: usize) -> DVec3 {
         let across = self.count[0] as usize;
         let mut middle = self.low;
@@ -122,7 +122,7 @@ impl MapGrid {
         self.count[0] as usize * self.count[1] as usize
     }
 
-    /// The four cells whose middles are around a place, with their weights.
+    /// Returns the four cells whose centres surround a position, with bilinear weights.
     fn around(&self, p: DVec3) -> [(usize, f64); 4] {
         let mut low = [0usize; 2];
         let mut share = [0.0; 2];
@@ -149,12 +149,12 @@ impl MapGrid {
 }
 
 impl PressMap {
-    /// Lays the body of `scene` on a table, as [`Press::new`](super::Press::new) does, and chooses
-    /// the points to press.
+    /// Places the body of `scene` on a table, as [`Press::new`](super::Press::new), and selects the
+    /// points to press.
     ///
     /// # Errors
-    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, numbers that make no sense,
-    /// and a body that offers no point; otherwise what loading the mesh gives.
+    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, invalid numbers, or a body
+    /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         only_tets(scene)?;
         let [n, m] = wanted.points;
@@ -237,23 +237,23 @@ impl PressMap {
         })
     }
 
-    /// What was assumed, in words.
+    /// Returns the assumptions, as text.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The points, in rows of the grid, with what was found so far.
+    /// Returns the points, in rows of the grid, with the results so far.
     pub fn points(&self) -> &[MapPoint] {
         &self.points
     }
 
-    /// Radius of the fingertip, and how deep it goes, in file units.
+    /// Returns the radius of the fingertip and the press depth, in file units.
     pub fn radius_and_depth(&self) -> [f64; 2] {
         [self.radius, self.depth]
     }
 
-    /// A number that is another one for another body, scene, grid or way of pressing: what was
-    /// found under another number is not of this map.
+    /// Returns a hash of the body, scene, grid and press settings: results with another fingerprint
+    /// do not belong to this map.
     pub fn fingerprint(&self) -> u64 {
         let mut crc = Crc::new();
         let MapGrid {
@@ -262,7 +262,8 @@ impl PressMap {
             low,
             step,
         } = self.grid;
-        // The text is part of the format: a map that was begun goes on only under the same number.
+        // The text is part of the format: a partial map can be resumed only with the same
+        // fingerprint.
         let said = format!(
             "Grid {{ axes: {axes:?}, count: {count:?}, low: {low:?}, step: {step:?} }} {} {}",
             self.radius, self.depth
@@ -276,10 +277,10 @@ impl PressMap {
         (u64::from(scene_hash(&self.scene)) << 32) | u64::from(crc.sum())
     }
 
-    /// Takes over what was found before, in the points' order.
+    /// Restores earlier results, in the order of the points.
     ///
     /// # Errors
-    /// [`Error::Input`] for another number of points.
+    /// [`Error::Input`] for a different number of points.
     pub fn restore(&mut self, found: &[Option<PointResult>]) -> Result<()> {
         if found.len() != self.points.len() {
             return Err(Error::Input(format!(
@@ -294,11 +295,11 @@ impl PressMap {
         Ok(())
     }
 
-    /// Presses the points that are left, on all cores, and tells `each` of the map whenever one is
-    /// done; where that fails or a simulator cannot be made, no further point is begun.
+    /// Measures the remaining points on all cores and calls `each` with the map after every point;
+    /// after an error of `each` or of creating a simulator, starts no further point.
     ///
     /// # Errors
-    /// What `each` gives, and what making a simulator gives. A press of which a step fails is
+    /// As `each` and as creating a simulator. A press with a failed step is
     /// [`PointResult::Failed`].
     pub fn measure(
         &mut self,
@@ -336,7 +337,7 @@ impl PressMap {
                             Ok(finger) => finger.press(way, &spots[*k]),
                             Err(why) => Err(Error::Input(why.to_string())),
                         };
-                        // The other end is gone once something went wrong.
+                        // The receiver is dropped after an error.
                         if tell.send(found.map(|found| (*k, found))).is_err() {
                             return;
                         }
@@ -361,23 +362,22 @@ impl PressMap {
         })
     }
 
-    /// The median of what was found, N/m.
+    /// Returns the median of the measured stiffnesses, N/m.
     pub fn median(&self) -> Option<f64> {
         median(self.points.iter().filter_map(MapPoint::stiffness).collect())
     }
 
-    /// The stiffest point.
+    /// Returns the stiffest point.
     pub fn stiffest(&self) -> Option<MapPoint> {
         let found = self.points.iter().filter(|p| p.stiffness().is_some());
         let by = |p: &&MapPoint| p.stiffness().unwrap_or(f64::NEG_INFINITY);
         found.max_by(|a, b| by(a).total_cmp(&by(b))).copied()
     }
 
-    /// The stiffness on the body as it is seen from above, of points between those pressed as these
-    /// are around them.
+    /// Renders the stiffness on the body, seen from above, interpolated between the points.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing was found; otherwise what drawing gives.
+    /// [`Error::Input`] without any result; otherwise as rendering.
     pub fn image(&self, gpu: &Gpu) -> Result<Image> {
         if self.median().is_none() {
             return Err(Error::Input(
@@ -406,7 +406,8 @@ impl PressMap {
         stage.render_annotated()
     }
 
-    /// From straight above, in a picture of that size with room for a legend.
+    /// Returns a camera that looks straight down, with room for a legend in an image of `size`
+    /// pixels.
     fn view(&self, size: [u32; 2]) -> CameraEntry {
         let (low, high) = self.mesh.bounds();
         let [across, ahead] = self.grid.axes.map(|axis| (high - low)[axis]);
@@ -426,7 +427,8 @@ impl PressMap {
         }
     }
 
-    /// The stiffness at a place, between the points around it; of the nearest where none is.
+    /// Returns the stiffness interpolated between the surrounding points, or that of the nearest
+    /// point if none of them has a result.
     fn at(&self, p: DVec3) -> f64 {
         let found = |cell: usize| {
             let k = self.cells.binary_search(&cell).ok()?;
@@ -450,7 +452,7 @@ impl PressMap {
     }
 }
 
-/// How a point is pressed.
+/// Settings of a press.
 struct PressSettings {
     up: DVec3,
     depth: f64,
@@ -459,7 +461,7 @@ struct PressSettings {
     radius: f64,
 }
 
-/// What a body with a fingertip beside it is made of.
+/// Data to create a simulator with a fingertip.
 struct Bench<'a> {
     gpu: &'a Gpu,
     scene: &'a Scene,
@@ -485,7 +487,7 @@ impl Bench<'_> {
     }
 }
 
-/// A body with a fingertip beside it.
+/// A simulator with a fingertip, and its rest state.
 struct Finger {
     motion: Motion,
     id: ToolId,
@@ -530,7 +532,7 @@ impl Finger {
     }
 }
 
-/// The middle of numbers, of two the lower; none of none.
+/// Returns the median, the lower one for an even count; `None` for an empty list.
 fn median(mut numbers: Vec<f64>) -> Option<f64> {
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len().saturating_sub(1) / 2).copied()

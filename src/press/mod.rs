@@ -1,8 +1,8 @@
-//! `palpate press`: a fingertip presses on a body that lies on a table, and lets go; how hard the
-//! body resists, and what its Young's modulus would be by Hertz.
+//! `palpate press`: a fingertip presses on a body that lies on a table, and is withdrawn; measures
+//! the resistance and the equivalent Young's modulus by Hertz.
 //!
-//! Slow presses are meant: each step of the tool is one of implicit Euler, long enough for all swings
-//! to be gone, and gravity has formed the body already.
+//! Presses are quasi-static: each tool step is one step of implicit Euler, long enough for
+//! oscillations to decay. The mesh is taken as the shape under gravity, so no gravity is applied.
 
 mod curve;
 mod map;
@@ -21,40 +21,39 @@ use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 use site::Boundary;
 
-/// Steps down to the depth, and up again.
+/// Loading steps; as many unloading steps follow.
 const STEPS: u32 = 16;
-/// Length of a step where a scene does not say, s.
+/// Default and minimum time step, s.
 const STEP: f64 = 0.2;
-/// The depth, over the body's thickness there, where nothing is said; and the most at which a force
-/// is looked for.
+/// Default depth relative to the local thickness; and the maximum depth of a press to a force.
 const DEPTH: f64 = 0.1;
 const MAX_DEPTH: f64 = 0.5;
-/// The part of the way to a force that is gone at once: bodies resist the more the deeper.
+/// Fraction of the remaining force that one step aims for: the resistance increases with depth.
 const FIRST_APPROACH_FRACTION: f64 = 0.6;
-/// The part of a force at which it counts as reached.
+/// Fraction of the target force that counts as reached.
 const FORCE_TOLERANCE: f64 = 0.99;
-/// How far from the body the tool begins, over its radius.
+/// Initial distance of the tool from the body, relative to its radius.
 const INITIAL_CLEARANCE: f64 = 0.02;
-/// The part of the body's height along gravity that lies on the table.
+/// Fraction of the body's height along gravity that is fixed to the table.
 const TABLE_HEIGHT_FRACTION: f64 = 0.04;
-/// A cut that is seen under more than this, as a cosine, is seen well.
+/// Minimum cosine between the view direction and the normal of the clip plane.
 const MIN_VIEW_COSINE: f64 = 0.35;
-/// What the tool is called.
+/// Name of the tool.
 const NAME: &str = "fingertip";
 
-/// Where and how hard to press; what is not said suits the body.
+/// Position and strength of a press; unset values are chosen from the body.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PressOptions {
-    /// The point of the boundary nearest to this one, in file units.
+    /// Presses the boundary point nearest to this one, in file units.
     pub at: Option<DVec3>,
-    /// What is seen at this point of the picture, in pixels; its middle where nothing is said.
+    /// Presses the point visible at this pixel; by default at the centre of the image.
     pub pick: Option<DVec2>,
     /// Radius of the fingertip, in file units.
     pub radius: Option<f64>,
-    /// How far it goes in, in file units; a tenth of the thickness there where neither this nor
-    /// `force` is said.
+    /// Press depth, in file units; by default a tenth of the local thickness, unless `force` is
+    /// set.
     pub depth: Option<f64>,
-    /// The force at which it stops, N.
+    /// Force at which loading stops, N.
     pub force: Option<f64>,
 }
 
@@ -81,33 +80,35 @@ impl PressOptions {
     }
 }
 
-/// A press under way.
+/// A press in progress.
 pub struct Press {
     stage: Stage,
     spot: PressSite,
-    /// Radius, how far it is to go in and how far it has, in file units.
+    /// Radius, target depth and current depth, in file units.
     radius: f64,
     depth: f64,
     gone: f64,
-    /// How far out of the spot the fingertip's middle is where it touches.
+    /// Distance of the fingertip's centre from the site along the outward direction at first
+    /// contact.
     touch: f64,
     force: Option<f64>,
-    /// Metres in a file unit.
+    /// Metres per file unit.
     unit: f64,
     poisson: f64,
-    /// Steps up that are left; none while it goes down.
+    /// Remaining unloading steps; `None` while loading.
     left: Option<u32>,
     samples: Vec<PressSample>,
     notes: Vec<String>,
 }
 
 impl Press {
-    /// Lays the body of `scene` on a table, what is lowest along gravity held there, and puts the
-    /// fingertip before it. Loads, grabs and moves of the scene are left out, pins stay.
+    /// Places the body of `scene` on a table, fixes its lowest part along gravity there, and puts
+    /// the fingertip in front of the site. Loads, grabs, prescribed motions, cuts, tools and the
+    /// floor of the scene are ignored, pins are kept.
     ///
     /// # Errors
-    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point that is nowhere
-    /// near, or numbers that make no sense; otherwise as [`Stage::new`].
+    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point far from the body,
+    /// or invalid numbers; otherwise as [`Stage::new`].
     pub fn new(gpu: &Gpu, scene: &Scene, wanted: &PressOptions) -> Result<Press> {
         wanted.check()?;
         only_tets(scene)?;
@@ -173,38 +174,38 @@ impl Press {
         })
     }
 
-    /// The body, to draw it and to write it.
+    /// Returns the stage, for rendering and output.
     pub fn stage(&mut self) -> &mut Stage {
         &mut self.stage
     }
 
-    /// What was assumed, in words.
+    /// Returns the assumptions, as text.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// Where it presses.
+    /// Returns the press site.
     pub fn site(&self) -> &PressSite {
         &self.spot
     }
 
-    /// Radius of the fingertip, in file units.
+    /// Returns the radius of the fingertip, in file units.
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
-    /// Steps there are, but for those that a force asks for.
+    /// Returns the nominal number of steps; a press to a force may take more.
     pub fn steps(&self) -> u32 {
         2 * STEPS
     }
 
-    /// What was measured so far.
+    /// Returns the samples so far.
     pub fn samples(&self) -> &[PressSample] {
         &self.samples
     }
 
-    /// Cuts pictures through the middle of the press from now on, so that the inside is seen giving:
-    /// along the body where the camera sees that well, else across the view.
+    /// Adds a clip plane through the press site, so that images show the interior: along the body's
+    /// longest axis if the camera sees the plane at a suitable angle, else facing the camera.
     ///
     /// # Errors
     /// As [`Stage::set_sections`].
@@ -226,10 +227,10 @@ impl Press {
         self.stage.set_sections(&inside)
     }
 
-    /// Goes one step, down or, once it is deep enough, up again. `None` when it has let go.
+    /// Advances one step: loading, and after the maximum depth unloading. `None` when finished.
     ///
     /// # Errors
-    /// What a step gives: where the body cannot give way, the tool does not get past it.
+    /// As a simulation step: the tool cannot advance where the body cannot yield.
     pub fn advance(&mut self) -> Result<Option<PressSample>> {
         let stride = self.stride();
         let (loads, goal) = match self.left {
@@ -238,7 +239,7 @@ impl Press {
                 false,
                 self.gone - (self.gone + INITIAL_CLEARANCE * self.radius) / f64::from(left),
             ),
-            // So that rounding makes no further step.
+            // The factor avoids an extra step by rounding.
             None => match self.gone + 1.001 * stride < self.depth {
                 true => (true, self.gone + stride),
                 false => (true, self.depth),
@@ -268,7 +269,8 @@ impl Press {
         Ok(Some(sample))
     }
 
-    /// How far the next step goes down: to a depth evenly, to a force as the last two steps foresee.
+    /// Returns the next increment of depth: constant for a press to a depth, extrapolated from the
+    /// last two steps for a press to a force.
     fn stride(&self) -> f64 {
         let even = (self.depth + INITIAL_CLEARANCE * self.radius) / f64::from(STEPS);
         let Some(force) = self.force else {
@@ -284,12 +286,12 @@ impl Press {
         }
     }
 
-    /// Whether the deepest point has just been reached.
+    /// Whether loading has just ended.
     pub fn at_max_depth(&self) -> bool {
         self.left == Some(STEPS)
     }
 
-    /// Whether the force that was asked for was not reached.
+    /// Whether the target force was not reached.
     pub fn force_not_reached(&self) -> bool {
         let most = self.samples.iter().map(|s| s.force_n).fold(0.0, f64::max);
         self.left.is_some()
@@ -298,7 +300,7 @@ impl Press {
                 .is_some_and(|force| most < FORCE_TOLERANCE * force)
     }
 
-    /// What it all says of the body, after `seconds` of computing.
+    /// Returns the result after `seconds` of computing time.
     pub fn report(&self, seconds: f64) -> PressReport {
         let engine = self.stage.motion().map(|m| m.engine().to_string());
         curve::report(
@@ -310,7 +312,7 @@ impl Press {
     }
 }
 
-/// Refuses a scene of anything but one body of tets.
+/// Rejects scenes other than a single tetrahedral body.
 fn only_tets(scene: &Scene) -> Result<()> {
     match scene.body.is_empty() && scene.grid.is_none() && scene.cage.is_none() {
         true => Ok(()),
@@ -320,7 +322,7 @@ fn only_tets(scene: &Scene) -> Result<()> {
     }
 }
 
-/// The scene as it lies on its table, still; and which way is down.
+/// Returns the scene without loads, prepared for quasi-static steps, and the downward direction.
 fn laid(scene: &Scene) -> (Scene, DVec3) {
     let mut laid = scene.clone();
     let down = scene.solver.gravity.map_or(DVec3::ZERO, DVec3::from);
@@ -345,7 +347,7 @@ fn laid(scene: &Scene) -> (Scene, DVec3) {
     (laid, down)
 }
 
-/// Whether a point is of what lies on the table.
+/// Whether a point belongs to the part fixed to the table.
 fn on_table(mesh: &TetMesh, down: DVec3, point: DVec3) -> bool {
     let axis = down.abs().max_position();
     let (low, high) = mesh.bounds();
@@ -356,7 +358,7 @@ fn on_table(mesh: &TetMesh, down: DVec3, point: DVec3) -> bool {
     }
 }
 
-/// What is lowest, which lies on the table: along the axis that is most nearly that of gravity.
+/// Returns the region fixed to the table: the lowest part along the axis closest to gravity.
 fn table(down: DVec3) -> Region {
     let axis = down.abs().max_position();
     let up = down[axis] < 0.0;

@@ -1,5 +1,4 @@
-//! Where a press goes: a point of the boundary, which way is out of the body there, and how thick
-//! the body is.
+//! Press site: a point of the boundary, the outward direction and the thickness of the body there.
 
 use super::PressOptions;
 use crate::mesh::{TetMesh, Topology, TriangleBvh};
@@ -8,37 +7,37 @@ use crate::scene::Stage;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
-/// A fitting fingertip's radius over the thickness, at most that part of the body's diagonal; and at
-/// least so many edges of the boundary, at most twice that part.
+/// Default radius of the fingertip: this fraction of the thickness, at most `LARGEST` times the
+/// body's diagonal; at least `EDGES` mean boundary edges, but not above twice that maximum.
 const RADIUS: f64 = 0.25;
 const EDGES: f64 = 1.5;
 const LARGEST: f64 = 0.05;
-/// The outward direction is that of faces within so many of their edges.
+/// Radius of the neighbourhood over which face normals are averaged, in mean edges.
 const NORMAL_RADIUS: f64 = 2.5;
-/// Steps of a ball until it touches.
+/// Maximum number of conservative advancement steps.
 const TOUCHES: u32 = 200;
-/// The cosine from which on a face is too steep to be pressed from above.
+/// Minimum cosine between the outward direction and up for pressing from above.
 const MIN_UP_COSINE: f64 = 0.5;
-/// Rings of points of the picture that are tried where its middle shows nothing.
+/// Rings of pixels searched if the image centre shows no body.
 const SEARCH_RINGS: u32 = 12;
 
-/// A place to press on.
+/// A press site.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PressSite {
-    /// On the boundary, in file units.
+    /// Point on the boundary, in file units.
     pub point: DVec3,
     /// Unit vector out of the body.
     pub outward: DVec3,
-    /// How thick the body is there, in file units.
+    /// Thickness of the body there, in file units.
     pub thickness: f64,
 }
 
-/// The boundary of a body, as presses ask for it.
+/// Boundary of a body with search structures.
 pub(super) struct Boundary {
     faces: Vec<[DVec3; 3]>,
     tree: TriangleBvh,
     rays: ReferenceRaycaster,
-    /// Mean edge.
+    /// Mean edge length.
     edge: f64,
     low: DVec3,
     high: DVec3,
@@ -71,7 +70,7 @@ impl Boundary {
         self.low.distance(self.high)
     }
 
-    /// What there is to press on at a point of the boundary.
+    /// Returns the site at a boundary point.
     fn spot(&self, point: DVec3, out: DVec3) -> PressSite {
         PressSite {
             point,
@@ -80,7 +79,7 @@ impl Boundary {
         }
     }
 
-    /// A radius that suits the mesh, where the body is so thick.
+    /// Returns the default radius for a given thickness.
     pub fn fitting_radius(&self, thickness: f64) -> f64 {
         let largest = LARGEST * self.diagonal();
         (RADIUS * thickness)
@@ -88,14 +87,14 @@ impl Boundary {
             .max((EDGES * self.edge).min(2.0 * largest))
     }
 
-    /// The point of the boundary that is nearest to `p`.
+    /// Returns the boundary point closest to `p`.
     fn nearest(&self, p: DVec3) -> Option<DVec3> {
         let (face, weights) = self.tree.nearest(p)?;
         let parts = self.faces[face].into_iter().zip(weights);
         Some(parts.map(|(corner, w)| w * corner).sum())
     }
 
-    /// Which way is out of the body around a point of the boundary.
+    /// Returns the mean outward direction around a boundary point.
     fn outward(&self, point: DVec3) -> DVec3 {
         let reach = NORMAL_RADIUS * self.edge;
         let mut out = DVec3::ZERO;
@@ -112,11 +111,11 @@ impl Boundary {
         }
         let own = nearest.1.normalize_or(DVec3::Z);
         let out = out.normalize_or(own);
-        // Of thin parts both sides are near.
+        // In thin parts the faces of both sides are within the radius and may cancel.
         if out.dot(own) > 0.3 { out } else { own }
     }
 
-    /// How far a ray into the body goes until it leaves it.
+    /// Returns the length of the ray into the body until it exits.
     fn thickness(&self, point: DVec3, out: DVec3) -> f64 {
         let diagonal = self.diagonal();
         let ray = Ray {
@@ -135,10 +134,10 @@ impl Boundary {
         end.map_or(0.0, |end| end - start).max(1e-3 * diagonal)
     }
 
-    /// Where a ball that comes along a spot's outward direction first touches the body: how far its
-    /// middle is from the point then, outwards.
+    /// Returns the distance of the ball's centre from the site, along the outward direction, at
+    /// first contact with the body.
     pub fn first_touch(&self, spot: &PressSite, radius: f64) -> f64 {
-        // No distance changes faster than the ball moves.
+        // Conservative advancement: the distance changes at most as fast as the ball moves.
         let mut height = radius + self.diagonal();
         for _ in 0..TOUCHES {
             let free = self.tree.distance(spot.point + height * spot.outward) - radius;
@@ -150,8 +149,8 @@ impl Boundary {
         height
     }
 
-    /// The first point of the body that is met from far away against `up`, with the way up as the
-    /// way out; none where nothing is met, or what is met is steeper than 60°.
+    /// Returns the site where a ray from far above against `up` first hits the body, with `up` as
+    /// the outward direction; `None` on a miss or if the surface is steeper than 60°.
     pub fn first_from_above(&self, up: DVec3, beside: DVec3) -> Option<PressSite> {
         let far = beside + up * (self.diagonal() - (beside - self.low).dot(up));
         let met = |face: &&[DVec3; 3]| hit(far, -up, face).is_some();
@@ -164,7 +163,7 @@ impl Boundary {
     }
 }
 
-/// How far along a ray a triangle is met, if it is.
+/// Returns the ray parameter of the intersection with a triangle, if any.
 fn hit(origin: DVec3, direction: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
     let (u, v) = (*b - *a, *c - *a);
     let across = direction.cross(v);
@@ -177,7 +176,7 @@ fn hit(origin: DVec3, direction: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
     (inside && det != 0.0).then(|| v.dot(q) / det)
 }
 
-/// The place that is asked for, on a body of that `boundary`, which `stage` shows at rest.
+/// Returns the requested site on a body with the given `boundary`, shown at rest by `stage`.
 pub(super) fn find_site(
     stage: &mut Stage,
     boundary: &Boundary,
@@ -198,7 +197,7 @@ pub(super) fn find_site(
     Ok(boundary.spot(point, boundary.outward(point)))
 }
 
-/// What the picture shows at a point of it, or nearest to its middle.
+/// Returns the point visible at a pixel, or nearest to the image centre.
 fn seen(stage: &mut Stage, pick: Option<DVec2>) -> Result<DVec3> {
     if let Some(pixel) = pick {
         let found = stage.pick(pixel)?;

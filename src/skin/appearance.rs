@@ -1,4 +1,4 @@
-//! What a skin looks like: colours, opacity, maps.
+//! Appearance of a skin: colours, opacity, normal and height maps.
 
 use super::draw::Skin;
 use super::map::Map;
@@ -7,31 +7,31 @@ use crate::mesh::{Field, Location};
 use crate::render::TransferFunction;
 use crate::{Error, Result};
 
-/// What colours a skin.
+/// Colour source of a skin.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SkinColouring {
-    /// One colour: red, green, blue.
+    /// One RGB colour.
     Plain([f32; 3]),
-    /// The transfer function's colour of a scalar of the vertices.
+    /// A scalar field on the vertices, coloured by a transfer function.
     Field {
-        /// Name of the scalar.
+        /// Name of the scalar field.
         name: String,
-        /// Its colours; a relative one runs over the scalar's range.
+        /// Transfer function; a relative one is scaled to the range of the field.
         transfer: TransferFunction,
     },
 }
 
 impl Skin {
-    /// How much light it stops, from 0 (exclusive) to 1.
+    /// Returns the opacity α, 0 < α ≤ 1.
     pub fn opacity(&self) -> f32 {
         self.opacity
     }
 
-    /// Colours it from now on.
+    /// Sets the vertex colours.
     ///
     /// # Errors
-    /// [`Error::Input`] for a scalar that the surface does not have at its vertices, or one that
-    /// is not finite.
+    /// [`Error::Input`] if the surface has no such scalar on its vertices, or a value is not
+    /// finite.
     pub fn set_colour(&mut self, colour: &SkinColouring) -> Result<()> {
         let colours: Vec<[f32; 4]> = match colour {
             SkinColouring::Plain([r, g, b]) => vec![[*r, *g, *b, 1.0]; self.bound.len()],
@@ -48,7 +48,8 @@ impl Skin {
                 self.vertices.sources.iter().map(of).collect()
             }
         };
-        // New ones: pictures recorded but not submitted keep theirs.
+        // A new array, because images that are recorded but not yet submitted still use the old
+        // one.
         self.colours = self.gpu.array_of("skin colours", Texel::F32x4, &colours)?;
         self.draws.clear();
         Ok(())
@@ -78,7 +79,7 @@ impl Skin {
         }
     }
 
-    /// Makes it let light through from now on: it stops the share `opacity` of it.
+    /// Sets the opacity α: the skin absorbs this fraction of the light.
     ///
     /// # Errors
     /// [`Error::Input`] unless 0 < opacity ≤ 1.
@@ -92,10 +93,10 @@ impl Skin {
         Ok(())
     }
 
-    /// Lights it by a tangent-space normal map from now on, or by none.
+    /// Sets or removes the tangent-space normal map.
     ///
     /// # Errors
-    /// [`Error::Input`] when the surface has no texture coordinates, or the map no texels.
+    /// [`Error::Input`] if the surface has no texture coordinates, or the map no texels.
     pub fn set_normal_map(&mut self, map: Option<&Map>) -> Result<()> {
         self.normal_map = match map {
             None => None,
@@ -105,11 +106,11 @@ impl Skin {
         Ok(())
     }
 
-    /// Sinks its texture by a height map from now on (parallax), or by none. `relief` is how deep
-    /// the map goes, in texture units.
+    /// Sets or removes the height map (parallax mapping). `relief` is the depth of the value 0, in
+    /// texture units.
     ///
     /// # Errors
-    /// As [`Skin::set_normal_map`]; and for a relief that is negative or not finite.
+    /// As [`Skin::set_normal_map`]; also if the relief is negative or not finite.
     pub fn set_height_map(&mut self, map: Option<(&Map, f32)>) -> Result<()> {
         self.height_map = match map {
             None => None,

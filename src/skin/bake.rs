@@ -1,4 +1,4 @@
-//! The normal map of a coarse surface from a fine one.
+//! Normal map baking: transfers the normals of a fine surface to a texture of a coarse one.
 
 use super::map::Map;
 use super::vertices::{Vertices, check};
@@ -7,37 +7,39 @@ use crate::parallel;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
-/// What came of a [`bake`].
+/// Statistics of a [`bake`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct BakeReport {
-    /// Texels that the coarse surface covers.
+    /// Texels covered by the coarse surface.
     pub covered: usize,
-    /// Of these, those whose normal meets the fine surface nowhere near; they have the normal of
-    /// its nearest point.
+    /// Covered texels whose normal ray misses the fine surface within the search distance; they use
+    /// the normal at its closest point.
     pub missed: usize,
-    /// Triangles of the coarse surface without an area in its texture.
+    /// Triangles of the coarse surface with zero area in texture space.
     pub unmapped: usize,
 }
 
-/// The fine surface is looked for this far from the coarse one, in shares of its size.
+/// Search distance for the fine surface, as a fraction of the coarse surface's size.
 const REACH: f64 = 0.1;
-/// Texels beyond the rims of the texture's islands that are filled up, for smooth look-ups there.
+/// Number of texels by which the texture islands are dilated, for smooth filtering at their
+/// borders.
 const MARGIN: usize = 4;
-/// Texture coordinates farther out than this are taken for a mistake.
+/// Texture coordinates with a larger absolute value are rejected as invalid.
 const FARTHEST_UV: f64 = 64.0;
-/// A normal map's texel that changes nothing.
+/// Texel of a normal map that leaves the normal unchanged.
 const FLAT: [u8; 4] = [128, 128, 255, 255];
 
-/// The tangent-space normal map of `size` texels that makes `coarse`, which has texture
-/// coordinates, look like `fine`: from each texel's point the fine surface is looked for along the
-/// interpolated normal, both ways, and its normal expressed in tangent, bitangent and normal there.
+/// Bakes a tangent-space normal map of `size` texels that makes `coarse`, which needs texture
+/// coordinates, look like `fine`: casts a ray from the point of each texel along the interpolated
+/// normal, in both directions, and expresses the normal of the fine surface at the hit in the local
+/// tangent, bitangent and normal.
 ///
-/// Both surfaces are in one place and unit. Time O(texels · log of the fine triangles), in
+/// Both surfaces use the same coordinates and unit. Time O(texels · log of the fine triangles), in
 /// parallel.
 ///
 /// # Errors
-/// [`Error::Input`] when `coarse` has no texture coordinates, or ones that are far out, or for a
-/// size that is not from 1 to 8192; [`Error::Mesh`] for surfaces without triangles.
+/// [`Error::Input`] if `coarse` has no texture coordinates or has invalid ones, or if the size is
+/// not from 1 to 8192; [`Error::Mesh`] for surfaces without triangles.
 pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, BakeReport)> {
     if size.iter().any(|n| !(1..=8192).contains(n)) {
         return Err(Error::Input(format!(
@@ -93,15 +95,15 @@ pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, Ba
     ))
 }
 
-/// The triangle that covers each texel's centre, and the weights of its corners there; and the
-/// number of triangles without an area in the texture.
+/// Rasterises the coarse triangles in texture space. Returns for each texel centre the triangle
+/// that covers it with the barycentric weights, and the number of triangles with zero texture area.
 #[allow(clippy::type_complexity)]
 fn covered(coarse: &Vertices, size: [u32; 2]) -> (Vec<Option<(usize, [f64; 3])>>, usize) {
     let scale = DVec2::new(f64::from(size[0]), f64::from(size[1]));
     let mut owners = vec![None; size[0] as usize * size[1] as usize];
     let mut unmapped = 0;
     for (t, triangle) in coarse.triangles.iter().enumerate() {
-        // In texels from the upper left one's centre.
+        // In texels, relative to the centre of the upper left texel.
         let [a, b, c] = triangle.map(|v| {
             let uv = coarse.uvs[v as usize];
             DVec2::new(uv.x, 1.0 - uv.y) * scale - 0.5
@@ -127,7 +129,7 @@ fn covered(coarse: &Vertices, size: [u32; 2]) -> (Vec<Option<(usize, [f64; 3])>>
     (owners, unmapped)
 }
 
-/// Texels with the gaps near others filled from them, and the rest flat.
+/// Dilates the covered texels into the gaps; the remaining texels become flat.
 fn filled(mut texels: Vec<Option<[u8; 4]>>, [width, height]: [u32; 2]) -> Vec<[u8; 4]> {
     let (width, height) = (width as usize, height as usize);
     for _ in 0..MARGIN {
@@ -146,7 +148,7 @@ fn filled(mut texels: Vec<Option<[u8; 4]>>, [width, height]: [u32; 2]) -> Vec<[u
     texels.into_iter().map(|t| t.unwrap_or(FLAT)).collect()
 }
 
-/// The fine surface, to be looked for.
+/// The fine surface with a search tree.
 struct Fine<'a> {
     vertices: &'a Vertices,
     tree: TriangleBvh,
@@ -161,8 +163,8 @@ impl<'a> Fine<'a> {
         }
     }
 
-    /// The normal that triangle `t` of `coarse` should show at the weights `w`, in tangent space;
-    /// and whether its own normal meets the fine surface.
+    /// Returns the normal of the fine surface in the tangent space of triangle `t` of `coarse` at
+    /// the barycentric weights `w`, and whether the normal ray hits the fine surface.
     fn normal_at(&self, coarse: &Vertices, t: usize, w: [f64; 3], reach: f64) -> (DVec3, bool) {
         let triangle = coarse.triangles[t];
         let mix =
@@ -184,13 +186,13 @@ impl<'a> Fine<'a> {
                 .normalize_or(normal)
         });
         let local = DVec3::new(fine.dot(tangent), fine.dot(other), fine.dot(normal));
-        // What faces away cannot be shown.
+        // A tangent-space normal map cannot represent normals that point backwards.
         let local = local.with_z(local.z.max(0.0)).normalize_or(DVec3::Z);
         (local, met.is_some())
     }
 
-    /// The triangle nearest to `origin` along the line of `direction`, both ways, that faces the
-    /// same way; and the weights of its corners where it is met.
+    /// Returns the triangle hit closest to `origin` along ±`direction` whose normal agrees with the
+    /// direction, and the barycentric weights of the hit.
     fn meet(&self, origin: DVec3, direction: DVec3, reach: f64) -> Option<(usize, [f64; 3])> {
         let mut best: Option<(f64, usize, [f64; 3])> = None;
         let mut stack = vec![0];
@@ -219,7 +221,8 @@ impl<'a> Fine<'a> {
     }
 }
 
-/// Whether the line through `origin` passes the box within `reach`, both ways.
+/// Whether the line through `origin` intersects the box at a distance of at most `reach`, in either
+/// direction.
 fn crosses(low: DVec3, high: DVec3, origin: DVec3, direction: DVec3, reach: f64) -> bool {
     let (mut from, mut to) = (-reach, reach);
     for k in 0..3 {
@@ -236,8 +239,8 @@ fn crosses(low: DVec3, high: DVec3, origin: DVec3, direction: DVec3, reach: f64)
     from <= to + 1e-12 * reach
 }
 
-/// Where the line meets a triangle that faces along it (Möller & Trumbore), and the weights of its
-/// corners there.
+/// Intersects the line with a triangle whose normal agrees with the direction (Möller & Trumbore).
+/// Returns the line parameter and the barycentric weights.
 fn meets([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, [f64; 3])> {
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(ac);

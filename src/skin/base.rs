@@ -1,4 +1,4 @@
-//! What carries a skin: positions on the GPU, base triangles, normals of the nodes.
+//! The base mesh of a skin: node positions on the GPU, surface triangles, node normals.
 
 use super::basis::node_normals;
 use super::binder::triangles_around;
@@ -18,33 +18,34 @@ mod gpu_data {
     }
 }
 
-/// Nodes that carry a skin, and the base triangles that it is bound to.
+/// Nodes and surface triangles that a skin is bound to.
 ///
-/// Whoever moves the nodes writes the array of positions; the normals follow from it on the GPU,
-/// made by the mover or here.
+/// The owner of the nodes writes the position array; the normals are updated from it on the GPU,
+/// either by the owner or by this struct.
 #[derive(Clone, Debug)]
 pub struct SkinBase {
     pub(super) positions: Array,
     pub(super) frame: LocalFrame,
     pub(super) normals: Array,
-    /// As the GPU has them at rest.
+    /// Rest positions as stored on the GPU (local frame, single precision).
     rest: Vec<DVec3>,
     rest_normals: Vec<u32>,
     triangles: Vec<[u32; 3]>,
-    /// Makes the normals, where the mover does not.
+    /// The pass that computes the normals, unless the owner of the nodes does.
     refresh: Option<Pass>,
 }
 
 impl SkinBase {
-    /// Nodes whose mover makes their normals (a grid body: equation 3 of the paper).
+    /// Creates the base of nodes whose owner computes their normals (a grid body: equation 3 of the
+    /// paper).
     ///
     /// `positions` is rgba32float, xyz in `frame`; `normals` is r32uint, packed as by
     /// [`pack_normal`](crate::mesh::pack_normal). `rest` are the rest positions in file units,
-    /// `rest_normals` the packed normals there, bit for bit as the GPU makes them. `triangles`
+    /// `rest_normals` the packed rest normals, bit for bit as the GPU computes them. `triangles`
     /// are counter-clockwise seen from outside.
     ///
     /// # Errors
-    /// [`Error::Input`] when lengths or kinds of arrays differ, or a triangle names a node that
+    /// [`Error::Input`] if lengths or kinds of arrays differ, or a triangle refers to a node that
     /// does not exist.
     pub fn new(
         positions: &Array,
@@ -78,13 +79,14 @@ impl SkinBase {
         })
     }
 
-    /// Nodes whose normals are made here, whenever the skin is drawn: the base triangles around a
-    /// node summed by area. For tet bodies, and for a handful of nodes given by hand.
+    /// Creates the base of nodes whose normals are recomputed here whenever the skin is drawn: the
+    /// area-weighted mean of the incident triangles' normals. For tetrahedral bodies, and for small
+    /// sets of nodes given directly.
     ///
-    /// Reads back once, so that the binding has the normals as the GPU makes them.
+    /// Reads back once, because the binding needs the normals as the GPU computes them.
     ///
     /// # Errors
-    /// [`Error::Input`] as [`SkinBase::new`]; [`Error::Gpu`] when the device cannot hold it.
+    /// [`Error::Input`] as [`SkinBase::new`]; [`Error::Gpu`] if the device cannot allocate it.
     pub fn with_area_normals(
         gpu: &Gpu,
         positions: &Array,
@@ -112,7 +114,7 @@ impl SkinBase {
         let normals = gpu.array("packed normals", Texel::U32, rest.len())?;
         let refresh = pass(positions, &normals)?;
         let rest_normals = match cfg!(target_arch = "wasm32") {
-            // A browser cannot wait for them; they are the same but for roundings.
+            // A browser cannot block on a read-back; the CPU normals differ only by rounding.
             true => node_normals(rest, triangles)
                 .into_iter()
                 .map(|n| n.map_or(NO_NORMAL, pack_normal))
@@ -137,7 +139,7 @@ impl SkinBase {
         })
     }
 
-    /// The boundary of `mesh`, whose nodes stand at `positions`: xyz in `frame`.
+    /// Creates the base of the boundary of `mesh`, whose nodes are at `positions`: xyz in `frame`.
     ///
     /// # Errors
     /// As [`SkinBase::with_area_normals`].
@@ -150,7 +152,7 @@ impl SkinBase {
         SkinBase::with_area_normals(gpu, positions, frame, &mesh.nodes, &boundary(mesh))
     }
 
-    /// The boundary of a body that is simulated.
+    /// Creates the base of the boundary of a simulated body.
     ///
     /// # Errors
     /// As [`SkinBase::with_area_normals`].
@@ -159,8 +161,9 @@ impl SkinBase {
         SkinBase::from_mesh(gpu, body.mesh(), nodes.array(), nodes.frame())
     }
 
-    /// A grid body, with the approximate normals that its steps make (equation 3): its particles
-    /// as the nodes, the boundary of its full cells as base triangles. Reads back once.
+    /// Creates the base of a grid body, with the approximate normals that its steps compute
+    /// (equation 3): its particles are the nodes, the boundary of its full cells the base
+    /// triangles. Reads back once.
     ///
     /// # Errors
     /// As [`SkinBase::new`] and [`GridBody::rest_normals`].
@@ -169,7 +172,8 @@ impl SkinBase {
         SkinBase::with_normals(body.nodes(), body.mesh(), body.normals(), &at_rest)
     }
 
-    /// The boundary of `mesh`, whose nodes have the packed `normals` on the GPU, and these at rest.
+    /// Creates the base of the boundary of `mesh` with packed node `normals` on the GPU and the
+    /// rest normals `at_rest`.
     ///
     /// # Errors
     /// As [`SkinBase::new`].
@@ -189,12 +193,12 @@ impl SkinBase {
         )
     }
 
-    /// The frame of the positions.
+    /// Returns the local frame of the positions.
     pub fn frame(&self) -> LocalFrame {
         self.frame
     }
 
-    /// What a skin is bound to.
+    /// Returns the rest mesh that skins are bound to.
     pub fn rest_mesh(&self) -> BaseMesh<'_> {
         BaseMesh {
             nodes: &self.rest,
@@ -203,12 +207,12 @@ impl SkinBase {
         }
     }
 
-    /// The packed normals on the GPU.
+    /// Returns the packed normals on the GPU.
     pub fn normals(&self) -> &Array {
         &self.normals
     }
 
-    /// Records the making of the normals, where it is done here.
+    /// Records the update of the normals, unless the owner of the nodes does it.
     pub fn record_normals(&self, work: &mut Recorder) {
         if let Some(refresh) = &self.refresh {
             refresh.record(work);
@@ -222,7 +226,7 @@ fn boundary(mesh: &TetMesh) -> Vec<[u32; 3]> {
     faces.map(|f| topology.boundary_nodes(mesh, *f)).collect()
 }
 
-/// Rest positions as the GPU has them.
+/// Rest positions in the local frame, rounded to single precision as on the GPU.
 fn in_frame(rest: &[DVec3], frame: &LocalFrame) -> Vec<DVec3> {
     rest.iter().map(|p| frame.to_local(*p).as_dvec3()).collect()
 }

@@ -1,47 +1,46 @@
-//! Vertices carried by the nodes of base triangles, in float64: the twin of
+//! Embedding of vertices in base triangles, in float64: the CPU reference of
 //! `shaders/lib/skin.wgsl`.
 //!
 //! Equations are those of Mosegaard & Sørensen, *Real-time Deformation of Detailed Geometry Based
-//! on Mappings to a Less Detailed Physical Simulation on the GPU* (2005). Bases are orthonormal
-//! here: the printed N of equation 6 and N_c and B_c of equation 8 are not of length 1, and a
-//! vertex would not return to its place.
+//! on Mappings to a Less Detailed Physical Simulation on the GPU* (2005). The bases are orthonormal
+//! here: the printed N of equation 6 and N_c and B_c of equation 8 are not of length 1, so a vertex
+//! would not return to its rest position.
 
 use glam::{DMat3, DVec3};
 
-/// Sines and lengths (of unit vectors' sums) below this count as zero.
+/// Sines, and lengths of sums of unit vectors, below this count as zero.
 const DEGENERATE: f64 = 1e-4;
 
-/// What ties a vertex to its base triangle; vectors are along (T, N, B) of its basis.
+/// Binding of a vertex to its base triangle; vectors are in the basis (T, N, B).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VertexBinding {
-    /// The nodes p₁, p₂ and p₃.
+    /// Nodes p₁, p₂ and p₃.
     pub nodes: [u32; 3],
-    /// Whether the basis turns with the normals of the nodes (equation 8) or with the triangle
-    /// alone (equation 6).
+    /// Whether the basis follows the node normals (equation 8) or only the triangle (equation 6).
     pub interpolated: bool,
-    /// w₁, w₂ and w₃ of the reference point (equation 4); their sum is 1.
+    /// Weights w₁, w₂ and w₃ of the reference point (equation 4); their sum is 1.
     pub weights: [f64; 3],
-    /// From the reference point to the vertex (equation 7).
+    /// Offset from the reference point to the vertex (equation 7).
     pub offset: DVec3,
-    /// The vertex's normal.
+    /// Vertex normal.
     pub normal: DVec3,
-    /// The vertex's tangent, along which the first texture coordinate grows.
+    /// Vertex tangent, the direction in which the first texture coordinate increases.
     pub tangent: DVec3,
 }
 
-/// A vertex where its nodes have carried it.
+/// A vertex in the deformed state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkinnedVertex {
-    /// Where it is.
+    /// Position.
     pub position: DVec3,
-    /// Its normal, of length 1 if it was so at rest.
+    /// Normal; of length 1 if it is so at rest.
     pub normal: DVec3,
-    /// Its tangent.
+    /// Tangent.
     pub tangent: DVec3,
 }
 
-/// T, N and B of the triangle `p` as columns (equation 6, N normalised); none if it is flat: N
-/// shorter than 10⁻⁴.
+/// Returns T, N and B of the triangle `p` as columns (equation 6, N normalised), or `None` if it is
+/// degenerate: N shorter than 10⁻⁴.
 pub fn triangle_frame([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
     let tangent = (p2 - p1).normalize_or_zero();
     let normal = tangent.cross((p3 - p1).normalize_or_zero());
@@ -52,9 +51,9 @@ pub fn triangle_frame([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
     })
 }
 
-/// T_c, N_c and B_c as columns (equation 8, normalised) for the edge direction `tangent` and the
-/// weighted sum `normal` of the nodes' normals; none where the sum vanishes or lies along the
-/// edge.
+/// Returns T_c, N_c and B_c as columns (equation 8, normalised) for the edge direction `tangent`
+/// and the weighted sum `normal` of the node normals, or `None` if the sum vanishes or is parallel
+/// to the edge.
 pub fn interpolated_frame(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
     let size = normal.length();
     if size.is_nan() || size <= DEGENERATE {
@@ -69,8 +68,8 @@ pub fn interpolated_frame(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
     })
 }
 
-/// The basis that carries a vertex: the interpolated one if asked for and defined, else the
-/// triangle's, else any that has the edge p₁p₂ as T.
+/// Returns the basis of a vertex: the interpolated one if requested and defined, else that of the
+/// triangle, else any with the edge p₁p₂ as T.
 pub fn basis(interpolated: bool, p: [DVec3; 3], normal: DVec3) -> DMat3 {
     let tangent = (p[1] - p[0]).normalize_or_zero();
     let smooth = || interpolated_frame(tangent, normal);
@@ -94,15 +93,15 @@ pub fn basis(interpolated: bool, p: [DVec3; 3], normal: DVec3) -> DMat3 {
         })
 }
 
-/// Σ wᵢ N_a(i) over those nodes that have a normal (equation 8).
+/// Returns Σ wᵢ N_a(i) over the nodes that have a normal (equation 8).
 pub fn interpolated_normal(weights: [f64; 3], normals: [Option<DVec3>; 3]) -> DVec3 {
     (0..3)
         .map(|k| weights[k] * normals[k].unwrap_or(DVec3::ZERO))
         .sum()
 }
 
-/// Where the nodes carry a vertex (equation 9). `normals` are the nodes' packed or approximate
-/// normals, unpacked; none where a node has none.
+/// Computes the deformed vertex (equation 9). `normals` are the unpacked packed or approximate node
+/// normals; `None` for a node without a normal.
 pub fn skin_vertex(
     bound: &VertexBinding,
     nodes: &[DVec3],
@@ -119,8 +118,8 @@ pub fn skin_vertex(
     }
 }
 
-/// The normal of every node: the triangles around it summed by area; none where they cancel or
-/// there are none. The twin of `shaders/skin/node_normals.wgsl`.
+/// Computes the area-weighted normal of every node; `None` if the triangle normals cancel or the
+/// node has no triangle. CPU reference of `shaders/skin/node_normals.wgsl`.
 pub fn node_normals(nodes: &[DVec3], triangles: &[[u32; 3]]) -> Vec<Option<DVec3>> {
     let mut sums = vec![DVec3::ZERO; nodes.len()];
     for triangle in triangles {

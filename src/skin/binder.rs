@@ -1,4 +1,4 @@
-//! One vertex and its base triangle: where it is tied, and in which basis.
+//! Binding of one vertex to a base triangle: reference point and basis.
 
 use super::binding::{BaseMesh, Mapping};
 use super::vertices::Vertices;
@@ -7,27 +7,28 @@ use crate::skin::basis::{VertexBinding, basis, interpolated_normal, skin_vertex}
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Triangles whose corners all have a smaller sine are flat: their normals would be noise.
+/// Triangles whose corner sines are all smaller are degenerate: their normals would be noise.
 const FLAT_SINE: f64 = 1e-2;
-/// Sums of normals shorter than this, or with a smaller sine to the edge, are not relied on.
+/// Sums of normals shorter than this, or with a smaller sine to the edge, are not used.
 const MIN_NORMAL_LENGTH: f64 = 0.1;
-/// Auto: offsets up to this share of the triangle's longest edge look the same either way.
+/// Auto: up to this offset, as a fraction of the triangle's longest edge, both bases look the same.
 const MAX_AUTO_OFFSET: f64 = 0.02;
-/// Auto: so do longer ones where the reference point is nearer to a node than this share.
+/// Auto: twice that offset is allowed if the reference point is closer to a node than this fraction
+/// of the longest edge.
 const NEAR: f64 = 0.05;
-/// The normal-only mapping may use weights this far below 0, beyond the rim of a sheet.
+/// The normal-only mapping accepts weights down to minus this, beyond the border of a sheet.
 const MIN_OUTSIDE_WEIGHT: f64 = 0.5;
-/// Weights this far below 0 are on the rim.
+/// Weights down to minus this count as on the border.
 const RIM_TOLERANCE: f64 = 1e-9;
-/// Feet of normals this many times farther than the nearest point are not the vertex's own.
+/// Feet of normals farther than this multiple of the closest-point distance are rejected.
 const MAX_FOOT_RATIO: f64 = 3.0;
-/// Distances below this, in local units, are none in single precision.
+/// Distances below this, in local units, count as zero in single precision.
 const EXACT: f64 = 1e-6;
 
-/// Which triangles a vertex may be tied to, by their nodes.
+/// Predicate on the nodes of a triangle: whether a vertex may be bound to it.
 pub(super) type TriangleFilter<'a> = &'a dyn Fn([u32; 3]) -> bool;
 
-/// How a vertex was bound in the end.
+/// Mapping that was used for a vertex.
 pub(super) enum BindingKind {
     OneToOne,
     Constant,
@@ -36,7 +37,7 @@ pub(super) enum BindingKind {
     Fallback,
 }
 
-/// A vertex to be bound, in the local frame.
+/// A vertex to bind, in the local frame.
 pub(super) struct Vertex {
     position: DVec3,
     normal: DVec3,
@@ -44,7 +45,7 @@ pub(super) struct Vertex {
 }
 
 impl Vertex {
-    /// Vertex `v` of `vertices`, in `frame`.
+    /// Returns vertex `v` of `vertices` in `frame`.
     pub fn new(vertices: &Vertices, v: usize, frame: &LocalFrame) -> Vertex {
         Vertex {
             position: (vertices.positions[v] - frame.origin) / frame.scale,
@@ -54,30 +55,30 @@ impl Vertex {
     }
 }
 
-/// A place on a base triangle: its nodes and the weights of each.
+/// A point on a base triangle: its nodes and their weights.
 #[derive(Clone, Copy)]
 pub(super) struct BindingSite {
     pub nodes: [u32; 3],
     pub weights: [f64; 3],
 }
 
-/// The base triangles, to be searched.
+/// The base triangles with search structures.
 pub(super) struct Binder<'a> {
     nodes: &'a [DVec3],
     normals: Vec<Option<DVec3>>,
-    /// Those that have a plane; the corner nearest to a right angle first, whose edges turn with
-    /// the triangle rather than with its shear.
+    /// The non-degenerate triangles, each starting at the corner closest to a right angle: its
+    /// edges rotate with the triangle rather than with its shear.
     triangles: Vec<[u32; 3]>,
     tree: TriangleBvh,
-    /// The nodes of the triangles as triangles without extent, and for each a triangle that has
-    /// it, and as which corner; made for the one-to-one mapping.
+    /// Search tree over the nodes, as triangles of zero size, and for each node one incident
+    /// triangle and the corner index; built for the one-to-one mapping.
     corner_tree: Option<(TriangleBvh, Vec<(usize, usize)>)>,
-    /// Where each node's triangles begin in the list of them, and the list.
+    /// Incident triangles of each node: offsets into the list, and the list.
     around: (Vec<u32>, Vec<u32>),
 }
 
 impl<'a> Binder<'a> {
-    /// Prepares `base`, for `mapping`.
+    /// Builds the search structures of `base` for `mapping`.
     ///
     /// # Errors
     /// As [`bind`](super::bind()).
@@ -139,13 +140,13 @@ impl<'a> Binder<'a> {
         })
     }
 
-    /// Number of base triangles that have a plane.
+    /// Returns the number of non-degenerate base triangles.
     pub fn count(&self) -> usize {
         self.triangles.len()
     }
 
-    /// Ties `vertex` to the nearest triangle that `accept` takes; to the nearest of all when it
-    /// takes none.
+    /// Binds `vertex` to the closest triangle that `accept` allows, or to the closest of all if it
+    /// allows none.
     pub fn bind(
         &self,
         vertex: &Vertex,
@@ -156,7 +157,7 @@ impl<'a> Binder<'a> {
             .tree
             .nearest_accepted(vertex.position, |t| accept(self.triangles[t]))
             .or_else(|| self.tree.nearest(vertex.position));
-        // There is a triangle: `new` has seen to it.
+        // A triangle exists: `new` rejects an empty set.
         let (t, weights) = nearest.unwrap_or_default();
         let seat = BindingSite {
             nodes: self.triangles[t],
@@ -191,7 +192,7 @@ impl<'a> Binder<'a> {
         nodes.map(|v| self.normals[v as usize])
     }
 
-    /// Whether the interpolated basis is well defined there.
+    /// Whether the interpolated basis is well defined at the point.
     pub fn is_smooth(&self, seat: BindingSite) -> bool {
         let [a, b, _] = self.corners(seat.nodes);
         let tangent = (b - a).normalize_or_zero();
@@ -200,7 +201,7 @@ impl<'a> Binder<'a> {
             && sum.cross(tangent).length() > MIN_NORMAL_LENGTH * sum.length()
     }
 
-    /// Whether a node of the triangle has no normal, or one turned away from it.
+    /// Whether a node of the triangle has no normal, or one that points away from the triangle's.
     fn looks_away(&self, seat: BindingSite) -> bool {
         let [a, b, c] = self.corners(seat.nodes);
         let normal = (b - a).cross(c - a);
@@ -209,7 +210,7 @@ impl<'a> Binder<'a> {
             .any(|n| n.is_none_or(|n| n.dot(normal) <= 0.0))
     }
 
-    /// Whether nobody would see the difference between the two bases: the paper's own economy.
+    /// Whether both bases give visually the same result; the paper uses the constant one there too.
     fn is_unseen(&self, vertex: &Vertex, seat: BindingSite) -> bool {
         let p = self.corners(seat.nodes);
         let edge = [0, 1, 2]
@@ -222,7 +223,7 @@ impl<'a> Binder<'a> {
         offset <= MAX_AUTO_OFFSET * edge || (near_node && offset <= 2.0 * MAX_AUTO_OFFSET * edge)
     }
 
-    /// Expresses `vertex` in a basis at `seat`, with the numbers that the GPU will have.
+    /// Expresses `vertex` in a basis at `seat`, with the rounded weights that the GPU uses.
     pub fn bind_at(&self, vertex: &Vertex, seat: BindingSite, interpolated: bool) -> VertexBinding {
         let weights = rounded(seat.weights);
         let p = self.corners(seat.nodes);
@@ -238,8 +239,8 @@ impl<'a> Binder<'a> {
         }
     }
 
-    /// Puts `vertex` on the nearest node of the base: an interpolated basis at that corner of one
-    /// of its triangles, and no offset. Its normal is the node's.
+    /// Binds `vertex` to the closest node of the base: an interpolated basis at that corner of an
+    /// incident triangle, with zero offset. Its normal is that of the node.
     fn on_node(&self, vertex: &Vertex, t: usize, accept: TriangleFilter) -> VertexBinding {
         let own = match &self.corner_tree {
             Some((tree, owners)) => tree
@@ -258,8 +259,8 @@ impl<'a> Binder<'a> {
         list[range].iter().map(|t| *t as usize)
     }
 
-    /// Finds the point of triangle `t` or of one around it whose interpolated normal meets
-    /// `vertex`; weights may lie so far `beyond` 0.
+    /// Finds the point on triangle `t` or one of its neighbours whose interpolated normal passes
+    /// through `vertex`; weights may be as low as −`beyond`.
     fn normal_foot(
         &self,
         vertex: &Vertex,
@@ -290,7 +291,7 @@ impl<'a> Binder<'a> {
             .map(|(_, _, seat)| seat)
     }
 
-    /// Ties `vertex` to the interpolated normal that meets it, with no offset across it.
+    /// Binds `vertex` to the interpolated normal that passes through it, with no tangential offset.
     fn along_normal(
         &self,
         vertex: &Vertex,
@@ -300,13 +301,14 @@ impl<'a> Binder<'a> {
         let seat = self.normal_foot(vertex, t, MIN_OUTSIDE_WEIGHT, accept)?;
         let mut bound = self.bind_at(vertex, seat, true);
         bound.offset = DVec3::new(0.0, bound.offset.y, 0.0);
-        // What is left over lies across the normal: there is none if the foot is right.
+        // Check: with the correct foot there is no tangential remainder.
         let back = skin_vertex(&bound, self.nodes, &self.normals).position;
         (back.distance(vertex.position) < EXACT).then_some(bound)
     }
 
-    /// Where `vertex` is tied in an interpolated basis: where an interpolated normal meets it, so
-    /// that the offset has no part that base triangles turn differently, else the nearest point.
+    /// Returns the reference point for an interpolated basis: the foot of an interpolated normal
+    /// through `vertex`, so that the offset has no tangential part that neighbouring base triangles
+    /// would rotate differently; else the closest point.
     fn smooth_seat(
         &self,
         vertex: &Vertex,
@@ -327,7 +329,7 @@ impl<'a> Binder<'a> {
     }
 }
 
-/// A vertex on the first of `nodes`, with that node's normal.
+/// Binding to the first of `nodes`, with the normal of that node.
 pub(super) fn bind_to_node(nodes: [u32; 3]) -> VertexBinding {
     VertexBinding {
         nodes,
@@ -339,9 +341,9 @@ pub(super) fn bind_to_node(nodes: [u32; 3]) -> VertexBinding {
     }
 }
 
-/// Weights (of sum 1) and height with Σ wᵢ (pᵢ + h nᵢ) = v: the triangle raised along its
-/// corners' normals by h holds v. By Newton's method on the volume of the raised triangle and v,
-/// a cubic in h.
+/// Returns weights (of sum 1) and a height h with Σ wᵢ (pᵢ + h nᵢ) = v: the triangle offset by h
+/// along its corner normals contains v. Solves for zero volume of the offset triangle and v, a
+/// cubic in h, by Newton's method.
 fn foot(v: DVec3, p: [DVec3; 3], n: [DVec3; 3]) -> Option<([f64; 3], f64)> {
     let volume = |a: DVec3, b: DVec3, c: DVec3| a.cross(b).dot(c);
     let [a, b, c] = p.map(|p| p - v);
@@ -380,21 +382,22 @@ fn combined(w: [f64; 3], p: [DVec3; 3]) -> DVec3 {
     w[0] * p[0] + w[1] * p[1] + w[2] * p[2]
 }
 
-/// The weights as the GPU has them: the last two in single precision, the first from them.
+/// Rounds the weights as on the GPU: the last two to single precision, the first computed from
+/// them.
 fn rounded([_, second, third]: [f64; 3]) -> [f64; 3] {
     let (second, third) = (second as f32, third as f32);
     [1.0 - second - third, second, third].map(f64::from)
 }
 
-/// The sine of the angle at corner `k`; 0 where two corners coincide.
+/// Returns the sine of the angle at corner `k`; 0 where two corners coincide.
 fn sine(p: [DVec3; 3], k: usize) -> f64 {
     let [a, b, c] = [0, 1, 2].map(|i| p[(k + i) % 3]);
     let (ab, ac) = ((b - a).normalize_or_zero(), (c - a).normalize_or_zero());
     ab.cross(ac).length()
 }
 
-/// For each node where its triangles begin in the list of them, one entry more at the end; and
-/// the list.
+/// Returns the incident triangles of each node: offsets into the list, one more than nodes, and the
+/// list.
 pub(super) fn triangles_around(triangles: &[[u32; 3]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
     let mut firsts = vec![0u32; nodes + 1];
     for v in triangles.iter().flatten() {

@@ -1,4 +1,4 @@
-//! Tying the vertices of a skin to the base triangles of a body, once, in float64.
+//! Binding of skin vertices to the base triangles of a body, once, in float64.
 
 use super::binder::{Binder, BindingKind, Vertex};
 use super::vertices::Vertices;
@@ -8,25 +8,25 @@ use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// How nodes carry vertices.
+/// Mapping from nodes to skin vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mapping {
-    /// Each vertex sits on the nearest surface node and takes its normal (section 3.2).
+    /// Each vertex takes the position and the normal of the nearest surface node (section 3.2).
     OneToOne,
-    /// An offset in the basis of the nearest base triangle (equations 4 to 7).
+    /// An offset in the basis of the closest base triangle (equations 4 to 7).
     Constant,
-    /// The same in a basis that turns with the normals of the triangle's nodes (equation 8).
+    /// An offset in a basis that follows the node normals of the triangle (equation 8).
     Interpolated,
-    /// An offset along the interpolated normal alone (section 3.5).
+    /// An offset along the interpolated normal only (section 3.5).
     NormalOnly,
-    /// For each vertex: constant where a node of its triangle has no normal or one turned away,
-    /// and where nobody would see a difference; interpolated elsewhere.
+    /// Per vertex: constant where a node of its triangle has no normal or one that points away, and
+    /// where the difference is not visible; interpolated elsewhere.
     #[default]
     Auto,
 }
 
-/// Names of the mappings, as in scenes.
+/// Mapping names used in scene files.
 const NAMES: [(&str, Mapping); 5] = [
     ("one-to-one", Mapping::OneToOne),
     ("constant", Mapping::Constant),
@@ -36,7 +36,7 @@ const NAMES: [(&str, Mapping); 5] = [
 ];
 
 impl Mapping {
-    /// Every mapping.
+    /// All mappings.
     pub const ALL: [Mapping; 5] = [
         Mapping::OneToOne,
         Mapping::Constant,
@@ -67,42 +67,42 @@ impl std::fmt::Display for Mapping {
     }
 }
 
-/// What carries a skin, at rest.
+/// Rest state of a base mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct BaseMesh<'a> {
-    /// Nodes as the GPU has them: in the local frame, rounded to single precision.
+    /// Rest positions as on the GPU: in the local frame, rounded to single precision.
     pub nodes: &'a [DVec3],
     /// Base triangles, counter-clockwise seen from outside.
     pub triangles: &'a [[u32; 3]],
-    /// Normals of the nodes as the GPU has them, see [`pack_normal`](crate::mesh::pack_normal).
+    /// Packed node normals as on the GPU, see [`pack_normal`](crate::mesh::pack_normal).
     pub normals: &'a [u32],
 }
 
-/// How the vertices of a skin were bound.
+/// Statistics of a binding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct BindingReport {
-    /// Vertices on a node.
+    /// Vertices bound to a node.
     pub one_to_one: usize,
-    /// Vertices in the basis of a triangle.
+    /// Vertices bound in the basis of a triangle.
     pub constant: usize,
-    /// Vertices in an interpolated basis.
+    /// Vertices bound in an interpolated basis.
     pub interpolated: usize,
-    /// Vertices along an interpolated normal.
+    /// Vertices bound along an interpolated normal.
     pub normal_only: usize,
-    /// Of the constant ones, those for which the mapping asked for is not defined: no normals, a
-    /// vanishing sum of them, one along the edge, or none that meets the vertex.
+    /// Constant bindings used because the requested mapping is undefined there: no normals, a
+    /// vanishing sum of normals, one parallel to the edge, or none that passes through the vertex.
     pub fallbacks: usize,
-    /// Base triangles without a plane, to which nothing is bound.
+    /// Degenerate base triangles, to which nothing is bound.
     pub flat_triangles: usize,
-    /// The longest offset, in file units.
+    /// Largest offset, in file units.
     pub longest_offset: f64,
 }
 
-/// Binds every vertex to the nearest base triangle that has a plane. `frame` is the local frame
-/// of the nodes. Time O(v log t), in parallel.
+/// Binds every vertex to the closest non-degenerate base triangle. `frame` is the local frame of
+/// the nodes. Time O(v log t), in parallel.
 ///
 /// # Errors
-/// [`Error::Input`] when there is no triangle to bind to, one names a node that does not exist,
+/// [`Error::Input`] if there is no triangle to bind to, one refers to a node that does not exist,
 /// or lists differ in length.
 pub fn bind(
     base: &BaseMesh,
@@ -135,17 +135,17 @@ pub fn bind(
     Ok((bound.into_iter().map(|b| b.0).collect(), report))
 }
 
-/// Flag of a vertex, see `lib/skin.wgsl`.
+/// Vertex flag, see `lib/skin.wgsl`.
 const INTERPOLATED: u32 = 1;
 
-/// The texels of all vertices, four each.
+/// Packs all vertices, four texels each.
 pub(super) fn vertex_texels(bound: &[VertexBinding], vertices: &Vertices) -> Vec<[u32; 4]> {
     let all = bound.iter().zip(&vertices.handedness);
     all.flat_map(|(b, handedness)| record(b, *handedness))
         .collect()
 }
 
-/// The four texels of a vertex, see `lib/skin.wgsl`.
+/// Packs a vertex into four texels, see `lib/skin.wgsl`.
 fn record(bound: &VertexBinding, handedness: f64) -> [[u32; 4]; 4] {
     let bits = |v: DVec3, w: f64| v.extend(w).as_vec4().to_array().map(f32::to_bits);
     let [a, b, c] = bound.nodes;

@@ -1,8 +1,9 @@
-//! Skins, the boundary and a volume in one picture, each at its place.
+//! Composites skins, the boundary and a volume into one image, in depth order.
 //!
-//! Opaque skins end the rays of the volume. Translucent ones are peeled layer by layer, from the
-//! eye on; the volume is drawn once more up to each layer, and what it adds between two of them is
-//! the difference. So skin is blended before, inside and behind the volume, exactly.
+//! Opaque skins terminate the rays of the volume. Translucent ones are drawn by depth peeling,
+//! front to back; the volume is rendered once more up to each layer, and the contribution between
+//! two layers is the difference. So skin is blended exactly in front of, inside and behind the
+//! volume.
 
 use super::draw::{BlendMode, Skin};
 use crate::gpu::{Draw, Gpu, Recorder};
@@ -20,13 +21,13 @@ mod gpu_data {
     }
 }
 
-/// Choices that a [`Compositor`] is made with.
+/// Options of a [`Compositor`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CompositorOptions {
-    /// Most layers of translucent skin before each other that are seen; those behind are left out.
-    /// Each costs another drawing of the volume.
+    /// Maximum number of translucent layers that are peeled; layers behind them are dropped. Each
+    /// costs another rendering of the volume.
     pub layers: u32,
-    /// Pictures in memory are drawn so many times larger each way, and averaged.
+    /// Supersampling factor per axis for images read back to memory.
     pub samples: u32,
 }
 
@@ -39,7 +40,7 @@ impl Default for CompositorOptions {
     }
 }
 
-/// What is drawn into one picture.
+/// Contents of one image.
 struct Drawn<'a> {
     boundary: Option<&'a mut Surface>,
     skins: Vec<&'a mut Skin>,
@@ -56,36 +57,36 @@ impl Drawn<'_> {
     }
 }
 
-/// Draws skins and a volume into one picture.
+/// Renders skins and a volume into one image.
 pub struct Compositor {
     gpu: Gpu,
     options: CompositorOptions,
-    /// Of the last sizes that were drawn, the last one first.
+    /// Render targets of the most recently used sizes, latest first.
     targets: Vec<Targets>,
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const ACCUMULATOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
-/// Most layers and samples that make sense.
+/// Maximum number of layers.
 const MAX_LAYERS: u32 = 64;
 
-/// What is made for one size of picture.
+/// Render targets for one image size.
 struct Targets {
     size: [u32; 2],
     opaque: wgpu::TextureView,
     opaque_depth: wgpu::TextureView,
     layer: wgpu::TextureView,
-    /// Those of even and of odd layers.
+    /// For even and odd layers.
     depths: [wgpu::TextureView; 2],
     volumes: [wgpu::TextureView; 2],
     sums: [wgpu::TextureView; 2],
-    /// Of the first layer, and of even and of odd ones.
+    /// Blend draws of the first layer, and of even and odd layers.
     first: Draw,
     blends: [Draw; 2],
 }
 
 impl Compositor {
-    /// A composer.
+    /// Creates a compositor.
     ///
     /// # Errors
     /// [`Error::Input`] for more than 64 layers, or samples that are not from 1 to 8.
@@ -103,12 +104,12 @@ impl Compositor {
         })
     }
 
-    /// Records the drawing of `skins` and of the volume that `raycaster` draws into `target`;
-    /// opaque things of the caller's are its occluder. Nothing is read back.
+    /// Records the rendering of `skins` and of the volume that `raycaster` draws into `target`; the
+    /// depth buffer of the target holds the caller's opaque occluders. Reads nothing back.
     ///
     /// # Errors
-    /// [`Error::Input`] for a bad camera, or skins and a volume that do not share their local
-    /// frame; [`Error::Gpu`] when the device refuses.
+    /// [`Error::Input`] for an invalid camera, or if skins and volume do not share their local
+    /// frame; [`Error::Gpu`] if the device fails.
     pub fn record<'s>(
         &mut self,
         work: &mut Recorder,
@@ -127,8 +128,8 @@ impl Compositor {
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// As [`Compositor::record`], of the lit boundary, `skins` beside it and what `raycaster` draws of
-    /// slices, isosurfaces and cut faces, where there are any.
+    /// As [`Compositor::record`], for the lit boundary, `skins`, and the slices, isosurfaces and
+    /// cut faces that `raycaster` draws, if any.
     ///
     /// # Errors
     /// As [`Compositor::record`].
@@ -150,8 +151,8 @@ impl Compositor {
         self.record_window(work, scene, camera, target, window)
     }
 
-    /// The picture of [`Compositor::record_boundary`], of `size` pixels, on nothing. Waits and reads
-    /// back.
+    /// Renders the image of [`Compositor::record_boundary`] at `size` pixels on a transparent
+    /// background. Waits and reads back.
     ///
     /// # Errors
     /// As [`Compositor::record`].
@@ -170,7 +171,8 @@ impl Compositor {
         self.image_of(scene, camera, size)
     }
 
-    /// The picture of `camera`, of `size` pixels, on nothing. Waits and reads back.
+    /// Renders the image of `camera` at `size` pixels on a transparent background. Waits and reads
+    /// back.
     ///
     /// # Errors
     /// As [`Compositor::record`].
@@ -359,7 +361,7 @@ impl Targets {
         })
     }
 
-    /// Clears what is opaque, and brings the depths of the caller's opaque things.
+    /// Clears the opaque colour and initialises its depth from the caller's occluders.
     fn begin(
         &self,
         gpu: &Gpu,
@@ -391,12 +393,12 @@ impl Targets {
         Ok(())
     }
 
-    /// Has no volume.
+    /// Clears the volume targets, for an image without a volume.
     fn clear_volumes(&self, work: &mut Recorder) {
         self.volumes.iter().for_each(|volume| clear(work, volume));
     }
 
-    /// Begins a layer: nothing of it yet, and nothing behind what is opaque.
+    /// Starts a layer: clears its colour and sets its depth to that of the opaque objects.
     fn clear_layer(&self, work: &mut Recorder, now: usize) {
         clear(work, &self.layer);
         work.encoder().copy_texture_to_texture(
@@ -406,7 +408,7 @@ impl Targets {
         );
     }
 
-    /// Adds the rest of the volume and what is opaque, and brings it all into `target`.
+    /// Adds the remaining volume and the opaque colour, and draws the result into `target`.
     fn finish(&self, gpu: &Gpu, work: &mut Recorder, target: &Target, layers: u32) -> Result<()> {
         let now = layers as usize % 2;
         let before = 1 - now;

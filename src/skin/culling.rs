@@ -1,51 +1,50 @@
-//! Which triangles of a skin are not worth drawing, by the nodes that carry them, in float64: the
-//! twin of `shaders/skin/cull_base.wgsl` and `shaders/skin/cull.wgsl`.
+//! Culling of skin triangles by their base nodes, in float64: the CPU reference of
+//! `shaders/skin/cull_base.wgsl` and `shaders/skin/cull.wgsl`.
 //!
-//! A triangle faces away for certain if all normals that carry it do, by more than it is tilted
-//! against them. It was tilted by an angle a at rest; a strain s, the ratio of the largest to the
-//! smallest stretch, turns that into an angle of at most 2 atan(s tan(a / 2)).
+//! A triangle is certainly back-facing if all normals that it is bound to face away by more than
+//! its tilt against them. A tilt by an angle a at rest and a strain s, the ratio of the largest to
+//! the smallest stretch, give a tilt of at most 2 atan(s tan(a / 2)).
 
 use super::basis::{VertexBinding, interpolated_normal, skin_vertex};
 use crate::render::{Camera, Projection};
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Strains are bounded by this, and bends by less than 1.
+/// Upper bounds of strain and of bend stretch (which must stay below 1).
 const MAX_STRAIN: f64 = 1e6;
 const MOST_BEND: f64 = 0.999;
-/// A right angle and a little slack.
+/// 90° plus a margin, in radians.
 const BACKFACE_ANGLE: f64 = std::f64::consts::FRAC_PI_2 + 0.035;
 
-/// The tilt of a triangle that is always drawn, unless it is outside the picture.
+/// Tilt of a triangle that is culled only outside the view.
 const NEVER_CULL: f64 = 1e20;
-/// How far vertices beyond the rim of their triangle are thought to move when it is stretched,
-/// at most.
+/// Assumed upper bound of the stretch that moves vertices beyond the border of their triangle.
 const RIM_STRETCH: f64 = 2.0;
-/// Squares of areas below this share of an edge's fourth power are of no triangle.
+/// Triangles are degenerate if their squared area is below this fraction of an edge's fourth power.
 const NO_AREA: f64 = 1e-20;
 
-/// A base triangle and what it carries, at rest; lengths in one unit, whichever.
+/// A base triangle and the data of the vertices bound to it, at rest; lengths in any one unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CullBase {
     /// Its nodes.
     pub nodes: [u32; 3],
-    /// How far vertices stand off from it at most.
+    /// Largest offset of a vertex from the triangle.
     pub offset: f64,
-    /// The inverse of the matrix of its edges' products at rest: (xx, xy, yy) for the edges from
-    /// the first node to the second and to the third.
+    /// Inverse of the metric tensor (Gram matrix of the edges) at rest: (xx, xy, yy) for the edges
+    /// from the first node to the second and to the third.
     pub inverse: [f64; 3],
-    /// By how much what stands off is stretched along each side, because the normals turn: offset
-    /// times curvature.
+    /// Relative stretch of offset vertices along each side, caused by the rotation of the normals:
+    /// offset times curvature.
     pub bend_stretch: [f64; 3],
-    /// Whether something turns with the nodes' normals.
+    /// Whether a vertex is bound in an interpolated basis.
     pub smooth: bool,
-    /// Whether something turns with the triangle alone.
+    /// Whether a vertex is bound in the basis of the triangle.
     pub flat: bool,
 }
 
 impl CullBase {
-    /// Of the triangle `rest` with `normals` at its nodes, whose vertices stand off up to
-    /// `offset`; nothing turns with it yet.
+    /// Creates the data of the triangle `rest` with `normals` at its nodes and vertices up to
+    /// `offset` away; `smooth` and `flat` are false.
     pub fn new(nodes: [u32; 3], rest: [DVec3; 3], normals: [DVec3; 3], offset: f64) -> CullBase {
         let (u, v) = (rest[1] - rest[0], rest[2] - rest[0]);
         let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
@@ -61,7 +60,7 @@ impl CullBase {
     }
 }
 
-/// Offset times curvature along each side of the triangle `p` with normals `n`.
+/// Returns offset times curvature along each side of the triangle `p` with normals `n`.
 fn bends(p: [DVec3; 3], n: [DVec3; 3], offset: f64) -> [f64; 3] {
     [0, 1, 2].map(|k| {
         let next = (k + 1) % 3;
@@ -75,17 +74,18 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))
 }
 
-/// How a base triangle stands to the eye.
+/// Orientation of a base triangle relative to the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BaseVisibility {
-    /// The least angle between the direction to the eye and the normals that carry something,
-    /// seen from anywhere there; −1 where a node has no normal.
+    /// Lower bound of the angle between the direction to the eye and the normals that vertices are
+    /// bound to, over the whole region; −1 if a node has no normal.
     pub angle: f64,
-    /// The strain of what it carries.
+    /// Strain of the vertices bound to it.
     pub strain: f64,
 }
 
-/// How `base` stands to `camera`, its nodes being at `nodes` with `normals`.
+/// Computes the visibility data of `base` from `camera`, for the given node positions and
+/// `normals`.
 pub fn base_visibility(
     base: &CullBase,
     nodes: &[DVec3],
@@ -141,29 +141,29 @@ pub fn base_visibility(
     }
 }
 
-/// Whether a triangle of a closed opaque skin faces away for certain: `tilt` is the tangent of
-/// half the largest angle at rest between its normal and those that carry its vertices, and
-/// `outlooks` are of their base triangles. The eye is outside.
+/// Whether a triangle of a closed opaque skin is certainly back-facing: `tilt` is the tangent of
+/// half the largest rest angle between its normal and those that its vertices are bound to,
+/// `outlooks` are those of their base triangles. The eye is outside.
 pub fn is_skipped(tilt: f64, outlooks: [BaseVisibility; 3]) -> bool {
     let least = outlooks.iter().fold(f64::INFINITY, |m, o| m.min(o.angle));
     let strain = outlooks.iter().fold(0.0, |m: f64, o| m.max(o.strain));
     least > BACKFACE_ANGLE + 2.0 * (strain * tilt).atan()
 }
 
-/// What is known of a skin at rest.
+/// Culling data of a skin at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CullData {
-    /// The base triangles that something is bound to.
+    /// Base triangles that vertices are bound to.
     pub bases: Vec<CullBase>,
-    /// Of each triangle the base triangles of its vertices, and the tangent of half the largest
-    /// angle between its normal and those that carry its vertices.
+    /// For each triangle, the base triangles of its vertices, and the tangent of half the largest
+    /// angle between its normal and those that its vertices are bound to.
     pub triangles: Vec<([u32; 3], f64)>,
 }
 
 impl CullData {
-    /// Of the triangles `corners`, whose vertices are `bound` to nodes that are at `nodes` with
-    /// `normals` at rest. A triangle without area there, or with a vertex that no normal carries,
-    /// counts as tilted right round.
+    /// Computes the data of the triangles `corners`, whose vertices are `bound` to nodes at the
+    /// rest positions `nodes` with `normals`. A degenerate triangle, or one with a vertex without a
+    /// normal, is never culled as back-facing.
     pub fn new(
         nodes: &[DVec3],
         normals: &[Option<DVec3>],
@@ -182,7 +182,8 @@ impl CullData {
             base.smooth |= b.interpolated;
             base.flat |= !b.interpolated;
         }
-        // Where the mapping has the vertices at rest, and the normals that carry them.
+        // Rest positions as the mapping reproduces them, and the normals that the vertices are
+        // bound to.
         let carried = bound.iter().map(|b| {
             let p = b.nodes.map(|i| nodes[i as usize]);
             let face = (p[1] - p[0]).cross(p[2] - p[0]);
@@ -217,8 +218,8 @@ impl CullData {
     }
 }
 
-/// For each vertex the number of its base triangle; and these, with how far vertices stand off
-/// from each at most.
+/// Returns the base triangle index of each vertex, and the base triangles with the largest offset
+/// of a vertex from each.
 fn stand_off(nodes: &[DVec3], bound: &[VertexBinding]) -> (Vec<u32>, Vec<([u32; 3], f64)>) {
     let mut known: HashMap<[u32; 3], u32> = HashMap::new();
     let mut offsets: Vec<([u32; 3], f64)> = Vec::new();

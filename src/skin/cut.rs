@@ -1,4 +1,4 @@
-//! Skins that open where their body was cut.
+//! Updates skins after a cut of their body.
 
 use super::base::SkinBase;
 use super::binder::{Binder, BindingSite, Vertex};
@@ -11,37 +11,37 @@ use crate::{Error, Result};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
-/// What a cut changed in a skin.
+/// Changes of a skin by a cut.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SkinCut {
-    /// Vertices that were bound anew: their triangle or its normals have changed.
+    /// Vertices bound again because their base triangle or its normals changed.
     pub rebound_vertices: usize,
-    /// Triangles across the cut, which are not drawn any more.
+    /// Triangles across the cut, which are hidden.
     pub hidden: usize,
-    /// Base triangles that were not there before the first cut: the walls of this one and those
-    /// before it, in the nodes of the new carrier. [`Skin::body_surface`] draws them.
+    /// Base triangles that did not exist before the first cut: the walls of this cut and of earlier
+    /// ones, in nodes of the new base. [`Skin::body_surface`] draws them.
     pub walls: Vec<[u32; 3]>,
 }
 
-/// Where a triangle's corners are at rest, whatever their order.
+/// Rest positions of a triangle's corners as bits, independent of their order.
 pub(super) type TriangleKey = [[u64; 3]; 3];
 
 impl Skin {
-    /// Follows its body, which `blade` (file units) has cut where it stands now: goes over to
-    /// `carrier`, made of the body as it is after the cut. Vertices keep their base triangles
-    /// where these are left, on whichever side; the others find the nearest that the blade does
-    /// not part from them. Triangles across the cut are hidden: those whose corners' base
-    /// triangles have come apart. Waits and reads back, as the cut itself does.
+    /// Applies a cut of the body by `blade` (file units, current state) and switches to `carrier`,
+    /// created from the body after the cut. Vertices keep their base triangle if it still exists,
+    /// on either side; the others are bound to the closest triangle on their side of the blade.
+    /// Triangles across the cut, whose corners' base triangles are now disconnected, are hidden.
+    /// Waits and reads back, as the cut itself does.
     ///
     /// # Errors
-    /// [`Error::Input`] for a carrier of another local frame or without base triangles.
+    /// [`Error::Input`] for a base with another local frame or without base triangles.
     pub fn apply_cut(&mut self, carrier: &SkinBase, blade: &Blade) -> Result<SkinCut> {
         if carrier.frame != self.carrier.frame {
             return Err(Error::Input(
                 "a skin goes over to its own body after a cut, in the same local frame".into(),
             ));
         }
-        // The arrays that the skin was carried by still have the places before the cut.
+        // The arrays of the old base still hold the positions before the cut.
         let placed = self.skinned_vertices()?;
         let positions: Vec<[f32; 4]> = self.gpu.read_array(&carrier.positions)?;
         let place = |p: &[f32; 4]| carrier.frame.to_file(Vec3::new(p[0], p[1], p[2]));
@@ -61,7 +61,7 @@ impl Skin {
             .map(|t| (key(new.nodes, *t), *t))
             .collect();
         let binder = Binder::new(&new, self.mapping)?;
-        // Not `self`, whose device cannot go from thread to thread in a browser.
+        // Not `self`: in a browser its device cannot be sent between threads.
         let (seats, vertices, mapping) = (&self.bound, &self.vertices, self.mapping);
         let frame = &carrier.frame;
         let follow = |v: usize| -> (VertexBinding, VertexChange) {
@@ -97,8 +97,9 @@ impl Skin {
             }
         };
         let followed = parallel::map(self.bound.len(), follow);
-        // Grids double no nodes: there, what the blade parts has come apart, and beside its end
-        // whatever went over to different places.
+        // Cuts of grid bodies duplicate no nodes. There, edges are open if the blade separates
+        // their ends, and near the border of the blade if their vertices were bound to disjoint
+        // triangles.
         let doubled = new.nodes.len() != old.nodes.len();
         let touch = |v: usize, w: usize| {
             let others = followed[w].0.nodes;
@@ -153,18 +154,18 @@ impl Skin {
     }
 }
 
-/// What became of a vertex.
+/// Change of a vertex.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum VertexChange {
-    /// Nothing but the numbers of its nodes.
+    /// Only its node indices.
     None,
     /// The normals of its nodes.
     Turned,
-    /// It is on another base triangle.
+    /// Its base triangle.
     Moved,
 }
 
-/// A place, exactly; −0 is 0.
+/// Exact bits of a position; −0 is treated as 0.
 fn bits(p: DVec3) -> [u64; 3] {
     (p + DVec3::ZERO).to_array().map(f64::to_bits)
 }

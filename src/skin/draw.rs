@@ -1,4 +1,4 @@
-//! Drawing a skin where its nodes are now.
+//! Renders a skin at the current node positions.
 
 use super::base::SkinBase;
 use super::binder::bind_to_node;
@@ -32,7 +32,7 @@ mod gpu_data {
     }
 }
 
-/// A surface carried by the nodes of a body.
+/// A surface bound to the nodes of a body.
 pub struct Skin {
     pub(super) gpu: Gpu,
     pub(super) carrier: SkinBase,
@@ -41,13 +41,13 @@ pub struct Skin {
     pub(super) report: SkinReport,
     pub(super) scalars: Vec<Field>,
     pub(super) mapping: Mapping,
-    /// Which triangles are drawn.
+    /// Whether each triangle is visible.
     pub(super) visible: Vec<bool>,
-    /// Whether it is a body's own surface.
+    /// Whether the skin is the surface of the body itself.
     pub(super) is_body_surface: bool,
-    /// The base triangles before the first cut, by their places; none before there was one.
+    /// Base triangles before the first cut, identified by rest positions; `None` before a cut.
     pub(super) uncut_triangles: Option<HashSet<TriangleKey>>,
-    /// What carries it at other levels; none in the place of the level in use.
+    /// Bindings at other levels; `None` for the active level.
     pub(super) levels: Vec<Option<Level>>,
     pub(super) level: usize,
     pub(super) records: Array,
@@ -61,16 +61,16 @@ pub struct Skin {
     no_map: wgpu::TextureView,
     no_depth: wgpu::TextureView,
     sampler: wgpu::Sampler,
-    /// The planes, and what they leave of it.
+    /// Sections, and the clip planes derived from them.
     pub(super) inside: Sections,
     clips: ClipPlanes,
     pub(super) draws: HashMap<Variant, Draw>,
     pub(super) culling: bool,
-    /// Made for the present carrier and the triangles shown.
+    /// Built for the current base and visible triangles.
     pub(super) cull: Option<Cull>,
 }
 
-/// What a prepared draw depends on.
+/// Key of a cached draw.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Variant {
     format: wgpu::TextureFormat,
@@ -78,30 +78,30 @@ pub(super) struct Variant {
     nearer: Option<wgpu::TextureView>,
 }
 
-/// How a skin is drawn into a picture with others.
+/// Blending and depth options of a skin.
 #[derive(Clone, Copy, Default)]
 pub(super) struct BlendMode<'a> {
-    /// Only what lies behind these depths.
+    /// Depth peeling: draws only fragments behind these depths.
     pub behind: Option<&'a wgpu::TextureView>,
-    /// Over what is there, and without leaving depths.
+    /// Whether to blend over the target without writing depth.
     pub blended: bool,
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Pictures in memory are drawn so many times larger each way, and averaged.
+/// Supersampling factor per axis for images read back to memory.
 const SAMPLES: u32 = 2;
-/// The colour of a skin to which none was given.
+/// Default colour.
 const DEFAULT_COLOUR: [f32; 3] = [0.85, 0.62, 0.53];
-/// Most prepared draws that are kept: their targets come and go.
+/// Maximum number of cached draws: their targets come and go.
 const KEPT_DRAWS: usize = 32;
 
 impl Skin {
-    /// Binds `surface` to `carrier` at rest, in the places that both have in their files. Its
-    /// triangles are turned to face the same way first; holes are allowed and reported.
+    /// Binds `surface` to `carrier` at rest, both in file coordinates. Orients the triangles
+    /// consistently first; holes are allowed and reported.
     ///
     /// # Errors
-    /// [`Error::Mesh`] for a surface that cannot be drawn, [`Error::Input`] for a carrier without
-    /// base triangles, [`Error::Gpu`] when the device cannot hold it.
+    /// [`Error::Mesh`] for a surface that cannot be drawn, [`Error::Input`] for a base without
+    /// triangles, [`Error::Gpu`] if the device cannot allocate it.
     pub fn new(gpu: &Gpu, surface: &TriMesh, carrier: &SkinBase, mapping: Mapping) -> Result<Skin> {
         check(surface)?;
         let mut surface = surface.clone();
@@ -121,7 +121,7 @@ impl Skin {
         )
     }
 
-    /// Binds `surface` to the boundary of `body`, which is at rest, each vertex by what suits it.
+    /// Binds `surface` to the boundary of `body`, which is at rest, with [`Mapping::Auto`].
     ///
     /// # Errors
     /// As [`Skin::new`].
@@ -134,9 +134,9 @@ impl Skin {
         )
     }
 
-    /// The body's own surface, or a part of it, drawn as it is: every vertex on its node. For a
-    /// body without a skin, and for the walls of cuts. `triangles` are of the carrier's nodes; all
-    /// base triangles when there are none.
+    /// Creates a skin from the body's own surface or a part of it, with every vertex on its node.
+    /// For a body without a skin, and for the walls of cuts. `triangles` index the nodes of the
+    /// base; `None` for all base triangles.
     ///
     /// # Errors
     /// As [`Skin::new`].
@@ -155,7 +155,7 @@ impl Skin {
         };
         check(&surface)?;
         let vertices = Vertices::new(&surface)?;
-        // A triangle of each node, with the node first.
+        // One incident triangle of each node, rotated to start at it.
         let mut own = vec![[0; 3]; surface.vertices.len()];
         for t in triangles {
             (0..3).for_each(|k| own[t[k] as usize] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]]);
@@ -246,11 +246,11 @@ impl Skin {
         })
     }
 
-    /// Draws from now on what the clip planes of `inside` leave of it.
+    /// Clips the skin by the clip planes of `inside`.
     ///
     /// # Errors
-    /// [`Error::Input`] for numbers that make no sense; [`Error::Gpu`] when the device cannot hold
-    /// where it rests.
+    /// [`Error::Input`] for invalid planes; [`Error::Gpu`] if the device cannot allocate the rest
+    /// positions.
     pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         let frame = self.carrier.frame;
         self.clips = ClipPlanes::new(&self.gpu, inside, frame, || {
@@ -261,37 +261,37 @@ impl Skin {
         Ok(())
     }
 
-    /// What it is and how it was bound.
+    /// Returns statistics of the surface and its binding.
     pub fn report(&self) -> &SkinReport {
         &self.report
     }
 
-    /// How the vertices were bound.
+    /// Returns statistics of the binding.
     pub fn binding(&self) -> &BindingReport {
         &self.report.binding
     }
 
-    /// Its vertices at rest, as they are drawn.
+    /// Returns the drawn vertices at rest.
     pub fn rest(&self) -> &Vertices {
         &self.vertices
     }
 
-    /// What ties each of them to its nodes.
+    /// Returns the bindings of the vertices.
     pub fn bound(&self) -> &[VertexBinding] {
         &self.bound
     }
 
-    /// What carries it.
+    /// Returns the base mesh.
     pub fn carrier(&self) -> &SkinBase {
         &self.carrier
     }
 
-    /// Draws only the triangles for which `shown` (one a triangle of the surface) is true from now
-    /// on; for holes that open while running.
+    /// Sets the visibility of each triangle of the surface, one entry a triangle; for holes that
+    /// open during a simulation.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of them; [`Error::Gpu`] when the device cannot hold
-    /// their list.
+    /// [`Error::Input`] for a wrong number of entries; [`Error::Gpu`] if the device cannot allocate
+    /// the list.
     pub fn set_visible_triangles(&mut self, shown: &[bool]) -> Result<()> {
         if shown.len() != self.vertices.triangles.len() {
             return Err(Error::Input(format!(
@@ -305,20 +305,20 @@ impl Skin {
         self.corners = kept.len() as u32;
         self.cull = None;
         if !kept.is_empty() {
-            // A new list: pictures recorded but not submitted keep theirs.
+            // A new buffer, because images that are recorded but not yet submitted still use the
+            // old one.
             self.indices = self.gpu.buffer_of("skin triangles", &kept)?;
         }
         Ok(())
     }
 
-    /// Records the drawing of the skin at the positions of that moment. An opaque one replaces
-    /// what lies behind it, and its depths can end the rays of a
-    /// [`Raycaster`](crate::render::Raycaster) of the same frame; a translucent one is blended
-    /// over what is there, its triangles in the order of the file, and leaves no depth (see
-    /// [`Composer`](super::Composer) for the right order).
+    /// Records the rendering of the skin at the node positions at execution time. An opaque skin
+    /// writes depth, which can terminate the rays of a [`Raycaster`](crate::render::Raycaster) of
+    /// the same frame; a translucent one is blended over the target, its triangles in file order,
+    /// and writes no depth (see [`Compositor`](super::Compositor) for order-correct blending).
     ///
     /// # Errors
-    /// For a bad camera, or when the device refuses.
+    /// An error for an invalid camera, or if the device fails.
     pub fn record(
         &mut self,
         work: &mut Recorder,
@@ -335,7 +335,7 @@ impl Skin {
         self.record_window(work, camera, target, window, how)
     }
 
-    /// The picture of `camera`, of `size` pixels, its edges smoothed. Waits and reads back.
+    /// Renders the image of `camera` at `size` pixels, anti-aliased. Waits and reads back.
     ///
     /// # Errors
     /// As [`Skin::record`].
@@ -355,7 +355,7 @@ impl Skin {
             };
             let mut work = gpu.start_recording();
             self.carrier.record_normals(&mut work);
-            // Four floats a pixel cannot be blended everywhere: the nearest layer alone.
+            // Not every device can blend 32-bit float targets: draws the nearest layer only.
             self.record_window(&mut work, camera, &target, window, BlendMode::default())?;
             work.submit()
         })?;
@@ -366,7 +366,7 @@ impl Skin {
         })
     }
 
-    /// Records the drawing of a part of a picture, the nodes' normals being made already.
+    /// Records the rendering of an image region; the node normals must be up to date.
     pub(super) fn record_window(
         &mut self,
         work: &mut Recorder,
@@ -430,7 +430,7 @@ impl Skin {
         Ok(())
     }
 
-    /// Which triangles of the surface are drawn.
+    /// Returns the visibility of each triangle of the surface.
     pub fn shown(&self) -> &[bool] {
         &self.visible
     }

@@ -1,9 +1,9 @@
-//! Triangles of a skin that are left out before their vertices are computed: those that face away
-//! or lie outside the picture, by the normals and places of the nodes that carry them.
+//! GPU culling of skin triangles before their vertices are computed: back-facing ones and ones
+//! outside the view, by the normals and positions of their base nodes.
 //!
-//! One pass over the base triangles says how each stands to the eye; one over the skin's triangles
-//! compares that with how much each was tilted at rest; two more list those that are drawn, in
-//! their order. The draw takes list and length from the GPU.
+//! One pass over the base triangles computes their orientation to the eye; one over the skin's
+//! triangles compares it with their tilt at rest; two more compact the visible ones in order. The
+//! draw is indirect: list and length stay on the GPU.
 
 use super::base::SkinBase;
 use super::draw::Skin;
@@ -36,10 +36,10 @@ mod gpu_data {
     }
 }
 
-/// Triangles that one invocation marks.
+/// Triangles marked by one invocation.
 const TRIANGLES_PER_WORD: usize = 32;
 
-/// What decides which triangles are drawn, and the list of those.
+/// Passes that cull triangles, and the list of visible ones.
 pub(super) struct Cull {
     base: Pass,
     base_count: u32,
@@ -48,14 +48,15 @@ pub(super) struct Cull {
     scan: Pass,
     list: Pass,
     fresh: wgpu::Buffer,
-    /// Of an indexed indirect draw, and a flag.
+    /// Arguments of an indexed indirect draw, and a flag.
     pub(super) arguments: wgpu::Buffer,
-    /// Three vertices for each triangle drawn.
+    /// Three vertex indices for each visible triangle.
     pub(super) drawn: wgpu::Buffer,
 }
 
 impl Cull {
-    /// For the triangles `corners` of vertices `bound` to `carrier`, listed in `indices`.
+    /// Prepares culling of the triangles `corners` with vertices `bound` to `carrier`, listed in
+    /// `indices`.
     pub fn new(
         gpu: &Gpu,
         carrier: &SkinBase,
@@ -125,8 +126,8 @@ impl Cull {
         })
     }
 
-    /// Records the choice for a `view`, the nodes' normals being made. `closed`: whether what
-    /// faces away is hidden.
+    /// Records the culling for a `view`; the node normals must be up to date. `closed` enables
+    /// back-face culling.
     pub fn record(&self, work: &mut Recorder, view: View, closed: bool) -> Result<()> {
         self.base.set_params(
             work,
@@ -152,7 +153,7 @@ impl Cull {
         Ok(())
     }
 
-    /// The triangles that were drawn last. Reads back.
+    /// Returns the triangles that were drawn last. Reads back.
     pub fn read_visible(&self, gpu: &Gpu) -> Result<Vec<[u32; 3]>> {
         let arguments: Vec<u32> = gpu.read_buffer(&self.arguments)?;
         let mut drawn: Vec<[u32; 3]> = gpu.read_buffer(&self.drawn)?;
@@ -162,21 +163,21 @@ impl Cull {
 }
 
 impl Skin {
-    /// Whether triangles are left out, from now on, before their vertices are computed: those that
-    /// lie outside the picture, and of a closed skin those that face away, by the normals and the
-    /// strain of the nodes that carry them and by how much they were tilted against them at rest.
-    /// What is drawn looks the same. Translucent skins are drawn whole, and so is what is bound to
-    /// a node without a normal. It pays for large skins on coarser bodies; off to begin with.
+    /// Enables culling of triangles before their vertices are computed: those outside the view, and
+    /// for a closed skin the back-facing ones, determined by the normals and the strain of their
+    /// base nodes and their tilt at rest. The image does not change. Translucent skins, and
+    /// triangles bound to a node without a normal, are not culled. Worthwhile for large skins on
+    /// coarser bodies; off by default.
     pub fn set_culling(&mut self, on: bool) {
         self.culling = on;
         self.cull = None;
     }
 
-    /// The triangles of [`Skin::rest`] that the last recording draws, without those culled. Waits
-    /// and reads back.
+    /// Returns the triangles of [`Skin::rest`] that the last recording draws, without culled ones.
+    /// Waits and reads back.
     ///
     /// # Errors
-    /// When the device refuses.
+    /// An error if the device fails.
     pub fn visible_triangles(&self) -> Result<Vec<[u32; 3]>> {
         match &self.cull {
             Some(cull) => cull.read_visible(&self.gpu),
@@ -189,15 +190,15 @@ impl Skin {
         triangles.filter(|(_, s)| **s).map(|(t, _)| *t).collect()
     }
 
-    /// Whether nothing behind its outer side can be seen.
+    /// Whether back faces are never visible.
     fn is_closed(&self) -> bool {
         let whole = self.corners as usize == 3 * self.vertices.triangles.len();
-        // Planes open it: what shows its back is seen then.
+        // Clip planes open the surface and expose back faces.
         let uncut = self.inside.clips().next().is_none();
         whole && uncut && self.report.open_edges == 0 && self.report.nonmanifold_edges == 0
     }
 
-    /// Records the choice of what is drawn, if there is one.
+    /// Records the culling, if it is enabled.
     pub(super) fn record_cull(
         &mut self,
         work: &mut Recorder,
@@ -219,7 +220,7 @@ impl Skin {
     }
 }
 
-/// The texels of a base triangle.
+/// Packs a base triangle into texels.
 fn base_texels(base: &CullBase) -> [[u32; 4]; 3] {
     let float = |x: f64| (x as f32).to_bits();
     let [a, b, c] = base.nodes;

@@ -1,4 +1,4 @@
-//! One skin on bodies of several resolutions, switched while running.
+//! Binds one skin to bodies of several resolutions, to switch between at run time.
 
 use super::base::SkinBase;
 use super::binding::{BindingReport, bind, vertex_texels};
@@ -7,7 +7,7 @@ use crate::gpu::{Array, Texel};
 use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
 
-/// What a skin has for each body that can carry it.
+/// Binding of a skin to one of its bodies.
 pub(super) struct Level {
     carrier: SkinBase,
     bound: Vec<VertexBinding>,
@@ -16,11 +16,11 @@ pub(super) struct Level {
 }
 
 impl Skin {
-    /// Binds the skin to another body of the same place and unit as well, at rest and by the same
-    /// mapping. Returns its level, to be switched to; the body it was made with is level 0.
+    /// Binds the skin to one more body with the same coordinates and unit, at rest and with the
+    /// same mapping. Returns its level for [`Skin::set_level`]; the initial body is level 0.
     ///
     /// # Errors
-    /// As [`Skin::new`]; [`Error::Input`] for a bare surface, which is one body's own.
+    /// As [`Skin::new`]; [`Error::Input`] for a body surface, which has only one body.
     pub fn add_level(&mut self, carrier: &SkinBase) -> Result<usize> {
         if self.is_body_surface {
             return Err(Error::Input(
@@ -44,12 +44,12 @@ impl Skin {
         Ok(self.levels.len() - 1)
     }
 
-    /// Lets the body of `level` carry it from now on. Positions and velocities are carried from
-    /// one body to the other by [`Transfer`](crate::mesh::Transfer); what a cut has changed holds
-    /// for its own level alone.
+    /// Switches to the body of `level`. Transfer positions and velocities between the bodies with
+    /// [`BarycentricMap`](crate::mesh::BarycentricMap); the changes by a cut apply only to the
+    /// level at which it was made.
     ///
     /// # Errors
-    /// [`Error::Input`] for a level that there is not.
+    /// [`Error::Input`] for an unknown level.
     pub fn set_level(&mut self, level: usize) -> Result<()> {
         if level == self.level {
             return Ok(());
@@ -70,12 +70,12 @@ impl Skin {
         self.level = level;
         self.uncut_triangles = None;
         self.cull = None;
-        // Planes in the frame of the new body.
+        // The clip planes depend on the frame of the new body.
         let inside = self.inside.clone();
         self.set_sections(&inside)
     }
 
-    /// The level that carries it now.
+    /// Returns the active level.
     pub fn level(&self) -> usize {
         self.level
     }

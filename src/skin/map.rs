@@ -1,32 +1,32 @@
-//! Pictures that lie on a skin: normal maps and height maps.
+//! Textures of a skin: normal maps and height maps.
 
 use crate::files;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 use std::path::Path;
 
-/// A picture of 8 bits a channel that lies on a skin by its texture coordinates: (0, 0) is the
-/// lower left corner, (1, 1) the upper right one, and beyond them it repeats.
+/// An 8-bit RGBA image mapped to a skin by its texture coordinates: (0, 0) is the lower left
+/// corner, (1, 1) the upper right one; it repeats outside.
 ///
-/// A normal map holds unit vectors n in tangent space as (n + 1) / 2: red along the tangent, green
-/// along the second texture coordinate, blue along the normal. A height map holds heights in its
+/// A normal map stores unit vectors n in tangent space as (n + 1) / 2: red along the tangent, green
+/// along the second texture coordinate, blue along the normal. A height map stores heights in its
 /// first channel: 255 is the surface, 0 the deepest.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Map {
     /// Width and height in texels.
     pub size: [u32; 2],
-    /// Red, green, blue and opacity, row by row from the top.
+    /// RGBA, row by row from the top.
     pub texels: Vec<[u8; 4]>,
 }
 
-/// The largest side of a map: what every device can hold.
+/// Maximum side length, which every WebGPU device supports.
 const MOST: u32 = 8192;
 
 impl Map {
     /// Reads a PNG.
     ///
     /// # Errors
-    /// A file that cannot be read, is no PNG, or is larger than 8192 texels a side.
+    /// An error if the file cannot be read, is not a PNG, or is larger than 8192 texels a side.
     pub fn read(path: impl AsRef<Path>) -> Result<Map> {
         Map::read_file(path.as_ref())
     }
@@ -51,7 +51,7 @@ impl Map {
     /// Writes a PNG.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// An error if the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         self.save_file(path.as_ref())
     }
@@ -86,7 +86,7 @@ impl Map {
         Ok(())
     }
 
-    /// The map as a texture.
+    /// Uploads the map as a texture.
     pub(super) fn upload(&self, gpu: &Gpu) -> Result<wgpu::TextureView> {
         self.check()?;
         let view = gpu.target(

@@ -1,9 +1,9 @@
-//! Skins: detailed surfaces carried by the nodes of a less detailed body.
+//! Skins: detailed surfaces embedded in the nodes of a coarser body.
 //!
 //! After Mosegaard & Sørensen, *Real-time Deformation of Detailed Geometry Based on Mappings to a
-//! Less Detailed Physical Simulation on the GPU* (2005). Every vertex is bound once, on the CPU,
-//! to three nodes of the body; the vertex shader does the rest from the texture of positions.
-//! Nothing is read back, and what a vertex is made of never changes.
+//! Less Detailed Physical Simulation on the GPU* (2005). Every vertex is bound once, on the CPU, to
+//! three nodes of the body; the vertex shader computes its deformed position from the position
+//! texture. Drawing reads nothing back, and bindings change only after a cut or a switch of level.
 
 mod appearance;
 mod bake;

@@ -1,4 +1,4 @@
-//! Picking: from a pixel to what is seen there of a skin, and to the node that carries it.
+//! Picking: the skin triangle at a pixel, and the body node that it is bound to.
 
 use super::draw::Skin;
 use crate::Result;
@@ -6,25 +6,25 @@ use crate::gpu::Texel;
 use crate::render::{Camera, PickRay};
 use glam::{DVec2, DVec3};
 
-/// What a pixel shows of a skin.
+/// Result of picking a skin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SkinPick {
-    /// The triangle, as numbered in the surface.
+    /// Triangle index in the surface.
     pub triangle: usize,
-    /// The nearest of its vertices, as numbered in the surface.
+    /// Index of its nearest vertex in the surface.
     pub vertex: u32,
-    /// The node of the body that has the largest share in where that vertex is.
+    /// Node of the body with the largest weight in that vertex.
     pub node: u32,
-    /// Where the ray meets the triangle, in file units.
+    /// Intersection of the ray with the triangle, in file units.
     pub point: DVec3,
-    /// How far along the ray that is from its origin, in file units.
+    /// Distance of the intersection from the ray origin, in file units.
     pub distance: f64,
 }
 
 impl Skin {
-    /// What is seen of the skin at the point `pixel` of a picture of `size` pixels, where its
-    /// nodes have carried it: the triangle that the ray through it meets first, from either
-    /// side; none where it misses. Waits and reads 36 bytes back, for the start of a grab.
+    /// Returns the closest intersection of the deformed skin, from either side, with the ray
+    /// through the point `pixel` of an image of `size` pixels, or `None` on a miss. Waits and reads
+    /// back 36 bytes; meant for the start of a grab.
     ///
     /// # Errors
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
@@ -44,7 +44,7 @@ impl Skin {
             size,
             frame: &self.carrier.frame,
         };
-        // Three items a vertex, its position first.
+        // Three items a vertex; the first is the position.
         let hit = look.first_hit(&self.gpu, &self.placed_array()?, 3, &corners)?;
         Ok(hit.and_then(|hit| {
             let triangle = *shown.get(hit.triangle as usize)?;

@@ -1,25 +1,25 @@
-//! What a skin is, and how it was bound.
+//! Statistics of a skin and its binding.
 
 use super::binding::BindingReport;
 use crate::mesh::SurfaceDescription;
 
-/// What a skin is, what was found wrong with its surface, and how it was bound.
+/// Statistics and defects of a skin's surface, and its binding.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SkinReport {
     /// Vertices of the surface.
     pub vertices: usize,
-    /// Vertices as they are drawn: more where texture coordinates or normals have seams.
+    /// Drawn vertices: more than `vertices` if texture coordinates or normals have seams.
     pub drawn_vertices: usize,
     /// Triangles.
     pub triangles: usize,
-    /// Triangles that were turned to face the way their neighbours do.
+    /// Triangles flipped to match the orientation of their neighbours.
     #[serde(rename = "turned")]
     pub flipped_triangles: usize,
-    /// Edges of one triangle only: the rims of holes.
+    /// Edges of only one triangle: borders of holes.
     pub open_edges: usize,
     /// Edges of more than two triangles.
     pub nonmanifold_edges: usize,
-    /// How the vertices were bound.
+    /// Statistics of the binding.
     pub binding: BindingReport,
 }
 
@@ -41,7 +41,7 @@ impl SkinReport {
         }
     }
 
-    /// What a user should know, a sentence each.
+    /// Returns notes for the user, one sentence each.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         let mut note = |count: usize, text: &str| {

@@ -1,4 +1,4 @@
-//! A skin's vertices where its nodes have carried them.
+//! Skin vertices in the deformed state.
 
 use super::draw::Skin;
 use crate::Result;
@@ -15,11 +15,11 @@ mod gpu_data {
 }
 
 impl Skin {
-    /// Its drawn vertices where the nodes have carried them: positions in file units, normals and
+    /// Returns the drawn vertices in the deformed state: positions in file units, normals and
     /// tangents. Waits and reads back.
     ///
     /// # Errors
-    /// When the device refuses.
+    /// An error if the device fails.
     pub fn skinned_vertices(&self) -> Result<Vec<SkinnedVertex>> {
         let texels: Vec<[f32; 4]> = self.gpu.read_array(&self.placed_array()?)?;
         let vector = |t: [f32; 4]| Vec3::new(t[0], t[1], t[2]);
@@ -33,7 +33,7 @@ impl Skin {
             .collect())
     }
 
-    /// The same on the GPU, in the local frame: three items a vertex.
+    /// Computes the deformed vertices on the GPU, in the local frame: three items a vertex.
     pub(super) fn placed_array(&self) -> Result<Array> {
         let count = self.bound.len() as u32;
         let result = self
@@ -55,8 +55,8 @@ impl Skin {
         Ok(result)
     }
 
-    /// The surface's vertices where the nodes have carried them, in file units and in the order of
-    /// its file; NaN for those that no triangle has. Waits and reads back.
+    /// Returns the surface's vertices in the deformed state, in file units and file order; NaN for
+    /// vertices without a triangle. Waits and reads back.
     ///
     /// # Errors
     /// As [`Skin::skinned_vertices`].

@@ -1,38 +1,38 @@
-//! A surface as it is drawn: one vertex for each different corner.
+//! Vertices of a surface prepared for drawing: one for each distinct triangle corner.
 
 use crate::mesh::TriMesh;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
-/// The vertices of a surface as they are drawn. Where texture coordinates or given normals differ
-/// between the triangles at a vertex (a seam, a crease), there is one for each.
+/// Vertices of a surface prepared for drawing. A vertex is split where texture coordinates or given
+/// normals differ between its triangles (a seam or a crease).
 #[derive(Clone, Debug, Default)]
 pub struct Vertices {
-    /// Where they are, in file units.
+    /// Positions, in file units.
     pub positions: Vec<DVec3>,
-    /// Unit normals: the file's, or the triangles' around a vertex weighted by their angles.
+    /// Unit normals: from the file, or the angle-weighted mean of the incident triangles' normals.
     pub normals: Vec<DVec3>,
-    /// Unit tangents across the normal, along which the first texture coordinate grows; any
-    /// where there are no texture coordinates.
+    /// Unit tangents orthogonal to the normal, in the direction of increasing first texture
+    /// coordinate; arbitrary without texture coordinates.
     pub tangents: Vec<DVec3>,
-    /// 1, or −1 where the texture is mirrored: the second coordinate grows along
-    /// handedness · normal × tangent.
+    /// 1, or −1 where the texture is mirrored: the second coordinate increases along handedness ·
+    /// normal × tangent.
     pub handedness: Vec<f64>,
     /// Texture coordinates; empty where the surface has none.
     pub uvs: Vec<DVec2>,
-    /// The surface's vertex that each is.
+    /// Index of the surface's vertex for each of these.
     pub sources: Vec<u32>,
-    /// Three of these vertices a triangle, in the order of the surface.
+    /// Three vertex indices a triangle, in the order of the surface.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Vertices {
-    /// The vertices of `surface`.
+    /// Creates the vertices of `surface`.
     ///
     /// # Errors
-    /// [`Error::Mesh`] when there are no triangles, one names a vertex that does not exist, or a
-    /// vertex lies nowhere.
+    /// [`Error::Mesh`] if there are no triangles, one refers to a vertex that does not exist, or a
+    /// vertex is not finite.
     pub fn new(surface: &TriMesh) -> Result<Vertices> {
         check(surface)?;
         let uvs = surface.corner_uvs();
@@ -69,8 +69,8 @@ impl Vertices {
         Ok(vertices)
     }
 
-    /// Tangents along the first texture coordinate, summed over the triangles around a vertex of
-    /// the surface whose textures run the same way round.
+    /// Computes tangents along the first texture coordinate, summed over the incident triangles
+    /// with the same texture handedness.
     fn find_tangents(&self, sources: usize) -> Vec<DVec3> {
         let mut sums = vec![[DVec3::ZERO; 2]; sources];
         let side = |v: u32| usize::from(self.handedness[v as usize] < 0.0);
@@ -95,7 +95,7 @@ impl Vertices {
     }
 }
 
-/// Says what is wrong with `surface` as a skin, if anything is.
+/// Returns an error if `surface` is not valid as a skin.
 pub(super) fn check(surface: &TriMesh) -> Result<()> {
     let count = surface.vertices.len();
     if surface.triangles.is_empty() {
@@ -116,8 +116,7 @@ pub(super) fn check(surface: &TriMesh) -> Result<()> {
     Ok(())
 }
 
-/// For every vertex the normals of its triangles, weighted by their angles there; along z where
-/// there is none.
+/// Computes angle-weighted vertex normals; the z axis for vertices without one.
 fn angle_weighted(surface: &TriMesh) -> Vec<DVec3> {
     let mut sums = vec![DVec3::ZERO; surface.vertices.len()];
     for (t, triangle) in surface.triangles.iter().enumerate() {

@@ -1,10 +1,10 @@
-//! The cheapest way to simulate and draw a scene that is as accurate as asked for.
+//! Finds the cheapest simulation and rendering settings of a scene for a given accuracy.
 //!
-//! Truth is the fine body's converged motion, and its picture with the finest table at full size.
-//! Candidates of motion (cage, solver, step, tolerance of its iterations) and of the picture
-//! (size, table) are timed on the machine at hand by a short probe each; then they are held
-//! against truth from the cheapest on ([`cheapest`]), until one is accurate enough. So
-//! the choice is the cheapest there is, and a looser tolerance never costs more.
+//! The reference is the converged motion of the fine body, and its image with the finest table at
+//! full size. Candidates of motion (cage, solver, time step, solver tolerance) and of the image
+//! (size, table) are each timed on this machine by a short probe; then they are compared with the
+//! reference in order of cost ([`cheapest`]), until one is accurate enough. So the choice is the
+//! cheapest of all candidates, and a looser tolerance never costs more.
 
 mod motion;
 mod picture;
@@ -21,43 +21,41 @@ use crate::scene::Scene;
 use crate::{Error, ProgressFn, Result};
 use std::path::Path;
 
-/// What a scene is tuned to.
+/// Accuracy and speed that a scene is tuned to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TuneTarget {
-    /// The largest error: of motion, the root mean square distance from the true places over that
-    /// of the true displacements; of a picture, the root mean square difference of its values.
+    /// Maximum error: of motion, the RMS distance from the reference positions relative to the RMS
+    /// reference displacement; of an image, the RMS difference of its values.
     pub error: f64,
-    /// Pictures a second, of a body that moves as fast as in life.
+    /// Required images per second, for motion in real time.
     pub fps: Option<f64>,
-    /// Seconds of motion that are held against truth.
+    /// Simulated duration compared with the reference solution, s.
     pub seconds: f64,
 }
 
-/// A scene tuned, or what comes nearest.
+/// A tuned scene, or the closest candidate if the target cannot be met.
 #[derive(Clone, Debug)]
 pub struct Tuned {
-    /// What moves the body, if anything does.
+    /// Result of the motion search; `None` without a solver.
     pub motion: Option<SearchResult<MotionPoint>>,
-    /// How it is drawn.
+    /// Result of the image search.
     pub picture: SearchResult<PicturePoint>,
-    /// Milliseconds for a second of motion, and for a picture.
+    /// Milliseconds per second of motion, and per image.
     pub cost: [f64; 2],
-    /// Whether tolerance and pictures a second are met.
+    /// Whether error and frame rate meet the target.
     pub target_met: bool,
-    /// What was chosen, and what would have to give where nothing meets what is wanted; a sentence
-    /// each.
+    /// The choices, and trade-offs if the target is not met; one sentence each.
     pub notes: Vec<String>,
-    /// The scene with what was chosen.
+    /// The scene with the chosen settings.
     pub scene: Scene,
 }
 
-/// Finds the cheapest settings for `scene` on `gpu` that meet what is `wanted`; `progress` is told
-/// what is being done and the fraction of it that is done.
+/// Finds the cheapest settings for `scene` on `gpu` that meet the target `wanted`; calls `progress`
+/// with the current task and its completed fraction.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::Input`] for a tolerance that makes no sense, a scene whose body is a grid or is cut,
-/// or one in which nothing moves as far as can be seen; otherwise as
-/// [`Stage::new`](crate::scene::Stage::new).
+/// [`Error::Cancelled`]; [`Error::Input`] for an invalid target, a grid body, a scene with cuts, or
+/// one without visible motion; otherwise as [`Stage::new`](crate::scene::Stage::new).
 pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn) -> Result<Tuned> {
     let sound = |x: f64| x.is_finite() && x > 0.0;
     if !sound(wanted.error) || !sound(wanted.seconds) || !wanted.fps.is_none_or(sound) {
@@ -138,13 +136,13 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
 }
 
 impl Tuned {
-    /// What is to be changed in the file of the scene, in this order.
+    /// Returns the changes of the scene file, in order.
     pub fn changes(&self) -> Vec<Change> {
         write::changes(self)
     }
 
-    /// Writes the scene file `from` again as `to`, with what was chosen; files that it names are
-    /// found from there.
+    /// Writes the scene file `from` with the chosen settings as `to`; adjusts the paths of files
+    /// that it refers to.
     ///
     /// # Errors
     /// As reading and writing a scene.

@@ -1,4 +1,4 @@
-//! Candidates of motion: a body or its cage, a solver, a step, a tolerance of its iterations.
+//! Motion candidates: the body or a cage, solver, time step and solver tolerance.
 
 use super::search::Candidates;
 use crate::cage::CageKind;
@@ -13,45 +13,45 @@ use std::collections::BTreeMap;
 use std::fmt;
 use web_time::Instant;
 
-/// Times at which motion is held against truth.
+/// Number of times at which the motion is compared with the reference.
 const COMPARISONS: u32 = 4;
-/// Steps of a probe.
+/// Steps of a timing probe.
 const PROBE_STEPS: u32 = 3;
-/// A cage has at most this share of the nodes it carries.
+/// Maximum number of cage nodes relative to the nodes of the mesh.
 const MAX_CAGE_FRACTION: f64 = 0.6;
-/// The smallest cage, and by how much each is larger.
+/// Approximate size of the smallest cage, in nodes, and the maximum number of cages.
 const LEAST_CAGE: f64 = 60.0;
 const CAGES: usize = 4;
-/// Steps between two looks, over those that the scene's step makes.
+/// Steps between two comparisons, relative to those with the scene's time step.
 const STEP_RATIOS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Tolerances of conjugate gradients.
 const TOLERANCES: [f64; 2] = [0.1, 0.01];
-/// So many explicit steps cost at least what one implicit step does.
+/// Upper bound of the cost of an implicit step, in explicit steps.
 const MOST_EXPLICIT: f64 = 32.0;
-/// How often the elements of a body are gone through in a step, about.
+/// Approximate element evaluations per step.
 const EVALUATIONS: f64 = 3.0;
-/// The tolerance of truth.
+/// Solver tolerance of the reference.
 const REFERENCE_TOLERANCE: f64 = 1e-4;
-/// A share of a body's size below which nothing is called motion.
+/// Minimum RMS displacement that counts as motion, relative to the body size.
 const LEAST_MOTION: f64 = 1e-6;
 
-/// What is simulated.
+/// Simulated body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Body {
-    /// A lattice cage of about so many nodes.
+    /// A lattice cage of about this number of nodes.
     Cage(usize),
     /// The mesh itself.
     Own,
 }
 
-/// A candidate.
+/// A motion candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionPoint {
-    /// What is simulated.
+    /// Simulated body.
     pub body: Body,
-    /// By which solver.
+    /// Solver.
     pub solver: SolverKind,
-    /// Step, s.
+    /// Time step, s.
     pub dt: f64,
     /// Tolerance of conjugate gradients; 0 for solvers without.
     pub tolerance: f64,
@@ -77,7 +77,7 @@ impl fmt::Display for MotionPoint {
 }
 
 impl MotionPoint {
-    /// Puts it into a scene; as many seconds as before lie between two pictures.
+    /// Applies the candidate to a scene; the simulated time between two images is preserved.
     pub fn apply(&self, scene: &mut Scene) {
         let steps = scene.solver.steps.zip(scene.solver.dt);
         scene.cage = match self.body {
@@ -98,42 +98,42 @@ impl MotionPoint {
     }
 }
 
-/// What a candidate's cost is counted in.
+/// Cost measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cost {
-    /// Milliseconds for a second of motion, on the machine at hand.
+    /// Milliseconds per second of motion, on this machine.
     Time,
-    /// Millions of visits of springs for a second of motion: the same on every machine.
+    /// Millions of spring visits per second of motion: machine-independent.
     Visits,
 }
 
-/// The candidates of a scene, and what is true of its motion.
+/// Motion candidates of a scene, and the reference motion.
 pub struct MotionSearch<'a> {
     gpu: Gpu,
     scene: Scene,
     mesh: TetMesh,
     cost: Cost,
-    /// Seconds between two looks.
+    /// Time between two comparisons, s.
     pace: f64,
     points: Vec<MotionPoint>,
-    /// Where the nodes are at each look.
+    /// Reference positions of the nodes at each comparison.
     truth: Vec<Vec<DVec3>>,
-    /// Σ |displacement|² over nodes and looks.
+    /// Σ |displacement|² over nodes and comparisons.
     moved: f64,
-    /// The motions made so far, by what is simulated and the solver.
+    /// Cache of simulations, by body and solver.
     made: BTreeMap<(Body, &'static str), std::result::Result<Motion, String>>,
     progress: ProgressFn<'a>,
-    /// What is being done, and the part of it that is done.
+    /// Current task and its completed fraction.
     told: (&'static str, f64),
 }
 
 impl<'a> MotionSearch<'a> {
-    /// Finds what is true of the first `seconds` of the motion of `scene`: with its own mesh, by
-    /// implicit Euler (BDF2 of elements on the processor) with steps of an eighth and a sixteenth of
-    /// its own, extrapolated to none.
+    /// Computes the reference for the first `seconds` of the motion of `scene`: with its own mesh,
+    /// by implicit Euler (BDF2 for finite elements on the CPU) with an eighth and a sixteenth of
+    /// its time step, by Richardson extrapolation to zero.
     ///
     /// # Errors
-    /// [`Error::Input`] for a grid body, a body that is cut, or nothing that moves; otherwise as
+    /// [`Error::Input`] for a grid body, a body that is cut, or no visible motion; otherwise as
     /// [`Motion::new`] and [`Motion::run`].
     pub fn new(
         gpu: &Gpu,
@@ -208,7 +208,8 @@ impl<'a> MotionSearch<'a> {
         Ok(motions)
     }
 
-    /// Candidates of second order, where the body is of elements on the processor; whether it is.
+    /// Adds second-order candidates if the body has finite elements on the CPU; returns whether it
+    /// does.
     fn add_second_order(&mut self, counts: &[u32]) -> bool {
         let mut found = false;
         for solver in SolverKind::ELEMENT_ONLY {
@@ -232,7 +233,7 @@ impl<'a> MotionSearch<'a> {
     }
 
     fn find_truth(&mut self, finest: u32, second_order: bool) -> Result<()> {
-        // Halving the step leaves a half, or a quarter, of the error.
+        // Halving the step reduces the error by a factor of 2 or 4.
         let (solver, left) = match second_order {
             true => (SolverKind::Bdf2, 0.25),
             false => (SolverKind::Implicit, 0.5),
@@ -276,8 +277,8 @@ impl<'a> MotionSearch<'a> {
         Ok(())
     }
 
-    /// Explicit candidates, with the largest step that they are stable with, unless they need more
-    /// than `most` for a look.
+    /// Adds explicit candidates with their largest stable step, unless they need more than `most`
+    /// steps between two comparisons.
     fn add_explicit(&mut self, most: f64) -> Result<()> {
         let bodies: std::collections::BTreeSet<Body> = self.points.iter().map(|p| p.body).collect();
         for body in bodies {
@@ -305,12 +306,13 @@ impl<'a> MotionSearch<'a> {
         Ok(())
     }
 
-    /// Where the nodes are at the end of what is true.
+    /// Returns the reference positions at the end.
     pub fn final_reference(&self) -> Vec<DVec3> {
         self.truth.last().cloned().unwrap_or_default()
     }
 
-    /// Runs a candidate from rest on, showing the nodes at each look until that says to stop.
+    /// Runs a candidate from rest and passes the node positions at each comparison to `look`, until
+    /// it returns false.
     fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
         let steps = (self.pace / point.dt).round() as u32;
         let (what, share) = self.told;
@@ -326,7 +328,7 @@ impl<'a> MotionSearch<'a> {
         Ok(())
     }
 
-    /// The motion of a candidate, at rest; or why its body cannot be made.
+    /// Returns the simulation of a candidate at rest, or the reason why its body cannot be created.
     fn motion(&mut self, point: &MotionPoint) -> Result<std::result::Result<&mut Motion, String>> {
         let mut scene = self.scene.clone();
         point.apply(&mut scene);
@@ -360,7 +362,7 @@ impl Candidates for MotionSearch<'_> {
         let Ok(motion) = self.motion(point)? else {
             return Ok(f64::INFINITY);
         };
-        // The first run is slower: passes are made, and iterations guessed.
+        // The first run is slower: it creates passes and estimates iteration counts.
         if motion.run(PROBE_STEPS, &mut |_| {}).is_err() {
             return Ok(f64::INFINITY);
         }
@@ -381,7 +383,7 @@ impl Candidates for MotionSearch<'_> {
         let mut looks = truth.iter();
         let run = self.run(point, &mut |positions| {
             off += looks.next().map_or(0.0, |there| apart(there, positions));
-            // What is wrong already stays wrong.
+            // The accumulated error only grows, so the run can stop early.
             off <= enough * enough * moved
         });
         self.truth = truth;
@@ -393,12 +395,12 @@ impl Candidates for MotionSearch<'_> {
     }
 }
 
-/// Visits of springs (and of the edges of elements) in the last steps, in millions a step.
+/// Returns the visits of springs (and of element edges) in the last steps, in millions per step.
 fn visits(motion: &Motion) -> Result<f64> {
     let simulator = motion.simulator.as_ref();
     let simulator = simulator.coarse_body().unwrap_or(simulator);
     let springs = simulator.spring_pairs().len() as f64;
-    // Elements are gone through a few times a step, six edges each; iterations go along edges.
+    // Elements are evaluated a few times a step, six edges each; solver iterations traverse edges.
     let elements = simulator.network().map_or(0, |n| n.elements.tets.len());
     let elements = 6.0 * EVALUATIONS * elements as f64;
     let last = simulator.iterations()?;

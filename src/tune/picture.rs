@@ -1,4 +1,4 @@
-//! Candidates of a picture: its size and its table.
+//! Image candidates: size and table.
 
 use super::search::Candidates;
 use crate::gpu::Gpu;
@@ -8,19 +8,19 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::fmt;
 
-/// Sizes, over that of the scene.
+/// Sizes relative to that of the scene.
 const SIZES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
-/// Errors that tables are made for, in 255ths.
+/// Table tolerances, in units of 1/255.
 const TABLES: [f64; 4] = [4.0, 1.0, 0.25, 0.06];
-/// That of truth.
+/// Table tolerance of the reference.
 const REFERENCE_TABLE: f64 = 0.01;
 
-/// A candidate.
+/// An image candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PicturePoint {
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Error of values that the table is made for.
+    /// Tolerance of the table.
     pub accuracy: f64,
 }
 
@@ -33,7 +33,7 @@ impl fmt::Display for PicturePoint {
 }
 
 impl PicturePoint {
-    /// Puts it into a scene.
+    /// Applies the candidate to a scene.
     pub fn apply(&self, scene: &mut Scene) {
         scene.picture.size = Some(self.size);
         scene.picture.accuracy = Some(self.accuracy);
@@ -41,25 +41,26 @@ impl PicturePoint {
     }
 }
 
-/// The candidates of a scene's picture, and the true one.
+/// Image candidates of a scene, and the reference image.
 pub struct PictureSearch {
     gpu: Gpu,
     scene: Scene,
     there: Option<Vec<DVec3>>,
     truth: Image,
     points: Vec<PicturePoint>,
-    /// The stage of the last table that was asked for.
+    /// Stage of the last table tolerance.
     stage: Option<(f64, Stage)>,
 }
 
 impl PictureSearch {
-    /// The picture of `scene` with its nodes at `there`, or at rest, with the finest table.
+    /// Renders the reference image of `scene` with its nodes at `there`, or at rest, with the
+    /// finest table.
     ///
     /// # Errors
     /// As [`Stage::new`] and [`Stage::image`].
     pub fn new(gpu: &Gpu, scene: &Scene, there: Option<Vec<DVec3>>) -> Result<PictureSearch> {
         let mut scene = scene.clone();
-        // Posed, not moved.
+        // The body is posed, not simulated.
         scene.solver.name = None;
         scene.cage = None;
         scene.grab.clear();
@@ -119,7 +120,7 @@ impl Candidates for PictureSearch {
 
     fn points(&self) -> Vec<PicturePoint> {
         let mut points = self.points.clone();
-        // Those of one table together, for each has its own stage.
+        // Groups candidates with the same table, because each table has its own stage.
         points.sort_by(|a, b| b.accuracy.total_cmp(&a.accuracy));
         points
     }
@@ -142,7 +143,7 @@ impl Candidates for PictureSearch {
     }
 }
 
-/// The values of a picture drawn larger, linear between the middles of its pixels.
+/// Returns the values of an image enlarged by bilinear interpolation.
 fn enlarged(image: &Image, size: [u32; 2]) -> Vec<f32> {
     if image.size == size {
         return image.values.clone();

@@ -1,57 +1,57 @@
-//! The cheapest candidate within a tolerance.
+//! Search for the cheapest candidate within a tolerance.
 
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::ControlFlow;
 
-/// Candidates that can be timed and held against truth.
+/// Candidates with a measurable cost and an error relative to a reference.
 pub trait Candidates {
-    /// Names a candidate.
+    /// Type of a candidate.
     type Point: Clone + fmt::Display;
 
-    /// All candidates.
+    /// Returns all candidates.
     fn points(&self) -> Vec<Self::Point>;
 
-    /// What a candidate costs: a short trial.
+    /// Measures the cost of a candidate by a short trial.
     ///
     /// # Errors
-    /// What stops the search; a candidate that fails costs ∞.
+    /// An error that aborts the search; a candidate that fails costs ∞.
     fn cost(&mut self, point: &Self::Point) -> Result<f64>;
 
-    /// Its error: the whole trial, which may end as soon as the error is sure to be more than
-    /// `enough`.
+    /// Computes the error of a candidate by a full trial, which may end as soon as the error
+    /// certainly exceeds `enough`.
     ///
     /// # Errors
-    /// What stops the search; a candidate that fails has the error ∞.
+    /// An error that aborts the search; a candidate that fails has the error ∞.
     fn error(&mut self, point: &Self::Point, enough: f64) -> Result<f64>;
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Clone, Debug)]
 pub struct SearchResult<P> {
-    /// The cheapest candidate within the tolerance; where there is none, the most accurate one.
+    /// The cheapest candidate within the tolerance; if there is none, the most accurate one.
     pub point: P,
     /// Its cost.
     pub cost: f64,
     /// Its error.
     pub error: f64,
-    /// Whether that is within the tolerance.
+    /// Whether the error is within the tolerance.
     pub met: bool,
-    /// Candidates there are, and those that were held against truth.
+    /// Number of candidates, and of those compared with the reference.
     pub tried: [usize; 2],
-    /// Cost and error of each of these; some errors are only known to be at least that.
+    /// Cost and error of each compared candidate; some errors are only lower bounds.
     pub pareto_front: Vec<(f64, f64)>,
 }
 
-/// The cheapest candidate of `trial` whose error is within `tolerance`.
+/// Returns the cheapest candidate of `trial` with an error within `tolerance`.
 ///
-/// All are timed; then they are tried from the cheapest on, and the first within the tolerance is
-/// the cheapest there is: errors need not fall as candidates get finer, for that of a step and that
-/// of a cage may cancel.
+/// Times all candidates, then tries them in order of cost: the first one within the tolerance is
+/// the cheapest. The error need not decrease monotonically as candidates get finer, because the
+/// errors of the time step and of the cage may cancel.
 ///
 /// # Errors
-/// As [`Candidates::cost`] and [`Candidates::error`]; [`Error::Cancelled`] once `progress` breaks.
+/// As [`Candidates::cost`] and [`Candidates::error`]; [`Error::Cancelled`] if `progress` breaks.
 pub fn cheapest<T: Candidates>(
     trial: &mut T,
     tolerance: f64,
@@ -99,7 +99,7 @@ fn told(progress: &dyn Fn(f64) -> ControlFlow<()>, share: f64) -> Result<()> {
 }
 
 impl<P: fmt::Display> SearchResult<P> {
-    /// What was found, in a sentence.
+    /// Returns the result in one sentence.
     pub fn summary(&self, what: &str, cost: &str, tolerance: f64) -> String {
         let [there, tried] = self.tried;
         let (own, wanted) = (100.0 * self.error, 100.0 * tolerance);

@@ -1,4 +1,4 @@
-//! A scene file written again with what was chosen.
+//! Writes a scene file with tuned settings.
 
 use super::Tuned;
 use crate::io::atomic_write;
@@ -7,14 +7,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// A change of an entry of a scene.
+/// A change of an entry of a scene file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// The table it is in.
+    /// Name of the table.
     pub table: &'static str,
-    /// Its key there; without one all of the table goes.
+    /// Key in the table; `None` removes the whole table.
     pub key: Option<&'static str>,
-    /// What it becomes; it goes where nothing is said.
+    /// New value; `None` removes the key.
     pub value: Option<EntryValue>,
 }
 
@@ -39,7 +39,7 @@ impl From<EntryValue> for Value {
     }
 }
 
-/// What `tuned` has chosen.
+/// Returns the changes chosen in `tuned`.
 pub(super) fn changes(tuned: &Tuned) -> Vec<Change> {
     let chosen = &tuned.scene;
     let mut changes = Vec::new();
@@ -75,7 +75,7 @@ pub(super) fn changes(tuned: &Tuned) -> Vec<Change> {
     changes
 }
 
-/// Writes `from` as `to` with what `tuned` has chosen.
+/// Writes `from` as `to` with the settings of `tuned`.
 pub(super) fn write(tuned: &Tuned, from: &Path, to: &Path) -> Result<()> {
     let text = std::fs::read_to_string(from).map_err(Error::io(from))?;
     let mut scene: Table = text
@@ -105,7 +105,7 @@ pub(super) fn write(tuned: &Tuned, from: &Path, to: &Path) -> Result<()> {
     })
 }
 
-/// Takes a table out of a scene, an empty one where there is none.
+/// Removes a table from a scene and returns it; an empty one if it does not exist.
 fn taken(scene: &mut Table, key: &str) -> Table {
     match scene.remove(key) {
         Some(Value::Table(table)) => table,
@@ -113,7 +113,7 @@ fn taken(scene: &mut Table, key: &str) -> Table {
     }
 }
 
-/// The folder of a file, which exists, as the file system knows it.
+/// Returns the canonical path of the folder of a file; the folder must exist.
 fn folder(file: &Path) -> Result<PathBuf> {
     let folder = match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -122,7 +122,7 @@ fn folder(file: &Path) -> Result<PathBuf> {
     std::fs::canonicalize(folder).map_err(Error::io(folder))
 }
 
-/// Makes the paths of files that a scene in `folder` names absolute.
+/// Makes the file paths in a scene absolute, relative to `folder`.
 fn find_from_afar(scene: &mut Table, folder: &Path) {
     let absolute = |value: &mut Value| {
         if let Value::String(file) = value {

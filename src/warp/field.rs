@@ -1,4 +1,4 @@
-//! Motions as vectors on a grid.
+//! Displacement fields on a voxel grid.
 
 use super::voxel_cover::Plane;
 use super::{Coverage, MapDirection, Warp};
@@ -6,32 +6,34 @@ use crate::Result;
 use crate::volume::Grid;
 use glam::DVec3;
 
-/// A motion on a grid: how far the matter at each voxel's centre goes.
+/// A displacement field: the displacement of the material at each voxel centre.
 #[derive(Clone, Debug)]
 pub struct DisplacementField {
-    /// Where the voxels are.
+    /// Voxel grid.
     pub grid: Grid,
-    /// One a voxel, i running fastest, then j, then k: in mm along the axes of the world, RAS. 0
-    /// where no tet is. (Files have them in LPS, as ITK takes them.)
+    /// One vector a voxel, i varying fastest, then j, then k: in mm along the world axes, RAS. 0
+    /// outside of all tetrahedra. (Files store them in LPS, as ITK expects.)
     pub vectors: Vec<[f32; 3]>,
-    /// How the voxels lie in the body that the motion starts from.
+    /// Coverage of the grid by the body in the source state.
     pub coverage: Coverage,
 }
 
 impl Warp<'_> {
-    /// The motion from rest to bent on `grid`, whose voxels are places of the body at rest.
+    /// Computes the displacement from rest to the deformed state on `grid`, whose voxels are
+    /// positions in the body at rest.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) when no voxel lies in the body.
+    /// [`Error::Input`](crate::Error::Input) if no voxel lies in the body.
     pub fn displacement(&self, grid: &Grid) -> Result<DisplacementField> {
         self.forward().field(grid)
     }
 
-    /// The motion from bent to rest on `grid`, whose voxels are places of the bent body: a picture
-    /// of the body at rest, resampled by it, is one of the bent body.
+    /// Computes the displacement from the deformed state to rest on `grid`, whose voxels are
+    /// positions in the deformed body: resampling an image of the body at rest by it gives an image
+    /// of the deformed body.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) when no voxel lies in the body.
+    /// [`Error::Input`](crate::Error::Input) if no voxel lies in the body.
     pub fn inverse(&self, grid: &Grid) -> Result<DisplacementField> {
         self.backward().field(grid)
     }
@@ -55,7 +57,7 @@ impl MapDirection<'_> {
     }
 }
 
-/// The vectors of a plane.
+/// Returns the vectors of a plane.
 fn vectors(plane: &Plane) -> Vec<[f32; 3]> {
     let vector = |shift: &DVec3| match shift.is_nan() {
         true => [0.0; 3],
@@ -64,10 +66,10 @@ fn vectors(plane: &Plane) -> Vec<[f32; 3]> {
     plane.displacements.iter().map(vector).collect()
 }
 
-/// The same as bytes of a file, in LPS.
+/// Returns the vectors of a plane as bytes of a file, in LPS.
 pub(super) fn lps(plane: &Plane) -> Vec<u8> {
     let vectors = vectors(plane).into_iter();
-    // Less nothing, so that there is no −0.
+    // Subtraction from 0 instead of negation avoids −0.
     let turned = vectors.flat_map(|[x, y, z]| [0.0 - x, 0.0 - y, z]);
     turned.flat_map(f32::to_le_bytes).collect()
 }

@@ -1,4 +1,5 @@
-//! Warped scans and motions as files, in the memory of the scan and a few planes.
+//! Writes warped scans and displacement fields as files; memory holds only the scan and a few
+//! planes.
 
 use super::field::lps;
 use super::image::Sampler;
@@ -11,38 +12,38 @@ use crate::{Error, Result};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-/// The files that are wanted: `.nii.gz`, `.nrrd` or `.mha`.
+/// Output files: `.nii.gz`, `.nrrd` or `.mha`.
 ///
-/// Motions are images of vectors of three 32-bit numbers in mm, in LPS whatever the format says of
-/// the image's own frame, as ITK and what is built on it take displacement fields.
+/// Displacement fields are images of vectors of three 32-bit numbers in mm, in LPS regardless of
+/// the coordinate system of the format, as ITK and tools based on it expect.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WarpFiles<'a> {
-    /// The scan in the bent body, on the grid of the output.
+    /// The scan in the deformed body, on the output grid.
     pub image: Option<&'a Path>,
-    /// The motion from rest to bent, on the scan's grid.
+    /// The displacement from rest to the deformed state, on the scan's grid.
     pub displacement: Option<&'a Path>,
-    /// The motion from bent to rest, on the grid of the output: a displacement field that resamples
-    /// the scan to the image.
+    /// The displacement from the deformed state to rest, on the output grid: the field that
+    /// resamples the scan to the image.
     pub inverse: Option<&'a Path>,
 }
 
-/// What was written.
+/// Statistics of the written files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WarpReport {
-    /// How the voxels of the output lie in the bent body, where the image or the inverse is wanted.
+    /// Coverage of the output grid by the deformed body, if image or inverse are written.
     pub bent: Option<Coverage>,
-    /// How the voxels of the scan lie in the body at rest, where the displacement is wanted.
+    /// Coverage of the scan's grid by the body at rest, if the displacement is written.
     pub rest: Option<Coverage>,
-    /// Tets that are flat or turned inside out in the bent body.
+    /// Tetrahedra that are degenerate or inverted in the deformed body.
     pub inverted: usize,
 }
 
 impl WarpFiles<'_> {
-    /// Refuses names that cannot be written, before any work.
+    /// Validates the file names before any work.
     ///
     /// # Errors
-    /// [`Error::Input`] for an extension that is no volume's, a folder that is not there, two
-    /// files of one name, or none at all.
+    /// [`Error::Input`] for an extension that is no volume format, a folder that does not exist,
+    /// two files with the same name, or no file at all.
     pub fn check(&self) -> Result<()> {
         let all = [self.image, self.displacement, self.inverse];
         let all: Vec<&Path> = all.into_iter().flatten().collect();
@@ -71,12 +72,13 @@ impl WarpFiles<'_> {
 }
 
 impl Warp<'_> {
-    /// Writes `files` of `scan`, the image and the inverse on `grid`, telling `progress` how many
-    /// planes are done and of how many. The files are all whole, or none is there.
+    /// Writes `files` of `scan`, the image and the inverse on `grid`, and calls `progress` with the
+    /// number of completed planes and the total. Outputs are written atomically: either all files
+    /// or none.
     ///
     /// # Errors
-    /// As [`WarpFiles::check`], [`Warp::image`] and [`Warp::displacement`]; what the formats cannot
-    /// hold; or a file cannot be written.
+    /// As [`WarpFiles::check`], [`Warp::image`] and [`Warp::displacement`]; an error if a format
+    /// cannot store the data or a file cannot be written.
     pub fn write(
         &self,
         scan: &Volume,
@@ -99,7 +101,7 @@ impl Warp<'_> {
             done += 1;
             progress(done, planes);
         };
-        // Before any work: a background that cannot be stored is known to be one.
+        // Before any work, to detect early a background that cannot be stored.
         let sampler = files.image.map(|_| Sampler::new(scan, grid, options));
         let sampler = sampler.transpose()?;
         let scans = scan.grid();
@@ -107,8 +109,8 @@ impl Warp<'_> {
             grid: *grid,
             ..Layout::of(scan)
         };
-        // Each within the one before, and all ended in the innermost, so that there are all of them
-        // or none.
+        // The atomic writes are nested and all streams are closed in the innermost one, so that
+        // either all files are written or none.
         let mut fill = |[mut displacement, mut image, mut inverse]: Streams<'_>| {
             if displacement.is_some() {
                 report.rest = Some(self.write_rest(&scans, &mut displacement, &mut step)?);
@@ -133,7 +135,7 @@ impl Warp<'_> {
         Ok(report)
     }
 
-    /// Pushes the planes of the motion from rest to bent.
+    /// Writes the planes of the displacement from rest to the deformed state.
     fn write_rest(
         &self,
         grid: &Grid,
@@ -152,7 +154,8 @@ impl Warp<'_> {
         Ok(coverage)
     }
 
-    /// Pushes the planes of the image and of the motion from bent to rest, those that are wanted.
+    /// Writes the planes of the image and of the displacement from the deformed state to rest, as
+    /// requested.
     fn write_bent(
         &self,
         sampler: Option<&Sampler>,
@@ -186,7 +189,7 @@ impl Warp<'_> {
     }
 }
 
-/// What is said of a file of vectors.
+/// Returns the layout of a displacement file.
 fn vectors(grid: &Grid) -> Layout<'static> {
     Layout {
         grid: *grid,
@@ -198,10 +201,10 @@ fn vectors(grid: &Grid) -> Layout<'static> {
     }
 }
 
-/// The volumes that are written, those that are wanted: displacement, image, inverse.
+/// Streams of the requested outputs: displacement, image, inverse.
 type Streams<'a> = [Option<VolumeStream<'a>>; 3];
 
-/// Where a file will be, however it is named.
+/// Returns the canonical location of a file, to detect different spellings of the same name.
 fn placed(path: &Path) -> PathBuf {
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
@@ -210,8 +213,8 @@ fn placed(path: &Path) -> PathBuf {
         .map_or(folder.clone(), |name| folder.join(name))
 }
 
-/// Has `fill` write and end the volume at `path`, where one is wanted: it is there once all went
-/// well.
+/// Calls `fill` to write and close the volume at `path`, if given; the file appears only on
+/// success.
 fn opened(
     path: Option<&Path>,
     layout: Layout,

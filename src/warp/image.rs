@@ -1,4 +1,4 @@
-//! A scan brought to where its matter went.
+//! Resamples a scan into the deformed body.
 
 use super::voxel_cover::Plane;
 use super::{Coverage, Warp};
@@ -7,35 +7,35 @@ use crate::volume::{Grid, Raw, Volume};
 use crate::{Error, Result};
 use glam::{DAffine3, DMat3, DVec3};
 
-/// How images are made.
+/// Options of image warping.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WarpOptions {
-    /// The voxels are labels: each takes the nearest one, none are mixed.
+    /// The voxels are labels: nearest-neighbour instead of trilinear interpolation.
     pub labels: bool,
-    /// The value, in the scan's physical units, where no tet is; none for the scan's smallest value,
-    /// or 0 of labels.
+    /// Value outside of all tetrahedra, in the scan's physical units; by default the scan's
+    /// minimum, or 0 for labels.
     pub background: Option<f64>,
 }
 
-/// A scan in the bent body.
+/// A scan in the deformed body.
 #[derive(Clone, Debug)]
 pub struct WarpedImage {
-    /// Of the scan's number type, scaling and names.
+    /// With the number type, scaling and names of the scan.
     pub volume: Volume,
-    /// How its voxels lie in the bent body.
+    /// Coverage of its grid by the deformed body.
     pub coverage: Coverage,
 }
 
 impl Warp<'_> {
-    /// `scan` in the bent body, on `grid` (that of the scan is [`Volume::grid`]).
+    /// Resamples `scan` in the deformed body on `grid` (that of the scan is [`Volume::grid`]).
     ///
-    /// A voxel takes the value at its place at rest: trilinear, rounded to whole numbers and kept
-    /// within the range where the scan's type has only such; up to half a voxel outside of the
-    /// outermost centres the nearest value between these, further out the background.
+    /// A voxel takes the value at its rest position by trilinear interpolation, rounded and clamped
+    /// for integer types; up to half a voxel outside of the outermost centres the position is
+    /// clamped to them, further out it takes the background.
     ///
     /// # Errors
-    /// [`Error::Input`] when the scan has no voxels, its type cannot hold the background, or nothing of
-    /// it is seen: no voxel lies in the body, or none of these was in the scan.
+    /// [`Error::Input`] if the scan has no voxels, its type cannot store the background, or the
+    /// output would be empty: no voxel lies in the body, or none of those that do was in the scan.
     pub fn image(&self, scan: &Volume, grid: &Grid, options: &WarpOptions) -> Result<WarpedImage> {
         let sampler = Sampler::new(scan, grid, options)?;
         let mut raw = sampler.empty_like();
@@ -64,7 +64,7 @@ impl Warp<'_> {
 }
 
 impl Coverage {
-    /// Refuses a scan that lies all beside the body.
+    /// Rejects a scan that does not overlap the body.
     pub(super) fn require_scan(&self) -> Result<()> {
         match self.uncovered + self.beyond < self.voxels {
             true => Ok(()),
@@ -75,15 +75,15 @@ impl Coverage {
     }
 }
 
-/// Takes the values of a scan at the places where voxels were at rest.
+/// Samples a scan at the rest positions of voxels.
 pub(super) struct Sampler<'a> {
     scan: &'a Volume,
-    /// From voxels of the grid to those of the scan, where nothing moves.
+    /// From voxel indices of the grid to those of the scan, for zero displacement.
     from_grid: DAffine3,
     /// From mm to voxels of the scan.
     from_world: DMat3,
     labels: bool,
-    /// As it is stored.
+    /// As a stored value.
     background: f64,
 }
 
@@ -98,7 +98,7 @@ impl<'a> Sampler<'a> {
             )));
         }
         let to_index = scan.to_world.inverse();
-        // Where both are the same grid nothing is rounded: what does not move stays as it is.
+        // For identical grids the mapping is exact: parts that do not move stay unchanged.
         let from_grid = match grid.to_world == scan.to_world {
             true => DAffine3::IDENTITY,
             false => to_index * grid.to_world,
@@ -112,7 +112,7 @@ impl<'a> Sampler<'a> {
         })
     }
 
-    /// No voxels, of the scan's type.
+    /// Returns an empty list of the scan's type.
     pub fn empty_like(&self) -> Raw {
         match self.scan.raw {
             Raw::I8(_) => Raw::I8(Vec::new()),
@@ -128,7 +128,8 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The voxels of a plane, and how many lie in a tet but were not in the scan.
+    /// Returns the voxels of a plane, and the number of those inside a tetrahedron but outside of
+    /// the scan.
     pub fn sample_plane(&self, plane: &Plane) -> (Raw, usize) {
         match &self.scan.raw {
             Raw::I8(v) => self.typed(v, plane, Raw::I8),
@@ -173,7 +174,7 @@ impl<'a> Sampler<'a> {
     }
 }
 
-/// The background as the scan stores its numbers.
+/// Returns the background as a stored value of the scan.
 fn background(scan: &Volume, options: &WarpOptions) -> Result<f64> {
     let value = match (options.background, options.labels) {
         (Some(value), _) => value,
@@ -203,10 +204,10 @@ fn background(scan: &Volume, options: &WarpOptions) -> Result<f64> {
     }
 }
 
-/// A type that scans have their numbers in.
+/// A number type of scans.
 trait Number: Copy {
     fn wide(self) -> f64;
-    /// Rounded, and within what the type has.
+    /// Rounds and clamps to the range of the type.
     fn nearest(value: f64) -> Self;
 }
 
@@ -232,7 +233,7 @@ macro_rules! numbers {
 }
 numbers!(i8 u8 i16 u16 i32 u32 i64 u64; f32 f64);
 
-/// Voxel coordinates `x` between the outermost centres, unless it is more than half a voxel outside.
+/// Clamps voxel coordinates `x` to the outermost centres; `None` if more than half a voxel outside.
 fn kept_within(size: [usize; 3], x: DVec3) -> Option<DVec3> {
     let last = DVec3::from(size.map(|n| n as f64 - 1.0));
     let within = x.cmpge(DVec3::splat(-0.5)).all() && x.cmple(last + 0.5).all();
@@ -242,7 +243,7 @@ fn kept_within(size: [usize; 3], x: DVec3) -> Option<DVec3> {
 fn nearest<T: Number>(scan: &[T], size: [usize; 3], x: DVec3) -> Option<T> {
     let [i, j, k] = (kept_within(size, x)? + 0.5).floor().to_array();
     let [i, j, k] = [i as usize, j as usize, k as usize];
-    // Half a voxel past the last centre is still that one's.
+    // Half a voxel past the last centre still belongs to the last voxel.
     let [i, j, k] = [i.min(size[0] - 1), j.min(size[1] - 1), k.min(size[2] - 1)];
     Some(scan[i + size[0] * (j + size[1] * k)])
 }
@@ -254,10 +255,10 @@ fn trilinear<T: Number>(scan: &[T], size: [usize; 3], x: DVec3) -> Option<T> {
     let [i, j, k] = below.to_array().map(|b| b as usize);
     let first = i + size[0] * (j + size[1] * k);
     if part == DVec3::ZERO {
-        // Exact, also for numbers that float64 has not.
+        // Exact, also for integers that float64 cannot represent.
         return Some(scan[first]);
     }
-    // A step along an axis, and no further than the last voxel, which has no weight then.
+    // Step along an axis; none from the last voxel, where the weight is 0.
     let step = |axis: usize, stride: usize| if part[axis] > 0.0 { stride } else { 0 };
     let [x, y, z] = [step(0, 1), step(1, size[0]), step(2, size[0] * size[1])];
     let line = |n: usize| mix(scan[n].wide(), scan[n + x].wide(), part.x);
@@ -265,7 +266,7 @@ fn trilinear<T: Number>(scan: &[T], size: [usize; 3], x: DVec3) -> Option<T> {
     Some(T::nearest(mix(face(first), face(first + z), part.z)))
 }
 
-/// Between `a` and `b`; the other does not matter where it has no share.
+/// Interpolates between `a` and `b`; ignores `b` if its weight is 0.
 fn mix(a: f64, b: f64, share: f64) -> f64 {
     match share == 0.0 || a == b {
         true => a,
@@ -273,7 +274,7 @@ fn mix(a: f64, b: f64, share: f64) -> f64 {
     }
 }
 
-/// Adds the numbers of `more`, which are of the same type.
+/// Appends the numbers of `more`, which has the same type.
 fn append(all: &mut Raw, more: Raw) {
     match (all, more) {
         (Raw::I8(a), Raw::I8(b)) => a.extend(b),

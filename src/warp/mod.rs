@@ -1,24 +1,23 @@
-//! Scans that follow the body: where each place of a bent body was at rest, and a scan brought to
-//! where its matter went.
+//! Image warping: maps scans and positions between a body at rest and its deformed state.
 //!
-//! A body that bends carries its scan with it. Inside a tet the way is affine: a place with
-//! barycentric weights w in the bent tet was at the same weights of the tet at rest. [`Warp`] finds
-//! the tet of every voxel of a grid and from it
+//! Inside a tetrahedron the mapping is affine: a point with barycentric weights w in the deformed
+//! tetrahedron has the same weights in the tetrahedron at rest. [`Warp`] finds the tetrahedron of
+//! every voxel of a grid and computes
 //!
-//! - the scan in the bent body ([`Warp::image`]): each voxel takes the scan's value at its place at
-//!   rest, trilinear, or of labels the nearest one;
-//! - the motion itself as vectors in mm on a grid: [`Warp::displacement`] from rest to bent,
-//!   [`Warp::inverse`] from bent to rest, which is what programs resample images by.
+//! - the scan in the deformed body ([`Warp::image`]): each voxel takes the scan's value at its rest
+//!   position, by trilinear interpolation, or the nearest one for labels;
+//! - displacement fields in mm on a grid: [`Warp::displacement`] from rest to the deformed state,
+//!   [`Warp::inverse`] from the deformed state to rest, as used by image resampling tools.
 //!
-//! [`Warp::write`] makes files of them plane by plane, in the memory of the scan and a few planes.
-//! All lengths are in mm and all places in the scan's world, RAS, as [`crate::volume`] has them; a
-//! mesh that `palpate mesh` makes of a scan is there already.
+//! [`Warp::write`] writes them to files plane by plane; memory holds only the scan and a few
+//! planes. All lengths are in mm and all positions in the scan's world, RAS, as in
+//! [`crate::volume`]; meshes that `palpate mesh` generates from a scan use the same coordinates.
 //!
-//! Two tets that meet in a face, and a place on that face, are no overlap; where two tets both hold
-//! a place inside, as where a body goes through itself, the one of the least index has it, and it
-//! is counted ([`Coverage::overlapping`]). Tets that are turned inside out in the bent body hold no
-//! place there ([`Warp::inverted`]). Where no tet is, there is no motion: images have their
-//! background, fields 0.
+//! A point on a face shared by two tetrahedra is not an overlap. If a point lies strictly inside
+//! several tetrahedra, as in a self-intersecting body, the one with the lowest index is used and
+//! the overlap is counted ([`Coverage::overlapping`]). Tetrahedra that are inverted in the deformed
+//! body contain no point there ([`Warp::inverted`]). Outside of all tetrahedra the mapping is
+//! undefined: images take the background, fields 0.
 
 mod field;
 mod files;
@@ -38,19 +37,19 @@ use glam::DVec3;
 use std::sync::OnceLock;
 use tet::has_volume;
 
-/// A body at rest and bent, and so the motion between the two.
+/// A body at rest and in the deformed state, and the mapping between the two.
 #[derive(Debug)]
 pub struct Warp<'a> {
     tets: &'a [[u32; 4]],
-    /// Nodes at rest, and bent.
+    /// Nodes at rest, and deformed.
     nodes: [&'a [DVec3]; 2],
-    /// Which tets have a volume, and not that of their mirror image, at rest and bent.
+    /// Whether each tetrahedron is neither degenerate nor inverted, at rest and deformed.
     upright: [Vec<bool>; 2],
-    /// For single points; made when first asked.
+    /// Search structures for single points; built on first use.
     search: [OnceLock<Bvh>; 2],
 }
 
-/// A way through a [`Warp`]: from places of one state to those of the other.
+/// One direction of a [`Warp`]: from positions in one state to those in the other.
 #[derive(Clone, Copy)]
 struct MapDirection<'a> {
     tets: &'a [[u32; 4]],
@@ -59,27 +58,27 @@ struct MapDirection<'a> {
     upright: &'a [bool],
 }
 
-/// How the voxels of a grid lie in a body.
+/// Coverage of a voxel grid by a body.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Coverage {
     /// All voxels of the grid.
     pub voxels: usize,
-    /// Those whose centre lies in no tet.
+    /// Voxels whose centre lies in no tetrahedron.
     pub uncovered: usize,
-    /// Those whose centre lies inside more than one tet, each of which counts once.
+    /// Voxels whose centre lies strictly inside more than one tetrahedron, each counted once.
     pub overlapping: usize,
-    /// Those that lie in a tet, but whose place at rest is more than half a voxel outside of the
-    /// scan's outermost centres: background too.
+    /// Voxels in a tetrahedron whose rest position is more than half a voxel outside of the scan's
+    /// outermost centres: they take the background too.
     pub beyond: usize,
 }
 
 impl<'a> Warp<'a> {
-    /// The motion from `rest` to the same tets with their nodes at `bent`; both in the scan's
-    /// world, in mm. The fields of `rest` do not matter.
+    /// Creates the mapping from `rest` to the same tetrahedra with their nodes at `bent`; both in
+    /// the scan's world, in mm. Ignores the fields of `rest`.
     ///
     /// # Errors
-    /// [`Error::Mesh`] when there are not as many places as nodes, one of them is no finite number,
-    /// or no tet has a volume in the bent body.
+    /// [`Error::Mesh`] if the number of positions differs from that of nodes, one of them is not
+    /// finite, or all tetrahedra are degenerate or inverted in the deformed body.
     pub fn new(rest: &'a TetMesh, bent: &'a [DVec3]) -> Result<Warp<'a>> {
         if bent.len() != rest.nodes.len() {
             return Err(Error::Mesh(format!(
@@ -114,27 +113,28 @@ impl<'a> Warp<'a> {
         })
     }
 
-    /// How many tets are flat or turned inside out in the bent body: these hold no place there.
+    /// Returns the number of degenerate or inverted tetrahedra in the deformed body, which contain
+    /// no point there.
     pub fn inverted(&self) -> usize {
         self.upright[1].iter().filter(|upright| !**upright).count()
     }
 
-    /// Where the matter at `p` of the body at rest is in the bent one; none where no tet is.
+    /// Maps a point of the body at rest to the deformed body; `None` outside of all tetrahedra.
     pub fn map_forward(&self, p: DVec3) -> Option<DVec3> {
         self.map_point(0, p)
     }
 
-    /// Where the matter at `p` of the bent body was at rest; none where no tet is.
+    /// Maps a point of the deformed body to the body at rest; `None` outside of all tetrahedra.
     pub fn map_inverse(&self, p: DVec3) -> Option<DVec3> {
         self.map_point(1, p)
     }
 
-    /// From rest to bent.
+    /// The mapping from rest to the deformed state.
     fn forward(&self) -> MapDirection<'_> {
         self.way(0)
     }
 
-    /// From bent to rest.
+    /// The mapping from the deformed state to rest.
     fn backward(&self) -> MapDirection<'_> {
         self.way(1)
     }
@@ -150,7 +150,7 @@ impl<'a> Warp<'a> {
 }
 
 impl Coverage {
-    /// Of one plane and others.
+    /// Adds the counts of another plane.
     fn add(&mut self, other: Coverage) {
         self.voxels += other.voxels;
         self.uncovered += other.uncovered;
@@ -158,7 +158,7 @@ impl Coverage {
         self.beyond += other.beyond;
     }
 
-    /// Refuses a grid of which nothing lies in the body that `way` starts from.
+    /// Rejects a grid without a voxel in the body in the source state of `way`.
     fn require_any(&self, way: &MapDirection, grid: &Grid) -> Result<()> {
         if self.uncovered < self.voxels {
             return Ok(());

@@ -1,15 +1,15 @@
-//! Single points of a body.
+//! Maps single points between the states of a body.
 
 use super::tet::{AffineDisplacement, Weights};
 use super::{MapDirection, Warp};
 use crate::mesh::{Bvh, bounds_union};
 use glam::DVec3;
 
-/// Share of its extent that a tet's box is widened by, so that rounding takes no place from it.
+/// Padding of a tetrahedron's bounding box as a fraction of its extent, against rounding.
 const ROOM: f64 = 1e-6;
 
 impl Warp<'_> {
-    /// Where the matter at `p` of the state `from` is in the other.
+    /// Maps `p` from the state `from` to the other one.
     pub(super) fn map_point(&self, from: usize, p: DVec3) -> Option<DVec3> {
         if !p.is_finite() {
             return None;
@@ -36,7 +36,7 @@ impl MapDirection<'_> {
         self.tets[t as usize].map(|v| self.from[v as usize])
     }
 
-    /// How far the corners of a tet go.
+    /// Returns the displacements of the corners of a tetrahedron.
     pub(super) fn corner_displacements(&self, t: u32) -> [DVec3; 4] {
         self.tets[t as usize].map(|v| self.to[v as usize] - self.from[v as usize])
     }

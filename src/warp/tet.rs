@@ -1,15 +1,15 @@
-//! One tet: which places it holds, and the affine way that it goes.
+//! Point location in a tetrahedron, and its affine displacement.
 
 use glam::{DMat3, DVec3};
 
-/// Share of the cube of its longest edge below which a tet has no volume.
+/// Degenerate below this fraction of the cube of the longest edge.
 const FLAT: f64 = 1e-12;
 
-/// How far outside of a face a place still counts as on it: in voxels, or for tets thinner than
-/// that as a weight. Far above rounding, far below what can be seen.
+/// Tolerance outside of a face within which a point still counts as on it: in voxels, or as a
+/// weight for thinner tetrahedra. Far above rounding, far below visibility.
 const FACE_TOLERANCE: f64 = 1e-6;
 
-/// Whether a tet has a volume, and is not turned inside out.
+/// Whether a tetrahedron is neither degenerate nor inverted.
 pub(super) fn has_volume([a, b, c, d]: [DVec3; 4]) -> bool {
     let [x, y, z] = [b - a, c - a, d - a];
     let edges = [x, y, z, y - x, z - y, x - z];
@@ -17,18 +17,19 @@ pub(super) fn has_volume([a, b, c, d]: [DVec3; 4]) -> bool {
     x.cross(y).dot(z) > FLAT * longest.sqrt().powi(3)
 }
 
-/// The barycentric weights of places in a tet, which are affine in the place.
+/// Barycentric weights in a tetrahedron, as affine functions of the position.
 #[derive(Clone, Copy)]
 pub(super) struct Weights {
     pub origin: DVec3,
-    /// How each weight grows with the place; the first is 1 at the origin, the others 0.
+    /// Gradient of each weight; at the origin the first weight is 1, the others 0.
     pub gradients: [DVec3; 4],
-    /// How far below 0 each may be on the tet's faces.
+    /// Tolerance below 0 of each weight on the tetrahedron's faces.
     pub slack: [f64; 4],
 }
 
 impl Weights {
-    /// Of a tet with a volume, in a frame whose unit is about a voxel.
+    /// Creates the weights of a non-degenerate tetrahedron, in a frame with a unit of about a
+    /// voxel.
     pub fn new([a, b, c, d]: [DVec3; 4]) -> Weights {
         let inverse = DMat3::from_cols(b - a, c - a, d - a).inverse().transpose();
         let [x, y, z] = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
@@ -40,13 +41,14 @@ impl Weights {
         }
     }
 
-    /// The weights at `p`.
+    /// Returns the weights at `p`.
     pub fn at(&self, p: DVec3) -> [f64; 4] {
         let [x, y, z] = [1, 2, 3].map(|n| self.gradients[n].dot(p - self.origin));
         [1.0 - x - y - z, x, y, z]
     }
 
-    /// Whether the tet holds a place with these weights, its faces included; and whether inside.
+    /// Whether a point with these weights is in the tetrahedron, including its faces; and whether
+    /// it is strictly inside.
     pub fn contains(&self, weights: [f64; 4]) -> (bool, bool) {
         let (mut holds, mut inside) = (true, true);
         for (w, slack) in weights.into_iter().zip(self.slack) {
@@ -57,18 +59,18 @@ impl Weights {
     }
 }
 
-/// How far a tet's matter goes, as an affine function of the place: exactly 0 where it does not
-/// move, however the weights are rounded.
+/// Displacement in a tetrahedron as an affine function of the position: exactly 0 if the
+/// tetrahedron does not move, whatever the rounding of the weights.
 #[derive(Clone, Copy)]
 pub(super) struct AffineDisplacement {
     origin: DVec3,
     first: DVec3,
-    /// By the place less the origin.
+    /// Displacement gradient.
     slope: DMat3,
 }
 
 impl AffineDisplacement {
-    /// Of a tet whose corners, at which `weights` were made, move by `shifts`.
+    /// Creates the displacement of a tetrahedron with `weights` and these corner displacements.
     pub fn new(weights: &Weights, [a, b, c, d]: [DVec3; 4]) -> AffineDisplacement {
         let [_, x, y, z] = weights.gradients;
         let rows = DMat3::from_cols(x, y, z).transpose();

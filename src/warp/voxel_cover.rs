@@ -1,7 +1,7 @@
-//! Which tet holds each voxel of a grid.
+//! Rasterises tetrahedra on a voxel grid: finds the tetrahedron of each voxel.
 //!
-//! Planes of voxels are done side by side, each by one thread: of the tets whose bounds meet a
-//! plane, row by row, the voxels between the half-planes that bound the tet's section.
+//! Planes are processed in parallel, one thread each: for the tetrahedra whose bounds overlap the
+//! plane, row by row, the voxels between the half-planes that bound the cross-section.
 
 use super::tet::{AffineDisplacement, Weights};
 use super::{Coverage, MapDirection};
@@ -9,28 +9,27 @@ use crate::volume::Grid;
 use crate::{Result, parallel};
 use glam::DVec3;
 
-/// A voxel that no tet holds.
+/// Marks a voxel outside of all tetrahedra.
 const NONE: u32 = u32::MAX;
-/// Planes that each thread does between two writes.
+/// Planes per thread between two writes.
 const PLANES_A_THREAD: usize = 4;
-/// Voxels that bounds and intervals are widened by; what they let in too much is held against the
-/// weights.
+/// Padding of bounds and intervals, in voxels; the weights are tested afterwards.
 const BOUNDS_MARGIN: f64 = 1e-3;
 
-/// A plane of voxels and how far the matter at each goes.
+/// A plane of voxels with their displacements.
 pub(super) struct Plane {
-    /// Its place along the grid's third axis.
+    /// Index along the grid's third axis.
     pub k: usize,
-    /// Voxels in a row of it.
+    /// Voxels per row.
     pub width: usize,
-    /// In mm, in the world, i running fastest; not a number where no tet is.
+    /// In mm, world axes, i varying fastest; NaN outside of all tetrahedra.
     pub displacements: Vec<DVec3>,
     pub coverage: Coverage,
 }
 
 impl MapDirection<'_> {
-    /// Makes something of each plane of `grid`, several at a time, and gives these to `take` in
-    /// order.
+    /// Computes `make` for each plane of `grid`, several in parallel, and passes the results to
+    /// `take` in order.
     pub(super) fn for_each_plane<T: Send>(
         &self,
         grid: &Grid,
@@ -69,7 +68,7 @@ impl Section<'_> {
         self.way.tets[t as usize].map(|v| self.nodes[v as usize])
     }
 
-    /// The tets with a volume that meet planes `low` to `high`, in rising order.
+    /// Returns the valid tetrahedra that overlap planes `low` to `high`, in ascending order.
     fn tets_between(&self, low: f64, high: f64) -> Vec<u32> {
         parallel::collect(self.way.tets.len(), |range, found| {
             let meets = |t: &u32| {
@@ -83,11 +82,11 @@ impl Section<'_> {
         })
     }
 
-    /// Plane `k`, met by no other tets than these.
+    /// Rasterises plane `k`; `tets` must contain all tetrahedra that overlap it.
     fn plane(&self, k: usize, tets: &[u32]) -> Plane {
         let [width, height, _] = self.size;
         let mut owners = vec![NONE; width * height];
-        // How many tets hold a voxel inside, up to two.
+        // Number of tetrahedra that contain a voxel strictly inside, up to two.
         let mut inside = vec![0u8; width * height];
         let z = k as f64;
         for &t in tets {
@@ -126,9 +125,9 @@ impl Section<'_> {
         }
     }
 
-    /// How far the matter of each voxel goes, from the tets that hold them.
+    /// Returns the displacement of each voxel, from the tetrahedra that contain them.
     fn shifts(&self, z: f64, owners: &[u32]) -> Vec<DVec3> {
-        // Voxels of a tet come in runs.
+        // Consecutive voxels often share a tetrahedron.
         let mut last: Option<(u32, AffineDisplacement)> = None;
         let width = self.size[0];
         let shift = |(n, t): (usize, &u32)| {
@@ -149,14 +148,14 @@ impl Section<'_> {
     }
 }
 
-/// The least and the largest of four.
+/// Returns minimum and maximum of four numbers.
 fn ends(of: [f64; 4]) -> (f64, f64) {
     let ends = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
     of.into_iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), ends)
 }
 
-/// The whole numbers from `low` to `high` that are below `end`.
+/// Returns the integers from `low` to `high` that are below `end`.
 fn whole(low: f64, high: f64, end: usize) -> std::ops::Range<usize> {
     let first = (low - BOUNDS_MARGIN).ceil().max(0.0);
     let last = (high + BOUNDS_MARGIN).floor().min(end as f64 - 1.0);
@@ -166,7 +165,7 @@ fn whole(low: f64, high: f64, end: usize) -> std::ops::Range<usize> {
     }
 }
 
-/// The voxels of a row, from `row` on, that may have weights of 0 or more.
+/// Returns the voxels of the row from `row` on whose weights may be non-negative.
 fn whole_row(weights: &Weights, row: DVec3, width: usize) -> std::ops::Range<usize> {
     let (mut low, mut high) = (0.0f64, width as f64);
     let start = weights.at(row);
