@@ -199,8 +199,8 @@ impl RaycastOptions {
 pub struct Target<'a> {
     /// Colour attachment; its size is the image size.
     pub colour: &'a wgpu::TextureView,
-    /// Depth (`Depth32Float`, drawn with [`clip_from_file`](super::Raycaster::file_to_clip)) of
-    /// opaque objects that occlude the volume.
+    /// Depth of opaque objects that occlude the volume (`Depth32Float`, drawn with
+    /// [`Raycaster::file_to_clip`](super::Raycaster::file_to_clip)).
     pub depth: Option<&'a wgpu::TextureView>,
     /// Background colour (red, green, blue, opacity) that replaces the previous content; `None`
     /// blends the image over it.

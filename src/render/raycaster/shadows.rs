@@ -51,7 +51,7 @@ pub(super) struct Shadows {
 }
 
 impl Raycaster {
-    /// Records the shadow passes after the gradient pass; `anew` tells whether the gradients were
+    /// Records the shadow passes after the gradient pass; `anew` is whether the gradients were
     /// recomputed.
     pub(super) fn record_shadows(&mut self, work: &mut Recorder, anew: bool) -> Result<()> {
         let generation = self.geometry.generation;
