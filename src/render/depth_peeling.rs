@@ -154,7 +154,7 @@ impl Peel {
                 .params(view)
                 .dispatch_items(runs)
         };
-        // Records of the layers of one parity.
+        // Number of records per buffer: each holds the layers of one parity.
         let records = layers / 2 + 1;
         Ok(Peel {
             size,

@@ -128,7 +128,7 @@ impl NodeIncidence {
 
 /// Returns the gradient used for lighting at every node of `mesh` with node positions `positions`
 /// (local units): the volume-weighted mean of the tet gradients of `shares` (node scalars
-/// normalised to their range), or at boundaries the direction into the body or between regions.
+/// normalised to their range), plus, at boundaries, the direction into the body or between regions.
 pub fn node_gradients(
     mesh: &TetMesh,
     topology: &Topology,

@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn bounds_hold_all_that_is_sampled() {
         let size = [21, 13, 9];
-        // Grows along x, with a noise on it.
+        // Increases along x, with added noise.
         let texel = |n: usize| {
             let noise = ((n * 7919) % 1013) as f64 / 1013.0;
             0.9 * (n % size[0]) as f64 / 20.0 + 0.1 * noise
