@@ -1,53 +1,53 @@
-//! Perspective and orthographic cameras, in f64 and in the units of the mesh file.
+//! Perspective and orthographic cameras in float64, in the units of the mesh file.
 
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
-/// How a [`Camera`] maps the world to its picture.
+/// Projection of a [`Camera`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
-    /// A pinhole: rays leave the eye in a fan.
+    /// Pinhole camera: rays diverge from the eye.
     Perspective {
-        /// Full vertical opening angle, in degrees.
+        /// Full vertical field of view, in degrees.
         fov: f64,
     },
     /// Parallel rays that start in the plane through the eye.
     Orthographic {
-        /// Height of the view, in the units of the mesh file.
+        /// Height of the view, in file units.
         height: f64,
     },
 }
 
-/// An eye, what it looks at, which way is up, and a projection; lengths in file units.
+/// Camera: eye, target, up direction and projection; lengths in file units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Where the eye is. Nothing behind it is seen, also by an orthographic camera.
+    /// Position of the eye. Nothing behind it is visible, for an orthographic camera as well.
     pub eye: DVec3,
-    /// The point in the middle of the picture.
+    /// Point at the centre of the image.
     pub look_at: DVec3,
-    /// The direction that is up in the picture.
+    /// Up direction in the image.
     pub up: DVec3,
-    /// Perspective or orthographic.
+    /// Perspective or orthographic projection.
     pub projection: Projection,
 }
 
-/// A half line, in file units.
+/// A ray (half-line), in file units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it starts.
+    /// Start point.
     pub origin: DVec3,
-    /// Its direction, of length 1.
+    /// Unit direction.
     pub direction: DVec3,
 }
 
-/// Share of the picture that a framed mesh fills.
+/// Fraction of the image filled by a mesh that is fitted into view.
 const FIT_FRACTION: f64 = 0.92;
-/// The opening angle of framing cameras, in degrees.
+/// Vertical field of view of fitted cameras, in degrees.
 const FRAMING_FOV: f64 = 30.0;
 
 impl Camera {
-    /// A perspective camera with a vertical opening angle of `fov` degrees.
+    /// Creates a perspective camera with a vertical field of view of `fov` degrees.
     pub fn perspective(eye: DVec3, look_at: DVec3, up: DVec3, fov: f64) -> Camera {
         Camera {
             eye,
@@ -57,7 +57,7 @@ impl Camera {
         }
     }
 
-    /// An orthographic camera whose view is `height` file units high.
+    /// Creates an orthographic camera with a view height of `height` file units.
     pub fn orthographic(eye: DVec3, look_at: DVec3, up: DVec3, height: f64) -> Camera {
         Camera {
             eye,
@@ -67,22 +67,22 @@ impl Camera {
         }
     }
 
-    /// A view from somewhat above and beside that shows the whole of `mesh` in a square picture.
+    /// Returns a camera slightly above and to the side that shows all of `mesh` in a square image.
     pub fn fit_mesh(mesh: &TetMesh) -> Camera {
         Camera::fit_mesh_in(mesh, [1, 1])
     }
 
-    /// As [`Camera::fit_mesh`], for a picture of `size` pixels (width, height).
+    /// As [`Camera::fit_mesh`], for an image of `size` pixels (width, height).
     pub fn fit_mesh_in(mesh: &TetMesh, size: [u32; 2]) -> Camera {
         Camera::fit_points(mesh, &mesh.nodes, size)
     }
 
-    /// As [`Camera::fit_mesh_in`], with all of `points` in the picture in place of the mesh's
-    /// nodes: of a body that moves, wherever it comes.
+    /// As [`Camera::fit_mesh_in`], fitting `points` instead of the nodes of the mesh, such as all
+    /// positions of a moving body.
     pub fn fit_points(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
         let (low, high) = mesh.bounds();
         let extent = high - low;
-        // The longest axis lies across the picture or stands up in it, never along the view.
+        // The longest axis is horizontal or vertical in the image, never along the view.
         let upright = extent.z > extent.x.max(extent.y);
         let (up, long, short) = match (upright, extent.x >= extent.y, extent.x >= extent.z) {
             (true, true, _) => (DVec3::Z, DVec3::X, DVec3::NEG_Y),
@@ -111,11 +111,11 @@ impl Camera {
         camera
     }
 
-    /// Says what is wrong with the camera, if anything is.
+    /// Validates the camera.
     ///
     /// # Errors
-    /// When a number is not finite, the eye is at the point looked at, the opening angle is not
-    /// between 0° and 180°, or the height is not positive.
+    /// An error if a number is not finite, the eye coincides with the target, the field of view is
+    /// not between 0° and 180°, or the height is not positive.
     pub fn check(&self) -> Result<()> {
         let wrong = |what: &str| Err(Error::Input(format!("camera: {what}")));
         if !(self.eye.is_finite() && self.look_at.is_finite() && self.up.is_finite()) {
@@ -135,7 +135,7 @@ impl Camera {
         }
     }
 
-    /// The camera turned by `degrees` about the up direction through the point looked at,
+    /// Returns the camera rotated by `degrees` about the up axis through the target,
     /// counter-clockwise seen from above.
     pub fn orbited(&self, degrees: f64) -> Camera {
         let turn = glam::DQuat::from_axis_angle(self.up.normalize(), degrees.to_radians());
@@ -145,8 +145,8 @@ impl Camera {
         }
     }
 
-    /// The ray through the point `pixel` of a picture of `size` pixels; (0, 0) is the picture's
-    /// upper left corner, and the first pixel's centre is (0.5, 0.5).
+    /// Returns the ray through the point `pixel` of an image of `size` pixels; (0, 0) is the upper
+    /// left corner of the image, and (0.5, 0.5) the centre of the first pixel.
     pub fn ray(&self, pixel: DVec2, size: [u32; 2]) -> Ray {
         let axes = self.axes();
         let (half, aspect) = (axes.half_height, axes.aspect(size));
@@ -165,7 +165,8 @@ impl Camera {
         }
     }
 
-    /// Whether a picture of `size` pixels shows nothing of a ball (middle, radius) for certain.
+    /// Whether a sphere (centre, radius) is certainly outside the view of an image of `size`
+    /// pixels.
     pub(crate) fn is_outside_view(&self, (middle, radius): (DVec3, f64), size: [u32; 2]) -> bool {
         let [width, height] = size.map(f64::from);
         let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
@@ -174,7 +175,7 @@ impl Camera {
         let inside = inside.origin + inside.direction;
         (0..4).any(|k| {
             let (ray, next) = (rays[k], rays[(k + 1) % 4]);
-            // Out of the side that both rays lie in.
+            // Outward normal of the side plane spanned by both rays.
             let over = next.origin + next.direction - ray.origin;
             let out = ray.direction.cross(over).normalize_or_zero();
             let out = out * -out.dot(inside - ray.origin).signum();
@@ -182,11 +183,11 @@ impl Camera {
         })
     }
 
-    /// The camera's axes as unit vectors, and half the height of its view.
+    /// Returns the unit axes of the camera and half the height of its view.
     pub(crate) fn axes(&self) -> Axes {
         let forward = (self.look_at - self.eye).normalize();
         let side = forward.cross(self.up);
-        // An up direction along the view says nothing: any direction across it will do.
+        // An up direction along the view is degenerate: use any perpendicular direction.
         let right = if side.length() > 1e-9 * self.up.length() {
             side.normalize()
         } else {
@@ -204,20 +205,20 @@ impl Camera {
     }
 }
 
-/// The frame of a camera.
+/// Axes of a camera.
 pub(crate) struct Axes {
-    /// To the right in the picture.
+    /// Right direction in the image.
     pub right: DVec3,
-    /// Upwards in the picture.
+    /// Up direction in the image.
     pub up: DVec3,
-    /// Into the picture.
+    /// View direction.
     pub forward: DVec3,
-    /// Half the view's height: at distance 1 (perspective) or at any distance (orthographic).
+    /// Half the view height: at distance 1 (perspective) or at any distance (orthographic).
     pub half_height: f64,
 }
 
 impl Axes {
-    /// Width over height of a picture.
+    /// Returns the aspect ratio (width over height) of an image.
     pub fn aspect(&self, size: [u32; 2]) -> f64 {
         f64::from(size[0].max(1)) / f64::from(size[1].max(1))
     }
@@ -285,7 +286,7 @@ mod tests {
                 missed[usize::from(misses)] += 1;
             }
         }
-        // Most are beside the picture, some are not.
+        // Most points are outside the view, some are inside.
         assert!(missed[0] > 20 && missed[1] > 200, "{missed:?}");
     }
 

@@ -1,21 +1,22 @@
-//! The first of a list of triangles that a ray meets, in float64: the twin of
+//! Closest intersection of a ray with a list of triangles, in float64; reference of
 //! `shaders/render/pick.wgsl`.
 
 use crate::render::Ray;
 use glam::DVec3;
 
-/// Where a ray meets a triangle.
+/// Intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// The triangle's place in the list.
+    /// Index of the triangle.
     pub triangle: usize,
-    /// Weights of its corners; their sum is 1.
+    /// Barycentric coordinates; their sum is 1.
     pub weights: [f64; 3],
-    /// Distance from the origin of the ray, which has a direction of length 1.
+    /// Distance from the ray origin (the direction has unit length).
     pub distance: f64,
 }
 
-/// What `ray` meets first of `triangles`, from either side, by trying each; none where it misses.
+/// Returns the closest intersection of `ray` with `triangles`, two-sided, by brute force; `None` if
+/// it misses all.
 pub fn closest_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Option<Hit> {
     let hits = triangles.iter().enumerate().filter_map(|(i, corners)| {
         let corners = corners.map(|v| vertices[v as usize] - ray.origin);
@@ -29,8 +30,8 @@ pub fn closest_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Opti
     hits.min_by(|a, b| a.distance.total_cmp(&b.distance))
 }
 
-/// Weights and distance where the ray from 0 meets the triangle: the volumes that each edge spans
-/// with the direction have one sign.
+/// Returns barycentric coordinates and distance of the intersection of a ray from the origin with a
+/// triangle: the volumes spanned by each edge and the direction must have equal signs.
 fn meet([a, b, c]: [DVec3; 3], direction: DVec3) -> Option<([f64; 3], f64)> {
     let volumes = [(b, c), (c, a), (a, b)].map(|(p, q)| p.cross(q).dot(direction));
     let sum: f64 = volumes.iter().sum();

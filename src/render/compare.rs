@@ -1,4 +1,4 @@
-//! Picture against picture: the comparer of regression tests and of `palpate compare`.
+//! Image comparison for regression tests and `palpate compare`.
 
 use super::Image;
 use super::flip_metric::flip;
@@ -7,28 +7,28 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 
-/// How far two pictures of the same size are apart, over all channels of all pixels.
+/// Difference of two images of the same size, over all channels of all pixels.
 ///
-/// Values are in the pictures' own range, 0..1 for colours.
+/// Values are in the range of the images, 0 to 1 for colours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageDifference {
     /// Root mean square difference.
     pub rmse: f64,
-    /// The difference that 99.9 % of the channel values stay within.
+    /// 99.9th percentile of the absolute differences of channel values.
     pub percentile_999: f64,
-    /// The largest difference.
+    /// Maximum difference.
     pub max: f64,
-    /// Mean perceptual difference, 0 to 1: ꟻLIP (Andersson et al. 2020) at 67 pixels a degree, on
-    /// black; none for pictures without colours.
+    /// Mean perceptual difference, 0 to 1: ꟻLIP (Andersson et al. 2020) at 67 pixels per degree, on
+    /// black; `None` for images without colours.
     pub flip: Option<f64>,
 }
 
 impl ImageDifference {
-    /// Compares `a` with `b`. A value that is not finite in one of them only is infinitely far
-    /// from the other's.
+    /// Compares `a` with `b`. A value that is non-finite in only one image counts as an infinite
+    /// difference.
     ///
     /// # Errors
-    /// [`Error::Input`] when their sizes differ, or they have no pixels.
+    /// [`Error::Input`] if the sizes differ or the images have no pixels.
     pub fn between(a: &Image, b: &Image) -> Result<ImageDifference> {
         check_sizes(a, b)?;
         let mut apart: Vec<f64> = a
@@ -49,12 +49,12 @@ impl ImageDifference {
         })
     }
 
-    /// Whether both the root mean square and the 99.9th percentile stay within these bounds.
+    /// Whether the root mean square and the 99.9th percentile are within these limits.
     pub fn within(&self, rmse: f64, percentile_999: f64) -> bool {
         self.rmse <= rmse && self.percentile_999 <= percentile_999
     }
 
-    /// An opaque picture of the differences, `gain` times amplified.
+    /// Returns an opaque image of the differences, multiplied by `gain`.
     ///
     /// # Errors
     /// As [`ImageDifference::between`].
@@ -65,7 +65,7 @@ impl ImageDifference {
             .step_by(a.channels)
             .flat_map(|first| {
                 let channel = |k: usize| apart(first + k.min(a.channels - 1));
-                // Where only the opacity differs, grey shows it.
+                // A difference in opacity only is shown as grey.
                 let opacity = if a.channels == 4 {
                     apart(first + 3)
                 } else {
@@ -84,11 +84,11 @@ impl ImageDifference {
 }
 
 impl Image {
-    /// Reads a picture, as far as it concerns comparing: every PNG or EXR becomes red, green,
-    /// blue and opacity, as they stand in the file.
+    /// Reads a PNG or EXR for comparison: converted to red, green, blue and opacity, with the
+    /// values as stored in the file.
     ///
     /// # Errors
-    /// When the file cannot be read or is no such picture.
+    /// An error if the file cannot be read or is not a supported image.
     pub fn read_for_comparison(path: impl AsRef<Path>) -> Result<Image> {
         Image::open_file(path.as_ref())
     }

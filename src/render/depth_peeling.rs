@@ -1,10 +1,10 @@
-//! Depth peeling: the layers of a mesh that a ray enters more than once, found and walked one
-//! behind the other without reading anything back.
+//! Depth peeling: finds and traverses the layers of a mesh that a ray enters more than once, front
+//! to back, without GPU readback.
 //!
-//! Every layer is recorded, up to a bound. The draws of layer k run only if layer k − 1 found a
-//! face: its fragments set the instance counts in the arguments of the draws that follow. Layers
-//! of even and odd number take turns with two buffers of arguments and two of each target, so
-//! that no pass reads what it writes.
+//! All layers are recorded, up to a limit. The draws of layer k run only if layer k − 1 found a
+//! face: its fragments set the instance counts in the indirect arguments of the following draws.
+//! Layers of even and odd index alternate between two argument buffers and two of each target, so
+//! that no pass reads its own output.
 
 use super::geometry::Geometry;
 use super::view::View;
@@ -13,52 +13,53 @@ use crate::gpu::{BitmaskPrefixSum, Draw, Gpu, Pass, Recorder, Texel};
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/render/cover_counts.wgsl`.
+        /// Parameters of `shaders/render/cover_counts.wgsl`.
         pub struct CoverCounts {
             pub records: u32,
         }
     }
 }
 
-/// Words of a layer's record of arguments: a draw of the boundary for the layer behind it, and
-/// a draw for its own walk, of the whole picture or of tiles of it.
+/// Words of the argument record of a layer: a boundary draw for the next layer, and a draw of its
+/// own traversal, fullscreen or by tiles.
 const RECORD_WORDS: usize = 8;
-/// Pixels of a tile each way; `lib/tiles.wgsl` has the same.
+/// Tile side in pixels; `lib/tiles.wgsl` has the same value.
 const TILE: u32 = 16;
 const KEY_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// What rays gather.
+/// Format of the accumulated ray values.
 pub(super) const SUM: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
-/// Sizes whose targets are kept: where pictures are coarse while something moves and fine at rest, they
-/// take turns.
+/// Number of image sizes whose targets are kept: interactive rendering alternates between a coarse
+/// size in motion and a fine size at rest.
 pub(crate) const CACHED_SIZES: usize = 2;
 
-/// The targets of one size, and the draws that find the layers.
+/// Targets of one size, and the draws that find the layers.
 pub(super) struct Peel {
-    /// Size of the targets.
+    /// Target size in pixels.
     pub size: [u32; 2],
-    /// Where rays of even and of odd layers start: depth bits and 4 tet + face.
+    /// Ray starts of even and odd layers: depth bits and 4 tet + face.
     pub keys: [wgpu::TextureView; 2],
     /// Nearest back faces.
     pub back_faces: wgpu::TextureView,
-    /// What rays gathered up to even and odd layers.
+    /// Accumulated ray values up to even and odd layers.
     pub accumulators: [wgpu::TextureView; 2],
-    /// Arguments of even and odd layers.
+    /// Indirect arguments of even and odd layers.
     arguments: [wgpu::Buffer; 2],
-    /// Of even and of odd layers the last that has a face in each tile; 0 for none but the first.
+    /// Last even and last odd layer with a face in each tile; 0 if none beyond the first.
     pub last_layers: [wgpu::Buffer; 2],
     depth: wgpu::TextureView,
     fresh_arguments: [wgpu::Buffer; 2],
     inside: wgpu::Buffer,
-    /// Of a picture, and of a report, which asks of every ray whether the eye is inside.
+    /// Initial flags for an image and for a report; a report tests every ray for an eye inside the
+    /// mesh.
     fresh_inside: [wgpu::Buffer; 2],
-    /// Bound on the number of layers.
+    /// Maximum number of layers.
     pub layers: u32,
-    /// A draw of the faces that may be seen.
+    /// Indirect draw of the potentially visible faces.
     covered: wgpu::Buffer,
     project: Pass,
-    /// What finds these, and where.
+    /// Passes that find these faces.
     cover: [Pass; 4],
     start_back: Draw,
     start_first: Draw,
@@ -66,7 +67,7 @@ pub(super) struct Peel {
     clear: [Draw; 2],
 }
 
-/// The draws that walk from the starts of a layer, for one mode.
+/// Traversal draws from the starts of a layer, for one mode.
 pub(super) struct TraversalDraws {
     /// From back faces to an eye inside the mesh.
     pub back: Draw,
@@ -75,8 +76,8 @@ pub(super) struct TraversalDraws {
 }
 
 impl Peel {
-    /// Targets of `size` pixels for at most `layers` layers. The boundary is read from storage
-    /// textures if `stored`.
+    /// Creates targets of `size` pixels for at most `layers` layers. The boundary is read from
+    /// storage textures if `stored`.
     pub fn new(
         geometry: &Geometry,
         view: &View,
@@ -153,7 +154,7 @@ impl Peel {
                 .params(view)
                 .dispatch_items(runs)
         };
-        // Of layers of one parity, those of the other no more.
+        // Number of records per buffer: each holds the layers of one parity.
         let records = layers / 2 + 1;
         Ok(Peel {
             size,
@@ -198,11 +199,11 @@ impl Peel {
         })
     }
 
-    /// Records the search for the layers and their walks, from projection to the last sum. In a
-    /// `report` every ray is taken for one that may start at an eye inside the mesh.
+    /// Records the peeling and traversal of all layers, from node projection to the final sum. For
+    /// a `report`, every ray is treated as possibly starting at an eye inside the mesh.
     ///
     /// # Errors
-    /// [`Error::Gpu`](crate::Error::Gpu) when the device cannot hold the view.
+    /// [`Error::Gpu`](crate::Error::Gpu) if the view does not fit the device.
     pub fn record(
         &self,
         work: &mut Recorder,
@@ -264,7 +265,7 @@ impl Peel {
             let mut pass = work.render_pass("render/walk", &[zero], None);
             walks.layers[0].record(&mut pass, 3, 1);
         }
-        // One layer more than may be walked tells whether any are left over.
+        // One layer beyond the limit detects whether layers remain.
         for layer in 1..=self.layers {
             let (parity, before) = (layer as usize % 2, 1 - layer as usize % 2);
             {
@@ -285,8 +286,8 @@ impl Peel {
         Ok(())
     }
 
-    /// How many layers found a face, in the last picture drawn; one more than the bound when some
-    /// are left over. Reads back.
+    /// Returns the number of layers with a face in the last image; limit + 1 if layers remain.
+    /// Reads back.
     ///
     /// # Errors
     /// As [`Gpu::read_buffer`].
@@ -321,10 +322,10 @@ impl Peel {
     }
 }
 
-/// Byte offset of the walk's arguments in a record.
+/// Byte offset of the traversal arguments in a record.
 const WALK_ARGUMENTS: u64 = 16;
 
-/// The key of no face: depth 0, face `NONE`.
+/// Key of an empty pixel: depth 0, face `NONE`.
 const CLEAR_KEY: wgpu::Color = wgpu::Color {
     r: 0.0,
     g: u32::MAX as f64,
@@ -332,19 +333,19 @@ const CLEAR_KEY: wgpu::Color = wgpu::Color {
     a: 0.0,
 };
 
-/// Byte offset of a layer's record in the buffer of its parity.
+/// Returns the byte offset of the record of a layer in the buffer of its parity.
 fn record_offset(layer: u32) -> u64 {
     u64::from(layer / 2) * (RECORD_WORDS as u64) * 4
 }
 
-/// The arguments before a frame, for even and for odd layers: only layer 0 runs.
+/// Returns the initial arguments of a frame for even and odd layers: only layer 0 runs.
 fn argument_records(corners: u32, tiles: u32, layers: u32) -> [Vec<u32>; 2] {
     let mut records = [Vec::new(), Vec::new()];
     for layer in 0..=layers {
         let runs = u32::from(layer == 0);
-        // The first vertex tells the layer behind its number; see start.wgsl.
+        // The first vertex encodes the index of the next layer; see start.wgsl.
         let first = (layer + 1).saturating_mul(corners);
-        // And the walk its own; see lib/tiles.wgsl.
+        // The first vertex of the traversal encodes its own layer; see lib/tiles.wgsl.
         let [walked, from] = match layer {
             0 => [3, 0],
             _ => [6 * tiles, (6 * tiles).saturating_mul(layer)],
@@ -366,7 +367,7 @@ fn kept(view: &wgpu::TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>>
     attachment(view, wgpu::LoadOp::Load)
 }
 
-/// A colour attachment that is stored.
+/// Returns a colour attachment with a store operation.
 pub(crate) fn attachment(
     view: &wgpu::TextureView,
     load: wgpu::LoadOp<wgpu::Color>,

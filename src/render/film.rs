@@ -1,4 +1,4 @@
-//! Films of pictures, written frame by frame: GIF, or MP4 by the installed program ffmpeg.
+//! Animations written frame by frame: GIF, or MP4 through an installed ffmpeg.
 
 use super::{Background, Image};
 use crate::io::TempFile;
@@ -9,18 +9,18 @@ use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// The program that encodes MP4.
+/// External program that encodes MP4.
 const PROGRAM: &str = "ffmpeg";
-/// Of 1 (the best palettes) to 30 (the fastest).
+/// Quantisation speed, from 1 (best palettes) to 30 (fastest).
 const PALETTE_SPEED: i32 = 10;
-/// Characters of the program's last words that go into an error.
+/// Maximum number of trailing stderr characters of the encoder quoted in an error.
 const MAX_STDERR_CHARS: usize = 400;
 
-/// A film being written under a temporary name: it has its own once it is [finished](Animation::finish),
-/// and leaves nothing where it is not.
+/// An animation written to a temporary file; [`finish`](Animation::finish) renames it, and without
+/// `finish` no file remains.
 ///
-/// `.gif` is an endless animation with a palette of 256 colours for each frame, `.mp4` is made by
-/// the program ffmpeg, which has to be installed. No frame is kept in memory.
+/// `.gif` is an endless animation with a palette of 256 colours per frame; `.mp4` is encoded by
+/// ffmpeg, which must be installed. Frames are not kept in memory.
 pub struct Animation {
     path: PathBuf,
     unfinished: TempFile,
@@ -35,22 +35,22 @@ enum Writer {
     Ffmpeg(Program),
 }
 
-/// A program that runs; it is ended with this.
+/// Child process; killed on drop.
 struct Program(Child);
 
 impl Animation {
-    /// Begins a film of frames of `size` pixels, `fps` of them a second.
+    /// Creates an animation with frames of `size` pixels at `fps` frames per second.
     ///
     /// # Errors
-    /// [`Error::Input`] for a name that ends in neither `.gif` nor `.mp4`, a size of no film, a rate
-    /// that is not positive (a GIF has up to 50 frames a second, an MP4 up to 240), or where ffmpeg
-    /// is needed and not installed; [`Error::Io`] when the file cannot be made.
+    /// [`Error::Input`] for an extension other than `.gif` and `.mp4`, an unsupported size, a frame
+    /// rate that is not positive or too high (GIF: 50, MP4: 240 frames per second), or a missing
+    /// ffmpeg; [`Error::Io`] if the file cannot be created.
     pub fn create(path: impl AsRef<Path>, size: [u32; 2], fps: f64) -> Result<Animation> {
         begin(path.as_ref(), size, fps, PROGRAM.as_ref())
     }
 
-    /// Whether a film of that name and rate can be written, as far as is known before its first
-    /// frame.
+    /// Checks whether an animation with this name and frame rate can be written, as far as is known
+    /// before the first frame.
     ///
     /// # Errors
     /// As [`Animation::create`].
@@ -58,10 +58,11 @@ impl Animation {
         check(path.as_ref(), fps).map(drop)
     }
 
-    /// Adds a frame, on `background`; what is transparent becomes black.
+    /// Appends a frame on `background`; a transparent background becomes black.
     ///
     /// # Errors
-    /// [`Error::Input`] for a picture of another size; otherwise what writing gives.
+    /// [`Error::Input`] for an image of another size; otherwise an error of the encoder or of
+    /// writing.
     pub fn push(&mut self, image: &Image, background: Background) -> Result<()> {
         if image.size != self.size {
             let ([w, h], [x, y]) = (image.size, self.size);
@@ -74,7 +75,7 @@ impl Animation {
             Writer::Gif(gif) => {
                 let [width, height] = self.size.map(|n| n as u16);
                 let mut frame = gif::Frame::from_rgb_speed(width, height, &pixels, PALETTE_SPEED);
-                // In hundredths of a second, without drifting away from the rate.
+                // Delay in hundredths of a second, without accumulating rounding errors.
                 let until = |frames: u32| (100.0 * f64::from(frames) / self.fps).round();
                 frame.delay = (until(self.frames + 1) - until(self.frames)) as u16;
                 gif.write_frame(&frame).map_err(|e| of_gif(&self.path, e))?;
@@ -90,10 +91,11 @@ impl Animation {
         Ok(())
     }
 
-    /// Ends the film and gives the file its name.
+    /// Finishes the animation and renames the file.
     ///
     /// # Errors
-    /// [`Error::Input`] for a film without frames; otherwise what writing gives.
+    /// [`Error::Input`] for an animation without frames; otherwise an error of the encoder or of
+    /// writing.
     pub fn finish(self) -> Result<()> {
         if self.frames == 0 {
             return Err(Error::Input(format!(
@@ -108,7 +110,7 @@ impl Animation {
             }
             Writer::Ffmpeg(mut program) => {
                 let child = &mut program.0;
-                // That there is no more to come is how it knows the end.
+                // Closing stdin signals the end of the stream.
                 drop(child.stdin.take());
                 let ended = child.wait().map_err(Error::io(&self.path))?;
                 if !ended.success() {
@@ -129,7 +131,7 @@ impl Drop for Program {
     }
 }
 
-/// What a film is written as.
+/// File format of an animation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
     Gif,
@@ -192,10 +194,10 @@ fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Anima
     })
 }
 
-/// Starts the program, which takes frames as they come and writes `to`.
+/// Starts the encoder, which reads frames from stdin and writes `to`.
 fn encoder(program: &OsStr, [width, height]: [u32; 2], fps: f64, to: &Path) -> Result<Child> {
     let (size, fps) = (format!("{width}x{height}"), fps.to_string());
-    // What players understand has half as many colours as pixels each way, so sides are even.
+    // Common players need chroma subsampled by two in both directions, so the sides must be even.
     let even = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
     Command::new(program)
         .args(["-y", "-loglevel", "error", "-f", "rawvideo"])
@@ -218,7 +220,7 @@ fn encoder(program: &OsStr, [width, height]: [u32; 2], fps: f64, to: &Path) -> R
         })
 }
 
-/// What to say of a program that gave up.
+/// Returns the error for a failed encoder.
 fn refused(child: &mut Child) -> Error {
     drop(child.stdin.take());
     let mut said = String::new();
@@ -323,7 +325,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
-    /// A program that does what `script` says, in place of ffmpeg.
+    /// Creates a program that runs `script`, in place of ffmpeg.
     #[cfg(unix)]
     fn program(folder: &Path, script: &str) -> PathBuf {
         use std::os::unix::fs::PermissionsExt;
@@ -338,7 +340,7 @@ mod tests {
     fn the_program_gets_every_pixel_and_its_failures_are_told() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.mp4");
-        // The last argument is the file to write.
+        // The last argument is the output file.
         let keeps = program(folder.path(), "for last; do :; done; cat > \"$last\"");
         let mut film = begin(&path, [5, 3], 10.0, keeps.as_os_str()).unwrap();
         for grey in [0.0, 1.0] {

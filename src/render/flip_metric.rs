@@ -1,18 +1,18 @@
-//! ꟻLIP: how different two pictures look to a person who flips between them.
+//! ꟻLIP: perceptual difference of two images seen in alternation.
 //!
 //! Andersson et al., "FLIP: A Difference Evaluator for Alternating Images" (2020), the version for
-//! pictures of low dynamic range, in float64. Colours pass the eye's contrast sensitivity and are
-//! compared in L*a*b*; edges and points that appear or vanish raise what is found there.
+//! low dynamic range, in float64. Colours are filtered by the contrast sensitivity of the eye and
+//! compared in L*a*b*; edges and points that appear or vanish amplify the colour difference.
 
 use super::Image;
 use crate::parallel;
 use glam::{DMat3, DVec3};
 
-/// Pixels in a degree of sight: a 0.7 m wide monitor of 3,840 pixels, seen from 0.7 m.
+/// Pixels per degree of visual angle: a 0.7 m wide monitor of 3,840 pixels, seen from 0.7 m.
 const PIXELS_PER_DEGREE: f64 = 67.020_643;
 
-/// Contrast sensitivity as two Gaussians (weight and width) each: achromatic, red to green, blue
-/// to yellow; table 1.
+/// Contrast sensitivity as two Gaussians (weight and width) each: achromatic, red-green,
+/// blue-yellow; table 1.
 const SENSITIVITY: [[[f64; 2]; 2]; 3] = [
     [[1.0, 0.0047], [0.0, 1e-5]],
     [[1.0, 0.0053], [0.0, 1e-5]],
@@ -23,11 +23,13 @@ const FEATURE_WIDTH: f64 = 0.082;
 /// Exponents of the colour and the feature difference.
 const COLOUR_POWER: f64 = 0.7;
 const FEATURE_POWER: f64 = 0.5;
-/// Up to this share of the largest colour difference all but a small part of the range is used.
+/// Knee of the colour-difference mapping: fraction of the maximum difference, and the output value
+/// it maps to.
 const KNEE: [f64; 2] = [0.4, 0.95];
 
-/// Mean ꟻLIP of two pictures of one size with three or more channels, from 0 to 1; red, green and
-/// blue are taken as they are shown, on black. A pixel not finite in one of them only counts as 1.
+/// Returns the mean ꟻLIP of two images of the same size with three or more channels, from 0 to 1;
+/// red, green and blue are display values, on black. A pixel that is non-finite in only one image
+/// counts as 1.
 pub(super) fn flip(a: &Image, b: &Image) -> f64 {
     let (first, second) = (Planes::of(a), Planes::of(b));
     let [seen_a, seen_b] = [&first, &second].map(Planes::as_seen);
@@ -55,7 +57,7 @@ pub(super) fn flip(a: &Image, b: &Image) -> f64 {
     sum / first.len().max(1) as f64
 }
 
-/// A picture in YCxCz, plane by plane.
+/// An image in YCxCz, stored by planes.
 struct Planes {
     width: usize,
     planes: [Vec<f64>; 3],
@@ -81,7 +83,7 @@ impl Planes {
         self.planes[0].len()
     }
 
-    /// What is left of the picture at its distance, in L*a*b* with colours less vivid where dark.
+    /// Returns the image filtered by contrast sensitivity, in L*a*b* with the Hunt effect.
     fn as_seen(&self) -> Vec<DVec3> {
         let widest = SENSITIVITY
             .iter()
@@ -98,7 +100,7 @@ impl Planes {
                 });
                 (weight * (pi / width).sqrt(), kernel)
             });
-            // In two dimensions, over the whole window, the two sum to 1.
+            // In two dimensions, over the whole window, the two kernels sum to 1.
             let total: f64 = gaussians
                 .iter()
                 .map(|(weight, kernel)| weight * kernel.iter().sum::<f64>().powi(2))
@@ -121,7 +123,7 @@ impl Planes {
             .collect()
     }
 
-    /// How strong an edge, or a point or line, there is at each pixel.
+    /// Returns the strength of edges, or of points and lines, at each pixel.
     fn features(&self, points: bool) -> Vec<f64> {
         let width = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;
         let radius = (3.0 * width).ceil() as usize;
@@ -148,16 +150,16 @@ impl Planes {
     }
 }
 
-/// `of` at −radius, …, radius.
+/// Samples `of` at −radius, …, radius.
 fn kernel(radius: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
     let radius = radius as i64;
     (-radius..=radius).map(|x| of(x as f64)).collect()
 }
 
-/// `plane` filtered by `x` along rows and by `y` along columns; the border's pixels go on beyond it.
+/// Filters `plane` by `x` along rows and by `y` along columns, with replicated border pixels.
 fn separable(plane: &[f64], width: usize, x: &[f64], y: &[f64]) -> Vec<f64> {
     let height = plane.len() / width.max(1);
-    // `length` pixels a line, `step` apart.
+    // `length` pixels per line, `step` apart.
     let pass = |from: &[f64], kernel: &[f64], length: usize, step: usize| {
         let radius = kernel.len() / 2;
         parallel::map(from.len(), |i| {
@@ -173,7 +175,7 @@ fn separable(plane: &[f64], width: usize, x: &[f64], y: &[f64]) -> Vec<f64> {
     pass(&rows, y, height, width)
 }
 
-/// The linear value of an sRGB one.
+/// Converts sRGB to linear.
 fn linear(shown: f64) -> f64 {
     let shown = shown.clamp(0.0, 1.0);
     if shown > 0.04045 {
@@ -183,7 +185,7 @@ fn linear(shown: f64) -> f64 {
     }
 }
 
-/// From linear sRGB to CIE XYZ.
+/// Returns the matrix from linear sRGB to CIE XYZ.
 fn xyz_from_rgb() -> DMat3 {
     DMat3::from_cols(
         DVec3::new(
@@ -208,13 +210,13 @@ fn white() -> DVec3 {
     xyz_from_rgb() * DVec3::ONE
 }
 
-/// A linear form of L*a*b*.
+/// Converts XYZ to YCxCz, a linear form of L*a*b*.
 fn ycxcz(xyz: DVec3) -> DVec3 {
     let n = xyz / white();
     DVec3::new(116.0 * n.y - 16.0, 500.0 * (n.x - n.y), 200.0 * (n.y - n.z))
 }
 
-/// The inverse of [`ycxcz`].
+/// Inverse of [`ycxcz`].
 fn xyz(c: DVec3) -> DVec3 {
     let y = (c.x + 16.0) / 116.0;
     DVec3::new(y + c.y / 500.0, y, y - c.z / 200.0) * white()
@@ -234,24 +236,24 @@ fn lab(xyz: DVec3) -> DVec3 {
     DVec3::new(116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z))
 }
 
-/// Colours look less vivid where it is dark (Hunt effect).
+/// Reduces chroma at low lightness (Hunt effect).
 fn hunt(lab: DVec3) -> DVec3 {
     DVec3::new(lab.x, 0.01 * lab.x * lab.y, 0.01 * lab.x * lab.z)
 }
 
-/// Difference of two colours: lightness by absolute value, hue and chroma by distance.
+/// HyAB colour difference: absolute difference in lightness plus Euclidean distance in a*b*.
 fn hyab(a: DVec3, b: DVec3) -> f64 {
     let d = a - b;
     d.x.abs() + d.y.hypot(d.z)
 }
 
-/// The difference of green and blue, than which none is larger.
+/// Returns the maximum colour difference, that of green and blue.
 fn largest_difference() -> f64 {
     let seen = |rgb: DVec3| hunt(lab(xyz_from_rgb() * rgb));
     hyab(seen(DVec3::Y), seen(DVec3::Z)).powf(COLOUR_POWER)
 }
 
-/// A colour difference as a share of 1: small ones take most of the range.
+/// Maps a colour difference to 0…1; small differences take most of the range.
 fn spread(difference: f64, largest: f64) -> f64 {
     let knee = KNEE[0] * largest;
     if difference < knee {

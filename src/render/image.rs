@@ -1,23 +1,23 @@
-//! Pictures in memory, and their files.
+//! Images in memory and their files.
 
 use crate::{Error, Result};
 use std::path::Path;
 
-/// A picture of floats, row by row from the top.
+/// Floating-point image, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Numbers a pixel: 4 (red, green, blue premultiplied by opacity, and opacity) or 1 (a length).
+    /// Values per pixel: 4 (premultiplied red, green, blue, and opacity) or 1 (a length).
     pub channels: usize,
-    /// All pixels.
+    /// All pixel values.
     pub values: Vec<f32>,
 }
 
-/// What is behind a picture when it is written to a PNG file.
+/// Background of an image in a PNG file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Background {
-    /// Nothing: the file keeps the opacity.
+    /// None: the file keeps the opacity.
     Transparent,
     /// Black.
     #[default]
@@ -26,7 +26,7 @@ pub enum Background {
     White,
 }
 
-/// Bits a channel of a PNG file.
+/// Bits per channel of a PNG file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum BitDepth {
     /// 256 levels.
@@ -37,18 +37,18 @@ pub enum BitDepth {
 }
 
 impl Image {
-    /// The numbers of pixel (x, y).
+    /// Returns the values of pixel (x, y).
     pub fn pixel(&self, x: u32, y: u32) -> &[f32] {
         let first = (y as usize * self.size[0] as usize + x as usize) * self.channels;
         &self.values[first..first + self.channels]
     }
 
-    /// The picture at `size` pixels, linear between the middles of its pixels.
+    /// Returns the image resampled to `size` pixels by bilinear interpolation.
     pub fn upscaled(&self, size: [u32; 2]) -> Image {
         if size == self.size {
             return self.clone();
         }
-        // The two pixels around a place along one side, and the share of the second.
+        // The two source pixels around a position along one axis, and the weight of the second.
         let around = |i: u32, k: usize| {
             let at = (f64::from(i) + 0.5) * f64::from(self.size[k]) / f64::from(size[k]) - 0.5;
             let at = at.clamp(0.0, f64::from(self.size[k].max(1) - 1));
@@ -76,9 +76,9 @@ impl Image {
         }
     }
 
-    /// The picture with a pixel for each square of `factor` by `factor` pixels, their mean; what is
-    /// over at the right and below is left out. Colours are premultiplied by opacity, so that of
-    /// half a body and half nothing it is the body's colour, half as opaque.
+    /// Returns the image downsampled by averaging blocks of `factor` × `factor` pixels; incomplete
+    /// blocks at the right and bottom are dropped. Colours are premultiplied, so averaging a body
+    /// pixel with an empty pixel keeps the colour and halves the opacity.
     pub fn box_downsampled(&self, factor: u32) -> Image {
         let n = factor.max(1);
         let size = self.size.map(|side| side / n);
@@ -100,8 +100,8 @@ impl Image {
         }
     }
 
-    /// The picture with four channels: lengths as they are shown, grey from 0 to the longest,
-    /// which is the other thing returned; of a picture of four channels none.
+    /// Returns the image with four channels, and for an image of lengths the maximum length, which
+    /// maps to white; `None` for an image that already has four channels.
     pub fn to_rgba(&self) -> (Image, Option<f32>) {
         if self.channels != 1 {
             return (self.clone(), None);
@@ -110,7 +110,7 @@ impl Image {
         (self.to_grey(longest), Some(longest))
     }
 
-    /// A picture of one channel with four: grey, from 0 to what is `white`, and opaque.
+    /// Converts an image of one channel to opaque grey; the value `white` maps to white.
     pub fn to_grey(&self, white: f32) -> Image {
         let unit = if white > 0.0 { white } else { 1.0 };
         let grey = |v: &f32| (v / unit).clamp(0.0, 1.0);
@@ -122,8 +122,8 @@ impl Image {
         }
     }
 
-    /// Red, green and blue of each pixel, as a PNG of 8 bits has them; what is transparent is on
-    /// black.
+    /// Returns red, green and blue of each pixel as in an 8-bit PNG; a transparent background
+    /// becomes black.
     #[cfg(not(target_arch = "wasm32"))]
     pub(super) fn rgb(&self, background: Background) -> Vec<u8> {
         let background = match background {
@@ -138,10 +138,11 @@ impl Image {
         }
     }
 
-    /// Writes a PNG (8 bits, on black) or an EXR (float, premultiplied), by the extension.
+    /// Writes a PNG (8 bits, on black) or an EXR (float, premultiplied), according to the
+    /// extension.
     ///
     /// # Errors
-    /// When the extension is neither, or the file cannot be written.
+    /// An error if the extension is neither, or the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         self.save_as(path, Background::default(), BitDepth::default())
     }
@@ -185,8 +186,8 @@ impl Image {
         })
     }
 
-    /// Channels of a PNG from 0 to 1, not premultiplied where transparent: a byte is
-    /// round(255 · value). Lengths are shown from 0 to the longest.
+    /// Returns the PNG channels from 0 to 1, not premultiplied if transparent: a byte is round(255
+    /// · value). Lengths are scaled by the maximum.
     fn shown(&self, background: Background) -> (image::ColorType, Vec<f32>) {
         if self.channels == 1 {
             let longest = self.values.iter().copied().fold(0.0, f32::max);
@@ -217,7 +218,7 @@ impl Image {
         }
     }
 
-    /// The picture as a PNG of eight bits shows it on `background`: red, green, blue and opacity a
+    /// Returns the image on `background` as in an 8-bit PNG: red, green, blue and opacity per
     /// pixel, not premultiplied, row by row from the top. Lengths are grey.
     pub fn rgba8(&self, background: Background) -> Vec<u8> {
         let (colour, shown) = self.shown(background);
@@ -256,7 +257,8 @@ impl Image {
         Ok(file)
     }
 
-    /// Raw floats; one channel is written thrice, since readers of EXR expect colours.
+    /// Encodes an EXR of raw floats; a single channel is written three times because EXR readers
+    /// expect colours.
     #[cfg(not(target_arch = "wasm32"))]
     fn exr(&self) -> image::ImageResult<Vec<u8>> {
         let mut file = std::io::Cursor::new(Vec::new());

@@ -1,17 +1,19 @@
-//! Pictures drawn in parts of bounded size, and put together.
+//! Rendering of images in tiles of bounded size.
 
 use super::view::ImageRegion;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 
-/// Larger pictures are drawn in tiles of this side, so that memory and the time of a submit stay
-/// bounded.
+/// Tile side in pixels; larger images are drawn in tiles to bound memory and the duration of a
+/// submission.
 const TILE: u32 = 1024;
 
-/// A picture of four floats a pixel, drawn tile by tile with `draw` into the view it is given.
+/// Renders an image of four floats per pixel, calling `draw` for each tile with the view to draw
+/// into.
 ///
 /// # Errors
-/// [`Error::Input`] for a side of 0 or beyond 65,536; otherwise what `draw` and reading back say.
+/// [`Error::Input`] for a side of 0 or above 65,536; otherwise errors of `draw` and of reading
+/// back.
 pub(crate) fn draw_in_tiles(
     gpu: &Gpu,
     size: [u32; 2],
@@ -49,8 +51,8 @@ pub(crate) fn draw_in_tiles(
     Ok(pixels)
 }
 
-/// Puts the pixels of `window` into its picture, which grows with the rows of tiles: no memory is
-/// touched long before it is drawn. The last tiles of a row or column reach beyond the picture.
+/// Copies the pixels of `window` into the image, which grows with the rows of tiles so that memory
+/// is committed only as it is drawn. The last tiles of a row or column extend beyond the image.
 pub(super) fn copy_tile<T: Copy + Default>(picture: &mut Vec<T>, window: ImageRegion, tile: &[T]) {
     let [x, y] = window.corner;
     let [columns, rows] = window.picture.map(|n| n as usize);
@@ -66,7 +68,7 @@ pub(super) fn copy_tile<T: Copy + Default>(picture: &mut Vec<T>, window: ImageRe
     }
 }
 
-/// Refuses pictures without pixels or beyond all measure.
+/// Rejects images without pixels or above 65,536 pixels per side.
 pub(super) fn check_size(size: [u32; 2]) -> Result<()> {
     if size.iter().any(|n| !(1..=65_536).contains(n)) {
         return Err(Error::Input(format!(

@@ -1,4 +1,4 @@
-//! Light on the inside: gradients at the nodes, and how bright they are, in float64; the twins of
+//! Lighting of the volume: gradients at the nodes and their shading, in float64; reference of
 //! `shaders/render/node_gradients.wgsl` and `shaders/lib/shade.wgsl`.
 
 use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology, group_by_key};
@@ -6,31 +6,30 @@ use crate::{Error, Result, parallel};
 use glam::DVec3;
 use std::str::FromStr;
 
-/// What is bright without light, what light adds to a face that looks at it, and how bright and
-/// how narrow its reflection is.
+/// Coefficients of ambient, diffuse and specular light, and the exponent of the specular term.
 const AMBIENT: f64 = 0.4;
 const DIFFUSE: f64 = 0.7;
 const SPECULAR: f64 = 0.22;
 const SHININESS: i32 = 32;
-/// A gradient of this length, in ranges of the scalar over the size of the body, is lit by half.
+/// Gradient length with half lighting, in scalar ranges per body size.
 pub(in crate::render) const GRADIENT_HALF_SATURATION: f64 = 2.0;
-/// How long the direction into a body, or from one region into another, is taken to be.
+/// Gradient length assigned to the boundary of the body or between regions.
 pub(super) const BOUNDARY_GRADIENT: f64 = 12.0;
 
-/// Where the light on the inside comes from.
+/// Light source of the volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Light {
-    /// There is none: colours are those of the transfer function.
+    /// No lighting: the colours of the transfer function are used unchanged.
     #[default]
     None,
-    /// The eye.
+    /// Headlight at the eye.
     Head,
-    /// This direction, in file coordinates: from the body towards the light.
+    /// Directional light: direction from the body towards the light, in file coordinates.
     From(DVec3),
 }
 
 impl Light {
-    /// Whether there is one.
+    /// Whether lighting is enabled.
     pub fn is_on(self) -> bool {
         self != Light::None
     }
@@ -44,7 +43,7 @@ impl Light {
         }
     }
 
-    /// The unit direction towards it, and 1 where it is that towards the eye.
+    /// Returns the unit direction towards the light, and w = 1 for a headlight.
     pub(super) fn to_gpu(self) -> [f32; 4] {
         match self {
             Light::None => [0.0; 4],
@@ -57,7 +56,7 @@ impl Light {
 impl FromStr for Light {
     type Err = Error;
 
-    /// `none`, `head`, or a direction `x,y,z`.
+    /// Parses `none`, `head`, or a direction `x,y,z`.
     fn from_str(text: &str) -> Result<Light> {
         let numbers: Vec<f64> = text
             .split(',')
@@ -78,21 +77,21 @@ impl FromStr for Light {
     }
 }
 
-/// What each node of a mesh lights by.
+/// Incidence lists of the nodes, from which gradients are computed.
 pub(super) struct NodeIncidence {
-    /// Where the list of each node begins in `items`, their end last.
+    /// Start of the list of each node in `items`, followed by the total length.
     pub firsts: Vec<u32>,
-    /// The tets around each node, by number, if scalars are at the nodes; and, counted on from the
-    /// number of tets, the `ends` at it.
+    /// Incident tets of each node if the scalars are at the nodes; and incident `boundary_faces`,
+    /// with indices offset by the number of tets.
     pub items: Vec<u32>,
-    /// Faces at which the body or a region ends: three nodes, turned so that the normal points
-    /// inwards, or to the larger of two regions, and `NO_NEIGHBOUR`.
+    /// Faces on the boundary of the body or of a region: three nodes, oriented so that the normal
+    /// points inwards or to the region with the larger value, and `NO_NEIGHBOUR`.
     pub boundary_faces: Vec<[u32; 4]>,
 }
 
 impl NodeIncidence {
-    /// With `cells` regions are where these are equal; without, scalars are at the nodes. Tets are
-    /// numbered by `place`.
+    /// Builds the lists. With `cells`, regions are sets of tets with equal values; without, the
+    /// scalars are at the nodes. `place` maps tets to their indices in the lists.
     pub fn new(
         mesh: &TetMesh,
         topology: &Topology,
@@ -127,9 +126,9 @@ impl NodeIncidence {
     }
 }
 
-/// The gradient that light sees at every node of `mesh`, its nodes standing at `positions` (in
-/// local units): of `shares`, scalars at the nodes as shares of their range, weighted by the
-/// volumes of the tets around; and the direction into the body, or from region to region.
+/// Returns the gradient used for lighting at every node of `mesh` with node positions `positions`
+/// (local units): the volume-weighted mean of the tet gradients of `shares` (node scalars
+/// normalised to their range), plus, at boundaries, the direction into the body or between regions.
 pub fn node_gradients(
     mesh: &TetMesh,
     topology: &Topology,
@@ -172,8 +171,8 @@ pub fn node_gradients(
     (0..mesh.nodes.len()).map(of_node).collect()
 }
 
-/// How bright a gradient is to a ray that goes along `ray`, a unit vector: the factor on colours,
-/// and what is added to them in proportion to opacity (Blinn 1977, after Phong).
+/// Returns the shading of a gradient for a ray with unit direction `ray`: the factor on colours and
+/// the specular term, which is added in proportion to opacity (Blinn 1977, after Phong).
 pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
     let steep = gradient.length();
     shade_by(
@@ -184,7 +183,7 @@ pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
     )
 }
 
-/// The same of a surface that the gradient stands on, however steep it is.
+/// As [`shade`], for a surface perpendicular to the gradient, independent of the gradient's length.
 pub fn shade_surface(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
     shade_by(light, gradient, ray, 1.0)
 }
@@ -264,7 +263,7 @@ mod tests {
         assert_eq!(shade(Light::None, DVec3::Z, ray), [1.0, 0.0]);
         let [flat, _] = shade(Light::Head, DVec3::X * 0.01, ray);
         assert!(flat > 0.99);
-        // Light from behind has no half way.
+        // Light from behind has no half vector.
         assert!(shade(Light::From(DVec3::NEG_Z), DVec3::Z, ray)[1] == 0.0);
     }
 }

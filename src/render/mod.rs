@@ -1,6 +1,6 @@
-//! Seeing inside: cameras, transfer functions, and the raycaster that walks the tets.
+//! Volume rendering of tetrahedral meshes: cameras, transfer functions and the raycaster.
 //!
-//! Nothing here knows of physics: positions are an array on the GPU that anyone may write.
+//! This module does not depend on physics: positions are a GPU array that any code may write.
 
 mod camera;
 mod closest_hit;

@@ -1,8 +1,8 @@
-//! Picking: from a pixel to the node, tet and point of the surface that are seen there.
+//! Picking: from a pixel to the visible surface node, tet and point.
 //!
-//! One ray is held against every triangle of the boundary where its nodes are now, with the sign
-//! tests that the raycaster starts its rays by. What comes back is 36 bytes. Where the nodes came from
-//! the processor it is held against them there, and nobody waits for the device.
+//! One ray is tested against every boundary triangle at the current positions, with the same sign
+//! tests as the start of the raycaster's rays. The readback is 36 bytes. If the positions come from
+//! the CPU, the test runs on the CPU and does not wait for the GPU.
 
 use super::closest_hit::closest_hit;
 use super::geometry::Geometry;
@@ -16,7 +16,7 @@ use glam::{DVec2, DVec3, Vec3};
 mod gpu_data {
     use super::View;
     crate::gpu_struct! {
-        /// See `shaders/render/pick.wgsl`.
+        /// Parameters of `shaders/render/pick.wgsl`.
         pub(super) struct Pick {
             pub view: View,
             pub pixel: [f32; 2],
@@ -26,51 +26,51 @@ mod gpu_data {
     }
 }
 
-/// What a pixel shows of the boundary of a mesh.
+/// Boundary point of a mesh seen at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
-    /// The nearest to the point of the face's three nodes.
+    /// The node of the face closest to the point.
     pub node: u32,
-    /// The tet that the face bounds, as numbered in the mesh.
+    /// The tet of the face, as numbered in the mesh.
     pub tet: u32,
-    /// Which of its faces: opposite corner 0, 1, 2 or 3.
+    /// Local face index: opposite corner 0, 1, 2 or 3.
     pub face: u32,
-    /// The face's nodes, counter-clockwise seen from outside.
+    /// Nodes of the face, counter-clockwise seen from outside.
     pub nodes: [u32; 3],
-    /// Their weights at the point; the sum is 1.
+    /// Barycentric coordinates of the point; the sum is 1.
     pub weights: [f64; 3],
-    /// Where the ray meets the face, in file units.
+    /// Intersection point, in file units.
     pub point: DVec3,
-    /// How far along the ray that is from its origin, in file units.
+    /// Distance from the ray origin, in file units.
     pub distance: f64,
 }
 
-/// What a ray meets first of a list of triangles.
+/// Closest intersection of a ray with a list of triangles.
 pub(crate) struct FirstHit {
-    /// Its place in the list.
+    /// Index of the triangle.
     pub triangle: u32,
-    /// Weights of its corners.
+    /// Barycentric coordinates.
     pub weights: [f64; 3],
-    /// Where, in file units.
+    /// Intersection point, in file units.
     pub point: DVec3,
-    /// The nearest corner: 0, 1 or 2.
+    /// Closest corner: 0, 1 or 2.
     pub corner: usize,
-    /// Along the ray, in file units.
+    /// Distance along the ray, in file units.
     pub distance: f64,
 }
 
-/// Words that the shader finds.
+/// Words of the shader result.
 const RESULT_WORDS: usize = 9;
 
 impl Geometry {
-    /// What is seen of the boundary at the point `pixel` of a picture of `size` pixels, where the
-    /// nodes are now: the face that the ray through it ([`Camera::ray`]) meets first, from
-    /// either side; none where it misses. Waits and reads 36 bytes back: for the start of a
-    /// grab, not for every frame.
+    /// Returns the boundary point seen at `pixel` of an image of `size` pixels, at the current
+    /// positions: the first face hit by its ray ([`Camera::ray`]), two-sided; `None` if the ray
+    /// misses. Waits and reads back 36 bytes; intended for the start of a grab, not for every
+    /// frame.
     ///
     /// # Errors
-    /// [`Error::Input`] for a bad camera, or a point that does not lie in the picture;
-    /// [`Error::Gpu`] when the device refuses.
+    /// [`Error::Input`] for an invalid camera or a point outside the image; [`Error::Gpu`] if the
+    /// device fails.
     pub fn pick(&self, camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<Option<Pick>> {
         let looked = PickRay {
             camera,
@@ -82,12 +82,12 @@ impl Geometry {
         Ok(hit.and_then(|hit| self.picked(&hit)))
     }
 
-    /// As [`Geometry::pick`] of nodes that are at `positions`, in file units, by the processor: it
-    /// waits for nothing.
+    /// As [`Geometry::pick`], for node `positions` in file units; runs on the CPU without waiting
+    /// for the GPU.
     ///
     /// # Errors
-    /// [`Error::Input`] for a bad camera, a point that does not lie in the picture, or positions that
-    /// are not the mesh's.
+    /// [`Error::Input`] for an invalid camera, a point outside the image, or positions that do not
+    /// match the mesh.
     pub fn pick_positions(
         &self,
         positions: &[DVec3],
@@ -123,11 +123,11 @@ impl Geometry {
         }))
     }
 
-    /// What was met, by the numbers of the mesh.
+    /// Converts a hit to mesh indices.
     fn picked(&self, hit: &FirstHit) -> Option<Pick> {
         let [a, b, c, code] = *self.boundary_faces.get(hit.triangle as usize)?;
         let nodes = [a, b, c];
-        // Tets are kept in another order than the mesh has them.
+        // The storage order of tets differs from the mesh order.
         let tet = self.tet_order.iter().position(|slot| *slot == code / 4)?;
         Some(Pick {
             node: nodes[hit.corner],
@@ -141,7 +141,7 @@ impl Geometry {
     }
 }
 
-/// Refuses a camera that makes no sense, and points beside the picture.
+/// Rejects an invalid camera and points outside the image.
 fn check(camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<()> {
     camera.check()?;
     let picture = DVec2::new(f64::from(size[0]), f64::from(size[1]));
@@ -155,7 +155,7 @@ fn check(camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<()> {
     }
 }
 
-/// A ray through a point of a picture, and the local frame of what it is to meet.
+/// A ray through a point of an image, and the local frame of the target.
 pub(crate) struct PickRay<'a> {
     pub camera: &'a Camera,
     pub pixel: DVec2,
@@ -164,8 +164,8 @@ pub(crate) struct PickRay<'a> {
 }
 
 impl PickRay<'_> {
-    /// The first of `triangles` (rgba32uint, three corners) that the ray meets; corner i is at
-    /// item `stride` i of `positions`. Waits and reads back.
+    /// Returns the first of `triangles` (rgba32uint, three corners) hit by the ray; corner i is
+    /// item i · `stride` of `positions`. Waits and reads back.
     ///
     /// # Errors
     /// As [`Geometry::pick`].

@@ -1,19 +1,20 @@
-//! Transfer functions by name: some for tissue, and the colour maps that matplotlib has.
+//! Transfer function presets: tissue presets and the colour maps of matplotlib.
 
 use super::TransferFunction;
 use crate::{Error, Result};
 use colorous::Gradient;
 
-/// One preset: scalars from 0 to 1 over the field, extinction per extent of the mesh.
+/// A preset: scalars normalised to the field's range, extinction per extent of the mesh.
 struct Preset {
     name: &'static str,
     colour: &'static [[f64; 4]],
     extinction: &'static [[f64; 2]],
 }
 
-/// Perceptual colour maps rise in extinction with the scalar, so that high values show inside.
+/// Extinction for sequential colour maps: increases with the scalar, so that high values are
+/// visible inside.
 const SEQUENTIAL_EXTINCTION: &[[f64; 2]] = &[[0.0, 0.8], [0.3, 1.6], [0.7, 6.0], [1.0, 20.0]];
-/// Diverging colour maps show both ends and hide the middle.
+/// Extinction for diverging colour maps: both ends are visible, the middle is nearly transparent.
 const DIVERGING_EXTINCTION: &[[f64; 2]] =
     &[[0.0, 9.0], [0.35, 1.0], [0.5, 0.3], [0.65, 1.0], [1.0, 9.0]];
 
@@ -107,7 +108,7 @@ const PRESETS: &[Preset] = &[
     },
 ];
 
-/// Colours of a map at so many scalars, evenly spaced.
+/// A colour map sampled at evenly spaced scalars.
 struct ColourMap {
     name: &'static str,
     colours: Colours,
@@ -115,16 +116,16 @@ struct ColourMap {
     extinction: &'static [[f64; 2]],
 }
 
-/// Where the colours of a [`ColourMap`] come from.
+/// Source of the colours of a [`ColourMap`].
 #[derive(Clone, Copy)]
 enum Colours {
     Gradient(Gradient),
-    /// The crate has it the other way round.
+    /// The `colorous` crate defines it in the opposite direction.
     Reversed(Gradient),
     Listed(&'static [[f64; 3]]),
 }
 
-/// A map of sequential colours: 9 are what ColorBrewer's consist of.
+/// Creates a sequential map; ColorBrewer's maps have 9 colours.
 const fn sequential(name: &'static str, gradient: Gradient, nodes: usize) -> ColourMap {
     ColourMap {
         name,
@@ -134,7 +135,7 @@ const fn sequential(name: &'static str, gradient: Gradient, nodes: usize) -> Col
     }
 }
 
-/// One of ColorBrewer's diverging maps, of 11 colours.
+/// Creates one of ColorBrewer's diverging maps, with 11 colours.
 const fn diverging(name: &'static str, gradient: Gradient) -> ColourMap {
     ColourMap {
         name,
@@ -144,7 +145,7 @@ const fn diverging(name: &'static str, gradient: Gradient) -> ColourMap {
     }
 }
 
-/// Colour maps by the names that matplotlib has for them.
+/// Colour maps under their matplotlib names.
 const MAPS: [ColourMap; 34] = [
     sequential("viridis", colorous::VIRIDIS, 17),
     sequential("plasma", colorous::PLASMA, 17),
@@ -195,11 +196,11 @@ const MAPS: [ColourMap; 34] = [
         ..diverging("PuOr", colorous::PURPLE_ORANGE)
     },
 ];
-/// What a name ends in that asks for a map the other way round, as matplotlib has it.
+/// Name suffix of a reversed map, as in matplotlib.
 const REVERSED_SUFFIX: &str = "_r";
 
 impl ColourMap {
-    /// The map, or the other way round.
+    /// Returns the map, reversed if requested.
     fn transfer(&self, reversed: bool) -> Result<TransferFunction> {
         let last = self.nodes - 1;
         let of = |gradient: Gradient, i: usize| {
@@ -220,7 +221,7 @@ impl ColourMap {
     }
 }
 
-/// What to say of a name that no preset has: the nearest one first, if any is near.
+/// Returns the error for an unknown name, with the closest known name first, if there is one.
 fn unknown(name: &str) -> Error {
     let lower = name.to_lowercase();
     let names = TransferFunction::preset_names();
@@ -239,11 +240,11 @@ fn unknown(name: &str) -> Error {
 }
 
 impl TransferFunction {
-    /// The preset called `name`, relative to the field's range and the mesh's extent; a colour map
-    /// the other way round with `_r` at the end of its name.
+    /// Returns the preset `name`, relative to the field's range and the mesh's extent; the suffix
+    /// `_r` reverses a colour map.
     ///
     /// # Errors
-    /// When there is none of that name; the message says which is nearest, and lists all.
+    /// An error for an unknown name; the message suggests the closest name and lists all.
     pub fn preset(name: &str) -> Result<TransferFunction> {
         let is = |known: &str, name: &str| known.eq_ignore_ascii_case(name);
         if let Some(preset) = PRESETS.iter().find(|p| is(p.name, name)) {
@@ -258,7 +259,7 @@ impl TransferFunction {
         }
     }
 
-    /// The names that [`TransferFunction::preset`] knows.
+    /// Returns the names accepted by [`TransferFunction::preset`].
     pub fn preset_names() -> Vec<&'static str> {
         let own = PRESETS.iter().map(|p| p.name);
         own.chain(MAPS.iter().map(|m| m.name)).collect()
@@ -295,7 +296,7 @@ mod tests {
 
     #[test]
     fn maps_have_the_colours_of_matplotlib() {
-        // As `matplotlib.colormaps[name]([0.0, 0.5, 1.0])` gives them.
+        // Values of `matplotlib.colormaps[name]([0.0, 0.5, 1.0])`.
         for (name, expected) in [
             ("viridis", [[68, 1, 84], [33, 145, 140], [253, 231, 37]]),
             ("magma", [[0, 0, 4], [183, 55, 121], [252, 253, 191]]),
@@ -318,7 +319,7 @@ mod tests {
             let mut there = colours(name, &scalars);
             there.reverse();
             for (a, b) in colours(&format!("{name}_r"), &scalars).iter().zip(&there) {
-                // A half may be rounded either way.
+                // A value of one half may be rounded up or down.
                 assert!(a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 1), "{name}");
             }
         }

@@ -1,47 +1,49 @@
-//! From the error that a picture may have to the cheapest settings that keep to it.
+//! Selection of the cheapest raycast settings for a given image error.
 //!
-//! The rule is drawn from `palpate study pictures`, which holds five bodies, each through a smooth
-//! and a spiky transfer function, against the exact ray integral. Of the settings there, two
-//! decide what a frame costs at a given error:
+//! The rule is derived from `palpate study pictures`, which compares five bodies, each with a
+//! smooth and a narrow-peaked transfer function, with the exact ray integral. Two settings
+//! determine the cost of a frame at a given error:
 //!
-//! - where a ray ends. Rays that end at opacity 1 − q leave out q at most; over a whole picture
-//!   the root mean square of it was found to be up to 0.25 q.
-//! - the table's size, which is chosen so that a bound on its error stays within
-//!   [`RaycastOptions::table_tolerance`]. The root mean square found was up to 0.85 of that bound.
+//! - early ray termination. Rays that end at opacity 1 − q omit at most q; the root mean square
+//!   over an image was at most 0.25 q.
+//! - the table size, which is chosen so that an error bound stays within
+//!   [`RaycastOptions::table_tolerance`]. The measured root mean square was at most 0.85 of that
+//!   bound.
 //!
-//! A scan that the mesh carries has a setting of its own: how far apart it is sampled.
+//! Scans attached to the mesh have a separate setting: the sampling distance.
 //!
-//! Sampling each tet in place of a pre-integrated table needs 32 samples to keep to half a level
-//! through a spiky transfer function, and each of them costs about as much as a look-up. The
-//! paper's volume takes two look-ups a tet, and misses more where the function is spiky. Bytes
-//! miss a tenth of a level more than half floats, and floats a thirtieth less. Fewer pixels cost
-//! error at every edge that no tolerance here would allow.
+//! Without pre-integration, a narrow-peaked transfer function needs 32 samples per tet for an error
+//! of half a grey level, and each sample costs about as much as a table lookup. The volume table of
+//! the paper takes two lookups per tet and is less accurate for narrow peaks. Byte texels have an
+//! error larger by a tenth of a grey level than half floats, 32-bit floats one smaller by a
+//! thirtieth. A lower resolution causes an edge error beyond any tolerance allowed here.
 
 use super::{Light, RaycastOptions, Xray};
 use crate::{Error, Result};
 
-/// The tolerance of the default options: half a level of an 8-bit channel.
+/// Tolerance of the default options: half a grey level of an 8-bit channel.
 const DEFAULT_TOLERANCE: f64 = 0.5 / 255.0;
-/// The share of the tolerance that the bound of the table's error may take, and the opacity that
-/// is left where rays end. By what was found above, both together stay within 0.7 of the
-/// tolerance: the rest is for pictures unlike those of the study.
+/// Shares of the tolerance for the bound of the table error and for the remaining transparency at
+/// ray termination. By the measurements above, the sum stays within 0.7 of the tolerance; the rest
+/// is a margin for images that differ from those of the study.
 const TABLE_ERROR_SHARE: f64 = 0.5;
 const CUTOFF_ERROR_SHARE: f64 = 1.0;
-/// What a scan that is sampled so many voxels apart misses grows as the square of that: so many levels
-/// of tolerance, times this, are one. A scan with edges as sharp as voxels can hold, through a dense
-/// transfer function, was found to miss 0.95 of a level a voxel apart.
+/// Share of the tolerance for the sampling error of scans, which grows with the square of the
+/// distance in voxels: the tolerance in grey levels, times this, equals the squared distance. A
+/// scan with edges as sharp as voxels allow, with a dense transfer function, had an error of 0.95
+/// grey levels at a distance of one voxel.
 const SAMPLING_ERROR_SHARE: f64 = 0.6;
-/// Pictures of a larger error are nobody's wish.
+/// Upper limit of the tolerance.
 const MAX_TOLERANCE: f64 = 0.25;
 
 impl RaycastOptions {
-    /// The cheapest options that keep the root mean square error of a picture's values, which lie
-    /// from 0 to 1, within `tolerance`: 0.5/255 are those of [`RaycastOptions::default`]. Tables
-    /// end at 512 texels a side, so that thin spikes of a transfer function may not allow much
-    /// less than 0.2/255.
+    /// Returns the cheapest options that keep the root mean square error of pixel values (0 to 1)
+    /// within `tolerance`; 0.5/255 gives [`RaycastOptions::default`]. Tables have at most 512
+    /// texels per axis, so that narrow peaks of a transfer function may limit the accuracy to about
+    /// 0.2/255.
     ///
     /// # Errors
-    /// [`Error::Input`] for a tolerance that is not above 0 and up to 64/255.
+    /// [`Error::Input`] for a tolerance outside 0 (exclusive) to 64/255.
     pub fn for_tolerance(tolerance: f64) -> Result<RaycastOptions> {
         if !(tolerance > 0.0 && tolerance <= MAX_TOLERANCE) {
             return Err(Error::Input(format!(

@@ -1,7 +1,7 @@
-//! The exact ray integral through a piecewise linear field, in float64.
+//! Exact ray integral through a piecewise linear field, in float64.
 //!
-//! Every tet that a ray meets is found by brute force through a box hierarchy and clipped on its
-//! own, so nothing here depends on neighbours, walks or the order of tets.
+//! Every tet hit by a ray is found by a bounding-volume hierarchy and clipped separately, so the
+//! result does not depend on neighbours, traversal or the order of tets.
 
 use crate::mesh::{FACES, TetMesh};
 use crate::parallel;
@@ -9,30 +9,30 @@ use crate::render::scan::{Scan, ScanReference};
 use crate::render::{Camera, Ray, ResolvedTransfer};
 use glam::{DVec2, DVec3};
 
-/// The stretch of a ray inside one tet.
+/// Segment of a ray in one tet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
-    /// Distances along the ray of entry and exit, entry first.
+    /// Distances along the ray at entry and exit.
     pub t: [f64; 2],
-    /// The scalars there.
+    /// Scalars at entry and exit.
     pub s: [f64; 2],
-    /// The tet.
+    /// Index of the tet.
     pub tet: u32,
 }
 
-/// A mesh prepared for exact rays.
+/// Reference raycaster: a mesh prepared for exact ray integrals.
 pub struct ReferenceRaycaster {
     corners: Vec<[DVec3; 4]>,
     scalars: Vec<[f64; 4]>,
     boxes: Vec<BoxNode>,
     order: Vec<u32>,
     extent: f64,
-    /// What is in place of the scalars.
+    /// Scan used instead of the scalars.
     scan: Option<ScanReference>,
 }
 
-/// A node of the box hierarchy: a leaf holds `order[first..first + count]`, an inner node
-/// (count 0) has its children at `first` and `first + 1`.
+/// Node of the bounding-volume hierarchy: a leaf contains `order[first..first + count]`; the
+/// children of an inner node (count 0) are at `first` and `first + 1`.
 struct BoxNode {
     low: DVec3,
     high: DVec3,
@@ -41,18 +41,18 @@ struct BoxNode {
 }
 
 const LEAF_TETS: usize = 4;
-/// Rays are moved aside by this share of the mesh's extent, so that none lies exactly in a face
-/// that two tets share, where it would be counted twice.
+/// Lateral offset of rays, relative to the extent of the mesh, so that no ray lies exactly in a
+/// face shared by two tets, where it would be counted twice.
 const RAY_PERTURBATION: f64 = 1e-12;
 
 impl ReferenceRaycaster {
-    /// Prepares `mesh` with its nodes at `positions` and `scalars` at its nodes.
+    /// Prepares `mesh` with node positions `positions` and `scalars` at the nodes.
     pub fn new(mesh: &TetMesh, positions: &[DVec3], scalars: &[f64]) -> ReferenceRaycaster {
         let corners = mesh.tets.iter().map(|t| t.map(|v| scalars[v as usize]));
         ReferenceRaycaster::with_corner_scalars(mesh, positions, corners.collect())
     }
 
-    /// The same with `scalars` in its tets, constant in each.
+    /// As [`ReferenceRaycaster::new`], with one constant scalar per tet.
     pub fn from_cell_scalars(
         mesh: &TetMesh,
         positions: &[DVec3],
@@ -62,8 +62,9 @@ impl ReferenceRaycaster {
         ReferenceRaycaster::with_corner_scalars(mesh, positions, corners.collect())
     }
 
-    /// The same with a scan of values that the mesh carries, `scan`'s: each tet's stretch of a ray
-    /// comes in stretches of a voxel over `fine`, along which the scan is taken to be linear.
+    /// As [`ReferenceRaycaster::new`], with a scan of values attached to the mesh: the segment of
+    /// each tet is split into sub-segments of one voxel divided by `fine`, along which the scan is
+    /// linear.
     pub fn from_scan(
         mesh: &TetMesh,
         positions: &[DVec3],
@@ -148,7 +149,7 @@ impl ReferenceRaycaster {
         }
     }
 
-    /// The stretches of `ray` inside the tets, in the order of entry, none behind its origin.
+    /// Returns the segments of `ray` in the tets, in order of entry; none behind the origin.
     pub fn segments(&self, ray: Ray) -> Vec<Segment> {
         let aside = ray.direction.any_orthonormal_vector();
         let aside = aside + 0.618 * ray.direction.cross(aside);
@@ -182,7 +183,7 @@ impl ReferenceRaycaster {
         parts.collect()
     }
 
-    /// The part of `ray` inside tet `t`: between the last plane it enters and the first it leaves.
+    /// Clips `ray` to tet `t`: from the last plane entered to the first plane left.
     fn clip(&self, ray: Ray, t: u32) -> Option<Segment> {
         let v = self.corners[t as usize];
         let outward = crate::mesh::signed_volume(v).signum();
@@ -207,7 +208,7 @@ impl ReferenceRaycaster {
         })
     }
 
-    /// The weights of the corners of tet `t` at point `p`, clamped into the tet.
+    /// Returns the barycentric coordinates of point `p` in tet `t`, clamped to the tet.
     pub fn barycentric_weights(&self, t: u32, p: DVec3) -> [f64; 4] {
         let v = self.corners[t as usize];
         let w: [f64; 4] = std::array::from_fn(|i| {
@@ -219,18 +220,18 @@ impl ReferenceRaycaster {
         w.map(|w| w / sum)
     }
 
-    /// The scalar at point `p` of tet `t`.
+    /// Returns the scalar at point `p` of tet `t`.
     fn scalar_in(&self, t: u32, p: DVec3) -> f64 {
         let (w, s) = (self.barycentric_weights(t, p), self.scalars[t as usize]);
         (0..4).map(|i| w[i] * s[i]).sum()
     }
 
-    /// Length of `ray` inside the mesh; where tets overlap, each counts.
+    /// Returns the length of `ray` in the mesh; overlapping tets count separately.
     pub fn thickness(&self, ray: Ray) -> f64 {
         self.segments(ray).iter().map(|s| s.t[1] - s.t[0]).sum()
     }
 
-    /// Emission and absorption along `ray`: premultiplied colour and opacity.
+    /// Returns emission and absorption along `ray`: premultiplied colour and opacity.
     ///
     /// I = ∫ c(s(t)) τ(s(t)) exp(−∫₀ᵗ τ) dt and α = 1 − exp(−∫ τ).
     pub fn composite(&self, ray: Ray, transfer: &ResolvedTransfer) -> [f64; 4] {
@@ -246,9 +247,9 @@ impl ReferenceRaycaster {
         sum
     }
 
-    /// The same in light: `shade` tells of a tet, a point in it and the ray's direction the factor
-    /// on colours and what is added in proportion to opacity; asked in the middle of each segment,
-    /// as the walks do.
+    /// As [`ReferenceRaycaster::composite`], with lighting: `shade` maps a tet, a point in it and
+    /// the ray direction to the factor on colours and the term added in proportion to opacity. It
+    /// is evaluated at the midpoint of each segment, as in the shaders.
     pub fn composite_lit(
         &self,
         ray: Ray,
@@ -271,7 +272,7 @@ impl ReferenceRaycaster {
         sum
     }
 
-    /// A picture, row by row from the top, of what `of` gives for the ray of each pixel.
+    /// Returns the values of `of` for the ray of each pixel, row by row from the top.
     pub fn render<T: Send>(
         &self,
         camera: &Camera,
@@ -286,7 +287,7 @@ impl ReferenceRaycaster {
     }
 }
 
-/// Whether `ray` meets the box, by slabs; a ray parallel to a slab meets it when inside.
+/// Whether `ray` intersects the box (slab test); a ray parallel to a slab intersects it if inside.
 fn meets_box(ray: Ray, low: DVec3, high: DVec3) -> bool {
     let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
     for k in 0..3 {
@@ -301,19 +302,20 @@ fn meets_box(ray: Ray, low: DVec3, high: DVec3) -> bool {
         enter = enter.max(a.min(b));
         leave = leave.min(a.max(b));
     }
-    // A little slack: the box planes are rounded differently from the tets' planes.
+    // Tolerance: box planes and tet planes are rounded differently.
     enter <= leave * (1.0 + 1e-12) + 1e-300
 }
 
-/// Tolerance of the adaptive quadrature, on colours of order 1.
+/// Tolerance and maximum depth of the adaptive quadrature, for colours of order 1.
 const QUADRATURE_TOLERANCE: f64 = 1e-11;
 const QUADRATURE_DEPTH: u32 = 40;
 
-/// Emission and absorption along a segment of length `d` whose scalar runs linearly from
+/// Returns emission and absorption along a segment of length `d` with a scalar that is linear from
 /// `s_front` to `s_back`: premultiplied colour and opacity.
 ///
-/// The segment is split where the transfer function bends; between, extinction is linear, so
-/// that opacity is exact and the colour a smooth integral (adaptive Gauss quadrature).
+/// The segment is split at the breakpoints of the transfer function. In each part the extinction is
+/// linear, so that the opacity is exact and the colour is a smooth integral (adaptive Gauss
+/// quadrature).
 pub fn segment_integral(
     transfer: &ResolvedTransfer,
     s_front: f64,
@@ -332,7 +334,8 @@ pub fn segment_integral(
     let mut sum = [0.0; 4];
     for pair in cuts.windows(2) {
         let (u, width) = (pair[0], pair[1] - pair[0]);
-        // Colour and extinction are linear inside: two inner points give both, jumps included.
+        // Colour and extinction are linear in a part: two inner points determine both, including
+        // jumps.
         let inner = |w: f64| s_front + (s_back - s_front) * (u + w * width);
         let piece = Piece::through(transfer, inner(0.25), inner(0.75), d * width);
         let part = piece.integral();
@@ -344,7 +347,7 @@ pub fn segment_integral(
     sum
 }
 
-/// A stretch along which colour and extinction are linear: value at 0 and slope, u from 0 to 1.
+/// Part of a segment with linear colour and extinction: value at 0 and slope, u from 0 to 1.
 struct Piece {
     length: f64,
     extinction: [f64; 2],
@@ -352,7 +355,7 @@ struct Piece {
 }
 
 impl Piece {
-    /// From the values at u = ¼ and u = ¾.
+    /// Creates a piece from the values at u = ¼ and u = ¾.
     fn through(transfer: &ResolvedTransfer, quarter: f64, rest: f64, length: f64) -> Piece {
         let line = |a: f64, b: f64| [1.5 * a - 0.5 * b, 2.0 * (b - a)];
         let (a, b) = (transfer.colour(quarter), transfer.colour(rest));
@@ -363,7 +366,7 @@ impl Piece {
         }
     }
 
-    /// Optical depth from 0 to u.
+    /// Returns the optical depth from 0 to u.
     fn depth(&self, u: f64) -> f64 {
         self.length * u * (self.extinction[0] + 0.5 * self.extinction[1] * u)
     }
@@ -481,7 +484,7 @@ mod tests {
         let mesh = generate::benchmark_cube(5, false).unwrap();
         let scalars = vec![0.0; mesh.nodes.len()];
         let reference = ReferenceRaycaster::new(&mesh, &mesh.nodes, &scalars);
-        // Along an axis, through nodes, edges and faces: the worst case for counting twice.
+        // Along an axis, through nodes, edges and faces: the worst case for double counting.
         let ray = |x: f64, y: f64| Ray {
             origin: DVec3::new(x, y, -1.0),
             direction: DVec3::Z,

@@ -1,40 +1,40 @@
-//! What rays pass in the pieces of a body, to be composited when all pieces have told theirs.
+//! Ray segments in the pieces of a partitioned body, composited when all pieces are available.
 //!
-//! Compositing is associative: a stretch of a ray has a colour and an opacity whatever is before and
-//! behind it, so those of the pieces give the picture of the whole, once they are in the order of
-//! depth. Two that touch are one from then on: what goes from one machine to the next stays as long
-//! as the body has layers, however many pieces there are.
+//! Compositing is associative: the colour and opacity of a ray segment do not depend on what is in
+//! front of or behind it, so the segments of the pieces, sorted by depth, give the image of the
+//! whole body. Touching segments are merged, so the data exchanged between machines depend on the
+//! number of layers of the body, not on the number of pieces.
 
 use super::{Image, Ray, ReferenceRaycaster, ResolvedTransfer, segment_integral};
 use crate::{Error, Result};
 
-/// How near the end of one stretch is to the beginning of the next, in local units, for the two to be
-/// one: beyond what depths in f32 are off by, and thinner than anything that is seen.
+/// Maximum gap between the end of one segment and the start of the next for merging, in local
+/// units: above the rounding error of f32 depths and below any visible thickness.
 const MERGE_DISTANCE: f32 = 4e-6;
-/// The same in float64, as a share of the larger distance.
+/// The same in float64, relative to the larger distance.
 const TOUCHING_EXACTLY: f64 = 1e-9;
 
-/// A stretch of a ray inside a piece.
+/// Segment of a ray in a piece.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct RaySegment {
-    /// Which pixel's ray: column + width · row, from the upper left.
+    /// Pixel index: column + width · row, from the upper left.
     pub pixel: u32,
-    /// Depth along the view where it begins and ends, in units of the whole body's extent and from
-    /// its middle.
+    /// Depth along the view at the start and end, relative to the centre of the whole body and in
+    /// units of its extent.
     pub depths: [f32; 2],
-    /// Colour premultiplied by opacity, and opacity.
+    /// Premultiplied colour, and opacity.
     pub rgba: [f32; 4],
 }
 
-/// The stretches of the rays of a picture, in the order of pixels, and of each ray from the eye on.
+/// Ray segments of an image, sorted by pixel and then front to back.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RaySegments {
     size: [u32; 2],
     items: Vec<RaySegment>,
 }
 
-/// What is before, and behind it what is shown through it.
+/// Composites `front` over `back`.
 fn over(front: [f32; 4], back: [f32; 4]) -> [f32; 4] {
     let clear = 1.0 - front[3];
     std::array::from_fn(|k| front[k] + clear * back[k])
@@ -47,10 +47,10 @@ fn order(a: &RaySegment, b: &RaySegment) -> std::cmp::Ordering {
 }
 
 impl RaySegments {
-    /// Those of a picture of `size` pixels, in any order.
+    /// Creates the segments of an image of `size` pixels from `items` in any order.
     ///
     /// # Errors
-    /// [`Error::Input`] for pixels that are not in it.
+    /// [`Error::Input`] for a pixel outside the image.
     pub fn new(size: [u32; 2], mut items: Vec<RaySegment>) -> Result<RaySegments> {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         if let Some(bad) = items.iter().find(|i| u64::from(i.pixel) >= pixels) {
@@ -63,21 +63,21 @@ impl RaySegments {
         Ok(RaySegments { size, items })
     }
 
-    /// Width and height of the picture, in pixels.
+    /// Returns width and height of the image, in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
     }
 
-    /// The stretches.
+    /// Returns the segments.
     pub fn items(&self) -> &[RaySegment] {
         &self.items
     }
 
-    /// These and those of other pieces, in the order of depth; what touches is one. It takes as long
-    /// as there are stretches.
+    /// Merges the segments of two pieces, sorted by depth; touching segments are joined. Linear in
+    /// the number of segments.
     ///
     /// # Errors
-    /// [`Error::Input`] for those of a picture of another size.
+    /// [`Error::Input`] if the image sizes differ.
     pub fn merged(&self, other: &RaySegments) -> Result<RaySegments> {
         if self.size != other.size {
             return Err(Error::Input(format!(
@@ -105,7 +105,7 @@ impl RaySegments {
                 _ => items.push(*next),
             }
         }
-        // Most of it touched, perhaps.
+        // Joining may have removed many segments.
         items.shrink_to_fit();
         Ok(RaySegments {
             size: self.size,
@@ -113,7 +113,7 @@ impl RaySegments {
         })
     }
 
-    /// The picture, once all pieces are in.
+    /// Returns the composited image, once all pieces are merged.
     pub fn image(&self) -> Image {
         let pixels = self.size[0] as usize * self.size[1] as usize;
         let mut values = vec![0.0; 4 * pixels];
@@ -129,7 +129,7 @@ impl RaySegments {
         }
     }
 
-    /// As bytes, 28 a stretch, for [`RaySegments::from_bytes`] on another machine.
+    /// Serialises the segments, 28 bytes each, for [`RaySegments::from_bytes`] on another machine.
     pub fn to_bytes(&self) -> Vec<u8> {
         let head = [MAGIC, self.size[0], self.size[1]];
         let mut words: Vec<u8> = head.iter().flat_map(|n| n.to_le_bytes()).collect();
@@ -142,10 +142,10 @@ impl RaySegments {
         words
     }
 
-    /// What [`RaySegments::to_bytes`] made.
+    /// Reads the output of [`RaySegments::to_bytes`].
     ///
     /// # Errors
-    /// [`Error::Input`] for bytes that are none.
+    /// [`Error::Input`] for invalid data.
     pub fn from_bytes(bytes: &[u8]) -> Result<RaySegments> {
         let wrong = || Error::Input("these bytes are no intervals of a piece".into());
         let (words, rest) = bytes.as_chunks::<4>();
@@ -170,15 +170,14 @@ impl RaySegments {
     }
 }
 
-/// What the bytes of intervals begin with.
+/// Magic number of serialised segments.
 const MAGIC: u32 = u32::from_le_bytes(*b"PLI1");
 
-/// A stretch of a ray in float64: distances along the ray of its ends, colour premultiplied by
-/// opacity, and opacity.
+/// Ray segment in float64: distances along the ray of its ends; premultiplied colour, and opacity.
 pub type ReferenceSegment = ([f64; 2], [f64; 4]);
 
 impl ReferenceRaycaster {
-    /// The stretches of `ray` inside the mesh, from the eye on: the float64 form of
+    /// Returns the segments of `ray` in the mesh, front to back: float64 reference of
     /// [`Raycaster::intervals`](super::Raycaster::intervals).
     pub fn intervals(&self, ray: Ray, transfer: &ResolvedTransfer) -> Vec<ReferenceSegment> {
         let mut found: Vec<ReferenceSegment> = Vec::new();
@@ -201,7 +200,7 @@ fn over_exactly(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|k| front[k] + (1.0 - front[3]) * back[k])
 }
 
-/// Stretches of one ray, in any order, composited in that of depth, in float64.
+/// Composites the segments of one ray, given in any order, by depth in float64.
 pub fn composite_intervals(stretches: &[ReferenceSegment]) -> [f64; 4] {
     let mut ordered = stretches.to_vec();
     ordered.sort_by(|(a, _), (b, _)| a[0].total_cmp(&b[0]));
@@ -265,7 +264,7 @@ mod tests {
         for cut in [0, 5, 11, 13, bytes.len() - 1] {
             assert!(RaySegments::from_bytes(&bytes[..cut]).is_err(), "{cut}");
         }
-        // Fewer stretches than there were are stretches too; a pixel beyond the picture is not.
+        // A smaller number of segments is valid; a pixel outside the image is not.
         let mut beyond = bytes.clone();
         beyond[12..16].copy_from_slice(&7u32.to_le_bytes());
         assert!(RaySegments::from_bytes(&beyond).is_err());

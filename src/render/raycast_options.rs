@@ -1,4 +1,4 @@
-//! What a raycaster is asked for: how rays walk, what they gather, and where that is drawn.
+//! Raycast options: traversal method, integrand and render target.
 
 use super::light::Light;
 use super::table::{TABLE_SIZES, TableKind, TableTexel};
@@ -6,32 +6,32 @@ use super::xray::Xray;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 
-/// How a ray finds its way from tet to tet.
+/// Traversal method of rays from tet to tet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Traversal {
-    /// Three projected vertices carried along, one fetched a step: faster, and right also where
-    /// a tet is inverted.
+    /// Keeps three projected vertices and fetches one per step: faster, and correct for inverted
+    /// tets.
     #[default]
     Vertices,
-    /// The paper's: the nearest plane ahead, and the scalar from the gradient.
+    /// Method of the paper: the nearest plane ahead, and the scalar from the gradient.
     Planes,
 }
 
-/// How a walk reads the mesh.
+/// How shaders read the mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum MeshAccess {
-    /// As is faster on the adapter: from storage textures on a software driver, from sampled ones
+    /// The faster access for the adapter: storage textures on a software driver, sampled textures
     /// on a GPU.
     #[default]
     Auto,
-    /// From read-only storage textures.
+    /// Read-only storage textures.
     Stored,
-    /// From sampled textures, without a sampler.
+    /// Sampled textures, read without a sampler.
     Sampled,
 }
 
 impl MeshAccess {
-    /// Whether they are from storage textures, on this device.
+    /// Whether the mesh is read from storage textures on this device.
     pub(super) fn are_stored(self, gpu: &Gpu) -> bool {
         match self {
             MeshAccess::Auto => gpu.adapter().device_type == wgpu::DeviceType::Cpu,
@@ -41,31 +41,30 @@ impl MeshAccess {
     }
 }
 
-/// What a ray gathers.
+/// Quantity computed along a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum Mode {
-    /// Emission and absorption by the transfer function.
+    /// Emission and absorption with the transfer function.
     #[default]
     Composite,
     /// Length inside the mesh, in file units.
     Thickness,
-    /// The largest scalar on the ray, grey: black at the low end of the geometry's range of
-    /// scalars, white at the high one.
+    /// Maximum scalar along the ray, in grey: black at the lower end of the geometry's scalar
+    /// range, white at the upper end.
     Maximum,
-    /// The least.
+    /// Minimum scalar along the ray.
     Minimum,
-    /// The mean over the length inside the mesh.
+    /// Mean scalar over the length inside the mesh.
     Mean,
-    /// What attenuates X-rays on the way, ∫ μ dl, by [`RaycastOptions::xray`]: of mass that a
-    /// deformation moves and does not make.
+    /// X-ray attenuation ∫ μ dl with [`RaycastOptions::xray`]; deformation conserves mass.
     Xray,
 }
 
-/// What the shaders can gather: [`Mode`], or counts for a report.
+/// Integrands of the shaders: those of [`Mode`], separate ray segments, and counts for a report.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Integrand {
     Composite,
-    /// The same, each way through the mesh also by itself.
+    /// As `Composite`; also outputs each ray segment separately.
     Intervals,
     Thickness,
     Statistics,
@@ -76,7 +75,7 @@ pub(super) enum Integrand {
 }
 
 impl Integrand {
-    /// Its number in `lib/segment.wgsl`.
+    /// Returns the code in `lib/segment.wgsl`.
     pub fn code(self) -> f64 {
         match self {
             Integrand::Composite | Integrand::Intervals => 0.0,
@@ -89,12 +88,12 @@ impl Integrand {
         }
     }
 
-    /// Whether it is emission and absorption.
+    /// Whether the integrand is emission and absorption.
     pub fn is_composite(self) -> bool {
         matches!(self, Integrand::Composite | Integrand::Intervals)
     }
 
-    /// Whether it is a scalar's projection.
+    /// Whether the integrand is a projection of a scalar.
     pub fn is_projection(self) -> bool {
         matches!(
             self,
@@ -116,35 +115,35 @@ impl From<Mode> for Integrand {
     }
 }
 
-/// Choices that a raycaster is made with; see [`RaycastOptions::for_tolerance`].
+/// Options of a raycaster; see [`RaycastOptions::for_tolerance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaycastOptions {
-    /// How rays walk.
+    /// Traversal method.
     pub walk: Traversal,
-    /// How they read the mesh.
+    /// Access to the mesh.
     pub reads: MeshAccess,
-    /// How segments are looked up.
+    /// Lookup method of segments.
     pub table: TableKind,
-    /// What the table's values are held in.
+    /// Texel format of the table.
     pub texel: TableTexel,
-    /// Texels of the table along each scalar, and layers of a [`TableKind::Volume`]; chosen for
-    /// `table_tolerance` where nothing is said.
+    /// Texels of the table along each scalar, and layers of a [`TableKind::Volume`]; `None` chooses
+    /// by `table_tolerance`.
     pub table_size: Option<u32>,
-    /// A ray of more than this opacity is not followed further; 1 follows each to its end.
+    /// Opacity at which a ray ends (early ray termination); 1 follows each ray to its end.
     pub opacity_cutoff: f64,
-    /// Most times a ray may enter the mesh (`--layers`).
+    /// Maximum number of times a ray may enter the mesh (`--layers`).
     pub layers: u32,
-    /// Error of a picture's values that the table's size is chosen for.
+    /// Pixel error for which the table size is chosen.
     pub table_tolerance: f64,
-    /// The light on the inside, in [`Mode::Composite`]. The geometry has to be made ready for it
-    /// ([`Geometry::enable_lighting`](super::Geometry::enable_lighting)).
+    /// Light of the volume in [`Mode::Composite`]. Requires
+    /// [`Geometry::enable_lighting`](super::Geometry::enable_lighting).
     pub light: Light,
-    /// How dark the light is where the body keeps it off, from 0, which takes no time, to 1: soft
-    /// shadows of a light that stands; by the light of the eye, how little of the sky a place sees.
+    /// Shadow strength from 0 (off, no cost) to 1: soft shadows for a directional light, ambient
+    /// occlusion for a headlight.
     pub shadows: f64,
-    /// Voxels between two samples of a [`Scan`](super::Scan) at most, from 1/64 to 1.
+    /// Maximum distance between two samples of a [`Scan`](super::Scan), in voxels, from 1/64 to 1.
     pub scan_step: f64,
-    /// The source, and what CT numbers stand for, of [`Mode::Xray`].
+    /// X-ray source and CT calibration for [`Mode::Xray`].
     pub xray: Xray,
 }
 
@@ -196,33 +195,33 @@ impl RaycastOptions {
     }
 }
 
-/// Where a picture is drawn.
+/// Render target of an image.
 pub struct Target<'a> {
-    /// The colour attachment; its texture's size is the picture's.
+    /// Colour attachment; its size is the image size.
     pub colour: &'a wgpu::TextureView,
-    /// Depths (`Depth32Float`, drawn with [`clip_from_file`](super::Raycaster::file_to_clip)) of opaque things that
-    /// hide what lies behind them.
+    /// Depth of opaque objects that occlude the volume (`Depth32Float`, drawn with
+    /// [`Raycaster::file_to_clip`](super::Raycaster::file_to_clip)).
     pub depth: Option<&'a wgpu::TextureView>,
-    /// What was there before is replaced by this colour (red, green, blue, opacity) under the
-    /// picture; without one, the picture is blended over it.
+    /// Background colour (red, green, blue, opacity) that replaces the previous content; `None`
+    /// blends the image over it.
     pub background: Option<[f32; 4]>,
 }
 
-/// What the rays of a picture met.
+/// Statistics of the rays of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct RaycastReport {
-    /// Pixels whose ray meets the mesh.
+    /// Number of pixels whose ray hits the mesh.
     pub rays: u64,
-    /// Rays not followed to their end; none, unless tets are inverted. Known are walks that end
-    /// neither at the boundary nor opaque, and rays that enter the mesh (or begin in it) more or
-    /// less often than they leave it: one that should have started and did not; a ray of both
-    /// kinds counts twice. Not known is a ray for which the rasteriser missed as many ways in as
-    /// ways out.
+    /// Number of rays not followed to their end; 0 unless tets are inverted. Detects traversals
+    /// that end neither at the boundary nor opaque, and rays with unequal numbers of entries
+    /// (including starts inside the mesh) and exits, such as a missing start; a ray with both
+    /// defects counts twice. Does not detect a ray for which the rasteriser missed equal numbers of
+    /// entries and exits.
     pub lost_rays: u64,
-    /// Tets that a ray passes, on average.
+    /// Mean number of tets per ray.
     pub tets_per_ray: f64,
-    /// Most times a ray enters the mesh.
+    /// Maximum number of times a ray enters the mesh.
     pub peel_layers: u32,
-    /// Tets that are inside out or flat.
+    /// Number of inverted or degenerate tets.
     pub inverted: u32,
 }

@@ -1,4 +1,4 @@
-//! What a raycaster tells about itself, read back.
+//! Ray statistics and table samples of a raycaster, read back from the GPU.
 
 use super::Camera;
 use super::depth_peeling::attachment;
@@ -9,7 +9,7 @@ use super::view::{ImageRegion, View};
 use crate::Result;
 use crate::gpu::{Recorder, Texel};
 
-/// What the ways out of the mesh are counted in, 255ths, and how.
+/// Format of the exit counts, in 255ths, and their additive blending.
 const EXIT_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
 const ADDED: wgpu::BlendComponent = wgpu::BlendComponent {
     src_factor: wgpu::BlendFactor::One,
@@ -18,8 +18,8 @@ const ADDED: wgpu::BlendComponent = wgpu::BlendComponent {
 };
 
 impl Raycaster {
-    /// What the rays of a picture meet, at the present positions. Draws it once more, whole rays,
-    /// and reads back.
+    /// Returns the ray statistics of an image at the current positions. Renders it once more
+    /// without early ray termination and reads back.
     ///
     /// # Errors
     /// As [`Raycaster::image`].
@@ -55,7 +55,7 @@ impl Raycaster {
         })?;
         let lost = gpu.read_buffer::<u32>(&self.lost_rays)?;
         self.check_layers(layers)?;
-        // What a ray counts: tets, whether it begins, how often it does.
+        // Values per ray: tets, whether the ray starts, number of starts.
         let met = |(p, out): (&[f32; 4], &u8)| p[1] > 0.0 || *out > 0;
         let uneven = |(p, out): (&[f32; 4], &u8)| p[2].min(255.0) as u8 != *out;
         let both = || pixels.iter().zip(&exits);
@@ -71,8 +71,8 @@ impl Raycaster {
         })
     }
 
-    /// Records the count of the boundary faces that each ray leaves the mesh through, the nodes
-    /// being projected.
+    /// Records the count of boundary faces through which each ray exits; the nodes must already be
+    /// projected.
     fn record_exits(
         &self,
         work: &mut Recorder,
@@ -103,12 +103,12 @@ impl Raycaster {
         Ok(())
     }
 
-    /// What the table gives for `segments` (scalar in front, scalar behind, length; file units):
-    /// colour premultiplied by opacity, and opacity. To be held against
+    /// Returns the table result for `segments` (front scalar, back scalar, length; file units):
+    /// premultiplied colour, and opacity. For comparison with
     /// [`segment_integral`](crate::render::segment_integral). Waits and reads back.
     ///
     /// # Errors
-    /// When the device cannot hold them.
+    /// An error if the device cannot hold the segments.
     pub fn sample_table(&mut self, segments: &[[f64; 3]]) -> Result<Vec<[f32; 4]>> {
         let (low, high) = self.geometry.range;
         let share = |s: f64| ((s - low) / (high - low)) as f32;

@@ -1,4 +1,4 @@
-//! Planes and isosurfaces in a volume, in float64 and for the GPU; the twin of
+//! Section planes and isosurfaces, in float64 and for the GPU; reference of
 //! `shaders/lib/inside.wgsl`.
 
 use super::ResolvedTransfer;
@@ -12,38 +12,38 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::str::FromStr;
 
-/// Most planes of a picture, those of boxes and cut faces among them.
+/// Maximum number of planes of an image, including those of boxes and cut faces.
 const MAX_PLANES: usize = 32;
-/// Most isosurfaces of a picture: each costs a comparison a tet.
+/// Maximum number of isosurfaces of an image: each costs one comparison per tet.
 const MOST_ISOSURFACES: usize = 64;
-/// Colours of the transfer function; `lib/inside.wgsl` has the same number.
+/// Number of colour samples of the transfer function; `lib/inside.wgsl` has the same value.
 pub(super) const COLOURS: usize = 1024;
 
-/// What a plane does.
+/// Effect of a plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PlaneKind {
-    /// It cuts off what lies beyond it.
+    /// Clips the half-space that its normal points into.
     Clip,
-    /// It shows the scalar where it meets the body, this opaque, in the transfer function's
-    /// colours.
+    /// Shows the scalar on the plane, with this opacity, in the colours of the transfer function.
     Slice(f64),
 }
 
-/// A plane through a volume.
+/// A section plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// A point of it, in file coordinates.
+    /// A point on the plane, in file coordinates.
     pub point: DVec3,
-    /// Which way lies what is beyond it; of any length.
+    /// Direction towards the clipped side, of any length.
     pub normal: DVec3,
-    /// What it does.
+    /// Effect of the plane.
     pub kind: PlaneKind,
-    /// Whether it is given in the body at rest, and bends with it; else it stays in space.
+    /// Whether the plane is fixed to the rest configuration and deforms with the body, or is fixed
+    /// in space.
     pub at_rest: bool,
 }
 
 impl Plane {
-    /// A plane in space that cuts off what lies beyond.
+    /// Creates a clip plane in space.
     pub fn clip(point: DVec3, normal: DVec3) -> Plane {
         Plane {
             point,
@@ -53,7 +53,7 @@ impl Plane {
         }
     }
 
-    /// A plane in space that shows the scalar.
+    /// Creates an opaque slice plane in space.
     pub fn slice(point: DVec3, normal: DVec3) -> Plane {
         Plane {
             kind: PlaneKind::Slice(1.0),
@@ -61,7 +61,7 @@ impl Plane {
         }
     }
 
-    /// The same in the body at rest.
+    /// Returns the plane fixed to the rest configuration.
     pub fn at_rest(self) -> Plane {
         Plane {
             at_rest: true,
@@ -69,7 +69,7 @@ impl Plane {
         }
     }
 
-    /// The six planes that cut off what lies outside of a box from `low` to `high`.
+    /// Returns six planes that clip the outside of a box from `low` to `high`.
     pub fn clip_box(low: DVec3, high: DVec3) -> [Plane; 6] {
         let [x, y, z] = DVec3::AXES;
         [
@@ -82,7 +82,7 @@ impl Plane {
         ]
     }
 
-    /// How far beyond it a place lies, in file units.
+    /// Returns the signed distance of a point beyond the plane, in file units.
     fn beyond(&self, place: DVec3, rest: DVec3) -> f64 {
         let there = if self.at_rest { rest } else { place };
         self.normal.normalize_or_zero().dot(there - self.point)
@@ -92,7 +92,7 @@ impl Plane {
 impl FromStr for Plane {
     type Err = Error;
 
-    /// `x,y,z,nx,ny,nz`, a point and which way lies what is beyond, as a clip plane.
+    /// Parses `x,y,z,nx,ny,nz`, a point and the direction of the clipped side, as a clip plane.
     fn from_str(text: &str) -> Result<Plane> {
         let numbers: Vec<f64> = text
             .split(',')
@@ -132,14 +132,14 @@ impl Plane {
     }
 }
 
-/// A surface on which the scalar has one value.
+/// An isosurface of the scalar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Isosurface {
-    /// The value.
+    /// Scalar value.
     pub value: f64,
-    /// Its colour, from 0 to 1; that of the transfer function there, where none is given.
+    /// Colour, components from 0 to 1; `None` uses the colour of the transfer function.
     pub colour: Option<[f64; 3]>,
-    /// Its opacity, from 0 to 1.
+    /// Opacity, from 0 to 1.
     pub opacity: f64,
 }
 
@@ -160,7 +160,7 @@ impl Isosurface {
 impl FromStr for Isosurface {
     type Err = Error;
 
-    /// `VALUE[,COLOUR[,OPACITY]]`, the colour by name or as `#RRGGBB`, as in CSS.
+    /// Parses `VALUE[,COLOUR[,OPACITY]]`; the colour is a CSS name or `#RRGGBB`.
     fn from_str(text: &str) -> Result<Isosurface> {
         let wrong = || {
             Error::Input(format!(
@@ -190,12 +190,12 @@ impl FromStr for Isosurface {
     }
 }
 
-/// What is cut off a volume, and what is shown in it besides.
+/// Section planes and isosurfaces of a volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sections {
-    /// Planes, up to 32.
+    /// Planes, at most 32.
     pub planes: Vec<Plane>,
-    /// Isosurfaces, up to 64.
+    /// Isosurfaces, at most 64.
     pub isosurfaces: Vec<Isosurface>,
     /// Whether the volume itself is drawn.
     pub draw_volume: bool,
@@ -211,7 +211,7 @@ impl Default for Sections {
     }
 }
 
-/// A surface that a ray meets in a segment: where, from 0 at its front to 1, and which.
+/// A surface hit in a segment, with its position from 0 at the front to 1.
 #[derive(Clone, Copy, Debug)]
 enum SurfaceHit {
     Slice(f64),
@@ -219,12 +219,12 @@ enum SurfaceHit {
 }
 
 impl Sections {
-    /// Whether there is nothing but the volume.
+    /// Whether only the volume is drawn.
     pub fn is_empty(&self) -> bool {
         self.planes.is_empty() && self.isosurfaces.is_empty() && self.draw_volume
     }
 
-    /// Whether any plane is given in the body at rest.
+    /// Whether any plane is fixed to the rest configuration.
     pub fn needs_rest_positions(&self) -> bool {
         self.planes.iter().any(|p| p.at_rest)
     }
@@ -234,12 +234,12 @@ impl Sections {
         !self.isosurfaces.is_empty() || self.slices().next().is_some()
     }
 
-    /// Those that cut off.
+    /// Returns the clip planes.
     pub fn clips(&self) -> impl Iterator<Item = &Plane> {
         self.planes.iter().filter(|p| p.kind == PlaneKind::Clip)
     }
 
-    /// Those that show the scalar, and their opacity.
+    /// Returns the slice planes and their opacities.
     fn slices(&self) -> impl Iterator<Item = (&Plane, f64)> {
         self.planes.iter().filter_map(|p| match p.kind {
             PlaneKind::Clip => None,
@@ -247,10 +247,10 @@ impl Sections {
         })
     }
 
-    /// Whether numbers make sense.
+    /// Validates the parameters.
     ///
     /// # Errors
-    /// [`Error::Input`] where they do not, or there are too many.
+    /// [`Error::Input`] for invalid numbers, or too many planes or isosurfaces.
     pub fn check(&self) -> Result<()> {
         if self.planes.len() > MAX_PLANES || self.isosurfaces.len() > MOST_ISOSURFACES {
             return Err(Error::Input(format!(
@@ -263,19 +263,19 @@ impl Sections {
         self.isosurfaces.iter().try_for_each(Isosurface::check)
     }
 
-    /// Whether a place, which lies at `rest` when the body rests, is cut off.
+    /// Whether a point, with rest position `rest`, is clipped.
     pub(super) fn is_clipped(&self, place: DVec3, rest: DVec3) -> bool {
         self.clips().any(|plane| plane.beyond(place, rest) > 0.0)
     }
 
-    /// Numbers of clip planes, slices and isosurfaces.
+    /// Returns the numbers of clip planes, slices and isosurfaces.
     pub(super) fn counts(&self) -> [usize; 3] {
         let clips = self.clips().count();
         [clips, self.planes.len() - clips, self.isosurfaces.len()]
     }
 
-    /// As `lib/inside.wgsl` reads it, in `frame`, `coordinate` being the table coordinate of a
-    /// scalar.
+    /// Uploads the sections in the layout of `lib/inside.wgsl`, in `frame`; `coordinate` maps a
+    /// scalar to its table coordinate.
     pub(super) fn to_gpu(
         &self,
         gpu: &Gpu,
@@ -303,8 +303,8 @@ impl Sections {
         gpu.array_of("planes and isosurfaces", Texel::F32x4, &items)
     }
 
-    /// The part of a segment that is kept, from 0 at its front to 1, `ends` being the places of its
-    /// ends in space and at rest.
+    /// Returns the unclipped part of a segment, from 0 at its front to 1; `ends` are the positions
+    /// of its ends in space and at rest.
     fn kept(&self, ends: [[DVec3; 2]; 2]) -> Option<[f64; 2]> {
         let mut range = [0.0f64, 1.0];
         for plane in self.clips() {
@@ -319,7 +319,7 @@ impl Sections {
         (range[0] < range[1]).then_some(range)
     }
 
-    /// The surfaces in a part of a segment, front to back.
+    /// Returns the surfaces in a part of a segment, front to back.
     fn met(&self, s: [f64; 2], ends: [[DVec3; 2]; 2], within: [f64; 2]) -> Vec<(f64, SurfaceHit)> {
         let mut found = Vec::new();
         let mut take = |[front, back]: [f64; 2], surface: SurfaceHit| {
@@ -342,19 +342,19 @@ impl Sections {
     }
 }
 
-/// The light of a float64 picture: at a point of a tet, as [`ReferenceRaycaster::composite_lit`] asks for
-/// it, of the volume and of surfaces.
+/// Lighting of a float64 image at a point of a tet, for the volume as in
+/// [`ReferenceRaycaster::composite_lit`], and for surfaces.
 pub struct Lighting<'a> {
-    /// The factor on colours of the volume, and what is added in proportion to opacity.
+    /// Factor on volume colours, and the term added in proportion to opacity.
     pub volume: &'a dyn Fn(u32, DVec3, DVec3) -> [f64; 2],
-    /// The same of a surface that the gradient stands on.
+    /// The same for a surface perpendicular to the gradient.
     pub surface: &'a dyn Fn(u32, DVec3, DVec3) -> [f64; 2],
 }
 
 impl ReferenceRaycaster {
-    /// Emission and absorption along `ray` with planes and isosurfaces: premultiplied colour and
-    /// opacity. `transfer` tells the transfer function of a tet, none where nothing of it is shown;
-    /// `rest`, of a tet and weights of its corners, where that place is at rest.
+    /// Returns emission and absorption along `ray` with planes and isosurfaces: premultiplied
+    /// colour and opacity. `transfer` returns the transfer function of a tet, `None` if the tet is
+    /// hidden; `rest` maps a tet and barycentric coordinates to the rest position.
     pub fn composite_sections<'a>(
         &self,
         ray: Ray,
@@ -416,8 +416,8 @@ impl ReferenceRaycaster {
     }
 }
 
-/// The colours of a row of the table over its range of scalars, as `lib/inside.wgsl` reads them; in
-/// w extinction.
+/// Samples the colours of a table row over its scalar range in the layout of `lib/inside.wgsl`; w
+/// is the extinction.
 pub(super) fn colours(row: &TableRow) -> Vec<[f64; 4]> {
     let TableRow {
         transfer,

@@ -1,40 +1,40 @@
-//! What dims the light on the inside, in float64: soft shadows of a light that stands, and of the
-//! eye's light how much of the sky a place sees. The twin of `shaders/lib/shadow_grid.wgsl` and
-//! `shaders/render/shadow_*.wgsl`.
+//! Soft shadows of a directional light and ambient occlusion of a headlight, in float64. Reference
+//! of `shaders/lib/shadow_grid.wgsl` and `shaders/render/shadow_*.wgsl`.
 //!
-//! Extinction is strewn into a coarse grid over the body as it stands, and light is followed from
-//! every node through it. It depends on the body and on what is seen of it, not on the camera.
+//! Extinction is splatted into a coarse grid over the current bounds of the body, and light is
+//! marched through it from every node. The result depends on the body and its appearance, not on
+//! the camera.
 
 use super::light::{GRADIENT_HALF_SATURATION, Light};
 use super::sections::Sections;
 use crate::mesh::TetMesh;
 use glam::{DVec3, UVec3};
 
-/// How dark it is where no light comes, where shadows are asked for without saying.
+/// Default shadow strength: the darkness of a point that receives no light.
 pub const DEFAULT_STRENGTH: f64 = 0.7;
-/// An extent of the grid is at least this share of the largest.
+/// Minimum extent of the grid along an axis, relative to the largest extent.
 const FLAT: f64 = 1.0 / 64.0;
-/// Rounding makes no further cell.
+/// Tolerance in cells, so that rounding does not add a cell.
 const SLACK: f64 = 1e-3;
-/// Fewest and most cells; between, as many as tets.
+/// Minimum and maximum number of cells; in between, one per tet.
 const CELLS: [u32; 2] = [4096, 65_536];
-/// Points in each tet, where cells are as many.
+/// Sample points in each tet if there are as many cells as tets.
 const POINTS: u32 = 12;
-/// Points of the largest tets.
+/// Maximum number of sample points in a large tet.
 const MOST_POINTS: f64 = 1024.0;
-/// Directions to the sky, and around a light.
+/// Number of directions for ambient occlusion and for the cone of a directional light.
 const AO_DIRECTIONS: u32 = 16;
 const SHADOW_DIRECTIONS: u32 = 6;
-/// How far the sky is looked for, over the largest extent of the body.
+/// Range of ambient occlusion, relative to the largest extent of the body.
 const AO_RADIUS: f64 = 0.3;
-/// How far out of the surface that a node stands on light is looked for, in cells.
+/// Start offset of a ray outwards from the surface of the node, in cells.
 pub(super) const SURFACE_OFFSET: f64 = 2.0;
-/// Steps at most towards the sky, and towards a light.
+/// Maximum number of steps for ambient occlusion and for shadow rays.
 const MAX_MARCH_STEPS: [u32; 2] = [24, 256];
-/// Half the angle under which a light is seen, as a tangent.
+/// Tangent of half the angular size of the light.
 const LIGHT_CONE_TANGENT: f64 = 0.2;
 
-/// How finely light is followed.
+/// Resolution of the shadow computation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ShadowResolution {
     pub cells: u32,
@@ -42,7 +42,7 @@ pub(super) struct ShadowResolution {
 }
 
 impl ShadowResolution {
-    /// For so many tets.
+    /// Returns the resolution for a mesh with `tets` tets.
     pub fn of(tets: usize) -> ShadowResolution {
         let tets = u32::try_from(tets).unwrap_or(u32::MAX).max(1);
         let cells = tets.clamp(CELLS[0], CELLS[1]);
@@ -55,23 +55,23 @@ impl ShadowResolution {
     }
 }
 
-/// The directions in which light is looked for.
+/// Directions in which light is marched.
 #[derive(Clone, Debug)]
 pub(super) struct LightDirections {
     /// Unit vectors.
     pub list: Vec<DVec3>,
-    /// Steps of a cell along each.
+    /// Number of steps, of one cell each, along each direction.
     pub steps: u32,
-    /// What all of them are over the light that is counted as all: the half that a flat surface
-    /// sees of the sky is.
+    /// Number of directions over the light counted as full: for ambient occlusion, the half of the
+    /// sky that a flat surface sees.
     pub normalisation: f64,
 }
 
 impl LightDirections {
-    /// To `light`, among so many cells.
+    /// Returns the directions for `light` in a grid of `cells` cells.
     pub fn to(light: Light, cells: u32) -> LightDirections {
         let Light::From(way) = light else {
-            // Along a Fibonacci spiral.
+            // Fibonacci spiral.
             let turn = std::f64::consts::PI * (3.0 - 5f64.sqrt());
             let list = (0..AO_DIRECTIONS).map(|k| {
                 let z = 1.0 - (2.0 * f64::from(k) + 1.0) / f64::from(AO_DIRECTIONS);
@@ -79,7 +79,7 @@ impl LightDirections {
                 let r = (1.0 - z * z).sqrt();
                 DVec3::new(r * cos, r * sin, z)
             });
-            // The cells of a cube are as many a side.
+            // Assumes a cubic grid.
             let steps = (AO_RADIUS * f64::from(cells).cbrt()).ceil() as u32;
             return LightDirections {
                 list: list.collect(),
@@ -102,17 +102,17 @@ impl LightDirections {
     }
 }
 
-/// The share of light that reaches a node of which no `share` of all comes.
+/// Returns the brightness of a node that receives the fraction `share` of the light.
 fn brightness(share: f64, strength: f64) -> f64 {
     1.0 - strength * (1.0 - share.min(1.0))
 }
 
-/// Cubes over the bounds of a body.
+/// Grid of cubic cells over the bounds of a body.
 struct ShadowGrid {
     low: DVec3,
     cell: f64,
     dims: UVec3,
-    /// What each cell absorbs per unit of length.
+    /// Extinction of each cell per unit of length.
     extinction: Vec<f64>,
 }
 
@@ -135,7 +135,7 @@ impl ShadowGrid {
         }
     }
 
-    /// The cell at a place in cells from `low`.
+    /// Returns the cell index at a position in cells from `low`.
     fn at(&self, place: DVec3) -> Option<usize> {
         let k = place.floor();
         let dims = self.dims.as_dvec3();
@@ -144,8 +144,8 @@ impl ShadowGrid {
     }
 }
 
-/// The weights of the corners at point `i`: a sequence that fills the cube evenly, folded into a tet
-/// (Rocchini and Cignoni 2000).
+/// Returns the barycentric coordinates of point `i`: a low-discrepancy sequence in the cube, folded
+/// into a tet (Rocchini and Cignoni 2000).
 fn weights(i: u32) -> [f64; 4] {
     let [x, y, z] =
         [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (0.5 + f64::from(i) * step).fract());
@@ -163,11 +163,11 @@ fn weights(i: u32) -> [f64; 4] {
     [x, y, z, 1.0 - x - y - z]
 }
 
-/// The share of light at every node of `mesh`, its nodes standing at `positions`, in any unit of
-/// length, where shadows are so strong: 1 where all of it comes. `rest` is where the nodes rest, for
-/// the planes of `inside` that are given there, and `gradients` those that light sees
-/// ([`node_gradients`](super::node_gradients)); `extinction` tells, of a tet and the weights of its
-/// corners, what is absorbed there per unit of length.
+/// Returns the fraction of light at every node of `mesh` with node positions `positions` (any unit
+/// of length) for shadows of the given strength; 1 is unshadowed. `rest` are the rest positions,
+/// for planes of `inside` fixed to the rest configuration, and `gradients` those used for lighting
+/// ([`node_gradients`](super::node_gradients)); `extinction` maps a tet and barycentric coordinates
+/// to the extinction per unit of length.
 pub fn node_shadows(
     mesh: &TetMesh,
     [positions, rest, gradients]: [&[DVec3]; 3],
@@ -182,11 +182,11 @@ pub fn node_shadows(
         let p = tet.map(|v| positions[v as usize]);
         let r = tet.map(|v| rest[v as usize]);
         let cells_wide = crate::mesh::signed_volume(p).abs() / grid.cell.powi(3);
-        // As many more as it is larger than a cell.
+        // Tets larger than a cell get proportionally more sample points.
         let own = (f64::from(points) * cells_wide).min(MOST_POINTS).ceil() as u32;
         let own = own.max(points);
         let share = cells_wide / f64::from(own);
-        // Other points in each tet: the same in all would beat with the cells.
+        // Vary the points between tets: equal points would alias with the cells.
         let first = (tet.iter().fold(0u32, |sum, v| sum.wrapping_add(*v)) & 255) * points;
         for i in first..first + own {
             let w = weights(i);
@@ -202,7 +202,7 @@ pub fn node_shadows(
     }
     let ways = LightDirections::to(light, cells);
     let of_node = |(p, gradient): (&DVec3, &DVec3)| {
-        // Cells out of the surface that it stands on, which would dim itself.
+        // Start outside the surface of the node to avoid self-shadowing.
         let out = SURFACE_OFFSET * *gradient / gradient.length().max(GRADIENT_HALF_SATURATION);
         let start = (*p - grid.low) / grid.cell - out;
         let light = ways.list.iter().map(|way| {
@@ -234,7 +234,7 @@ mod tests {
         assert!(mean.iter().all(|m| (m - 0.25).abs() < 0.01), "{mean:?}");
     }
 
-    /// The gradients that light sees of a scalar that is the same everywhere.
+    /// Returns the gradients used for lighting of a constant scalar.
     fn ends_only(mesh: &TetMesh) -> Vec<DVec3> {
         let same = vec![0.0; mesh.nodes.len()];
         super::super::node_gradients(mesh, &Topology::new(mesh), &mesh.nodes, &same, None)
@@ -253,7 +253,7 @@ mod tests {
         let found = node_shadows(&mesh, at, light, 1.0, &dense, &plain);
         let mut top = 0;
         for (p, bright) in mesh.nodes.iter().zip(&found) {
-            // A ray straight to the light passes as deep, but for a cell or two.
+            // The optical depth of a ray straight to the light matches within one or two cells.
             let depth = 5.0 * (high.z - p.z) / size;
             let middle = (*p - low).min(high - *p).min_element() > 0.3 * size;
             if middle {
@@ -265,7 +265,7 @@ mod tests {
             }
         }
         assert!(top > 50);
-        // Of the sky a face sees half, an edge more, the middle next to nothing.
+        // A face sees half of the sky, an edge more, the centre almost nothing.
         let found = node_shadows(&mesh, at, Light::Head, 0.5, &|_, _| 200.0 / size, &plain);
         for (p, bright) in mesh.nodes.iter().zip(&found) {
             let near = (*p - low).min(high - *p);

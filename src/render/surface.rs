@@ -1,4 +1,4 @@
-//! The lit boundary of a mesh, where its nodes are now.
+//! Lit rendering of the boundary of a mesh at the current positions.
 
 use super::depth_peeling::attachment;
 use super::geometry::Geometry;
@@ -20,37 +20,37 @@ mod gpu_data {
     }
 }
 
-/// Which normals a surface is lit by.
+/// Normals used for shading a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Shading {
-    /// Normals of the nodes, interpolated.
+    /// Interpolated node normals.
     #[default]
     Smooth,
-    /// Normals of the faces.
+    /// Face normals.
     Flat,
 }
 
-/// What colours a surface.
+/// Colour of a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SurfaceColour {
-    /// One colour: red, green, blue.
+    /// Uniform colour: red, green, blue.
     Plain([f32; 3]),
-    /// The transfer function's colour of each node's scalar.
+    /// Colour of the transfer function at the scalar of each node.
     Field(TransferFunction),
 }
 
-/// Where a surface is drawn.
+/// Render target of a surface.
 pub struct SurfaceTarget<'a> {
-    /// The colour attachment; its texture's size is the picture's.
+    /// Colour attachment; its size is the image size.
     pub colour: &'a wgpu::TextureView,
-    /// A `Depth32Float` attachment of the same size, in the depths of
+    /// A `Depth32Float` attachment of the same size, with the depth of
     /// [`Raycaster::file_to_clip`](super::Raycaster::file_to_clip): nearer is larger.
     pub depth: &'a wgpu::TextureView,
-    /// Replaces what was in both; without it they are drawn over.
+    /// Background colour that replaces the content of both attachments; `None` draws over it.
     pub background: Option<[f32; 4]>,
 }
 
-/// Draws the boundary of a [`Geometry`].
+/// Renderer of the boundary of a [`Geometry`].
 pub struct Surface {
     gpu: Gpu,
     frame: LocalFrame,
@@ -64,13 +64,13 @@ pub struct Surface {
     colours: Array,
     colour: SurfaceColour,
     shading: Shading,
-    /// What planes leave of it.
+    /// Clip planes.
     clips: ClipPlanes,
     refresh: Pass,
     draws: HashMap<wgpu::TextureFormat, Draw>,
 }
 
-/// Clip planes as shaders read them, and where the nodes rest, if any is given there.
+/// Clip planes in shader layout, and rest positions if a plane is fixed to the rest configuration.
 #[derive(Clone)]
 pub(crate) struct ClipPlanes {
     pub count: usize,
@@ -79,7 +79,8 @@ pub(crate) struct ClipPlanes {
 }
 
 impl ClipPlanes {
-    /// Those of `inside`, in `frame`; `rests` gives where nodes or vertices rest.
+    /// Uploads the clip planes of `inside` in `frame`; `rests` returns the rest positions of nodes
+    /// or vertices.
     pub fn new(
         gpu: &Gpu,
         inside: &Sections,
@@ -95,12 +96,13 @@ impl ClipPlanes {
         })
     }
 
-    /// Where nodes rest; anything of the kind, where no plane asks.
+    /// Returns the rest positions, or a placeholder array if no plane needs them.
     pub fn rests(&self) -> &Array {
         self.rest_positions.as_ref().unwrap_or(&self.planes)
     }
 
-    /// As the shaders' overrides: the number of planes, and whether any is given at rest.
+    /// Returns the pipeline constants: the number of planes, and whether any is fixed to the rest
+    /// configuration.
     pub fn constants(&self) -> [f64; 2] {
         [
             self.count as f64,
@@ -110,14 +112,14 @@ impl ClipPlanes {
 }
 
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-/// Pictures in memory are drawn so many times larger each way, and averaged.
+/// Supersampling factor per axis of images in memory.
 const SUPERSAMPLING: u32 = 2;
 
 impl Surface {
-    /// Prepares to draw the boundary of `geometry`, whose nodes have the given `scalars`.
+    /// Creates a renderer of the boundary of `geometry` with the given node `scalars`.
     ///
     /// # Errors
-    /// When the device cannot hold what it needs.
+    /// An error if the device cannot allocate the resources.
     pub fn new(
         gpu: &Gpu,
         geometry: &Geometry,
@@ -151,23 +153,24 @@ impl Surface {
         })
     }
 
-    /// Draws from now on what the clip planes of `inside` leave of it; the cut faces are for a
-    /// [`Raycaster`](super::Raycaster) to draw.
+    /// Sets the clip planes of `inside` for subsequent images; cut faces are drawn by a
+    /// [`Raycaster`](super::Raycaster).
     ///
     /// # Errors
-    /// [`Error::Input`] for numbers that make no sense, or a plane given at rest where `geometry`
-    /// does not remember that.
+    /// [`Error::Input`] for invalid numbers, or a plane fixed to the rest configuration if
+    /// `geometry` does not store rest positions.
     pub fn set_sections(&mut self, inside: &Sections, geometry: &Geometry) -> Result<()> {
         self.clips = clips(&self.gpu, inside, geometry)?;
         self.draws.clear();
         Ok(())
     }
 
-    /// Takes over what a cut has made of `geometry`, after that has followed it. Of `scalars` only
-    /// the new nodes' are looked at.
+    /// Updates the surface after a cut has been applied to `geometry`. Of `scalars`, only those of
+    /// new nodes are read.
     ///
     /// # Errors
-    /// [`Error::Input`] for another number of scalars than nodes; otherwise as [`Surface::new`].
+    /// [`Error::Input`] if the number of scalars differs from the number of nodes; otherwise as
+    /// [`Surface::new`].
     pub fn follow(&mut self, geometry: &Geometry, scalars: &[f64]) -> Result<()> {
         let (gpu, nodes) = (self.gpu.clone(), geometry.projected.len() as usize);
         if scalars.len() != nodes || nodes < self.nodes as usize {
@@ -203,10 +206,10 @@ impl Surface {
         Ok(())
     }
 
-    /// Colours the nodes by other `scalars`, in the range that `geometry` has now.
+    /// Sets the node `scalars`, in the current range of `geometry`.
     ///
     /// # Errors
-    /// [`Error::Input`] for another number of them.
+    /// [`Error::Input`] if the number of scalars differs from the number of nodes.
     pub fn set_scalars(&mut self, geometry: &Geometry, scalars: &[f64]) -> Result<()> {
         if scalars.len() != self.nodes as usize {
             return Err(Error::Input(format!(
@@ -219,10 +222,10 @@ impl Surface {
         self.gpu.write_items(&self.colours, 0, &colours)
     }
 
-    /// Records the drawing of the surface, at the positions of that moment.
+    /// Records the drawing of the surface; positions are read when the commands run.
     ///
     /// # Errors
-    /// For a bad camera, or when the device refuses.
+    /// An error for an invalid camera, or if the device fails.
     pub fn record(
         &mut self,
         work: &mut Recorder,
@@ -234,7 +237,7 @@ impl Surface {
         self.record_window(work, camera, target, window)
     }
 
-    /// The picture of `camera`, of `size` pixels, its edges smoothed. Waits and reads back.
+    /// Returns an antialiased image of `size` pixels. Waits and reads back.
     ///
     /// # Errors
     /// As [`Surface::record`].
@@ -242,7 +245,7 @@ impl Surface {
         self.image_of_samples(camera, size, SUPERSAMPLING)
     }
 
-    /// As [`Surface::image`], drawn `samples` times larger each way and averaged.
+    /// As [`Surface::image`], with `samples` × `samples` samples per pixel.
     pub(crate) fn image_of_samples(
         &mut self,
         camera: &Camera,
@@ -371,8 +374,8 @@ fn refresh_pass(
         .dispatch_items(nodes)
 }
 
-/// For each node where its boundary faces begin in the list of them, one entry more at the end;
-/// and the list.
+/// Returns the start of each node's list of boundary faces, with the total length at the end, and
+/// the concatenated lists.
 fn faces_around(boundary: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
     let mut firsts = vec![0u32; nodes + 1];
     let corners = || {
@@ -408,7 +411,7 @@ fn colours(geometry: &Geometry, scalars: &[f64], colour: &SurfaceColour) -> Vec<
     }
 }
 
-/// A target for depths of `size` pixels, which can also be read.
+/// Creates a depth target of `size` pixels that can also be read.
 pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureView> {
     gpu.target(
         "surface depth",
@@ -418,7 +421,7 @@ pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureVie
     )
 }
 
-/// Averages the samples of each pixel of a picture of `size`, `samples` each way.
+/// Averages `samples` × `samples` samples per pixel of an image of `size` pixels.
 pub(crate) fn downsampled(fine: &[[f32; 4]], size: [u32; 2], samples: u32) -> Vec<f32> {
     let (n, width) = (samples as usize, size[0] as usize);
     let pixel = |i: usize| {

@@ -1,9 +1,9 @@
-//! Normals and gradients of tets: the twin of `shaders/render/refresh_geometry.wgsl`.
+//! Normals and gradients of tets; reference of `shaders/render/refresh_geometry.wgsl`.
 
 use crate::mesh::FACES;
 use glam::DVec3;
 
-/// The planes of a tet's faces: (outward unit normal n, n · v) for a positively oriented tet.
+/// Returns the face planes of a tet: (outward unit normal n, n · v) for a positively oriented tet.
 pub fn tet_planes(v: [DVec3; 4]) -> [(DVec3, f64); 4] {
     FACES.map(|[a, b, c]| {
         let normal = (v[b] - v[a]).cross(v[c] - v[a]).normalize_or_zero();
@@ -11,10 +11,10 @@ pub fn tet_planes(v: [DVec3; 4]) -> [(DVec3, f64); 4] {
     })
 }
 
-/// The gradient of the linear function that takes the values `s` at the corners `v`.
+/// Returns the gradient of the linear function with values `s` at the corners `v`.
 ///
-/// g = Σ (s_i − s_0) ∇λ_i, ∇λ_1 = (e_2 × e_3) / det and so on, with e_i = v_i − v_0; what the paper
-/// writes with the face normals.
+/// g = Σ (s_i − s_0) ∇λ_i with ∇λ_1 = (e_2 × e_3) / det and so on, e_i = v_i − v_0; equivalent to
+/// the paper's formula with face normals.
 pub fn tet_gradient(v: [DVec3; 4], s: [f64; 4]) -> DVec3 {
     let e = [1, 2, 3].map(|i| v[i] - v[0]);
     let det = e[0].dot(e[1].cross(e[2]));

@@ -1,4 +1,4 @@
-//! Transfer functions: the colour and the extinction of a scalar.
+//! Transfer functions: colour and extinction as functions of a scalar.
 
 use crate::{Error, Result, files};
 use serde::Deserialize;
@@ -6,11 +6,10 @@ use std::path::Path;
 
 /// Colour and extinction as piecewise linear functions of a scalar.
 ///
-/// The file form is JSON, `{"colour": [[s, r, g, b], …], "extinction": [[s, per_length], …]}`;
-/// the two lists may have different nodes, and beyond its ends each keeps its last value.
-/// Extinction is per unit of length of the mesh file. Presets are relative, and so is a file with
-/// `"relative": true`: the scalar runs from 0 to 1 over the field's range, and extinction is per
-/// extent of the mesh.
+/// The file form is JSON, `{"colour": [[s, r, g, b], …], "extinction": [[s, per_length], …]}`; the
+/// two lists may have different nodes, and are constant beyond their ends. Extinction is per length
+/// unit of the mesh file. Presets are relative, as are files with `"relative": true`: the scalar is
+/// normalised to 0…1 over the field's range, and extinction is per extent of the mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
     colour: Vec<[f64; 4]>,
@@ -18,7 +17,7 @@ pub struct TransferFunction {
     relative: bool,
 }
 
-/// A [`TransferFunction`] in absolute terms, for one field of one mesh.
+/// A [`TransferFunction`] in absolute units, for one field of one mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResolvedTransfer {
     colour: Vec<[f64; 4]>,
@@ -35,11 +34,11 @@ struct TransferFile {
 }
 
 impl TransferFunction {
-    /// A transfer function in absolute scalars: colour nodes (s, r, g, b) and extinction nodes
-    /// (s, extinction per unit of length of the mesh file).
+    /// Creates a transfer function in absolute units: colour nodes (s, r, g, b) and extinction
+    /// nodes (s, extinction per length unit of the mesh file).
     ///
     /// # Errors
-    /// When a list is empty, not sorted by scalar, or holds a number that is not finite, a
+    /// An error if a list is empty, not sorted by scalar, or contains a non-finite number, a
     /// negative extinction or a negative colour; the message names the entry.
     pub fn new(colour: Vec<[f64; 4]>, extinction: Vec<[f64; 2]>) -> Result<TransferFunction> {
         check("colour", &colour)?;
@@ -51,8 +50,8 @@ impl TransferFunction {
         })
     }
 
-    /// As [`TransferFunction::new`], but with scalars from 0 to 1 over the range of the field,
-    /// and extinction per extent (longest side of the bounds) of the mesh.
+    /// As [`TransferFunction::new`], with scalars from 0 to 1 over the range of the field, and
+    /// extinction per extent (longest side of the bounds) of the mesh.
     ///
     /// # Errors
     /// As [`TransferFunction::new`].
@@ -67,7 +66,7 @@ impl TransferFunction {
     /// Parses the JSON form.
     ///
     /// # Errors
-    /// When it is no JSON of that shape, or as [`TransferFunction::new`].
+    /// An error if the text is not JSON of this form, or as [`TransferFunction::new`].
     pub fn from_json(text: &str) -> Result<TransferFunction> {
         let file: TransferFile = serde_json::from_str(text).map_err(|e| {
             Error::Input(format!(
@@ -84,14 +83,14 @@ impl TransferFunction {
     /// Reads the JSON form from a file.
     ///
     /// # Errors
-    /// When the file cannot be read, or as [`TransferFunction::from_json`].
+    /// An error if the file cannot be read, or as [`TransferFunction::from_json`].
     pub fn read(path: impl AsRef<Path>) -> Result<TransferFunction> {
         let path = path.as_ref();
         let text = files::read_text(path)?;
         TransferFunction::from_json(&text).map_err(|e| Error::format(path, e.to_string()))
     }
 
-    /// In absolute terms, for a field whose values lie in `range` on a mesh of extent `size`
+    /// Converts to absolute units for a field with values in `range` on a mesh of extent `size`
     /// (longest side of its bounds, in file units).
     pub fn to_absolute(&self, range: (f64, f64), size: f64) -> ResolvedTransfer {
         let (mut colour, mut extinction) = (self.colour.clone(), self.extinction.clone());
@@ -105,14 +104,14 @@ impl TransferFunction {
         ResolvedTransfer { colour, extinction }
     }
 
-    /// The same colours with every extinction multiplied by `factor`.
+    /// Returns the same colours with every extinction multiplied by `factor`.
     pub fn scale_extinction(&self, factor: f64) -> TransferFunction {
         let mut denser = self.clone();
         denser.extinction.iter_mut().for_each(|n| n[1] *= factor);
         denser
     }
 
-    /// The same extinction in one colour.
+    /// Returns the same extinction with a constant colour.
     pub fn with_colour(&self, [r, g, b]: [f64; 3]) -> TransferFunction {
         TransferFunction {
             colour: vec![[0.0, r, g, b]],
@@ -120,8 +119,8 @@ impl TransferFunction {
         }
     }
 
-    /// The same colours, all scalars of extinction `density` per unit of length of a mesh of extent
-    /// `size` (longest side of its bounds).
+    /// Returns the same colours with the constant extinction `density` per length unit, for a mesh
+    /// of extent `size` (longest side of its bounds).
     pub fn with_constant_extinction(&self, density: f64, size: f64) -> TransferFunction {
         let unit = if self.relative { size } else { 1.0 };
         TransferFunction {
@@ -131,7 +130,7 @@ impl TransferFunction {
     }
 }
 
-/// A colour by its name in CSS, or as `#RRGGBB`; red, green and blue from 0 to 1.
+/// Parses a CSS colour name or `#RRGGBB`; returns red, green and blue from 0 to 1.
 pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
     let colour = csscolorparser::parse(name).map_err(|_| {
         Error::Input(format!(
@@ -143,7 +142,7 @@ pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
 }
 
 impl ResolvedTransfer {
-    /// White, of one extinction.
+    /// Creates a white transfer function of constant extinction.
     pub(super) fn constant(extinction: f64) -> ResolvedTransfer {
         ResolvedTransfer {
             colour: vec![[0.0, 1.0, 1.0, 1.0]],
@@ -151,33 +150,33 @@ impl ResolvedTransfer {
         }
     }
 
-    /// The nodes of its colour: (s, red, green, blue).
+    /// Returns the colour nodes: (s, red, green, blue).
     pub fn colour_nodes(&self) -> &[[f64; 4]] {
         &self.colour
     }
 
-    /// The nodes of its extinction: (s, extinction per unit of length of the mesh file).
+    /// Returns the extinction nodes: (s, extinction per length unit of the mesh file).
     pub fn extinction_nodes(&self) -> &[[f64; 2]] {
         &self.extinction
     }
 
-    /// Red, green and blue at scalar `s`.
+    /// Returns red, green and blue at scalar `s`.
     pub fn colour(&self, s: f64) -> [f64; 3] {
         let [_, r, g, b] = interpolated(&self.colour, s);
         [r, g, b]
     }
 
-    /// Extinction at scalar `s`, per unit of length of the mesh file.
+    /// Returns the extinction at scalar `s`, per length unit of the mesh file.
     pub fn extinction(&self, s: f64) -> f64 {
         interpolated(&self.extinction, s)[1]
     }
 
-    /// The largest extinction at any scalar.
+    /// Returns the maximum extinction over all scalars.
     pub fn max_extinction(&self) -> f64 {
         self.extinction.iter().map(|n| n[1]).fold(0.0, f64::max)
     }
 
-    /// The largest extinction of scalars from `low` to `high`.
+    /// Returns the maximum extinction for scalars from `low` to `high`.
     pub fn max_extinction_between(&self, low: f64, high: f64) -> f64 {
         let inside = self
             .extinction
@@ -187,7 +186,7 @@ impl ResolvedTransfer {
         inside.map(|n| n[1]).fold(ends, f64::max)
     }
 
-    /// The scalars at which colour or extinction bend, sorted, each once.
+    /// Returns the scalars of all colour and extinction nodes, sorted and without duplicates.
     pub fn breakpoints(&self) -> Vec<f64> {
         let mut nodes: Vec<f64> = self.colour.iter().map(|n| n[0]).collect();
         nodes.extend(self.extinction.iter().map(|n| n[0]));
@@ -197,7 +196,7 @@ impl ResolvedTransfer {
     }
 }
 
-/// Checks one list of nodes; each is a scalar followed by its values.
+/// Validates one list of nodes; each is a scalar followed by its values.
 fn check<const N: usize>(name: &str, nodes: &[[f64; N]]) -> Result<()> {
     let wrong = |i: usize, what: &str| {
         Err(Error::Input(format!(
@@ -228,8 +227,8 @@ fn check<const N: usize>(name: &str, nodes: &[[f64; N]]) -> Result<()> {
     Ok(())
 }
 
-/// The piecewise linear function through `nodes` at `s`, constant beyond its ends. Where two
-/// nodes share a scalar the function jumps, and the later one holds there.
+/// Interpolates `nodes` linearly at `s`, constant beyond the ends. Two nodes with the same scalar
+/// define a jump, where the later node applies.
 fn interpolated<const N: usize>(nodes: &[[f64; N]], s: f64) -> [f64; N] {
     let after = nodes.partition_point(|n| n[0] <= s);
     if after == 0 {

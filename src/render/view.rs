@@ -1,22 +1,22 @@
-//! A camera in the local frame, as the shaders see it (`shaders/lib/view.wgsl`).
+//! Camera in the local frame, in the layout of the shaders (`shaders/lib/view.wgsl`).
 
 use super::{Camera, Projection};
 use crate::mesh::LocalFrame;
 use glam::{DMat4, DVec2, DVec4};
 
-/// The part of a picture that is drawn at once.
+/// Region of an image that is drawn at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct ImageRegion {
-    /// Size of the whole picture, in pixels.
+    /// Size of the whole image, in pixels.
     pub picture: [u32; 2],
-    /// Its pixel that is the window's upper left one.
+    /// Pixel of the image at the upper left corner of the region.
     pub corner: [u32; 2],
-    /// Size of the window.
+    /// Size of the region.
     pub size: [u32; 2],
 }
 
 impl ImageRegion {
-    /// The whole of a picture.
+    /// Returns the region of a whole image.
     pub fn full(size: [u32; 2]) -> ImageRegion {
         ImageRegion {
             picture: size,
@@ -28,7 +28,7 @@ impl ImageRegion {
 
 pub(crate) mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/lib/view.wgsl`.
+        /// Layout of `shaders/lib/view.wgsl`.
         pub(crate) struct View {
             pub right: [f32; 4],
             pub up: [f32; 4],
@@ -55,17 +55,17 @@ pub(crate) mod gpu_data {
 
 pub(crate) use gpu_data::View;
 
-/// Nearest distance seen by a perspective camera, in local units.
+/// Near plane distance of a perspective camera, in local units.
 const NEAR: f64 = 1e-5;
-/// Rays pass this far beside the middle of their pixel, in pixels and at most in local units: a
-/// view along an axis of a regular mesh would else send many of them exactly through nodes and
-/// edges, where no sign test decides.
+/// Offset of rays from the pixel centre, in pixels and at most in local units: a view along an axis
+/// of a regular mesh would otherwise send many rays exactly through nodes and edges, where sign
+/// tests are undecided.
 const PIXEL_OFFSET: [f64; 2] = [0.61 / 256.0, 2.0e-6];
-/// What lies farther than this from the local origin along the view may be cut off, in local
-/// units; it bounds the depth range of far and of orthographic cameras.
+/// Distance from the local origin along the view beyond which objects may be clipped, in local
+/// units; it bounds the depth range of distant and of orthographic cameras.
 const FAR_DISTANCE: f64 = 32.0;
 
-/// What does not depend on the mesh, in f64.
+/// Mesh-independent camera data, in f64.
 pub(crate) struct CameraTransform {
     axes: [DVec4; 3],
     slope: DVec4,
@@ -78,7 +78,7 @@ pub(crate) struct CameraTransform {
 }
 
 impl CameraTransform {
-    /// The view of `camera` in `frame`, for the part `window` of its picture.
+    /// Creates the view of `camera` in `frame`, for the region `window` of its image.
     pub fn new(camera: &Camera, frame: &LocalFrame, window: ImageRegion) -> CameraTransform {
         let axes = camera.axes();
         // From the eye to the local origin, in local units.
@@ -98,7 +98,7 @@ impl CameraTransform {
             size(window.picture),
             DVec2::new(f64::from(window.corner[0]), f64::from(window.corner[1])),
         );
-        // A window's pixel p lies at plane * p + offset in the view plane, y upwards.
+        // Pixel p of the region is at plane * p + offset in the view plane, y upwards.
         let plane = DVec2::new(2.0, -2.0) * half / picture;
         let offset = plane * corner + DVec2::new(-1.0, 1.0) * half;
         let line = DVec4::new(plane.x, plane.y, offset.x, offset.y);
@@ -113,7 +113,7 @@ impl CameraTransform {
         let clip = (shrink / half).extend(shift.x - 1.0).extend(1.0 - shift.y);
         let (slope, base, depth, near) = match camera.projection {
             Projection::Perspective { .. } if distance > 2.0 * FAR_DISTANCE => {
-                // Far away: a tight range about the mesh, from 1 at its near end to 0.
+                // Distant camera: a depth range close to the mesh, from 1 at its near end to 0.
                 let near = distance - FAR_DISTANCE;
                 let share = near / (2.0 * FAR_DISTANCE);
                 (
@@ -152,7 +152,7 @@ impl CameraTransform {
         }
     }
 
-    /// As the shaders take it; what concerns mesh and table is zero.
+    /// Converts to the shader layout; mesh and table fields are zero.
     pub fn to_gpu(&self) -> View {
         let f = |v: DVec4| v.as_vec4().to_array();
         View {
@@ -170,7 +170,7 @@ impl CameraTransform {
         }
     }
 
-    /// The matrix from file coordinates to clip space, for drawing other things beside.
+    /// Returns the matrix from file coordinates to clip space, for drawing other objects.
     pub fn clip_from_file(&self, frame: &LocalFrame) -> DMat4 {
         let camera =
             DMat4::from_cols(self.axes[0], self.axes[1], self.axes[2], DVec4::W).transpose();

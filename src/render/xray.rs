@@ -1,16 +1,16 @@
-//! X-rays: how strongly what CT numbers stand for attenuates them.
+//! X-ray attenuation from CT numbers.
 //!
-//! What reaches the film behind a body is I = I₀ exp(−∫ μ dl) (Beer and Lambert); a picture holds
-//! ∫ μ dl. A body that is squeezed is denser by as much as it is smaller: μ is that of the body at
-//! rest over J, so that it attenuates as much in all however it is bent.
+//! The intensity behind a body is I = I₀ exp(−∫ μ dl) (Beer-Lambert law); an image contains ∫ μ dl.
+//! Deformation conserves mass: μ is the value at rest divided by J, so that the total attenuation
+//! does not depend on the deformation.
 //!
-//! Mass attenuation coefficients are those of J. H. Hubbell and S. M. Seltzer, Tables of X-Ray Mass
-//! Attenuation Coefficients (NISTIR 5632; <https://physics.nist.gov/xaamdi>): liquid water of 1 g/cm³,
-//! and cortical bone after ICRU 44 of 1.92 g/cm³, interpolated between logarithms.
+//! Mass attenuation coefficients are from J. H. Hubbell and S. M. Seltzer, Tables of X-Ray Mass
+//! Attenuation Coefficients (NISTIR 5632; <https://physics.nist.gov/xaamdi>): liquid water of 1
+//! g/cm³, and cortical bone (ICRU 44) of 1.92 g/cm³, with log-log interpolation.
 
 use crate::{Error, Result};
 
-/// keV; cm²/g of water; cm²/g of cortical bone.
+/// Energy in keV; mass attenuation in cm²/g of water and of cortical bone.
 const COEFFICIENTS: [[f64; 3]; 8] = [
     [20.0, 0.8096, 4.001],
     [30.0, 0.3756, 1.331],
@@ -21,26 +21,26 @@ const COEFFICIENTS: [[f64; 3]; 8] = [
     [100.0, 0.1707, 0.1855],
     [150.0, 0.1505, 0.1480],
 ];
-/// g/cm³ of cortical bone.
+/// Density of cortical bone, in g/cm³.
 const BONE_DENSITY: f64 = 1.92;
-/// What scanners' CT numbers are made at, keV: the effective energy of 120 kV.
+/// Energy to which CT numbers refer, in keV: the effective energy at 120 kV.
 const CT_EFFECTIVE_ENERGY_KEV: f64 = 70.0;
 
-/// An X-ray source, and what the numbers of a picture's scalar stand for.
+/// X-ray source, and calibration of the displayed scalar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Xray {
-    /// Energy of the source, 20 to 150 keV.
+    /// Photon energy of the source, 20 to 150 keV.
     pub energy: f64,
-    /// The scalar of water: 0 in Hounsfield's units.
+    /// Scalar of water: 0 HU.
     pub water: f64,
-    /// The scalar of air, below that of water: −1000 in Hounsfield's units.
+    /// Scalar of air, below that of water: −1000 HU.
     pub air: f64,
-    /// Centimetres in a unit of the mesh.
+    /// Centimetres per mesh unit.
     pub cm_per_unit: f64,
 }
 
 impl Default for Xray {
-    /// 60 keV, Hounsfield's units, a mesh in millimetres.
+    /// 60 keV, Hounsfield units, a mesh in millimetres.
     fn default() -> Xray {
         Xray {
             energy: 60.0,
@@ -52,7 +52,7 @@ impl Default for Xray {
 }
 
 impl Xray {
-    /// Whether numbers make sense.
+    /// Validates the parameters.
     pub(super) fn check(&self) -> Result<()> {
         let wrong = |what: String| Err(Error::Input(what));
         let [low, high] = [COEFFICIENTS[0][0], COEFFICIENTS[COEFFICIENTS.len() - 1][0]];
@@ -77,16 +77,17 @@ impl Xray {
         Ok(())
     }
 
-    /// What attenuates where the scalar has a value, per unit of the mesh, at rest: none up to air,
-    /// linear from there to water and beyond it. Beyond water what is denser is taken for bone, whose
-    /// share follows from its CT number at the energy that scanners have.
+    /// Returns the attenuation at rest for a scalar value, per mesh unit: 0 up to air, then linear
+    /// to water and from there with another slope. Values above water are mixtures with bone, whose
+    /// fraction follows from the CT number at the effective energy of scanners.
     pub fn attenuation(&self, value: f64) -> f64 {
         let [water, rise] = self.slopes();
         let beyond = (value - self.water) / (self.water - self.air);
         water * self.cm_per_unit * (1.0 + beyond * if beyond > 0.0 { rise } else { 1.0 }).max(0.0)
     }
 
-    /// Attenuation of water, per cm, and how much steeper it rises beyond water than up to it.
+    /// Returns the attenuation of water, per cm, and the ratio of the slope above water to that
+    /// below.
     fn slopes(&self) -> [f64; 2] {
         let beyond = |energy: f64| {
             let [water, bone] = coefficients(energy);
@@ -96,7 +97,7 @@ impl Xray {
         [water, beyond(self.energy) / beyond(CT_EFFECTIVE_ENERGY_KEV)]
     }
 
-    /// As `lib/xray.wgsl` reads it, scalars being shares of a range.
+    /// Returns the layout of `lib/xray.wgsl`, for scalars normalised to a range.
     pub(super) fn to_gpu(self, (low, high): (f64, f64)) -> [f32; 4] {
         let share = |value: f64| (value - low) / (high - low);
         let [water, rise] = self.slopes();
@@ -109,7 +110,7 @@ impl Xray {
     }
 }
 
-/// Attenuation of water and of bone, per cm.
+/// Returns the attenuation of water and of bone, per cm.
 fn coefficients(energy: f64) -> [f64; 2] {
     let after = COEFFICIENTS.partition_point(|row| row[0] <= energy);
     let after = after.clamp(1, COEFFICIENTS.len() - 1);
@@ -136,7 +137,7 @@ mod tests {
         assert_eq!(at(60.0).attenuation(-1000.0), 0.0);
         assert_eq!(at(60.0).attenuation(-3000.0), 0.0);
         approx::assert_relative_eq!(at(60.0).attenuation(-500.0), 0.10295, max_relative = 1e-12);
-        // Cortical bone has this number at 70 keV, and attenuates as itself at every energy.
+        // Cortical bone has this number at 70 keV, and its own attenuation at every energy.
         let [water, bone] = coefficients(CT_EFFECTIVE_ENERGY_KEV);
         let number = 1000.0 * (bone / water - 1.0);
         assert!((1000.0..2000.0).contains(&number), "{number}");
@@ -144,7 +145,7 @@ mod tests {
             let found = at(energy).attenuation(number);
             approx::assert_relative_eq!(found, BONE_DENSITY * of_bone, max_relative = 1e-9);
         }
-        // Between rows as well, and above all falling.
+        // Also between rows, and decreasing with energy.
         let falling = (20..150).map(|e| at(f64::from(e)).attenuation(400.0));
         assert!(falling.collect::<Vec<_>>().windows(2).all(|p| p[1] < p[0]));
         for wrong in [

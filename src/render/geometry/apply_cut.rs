@@ -1,4 +1,4 @@
-//! A geometry that follows the cuts made in its mesh.
+//! Update of a geometry after cuts in its mesh.
 
 use super::reordered::ReorderedMesh;
 use super::{Geometry, Scalars, check_input, count_pass, share};
@@ -7,14 +7,14 @@ use crate::mesh::{NO_NEIGHBOUR, TetCut, TetMesh, Topology, replace_sorted};
 use crate::{Error, Result};
 
 impl Geometry {
-    /// Takes over a cut that made `mesh` and `topology` of those it was prepared for, or of those
-    /// after the cut before: the next picture shows the gap. `positions` are those of the mesh as
-    /// it is now, and `scalars` its values; of these only the new nodes' are looked at. What a cut
-    /// has changed is sent, and the boundary from the first new face on; after a removal of tets
-    /// everything is.
+    /// Applies a cut that produced `mesh` and `topology` from those of the geometry or of the
+    /// previous cut; the next image shows the gap. `positions` are the current positions of the
+    /// mesh, and `scalars` its values, of which only those of new nodes are read. Uploads the
+    /// changed tets and the boundary from the first new face on; after a removal of tets, uploads
+    /// everything.
     ///
     /// # Errors
-    /// As [`Geometry::new`]; nothing is changed when `mesh` is not the one cut.
+    /// As [`Geometry::new`]; the geometry is unchanged if `mesh` is not the mesh after the cut.
     pub fn apply_cut<'a>(
         &mut self,
         mesh: &TetMesh,
@@ -67,7 +67,7 @@ impl Geometry {
         Ok(())
     }
 
-    /// [`Geometry::apply_cut`], where no tets were removed.
+    /// Implements [`Geometry::apply_cut`] for cuts without removed tets.
     fn open(
         &mut self,
         mesh: &TetMesh,
@@ -101,7 +101,7 @@ impl Geometry {
         let slots: Vec<u32> = cut.tets.iter().map(slot).collect();
         let tets: Vec<[u32; 4]> = cut.tets.iter().map(|t| mesh.tets[*t as usize]).collect();
         gpu.scatter_items(&self.tets, &slots, &tets)?;
-        // A link holds the nodes of the tet behind it.
+        // A link stores the nodes of the neighbouring tet, so the links of neighbours change too.
         let behind = cut
             .tets
             .iter()

@@ -1,5 +1,4 @@
-//! Gradients at the nodes, for light: made by a pass whenever the nodes have moved, where light is
-//! on.
+//! Scalar gradients at the nodes for lighting, computed by a GPU pass when the nodes have moved.
 
 use super::{Geometry, Scalars};
 use crate::gpu::{Array, Pass, Recorder, Texel};
@@ -9,7 +8,7 @@ use crate::{Error, Result};
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/render/node_gradients.wgsl`.
+        /// Parameters of `shaders/render/node_gradients.wgsl`.
         pub struct Gradients {
             pub nodes: u32,
             pub tets: u32,
@@ -18,11 +17,11 @@ mod gpu_data {
     }
 }
 
-/// What each node has around it, and the pass that makes gradients of that.
+/// Incidence lists of the nodes, and the pass that computes gradients from them.
 pub(super) struct Gradients {
     array: Array,
     pass: Pass,
-    /// The version of the positions that they were made of.
+    /// Version of the positions for which the gradients were computed.
     made_of: Option<u64>,
 }
 
@@ -64,13 +63,13 @@ impl Gradients {
 }
 
 impl Geometry {
-    /// Makes ready for light: lists what is around every node, from which gradients are made
-    /// whenever the nodes have moved. `mesh`, `topology` and `scalars` are those that it was made
-    /// of. It takes some 20 bytes a tet, and cuts take longer to follow.
+    /// Enables lighting: builds the node incidence lists from which gradients are computed when the
+    /// nodes have moved. `mesh`, `topology` and `scalars` must be those of the geometry. Uses about
+    /// 20 bytes per tet, and makes cuts slower to apply.
     ///
     /// # Errors
-    /// [`Error::Input`] for other scalars than it has; [`Error::Gpu`] when the lists do not fit
-    /// the device.
+    /// [`Error::Input`] if mesh or scalars do not match the geometry; [`Error::Gpu`] if the lists
+    /// do not fit the device.
     pub fn enable_lighting<'a>(
         &mut self,
         mesh: &TetMesh,
@@ -86,12 +85,12 @@ impl Geometry {
             ));
         }
         self.build_gradients(mesh, topology, scalars)?;
-        // What was prepared without them is prepared anew.
+        // Invalidates draws built without gradients.
         self.generation += 1;
         Ok(())
     }
 
-    /// The lists and gradients of the mesh as it is now.
+    /// Builds the incidence lists and gradients of the current mesh.
     pub(super) fn build_gradients(
         &mut self,
         mesh: &TetMesh,
@@ -106,21 +105,21 @@ impl Geometry {
         Ok(())
     }
 
-    /// The gradients at the nodes, xyz in the local frame, where it was made ready for light: as of
-    /// the last picture that was lit.
+    /// Returns the gradients at the nodes, xyz in the local frame, as of the last lit image; `None`
+    /// unless lighting is enabled.
     pub fn gradients(&self) -> Option<&Array> {
         self.gradients.as_ref().map(|g| &g.array)
     }
 
-    /// Has them made anew for the next picture that is lit.
+    /// Forces recomputation of the gradients for the next lit image.
     pub(super) fn invalidate_gradients(&mut self) {
         if let Some(gradients) = &mut self.gradients {
             gradients.made_of = None;
         }
     }
 
-    /// Records the gradients of the nodes where they are now, if they have moved since the last, or
-    /// other scalars are shown. Whether it did.
+    /// Records the gradient pass if the nodes have moved or the scalars have changed since the last
+    /// time; returns whether it did.
     pub(in crate::render) fn record_gradients(&mut self, work: &mut Recorder) -> bool {
         let version = Some(self.positions.version());
         if let Some(gradients) = &mut self.gradients

@@ -1,8 +1,8 @@
-//! A mesh on the GPU as the raycaster sees it: per-tet vertices, neighbours, normals and
-//! gradients, the boundary, and the passes that refresh what moves.
+//! GPU representation of a mesh for raycasting: vertices, neighbours, normals and gradients of the
+//! tets, the boundary, and the passes that refresh position-dependent data.
 //!
-//! Tets are kept along a Morton curve, whatever their order in the file; nodes keep theirs, so
-//! that positions come straight from whoever moves them.
+//! Tets are stored in Morton order, independent of their order in the file. Nodes keep their order,
+//! so that the positions of a simulation can be used directly.
 
 use crate::gpu::{Array, Gpu, Pass, Positions, Texel};
 use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
@@ -29,16 +29,16 @@ mod gpu_data {
     }
 }
 
-/// Links of a tet, one a face.
+/// Links of a tet, one per face.
 const LINKS_PER_TET: usize = 4;
-/// Tets whose data are made and sent at a time, so that no list of all is needed.
+/// Tets processed and uploaded at a time, to avoid a list of the whole mesh.
 const UPLOAD_BATCH: usize = 1 << 20;
-/// The scalar that is seen.
+/// Scalar field to display.
 #[derive(Clone, Copy, Debug)]
 pub enum Scalars<'a> {
-    /// One number a node, linear in each tet.
+    /// One value per node, linear in each tet.
     Nodes(&'a [f64]),
-    /// One number a tet, constant in it: labels of regions, for example.
+    /// One value per tet, constant in it, such as region labels.
     Cells(&'a [f64]),
 }
 
@@ -62,50 +62,51 @@ impl Scalars<'_> {
     }
 }
 
-/// A mesh with a scalar at its nodes or in its tets, prepared for drawing; its nodes move with an array of positions.
+/// A mesh with a scalar field at the nodes or in the tets, prepared for rendering. Its nodes move
+/// with an array of positions.
 pub struct Geometry {
     pub(super) gpu: Gpu,
     pub(super) frame: LocalFrame,
     pub(super) range: (f64, f64),
     /// Longest edge at rest, in local units.
     pub(super) longest_edge: f64,
-    /// Mean length of a random ray in a tet, at rest, in local units.
+    /// Mean chord length of random rays in the tets at rest, in local units.
     pub(super) mean_chord: f64,
-    /// The share of the volume at rest whose scalar lies in each of equal parts of the range.
+    /// Histogram: volume fraction at rest per equal-width bin of the scalar range.
     pub(super) spread: std::sync::Arc<[f64]>,
     pub(super) positions: Array,
     pub(super) scalars: Array,
-    /// One scalar a tet; a single item where scalars are at the nodes.
+    /// One scalar per tet; a single item if the scalars are at the nodes.
     pub(super) cells: Array,
     pub(super) is_cell_scalar: bool,
     pub(super) tets: Array,
     pub(super) links: Array,
     pub(super) boundary: Array,
-    /// The same on the CPU.
+    /// CPU copy of `boundary`.
     pub(super) boundary_faces: Vec<[u32; 4]>,
-    /// What the walk over planes reads, where it was asked for.
+    /// Tet records for the plane traversal, if used.
     records: Option<TetRecords>,
-    /// The nodes in camera space, made anew for each picture.
+    /// Nodes in camera space, recomputed for each image.
     pub(super) projected: Array,
     inverted: wgpu::Buffer,
     count_inverted: Pass,
-    /// Where each tet of the mesh is kept.
+    /// Position of each mesh tet in the stored order.
     pub(super) tet_order: Vec<u32>,
-    /// Counts cuts: what is prepared for its arrays is made for one generation.
+    /// Change counter: draws bound to the arrays are valid for one generation.
     pub(super) generation: u64,
-    /// What light needs, where there is some.
+    /// Gradients, if lighting is enabled.
     gradients: Option<Gradients>,
-    /// Where the nodes rest, where somebody asked.
+    /// Rest positions of the nodes, if stored.
     rests: Option<Array>,
 }
 
 impl Geometry {
-    /// Prepares `mesh`, whose nodes stand at `positions`: xyz in `frame`, one item a node, written
-    /// by whoever moves them. `scalars` holds one number a node, or one a tet.
+    /// Prepares `mesh` with node positions `positions`: xyz in `frame`, one item per node, updated
+    /// by the caller or a simulation. `scalars` holds one value per node or per tet.
     ///
     /// # Errors
-    /// [`Error::Input`] when lengths differ or a scalar is not finite, [`Error::Gpu`] when the
-    /// device cannot hold it.
+    /// [`Error::Input`] if lengths differ or a scalar is not finite, [`Error::Gpu`] if the mesh
+    /// does not fit the device.
     pub fn new<'a>(
         gpu: &Gpu,
         mesh: &TetMesh,
@@ -119,8 +120,8 @@ impl Geometry {
         Geometry::with_range(gpu, mesh, topology, frame, positions, scalars, range)
     }
 
-    /// Prepares `mesh`, whose nodes stand where `nodes` says: those of a body, or an array of the
-    /// caller's with its frame. `scalars` holds one number a node, or one a tet.
+    /// Prepares `mesh` with positions from `nodes`: those of a body, or an array with its frame.
+    /// `scalars` holds one value per node or per tet.
     ///
     /// # Errors
     /// As [`Geometry::new`].
@@ -213,7 +214,7 @@ impl Geometry {
         })
     }
 
-    /// Prepares `mesh` where its file has it; to be moved by nobody.
+    /// Prepares `mesh` as a static geometry at the node positions of its file.
     ///
     /// # Errors
     /// As [`Geometry::new`].
@@ -227,11 +228,11 @@ impl Geometry {
         Geometry::new(gpu, mesh, &Topology::new(mesh), frame, &positions, scalars)
     }
 
-    /// Remembers where the nodes of `mesh`, which it was made of, rest: for planes that bend with
-    /// the body. It takes 16 bytes a node.
+    /// Stores the rest positions of `mesh`, the mesh of the geometry, as needed for section planes
+    /// that deform with the body. Uses 16 bytes per node.
     ///
     /// # Errors
-    /// [`Error::Input`] for another mesh; [`Error::Gpu`] when it does not fit the device.
+    /// [`Error::Input`] for another mesh; [`Error::Gpu`] if the positions do not fit the device.
     pub fn store_rest_positions(&mut self, mesh: &TetMesh) -> Result<()> {
         if mesh.nodes.len() != self.projected.len() as usize {
             return Err(Error::Input(
@@ -239,43 +240,43 @@ impl Geometry {
             ));
         }
         self.rests = Some(local_positions(&self.gpu, &self.frame, &mesh.nodes)?);
-        // What was prepared without it is prepared anew.
+        // Invalidates draws built without rest positions.
         self.generation += 1;
         Ok(())
     }
 
-    /// Where the nodes rest, xyz in the local frame, if it remembers.
+    /// Returns the rest positions of the nodes, xyz in the local frame, if stored.
     pub(super) fn rest_positions(&self) -> Option<&Array> {
         self.rests.as_ref()
     }
 
-    /// The positions it is drawn at: xyz in the local frame, one item a node. What depends on them
-    /// is made anew in the recording of a picture whenever their version has changed.
+    /// Returns the current positions: xyz in the local frame, one item per node. Dependent data are
+    /// recomputed in the recording of an image if the version of the array has changed.
     pub fn positions(&self) -> &Array {
         &self.positions
     }
 
-    /// The frame of the positions.
+    /// Returns the local frame of the positions.
     pub fn frame(&self) -> LocalFrame {
         self.frame
     }
 
-    /// Smallest and largest scalar; apart by 1 where they are equal.
+    /// Returns the smallest and largest scalar; the width is 1 for a constant field.
     pub fn scalar_range(&self) -> (f64, f64) {
         self.range
     }
 
-    /// Number of tets.
+    /// Returns the number of tets.
     pub fn tet_count(&self) -> u32 {
         self.tets.len()
     }
 
-    /// Three vertices for each boundary face.
+    /// Returns the vertex count of the boundary draw: three per boundary face.
     pub(super) fn corners(&self) -> u32 {
         3 * self.boundary.len()
     }
 
-    /// Number of tets that are inside out or flat at the present positions. Reads back.
+    /// Returns the number of inverted or degenerate tets at the current positions. Reads back.
     ///
     /// # Errors
     /// As [`Gpu::read_buffer`].
@@ -293,7 +294,7 @@ impl Geometry {
     }
 }
 
-/// An array of positions in `frame`, as [`Geometry::new`] takes it.
+/// Uploads positions in `frame`, in the form required by [`Geometry::new`].
 ///
 /// # Errors
 /// As [`Gpu::array_of`].
@@ -340,7 +341,7 @@ fn count_pass(gpu: &Gpu, positions: &Array, tets: &Array, inverted: &wgpu::Buffe
         .dispatch_items(tets.len())
 }
 
-/// A scalar as a share of the range, whose ends stand for what is beyond them.
+/// Normalises a scalar to its range, clamped to 0…1.
 fn share(scalar: f64, range: (f64, f64)) -> f32 {
     ((scalar - range.0) / (range.1 - range.0)).clamp(0.0, 1.0) as f32
 }

@@ -1,5 +1,4 @@
-//! Records of tets, for the walk over planes: made when that first asks, as nothing else reads
-//! them.
+//! Tet records for the plane traversal, created on first use because nothing else reads them.
 
 use super::Geometry;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
@@ -12,23 +11,23 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/render/record_neighbours.wgsl`.
+        /// Parameters of `shaders/render/record_neighbours.wgsl`.
         pub(super) struct Neighbours {
             pub tets: u32,
         }
     }
 }
 
-/// Texels of a tet's record (see `refresh_geometry.wgsl`).
+/// Texels per tet record (see `refresh_geometry.wgsl`).
 const RECORD_TEXELS: usize = 8;
 
-/// The records, and the passes that fill them.
+/// Tet records, and the passes that fill them.
 pub(super) struct TetRecords {
     array: Array,
     passes: Passes,
-    /// Whether neighbours are those of the mesh as it is now.
+    /// Whether the neighbours are those of the current mesh.
     linked: bool,
-    /// The version of the positions that planes and gradients were made for.
+    /// Version of the positions for which planes and gradients were computed.
     made_of: Option<u64>,
 }
 
@@ -37,7 +36,7 @@ struct Passes {
     refresh: Pass,
 }
 
-/// Arrays of a geometry that records are made of.
+/// Arrays of a geometry from which the records are computed.
 #[derive(Clone, Copy)]
 pub(super) struct RecordInputs<'a> {
     pub positions: &'a Array,
@@ -64,12 +63,12 @@ impl TetRecords {
         })
     }
 
-    /// Has planes and gradients made anew.
+    /// Forces recomputation of planes and gradients.
     pub fn invalidate(&mut self) {
         self.made_of = None;
     }
 
-    /// Has all made anew, of `sources`, where a cut has put others in the place of the old.
+    /// Rebinds the passes to `sources` after a cut and forces recomputation of all data.
     pub fn follow(&mut self, gpu: &Gpu, sources: RecordInputs) -> Result<()> {
         self.passes = passes(gpu, sources, &self.array)?;
         self.linked = false;
@@ -100,7 +99,7 @@ fn passes(gpu: &Gpu, sources: RecordInputs, records: &Array) -> Result<Passes> {
 }
 
 impl Geometry {
-    /// What records are made of.
+    /// Returns the inputs of the records.
     pub(super) fn sources(&self) -> RecordInputs<'_> {
         RecordInputs {
             positions: &self.positions,
@@ -110,18 +109,18 @@ impl Geometry {
         }
     }
 
-    /// Normals, gradients and neighbours of each tet, eight texels each, as the walk over planes
-    /// reads them; laid out as `shaders/render/refresh_geometry.wgsl` says. None until
-    /// [`Geometry::record_refresh`] makes them: the walk over vertices needs none.
+    /// Returns the normals, gradients and neighbours of each tet for the plane traversal, eight
+    /// texels per tet, in the layout of `shaders/render/refresh_geometry.wgsl`. `None` until
+    /// [`Geometry::record_refresh`] creates them; the vertex traversal does not need them.
     pub fn records(&self) -> Option<&Array> {
         self.records.as_ref().map(|records| &records.array)
     }
 
-    /// Records the refresh of normals and gradients, if the positions changed since the last. The
-    /// first time it makes the records: 128 bytes a tet.
+    /// Records the update of normals and gradients if the positions have changed since the last
+    /// one. The first call allocates the records: 128 bytes per tet.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when they do not fit the device.
+    /// [`Error::Gpu`] if the records do not fit the device.
     pub fn record_refresh(&mut self, work: &mut Recorder) -> Result<()> {
         let records = match self.records.take() {
             Some(records) => records,

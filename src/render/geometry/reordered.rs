@@ -1,9 +1,9 @@
-//! Tets where the raycaster keeps them: along a Morton curve.
+//! Tets in the storage order of the raycaster (Morton order).
 
 use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology};
 
-/// A mesh whose tets are kept elsewhere than they are listed: tets are asked for by their number
-/// in the mesh, and told by their place.
+/// A mesh with reordered tets: inputs are tet indices of the mesh, results are indices in the
+/// storage order.
 pub(super) struct ReorderedMesh<'a> {
     pub mesh: &'a TetMesh,
     pub topology: &'a Topology,
@@ -11,8 +11,8 @@ pub(super) struct ReorderedMesh<'a> {
 }
 
 impl ReorderedMesh<'_> {
-    /// Across the face opposite the k-th smallest node: the neighbour, and the exclusive or of
-    /// its nodes.
+    /// Returns, for each face in the order of the rank of its opposite node, the neighbour and the
+    /// exclusive or of the neighbour's nodes.
     pub fn links(&self, t: u32) -> [[u32; 2]; 4] {
         let (tet, across) = (
             self.mesh.tets[t as usize],
@@ -29,7 +29,8 @@ impl ReorderedMesh<'_> {
         })
     }
 
-    /// Its boundary faces: nodes, counter-clockwise from outside, and 4 tet + face.
+    /// Returns the boundary faces of a tet: nodes, counter-clockwise from outside, and 4 tet +
+    /// face.
     pub fn boundary_faces(&self, t: u32) -> impl Iterator<Item = [u32; 4]> + use<> {
         let (tet, across) = (
             self.mesh.tets[t as usize],

@@ -1,16 +1,16 @@
-//! Other scalars in place of those that a geometry was made with: of a body that moves.
+//! Replacement of the scalars of a geometry.
 
 use super::{Geometry, Scalars, check_input, scalar_histogram, share};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 
 impl Geometry {
-    /// Shows `scalars` from the next picture on, at the nodes or in the tets as those before were,
-    /// in a `range` whose ends stand for all that is beyond them. `mesh` is the one it was made of.
-    /// Who draws it takes the range over: [`Raycaster::update_range`].
+    /// Sets the scalars for subsequent images, at the nodes or in the tets as before, clamped to
+    /// `range`. `mesh` is the mesh of the geometry. Call [`Raycaster::update_range`] on the
+    /// raycaster that owns the geometry.
     ///
     /// # Errors
-    /// [`Error::Input`] for scalars that do not fit, or a range that is none.
+    /// [`Error::Input`] if the scalars do not match the geometry or the range is invalid.
     ///
     /// [`Raycaster::update_range`]: crate::render::Raycaster::update_range
     pub fn set_scalars<'a>(

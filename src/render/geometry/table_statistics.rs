@@ -1,30 +1,29 @@
-//! What tables go by of a mesh: how long segments are, and which scalars are frequent.
+//! Mesh statistics for choosing and building tables: segment lengths and the scalar histogram.
 
 use super::{Geometry, Scalars, share};
 use crate::mesh::{FACES, TET_EDGES, TetMesh};
 use crate::parallel;
 
-/// Parts of the range of scalars that are told apart where it is asked what is frequent, and tets that
-/// are looked at for it.
+/// Bins of the scalar histogram, and the maximum number of tets sampled for it.
 const HISTOGRAM_BINS: usize = 256;
 const TETS_OF_SPREAD: usize = 1 << 16;
 
-/// What the tables of pictures are made for, of a mesh with a scalar. Pieces of a mesh take over
-/// those of the whole, so that all are drawn by one table.
+/// Statistics of a mesh with a scalar field, from which tables are built. Pieces of a partitioned
+/// mesh use those of the whole mesh, so that all are rendered with the same table.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 pub struct TableStatistics {
-    /// The longest edge, in the mesh's unit.
+    /// Longest edge, in mesh units.
     pub longest_edge: f64,
-    /// Mean length of a random ray in a tet, in the mesh's unit.
+    /// Mean chord length of random rays in the tets, in mesh units.
     pub mean_chord: f64,
-    /// Smallest and largest scalar; apart by 1 where they are equal.
+    /// Smallest and largest scalar; the width is 1 for a constant field.
     pub range: (f64, f64),
-    /// The share of the volume whose scalar lies in each of equal parts of the range.
+    /// Histogram: volume fraction per equal-width bin of the range.
     pub spread: Vec<f64>,
 }
 
 impl TableStatistics {
-    /// Those of `mesh` with these scalars.
+    /// Computes the statistics of `mesh` with these scalars.
     pub fn new(mesh: &TetMesh, scalars: Scalars) -> TableStatistics {
         let range = scalar_range(scalars.values());
         TableStatistics {
@@ -35,7 +34,7 @@ impl TableStatistics {
         }
     }
 
-    /// The same with the scalars seen in another range, whose ends stand for all that is beyond them.
+    /// Returns the statistics for another scalar range, to which scalars are clamped.
     pub fn with_range(&self, range: (f64, f64)) -> TableStatistics {
         let width = (self.range.1 - self.range.0) / self.spread.len().max(1) as f64;
         let mut moved = vec![0.0; HISTOGRAM_BINS];
@@ -53,8 +52,9 @@ impl TableStatistics {
 }
 
 impl Geometry {
-    /// Has tables made for what these say, in place of its own mesh: of a piece of a mesh, those of
-    /// the whole. Its range of scalars stays; see [`Geometry::set_scalars`].
+    /// Builds tables from `measures` instead of the statistics of the geometry's own mesh; used for
+    /// a piece of a mesh with the statistics of the whole. Does not change the scalar range; see
+    /// [`Geometry::set_scalars`].
     pub fn set_table_statistics(&mut self, measures: &TableStatistics) {
         self.longest_edge = measures.longest_edge / self.frame.scale;
         self.mean_chord = measures.mean_chord / self.frame.scale;
@@ -62,7 +62,7 @@ impl Geometry {
     }
 }
 
-/// Smallest and largest scalar, apart by 1 where they are equal.
+/// Returns the smallest and largest scalar; the width is 1 for a constant field.
 pub(super) fn scalar_range(scalars: &[f64]) -> (f64, f64) {
     let (low, high) = scalars
         .iter()
@@ -76,7 +76,7 @@ pub(super) fn scalar_range(scalars: &[f64]) -> (f64, f64) {
     }
 }
 
-/// The longest edge, of parts by several threads.
+/// Returns the longest edge length (multi-threaded).
 pub(super) fn longest_edge(mesh: &TetMesh) -> f64 {
     let longest = parallel::collect(mesh.tets.len(), |range, longest| {
         let edges = range.flat_map(|t| {
@@ -88,8 +88,8 @@ pub(super) fn longest_edge(mesh: &TetMesh) -> f64 {
     longest.into_iter().fold(0.0, f64::max).sqrt()
 }
 
-/// Four times the volume over the surface, of all tets together: the mean chord of convex bodies
-/// (Cauchy).
+/// Returns the mean chord length: four times the total volume divided by the total surface area of
+/// all tets (Cauchy's formula for convex bodies).
 pub(super) fn mean_chord(mesh: &TetMesh) -> f64 {
     let volume = parallel::sum(mesh.tets.len(), |t| mesh.tet_volume(t).abs());
     let surface = parallel::sum(mesh.tets.len(), |t| {
@@ -103,8 +103,8 @@ pub(super) fn mean_chord(mesh: &TetMesh) -> f64 {
     4.0 * volume / surface.max(f64::MIN_POSITIVE)
 }
 
-/// The share of the volume whose scalar lies in each of [`HISTOGRAM_BINS`] equal parts of the range: of every
-/// so many tets in large meshes.
+/// Returns the volume fraction per bin of the scalar range ([`HISTOGRAM_BINS`] equal bins); large
+/// meshes are sampled with a stride.
 pub(super) fn scalar_histogram(
     mesh: &TetMesh,
     scalars: Scalars,

@@ -1,5 +1,5 @@
-//! What rays see in a mesh: transfer functions, of all or of each region, scans, planes and
-//! isosurfaces, as the walks read them.
+//! Appearance of ray segments: transfer functions (global or per region), scans, section planes and
+//! isosurfaces, in the form that the traversal shaders read.
 
 use crate::gpu::{Array, Gpu, Texel};
 use crate::render::geometry::Geometry;
@@ -10,55 +10,57 @@ use crate::render::{RaycastOptions, TransferFunction};
 use crate::{Error, Result};
 use std::sync::Arc;
 
-/// What is not shown at all; `lib/segment.wgsl` has the same number.
+/// Row of a tet that is not drawn; same value as in `lib/segment.wgsl`.
 const HIDDEN_ROW: u32 = 0xffff;
-/// What marks a row where scans show nothing; the same.
+/// Flag on the row of a tet in which the scans are fully transparent; same value as in
+/// `lib/segment.wgsl`.
 const TRANSPARENT_FLAG: u32 = 0x8000;
-/// Transfer functions in a table: two rows of texels each, within what every device holds.
+/// Maximum number of transfer functions in a table: each takes two rows of texels, within the
+/// texture size limit of every device.
 const MAX_TRANSFER_FUNCTIONS: usize = 1024;
 
-/// What each region of a body looks like.
+/// Appearance of each region of a body.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RegionAppearance {
-    /// The transfer functions; up to 1,024.
+    /// Transfer functions, at most 1,024.
     pub transfers: Vec<TransferFunction>,
-    /// Of each tet, in the order of the mesh, which of them; none for a tet that is not shown.
+    /// Index into `transfers` of each tet, in mesh order; `None` for a tet that is not drawn.
     pub tet_regions: Vec<Option<u32>>,
 }
 
-/// Regions as they are drawn.
+/// Validated per-region appearance.
 #[derive(Clone)]
 struct Regions {
     transfers: Vec<TransferFunction>,
-    /// The row of each tet of the mesh, in its order.
+    /// Row of each tet, in mesh order.
     of_tets: Arc<[u32]>,
 }
 
-/// What is asked of a picture.
+/// Appearance settings requested by the caller.
 #[derive(Clone)]
 struct Asked {
-    /// Of the scalars of the mesh.
+    /// Transfer function of the scalars of the mesh.
     transfer: TransferFunction,
-    /// Of the first scan, where it shows values.
+    /// Transfer function of the first scan, if that scan holds values rather than labels.
     of_scan: Option<TransferFunction>,
     regions: Option<Regions>,
     inside: Sections,
     scans: Option<Arc<ScanSet>>,
 }
 
-/// All that decides what a segment of a ray looks like.
+/// Settings and GPU resources that determine the appearance of a ray segment.
 pub(in crate::render) struct Appearance {
     asked: Asked,
-    /// The range of scalars that the table was made for.
+    /// Scalar range that the table covers.
     range: (f64, f64),
     pub table: Table,
-    /// Planes and isosurfaces.
+    /// Section planes and isosurfaces.
     pub sections: Array,
     pub colours: Array,
-    /// The row of each tet, where the geometry keeps it: where regions have looks of their own, or
-    /// scans are shown.
+    /// Row of each tet, in the tet order of the geometry; present if regions have their own
+    /// appearance or scans are shown.
     rows: Option<Array>,
-    /// Where scans lie, if any are shown.
+    /// Placement of the scans, if any are shown.
     scans: Option<wgpu::Buffer>,
 }
 
@@ -103,17 +105,17 @@ impl Appearance {
         })
     }
 
-    /// The transfer function of what is seen.
+    /// Returns the transfer function of the displayed quantity (mesh scalars or first scan).
     pub fn transfer(&self) -> &TransferFunction {
         self.asked.shown()
     }
 
-    /// The scalars that the transfer function covers.
+    /// Returns the scalar range that the transfer function covers.
     pub fn range(&self) -> (f64, f64) {
         self.range
     }
 
-    /// Whether its table is the one for the scalars that `geometry` has now.
+    /// Whether the table is still valid for the current scalars of `geometry`.
     pub fn matches(&self, geometry: &Geometry, options: &RaycastOptions) -> bool {
         let (rows, _) = self.asked.rows(geometry);
         let wanted = self.asked.wanted(geometry, options, &rows);
@@ -124,22 +126,22 @@ impl Appearance {
         &self.asked.inside
     }
 
-    /// The scans it shows, and where these lie.
+    /// Returns the displayed scans and the buffer of their placement.
     pub fn scans(&self) -> Option<(&ScanSet, &wgpu::Buffer)> {
         self.asked.scans.as_deref().zip(self.scans.as_ref())
     }
 
-    /// Whether rays are to know where the body rests.
+    /// Whether the traversal needs rest positions.
     pub fn needs_rest(&self) -> bool {
         self.asked.inside.needs_rest_positions() || self.asked.scans.is_some()
     }
 
-    /// The row of each tet, where not all have the first.
+    /// Returns the row of each tet, or `None` if all tets use the first row.
     pub fn rows(&self) -> Option<&Array> {
         self.rows.as_ref()
     }
 
-    /// Whether they are those of `geometry` as it is now.
+    /// Checks that scans and regions match the current tet count of `geometry`.
     pub fn check(&self, geometry: &Geometry) -> Result<()> {
         let tets = geometry.tet_count() as usize;
         match (&self.asked.scans, &self.asked.regions) {
@@ -206,7 +208,7 @@ impl Appearance {
         Ok(())
     }
 
-    /// Shows the scans as `held` has them after a cut.
+    /// Replaces the scans by `held`, which has been updated after a cut.
     pub fn update_scans_after_cut(
         &mut self,
         gpu: &Gpu,
@@ -234,7 +236,7 @@ impl Appearance {
         let mut asked = self.asked.clone();
         asked.inside = inside.clone();
         if asked.scans.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
-            // Which tets show nothing goes by them.
+            // The transparency of a tet depends on the isosurfaces.
             *self = Appearance::of(gpu, geometry, options, asked)?;
             return Ok(());
         }
@@ -249,12 +251,12 @@ const MISSING_REST_MESSAGE: &str =
     "the geometry does not know where it rests; call Geometry::remember_rest first";
 
 impl Asked {
-    /// The transfer function of what is seen.
+    /// Returns the transfer function of the displayed quantity.
     fn shown(&self) -> &TransferFunction {
         self.of_scan.as_ref().unwrap_or(&self.transfer)
     }
 
-    /// Refuses what does not go together.
+    /// Rejects inconsistent settings.
     fn check(&self, geometry: &Geometry) -> Result<()> {
         let flat = match &self.scans {
             Some(held) => held.transfer().is_none(),
@@ -269,8 +271,8 @@ impl Asked {
         Ok(())
     }
 
-    /// The transfer functions of the table's rows, in absolute terms, and how many of them are
-    /// those of the scalar, or of the first scan.
+    /// Returns the table rows with absolute transfer functions, and the number of rows that belong
+    /// to the mesh scalar or to the first scan.
     fn rows(&self, geometry: &Geometry) -> (Vec<TableRow>, usize) {
         let own = std::slice::from_ref(self.shown());
         let transfers = self.regions.as_ref().map_or(own, |r| &r.transfers);
@@ -289,7 +291,7 @@ impl Asked {
         (rows, transfers.len())
     }
 
-    /// What the table is made for.
+    /// Returns the specification of the table.
     fn wanted<'a>(
         &self,
         geometry: &Geometry,
@@ -297,7 +299,7 @@ impl Asked {
         rows: &'a [TableRow],
     ) -> TableRequest<'a> {
         let (form, mean) = match (&self.scans, options.table) {
-            // Stretches of a voxel are thin.
+            // With scans, segments are as short as a voxel.
             (Some(held), form) => (
                 if form == TableKind::Auto {
                     TableKind::Integrals
@@ -323,7 +325,8 @@ impl Asked {
         }
     }
 
-    /// The colours of each row, as `lib/inside.wgsl` reads them; in w extinction, over `most`.
+    /// Uploads the colours of each row in the layout of `lib/inside.wgsl`; w is the extinction
+    /// divided by `most`.
     fn colours(&self, gpu: &Gpu, rows: &[TableRow], first: usize, most: f64) -> Result<Array> {
         let over = if most > 0.0 { most.recip() } else { 0.0 };
         let mut all: Vec<Vec<[f64; 4]>> = rows.iter().map(colours).collect();
@@ -340,7 +343,8 @@ impl Asked {
         gpu.array_of("colours", Texel::F32x4, &texels)
     }
 
-    /// The row of each tet, where the geometry keeps it, if not all have the first.
+    /// Uploads the row of each tet in the tet order of the geometry; `None` if all tets use the
+    /// first row.
     fn tet_rows(
         &self,
         gpu: &Gpu,
@@ -354,7 +358,7 @@ impl Asked {
         let tets = geometry.tet_count() as usize;
         let mut of_tets = match &self.regions {
             Some(regions) if regions.of_tets.len() == tets => regions.of_tets.to_vec(),
-            // Those of a mesh before a cut: nothing is drawn by them.
+            // The regions belong to the mesh before a cut; `check` rejects drawing with them.
             _ => vec![0; tets],
         };
         if let Some(held) = self.scans.as_ref().filter(|held| held.tets() == tets) {
@@ -417,12 +421,12 @@ impl Regions {
     }
 }
 
-/// The largest extinction, per file unit.
+/// Returns the maximum extinction, per file length unit.
 fn most(geometry: &Geometry, table: &Table) -> f64 {
     f64::from(table.opacity) / (geometry.frame.scale * std::f64::consts::LOG2_E)
 }
 
-/// Planes and isosurfaces as walks read them, of scalars in a range.
+/// Uploads planes and isosurfaces for scalars in the range `(low, high)`.
 fn cuts(
     gpu: &Gpu,
     geometry: &Geometry,

@@ -1,4 +1,5 @@
-//! Recording a picture: the layers, their walks, and what they gathered brought to the target.
+//! Recording of an image: layers, their traversal draws, and resolving the accumulated result into
+//! the target.
 
 use super::Raycaster;
 use crate::gpu::{Draw, Recorder};
@@ -21,18 +22,20 @@ mod gpu_data {
     }
 }
 
-/// A walk is given up after this many tets beyond those there are.
+/// Margin added to the tet count to get the maximum number of steps of a ray; the ray is abandoned
+/// beyond it.
 const STEP_LIMIT_MARGIN: u32 = 16;
 
-/// What is made for one size of picture.
+/// Resources for one image size.
 pub(super) struct Frame {
-    /// Of the geometry that it was made for.
+    /// Generation of the geometry that the frame was created for.
     generation: u64,
     pub peel: Peel,
     walks: HashMap<(Integrand, bool), TraversalDraws>,
-    /// The occluder that the walks were prepared with.
+    /// Occluder depth texture that the draws are bound to.
     occluder: Option<wgpu::TextureView>,
-    /// By format, whether blended over what is there, and whether a projection is shown.
+    /// Keyed by target format, whether to blend over the target, and whether the integrand is a
+    /// projection.
     resolves: HashMap<(wgpu::TextureFormat, bool, bool), Draw>,
 }
 
@@ -86,7 +89,7 @@ impl Raycaster {
                 "projections and X-rays show values, and the first scan is a map of labels; show its values (labels = false), or have a scan of values before it".into(),
             ));
         }
-        // The frame is out of `self` while draws are prepared from the rest of it.
+        // The frame is moved out of `self` while draws are built from the other fields.
         let generation = self.geometry.generation;
         self.frames.retain(|f| f.generation == generation);
         let kept = self.frames.iter().position(|f| f.peel.size == window.size);
@@ -136,7 +139,7 @@ impl Raycaster {
         self.resolve(work, frame, target, gathered.is_projection())
     }
 
-    /// Brings the sum of the last layer that ran into the target.
+    /// Resolves the sum of the last recorded layer into the target.
     fn resolve(
         &self,
         work: &mut Recorder,
@@ -210,7 +213,7 @@ impl Raycaster {
             let looks = &self.looks;
             let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
             let resting = looks.needs_rest() || gathered == Integrand::Xray;
-            // What is not read is given something small.
+            // Bindings that this variant does not read get a small placeholder array.
             let nothing = &looks.sections;
             let shadows = self.shadows.as_ref().filter(|_| lit);
             let gradients = shadows.map(|s| &s.lit).or(geometry.gradients());
@@ -295,7 +298,7 @@ impl Raycaster {
                 .build()
         };
         Ok(TraversalDraws {
-            // The walk towards the eye comes before layer 0, and leaves its sum to it.
+            // The traversal towards the eye runs before layer 0 and passes its sum to layer 0.
             back: draw(&peel.back_faces, 1, true)?,
             layers: [
                 draw(&peel.keys[0], 0, false)?,
@@ -304,13 +307,13 @@ impl Raycaster {
         })
     }
 
-    /// As [`Raycaster::view`], of a picture of `gathered`.
+    /// Returns [`Raycaster::view`] for an image of `gathered`.
     fn view_of(&self, camera: &Camera, window: ImageRegion, gathered: Integrand) -> View {
         let view = self.view(camera, window);
         if !gathered.is_projection() && gathered != Integrand::Xray {
             return view;
         }
-        // Scalars are shares of the range already, and no table is looked up.
+        // Scalars are already normalised to the range, and no table is sampled.
         View {
             scalar: [1.0, 0.0],
             ..view

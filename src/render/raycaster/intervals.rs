@@ -1,4 +1,5 @@
-//! The ways of rays through a mesh, each told by itself: of a piece of a body.
+//! Extraction of the individual ray segments through a mesh, used to composite the pieces of a
+//! partitioned body.
 
 use super::Raycaster;
 use crate::gpu::Gpu;
@@ -8,26 +9,27 @@ use crate::render::view::ImageRegion;
 use crate::render::{Camera, RaySegment, RaySegments};
 use crate::{Error, Result};
 
-/// Sides of the parts in which pictures are drawn: of as large ones as there is room for their ways.
+/// Tile sides in pixels, tried from the largest until the segments of a tile fit into the device
+/// buffer.
 const TILE_SIZES: [u32; 3] = [512, 128, 32];
-/// Ways a pixel for which there is room at first.
+/// Initial buffer capacity, in segments per pixel.
 const INITIAL_CAPACITY: u64 = 2;
-/// Bytes of a way on the device, and of what stands before the first.
+/// Size of a segment in the device buffer and of the header before the first segment, in bytes.
 const SEGMENT_BYTES: u64 = 32;
 const HEADER_BYTES: u64 = 16;
-/// Most layers that a raycaster takes.
+/// Maximum number of layers of a raycaster.
 const MOST_LAYERS: u32 = 255;
 
 impl Raycaster {
-    /// What the rays of `camera` pass in this mesh, a piece of a body: for each pixel of a picture of
-    /// `size` pixels its ways through the mesh, each by itself, to be composited with those of the
-    /// other pieces ([`Intervals::merged`]). As many layers are peeled as there are, up to 255,
-    /// whatever the options say. Waits and reads back.
+    /// Returns the segments of the rays of `camera` through this mesh, a piece of a body: for each
+    /// pixel of an image of `size` pixels, one separate segment per traversal of the mesh, to be
+    /// composited with the segments of the other pieces ([`RaySegments::merged`]). Peels as many
+    /// layers as needed, up to 255, regardless of the options. Waits for the GPU and reads back.
     ///
     /// # Errors
-    /// [`Error::Input`] for a bad camera or size, for what a piece cannot know by itself (shadows), what
-    /// is not told by ways (planes, isosurfaces, scans), and for a ray that enters more than 255
-    /// times; [`Error::Gpu`] when the device refuses.
+    /// [`Error::Input`] for an invalid camera or size, for shadows (a piece has no data of the
+    /// other pieces), for planes, isosurfaces or scans (not supported by segments), and for a ray
+    /// that enters the mesh more than 255 times; [`Error::Gpu`] if the device fails.
     pub fn intervals(&mut self, camera: &Camera, size: [u32; 2]) -> Result<RaySegments> {
         self.check_pieces()?;
         check_size(size)?;
@@ -42,7 +44,7 @@ impl Raycaster {
         drawn
     }
 
-    /// Refuses what pictures of pieces cannot have.
+    /// Rejects settings that images of pieces do not support.
     fn check_pieces(&self) -> Result<()> {
         let inside = self.looks.inside();
         let what = if self.options.shadows > 0.0 {
@@ -95,7 +97,7 @@ impl Raycaster {
         ))
     }
 
-    /// Adds the ways in `window`; false where the device has no room for them.
+    /// Appends the segments in `window`; returns false if the device buffer cannot hold them.
     fn draw_window(
         &mut self,
         camera: &Camera,
@@ -152,7 +154,7 @@ impl Raycaster {
         }
     }
 
-    /// Has room for so many ways in a window.
+    /// Allocates the buffer for `ways` segments.
     fn make_room(&mut self, gpu: &Gpu, ways: u64) -> Result<wgpu::Buffer> {
         let told = gpu.buffer("ways of rays", HEADER_BYTES + SEGMENT_BYTES * ways)?;
         self.forget_walks();
@@ -161,8 +163,8 @@ impl Raycaster {
 }
 
 impl ImageRegion {
-    /// A way as `terms/intervals.wgsl` tells it; none for one beyond the picture, as windows at its
-    /// edges reach.
+    /// Decodes a segment written by `terms/intervals.wgsl`; returns `None` for a pixel outside the
+    /// image, which occurs in tiles at its edges.
     fn interval(&self, [place, seen]: &[[u32; 4]; 2]) -> Option<RaySegment> {
         let [pixel, front, back, _] = *place;
         let x = self.corner[0] + (pixel & 0xffff);

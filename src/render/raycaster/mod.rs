@@ -1,10 +1,10 @@
-//! Seeing inside a mesh while it moves: the single-pass raycaster.
+//! Single-pass raycaster for deforming tetrahedral meshes.
 //!
-//! A start pass rasterises the boundary and writes the tet and face where each pixel's ray enters;
-//! a fullscreen fragment pass walks the ray from tet to tet to where it leaves, and composites
-//! front to back ([`Traversal`] names the two ways to walk). Rays that enter again are peeled off layer
-//! by layer ([`super::depth_peeling`]). Segments are looked up in a pre-integrated table
-//! ([`super::table`]). Nothing is read back to decide anything.
+//! A start pass rasterises the boundary and writes the entry tet and face of each pixel's ray. A
+//! fullscreen fragment pass traverses the ray from tet to tet until it exits and composites front
+//! to back ([`Traversal`] lists the two traversal methods). Re-entering rays are handled by depth
+//! peeling ([`super::depth_peeling`]). Segments are looked up in a pre-integrated table
+//! ([`super::table`]). No control decision requires a GPU readback.
 
 mod appearance;
 mod draw;
@@ -27,7 +27,7 @@ pub use appearance::RegionAppearance;
 use draw::Frame;
 use shadows::Shadows;
 
-/// Draws the inside of a [`Geometry`].
+/// Volume renderer of a [`Geometry`].
 pub struct Raycaster {
     pub(super) gpu: Gpu,
     pub(super) geometry: Geometry,
@@ -36,28 +36,28 @@ pub struct Raycaster {
     pub(super) sampler: wgpu::Sampler,
     pub(super) lost_rays: wgpu::Buffer,
     nothing_opaque: wgpu::TextureView,
-    /// Where regions have no looks of their own.
+    /// Placeholder for the tet rows if regions have no separate appearance.
     no_rows: Array,
     shadows: Option<Shadows>,
-    /// Where ways through the mesh are told by themselves, where they were asked for.
+    /// Output buffer for the separate ray segments, while they are being extracted.
     told: Option<wgpu::Buffer>,
-    /// Of the last sizes that were drawn, the last one first.
+    /// Frames of the most recently drawn sizes, the latest first.
     frames: Vec<Frame>,
 }
 
 impl Raycaster {
-    /// A raycaster for `geometry`, with the default [`RaycastOptions`].
+    /// Creates a raycaster for `geometry` with the default [`RaycastOptions`].
     ///
     /// # Errors
-    /// When the device cannot hold what it needs.
+    /// An error if the device cannot allocate the resources.
     pub fn new(gpu: &Gpu, geometry: Geometry, transfer: &TransferFunction) -> Result<Raycaster> {
         Raycaster::with_options(gpu, geometry, transfer, RaycastOptions::default())
     }
 
-    /// A raycaster for `geometry`.
+    /// Creates a raycaster for `geometry`.
     ///
     /// # Errors
-    /// As [`Raycaster::new`]; [`Error::Input`] for options out of their range.
+    /// As [`Raycaster::new`]; [`Error::Input`] for options out of range.
     pub fn with_options(
         gpu: &Gpu,
         geometry: Geometry,
@@ -92,26 +92,26 @@ impl Raycaster {
         })
     }
 
-    /// What it draws.
+    /// Returns the geometry.
     pub fn geometry(&self) -> &Geometry {
         &self.geometry
     }
 
-    /// What it draws, to follow the cuts of its mesh.
+    /// Returns the geometry for updates, such as after a cut of its mesh.
     pub fn geometry_mut(&mut self) -> &mut Geometry {
         &mut self.geometry
     }
 
-    /// The transfer function, in absolute terms.
+    /// Returns the transfer function in absolute units.
     pub fn transfer(&self) -> ResolvedTransfer {
         let geometry = &self.geometry;
         let transfer = self.looks.transfer();
         transfer.to_absolute(self.looks.range(), geometry.frame.scale)
     }
 
-    /// Draws with another transfer function from now on; what is recorded already keeps the one
-    /// it was recorded with. The table is made when the next picture is recorded. Regions with
-    /// looks of their own keep them.
+    /// Sets the transfer function for subsequent images; images already recorded keep the previous
+    /// one. The table is built when the next image is recorded. Regions with their own transfer
+    /// functions keep them.
     ///
     /// # Errors
     /// As [`Raycaster::new`].
@@ -122,8 +122,8 @@ impl Raycaster {
         Ok(())
     }
 
-    /// Takes over the scalars that its geometry was given since: the table is made anew where their
-    /// range is another one, or asks for another.
+    /// Updates the appearance after the scalars of the geometry changed: rebuilds the table if
+    /// their range or the table specification changed.
     ///
     /// # Errors
     /// As [`Raycaster::new`].
@@ -134,12 +134,13 @@ impl Raycaster {
         }
     }
 
-    /// Draws each region by a transfer function of its own, or not at all, from now on; with none
-    /// all by the one of the raycaster. After a cut that removed tets regions are to be set again.
+    /// Sets a separate transfer function per region, or hides regions, for subsequent images;
+    /// `None` restores the single transfer function. Set the regions again after a cut that removed
+    /// tets.
     ///
     /// # Errors
-    /// [`Error::Input`] for regions of another mesh, too many of them, or a table that has room for
-    /// one transfer function; the old ones stay.
+    /// [`Error::Input`] if the regions do not match the mesh, are too many, or the table has room
+    /// for only one transfer function; the previous regions stay in effect.
     pub fn set_regions(&mut self, regions: Option<&RegionAppearance>) -> Result<()> {
         let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
         self.looks.set_regions(gpu, geometry, options, regions)?;
@@ -147,17 +148,18 @@ impl Raycaster {
         Ok(())
     }
 
-    /// Shows scans that the body carries in place of its scalars, or these again, as they were shown,
-    /// with none: looked up
-    /// at full resolution where the body rests, as `mesh` has it, the first one with all that goes for
-    /// a scalar (regions, isosurfaces, projections). The geometry is to remember its rest
-    /// ([`Geometry::store_rest_positions`]). After a cut that removed tets scans are to be set again, by
-    /// [`Raycaster::follow_scans`]. Returns in words what had to be left out for the device's sake.
+    /// Shows scans attached to the body instead of the mesh scalars; an empty slice restores the
+    /// scalars. Scans are sampled at full resolution at the rest position given by `mesh`; the
+    /// first scan takes the role of the scalar (regions, isosurfaces, projections). The geometry
+    /// must store its rest positions ([`Geometry::store_rest_positions`]). After a cut that removed
+    /// tets, call [`Raycaster::follow_scans`]. Returns a description of the data omitted because of
+    /// device limits.
     ///
     /// # Errors
-    /// [`Error::Input`] for scans that do not meet the mesh, are too many, or hold what they should
-    /// not, for isosurfaces beside a first scan of labels, and for a geometry that does not know its rest; [`Error::Gpu`] where they do not fit the
-    /// device, however coarse. The old ones stay.
+    /// [`Error::Input`] for scans that do not intersect the mesh, are too many or contain invalid
+    /// values, for isosurfaces combined with a label map as first scan, and for a geometry without
+    /// rest positions; [`Error::Gpu`] if the scans do not fit the device even at reduced
+    /// resolution. The previous scans stay in effect.
     pub fn set_scans(&mut self, mesh: &TetMesh, scans: &[Scan]) -> Result<Vec<String>> {
         if mesh.tets.len() != self.geometry.tet_count() as usize {
             return Err(Error::Input(
@@ -176,7 +178,7 @@ impl Raycaster {
         Ok(notes)
     }
 
-    /// The scans it shows, after a cut of `mesh` that its geometry has followed.
+    /// Updates the displayed scans after a cut of `mesh` that has been applied to the geometry.
     ///
     /// # Errors
     /// As [`Raycaster::set_scans`].
@@ -193,18 +195,18 @@ impl Raycaster {
         Ok(())
     }
 
-    /// Whether it shows scans.
+    /// Whether scans are shown.
     pub fn shows_scans(&self) -> bool {
         self.looks.scans().is_some()
     }
 
-    /// Draws with these planes and isosurfaces from now on. Planes given in the body at rest need a
-    /// geometry that remembers it ([`Geometry::store_rest_positions`]), isosurfaces scalars at the nodes;
-    /// they are lit where there is light.
+    /// Sets the section planes and isosurfaces for subsequent images. Planes fixed to the rest
+    /// configuration need a geometry with rest positions ([`Geometry::store_rest_positions`]),
+    /// isosurfaces need scalars at the nodes. Isosurfaces and planes are shaded if lighting is on.
     ///
     /// # Errors
-    /// [`Error::Input`] for numbers that make no sense, too many of them, or a geometry that is not
-    /// ready; the old ones stay.
+    /// [`Error::Input`] for invalid numbers, too many planes or isosurfaces, or a geometry without
+    /// the required data; the previous sections stay in effect.
     pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         let (gpu, geometry, options) = (&self.gpu, &self.geometry, &self.options);
         self.looks.set_sections(gpu, geometry, options, inside)?;
@@ -212,42 +214,42 @@ impl Raycaster {
         Ok(())
     }
 
-    /// What was prepared for a picture is prepared anew for the next.
+    /// Invalidates the shadows and the prepared draws.
     fn prepare_anew(&mut self) {
         self.shadows = None;
         self.forget_walks();
     }
 
-    /// Walks are prepared anew for the next picture.
+    /// Invalidates the prepared draws.
     fn forget_walks(&mut self) {
         self.frames.iter_mut().for_each(Frame::invalidate_draws);
     }
 
-    /// The planes and isosurfaces it draws with.
+    /// Returns the section planes and isosurfaces.
     pub fn inside(&self) -> &Sections {
         self.looks.inside()
     }
 
-    /// How it draws.
+    /// Returns the options.
     pub fn options(&self) -> &RaycastOptions {
         &self.options
     }
 
-    /// Texels of the table along each scalar.
+    /// Returns the table size along each scalar axis, in texels.
     pub fn table_size(&self) -> u32 {
         self.looks.table.size
     }
 
-    /// Layers of the table: its slices, the depths of a [`TableKind::Volume`](super::TableKind::Volume), or the
-    /// transfer functions in it.
+    /// Returns the number of table layers: its slices, the depths of a
+    /// [`TableKind::Volume`](super::TableKind::Volume), or the number of transfer functions.
     pub fn table_layers(&self) -> u32 {
         self.looks.table.layers
     }
 
-    /// Draws with other options from now on.
+    /// Sets the options for subsequent images.
     ///
     /// # Errors
-    /// As [`Raycaster::with_options`]; the old ones stay.
+    /// As [`Raycaster::with_options`]; the previous options stay in effect.
     pub fn set_options(&mut self, options: RaycastOptions) -> Result<()> {
         options.check(&self.gpu)?;
         self.looks
@@ -258,20 +260,20 @@ impl Raycaster {
         Ok(())
     }
 
-    /// The matrix from file coordinates to the clip space of `camera`, whose depth falls from 1
-    /// near the eye to 0: for drawing an occluder.
+    /// Returns the matrix from file coordinates to the clip space of `camera`, for drawing an
+    /// occluder. Depth is reversed: 1 near the eye, falling to 0.
     pub fn file_to_clip(&self, camera: &Camera, size: [u32; 2]) -> glam::DMat4 {
         let frame = &self.geometry.frame;
         CameraTransform::new(camera, frame, ImageRegion::full(size)).clip_from_file(frame)
     }
 
-    /// Records the drawing of a picture into `target`. Refreshes what the positions have changed
-    /// first where needed; reads nothing back. Any number of pictures, of several cameras, sizes
-    /// or transfer functions, can be recorded before they are submitted. The first one of a
-    /// transfer function submits the building of its table.
+    /// Records the drawing of an image into `target`. Refreshes data that depends on the positions
+    /// if needed; does not read back. Any number of images with different cameras, sizes or
+    /// transfer functions can be recorded before submission. The first image with a new transfer
+    /// function submits the computation of its table.
     ///
     /// # Errors
-    /// [`Error::Input`] for a bad camera, [`Error::Gpu`] when the device refuses.
+    /// [`Error::Input`] for an invalid camera, [`Error::Gpu`] if the device fails.
     pub fn record(
         &mut self,
         work: &mut Recorder,
@@ -284,7 +286,7 @@ impl Raycaster {
         self.record_window(work, camera, mode.into(), target, window)
     }
 
-    /// As [`Raycaster::record`], for a part of a picture.
+    /// As [`Raycaster::record`], for a region of an image.
     pub(crate) fn record_region(
         &mut self,
         work: &mut Recorder,
@@ -296,7 +298,7 @@ impl Raycaster {
         self.record_window(work, camera, mode.into(), target, window)
     }
 
-    /// The picture of `camera`, of `size` pixels, as a volume. Waits and reads back.
+    /// Renders a composited image of `size` pixels. Waits for the GPU and reads back.
     ///
     /// # Errors
     /// As [`Raycaster::image`].
@@ -304,11 +306,11 @@ impl Raycaster {
         self.image(camera, size, Mode::Composite)
     }
 
-    /// The picture of `camera` in `mode`, of `size` pixels. Waits and reads back.
+    /// Renders an image of `size` pixels in `mode`. Waits for the GPU and reads back.
     ///
     /// # Errors
-    /// As [`Raycaster::record`]; and [`Error::Input`] when a ray enters more often than there are
-    /// layers for.
+    /// As [`Raycaster::record`]; and [`Error::Input`] if a ray enters the mesh more often than the
+    /// layer limit allows.
     pub fn image(&mut self, camera: &Camera, size: [u32; 2], mode: Mode) -> Result<Image> {
         let (pixels, layers) = self.gather(camera, size, mode.into())?;
         self.check_layers(layers)?;
@@ -333,7 +335,7 @@ impl Raycaster {
         Ok(())
     }
 
-    /// All pixels of a picture, and the most layers that a tile needed.
+    /// Returns all pixels of an image and the maximum number of layers that a tile needed.
     fn gather(
         &mut self,
         camera: &Camera,
@@ -357,7 +359,7 @@ impl Raycaster {
         Ok((pixels, layers))
     }
 
-    /// Layers that the last window recorded, and submitted, found.
+    /// Returns the number of layers found in the last submitted window.
     pub(super) fn layers_found(&self) -> Result<u32> {
         match self.frames.first() {
             Some(frame) => frame.peel.layer_count(&self.gpu),

@@ -1,5 +1,5 @@
-//! What dims the light at each node, on the GPU: made when the nodes have moved, or what is seen of
-//! the body has changed.
+//! GPU computation of the light transmittance at each node, updated when the nodes move or the
+//! appearance changes.
 
 use super::Raycaster;
 use crate::Result;
@@ -9,13 +9,13 @@ use crate::render::shadows::{LightDirections, SURFACE_OFFSET, ShadowResolution};
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/render/shadow_bounds.wgsl`.
+        /// Parameters of `shaders/render/shadow_bounds.wgsl`.
         pub struct Bounds {
             pub nodes: u32,
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/render/shadow_fill.wgsl`.
+        /// Parameters of `shaders/render/shadow_fill.wgsl`.
         pub struct Fill {
             pub tets: u32,
             pub cells: u32,
@@ -23,7 +23,7 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/render/shadow_march.wgsl`.
+        /// Parameters of `shaders/render/shadow_march.wgsl`.
         pub struct March {
             pub nodes: u32,
             pub cells: u32,
@@ -38,21 +38,21 @@ mod gpu_data {
     }
 }
 
-/// The passes, and what they make.
+/// Shadow passes and their result.
 pub(super) struct Shadows {
-    /// Gradients at the nodes, and in w the share of light.
+    /// Gradients at the nodes (xyz) and light transmittance (w).
     pub lit: Array,
     grid: wgpu::Buffer,
     empty: wgpu::Buffer,
     passes: [Pass; 3],
-    /// Of the positions that it was made of, and of the geometry.
+    /// Position version for which the shadows were computed.
     made_of: Option<u64>,
     generation: u64,
 }
 
 impl Raycaster {
-    /// Records what the shadows of the picture need, if it has any, after the gradients, which were
-    /// made `anew` or not.
+    /// Records the shadow passes after the gradient pass; `anew` is whether the gradients were
+    /// recomputed.
     pub(super) fn record_shadows(&mut self, work: &mut Recorder, anew: bool) -> Result<()> {
         let generation = self.geometry.generation;
         if self
@@ -77,7 +77,7 @@ impl Raycaster {
 
     fn make_shadows(&self) -> Result<Option<Shadows>> {
         let (gpu, geometry, looks) = (&self.gpu, &self.geometry, &self.looks);
-        // Surfaces alone dim nothing.
+        // Without the volume, surfaces cast no shadows.
         let gradients = geometry.gradients().filter(|_| looks.inside().draw_volume);
         let Some(gradients) = gradients else {
             return Ok(None);
@@ -85,7 +85,7 @@ impl Raycaster {
         let nodes = geometry.projected.len();
         let ShadowResolution { cells, points } =
             ShadowResolution::of(geometry.tet_count() as usize);
-        // The least of each axis begins above, the largest below all numbers.
+        // Per axis, the minimum starts at the largest and the maximum at the smallest u32.
         let mut empty = vec![0u32; 6 + cells as usize];
         empty[..3].fill(u32::MAX);
         let grid = gpu.buffer_of("grid of shadows", &empty)?;
@@ -176,8 +176,8 @@ impl Raycaster {
         }))
     }
 
-    /// The gradients that light sees at the nodes, xyz in the local frame, and in w the share of
-    /// light that comes there, where there are shadows: as of the last picture that had any.
+    /// Returns the gradients used for lighting at the nodes (xyz, local frame) with the light
+    /// transmittance (w), as of the last image with shadows; `None` without shadows.
     pub fn shadowed_gradients(&self) -> Option<&Array> {
         self.shadows.as_ref().map(|s| &s.lit)
     }

@@ -1,18 +1,18 @@
-//! What labels look like.
+//! Label maps: label numbering and appearance.
 
 use crate::volume::Volume;
 use crate::{Error, Result, parallel};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Labels that a texture can number; `shaders/terms/scan.wgsl` has the same.
+/// Maximum number of distinct labels in a texture; same value as in `shaders/terms/scan.wgsl`.
 const MAX_LABELS: usize = 1024;
 
-/// What a label of a [`Scan`](super::Scan) looks like.
+/// Appearance of a label of a [`Scan`](super::Scan).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LabelAppearance {
     /// Red, green and blue, from 0 to 1.
     pub colour: [f64; 3],
-    /// Extinction per unit of length of the mesh.
+    /// Extinction per length unit of the mesh.
     pub extinction: f64,
 }
 
@@ -32,14 +32,14 @@ impl LabelAppearance {
     }
 }
 
-/// The labels of a volume, numbered in their order.
+/// Distinct labels of a volume in ascending order; the index is the label number.
 #[derive(Clone, Debug)]
 pub(super) struct LabelIndex {
     labels: Vec<i64>,
 }
 
 impl LabelIndex {
-    /// Those of `volume`.
+    /// Collects the labels of `volume`.
     pub fn of(volume: &Volume) -> Result<LabelIndex> {
         let found = parallel::collect(volume.voxels(), |range, parts| {
             let mut own: Option<BTreeSet<i64>> = Some(BTreeSet::new());
@@ -75,24 +75,24 @@ impl LabelIndex {
         })
     }
 
-    /// The number of the label that a voxel has.
+    /// Returns the number of the label of a voxel value.
     pub fn number(&self, value: f64) -> usize {
         let below = self.labels.partition_point(|l| *l < value as i64);
         below.min(self.labels.len() - 1)
     }
 
-    /// The texel of a number: a fraction, so that values beside it in the texture are not far off where
-    /// filters round.
+    /// Returns the texel value of a label number: a fraction, so that neighbouring values stay
+    /// accurate where texture filters round.
     pub fn to_texel(number: usize) -> f64 {
         number as f64 / MAX_LABELS as f64
     }
 
-    /// The number of a texel.
+    /// Returns the label number of a texel value.
     pub fn from_texel(texel: f32) -> usize {
         (texel * MAX_LABELS as f32).round() as usize
     }
 
-    /// What each number looks like; extinction 0 where it is not seen.
+    /// Returns the appearance per label number; extinction 0 for labels that are not shown.
     pub fn appearances(&self, looks: &BTreeMap<i64, LabelAppearance>) -> Vec<LabelAppearance> {
         let unseen = LabelAppearance {
             colour: [0.0; 3],

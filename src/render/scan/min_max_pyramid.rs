@@ -1,23 +1,23 @@
-//! Which tets show nothing of a scan: the smallest and largest value in blocks of texels, and in
-//! blocks of these, made once; they stay as they are when the body moves.
+//! Min-max pyramid of a scan for empty-space skipping: the smallest and largest value per block of
+//! texels and per block of blocks. Built once; independent of the deformation.
 
 use super::texture::Texels;
 use crate::mesh::TetMesh;
 use crate::parallel;
 use glam::{DAffine3, DVec3};
 
-/// Texels along each axis of the smallest blocks.
+/// Texels along each axis of a block on the finest level.
 const BLOCK: usize = 4;
-/// Blocks along each axis that a question is answered from.
+/// Maximum number of blocks along each axis that one query visits.
 const MAX_BLOCKS_PER_QUERY: usize = 4;
 
-/// The smallest and largest texel of each block of a level.
+/// Smallest and largest texel of each block of a level.
 struct Level {
     size: [usize; 3],
     ends: Vec<[f32; 2]>,
 }
 
-/// Smallest and largest texels of a scan, by blocks.
+/// Min-max pyramid of the texels of a scan.
 pub(super) struct MinMaxPyramid {
     texels: [usize; 3],
     levels: Vec<Level>,
@@ -41,8 +41,8 @@ impl MinMaxPyramid {
         }
     }
 
-    /// Bounds of all texels that lie between `low` and `high`, or beside them; none where that is
-    /// outside.
+    /// Returns the range of all texels in or next to the box from `low` to `high`; `None` if the
+    /// box is outside the scan.
     fn between(&self, low: DVec3, high: DVec3) -> Option<[f32; 2]> {
         let mut range = [[0usize; 2]; 3];
         for k in 0..3 {
@@ -76,7 +76,8 @@ impl MinMaxPyramid {
         Some(found)
     }
 
-    /// Bounds of the texels in each tet of `mesh`, at rest; none where the scan does not cover it.
+    /// Returns the texel range in each tet of `mesh` in the rest configuration; `None` where the
+    /// scan does not cover the tet.
     pub fn tet_ranges(&self, mesh: &TetMesh, texel_from_rest: DAffine3) -> Vec<Option<[f32; 2]>> {
         parallel::map(mesh.tets.len(), |t| {
             let corners = mesh
@@ -89,7 +90,8 @@ impl MinMaxPyramid {
 }
 
 impl Level {
-    /// Of `size` items, so many along each axis in a block.
+    /// Builds a level from an array of the given size, with `block` items along each axis of a
+    /// block.
     fn of(
         [nx, ny, nz]: [usize; 3],
         block: usize,
@@ -123,7 +125,7 @@ mod tests {
     #[test]
     fn bounds_hold_all_that_is_sampled() {
         let size = [21, 13, 9];
-        // Grows along x, with a noise on it.
+        // Increases along x, with added noise.
         let texel = |n: usize| {
             let noise = ((n * 7919) % 1013) as f64 / 1013.0;
             0.9 * (n % size[0]) as f64 / 20.0 + 0.1 * noise

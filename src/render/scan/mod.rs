@@ -1,11 +1,11 @@
-//! Scans that a body carries: looked up, at full resolution, where each point of a ray is when the
-//! body rests. A body of a few tets so shows millions of voxels bent.
+//! Scans (voxel volumes) attached to a body and sampled at full resolution at the rest position of
+//! each ray point. A body of few tets thus shows millions of voxels in deformed space.
 //!
-//! Inside a tet the way from where a point is to where it rests is affine, so a ray that is straight
-//! where the body is is straight at rest too, tet by tet. It is sampled there at most a voxel apart
-//! ([`texture`]), and what lies between two samples is looked up in the table of integrals; lengths
-//! are those of the deformed body. Gradients for light are differences of the scan, carried by F⁻ᵀ.
-//! The twin of `shaders/terms/scan.wgsl`.
+//! The map from deformed to rest positions is affine in each tet, so a ray is straight at rest
+//! within each tet. It is sampled there at most one voxel apart ([`texture`]), and the interval
+//! between two samples is looked up in the table of integrals; lengths are those of the deformed
+//! body. Gradients for lighting are finite differences of the scan, transformed by F⁻ᵀ. Reference
+//! of `shaders/terms/scan.wgsl`.
 
 mod labels;
 mod min_max_pyramid;
@@ -25,43 +25,43 @@ use glam::DAffine3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Scans of a picture, at most.
+/// Maximum number of scans in an image.
 pub const MAX_SCANS: usize = 8;
 
-/// A volume that a body carries, and what it looks like.
+/// A volume attached to a body, and its appearance.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// The voxels, placed where the body rests: in RAS mm.
+    /// Voxels, positioned in the rest configuration in RAS mm.
     pub volume: Arc<Volume>,
-    /// Units of the mesh in a millimetre: 1 for a mesh in mm.
+    /// Mesh length units per millimetre: 1 for a mesh in mm.
     pub units_per_mm: f64,
-    /// What is seen of it.
+    /// Whether to show values or labels.
     pub appearance: ScanAppearance,
 }
 
-/// What is seen of a [`Scan`].
+/// Appearance of a [`Scan`].
 #[derive(Clone, Debug)]
 pub enum ScanAppearance {
-    /// Its values, trilinear between voxels.
+    /// Values, interpolated trilinearly between voxels.
     Values {
-        /// What shows them. Extinction is per unit of the mesh.
+        /// Transfer function; extinction is per length unit of the mesh.
         transfer: TransferFunction,
-        /// Smallest and largest value, which stand for what is beyond them; those that occur where
-        /// nothing is said.
+        /// Smallest and largest displayed value, to which others are clamped; `None` uses the range
+        /// of the volume.
         range: Option<(f64, f64)>,
     },
-    /// Labels, each voxel the one it has; those that are not here are not seen.
+    /// Labels, nearest-neighbour sampled; labels that are not listed are not shown.
     Labels(BTreeMap<i64, LabelAppearance>),
 }
 
 impl Scan {
-    /// From places at rest, in units of the mesh, to voxels.
+    /// Returns the transform from rest positions, in mesh units, to voxel indices.
     pub fn rest_to_voxel(&self) -> DAffine3 {
         let from_mm = DAffine3::from_scale(glam::DVec3::splat(self.units_per_mm));
         (from_mm * self.volume.to_world).inverse()
     }
 
-    /// Smallest and largest value that are told apart.
+    /// Returns the displayed value range; its width is 1 for constant values.
     pub fn range(&self) -> (f64, f64) {
         let given = match &self.appearance {
             ScanAppearance::Values { range, .. } => *range,
@@ -74,7 +74,7 @@ impl Scan {
         }
     }
 
-    /// Whether numbers make sense, and the scan lies where `mesh` rests.
+    /// Checks the parameters, and that the scan overlaps the rest configuration of `mesh`.
     pub(super) fn check(&self, mesh: &TetMesh) -> Result<()> {
         let wrong = |what: String| Err(Error::Input(what));
         if !(self.units_per_mm.is_finite() && self.units_per_mm > 0.0) {

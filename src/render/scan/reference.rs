@@ -1,4 +1,4 @@
-//! Scans in float64, for exact rays.
+//! Float64 reference sampling of scans along exact rays.
 
 use super::Scan;
 use crate::mesh::TetMesh;
@@ -7,14 +7,14 @@ use crate::volume::Volume;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 
-/// A scan of values that [`ReferenceRaycaster`](crate::render::ReferenceRaycaster) goes through.
+/// A scan of values sampled by [`ReferenceRaycaster`](crate::render::ReferenceRaycaster).
 pub(in crate::render) struct ScanReference {
     volume: Arc<Volume>,
     voxel_from_rest: DAffine3,
-    /// Where the corners of each tet rest.
+    /// Rest positions of the corners of each tet.
     rests: Vec<[DVec3; 4]>,
     range: (f64, f64),
-    /// Stretches in a voxel's length.
+    /// Number of sub-segments per voxel length.
     fine: f64,
 }
 
@@ -29,8 +29,8 @@ impl ScanReference {
         }
     }
 
-    /// A stretch of a ray in a tet, at whose ends the corners have these weights, in stretches that
-    /// are as short as is asked for; what the scan does not cover is left out.
+    /// Splits the ray segment `whole` of a tet, with the given barycentric weights at its ends,
+    /// into sub-segments of the configured length; parts outside the scan are omitted.
     pub fn split(&self, whole: Segment, weights: [[f64; 4]; 2]) -> Vec<Segment> {
         let rests = self.rests[whole.tet as usize];
         let [front, back] = weights.map(|w| {

@@ -1,4 +1,4 @@
-//! Scans as a raycaster keeps them.
+//! Scans of a raycaster: textures, placement and empty-space data.
 
 use super::labels::{LabelAppearance, LabelIndex};
 use super::min_max_pyramid::MinMaxPyramid;
@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/terms/scan.wgsl`.
+        /// Layout of `shaders/terms/scan.wgsl`.
         pub struct Scan {
             pub x: [f32; 4],
             pub y: [f32; 4],
@@ -25,47 +25,46 @@ mod gpu_data {
     }
 }
 
-/// Parts of the range that are told apart where it is asked what is frequent, and texels that are
-/// looked at for it.
+/// Bins of the value histogram, and the maximum number of texels sampled for it.
 const HISTOGRAM_BINS: usize = 256;
 const TEXELS_OF_SPREAD: usize = 1 << 18;
-/// What the table rounds scalars by, of its range, and half floats texels.
+/// Rounding of scalars in the table, relative to their range, and of texels in half floats.
 const TABLE_ROUNDING: f64 = 1.0 / 2000.0;
 const TEXEL_ROUNDING: f64 = 1.0 / 2048.0;
 
-/// All scans of a picture.
+/// All scans of an image.
 pub(in crate::render) struct ScanSet {
     pub scans: Vec<Scan>,
     parts: Vec<ScanData>,
-    /// Their voxels.
+    /// Voxels of all scans.
     pub texture: wgpu::TextureView,
     pub sampler: wgpu::Sampler,
-    /// Tets of the mesh that it was made for.
+    /// Tet count of the mesh for which the data were computed.
     tets: usize,
-    /// What had to be left out.
+    /// Descriptions of omitted data.
     pub notes: Vec<String>,
 }
 
-/// What is kept of a scan beside its texels.
+/// Data of a scan other than its texels.
 #[derive(Clone)]
 struct ScanData {
-    /// From places at rest, in file units.
+    /// Transform from rest positions, in file units, to texels.
     texel_from_rest: DAffine3,
     size: [usize; 3],
     first: u32,
-    /// The values of texels −1 and 1, of values.
+    /// Values of the texels −1 and 1, for a scan of values.
     ends: (f64, f64),
     numbered: Option<LabelIndex>,
-    /// The values that are told apart.
+    /// Displayed value range.
     range: (f64, f64),
     spread: Arc<[f64]>,
     pyramid: Arc<MinMaxPyramid>,
-    /// Bounds of the texels in each tet of the mesh.
+    /// Texel range in each tet of the mesh.
     of_tets: Vec<Option<[f32; 2]>>,
 }
 
 impl ScanSet {
-    /// `scans`, which `mesh` carries.
+    /// Uploads `scans`, which are attached to `mesh`.
     pub fn new(gpu: &Gpu, mesh: &TetMesh, scans: &[Scan]) -> Result<ScanSet> {
         if !(1..=MAX_SCANS).contains(&scans.len()) {
             return Err(Error::Input(format!(
@@ -93,7 +92,7 @@ impl ScanSet {
         })
     }
 
-    /// The same in `mesh` after a cut, which has taken tets away.
+    /// Returns the scan set for `mesh` after a cut that removed tets.
     pub fn follow(&self, mesh: &TetMesh) -> ScanSet {
         let of_tets = |part: &ScanData| ScanData {
             of_tets: part.pyramid.tet_ranges(mesh, part.texel_from_rest),
@@ -109,12 +108,12 @@ impl ScanSet {
         }
     }
 
-    /// Tets of the mesh that it was made for.
+    /// Returns the tet count of the mesh for which the data were computed.
     pub fn tets(&self) -> usize {
         self.tets
     }
 
-    /// Whether the first one shows values, by this transfer function.
+    /// Returns the transfer function of the first scan, or `None` if it shows labels.
     pub fn transfer(&self) -> Option<&TransferFunction> {
         match &self.scans[0].appearance {
             ScanAppearance::Values { transfer, .. } => Some(transfer),
@@ -122,12 +121,12 @@ impl ScanSet {
         }
     }
 
-    /// Whether any of them has labels.
+    /// Whether any scan shows labels.
     pub fn has_labels(&self) -> bool {
         self.parts.iter().any(|part| part.numbered.is_some())
     }
 
-    /// The least distance between two texels, in file units.
+    /// Returns the smallest texel spacing, in file units.
     pub fn min_texel_spacing(&self) -> f64 {
         let spacing = |part: &ScanData| {
             let axes = part.texel_from_rest.inverse().matrix3;
@@ -139,7 +138,7 @@ impl ScanSet {
         self.parts.iter().map(spacing).fold(f64::INFINITY, f64::min)
     }
 
-    /// The rows of the table: the first scan by each of `transfers`, then the others.
+    /// Returns the table rows: the first scan with each of `transfers`, then the other scans.
     pub fn rows(&self, transfers: &[TransferFunction], extent: f64) -> Vec<TableRow> {
         let row = |k: usize, transfer: &TransferFunction| {
             let range = self.parts[k].range;
@@ -150,7 +149,7 @@ impl ScanSet {
             }
         };
         let first = transfers.iter().map(|t| row(0, t));
-        // A row of labels stands for the densest of them.
+        // A row of labels uses the largest extinction of all labels.
         let labels = |k: usize, part: &ScanData| {
             let looks = part.looks(&self.scans[k].appearance);
             let most = looks.iter().map(|l| l.extinction).fold(0.0, f64::max);
@@ -169,7 +168,7 @@ impl ScanSet {
         first.chain(others).collect()
     }
 
-    /// The colours of labels, by the row of the table that stands for them, after `first` rows.
+    /// Returns the label appearances with their table row; the first scan has `first` rows.
     pub fn label_rows(&self, first: usize) -> Vec<(usize, Vec<LabelAppearance>)> {
         let rows = self.row_of_scans(first);
         let all = self.scans.iter().zip(&self.parts).zip(rows);
@@ -178,7 +177,7 @@ impl ScanSet {
             .collect()
     }
 
-    /// The row of each scan, where the first scan has `first` of them.
+    /// Returns the row of each scan if the first scan has `first` rows.
     fn row_of_scans(&self, first: usize) -> Vec<usize> {
         let mut next = first;
         let parts = self.parts.iter().enumerate();
@@ -193,7 +192,7 @@ impl ScanSet {
             .collect()
     }
 
-    /// As `terms/scan.wgsl` reads them.
+    /// Uploads the placement of the scans in the layout of `terms/scan.wgsl`.
     pub fn to_gpu(&self, gpu: &Gpu, frame: LocalFrame, first: usize) -> Result<wgpu::Buffer> {
         let to_file = DAffine3::from_translation(frame.origin)
             * DAffine3::from_scale(DVec3::splat(frame.scale));
@@ -223,8 +222,9 @@ impl ScanSet {
         gpu.buffer_of("places of scans", &items)
     }
 
-    /// Of each tet of the mesh whether all scans are transparent in it, and the first has none of
-    /// `values`. Of `rows` the first scan has `first`, and `row` tells which in a tet.
+    /// Returns, for each tet, whether all scans are transparent in it and the first scan has none
+    /// of the isosurface `values` there. The first scan has `first` of `rows`; `row` maps a tet to
+    /// its row.
     pub fn transparent_tets(
         &self,
         rows: &[TableRow],
@@ -295,7 +295,7 @@ impl ScanData {
         }
     }
 
-    /// The value that a texel stands for.
+    /// Returns the value of a texel.
     fn value(&self, texel: f32) -> f64 {
         self.ends.0 + 0.5 * (f64::from(texel) + 1.0) * (self.ends.1 - self.ends.0)
     }

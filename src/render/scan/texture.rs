@@ -1,6 +1,6 @@
-//! The voxels of all scans of a picture, one after the other along z in one texture of half floats:
-//! values from -1 to 1 over all that occur, or numbers of labels. What does not fit the device is
-//! halved until it does, along z alone where there are too many layers.
+//! Texture of all scans of an image: one half-float 3D texture with the scans stacked along z.
+//! Texels are values scaled to −1…1 over the range that occurs, or label numbers. Scans that exceed
+//! the device limits are downsampled by factors of two; along z only if there are too many layers.
 
 use super::labels::LabelIndex;
 use super::{Scan, ScanAppearance};
@@ -10,31 +10,32 @@ use crate::{Error, Result, parallel};
 use glam::{DAffine3, DVec3};
 use half::f16;
 
-/// Bytes that are sent at a time.
+/// Bytes uploaded at a time.
 const UPLOAD_BYTES: usize = 32 << 20;
-/// Ranges beyond the one that is told apart which values keep: they are between those that are in it.
+/// Margin, in multiples of the displayed range, to which values outside that range are clamped;
+/// out-of-range values matter because they are interpolated with values in range.
 const MARGIN: f64 = 4.0;
-/// Voxels that are made one along each axis, at most.
+/// Maximum downsampling factor along each axis.
 const MAX_DOWNSAMPLING: usize = 64;
 
-/// The voxels of a scan as the texture has them.
+/// Voxels of a scan in texture form.
 pub(super) struct Texels {
-    /// How many voxels are one texel along each axis.
+    /// Downsampling factor along each axis, in voxels per texel.
     pub downsampling: [usize; 3],
     /// Texels along each axis.
     pub size: [usize; 3],
-    /// i running fastest, then j, then k.
+    /// Texels; i runs fastest, then j, then k.
     pub values: Vec<f16>,
-    /// The value of texel −1, and of 1, of values.
+    /// Values of the texels −1 and 1, for a scan of values.
     pub ends: (f64, f64),
-    /// Of labels.
+    /// Label numbering, for a label map.
     pub label_index: Option<LabelIndex>,
-    /// Where they begin in the texture, along z.
+    /// First layer in the texture, along z.
     pub first: u32,
 }
 
 impl Texels {
-    /// Those of `scan`, so many voxels in each.
+    /// Converts `scan`, with the downsampling factors `merged`.
     fn of(scan: &Scan, merged: [usize; 3]) -> Result<Texels> {
         let volume = &*scan.volume;
         let size: [usize; 3] = std::array::from_fn(|k| volume.size[k].div_ceil(merged[k]));
@@ -83,20 +84,20 @@ impl Texels {
         })
     }
 
-    /// From voxels to texels.
+    /// Returns the transform from voxel to texel indices.
     pub fn texel_from_voxel(&self) -> DAffine3 {
         let merged = DVec3::from(self.downsampling.map(|n| n as f64));
         DAffine3::from_scale(merged.recip())
             * DAffine3::from_translation(-0.5 * (merged - DVec3::ONE))
     }
 
-    /// The value that a texel stands for.
+    /// Returns the value of a texel.
     pub fn value(&self, texel: f64) -> f64 {
         self.ends.0 + 0.5 * (texel + 1.0) * (self.ends.1 - self.ends.0)
     }
 }
 
-/// The voxels of `volume` that one texel stands for.
+/// Returns the voxels of `volume` that are merged into one texel.
 fn block(
     volume: &Volume,
     low: [usize; 3],
@@ -110,14 +111,14 @@ fn block(
     })
 }
 
-/// Of those that are finite.
+/// Returns the mean of the finite voxels of a block.
 fn mean(volume: &Volume, low: [usize; 3], merged: [usize; 3]) -> Option<f64> {
     let finite = block(volume, low, merged).filter(|v| v.is_finite());
     let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
     (count > 0.0).then(|| sum / count)
 }
 
-/// The number that most of them have, and of as many the least.
+/// Returns the most frequent label number of a block; the smallest of equally frequent ones.
 fn most_frequent(
     volume: &Volume,
     low: [usize; 3],
@@ -129,18 +130,19 @@ fn most_frequent(
         .collect();
     numbers.sort_unstable();
     let runs = numbers.chunk_by(|a, b| a == b);
-    // The last of equal ones is what max_by_key gives.
+    // `max_by_key` returns the last of equal maxima, so the order is reversed.
     let best = runs.rev().max_by_key(|run| run.len());
     best.map_or(0, |run| run[0])
 }
 
-/// The texture of all scans, what it holds of each, and what had to be left out, in words.
+/// Creates the texture of all scans; returns its view, the texels of each scan, and a description
+/// of omitted data.
 pub(super) fn texture(
     gpu: &Gpu,
     scans: &[Scan],
 ) -> Result<(wgpu::TextureView, Vec<Texels>, Vec<String>)> {
     let limit = gpu.device().limits().max_texture_dimension_3d as usize;
-    // As few voxels in a texel as the sides of a texture allow.
+    // The smallest power-of-two downsampling within the texture size limit.
     let side = |n: usize| {
         let mut merged = 1;
         while n.div_ceil(merged) > limit {
@@ -205,7 +207,7 @@ fn make(gpu: &Gpu, size: [usize; 3]) -> Result<wgpu::Texture> {
     )
 }
 
-/// What is said of a scan that was made coarser.
+/// Returns the message for a downsampled scan.
 fn said((scan, texels): (&Scan, &Texels)) -> Option<String> {
     (texels.downsampling != [1; 3]).then(|| {
         let times = |n: [usize; 3]| n.map(|n| n.to_string()).join(" x ");
@@ -246,7 +248,7 @@ fn send(gpu: &Gpu, texture: &wgpu::Texture, texels: &Texels) {
                 depth_or_array_layers: count as u32,
             },
         );
-        // What is sent is kept until it is submitted.
+        // Submits now, since written data stays in memory until submission.
         gpu.submit([]);
     }
 }

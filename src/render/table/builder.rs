@@ -1,5 +1,5 @@
-//! Tables that are looked up through a sampler, built on the GPU: slices, the paper's volume, and
-//! the transfer function itself.
+//! Sampled lookup tables built on the GPU: slices, the pre-integration volume of the paper, and the
+//! transfer function itself.
 
 use super::linear_pieces::{LinearPieces, gpu_data::Piece};
 use super::{Table, TableKind, TableRequest, TableTexel};
@@ -28,24 +28,25 @@ mod gpu_data {
     }
 }
 
-/// Slices an octave of depth, as log₂; `terms/slices.wgsl` has the same numbers.
+/// Base-2 logarithm of the number of slices per octave of depth; `terms/slices.wgsl` has the same
+/// numbers.
 const OCTAVE_BITS: u32 = 2;
-/// The first octave of depths begins at 2 to this.
+/// Exponent of the smallest depth: the first octave begins at 2 to this power.
 const FIRST_OCTAVE: i32 = -5;
-/// Octaves at most: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
+/// Maximum number of octaves: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
 const MOST_OCTAVES: u32 = 24;
-/// Slices reach to segments this long, in local units: longer than any body stays.
+/// Maximum segment length covered by the slices, in local units; longer than any body.
 const MAX_SEGMENT_LENGTH: f64 = 4.0;
-/// Texels along the scalar where nothing is integrated beforehand.
+/// Texels along the scalar without pre-integration.
 const SAMPLED_SIZE: u32 = 4096;
-/// WebGPU's limit on the layers of a texture.
+/// WebGPU limit on the number of texture layers.
 const MOST_LAYERS: u32 = 256;
-/// Layers of the volume, and the depth of the last at most: a layer a sixteenth, so that
-/// interpolation between them misses little.
+/// Number of layers of the volume and maximum depth of the last: one layer per sixteenth of depth
+/// keeps the interpolation error between layers small.
 const VOLUME_LAYERS: u32 = 129;
 const VOLUME_MAX_DEPTH: f64 = 8.0;
 
-/// The textures of a table that is looked up through a sampler, and the passes that fill them.
+/// Creates the textures of a sampled table and the passes that fill them.
 pub(super) fn table(
     gpu: &Gpu,
     pieces: &LinearPieces,
@@ -109,7 +110,7 @@ pub(super) fn table(
         layers,
         max_depth: reach,
         opacity: opacity as f32,
-        // Texel centres at the ends.
+        // Scalars 0 and 1 map to the centres of the first and last texel.
         scalar: [(size as f32 - 1.0) / size as f32, 0.5 / size as f32],
         constants: match wanted.form {
             TableKind::Samples(n) => vec![("SAMPLES", f64::from(n))],
@@ -120,20 +121,20 @@ pub(super) fn table(
     })
 }
 
-/// Slices needed for depths up to `depth`.
+/// Returns the number of slices for depths up to `depth`.
 fn slices(depth: f64) -> u32 {
     let octaves = depth.max(1e-9).log2().ceil() as i32 - FIRST_OCTAVE;
     (octaves.clamp(1, MOST_OCTAVES as i32) as u32) << OCTAVE_BITS
 }
 
-/// The depth in the middle of slice `k`.
+/// Returns the depth at the middle of slice `k`.
 fn slice_depth(k: u32) -> f64 {
     let steps = 1u32 << OCTAVE_BITS;
     let within = (f64::from(k % steps) + 0.5) / f64::from(steps);
     2f64.powi(FIRST_OCTAVE + (k / steps) as i32) * (1.0 + within)
 }
 
-/// What a table is made in.
+/// Format in which tables are computed.
 const BUILD_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
 
 fn work_texture(
@@ -156,7 +157,7 @@ struct Builder<'a> {
     texel: TableTexel,
     texture: &'a wgpu::Texture,
     limit: wgpu::TextureView,
-    /// What passes write in place of a layer that is not of half floats.
+    /// Half-float scratch output for passes whose layer is not in half floats.
     halves: wgpu::TextureView,
 }
 
@@ -169,7 +170,7 @@ impl Builder<'_> {
         work_texture(self.gpu, [self.size, self.height], BUILD_FORMAT)
     }
 
-    /// Where a pass writes layer `k`; see [`Builder::keep`].
+    /// Returns the half-float output of the pass for layer `k`; see [`Builder::keep`].
     fn written(&self, k: u32) -> wgpu::TextureView {
         match self.texel {
             TableTexel::Half => self.layer(k),
@@ -177,7 +178,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Brings `whole` into layer `k` where the pass that made it could not.
+    /// Copies `whole` into layer `k` if the table is not in half floats.
     fn keep(&self, whole: &wgpu::TextureView, k: u32, passes: &mut Vec<Pass>) -> Result<()> {
         let shader = match self.texel {
             TableTexel::Half => return Ok(()),
@@ -212,7 +213,7 @@ impl Builder<'_> {
             .dispatch_workgroups(self.groups())
     }
 
-    /// Each slice from the one an octave before it.
+    /// Computes each slice from the slice one octave below.
     fn slices(&self, layers: u32, passes: &mut Vec<Pass>) -> Result<()> {
         let octave = 1 << OCTAVE_BITS;
         let ring: Vec<_> = (0..2 * octave)
@@ -241,7 +242,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Colour and extinction themselves, along one line.
+    /// Writes colour and extinction along one line of texels.
     fn samples(&self, pieces: &[Piece], passes: &mut Vec<Pass>) -> Result<()> {
         let buffer = self.gpu.buffer_of("transfer pieces", pieces)?;
         passes.push(
@@ -259,7 +260,7 @@ impl Builder<'_> {
         self.keep(&self.limit, 0, passes)
     }
 
-    /// Each layer from a first slab and the layer before it.
+    /// Computes each layer from a first slab and the previous layer.
     fn volume(&self, layers: u32, reach: f32, passes: &mut Vec<Pass>) -> Result<()> {
         let slab = self.work()?;
         let others = [self.work()?, self.work()?];

@@ -1,33 +1,33 @@
-//! Integrals of the transfer function over the scalar s, in points: with extinction τ over the
-//! largest there is and colour c over the brightest,
+//! Integrals of the transfer function over the scalar s, tabulated at points. With extinction τ
+//! relative to its maximum and colour c relative to the brightest:
 //!
 //! ```text
 //! P(s) = ∫₀ˢ τ,   C(s) = ∫₀ˢ c τ,   Q(s) = ∫₀ˢ c τ P.
 //! ```
 //!
-//! Between two points a and b a segment's mean extinction is (P(b) − P(a)) / (b − a), and its mean
-//! colour (C(b) − C(a)) / (P(b) − P(a)), as if nothing in it hid anything. What is in front hides
-//! what is behind it in proportion to depth, to first order, which takes the moment
-//! Q(b) − Q(a) − P(a) (C(b) − C(a)); see `shaders/terms/integrals.wgsl`.
+//! For a segment between the scalars a and b, the mean extinction is (P(b) − P(a)) / (b − a), and
+//! the mean colour without self-attenuation is (C(b) − C(a)) / (P(b) − P(a)). Self-attenuation is
+//! proportional to depth to first order, and requires the moment Q(b) − Q(a) − P(a) (C(b) − C(a));
+//! see `shaders/terms/integrals.wgsl`.
 
 use super::linear_pieces::{LinearPieces, gpu_data::Piece};
 use super::{Table, TableKind, TableRequest, TableRow};
 use crate::Result;
 use crate::gpu::Gpu;
 
-/// Points from scalar 0 to scalar 1, and one beyond, so that each has one on either side.
+/// Number of points from scalar 0 to scalar 1, plus one beyond so that each point has a successor.
 const POINTS: u32 = 4095;
-/// A unit of the integrals, which are in fixed point: differences are exact. `terms/integrals.wgsl`
+/// Fixed-point scale of the integrals; fixed point makes differences exact. `terms/integrals.wgsl`
 /// has the same number.
 const FIXED_POINT_SCALE: f64 = 2_147_483_000.0;
-/// Mean depth of a segment up to which one look-up keeps a picture within half a level, of smooth
-/// functions and of spiky ones: the error grows as its square.
+/// Maximum mean depth of a segment for which one lookup keeps an image within half a grey level,
+/// for smooth and for narrow-peaked functions; the error grows with its square.
 const MAX_MEAN_DEPTH: f64 = 0.25;
 const THIN_ERROR: f64 = 0.25 / 255.0;
 
-/// Whether segments are so thin that one look-up each does for `wanted`.
+/// Whether segments are thin enough for one lookup each at the accuracy of `wanted`.
 pub(super) fn is_sufficient(pieces: &[LinearPieces], wanted: &TableRequest) -> bool {
-    // Over the body's scalars as they occur, of the densest function.
+    // Mean extinction over the scalar histogram of the body; maximum over the rows.
     let mean = |(p, row): (&LinearPieces, &TableRow)| {
         let sums = Row::of(p, 1.0, 1.0).values;
         let parts = row.spread.len();
@@ -45,8 +45,8 @@ pub(super) fn is_sufficient(pieces: &[LinearPieces], wanted: &TableRequest) -> b
     mean * wanted.scale * wanted.mean_segment <= thin
 }
 
-/// The table of several transfer functions, two rows each: C and P, then Q. `most` is the largest
-/// extinction, `opacity` the same in the table's unit.
+/// Creates the table of several transfer functions, two rows each: C and P, then Q. `most` is the
+/// largest extinction, `opacity` the same in the unit of the table.
 pub(super) fn table(
     gpu: &Gpu,
     pieces: &[LinearPieces],
@@ -107,13 +107,13 @@ struct Integral {
     q: [f64; 3],
 }
 
-/// Those of one transfer function at all points.
+/// Integrals of one transfer function at all points.
 struct Row {
     values: Vec<Integral>,
 }
 
 impl Row {
-    /// Of a function whose largest extinction is `share` of the unit.
+    /// Integrates a function whose largest extinction is `share` of the unit.
     fn of(pieces: &LinearPieces, share: f64, brightest: f64) -> Row {
         let point = |k: u32| f64::from(k) / f64::from(POINTS - 1);
         let mut values = vec![Integral::default()];
@@ -151,8 +151,8 @@ impl Row {
 }
 
 impl Integral {
-    /// Goes on from `low` to `high`, both in one piece, along which c and τ are linear: three
-    /// points of Gauss and Legendre are exact up to the fifth power, and c τ P is of the fourth.
+    /// Extends the integrals from `low` to `high`, both in one piece with linear c and τ.
+    /// Three-point Gauss-Legendre quadrature is exact up to degree five, and c τ P has degree four.
     fn add(&mut self, piece: &Piece, (low, high): (f64, f64), share: f64, brightest: f64) {
         let [from, t0, to, t1] = piece.ends.map(f64::from);
         let along = |s: f64| (s - from) / (to - from);

@@ -1,11 +1,11 @@
-//! A transfer function in pieces along which colour and extinction are linear.
+//! Decomposition of a transfer function into pieces with linear colour and extinction.
 
 use super::SIZES;
 use crate::render::ResolvedTransfer;
 
 pub(super) mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/lib/pieces.wgsl`.
+        /// Layout of `shaders/lib/pieces.wgsl`.
         pub(in super::super) struct Piece {
             pub ends: [f32; 4],
             pub first: [f32; 4],
@@ -14,9 +14,9 @@ pub(super) mod gpu_data {
     }
 }
 
-/// A transfer function cut where it bends, over scalars from 0 to 1 and a little beyond.
+/// Transfer function split at its breakpoints, over scalars from −1 to 2 (the range is 0 to 1).
 pub(super) struct LinearPieces {
-    /// From low scalars to high.
+    /// Pieces in ascending scalar order.
     pub list: Vec<gpu_data::Piece>,
     /// Largest extinction in the range, per file unit.
     pub max_extinction: f64,
@@ -33,7 +33,8 @@ impl LinearPieces {
             .collect();
         cuts.insert(0, -1.0);
         cuts.push(2.0);
-        // Both functions are linear inside a piece: two inner points give its ends, jumps included.
+        // Both functions are linear in a piece: two inner points determine its ends, including
+        // jumps.
         let ends = |a: f64, b: f64| {
             let at = |w: f64| range.0 + span * (a + w * (b - a));
             let line = |p: f64, q: f64| [1.5 * p - 0.5 * q, 1.5 * q - 0.5 * p];
@@ -73,16 +74,18 @@ impl LinearPieces {
         }
     }
 
-    /// Texels along each scalar for pictures within `accuracy`: linear interpolation misses a bend
-    /// by (change of slope) h²/8 and a jump by (jump) h/4, in extinction over about a mesh's
-    /// extent of path, in colour over weights that sum to 1.
+    /// Returns the texels along each scalar needed for images within `accuracy`. Linear
+    /// interpolation has an error of (change of slope) h²/8 at a bend and (jump) h/4 at a jump: in
+    /// extinction, over a path of about the extent of the mesh; in colour, over weights that sum to
+    /// 1.
     pub fn required_size(&self, opacity: f64, accuracy: f64) -> u32 {
-        // Beyond a depth of some units a ray is opaque, and errors no longer add up.
+        // Beyond a depth of some units a ray is opaque and errors do not accumulate.
         let depth = opacity.min(16.0);
         let error = |h: f64| {
             let pairs = self.list.windows(2).map(|pair| {
                 let [a, b] = [&pair[0], &pair[1]];
-                // Value and slope on either side, of extinction and of each colour.
+                // Values at the start and end of a piece, of extinction (0) or of a colour channel
+                // (1 to 3).
                 let ends = |p: &gpu_data::Piece, k: usize| match k {
                     0 => [p.ends[1], p.ends[3]],
                     _ => [p.first[k - 1], p.last[k - 1]],

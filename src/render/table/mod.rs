@@ -1,13 +1,13 @@
-//! The pre-integrated table: colour and opacity of a ray segment from its two scalars and its
-//! length, made when the transfer function changes and never when the mesh moves.
+//! Pre-integrated tables: colour and opacity of a ray segment from its two scalars and its length.
+//! A table is rebuilt when the transfer function changes, never when the mesh moves.
 //!
-//! Integrals of colour and extinction over the scalar ([`integrals`]) give opacity 1 − exp(−τ̄ d)
-//! exactly, for any length, and the order of colours inside a segment to the second order of its
-//! depth. The sliced form holds mean colour and mean extinction for depths in quarter octaves:
-//! opacity is exact as well, and the order of colours is left to the nearest slice. The volume is
-//! the paper's: colour and opacity, linear in depth. Without integration beforehand, a line of
-//! texels holds the transfer function itself.
-//! Depths are lengths times the largest extinction times log₂ e.
+//! Integrals of colour and extinction over the scalar ([`integrals`]) give the exact opacity 1 −
+//! exp(−τ̄ d) for any length, and the front-to-back order of colours in a segment to second order
+//! in its depth. The sliced table stores mean colour and mean extinction for depths in quarter
+//! octaves: opacity is exact as well, and the order of colours is that of the nearest slice. The
+//! volume table follows the paper: colour and opacity, linear in depth. Without pre-integration,
+//! one line of texels stores the transfer function itself. Depth is length times the largest
+//! extinction times log₂ e.
 
 mod builder;
 mod integrals;
@@ -18,26 +18,26 @@ use crate::gpu::{Gpu, Pass};
 use crate::{Error, Result};
 use linear_pieces::LinearPieces;
 
-/// How segments are looked up.
+/// Lookup method for ray segments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum TableKind {
-    /// Integrals where a mesh's tets are thin enough for one look-up each, slices where not.
+    /// Integrals if the tets of the mesh are thin enough for one lookup each, otherwise slices.
     #[default]
     Auto,
-    /// Integrals of colour and extinction over the scalar, 4,096 points: the fastest where tets are
-    /// thin, exact in opacity, and alone with room for several transfer functions.
+    /// Integrals of colour and extinction over the scalar, 4,096 points: the fastest for thin tets,
+    /// exact in opacity, and the only form that supports several transfer functions.
     Integrals,
-    /// Slices of mean colour and mean extinction between every two scalars: exact in opacity.
+    /// Slices of mean colour and mean extinction for each pair of scalars: exact in opacity.
     Sliced,
-    /// The paper's three-dimensional table of colour and opacity.
+    /// Three-dimensional table of colour and opacity, as in the paper.
     Volume,
-    /// Nothing is integrated beforehand: the transfer function at so many points of each segment,
-    /// evenly spread, 1 to 64.
+    /// No pre-integration: evaluates the transfer function at this many evenly spaced points of
+    /// each segment, 1 to 64.
     Samples(u32),
 }
 
 impl TableKind {
-    /// The term in `shaders/terms` that looks it up; `stored` says how the mesh is read.
+    /// Returns the lookup term in `shaders/terms`; `stored` selects storage reads of the mesh.
     pub(super) fn term(self, stored: bool) -> &'static str {
         match self {
             TableKind::Integrals if stored => "integrals_stored",
@@ -48,7 +48,7 @@ impl TableKind {
         }
     }
 
-    /// Whether it is looked up through a sampler.
+    /// Whether the table is read through a sampler.
     pub(super) fn is_sampled(self) -> bool {
         self != TableKind::Integrals
     }
@@ -63,15 +63,15 @@ impl TableKind {
     }
 }
 
-/// What a table's values are held in.
+/// Texel format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum TableTexel {
-    /// Bytes, 256 levels from 0 to 1.
+    /// 8-bit normalised integers, 256 levels from 0 to 1.
     Byte,
-    /// Half floats: every device filters them.
+    /// Half floats, filterable on every device.
     #[default]
     Half,
-    /// Floats, where the device filters them.
+    /// 32-bit floats, on devices that can filter them.
     Single,
 }
 
@@ -94,74 +94,74 @@ impl TableTexel {
     }
 }
 
-/// Sizes of a sampled table along each scalar.
+/// Automatic sizes of a sampled table along each scalar.
 const SIZES: [u32; 4] = [64, 128, 256, 512];
-/// Sizes that may be asked for.
+/// Allowed range of user-defined sizes.
 pub(super) const TABLE_SIZES: std::ops::RangeInclusive<u32> = 8..=512;
 
 /// A table on the GPU, and the passes that fill it.
 pub(super) struct Table {
-    /// How it is looked up: not [`TableKind::Auto`].
+    /// Lookup method; never [`TableKind::Auto`].
     pub form: TableKind,
-    /// All layers, as its term reads them.
+    /// View of all layers for the lookup term.
     pub view: wgpu::TextureView,
     /// Texels along each scalar.
     pub size: u32,
     /// Number of layers.
     pub layers: u32,
-    /// Depth of the volume's last layer.
+    /// Depth of the last layer of the volume.
     pub max_depth: f32,
     /// Largest extinction per local unit, times log₂ e.
     pub opacity: f32,
     /// Table coordinate of a scalar s from 0 to 1: first · s + second.
     pub scalar: [f32; 2],
-    /// The constants of its term.
+    /// Pipeline constants of the lookup term.
     constants: Vec<(&'static str, f64)>,
-    /// What fills it; none once that is submitted.
+    /// Passes that fill the table; empty once submitted.
     passes: Vec<Pass>,
 }
 
-/// A transfer function of a table.
+/// A transfer function in a table.
 #[derive(Clone, Debug)]
 pub(super) struct TableRow {
-    /// In file units.
+    /// Transfer function in file units.
     pub transfer: ResolvedTransfer,
-    /// The scalars it covers.
+    /// Scalar range covered.
     pub range: (f64, f64),
-    /// The share of the volume whose scalar lies in each of equal parts of the range.
+    /// Histogram: volume fraction per equal-width bin of the range.
     pub spread: std::sync::Arc<[f64]>,
 }
 
-/// What a table is made for.
+/// Specification of a table.
 #[derive(Clone, Copy)]
 pub(super) struct TableRequest<'a> {
-    /// How it is looked up.
+    /// Lookup method.
     pub form: TableKind,
-    /// What its values are held in, where they are sampled.
+    /// Texel format of a sampled table.
     pub texel: TableTexel,
-    /// Texels along each scalar where they are sampled, if not chosen for `accuracy`.
+    /// Texels along each scalar of a sampled table; `None` chooses by `accuracy`.
     pub size: Option<u32>,
-    /// What is looked up: a row each of integrals, which alone can be several.
+    /// Transfer functions, one row each; only a table of integrals supports several.
     pub rows: &'a [TableRow],
-    /// File units in a local unit.
+    /// File units per local unit.
     pub scale: f64,
-    /// Longest segment to expect, in local units.
+    /// Longest expected segment, in local units.
     pub longest_segment: f64,
-    /// Mean segment to expect, in local units.
+    /// Mean expected segment, in local units.
     pub mean_segment: f64,
-    /// Error of a picture's values aimed for.
+    /// Error tolerance of pixel values.
     pub accuracy: f64,
-    /// The opacity at which rays end.
+    /// Opacity at which rays end (early ray termination).
     pub opaque: f64,
 }
 
-/// The transfer functions of `wanted` in pieces.
+/// Splits the transfer functions of `wanted` into linear pieces.
 fn pieces_of(wanted: &TableRequest) -> Vec<LinearPieces> {
     let pieces = |row: &TableRow| LinearPieces::new(&row.transfer, row.range);
     wanted.rows.iter().map(pieces).collect()
 }
 
-/// The form that [`TableKind::Auto`] stands for.
+/// Resolves [`TableKind::Auto`].
 fn chosen(pieces: &[LinearPieces], wanted: &TableRequest) -> TableKind {
     match wanted.form {
         TableKind::Auto if pieces.len() > 1 => TableKind::Integrals,
@@ -172,14 +172,14 @@ fn chosen(pieces: &[LinearPieces], wanted: &TableRequest) -> TableKind {
 }
 
 impl Table {
-    /// Whether it has the form that suits `wanted`.
+    /// Whether the table form is still the one chosen for `wanted`.
     pub fn matches(&self, wanted: &TableRequest) -> bool {
-        // Nothing is chosen otherwise.
+        // The form is chosen only for `Auto` with a single row.
         let fitting = wanted.form == TableKind::Auto && wanted.rows.len() == 1;
         !fitting || self.form == chosen(&pieces_of(wanted), wanted)
     }
 
-    /// Prepares the table's textures and passes; see [`Table::fill`].
+    /// Creates the textures and passes of the table; see [`Table::fill`].
     pub fn new(gpu: &Gpu, wanted: &TableRequest) -> Result<Table> {
         let pieces = pieces_of(wanted);
         let most = pieces.iter().map(|p| p.max_extinction).fold(0.0, f64::max);
@@ -200,13 +200,13 @@ impl Table {
         }
     }
 
-    /// The constants of its term.
+    /// Returns the pipeline constants of the lookup term.
     pub fn constants(&self) -> &[(&'static str, f64)] {
         &self.constants
     }
 
-    /// Submits the building of the table, once: before all that reads it, whichever recording of
-    /// that is submitted, and in what order.
+    /// Submits the computation of the table once, before any recording that reads it is submitted,
+    /// in whichever order these are.
     pub fn fill(&mut self, gpu: &Gpu) -> Result<()> {
         if self.passes.is_empty() {
             return Ok(());
