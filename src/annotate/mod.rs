@@ -53,7 +53,7 @@ impl Annotations {
         }
         if image.channels != 4 {
             return Err(Error::Input(format!(
-                "a picture of {} channels cannot be annotated; four are expected (Image::in_colour makes them)",
+                "a picture of {} channels cannot be annotated; four are expected (Image::to_rgba makes them)",
                 image.channels
             )));
         }

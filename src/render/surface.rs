@@ -348,7 +348,7 @@ fn clips(gpu: &Gpu, inside: &Sections, geometry: &Geometry) -> Result<ClipPlanes
     ClipPlanes::new(gpu, inside, geometry.frame, || {
         geometry.rest_positions().cloned().ok_or_else(|| {
             Error::Input(
-                "the geometry does not know where it rests; call Geometry::remember_rest first"
+                "the geometry does not know where it rests; call Geometry::store_rest_positions first"
                     .into(),
             )
         })

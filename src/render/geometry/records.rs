@@ -50,7 +50,7 @@ impl TetRecords {
         let (tets, most) = (sources.tets.len() as usize, gpu.max_items() / RECORD_TEXELS);
         if tets > most {
             return Err(Error::Gpu(format!(
-                "the walk over planes keeps {} bytes for each tet, and this device can hold them for {most} tets; there are {tets}: walk over vertices (--walk vertices, Walk::Vertices), or use a coarser mesh",
+                "the walk over planes keeps {} bytes for each tet, and this device can hold them for {most} tets; there are {tets}: walk over vertices (--walk vertices, Traversal::Vertices), or use a coarser mesh",
                 16 * RECORD_TEXELS
             )));
         }

@@ -248,7 +248,7 @@ impl Appearance {
 }
 
 const MISSING_REST_MESSAGE: &str =
-    "the geometry does not know where it rests; call Geometry::remember_rest first";
+    "the geometry does not know where it rests; call Geometry::store_rest_positions first";
 
 impl Asked {
     /// Returns the transfer function of the displayed quantity.

@@ -66,7 +66,8 @@ impl Raycaster {
             let from_nodes = self.looks.scans().is_none() || self.options.shadows > 0.0;
             if from_nodes && self.geometry.gradients().is_none() {
                 return Err(Error::Input(
-                    "the geometry is not ready for light; call Geometry::illuminate first".into(),
+                    "the geometry is not ready for light; call Geometry::enable_lighting first"
+                        .into(),
                 ));
             }
             let anew = self.geometry.record_gradients(work);
@@ -76,7 +77,7 @@ impl Raycaster {
         }
         if gathered == Integrand::Xray && self.geometry.rest_positions().is_none() {
             return Err(Error::Input(
-                "X-rays go by how dense the body is against its rest, which the geometry does not know; call Geometry::remember_rest first".into(),
+                "X-rays go by how dense the body is against its rest, which the geometry does not know; call Geometry::store_rest_positions first".into(),
             ));
         }
         let of_labels = |(held, _): (&ScanSet, _)| held.transfer().is_none();

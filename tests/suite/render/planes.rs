@@ -258,7 +258,7 @@ fn planes_that_make_no_sense_are_refused() {
         ..Sections::default()
     };
     let told = caster.set_sections(&inside).unwrap_err().to_string();
-    assert!(told.contains("remember_rest"), "{told}");
+    assert!(told.contains("store_rest_positions"), "{told}");
     assert!(caster.inside().is_empty());
 }
 
