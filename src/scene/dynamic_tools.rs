@@ -375,7 +375,7 @@ fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
             vertices.push(DVec3::from(p).normalize());
         }
     }
-    // Its faces are the triples of vertices that are nearest to each other.
+    // Its faces are the triples of mutually nearest vertices.
     let edge = 1.06;
     let near = |a: usize, b: usize| vertices[a].distance(vertices[b]) < edge;
     let mut triangles = Vec::new();
@@ -394,7 +394,7 @@ fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (vertices, triangles)
 }
 
-/// Each triangle as four, with new vertices in the middles of edges.
+/// Returns each triangle subdivided into four, with new vertices at the edge midpoints.
 fn quartered(vertices: &mut Vec<DVec3>, triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let mut middles = BTreeMap::new();
     let mut middle = |a: u32, b: u32| {
@@ -448,7 +448,7 @@ mod tests {
         assert!((solid.volume() - 48.0).abs() < 1e-9);
         let held = solid.nodes.iter();
         let held = held.filter(|p| p.distance(solid.middle) <= solid.reach);
-        // The core's nodes and the middle, and, all as far, the corners.
+        // The nodes of the core, the centre, and all equidistant corners.
         assert!(held.count() >= SPRING_NODES);
     }
 }
