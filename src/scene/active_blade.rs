@@ -1,4 +1,4 @@
-//! A scene's cuts, as time goes on.
+//! Time-dependent cuts of a scene.
 
 use super::CutEntry;
 use super::picture::DisplayMode;
@@ -10,17 +10,17 @@ use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// The colour of the walls that cuts lay bare, under a skin.
+/// Default colour of the walls of cuts, under a skin.
 const WALL: [f32; 3] = [0.55, 0.12, 0.12];
 
-/// How often a cut is made on a blade's way.
+/// Number of incremental cuts along a blade's path.
 const STEPS_PER_PATH: f64 = 16.0;
 
-/// A cutter of a scene, on its way.
+/// A moving blade of a scene.
 #[derive(Debug)]
 pub(super) struct ActiveBlade {
     entry: CutEntry,
-    /// The time up to which it has cut.
+    /// Time up to which it has cut, s.
     pub(super) cut: Option<f64>,
 }
 
@@ -31,7 +31,7 @@ impl ActiveBlade {
             entry: entry.clone(),
             cut: None,
         };
-        // A blade that sweeps nothing is an error at once, not in the middle of a simulation.
+        // Reject a blade that sweeps no area here rather than during the simulation.
         let [begin, end] = cutter.span();
         Blade::from_sweep(&[cutter.edge(begin), cutter.edge(end)])?;
         Ok(cutter)
@@ -45,7 +45,8 @@ impl ActiveBlade {
         ]
     }
 
-    /// The time between two cuts, while it cuts at `time`; none before and after.
+    /// Returns the time between two incremental cuts, or up to the first one if it is later; `None`
+    /// after its path.
     pub fn cut_interval(&self, time: f64) -> Option<f64> {
         let [begin, end] = self.span();
         (self.cut.is_none_or(|cut| cut < end) && time <= end).then(|| {
@@ -58,7 +59,7 @@ impl ActiveBlade {
         })
     }
 
-    /// What the blade has swept since the last time it was asked; none where that is nothing.
+    /// Returns the surface swept since the previous call; `None` if it is empty.
     pub fn next_sweep(&mut self, time: f64) -> Option<Blade> {
         let [begin, end] = self.span();
         let from = self.cut.unwrap_or(begin);
@@ -82,11 +83,11 @@ impl ActiveBlade {
 }
 
 impl Stage {
-    /// Cuts the body along `blade` (file units) where it stands now: its springs or tets, and
-    /// its skins. Returns whether anything was hit.
+    /// Cuts the body in its current configuration along `blade` (file units): its springs or
+    /// tetrahedra, and its skins. Returns whether anything was cut.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body that nothing moves; otherwise as
+    /// [`Error::Input`] for a static body; otherwise as
     /// [`Simulator::cut`](crate::physics::Simulator::cut).
     pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
         if self.motion().is_none() {
@@ -102,7 +103,7 @@ impl Stage {
         let NodeSource::Simulated(motion) = &mut self.drive else {
             return Ok(false);
         };
-        // What is told of a failed step here is not told again.
+        // A failed step reported here must not be reported again.
         let change = motion.simulator.cut(blade);
         let change = change.inspect_err(|_| motion.requested = None)?;
         let simulator = &mut motion.simulator;

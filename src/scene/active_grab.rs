@@ -1,4 +1,4 @@
-//! A scene's grabs, as time goes on.
+//! Time-dependent grabs of a scene.
 
 use super::GrabEntry;
 use super::trajectory::{check, position_at, second_difference};
@@ -6,7 +6,7 @@ use crate::physics::{GrabId, GrabMode, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// A grab of a scene: waiting, holding, or done.
+/// A grab of a scene: waiting, active or released.
 #[derive(Debug)]
 pub(super) struct ActiveGrab {
     entry: GrabEntry,
@@ -29,18 +29,18 @@ impl ActiveGrab {
         })
     }
 
-    /// Its name, where it has one.
+    /// Returns its name, if it has one.
     pub fn name(&self) -> Option<&str> {
         self.entry.name.as_deref()
     }
 
-    /// The acceleration of its target over the step of length `dt` that ended at `time`, file units
-    /// a second².
+    /// Returns the acceleration of its target over the step of length `dt` that ended at `time`, in
+    /// file units/s².
     pub fn acceleration(&self, time: f64, dt: f64) -> DVec3 {
         second_difference(|time| position_at(&self.entry.path, time), time, dt)
     }
 
-    /// Lets go of what it holds.
+    /// Releases the grabbed nodes.
     pub fn release(&mut self, body: &mut dyn Simulator) -> Result<()> {
         if let Some(grab) = self.grab.take() {
             body.release(grab)?;
@@ -48,7 +48,7 @@ impl ActiveGrab {
         Ok(())
     }
 
-    /// Takes hold, moves or lets go, as the path has it at `time`.
+    /// Starts, moves or releases the grab according to its path at `time`.
     pub fn update(&mut self, body: &mut dyn Simulator, time: f64) -> Result<()> {
         let begins = self.entry.path[0][0];
         if self.done || time < begins {

@@ -1,4 +1,4 @@
-//! What a scene asks to be drawn onto its pictures, and the pictures with it.
+//! Annotations of a scene's pictures, and annotated rendering.
 
 use super::picture::DisplayMode;
 use super::stage::Stage;
@@ -12,9 +12,9 @@ use crate::render::Animation;
 use crate::render::{Background, BitDepth, Camera, Image, Mode, TransferFunction};
 use std::path::Path;
 
-/// The strip of a legend is as opaque as this share of the body's extent.
+/// Thickness of the legend's colour strip, over the body's extent.
 const STRIP_DEPTH: f64 = 0.1;
-/// Names of units, and metres in one.
+/// Names of length units, and their size in metres.
 const UNITS: [(&str, f64); 5] = [
     ("m", 1.0),
     ("cm", 1e-2),
@@ -23,21 +23,22 @@ const UNITS: [(&str, f64); 5] = [
     ("in", 0.0254),
 ];
 
-/// What does not change from picture to picture.
+/// Data of the annotations that is constant over the pictures.
 pub(super) struct AnnotationContext {
     transfer: TransferFunction,
-    /// What shows each region, where regions are seen; none for one that is hidden.
+    /// Transfer function of each displayed region; `None` for a hidden one.
     of_regions: Vec<Option<TransferFunction>>,
-    /// Metres in one unit of the mesh, where it is known.
+    /// Metres per unit of the mesh, if known.
     length_unit: Option<f64>,
-    /// Whether the picture shows a field whose colours a legend can tell.
+    /// Whether the picture shows a field whose colours a legend can represent.
     legend: bool,
-    /// The time to tell in place of the simulator's.
+    /// Displayed time, if it replaces the simulated time.
     time: Option<FrameTime>,
 }
 
 impl AnnotationContext {
-    /// Those of `scene`, whose pictures show `seen` of `mesh`; and what is to be said of them.
+    /// Creates the annotation data of `scene`, whose pictures show the field `seen` of `mesh`, and
+    /// notes for the user.
     pub fn new(
         scene: &Scene,
         (mesh, topology): (&TetMesh, &Topology),
@@ -93,7 +94,7 @@ impl AnnotationContext {
         Ok((surroundings, notes))
     }
 
-    /// The name of the mesh's unit of length.
+    /// Returns the name of the mesh's length unit.
     fn unit(&self) -> String {
         let Some(metres) = self.length_unit else {
             return "units".into();
@@ -103,11 +104,11 @@ impl AnnotationContext {
     }
 }
 
-/// That an EXR shows nothing of it.
+/// Note that an EXR has no annotations.
 const EXR_HAS_NONE: &str = "legend, scale bar, axes, title and time are drawn onto PNGs and films; an EXR has the values alone";
 
 impl Stage {
-    /// What the scene asks to be drawn onto its picture, as it is now.
+    /// Returns the annotations of the current picture as set in the scene.
     pub fn annotations(&self) -> Annotations {
         let picture = &self.scene.picture;
         Annotations {
@@ -121,12 +122,12 @@ impl Stage {
         }
     }
 
-    /// Has pictures tell this time in place of the simulator's: of a recorded series, say.
+    /// Sets the displayed time, in place of the simulated time, such as that of a recorded series.
     pub fn set_displayed_time(&mut self, time: FrameTime) {
         self.surroundings.time = Some(time);
     }
 
-    /// The time that a picture tells.
+    /// Returns the time displayed in a picture.
     fn frame_time(&self) -> Option<FrameTime> {
         let simulated = || {
             self.motion().map(|motion| FrameTime {
@@ -176,7 +177,7 @@ impl Stage {
         })
     }
 
-    /// The regions that can be seen, in the picture's colours; `size` is the body's extent.
+    /// Returns the visible regions in the picture's colours; `size` is the body's extent.
     fn swatches(&self, size: f64) -> Vec<Swatch> {
         let range = self.scalars.range;
         let grey = |s: f64| {
@@ -203,8 +204,8 @@ impl Stage {
         swatches.collect()
     }
 
-    /// The picture, as [`Stage::image`], with what the scene asks to be drawn onto it. Lengths are
-    /// shown in grey then, from 0 to the longest, and X-rays as they are on film.
+    /// Renders the picture as [`Stage::image`] with the annotations of the scene. Thickness is then
+    /// shown in grey, from 0 to the largest value, and X-rays as film.
     ///
     /// # Errors
     /// As [`Stage::image`].
@@ -242,8 +243,8 @@ impl Stage {
         Ok(image)
     }
 
-    /// Draws the picture and saves it, with the scene's background and bit depth; a PNG with what
-    /// the scene asks to be drawn onto it.
+    /// Renders the picture and saves it with the scene's background and bit depth; a PNG also has
+    /// the annotations of the scene.
     ///
     /// # Errors
     /// As [`Stage::image`] and [`Image::save_as`].
@@ -256,8 +257,8 @@ impl Stage {
         image.save_as(path, self.background, self.bits)
     }
 
-    /// The picture as [`Stage::save`] writes it to a PNG of eight bits: red, green, blue and opacity a
-    /// pixel, row by row from the top.
+    /// Renders the picture as [`Stage::save`] writes it to a PNG of 8 bits: RGBA per pixel, row by
+    /// row from the top.
     ///
     /// # Errors
     /// As [`Stage::image`].
@@ -265,7 +266,8 @@ impl Stage {
         Ok(self.render_annotated()?.rgba8(self.background))
     }
 
-    /// What saves a picture that [`Stage::render_async`] asked for, as the stage is now.
+    /// Returns a writer for pictures requested by [`Stage::render_async`], with the current
+    /// settings.
     pub fn picture_writer(&self) -> PictureWriter {
         PictureWriter {
             annotations: self.annotations(),
@@ -275,8 +277,7 @@ impl Stage {
         }
     }
 
-    /// Adds the picture to `film`, with what the scene asks to be drawn onto it and on its
-    /// background.
+    /// Adds the picture to `film`, with the scene's annotations and background.
     ///
     /// # Errors
     /// As [`Stage::image`] and [`Animation::push`].
@@ -286,7 +287,7 @@ impl Stage {
         film.push(&image, self.background)
     }
 
-    /// What to say of a picture of that name that is not annotated as the scene asks.
+    /// Returns a note if a picture of that name lacks the annotations set in the scene.
     pub fn annotation_note(&self, path: impl AsRef<Path>) -> Option<String> {
         let said = self.mode == DisplayMode::Inside(Mode::Thickness);
         let left_out = is_exr(path.as_ref()) && !self.annotations().is_empty();
@@ -294,7 +295,7 @@ impl Stage {
     }
 }
 
-/// Saves a picture of a stage, which may have gone on meanwhile, on any thread.
+/// Saves a picture of a stage on any thread, even if the stage has advanced in the meantime.
 #[derive(Clone, Debug)]
 pub struct PictureWriter {
     annotations: Annotations,
@@ -304,7 +305,7 @@ pub struct PictureWriter {
 }
 
 impl PictureWriter {
-    /// Saves `image` as [`Stage::save`] would: a PNG with what the scene asks to be drawn onto it.
+    /// Saves `image` as [`Stage::save`] does: a PNG with the annotations of the scene.
     ///
     /// # Errors
     /// As [`Image::save_as`].

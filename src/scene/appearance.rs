@@ -1,4 +1,4 @@
-//! What a scene shows of a body, ready to be drawn.
+//! Render state of a scene's body.
 
 use super::annotations::AnnotationContext;
 use super::computed_field::{self, ComputedField};
@@ -14,7 +14,8 @@ use crate::gpu::Gpu;
 use crate::render::{Background, BitDepth, Camera, Raycaster, Surface};
 use crate::skin::{Compositor, Skin};
 
-/// The part of a [`Stage`](super::Stage) that goes by how its body looks, not by how it moves.
+/// The part of a [`Stage`](super::Stage) that depends on the appearance of the body, not on its
+/// motion.
 pub(super) struct SceneAppearance {
     pub surroundings: AnnotationContext,
     pub film: RadiographFilm,
@@ -31,12 +32,13 @@ pub(super) struct SceneAppearance {
     pub shown: Option<ComputedField>,
     pub raycaster: Raycaster,
     pub surface: Surface,
-    /// What was assumed, in words.
+    /// Automatic choices, as messages.
     pub notes: Vec<String>,
 }
 
 impl SceneAppearance {
-    /// Those that `scene` gives the body that `drive` moves, where it is.
+    /// Creates the render state that `scene` gives the body of `drive` in its current
+    /// configuration.
     pub fn new(gpu: &Gpu, scene: &Scene, drive: &mut NodeSource) -> Result<SceneAppearance> {
         let (mesh, topology) = (drive.mesh(), drive.topology());
         let mut notes = Vec::new();

@@ -1,4 +1,4 @@
-//! From a scene's `[[body]]` entries to several bodies that move as one.
+//! Builds a simulator of several bodies from a scene's `[[body]]` entries.
 
 use super::reactions::NamedPins;
 use super::simulator::SimulatorSetup;
@@ -11,22 +11,22 @@ use crate::physics::{Member, MultiBody, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// A body of a scene, not yet simulated.
+/// A body of a scene, before its simulator is created.
 pub(super) struct BodySource {
     name: String,
-    /// The scene that it would be by itself.
+    /// Equivalent scene of this body alone.
     scene: Scene,
     mesh: TetMesh,
-    /// What a grid body is carved to.
+    /// Shape of a grid body.
     shape: Option<GridShape>,
     notes: Vec<String>,
 }
 
 impl Scene {
-    /// The mesh of a scene of one body.
+    /// Returns the mesh of a scene of one body.
     ///
     /// # Errors
-    /// [`Error::Input`] for a scene of several; otherwise as [`MeshSource::load`].
+    /// [`Error::Input`] for a scene of several bodies; otherwise as [`MeshSource::load`].
     pub fn mesh_of_one(&self) -> Result<TetMesh> {
         match self.body.is_empty() {
             true => self.mesh.load(),
@@ -36,7 +36,7 @@ impl Scene {
         }
     }
 
-    /// The bodies of [`Scene::body`], in the unit of the first and where they stand.
+    /// Loads the bodies of [`Scene::body`], in the unit of the first and at their positions.
     pub(super) fn body_sources(&self) -> Result<Vec<BodySource>> {
         if self.mesh != MeshSource::default() || self.grid.is_some() || self.cage.is_some() {
             return Err(Error::Input(
@@ -74,7 +74,7 @@ impl Scene {
         Ok(sources)
     }
 
-    /// One body, in `unit` if there is one that it has to be in.
+    /// Loads a body, converted to `unit` if that is given.
     fn body_source(
         &self,
         entry: &BodyEntry,
@@ -110,7 +110,7 @@ impl Scene {
         Ok(BodySource {
             name: name.into(),
             scene: Scene {
-                // The mesh knows its unit from here on.
+                // The unit is stored in the mesh from here on.
                 mesh: MeshSource::default(),
                 ..scene
             },
@@ -120,11 +120,11 @@ impl Scene {
         })
     }
 
-    /// The scene that `entry` would be by itself.
+    /// Returns the equivalent scene of `entry` alone.
     fn of_body(&self, entry: &BodyEntry) -> Scene {
         let material = entry.material.clone();
         let name = entry.solver.clone().or(self.solver.name.clone());
-        // The common step is made of as many as an explicit scheme needs.
+        // The common step is divided into as many substeps as an explicit scheme needs.
         let kind = name.as_deref().and_then(|name| name.parse().ok());
         let implicit = kind.is_some_and(SolverKind::is_implicit);
         Scene {
@@ -146,7 +146,7 @@ impl Scene {
     }
 }
 
-/// The meshes of `sources` as one that nothing moves, and what was noted of them.
+/// Merges the meshes of `sources` into one static mesh, and returns it with their notes.
 pub(super) fn merge_static(sources: Vec<BodySource>) -> Result<(TetMesh, Vec<String>)> {
     let parts: Vec<_> = sources.iter().map(|s| (s.name.clone(), &s.mesh)).collect();
     let mesh = TetMesh::merge_meshes(&parts)?;
@@ -160,7 +160,7 @@ pub(super) fn any_dynamic(sources: &[BodySource]) -> bool {
     sources.iter().any(|s| s.scene.solver.name.is_some())
 }
 
-/// The simulator of all `sources`, and in words what was assumed.
+/// Creates the simulator of all `sources`, and notes of the automatic choices.
 pub(super) fn setup(
     gpu: &Gpu,
     scene: &Scene,
@@ -225,7 +225,7 @@ pub(super) fn setup(
     Ok((setup, notes))
 }
 
-/// An error that says which body it is about.
+/// Prefixes an error with the name of the body.
 fn of_body(name: &str, error: Error) -> Error {
     match error {
         Error::Input(what) => Error::Input(format!("body \"{name}\": {what}")),

@@ -1,4 +1,4 @@
-//! A scene's `[cage]`: a coarse body that is simulated in place of the mesh, and carries it.
+//! The `[cage]` entry: a coarse body that is simulated in place of the mesh embedded in it.
 
 use super::Scene;
 use super::simulator::{ChosenSupport, SimulatorSetup, choose_step, stable_damping};
@@ -11,31 +11,31 @@ use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
 
-/// Nodes where nothing is said.
+/// Default number of nodes.
 const NODES: usize = 2000;
 
-/// A cage: a coarse body made from the mesh and its material, simulated in its place. The mesh
-/// is carried along and drawn. Pins, forces, grabs and materials are those of the mesh; a lattice
-/// is made of what the mesh is, a grid of springs.
+/// A cage: a coarse body built from the mesh and its material and simulated in its place. The mesh
+/// is embedded in it and drawn. Pins, forces, grabs and materials are those of the mesh; a lattice
+/// uses the material model of the mesh, a grid uses springs.
 ///
 /// ```toml
 /// [cage]
-/// nodes = 2000            # about how many
+/// nodes = 2000            # approximate number
 /// kind = "lattice"        # tets, for any solver; or "grid": particles with springs, stepped by verlet
-/// # damping = 8.0         # of a grid: every particle is braked by this rate, 1/s
+/// # damping = 8.0         # mass-proportional damping rate of a grid, 1/s
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CageEntry {
-    /// About how many nodes; 2,000 where nothing is said.
+    /// Approximate number of nodes; default 2,000.
     pub nodes: Option<usize>,
-    /// What it is made of.
+    /// Kind of discretisation.
     pub kind: Option<CageKind>,
-    /// Rate of damping of a grid, 1/s; that of the mesh's slowest swing where nothing is said.
+    /// Damping rate of a grid, 1/s; default: that of the lowest vibration mode of the mesh.
     pub damping: Option<f64>,
 }
 
-/// Nodes by number, as a flag each.
+/// Returns a flag per node, set for those in `nodes`.
 fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
     let mut flags = vec![false; count];
     for v in nodes {
@@ -45,7 +45,7 @@ fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
 }
 
 impl Scene {
-    /// A cage around `mesh` made of `material`, which carries it.
+    /// Creates the simulator of a cage in which `mesh` of `material` is embedded.
     pub(super) fn caged_simulator(
         &self,
         gpu: &Gpu,
@@ -93,7 +93,8 @@ impl Scene {
         let fine_pinned = flags(&held.concat(), mesh.nodes.len());
         let pinned = flags(&own, cage.mesh.nodes.len());
         let forces = self.forces(&mesh, &fine.masses)?;
-        // The step of an explicit scheme is not known yet; the load is one for implicit ones then.
+        // The step of an explicit scheme is not known yet, so the load is chosen as for an implicit
+        // one.
         let dt = choose_step(self.solver.dt, None, notes);
         let implicit = SolverKind::Implicit;
         let fine_held = Some((&fine, fine_pinned.as_slice()));
@@ -160,8 +161,8 @@ impl Scene {
         })
     }
 
-    /// The nodes of `mesh` that each pin holds; without any pin, one end, which is returned too
-    /// with the number of pieces.
+    /// Returns the nodes of `mesh` held by each pin; without pins, the clamped end, which is also
+    /// returned with the number of pieces.
     fn held(
         &self,
         mesh: &TetMesh,

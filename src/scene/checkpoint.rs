@@ -1,9 +1,9 @@
-//! Checkpoints: everything that a simulation needs to go on where it stopped, in one file, so
-//! that the frames that follow are those of a run that was never interrupted, byte for byte.
+//! Checkpoints: a file with the complete state of a simulation, from which a resumed run produces
+//! the same frames as an uninterrupted one, byte for byte.
 //!
-//! State is kept to the bit. Cuts are kept as the blade and where the body stood when it fell;
-//! they are made again, which gives the mesh, the springs, the skins and the lists for drawing
-//! as they were.
+//! The state is stored exactly. Cuts are stored as the blade and the positions of the body at the
+//! time of the cut; they are repeated on resume, which restores the mesh, springs, skins and draw
+//! lists.
 
 use super::stage::{NodeSource, Stage};
 use super::{PlannedRun, Scene};
@@ -17,19 +17,19 @@ use serde::{Deserialize, Serialize};
 use std::io::Write;
 use std::path::Path;
 
-/// The first line of the file: what it is, and the version of Palpate that wrote it. Another
-/// version steps and cuts in its own way.
+/// First line of the file: its type and the version of Palpate that wrote it. Steps and cuts may
+/// differ between versions.
 const HEADER: &str = concat!("palpate checkpoint 5 ", env!("CARGO_PKG_VERSION"), "\n");
 
-/// A cut that was made.
+/// A cut and the positions of the body at that time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct CutMade {
-    /// The two ends of the blade's edge, at each of its positions.
+    /// End points of the blade's edge, at each of its positions.
     edges: Vec<[[f64; 3]; 2]>,
     pose: ExactPositions,
 }
 
-/// What a stage notes so that it can be taken up again: what it began as, and its cuts.
+/// History of a stage for checkpoints: checksums of its scene and mesh, and its cuts.
 #[derive(Clone, Debug)]
 pub(super) struct CutHistory {
     scene: u32,
@@ -38,14 +38,14 @@ pub(super) struct CutHistory {
 }
 
 impl CutHistory {
-    /// Takes note of a cut made along `blade` where the body stood in `pose`.
+    /// Records a cut along `blade`, made with the body in `pose`.
     pub fn note(&mut self, blade: &Blade, pose: ExactPositions) {
         let edges = blade.edges().map(|e| e.map(|p| p.to_array())).collect();
         self.cuts.push(CutMade { edges, pose });
     }
 }
 
-/// How far a simulation came, and all that its next steps depend on.
+/// State of a simulation on which its next steps depend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
     scene: u32,
@@ -55,37 +55,37 @@ pub struct Checkpoint {
     run: Option<PlannedRun>,
     times: Vec<f64>,
     cuts: Vec<CutMade>,
-    /// Of each cutter, the time up to which it has cut.
+    /// Time up to which each cutter has cut.
     cutters: Vec<Option<f64>>,
     attachments: Vec<(Option<GrabId>, bool)>,
     sleep: Sleep,
     progress: Option<StepProgress>,
     dt: f64,
-    /// Of a field that is computed for each picture, what it has been.
+    /// Range so far of a computed field.
     found: Option<(f64, f64)>,
     simulator: SimulatorState,
 }
 
 impl Checkpoint {
-    /// The times of the frames that were finished, in seconds.
+    /// Returns the times of the finished frames, s.
     pub fn times(&self) -> &[f64] {
         &self.times
     }
 
-    /// The graphics adapter that it was made on. Another one rounds differently.
+    /// Returns the graphics adapter on which it was made. Rounding differs between adapters.
     pub fn adapter(&self) -> &str {
         &self.adapter
     }
 
-    /// The run for which load, step and view were chosen where the scene does not give them.
+    /// Returns the run for which the default load, step and view were chosen.
     pub fn run(&self) -> Option<PlannedRun> {
         self.run
     }
 
-    /// Writes the checkpoint; an older one of that name stays whole until the new one is.
+    /// Writes the checkpoint atomically: an older file of that name stays valid until replaced.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be written.
+    /// [`Error::Io`] if it cannot be written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
         self.write_file(path.as_ref())
     }
@@ -104,8 +104,8 @@ impl Checkpoint {
     /// Reads a checkpoint.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Format`] for a file that is no checkpoint, one of another
-    /// version, or a damaged one.
+    /// [`Error::Io`], or [`Error::Format`] if the file is not a checkpoint, is of another version
+    /// or is damaged.
     pub fn read(path: impl AsRef<Path>) -> Result<Checkpoint> {
         Checkpoint::read_file(path.as_ref())
     }
@@ -141,13 +141,13 @@ fn crc(bytes: &[u8]) -> u32 {
     crc.sum()
 }
 
-/// What tells a scene from another: all its entries, and the files that it names beside the mesh.
-/// Where these lie does not matter.
+/// Returns a checksum of a scene: all its entries and the contents of the files that it names,
+/// except meshes. The folders of the files do not matter.
 pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     let mut crc = Crc::new();
     let mut plain = scene.clone();
     let mut file = |path: &mut std::path::PathBuf| {
-        // A file that cannot be read has made the scene fail before.
+        // A file that cannot be read has caused an error earlier.
         crc.update(&std::fs::read(&*path).unwrap_or_default());
         *path = path.file_name().unwrap_or_default().into();
     };
@@ -178,7 +178,7 @@ pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     crc.sum()
 }
 
-/// What tells a mesh from another: nodes, tets and fields.
+/// Returns a checksum of the nodes, tetrahedra and fields of a mesh.
 fn of_mesh(mesh: &TetMesh) -> u32 {
     let mut crc = Crc::new();
     let nodes: Vec<[f64; 3]> = mesh.nodes.iter().map(|p| p.to_array()).collect();
@@ -192,7 +192,7 @@ fn of_mesh(mesh: &TetMesh) -> u32 {
 }
 
 impl Stage {
-    /// Keeps what [`Stage::checkpoint`] needs from now on: to be called before the first step.
+    /// Starts recording what [`Stage::checkpoint`] needs; call it before the first step.
     pub fn keep_checkpoints(&mut self) {
         self.journal = Some(CutHistory {
             scene: scene_hash(&self.scene),
@@ -201,11 +201,11 @@ impl Stage {
         });
     }
 
-    /// Where the simulation is, read back. `times` are those of the frames finished so far.
+    /// Reads back the state of the simulation. `times` are those of the finished frames.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing moves, or [`Stage::keep_checkpoints`] was not called;
-    /// otherwise what reading back gives.
+    /// [`Error::Input`] for a static body, or without [`Stage::keep_checkpoints`]; otherwise an
+    /// error of the read-back.
     pub fn checkpoint(&self, times: &[f64]) -> Result<Checkpoint> {
         let (Some(journal), NodeSource::Simulated(motion)) = (&self.journal, &self.drive) else {
             return Err(Error::Input(
@@ -234,12 +234,12 @@ impl Stage {
         })
     }
 
-    /// Brings a stage that was not stepped yet to where `checkpoint` was made. The next steps are
-    /// those that would have followed it.
+    /// Restores the state of `checkpoint` in a stage that was not stepped yet. The next steps are
+    /// the same as those after the checkpoint.
     ///
     /// # Errors
-    /// [`Error::Input`] when it is of another scene or mesh, or does not fit this one; the stage
-    /// is of no use then.
+    /// [`Error::Input`] if it is of another scene or mesh, or incompatible; the stage is unusable
+    /// then.
     pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<()> {
         self.keep_checkpoints();
         let Some(journal) = &self.journal else {
@@ -300,7 +300,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Where the body stands, as a cut finds it.
+    /// Returns the current exact positions, as recorded with a cut.
     pub(super) fn pose_now(&self) -> Result<Option<ExactPositions>> {
         let motion = self.motion();
         motion.map(|motion| motion.simulator.pose()).transpose()

@@ -1,4 +1,4 @@
-//! Fields computed of a body that moves, as it is drawn and written.
+//! Fields computed from the simulated body, for drawing and output.
 
 use super::stage::{NodeSource, Stage};
 use super::{Motion, ScalarField, Scene};
@@ -7,26 +7,26 @@ use crate::physics::BodyField;
 use crate::render::TransferFunction;
 use crate::{Error, Result};
 
-/// The colours of a field that is computed, where a scene has none.
+/// Default colours of a computed field.
 const COLOURS: &str = "viridis";
 
-/// A field that is computed for each picture.
+/// A field that is recomputed for each picture.
 #[derive(Clone, Debug)]
 pub(super) struct ComputedField {
     pub(super) field: BodyField,
-    /// The version of the nodes that it was computed of.
+    /// Version of the nodes for which it was computed.
     version: Option<u64>,
-    /// Whether the scene gives its range.
+    /// Whether the scene sets its range.
     given: bool,
-    /// What it has been so far.
+    /// Range of its values so far.
     pub(super) observed_range: (f64, f64),
-    /// Differences below this are rounding.
+    /// Largest rounding error of its values.
     rounding: f64,
 }
 
 impl ComputedField {
-    /// The field that `scene` names, if it is one that is computed of `drive`, and it where the
-    /// body is now.
+    /// Returns the computed field set in `scene`, with its values in the current configuration of
+    /// `drive`; `None` if the scene's field is not a computed one.
     pub fn new(scene: &Scene, drive: &NodeSource) -> Result<Option<(ComputedField, ScalarField)>> {
         let named = scene.picture.field.as_deref();
         let (Some(name), NodeSource::Simulated(motion)) = (named, drive) else {
@@ -70,7 +70,7 @@ impl ComputedField {
         Ok(Some((shown, scalars)))
     }
 
-    /// What it has been so far, wider than rounding.
+    /// Returns the range of its values so far, at least as wide as the rounding error.
     fn range(&self) -> (f64, f64) {
         let (low, high) = self.observed_range;
         let least = self.rounding.max(f64::MIN_POSITIVE);
@@ -85,11 +85,11 @@ impl ComputedField {
     }
 }
 
-/// Fields of `motion` by the names that a scene asks for, computed now.
+/// Computes the output fields of the scene from the current state of `motion`.
 pub(super) fn output_fields(scene: &Scene, motion: &Motion) -> Result<Vec<Field>> {
     let mut fields = Vec::new();
     for (field, location) in wanted(scene)? {
-        // Vectors of all nodes, which are written in any case.
+        // Displacements are vectors at all nodes and are always written.
         if field == BodyField::Displacement {
             continue;
         }
@@ -106,7 +106,7 @@ pub(super) fn output_fields(scene: &Scene, motion: &Motion) -> Result<Vec<Field>
     Ok(fields)
 }
 
-/// Which fields a scene asks to be written.
+/// Returns the output fields of a scene.
 fn wanted(scene: &Scene) -> Result<Vec<(BodyField, Location)>> {
     let parse = |name: &String| match name.strip_suffix("@nodes") {
         Some(name) => Ok((name.parse()?, Location::Node)),
@@ -115,7 +115,7 @@ fn wanted(scene: &Scene) -> Result<Vec<(BodyField, Location)>> {
     scene.output.fields.iter().map(parse).collect()
 }
 
-/// Refuses fields to be written that the body has not.
+/// Checks that the body has the output fields of the scene.
 pub(super) fn check_output_fields(scene: &Scene, drive: &NodeSource) -> Result<()> {
     let fields = wanted(scene)?;
     match (drive, fields.first()) {
@@ -130,8 +130,8 @@ pub(super) fn check_output_fields(scene: &Scene, drive: &NodeSource) -> Result<(
 }
 
 impl Stage {
-    /// Computes the field that is drawn where the body is now, if it is one that is computed and
-    /// the nodes have moved. On the GPU positions are read back: those of the last work submitted.
+    /// Recomputes the displayed field if it is a computed one and the nodes have moved. On the GPU
+    /// this reads back the positions of the last submitted work.
     pub(super) fn refresh_field(&mut self) -> Result<()> {
         let (Some(shown), NodeSource::Simulated(motion)) = (&mut self.computed_field, &self.drive)
         else {
@@ -160,8 +160,7 @@ impl Stage {
         self.surface.set_scalars(geometry, &self.scalars.values)
     }
 
-    /// Of a field that is computed for each picture: what it has been in the pictures so far, in
-    /// words.
+    /// Returns a note of the range of the computed field over the pictures so far.
     pub fn field_note(&self) -> Option<String> {
         let shown = self
             .computed_field
@@ -178,7 +177,7 @@ impl Stage {
     }
 }
 
-/// A number in four figures; 0 where it is but `rounding`.
+/// Formats a number with four significant digits; 0 if it is at most `rounding`.
 fn figures(x: f64, rounding: f64) -> String {
     match x.abs() {
         size if size <= rounding => "0".into(),
@@ -190,7 +189,7 @@ fn figures(x: f64, rounding: f64) -> String {
     }
 }
 
-/// Smallest and largest.
+/// Returns the smallest and largest value.
 fn range(values: &[f64]) -> (f64, f64) {
     values
         .iter()

@@ -1,4 +1,4 @@
-//! What pulls a body, how fast and how far, where a scene does not say: from its stiffness.
+//! Default load, time step and framing, chosen from the stiffness of the body.
 
 use super::simulator::GRAVITY;
 use crate::cage::Compliance;
@@ -6,36 +6,36 @@ use crate::mesh::bounds;
 use crate::physics::{DiscreteModel, SolverKind};
 use glam::DVec3;
 
-/// How far a body should give, over its diagonal.
+/// Target of the largest displacement, over the diagonal of the body.
 const TARGET_SAG: f64 = 0.12;
-/// The most it may give on the way, where it swings back before the end, and the least it should
-/// have given at the end.
+/// Largest displacement during the run, if the body oscillates back before its end, and smallest
+/// displacement at the end, both over the diagonal.
 const MAX_DISPLACEMENT: f64 = 0.25;
 const MIN_DISPLACEMENT: f64 = 0.06;
-/// The load goes no further beyond the one that would give the sag in the end, however short the
+/// Largest ratio of the load to the one whose static displacement is the target, however short the
 /// run is.
 const MAX_LOAD_FACTOR: f64 = 4.0;
-/// A half swing takes at least so many steps.
+/// Smallest number of steps per half oscillation.
 const STEPS_A_SWING: u32 = 20;
-/// How much farther than foreseen a body may go before it leaves the picture, and how far back
-/// beyond its rest.
+/// Ratio of the framed to the predicted displacement, and the rebound beyond the rest position,
+/// over the predicted displacement.
 const FRAMING_MARGIN: f64 = 1.3;
 const RECOIL: f64 = 0.15;
-/// A body that would give farther than this, over its diagonal, swings like a pendulum.
+/// Static displacement, over the diagonal, above which a body is treated as a pendulum.
 const FAR: f64 = 0.5;
 
-/// How a held body answers to a load that grows at once and stays.
+/// Linear response of a supported body to a step load.
 pub(super) struct LoadResponse {
-    /// Where each node would come to rest, m from where it is.
+    /// Static displacement of each node, m.
     given: Vec<DVec3>,
-    /// Rate of the slowest swing, rad/s.
+    /// Angular frequency of the lowest mode, rad/s.
     rate: f64,
-    /// Diagonal of the bounds, m.
+    /// Diagonal of the bounding box, m.
     diagonal: f64,
     damping_time: f64,
 }
 
-/// How far a run goes, over where the load would leave the body in the end.
+/// Displacement during a run, over the static displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Course {
     peak: f64,
@@ -43,8 +43,8 @@ struct Course {
 }
 
 impl LoadResponse {
-    /// The answer of `network`, held at `pinned`, to the forces `load`, N on the nodes; none where
-    /// nothing can move.
+    /// Computes the response of `network`, fixed at `pinned`, to the nodal forces `load` in N;
+    /// `None` if nothing can move.
     pub fn new(network: &DiscreteModel, pinned: &[bool], load: &[DVec3]) -> Option<LoadResponse> {
         let (given, rate) = Compliance::new(network, pinned)?.solve_load(load);
         let (low, high) = bounds(&network.rest_positions);
@@ -58,18 +58,18 @@ impl LoadResponse {
         (most > 0.0 && most.is_finite() && rate > 0.0 && rate.is_finite()).then_some(response)
     }
 
-    /// The farthest that any node goes, m.
+    /// Returns the largest nodal displacement, m.
     fn most(&self) -> f64 {
         self.given.iter().map(|u| u.length()).fold(0.0, f64::max)
     }
 
-    /// A step in which the half swing fits into `steps` of them, or `least` where that is longer.
+    /// Returns a time step of which `steps` cover half an oscillation, but at least `least`, s.
     pub fn step(&self, steps: u32, least: f64) -> f64 {
         let half = std::f64::consts::PI / self.rate;
         (half / f64::from(steps.max(STEPS_A_SWING))).max(least)
     }
 
-    /// The slowest swing alone, as the solver steps it.
+    /// Simulates the lowest mode as a single oscillator with the solver's scheme.
     fn course(&self, kind: SolverKind, steps: u32, dt: f64) -> Course {
         let stiffness = self.rate * self.rate;
         let damping = self.damping_time * stiffness;
@@ -80,7 +80,8 @@ impl LoadResponse {
                 SolverKind::Bdf2 | SolverKind::Midpoint => {
                     let half = 0.5 * dt;
                     let w = (v + half * force) / (1.0 + half * damping + half * half * stiffness);
-                    // The step goes by its mean velocity w, and not by that at its end.
+                    // The position is advanced by the mean velocity w, not by that at the end of
+                    // the step.
                     x += dt * (v - w);
                     2.0 * w - v
                 }
@@ -95,7 +96,7 @@ impl LoadResponse {
         Course { peak, end: x }
     }
 
-    /// The factor on the load for which the body gives by about a tenth of its size in the run.
+    /// Returns the load factor for which the body deflects by about a tenth of its size in the run.
     pub fn factor(&self, kind: SolverKind, steps: u32, dt: f64) -> f64 {
         let size = self.diagonal / self.most();
         let course = self.course(kind, steps, dt);
@@ -110,8 +111,9 @@ impl LoadResponse {
         }
     }
 
-    /// Points, in the unit of `network.rest`, that a picture of the whole run should show, under
-    /// `factor` times the load: where the nodes rest, and how far they go.
+    /// Returns points, in the unit of `network.rest_positions`, that the view of the whole run
+    /// should contain under `factor` times the load: the rest positions and the largest
+    /// displacements.
     pub fn motion_envelope(
         &self,
         network: &DiscreteModel,
@@ -151,12 +153,12 @@ impl LoadResponse {
     }
 }
 
-/// The weight of the nodes of `network` at 1 m/s² along `direction`, N.
+/// Returns the weight of the nodes of `network` at 1 m/s² along `direction`, N.
 pub(super) fn weight(network: &DiscreteModel, direction: DVec3) -> Vec<DVec3> {
     network.masses.iter().map(|m| *m * direction).collect()
 }
 
-/// How an acceleration is said: beside that of the earth where it is far from it.
+/// Formats an acceleration, with its ratio to the earth's gravity if they differ by much.
 pub(super) fn format_acceleration(gravity: f64) -> String {
     let figures = match gravity {
         g if !(0.1..1e4).contains(&g) => format!("{g:.2e}"),

@@ -1,4 +1,4 @@
-//! The pictures of a stage: drawn where the body is now, kept while nothing changes.
+//! Rendering of a stage in the current configuration, with a cached frame.
 
 use super::picture::DisplayMode;
 use super::stage::{NodeSource, Stage};
@@ -8,14 +8,14 @@ use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
 use crate::{Error, Result};
 use glam::DVec2;
 
-/// A picture and what it shows.
+/// A rendered picture with the state that it shows.
 pub(super) struct CachedFrame {
     version: u64,
     camera: Camera,
     image: Image,
 }
 
-/// A picture on its way from the device; see [`Stage::render_async`].
+/// A picture being read back from the device; see [`Stage::render_async`].
 #[derive(Debug)]
 pub struct PendingImage {
     size: [u32; 2],
@@ -23,7 +23,7 @@ pub struct PendingImage {
 }
 
 impl PendingImage {
-    /// The picture, once it has arrived.
+    /// Returns the picture once it has arrived.
     ///
     /// # Errors
     /// As [`PendingReadback::try_take`].
@@ -42,14 +42,14 @@ impl PendingImage {
 }
 
 impl Stage {
-    /// Brings the nodes that are drawn to where the body is, at once.
+    /// Updates the displayed nodes from the simulation and submits the work.
     pub(super) fn publish_now(&mut self) -> Result<()> {
         let mut work = self.gpu.start_recording();
         self.publish(&mut work)?;
         work.submit()
     }
 
-    /// Brings the nodes that are drawn to where the body is.
+    /// Records the update of the displayed nodes from the simulation.
     pub(super) fn publish(&mut self, work: &mut Recorder) -> Result<()> {
         if let NodeSource::Simulated(motion) = &mut self.drive {
             motion.simulator.update_nodes(work)?;
@@ -64,9 +64,9 @@ impl Stage {
         Ok(())
     }
 
-    /// What is seen of the body's boundary at the point `pixel` of the picture, where the body is
-    /// now; none where the ray through it misses. Where the device moved the nodes it waits and
-    /// reads 36 bytes back; of a body on the processor it is what was put out last.
+    /// Returns the visible point of the body's boundary at `pixel` of the picture in the current
+    /// configuration; `None` if the ray misses. If the device moves the nodes, this waits and reads
+    /// 36 bytes back; for a body on the CPU it uses the positions uploaded last.
     ///
     /// # Errors
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
@@ -79,8 +79,7 @@ impl Stage {
         }
     }
 
-    /// The picture, as the scene describes it: the last one, where neither body nor camera has
-    /// moved since.
+    /// Returns the picture of the scene; the cached one if neither body nor camera has moved.
     ///
     /// # Errors
     /// As [`Raycaster::image`](crate::render::Raycaster::image).
@@ -106,7 +105,7 @@ impl Stage {
         Ok(image)
     }
 
-    /// Brings the tools that are drawn to where they are. Whether any was elsewhere.
+    /// Updates the displayed tools to their poses. Returns whether any has moved.
     fn follow_tools(&mut self) -> Result<bool> {
         let mut moved = false;
         if let NodeSource::Simulated(motion) = &self.drive {
@@ -154,8 +153,8 @@ impl Stage {
         }
     }
 
-    /// Records the drawing of the picture into `colour`, whose size replaces the scene's, on
-    /// the backdrop: for callers with encoders and views of their own. Reads nothing back.
+    /// Records the rendering of the picture into `colour`, whose size replaces the scene's, over
+    /// the backdrop: for callers with their own encoders and views. Reads nothing back.
     ///
     /// # Errors
     /// As [`Raycaster::record`](crate::render::Raycaster::record).
@@ -170,7 +169,7 @@ impl Stage {
             background,
         };
         let size = [colour.texture().width(), colour.texture().height()];
-        // Tools that are put away cost nothing.
+        // Tools outside the view are skipped.
         let seen = |tool: &ToolSkin| tool.is_in_view(&self.camera, size);
         let seen: Vec<bool> = self.tools.iter().map(seen).collect();
         let has_tools = seen.contains(&true);
@@ -208,8 +207,8 @@ impl Stage {
         }
     }
 
-    /// Asks for the picture as [`Stage::record`] draws it, on nothing, and waits for none of it: who
-    /// cannot wait, as in a browser, looks when it is there. Each channel has eight bits.
+    /// Starts rendering as by [`Stage::record`], over transparent black, without waiting: callers
+    /// that cannot block, as in a browser, poll the result. Each channel has eight bits.
     ///
     /// # Errors
     /// As [`Stage::record`].
@@ -229,7 +228,7 @@ impl Stage {
         })
     }
 
-    /// A depth attachment of the size of `colour`, kept for the next picture.
+    /// Returns a depth attachment of the size of `colour`, reused for the next picture.
     fn depth_for(&mut self, colour: &wgpu::TextureView) -> Result<wgpu::TextureView> {
         let texture = colour.texture();
         if let Some(depth) = &self.depth
@@ -247,7 +246,7 @@ impl Stage {
         Ok(depth)
     }
 
-    /// The extension that suits the pictures of this stage.
+    /// Returns the file extension of the pictures of this stage.
     pub fn picture_extension(&self) -> &'static str {
         match self.mode {
             DisplayMode::Inside(Mode::Thickness) => "exr",

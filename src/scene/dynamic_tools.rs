@@ -1,6 +1,6 @@
-//! Tools that are not led but carried: rigid bodies with mass, free or held by a spring. They are
-//! rigid regions of the body's mesh, which feel it by contact of the body with itself. What is no
-//! sphere, capsule or box is meshed.
+//! Dynamic tools: rigid bodies with mass, free or held by a spring. They are rigid regions of the
+//! body's mesh and interact with it by self-contact. Shapes other than spheres, capsules and boxes
+//! are meshed.
 
 use super::tool::apply_appearance;
 use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
@@ -13,22 +13,23 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// Density of a tool on a spring to which no mass was given, kg/m³: that of water.
+/// Default density of a tool on a spring, kg/m³: that of water.
 const DENSITY: f64 = 1000.0;
 
-/// How often the faces of an icosahedron are quartered to make a ball.
+/// Number of subdivisions of the icosahedron that approximates a sphere.
 const ICOSPHERE_SUBDIVISIONS: usize = 2;
 
-/// The size of the core by which a spring holds a tool, over the ball that fits into it.
+/// Size of the core to which a spring is attached, over the inscribed sphere.
 const CORE_RATIO: f64 = 0.5;
 
-/// A closed surface is filled with about so many tets.
+/// Approximate number of tetrahedra of a closed surface.
 const TETS: usize = 3000;
 
-/// A spring holds a tool of any other shape by so many nodes nearest to its centre of mass.
+/// Number of nodes nearest to the centre of mass to which the spring of a meshed tool is attached.
 const SPRING_NODES: usize = 12;
 
-/// A tool as nodes and tets in its own frame, and the ball of nodes by which a spring holds it.
+/// Nodes and tetrahedra of a tool in its own frame, and the sphere of nodes to which its spring is
+/// attached.
 struct DynamicToolMesh {
     nodes: Vec<DVec3>,
     tets: Vec<[u32; 4]>,
@@ -61,7 +62,7 @@ impl DynamicToolMesh {
         })
     }
 
-    /// Tets that a spring holds about their centre of mass.
+    /// Creates a tool from tetrahedra, with the spring attached near their centre of mass.
     fn held(nodes: Vec<DVec3>, tets: Vec<[u32; 4]>) -> DynamicToolMesh {
         let (mut all, mut first) = (0.0, DVec3::ZERO);
         for tet in &tets {
@@ -92,16 +93,16 @@ fn volume([a, b, c, d]: &[DVec3; 4]) -> f64 {
     (b - a).cross(c - a).dot(d - a) / 6.0
 }
 
-/// The surface of a convex shape about its middle, in its own frame.
+/// Surface of a convex shape around its centre, in its own frame.
 struct Convex {
     vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
-    /// Radius of the largest ball about the middle that is within.
+    /// Radius of the inscribed sphere around the centre.
     within: f64,
 }
 
 impl Convex {
-    /// A ball that is drawn out by `length` along z.
+    /// Creates a sphere, elongated by `length` along z.
     fn round(radius: f64, length: f64) -> Convex {
         let (mut vertices, mut triangles) = icosahedron();
         for _ in 0..ICOSPHERE_SUBDIVISIONS {
@@ -138,8 +139,8 @@ impl Convex {
         }
     }
 
-    /// Nodes and tets that fill it: a core about the middle, by which it can be held, and a layer
-    /// around that.
+    /// Returns nodes and tetrahedra that fill the shape: a core around the centre, to which a
+    /// spring is attached, and a layer around it.
     fn filled(&self) -> (Vec<DVec3>, Vec<[u32; 4]>) {
         let count = self.vertices.len() as u32;
         let reach = self.vertices.iter().map(|p| p.length()).fold(0.0, f64::max);
@@ -149,7 +150,7 @@ impl Convex {
         nodes.push(DVec3::ZERO);
         let mut tets = Vec::with_capacity(4 * self.triangles.len());
         for triangle in &self.triangles {
-            // Sides of the layer are split alike from both sides where the lower number goes first.
+            // Neighbouring prisms split their common side alike if vertices are ordered by number.
             let mut own = *triangle;
             own.sort_unstable();
             let [a, b, c] = own;
@@ -168,12 +169,12 @@ impl Convex {
 }
 
 impl ToolEntry {
-    /// Whether it is carried, and not led.
+    /// Whether its motion is dynamic rather than prescribed.
     pub(super) fn is_dynamic(&self) -> bool {
         self.mass.is_some() || self.spring.is_some()
     }
 
-    /// Its surface as a skin of the body that `carrier` is, of which it is a region.
+    /// Returns its surface as a skin embedded in the body `carrier`, of which the tool is a region.
     pub(super) fn dynamic_tool_skin(&self, gpu: &Gpu, carrier: &SkinBase) -> Result<Skin> {
         let (at, turn) = self.initial_pose()?;
         let mut surface = self.surface(0.0)?;
@@ -212,11 +213,11 @@ impl ToolEntry {
 }
 
 impl Scene {
-    /// This scene of `mesh`, with tools that have a mass or a spring as rigid regions of the mesh,
-    /// grabs that hold them, and contact.
+    /// Returns this scene and `mesh` with the tools that have a mass or a spring added as rigid
+    /// regions of the mesh, with grabs as their springs, and with contact.
     ///
     /// # Errors
-    /// [`Error::Input`] for such tools that make no sense.
+    /// [`Error::Input`] for invalid dynamic tools.
     pub fn with_dynamic_tools(&self, mut mesh: TetMesh) -> Result<(Scene, TetMesh)> {
         let mut scene = self.clone();
         for (number, entry) in scene.tool.iter_mut().enumerate() {
@@ -258,7 +259,7 @@ impl Scene {
         Ok((scene, mesh))
     }
 
-    /// Adds a tool to `mesh`, and to the scene what holds it.
+    /// Adds a tool to `mesh`, and its material and spring to the scene.
     fn carry(&mut self, entry: &ToolEntry, mesh: &mut TetMesh, unit: f64) -> Result<()> {
         let name = entry.name.clone().unwrap_or_default();
         entry.check_carried(&name)?;
@@ -314,8 +315,8 @@ impl Scene {
     }
 }
 
-/// Adds a piece to `mesh` as a region of that name. Fields have their first value there, so that
-/// their ranges stay.
+/// Adds tetrahedra to `mesh` as a region of that name. Fields are set to their first value there,
+/// which keeps their ranges.
 fn append(mesh: &mut TetMesh, name: &str, nodes: &[DVec3], tets: &[[u32; 4]]) -> Result<()> {
     let known = mesh.named_region_field().map(|f| f.name.clone());
     let field = known.clone().unwrap_or_else(|| "label".to_owned());
@@ -374,7 +375,7 @@ fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
             vertices.push(DVec3::from(p).normalize());
         }
     }
-    // Its faces are the triples of vertices that are nearest to each other.
+    // Its faces are the triples of mutually nearest vertices.
     let edge = 1.06;
     let near = |a: usize, b: usize| vertices[a].distance(vertices[b]) < edge;
     let mut triangles = Vec::new();
@@ -393,7 +394,7 @@ fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (vertices, triangles)
 }
 
-/// Each triangle as four, with new vertices in the middles of edges.
+/// Returns each triangle subdivided into four, with new vertices at the edge midpoints.
 fn quartered(vertices: &mut Vec<DVec3>, triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let mut middles = BTreeMap::new();
     let mut middle = |a: u32, b: u32| {
@@ -447,7 +448,7 @@ mod tests {
         assert!((solid.volume() - 48.0).abs() < 1e-9);
         let held = solid.nodes.iter();
         let held = held.filter(|p| p.distance(solid.middle) <= solid.reach);
-        // The core's nodes and the middle, and, all as far, the corners.
+        // The nodes of the core, the centre, and all equidistant corners.
         assert!(held.count() >= SPRING_NODES);
     }
 }

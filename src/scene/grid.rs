@@ -1,4 +1,4 @@
-//! From a scene's `[grid]` to a carved shape and its mesh.
+//! Builds the grid shape and the mesh of a scene's `[grid]`.
 
 use super::{GridEntry, Lengths, Scene};
 use crate::io::{self, Kind};
@@ -9,12 +9,13 @@ use crate::volume::Volume;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// Particles where nothing is said.
+/// Default number of particles.
 const NODES: usize = 20_000;
 
 impl Scene {
-    /// Carves the grid body, and returns what was noted too. Its mesh has the labels and names of
-    /// its regions and, of a volume cut by its values, these at the nodes.
+    /// Carves the grid body and returns its shape, mesh and notes. The mesh has the labels and
+    /// names of its regions and, if made from thresholds of a volume, the volume's values at the
+    /// nodes.
     pub(super) fn carve(&self, grid: &GridEntry) -> Result<(GridShape, TetMesh, Vec<String>)> {
         self.mesh.recipe()?.with_domain(|found| {
             let axes = found.volume.map_or(DMat3::IDENTITY, axes);
@@ -73,7 +74,7 @@ impl Scene {
     }
 }
 
-/// A domain whose weights are distances, and what lies up to a margin outside.
+/// A domain whose weights are distances, offset outwards by a margin.
 struct Grown<'a> {
     domain: &'a dyn Domain,
     margin: f64,
@@ -87,14 +88,14 @@ impl Domain for Grown<'_> {
 
     fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
         self.domain.weights(p, weights);
-        // Half the difference of a region's weight and the outside's is the distance.
+        // The distance is half the difference between the weights of a region and the outside.
         for (_, weight) in weights.iter_mut().filter(|w| w.0 != 0) {
             *weight += 2.0 * self.margin;
         }
     }
 }
 
-/// The axes of a volume, where they are at right angles.
+/// Returns the axes of a volume, or the identity if they are not orthogonal.
 fn axes(volume: &Volume) -> DMat3 {
     let m = volume.to_world.matrix3;
     let mut axes = DMat3::from_cols(

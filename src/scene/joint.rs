@@ -1,4 +1,4 @@
-//! Joints of a scene.
+//! Builds the joints of a scene.
 
 use super::{JointEntry, LabelOrName};
 use crate::mesh::TetMesh;
@@ -7,11 +7,11 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 impl JointEntry {
-    /// The joint of regions of `mesh`.
+    /// Returns the joint between regions of `mesh`.
     ///
     /// # Errors
-    /// [`Error::Input`] for regions that are not there, none or more than two of them, or not one
-    /// kind of joint.
+    /// [`Error::Input`] for unknown regions, a number of regions other than one or two, or a number
+    /// of joint kinds other than one.
     pub(super) fn joint(&self, mesh: &TetMesh) -> Result<Joint> {
         let label = |of: &LabelOrName| of.label(mesh);
         let between = match self.between.as_slice() {

@@ -1,5 +1,5 @@
-//! Entries of a scene that are one of some words: checked when the file is read, so that the
-//! error has their line.
+//! Keyword entries of a scene, checked during deserialisation so that errors have their line
+//! number.
 
 use super::Unit;
 use crate::annotate::Axes;
@@ -10,7 +10,7 @@ use crate::{Error, Result};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-/// What a picture shows.
+/// Picture modes.
 pub(super) const MODES: [&str; 8] = [
     "composite",
     "thickness",
@@ -21,16 +21,16 @@ pub(super) const MODES: [&str; 8] = [
     "surface",
     "skin",
 ];
-/// How rays go from tet to tet.
+/// Ray traversals of the tetrahedra.
 pub(super) const WALKS: [&str; 2] = ["vertices", "planes"];
-/// What is behind the volume.
+/// Backgrounds of a picture.
 pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
-/// How axes are told.
+/// Kinds of axes.
 const AXES: [&str; 2] = ["xyz", "anatomical"];
-/// How springs are damped.
+/// Kinds of spring damping.
 pub(super) const DAMPING_KINDS: [&str; 2] = ["axial", "relative"];
 
-/// That `word` is none of `words`.
+/// Returns the error for a `word` that is not in `words`.
 pub(super) fn unknown_keyword_error(what: &str, words: &[&str], word: &str) -> Error {
     let (last, rest) = words.split_last().unwrap_or((&"", &[]));
     Error::Input(format!(
@@ -82,7 +82,7 @@ pub(super) fn engine<'de, D: Deserializer<'de>>(from: D) -> Entry<EngineChoice, 
     word.parse().map(Some).map_err(D::Error::custom)
 }
 
-/// A light: a word, or the direction towards it.
+/// Deserialises a light: a keyword, or the direction to the light.
 pub(super) fn light<'de, D: Deserializer<'de>>(from: D) -> Entry<Light, D::Error> {
     #[derive(Deserialize)]
     #[serde(
@@ -100,7 +100,7 @@ pub(super) fn light<'de, D: Deserializer<'de>>(from: D) -> Entry<Light, D::Error
     light.map(Some).map_err(D::Error::custom)
 }
 
-/// Axes: a word, or whether to draw them.
+/// Deserialises axes: a keyword, or whether to draw them.
 pub(super) fn axes<'de, D: Deserializer<'de>>(from: D) -> Entry<Axes, D::Error> {
     #[derive(Deserialize)]
     #[serde(
@@ -127,8 +127,7 @@ pub(super) fn generator<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::
     checked(from, generate::check_name)
 }
 
-/// A transfer function of a picture: a preset, JSON, or the name of a JSON file, which is read
-/// later.
+/// Checks a transfer function: a preset, JSON, or the name of a JSON file, which is read later.
 pub(super) fn transfer<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| match word {
         json if json.trim_start().starts_with('{') => TransferFunction::from_json(json).map(drop),
@@ -137,7 +136,7 @@ pub(super) fn transfer<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::E
     })
 }
 
-/// A colour by name or as `#RRGGBB`.
+/// Checks a colour name or `#RRGGBB`.
 pub(super) fn colour<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| named_colour(word).map(drop))
 }
@@ -152,14 +151,14 @@ pub(super) fn unit<'de, D: Deserializer<'de>>(from: D) -> Entry<Unit, D::Error> 
     Ok(Some(unit))
 }
 
-/// A part of the bounds along an axis, as `below` and `above` of a region have it.
+/// Checks a fraction of the bounds along an axis, as in `below` and `above` of a region.
 pub(super) fn fraction<'de, D: Deserializer<'de>>(from: D) -> Entry<f64, D::Error> {
     let share = f64::deserialize(from)?;
     check_fraction(share).map_err(D::Error::custom)?;
     Ok(Some(share))
 }
 
-/// Whether `share` is from 0 to 1.
+/// Checks that `share` lies between 0 and 1.
 pub(super) fn check_fraction(share: f64) -> Result<()> {
     match (0.0..=1.0).contains(&share) {
         true => Ok(()),

@@ -1,4 +1,4 @@
-//! From a scene's `[material]` to what the body is made of.
+//! Builds the material of a body from a scene's `[material]`.
 
 use super::keywords::{DAMPING_KINDS, damping_kind, unknown_keyword_error};
 use super::region::LabelOrName;
@@ -12,52 +12,51 @@ use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What the body is made of. Stiffness is Young's modulus unless `stiffness` is given.
+/// Material of the body. Stiffness is Young's modulus unless `stiffness` is given.
 ///
-/// Any other entry names a tissue, and which regions of the mesh are made of it:
+/// Every other key is a tissue, with the regions of the mesh that consist of it:
 ///
 /// ```toml
 /// [material]
-/// young = 3e4                        # what no tissue is named for
+/// young = 3e4                        # regions without a tissue
 /// bone = ["femur", "tibia", 7]       # regions by name, or by the value of the field `label`
 ///
 /// [material.cartilage]               # every region with "cartilage" in its name
-/// young = 1e6                        # in place of the published value
+/// young = 1e6                        # replaces the published value
 ///
 /// [material.marrow]
-/// rigid = true                       # of elements: all that touches moves as one body
+/// rigid = true                       # finite elements only: connected regions move as one body
 /// ```
 ///
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
 #[derive(Clone, Debug, Default)]
 pub struct MaterialEntry {
-    /// `springs`, `neo-hookean` or `corotated`; where nothing is said, `neo-hookean` for bodies of
-    /// tets without a stiffness or damping of springs, and `springs` for grids and cages.
+    /// `springs`, `neo-hookean` or `corotated`; default: `neo-hookean` for tetrahedral bodies
+    /// without spring stiffness or damping, and `springs` for grids and cages.
     pub model: Option<MaterialModel>,
     /// Young's modulus in Pa; springs have ν = ¼.
     pub young: Option<f64>,
-    /// Poisson's ratio, of elements.
+    /// Poisson's ratio, for finite elements.
     pub poisson: Option<f64>,
-    /// What changes of volume of elements are measured on: `per-tet`, or `averaged`, which does
-    /// not lock where ν nears ½.
+    /// Volumetric formulation of finite elements: `per-tet`, or `averaged`, which avoids volumetric
+    /// locking as ν approaches ½.
     pub volume: Option<VolumetricFormulation>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
-    /// A field of the tets, or else of the nodes, of factors on the stiffness.
+    /// Field of the tetrahedra, or else of the nodes, that scales the stiffness.
     pub stiffness_field: Option<String>,
     /// Density in kg/m³.
     pub density: Option<f64>,
     /// Damping κ_d of each spring, in N·s/m.
     pub damping: Option<f64>,
-    /// Damping ratio ζ of a swing of `damping_hz`, of elements; see [`Material::with_damping_ratio`].
+    /// Damping ratio ζ at `damping_hz`, for finite elements; see [`Material::with_damping_ratio`].
     pub damping_ratio: Option<f64>,
-    /// The frequency at which the body has its `damping_ratio`, Hz.
+    /// Reference frequency of `damping_ratio`, Hz.
     pub damping_hz: Option<f64>,
     /// `axial` or `relative` (the paper's).
     pub damping_kind: Option<String>,
-    /// Tissues are made at most this many times stiffer than the softest: implicit steps take
-    /// longer the further apart stiffnesses are, and beyond some hundreds no eye sees the
-    /// difference.
+    /// Largest ratio of the stiffness of a tissue to that of the softest one: implicit steps take
+    /// longer for larger ratios, and above some hundreds the difference is not visible.
     pub contrast: Option<f64>,
     /// Tissues by name.
     pub tissues: Tissues,
@@ -65,7 +64,7 @@ pub struct MaterialEntry {
 
 type Tissues = BTreeMap<String, TissueEntry>;
 
-/// A tissue and the regions that are made of it.
+/// A tissue and its regions.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(
     untagged,
@@ -74,30 +73,30 @@ type Tissues = BTreeMap<String, TissueEntry>;
 pub enum TissueEntry {
     /// Regions by label or name.
     Regions(Vec<LabelOrName>),
-    /// Regions, and values of one's own.
+    /// Regions and material parameters.
     Table(TissueTable),
 }
 
-/// A tissue with values of one's own.
+/// A tissue with its own parameters.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TissueTable {
-    /// Regions by label or name; without them, those that have the tissue's name in theirs.
+    /// Regions by label or name; default: those whose names contain the name of the tissue.
     pub regions: Option<Vec<LabelOrName>>,
     /// Young's modulus in Pa.
     pub young: Option<f64>,
-    /// Poisson's ratio, of elements.
+    /// Poisson's ratio, for finite elements.
     pub poisson: Option<f64>,
     /// Density in kg/m³.
     pub density: Option<f64>,
-    /// Whether its regions move as rigid bodies: of elements, by implicit schemes. Such a tissue
-    /// needs no `young`.
+    /// Whether its regions are rigid bodies: requires finite elements and an implicit scheme. Such
+    /// a tissue needs no `young`.
     #[serde(default)]
     pub rigid: bool,
 }
 
-/// The settings, each with its type; every other key is a tissue. Read by hand, for what serde
-/// flattens loses its line.
+/// Deserialises the settings with their types; every other key is a tissue. Implemented by hand
+/// because serde's `flatten` loses the line of an error.
 impl<'de> Deserialize<'de> for MaterialEntry {
     fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
         struct Entries;
@@ -133,7 +132,7 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                         }
                     }
                 }
-                // A flag may name a model yet, where the scene has none.
+                // The command line may still set the model if the scene does not.
                 let springs = entry.model == Some(MaterialModel::Springs);
                 if springs || entry.stiffness.is_some() {
                     entry
@@ -180,7 +179,7 @@ impl<'de> Deserialize<'de> for MaterialEntry {
             }
         }
 
-        /// A tissue, its name in the error.
+        /// A tissue whose errors contain its name.
         struct Named<'a>(&'a str);
         impl<'de> DeserializeSeed<'de> for Named<'_> {
             type Value = TissueEntry;
@@ -199,7 +198,7 @@ impl<'de> Deserialize<'de> for MaterialEntry {
 }
 
 impl MaterialEntry {
-    /// Refuses rigid tissues in bodies of springs.
+    /// Checks that a body of springs has no rigid tissues.
     fn check_rigid(&self, model: MaterialModel) -> Result<()> {
         let rigid = self.tissues.iter().find(|(_, tissue)| tissue.is_rigid());
         match (rigid, model) {
@@ -210,8 +209,8 @@ impl MaterialEntry {
         }
     }
 
-    /// The model that is meant: where none is named, elements for bodies of tets, and springs for
-    /// what knows these only and where a stiffness or a damping of springs is given.
+    /// Returns the material model. Default: finite elements for tetrahedral bodies, and springs for
+    /// bodies that support only these or with a spring stiffness or damping.
     fn model(&self, of_tets: bool) -> MaterialModel {
         let damping = self.damping.is_some_and(|damping| damping != 0.0);
         let of_springs = self.stiffness.is_some() || damping || self.damping_kind.is_some();
@@ -221,16 +220,17 @@ impl MaterialEntry {
         })
     }
 
-    /// ν of what no region says otherwise of.
+    /// Returns Poisson's ratio of regions without a tissue.
     ///
     /// # Errors
-    /// [`Error::Input`] for a material that makes no sense.
+    /// [`Error::Input`] for an invalid material.
     pub fn poisson_of(&self, mesh: &TetMesh) -> Result<f64> {
         Ok(self.material(mesh, true)?.0.poisson)
     }
 
-    /// The material of a body of tets (or a lattice of them), or of particles on a grid, and in words what each region is made
-    /// of; what is not said is as in [`Material::soft_tissue`], but for the model.
+    /// Returns the material of a tetrahedral body (or lattice) or of a particle grid, and notes of
+    /// the tissues of its regions. Defaults are those of [`Material::soft_tissue`], except for the
+    /// model.
     pub(super) fn material(
         &self,
         mesh: &TetMesh,
@@ -284,12 +284,12 @@ impl MaterialEntry {
         Ok((material, notes))
     }
 
-    /// Whether damping is said, in whatever way.
+    /// Whether any damping is set.
     pub(super) fn says_damping(&self) -> bool {
         self.damping.is_some() || self.damping_ratio.is_some()
     }
 
-    /// The damping ratio, and the frequency that has it.
+    /// Returns the damping ratio and its reference frequency.
     fn ratio(&self, model: MaterialModel) -> Result<Option<(f64, f64)>> {
         let wrong = |why: String| Err(Error::Input(why));
         let (ratio, frequency) = match (self.damping_ratio, self.damping_hz) {
@@ -379,8 +379,8 @@ impl MaterialEntry {
             .collect())
     }
 
-    /// Lowers what is more than `contrast` times as stiff as the softest region; `rest` says
-    /// whether some tets are of the material itself.
+    /// Reduces stiffnesses above `contrast` times that of the softest region; `rest` is whether
+    /// some tetrahedra belong to no tissue.
     fn limit_contrast(&self, material: &mut Material, rest: bool) -> Result<()> {
         let Some(contrast) = self.contrast else {
             return Ok(());
@@ -414,7 +414,7 @@ impl TissueEntry {
         matches!(self, TissueEntry::Table(table) if table.rigid)
     }
 
-    /// The labels made of the tissue `name`, and what that is.
+    /// Returns the labels of the tissue `name`, and its parameters.
     fn resolve(
         &self,
         name: &str,
@@ -439,7 +439,7 @@ impl TissueEntry {
                 let density = entry.density.unwrap_or(default.density);
                 (young, entry.poisson.unwrap_or(default.poisson), density)
             }
-            // How stiff what is rigid is does not matter.
+            // The stiffness of a rigid tissue has no effect.
             (Err(_), None) if table.rigid => {
                 let density = entry.density.unwrap_or(default.density);
                 let young = entry.young.unwrap_or(match default.stiffness {
@@ -471,7 +471,7 @@ impl TissueEntry {
     }
 }
 
-/// The regions that have `name` among the words of theirs.
+/// Returns the regions whose names contain the words of `name`.
 fn named_like(name: &str, mesh: &TetMesh) -> Result<Vec<i64>> {
     let words = |text: &str| -> Vec<String> {
         text.split(|c: char| !c.is_alphanumeric())

@@ -1,5 +1,5 @@
-//! What a piece of a mesh is to know of the whole, so that its pictures are parts of the whole's: the
-//! view, the fields' ranges, which field is seen, what its regions look like.
+//! Global data of a mesh stored with each of its pieces, so that the pictures of pieces fit
+//! together: the camera, the ranges of the fields, the displayed field and the regions' appearance.
 
 use super::region_appearance::mean_chords;
 use super::{ScalarField, Scene};
@@ -11,50 +11,50 @@ use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Of the layout that is written; others are refused.
+/// Version of the layout; other versions are rejected.
 const LAYOUT: u32 = 1;
 
-/// What pieces are told of the mesh that they are of.
+/// Global data of the mesh, stored with each piece.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct MeshManifest {
     layout: u32,
-    /// How many pieces there are.
+    /// Number of pieces.
     pub pieces: usize,
-    /// Nodes of the whole.
+    /// Number of nodes of the whole mesh.
     pub nodes: usize,
-    /// Tets of the whole.
+    /// Number of tetrahedra of the whole mesh.
     pub tets: usize,
-    /// Lower and upper corner of its box.
+    /// Lower and upper corner of the bounding box.
     bounds: [[f64; 3]; 2],
-    /// The nodes that a view of all of it goes by.
+    /// Nodes that determine the view of the whole mesh.
     outline: Vec<[f64; 3]>,
     fields: Vec<WholeField>,
-    /// Which of them is seen where nothing is said, without a transfer function and with one.
+    /// Indices of the default fields, without a transfer function and with one.
     chosen: [usize; 2],
-    /// Which of them says the regions.
+    /// Index of the region field.
     regions: Option<usize>,
 }
 
-/// A field as the whole mesh has it.
+/// A field of the whole mesh.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 struct WholeField {
     name: String,
-    /// What pieces call it.
+    /// Name in the pieces.
     stored: String,
     in_tets: bool,
     measures: TableStatistics,
-    /// How it came to be seen where nobody asked for it.
+    /// Why it is displayed by default.
     note: Option<String>,
     regions: Option<WholeRegions>,
 }
 
-/// A field's regions, in the order of their labels.
+/// Regions of a field, in the order of their labels.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 struct WholeRegions {
     labels: Vec<i64>,
-    /// The mean way of a ray through each.
+    /// Mean chord length of rays through each region.
     ways: Vec<f64>,
-    /// Of their numbers, in that order.
+    /// Statistics of the region indices, in that order.
     measures: TableStatistics,
     colour: Vec<[f64; 4]>,
     extinction: Vec<[f64; 2]>,
@@ -62,8 +62,8 @@ struct WholeRegions {
 }
 
 impl MeshManifest {
-    /// What pieces of `mesh` are to know, and what is to be stored with them beside its fields: the
-    /// depth below the surface, where that is seen.
+    /// Returns the global data for `pieces` pieces of `mesh`, and a field to be stored in addition
+    /// to those of the mesh: the depth below the surface, if it is displayed.
     pub(super) fn new(mesh: &TetMesh, pieces: usize) -> Result<(MeshManifest, Option<Field>)> {
         let topology = Topology::new(mesh);
         let seen_in = |field: Option<&str>, plain: bool| {
@@ -79,7 +79,7 @@ impl MeshManifest {
             if fields.iter().any(|known| known.name == field.name) {
                 continue;
             }
-            // One that is not finite is seen in no picture.
+            // A field with non-finite values cannot be displayed.
             let Ok(values) = seen_in(Some(&field.name), false) else {
                 continue;
             };
@@ -132,12 +132,12 @@ impl MeshManifest {
         Ok((whole, extra))
     }
 
-    /// As bytes, for [`MeshManifest::from_bytes`].
+    /// Serialises the manifest, for [`MeshManifest::from_bytes`].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>> {
         serde_json::to_vec(self).map_err(|e| Error::Input(format!("the whole mesh: {e}")))
     }
 
-    /// What [`MeshManifest::to_bytes`] made.
+    /// Deserialises the output of [`MeshManifest::to_bytes`].
     pub(super) fn from_bytes(bytes: &[u8]) -> Result<MeshManifest> {
         let wrong = |e: &dyn std::fmt::Display| {
             Error::Input(format!(
@@ -157,13 +157,13 @@ impl MeshManifest {
         }
     }
 
-    /// The frame that the whole is drawn in.
+    /// Returns the local frame in which the whole mesh is drawn.
     pub fn frame(&self) -> LocalFrame {
         let [low, high] = self.bounds.map(DVec3::from);
         LocalFrame::from_bounds(low, high)
     }
 
-    /// The view of a scene: of the whole, where it says nothing else.
+    /// Returns the camera of a scene; by default it frames the whole mesh.
     pub(super) fn camera(&self, scene: &Scene, size: [u32; 2]) -> Result<Camera> {
         let stand_in = TetMesh {
             nodes: self.outline.iter().map(|p| DVec3::from(*p)).collect(),
@@ -172,8 +172,8 @@ impl MeshManifest {
         scene.camera(&stand_in, &stand_in.nodes, size)
     }
 
-    /// The scalar of a piece that a scene sees, as [`Scene::scalar_field`] finds it in the whole, and
-    /// what tables are made for.
+    /// Returns the scalar field of a piece that a scene displays, selected as by
+    /// [`Scene::scalar_field`] for the whole mesh, and its table statistics.
     pub(super) fn scalar_field(
         &self,
         scene: &Scene,
@@ -239,8 +239,8 @@ impl MeshManifest {
         Ok((found, measures))
     }
 
-    /// The label of each tet of a piece, and of each region of the whole the mean way of a ray through
-    /// it; none where there are no regions.
+    /// Returns the label of each tetrahedron of a piece and the mean chord length of rays through
+    /// each region of the whole mesh; `None` without regions.
     pub(super) fn regions(&self, mesh: &TetMesh) -> Option<(Vec<i64>, BTreeMap<i64, f64>)> {
         let seen = self.fields.get(self.regions?)?;
         let regions = seen.regions.as_ref()?;
@@ -256,7 +256,7 @@ impl MeshManifest {
 }
 
 impl WholeRegions {
-    /// Those that `field` says, which are seen as in `seen`.
+    /// Creates the regions of `field`, with the appearance of `seen`.
     fn new(
         mesh: &TetMesh,
         topology: &Topology,
@@ -268,7 +268,7 @@ impl WholeRegions {
         let transfer = seen.transfer.as_ref().ok_or_else(|| {
             Error::Input(format!("the regions of \"{}\" have no colours", field.name))
         })?;
-        // These are absolute, whatever they are resolved for.
+        // Extinctions are absolute already, so the length does not matter.
         let transfer = transfer.to_absolute(seen.range, 1.0);
         Ok(WholeRegions {
             labels: ways.keys().copied().collect(),
@@ -281,8 +281,8 @@ impl WholeRegions {
     }
 }
 
-/// The nodes by which all of `mesh` is framed, whatever the shape of the picture: those that are
-/// farthest along an axis, and farthest out for their distance from the eye, sideways and upwards.
+/// Returns the nodes that determine the framing of `mesh` for any aspect ratio: the extreme ones
+/// along each axis, and the convex hulls seen along the camera's up and right axes.
 fn outline(mesh: &TetMesh) -> Vec<DVec3> {
     let axes = Camera::fit_mesh(mesh).axes();
     let mut found = Vec::new();
@@ -301,7 +301,8 @@ fn outline(mesh: &TetMesh) -> Vec<DVec3> {
     found
 }
 
-/// Which of so many points are corners of their convex hull in a plane (Andrew 1979).
+/// Returns the corners of the convex hull of `count` points in a plane (monotone chain, Andrew
+/// 1979).
 fn hull(count: u32, at: impl Fn(&u32) -> DVec2) -> impl Iterator<Item = u32> {
     let mut order: Vec<u32> = (0..count).collect();
     order.sort_by(|a, b| {

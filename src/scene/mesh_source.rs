@@ -1,4 +1,4 @@
-//! From a scene's `[mesh]` and `field` to a mesh and the scalar that is seen.
+//! Loads the mesh of a scene's `[mesh]`, and selects the displayed scalar field.
 
 use super::regions::Regions;
 use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
@@ -11,23 +11,23 @@ use crate::render::{Scalars, TransferFunction};
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::{DQuat, DVec3};
 
-/// Names that readers give to reference numbers: labels, not quantities.
+/// Prefixes of reference numbers set by readers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
-/// The most tets that a scene may ask a generator for.
+/// Largest number of tetrahedra of a generator.
 const MOST_TETS: usize = 20_000_000;
 
 impl MeshSource {
     /// Reads or generates the mesh.
     ///
     /// # Errors
-    /// [`Error::Input`] when neither or both of a file and a generator are named, or the
-    /// generator is not known; otherwise what reading gives.
+    /// [`Error::Input`] if not exactly one of a file and a generator is given, or the generator is
+    /// unknown; otherwise an error of reading.
     pub fn load(&self) -> Result<TetMesh> {
         self.load_with_progress(&no_progress)
     }
 
-    /// As [`MeshSource::load`], telling `progress` what is being done, and which part of it is done,
-    /// while a scan or a surface is meshed or a phantom made.
+    /// As [`MeshSource::load`], and reports the current task and its completed fraction to
+    /// `progress` while a volume or surface is meshed or a phantom is generated.
     ///
     /// # Errors
     /// [`Error::Cancelled`]; as [`MeshSource::load`].
@@ -51,7 +51,7 @@ impl MeshSource {
         Ok(mesh)
     }
 
-    /// The lump that a generated organ has.
+    /// Returns the lump of a generated organ.
     fn lump(&self) -> Result<Option<Lump>> {
         let said = [self.lump_mm, self.depth_mm, self.contrast];
         if said.iter().any(Option::is_some)
@@ -89,7 +89,7 @@ impl MeshSource {
 }
 
 impl JoinEntry {
-    /// The mesh where it is to be, and its name; `number` counts from 0.
+    /// Returns the transformed mesh and its name; `number` counts from 0.
     fn load(&self, number: usize, progress: ProgressFn) -> Result<(String, TetMesh)> {
         let source = MeshSource {
             file: self.file.clone(),
@@ -114,7 +114,7 @@ impl JoinEntry {
 }
 
 impl MeshSource {
-    /// The mesh of a volume or a closed surface.
+    /// Meshes a volume or a closed surface.
     fn made(&self, progress: ProgressFn) -> Result<TetMesh> {
         let made = self.recipe()?.mesh(progress)?;
         let mut mesh = made.mesh;
@@ -122,7 +122,7 @@ impl MeshSource {
         Ok(mesh)
     }
 
-    /// What to make of the file.
+    /// Returns the meshing configuration of the file.
     pub(super) fn recipe(&self) -> Result<MeshingConfig> {
         let Some(file) = &self.file else {
             return Err(Error::Input(
@@ -154,29 +154,29 @@ impl MeshSource {
     }
 }
 
-/// The scalar that a picture shows, one value a node.
+/// The scalar field displayed in a picture.
 #[derive(Clone, Debug)]
 pub struct ScalarField {
     /// Its name.
     pub name: String,
-    /// One value a node.
+    /// One value per node.
     pub values: Vec<f64>,
-    /// One value a tet, constant in it, where the field is one of cells; `values` are their
-    /// means around each node.
+    /// One value per tetrahedron for a cell field, constant within it; `values` are the means
+    /// around each node.
     pub cells: Option<Vec<f64>>,
     /// Smallest and largest value.
     pub range: (f64, f64),
-    /// How it was come by, when nobody asked for it; of regions, which colour is which.
+    /// Why the field was selected by default; for regions, the colour of each.
     pub note: Option<String>,
-    /// What shows it, where the scene has no transfer function: regions have one of their own.
+    /// Default transfer function of the field, such as that of regions.
     pub transfer: Option<TransferFunction>,
-    /// Of a field of regions: the name of each, and its scalar.
+    /// Name and scalar of each region, for a region field.
     pub regions: Vec<(String, f64)>,
 }
 
 impl ScalarField {
-    /// The regions that `field` says, by number from 0, with their colours; `unasked` says what
-    /// else could be seen.
+    /// Returns the regions of `field`, numbered from 0, with their colours; with `unasked` the note
+    /// names an alternative field.
     fn regions(
         mesh: &TetMesh,
         topology: &Topology,
@@ -200,7 +200,7 @@ impl ScalarField {
         })
     }
 
-    /// Follows a cut of the mesh: doubles have the values of the nodes they come from.
+    /// Applies a cut of the mesh: duplicated nodes get the values of their originals.
     pub(super) fn apply_cut(&mut self, cut: &TetCut) {
         for [_, from] in &cut.duplicated_nodes {
             self.values.push(self.values[*from as usize]);
@@ -212,7 +212,7 @@ impl ScalarField {
         }
     }
 
-    /// The values, as a geometry takes them.
+    /// Returns the values in the form that a geometry takes.
     pub fn scalars(&self) -> Scalars<'_> {
         match &self.cells {
             Some(cells) => Scalars::Cells(cells),
@@ -222,16 +222,17 @@ impl ScalarField {
 }
 
 impl Scene {
-    /// The scalar to see: the field named by the scene; else, without a transfer function of its
-    /// own, the regions ([`TetMesh::region_field`]), if there are several; else the first scalar
-    /// node field that varies, else the regions' labels, else the depth below the surface.
-    /// Vectors are seen by their length. A field of regions is seen in a colour for each region,
-    /// unless the scene has a transfer function.
+    /// Selects the displayed scalar field: the field set in the scene; otherwise, without a
+    /// transfer function, the regions ([`TetMesh::region_field`]) if there are several; otherwise
+    /// the first node field that varies, the labels of the regions, or the depth below the surface.
+    /// Vectors are displayed by their magnitude. A region field has one colour per region, unless
+    /// the scene has a transfer function.
     ///
     /// # Errors
-    /// [`Error::Input`] listing the fields when the one named does not exist or is not finite.
+    /// [`Error::Input`] listing the fields if the field of the scene does not exist or is not
+    /// finite.
     pub fn scalar_field(&self, mesh: &TetMesh, topology: &Topology) -> Result<ScalarField> {
-        // X-rays go by what numbers are, not by what is shown of them.
+        // X-rays depend on the values of the field, not on its transfer function.
         let xray = self.picture.mode.as_deref() == Some("xray");
         let plain = self.picture.transfer.is_none() && !xray;
         let regions = || mesh.region_field();
@@ -285,7 +286,7 @@ impl Scene {
     }
 }
 
-/// The regions that `field` says: their names, or labels where they have none, and labels.
+/// Returns the name (or the label, if unnamed) and the label of each region of `field`.
 fn names_of_regions<'a>(
     mesh: &'a TetMesh,
     field: &Field,
@@ -327,7 +328,7 @@ fn first_scalar(mesh: &TetMesh) -> Option<&Field> {
     })
 }
 
-/// One number for each tuple: vectors by their length.
+/// Returns one number per tuple: the magnitude of a vector.
 pub(super) fn magnitudes(field: &Field) -> Vec<f64> {
     match field.components {
         1 => field.values.clone(),

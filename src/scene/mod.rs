@@ -1,28 +1,28 @@
-//! A scene: a TOML file that names a mesh, a material, a solver, what holds and what pulls, a
-//! camera, a transfer function and a picture. Everything has a default but the mesh; a scene of
-//! several bodies has a [`BodyEntry`] for each.
+//! A scene: a TOML file with a mesh, a material, a solver, supports and loads, a camera, a transfer
+//! function and a picture. Only the mesh is required; a scene of several bodies has a [`BodyEntry`]
+//! for each.
 //!
 //! ```toml
 //! [mesh]
 //! file = "liver.vtu"      # beside the scene file; or generate = "limb", tets = 100000
-//! unit = "mm"             # what one unit of the mesh is; physics needs to know
+//! unit = "mm"             # length unit of the mesh, needed for physics
 //!
 //! [material]
-//! young = 2e4             # Pa; or stiffness = 3000 (N/m, every spring alike)
-//! bone = ["femur", 6]     # regions made of a tissue, by name or label: published values
+//! young = 2e4             # Pa; or stiffness = 3000 (N/m, for each spring)
+//! bone = ["femur", 6]     # regions of a tissue, by name or label: published values
 //!
 //! [solver]
 //! name = "implicit"
 //! dt = 0.01               # s
 //! steps = 100
 //!
-//! [[pin]]                 # nodes that stay where they are
+//! [[pin]]                 # fixed nodes
 //! axis = "z"
 //! below = 0.05            # the lowest 5 % of the bounds; or z_below = -0.6, in the mesh's unit
 //!
 //! [[force]]
 //! on = { axis = "z", above = 0.95 }
-//! total = [0.0, -2.0, 0.0]  # N, shared by the nodes of the region
+//! total = [0.0, -2.0, 0.0]  # N, distributed over the nodes of the region
 //!
 //! [picture]
 //! field = "intensity"
@@ -98,134 +98,134 @@ use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Everything needed to make a picture or a series; see the [module](self) for the file.
+/// Description of a picture or a series; see the [module](self) for the file format.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// Where the mesh comes from.
+    /// Source of the mesh.
     #[serde(default)]
     pub mesh: MeshSource,
-    /// Several bodies, in place of one mesh.
+    /// Several bodies, instead of one mesh.
     #[serde(default)]
     pub body: Vec<BodyEntry>,
-    /// What the body is made of.
+    /// Material of the body.
     #[serde(default)]
     pub material: MaterialEntry,
-    /// How it moves; with no solver named it does not.
+    /// Time integration; without a solver name the body is static.
     #[serde(default)]
     pub solver: SolverEntry,
-    /// Nodes that stay where they are.
+    /// Fixed nodes.
     #[serde(default)]
     pub pin: Vec<Region>,
     /// Forces on groups of nodes.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
-    /// Makes the body a grid of particles in place of tets.
+    /// Replaces the tetrahedra by a grid of particles.
     pub grid: Option<GridEntry>,
-    /// Simulates a coarse body in place of the mesh, which it carries.
+    /// Simulates a coarse cage in which the mesh is embedded, instead of the mesh.
     pub cage: Option<CageEntry>,
-    /// A floor that pushes the body back.
+    /// A floor in contact with the body.
     pub floor: Option<FloorEntry>,
-    /// What grabs the body, and where to.
+    /// Grabs and their paths.
     #[serde(default)]
     pub grab: Vec<GrabEntry>,
-    /// Pressure on patches of its boundary.
+    /// Pressures on patches of the boundary.
     #[serde(default)]
     pub pressure: Vec<PressureEntry>,
-    /// Nodes that are moved along paths.
+    /// Nodes with prescribed displacement.
     #[serde(default, rename = "move")]
     pub moves: Vec<MoveEntry>,
-    /// What contracts.
+    /// Contracting regions.
     #[serde(default)]
     pub muscle: Vec<MuscleEntry>,
-    /// What presses on it.
+    /// Tools in contact with the body.
     #[serde(default)]
     pub tool: Vec<ToolEntry>,
-    /// Those of them that are regions of the mesh: see [`Scene::with_dynamic_tools`].
+    /// The dynamic tools, which are regions of the mesh: see [`Scene::with_dynamic_tools`].
     #[serde(skip)]
     pub(crate) carried: Vec<ToolEntry>,
-    /// Joints between its rigid regions.
+    /// Joints between rigid regions.
     #[serde(default)]
     pub joint: Vec<JointEntry>,
-    /// Contact of the body with itself.
+    /// Self-contact of the body.
     pub contact: Option<ContactEntry>,
-    /// What cuts it.
+    /// Cuts of the body.
     #[serde(default)]
     pub cut: Vec<CutEntry>,
-    /// Surfaces that the body carries.
+    /// Surfaces embedded in the body.
     #[serde(default)]
     pub skin: Vec<SkinEntry>,
-    /// Volumes that the body carries, shown in place of its fields.
+    /// Volumes embedded in the body, rendered in place of its fields.
     #[serde(default, deserialize_with = "entries::scans")]
     pub scan: Vec<ScanEntry>,
-    /// The view; the whole mesh is framed where nothing else is said.
+    /// The camera; default: the whole mesh is framed.
     #[serde(default)]
     pub camera: CameraEntry,
-    /// The light on the inside.
+    /// Lighting of the volume.
     #[serde(default)]
     pub light: LightEntry,
-    /// X-rays.
+    /// Settings of X-ray pictures.
     #[serde(default)]
     pub xray: XrayEntry,
-    /// Planes through the volume.
+    /// Section planes through the volume.
     #[serde(default)]
     pub plane: Vec<PlaneEntry>,
-    /// Surfaces of one value.
+    /// Isosurfaces.
     #[serde(default)]
     pub isosurface: Vec<IsosurfaceEntry>,
     /// The picture.
     #[serde(default)]
     pub picture: PictureEntry,
-    /// What is written beside pictures.
+    /// Files written beside the pictures.
     #[serde(default)]
     pub output: OutputEntry,
 }
 
-/// How the body moves.
+/// Time integration of the body.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SolverEntry {
-    /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`; of elements on the CPU
-    /// also `bdf2` and `midpoint`.
+    /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`; for finite elements on
+    /// the CPU also `bdf2` and `midpoint`.
     #[serde(default, deserialize_with = "keywords::solver")]
     pub name: Option<String>,
-    /// What computes the steps: `auto`, `gpu`, `cpu`, or `rapier` in builds that have it.
+    /// Engine of the time steps: `auto`, `gpu`, `cpu`, or `rapier` in builds that include it.
     #[serde(default, deserialize_with = "keywords::engine")]
     pub engine: Option<EngineChoice>,
-    /// Step size in seconds.
+    /// Time step, s.
     pub dt: Option<f64>,
-    /// Steps before the picture, or between two frames of a series.
+    /// Number of steps before the picture, or between two frames of a series.
     pub steps: Option<u32>,
-    /// Gravity in m/s².
+    /// Gravity, m/s².
     pub gravity: Option<[f64; 3]>,
-    /// Conjugate gradients: most iterations a step.
+    /// Largest number of conjugate gradient iterations per step.
     pub iterations: Option<u32>,
-    /// Conjugate gradients: residual, relative to the right-hand side, at which they stop.
+    /// Relative residual at which conjugate gradients stop.
     pub tolerance: Option<f64>,
-    /// Whether the body falls asleep when it is at rest; it does where nothing is said.
+    /// Whether the body sleeps when at rest; default true.
     pub sleep: Option<bool>,
-    /// The run that is ahead. With it, a body that nothing holds, pulls or cuts gets a load and
-    /// an implicit step that suit its stiffness, in place of the earth's gravity and 0.01 s, and
-    /// a view that nobody chose shows all that moves. Set by the command line.
+    /// The planned run. If it is set, a body without supports, loads or cuts gets a load and an
+    /// implicit time step chosen from its stiffness, instead of the earth's gravity and 0.01 s, and
+    /// the default camera frames the whole motion. Set by the command line.
     #[serde(skip)]
     pub run: Option<PlannedRun>,
 }
 
-/// A run that is ahead.
+/// Length and output of a planned run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PlannedRun {
-    /// Its steps in all.
+    /// Total number of steps.
     pub steps: u32,
-    /// Whether pictures are drawn on the way, which have to be framed before it is over.
+    /// Whether pictures are drawn during the run, which have to be framed before it ends.
     pub draws_frames: bool,
 }
 
 impl Scene {
-    /// Reads a scene file; paths in it are made relative to its folder.
+    /// Reads a scene file; relative paths in it are resolved against its folder.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Format`] with the line and the column of what is wrong: a key
-    /// that is not known, a value of the wrong type, a word that is none of those expected.
+    /// [`Error::Io`], or [`Error::Format`] with the line and column of the error: an unknown key, a
+    /// value of the wrong type or an unknown keyword.
     pub fn read(path: impl AsRef<Path>) -> Result<Scene> {
         Scene::read_file(path.as_ref())
     }
@@ -236,7 +236,7 @@ impl Scene {
         Scene::parse_in(&text, folder).map_err(|e| Error::format(path, e.to_string()))
     }
 
-    /// Parses the text of a scene; paths in it are made relative to `folder`.
+    /// Parses the text of a scene; relative paths in it are resolved against `folder`.
     ///
     /// # Errors
     /// As [`Scene::parse`].
@@ -277,22 +277,22 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Parses the text of a scene; paths in it are as they stand.
+    /// Parses the text of a scene; paths in it are kept as given.
     ///
     /// # Errors
-    /// [`Error::Input`] with the line that is wrong.
+    /// [`Error::Input`] with the line of the error.
     pub fn parse(text: &str) -> Result<Scene> {
         toml::from_str(text).map_err(|e| Error::Input(e.to_string()))
     }
 
-    /// What it has that only a body of tets by itself knows of, by the name of its entry.
+    /// Returns the name of an entry that only a single tetrahedral body supports, if there is one.
     pub(crate) fn tets_only_entry(&self) -> Option<&'static str> {
         let tool = (!self.tool.is_empty()).then_some("[[tool]]");
         let joint = (!self.joint.is_empty()).then_some("[[joint]]");
         self.cpu_only_entry().or(tool).or(joint)
     }
 
-    /// What it has that only the processor's engine knows of, by the name of its entry.
+    /// Returns the name of an entry that only the CPU engine supports, if there is one.
     pub(crate) fn cpu_only_entry(&self) -> Option<&'static str> {
         let all = [
             (self.pressure.is_empty(), "[[pressure]]"),
@@ -305,7 +305,7 @@ impl Scene {
             .map(|(_, name)| name)
     }
 
-    /// The scene that a mesh file alone makes: at rest, framed, everything by default.
+    /// Returns the default scene of a mesh file: static, framed, with all defaults.
     pub fn of_mesh(path: impl AsRef<Path>) -> Scene {
         Scene {
             mesh: MeshSource {

@@ -1,4 +1,4 @@
-//! A body that moves as its scene says.
+//! The simulated motion of a scene's body.
 
 use super::Scene;
 use super::active_grab::ActiveGrab;
@@ -14,44 +14,44 @@ use crate::physics::grid::GridShape;
 use crate::physics::{Engine, MemberReport, Reaction, Report, Simulator, SolverKind, StepProgress};
 use glam::DVec3;
 
-/// Steps between two looks at whether all is well, so that progress can be shown.
+/// Steps between two polls of the simulator, so that progress can be shown.
 const STEPS_PER_POLL: u32 = 10;
-/// The same of a grid body, whose steps are short, free and held.
+/// Steps between polls of a grid body, which has short steps: free and grabbed.
 const STEPS_OF_A_GRID: u32 = 256;
 const STEPS_OF_A_HELD_GRID: u32 = 16;
 
-/// A body that moves as its scene says.
+/// The simulated body of a scene.
 pub struct Motion {
-    /// The body, and what moves it.
+    /// The body and its solver.
     pub simulator: Box<dyn Simulator>,
-    /// Step size, s.
+    /// Time step, s.
     pub dt: f64,
     pub(super) attachments: Vec<ActiveGrab>,
     pub(super) progress: Option<StepProgress>,
-    /// Steps that were asked for and not waited for, how many there are in all after these, and the
-    /// body's count of changes from outside before them.
+    /// Requested steps that are not finished: their number, the total number of steps after them,
+    /// and the body's counter of external changes before them.
     pub(super) requested: Option<(u32, u64, u64)>,
     pub(super) sleep: Sleep,
     cage: Option<CageReport>,
-    /// Whether its steps are those of a grid.
+    /// Whether it is a grid body.
     grid: bool,
-    /// Points, in file units, that pictures of the whole run should show.
+    /// Points, in file units, that the view of the whole run should contain.
     pub(super) motion_envelope: Option<Vec<DVec3>>,
-    /// What is pinned, by name.
+    /// Named pins.
     pub(super) pins: Vec<NamedPins>,
-    /// What acts on the body as time goes on.
+    /// Time-dependent loads.
     pub(super) time_dependent_loads: TimeDependentLoads,
-    /// Tools that are regions of the mesh: their names.
+    /// Names of the dynamic tools, which are regions of the mesh.
     pub(super) dynamic_tools: Vec<String>,
 }
 
 impl Motion {
-    /// The body and solver of `scene`, and in words what was assumed where it is silent. With a
-    /// `shape` it is a grid body, whose mesh is `mesh`.
+    /// Creates the body and solver of `scene`, and notes of the automatic choices. With a `shape`
+    /// it is a grid body, whose mesh is `mesh`.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for what makes no sense in the scene; otherwise what
-    /// the device refuses.
+    /// [`Error::Input`](crate::Error::Input) for an invalid scene; otherwise an error of the
+    /// device.
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -64,7 +64,7 @@ impl Motion {
         Ok((Motion::of_setup(&scene, setup)?, notes))
     }
 
-    /// A simulator that was set up for `scene`.
+    /// Creates the motion of a simulator that was set up for `scene`.
     pub(super) fn of_setup(scene: &Scene, setup: SimulatorSetup) -> Result<Motion> {
         let attachments = scene.grab.iter().map(ActiveGrab::new);
         Ok(Motion {
@@ -87,8 +87,7 @@ impl Motion {
         })
     }
 
-    /// What the body exerts on each of its tools, by name: those that are led, then those that are
-    /// carried.
+    /// Returns the reaction of the body on each tool by name: kinematic tools, then dynamic ones.
     pub(super) fn tool_reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
         let led = self.simulator.tool_forces()?;
         let names = self
@@ -109,11 +108,11 @@ impl Motion {
         Ok(all)
     }
 
-    /// Runs `steps` steps, telling `progress` how many are done.
+    /// Runs `steps` steps and reports the number done to `progress`.
     ///
     /// # Errors
-    /// [`Error::Solver`](crate::Error::Solver) when the simulation failed; the body stays in its
-    /// last good state.
+    /// [`Error::Solver`](crate::Error::Solver) if the simulation failed; the body keeps its last
+    /// valid state.
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
         self.requested = None;
@@ -135,9 +134,9 @@ impl Motion {
         Ok(())
     }
 
-    /// Asks for some of `steps` more steps, as many as may go by before loads of the scene change,
-    /// and waits for none of them; where the body sleeps only time goes by. Once
-    /// [`Motion::poll_steps`] says that earlier ones are done.
+    /// Starts up to `steps` more steps, as many as are possible until loads of the scene change,
+    /// without waiting; if the body sleeps only the time advances. Earlier steps must be finished
+    /// according to [`Motion::poll_steps`].
     ///
     /// # Errors
     /// As [`Motion::run`].
@@ -158,7 +157,7 @@ impl Motion {
         Ok(())
     }
 
-    /// Whether steps that [`Motion::request_steps`] asked for are still being computed, without waiting.
+    /// Whether steps started by [`Motion::request_steps`] are still being computed; does not wait.
     ///
     /// # Errors
     /// As [`Motion::run`].
@@ -167,7 +166,7 @@ impl Motion {
             return Ok(false);
         };
         let now = self.simulator.progress();
-        // Of a failure nothing is left to wait for.
+        // After a failure there are no steps to wait for.
         let now = now.inspect_err(|_| self.requested = None)?;
         if now.steps < goal {
             return Ok(true);
@@ -179,7 +178,7 @@ impl Motion {
         Ok(false)
     }
 
-    /// Has what acts on the body as time goes on be where it is after `steps` more steps.
+    /// Applies the time-dependent loads for the time after `steps` more steps.
     fn act(&mut self, steps: u32) -> Result<()> {
         let time = self.time() + f64::from(steps) * self.dt;
         for attachment in &mut self.attachments {
@@ -193,20 +192,19 @@ impl Motion {
         Ok(())
     }
 
-    /// Whether the body is at rest and sleeps: time goes by, but nothing is simulated until it is
-    /// touched. It falls asleep when its mean speed stays below a ten-thousandth of its size a
-    /// second.
+    /// Whether the body sleeps: time advances without simulation until the body is disturbed. It
+    /// falls asleep when its mean speed stays below 1e-4 of its size per second.
     pub fn asleep(&self) -> bool {
         self.sleep.asleep()
     }
 
-    /// Steps that were not simulated because the body slept.
+    /// Returns the number of steps skipped while the body slept.
     pub fn steps_slept(&self) -> u64 {
         self.sleep.slept.0
     }
 
-    /// Wakes the body: needed after what no count of its own tells of, such as forces written on
-    /// the GPU.
+    /// Wakes the body: needed after changes that it does not count, such as forces written on the
+    /// GPU.
     pub fn wake(&mut self) {
         self.sleep.wake();
     }
@@ -216,55 +214,55 @@ impl Motion {
         self.sleep.allowed()
     }
 
-    /// Lets the body fall asleep from now on, or not.
+    /// Sets whether the body may fall asleep.
     pub fn set_sleep_allowed(&mut self, allowed: bool) {
         let slept = self.sleep.slept;
         self.sleep = Sleep::new(allowed);
         self.sleep.slept = slept;
     }
 
-    /// How the cage turned out, where one carries the mesh.
+    /// Returns the report of the cage, if the mesh is embedded in one.
     pub fn cage(&self) -> Option<CageReport> {
         self.cage
     }
 
-    /// What each body is, where it is several.
+    /// Returns a report for each body, if there are several.
     pub fn bodies(&self) -> Vec<MemberReport> {
         let bodies = self.simulator.bodies();
         bodies.map_or_else(Vec::new, |bodies| bodies.member_reports(self.dt))
     }
 
-    /// How many rigid bodies there are in the body.
+    /// Returns the number of rigid bodies in the body.
     pub fn rigid_bodies(&self) -> usize {
         let network = self.simulator.network();
         network.map_or(0, |n| n.elements.rigid.len())
     }
 
-    /// Whether runs of it can be gone on with from checkpoints.
+    /// Whether its runs can be resumed from checkpoints.
     pub fn has_state(&self) -> bool {
         self.simulator.has_state()
     }
 
-    /// Metres in a unit of the mesh.
+    /// Returns the length unit of the mesh, in metres.
     pub fn length_unit(&self) -> f64 {
         self.simulator.loads().frame_and_unit().1
     }
 
-    /// What computes its steps.
+    /// Returns the engine of its steps.
     pub fn engine(&self) -> Engine {
         self.simulator.engine()
     }
 
-    /// Where the nodes of the mesh are, in file units, read back.
+    /// Reads back the node positions of the mesh, in file units.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error of the read-back.
     pub fn positions(&self) -> Result<Vec<DVec3>> {
         self.simulator.positions()
     }
 
-    /// Puts the body back to where it rested, with the step and the tolerance of `scene`, which is
-    /// otherwise the one it was made for.
+    /// Resets the body to rest, with the time step and tolerance of `scene`, which must otherwise
+    /// equal the scene that it was created for.
     ///
     /// # Errors
     /// As [`Motion::new`].
@@ -285,7 +283,8 @@ impl Motion {
             .set_integrator(kind, scene.conjugate_gradients())
     }
 
-    /// Steps between two looks at whether all is well and where attachments are.
+    /// Returns the number of steps between two polls of the simulator and updates of the
+    /// attachments.
     fn steps_at_once(&self) -> u32 {
         match (
             self.attachments.is_empty() && !self.time_dependent_loads.is_time_dependent(),
@@ -298,25 +297,25 @@ impl Motion {
         }
     }
 
-    /// Simulated time, in seconds.
+    /// Returns the simulated time, s.
     pub fn time(&self) -> f64 {
         self.progress.map_or(0.0, |p| p.time) + self.sleep.slept.1
     }
 
-    /// Which solver it is.
+    /// Returns the kind of solver.
     pub fn kind(&self) -> SolverKind {
         self.simulator.integrator()
     }
 
-    /// How far the simulation came, as of the last [`Motion::run`].
+    /// Returns the progress as of the last [`Motion::run`].
     pub fn progress(&self) -> Option<StepProgress> {
         self.progress
     }
 
-    /// Energies, volume and displacement, read back.
+    /// Reads back energies, volume and displacement.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error of the read-back.
     pub fn report(&self) -> Result<Report> {
         self.simulator.report()
     }

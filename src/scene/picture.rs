@@ -1,4 +1,4 @@
-//! What a scene says of its picture, made real: camera, what is shown, what draws it.
+//! Builds the camera, the sections and the renderers of a scene's picture.
 
 use super::keywords::{BACKGROUNDS, MODES, WALKS, unknown_keyword_error};
 use super::{ScalarField, Scene};
@@ -10,28 +10,28 @@ use crate::skin::CompositorOptions;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Picture size where a scene does not say.
+/// Default size of a picture.
 pub(crate) const DEFAULT_SIZE: [u32; 2] = [1024, 768];
-/// Colour of a surface that shows no field.
+/// Colour of a surface without a field.
 const SKIN_COLOUR: [f32; 3] = [0.87, 0.68, 0.56];
 
-/// Share of the width that a legend takes at the right of a picture whose view nobody chose.
+/// Fraction of the width reserved for a legend at the right, with the default camera.
 const LEGEND: f64 = 0.22;
 
-/// What a picture shows.
+/// Content of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DisplayMode {
-    /// The inside, through the raycaster.
+    /// The volume, rendered by the raycaster.
     Inside(Mode),
     /// The lit boundary.
     Surface,
-    /// The skins alone.
+    /// Only the skins.
     Skin,
 }
 
 impl Scene {
-    /// What draws the inside of `mesh` and its boundary, its nodes standing where `nodes` has
-    /// them.
+    /// Creates the renderers of the volume of `mesh` and of its boundary, with node positions from
+    /// `nodes`.
     pub(super) fn build_renderers(
         &self,
         gpu: &Gpu,
@@ -63,7 +63,7 @@ impl Scene {
         if mode != composite && !with_isosurfaces {
             options.light = Light::None;
         }
-        // Scans have gradients of their own.
+        // Scans have their own gradients.
         let from_nodes = scans.is_empty() || options.shadows > 0.0;
         if options.light.is_on()
             && from_nodes
@@ -96,7 +96,8 @@ impl Scene {
         Ok((raycaster, surface))
     }
 
-    /// The planes and isosurfaces of the picture. The lit boundary has its cut faces for a volume.
+    /// Returns the planes and isosurfaces of the picture. The lit boundary shows its cut faces as a
+    /// volume.
     pub(super) fn inside(&self, mode: DisplayMode, notes: &mut Vec<String>) -> Result<Sections> {
         let mut inside = Sections {
             draw_volume: self.picture.volume.unwrap_or(true),
@@ -149,7 +150,7 @@ impl Scene {
         Ok(inside)
     }
 
-    /// The scene's transfer function, or what suits `seen`.
+    /// Returns the transfer function of the scene, or the default one of `seen`.
     pub(crate) fn transfer(&self, seen: &ScalarField) -> Result<TransferFunction> {
         if let Some(own) = seen.transfer.as_ref().filter(|_| !self.scan.is_empty()) {
             return Ok(own.clone());
@@ -161,7 +162,7 @@ impl Scene {
         }
     }
 
-    /// A preset, the JSON itself, or what a JSON file holds.
+    /// Returns a transfer function from a preset, inline JSON or a JSON file.
     pub(super) fn named_transfer(&self, named: &str) -> Result<TransferFunction> {
         match named {
             json if json.trim_start().starts_with('{') => TransferFunction::from_json(json),
@@ -210,7 +211,7 @@ impl Scene {
         })
     }
 
-    /// How many times larger each way than it is shown the picture is drawn.
+    /// Returns the supersampling factor per axis.
     pub(super) fn samples_each_way(&self) -> Result<u32> {
         let skins = CompositorOptions::default().samples;
         let Some(samples) = self.picture.samples else {
@@ -265,8 +266,8 @@ impl Scene {
         }
     }
 
-    /// The camera: all of `points` framed, as suits the shape of `mesh`, and what the scene says
-    /// laid over it.
+    /// Returns the camera: a view of all `points` suited to the shape of `mesh`, overridden by the
+    /// keys of the scene.
     pub(super) fn camera(
         &self,
         mesh: &TetMesh,
@@ -281,7 +282,7 @@ impl Scene {
             false => Camera::fit_points(mesh, points, size),
         };
         if let Some(look_at) = entry.look_at {
-            // The eye keeps its place relative to what is looked at.
+            // The eye keeps its position relative to the point looked at.
             camera.eye += DVec3::from(look_at) - camera.look_at;
             camera.look_at = look_at.into();
         }
@@ -306,7 +307,7 @@ impl Scene {
     }
 }
 
-/// A camera that frames `points` at the left of where a legend is.
+/// Returns a camera that frames `points` to the left of a legend.
 fn beside_legend(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
     let left = (1.0 - LEGEND) * f64::from(size[0]);
     let mut camera = Camera::fit_points(mesh, points, [left as u32, size[1]]);

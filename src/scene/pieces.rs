@@ -1,5 +1,5 @@
-//! One body in pieces, each drawn where nothing but it is: on a machine, or by a device, that could
-//! not hold the whole.
+//! Rendering of a body in pieces, each drawn separately, on machines or devices that cannot hold
+//! the whole.
 
 use super::mesh_manifest::MeshManifest;
 use super::picture::{DEFAULT_SIZE, DisplayMode};
@@ -11,12 +11,12 @@ use crate::render::{Background, Geometry, Image, Mode, RaySegments, Raycaster, l
 use crate::{Error, Result};
 use std::path::Path;
 
-/// Writes `mesh` as `count` pieces, cut along a k-d tree: the index at `path` (.pvtu) and beside it a
-/// .vtu a piece, with what each is to know of its neighbours and of the whole.
+/// Writes `mesh` as `count` pieces, partitioned along a k-d tree: the index at `path` (.pvtu) and
+/// one .vtu file per piece beside it, with ghost cells and the global data.
 ///
 /// # Errors
-/// [`Error::Input`] for another name or a number of pieces that there cannot be, [`Error::Mesh`] for
-/// fields that do not fit, or a file cannot be written.
+/// [`Error::Input`] for another file extension or an invalid number of pieces, [`Error::Mesh`] for
+/// inconsistent fields, or an error of writing.
 pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Result<()> {
     let path = path.as_ref();
     if !io::is_pieces(path) {
@@ -42,15 +42,15 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
     io::write_pieces(path, count, &told, |k| parted.extract(k))
 }
 
-/// A piece of a mesh, with what it knows of the whole.
+/// A piece of a mesh, with the global data.
 pub struct Piece {
     piece: MeshPiece,
     whole: MeshManifest,
 }
 
 impl Piece {
-    /// Reads piece `number`, counted from 0, of those that the index at `path` (.pvtu) lists; the others
-    /// are not looked at.
+    /// Reads piece `number`, counted from 0, of the index at `path` (.pvtu); the other pieces are
+    /// not read.
     ///
     /// # Errors
     /// As [`io::read_piece`].
@@ -60,22 +60,22 @@ impl Piece {
         Ok(Piece { piece, whole })
     }
 
-    /// Its tets, and behind them those of its neighbours.
+    /// Returns its tetrahedra, followed by the ghost cells of its neighbours.
     pub fn mesh(&self) -> &MeshPiece {
         &self.piece
     }
 
-    /// What it knows of the whole.
+    /// Returns the global data of the mesh.
     pub fn whole(&self) -> &MeshManifest {
         &self.whole
     }
 
-    /// What the rays of the picture that `scene` describes of the whole pass in this piece. What the
-    /// scene says of its mesh is passed over.
+    /// Computes the ray segments within this piece for the picture that `scene` describes. The mesh
+    /// entries of the scene are ignored.
     ///
     /// # Errors
-    /// [`Error::Input`] for a scene that wants more than the inside of a body that nothing moves, and
-    /// what makes no sense in it; as [`Raycaster::intervals`].
+    /// [`Error::Input`] for a scene with more than the volume of a static body or an invalid scene;
+    /// as [`Raycaster::intervals`].
     pub fn intervals(&self, gpu: &Gpu, scene: &Scene) -> Result<RaySegments> {
         scene.check_in_pieces()?;
         let MeshPiece {
@@ -110,18 +110,17 @@ impl Piece {
 }
 
 impl PictureEntry {
-    /// Whether regions are hidden, or have looks of their own.
+    /// Whether regions are hidden, or have their own appearance.
     pub(super) fn has_region_appearance(&self) -> bool {
         !(self.region.is_empty() && self.hide.is_empty())
     }
 }
 
 impl Scene {
-    /// The picture that this scene describes, of what the rays passed in all pieces of its body.
+    /// Composites the picture of this scene from the ray segments of all pieces of its body.
     ///
     /// # Errors
-    /// [`Error::Input`] where they were told for another size, and for what makes no sense in the
-    /// scene.
+    /// [`Error::Input`] for segments of another size, or an invalid scene.
     pub fn composite(&self, told: &RaySegments) -> Result<Image> {
         let size = self.drawn_size()?;
         if told.size() != size {
@@ -136,7 +135,7 @@ impl Scene {
         })
     }
 
-    /// The same as a PNG has it: red, green, blue and opacity a pixel, and its width and height.
+    /// As [`Scene::composite`], in the form of a PNG: RGBA per pixel, and its width and height.
     ///
     /// # Errors
     /// As [`Scene::composite`].
@@ -146,14 +145,14 @@ impl Scene {
         Ok((image.rgba8(background), image.size))
     }
 
-    /// Pixels that are drawn, several for one that is shown where it has several samples.
+    /// Returns the rendered size, which is larger than the picture with supersampling.
     fn drawn_size(&self) -> Result<[u32; 2]> {
         let samples = self.samples_each_way()?;
         let size = self.picture.size.unwrap_or(DEFAULT_SIZE);
         Ok(size.map(|n| n.saturating_mul(samples)))
     }
 
-    /// Refuses what pictures of pieces cannot have.
+    /// Rejects settings that pictures of pieces do not support.
     fn check_in_pieces(&self) -> Result<()> {
         let picture = &self.picture;
         let annotated = [picture.legend, picture.scale_bar, picture.time].contains(&Some(true))

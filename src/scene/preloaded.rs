@@ -1,10 +1,10 @@
-//! What a program has read before a scene does.
+//! Data that is loaded before a scene uses it.
 
 use std::fmt;
 use std::sync::Arc;
 
-/// What the file of an entry holds, where who uses the scene has read it already; otherwise it is read
-/// when it is needed. No part of what tells one scene from another.
+/// Content of the file of an entry, if the caller has loaded it already; otherwise the file is read
+/// when needed. It is not part of the scene's checksum.
 pub struct Preloaded<T>(pub Option<Arc<T>>);
 
 impl<T> Default for Preloaded<T> {

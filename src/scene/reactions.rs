@@ -1,4 +1,4 @@
-//! What a body exerts on its pins, grabs and tools, as a table of each frame.
+//! Reactions of a body at its supports, grabs and tools, as a table over the frames.
 
 use super::stage::Stage;
 use crate::io::atomic_write;
@@ -8,27 +8,27 @@ use crate::{Error, Result};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The first line of the table.
+/// First line of the table.
 const HEADER: &str = "time_s,name,fx,fy,fz,mx,my,mz";
 
-/// Nodes that are pinned as one, and what they are called.
+/// A named group of pinned nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct NamedPins {
     pub name: String,
     pub nodes: Vec<u32>,
 }
 
-/// A CSV file of what a body exerts on everything that holds it, for each frame of a run: its time
-/// in s, the name of the pin, move, grab or tool, the force in N and its moment in N·m: about the
-/// origin of the file's coordinates, of a tool about its middle, of one with a mass or a spring about
-/// its centre of mass. The spring has a row of its own, `NAME spring`.
+/// A CSV file of the reactions at all supports, for each frame of a run: its time in s, the name of
+/// the pin, move, grab or tool, the force in N and the moment in N·m about the origin of the file's
+/// coordinates, for a kinematic tool about its centre, and for a dynamic tool about its centre of
+/// mass. The spring of a tool has a row of its own, `NAME spring`.
 ///
-/// The force is that of the body in the state of the frame: elastic, damping, the weight of the
-/// nodes held and what else pulls at them, less what accelerates them where they are moved. Of a
-/// grab that pulls by springs it is the force of the springs; of one that holds nothing yet, or no
-/// more, it is zero. Only the processor's engine knows them, of bodies of tets.
+/// The force is exerted by the body in the state of the frame: elastic and damping forces, weight
+/// and external forces of the constrained nodes, minus their inertia if they move. For a grab with
+/// springs it is the spring force; for an inactive grab it is zero. Only the CPU engine provides
+/// reactions, for tetrahedral bodies.
 ///
-/// The file is written anew with every frame, to a temporary name first.
+/// The file is rewritten atomically with every frame.
 #[derive(Clone, Debug)]
 pub struct ReactionLog {
     path: PathBuf,
@@ -36,10 +36,10 @@ pub struct ReactionLog {
 }
 
 impl ReactionLog {
-    /// A table without frames at `path`.
+    /// Creates a table without frames at `path`.
     ///
     /// # Errors
-    /// [`Error::Io`] when it cannot be written.
+    /// [`Error::Io`] if it cannot be written.
     pub fn create(path: impl AsRef<Path>) -> Result<ReactionLog> {
         let log = ReactionLog {
             path: path.as_ref().to_path_buf(),
@@ -49,11 +49,10 @@ impl ReactionLog {
         Ok(log)
     }
 
-    /// Goes on with a table of which the frames at `times` were finished; what followed them is
-    /// dropped.
+    /// Resumes a table with the frames at `times`; later frames are dropped.
     ///
     /// # Errors
-    /// [`Error::Format`] when the table is none, or one of these frames is not in it.
+    /// [`Error::Format`] if the table is invalid, or lacks one of these frames.
     pub fn resume(path: impl AsRef<Path>, times: &[f64]) -> Result<ReactionLog> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
@@ -91,7 +90,7 @@ impl ReactionLog {
     /// Adds the reactions of a frame.
     ///
     /// # Errors
-    /// As [`Stage::reactions`]; [`Error::Io`] when the table cannot be written.
+    /// As [`Stage::reactions`]; [`Error::Io`] if the table cannot be written.
     pub fn push(&mut self, stage: &mut Stage) -> Result<()> {
         let time = stage.time();
         for (name, Reaction { force, moment }) in stage.reactions()? {
@@ -116,7 +115,7 @@ impl ReactionLog {
     }
 }
 
-/// A cell of a table, on one line.
+/// Returns a table cell on one line, quoted if necessary.
 fn quoted(text: &str) -> String {
     let text = text.replace(['\n', '\r'], " ");
     match text.contains([',', '"']) {
@@ -126,7 +125,7 @@ fn quoted(text: &str) -> String {
 }
 
 impl NamedPins {
-    /// Follows a cut: doubles are pinned as the nodes they come from.
+    /// Applies a cut: duplicated nodes are pinned like their originals.
     pub(super) fn apply_cut(&mut self, cut: &TetCut) {
         let own: std::collections::BTreeSet<u32> = self.nodes.iter().copied().collect();
         let doubled = cut
@@ -138,12 +137,12 @@ impl NamedPins {
 }
 
 impl Stage {
-    /// What the body exerts on each of its pins, moves, grabs and tools where it stands, by name and in
-    /// this order: moments are about the origin of the file's coordinates, of tools about their
-    /// middles. Of a body that a GPU steps its tools alone, where it has any.
+    /// Returns the reactions at the pins, moves, grabs and tools in the current state, by name and
+    /// in this order. Moments are about the origin of the file's coordinates, of tools about their
+    /// centres. A body on the GPU has reactions of tools only.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing moves, or nothing holds the body; otherwise as
+    /// [`Error::Input`] for a static body or one without supports; otherwise as
     /// [`Simulator::forces`](crate::physics::Simulator::forces).
     pub fn reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
         let time = self.time();
@@ -153,7 +152,7 @@ impl Stage {
             ));
         };
         let of_tools = motion.tool_reactions()?;
-        // A GPU knows the forces on its tools, and not those on nodes.
+        // The GPU engine provides the forces on tools, but not those on nodes.
         if motion.simulator.engine() == Engine::Gpu && !of_tools.is_empty() {
             return Ok(of_tools);
         }

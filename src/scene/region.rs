@@ -1,4 +1,4 @@
-//! Groups of nodes named by where they are or what they are part of.
+//! Regions: groups of nodes selected by position or by label.
 
 use super::keywords::{check_fraction, fraction};
 use crate::mesh::{Location, TetMesh};
@@ -7,53 +7,52 @@ use glam::DVec3;
 use serde::Deserialize;
 use std::fmt;
 
-/// A group of nodes: those that meet every condition given. Lengths are in the mesh's units.
+/// A group of nodes: those that satisfy all conditions given. Lengths are in the mesh's units.
 ///
 /// ```toml
 /// [[pin]]
-/// axis = "z"              # by parts of the bounds …
+/// axis = "z"              # by fractions of the bounds …
 /// below = 0.05            # the lowest 5 %
 ///
 /// [[pin]]
-/// z_below = -0.6          # … or by a place in the mesh's unit
+/// z_below = -0.6          # … or by a coordinate in the mesh's unit
 /// x_above = 1.2
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Region {
-    /// What a pin of these nodes is called in files of reactions; `pin1` and so on where nothing is
-    /// said.
+    /// Name of a pin of these nodes in reaction files; default `pin1`, `pin2` …
     pub name: Option<String>,
     /// Inside the axis-aligned box between these corners.
     #[serde(rename = "box")]
     pub inside: Option<[[f64; 3]; 2]>,
     /// Inside the sphere [x, y, z, radius].
     pub sphere: Option<[f64; 4]>,
-    /// The axis that `below` and `above` speak of: `x`, `y` or `z`.
+    /// Axis of `below` and `above`: `x`, `y` or `z`.
     pub axis: Option<Axis>,
-    /// In the lowest part of the bounds along `axis`: a fraction, from 0 to 1.
+    /// Below this fraction of the bounds along `axis`, from 0 to 1.
     #[serde(default, deserialize_with = "fraction")]
     pub below: Option<f64>,
     /// Above this fraction of the bounds along `axis`, from 0 to 1.
     #[serde(default, deserialize_with = "fraction")]
     pub above: Option<f64>,
-    /// Where x is at most this.
+    /// Largest x.
     pub x_below: Option<f64>,
-    /// Where x is at least this.
+    /// Smallest x.
     pub x_above: Option<f64>,
-    /// Where y is at most this.
+    /// Largest y.
     pub y_below: Option<f64>,
-    /// Where y is at least this.
+    /// Smallest y.
     pub y_above: Option<f64>,
-    /// Where z is at most this.
+    /// Largest z.
     pub z_below: Option<f64>,
-    /// Where z is at least this.
+    /// Smallest z.
     pub z_above: Option<f64>,
-    /// Corners of the tets of this region.
+    /// Label or name of a region: nodes of its tetrahedra.
     pub label: Option<LabelOrName>,
 }
 
-/// A region of a mesh: the value of the cell field `label`, or the name it has in the mesh.
+/// A region of a mesh: its value in the cell field `label`, or its name in the mesh.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(
     untagged,
@@ -66,10 +65,10 @@ pub enum LabelOrName {
 }
 
 impl LabelOrName {
-    /// The label, looked up in the names of the mesh's regions.
+    /// Returns the label; a name is looked up among the regions of the mesh.
     ///
     /// # Errors
-    /// [`Error::Input`] listing the names there are.
+    /// [`Error::Input`] listing the names of the regions.
     pub fn label(&self, mesh: &TetMesh) -> Result<i64> {
         let name = match self {
             LabelOrName::Label(label) => return Ok(*label),
@@ -90,10 +89,10 @@ pub enum Axis {
 }
 
 impl Region {
-    /// The nodes of `mesh` in this region, in order.
+    /// Returns the nodes of `mesh` in this region, in order.
     ///
     /// # Errors
-    /// [`Error::Input`] when the region is described wrongly or holds no node.
+    /// [`Error::Input`] if the region is invalid or contains no node.
     pub fn nodes(&self, mesh: &TetMesh) -> Result<Vec<u32>> {
         self.check()?;
         let bounds = mesh.bounds();
@@ -140,7 +139,7 @@ impl Region {
         Ok(())
     }
 
-    /// Its bounds in the mesh's unit, by name: below and above for each axis.
+    /// Returns its coordinate limits in the mesh's unit, by name: below and above for each axis.
     fn places(&self) -> [(&'static str, Option<f64>); 6] {
         [
             ("x_below", self.x_below),
@@ -152,7 +151,7 @@ impl Region {
         ]
     }
 
-    /// Whether point `p` meets every condition on its place.
+    /// Whether point `p` satisfies all conditions on its position.
     fn holds(&self, p: DVec3, (low, high): (DVec3, DVec3)) -> bool {
         let in_box = self.inside.is_none_or(|[a, b]| {
             let (a, b) = (DVec3::from(a), DVec3::from(b));
@@ -177,7 +176,7 @@ impl Region {
     }
 }
 
-/// As a scene has it.
+/// Formats the region as in a scene file.
 impl fmt::Display for Region {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[f64]| {
@@ -213,7 +212,7 @@ impl fmt::Display for Region {
     }
 }
 
-/// The label of every tet.
+/// Returns the label of each tetrahedron.
 pub(super) fn labels(mesh: &TetMesh) -> Result<&[f64]> {
     let field = mesh.field("label", Location::Cell);
     let field = field.or_else(|| mesh.region_field()).ok_or_else(|| {

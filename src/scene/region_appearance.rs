@@ -1,4 +1,4 @@
-//! What each region of a picture looks like, where the scene says so.
+//! Appearance of individual regions in a picture.
 
 use super::{RegionAppearanceEntry, Scene};
 use crate::mesh::{FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology};
@@ -6,14 +6,14 @@ use crate::render::{RegionAppearance, TransferFunction, named_colour};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
-/// The opacity of a ray's mean way through a region that has a colour, and no opacity, of its own.
+/// Default opacity over the mean chord length of a region that has a colour.
 const OPACITY: f64 = 0.9;
-/// What a region of opacity 1 lets through.
+/// Transmittance of a region of opacity 1.
 const MIN_TRANSMITTANCE: f64 = 1e-4;
 
 impl Scene {
-    /// What the regions that `[picture.region]` and `[picture] hide` name look like, and all else by
-    /// `transfer`; none where they name nothing.
+    /// Returns the appearance of the regions in `[picture.region]` and `[picture] hide`, with
+    /// `transfer` for all others; `None` without such regions.
     pub(super) fn region_looks(
         &self,
         mesh: &TetMesh,
@@ -33,8 +33,9 @@ impl Scene {
         Ok(Some(looks))
     }
 
-    /// The same of `mesh`, a whole or a piece: the label of each of its tets with the mean way of a ray
-    /// through each region of the whole, and the extent of that.
+    /// As [`Scene::region_looks`] for a whole mesh or a piece, given the label of each tetrahedron,
+    /// the mean chord length of rays through each region of the whole mesh, and the extent of the
+    /// whole mesh.
     pub(super) fn region_appearances(
         &self,
         mesh: &TetMesh,
@@ -78,7 +79,7 @@ impl Scene {
 }
 
 impl RegionAppearanceEntry {
-    /// What it makes of the picture's own transfer function.
+    /// Returns the transfer function of the region, derived from that of the picture.
     fn made(
         &self,
         scene: &Scene,
@@ -112,8 +113,8 @@ impl RegionAppearanceEntry {
     }
 }
 
-/// The label of the region that is named, or given by its label, and the mean way through it; it has
-/// tets.
+/// Returns the label of a region given by name or label, and its mean chord length; an error if it
+/// has no tetrahedra.
 fn label(mesh: &TetMesh, ways: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, f64)> {
     let label = mesh.region_label(name)?;
     match ways.get(&label) {
@@ -124,7 +125,8 @@ fn label(mesh: &TetMesh, ways: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, 
     }
 }
 
-/// The mean way of a ray through each region, of volume V and surface S: 4V/S (Cauchy).
+/// Returns the mean chord length of rays through each region of volume V and surface S: 4V/S
+/// (Cauchy).
 pub(super) fn mean_chords(
     mesh: &TetMesh,
     topology: &Topology,

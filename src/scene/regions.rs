@@ -1,11 +1,12 @@
-//! How the regions of a mesh are seen: a colour each, inner ones through outer ones.
+//! Default appearance of the regions of a mesh: one colour each, with inner regions visible through
+//! outer ones.
 
 use crate::Result;
 use crate::mesh::{FACES, Field, NO_NEIGHBOUR, TetMesh, Topology};
 use crate::render::TransferFunction;
 use std::collections::BTreeMap;
 
-/// Okabe and Ito's colours, which colour-blind people tell apart too, and grey for their black.
+/// Colour palette of Okabe and Ito, safe for colour-blind viewers, with grey in place of black.
 const COLOURS: [[u8; 3]; 8] = [
     [0xe6, 0x9f, 0x00],
     [0x56, 0xb4, 0xe9],
@@ -16,34 +17,35 @@ const COLOURS: [[u8; 3]; 8] = [
     [0x00, 0x72, 0xb2],
     [0xbb, 0xbb, 0xbb],
 ];
-/// Later rounds of them go this far towards white, or black where negative.
+/// Tints of repetitions of the palette: towards white, or towards black if negative.
 const TINTS: [f64; 3] = [0.0, 0.55, -0.45];
-/// Opacity of a ray's mean way through a region: of one that hides nothing, of one that encloses
-/// others, of one inside another.
+/// Opacity over the mean chord length of a region: of one that hides no other, of one that encloses
+/// others, and of one inside another.
 const DEFAULT_OPACITY: f64 = 0.93;
 const OUTER_OPACITY: f64 = 0.45;
 const INNER_OPACITY: f64 = 0.97;
-/// A region is inside where less than this share of its surface is the body's.
+/// A region is an inner one if less than this fraction of its surface is on the boundary of the
+/// body.
 const INSIDE: f64 = 0.25;
-/// Half of the scalars that take the colour of one region, the distance between two being 1.
+/// Half width of the scalar range with the colour of one region; region numbers differ by 1.
 const COLOUR_HALF_WIDTH: f64 = 0.35;
-/// Regions that a legend names.
+/// Largest number of regions in a legend.
 const MAX_LEGEND_ENTRIES: usize = 24;
 
 /// The regions of a mesh in the order of their values, numbered from 0.
 pub(super) struct Regions {
-    /// The number of each tet's region.
+    /// Region number of each tetrahedron.
     pub numbers: Vec<f64>,
-    /// How many regions there are.
+    /// Number of regions.
     pub count: usize,
-    /// What shows them, as a function of their number.
+    /// Transfer function, over the region numbers.
     pub transfer: TransferFunction,
-    /// A line that says which colour is which.
+    /// Text that lists the colours of the regions.
     pub legend: String,
 }
 
 impl Regions {
-    /// The regions that `field` says; it is one that [`TetMesh::is_region_field`] accepts.
+    /// Creates the regions of `field`, which must satisfy [`TetMesh::is_region_field`].
     pub fn new(mesh: &TetMesh, topology: &Topology, field: &Field) -> Result<Regions> {
         let all = mesh.regions_of(field);
         let number_of: BTreeMap<i64, usize> = all
@@ -86,7 +88,7 @@ impl Regions {
     }
 }
 
-/// The colour of region `i`.
+/// Returns the colour of region `i`.
 pub(super) fn colour_of(i: usize) -> [u8; 3] {
     let tint = TINTS[i / COLOURS.len() % TINTS.len()];
     COLOURS[i % COLOURS.len()].map(|c| {
@@ -96,8 +98,9 @@ pub(super) fn colour_of(i: usize) -> [u8; 3] {
     })
 }
 
-/// Extinction of each region per unit of length. A ray's mean way through a body of volume V and
-/// surface S is 4V/S (Cauchy), whatever its shape, so thin regions show as well as thick ones.
+/// Returns the extinction of each region per unit of length. The mean chord length of a body of
+/// volume V and surface S is 4V/S (Cauchy) for any shape, so thin regions are as visible as
+/// thick ones.
 fn extinctions(
     mesh: &TetMesh,
     topology: &Topology,
@@ -132,7 +135,8 @@ fn extinctions(
             let hidden: f64 = hides.map(|(_, area)| area).sum();
             let opacity = match bare(r) < INSIDE {
                 true => INNER_OPACITY,
-                // A region that encloses little of others need not give way to them.
+                // The opacity decreases with the fraction of the surface that encloses other
+                // regions.
                 false => {
                     let share = (4.0 * hidden / surface[r].max(f64::MIN_POSITIVE)).min(1.0);
                     DEFAULT_OPACITY + share * (OUTER_OPACITY - DEFAULT_OPACITY)

@@ -1,17 +1,17 @@
-//! Where a body that nothing moves rests, when its file shows it deformed.
+//! Rest configuration of a static body whose file contains a deformed state.
 
 use super::Scene;
 use crate::mesh::{Location, TetMesh};
 use crate::{Error, Result, io};
 use glam::DVec3;
 
-/// The field by which series that are written tell where a node was.
+/// Name of the displacement field in recorded series.
 const DISPLACEMENT: &str = "displacement";
 
 impl Scene {
-    /// Puts `mesh` where it rests, and returns where its nodes stand: by the mesh that `[mesh] rest`
-    /// names, or, where the picture needs to know it, by a field `displacement`. What was assumed
-    /// comes in words.
+    /// Moves `mesh` to its rest configuration and returns the deformed node positions, with a note.
+    /// The rest configuration is the mesh `[mesh] rest`, or, if the picture needs it, follows from
+    /// a field `displacement`.
     pub(super) fn move_to_rest(
         &self,
         mesh: &mut TetMesh,
@@ -31,7 +31,7 @@ impl Scene {
             };
             mesh.check_same_connectivity(&rest).map_err(wrong)?;
             let now = std::mem::replace(&mut mesh.nodes, rest.nodes);
-            // Readers turned those that the motion has turned inside out.
+            // Readers reoriented the tetrahedra that were inverted in the deformed state.
             for t in 0..mesh.tets.len() {
                 if mesh.tet_volume(t) < 0.0 {
                     mesh.tets[t].swap(2, 3);

@@ -1,4 +1,4 @@
-//! The scans of a scene, read and ready to be carried.
+//! Loads the scans of a scene, ready to be embedded.
 
 use super::regions::colour_of;
 use super::{LabelAppearanceEntry, ScalarField, ScanEntry, Scene, Unit};
@@ -9,28 +9,28 @@ use crate::{Error, Result, io};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Different whole numbers up to which a scan is taken for a map of labels.
+/// Largest number of different integers in a scan that is taken for a label map by default.
 const MAX_LABEL_VALUES: usize = 64;
-/// The opacity of a ray's mean way through a label, alone and beside other scans.
+/// Default opacity over the mean chord length of a label: for a single scan, and for several scans.
 const SINGLE_SCAN_OPACITY: f64 = 0.9;
 const MULTI_SCAN_OPACITY: f64 = 0.5;
-/// What a label of opacity 1 lets through.
+/// Transmittance of a label of opacity 1.
 const CLEAR: f64 = 1e-4;
-/// A surface of voxels is so much larger than the smooth one it stands for, on average.
+/// Average ratio of the surface area of voxels to that of the smooth surface they approximate.
 const VOXEL_SURFACE_RATIO: f64 = 1.5;
-/// Half of the scalars that take the colour of one label in a legend.
+/// Half width of the scalar range with the colour of one label in a legend.
 const PLATEAU: f64 = 0.35;
 
 /// The scans of a scene.
 pub(super) struct SceneScans {
     pub scans: Vec<Scan>,
-    /// The first, for a legend; its values are not at the nodes.
+    /// Field of the first scan, for a legend; its values are not at the nodes.
     pub seen: ScalarField,
     pub notes: Vec<String>,
 }
 
 impl Scene {
-    /// The scans that the scene has its body carry; none where it has none.
+    /// Returns the scans embedded in the body of the scene; `None` without scans.
     pub(super) fn scans(&self, mesh: &TetMesh) -> Result<Option<SceneScans>> {
         if self.scan.is_empty() {
             return Ok(None);
@@ -41,7 +41,7 @@ impl Scene {
         if self.picture.field.is_some() {
             notes.push("the scan is shown, and the mesh's field is not: --field and [picture] field are passed over".to_owned());
         }
-        // Of these the first scan is taken for values, unless it is said to have labels.
+        // In these modes the first scan is taken for values, unless it is set to labels.
         let mode = self.picture.mode.as_deref();
         let sums_values = matches!(mode, Some("mip" | "minip" | "mean" | "xray"));
         let mut read = Vec::new();
@@ -91,7 +91,7 @@ impl Scene {
                         _ => TransferFunction::preset("scan")?,
                     };
                     let range = entry.range.or(self.picture.range.filter(|_| first));
-                    // X-rays go by what numbers are, not by what is shown of them.
+                    // X-rays depend on the values, not on their display range.
                     let range = range.filter(|_| self.picture.mode.as_deref() != Some("xray"));
                     let look = ScanAppearance::Values {
                         transfer: transfer.clone(),
@@ -121,8 +121,8 @@ impl Scene {
 }
 
 impl ScanEntry {
-    /// Its labels and how many voxels have each, if it shows labels; where nothing is said `values`
-    /// has it show values.
+    /// Returns its labels with their voxel counts if it displays labels; `values` is whether it
+    /// displays values by default.
     fn has_labels(&self, volume: &Volume, values: bool) -> Result<Option<BTreeMap<i64, usize>>> {
         if !self.label.is_empty() && self.labels == Some(false) {
             return Err(Error::Input(
@@ -148,7 +148,7 @@ impl ScanEntry {
         }
     }
 
-    /// Its name, or that of its file.
+    /// Returns its name, or by default that of its file.
     fn called(&self) -> String {
         let stem = || {
             self.file
@@ -161,7 +161,7 @@ impl ScanEntry {
             .map_or(name.clone(), str::to_owned)
     }
 
-    /// What each label looks like; 0 is what lies around.
+    /// Returns the appearance of each label; 0 is the background.
     fn label_looks(
         &self,
         volume: &Volume,
@@ -218,7 +218,7 @@ impl ScanEntry {
     }
 }
 
-/// The mean way of a ray through each label, in mm: 4V/S (Cauchy).
+/// Returns the mean chord length of rays through each label, mm: 4V/S (Cauchy).
 fn mean_ways(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f64> {
     let axes = volume.to_world.matrix3;
     let (x, y, z) = (axes.x_axis, axes.y_axis, axes.z_axis);
@@ -256,7 +256,7 @@ fn mean_ways(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f6
     own.iter().copied().zip(sums.into_iter().map(way)).collect()
 }
 
-/// What a legend tells of values.
+/// Returns the legend field of values.
 fn value_field(name: &str, transfer: TransferFunction) -> ScalarField {
     ScalarField {
         name: name.to_owned(),
@@ -269,7 +269,7 @@ fn value_field(name: &str, transfer: TransferFunction) -> ScalarField {
     }
 }
 
-/// What a legend tells of labels: their colours, by their numbers in order.
+/// Returns the legend field of labels: their colours, by index in order.
 fn label_field(
     name: &str,
     volume: &Volume,

@@ -1,4 +1,4 @@
-//! Frames of a recorded series, shown by a stage that nothing else moves.
+//! Playback of recorded series in a static stage.
 
 use super::Stage;
 use super::stage::NodeSource;
@@ -7,13 +7,13 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 impl Stage {
-    /// Shows another state of the mesh: its nodes at `nodes`, with `fields` in place of its own. The
-    /// field that is seen keeps its range; of scans, regions and what is found of the mesh's shape
-    /// nothing changes.
+    /// Sets the state of the mesh: its nodes to `nodes`, and its fields to `fields`. The displayed
+    /// field keeps its range; scans, regions and quantities derived from the mesh's shape are not
+    /// changed.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body that moves, for nodes or fields of another mesh, and for a frame in
-    /// which the field that is seen is not finite or lies elsewhere.
+    /// [`Error::Input`] for a simulated body, for nodes or fields of another mesh, and if the
+    /// displayed field is not finite or is at another location in this frame.
     pub fn show_frame(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
         let NodeSource::Posed(posed) = &mut self.drive else {
             return Err(Error::Input(
@@ -42,7 +42,7 @@ impl Stage {
         self.scalars.values = seen.values;
         self.scalars.cells = seen.cells;
         let (low, high) = self.scalars.range;
-        // What is the same everywhere has a colour as well.
+        // A constant field needs a non-empty range, too.
         let range = if low < high {
             (low, high)
         } else {

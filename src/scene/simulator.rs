@@ -1,4 +1,4 @@
-//! From a scene's material, solver, pins and forces to the simulator that moves its body.
+//! Builds the simulator of a scene from its material, solver, supports and loads.
 
 use super::default_load::{LoadResponse, format_acceleration, weight};
 use super::reactions::NamedPins;
@@ -16,50 +16,51 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Gravity where a scene does not say, in m/s².
+/// Default gravity, m/s².
 pub(super) const GRAVITY: f64 = 9.81;
-/// Step of the implicit solver where a scene does not say, in s; explicit solvers take a share
-/// of their largest stable step.
+/// Default time step of the implicit solver, s; explicit solvers use a fraction of their largest
+/// stable step.
 const IMPLICIT_STEP: f64 = 0.01;
 const EXPLICIT_SHARE: f64 = 0.9;
-/// A body longer than this, in metres, is remarked upon: its unit was probably forgotten.
+/// Body length in metres above which a note warns that the unit may be missing.
 const SUSPICIOUS_LENGTH: f64 = 5.0;
 
-/// Of the stiffest tissue over the softest: from here on steps in 32 bits begin to lose what is
-/// soft, and at ten times as much they do (`palpate study scaling`, the bar with a rod).
+/// Ratio of the largest to the smallest stiffness above which single-precision steps begin to lose
+/// accuracy in soft tissue; at ten times this ratio they fail (`palpate study scaling`, the bar
+/// with a rod).
 const GPU_CONTRAST: f64 = 1e4;
 
-/// A simulator, and what a scene that is silent was taken to mean.
+/// A simulator and the settings chosen automatically.
 pub(super) struct SimulatorSetup {
     pub simulator: Box<dyn Simulator>,
-    /// Step size, s.
+    /// Time step, s.
     pub dt: f64,
     pub cage: Option<CageReport>,
-    /// Whether its steps are those of a grid.
+    /// Whether it is a grid body.
     pub grid: bool,
-    /// Points, in file units, that pictures of the whole run should show.
+    /// Points, in file units, that the view of the whole run should contain.
     pub motion_envelope: Option<Vec<DVec3>>,
-    /// What is pinned, by name.
+    /// Named pins.
     pub pins: Vec<NamedPins>,
-    /// What acts on it as time goes on.
+    /// Time-dependent loads.
     pub actors: TimeDependentLoads,
 }
 
-/// What pulls a body, by which step it is followed, and how far it will go.
+/// Load, time step and motion envelope of a run.
 pub(super) struct DefaultLoad {
-    /// m/s².
+    /// Gravity, m/s².
     pub gravity: DVec3,
-    /// s.
+    /// Time step, s.
     pub dt: f64,
-    /// Points, in file units, that pictures of the whole run should show.
+    /// Points, in file units, that the view of the whole run should contain.
     pub reach: Option<Vec<DVec3>>,
 }
 
-/// An end that was chosen to be held, and the number of the body's pieces.
+/// An automatically chosen clamped end, and the number of pieces of the body.
 pub(super) type ChosenSupport = (ClampedEnd, usize);
 
 impl SimulatorSetup {
-    /// The simulator of `scene` and `mesh`, and in words what was assumed; see
+    /// Creates the simulator of `scene` and `mesh`, and notes of the automatic choices; see
     /// [`Motion::new`](super::Motion::new).
     pub fn new(
         gpu: &Gpu,
@@ -115,7 +116,7 @@ impl SimulatorSetup {
 }
 
 impl FloorEntry {
-    /// The floor below the body of `simulator`.
+    /// Returns the floor below the body of `simulator`.
     pub(super) fn term(&self, simulator: &dyn Simulator) -> Result<Floor> {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let point = (DVec3::from(self.point) - frame.origin) * unit;
@@ -124,8 +125,8 @@ impl FloorEntry {
     }
 }
 
-/// The step that the scene asks for, or a share of the largest stable one, `limit`; without a
-/// limit the step of an implicit solver.
+/// Returns the scene's time step, or a fraction of the largest stable one, `limit`; without a limit
+/// the default step of an implicit solver.
 pub(super) fn choose_step(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<String>) -> f64 {
     if let Some(dt) = asked {
         return dt;
@@ -144,13 +145,13 @@ pub(super) fn choose_step(asked: Option<f64>, limit: Option<f64>, notes: &mut Ve
     dt
 }
 
-/// A damping time that an explicit solver can bear with these springs, undamped as they are given,
-/// for damping costs it step size; and a sentence that says so.
+/// Returns a damping time that an explicit solver tolerates with these undamped springs, as damping
+/// reduces the stable step, and a note.
 pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Option<(f64, String)> {
     let free = vec![false; undamped.rest_positions.len()];
     let limit = largest_stable_step(undamped, &free, SolverKind::Symplectic);
     let limit = limit.filter(|limit| limit.is_finite())?;
-    // Explicit Euler is stable through damping alone; the others give up a twentieth of a step.
+    // Explicit Euler is stable only with damping; the other schemes lose a twentieth of the step.
     let share = if kind == SolverKind::Explicit {
         0.5
     } else {
@@ -167,8 +168,8 @@ pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Opti
     Some((damping, said))
 }
 
-/// What is rigid, in words, and a warning of regions that are one body only because they share
-/// nodes.
+/// Returns notes of the rigid regions, and a warning of regions that form one rigid body only
+/// because they share nodes.
 fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
     let bodies = &network.elements.rigid;
     if bodies.is_empty() {
@@ -234,7 +235,7 @@ impl Scene {
         self.set_up(simulator, notes)
     }
 
-    /// What steps the body of tets that `mesh` and `network` are, on the engine that is wanted.
+    /// Creates the simulator of the tetrahedral body `mesh`, `network` on the chosen engine.
     pub(super) fn simulator_of(
         &self,
         gpu: &Gpu,
@@ -251,12 +252,12 @@ impl Scene {
                         "{entry} acts on the processor's engine only: --engine cpu, or leave it to auto"
                     )));
                 }
-                // It has some of them, and refuses the others itself.
+                // Rapier supports some of these entries and rejects the others itself.
                 EngineChoice::Exactly(Engine::Rapier) => engine,
                 _ => EngineChoice::Exactly(Engine::Cpu),
             };
         } else if engine == EngineChoice::Auto && !self.tool.is_empty() {
-            // It takes tools on any body of elements, the GPU not on all.
+            // The CPU engine supports tools on any finite-element body, the GPU not on all.
             engine = EngineChoice::Exactly(Engine::Cpu);
         }
         let how = (kind, self.conjugate_gradients());
@@ -290,7 +291,7 @@ impl Scene {
         })
     }
 
-    /// Pins and pulls the body of `simulator` as the scene says, or by the end that suits it.
+    /// Applies the supports and loads of the scene to `simulator`, or chooses a clamped end.
     fn set_up(
         &self,
         mut simulator: Box<dyn Simulator>,
@@ -360,7 +361,7 @@ impl Scene {
         })
     }
 
-    /// When conjugate gradients stop.
+    /// Returns the stopping criterion of conjugate gradients.
     pub(super) fn conjugate_gradients(&self) -> CgSettings {
         let mut settings = CgSettings::default();
         if let Some(tolerance) = self.solver.tolerance {
@@ -373,7 +374,7 @@ impl Scene {
         settings
     }
 
-    /// The way loads go: that of the scene's gravity, or −z.
+    /// Returns the direction of loads: that of the scene's gravity, or −z.
     fn down(&self) -> DVec3 {
         let given = self.solver.gravity.map(DVec3::from);
         given.map_or(DVec3::NEG_Z, |g| match g.length() > 0.0 {
@@ -382,7 +383,7 @@ impl Scene {
         })
     }
 
-    /// The end by which a body is held that the scene does not pin.
+    /// Chooses the clamped end of a body without pins.
     fn held_end(&self, simulator: &dyn Simulator) -> ChosenSupport {
         let (rest, masses) = (&simulator.mesh().nodes, simulator.masses());
         ClampedEnd::of_largest_component(
@@ -393,14 +394,14 @@ impl Scene {
         )
     }
 
-    /// The same of a fine body that is not simulated.
+    /// Chooses the clamped end of a fine body that is not simulated itself.
     pub(super) fn held_end_of(&self, network: &DiscreteModel) -> ChosenSupport {
         network.find_clamped_end(self.down())
     }
 
-    /// Gravity and step: those of the scene; where it is silent and a run is ahead, such as suit
-    /// the body's stiffness. `held` are the springs and which nodes are pinned, of a body of tets;
-    /// `end` says which end was chosen for that, if one was.
+    /// Returns gravity and time step: those of the scene, or defaults chosen from the stiffness of
+    /// the body if a run is planned. `held` is the model and the pinned nodes of a tetrahedral
+    /// body; `end` is the clamped end if it was chosen automatically.
     pub(super) fn default_load(
         &self,
         kind: SolverKind,
@@ -479,7 +480,7 @@ impl Scene {
         pull
     }
 
-    /// The force on each node of `mesh`, if there are any; nodes without mass take no share.
+    /// Returns the force on each node of `mesh`, if there are forces; massless nodes get none.
     pub(super) fn forces(&self, mesh: &TetMesh, masses: &[f64]) -> Result<Option<Vec<DVec3>>> {
         let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
         let has = |v: &u32| masses.get(*v as usize).is_some_and(|m| *m > 0.0);
@@ -499,7 +500,7 @@ impl Scene {
     }
 }
 
-/// A direction in words.
+/// Formats a direction.
 fn along(vector: DVec3) -> String {
     let unit = vector.normalize_or_zero();
     let axis = unit.abs().max_position();

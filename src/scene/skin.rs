@@ -1,4 +1,4 @@
-//! A scene's skins: read, and bound to the body.
+//! Loads the skins of a scene and embeds them in the body.
 
 use super::SkinEntry;
 use super::stage::NodeSource;
@@ -11,7 +11,7 @@ use crate::{Error, ProgressFn, Result};
 use std::sync::Arc;
 
 impl SkinEntry {
-    /// Its surface, read from its file.
+    /// Reads its surface from its file.
     ///
     /// # Errors
     /// As [`MeshingConfig::extract_surface`].
@@ -25,7 +25,7 @@ impl SkinEntry {
         recipe.extract_surface(self.smooth.unwrap_or(0), progress)
     }
 
-    /// The skin on `carrier`, and what a user should know of it, a sentence each.
+    /// Embeds the skin in `carrier`, and returns it with notes for the user.
     pub(super) fn attach(&self, gpu: &Gpu, carrier: &SkinBase) -> Result<(Skin, Vec<String>)> {
         if self.height.is_some() && self.height_map.is_none() {
             return Err(Error::Input(
@@ -61,8 +61,8 @@ impl SkinEntry {
     }
 }
 
-/// What carries the skins of a body: its boundary, with the normals that its steps make, or those
-/// of the faces around a node.
+/// Returns the base of the skins of a body: its boundary, with the normals computed by the
+/// simulator, or those of the faces around a node.
 pub(super) fn carrier(gpu: &Gpu, drive: &mut NodeSource) -> Result<SkinBase> {
     let normals = match drive {
         NodeSource::Simulated(motion) => motion.simulator.normals()?,

@@ -1,21 +1,21 @@
-//! Bodies at rest fall asleep: they are not stepped until something touches them.
+//! Sleeping of bodies at rest: they are not stepped until they are disturbed.
 
-/// A body whose mean speed is below so many of its sizes a second …
+/// A body whose mean speed is below this many of its sizes per second …
 const SLEEP_SPEED: f64 = 1e-4;
-/// … for so many seconds and steps falls asleep.
+/// … for this time, s, and number of steps falls asleep.
 const SLEEP_DELAY: f64 = 0.2;
 const STEPS: u32 = 20;
 
-/// Whether a body sleeps, decided from what a run of its solver tells anyway.
+/// Sleep state of a body, updated from the progress of its solver.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Sleep {
     allowed: bool,
     asleep: bool,
-    /// For how long it has been slow.
+    /// Time, s, and number of steps for which it has been slow.
     slow: (f64, u32),
-    /// Steps and seconds that were not simulated.
+    /// Number of steps and seconds that were not simulated.
     pub slept: (u64, f64),
-    /// Of the body, when it was last left.
+    /// The body's counter of external changes at the last update.
     touched: u64,
 }
 
@@ -30,7 +30,7 @@ impl Sleep {
         }
     }
 
-    /// Whether it sleeps, where the body counts `touched` changes from outside.
+    /// Whether it sleeps, given the body's counter `touched` of external changes.
     pub fn is_asleep(&mut self, touched: u64) -> bool {
         if touched != self.touched {
             self.touched = touched;
@@ -44,14 +44,14 @@ impl Sleep {
         self.slow = (0.0, 0);
     }
 
-    /// Takes note of `steps` of `dt` seconds that were not simulated.
+    /// Records `steps` of `dt` seconds that were not simulated.
     pub fn skip(&mut self, steps: u32, dt: f64) {
         self.slept.0 += u64::from(steps);
         self.slept.1 += f64::from(steps) * dt;
     }
 
-    /// Takes note of `steps` of `dt` seconds, after which the body, which counts `touched`
-    /// changes from outside, moves at `speed`, in its sizes a second.
+    /// Records `steps` of `dt` seconds; the body then moves at `speed`, in its sizes per second,
+    /// and its counter of external changes is `touched`.
     pub fn update(&mut self, speed: f64, steps: u32, dt: f64, touched: u64) {
         self.touched = touched;
         if speed >= SLEEP_SPEED || speed.is_nan() {

@@ -1,4 +1,4 @@
-//! A scene made real: the mesh on the GPU, the body that moves, the raycaster that draws it.
+//! A stage: the GPU resources, simulation and renderers of a scene.
 
 use super::active_blade::ActiveBlade;
 use super::annotations::AnnotationContext;
@@ -24,10 +24,10 @@ use crate::skin::{Compositor, Skin};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Steps before a picture where a scene names a solver but no number of steps.
+/// Default number of steps before a picture, if the scene has a solver.
 pub const STEPS: u32 = 50;
 
-/// A scene ready to be moved and drawn.
+/// A scene ready to be simulated and rendered.
 pub struct Stage {
     pub(super) gpu: Gpu,
     pub(super) drive: NodeSource,
@@ -37,44 +37,44 @@ pub struct Stage {
     pub(super) size: [u32; 2],
     pub(super) mode: DisplayMode,
     pub(super) scalars: ScalarField,
-    /// Where that is computed for each picture.
+    /// The displayed field, if it is recomputed for each picture.
     pub(super) computed_field: Option<ComputedField>,
     pub(super) scene: Scene,
     pub(super) skins: Vec<Skin>,
-    /// The tools that are drawn.
+    /// The displayed tools.
     pub(super) tools: Vec<ToolSkin>,
     pub(super) composer: Compositor,
-    /// What is drawn onto its pictures.
+    /// Data of the annotations.
     pub(super) surroundings: AnnotationContext,
-    /// What X-rays are developed on.
+    /// Film of X-ray pictures.
     pub(super) film: RadiographFilm,
-    /// How many times larger each way than they are shown pictures are drawn.
+    /// Supersampling factor per axis.
     pub(super) samples: u32,
     pub(super) cutters: Vec<ActiveBlade>,
-    /// What checkpoints need, where they are kept.
+    /// History for checkpoints, if they are kept.
     pub(super) journal: Option<CutHistory>,
     pub(super) background: Background,
-    /// What pictures are recorded on.
+    /// Background colour of recorded pictures.
     pub(super) backdrop: [f32; 4],
     pub(super) bits: BitDepth,
     pub(super) steps: u32,
-    /// The last picture, as long as nothing has changed since.
+    /// The last picture, while it is up to date.
     pub(super) cached: Option<CachedFrame>,
-    /// Pictures drawn, and those for which the last one stood.
+    /// Number of pictures rendered, and number taken from the cache.
     pub(super) pictures: [u64; 2],
     pub(super) depth: Option<wgpu::TextureView>,
     pub(super) notes: Vec<String>,
 }
 
-/// What moves the nodes.
+/// Source of the node positions.
 pub(super) enum NodeSource {
-    /// Nothing, or the caller, pose by pose.
+    /// Static, or set by the caller pose by pose.
     Posed(Box<StaticMesh>),
     /// A simulator.
     Simulated(Box<Motion>),
 }
 
-/// A mesh that nothing moves but the caller.
+/// A mesh that is moved by the caller only.
 pub(super) struct StaticMesh {
     mesh: TetMesh,
     topology: Topology,
@@ -82,7 +82,7 @@ pub(super) struct StaticMesh {
 }
 
 impl StaticMesh {
-    /// Has its nodes be there, with these fields.
+    /// Sets the node positions and fields.
     pub(super) fn show(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
         let before = std::mem::take(&mut self.mesh.fields);
         let taken = fields
@@ -97,7 +97,7 @@ impl StaticMesh {
 }
 
 impl NodeSource {
-    /// `mesh`, which nothing moves but the caller.
+    /// Creates a source for `mesh`, which only the caller moves.
     fn posed(gpu: &Gpu, mesh: TetMesh) -> Result<NodeSource> {
         Ok(NodeSource::Posed(Box::new(StaticMesh {
             topology: Topology::new(&mesh),
@@ -113,7 +113,7 @@ impl NodeSource {
         }
     }
 
-    /// The mesh at rest.
+    /// Returns the mesh at rest.
     pub fn mesh(&self) -> &TetMesh {
         match self {
             NodeSource::Posed(posed) => &posed.mesh,
@@ -121,7 +121,7 @@ impl NodeSource {
         }
     }
 
-    /// The neighbours in that mesh.
+    /// Returns the topology of the mesh.
     pub fn topology(&self) -> &Topology {
         match self {
             NodeSource::Posed(posed) => &posed.topology,
@@ -134,8 +134,8 @@ impl Stage {
     /// Loads the mesh of `scene` and prepares everything on `gpu`.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for what makes no sense in the scene, what reading the mesh gives, or
-    /// [`Error::Gpu`](crate::Error::Gpu) when it does not fit the device.
+    /// [`Error::Input`](crate::Error::Input) for an invalid scene, an error of reading the mesh, or
+    /// [`Error::Gpu`](crate::Error::Gpu) if it exceeds the limits of the device.
     pub fn new(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
         if !scene.body.is_empty() {
             return Stage::with_bodies(gpu, scene);
@@ -149,7 +149,7 @@ impl Stage {
         Ok(stage)
     }
 
-    /// The stage of a scene of several bodies.
+    /// Creates the stage of a scene of several bodies.
     fn with_bodies(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
         let sources = scene.body_sources()?;
         if !bodies::any_dynamic(&sources) {
@@ -162,7 +162,7 @@ impl Stage {
         Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
     }
 
-    /// As [`Stage::new`], with a mesh that is there already.
+    /// As [`Stage::new`], with a mesh that is loaded already.
     ///
     /// # Errors
     /// As [`Stage::new`].
@@ -202,7 +202,7 @@ impl Stage {
         Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
     }
 
-    /// The stage of a body, or several, that `drive` moves; `said` is what was assumed of it.
+    /// Creates the stage of one or several bodies moved by `drive`; `said` are the notes so far.
     fn with_drive(
         gpu: &Gpu,
         scene: &Scene,
@@ -255,12 +255,12 @@ impl Stage {
         })
     }
 
-    /// Shows the body, where it is, as `scene` has it from now on: picture, light, X-rays, planes,
-    /// isosurfaces, scans and skins, and what is written beside pictures. How it moves stays, as do
-    /// the view and the size of pictures. Returns what was assumed, in words.
+    /// Applies the appearance in `scene` to the body in its current configuration: picture, light,
+    /// X-rays, planes, isosurfaces, scans, skins and output. The motion, the camera and the picture
+    /// size are kept. Returns notes of the automatic choices.
     ///
     /// # Errors
-    /// As [`Stage::new`]; then all is as it was.
+    /// As [`Stage::new`]; the stage is then unchanged.
     pub fn set_appearance(&mut self, scene: &Scene) -> Result<Vec<String>> {
         let scene = Scene {
             picture: scene.picture.clone(),
@@ -293,13 +293,13 @@ impl Stage {
         Ok(looks.notes)
     }
 
-    /// As [`Stage::set_appearance`], so quick that planes and isosurfaces can be dragged: of these alone in a
-    /// picture of the inside.
+    /// As [`Stage::set_appearance`], but for planes and isosurfaces only, if the picture shows the
+    /// volume: fast enough to drag them.
     ///
     /// # Errors
     /// As [`Stage::set_appearance`].
     pub fn set_planes(&mut self, scene: &Scene) -> Result<Vec<String>> {
-        // Of other modes light goes by what there is inside.
+        // In other modes the lighting depends on the sections.
         if self.mode != DisplayMode::Inside(Mode::Composite) {
             return self.set_appearance(scene);
         }
@@ -310,42 +310,43 @@ impl Stage {
         };
         let mut notes = Vec::new();
         let inside = scene.inside(self.mode, &mut notes)?;
-        // As scenes have it, tools are whole.
+        // Tools are not clipped by the planes of a scene.
         self.set_body_inside(&inside)?;
         self.scene = scene;
         Ok(notes)
     }
 
-    /// The skins, as the body carries them now; after a cut, in mode `skin`, its walls follow them.
+    /// Returns the skins in their current configuration; after a cut, in mode `skin`, the cut walls
+    /// follow them.
     pub fn skins(&self) -> &[Skin] {
         &self.skins
     }
 
-    /// What was assumed or repaired, in words.
+    /// Returns the notes of automatic choices and repairs.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The mesh at rest.
+    /// Returns the mesh at rest.
     pub fn mesh(&self) -> &TetMesh {
         self.drive.mesh()
     }
 
-    /// The scalar that is seen.
+    /// Returns the displayed scalar field.
     pub fn scalar_field(&self) -> &ScalarField {
         &self.scalars
     }
 
-    /// The view.
+    /// Returns the camera.
     pub fn camera_mut(&mut self) -> &mut Camera {
         &mut self.camera
     }
 
-    /// Frames the body as it stands now, and all of `also`, unless the scene says anything of the
-    /// view.
+    /// Frames the body in its current configuration and the points `also`, unless the scene sets
+    /// the camera.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error of the read-back.
     pub fn fit_view(&mut self, also: &[DVec3]) -> Result<()> {
         if self.scene.camera.is_unset() {
             let mut points = self.seen()?;
@@ -355,11 +356,10 @@ impl Stage {
         Ok(())
     }
 
-    /// As [`Stage::fit_view`], with room for the body while the camera goes round it: see
-    /// [`Camera::orbited`].
+    /// As [`Stage::fit_view`], with margin for an orbiting camera: see [`Camera::orbited`].
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error of the read-back.
     pub fn fit_orbit(&mut self, also: &[DVec3]) -> Result<()> {
         if !self.scene.camera.is_unset() {
             return Ok(());
@@ -371,7 +371,7 @@ impl Stage {
         }
         let round = turned_round(&points, self.camera.up);
         let mut camera = self.scene.camera(self.mesh(), &round, self.size)?;
-        // Also beside a legend it goes round the body's middle.
+        // With a legend, too, the camera orbits the centre of the body.
         let (low, high) = crate::mesh::bounds(&round);
         let aside = 0.5 * (low + high) - camera.look_at;
         camera.eye += aside;
@@ -380,10 +380,10 @@ impl Stage {
         Ok(())
     }
 
-    /// Where the nodes that can be seen are.
+    /// Returns the positions of the nodes that can be visible.
     fn seen(&self) -> Result<Vec<DVec3>> {
         let positions = self.positions()?;
-        // Grids have nodes of no tet, which are never seen and may be anywhere.
+        // Grids have nodes without tetrahedra, which are never visible and may be anywhere.
         let mut seen = vec![false; positions.len()];
         for v in self.mesh().tets.iter().flatten() {
             seen[*v as usize] = true;
@@ -392,18 +392,18 @@ impl Stage {
         Ok(seen.map(|(x, _)| *x).collect())
     }
 
-    /// Width and height of its pictures, in pixels.
+    /// Returns the width and height of the pictures, in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.size
     }
 
-    /// Draws pictures of this size from now on.
+    /// Sets the size of the pictures.
     pub fn set_size(&mut self, size: [u32; 2]) {
         self.size = size;
         self.cached = None;
     }
 
-    /// The body and its solver, if the scene has one.
+    /// Returns the simulated body, if the scene has a solver.
     pub fn motion(&self) -> Option<&Motion> {
         match &self.drive {
             NodeSource::Posed(_) => None,
@@ -411,7 +411,7 @@ impl Stage {
         }
     }
 
-    /// As [`Stage::motion`], to push and pull the body.
+    /// As [`Stage::motion`], mutable, to apply loads to the body.
     pub fn motion_mut(&mut self) -> Option<&mut Motion> {
         match &mut self.drive {
             NodeSource::Posed(_) => None,
@@ -419,18 +419,18 @@ impl Stage {
         }
     }
 
-    /// What pictures are cut by, and what they show inside.
+    /// Returns the section planes and isosurfaces.
     pub fn inside(&self) -> &Sections {
         self.raycaster.inside()
     }
 
-    /// The transfer function of what is seen, in absolute terms.
+    /// Returns the transfer function of the displayed field, in absolute values.
     pub fn transfer(&self) -> ResolvedTransfer {
         self.raycaster.transfer()
     }
 
-    /// Shows the inside by another transfer function from now on; the boundary and regions with
-    /// looks of their own keep theirs.
+    /// Sets the transfer function of the volume; the boundary and regions with their own appearance
+    /// keep theirs.
     ///
     /// # Errors
     /// As [`Raycaster::set_transfer`].
@@ -439,19 +439,19 @@ impl Stage {
         self.raycaster.set_transfer(transfer)
     }
 
-    /// What [`Stage::record`] draws on, red, green, blue and opacity; black where nothing was said.
+    /// Sets the background of [`Stage::record`] as RGBA; default black.
     pub fn set_backdrop(&mut self, colour: [f32; 4]) {
         self.backdrop = colour;
     }
 
-    /// Cuts pictures, and shows what is inside, in this way from now on: volume, boundary and skins;
-    /// tools by planes in space.
+    /// Sets the sections of the volume, boundary and skins; tools are clipped by planes in space
+    /// only.
     ///
     /// # Errors
     /// As [`Raycaster::set_sections`].
     pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         self.set_body_inside(inside)?;
-        // Tools have no shape at rest.
+        // Tools have no rest configuration.
         let mut in_space = inside.clone();
         in_space.planes.retain(|plane| !plane.at_rest);
         for tool in &mut self.tools {
@@ -460,7 +460,7 @@ impl Stage {
         Ok(())
     }
 
-    /// The same of the body and its skins, and not of tools.
+    /// Sets the sections of the body and its skins, but not of tools.
     fn set_body_inside(&mut self, inside: &Sections) -> Result<()> {
         if inside.needs_rest_positions() && !self.raycaster.inside().needs_rest_positions() {
             let mesh = self.drive.mesh();
@@ -478,18 +478,18 @@ impl Stage {
         Ok(())
     }
 
-    /// Has the tool of this number, counted from 0 as the scene has them, go straight to a place
-    /// with the next step, in file units: one to which the scene gives no way of its own.
+    /// Sets the target of a tool, by its index in the scene: the tool moves there straight within
+    /// the next step. The place is in file units, and the tool must not have a path in the scene.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a tool that is not there, or that has a way of its own.
+    /// [`Error::Input`](crate::Error::Input) for an unknown tool, or one with a path.
     pub fn set_tool_target(&mut self, number: usize, place: DVec3) -> Result<()> {
         let (id, pose) = self.led_tool(number, place)?;
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
         motion.simulator.loads_mut().set_tool_target(id, pose)
     }
 
-    /// As [`Stage::set_tool_target`], at once and through whatever is between.
+    /// As [`Stage::set_tool_target`], but moves the tool at once, without collision detection.
     ///
     /// # Errors
     /// As [`Stage::set_tool_target`].
@@ -499,7 +499,7 @@ impl Stage {
         motion.simulator.loads_mut().teleport_tool(id, pose)
     }
 
-    /// A tool that may be led by hand, and its pose at `place`.
+    /// Returns a tool without a path, and its pose at `place`.
     fn led_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
         let motion = self.motion().ok_or_else(|| no_tool(number))?;
         let tool = motion
@@ -512,10 +512,11 @@ impl Stage {
         Ok((id, ToolPose::new(place, turn)))
     }
 
-    /// The force of the body on the tool of this number, N.
+    /// Returns the force of the body on the tool of this number, N.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) for a tool that is not there; otherwise as [`Simulator::tool_forces`].
+    /// [`Error::Input`](crate::Error::Input) for an unknown tool; otherwise as
+    /// [`Simulator::tool_forces`].
     ///
     /// [`Simulator::tool_forces`]: crate::physics::Simulator::tool_forces
     pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
@@ -526,20 +527,21 @@ impl Stage {
             .ok_or_else(|| Error::Input(format!("the scene has no tool {number} (counted from 0)")))
     }
 
-    /// Steps before a picture, as the scene has it; 0 where nothing moves.
+    /// Returns the scene's number of steps before a picture; 0 for a static body.
     pub fn steps(&self) -> u32 {
         self.motion().map_or(0, |_| self.steps)
     }
 
-    /// Simulated time, in seconds.
+    /// Returns the simulated time, s.
     pub fn time(&self) -> f64 {
         self.motion().map_or(0.0, Motion::time)
     }
 
-    /// Runs `steps` steps of the solver, telling `progress` how many are done.
+    /// Runs `steps` steps of the solver and reports the number done to `progress`.
     ///
     /// # Errors
-    /// [`Error::Solver`](crate::Error::Solver) when the simulation failed; the last good state stays and can be drawn.
+    /// [`Error::Solver`](crate::Error::Solver) if the simulation failed; the last valid state is
+    /// kept and can be drawn.
     pub fn run(&mut self, steps: u32, progress: &mut dyn FnMut(u32)) -> Result<()> {
         let mut done = 0;
         while done < steps {
@@ -555,8 +557,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Asks for some of `steps` more steps and waits for none of them, for windows: they are done
-    /// once [`Stage::poll_steps`] says so, and then more can be asked for.
+    /// Starts up to `steps` more steps without waiting, for interactive use; call it again once
+    /// [`Stage::poll_steps`] returns false.
     ///
     /// # Errors
     /// As [`Stage::run`].
@@ -568,8 +570,8 @@ impl Stage {
         }
     }
 
-    /// Whether steps that [`Stage::request_steps`] asked for are still being computed, without waiting. What the
-    /// scene cuts is cut once they are done.
+    /// Whether steps started by [`Stage::request_steps`] are still being computed; does not wait.
+    /// Makes the cuts of the scene once the steps are done.
     ///
     /// # Errors
     /// As [`Stage::run`].
@@ -584,7 +586,8 @@ impl Stage {
         Ok(under_way)
     }
 
-    /// How many of `steps` may go by until blades of the scene are to cut; none where nothing moves.
+    /// Returns the number of steps, at most `steps`, until the next cut of the scene; `None` for a
+    /// static body.
     fn steps_until_cut(&self, steps: u32) -> Option<u32> {
         let motion = self.motion()?;
         let time = motion.time();
@@ -597,7 +600,7 @@ impl Stage {
         })
     }
 
-    /// Cuts where blades of the scene have been since the last time.
+    /// Makes the cuts that the scene's blades have swept since the last call.
     fn cut_as_swept(&mut self) -> Result<()> {
         let time = self.time();
         let swept = self.cutters.iter_mut().filter_map(|k| k.next_sweep(time));
@@ -608,7 +611,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Puts the nodes where the caller wants them, in file units.
+    /// Sets the node positions, in file units.
     ///
     /// # Errors
     /// As [`NodePositions::set_positions`].
@@ -619,11 +622,11 @@ impl Stage {
         }
     }
 
-    /// The mesh where it is now, with its fields, `displacement` and `velocity` (both in file
-    /// units) at the nodes, and those that `[output] fields` asks for.
+    /// Returns the mesh in its current configuration with its fields, `displacement` and `velocity`
+    /// (both in file units) at the nodes, and the fields of `[output] fields`.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error of the read-back.
     pub fn deformed_mesh(&self) -> Result<TetMesh> {
         let positions = self.positions()?;
         let mut mesh = self.mesh().clone();
@@ -634,27 +637,27 @@ impl Stage {
         Ok(mesh)
     }
 
-    /// Adds the present state to a series, with its fields, `displacement` and `velocity`, and those
-    /// that `[output] fields` asks for.
+    /// Writes the current state to a series, with its fields, `displacement` and `velocity`, and
+    /// the fields of `[output] fields`.
     ///
     /// # Errors
-    /// What reading back or writing gives.
+    /// An error of the read-back or of writing.
     pub fn write_frame(&self, series: &mut PvdSeries) -> Result<()> {
         let positions = self.positions()?;
         let fields = self.motion_fields(&positions)?;
         series.push_deformed(self.time(), self.mesh(), &positions, &fields)
     }
 
-    /// Where the nodes of the mesh are in the last picture, in file units. Of a body on the processor
-    /// that is known without waiting for a step under way; of others it is read back.
+    /// Returns the node positions of the last picture, in file units. For a body on the CPU this
+    /// does not wait for a running step; otherwise the positions are read back.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error of the read-back.
     pub fn drawn_positions(&self) -> Result<Vec<DVec3>> {
         self.drive.nodes().positions()
     }
 
-    /// Where the nodes of the mesh are, in file units, read back.
+    /// Reads back the node positions, in file units.
     fn positions(&self) -> Result<Vec<DVec3>> {
         match &self.drive {
             NodeSource::Posed(posed) => posed.nodes.positions(),
@@ -683,8 +686,8 @@ fn no_tool(number: usize) -> Error {
     ))
 }
 
-/// Points that bound `points` turned about `up` through the middle of their bounds, by any angle:
-/// rings, each as wide as the points are at its height.
+/// Returns points that bound `points` for any rotation about `up` through the centre of their
+/// bounds: rings with the radius of the points at each height.
 fn turned_round(points: &[DVec3], up: DVec3) -> Vec<DVec3> {
     const RINGS: usize = 48;
     const CORNERS: usize = 24;
@@ -705,7 +708,7 @@ fn turned_round(points: &[DVec3], up: DVec3) -> Vec<DVec3> {
         let ring = &mut wide[(((h - bottom) / slice) as usize).min(RINGS - 1)];
         *ring = Some(ring.map_or(radius, |r| r.max(radius)));
     }
-    // A polygon around a circle is a little wider than that.
+    // A polygon around a circle has a larger circumradius.
     let around = 1.0 / (std::f64::consts::PI / CORNERS as f64).cos();
     let mut round = Vec::new();
     for (i, radius) in wide.iter().enumerate() {

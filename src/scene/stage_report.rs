@@ -1,4 +1,4 @@
-//! What a picture and a step cost, and what they found: the content of `--report`.
+//! Costs and results of a picture and a step: the content of `--report`.
 
 use super::{Motion, Stage};
 use crate::Result;
@@ -9,79 +9,80 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use web_time::Instant;
 
-/// The report of `palpate render --report`; its JSON keys are the names of these members.
+/// Report of `palpate render --report`; its JSON keys are the names of the fields.
 #[derive(Clone, Debug, Serialize)]
 pub struct StageReport {
     /// The graphics adapter.
     pub adapter: String,
-    /// What computes the steps, `gpu` or `cpu`; none where nothing moves.
+    /// Engine of the steps, `gpu` or `cpu`; `None` for a static body.
     pub engine: Option<Engine>,
-    /// What each body is, where the scene has several.
+    /// Reports of the bodies, if the scene has several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub bodies: Vec<MemberReport>,
-    /// Tets of the mesh.
+    /// Number of tetrahedra.
     pub tets: usize,
-    /// Nodes of the mesh.
+    /// Number of nodes.
     pub nodes: usize,
-    /// Bodies of its tets that are rigid.
+    /// Number of rigid bodies.
     pub rigid_bodies: usize,
-    /// Wall time of a frame, from recording to an idle GPU, everything redrawn: median, ms.
+    /// Median wall time of a fully redrawn frame, from recording to an idle GPU, ms.
     pub frame_ms: f64,
-    /// Frames it is the median of.
+    /// Number of measured frames.
     pub frames: u32,
-    /// Wall time of a step: median, ms; none where nothing moves.
+    /// Median wall time of a step, ms; `None` for a static body.
     pub step_ms: Option<f64>,
-    /// Dispatches of one step on the GPU, by shader; empty where the CPU steps.
+    /// Dispatches of one step on the GPU, by shader; empty for the CPU engine.
     pub step_dispatches: BTreeMap<String, u64>,
-    /// Texture loads of each of these: outside of its loops, in a round of them, in one of those
-    /// within.
+    /// Texture loads of each of these shaders: outside its loops, per iteration of an outer loop,
+    /// and of a nested loop.
     #[serde(rename = "step_loads")]
     pub step_texture_loads: BTreeMap<String, Vec<u32>>,
-    /// GPU time of each pass in one frame (and step), ms; empty where the adapter has no clock.
+    /// GPU time of each pass in one frame (and step), ms; empty if the adapter has no timestamps.
     pub passes: BTreeMap<String, f64>,
-    /// Rays that meet the mesh.
+    /// Number of rays that hit the mesh.
     pub rays: u64,
-    /// Rays not followed to their end: see [`RaycastReport`](crate::render::RaycastReport).
+    /// Number of rays that were not traced to their end: see
+    /// [`RaycastReport`](crate::render::RaycastReport).
     pub lost_rays: u64,
-    /// Tets a ray passes, on average.
+    /// Mean number of tetrahedra per ray.
     pub tets_per_ray: f64,
-    /// Most times a ray enters the mesh.
+    /// Largest number of entries of a ray into the mesh.
     pub peel_layers: u32,
-    /// Read-backs between a step and its picture.
+    /// Number of read-backs between a step and its picture.
     pub readbacks: u64,
-    /// Conjugate gradients in the last step; none for other solvers.
+    /// Conjugate gradients in the last step; `None` for other solvers.
     pub cg: Option<CgReport>,
-    /// Energies, J; none where nothing moves.
+    /// Energies, J; `None` for a static body.
     pub energy: Option<Energy>,
-    /// What the body exerts on each tool that presses on it.
+    /// Reactions of the body on each tool in contact with it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tools: Vec<ToolReport>,
-    /// Volume now over volume at rest.
+    /// Ratio of the current volume to that at rest.
     pub volume_ratio: f64,
-    /// The farthest any node is from where it rested, in file units.
+    /// Largest nodal displacement, in file units.
     pub max_displacement: f64,
-    /// Diagonal of the bounds of the mesh at rest, in file units: what to hold it against.
+    /// Diagonal of the bounding box at rest, in file units, as a reference length.
     pub diagonal: f64,
-    /// Tets turned inside out.
+    /// Number of inverted tetrahedra.
     pub inverted: u64,
     /// Simulated time, s.
     pub time: f64,
-    /// The cage that carries the mesh, if one does.
+    /// The cage in which the mesh is embedded, if any.
     pub cage: Option<CageReport>,
     /// Whether the body is at rest and sleeps.
     pub asleep: bool,
-    /// Steps that were not simulated because it slept.
+    /// Number of steps skipped while it slept.
     #[serde(rename = "steps_slept")]
     pub steps_skipped: u64,
-    /// Pictures drawn before the measurement.
+    /// Number of pictures drawn before the measurement.
     pub pictures_drawn: u64,
-    /// Pictures for which the one before stood, because nothing had changed.
+    /// Number of pictures reused because nothing had changed.
     #[serde(rename = "pictures_kept")]
     pub frames_reused: u64,
-    /// How often each pass was recorded on the device before the measurement, by its shader:
-    /// `render/refresh_geometry` makes normals and gradients, `render/table_slice` or
-    /// `render/table_volume` a table, `skin/node_normals` and `render/surface_normals` normals to
-    /// light by, `cage/carry` the nodes in a cage.
+    /// Number of times that each pass was recorded on the device before the measurement, by its
+    /// shader: `render/refresh_geometry` computes normals and gradients, `render/table_slice` or
+    /// `render/table_volume` a table, `skin/node_normals` and `render/surface_normals` normals for
+    /// lighting, `cage/carry` the nodes in a cage.
     pub passes_recorded: BTreeMap<String, u64>,
 }
 
@@ -94,19 +95,19 @@ pub struct CgReport {
     pub residual: f64,
 }
 
-/// What a body exerts on a tool.
+/// Reaction of a body on a tool.
 #[derive(Clone, Debug, Serialize)]
 pub struct ToolReport {
     /// The tool's name.
     pub name: String,
-    /// N.
+    /// Force, N.
     pub force: [f64; 3],
-    /// About the tool's middle, of one with a mass or a spring about its centre of mass, N·m.
+    /// Moment about the tool's centre, or for a dynamic tool about its centre of mass, N·m.
     pub moment: [f64; 3],
 }
 
 impl Stage {
-    /// What the body exerts on each tool where it stands.
+    /// Returns the reaction of the body on each tool in the current state.
     ///
     /// # Errors
     /// As [`Simulator::tool_forces`](crate::physics::Simulator::tool_forces).
@@ -122,8 +123,8 @@ impl Stage {
         Ok(motion.tool_reactions()?.into_iter().map(report).collect())
     }
 
-    /// Draws `frames` frames after a warm-up, steps the solver as often if there is one, and
-    /// reports what that took and what the last picture found.
+    /// Draws `frames` frames after a warm-up, runs as many steps if there is a solver, and reports
+    /// the times and results.
     ///
     /// # Errors
     /// As [`Stage::image`] and [`Stage::run`].
@@ -145,7 +146,7 @@ impl Stage {
         let bounds = self.mesh().bounds();
         let asleep = self.motion().is_some_and(Motion::asleep);
         let steps_slept = self.motion().map_or(0, Motion::steps_slept);
-        // What is measured is done.
+        // A sleeping body must still be stepped for the measurement.
         let sleeps = self.motion().is_some_and(Motion::may_sleep);
         if let Some(motion) = self.motion_mut() {
             motion.set_sleep_allowed(false);
@@ -156,7 +157,7 @@ impl Stage {
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
         let step_dispatches = self.count_step()?;
-        // Others may have drawn on the device meanwhile, by passes that are no shaders of that name.
+        // The device may have been used meanwhile by passes that are not shaders of that name.
         let loads = |name: &String| Some((name.clone(), texture_loads(name).ok()?));
         let step_loads = step_dispatches.keys().filter_map(loads).collect();
         if let Some(motion) = self.motion_mut() {
@@ -197,8 +198,8 @@ impl Stage {
         })
     }
 
-    /// Median wall time of a frame in which everything is redrawn, of `frames` after one to warm
-    /// up, ms.
+    /// Measures the median wall time of a fully redrawn frame over `frames` frames after a warm-up,
+    /// ms.
     ///
     /// # Errors
     /// As [`Stage::record`].
@@ -206,7 +207,7 @@ impl Stage {
         self.time_frames(frames)
     }
 
-    /// Median wall time of a frame in which everything is redrawn, ms.
+    /// Returns the median wall time of a fully redrawn frame, ms.
     fn time_frames(&mut self, frames: u32) -> Result<f64> {
         let target = self.target()?;
         let gpu = self.gpu.clone();
@@ -216,7 +217,7 @@ impl Stage {
         })
     }
 
-    /// GPU time of each pass of a frame and, where something moves, of a step; ms.
+    /// Measures the GPU time of each pass of a frame and, for a simulated body, of a step, ms.
     fn time_passes(&mut self) -> Result<BTreeMap<String, f64>> {
         let target = self.target()?;
         self.gpu.timings()?;
@@ -229,7 +230,7 @@ impl Stage {
         self.gpu.timings()
     }
 
-    /// What one step dispatches.
+    /// Counts the dispatches of one step.
     fn count_step(&mut self) -> Result<BTreeMap<String, u64>> {
         let before = self.gpu.passes_recorded();
         self.run(1, &mut |_| {})?;
@@ -257,7 +258,7 @@ impl Stage {
         )
     }
 
-    /// Submits one frame, as if everything had moved since the last.
+    /// Submits one frame as if everything had changed since the last one.
     fn record_frame(&mut self, target: &wgpu::TextureView) -> Result<()> {
         let gpu: Gpu = self.gpu.clone();
         let mut work = gpu.start_recording();
@@ -267,7 +268,7 @@ impl Stage {
     }
 }
 
-/// Median time of `work` over `times` calls, after one to warm up; ms.
+/// Returns the median time of `work` over `times` calls after a warm-up, ms.
 pub(crate) fn median_ms(times: u32, mut work: impl FnMut() -> Result<()>) -> Result<f64> {
     work()?;
     let mut taken = Vec::new();

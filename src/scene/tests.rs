@@ -1,4 +1,4 @@
-//! What scenes say, and what they may not.
+//! Tests of valid and invalid scenes.
 #![allow(clippy::unwrap_used)]
 
 use super::{Region, Scene, Unit};
@@ -70,7 +70,7 @@ fn what_is_seen_is_the_first_quantity_or_the_depth() {
     bar.set_field(Field::scalar("heat", Location::Node, heat))
         .unwrap();
     assert_eq!(seen(&bar, None).unwrap().name, "heat");
-    // A cell field is seen by the mean around each node.
+    // A cell field is displayed by the mean around each node.
     bar.set_field(Field::scalar(
         "tissue",
         Location::Cell,

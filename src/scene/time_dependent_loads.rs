@@ -1,4 +1,4 @@
-//! Pressures, moves and muscles of a scene, as time goes on.
+//! Time-dependent pressures, prescribed displacements, muscles and tools of a scene.
 
 use super::region::{self, LabelOrName};
 use super::tool::ToolTrajectory;
@@ -9,10 +9,10 @@ use crate::physics::{AmplitudeId, Muscle, PrescribedMotionId, ScaledLoad, Simula
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// The cosine between a face's normal and the direction that it faces, at least.
+/// Smallest cosine between the normal of a face and the `facing` direction.
 const MIN_FACING_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// What of a scene acts on its body as time goes on.
+/// The time-dependent loads of a scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TimeDependentLoads {
     pub movers: Vec<ScheduledMotion>,
@@ -20,10 +20,10 @@ pub(super) struct TimeDependentLoads {
     levels: Vec<(AmplitudeId, TimeSeries)>,
 }
 
-/// Nodes that move along a path.
+/// Nodes with prescribed displacement along a path.
 #[derive(Clone, Debug)]
 pub(super) struct ScheduledMotion {
-    /// In files of reactions.
+    /// Name in reaction files.
     pub name: String,
     pub nodes: Vec<u32>,
     id: PrescribedMotionId,
@@ -33,7 +33,7 @@ pub(super) struct ScheduledMotion {
 }
 
 impl TimeDependentLoads {
-    /// Puts what `scene` has of them on its body, and notes what a user should know of them.
+    /// Applies the time-dependent loads of `scene` to its body, and adds notes.
     pub fn new(
         scene: &Scene,
         body: &mut dyn Simulator,
@@ -61,7 +61,7 @@ impl TimeDependentLoads {
             let id = body.add_scaled_load(acting)?;
             actors.levels.push((id, entry.activation.clone()));
         }
-        // All of its levels, so that one that makes no sense is known before the first step.
+        // All amplitudes are checked here, before the first step.
         for (id, course) in &actors.levels {
             let keys: Vec<f64> = match course {
                 TimeSeries::Steady(value) => vec![*value],
@@ -74,20 +74,20 @@ impl TimeDependentLoads {
         Ok(actors)
     }
 
-    /// Whether anything changes as time goes on.
+    /// Whether any load depends on time.
     pub fn is_time_dependent(&self) -> bool {
         let keyed = |(_, course): &(AmplitudeId, TimeSeries)| matches!(course, TimeSeries::Keys(_));
         let tools = self.tools.iter().any(ToolTrajectory::moves);
         tools || !self.movers.is_empty() || self.levels.iter().any(keyed)
     }
 
-    /// Puts tools where they are at first.
+    /// Sets the tools to their initial poses.
     pub fn restart(&self, body: &mut dyn Simulator) -> Result<()> {
         let mut tools = self.tools.iter();
         tools.try_for_each(|tool| body.loads_mut().teleport_tool(tool.id, tool.pose(0.0)))
     }
 
-    /// Sets all for the step of `dt` seconds, or for none, that begins at `time`.
+    /// Sets all loads for the step of `dt` seconds (or 0) that begins at `time`.
     pub fn apply(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
         for mover in &self.movers {
             let now = mover.positions_at(time);
@@ -101,12 +101,12 @@ impl TimeDependentLoads {
             body.loads_mut()
                 .set_prescribed_motion(mover.id, &now, &velocities)?;
         }
-        // Others are where who leads them by hand has them.
+        // Tools without a path are controlled interactively.
         for tool in self.tools.iter().filter(|tool| tool.moves()) {
             body.loads_mut()
                 .set_tool_target(tool.id, tool.pose(time + dt))?;
         }
-        // Where in the step its forces are taken.
+        // Time within the step at which the scheme evaluates forces.
         let kind = body.integrator();
         let at = match kind {
             SolverKind::Midpoint => time + 0.5 * dt,
@@ -184,7 +184,7 @@ impl PressureEntry {
     }
 }
 
-/// The faces of the second region's tets that the first lies behind.
+/// Returns the faces of the second region's tetrahedra that are adjacent to the first region.
 fn faces_between(
     mesh: &TetMesh,
     topology: &Topology,
@@ -195,7 +195,7 @@ fn faces_between(
     let mut faces = Vec::new();
     for (t, neighbours) in topology.neighbours.iter().enumerate() {
         for (f, beyond) in neighbours.iter().enumerate() {
-            // Of a face of the boundary there is none.
+            // Boundary faces have no tetrahedron on the other side.
             let behind = labels.get(*beyond as usize / 4);
             if labels[t] == pressed && behind == Some(&pressing) {
                 faces.push(BoundaryFace {
@@ -233,7 +233,7 @@ impl MoveEntry {
 }
 
 impl ScheduledMotion {
-    /// Where its nodes are at `time`.
+    /// Returns the node positions at `time`.
     pub fn positions_at(&self, time: f64) -> Vec<DVec3> {
         self.rest
             .iter()
@@ -246,14 +246,14 @@ impl ScheduledMotion {
         self.about + turned * (rest - self.about) + moved
     }
 
-    /// Each node, and its acceleration over the step of length `dt` that ended at `time`, file
-    /// units a second².
+    /// Returns each node and its acceleration over the step of length `dt` that ended at `time`, in
+    /// file units/s².
     pub fn accelerations(&self, time: f64, dt: f64) -> impl Iterator<Item = (u32, DVec3)> {
         let nodes = self.nodes.iter().zip(&self.rest);
         nodes.map(move |(v, rest)| (*v, second_difference(|t| self.place(*rest, t), time, dt)))
     }
 
-    /// Follows a cut: doubles move as the nodes they come from.
+    /// Applies a cut: duplicated nodes move like their originals.
     pub fn apply_cut(&mut self, doubled: &[[u32; 2]]) {
         for [new, old] in doubled {
             if let Some(k) = self.nodes.iter().position(|v| v == old) {
@@ -299,7 +299,7 @@ impl MuscleEntry {
         }))
     }
 
-    /// The tets of its region.
+    /// Returns the tetrahedra of its region.
     fn tets(&self, mesh: &TetMesh) -> Result<Vec<usize>> {
         let Some(region) = &self.region else {
             return Ok((0..mesh.tets.len()).collect());
@@ -323,8 +323,8 @@ impl MuscleEntry {
     }
 }
 
-/// The way in which some tets spread the most, by volume: the first axis of the ellipsoid that
-/// their middles make.
+/// Returns the principal axis of largest variance of the volume-weighted centroids of the
+/// tetrahedra.
 fn longest(mesh: &TetMesh, tets: &[usize]) -> DVec3 {
     let middle = |t: usize| 0.25 * mesh.tet_nodes(t).iter().sum::<DVec3>();
     let volume: f64 = tets.iter().map(|t| mesh.tet_volume(*t)).sum();

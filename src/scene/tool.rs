@@ -1,4 +1,4 @@
-//! Tools of a scene: their shapes, their ways, and the surfaces that are drawn.
+//! Tools of a scene: shapes, trajectories and surfaces for drawing.
 
 use super::trajectory::RigidTrajectory;
 use super::{Scene, ToolEntry};
@@ -11,19 +11,19 @@ use glam::{DQuat, DVec3};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Vertices around round tools.
+/// Number of vertices around the circumference of round tools.
 const ROUND_SEGMENTS: usize = 48;
 
-/// The colour of tools to which none was given.
+/// Default colour of tools.
 pub(super) const GREY: [f32; 3] = [0.62, 0.66, 0.7];
 
-/// A plane is drawn so many diagonals of the body wide.
+/// Width of a drawn plane, over the diagonal of the body.
 const PLANE: f64 = 2.0;
 
-/// A tool on its way.
+/// A tool with its trajectory.
 #[derive(Clone, Debug)]
 pub(super) struct ToolTrajectory {
-    /// In files of reactions.
+    /// Name in reaction files.
     pub name: String,
     pub id: ToolId,
     way: RigidTrajectory,
@@ -32,7 +32,7 @@ pub(super) struct ToolTrajectory {
 }
 
 impl ToolTrajectory {
-    /// Where it is at `time`.
+    /// Returns its pose at `time`.
     pub fn pose(&self, time: f64) -> ToolPose {
         let (turned, moved) = self.way.at(time);
         ToolPose::new(self.at + moved, turned * self.turn)
@@ -45,7 +45,7 @@ impl ToolTrajectory {
 }
 
 impl ToolEntry {
-    /// Puts the tool on `body`; what a user should know of it, in a sentence.
+    /// Adds the tool to `body`, and returns a note for the user.
     pub(super) fn add_to(
         &self,
         number: usize,
@@ -91,7 +91,7 @@ impl ToolEntry {
         Ok((guided, note))
     }
 
-    /// Where it is before it moves, and how it is turned.
+    /// Returns its initial position and orientation.
     pub(super) fn initial_pose(&self) -> Result<(DVec3, DQuat)> {
         let along = DVec3::from(self.along.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let at = DVec3::from(self.at);
@@ -128,7 +128,7 @@ impl ToolEntry {
         }
     }
 
-    /// Its surface in its own frame, as it is drawn on a body of that diagonal.
+    /// Returns its surface in its own frame, as drawn for a body of that diagonal.
     pub(super) fn surface(&self, diagonal: f64) -> Result<TriMesh> {
         Ok(match self.shape()? {
             Shape::Sphere { radius } => round(radius, 0.0),
@@ -143,7 +143,7 @@ impl ToolEntry {
     }
 }
 
-/// Gives the surface of a tool its looks.
+/// Applies the colour and opacity of a tool to its surface.
 pub(super) fn apply_appearance(entry: &ToolEntry, skin: &mut Skin) -> Result<()> {
     skin.set_colour(&SkinColouring::Plain(entry.colour.unwrap_or(GREY)))?;
     skin.set_opacity(entry.opacity.unwrap_or(1.0))
@@ -158,12 +158,12 @@ fn read(file: &Path) -> Result<TriMesh> {
 }
 
 impl Scene {
-    /// Whether a tool bears the body from below, so that nothing else has to hold it.
+    /// Whether a tool supports the body from below, so that it needs no other support.
     pub(super) fn supports_body(&self) -> bool {
         self.tool.iter().any(|tool| tool.plane.is_some())
     }
 
-    /// The surfaces of the tools that are drawn, in their own frames, by the tools' numbers.
+    /// Returns the surfaces of the displayed tools in their own frames, with the tools' indices.
     pub(super) fn tool_surfaces(&self, mesh: &TetMesh) -> Result<Vec<(usize, TriMesh)>> {
         let (low, high) = mesh.bounds();
         let drawn = self
@@ -177,11 +177,11 @@ impl Scene {
     }
 }
 
-/// A ball that is drawn out by `length` along z.
+/// Returns a sphere, elongated by `length` along z.
 fn round(radius: f64, length: f64) -> TriMesh {
     let rings = ROUND_SEGMENTS / 2;
     let mut vertices = Vec::new();
-    // Both rings at the equator, so that the piece between is straight.
+    // The ring at the equator is duplicated, so that the cylinder between is straight.
     let heights = (0..=rings / 2)
         .map(|k| (k, -0.5))
         .chain((rings / 2..=rings).map(|k| (k, 0.5)));
@@ -205,7 +205,7 @@ fn round(radius: f64, length: f64) -> TriMesh {
                 at(ring + 1, next),
                 at(ring + 1, n),
             ];
-            // At the poles, and between equators that are one, there is no area.
+            // Skip degenerate triangles at the poles and between coinciding equators.
             for t in [[a, b, c], [a, c, d]] {
                 let [p, q, r] = t.map(|v| vertices[v as usize]);
                 let area: DVec3 = (q - p).cross(r - p);
@@ -218,7 +218,7 @@ fn round(radius: f64, length: f64) -> TriMesh {
     compact(vertices, triangles)
 }
 
-/// A box, every side with corners of its own, so that its edges are sharp.
+/// Returns a box with separate corners for every side, so that its edges are sharp.
 fn cuboid(half: DVec3) -> TriMesh {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for axis in 0..3 {
@@ -251,7 +251,7 @@ fn square(half: f64) -> TriMesh {
     }
 }
 
-/// Leaves out what no triangle uses.
+/// Removes unused vertices.
 fn compact(vertices: Vec<DVec3>, mut triangles: Vec<[u32; 3]>) -> TriMesh {
     let mut number = vec![u32::MAX; vertices.len()];
     let mut kept = Vec::new();

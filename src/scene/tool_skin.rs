@@ -1,4 +1,4 @@
-//! Tools in pictures: surfaces that go where their tools are.
+//! Surfaces of tools for drawing, which follow the poses of the tools.
 
 use super::tool::apply_appearance;
 use super::{Motion, Scene};
@@ -10,23 +10,23 @@ use crate::render::{Camera, local_positions};
 use crate::skin::{Skin, SkinBase};
 use glam::DVec3;
 
-/// The surface of a tool.
+/// Surface of a tool.
 pub(super) struct ToolSkin {
-    /// Which of the scene's it is.
+    /// Index of the tool in the scene.
     number: usize,
-    /// In the tool's frame, file units.
+    /// Vertices in the tool's frame, file units.
     vertices: Vec<DVec3>,
     positions: Array,
     frame: LocalFrame,
-    /// Middle and radius of a ball around it, in the tool's frame.
+    /// Centre and radius of a bounding sphere, in the tool's frame.
     ball: (DVec3, f64),
-    /// Where it is drawn.
+    /// Pose in which it is drawn.
     pose: ToolPose,
     pub skin: Skin,
 }
 
 impl ToolSkin {
-    /// Those of a scene that are drawn, on a body in that frame.
+    /// Creates the surfaces of the displayed tools of a scene, for a body in the given frame.
     pub fn build_all(
         gpu: &Gpu,
         scene: &Scene,
@@ -62,13 +62,13 @@ impl ToolSkin {
         Ok(drawn)
     }
 
-    /// Whether any of it may be seen in a picture of that size.
+    /// Whether any of it can be visible in a picture of that size.
     pub fn is_in_view(&self, camera: &Camera, size: [u32; 2]) -> bool {
         let (middle, radius) = self.ball;
         !camera.is_outside_view((self.pose.transform_point(middle), radius), size)
     }
 
-    /// Brings it to where its tool is. Whether it was elsewhere.
+    /// Moves it to the pose of its tool. Returns whether it has moved.
     pub fn follow(&mut self, gpu: &Gpu, motion: &Motion) -> Result<bool> {
         let tool = &motion.time_dependent_loads.tools[self.number];
         let pose = motion.simulator.loads().tool(tool.id)?;

@@ -1,11 +1,11 @@
-//! Paths of attachments and cutters: places at times, linear between them.
+//! Piecewise linear paths of grabs, cuts, moves and tools.
 
 use super::TimeSeries;
 use crate::{Error, Result, files};
 use glam::{DQuat, DVec3};
 use std::path::Path;
 
-/// Refuses a path of fewer than `least` places, or whose times do not increase.
+/// Rejects a path with fewer than `least` points, or whose times do not increase.
 pub(super) fn check(path: &[[f64; 4]], least: usize, what: &str) -> Result<()> {
     let ordered = path.windows(2).all(|w| w[0][0] < w[1][0]);
     let finite = path.iter().flatten().all(|x| x.is_finite());
@@ -17,7 +17,7 @@ pub(super) fn check(path: &[[f64; 4]], least: usize, what: &str) -> Result<()> {
     Ok(())
 }
 
-/// The value at `time` of what has values at times, linear between them and the same beyond.
+/// Returns the value at `time` by linear interpolation, constant outside the range of times.
 pub(super) fn value_at(keys: &[[f64; 2]], time: f64) -> f64 {
     let after = keys.partition_point(|key| key[0] <= time);
     let before = after.checked_sub(1).and_then(|n| keys.get(n));
@@ -28,7 +28,7 @@ pub(super) fn value_at(keys: &[[f64; 2]], time: f64) -> f64 {
     }
 }
 
-/// The header of a path in a file.
+/// Header of a path file.
 const HEADER: &str = "time_s,x,y,z";
 
 /// Reads a path from a CSV file.
@@ -63,12 +63,13 @@ pub(super) fn read_path(file: &Path) -> Result<Vec<[f64; 4]>> {
     Ok(path)
 }
 
-/// The second difference of places over the two steps of length `dt` that end at `time`.
+/// Returns the acceleration as the second difference of positions over the two steps of length `dt`
+/// that end at `time`.
 pub(super) fn second_difference(place: impl Fn(f64) -> DVec3, time: f64, dt: f64) -> DVec3 {
     (place(time) - 2.0 * place(time - dt) + place(time - 2.0 * dt)) / (dt * dt)
 }
 
-/// Where a path is at `time`.
+/// Returns the position on a path at `time`.
 pub(super) fn position_at(path: &[[f64; 4]], time: f64) -> DVec3 {
     let place = |p: &[f64; 4]| DVec3::new(p[1], p[2], p[3]);
     let after = path.partition_point(|p| p[0] <= time);
@@ -82,7 +83,7 @@ pub(super) fn position_at(path: &[[f64; 4]], time: f64) -> DVec3 {
     }
 }
 
-/// How something is moved and turned as time goes on.
+/// Translation and rotation over time.
 #[derive(Clone, Debug)]
 pub(super) struct RigidTrajectory {
     path: Vec<[f64; 4]>,
@@ -91,10 +92,10 @@ pub(super) struct RigidTrajectory {
 }
 
 impl RigidTrajectory {
-    /// The way of a `what` with a path, or the file of one, and with a turn about an axis.
+    /// Creates the trajectory of a `what` from a path or a path file, and a rotation about an axis.
     ///
     /// # Errors
-    /// [`Error::Input`] for what makes no sense, and what reading the file gives.
+    /// [`Error::Input`] for invalid entries, or an error of reading the file.
     pub fn new(
         what: &str,
         (path, file): (Option<&[[f64; 4]]>, Option<&Path>),
@@ -128,7 +129,7 @@ impl RigidTrajectory {
         })
     }
 
-    /// How it is turned at `time`, and by how much it has moved.
+    /// Returns the rotation and the translation at `time`.
     pub fn at(&self, time: f64) -> (DQuat, DVec3) {
         let turned = match self.turn.is_empty() {
             true => DQuat::IDENTITY,
@@ -137,7 +138,7 @@ impl RigidTrajectory {
         (turned, position_at(&self.path, time))
     }
 
-    /// Whether it is not always the same.
+    /// Whether it changes over time.
     pub fn is_moving(&self) -> bool {
         let places = self.path.windows(2).any(|w| w[0][1..] != w[1][1..]);
         places || self.turn.windows(2).any(|w| w[0][1] != w[1][1])

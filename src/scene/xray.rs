@@ -1,17 +1,18 @@
-//! X-ray pictures of a scene: what its numbers stand for, and the film.
+//! X-ray pictures of a scene: calibration of the scalars, and the film.
 
 use super::{Scene, Unit, XrayEntry};
 use crate::mesh::TetMesh;
 use crate::render::{Image, Xray};
 use crate::{Error, Result};
 
-/// Where CT numbers are offset so that none is negative, water is here and air at 1000 below it.
+/// Scalar of water for CT numbers offset to be non-negative; air is 1000 below it.
 const OFFSET: f64 = 1024.0;
-/// Numbers that are nowhere negative and reach this are offset.
+/// Non-negative CT numbers that reach this value are taken to be offset.
 const REACHED: f64 = 1000.0;
 
 impl Scene {
-    /// The source of X-rays, and what the numbers that are seen stand for, which lie in `range`.
+    /// Returns the X-ray source and the calibration of the displayed scalars, whose range is
+    /// `range`.
     pub(super) fn xray(
         &self,
         mesh: &TetMesh,
@@ -59,8 +60,7 @@ impl Scene {
     }
 }
 
-/// The film that pictures of a stage are on: what attenuates so much is white, the same in all of
-/// them.
+/// Film of the pictures of a stage: the attenuation shown as white, common to all of them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RadiographFilm {
     white: Option<f32>,
@@ -78,12 +78,12 @@ impl RadiographFilm {
         }
     }
 
-    /// `image`, which holds ∫ μ dl, as the film shows it, and what is white: where nothing says,
-    /// the most there is in the first picture that has anything.
+    /// Returns `image`, which contains ∫ μ dl, as a film picture, and the value shown as white: by
+    /// default the largest value of the first picture that is not empty.
     pub fn develop(&mut self, image: &Image) -> (Image, f32) {
         let most = || image.values.iter().copied().fold(0.0, f32::max);
         let white = self.white.unwrap_or_else(most);
-        // An empty picture says nothing of the next.
+        // An empty picture does not set the white value.
         self.white = Some(white).filter(|white| *white > 0.0);
         (image.to_grey(white), white)
     }

@@ -1,35 +1,35 @@
-//! What acts on a body along its boundary, moves parts of it, and contracts it.
+//! Entries of pressures, prescribed displacements and muscles.
 
 use crate::scene::{LabelOrName, Region};
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// Pressure on a patch of the boundary, or of where two regions meet. It acts along the normals of its faces as they turn, those
-/// at the start of each step: it has no part in the second derivatives of implicit steps. A body of
-/// tets on the processor's engine.
+/// Pressure on a patch of the boundary or of the interface between two regions. It acts along the
+/// current face normals, evaluated at the start of each step, so it does not contribute to the
+/// Hessian of implicit steps. Requires a tetrahedral body on the CPU engine.
 ///
 /// ```toml
 /// [[pressure]]
-/// on = { axis = "z", above = 0.9 }   # faces with all nodes in it; the whole boundary without
-/// facing = [0.0, 0, 1]    # of these, those that face within 45° of it at rest
-/// # between = ["lung", "body"]        # in place of the boundary: the first region presses on the second
-/// pascal = 500.0          # inwards; or [[0.0, 0.0], [0.5, 500.0]]: time in s and pressure
+/// on = { axis = "z", above = 0.9 }   # faces with all nodes in it; default: the whole boundary
+/// facing = [0.0, 0, 1]    # only faces within 45° of this normal at rest
+/// # between = ["lung", "body"]        # or an interface: the first region presses on the second
+/// pascal = 500.0          # inwards; or [[0.0, 0.0], [0.5, 500.0]]: time (s), pressure
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PressureEntry {
-    /// Where: faces all of whose nodes are in it.
+    /// Region of the faces; all nodes of a face must lie in it.
     pub on: Option<Region>,
-    /// Faces whose normals at rest lie within 45° of this direction.
+    /// Selects the faces whose normals at rest lie within 45° of this direction.
     pub facing: Option<[f64; 3]>,
-    /// Of the faces where these regions meet, by name or label, not of the boundary: the first presses
-    /// on the second.
+    /// Loads the interface of these two regions, by name or label, instead of the boundary: the
+    /// first region presses on the second.
     pub between: Option<[LabelOrName; 2]>,
-    /// The pressure in Pa, positive inwards.
+    /// Pressure in Pa, positive inwards.
     pub pascal: TimeSeries,
 }
 
-/// A number, or its course in time: times in s and numbers, linear between them.
+/// A constant, or a piecewise linear function of time as pairs of time in s and value.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
@@ -41,71 +41,71 @@ pub enum TimeSeries {
     Keys(Vec<[f64; 2]>),
 }
 
-/// Nodes that are moved along a path: where it takes them, whatever pulls at them. They are where
-/// the path says at the end of each step, and go there at an even velocity, which damping feels. A
-/// body of tets on the processor's engine.
+/// Prescribed displacement (Dirichlet condition) of nodes along a path. The nodes are on the path
+/// at the end of each step and move at constant velocity within the step, which enters the damping.
+/// Requires a tetrahedral body on the CPU engine.
 ///
 /// ```toml
 /// [[move]]
-/// name = "jaw"            # in files of reactions; `move1` and so on where nothing is said
+/// name = "jaw"            # in reaction files; default `move1`, `move2` …
 /// on = { axis = "x", above = 0.95 }
-/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time in s, and how far they have moved
+/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time (s) and displacement
 /// # file = "jaw.csv"      # or a table with the columns time_s,x,y,z
-/// turn = [[0.0, 0], [0.5, 30]]              # time in s, and degrees …
-/// axis = [0.0, 1, 0]      # … about this axis …
-/// about = [0.0, 0, 0]     # … through this point, which moves along; their middle where none is said
+/// turn = [[0.0, 0], [0.5, 30]]              # time (s) and angle (degrees) …
+/// axis = [0.0, 1, 0]      # … about this axis
+/// about = [0.0, 0, 0]     # through this point, which moves with the path; default: their centroid
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MoveEntry {
-    /// What it is called in files of reactions.
+    /// Name in reaction files.
     pub name: Option<String>,
-    /// Which nodes.
+    /// The nodes.
     pub on: Region,
-    /// Times and displacements from where they rest, linear between them.
+    /// Times and displacements from the rest position, interpolated linearly.
     pub path: Option<Vec<[f64; 4]>>,
-    /// A CSV file of the same, beside the scene file: a header `time_s,x,y,z` and numbers.
+    /// CSV file with the path, relative to the scene file: a header `time_s,x,y,z` and numbers.
     pub file: Option<PathBuf>,
-    /// Times and angles in degrees, linear between them.
+    /// Times and angles in degrees, interpolated linearly.
     pub turn: Option<Vec<[f64; 2]>>,
-    /// What they turn about.
+    /// Rotation axis.
     pub axis: Option<[f64; 3]>,
-    /// A point of that axis where the nodes rest.
+    /// Point on the rotation axis, at rest.
     pub about: Option<[f64; 3]>,
 }
 
-/// A muscle: tets that contract along their fibres; see [`Muscle`](crate::physics::Muscle). A body
-/// of finite elements on the processor's engine.
+/// A muscle: tetrahedra that contract along their fibres; see [`Muscle`](crate::physics::Muscle).
+/// Requires finite elements on the CPU engine.
 ///
 /// ```toml
 /// [[muscle]]
-/// region = "muscle"       # by name or label; the whole body where nothing is said
-/// fibre = [0.0, 0, 1]     # or the name of a vector field of the tets; along the region where none
-/// tension = 2e5           # Pa, at full activation
-/// activation = [[0.0, 0.0], [0.3, 1.0]]     # time in s, and from 0 to 1; or a number
+/// region = "muscle"       # by name or label; default: the whole body
+/// fibre = [0.0, 0, 1]     # or the name of a tet vector field; default: the longest axis
+/// tension = 2e5           # active tension at full activation, Pa
+/// activation = [[0.0, 0.0], [0.3, 1.0]]     # time (s), activation (0 to 1); or a number
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MuscleEntry {
-    /// The region that contracts.
+    /// The contracting region.
     pub region: Option<LabelOrName>,
-    /// The direction of its fibres at rest; the way the region is longest where nothing is said.
+    /// Fibre direction at rest; default: the longest axis of the region.
     pub fibre: Option<FibreEntry>,
-    /// T, Pa.
+    /// Active tension T at full activation, Pa.
     pub tension: f64,
-    /// From 0 to 1.
+    /// Activation, from 0 to 1.
     pub activation: TimeSeries,
 }
 
-/// The direction of fibres.
+/// Fibre direction.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
     expecting = "a direction [x, y, z], or the name of a vector field of the tets, is expected"
 )]
 pub enum FibreEntry {
-    /// The same everywhere.
+    /// A uniform direction.
     Along([f64; 3]),
-    /// A vector a tet, by the field's name.
+    /// Name of a vector field with one vector per tetrahedron.
     Field(String),
 }

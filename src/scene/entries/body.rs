@@ -1,4 +1,4 @@
-//! What a body is: its mesh, its grid, and several of them.
+//! Entries of the bodies of a scene: the mesh, the particle grid and `[[body]]`.
 
 use super::ForceEntry;
 use crate::mesher::{Length, ThresholdRange};
@@ -11,8 +11,8 @@ use serde::{Deserialize, Deserializer};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Where the mesh comes from: a file, or a generator. A volume or a closed surface is meshed
-/// first, as `palpate mesh` does:
+/// Source of the mesh: a file or a generator. A volume or a closed surface is meshed first, as in
+/// `palpate mesh`:
 ///
 /// ```toml
 /// [mesh]
@@ -27,94 +27,95 @@ use std::str::FromStr;
 pub struct MeshSource {
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
-    /// The same mesh at rest, where `file` has it deformed and nothing moves it: scans and planes that
-    /// are given at rest go by it. A field `displacement`, as series have it, serves as well.
+    /// The same mesh at rest, if `file` contains a deformed state and the scene is not simulated.
+    /// Scans and planes given at rest use it. A vector field `displacement`, as in series, serves
+    /// the same purpose.
     pub rest: Option<PathBuf>,
-    /// A generator's name, instead of a file; see [`crate::mesh::generate::GENERATORS`].
+    /// Name of a generator, instead of a file; see [`crate::mesh::generate::GENERATORS`].
     #[serde(default, deserialize_with = "keywords::generator")]
     pub generate: Option<String>,
-    /// About how many tets the generator or the mesher makes.
+    /// Approximate number of tetrahedra of the generator or the mesher.
     pub tets: Option<usize>,
-    /// Diameter of the lump in an organ that is generated, mm; 0 for none. 15 where nothing is said.
+    /// Diameter of the lump in a generated organ, mm; 0 for no lump; default 15.
     pub lump_mm: Option<f64>,
-    /// How far the lump is below the surface, mm; 10 where nothing is said.
+    /// Depth of the lump below the surface, mm; default 10.
     pub depth_mm: Option<f64>,
-    /// How many times as stiff the lump is as what it lies in, for the material's
-    /// `stiffness_field = "stiffness"`; 5 where nothing is said.
+    /// Ratio of the stiffness of the lump to that of the surrounding tissue, used by the material's
+    /// `stiffness_field = "stiffness"`; default 5.
     pub contrast: Option<f64>,
     /// Edge length at boundaries, instead of `tets`: `"2mm"`, or a number in the file's unit.
     #[serde(default, deserialize_with = "present")]
     pub edge: Option<Length>,
-    /// Which labels of a volume are regions: `"all"`, or a list.
+    /// Labels of a volume that become regions: `"all"` or a list.
     pub labels: Option<LabelsEntry>,
-    /// Thresholds from which on a volume's values are a region, each up to the next: numbers, or
+    /// Lower thresholds of the regions of a volume, each valid up to the next one: numbers or
     /// `"NAME=VALUE"`.
     #[serde(default, deserialize_with = "present_list")]
     pub above: Vec<ThresholdRange>,
-    /// Ranges of a volume's values that are a region: `"LOW..HIGH"`, `"NAME=LOW..HIGH"`.
+    /// Value ranges of a volume that become regions: `"LOW..HIGH"`, `"NAME=LOW..HIGH"`.
     #[serde(default, deserialize_with = "present_list")]
     pub between: Vec<ThresholdRange>,
-    /// Times by which edges may be longer away from boundaries.
+    /// Largest ratio of interior to boundary edge length.
     pub grading: Option<f64>,
-    /// Pieces of regions of less volume are given to what surrounds them.
+    /// Volume below which a connected component of a region is merged into its neighbour.
     pub min_island: Option<f64>,
-    /// Pairs of regions that are parted where they meet, by name or label: each gets nodes of its
-    /// own there. A seam ends where a third region holds the two together.
+    /// Pairs of regions, by name or label, whose common interface is split: each side gets its own
+    /// nodes. A split ends where a third region connects the two.
     #[serde(default)]
     pub part: Vec<[LabelOrName; 2]>,
-    /// How far the two sides of each such seam are drawn apart, in the mesh's unit: with `[contact]`
-    /// they press on each other then, and glide.
+    /// Width of the gap opened at each split interface, in the mesh's unit. With `[contact]` the
+    /// two sides then press and slide on each other.
     pub part_gap: Option<f64>,
-    /// Other meshes that are of the same body, such as the second of two that touch.
+    /// Other meshes of the same body, such as the second of two parts in contact.
     #[serde(default)]
     pub join: Vec<JoinEntry>,
-    /// What one unit of the mesh is: `m`, `cm`, `mm`, `um`, or a number of metres; what the mesh
-    /// file says by default, or else `m`.
+    /// Length unit of the mesh: `m`, `cm`, `mm`, `um`, or metres as a number. Defaults to the unit
+    /// in the mesh file, or else `m`.
     #[serde(default, deserialize_with = "keywords::unit")]
     pub unit: Option<Unit>,
 }
 
-/// Another mesh of the same body: nothing grows together, so that it takes `[contact]` for the two to
-/// feel each other. Regions are named `NAME/REGION` then, those of the first mesh `first/REGION`;
-/// tissues are found by either word.
+/// Another mesh of the same body. Nodes are not merged, so the meshes interact only with
+/// `[contact]`. Regions are renamed to `NAME/REGION`, those of the first mesh to `first/REGION`;
+/// tissues match either word.
 ///
 /// ```toml
 /// [[mesh.join]]
 /// name = "second"
 /// generate = "limb"       # or file = "…"
 /// tets = 20000
-/// turn = 180              # degrees about the axis through its coordinates' origin …
+/// turn = 180              # degrees about the axis through the coordinate origin,
 /// axis = [0.0, 0, 1]
-/// offset = [0.7, 0, 0]    # … and then moved
+/// offset = [0.7, 0, 0]    # applied after the rotation
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JoinEntry {
-    /// What its regions are named after; `mesh2` and so on where nothing is said.
+    /// Prefix of its region names; default `mesh2`, `mesh3` …
     pub name: Option<String>,
     /// A mesh file, beside the scene file unless absolute.
     pub file: Option<PathBuf>,
-    /// A generator's name, instead of a file.
+    /// Name of a generator, instead of a file.
     #[serde(default, deserialize_with = "keywords::generator")]
     pub generate: Option<String>,
-    /// About how many tets the generator makes.
+    /// Approximate number of tetrahedra of the generator.
     pub tets: Option<usize>,
-    /// Degrees by which it is turned about `axis`.
+    /// Rotation angle about `axis`, degrees.
     pub turn: Option<f64>,
-    /// What it is turned about; +z where nothing is said.
+    /// Rotation axis; default +z.
     pub axis: Option<[f64; 3]>,
-    /// By how much it is moved, in the unit of the first mesh.
+    /// Translation, in the unit of the first mesh.
     pub offset: Option<[f64; 3]>,
 }
 
-/// One of several bodies. Each has what a scene of one would have; grabs, cuts, skins, the floor and
-/// the picture are those of all. They do not feel each other.
+/// One of several bodies, with the entries of a scene of one body. Grabs, cuts, skins, the floor
+/// and the picture are shared by all bodies. The bodies do not interact.
 ///
 /// ```toml
 /// [[body]]
 /// name = "core"
 /// mesh = { generate = "ball", tets = 4000 }
-/// offset = [0.0, 0, 0.1]  # moves it, in the unit of the first body's mesh, which is that of all
+/// offset = [0.0, 0, 0.1]  # translation, in the unit of the first body's mesh (used by all)
 /// material = { young = 1e6 }
 /// engine = "cpu"
 ///
@@ -125,35 +126,35 @@ pub struct JoinEntry {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodyEntry {
-    /// What it is called in messages, reports and regions; `body 1` and so on where nothing is said.
+    /// Name in messages, reports and regions; default `body 1`, `body 2` …
     pub name: Option<String>,
-    /// Where its mesh comes from.
+    /// Source of the mesh.
     pub mesh: MeshSource,
-    /// How far it is moved, after its mesh was brought to the unit of the first body's.
+    /// Translation, applied after the mesh is converted to the unit of the first body's mesh.
     pub offset: Option<[f64; 3]>,
-    /// What it is made of; the scene's `[material]` where nothing is said.
+    /// Material; default: the scene's `[material]`.
     pub material: Option<MaterialEntry>,
-    /// By which scheme it is stepped; `[solver] name` where nothing is said.
+    /// Time integration scheme; default: `[solver] name`.
     #[serde(default, deserialize_with = "keywords::solver")]
     pub solver: Option<String>,
-    /// What computes its steps; `[solver] engine` where nothing is said.
+    /// Engine of the time steps; default: `[solver] engine`.
     #[serde(default, deserialize_with = "keywords::engine")]
     pub engine: Option<EngineChoice>,
-    /// Its largest step, in seconds: a longer one of `[solver] dt` is made of several.
+    /// Largest time step, s; a longer `[solver] dt` is divided into substeps.
     pub dt: Option<f64>,
-    /// Nodes that stay where they are.
+    /// Fixed nodes.
     #[serde(default)]
     pub pin: Vec<Region>,
     /// Forces on groups of nodes.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
-    /// Makes it a grid of particles in place of tets.
+    /// Replaces the tetrahedra by a grid of particles.
     pub grid: Option<GridEntry>,
-    /// Simulates a coarse body in place of its mesh, which that carries.
+    /// Simulates a coarse cage in which the mesh is embedded, instead of the mesh.
     pub cage: Option<CageEntry>,
 }
 
-/// Labels of a volume.
+/// Label selection of a volume.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(untagged, expecting = "labels are \"all\" or a list of whole numbers")]
 #[allow(missing_docs)]
@@ -170,7 +171,7 @@ pub enum AllKeyword {
     All,
 }
 
-/// A number, or text.
+/// A number or text.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "a number or text is expected")]
 enum Said {
@@ -238,30 +239,30 @@ impl Unit {
     }
 }
 
-/// A grid body: particles on a regular grid, carved out of what `[mesh]` names (a volume by its
-/// labels or thresholds, a closed surface, a tet mesh), with springs to 18 neighbours each. It is
-/// stepped by `verlet`.
+/// A grid body: particles on a regular grid that fill the volume given by `[mesh]` (a volume with
+/// labels or thresholds, a closed surface, or a tetrahedral mesh), each connected to 18 neighbours
+/// by springs. It is stepped by `verlet`.
 ///
 /// ```toml
 /// [grid]
 /// nodes = 20000           # or spacing = 2.0, or [1.0, 1.0, 1.5], in the file's unit
-/// damping = 1.0           # every particle is braked by this rate, 1/s
+/// damping = 1.0           # mass-proportional damping rate, 1/s
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GridEntry {
-    /// About how many particles; 20,000 where nothing is said.
+    /// Approximate number of particles; default 20,000.
     pub nodes: Option<usize>,
-    /// Distance between particles, instead of `nodes`: one length, or one for each axis.
+    /// Grid spacing, instead of `nodes`: one length, or one per axis.
     pub spacing: Option<Lengths>,
-    /// Rate of damping, 1/s.
+    /// Damping rate, 1/s.
     pub damping: Option<f64>,
-    /// Particles lie up to this far outside a surface or mesh too, so that a body holds pieces
-    /// together that do not touch: bones, for example.
+    /// Distance outside a surface or mesh up to which particles are added, which connects disjoint
+    /// components, such as bones.
     pub margin: Option<f64>,
 }
 
-/// One length, or one for each axis.
+/// One length, or one per axis.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(untagged, expecting = "a length, or three of them, are expected")]
 #[allow(missing_docs)]

@@ -1,43 +1,43 @@
-//! Planes and isosurfaces, as a scene file has them.
+//! Entries of section planes and isosurfaces.
 
 use crate::render::{Isosurface, Plane, PlaneKind};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
 
-/// A plane through the volume, or a box around what is kept of it, in the units of the mesh file.
+/// A clip or slice plane, or a clip box, in the units of the mesh file.
 ///
 /// ```toml
 /// [[plane]]
-/// clip = [0, 0, 0.1, 0, 0, 1]     # a point, and which way lies what is cut off
-/// rest = true                     # given in the body at rest: the cut bends with it
+/// clip = [0, 0, 0.1, 0, 0, 1]     # a point, and the normal towards the clipped side
+/// rest = true                     # given at rest: the section deforms with the body
 ///
 /// [[plane]]
-/// slice = [0, 0, 0, 1, 0, 0]      # shows the field where it meets the body
+/// slice = [0, 0, 0, 1, 0, 0]      # draws the field on the section
 /// opacity = 0.7
 ///
 /// [[plane]]
-/// box = [-0.1, -0.1, 0, 0.1, 0.1, 0.2]   # two corners: what lies outside is cut off
+/// box = [-0.1, -0.1, 0, 0.1, 0.1, 0.2]   # two corners: the outside is clipped
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaneEntry {
-    /// A point of a plane and its normal: what lies beyond is cut off.
+    /// A point and the normal of a clip plane; the side of the normal is clipped.
     pub clip: Option<[f64; 6]>,
-    /// A point of a plane and its normal: it shows the field.
+    /// A point and the normal of a slice plane, on which the field is drawn.
     pub slice: Option<[f64; 6]>,
-    /// Two corners of a box: what lies outside is cut off.
+    /// Two corners of a clip box; the outside is clipped.
     #[serde(rename = "box")]
     pub around: Option<[f64; 6]>,
-    /// Whether it is given in the body at rest.
+    /// Whether the plane is given in the rest configuration.
     #[serde(default)]
     pub rest: bool,
-    /// Of a slice; 1 where nothing is said.
+    /// Opacity of a slice; default 1.
     pub opacity: Option<f64>,
 }
 
 impl PlaneEntry {
-    /// The planes that are meant.
+    /// Returns the planes of this entry.
     pub(in crate::scene) fn planes(&self) -> Result<Vec<Plane>> {
         let halves = |x: [f64; 6]| {
             let [a, b, c, d, e, f] = x;
@@ -77,27 +77,27 @@ impl PlaneEntry {
     }
 }
 
-/// A surface on which the field has one value.
+/// An isosurface of the field.
 ///
 /// ```toml
 /// [[isosurface]]
 /// value = 0.5
-/// colour = "tomato"               # or "#d04030"; that of the field where nothing is said
+/// colour = "tomato"               # or "#d04030"; default: the field's colour
 /// opacity = 0.6
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IsosurfaceEntry {
-    /// The value.
+    /// The isovalue.
     pub value: f64,
-    /// A colour's name, or #RRGGBB.
+    /// Colour name, or #RRGGBB.
     pub colour: Option<String>,
-    /// 1 where nothing is said.
+    /// Opacity; default 1.
     pub opacity: Option<f64>,
 }
 
 impl IsosurfaceEntry {
-    /// The isosurface that is meant.
+    /// Returns the isosurface of this entry.
     pub(in crate::scene) fn isosurface(&self) -> Result<Isosurface> {
         let (colour, opacity) = (self.colour.as_deref(), self.opacity.unwrap_or(1.0));
         format!("{},{},{opacity}", self.value, colour.unwrap_or_default()).parse()

@@ -1,16 +1,16 @@
-//! Joints between rigid regions.
+//! Entries of joints between rigid regions.
 
 use crate::scene::LabelOrName;
 use serde::Deserialize;
 
-/// A joint between two rigid regions, tools with a mass among them, or of one to the world, where the
-/// body rests. With `engine = "rapier"`.
+/// A joint between two rigid regions, including tools with a mass, or between one region and the
+/// world at the rest position. Requires `engine = "rapier"`.
 ///
 /// ```toml
 /// [[joint]]
-/// between = ["femur", "tibia"]    # or ["femur"], which is joined to the world
+/// between = ["femur", "tibia"]    # or ["femur"], joined to the world
 /// at = [0.0, 0, 410]      # in the mesh's unit
-/// hinge = { axis = [1.0, 0, 0], limits = [-5.0, 120] }    # degrees that the second turns; or one of these:
+/// hinge = { axis = [1.0, 0, 0], limits = [-5.0, 120] }   # degrees; or one of these:
 /// # slider = { axis = [0.0, 0, 1], limits = [0.0, 20] }   # in the mesh's unit
 /// # ball = {}
 /// # fixed = {}
@@ -18,31 +18,31 @@ use serde::Deserialize;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointEntry {
-    /// The regions, by label or name.
+    /// The regions, by label or name: two, or one joined to the world.
     pub between: Vec<LabelOrName>,
-    /// Where it is at rest.
+    /// Anchor point at rest.
     pub at: [f64; 3],
-    /// Leaves turns about an axis free, between two angles in degrees.
+    /// A hinge: rotation about an axis, limited to a range of angles in degrees.
     pub hinge: Option<AxisEntry>,
-    /// Leaves ways along an axis free, between two lengths in the mesh's unit.
+    /// A slider: translation along an axis, limited to a range in the mesh's unit.
     pub slider: Option<AxisEntry>,
-    /// Leaves all turns free.
+    /// A ball joint: free rotation.
     pub ball: Option<EmptyEntry>,
-    /// Leaves nothing free.
+    /// A fixed joint: no free degree of freedom.
     pub fixed: Option<EmptyEntry>,
 }
 
-/// An axis, and how far what is joined goes about or along it.
+/// Axis and range of motion of a joint.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisEntry {
-    /// Its direction.
+    /// Direction of the axis.
     pub axis: [f64; 3],
-    /// From, 0 at most, and to, 0 at least.
+    /// Lower limit (≤ 0) and upper limit (≥ 0).
     pub limits: Option<[f64; 2]>,
 }
 
-/// Nothing more to say.
+/// An entry without keys.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EmptyEntry {}

@@ -1,4 +1,4 @@
-//! What acts on a body, and what it carries.
+//! Entries of forces, the floor, grabs, cuts and embedded surfaces (skins).
 
 use super::body::present_list;
 use crate::mesh::TriMesh;
@@ -9,85 +9,85 @@ use crate::skin::Mapping;
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// A force shared by the nodes of a region.
+/// A force distributed over the nodes of a region.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
-    /// Which nodes.
+    /// The nodes.
     pub on: Region,
-    /// The sum of the forces on them, in N.
+    /// Resultant force, N.
     pub total: [f64; 3],
 }
 
-/// A floor: a plane below which the nodes of a body of tets are pushed back. A body above a floor
-/// is held by nothing but its pins.
+/// A floor: a plane with a penalty force on the nodes of a tetrahedral body below it. A body above
+/// a floor has no supports other than its pins.
 ///
 /// ```toml
 /// [floor]
-/// point = [0.0, 0, -0.2]  # on it, in the mesh's unit
-/// normal = [0.0, 0, 1]    # out of it
-/// rate = 1000.0           # how hard it pushes: a node alone would swing so fast, 1/s
+/// point = [0.0, 0, -0.2]  # a point on it, in the mesh's unit
+/// normal = [0.0, 0, 1]    # outwards
+/// rate = 1000.0           # contact stiffness, as the frequency of a free node on it, 1/s
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FloorEntry {
-    /// A point of it.
+    /// A point on the plane.
     pub point: [f64; 3],
-    /// The direction out of it; +z where nothing is said.
+    /// Outward normal; default +z.
     pub normal: Option<[f64; 3]>,
-    /// How hard it pushes, 1/s.
+    /// Contact stiffness as a frequency, 1/s.
     pub rate: Option<f64>,
 }
 
-/// A grab: nodes around a place follow a target along a path.
+/// A grab: the nodes near a point follow a target along a path.
 ///
 /// ```toml
 /// [[grab]]
-/// at = [0.0, 0.0, 10.0]   # in the mesh's unit; nodes within `radius` of it are grabbed
+/// at = [0.0, 0.0, 10.0]   # in the mesh's unit; nodes within `radius` are grabbed
 /// radius = 2.0
-/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time in s, and how far from `at` the target is
+/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time (s) and displacement of the target from `at`
 /// release = 1.0           # s
-/// # spring = 50.0         # N/m of all springs together; without, the nodes follow exactly
-/// # limit = 2.0           # N, the largest force of the springs
+/// # spring = 50.0         # total stiffness, N/m; default: prescribed displacement
+/// # limit = 2.0           # largest spring force, N
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GrabEntry {
-    /// What it is called in files of reactions: `grab1` and so on where nothing is said.
+    /// Name in reaction files; default `grab1`, `grab2` …
     pub name: Option<String>,
-    /// The middle of what is grabbed.
+    /// Centre of the grabbed sphere.
     pub at: [f64; 3],
-    /// Nodes nearer than this are grabbed.
+    /// Radius of the grabbed sphere.
     pub radius: f64,
-    /// Times and displacements of the target, linear between them.
+    /// Times and displacements of the target, interpolated linearly.
     pub path: Vec<[f64; 4]>,
-    /// When it lets go; never where nothing is said. It takes hold at the path's first time.
+    /// Release time, s; default: never. The grab starts at the first time of the path.
     pub release: Option<f64>,
-    /// Stiffness of springs to the target.
+    /// Total stiffness of the springs to the target, N/m.
     pub spring: Option<f64>,
-    /// Their largest force.
+    /// Largest force of the springs, N.
     pub limit: Option<f64>,
 }
 
-/// A cut: the straight edge of a blade moves along a path, and opens what it sweeps over. On a
-/// grid body it erases springs, on tets it opens faces and doubles nodes.
+/// A cut: the straight edge of a blade moves along a path and cuts what it sweeps. In a grid body
+/// it removes springs; in a tetrahedral mesh it splits faces and duplicates nodes.
 ///
 /// ```toml
 /// [[cut]]
 /// edge = [[0.0, 0, -9], [0.0, 0, 9]]        # the ends of the blade's edge, in the mesh's unit
-/// path = [[0.2, 0, 5, 0], [0.6, 0, -5, 0]]  # time in s, and how far the edge has moved
+/// path = [[0.2, 0, 5, 0], [0.6, 0, -5, 0]]  # time (s) and displacement of the edge
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CutEntry {
-    /// The ends of the blade's edge.
+    /// End points of the blade's edge.
     pub edge: [[f64; 3]; 2],
-    /// Times and displacements of the edge, linear between them: at least two.
+    /// Times and displacements of the edge, interpolated linearly; at least two.
     pub path: Vec<[f64; 4]>,
 }
 
-/// A skin: a detailed surface that the body carries. It lies in the mesh's unit, where the body
-/// is at rest.
+/// A skin: a detailed surface embedded in the body. It is given in the mesh's unit and at the
+/// body's rest position.
 ///
 /// ```toml
 /// [[skin]]
@@ -98,38 +98,39 @@ pub struct CutEntry {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkinEntry {
-    /// A surface file beside the scene file, or a volume whose isosurface it is.
+    /// A surface file relative to the scene file, or a volume from which an isosurface is
+    /// extracted.
     pub file: PathBuf,
-    /// Of a volume: the threshold of the isosurface.
+    /// Threshold of the isosurface of a volume.
     #[serde(default, deserialize_with = "present_list")]
     pub above: Vec<ThresholdRange>,
-    /// Of a volume: the labels whose boundary it is.
+    /// Labels of a volume whose boundary is extracted.
     pub labels: Option<Vec<i64>>,
-    /// Rounds of smoothing.
+    /// Number of smoothing iterations.
     pub smooth: Option<u32>,
-    /// How the nodes carry it; chosen for each vertex where nothing is said.
+    /// How vertices are embedded in the mesh; by default chosen for each vertex.
     pub mapping: Option<Mapping>,
-    /// Its colour: red, green, blue, from 0 to 1.
+    /// Colour: red, green, blue, from 0 to 1.
     pub colour: Option<[f32; 3]>,
-    /// The colour of the walls that cuts lay bare, in mode `skin`; dark red where nothing is said.
+    /// Colour of the walls of cuts in mode `skin`; default dark red.
     pub wall: Option<[f32; 3]>,
-    /// A scalar of its vertices that colours it instead.
+    /// Scalar field of the vertices that replaces the colour.
     pub field: Option<String>,
-    /// The preset whose colours that scalar takes; `viridis` where nothing is said.
+    /// Colour preset of that field; default `viridis`.
     #[serde(default, deserialize_with = "keywords::preset")]
     pub transfer: Option<String>,
-    /// From 0, invisible, to 1, opaque.
+    /// Opacity, from 0 (invisible) to 1 (opaque).
     pub opacity: Option<f32>,
-    /// A PNG of tangent-space normals, by texture coordinates.
+    /// PNG of tangent-space normals, addressed by texture coordinates.
     pub normal_map: Option<PathBuf>,
-    /// A PNG of heights, by texture coordinates.
+    /// PNG of heights, addressed by texture coordinates.
     pub height_map: Option<PathBuf>,
-    /// How deep the height map is, in texture coordinates.
+    /// Depth of the height map, in texture coordinates.
     pub height: Option<f32>,
-    /// Whether it is left out of pictures.
+    /// Whether it is not drawn.
     #[serde(default)]
     pub hidden: bool,
-    /// Its surface, where it was read already.
+    /// The surface, if it was loaded already.
     #[serde(skip)]
     pub surface: Preloaded<TriMesh>,
 }

@@ -1,4 +1,4 @@
-//! The entries of a scene file, as serde reads them.
+//! The entries of a scene file, deserialised with serde.
 
 mod acting;
 mod body;

@@ -1,4 +1,4 @@
-//! The view, the light and the picture.
+//! Entries of the camera, the lighting, X-rays and the picture.
 
 use crate::annotate::Axes;
 use crate::render::Light;
@@ -6,64 +6,63 @@ use crate::scene::keywords;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// The light on the inside.
+/// Lighting of the volume.
 ///
 /// ```toml
 /// [light]
-/// from = "head"           # the eye; or "none", or [1.0, 0, 2]: the direction towards it
-/// shadows = 0.7           # how dark they are, to 1; none where nothing is said
+/// from = "head"           # at the eye; or "none", or a direction [1.0, 0, 2] to the light
+/// shadows = 0.7           # shadow strength, 0 to 1; default: none
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightEntry {
-    /// Where it comes from; the eye where nothing is said.
+    /// Light source; default: at the eye.
     #[serde(default, deserialize_with = "keywords::light")]
     pub from: Option<Light>,
-    /// How dark it is where the body keeps the light off.
+    /// Shadow strength, from 0 to 1.
     pub shadows: Option<f64>,
 }
 
-/// X-rays, of pictures in mode `xray`.
+/// Settings of X-ray pictures (mode `xray`).
 ///
 /// ```toml
 /// [xray]
 /// energy = 60             # keV, 20 to 150
-/// water = 0               # the scalar that is water, and that is air: Hounsfield's units
-/// air = -1000             # where nothing is said and there are negative ones
-/// white = 6               # ∫ μ dl that is white on the film
+/// water = 0               # scalars of water and air: Hounsfield units by default
+/// air = -1000             # if there are negative values
+/// white = 6               # ∫ μ dl shown as white on the film
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct XrayEntry {
-    /// Energy of the source, 20 to 150 keV; 60 where nothing is said.
+    /// Energy of the source, 20 to 150 keV; default 60.
     pub energy: Option<f64>,
-    /// The scalar of water; where nothing is said 0, or 1024 where no value is negative and some
-    /// reach 1000.
+    /// Scalar of water; default 0, or 1024 if no value is negative and some are at least 1000.
     pub water: Option<f64>,
-    /// The scalar of air; where nothing is said 1000 below water.
+    /// Scalar of air; default: 1000 below water.
     pub air: Option<f64>,
-    /// ∫ μ dl that is white in a PNG; the most in the first picture where nothing is said.
+    /// ∫ μ dl shown as white in a PNG; default: the largest value of the first picture.
     pub white: Option<f64>,
 }
 
-/// The view, in the units of the mesh file.
+/// The camera, in the units of the mesh file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraEntry {
-    /// Where the camera is.
+    /// Position of the camera.
     pub eye: Option<[f64; 3]>,
-    /// What it looks at.
+    /// Point that the camera looks at.
     pub look_at: Option<[f64; 3]>,
-    /// Which way is up.
+    /// Up direction.
     pub up: Option<[f64; 3]>,
     /// Vertical field of view, in degrees.
     pub fov: Option<f64>,
-    /// Height of the view for an orthographic camera, instead of `fov`.
+    /// Height of the view of an orthographic camera, instead of `fov`.
     pub orthographic: Option<f64>,
 }
 
 impl CameraEntry {
-    /// Whether nothing of the view is said.
+    /// Whether no key of the camera is set.
     pub fn is_unset(&self) -> bool {
         let places = [self.eye, self.look_at, self.up];
         places.iter().all(Option::is_none) && self.fov.is_none() && self.orthographic.is_none()
@@ -74,73 +73,73 @@ impl CameraEntry {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PictureEntry {
-    /// The field that is seen. Where nothing is said: the regions, a colour each, unless there is
-    /// a `transfer`; or the first scalar at the nodes, or the depth below the surface.
-    ///
-    /// Of a body that moves also `displacement`, `von_mises`, `stress_1` to `stress_3`, `strain`,
-    /// `J` or `energy_density`, computed where it is: see
+    /// The displayed field. Default: the regions, one colour each, unless `transfer` is set;
+    /// otherwise the first scalar field at the nodes, or the depth below the surface.
+    /// For a simulated body also `displacement`, `von_mises`, `stress_1` to `stress_3`, `strain`,
+    /// `J` or `energy_density`, computed in the current configuration: see
     /// [`BodyField`](crate::physics::BodyField).
     pub field: Option<String>,
-    /// Smallest and largest value of the field, which stand for what is beyond them; those that it
-    /// has where nothing is said, and of one that is computed, those that it has had so far.
+    /// Smallest and largest value of the field; values outside are clamped. Default: the range of
+    /// the field, or for a computed field the range over the run so far.
     pub range: Option<[f64; 2]>,
-    /// A preset's name, a JSON file beside the scene file, or the JSON itself.
+    /// Name of a preset, a JSON file relative to the scene file, or inline JSON.
     #[serde(default, deserialize_with = "keywords::transfer")]
     pub transfer: Option<String>,
     /// Width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// `composite`, `thickness`, `mip`, `minip` or `mean` (the largest, least or mean scalar on each
-    /// ray, grey), `xray` (∫ μ dl of CT numbers, on film in a PNG), `surface`, or `skin`: the skins alone, without the inside.
+    /// `composite`, `thickness`, `mip`, `minip` or `mean` (maximum, minimum or mean scalar along
+    /// each ray, in grey), `xray` (∫ μ dl of CT numbers, as film in a PNG), `surface`, or `skin`:
+    /// only the skins, without the volume.
     #[serde(default, deserialize_with = "keywords::mode")]
     pub mode: Option<String>,
-    /// Whether the volume itself is drawn beside slices and isosurfaces; it is where nothing is
-    /// said.
+    /// Whether the volume is drawn beside slices and isosurfaces; default true.
     pub volume: Option<bool>,
-    /// `vertices` or `planes`.
+    /// Ray traversal: `vertices` or `planes`.
     #[serde(default, deserialize_with = "keywords::walk")]
     pub walk: Option<String>,
-    /// What is behind the volume in a PNG: `black`, `white` or `transparent`.
+    /// Background of a PNG: `black`, `white` or `transparent`.
     #[serde(default, deserialize_with = "keywords::background")]
     pub background: Option<String>,
-    /// The most surface layers a ray may enter.
+    /// Largest number of surface layers that a ray may enter.
     pub layers: Option<u32>,
-    /// Error of the picture's values, of 1, that the size of the table is chosen for; 0.001 where
-    /// nothing is said.
+    /// Largest error of pixel values (range 0 to 1), which determines the size of the
+    /// pre-integration table; default 0.001.
     pub accuracy: Option<f64>,
-    /// Bits a channel of a PNG: 8 or 16.
+    /// Bits per channel of a PNG: 8 or 16.
     pub bits: Option<u32>,
-    /// The root mean square error that its values may have, in 1/255: the cheapest settings that
-    /// were measured to keep to it are taken. 0.5 where nothing is said.
+    /// Largest root mean square error of the pixel values, in 1/255: selects the cheapest settings
+    /// that were measured to satisfy it. Default 0.5.
     pub quality: Option<f64>,
-    /// Samples a pixel: a square number from 1 to 64. The picture is drawn so many times as large,
-    /// 4 being twice each way, and each pixel is their mean, of colours premultiplied by opacity, as
-    /// they are composed. Where nothing is said 4 with skins and of a lit boundary, and 1 otherwise;
-    /// a translucent skin over a volume is quicker with 1.
+    /// Samples per pixel (supersampling): a square number from 1 to 64. The picture is rendered
+    /// with that many times as many pixels (4: twice per axis) and each pixel is the mean of its
+    /// samples, in colours premultiplied by opacity, as in compositing. Default: 4 with skins or a
+    /// lit boundary, and 1 otherwise; a translucent skin over a volume is faster with 1.
     pub samples: Option<u32>,
-    /// Regions, by name or label, that are not drawn at all.
+    /// Regions, by name or label, that are not drawn.
     #[serde(default)]
     pub hide: Vec<String>,
-    /// What regions look like, by name or label.
+    /// Appearance of regions, by name or label.
     #[serde(default)]
     pub region: BTreeMap<String, RegionAppearanceEntry>,
-    /// A bar of the field's colours, or its regions by name, at the right. Like all that is drawn
-    /// onto a picture, on PNGs and films: an EXR has the values alone.
+    /// A colour bar of the field, or a list of the regions, at the right. Like all overlays it is
+    /// drawn in PNGs and videos only: an EXR contains only the rendered values.
     pub legend: Option<bool>,
-    /// A bar of a round length, in the mesh's unit or metres where that is known. Of a perspective
-    /// camera it is the length at the distance of what it looks at.
+    /// A scale bar of a round length, in metres if the unit is known, otherwise in the mesh's unit.
+    /// With a perspective camera it is correct at the distance of the point looked at.
     pub scale_bar: Option<bool>,
-    /// `true` for arrows x, y and z, or `"anatomical"` for R L A P S I at the picture's edges, of a
-    /// mesh in RAS, as those made of scans are: see [`Axes`](crate::annotate::Axes).
+    /// `true` for arrows x, y and z, or `"anatomical"` for R L A P S I at the picture's edges, for
+    /// a mesh in RAS coordinates, such as those made from scans: see
+    /// [`Axes`](crate::annotate::Axes).
     #[serde(default, deserialize_with = "keywords::axes")]
     pub axes: Option<Axes>,
     /// A line of text at the top.
     pub title: Option<String>,
-    /// The simulated time, at the upper left.
+    /// Simulated time, at the upper left.
     pub time: Option<bool>,
 }
 
 impl PictureEntry {
-    /// The transfer functions that are the names of JSON files.
+    /// Returns the transfer functions given as names of JSON files.
     pub(in crate::scene) fn transfer_files(&mut self) -> impl Iterator<Item = &mut String> {
         let of_regions = self.region.values_mut();
         let of_regions = of_regions.filter_map(|look| look.transfer.as_mut());
@@ -149,15 +148,15 @@ impl PictureEntry {
     }
 }
 
-/// What a region of a labelled body looks like; what is not said is as in the rest of the picture.
+/// Appearance of a region of a labelled body; unset keys are inherited from the picture.
 ///
 /// ```toml
 /// [picture.region.bone]
-/// transfer = "bone"       # over the field's range
+/// transfer = "bone"       # applied over the field's range
 ///
 /// [picture.region.skin]
-/// colour = "wheat"        # one colour, whatever the field
-/// opacity = 0.2           # of a ray's mean way through the region
+/// colour = "wheat"        # one colour, independent of the field
+/// opacity = 0.2           # over the mean chord length of the region
 ///
 /// [picture.region.3]
 /// hidden = true
@@ -165,16 +164,16 @@ impl PictureEntry {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RegionAppearanceEntry {
-    /// A preset's name, a JSON file beside the scene file, or the JSON itself.
+    /// Name of a preset, a JSON file relative to the scene file, or inline JSON.
     #[serde(default, deserialize_with = "keywords::transfer")]
     pub transfer: Option<String>,
-    /// A colour's name, or #RRGGBB: for all values of the field.
+    /// Colour name, or #RRGGBB, for all values of the field.
     #[serde(default, deserialize_with = "keywords::colour")]
     pub colour: Option<String>,
-    /// What a ray's mean way through the region hides, from 0 to 1, whatever the field; 0.9 where
-    /// a colour is given and no transfer function.
+    /// Opacity over the mean chord length of the region, from 0 to 1, independent of the field;
+    /// default 0.9 if a colour but no transfer function is given.
     pub opacity: Option<f64>,
-    /// Whether it is not drawn at all.
+    /// Whether it is not drawn.
     #[serde(default)]
     pub hidden: bool,
 }

@@ -1,4 +1,4 @@
-//! Scans that the body carries, as a scene file has them.
+//! Entries of scans embedded in the body.
 
 use crate::scene::Preloaded;
 use crate::scene::keywords;
@@ -8,23 +8,23 @@ use serde::{Deserialize, Deserializer};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// A volume that the body carries, shown in place of its fields at the volume's own resolution. It
-/// lies where its header says, in RAS mm, and the body at rest in it; a mesh whose unit is not the
-/// millimetre says so (`unit` of `[mesh]`).
+/// A volume embedded in the body, rendered in place of its fields at the volume's own resolution.
+/// It is located by its header in RAS mm, with the body at rest in it; set `unit` of `[mesh]` if
+/// the unit of the mesh is not the millimetre.
 ///
 /// ```toml
-/// [scan]                  # or [[scan]], for several: the first is the one that isosurfaces, slices
-/// file = "ct.nrrd"        # and projections see
+/// [scan]                  # or [[scan]], for several: isosurfaces, slices and projections
+/// file = "ct.nrrd"        # use the first one
 /// transfer = "bone"       # a preset, a JSON file or the JSON itself
-/// range = [-200, 1500]    # of what occurs, where nothing is said
+/// range = [-200, 1500]    # default: the range of the values
 ///
 /// [[scan]]
 /// file = "labels.nii.gz"
-/// labels = true           # a colour a label; where nothing is said so are up to 64 whole numbers
+/// labels = true           # one colour per label; default: true for up to 64 integers
 ///
 /// [scan.label.femur]      # by name or number
 /// colour = "wheat"
-/// opacity = 0.5           # of a ray's mean way through it
+/// opacity = 0.5           # over the mean chord length of the label
 ///
 /// [scan.label.3]
 /// hidden = true
@@ -32,40 +32,40 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScanEntry {
-    /// The volume, beside the scene file: any that is read.
+    /// The volume, relative to the scene file, in any supported format.
     pub file: PathBuf,
-    /// What it is called in a legend; its file's name where nothing is said.
+    /// Name in the legend; default: the name of the file.
     pub name: Option<String>,
-    /// What shows its values; of the first scan that of `[picture]` where nothing is said.
+    /// Transfer function; default for the first scan: that of `[picture]`.
     #[serde(default, deserialize_with = "keywords::transfer")]
     pub transfer: Option<String>,
-    /// Smallest and largest value, which stand for what is beyond them.
+    /// Smallest and largest value; values outside are clamped.
     pub range: Option<[f64; 2]>,
-    /// Whether its values are labels.
+    /// Whether the values are labels.
     pub labels: Option<bool>,
-    /// What labels look like, by name or number.
+    /// Appearance of labels, by name or number.
     #[serde(default)]
     pub label: BTreeMap<String, LabelAppearanceEntry>,
-    /// The volume, where it was read already.
+    /// The volume, if it was loaded already.
     #[serde(skip)]
     pub volume: Preloaded<Volume>,
 }
 
-/// What a label of a scan looks like.
+/// Appearance of a label of a scan.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LabelAppearanceEntry {
-    /// A colour's name, or #RRGGBB; one of its own where nothing is said.
+    /// Colour name, or #RRGGBB; by default each label has its own colour.
     #[serde(default, deserialize_with = "keywords::colour")]
     pub colour: Option<String>,
-    /// What a ray's mean way through it hides, from 0 to 1.
+    /// Opacity over the mean chord length of the label, from 0 to 1.
     pub opacity: Option<f64>,
     /// Whether it is not drawn.
     #[serde(default)]
     pub hidden: bool,
 }
 
-/// `[scan]` or several `[[scan]]`.
+/// Deserialises `[scan]` or several `[[scan]]`.
 pub(in crate::scene) fn scans<'de, D: Deserializer<'de>>(
     from: D,
 ) -> Result<Vec<ScanEntry>, D::Error> {

@@ -1,103 +1,103 @@
-//! Contact: tools, and of a body with itself.
+//! Entries of contact: tools, and self-contact of the body.
 
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// Contact of the body with itself: of its pieces with each other, and of its folds. A body of finite
-/// elements on the processor's engine, stepped by `implicit` or `bdf2`.
+/// Self-contact of the body: between its pieces and within its folds. Requires finite elements on
+/// the CPU engine, stepped by `implicit` or `bdf2`.
 ///
 /// ```toml
 /// [contact]
-/// friction = 0.3          # 0 where nothing is said
-/// gap = 0.2               # in the mesh's unit: from there on parts push each other
+/// friction = 0.3          # default 0
+/// gap = 0.2               # barrier distance, in the mesh's unit
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactEntry {
-    /// μ of Coulomb friction; 0 where nothing is said.
+    /// Coulomb friction coefficient μ; default 0.
     pub friction: Option<f64>,
-    /// The gap from which on parts push each other; a 20th of the boundary's mean edge where nothing
-    /// is said.
+    /// Distance at which the contact barrier becomes active; default: 1/20 of the mean edge length
+    /// of the boundary.
     pub gap: Option<f64>,
 }
 
-/// A tool: a rigid shape that presses on the body, which nothing of it passes through. It goes along
-/// a path, or is a rigid body that moves as forces have it (anything but a plane, with
-/// `[contact]`), and is drawn with the body. A body of finite elements on the processor's engine, stepped
-/// by `implicit` or `bdf2`.
+/// A tool: a rigid shape in contact with the body, without penetration. Its motion is prescribed by
+/// a path, or it is a dynamic rigid body (any shape but a plane; uses `[contact]`). It is drawn
+/// with the body. Requires finite elements on the CPU engine, stepped by `implicit` or `bdf2`.
 ///
 /// ```toml
 /// [[tool]]
-/// name = "finger"         # in files of reactions; `tool1` and so on where nothing is said
+/// name = "finger"         # in reaction files; default `tool1`, `tool2` …
 /// sphere = { radius = 8.0 }       # in the mesh's unit; or one of these:
 /// # capsule = { radius = 5.0, length = 30.0 }   # `length` without the caps
 /// # box = { size = [20.0, 10, 4] }
-/// # plane = {}                    # all on one side of it
+/// # plane = {}                    # a half-space
 /// # surface = "probe.stl"         # any closed surface, in its own coordinates
-/// at = [0.0, 0, 60]       # its middle, or the origin of the surface's coordinates
+/// at = [0.0, 0, 60]       # its centre, or the origin of the surface's coordinates
 /// along = [0.0, 0, 1]     # the axis of a capsule, the third edge of a box, the normal of a plane
-/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, -10]]     # time in s, and how far it has moved
+/// path = [[0.0, 0, 0, 0], [0.5, 0, 0, -10]]     # time (s) and displacement
 /// # file = "path.csv"     # or a table with the columns time_s,x,y,z
-/// turn = [[0.0, 0], [0.5, 30]]    # time in s, and degrees …
-/// axis = [0.0, 1, 0]      # … about this axis through its middle
+/// turn = [[0.0, 0], [0.5, 30]]    # time (s) and angle (degrees) …
+/// axis = [0.0, 1, 0]      # … about this axis through its centre
 /// friction = 0.3
-/// # spring = 500.0        # N/m: `path` is where a hand goes that holds it by this spring …
-/// # limit = 2.0           # … and lets it be pushed back by more than this force, N
-/// # mass = 0.05           # kg, of a tool on a spring; or without one of a free rigid body
+/// # spring = 500.0        # N/m: couples the tool to a hand that follows `path` …
+/// # limit = 2.0           # … with this largest force, N
+/// # mass = 0.05           # kg, of a dynamic tool, with or without a spring
 /// colour = [0.7, 0.75, 0.8]
 /// # opacity = 0.5
-/// # hidden = true         # it presses, and is not drawn
+/// # hidden = true         # in contact, but not drawn
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolEntry {
-    /// What it is called in files of reactions.
+    /// Name in reaction files.
     pub name: Option<String>,
-    /// A ball.
+    /// A sphere.
     pub sphere: Option<SphereEntry>,
-    /// A cylinder with rounded ends.
+    /// A capsule: a cylinder with hemispherical ends.
     pub capsule: Option<CapsuleEntry>,
     /// A box.
     #[serde(rename = "box")]
     pub cuboid: Option<BoxEntry>,
-    /// A plane: all below it.
+    /// A half-space below a plane.
     pub plane: Option<PlaneShapeEntry>,
-    /// A closed surface, beside the scene file: edges are rounded by a 64th of its extent.
+    /// A closed surface, relative to the scene file; its edges are rounded by 1/64 of its extent.
     pub surface: Option<PathBuf>,
-    /// Where its middle is at first.
+    /// Initial position of its centre.
     pub at: [f64; 3],
-    /// Where the third axis of its shape points; +z where nothing is said.
+    /// Direction of the third axis of its shape; default +z.
     pub along: Option<[f64; 3]>,
-    /// Times and displacements from `at`, linear between them.
+    /// Times and displacements from `at`, interpolated linearly.
     pub path: Option<Vec<[f64; 4]>>,
-    /// A CSV file of the same, beside the scene file: a header `time_s,x,y,z` and numbers.
+    /// CSV file with the path, relative to the scene file: a header `time_s,x,y,z` and numbers.
     pub file: Option<PathBuf>,
-    /// Times and angles in degrees, linear between them.
+    /// Times and angles in degrees, interpolated linearly.
     pub turn: Option<Vec<[f64; 2]>>,
-    /// What it turns about, through its middle.
+    /// Rotation axis, through its centre.
     pub axis: Option<[f64; 3]>,
-    /// μ of Coulomb friction; 0 where nothing is said.
+    /// Coulomb friction coefficient μ; default 0.
     pub friction: Option<f64>,
-    /// N/m: it is a rigid body, held at its centre of mass by a spring to where its path goes.
+    /// Spring stiffness, N/m: makes the tool a dynamic rigid body whose centre of mass is coupled
+    /// by a spring to the position on its path.
     pub spring: Option<f64>,
-    /// The largest force of that spring, N.
+    /// Largest force of the spring, N.
     pub limit: Option<f64>,
-    /// kg: it is a rigid body, free or on a spring; that of as much water on a spring where nothing
-    /// is said.
+    /// Mass, kg: makes the tool a dynamic rigid body, free or on a spring. Default for a tool on a
+    /// spring: the mass of its volume of water.
     pub mass: Option<f64>,
-    /// The gap from which on it pushes, which it keeps nearly where it presses: a small part of its
-    /// size and of the mesh's edges where nothing is said.
+    /// Distance at which the contact barrier becomes active, close to the gap kept during contact;
+    /// default: a small fraction of its size and of the mesh's edge length.
     pub gap: Option<f64>,
-    /// Red, green, blue, from 0 to 1; grey where nothing is said.
+    /// Colour: red, green, blue, from 0 to 1; default grey.
     pub colour: Option<[f32; 3]>,
-    /// From 0, invisible, to 1, opaque.
+    /// Opacity, from 0 (invisible) to 1 (opaque).
     pub opacity: Option<f32>,
-    /// Whether it is left out of pictures.
+    /// Whether it is not drawn.
     #[serde(default)]
     pub hidden: bool,
 }
 
-/// A ball.
+/// A sphere.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SphereEntry {
@@ -105,13 +105,13 @@ pub struct SphereEntry {
     pub radius: f64,
 }
 
-/// A cylinder with rounded ends.
+/// A capsule: a cylinder with hemispherical ends.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CapsuleEntry {
     /// Its radius.
     pub radius: f64,
-    /// Of the cylinder, without the ends.
+    /// Length of the cylinder, without the ends.
     pub length: f64,
 }
 
@@ -119,7 +119,7 @@ pub struct CapsuleEntry {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxEntry {
-    /// Its edges.
+    /// Edge lengths.
     pub size: [f64; 3],
 }
 
