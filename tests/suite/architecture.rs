@@ -203,12 +203,13 @@ impl Sources {
                 module = child;
                 continue;
             }
-            if let Some(target) = self.names.get(&(module.clone(), name.clone())) {
-                if depth < 8 && target[..] != path[..=k] {
-                    let mut target = target.clone();
-                    target.extend_from_slice(&path[k + 1..]);
-                    return self.home(&target, depth + 1);
-                }
+            if let Some(target) = self.names.get(&(module.clone(), name.clone()))
+                && depth < 8
+                && target[..] != path[..=k]
+            {
+                let mut target = target.clone();
+                target.extend_from_slice(&path[k + 1..]);
+                return self.home(&target, depth + 1);
             }
             break;
         }

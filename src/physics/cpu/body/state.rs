@@ -62,7 +62,7 @@ impl<T: Real> CpuBody<T> {
             previous_dt: self.previous_dt,
             steps: self.steps,
             poses: self.newton.as_ref().map_or(Vec::new(), |n| {
-                n.rigid.now.iter().map(Pose::to_array).collect()
+                n.rigid.now.iter().map(|pose| pose.to_array()).collect()
             }),
             torques: self.newton.as_ref().map_or(Vec::new(), |n| {
                 n.rigid.torques.iter().map(|t| t.to_array()).collect()

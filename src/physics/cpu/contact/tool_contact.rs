@@ -36,12 +36,12 @@ impl LocalToolPose {
     }
 
     /// Where `p` is in its frame.
-    pub fn to_local(&self, p: DVec3) -> DVec3 {
+    pub fn to_local(self, p: DVec3) -> DVec3 {
         self.turn.inverse() * (p - self.place)
     }
 
     /// Where what is `p` in its frame is.
-    pub fn to_world(&self, p: DVec3) -> DVec3 {
+    pub fn to_world(self, p: DVec3) -> DVec3 {
         self.place + self.turn * p
     }
 

@@ -493,7 +493,7 @@ impl<T: Real> NewtonSolver<T> {
                         .damping_displacements
                         .clone_from(&self.damping_displacements);
                     implicit.basis.poses.clear();
-                    let poses = self.rigid.best.iter().map(Pose::to_array);
+                    let poses = self.rigid.best.iter().map(|pose| pose.to_array());
                     implicit.basis.poses.extend(poses);
                 }
                 let matrix = SystemOperator {

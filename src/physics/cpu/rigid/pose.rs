@@ -42,7 +42,7 @@ impl Pose {
     }
 
     /// As numbers, to the bit.
-    pub fn to_array(&self) -> [f64; 7] {
+    pub fn to_array(self) -> [f64; 7] {
         let ([a, b, c], [x, y, z, w]) = (self.translation.to_array(), self.rotation.to_array());
         [a, b, c, x, y, z, w]
     }
