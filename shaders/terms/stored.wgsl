@@ -7,8 +7,8 @@
 // At 4 t + k, across the face opposite the k-th smallest node of tet t: the neighbour, and the
 // exclusive or of its nodes.
 @group(0) @binding(next) var links: texture_storage_2d<rg32uint, read>;
-// The gradient at each node, if NODE_LIGHT; w is the fraction of light that reaches it, if
-// SHADOWED.
+// The gradient at each node, if PER_NODE_LIGHT; w is the fraction of light that reaches it, if
+// SHADOWS.
 @group(0) @binding(next) var gradients: texture_storage_2d<rgba32float, read>;
 
 fn projected_at(i: u32) -> vec4<f32> {
