@@ -53,7 +53,7 @@ fn quat_from_matrix(m: mat3x3<f32>) -> vec4<f32> {
         q = vec4(even.y, even.z, parts.z, skew.z);
     }
     let length = dot(q, q);
-    // Nodes in a line, or none that are numbers.
+    // Collinear nodes, or non-finite positions.
     if !(length > 1e-12 && length < 1e12) {
         return IDENTITY_ROTATION;
     }

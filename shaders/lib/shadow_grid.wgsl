@@ -13,7 +13,7 @@ const MIN_EXTENT_RATIO: f32 = 0.015625;
 
 struct Grid {
     low: vec3<f32>,
-    // Side of a cell.
+    // Cell size.
     cell: f32,
     dims: vec3<u32>,
 }

@@ -1,32 +1,32 @@
-// Tools as the GPU has them, local units. The twin of `physics::gpu_contact`.
+// Tools as stored on the GPU, in local units. Host side: `physics::gpu::contact`.
 
 struct Tool {
-    // Radius; radius and half of the length; half of the edges; or what one value of the field is;
-    // in w the shape.
+    // Dimensions by shape: radius; radius and half length; half edges; or scale of the field
+    // values. w is the shape.
     shape: vec4<f32>,
-    // Friction, the gap, half of the thickness where it is thin, and the size.
+    // Friction coefficient, gap, half thickness if thin, and size.
     numbers: vec4<f32>,
-    // How far inside it a point may be in the end, how far it goes in a stage, the radius of a ball
-    // that has it inside, and how far any of it goes in the step at most.
+    // Final penetration tolerance, maximum motion per stage, radius of an enclosing ball, and
+    // maximum motion of any point during the step.
     limits: vec4<f32>,
-    // Of a field: its first point and the spacing; how many points there are along each axis and
-    // the place of the first among the values.
+    // Signed distance field: first grid point and spacing; number of points along each axis and
+    // index of the first value.
     low: vec4<f32>,
     grid: vec4<u32>,
-    // Where it was before the step, goes, and is between two iterations.
+    // Poses before the step, at its end, and at the current Newton iteration.
     start_position: vec4<f32>,
     start_rotation: vec4<f32>,
     target_position: vec4<f32>,
     target_rotation: vec4<f32>,
     current_position: vec4<f32>,
     current_rotation: vec4<f32>,
-    // Where it was in the iteration before.
+    // Pose in the previous iteration.
     previous_position: vec4<f32>,
     previous_rotation: vec4<f32>,
-    // Where it was when its normal forces were taken for friction.
+    // Pose at which the friction normal forces were evaluated.
     friction_position: vec4<f32>,
     friction_rotation: vec4<f32>,
-    // Where the last step that was found took it.
+    // Pose at the end of the last converged step.
     accepted_position: vec4<f32>,
     accepted_rotation: vec4<f32>,
 }
