@@ -1,4 +1,5 @@
-// After every few iterations of conjugate gradients: opens the passes that take their answer, once
+// Runs after every few conjugate gradient iterations: enables the passes that use the solution once
+// the solve has finished. One invocation.
 // it is there. One invocation.
 
 #import lib/cg
