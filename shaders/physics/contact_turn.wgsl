@@ -1,5 +1,4 @@
 // Runs after every few conjugate gradient iterations: enables the passes that use the solution once
-// the solve has finished. One invocation.
 // it is there. One invocation.
 
 #import lib/cg

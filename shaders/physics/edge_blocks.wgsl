@@ -1,5 +1,5 @@
-// The blocks of the matrix that finite elements give each edge of the mesh, from the curvatures of
-// the tets around it, for both of its directions: three texels, the rows of (h² + hτ) K_ij.
+// Assembles the finite element matrix blocks of each mesh edge from the Hessians of the surrounding
+// tets, for both directions of the edge: three texels, the rows of (h² + hτ) K_ij.
 
 #import lib/array
 #import lib/status

@@ -1,5 +1,5 @@
-// Checks that all particles are at finite positions in range, and measures their motion: one
-// workgroup, after a run of steps.
+// Counts particles with non-finite positions, and measures extent and motion: one workgroup, after
+// a run of steps.
 
 #import lib/reduce
 #import lib/status
@@ -9,7 +9,7 @@ struct GridCheckParams {
 }
 
 struct GridStatus {
-    // Number of particles with non-finite or out-of-range positions.
+    // Number of particles with non-finite positions.
     out_of_range: f32,
     // Sum of m/m̄ |x - x₋₁|².
     motion: f32,
