@@ -1,5 +1,5 @@
 // Runs after every few conjugate gradient iterations: enables the passes that use the solution once
-// it is there. One invocation.
+// it is available. One invocation.
 
 #import lib/cg
 #import lib/tool
