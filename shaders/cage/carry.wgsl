@@ -1,5 +1,5 @@
-// Interpolates the displacement of a cage mesh to the nodes of a fine mesh with barycentric
-// weights. CPU reference: `BarycentricMap::apply`.
+// Deforms a fine mesh with its cage: interpolates the node positions of the cage tets with
+// barycentric weights. CPU reference: `BarycentricMap::apply`.
 
 #import lib/array
 

@@ -14,8 +14,8 @@ override BACK_FACES: bool = false;
 // the snapped triangle. A convex set contains another if its support function is nowhere smaller.
 // Each corner moves by at most d, so h_T' >= h_T - d; T contains everything within the margin of K,
 // so h_T >= h_K + margin. With margin >= d, T' contains K, and with it the centre of each pixel
-// that K covers. The remainder of an eighth covers rays that pass beside the centre (ASIDE in
-// render/view.rs, 0.003), and rounding in 32 bits (under 0.02 below FAR).
+// that K covers. The remainder of an eighth covers rays that pass beside the centre
+// (PIXEL_OFFSET in render/view.rs, 0.003), and rounding in 32 bits (under 0.02 below FAR).
 const COVER_MARGIN: f32 = 0.125;
 // Maximum corner displacement due to the offset, in pixels.
 const MOST_MARGIN: f32 = 4.0;

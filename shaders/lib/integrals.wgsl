@@ -1,7 +1,7 @@
 // Integrals of the transfer function over the scalar: colour times extinction, extinction, and the
-// first moment of attenuation within a segment. CPU reference: `render::table::integrals`. Needs
-// `table_at` of the importing term: the texel of a point, in two rows per transfer function, C and
-// P, then Q.
+// moment that accounts for self-occlusion within a segment. CPU reference:
+// `render::table::integrals`. Needs `table_at` of the importing term: the texel of a point, in two
+// rows per transfer function, C and P, then Q.
 //
 // Table coordinates are points; depths are lengths times the largest extinction, times log2(e).
 
@@ -32,7 +32,7 @@ fn integrate_interval(a: i32, b: i32, at_a: vec4<u32>, at_b: vec4<u32>, depth: f
     let moments = table_at(b, 2u * row + 1u).rgb - table_at(a, 2u * row + 1u).rgb;
     let moment = vec3<f32>(bitcast<vec3<i32>>(moments)) - sum.rgb * (f32(at_a.a) / FIXED_POINT_SCALE);
     // To first order in its depth t the mean colour is c + t (c / 2 - moment); at large t the
-    // correction for a linear colour grows as 6 / t of it.
+    // correction for a linear colour is 6 / t of that.
     let t = sum.a * depth * 0.6931472;
     let clear = sum.a * (1.0 / FIXED_POINT_SCALE) / MIN_DEPTH;
     let trust = clear * clear / (1.0 + clear * clear);

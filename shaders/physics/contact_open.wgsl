@@ -12,7 +12,7 @@ struct InitParams {
 }
 @group(0) @binding(next) var<uniform> params: InitParams;
 
-// Minimum motion, relative to it, for which this applies.
+// Minimum tool motion, relative to `wide`, for which it applies.
 const MIN_MOVE_RATIO: f32 = 0.2;
 
 // Maximum number of stages per step.

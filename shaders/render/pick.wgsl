@@ -11,7 +11,7 @@
 // 0: the smallest z. 1: the first triangle at that z. 2: weights, position and nearest corner in
 // it.
 override PASS: u32 = 0u;
-// Number of triangles per invocation.
+// Stride in texels between consecutive positions.
 override TRIANGLES_PER_INVOCATION: u32 = 1u;
 // Tolerance in units in the last place for the same z computed in two passes.
 const ROUNDING: u32 = 4u;
