@@ -1,4 +1,4 @@
-// Puts single items into an array: item places[k] becomes items[k].
+// Scatters items into an array: item places[k] becomes items[k].
 
 #import lib/array
 

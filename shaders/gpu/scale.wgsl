@@ -1,4 +1,4 @@
-// result = factor · input. The smallest pass there is: what the tests of the pass mechanism run.
+// result = factor · input. The smallest possible pass, used by the tests of the pass mechanism.
 
 #import lib/array
 

@@ -1,5 +1,5 @@
-// Of triangles marked to be drawn, a bit each: how many there are before every 32, and in all, by one
-// workgroup. So those that are drawn keep their order.
+// Prefix sum over a bitmask of triangles to draw: the number of set bits before every 32 triangles
+// and in total, computed by one workgroup. Compaction with these offsets preserves triangle order.
 
 #import lib/array
 
@@ -7,9 +7,9 @@ struct BitmaskPrefixSum {
     runs: u32,
 }
 
-// For every 32 triangles: which are drawn, and how many before them.
+// For every 32 triangles: the bitmask of drawn triangles, and the number drawn before them.
 @group(0) @binding(0) var<storage, read_write> marks: array<u32>;
-// The first word is set: the number of vertices.
+// Indirect draw arguments; this pass writes the first word, the number of vertices.
 @group(0) @binding(1) var<storage, read_write> arguments: array<u32>;
 @group(0) @binding(2) var<uniform> params: BitmaskPrefixSum;
 

@@ -1,6 +1,6 @@
-// Bilinear look-ups without a filtering sampler.
+// Bilinear interpolation without a filtering sampler.
 
-// `texels` at continuous texel coordinates (0 is the first texel's centre), clamped.
+// Samples `texels` at continuous texel coordinates (0 is the first texel's centre), clamped.
 fn bilinear(texels: texture_2d<f32>, size: u32, where_: vec2<f32>) -> vec4<f32> {
     let p = clamp(where_, vec2(0.0), vec2(f32(size - 1u)));
     let i = min(vec2<u32>(p), vec2(size - 2u));

@@ -1,16 +1,16 @@
-// What clip planes leave of a surface: fragments beyond one are dropped. Needs lib/array.
+// Clip planes for surfaces: fragments beyond a plane are discarded. Needs lib/array.
 
-// Planes that cut off what lies beyond them.
+// Number of clip planes.
 override CLIP_PLANE_COUNT: u32 = 0u;
-// Whether any is given where the body rests.
+// Whether any plane is defined in the rest configuration.
 override USE_REST_POSITIONS: bool = false;
 
-// As in lib/inside: two texels a plane.
+// Two texels per plane, as in lib/inside.
 @group(0) @binding(next) var cuts: texture_2d<f32>;
-// Where the nodes rest, in the local frame; if RESTING.
+// Rest positions of the nodes, in the local frame; if USE_REST_POSITIONS.
 @group(0) @binding(next) var rests: texture_2d<f32>;
 
-// Whether a place, which lies at `rest` when the body rests, is cut off.
+// Whether a point, whose rest position is `rest`, is clipped.
 fn is_clipped(place: vec3<f32>, rest: vec3<f32>) -> bool {
     var gone = false;
     for (var k = 0u; k < CLIP_PLANE_COUNT; k++) {

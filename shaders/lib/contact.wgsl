@@ -1,30 +1,31 @@
-// Points of the boundary and the tools near them: E = Σ A K ĝ b(d/ĝ), with Coulomb friction by the
-// normal forces of a state before. The twin of `physics::contact` and `physics::cpu::contact`.
+// Contact of boundary quadrature points with tools: barrier energy E = Σ A K ĝ b(d/ĝ), with lagged
+// Coulomb friction (normal forces of an earlier state). CPU reference: `physics::contact` and
+// `physics::cpu::contact`.
 
 #import lib/array
 #import lib/status
 #import lib/tool
 
-// Where the nodes are at the start of the step.
+// Node positions at the start of the step.
 @group(0) @binding(next) var start_positions: texture_2d<f32>;
 @group(0) @binding(next) var masses: texture_2d<f32>;
 @group(0) @binding(next) var<storage, read> status: Status;
 @group(0) @binding(next) var<storage, read> tools: array<Tool>;
-// Values of all fields.
+// Values of all signed distance fields.
 @group(0) @binding(next) var<storage, read> fields: array<f32>;
 
-// Points of a face's lattice are nearer to each other at rest than this part of a tool's size, and
-// so many along an edge at most.
+// Maximum rest spacing of a face's lattice of points relative to a tool's size, and the maximum
+// number of subdivisions of an edge.
 const MAX_SPACING_RATIO: f32 = 0.2;
 const MAX_SUBDIVISIONS: f32 = 12.0;
 
-// A point whose nodes are free by less than this has nowhere to go.
+// A point whose nodes have a mobility below this cannot move.
 const MIN_MOBILITY: f32 = 0.25;
 
-// Where the barrier goes on as a parabola; see `physics::contact::barrier`.
+// Gap below which the barrier is extended quadratically; see `physics::contact::barrier`.
 const QUADRATIC_BELOW: f32 = 0.2;
 
-// b, b' and b'' at the gap g.
+// Returns b, b' and b'' at the gap g.
 fn barrier_derivatives(g: f32) -> vec3<f32> {
     if g >= 1.0 {
         return vec3(0.0);
@@ -39,13 +40,13 @@ fn barrier_derivatives(g: f32) -> vec3<f32> {
     return vec3(by * (slope + 0.5 * by * bend) - off * off * logarithm, slope + by * bend, bend);
 }
 
-// Parts of an edge of a face in the lattice of points that a tool is kept from.
+// Returns the number of subdivisions of a face edge in the lattice of contact points.
 fn subdivisions(k: u32, longest: f32) -> u32 {
-    // Not one more where the quotient is a whole number but for rounding.
+    // The tolerance avoids an extra subdivision when rounding lifts a whole quotient.
     return u32(clamp(ceil(longest / (MAX_SPACING_RATIO * tools[k].numbers.w) - 1e-3), 1.0, MAX_SUBDIVISIONS));
 }
 
-// All within `radius` of a place from which the point is `off`: normal and distance.
+// Returns the normal and distance to the sphere of this radius; `off` is relative to its centre.
 fn sphere_distance(off: vec3<f32>, radius: f32) -> vec4<f32> {
     let l = length(off);
     if l < 1e-30 {
@@ -54,7 +55,8 @@ fn sphere_distance(off: vec3<f32>, radius: f32) -> vec4<f32> {
     return vec4(off / l, l - radius);
 }
 
-// The weights of three points at t from the first, and their slopes.
+// Returns the quadratic B-spline weights of three points at t from the first, and their
+// derivatives.
 fn bspline_weights(t: f32) -> mat2x3<f32> {
     let s = t - 1.0;
     return mat2x3(
@@ -63,7 +65,7 @@ fn bspline_weights(t: f32) -> mat2x3<f32> {
     );
 }
 
-// Where a point stands to a field of distances.
+// Returns the normal and distance to a signed distance field.
 fn sdf_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     let spacing = tools[k].low.w;
     let counts = tools[k].grid.xyz;
@@ -96,7 +98,7 @@ fn sdf_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     return tools[k].shape.x * vec4(sum.xyz / spacing, sum.w);
 }
 
-// Where a point of the tool's own frame stands to it: the normal, and in w the distance.
+// Returns the normal and, in w, the distance to tool k of a point in the tool's frame.
 fn local_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     let shape = tools[k].shape;
     switch u32(shape.w) {
@@ -130,14 +132,15 @@ fn local_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     }
 }
 
-// The same of a point that is p from the tool's origin, where it is turned so.
+// Returns the normal and distance to tool k with rotation `turn`, of a point p relative to its
+// origin.
 fn surface_distance(k: u32, p: vec3<f32>, turn: vec4<f32>) -> vec4<f32> {
     let own = local_distance(k, quat_rotate(quat_conjugate(turn), p));
     return vec4(quat_rotate(turn, own.xyz), own.w);
 }
 
-// From a tool's origin at `place`, a point of three nodes at x + h v: differences first, so that
-// they have their digits.
+// Returns the position relative to a tool's origin at `place` of a point of three nodes at x + h v.
+// Differences are taken first, to preserve accuracy.
 fn relative_displacement(x: mat3x3<f32>, place: vec3<f32>, w: vec3<f32>, way: vec3<f32>) -> vec3<f32> {
     return w.x * (x[0] - place) + w.y * (x[1] - place) + w.z * (x[2] - place) + way;
 }

@@ -1,18 +1,18 @@
-// What tools exert on points of the boundary, and what that adds to the matrix.
+// Contact forces of tools on boundary points, and their Hessian contributions.
 
 #import lib/contact
 
 @group(0) @binding(next) var velocities: texture_2d<f32>;
-// How these changed last.
+// The latest change of the velocities.
 @group(0) @binding(next) var ways: texture_2d<f32>;
-// Those by which friction takes normal forces.
+// The velocities at which friction takes its normal forces (lagged friction).
 @group(0) @binding(next) var rubbed: texture_2d<f32>;
 @group(0) @binding(next) var<storage, read> pushing: ContactStepState;
 
 struct ContactParams {
     items: u32,
     dt: f32,
-    // The speed below which friction holds.
+    // Sliding speed below which friction is regularised (sticking).
     least_speed: f32,
     _pad0: u32,
 }
@@ -20,16 +20,16 @@ struct ContactParams {
 
 struct ContactContribution {
     force: vec3<f32>,
-    // xx, yy, zz, and xy, xz, yz; of A = −h² ∂f/∂x − h ∂f/∂v.
+    // xx, yy, zz, and xy, xz, yz of A = −h² ∂f/∂x − h ∂f/∂v.
     diagonal: vec3<f32>,
     mixed: vec3<f32>,
     touches: bool,
-    // 1 where the point is inside by more than it may be in the end.
+    // 1 if the point penetrates by more than the final tolerance.
     pierced: f32,
 }
 
-// Three nodes: where they start from, their velocities, how these changed last, and those by which
-// friction goes.
+// Three nodes: start positions, velocities, their latest change, and the velocities used for
+// friction.
 struct ContactNodes {
     x: mat3x3<f32>,
     v: mat3x3<f32>,
@@ -37,15 +37,16 @@ struct ContactNodes {
     rubbed: mat3x3<f32>,
 }
 
-// What slides resists as if this part of it stuck, or it would slide back and forth.
+// Lower bound of the stiffness along the sliding direction, relative to sticking; prevents
+// oscillation.
 const MIN_SLIDING_STIFFNESS_RATIO: f32 = 0.1;
 
-// The gap from which on a tool pushes as iterations are.
+// Returns the activation distance of tool k in the current iteration.
 fn active_gap(k: u32) -> f32 {
     return max(tools[k].numbers.y, pushing.activation_distance);
 }
 
-// The share of tool k in a point of nodes with the weights w, which stands for A K.
+// Returns the contribution of tool k to a point with node weights w; ak is its A K.
 fn contact_contribution(k: u32, at: ContactNodes, w: vec3<f32>, ak: f32) -> ContactContribution {
     let h = params.dt;
     let friction = tools[k].numbers.x;
@@ -61,8 +62,8 @@ fn contact_contribution(k: u32, at: ContactNodes, w: vec3<f32>, ak: f32) -> Cont
         let was = surface_distance(k, p, tools[k].previous_rotation);
         let known = barrier_derivatives(was.w / gap);
         if known.y < 0.0 {
-            // What touched goes along, as if the barrier were a spring both ways: tools that draw
-            // back by more than the gap would let go of all at once.
+            // Existing contacts follow the tool as if the barrier were a two-sided spring.
+            // Otherwise tools that retract by more than the gap would release everything at once.
             barrier = vec3(0.0, known.y + known.z * (now.w - was.w) / gap, known.z);
         }
     }

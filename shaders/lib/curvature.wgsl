@@ -1,17 +1,17 @@
-// The second derivatives of an isotropic energy by F = U Σ Vᵀ, made positive (Stomakhin et al.
+// Second derivatives of an isotropic energy by F = U Σ Vᵀ (projected SPD Hessian): Stomakhin et al.
 // 2012, section 4; Smith, de Goes & Kim 2019, "Analytic Eigensystems for Isotropic Distortion
-// Energies").
+// Energies".
 //
-// In the frame of U and V they are a 3×3 matrix ∂²Ψ/∂σ_i∂σ_j, by which the diagonal of UᵀδF V acts
-// on that of UᵀδP V, and for each pair of axes a flip (on the symmetric part) and a twist (on the
-// antisymmetric one).
+// In the frame of U and V the Hessian is a 3×3 matrix ∂²Ψ/∂σ_i∂σ_j that maps the diagonal of UᵀδF V
+// to that of UᵀδP V, and for each pair of axes a flip eigenvalue (symmetric part) and a twist
+// eigenvalue (antisymmetric part).
 
 #import lib/polar
 
 struct PrincipalHessian {
     // ∂²Ψ/∂σ_i∂σ_j.
     stretch: mat3x3<f32>,
-    // Of the pairs (1 2), (2 0), (0 1).
+    // For the pairs (1 2), (2 0), (0 1).
     flip: vec3<f32>,
     twist: vec3<f32>,
 }
@@ -29,7 +29,7 @@ fn frame_of(g: mat3x3<f32>) -> SvdFrame {
     return SvdFrame(parts.rotation * axes.vectors, axes.vectors, axes.values);
 }
 
-// With its negative eigenvalues put to zero.
+// Projects the Hessian to positive semidefinite by clamping negative eigenvalues to zero.
 fn project_psd(given: PrincipalHessian) -> PrincipalHessian {
     var c = given;
     c.flip = max(c.flip, vec3(0.0));
@@ -46,18 +46,18 @@ fn project_psd(given: PrincipalHessian) -> PrincipalHessian {
     return c;
 }
 
-// J − 1 and ∂J/∂σ at Σ = I + E.
+// Returns ∂J/∂σ and, in w, J − 1 at Σ = I + E.
 fn cofactors_and_det(e: vec3<f32>) -> vec4<f32> {
     let pairs = e.x * e.y + e.y * e.z + e.z * e.x;
     let s = vec3(1.0) + e;
     return vec4(s.yzx * s.zxy, e.x + e.y + e.z + pairs + e.x * e.y * e.z);
 }
 
-// δP for a δF.
+// Returns the stress differential δP for the differential δF.
 fn stress_differential(c: PrincipalHessian, frame: SvdFrame, change: mat3x3<f32>) -> mat3x3<f32> {
     let x = transpose(frame.u) * change * frame.v;
     let along = c.stretch * vec3(x[0].x, x[1].y, x[2].z);
-    // Half of x_ij + x_ji and of x_ij − x_ji, of the pairs (1 2), (2 0), (0 1).
+    // Half of x_ij + x_ji and of x_ij − x_ji, for the pairs (1 2), (2 0), (0 1).
     let upper = vec3(x[2].y, x[0].z, x[1].x);
     let lower = vec3(x[1].z, x[2].x, x[0].y);
     let even = 0.5 * c.flip * (upper + lower);

@@ -1,48 +1,49 @@
-// Boundary faces drawn so that every ray that meets one gets a fragment of it; the fragment then
-// decides by the walk's own sign tests. Needs `projected_at` of a node, `boundary_at` of a face and
-// `params: View` of the shader that imports it, and lib/array, lib/view, lib/tet, lib/sight.
+// Conservative rasterisation of boundary faces: every ray that hits a face gets a fragment of it,
+// which then decides by the sign tests of the traversal. Needs `projected_at` of a node,
+// `boundary_at` of a face and `params: View` of the importing shader, and lib/array, lib/view,
+// lib/tet, lib/sight.
 
-// Faces that show their back, instead of those that show their front.
+// Whether back faces are drawn instead of front faces.
 override BACK_FACES: bool = false;
 
-// By how much the edges of faces are moved out, in pixels.
+// Outward offset of face edges, in pixels.
 //
-// A rasteriser moves corners onto a grid before it decides what they cover. Vulkan guarantees 16
-// steps a pixel (subPixelPrecisionBits of 4) and does not say whether it rounds or truncates, so
-// a corner moves by at most d = √2/16 = 0.0884 pixels. That suffices: let K be the face, T what is
-// drawn and T' what T becomes. A convex set holds another where its support function is in no
-// direction less. Each corner moves by at most d, so h_T' >= h_T - d; T holds all within the margin
-// of K, so h_T >= h_K + margin. With margin >= d, T' holds K, and with it the middle of each pixel
-// that K covers. What is left of an eighth is for rays that pass beside the middle (ASIDE in
-// render/view.rs, 0.003), and for rounding in 32 bits (under 0.02 below FAR).
+// A rasteriser snaps corners to a grid before it computes coverage. Vulkan guarantees 16 steps per
+// pixel (subPixelPrecisionBits of 4) and leaves rounding or truncation open, so a corner moves by
+// at most d = √2/16 = 0.0884 pixels. That suffices: let K be the face, T the drawn triangle and T'
+// the snapped triangle. A convex set contains another if its support function is nowhere smaller.
+// Each corner moves by at most d, so h_T' >= h_T - d; T contains everything within the margin of K,
+// so h_T >= h_K + margin. With margin >= d, T' contains K, and with it the centre of each pixel
+// that K covers. The remainder of an eighth covers rays that pass beside the centre
+// (PIXEL_OFFSET in render/view.rs, 0.003), and rounding in 32 bits (under 0.02 below FAR).
 const COVER_MARGIN: f32 = 0.125;
-// How far a corner may move with its edges, in pixels.
+// Maximum corner displacement due to the offset, in pixels.
 const MOST_MARGIN: f32 = 4.0;
-// Corners farther than this from the middle of the picture, in pixels, are rounded too coarsely.
+// Corners farther than this from the image centre, in pixels, are rounded too coarsely.
 const FAR: f32 = 16384.0;
-// Corners nearer to the plane of the eye than this, in local units, count as behind it; nothing
-// as near is seen (NEAR in render/view.rs is ten times as much).
+// Corners closer to the eye plane than this, in local units, count as behind it; nothing that close
+// is visible (NEAR in render/view.rs is ten times as large).
 const EYE_PLANE_EPSILON: f32 = 1e-6;
-// A face this much turned away, in pixels for each pixel of its sides, cannot pass the sign tests.
+// Faces turned away by more than this, in pixels per pixel of edge length, fail the sign tests.
 const EDGE_ON_SINE: f32 = 0.02;
 
 struct Face {
-    // Nodes in the order in which they are counter-clockwise as seen, and 4 tet + face.
+    // Nodes counter-clockwise as seen from the eye, and 4 tet + face.
     ids: vec4<u32>,
-    // The nodes in camera space.
+    // Node positions in camera space.
     nodes: array<vec3<f32>, 3>,
-    // The corners of the triangle to draw, in clip space of w 1.
+    // Corners of the triangle to draw, in clip space with w = 1.
     corners: array<vec2<f32>, 3>,
 }
 
-// The nodes of boundary face `index`, and its code.
+// Returns the nodes of boundary face `index`, and its code.
 fn face_ids(index: u32) -> vec4<u32> {
     let ids = boundary_at(index);
     // Counter-clockwise as seen from inside.
     return select(ids, ids.xzyw, BACK_FACES);
 }
 
-// Boundary face `index` with the triangle that covers it.
+// Returns boundary face `index` with its covering triangle.
 fn face_of(index: u32) -> Face {
     let ids = face_ids(index);
     let q = array(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz);
@@ -50,8 +51,8 @@ fn face_of(index: u32) -> Face {
     return Face(ids, q, array(drawn[0] * params.pixel, drawn[1] * params.pixel, drawn[2] * params.pixel));
 }
 
-// A triangle, in pixels from the middle of the picture, that holds all within the margin of the
-// part in the picture of the triangle with corners p in clip space.
+// Returns a triangle, in pixels from the image centre, that contains everything within the margin
+// of the visible part of the triangle with clip-space corners p.
 fn cover_triangle(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     if min(p[0].w, min(p[1].w, p[2].w)) <= EYE_PLANE_EPSILON {
         return clip_to_view(p);
@@ -70,7 +71,7 @@ fn cover_triangle(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     return enlarged(s, area);
 }
 
-// A point of clip space in pixels.
+// Converts clip-space position p to pixels.
 fn in_pixels(p: vec4<f32>) -> vec2<f32> {
     return p.xy / (p.w * params.pixel);
 }
@@ -80,15 +81,15 @@ fn empty_triangle() -> array<vec2<f32>, 3> {
     return array(outside, outside, outside);
 }
 
-// Half a box of twice the size of that at `corner` with sides along `along` and across it.
+// Returns a right triangle that contains the box of this size at `corner`, aligned with `along`.
 fn half_box(corner: vec2<f32>, along: vec2<f32>, size: vec2<f32>) -> array<vec2<f32>, 3> {
     let across = vec2(-along.y, along.x);
     return array(corner, corner + 2.0 * size.x * along, corner + 2.0 * size.y * across);
 }
 
-// The same for a triangle not far outside the picture. Where a corner is so sharp that it would
-// move far, or the triangle is flat, a box about it is held: too much is drawn, and the sign tests
-// sort it out.
+// As `cover_triangle`, for a triangle not far outside the image. If a corner is so sharp that it
+// would move far, or the triangle is degenerate, its bounding box is covered instead; the sign
+// tests reject the excess.
 fn enlarged(s: array<vec2<f32>, 3>, area: f32) -> array<vec2<f32>, 3> {
     // Outward normals of the edges from corner k to the next.
     let n = array(edge_offset(s[0], s[1]), edge_offset(s[1], s[2]), edge_offset(s[2], s[0]));
@@ -123,10 +124,10 @@ fn edge_offset(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
     return vec2(edge.y, -edge.x) * inverseSqrt(max(dot(edge, edge), 1e-20));
 }
 
-// Of a triangle that reaches far outside the picture or behind the eye: a box, in the picture,
-// about what may be seen of it.
+// Returns a cover of the on-screen bounding box of the potentially visible part of a triangle that
+// extends far outside the image or behind the eye.
 fn clip_to_view(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
-    // A pixel more than the picture, each way from its middle.
+    // One pixel more than half the image in each direction.
     let edge = 1.0 / params.pixel + 1.0;
     var low = edge;
     var high = -edge;
@@ -139,8 +140,8 @@ fn clip_to_view(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
             high = max(high, s + 1.0);
         }
         if (a.w > EYE_PLANE_EPSILON) != (b.w > EYE_PLANE_EPSILON) {
-            // Where this side meets the plane of the eye it lies outside the picture, unless it
-            // does so right before the eye.
+            // The intersection of this side with the eye plane lies outside the image, unless it is
+            // directly in front of the eye.
             let x = mix(a.xy, b.xy, (a.w - EYE_PLANE_EPSILON) / (a.w - b.w));
             let slack = EYE_PLANE_EPSILON + 1e-6 * (abs(a.xy) + abs(b.xy));
             low = select(low, -edge, x < slack);
@@ -155,10 +156,10 @@ fn clip_to_view(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     return half_box(low, vec2(1.0, 0.0), high - low);
 }
 
-// Where a ray meets a face.
+// Intersection of a ray with a face.
 struct Hit {
     z: f32,
-    // Whether it does, in front of the eye and on the side that is drawn.
+    // Whether the ray hits the drawn side of the face, in front of the near plane.
     found: bool,
 }
 

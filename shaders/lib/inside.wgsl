@@ -1,28 +1,28 @@
-// Planes and isosurfaces in a volume: what of a segment is kept, and what surfaces it meets. The twin
-// of `render::inside`. Needs what lib/segment does.
+// Planes and isosurfaces in a volume: clips segments and intersects them with surfaces. CPU
+// reference: `render::sections`. Needs the same imports as lib/segment.
 
-// Planes that cut off what lies beyond them, planes that show the scalar, isosurfaces.
+// Number of clip planes, slice planes (which show the scalar) and isosurfaces.
 override CLIP_PLANE_COUNT: u32 = 0u;
 override SLICE_COUNT: u32 = 0u;
 override ISOSURFACE_COUNT: u32 = 0u;
-// Whether any plane is given where the body rests.
+// Whether any plane is defined in the rest configuration.
 override USE_REST_POSITIONS: bool = false;
-// Whether there is a volume beside the surfaces.
+// Whether the volume is rendered in addition to the surfaces.
 override DRAW_VOLUME: bool = true;
 
-// Colours in `colours`.
+// Colours per transfer function in `colours`.
 const COLOUR_LUT_SIZE: u32 = 1024u;
 
-// Two texels each: of planes, clips first, n and c of n · x = c, beyond which n points; 1 where the
-// body rests, opacity. Of isosurfaces the table coordinate, opacity and 1 with a colour of its own;
-// that colour.
+// Two texels each. Planes, clip planes first: n and c of n · x = c, where the half-space that n
+// points to is clipped; 1 if defined in the rest configuration, opacity. Isosurfaces: table
+// coordinate, opacity, and 1 for a colour of its own; that colour.
 @group(0) @binding(next) var cuts: texture_2d<f32>;
-// The colours of each transfer function, evenly over the range.
+// Colours of each transfer function, sampled uniformly over the range.
 @group(0) @binding(next) var colours: texture_2d<f32>;
-// Where the nodes rest, in the local frame; if RESTING.
+// Rest positions of the nodes, in the local frame; if USE_REST_POSITIONS.
 @group(0) @binding(next) var rests: texture_2d<f32>;
 
-// How far a place lies beyond plane k.
+// Returns the signed distance of a ray sample beyond plane k.
 fn plane_side(k: u32, spot: RaySample, ray: Ray) -> f32 {
     let plane = textureLoad(cuts, array_texel(2u * k), 0);
     var place = ray.foot + spot.z * ray.run;
@@ -32,7 +32,7 @@ fn plane_side(k: u32, spot: RaySample, ray: Ray) -> f32 {
     return dot(plane.xyz, place) - plane.w;
 }
 
-// The part of a segment that no plane cuts off, from 0 at its front to 1; empty if x >= y.
+// Returns the unclipped parameter range of a segment, from 0 at its front to 1; empty if x >= y.
 fn unclipped_range(part: Segment, ray: Ray) -> vec2<f32> {
     var range = vec2(0.0, 1.0);
     for (var k = 0u; k < CLIP_PLANE_COUNT; k++) {
@@ -52,16 +52,16 @@ fn sub_segment(part: Segment, range: vec2<f32>) -> Segment {
     return Segment(lerp_sample(part.front, part.back, range.x), lerp_sample(part.front, part.back, range.y), part.tet);
 }
 
-// A surface that a segment meets: where, and which; 0 for none.
+// Intersection of a segment with a surface: parameter and surface number; 0 for none.
 struct SurfaceHit {
     u: f32,
     which: u32,
 }
 
-// The nearer of two that lies behind `after`, of which surface `which` is met where a linear
-// function of `ends` at front and back is zero.
+// Returns the nearer of `best` and the crossing with surface `which`, considering only hits after
+// `after`. The surface is the zero of a linear function with the values `ends` at front and back.
 fn closer_hit(best: SurfaceHit, after: SurfaceHit, which: u32, ends: vec2<f32>) -> SurfaceHit {
-    // Whichever segment has a crossing, its neighbours have not: they share an end.
+    // A crossing belongs to exactly one segment, because neighbouring segments share an end.
     if (ends.x < 0.0) == (ends.y < 0.0) {
         return best;
     }
@@ -84,7 +84,7 @@ fn next_slice(part: Segment, ray: Ray, after: SurfaceHit, until: f32) -> Surface
 
 fn next_surface(part: Segment, ray: Ray, after: SurfaceHit, until: f32) -> SurfaceHit {
     var best = SurfaceHit(until, 0u);
-    // Scans look for slices in the whole of a segment.
+    // Scans intersect slice planes over the whole segment themselves.
     if !HAS_SCANS {
         best = next_slice(part, ray, after, until);
     }
@@ -95,7 +95,7 @@ fn next_surface(part: Segment, ray: Ray, after: SurfaceHit, until: f32) -> Surfa
     return best;
 }
 
-// The colour of transfer function `row` at a table coordinate.
+// Returns the colour of transfer function `row` at a table coordinate.
 fn colour_of(s: f32, row: u32) -> vec3<f32> {
     let share = clamp((s - params.scalar.y) / params.scalar.x, 0.0, 1.0);
     let x = share * f32(COLOUR_LUT_SIZE - 1u);
@@ -104,7 +104,7 @@ fn colour_of(s: f32, row: u32) -> vec3<f32> {
     return mix(textureLoad(colours, array_texel(first), 0).rgb, textureLoad(colours, array_texel(first + 1u), 0).rgb, x - f32(below));
 }
 
-// What a surface looks like, colour premultiplied.
+// Returns the colour of a surface, premultiplied.
 fn surface_colour(which: u32, spot: RaySample, row: u32, ray: Ray) -> vec4<f32> {
     let item = 2u * (CLIP_PLANE_COUNT + which - 1u);
     let first = textureLoad(cuts, array_texel(item), 0);
@@ -129,12 +129,12 @@ fn surface_colour(which: u32, spot: RaySample, row: u32, ray: Ray) -> vec4<f32> 
     return vec4(colour, 1.0) * first.y;
 }
 
-// Of a segment: its volume as far as it is kept, and the surfaces in it, front to back.
+// Returns the colour of a segment: its unclipped volume and the surfaces in it, front to back.
 fn shade_segment(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     return shade_range(part, unclipped_range(part, ray), row, ray, DRAW_VOLUME);
 }
 
-// The same of the part of it that is kept.
+// As shade_segment, for the parameter range `range` of the segment.
 fn shade_range(part: Segment, range: vec2<f32>, row: u32, ray: Ray, volume: bool) -> vec4<f32> {
     var seen = vec4(0.0);
     if range.x >= range.y {

@@ -1,29 +1,29 @@
-// Integrals of the transfer function over the scalar: colour times extinction, extinction, and
-// the moment by which what is in front hides what is behind it, in a segment too. The twin of
-// `render::table::integrals`. Needs `table_at` of the term that imports it: the texel of a point, two
-// rows a transfer function, C and P, then Q.
+// Integrals of the transfer function over the scalar: colour times extinction, extinction, and the
+// moment that accounts for self-occlusion within a segment. CPU reference:
+// `render::table::integrals`. Needs `table_at` of the importing term: the texel of a point, in two
+// rows per transfer function, C and P, then Q.
 //
 // Table coordinates are points; depths are lengths times the largest extinction, times log2(e).
 
-// Whether segments may be so deep that they are looked up in pieces.
+// Whether segments may be so deep that they need subdivision.
 override PIECES: bool = true;
-// The brightest colour, if above 1: what colours are over.
+// The largest colour component, if above 1; colours are stored relative to it.
 override MAX_COLOUR: f32 = 1.0;
 
-// Between the points of scalars 0 and 1.
+// Number of intervals between the points of scalars 0 and 1.
 const INTERVALS: f32 = 4094.0;
-// Fixed point: differences are exact, modulo 2^32.
+// Fixed-point scale: differences are exact, modulo 2^32.
 const FIXED_POINT_SCALE: f32 = 2147483000.0;
-// Of the largest extinction: P(b) - P(a) below which rounding spoils the moment.
+// P(b) - P(a), relative to the largest extinction, below which rounding corrupts the moment.
 const MIN_DEPTH: f32 = 1e-3;
-// A piece is no deeper than this; a segment has so many at most.
+// Maximum depth per look-up, and maximum number of subdivisions of a segment.
 const MAX_DEPTH_PER_LOOKUP: f32 = 1.5;
 const MOST_PIECES: f32 = 256.0;
-// A ray this opaque hides what is behind it.
+// Opacity at which integration stops (early termination).
 const INTEGRATION_CUTOFF: f32 = 0.9995;
 
-// The part from point a to point b of a segment that is `depth` deep a point where extinction is
-// largest; `at_a` and `at_b` are its ends in the table.
+// Integrates from point a to point b of a segment whose optical depth per point is `depth` at the
+// largest extinction; `at_a` and `at_b` are the table entries at its ends.
 fn integrate_interval(a: i32, b: i32, at_a: vec4<u32>, at_b: vec4<u32>, depth: f32, row: u32) -> vec4<f32> {
     let sum = vec4<f32>(bitcast<vec4<i32>>(at_b - at_a));
     let alpha = 1.0 - exp2(-sum.a * depth);
@@ -31,8 +31,8 @@ fn integrate_interval(a: i32, b: i32, at_a: vec4<u32>, at_b: vec4<u32>, depth: f
     var colour = sum.rgb * over;
     let moments = table_at(b, 2u * row + 1u).rgb - table_at(a, 2u * row + 1u).rgb;
     let moment = vec3<f32>(bitcast<vec3<i32>>(moments)) - sum.rgb * (f32(at_a.a) / FIXED_POINT_SCALE);
-    // To first order in its depth t the mean colour is c + t (c / 2 - moment); at large t that of a
-    // linear colour grows as 6 / t of it.
+    // To first order in its depth t the mean colour is c + t (c / 2 - moment); at large t the
+    // correction for a linear colour is 6 / t of that.
     let t = sum.a * depth * 0.6931472;
     let clear = sum.a * (1.0 / FIXED_POINT_SCALE) / MIN_DEPTH;
     let trust = clear * clear / (1.0 + clear * clear);
@@ -41,12 +41,12 @@ fn integrate_interval(a: i32, b: i32, at_a: vec4<u32>, at_b: vec4<u32>, depth: f
     return vec4(colour * (MAX_COLOUR * alpha), alpha);
 }
 
-// Colour (premultiplied) and opacity of a segment between table coordinates s0 (front) and s1, by
-// transfer function `row`.
+// Returns the premultiplied colour and opacity of a segment between table coordinates s0 (front)
+// and s1, with transfer function `row`.
 fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
     let a = i32(s0 + 0.5);
     var b = i32(s1 + 0.5);
-    // A scalar that hardly changes stands for the interval it is in.
+    // A nearly constant scalar is represented by the interval that contains it.
     b = select(b, a + select(-1, 1, s1 >= f32(a)), a == b);
     let at_a = table_at(a, 2u * row);
     let at_b = table_at(b, 2u * row);
@@ -60,7 +60,7 @@ fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
     return integrate_interval(a, b, at_a, at_b, depth_a_point, row);
 }
 
-// The same of one that is `t` deep.
+// As `segment`, subdivided, for a segment of optical depth t.
 fn integrate_subdivided(a: i32, b: i32, t: f32, depth_a_point: f32, row: u32) -> vec4<f32> {
     let pieces = min(i32(ceil(min(t / MAX_DEPTH_PER_LOOKUP, MOST_PIECES))), abs(b - a));
     var seen = vec4(0.0);

@@ -1,4 +1,4 @@
-// The least of one number from every invocation of a workgroup.
+// Minimum of one number per invocation of a workgroup.
 
 #import lib/array
 

@@ -1,11 +1,11 @@
-// What the explicit schemes share: the state, its forces, and where the next state goes.
+// Shared code of the explicit integrators: the state, its forces, and the output state.
 
 #import lib/array
 #import lib/status
 
 struct MoveParams {
     nodes: u32,
-    // The step, and the time by which the velocity is advanced.
+    // The time step, and the time by which the velocity is advanced.
     dt: f32,
     kick: f32,
     _pad0: u32,
@@ -20,12 +20,12 @@ struct MoveParams {
 @group(0) @binding(6) var next_velocities: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(7) var<uniform> params: MoveParams;
 
-// Acceleration of node i; zero for a pinned one, whose inverse mass is zero.
+// Returns the acceleration of node i; zero for a pinned node, whose inverse mass is zero.
 fn acceleration(i: u32) -> vec3<f32> {
     return textureLoad(masses, array_texel(i), 0).y * textureLoad(forces, array_texel(i), 0).xyz;
 }
 
-// Stores the next state of node i, moved by `step`; a pinned one stays, at rest.
+// Stores the next state of node i, displaced by `step`; a pinned node stays at rest.
 fn store(i: u32, x: vec4<f32>, step: vec3<f32>, v: vec4<f32>) {
     let free = textureLoad(masses, array_texel(i), 0).y != 0.0;
     textureStore(next_positions, array_texel(i), vec4(x.xyz + select(vec3(0.0), step, free), x.w));

@@ -1,4 +1,4 @@
-// What a term that acts on each node by itself adds to the matrix of a step.
+// Contribution of a nodal term to the matrix of a step.
 struct NodeBlock {
     // xx, yy, zz.
     diagonal: vec3<f32>,
@@ -6,5 +6,5 @@ struct NodeBlock {
     mixed: vec3<f32>,
 }
 
-// Two of each such term; see their files.
+// Two vectors per term; see the files of the terms.
 @group(0) @binding(next) var<storage, read> node_terms: array<vec4<f32>>;

@@ -1,7 +1,7 @@
-// Unit vectors packed in 32 bits: octahedral, 16 bits a coordinate. The twin of
+// Unit vectors packed in 32 bits: octahedral encoding, 16 bits per coordinate. Matches
 // `mesh::pack_normal`.
 
-// No normal: opposite springs cancel, or there are none.
+// No normal: the contributions cancel, or there are none.
 const NO_NORMAL: u32 = 0xffffffffu;
 
 fn sign_not_zero(v: vec2<f32>) -> vec2<f32> {
@@ -20,7 +20,7 @@ fn pack_normal(n: vec3<f32>) -> u32 {
     return bits.x | (bits.y << 16u);
 }
 
-// Not for NO_NORMAL.
+// Unpacks a normal; undefined for NO_NORMAL.
 fn unpack_normal(packed: u32) -> vec3<f32> {
     let p = vec2(f32(packed & 0xffffu), f32(packed >> 16u)) / 32767.0 - 1.0;
     let z = 1.0 - abs(p.x) - abs(p.y);

@@ -1,5 +1,5 @@
-// A transfer function on the GPU: pieces along which colour and extinction are linear. Scalars run
-// from 0 to 1 over the table, extinction from 0 to 1.
+// Piecewise linear transfer function: colour and extinction are linear in each piece. Scalars and
+// extinction are normalised to the range from 0 to 1.
 
 struct Piece {
     // Scalar and extinction at the two ends.
@@ -8,8 +8,9 @@ struct Piece {
     last: vec4<f32>,
 }
 
-// The part of a piece between two scalars: (mean colour, width) and (colour times extinction, and
-// extinction, both integrated). Exact: the integrands are quadratic at most.
+// Integrals over the part of a piece between two scalars: (integrated colour, width) and
+// (integrated colour times extinction, integrated extinction). Exact: the integrands are quadratic
+// at most.
 struct Part {
     colour: vec4<f32>,
     emission: vec4<f32>,

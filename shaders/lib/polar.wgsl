@@ -1,8 +1,9 @@
-// F = R S, and S = V (I + E) Vᵀ: the rotation nearest to F, also of flat and inverted tets.
+// Polar decomposition F = R S, and S = V (I + E) Vᵀ: the rotation closest to F, also for flat and
+// inverted tets.
 //
-// R is that of the greatest tr(RᵀF): as a quaternion, the eigenvector of the greatest eigenvalue
-// of a symmetric 4×4 matrix (Davenport; Horn 1987, "Closed-form solution of absolute orientation
-// using unit quaternions"), found by squaring that matrix until it has rank one.
+// R maximises tr(RᵀF): as a quaternion, it is the eigenvector of the largest eigenvalue of a
+// symmetric 4×4 matrix (Davenport; Horn 1987, "Closed-form solution of absolute orientation using
+// unit quaternions"), computed by squaring that matrix until it has rank one.
 
 #import lib/tets
 
@@ -18,12 +19,12 @@ struct Eigen {
     vectors: mat3x3<f32>,
 }
 
-// Squarings at most: eigenvalues apart by 2⁻²² of the greatest are told from each other.
+// Maximum squarings: resolves eigenvalues that differ by 2⁻²² of the largest.
 const MATRIX_SQUARINGS: u32 = 24u;
 
 fn closest_rotation(g: mat3x3<f32>) -> vec4<f32> {
     let t = trace(g);
-    // Scalar last. tr F is taken off the diagonal, which turns no eigenvector.
+    // Scalar last. tr F is subtracted from the diagonal, which leaves the eigenvectors unchanged.
     let z = vec3(g[1].z - g[2].y, g[2].x - g[0].z, g[0].y - g[1].x);
     let d = 2.0 * vec3(g[0].x, g[1].y, g[2].z) - 2.0 * t - 4.0;
     let xy = g[1].x + g[0].y;
@@ -35,7 +36,8 @@ fn closest_rotation(g: mat3x3<f32>) -> vec4<f32> {
         vec4(xz, yz, d.z, z.z),
         vec4(z, 0.0),
     );
-    // All eigenvalues positive: those of F's own matrix are at most √3 |F| in size.
+    // Shift that makes all eigenvalues positive: those of the matrix of F are at most √3 |F| in
+    // size.
     let f = unit_matrix() + g;
     let shift = 1.7320508 * sqrt(double_dot(f, f)) + 3.0 + t;
     for (var c = 0u; c < 4u; c++) {
@@ -54,7 +56,7 @@ fn closest_rotation(g: mat3x3<f32>) -> vec4<f32> {
             break;
         }
     }
-    // The column of the greatest diagonal entry.
+    // The column of the largest diagonal entry.
     var q = k[0];
     var most = k[0][0];
     for (var c = 1u; c < 4u; c++) {
@@ -74,16 +76,16 @@ fn polar(g: mat3x3<f32>) -> Polar {
     let q = closest_rotation(g);
     let v = q.xyz;
     let w = q.w;
-    // R − I = 2w [v]× + 2 [v]×²: no digits lost where it turns little.
+    // R − I = 2w [v]× + 2 [v]×²: accurate for small rotations.
     let turn = 2.0 * w * mat3x3(0.0, v.z, -v.y, -v.z, 0.0, v.x, v.y, -v.x, 0.0)
         + 2.0 * (mat3x3(v * v.x, v * v.y, v * v.z) - dot(v, v) * unit_matrix());
     let rotation = unit_matrix() + turn;
     let s = transpose(rotation) * g + transpose(turn);
-    // Errors of R are of second order in the symmetric part.
+    // The symmetric part depends on errors of R only to second order.
     return Polar(rotation, 0.5 * (s + transpose(s)));
 }
 
-// One of Jacobi's rotations: makes a_pq zero.
+// Applies a Jacobi rotation that makes a_pq zero.
 fn jacobi(a: ptr<function, mat3x3<f32>>, v: ptr<function, mat3x3<f32>>, p: u32, q: u32) {
     let apq = (*a)[q][p];
     if apq == 0.0 {
@@ -111,7 +113,7 @@ fn jacobi(a: ptr<function, mat3x3<f32>>, v: ptr<function, mat3x3<f32>>, p: u32, 
     (*v)[q] = s * vp + c * vq;
 }
 
-// Eigenvalues and eigenvectors of a symmetric matrix, in no order.
+// Returns the eigenvalues and eigenvectors of a symmetric matrix, unsorted.
 fn eigen(m: mat3x3<f32>) -> Eigen {
     var a = m;
     var v = unit_matrix();

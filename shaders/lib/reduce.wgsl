@@ -1,4 +1,4 @@
-// The sum of one vec4 from every invocation of a workgroup.
+// Sum of one vec4 per invocation of a workgroup.
 
 #import lib/array
 
@@ -13,7 +13,7 @@ fn reduce(value: vec4<f32>, lane: u32) -> vec4<f32> {
         }
         workgroupBarrier();
     }
-    // Uniform to the compiler too, which may then allow barriers behind a test of it; a barrier
-    // before and after.
+    // The load makes the value uniform for the compiler, so barriers may depend on it; it also acts
+    // as a barrier before and after.
     return workgroupUniformLoad(&sums[0]);
 }

@@ -1,34 +1,34 @@
-// Rigid bodies, and rotations. The twin of `physics::gpu_rigid`.
+// Rigid bodies and rotations. Host side: `physics::gpu::rigid`.
 //
-// A body is reckoned from its anchor: its centre of mass where it is free, else the first of its
-// nodes that stays. Where its nodes are is told by displacements from rest, so that what is at rest
-// keeps its digits.
+// A body is described relative to its anchor: its centre of mass if it is free, otherwise the first
+// of its fixed nodes. Node positions are displacements from rest, which keeps full precision for
+// bodies at rest.
 
 #import lib/array
 
-// Of each node: where it rests from its body's centre of mass; in w one more than the number of the
-// body, 0 where it belongs to none.
+// For each node: its rest position relative to its body's centre of mass; w is the body number plus
+// one, 0 for a node without a body.
 @group(0) @binding(next) var rigid_arms: texture_2d<f32>;
-// Four texels a body: see `shape_of`.
+// Four texels per body: see `shape_of`.
 @group(0) @binding(next) var rigid_shapes: texture_2d<f32>;
 
-// How a body can move: as it likes, about its anchor, about an axis through that, not at all.
+// Degrees of freedom: unconstrained, rotation about the anchor, rotation about an axis, none.
 const FREE: u32 = 0u;
 const FIXED_POINT: u32 = 1u;
 const HINGE: u32 = 2u;
 const FIXED: u32 = 3u;
 
 struct RigidShape {
-    // From the centre of mass at rest.
+    // Relative to the centre of mass at rest.
     anchor: vec3<f32>,
     mass: f32,
     // Σ m r rᵀ about the anchor at rest: the diagonal, and xy, xz, yz.
     on: vec3<f32>,
     off: vec3<f32>,
-    // The radius of gyration about it.
+    // The radius of gyration about the anchor.
     radius: f32,
     freedom: u32,
-    // Of a hinge, at rest.
+    // Hinge axis at rest.
     axis: vec3<f32>,
 }
 
@@ -44,16 +44,16 @@ fn sym_matrix(on: vec3<f32>, off: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(on.x, off.x, off.y, off.x, on.y, off.z, off.y, off.z, on.z);
 }
 
-// Rotations are unit quaternions, the real part last.
+// Rotations are unit quaternions with the real part last.
 
 const IDENTITY_ROTATION: vec4<f32> = vec4<f32>(0.0, 0.0, 0.0, 1.0);
 
-// First b, then a.
+// Returns the rotation that applies b first, then a.
 fn quat_mul(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return vec4(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
 }
 
-// How far the rotation takes v.
+// Returns the displacement of v under the rotation.
 fn rotation_displacement(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
@@ -62,13 +62,14 @@ fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return v + rotation_displacement(q, v);
 }
 
-// To a few units in the last place: square roots may be off by more.
+// Normalises to a few units in the last place; square roots of the device may be less accurate.
 fn quat_normalize(q: vec4<f32>) -> vec4<f32> {
     let near = q * inverseSqrt(dot(q, q));
     return near * (1.5 - 0.5 * dot(near, near));
 }
 
-// By a rotation vector. Sines of the device are not precise enough: a series for a quarter of it.
+// Returns the quaternion of a rotation vector. Device sines are too imprecise, so a series is
+// evaluated for a quarter of the angle.
 fn quat_exp(w: vec3<f32>) -> vec4<f32> {
     let half = 0.125 * w;
     let s = dot(half, half);
@@ -78,7 +79,7 @@ fn quat_exp(w: vec3<f32>) -> vec4<f32> {
     return quat_normalize(quat_mul(twice, twice));
 }
 
-// The matrix of `rotation_displacement`.
+// Returns R − I as a matrix.
 fn rotation_minus_identity(q: vec4<f32>) -> mat3x3<f32> {
     return mat3x3(
         rotation_displacement(q, vec3(1.0, 0.0, 0.0)),
@@ -87,20 +88,20 @@ fn rotation_minus_identity(q: vec4<f32>) -> mat3x3<f32> {
     );
 }
 
-// Σ m r rᵀ of a body turned by q.
+// Returns Σ m r rᵀ of a body rotated by q.
 fn second_moment(shape: RigidShape, q: vec4<f32>) -> mat3x3<f32> {
     let r = mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) + rotation_minus_identity(q);
     let m = r * sym_matrix(shape.on, shape.off) * transpose(r);
     return 0.5 * (m + transpose(m));
 }
 
-// tr(m) I − m: the inertia that goes with a second moment.
+// Returns the inertia tensor tr(m) I − m of a second moment m.
 fn inertia_of(m: mat3x3<f32>) -> mat3x3<f32> {
     let t = m[0].x + m[1].y + m[2].z;
     return mat3x3(t - m[0].x, -m[0].y, -m[0].z, -m[1].x, t - m[1].y, -m[1].z, -m[2].x, -m[2].y, t - m[2].z);
 }
 
-// m⁻¹ v of a symmetric positive m.
+// Returns m⁻¹ v for a symmetric positive definite m.
 fn solve_symmetric(m: mat3x3<f32>, v: vec3<f32>) -> vec3<f32> {
     let scale = 1.0 / max(m[0].x + m[1].y + m[2].z, 1e-37);
     let a = m[0] * scale;
@@ -112,7 +113,7 @@ fn solve_symmetric(m: mat3x3<f32>, v: vec3<f32>) -> vec3<f32> {
     return select(vec3(0.0), x * (scale / determinant), determinant > 1e-20);
 }
 
-// The turn that `moment` gives a body of this inertia, whose hinge stands at `axis` now.
+// Returns the angular response to `moment` of a body with this inertia and current hinge axis.
 fn angular_response(shape: RigidShape, axis: vec3<f32>, inertia: mat3x3<f32>, moment: vec3<f32>) -> vec3<f32> {
     if shape.freedom == FIXED {
         return vec3(0.0);

@@ -1,11 +1,11 @@
-// The nodes of each rigid body, for passes with a workgroup a body.
+// The nodes of each rigid body, for passes with one workgroup per body.
 
 #import lib/rigid
 
-// Of each member: its node, its row among the edges, whether it is pinned or held.
+// For each member: its node, its row among the edges, whether it is pinned or constrained.
 @group(0) @binding(next) var members: texture_2d<u32>;
-// Two texels a body: its first member, how many there are, the node that is its anchor (or none),
-// whether nodes of it follow a target; three of its nodes that are far apart.
+// Two texels per body: its first member, the number of members, its anchor node (or INVALID_NODE),
+// whether any of its nodes follows a target; three of its nodes that are far apart.
 @group(0) @binding(next) var rigid_ranges: texture_2d<u32>;
 
 const INVALID_NODE: u32 = 0xffffffffu;
@@ -14,28 +14,28 @@ struct RigidParams {
     bodies: u32,
     members: u32,
     nodes: u32,
-    // Workgroups of the passes over all nodes, whose partial sums come first.
+    // Number of workgroups of the passes over all nodes, whose partial sums come first.
     groups: u32,
     dt: f32,
-    // h α, where a force −α m v slows every node.
+    // h α, for mass-proportional damping with the force −α m v.
     drag: f32,
-    // Whether terms add blocks to nodes.
+    // Whether nodal terms add blocks.
     terms: u32,
-    // Whether it comes before the first iteration.
+    // Whether the pass runs before the first iteration.
     first: u32,
 }
 
-// The frame of two edges of a body: orthonormal.
+// Returns an orthonormal frame from two edges of a body.
 fn orthonormal_frame(a: vec3<f32>, b: vec3<f32>) -> mat3x3<f32> {
     let x = normalize(a);
     let z = normalize(cross(x, b));
     return mat3x3(x, cross(z, x), z);
 }
 
-// The quaternion of a rotation matrix.
+// Returns the quaternion of a rotation matrix.
 fn quat_from_matrix(m: mat3x3<f32>) -> vec4<f32> {
     let t = m[0].x + m[1].y + m[2].z;
-    // Four times the square of each part; the largest is safe to divide by.
+    // Four times the square of each component; dividing by the largest is safe.
     let parts = vec4(
         1.0 + 2.0 * m[0].x - t,
         1.0 + 2.0 * m[1].y - t,
@@ -53,7 +53,7 @@ fn quat_from_matrix(m: mat3x3<f32>) -> vec4<f32> {
         q = vec4(even.y, even.z, parts.z, skew.z);
     }
     let length = dot(q, q);
-    // Nodes in a line, or none that are numbers.
+    // Collinear nodes, or non-finite positions.
     if !(length > 1e-12 && length < 1e12) {
         return IDENTITY_ROTATION;
     }

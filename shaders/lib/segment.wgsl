@@ -1,69 +1,69 @@
-// What a walk gathers along its ray: composited colour, length, a scalar, or counts. Needs
-// lib/array, `segment` of a table, `Ray` and `BACKWARD_TRAVERSAL` of lib/walk_frame, and `params: View`.
+// Ray accumulation: composited colour, length, a scalar, or counts. Needs lib/array, `segment` of a
+// table, `Ray` and `BACKWARD_TRAVERSAL` of lib/walk_frame, and `params: View`.
 
 #import lib/shade
 #import lib/inside
 #import lib/xray
 
-// Whether each region has a transfer function of its own: a row of the table.
+// Whether each region has its own transfer function: a row of the table.
 override HAS_REGIONS: bool = false;
-// The row of what is not shown at all, and what marks one in which scans show nothing.
+// Row value of hidden tets, and the flag of rows in which scans are fully transparent.
 const HIDDEN: u32 = 0xffffu;
 const TRANSPARENT_FLAG: u32 = 0x8000u;
-// Whether scans take the place of the scalar.
+// Whether scans replace the scalar.
 override HAS_SCANS: bool = false;
-// A ray this opaque is not followed further.
+// Opacity at which a ray is terminated early.
 override OPACITY_CUTOFF: f32 = 0.9995;
 
-// The row of each tet, if REGIONS.
+// Table row of each tet, if HAS_REGIONS.
 @group(0) @binding(next) var rows: texture_2d<u32>;
 
-// What is gathered.
+// The accumulated quantity.
 override INTEGRAND: u32 = 0u;
 const COMPOSITE: u32 = 0u;
 const THICKNESS: u32 = 1u;
-// Tets passed, whether there were any, and how often the ray begins.
+// Number of tets traversed, whether there were any, and number of ray entries.
 const STATISTICS: u32 = 2u;
-// The largest scalar, the least, and the mean over the length: in red, and of the mean in green the
-// length so far. Alpha is a half where there is any: what is opaque is looked for no further.
+// Largest scalar, smallest scalar, and mean over the length: in red; for the mean, green holds the
+// length so far. Alpha is 0.5 once there is a value, which is below the early-termination limit.
 const MAXIMUM: u32 = 3u;
 const MINIMUM: u32 = 4u;
 const MEAN: u32 = 5u;
-// The integral of what attenuates X-rays.
+// Line integral of X-ray attenuation.
 const XRAY: u32 = 6u;
 
-// A place on a ray.
+// Sample on a ray.
 struct RaySample {
-    // Of camera space.
+    // Camera-space z.
     z: f32,
     // Table coordinate.
     s: f32,
-    // If LIT: that of the scalar, in the local frame.
+    // If LIGHTING: gradient of the scalar, in the local frame.
     gradient: vec3<f32>,
-    // If SHADOWED: the share of light that comes there.
+    // If SHADOWS: fraction of light that reaches the sample.
     bright: f32,
-    // If RESTING: where it is when the body rests, in the local frame.
+    // If USE_REST_POSITIONS: rest position, in the local frame.
     rest: vec3<f32>,
 }
 
-// From a (0) to b (1).
+// Interpolates from a (u = 0) to b (u = 1).
 fn lerp_sample(a: RaySample, b: RaySample, u: f32) -> RaySample {
     return RaySample(mix(a.z, b.z, u), mix(a.s, b.s, u), mix(a.gradient, b.gradient, u), mix(a.bright, b.bright, u), mix(a.rest, b.rest, u));
 }
 
-// A stretch of a ray inside one tet, as either walk hands it on.
+// Segment of a ray inside one tet.
 struct Segment {
     front: RaySample,
     back: RaySample,
     tet: u32,
 }
 
-// Its length in the unit of the mode: depth as above, or length in file units.
+// Returns the length of a segment in the unit of the mode: optical depth, or length in file units.
 fn length_of(part: Segment, ray: Ray) -> f32 {
     return (part.back.z - part.front.z) * ray.scale;
 }
 
-// Takes a segment into what the ray has gathered: behind it, or before it on a walk to the eye.
+// Accumulates a segment: behind the existing sum, or in front of it in a backward traversal.
 fn accumulate_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     var row = 0u;
     if HAS_REGIONS & (INTEGRAND != STATISTICS) {
@@ -106,7 +106,7 @@ fn accumulate_segment(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     return vec4(sum.r + 1.0, sum.gba);
 }
 
-// Its colour and opacity, in light.
+// Returns the lit colour and opacity of a segment.
 fn shade_lit_segment(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     let seen = segment(part.front.s, part.back.s, length_of(part, ray), row);
     if LIGHTING {
@@ -122,7 +122,7 @@ fn shade_lit_segment(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     return seen;
 }
 
-// The scalar is linear in a segment: it is largest and least at the ends, and its mean is theirs.
+// The scalar is linear in a segment: its extremes are at the ends, and its mean is theirs.
 fn projected_scalar(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     let s = clamp(vec2(part.front.s, part.back.s), vec2(0.0), vec2(1.0));
     let first = sum.a == 0.0;
@@ -138,12 +138,13 @@ fn projected_scalar(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     return vec4(mix(sum.r, 0.5 * (s.x + s.y), select(share, 1.0, first)), length, 0.0, 0.5);
 }
 
-// Counts a way through the mesh that begins: at a front face, or at an eye inside.
+// Counts the start of a ray through the mesh: at a front face, or at an eye inside.
 fn initial_accumulator(sum: vec4<f32>) -> vec4<f32> {
     return select(sum, vec4(sum.r, 1.0, sum.b + 1.0, sum.a), INTEGRAND == STATISTICS);
 }
 
-// Whether what comes behind is seen no more. On a walk to the eye all that comes is before it.
+// Whether the ray is opaque (early ray termination). A backward traversal never terminates early,
+// because later segments are in front.
 fn is_terminated(sum: vec4<f32>) -> bool {
     return (INTEGRAND == COMPOSITE) & !BACKWARD_TRAVERSAL & (sum.a > OPACITY_CUTOFF);
 }

@@ -1,22 +1,21 @@
-// Vertices carried by the nodes of base triangles: equations 4 to 9 of Mosegaard & Sørensen. The
-// twin of `skin::carrier_frame`.
+// Skin vertices embedded in base triangles: equations 4 to 9 of Mosegaard & Sørensen. CPU
+// reference: `skin::basis`.
 //
-// Needs the globals `positions`, `node_normals` (packed) and `vertices`: four texels a vertex,
-// which are its nodes and flags; offset and second weight; normal and third weight; tangent and
-// handedness.
+// Needs the globals `positions`, `node_normals` (packed) and `vertices`: four texels per vertex
+// with nodes and flags; offset and second weight; normal and third weight; tangent and handedness.
 
 #import lib/array
 #import lib/normals
 
-// Sines and lengths (of unit vectors' sums) below this count as zero.
+// Sines and lengths (of sums of unit vectors) below this count as zero.
 const DEGENERATE: f32 = 1e-4;
-// Flag: the basis turns with the normals of the nodes.
+// Flag: the basis follows the interpolated node normals.
 const INTERPOLATED: u32 = 1u;
 
 struct SkinnedVertex {
     position: vec3<f32>,
     normal: vec3<f32>,
-    // Along the first texture coordinate; w is 1, or -1 where the texture is mirrored.
+    // Along the first texture coordinate; w is 1, or -1 if the texture is mirrored.
     tangent: vec4<f32>,
 }
 
@@ -30,8 +29,8 @@ fn node_normal(i: u32) -> vec3<f32> {
     return select(unpack_normal(packed), vec3(0.0), packed == NO_NORMAL);
 }
 
-// T, N and B of a triangle whose edges from p1 have the directions `along` (p2) and `other` (p3),
-// and nodes' normals the weighted sum `normal`.
+// Returns T, N and B of a triangle whose edges from p1 have the directions `along` (p2) and `other`
+// (p3); `normal` is the weighted sum of the node normals.
 fn carrier_frame(interpolated: bool, along: vec3<f32>, other: vec3<f32>, normal: vec3<f32>) -> mat3x3<f32> {
     if interpolated {
         // Equation 8, normalised.
@@ -49,14 +48,14 @@ fn carrier_frame(interpolated: bool, along: vec3<f32>, other: vec3<f32>, normal:
         let n = flat_normal / size;
         return mat3x3(along, n, cross(n, along));
     }
-    // No plane: any basis with the edge as T.
+    // Degenerate triangle: any basis with the edge as T.
     let t = select(along, vec3(1.0, 0.0, 0.0), all(along == vec3(0.0)));
     let axis = select(vec3(0.0, 1.0, 0.0), vec3(1.0, 0.0, 0.0), abs(t.x) < 0.7);
     let n = normalize(cross(t, axis));
     return mat3x3(t, n, cross(n, t));
 }
 
-// Equation 9.
+// Evaluates equation 9.
 fn skin_vertex(vertex: u32) -> SkinnedVertex {
     let nodes = textureLoad(vertices, array_texel(4u * vertex), 0);
     let offset = bitcast<vec4<f32>>(textureLoad(vertices, array_texel(4u * vertex + 1u), 0));

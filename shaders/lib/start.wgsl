@@ -1,6 +1,6 @@
-// Where an implicit step of finite elements may start from, as velocities over the step: to stay,
-// to go on, and to go on changing as in the step before. Of these the one of least incremental
-// potential is taken, E + Σ ½ m |w − v|² − h w·f, f the weight and the external force.
+// Initial guesses of an implicit finite element step, as velocities over the step: rest, constant
+// velocity, constant acceleration. The guess of least incremental potential is selected: E + Σ ½ m
+// |w − v|² − h w·f, f the weight and the external force.
 
 const GUESS_COUNT: u32 = 3u;
 

@@ -1,9 +1,9 @@
-// Tets and their faces. The twin of `mesh::FACES`.
+// Tets and their faces. Matches `mesh::FACES`.
 
-// No neighbour, no face.
+// No neighbour, or no face.
 const NONE: u32 = 0xffffffffu;
 
-// Local corners of the face opposite corner f, counter-clockwise seen from outside.
+// Returns the local corners of the face opposite corner f, counter-clockwise seen from outside.
 fn face_corners(f: u32) -> vec3<u32> {
     switch f {
         case 0u: { return vec3(1u, 2u, 3u); }

@@ -1,20 +1,21 @@
-// Tets of finite elements at rest, and how they are deformed. The twin of `physics::elements`.
+// Tetrahedral finite elements: rest shape and deformation. CPU reference:
+// `physics::model::elements`.
 //
-// Everything is reckoned from G = F − I, made of displacements from rest, so that small strains
-// keep their digits in f32: G is exact where nothing moves.
+// All quantities are computed from G = F − I, from displacements, so that small strains stay
+// accurate in f32: G is exactly zero without motion.
 
 #import lib/array
 
 @group(0) @binding(next) var tets: texture_2d<u32>;
-// Three texels a tet: the gradients of the shape functions of its last three nodes; in w μ and λ
-// as they enter the energy, times the volume.
+// Three texels per tet: the shape function gradients of its last three nodes; w holds μ and λ as
+// they enter the energy, times the volume.
 @group(0) @binding(next) var shapes: texture_2d<f32>;
-// Where the nodes rest.
+// Rest positions of the nodes.
 @group(0) @binding(next) var rest: texture_2d<f32>;
 
 struct Tet {
     nodes: vec4<u32>,
-    // Columns: the gradients of the last three nodes; those of the first are minus their sum.
+    // Columns: gradients of the last three nodes; the gradient of the first is minus their sum.
     gradients: mat3x3<f32>,
     mu: f32,
     lambda: f32,
@@ -27,23 +28,23 @@ fn load_tet(e: u32) -> Tet {
     return Tet(textureLoad(tets, array_texel(e), 0), mat3x3(a.xyz, b.xyz, c.xyz), a.w, b.w);
 }
 
-// The gradient of a field with these values at the four nodes, less that of the first.
+// Returns the gradient of a field from its four nodal values.
 fn displacement_gradient(tet: Tet, first: vec3<f32>, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(a - first, b - first, c - first) * transpose(tet.gradients);
 }
 
-// J below which a tet counts as crushed, and how much harder it resists then, over μ.
+// J below which a tet counts as crushed, and the added stiffness relative to μ.
 const CRUSH_THRESHOLD_J: f32 = 0.1;
 const CRUSH_STIFFNESS_RATIO: f32 = 100.0;
 
-// The energy of a change of volume J − 1.
+// Returns the energy of a volume change J − 1.
 fn volume_energy(growth: f32, mu: f32, lambda: f32) -> f32 {
     let c = clamp((CRUSH_THRESHOLD_J - 1.0 - growth) / CRUSH_THRESHOLD_J, 0.0, 1.0);
     let stop = CRUSH_THRESHOLD_J * c * c * c * c * (1.0 / 12.0 + c * (c / 30.0 - 0.1)) + max(-1.0 - growth, 0.0) / 30.0;
     return 0.5 * lambda * growth * growth + 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * stop;
 }
 
-// Its first and second derivatives.
+// Returns the first and second derivatives of `volume_energy`.
 fn volume_stress(growth: f32, mu: f32, lambda: f32) -> vec2<f32> {
     let c = clamp((CRUSH_THRESHOLD_J - 1.0 - growth) / CRUSH_THRESHOLD_J, 0.0, 1.0);
     let stop = 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * c * c * c * (1.0 / 3.0 + c * (0.2 * c - 0.5));
@@ -63,17 +64,17 @@ fn unit_matrix() -> mat3x3<f32> {
     return mat3x3(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
 }
 
-// a : b.
+// Returns the double contraction a : b.
 fn double_dot(a: mat3x3<f32>, b: mat3x3<f32>) -> f32 {
     return dot(a[0], b[0]) + dot(a[1], b[1]) + dot(a[2], b[2]);
 }
 
-// J − 1 of F = I + G whose cofactors of G are c.
+// Returns J − 1 of F = I + G; c is the cofactor matrix of G.
 fn volume_change(g: mat3x3<f32>, c: mat3x3<f32>) -> f32 {
     return trace(g) + trace(c) + dot(g[0], c[0]);
 }
 
-// The cofactors of F = I + G, less the unit matrix.
+// Returns the cofactor matrix of F = I + G minus the identity.
 fn cofactor_differential(g: mat3x3<f32>, c: mat3x3<f32>) -> mat3x3<f32> {
     return trace(g) * unit_matrix() - transpose(g) + c;
 }

@@ -1,11 +1,11 @@
-// A picture in tiles, for passes over those alone in which a layer has a face.
+// Screen tiles, for passes restricted to the tiles in which a layer has a face.
 //
-// Vertices of layer k > 0 go from 6 k n on, six a tile of n; the three first of all are one triangle
-// over the whole picture, of layer 0.
+// The vertices of layer k > 0 start at 6 k n, six for each of the n tiles; the first three form one
+// full-screen triangle, of layer 0.
 
 #import lib/fullscreen
 
-// Pixels of a tile each way; `render::peel` has the same.
+// Tile size in pixels; must match `render::depth_peeling`.
 const TILE_SIZE: u32 = 16u;
 const CULLED_POSITION: vec4<f32> = vec4(2.0, 2.0, 0.0, 1.0);
 
@@ -20,7 +20,7 @@ fn tile_grid(size: vec2<u32>) -> vec2<u32> {
     return (size + TILE_SIZE - 1u) / TILE_SIZE;
 }
 
-// The tile of a pixel in a picture of that size.
+// Returns the tile of a pixel in an image of this size.
 fn tile_at(pixel: vec2<u32>, size: vec2<u32>) -> u32 {
     let tile = pixel / TILE_SIZE;
     return tile.y * tile_grid(size).x + tile.x;

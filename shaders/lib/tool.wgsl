@@ -1,32 +1,32 @@
-// Tools as the GPU has them, local units. The twin of `physics::gpu_contact`.
+// Tools as stored on the GPU, in local units. Host side: `physics::gpu::contact`.
 
 struct Tool {
-    // Radius; radius and half of the length; half of the edges; or what one value of the field is;
-    // in w the shape.
+    // Dimensions by shape: radius; radius and half length; half edges; or scale of the field
+    // values. w is the shape.
     shape: vec4<f32>,
-    // Friction, the gap, half of the thickness where it is thin, and the size.
+    // Friction coefficient, gap, half thickness if thin, and size.
     numbers: vec4<f32>,
-    // How far inside it a point may be in the end, how far it goes in a stage, the radius of a ball
-    // that has it inside, and how far any of it goes in the step at most.
+    // Final penetration tolerance, maximum motion per stage, radius of an enclosing ball, and
+    // maximum motion of any point during the step.
     limits: vec4<f32>,
-    // Of a field: its first point and the spacing; how many points there are along each axis and
-    // the place of the first among the values.
+    // Signed distance field: first grid point and spacing; number of points along each axis and
+    // index of the first value.
     low: vec4<f32>,
     grid: vec4<u32>,
-    // Where it was before the step, goes, and is between two iterations.
+    // Poses before the step, at its end, and at the current Newton iteration.
     start_position: vec4<f32>,
     start_rotation: vec4<f32>,
     target_position: vec4<f32>,
     target_rotation: vec4<f32>,
     current_position: vec4<f32>,
     current_rotation: vec4<f32>,
-    // Where it was in the iteration before.
+    // Pose in the previous iteration.
     previous_position: vec4<f32>,
     previous_rotation: vec4<f32>,
-    // Where it was when its normal forces were taken for friction.
+    // Pose at which the friction normal forces were evaluated.
     friction_position: vec4<f32>,
     friction_rotation: vec4<f32>,
-    // Where the last step that was found took it.
+    // Pose at the end of the last converged step.
     accepted_position: vec4<f32>,
     accepted_rotation: vec4<f32>,
 }
@@ -37,42 +37,44 @@ const BOX: u32 = 2u;
 const PLANE: u32 = 3u;
 const SDF: u32 = 4u;
 
-// How a step of tools goes, as its iterations find and leave it.
+// State of a step with tools between its Newton iterations.
 struct ContactStepState {
-    // Stages in which the tools go their way, and the one that they are at.
+    // Number of stages of the tool motion, and the current stage.
     stage: u32,
     stages: u32,
-    // 1 while what touches follows its tool on a straight line: the first iteration of a stage.
+    // 1 while contacts follow their tool on a straight line: the first iteration of a stage.
     tracks_tool: u32,
-    // 1 before the first system: the state to come from is that at the start of the step.
+    // 1 before the first system: the previous state is the state at the start of the step.
     is_first_system: u32,
-    // Iterations, and how often friction took over normal forces.
+    // Number of Newton iterations, and of friction updates (lagged friction).
     newton_iteration: u32,
     friction_updates: u32,
-    // 1 where the next state that is taken is what friction goes by from then on.
+    // 1 if the next accepted state becomes the friction state.
     update_friction: u32,
     done: u32,
-    // Rounds of eight iterations of conjugate gradients that were spent.
+    // Number of batches of eight conjugate gradient iterations used.
     cg_batches: u32,
-    // How often the latest direction was tried again, how much of it is to be tried, and how much was.
+    // Line search: number of extra trials of the direction, step length to try, and length of the
+    // last trial.
     line_search_trials: u32,
     trial_length: f32,
     last_length: f32,
-    // Parts of it between which the potential is least, and how steep it is at these.
+    // Bracket of the minimum of the potential along the direction, and the slopes at its ends.
     bracket_low: f32,
     high: f32,
     low_slope: f32,
     high_slope: f32,
-    // Tools push from so far away at least, while it is being found what touches.
+    // Minimum activation distance of tools while active contacts are being determined.
     activation_distance: f32,
-    // 1 where a tool may come near in the step.
+    // 1 if a tool may come near in the step.
     may_contact: u32,
-    // 1 where nothing touched in the system that was made last.
+    // 1 if the last assembled system had no contact.
     had_no_contact: u32,
-    // The least square of the residual, and iterations that came no lower.
+    // Smallest squared residual, and number of iterations without improvement.
     min_residual_squared: f32,
     stalled_iterations: u32,
-    // 1 once a step was found, after so many steps: if there is one more by then, it was sound.
+    // 1 once a step has converged, and the step count at that time: if `steps` has increased since,
+    // the step was accepted.
     step_found: u32,
     steps: u32,
 }
@@ -81,8 +83,8 @@ fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
-// Where a turn has a vector, from where another one has it: of turns that are near each other the
-// difference keeps its digits so.
+// Returns the difference of v rotated by `to_turn` and by `from_turn`, computed so that it stays
+// accurate for nearly equal rotations.
 fn rotation_difference(from_turn: vec4<f32>, to_turn: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     let by = select(-1.0, 1.0, dot(from_turn, to_turn) >= 0.0) * to_turn - from_turn;
     let first = from_turn.xyz;
@@ -91,7 +93,7 @@ fn rotation_difference(from_turn: vec4<f32>, to_turn: vec4<f32>, v: vec3<f32>) -
     return 2.0 * (way + cross(first, cross(by.xyz, v) + by.w * v));
 }
 
-// The turn that undoes another.
+// Returns the inverse rotation.
 fn quat_conjugate(q: vec4<f32>) -> vec4<f32> {
     return vec4(-q.xyz, q.w);
 }

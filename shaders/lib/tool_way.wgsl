@@ -1,10 +1,10 @@
-// Tools on their way through a step.
+// Motion of tools through the stages of a step.
 
 #import lib/tool
 
 @group(0) @binding(next) var<storage, read_write> tools: array<Tool>;
 
-// Has tools that touched come to a stage of their way, from where they are.
+// Moves all tools to a stage of their motion during the step.
 fn set_tool_stage(stage: u32, stages: u32) {
     let share = f32(stage) / f32(stages);
     for (var k = 0u; k < arrayLength(&tools); k++) {
@@ -15,7 +15,7 @@ fn set_tool_stage(stage: u32, stages: u32) {
             tools[k].current_rotation = to_turn;
         } else {
             tools[k].current_position = mix(tools[k].start_position, tools[k].target_position, share);
-            // A turn and its negative are the same.
+            // A quaternion and its negative represent the same rotation.
             let near = select(-to_turn, to_turn, dot(from_turn, to_turn) >= 0.0);
             tools[k].current_rotation = normalize(mix(from_turn, near, share));
         }

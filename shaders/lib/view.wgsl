@@ -1,12 +1,11 @@
-// The camera in the local frame. The twin of `render::view`.
+// The camera in the local frame. Host side: `render::view`.
 //
 // Camera space: x to the right, y up, z along the view, measured from the plane through the local
-// origin, so that a far camera costs no accuracy. Pixel p sees the line
-//     (x, y)(z) = origin(p) + slope(p) * z
-// with slope 0 in an orthographic view.
+// origin, so that a distant camera loses no accuracy. Pixel p sees the line (x, y)(z) = origin(p) +
+// slope(p) * z, with slope 0 in an orthographic view.
 
 struct View {
-    // Axes of camera space; w is added to the coordinate.
+    // Axes of camera space; w is the translation.
     right: vec4<f32>,
     up: vec4<f32>,
     forward: vec4<f32>,
@@ -15,31 +14,31 @@ struct View {
     base: vec4<f32>,
     // x and y of clip space: clip.xy * (x, y) + clip.zw * w
     clip: vec4<f32>,
-    // z and w of clip space: depth.x * z + depth.y and depth.z * z + depth.w. Depth falls from 1 at
-    // the near plane (reversed), which keeps its relative accuracy in 32 bits.
+    // z and w of clip space: depth.x * z + depth.y and depth.z * z + depth.w. Depth decreases from
+    // 1 at the near plane (reversed), which preserves relative accuracy in 32 bits.
     depth: vec4<f32>,
     // Scalar (0 to 1 over the field's range) to table coordinate: scalar.x * s + scalar.y
     scalar: vec2<f32>,
     // z of the near plane.
     near: f32,
-    // File units in a local unit.
+    // File units per local unit.
     unit: f32,
     // Largest extinction per local unit, times log2(e).
     opacity: f32,
     nodes: u32,
-    // Vertices of the boundary: three a face.
+    // Vertices of the boundary: three per face.
     corners: u32,
-    // Steps after which a walk is given up.
+    // Maximum number of traversal steps.
     max_steps: u32,
-    // Of the table: its layers, and the depth of the last one in the paper's form.
+    // Number of layers of the table, and the depth of the last layer in the paper's form.
     layers: u32,
     table_max_depth: f32,
-    // Size of a pixel in clip space (of w 1).
+    // Pixel size in clip space (w = 1).
     pixel: vec2<f32>,
-    // Unit direction towards the light, in the local frame; with w 1 it is that towards the eye.
+    // Unit direction towards the light, in the local frame; w is 1 for a headlight.
     light: vec4<f32>,
-    // Of X-rays: the shares of the range that are air and water, what water attenuates per file
-    // unit, and how much steeper that rises beyond it.
+    // X-ray parameters: normalised values of air and water, attenuation of water per file unit, and
+    // the relative slope beyond water.
     xray: vec4<f32>,
 }
 
@@ -52,14 +51,14 @@ fn to_clip(view: View, q: vec3<f32>) -> vec4<f32> {
     return vec4(view.clip.xy * q.xy + view.clip.zw * w, view.depth.x * q.z + view.depth.y, w);
 }
 
-// The z at which a depth of this view lies.
+// Returns the z of a depth value of this view.
 fn z_of_depth(view: View, depth: f32) -> f32 {
     // depth = (a z + b) / (c z + d), solved for z
     let below = view.depth.x - depth * view.depth.z;
     return (depth * view.depth.w - view.depth.y) / select(below, -1e-30, abs(below) < 1e-30);
 }
 
-// The depth of a point at z.
+// Returns the depth of a point at z.
 fn depth_of_z(view: View, z: f32) -> f32 {
     return (view.depth.x * z + view.depth.y) / (view.depth.z * z + view.depth.w);
 }

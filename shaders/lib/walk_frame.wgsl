@@ -1,24 +1,24 @@
-// The outer frame of either walk: the ray of each pixel, where it starts and ends, and what is done
-// where it is lost. Needs lib/array, lib/view, lib/tet, lib/sight and lib/segment; and of the
-// shader that imports it `traverse(code, ray, before) -> TraversalResult`, from boundary face `code` = 4 tet +
-// face until the mesh or the ray ends.
+// Common frame of both traversals: the ray of each pixel, its start and end, and retries of lost
+// rays. Needs lib/array, lib/view, lib/tet, lib/sight and lib/segment, and `traverse(code, ray,
+// before) -> TraversalResult` of the importing shader, which traverses from boundary face `code` =
+// 4 tet + face until the mesh or the ray ends.
 
-// Towards the eye, from back faces in front of an eye that is inside the mesh.
+// Whether rays run towards the eye from back faces, for an eye inside the mesh.
 override BACKWARD_TRAVERSAL: bool = false;
-// Whether something opaque may end the rays.
+// Whether opaque objects may end the rays.
 override HAS_DEPTH: bool = false;
-// Whether scalars are constant in each tet.
+// Whether scalars are constant per tet.
 override CELL_SCALARS: bool = false;
 
-// Depth bits and 4 tet + face where the rays of this layer start.
+// Depth bits and 4 tet + face at the start of the rays of this layer.
 @group(0) @binding(next) var starts: texture_2d<u32>;
-// The nearest front faces, which tell a backward walk whether the eye is inside.
+// The nearest front faces, by which a backward traversal detects an eye inside the mesh.
 @group(0) @binding(next) var fronts: texture_2d<u32>;
-// What the layers before gathered.
+// Accumulated result of the previous layers.
 @group(0) @binding(next) var gathered: texture_2d<f32>;
 @group(0) @binding(next) var occluder: texture_depth_2d;
 @group(0) @binding(next) var<storage, read_write> lost: array<atomic<u32>, 1>;
-// Of the layers of this parity the last that has a face in each tile.
+// For the layers of this parity, the last one that has a face in each tile.
 @group(0) @binding(next) var<storage, read> last_layers: array<u32>;
 @group(0) @binding(next) var<uniform> params: View;
 
@@ -39,18 +39,18 @@ struct Ray {
     // In the local frame: point(z) = foot + z run.
     foot: vec3<f32>,
     run: vec3<f32>,
-    // If LIT: where light comes from.
+    // If LIGHTING: the light vectors.
     lights: LightVectors,
-    // What a step in z is worth in the unit of the mode.
+    // Length of a unit step in z, in the unit of the mode.
     scale: f32,
-    // z at which it ends.
+    // z at the end of the ray.
     end: f32,
 }
 
 struct TraversalResult {
     sum: vec4<f32>,
     found: bool,
-    // z where it begins and ends, the nearer one first.
+    // z at the beginning and end, the nearer first.
     reach: vec2<f32>,
 }
 
@@ -65,7 +65,7 @@ fn pixel_ray(position: vec2<f32>) -> Ray {
     return Ray(sight, foot, run, light_vectors(params, run / length), scale, 3e38);
 }
 
-// The ray a hair beside.
+// Returns a slightly displaced ray.
 fn perturbed(ray: Ray) -> Ray {
     var other = ray;
     other.sight.origin += vec2(1.7e-6, -1.1e-6);
@@ -73,7 +73,7 @@ fn perturbed(ray: Ray) -> Ray {
     return other;
 }
 
-// Takes a segment of a walk to the eye into the sum, as far as it is not behind the ray's end.
+// Accumulates a segment of a backward traversal, clipped at the end of the ray.
 fn accumulate_until_depth(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     var seen = part;
     if HAS_DEPTH {
@@ -87,8 +87,8 @@ fn accumulate_until_depth(sum: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> 
     return accumulate_segment(sum, seen, ray);
 }
 
-// Walks again along slightly other rays when a ray ends nowhere, as one may that lies exactly in a
-// face or an edge; counts it as lost when they do as well.
+// Traverses the mesh, and retries with perturbed rays if the traversal fails, which is possible for
+// a ray exactly in a face or an edge. Counts the ray as lost if the retries fail too.
 fn traverse_with_retry(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var along = ray;
     var walked = TraversalResult(before, false, vec2(0.0));
@@ -109,7 +109,7 @@ fn fragment(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
     var sum = vec4(0.0);
     var starting = start.y != NONE;
     if BACKWARD_TRAVERSAL {
-        // The eye is inside where the nearest face of all shows its back.
+        // The eye is inside the mesh if the nearest face is a back face.
         let front = textureLoad(fronts, pixel, 0).xy;
         starting = starting && (front.y == NONE || bitcast<f32>(start.x) >= bitcast<f32>(front.x));
     } else {

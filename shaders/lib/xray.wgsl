@@ -1,19 +1,20 @@
-// How strongly what a scalar stands for attenuates X-rays. The twin of `render::xray`. Needs lib/view,
-// `tets` and `rests`, and `corner_at` of the walk that imports it.
+// X-ray attenuation of scalar values. CPU reference: `render::xray`. Needs lib/view, `tets` and
+// `rests`, and `corner_at` of the importing shader.
 
-// The share of the way from air to water, or of the range, below which ends of a stretch are alike.
+// Difference, relative to the air-water interval or the range, below which two values count as
+// equal.
 const SMALL_DIFFERENCE: f32 = 0.01;
-// Of a tet as it was at rest: less is taken for this.
+// Lower bound of the current volume of a tet, relative to its rest volume.
 const MIN_VOLUME_RATIO: f32 = 1e-4;
 
-// Attenuation at a share of the range, per file unit.
+// Returns the attenuation of a normalised value, per file unit.
 fn attenuation(s: f32) -> f32 {
     let x = params.xray;
     let beyond = (s - x.y) / (x.y - x.x);
     return x.z * max(1.0 + beyond * select(1.0, x.w, beyond > 0.0), 0.0);
 }
 
-// Its integral from air.
+// Returns the integral of the attenuation from air to s.
 fn attenuation_integral(s: f32) -> f32 {
     let x = params.xray;
     let span = x.y - x.x;
@@ -22,7 +23,7 @@ fn attenuation_integral(s: f32) -> f32 {
     return x.z * (0.5 * low * low / span + high + 0.5 * x.w * high * high / span);
 }
 
-// The mean between two shares.
+// Returns the mean attenuation between two normalised values.
 fn mean_attenuation(a: f32, b: f32) -> f32 {
     if abs(b - a) < SMALL_DIFFERENCE * min(params.xray.y - params.xray.x, 1.0) {
         return (attenuation(a) + 4.0 * attenuation(0.5 * (a + b)) + attenuation(b)) / 6.0;
@@ -38,7 +39,7 @@ fn rest_at(i: u32) -> vec3<f32> {
     return textureLoad(rests, array_texel(i), 0).xyz;
 }
 
-// How many times as dense a tet is as it was at rest: 1 / J.
+// Returns the density of a tet relative to rest: 1 / J.
 fn density_ratio(tet: u32) -> f32 {
     let v = textureLoad(tets, array_texel(tet), 0);
     let now = volume_of(corner_at(v.x), corner_at(v.y), corner_at(v.z), corner_at(v.w));

@@ -1,27 +1,27 @@
-// Decides whether a candidate state is sound: finite, and with no more energy than it began with
-// and was given. One workgroup.
+// Checks a candidate state: all values must be finite, and the energy must not exceed the initial
+// energy plus the external work by too much. One workgroup.
 
 #import lib/reduce
 #import lib/status
 
 struct CheckParams {
-    // 0: a step; 1: forces at the current state, before steps; 2: the same after the state was
-    // changed from outside.
+    // 0: a step; 1: forces at the current state, before steps; 2: as 1, after the state was changed
+    // by the host.
     kind: u32,
-    // Workgroups that wrote a partial sum.
+    // Number of workgroups that wrote a partial sum.
     groups: u32,
     // Length of the history.
     history: u32,
     dt: f32,
-    // Energy below which nothing is called a runaway.
+    // Energy below which no state counts as a runaway.
     floor: f32,
-    // How often the energy may exceed what began and came in.
+    // Maximum ratio of the energy to the initial energy plus the external work.
     factor: f32,
 }
 
 @group(0) @binding(0) var<storage, read> partials: array<vec4<f32>>;
 @group(0) @binding(1) var<storage, read_write> status: Status;
-// Of each step: iterations, residual, kinetic and elastic energy.
+// For each step: iterations, residual, kinetic and elastic energy.
 @group(0) @binding(2) var<storage, read_write> history: array<vec4<f32>>;
 @group(0) @binding(3) var<uniform> params: CheckParams;
 

@@ -1,4 +1,4 @@
-// Makes the candidate state the state, if it was accepted.
+// Copies the candidate state to the current state if it was accepted.
 
 #import lib/array
 #import lib/status
@@ -14,7 +14,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if status.failed != 0u || status.accepted == 0u {
         return;
     }
-    // Items past the last node write to texels that nothing reads.
+    // Items past the last node write to texels that are never read.
     let i = invocation_index(id, groups);
     textureStore(positions, array_texel(i), textureLoad(next_positions, array_texel(i), 0));
     textureStore(velocities, array_texel(i), textureLoad(next_velocities, array_texel(i), 0));

@@ -1,12 +1,13 @@
-// After the system of a state was made: whether that is the end of the step. One workgroup.
+// Newton convergence test, run after a system was assembled: decides whether the step is complete.
+// One workgroup.
 
 #import lib/cg
 #import lib/tool_way
 
 struct ConvergenceParams {
-    // Workgroups that wrote a partial sum.
+    // Number of workgroups that wrote a partial sum.
     groups: u32,
-    // 1 where a tool has friction.
+    // 1 if a tool has friction.
     rubs: u32,
 }
 
@@ -16,15 +17,16 @@ struct ConvergenceParams {
 @group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
 @group(0) @binding(next) var<uniform> params: ConvergenceParams;
 
-// Square of the residual to reach, over the forces on what tools touch; and of that at which friction takes
-// over normal forces.
+// Convergence tolerance of the squared residual, relative to the contact forces; and the ratio to
+// it below which the friction forces are updated (lagged friction).
 const TOLERANCE: f32 = 1e-6;
 const FRICTION_UPDATE_RESIDUAL_RATIO: f32 = 100.0;
 
-// How often it does so in a step at most.
+// Maximum number of friction updates per step.
 const MAX_FRICTION_UPDATES: u32 = 6u;
 
-// Iterations of a step at most after the last stage, and of those that come no nearer in a row.
+// Maximum number of iterations after the last stage, and of consecutive iterations without
+// progress.
 const MAX_ITERATIONS: u32 = 100u;
 const MAX_STALLED: u32 = 10u;
 
@@ -46,7 +48,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     pushing.had_no_contact = select(1u, 0u, touches);
     if pushing.is_first_system != 0u {
         pushing.is_first_system = 0u;
-        // Tools that come near nothing go all their way at once.
+        // Tools that come near nothing move to their target at once.
         if pushing.may_contact == 0u {
             pushing.stage = pushing.stages;
             pushing.tracks_tool = 0u;
@@ -68,7 +70,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     } else {
         pushing.stalled_iterations += 1u;
     }
-    // What touches nothing from the first is found in one iteration, as without tools.
+    // A step without contact from the start converges in one iteration, as without tools.
     let free = bare && !touches && pushing.last_length >= 1.0;
     let near = square <= goal && (rubbed || !rubs);
     let spent = pushing.newton_iteration >= pushing.stages + MAX_ITERATIONS || pushing.stalled_iterations >= MAX_STALLED;

@@ -1,4 +1,4 @@
-// The change of velocities that was solved for.
+// Stores the Newton direction: the velocity change from the linear solve.
 
 #import lib/cg
 
@@ -6,7 +6,7 @@ struct DirectionParams {
     nodes: u32,
 }
 
-// Of an even number of iterations, and of an odd one.
+// Solution after an even and after an odd number of iterations.
 @group(0) @binding(0) var even: texture_2d<f32>;
 @group(0) @binding(1) var odd: texture_2d<f32>;
 @group(0) @binding(2) var masses: texture_2d<f32>;

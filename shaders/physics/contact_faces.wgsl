@@ -1,11 +1,11 @@
-// What tools exert on points within the faces of the boundary: 15 texels a face. The force on each
-// of its nodes, in w of the first how many points are too deep inside, of the last how many touch;
-// the matrix between each node and itself, the first and the second, the second and the third, the
-// third and the first, each as xx xy xz yy, yz zz.
+// Tool contact at points inside the boundary faces: 15 texels per face. The force on each of its
+// nodes; w of the first counts the points that penetrate too deeply, w of the last the points in
+// contact. Then the matrix blocks of each node with itself, the first with the second, the second
+// with the third, and the third with the first, each as xx xy xz yy, yz zz.
 
 #import lib/contact_shares
 
-// Of each face its nodes, and in w the longest edge at rest.
+// Nodes of each face; w is the longest edge at rest.
 @group(0) @binding(next) var contact_corners: texture_2d<u32>;
 // A K of each face.
 @group(0) @binding(next) var face_weights: texture_2d<f32>;
@@ -16,7 +16,8 @@ fn add(to: ptr<function, array<vec4<f32>, 15>>, k: u32, by: f32, share: ContactC
     (*to)[4u + 2u * k] += by * vec4(share.mixed.z, share.diagonal.z, 0.0, 0.0);
 }
 
-// How far a tool is at most from where it stood, at a distance from its origin.
+// Returns an upper bound of the motion of tool k relative to a given pose, at distance `arm` from
+// its origin.
 fn tool_displacement(k: u32, place: vec4<f32>, turn: vec4<f32>, arm: f32) -> f32 {
     let moved = distance(tools[k].current_position.xyz, place.xyz);
     return moved + 4.0 * length(tools[k].current_rotation - turn) * (arm + moved);
@@ -44,7 +45,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let moved = nodes.x + params.dt * nodes.v;
     var reach = max(max(distance(moved[0], moved[1]), distance(moved[1], moved[2])), distance(moved[2], moved[0]));
     for (var c = 0u; c < 3u; c++) {
-        // And from where friction or the iteration before has them.
+        // Also considers the friction velocities and the previous iteration.
         let off = max(length(nodes.v[c] - nodes.rubbed[c]), length(nodes.way[c]));
         reach = max(reach, distance(moved[c], moved[(c + 1u) % 3u]) + params.dt * off);
     }
@@ -52,7 +53,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var touching = 0.0;
     for (var k = 0u; k < arrayLength(&tools); k++) {
         let parts = subdivisions(k, longest);
-        // No face comes nearer to a plane than its nodes.
+        // A face is never closer to a plane than its nodes.
         if parts < 2u || u32(tools[k].shape.w) == PLANE {
             continue;
         }
@@ -85,7 +86,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         }
     }
     sums[2].w = touching;
-    // Of the others nothing is read where nothing touches.
+    // Without contact, the remaining texels are never read.
     let count = select(3u, 15u, touching > 0.0);
     for (var t = 0u; t < count; t++) {
         textureStore(faces, array_texel(15u * n + t), sums[t]);

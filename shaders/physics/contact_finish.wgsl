@@ -1,4 +1,5 @@
-// After the iterations recorded for a step of tools: found, or to be continued. One invocation.
+// Runs after the iterations recorded for a step with tools: converged, or to be continued. One
+// invocation.
 
 #import lib/status
 #import lib/tool_way

@@ -1,11 +1,11 @@
-// Takes a trial, or has more or less of the direction tried. One workgroup.
+// Line search: accepts a trial, or selects a longer or shorter step length. One workgroup.
 
 #import lib/reduce
 #import lib/status
 #import lib/tool_way
 
 struct LineSearchParams {
-    // Workgroups that wrote a partial sum.
+    // Number of workgroups that wrote a partial sum.
     groups: u32,
 }
 
@@ -14,15 +14,16 @@ struct LineSearchParams {
 @group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
 @group(0) @binding(next) var<uniform> params: LineSearchParams;
 
-// A trial is too far where the potential rises by more than the first part of how steep it fell, and
-// after one that was, not far enough where it falls by more than the second.
+// A trial is too long if the slope is positive and exceeds the first fraction of the initial
+// descent; after such a trial, one is too short if the slope is still a larger descent than the
+// second fraction.
 const MAX_SLOPE_RATIO: f32 = 0.5;
 const CURVATURE_RATIO: f32 = 0.9;
 
-// A direction is tried again so often at most.
+// Maximum number of trials per direction.
 const MAX_LINE_SEARCH_TRIALS: u32 = 8u;
 
-// How much nearer tools push in an iteration than in the one before.
+// Factor by which the activation distance of tools shrinks per iteration.
 const ACTIVATION_SHRINK: f32 = 0.3;
 
 @compute @workgroup_size(WORKGROUP)

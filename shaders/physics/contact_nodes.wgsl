@@ -1,12 +1,12 @@
-// What tools exert on the nodes of the boundary, and on points within the faces around them: three
-// texels a node. The force, in w how many points are too deep inside; and what the node's rows of
-// the matrix add up to, as xx xy xz yy, yz zz.
+// Assembles tool contact at the boundary nodes, including points inside the adjacent faces: three
+// texels per node. The force, with the number of points that penetrate too deeply in w; and the row
+// sum of the node's matrix blocks, as xx xy xz yy, yz zz.
 
 #import lib/contact_shares
 
-// Of each node of the boundary: its number, its first face in `around`, how many those are, A K.
+// For each boundary node: its number, its first face in `around`, the number of its faces, A K.
 @group(0) @binding(next) var boundary_nodes: texture_2d<u32>;
-// Three times the number of the face, and which corner the node is.
+// Three times the number of the face, plus the corner of the face that is the node.
 @group(0) @binding(next) var around_nodes: texture_2d<u32>;
 @group(0) @binding(next) var faces: texture_2d<f32>;
 @group(0) @binding(next) var shares: texture_storage_2d<rgba32float, write>;
@@ -44,7 +44,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         }
         let own = textureLoad(faces, array_texel(first + corner), 0);
         force += vec4(own.xyz, select(0.0, own.w, corner == 0u));
-        // With itself, with the next corner, and with the one before.
+        // With itself, with the next corner, and with the previous one.
         for (var k = 0u; k < 3u; k++) {
             let block = select(3u + (corner + 2u * (k - 1u)) % 3u, corner, k == 0u);
             b0 += textureLoad(faces, array_texel(first + 3u + 2u * block), 0);

@@ -1,4 +1,4 @@
-// Begins a step of tools: in how many stages they go their way. One invocation.
+// Begins a step with tools: chooses the number of stages of their motion. One invocation.
 
 #import lib/status
 #import lib/tool_way
@@ -7,18 +7,18 @@
 @group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
 
 struct InitParams {
-    // Tools that move push from so far away at first.
+    // Initial activation distance for moving tools.
     wide: f32,
 }
 @group(0) @binding(next) var<uniform> params: InitParams;
 
-// Those that move by more than this part of it do so.
+// Minimum tool motion, relative to `wide`, for which it applies.
 const MIN_MOVE_RATIO: f32 = 0.2;
 
-// Stages of a step at most.
+// Maximum number of stages per step.
 const MAX_STAGES: f32 = 64.0;
 
-// How far the boundary comes from the middle of the local frame, and some.
+// Upper bound of the distance of the boundary from the local origin, with a margin.
 const BOUNDARY_RADIUS: f32 = 1.5;
 
 @compute @workgroup_size(1)
@@ -26,7 +26,7 @@ fn main() {
     if status.failed != 0u || status.solving != 0u {
         return;
     }
-    // Where a step that was found was sound, tools are where it took them.
+    // If the last step converged and was accepted, tools are at its end.
     let sound = pushing.step_found != 0u && pushing.steps != status.steps;
     var most = 0.0;
     var moves = false;

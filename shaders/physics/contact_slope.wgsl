@@ -1,5 +1,5 @@
-// How steep the incremental potential is along the direction, where it begins and at the trial: sums
-// of residuals by directions.
+// Directional derivative of the incremental potential at the start of the line search and at the
+// trial: dot products of residuals and directions.
 
 #import lib/reduce
 #import lib/status
@@ -7,7 +7,7 @@
 struct SlopeParams {
     nodes: u32,
     dt: f32,
-    // The row of the first node's right side.
+    // First row of the right side in `preconditioner`.
     right: u32,
     _pad0: u32,
 }
@@ -17,7 +17,7 @@ struct SlopeParams {
 @group(0) @binding(2) var ways: texture_2d<f32>;
 @group(0) @binding(3) var masses: texture_2d<f32>;
 @group(0) @binding(4) var forces: texture_2d<f32>;
-// The residual where it begins: of `physics/implicit_euler_begin`.
+// Residual at the start, from `physics/implicit_euler_begin`.
 @group(0) @binding(5) var preconditioner: texture_2d<f32>;
 @group(0) @binding(6) var<storage, read> status: Status;
 @group(0) @binding(7) var<storage, read_write> partials: array<vec4<f32>>;
@@ -35,7 +35,7 @@ fn main(
     }
     var sum = vec4(0.0);
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
-        // Zero where nothing moves.
+        // Zero for pinned nodes.
         let way = textureLoad(ways, array_texel(i), 0).xyz;
         let change = textureLoad(velocities, array_texel(i), 0).xyz - textureLoad(trial_velocities, array_texel(i), 0).xyz;
         let r = textureLoad(masses, array_texel(i), 0).x * change + params.dt * textureLoad(forces, array_texel(i), 0).xyz;

@@ -1,4 +1,4 @@
-// The trial becomes the state that iterations go on from, and where it is time what friction goes by.
+// Accepts the trial state for the next iteration, and updates the friction state when required.
 
 #import lib/array
 #import lib/status
@@ -27,7 +27,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     textureStore(next_positions, array_texel(i), textureLoad(trial_positions, array_texel(i), 0));
     textureStore(next_velocities, array_texel(i), v);
     if pushing.update_friction != 0u {
-        // Before the first system: where the step starts.
+        // Before the first system: the start of the step.
         textureStore(rubbed, array_texel(i), select(v, vec4(0.0), pushing.is_first_system != 0u));
     }
 }

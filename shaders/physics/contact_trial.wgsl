@@ -1,4 +1,4 @@
-// The state that is tried next: as far along the direction as may be.
+// Computes the next trial state: the maximum allowed step along the direction.
 
 #import lib/least
 #import lib/status
@@ -6,7 +6,8 @@
 
 struct TrialParams {
     nodes: u32,
-    // Workgroups that wrote a part of the way, and whether it comes near a tool.
+    // Number of workgroups that wrote a fraction of the direction, and whether it comes near a
+    // tool.
     groups: u32,
     dt: f32,
     _pad0: u32,

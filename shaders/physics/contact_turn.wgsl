@@ -1,5 +1,5 @@
-// After every few iterations of conjugate gradients: opens the passes that take their answer, once
-// it is there. One invocation.
+// Runs after every few conjugate gradient iterations: enables the passes that use the solution once
+// it is available. One invocation.
 
 #import lib/cg
 #import lib/tool

@@ -1,6 +1,7 @@
-// The part of a direction on which no point of the boundary goes too deep into a tool: of each
-// workgroup the least. By conservative advancement, for no distance changes faster than its point
-// moves. Behind it, at the start of a step, 0 where a tool may come near in it.
+// Continuous collision detection (CCD): the largest fraction of the direction for which no boundary
+// point penetrates a tool too deeply; the minimum per workgroup. Uses conservative advancement: a
+// distance changes no faster than its point moves. At the start of a step, a second value is 0 if a
+// tool may come near in the step.
 
 #import lib/contact
 #import lib/least
@@ -12,27 +13,27 @@ struct WayParams {
 
 @group(0) @binding(next) var contact_corners: texture_2d<u32>;
 @group(0) @binding(next) var velocities: texture_2d<f32>;
-// How velocities change.
+// Change of the velocities.
 @group(0) @binding(next) var ways: texture_2d<f32>;
 @group(0) @binding(next) var<storage, read> pushing: ContactStepState;
 @group(0) @binding(next) var<storage, read_write> parts: array<vec2<f32>>;
 @group(0) @binding(next) var<uniform> params: WayParams;
 
-// Points go so deep into a tool between two iterations at most, over half of its thickness: they
-// come out again where they went in.
+// Maximum penetration between two iterations, relative to half of the tool's thickness, so that
+// points leave on the side where they entered.
 const MAX_ITERATION_PENETRATION: f32 = 0.25;
 
-// Steps of a point.
+// Maximum number of conservative advancement steps per point.
 const MAX_CCD_ITERATIONS: u32 = 60u;
 
-// The part of the way by `along` from a point that is p from the tool's origin.
+// Returns the allowed fraction of the motion `along` of a point at p relative to the tool's origin.
 fn point_toi(k: u32, p: vec3<f32>, along: vec3<f32>, turn: vec4<f32>) -> f32 {
     let far = length(along);
     let deep = MAX_ITERATION_PENETRATION * tools[k].numbers.z;
     var t = 0.0;
     var room = surface_distance(k, p, turn).w + deep;
     let start = room;
-    // Of what is deeper already nothing is gained by waiting.
+    // Points that are already deeper are not limited.
     if start <= 0.0 {
         return 1.0;
     }
@@ -40,7 +41,7 @@ fn point_toi(k: u32, p: vec3<f32>, along: vec3<f32>, turn: vec4<f32>) -> f32 {
         if far * (1.0 - t) <= room {
             return 1.0;
         }
-        // As good as there.
+        // Converged.
         if room <= 1e-2 * min(start, deep) {
             break;
         }
@@ -91,7 +92,7 @@ fn main(
             if corner <= edge + far + tools[k].limits.w + max(tools[k].numbers.y, pushing.activation_distance) {
                 apart = 0.0;
             }
-            // What is on the wrong side of a plane comes back by itself.
+            // Points behind a plane are pushed back without a limit.
             if corner > edge + far || u32(tools[k].shape.w) == PLANE {
                 continue;
             }

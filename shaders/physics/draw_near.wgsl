@@ -1,5 +1,4 @@
-// Springs from nodes to their targets, with a limit: written into the external forces, on top of
-// what acts there anyway.
+// Springs from nodes to their targets, with a force limit: added to the external forces.
 
 #import lib/array
 
@@ -8,11 +7,11 @@ struct DrawParams {
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
-// Number of each node drawn.
+// Node numbers.
 @group(0) @binding(1) var numbers: texture_2d<u32>;
-// Its target in local units; w: stiffness in newtons a local unit.
+// Targets in local units; w: stiffness in newtons per local unit.
 @group(0) @binding(2) var targets: texture_2d<f32>;
-// The forces that act anyway, N; w: the largest force of the spring, N.
+// External forces without the springs, N; w: the maximum spring force, N.
 @group(0) @binding(3) var loads: texture_2d<f32>;
 @group(0) @binding(4) var external_forces: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(5) var<uniform> params: DrawParams;

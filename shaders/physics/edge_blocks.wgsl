@@ -1,5 +1,5 @@
-// The blocks of the matrix that finite elements give each edge of the mesh, from the curvatures of
-// the tets around it, for both of its directions: three texels, the rows of (h² + hτ) K_ij.
+// Assembles the finite element matrix blocks of each mesh edge from the Hessians of the surrounding
+// tets, for both directions of the edge: three texels, the rows of (h² + hτ) K_ij.
 
 #import lib/array
 #import lib/status
@@ -11,17 +11,18 @@ struct EdgeParams {
     scale: f32,
 }
 
-// Of each edge: its first in `around`, how many those are, and the entries of its two directions.
+// For each edge: its first entry in `around`, the number of entries, and the matrix entries of its
+// two directions.
 @group(0) @binding(0) var edges: texture_2d<u32>;
-// Tets around edges, each as 16 times its number, 4 times its corner at the one end, that at the
-// other.
+// Tets around edges: 16 times the tet number, plus 4 times the local corner at one end, plus the
+// local corner at the other.
 @group(0) @binding(1) var around: texture_2d<u32>;
 @group(0) @binding(2) var curvatures: texture_2d<f32>;
 @group(0) @binding(3) var<storage, read> status: Status;
 @group(0) @binding(4) var matrix: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(5) var<uniform> params: EdgeParams;
 
-// The gradient of a corner in the frame of its tet, whose texels begin with `first`.
+// Returns the gradient of a corner in the frame of its tet, whose texels start at `first`.
 fn corner_gradient(first: u32, corner: u32) -> vec3<f32> {
     if corner == 0u {
         let a = textureLoad(curvatures, array_texel(first + 3u), 0).xyz;
@@ -54,10 +55,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         );
         let flip = textureLoad(curvatures, array_texel(first + 6u), 0).xyz;
         let twist = textureLoad(curvatures, array_texel(first + 7u), 0).xyz;
-        // δP_lm goes with δF_lm by `same`, with δF_ml by `other`.
+        // δP_lm is proportional to δF_lm with factor `same`, and to δF_ml with factor `other`.
         let same = 0.5 * (flip + twist);
         let other = 0.5 * (flip - twist);
-        // In the frame: B_lk = a_l A_lk b_k + other a_k b_l, and on the diagonal what `same` adds.
+        // In the local frame: B_lk = a_l A_lk b_k + other a_k b_l, plus the `same` contribution on
+        // the diagonal.
         let ab = a * b;
         let on = vec3(c0.w, c1.w, c2.w) * ab + vec3(
             same.z * ab.y + same.y * ab.z,

@@ -1,5 +1,5 @@
-// Forces on every node at a state, and that state's energies: what its matter gathers around it,
-// what other terms add, weight and external forces, in local units.
+// Nodal forces and energies of a state: material forces, nodal terms, weight and external forces,
+// in local units.
 
 #import lib/reduce
 #import lib/status
@@ -11,7 +11,7 @@
 struct ForceParams {
     gravity: vec4<f32>,
     nodes: u32,
-    // Local units of force in a newton.
+    // Local units of force per newton.
     newton: f32,
     _pad0: u32,
     _pad1: u32,
@@ -23,7 +23,8 @@ struct ForceParams {
 @group(0) @binding(3) var external_forces: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read> status: Status;
 @group(0) @binding(5) var forces: texture_storage_2d<rgba32float, write>;
-// A workgroup's kinetic energy, elastic energy, power of the external forces, non-finite nodes.
+// Per workgroup: kinetic energy, elastic energy, power of the external forces, number of non-finite
+// nodes.
 @group(0) @binding(6) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(7) var<uniform> params: ForceParams;
 
@@ -57,7 +58,7 @@ fn main(
         textureStore(forces, array_texel(i), vec4(f, 0.0));
         let bad = select(1.0, 0.0, finite3(x) && finite3(v) && finite3(f));
         sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
-        // Tools do work as what acts from outside does.
+        // Tools do external work.
 #each contact         sum.z += dot(pressed, v);
     }
     let total = reduce(sum, lane);

@@ -1,5 +1,5 @@
-// Whether all particles are where numbers can be, and how fast they move: one workgroup, after a
-// run of steps.
+// Counts particles with non-finite positions, and measures extent and motion: one workgroup, after
+// a run of steps.
 
 #import lib/reduce
 #import lib/status
@@ -9,11 +9,11 @@ struct GridCheckParams {
 }
 
 struct GridStatus {
-    // Particles whose position is no finite number.
+    // Number of particles with non-finite positions.
     out_of_range: f32,
     // Sum of m/m̄ |x - x₋₁|².
     motion: f32,
-    // Largest distance from the middle of the frame, squared.
+    // Largest squared distance from the centre of the frame.
     reach: f32,
     _pad0: u32,
 }

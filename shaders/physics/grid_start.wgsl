@@ -1,5 +1,5 @@
-// Where every particle was a step before, from its velocity: x₋₁ = x - h v, or with the change of
-// position over the step before scaled to a new length of step.
+// Computes the previous positions of all particles from their velocities: x₋₁ = x - h v, or
+// rescales the previous displacement to a new time step.
 
 #import lib/array
 

@@ -1,6 +1,6 @@
-// One step of Verlet on a grid of particles with implicit connections: forces of the 18
-// neighbours, the next position, and on request the approximate normal, in one pass (Mosegaard,
-// Herborg & Sørensen 2005, section 2.3). The twin of `physics::grid::plain`.
+// One Verlet step on a grid of particles with implicit connectivity: forces of the 18 neighbours,
+// the next position, and optionally the approximate normal, in one pass (Mosegaard, Herborg &
+// Sørensen 2005, section 2.3). CPU reference: `physics::grid::reference`.
 
 #import lib/array
 #import lib/normals
@@ -10,22 +10,23 @@ override NORMALS: bool = false;
 override EXTERNAL: bool = false;
 
 struct GridParams {
-    // Of each kind of spring: the step to the neighbour's number (bits of an i32), the rest
+    // For each kind of spring: the offset of the neighbour's number (bits of an i32), the rest
     // length in local units, h² κ / m of the mean particle.
     springs: array<vec4<f32>, 9>,
     // h² g in local units; w: h² / (m L), from newtons to local units.
     pull: vec4<f32>,
     count: u32,
-    // (1 - γh/2) / (1 + γh/2) and 1 / (1 + γh/2), γ the rate of damping.
+    // (1 - γh/2) / (1 + γh/2) and 1 / (1 + γh/2), γ the damping rate.
     damping_factor: f32,
     acceleration_scale: f32,
-    // Normals shorter than this are none.
+    // Normals shorter than this are treated as missing.
     least_normal: f32,
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var previous: texture_2d<f32>;
-// Number, springs (bit 2k forward along kind k, 2k + 1 back), inverse mass over the mean's.
+// Number, springs (bit 2k forward along kind k, 2k + 1 backward), inverse mass relative to the mean
+// particle.
 @group(0) @binding(2) var particles: texture_2d<u32>;
 @group(0) @binding(3) var external_forces: texture_2d<f32>;
 @group(0) @binding(4) var next: texture_storage_2d<rgba32float, write>;
@@ -43,14 +44,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let springs = particle.y;
     let here = textureLoad(positions, array_texel(i), 0);
     let x = here.xyz;
-    // w is the stiffness of the particle over the body's; a spring has the mean of its ends'.
+    // w is the particle's stiffness relative to the body's; a spring uses the mean of its ends.
     let k = here.w;
     var f = vec3(0.0);
     var normal = vec3(0.0);
     for (var kind = 0u; kind < 9u; kind++) {
         let spring = params.springs[kind];
         let step = bitcast<u32>(spring.x);
-        // What is there in place of a neighbour that is not, or a spring that was cut, counts 0.
+        // Missing neighbours and cut springs have the factor 0.
         let there = vec2<f32>((vec2(springs) >> vec2(2u * kind, 2u * kind + 1u)) & vec2(1u));
         let ahead = textureLoad(positions, array_texel(i + step), 0);
         let behind = textureLoad(positions, array_texel(i - step), 0);
@@ -71,7 +72,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let before = textureLoad(previous, array_texel(i), 0).xyz;
     let step = params.damping_factor * (x - before) + params.acceleration_scale * move_;
-    // A pinned particle has no inverse mass.
+    // A pinned particle has zero inverse mass.
     textureStore(next, array_texel(i), vec4(x + select(vec3(0.0), step, inverse_mass != 0.0), k));
     if NORMALS {
         let long = dot(normal, normal) >= params.least_normal * params.least_normal;

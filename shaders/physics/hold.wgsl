@@ -1,4 +1,4 @@
-// Nodes that follow a target exactly: written where it wants them, after every step.
+// Prescribed displacements (Dirichlet condition): sets nodes to their targets after every step.
 
 #import lib/array
 
@@ -6,7 +6,7 @@ struct HoldParams {
     count: u32,
 }
 
-// Number of each node held (bits of a u32), and where it is to be, in local units.
+// Number of each constrained node (bits of a u32), and its target in local units.
 @group(0) @binding(0) var numbers: texture_2d<u32>;
 @group(0) @binding(1) var places: texture_2d<f32>;
 @group(0) @binding(2) var next: texture_storage_2d<rgba32float, write>;

@@ -1,4 +1,4 @@
-// Implicit Euler, once Δv is known: v' = v + Δv, x' = x + h v'.
+// Implicit Euler, final update once Δv is known: v' = v + Δv, x' = x + h v'.
 
 #import lib/array
 #import lib/status
@@ -11,7 +11,7 @@ struct AdvanceParams {
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var velocities: texture_2d<f32>;
 @group(0) @binding(2) var masses: texture_2d<f32>;
-// Δv, in the first after an even number of iterations, else in the second.
+// Δv: in the first texture after an even number of iterations, otherwise in the second.
 @group(0) @binding(3) var even: texture_2d<f32>;
 @group(0) @binding(4) var odd: texture_2d<f32>;
 @group(0) @binding(5) var<storage, read> status: Status;

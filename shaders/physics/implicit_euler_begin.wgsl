@@ -1,9 +1,10 @@
-// Implicit Euler, the linear system of a step (Baraff & Witkin; equation 9 of Tejada & Ertl):
-// (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), K̃ the Jacobian, made such that the matrix is positive.
+// Implicit Euler, the linear system of a step (Baraff & Witkin; equation 9 of Tejada & Ertl): (M −
+// h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), K̃ the Jacobian modified so that the matrix is positive
+// definite.
 //
-// Springs are linearised where the step begins. Finite elements are at a start that was picked for
-// it, positions and velocities v of which come in: there the right side is M (v₀ − v) + h f, and
-// what is solved for is the change of v.
+// Springs are linearised at the start of the step. Finite elements are linearised at the selected
+// initial guess, whose positions and velocities v are the input: the right side is then M (v₀ − v)
+// + h f, and the unknown is the change of v.
 
 #import lib/cg
 #import lib/matter
@@ -15,10 +16,10 @@
 struct BeginParams {
     nodes: u32,
     dt: f32,
-    // h α, where a force −α m v slows every node.
+    // h α, for mass-proportional damping with the force −α m v.
     drag: f32,
-    // Where tools press: the first row of the preconditioner's that the right side is kept in, of
-    // which conjugate gradients leave nothing.
+    // With tools: the first row of `preconditioner` that stores the right side, which conjugate
+    // gradients overwrite elsewhere.
     right: u32,
 }
 
@@ -27,14 +28,14 @@ struct BeginParams {
 @group(0) @binding(2) var masses: texture_2d<f32>;
 @group(0) @binding(3) var forces: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read> status: Status;
-// Two texels a node: the inverse of its diagonal block. After those of all nodes, where there are
-// terms that act on nodes, two more a node: h² times what they add to its block. Then, where there
-// are tools, one: the right side. All in one, as browsers bind four storage textures at most.
+// Two texels per node: the inverse of its diagonal block (block Jacobi). After those of all nodes,
+// with nodal terms, two more per node: h² times their contribution to its block. Then, with tools,
+// one: the right side. They share one texture because browsers bind at most four storage textures.
 @group(0) @binding(5) var preconditioner: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(6) var residual: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(7) var preconditioned: texture_storage_2d<rgba32float, write>;
-// A workgroup's r·z and mean diagonal entries; where there are tools, the square of forces on what
-// they touch, as residuals are measured, and points too deep inside.
+// Per workgroup: r·z and mean diagonal entries; with tools, the squared contact forces that scale
+// the residual, and the number of points that penetrate too deeply.
 @group(0) @binding(8) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> scalars: CgScalars;
 @group(0) @binding(10) var<uniform> params: BeginParams;
@@ -80,9 +81,9 @@ fn main(
         if mass.y != 0.0 {
             r = h * (textureLoad(forces, array_texel(i), 0).xyz + h * kv);
         }
-        // A node of a rigid body has no motion of its own: `physics/rigid_precondition`.
+        // Nodes of rigid bodies have no independent motion: see `physics/rigid_precondition`.
         if mass.y > 0.0 {
-            // Scaled to its largest entry, so that the determinant stays in range.
+            // Scaled by its largest entry, so that the determinant stays in range.
             let scale = max(max(diagonal.x, diagonal.y), diagonal.z);
             let c = diagonal / scale;
             let m = mixed / scale;
@@ -98,7 +99,7 @@ fn main(
                 a0 = vec4(xx, xy, xz, yy) * inverse;
                 a1 = vec4(yz, zz, 0.0, 0.0) * inverse;
             } else {
-                // A node held by next to nothing in some direction: its plain diagonal will do.
+                // For a nearly singular block only the diagonal is inverted.
                 a0 = vec4(1.0 / diagonal.x, 0.0, 0.0, 1.0 / diagonal.y);
                 a1 = vec4(0.0, 1.0 / diagonal.z, 0.0, 0.0);
             }

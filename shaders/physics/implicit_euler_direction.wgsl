@@ -1,7 +1,7 @@
 // Conjugate gradients, first half of an iteration: the new direction p = z + βp, and q = A p.
 //
-// Every workgroup adds up the partial sums of r·z for itself and comes to the same β and the same
-// answer to "converged?". A neighbour's p is made on the way, so one dispatch does both.
+// Every workgroup sums the partial sums of r·z itself and obtains the same β and the same
+// convergence decision. The p of neighbours is recomputed, so one dispatch does both.
 
 #import lib/cg
 #each matter #import terms/TERM
@@ -17,11 +17,11 @@
 @group(0) @binding(8) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> after: CgScalars;
 @group(0) @binding(10) var<uniform> params: CgParams;
-// In its second half, two texels a node: what terms add to its block.
+// The second half holds two texels per node: the blocks of nodal terms.
 #any node @group(0) @binding(next) var preconditioner: texture_2d<f32>;
 #each contact #import terms/TERM
 
-// The direction of the node at that texel, z + βp.
+// Returns the direction z + βp of the node at texel j.
 fn direction_of(j: vec2<u32>, beta: f32, first: bool) -> vec3<f32> {
     let z = textureLoad(preconditioned, j, 0).xyz;
     if first {

@@ -1,4 +1,4 @@
-// After the iterations recorded for a step: solved, to be continued, or given up. One workgroup.
+// Runs after the iterations recorded for a step: solved, to be continued, or failed. One workgroup.
 
 #import lib/cg
 

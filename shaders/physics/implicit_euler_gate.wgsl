@@ -1,11 +1,12 @@
-// Before every few iterations: as many workgroups as they need, or none once nothing is left to do.
+// Runs before every few iterations: sets the indirect dispatch sizes, zero once the solve has
+// finished.
 
 #import lib/cg
 
 struct GateParams {
     groups: u32,
     max_iterations: u32,
-    // Of passes over rigid bodies.
+    // Number of workgroups of passes over rigid bodies.
     rigid_groups: u32,
     _pad0: u32,
 }

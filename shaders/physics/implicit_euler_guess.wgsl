@@ -1,4 +1,4 @@
-// The incremental potential of each state that an implicit step of finite elements may start from.
+// Computes the incremental potential of each initial guess of an implicit finite element step.
 
 #each law #import terms/TERM
 #each rigid #import terms/TERM
@@ -13,9 +13,9 @@ struct GuessParams {
     nodes: u32,
     tets: u32,
     dt: f32,
-    // h α, where a force −α m v slows every node.
+    // h α, for mass-proportional damping with the force −α m v.
     drag: f32,
-    // Local units of force in a newton.
+    // Local units of force per newton.
     newton: f32,
     _pad0: u32,
     _pad1: u32,
@@ -24,16 +24,16 @@ struct GuessParams {
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var velocities: texture_2d<f32>;
-// Those at the start of the step before.
+// Velocities at the start of the previous step.
 @group(0) @binding(2) var velocities_before: texture_2d<f32>;
 @group(0) @binding(3) var masses: texture_2d<f32>;
 @group(0) @binding(4) var external_forces: texture_2d<f32>;
 @group(0) @binding(5) var<storage, read> status: Status;
-// A workgroup's share of each potential.
+// Contribution of a workgroup to each potential.
 @group(0) @binding(6) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(7) var<uniform> params: GuessParams;
 
-// How far the node goes with each start, a column each.
+// Returns the displacement of the node for each guess, one per column.
 fn guess_displacements(i: u32) -> mat3x3<f32> {
     let v = textureLoad(velocities, array_texel(i), 0).xyz;
     let before = textureLoad(velocities_before, array_texel(i), 0).xyz;

@@ -1,5 +1,5 @@
-// The state of least potential, from which an implicit step of finite elements starts. Every
-// workgroup adds up the potentials for itself and comes to the same choice.
+// Selects the initial guess of least potential for an implicit finite element step. Every workgroup
+// sums the potentials itself and makes the same choice.
 
 #each rigid #import terms/TERM
 #import lib/reduce
@@ -8,7 +8,7 @@
 
 struct StartParams {
     nodes: u32,
-    // Workgroups that wrote a partial sum.
+    // Number of workgroups that wrote a partial sum.
     groups: u32,
     dt: f32,
     _pad0: u32,

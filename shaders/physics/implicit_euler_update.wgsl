@@ -24,7 +24,7 @@ fn main(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,
 ) {
-    // The first half did nothing: neither does this one.
+    // The first half did nothing, so this half does nothing either.
     if status.failed != 0u || after.iterations == before.iterations {
         return;
     }
@@ -33,7 +33,7 @@ fn main(
         share += pq_partials[k];
     }
     let pq = reduce(share, lane).x;
-    // The matrix is positive definite; if rounding says otherwise, stay where we are.
+    // The matrix is positive definite; if rounding makes pq non-positive, x is left unchanged.
     let alpha = select(0.0, after.rz / pq, pq > 0.0);
     let first = before.iterations == 0u;
     var sum = 0.0;

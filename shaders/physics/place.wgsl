@@ -1,9 +1,10 @@
-// The nodes of one body to their places among those of several. The twin of `Bodies::positions`.
+// Copies the nodes of one body into the merged node array of several. CPU reference:
+// `Bodies::positions`.
 
 #import lib/array
 
 struct Place {
-    // From the body's frame to that of all: shift, and scale in w.
+    // Transform from the body's frame to the common frame: translation, and scale in w.
     to_whole: vec4<f32>,
     nodes: u32,
 }

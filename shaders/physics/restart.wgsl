@@ -1,4 +1,4 @@
-// Forgets a failure and an unfinished solve, after something was changed from outside.
+// Clears a failure and an unfinished solve after the host changed the state.
 
 #import lib/status
 

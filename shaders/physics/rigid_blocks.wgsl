@@ -1,8 +1,8 @@
-// The part of the system that is a rigid body's own: Pᵀ A P, where row i of P is [I, −[a]×] of node
-// i's arm a, in the body's radii, and its inverse B among the motions that the body has.
+// Computes the diagonal block of each rigid body, Pᵀ A P, and its inverse B on the body's free
+// motions. Row i of P is [I, −[a]×] for node i's arm a, in units of the body's radius.
 //
-// Thirteen texels a body: its turn where the step starts; B, two texels a column, and in w of the
-// first of these the mean of the block's diagonal.
+// Thirteen texels per body: its rotation at the start of the step; then B, two texels per column,
+// with the mean diagonal of the block in w of the first of these.
 
 #import lib/rigid_members
 #import lib/cg
@@ -13,7 +13,7 @@
 @group(0) @binding(2) var rows: texture_2d<u32>;
 @group(0) @binding(3) var columns: texture_2d<u32>;
 @group(0) @binding(4) var matrix: texture_2d<f32>;
-// In its second half, two texels a node: what terms add to its block.
+// The second half holds two texels per node: the blocks of nodal terms.
 @group(0) @binding(5) var preconditioner: texture_2d<f32>;
 @group(0) @binding(6) var<storage, read> choice: array<u32>;
 @group(0) @binding(7) var<storage, read> status: Status;
@@ -22,12 +22,12 @@
 
 alias Block = array<array<f32, 6>, 6>;
 
-// [v]×.
+// Returns the cross product matrix [v]×.
 fn cross_matrix(v: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(0.0, v.z, -v.y, -v.z, 0.0, v.x, v.y, -v.x, 0.0);
 }
 
-// The inverse of a block, by Cholesky's factors; where it is not positive, that of its diagonal.
+// Inverts a block by Cholesky factorisation; if it is not positive definite, inverts its diagonal.
 fn invert_block(block: Block) -> Block {
     var lower = Block();
     var sound = true;
@@ -72,7 +72,8 @@ fn invert_block(block: Block) -> Block {
     return inverse;
 }
 
-// Π m Π, of the motions that there are: Π keeps shifts or not, and turns within.
+// Returns Π m Π, the projection to the free motions: Π keeps or removes translations, and projects
+// rotations.
 fn project_to_freedom(m: Block, shifts: f32, turns: mat3x3<f32>) -> Block {
     var left = Block();
     for (var c = 0u; c < 6u; c++) {
@@ -108,7 +109,7 @@ fn main(
         if choice[0] != 0u {
             turn = quat_normalize(quat_mul(textureLoad(motions, array_texel(6u * b + 2u * choice[0] + 1u), 0), turn));
         }
-        // Of shifts; of turns in both; between them.
+        // Translational block; rotational block; coupling block.
         var shifts = mat3x3(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         var turns = shifts;
         var mixed = shifts;
@@ -123,7 +124,7 @@ fn main(
                 let b1 = textureLoad(preconditioner, array_texel(2u * (params.nodes + i) + 1u), 0);
                 own += sym_matrix(vec3(b0.x, b0.w, b1.y), vec3(b0.yz, b1.x));
             }
-            // What the node feels of shifts and of turns of its body.
+            // Response of the node to translations and rotations of its body.
             var by_shift = own;
             var by_turn = own * cross_matrix(-a);
             let row = row_of(member.y);
@@ -159,7 +160,7 @@ fn main(
             mixed[k] = reduce(vec4(mixed[k], 0.0), lane).xyz;
             turns[k] = reduce(vec4(turns[k], 0.0), lane).xyz;
         }
-        // Not `continue`: barriers want all lanes to stay together.
+        // No `continue`, because barriers require uniform control flow.
         if lane == 0u {
             var block = Block();
             for (var c = 0u; c < 3u; c++) {
@@ -183,7 +184,7 @@ fn main(
                 scale = max(scale, block[k][k]);
                 sum += block[k][k];
             }
-            // What it does not have is put in place of it.
+            // Replaces constrained motions by a regular diagonal.
             for (var c = 0u; c < 3u; c++) {
                 block[c][c] += scale * (1.0 - free);
                 for (var r = 0u; r < 3u; r++) {

@@ -1,9 +1,9 @@
-// Rigid bodies where positions and velocities of their nodes came from outside: the poses and the
-// momenta that suit those best, each node by its mass. Where nodes follow a target, the body goes
-// along with them and with what is pinned of it, and turns as little as that leaves open.
+// Fits rigid motions after the host set node positions and velocities: mass-weighted least squares
+// for pose and momentum. If nodes follow a target, the body follows them and its pinned nodes, with
+// the smallest rotation that this leaves open.
 //
-// The first four of six texels a body: displacement of the anchor, turn, velocity of the anchor,
-// spin.
+// Writes the first four of six texels per body: displacement of the anchor, rotation, velocity of
+// the anchor, angular velocity.
 
 #import lib/rigid_members
 #import lib/reduce
@@ -15,10 +15,10 @@
 @group(0) @binding(4) var motions: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(5) var<uniform> params: RigidParams;
 
-// Least squares, one after the other: first by all nodes, then by those that stay.
+// Least squares iterations: first with all nodes, then with the constrained nodes.
 const FIT_ITERATIONS: u32 = 6u;
 
-// What a turn that nodes leave open is held by, over their own inertia.
+// Regularisation of rotations that the nodes leave undetermined, relative to their inertia.
 const CONSTRAINT_WEIGHT: f32 = 1e-3;
 
 struct Pose {
@@ -30,7 +30,8 @@ fn shift_of(i: u32) -> vec3<f32> {
     return textureLoad(positions, array_texel(i), 0).xyz - textureLoad(rest, array_texel(i), 0).xyz;
 }
 
-// One round: by the nodes that stay, if `staying`, else by the mass of those that do not follow.
+// One iteration: with the constrained nodes if `staying`, otherwise with the masses of nodes that
+// do not follow a target.
 fn refine_pose(range: vec4<u32>, anchor: vec3<f32>, known: Pose, staying: bool, lane: u32) -> Pose {
     var error = vec4(0.0);
     var arm = vec3(0.0);
@@ -59,7 +60,7 @@ fn refine_pose(range: vec4<u32>, anchor: vec3<f32>, known: Pose, staying: bool, 
     if !(sum.w > 0.0) {
         return known;
     }
-    // About the mean.
+    // Relative to the mean.
     let b = arms / sum.w;
     let e = sum.xyz / sum.w;
     let m = sym_matrix(ons - sum.w * b * b, offs - sum.w * b.xxy * b.yzz);

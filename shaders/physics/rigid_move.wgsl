@@ -1,6 +1,6 @@
-// Rigid bodies, once Δv is known: they go on from where the step started by a shift and a turn, and
-// their nodes are put where their shape at rest has them in that pose. Velocities are those ways
-// over the step: what the next step's inertia is reckoned from.
+// Final update of rigid bodies once Δv is known: translates and rotates each body from the start of
+// the step, and places its nodes by their rest shape and the new pose. Velocities are these
+// displacements over the step, from which the next step derives the inertial motion.
 
 #import lib/rigid_members
 #import lib/reduce
@@ -10,7 +10,7 @@
 @group(0) @binding(1) var rest: texture_2d<f32>;
 @group(0) @binding(2) var masses: texture_2d<f32>;
 @group(0) @binding(3) var motions: texture_2d<f32>;
-// Δv, in the first after an even number of iterations, else in the second.
+// Δv: in the first texture after an even number of iterations, otherwise in the second.
 @group(0) @binding(4) var even: texture_2d<f32>;
 @group(0) @binding(5) var odd: texture_2d<f32>;
 @group(0) @binding(6) var<storage, read> choice: array<u32>;

@@ -1,4 +1,4 @@
-// The nodes of rigid bodies where `physics/rigid_fit` has put these.
+// Places the nodes of rigid bodies at the poses computed by `physics/rigid_fit`.
 
 #import lib/rigid_members
 

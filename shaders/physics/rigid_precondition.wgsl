@@ -1,6 +1,6 @@
-// Conjugate gradients held to what rigid bodies can do: z = P B Pᵀ r at their nodes, after each
-// residual, in place of what the nodes would each do. Directions are made of such z alone, so that
-// these are conjugate gradients on Pᵀ A P, without that matrix.
+// Projects conjugate gradients to rigid motions: z = P B Pᵀ r at the nodes of rigid bodies, after
+// each residual, in place of the nodal preconditioner. All directions are combinations of such z,
+// so this is conjugate gradients on Pᵀ A P without forming that matrix.
 
 #import lib/rigid_members
 #import lib/cg
@@ -11,7 +11,7 @@
 @group(0) @binding(3) var<storage, read> before: CgScalars;
 @group(0) @binding(4) var<storage, read> after: CgScalars;
 @group(0) @binding(5) var preconditioned: texture_storage_2d<rgba32float, write>;
-// After those of all nodes: a workgroup's r·z and mean diagonal entries.
+// After those of all nodes: r·z and mean diagonal entries per workgroup.
 @group(0) @binding(6) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(7) var<uniform> params: RigidParams;
 
@@ -29,7 +29,7 @@ fn main(
             return;
         }
     } else if after.iterations == before.iterations {
-        // The first half did nothing: neither does this.
+        // The first half did nothing, so this pass does nothing either.
         return;
     }
     var total = vec4(0.0);

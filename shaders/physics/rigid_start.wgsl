@@ -1,8 +1,9 @@
-// Where rigid bodies are as an implicit step begins, and the poses nearest to where their nodes
-// would be after it: with their velocities, and with velocities that go on changing as they did.
+// Computes the poses of rigid bodies at the start of an implicit step, and the poses closest to the
+// extrapolated node positions: with constant velocities, and with constant accelerations.
 //
-// Six texels a body: displacement of the anchor and turn, now; shift and turn over the step, for
-// the second start (`lib/start`); the same for the third. The first is to stay.
+// Six texels per body: current displacement of the anchor and rotation; translation and rotation
+// over the step for the second guess (`lib/start`); the same for the third. The first guess is
+// rest.
 
 #import lib/rigid_members
 #import lib/reduce
@@ -22,12 +23,13 @@ fn shift_of(i: u32) -> vec3<f32> {
     return textureLoad(positions, array_texel(i), 0).xyz - textureLoad(rest, array_texel(i), 0).xyz;
 }
 
-// The turn nearest to what takes arms b with Σ m b bᵀ = second to y with Σ m (y − b) bᵀ = change.
+// Returns the rotation that best maps arms b with Σ m b bᵀ = second to y with Σ m (y − b) bᵀ =
+// change.
 fn closest_rotation(shape: RigidShape, axis: vec3<f32>, second: mat3x3<f32>, change: mat3x3<f32>) -> vec4<f32> {
     var q = IDENTITY_ROTATION;
     for (var k = 0u; k < 6u; k++) {
         let back = transpose(rotation_minus_identity(q));
-        // Of the matrix turned back what is beside `second`, which has no moment.
+        // The rotated-back matrix minus `second`, which exerts no moment.
         let beside = back * second + change + back * change;
         let moment = vec3(beside[1].z - beside[2].y, beside[2].x - beside[0].z, beside[0].y - beside[1].x);
         let whole = second + 0.5 * (beside + transpose(beside));
@@ -72,7 +74,7 @@ fn main(
             let m = textureLoad(masses, array_texel(i), 0).x;
             let r = textureLoad(rigid_arms, array_texel(i), 0).xyz - shape.anchor;
             let a = quat_rotate(near, r);
-            // What rounding left of them, or f32 of the three nodes.
+            // Residual due to rounding, or to the f32 positions of the three nodes.
             let e = shift_of(i) - shift - rotation_displacement(near, r);
             error += m * e;
             moment += m * cross(a, e);

@@ -1,7 +1,7 @@
-// The second derivatives of the energy of every tet, in its own frame: eight texels a tet. U and
-// in w the diagonal of ∂²Ψ/∂σ²; the gradients of its last three nodes in the frame of V and in w
-// what is beside that diagonal, (1 2), (2 0), (0 1); flips; twists. Of all but U and the gradients
-// the volume is a factor.
+// Computes the Hessian of the energy of every tet in its principal frame: eight texels per tet. U,
+// with the diagonal of ∂²Ψ/∂σ² in w; the gradients of its last three nodes in the frame of V, with
+// the off-diagonal entries (1 2), (2 0), (0 1) in w; flips; twists. All but U and the gradients are
+// scaled by the volume.
 
 #each law #import terms/TERM
 #import lib/status

@@ -1,13 +1,13 @@
-// Forces and energy of every tet of finite elements, at a state: four texels a tet, for its nodes
-// the force −V P g and a quarter of its energy. What damps in proportion to stiffness is in P: the
-// time τ times the change of P with F that the velocities are.
+// Computes forces and energy of every finite element: four texels per tet, with the nodal force −V
+// P g and a quarter of the energy for each node. P includes stiffness-proportional damping: the
+// time τ times the rate of P due to the velocities.
 
 #each law #import terms/TERM
 #import lib/status
 
 struct TetForceParams {
     tets: u32,
-    // τ.
+    // Damping time τ.
     damping_time: f32,
 }
 

@@ -1,5 +1,5 @@
-// Velocity Verlet, first half: x' = x + h (v + ½h a), and the velocity v + h a that the damping
-// at x' is taken at: right to first order in h, which leaves the scheme of second order.
+// Velocity Verlet, first half: x' = x + h (v + ½h a), and the predicted velocity v + h a for the
+// damping at x'. The prediction is first order in h, which keeps the scheme second order.
 
 #import lib/move
 

@@ -1,5 +1,5 @@
-// Verlet: x' = 2x − x₋₁ + h² a, kept as the increment v = (x − x₋₁)/h, which loses no digits:
-// v' = v + h a, x' = x + h v'. The first kick is half a step: x₋₁ = x₀ − h v₀ + ½h² a₀.
+// Verlet: x' = 2x − x₋₁ + h² a, stored as the increment v = (x − x₋₁)/h to avoid cancellation: v' =
+// v + h a, x' = x + h v'. The first kick is half a step: x₋₁ = x₀ − h v₀ + ½h² a₀.
 
 #import lib/move
 

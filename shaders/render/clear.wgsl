@@ -1,11 +1,11 @@
-// An empty layer: no face, farthest depth, in the tiles in which the layer before has any. What is left of
-// earlier layers in others does no harm: behind it nothing was found. A draw, so that it can be left out
-// on the GPU.
+// Clears a layer (no face, farthest depth) in the tiles in which the previous layer has a face.
+// Stale data of earlier layers in other tiles is harmless, because nothing lies behind it. This is
+// a draw, so that the GPU can skip it with indirect arguments.
 
 #import lib/tet
 #import lib/tiles
 
-// The layer before, and of the layers of its parity the last that has a face in each tile.
+// The previous layer, and for the layers of its parity the last one that has a face in each tile.
 @group(0) @binding(next) var before: texture_2d<u32>;
 @group(0) @binding(next) var<storage, read> last: array<u32>;
 

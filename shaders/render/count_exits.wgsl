@@ -1,5 +1,5 @@
-// How often each ray leaves the mesh: the boundary faces that show it their back, summed up in
-// 255ths by blending. For reports.
+// Counts how often each ray leaves the mesh: sums its back-facing boundary faces, in 255ths, by
+// blending. Used for reports.
 
 #import lib/array
 #import lib/view
@@ -23,7 +23,7 @@ fn boundary_at(i: u32) -> vec4<u32> {
 
 struct Corner {
     @invariant @builtin(position) position: vec4<f32>,
-    // The face's nodes and their ids, the same at its three corners.
+    // Nodes of the face and their ids, the same at its three corners.
     @location(0) @interpolate(flat) a: vec3<f32>,
     @location(1) @interpolate(flat) b: vec3<f32>,
     @location(2) @interpolate(flat) c: vec3<f32>,

@@ -1,4 +1,4 @@
-// Counts the tets that are turned inside out (or flat). Only when a report is asked for.
+// Counts inverted and degenerate tets, only when a report is requested.
 
 #import lib/array
 

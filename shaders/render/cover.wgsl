@@ -1,21 +1,21 @@
-// The triangles that cover those boundary faces that may be seen, one behind the other in the order
-// of the faces: once a picture, for all of its layers, and by as many threads as there are.
+// Compacts the covering triangles of the potentially visible boundary faces, in face order: once
+// per image for all layers, in parallel.
 //
-// Two passes over the same bindings, with gpu/scan_marks between: which, then where.
+// Two passes over the same bindings, with gpu/scan_marks between them: visibility, then output.
 
 #import lib/array
 #import lib/view
 #import lib/tet
 #import lib/sight
 
-// 0: a bit for each face that is drawn, 32 an invocation. 1: their corners.
+// 0: writes the visibility bitmask, 32 faces per invocation. 1: writes their corners.
 override PASS: u32 = 0u;
 
 @group(0) @binding(0) var projected: texture_2d<f32>;
 @group(0) @binding(1) var boundary: texture_2d<u32>;
-// For every 32 faces: which are drawn, and how many before them.
+// For every 32 faces: the bitmask of drawn faces, and the number drawn before them.
 @group(0) @binding(2) var<storage, read_write> marks: array<u32>;
-// Three a face: the bits of x and y in clip space of w 1, and the face's number.
+// Three per face: the bits of x and y in clip space with w = 1, and the face number.
 @group(0) @binding(3) var covers: texture_storage_2d<rgba32uint, write>;
 @group(0) @binding(4) var<uniform> params: View;
 
@@ -29,7 +29,7 @@ fn boundary_at(i: u32) -> vec4<u32> {
 
 #import lib/face
 
-// Whether some of it is in the picture.
+// Whether the face is partly inside the image.
 fn is_visible(face: Face) -> bool {
     let low = min(face.corners[0], min(face.corners[1], face.corners[2]));
     let high = max(face.corners[0], max(face.corners[1], face.corners[2]));

@@ -1,4 +1,4 @@
-// How many vertices the layers draw: those of the faces that are covered.
+// Writes the vertex counts of the layer draws from the number of covered faces.
 
 #import lib/array
 
@@ -6,9 +6,10 @@ struct CoverCounts {
     records: u32,
 }
 
-// A draw of them, whose first word is their number.
+// Draw arguments of the covered faces; the first word is their vertex count.
 @group(0) @binding(0) var<storage, read> covered: array<u32, 4>;
-// Draw arguments of even and of odd layers, 8 words a layer; the search behind it comes first.
+// Draw arguments of even and of odd layers, 8 words per layer; those of the search for the next
+// layer come first.
 @group(0) @binding(1) var<storage, read_write> even: array<u32>;
 @group(0) @binding(2) var<storage, read_write> odd: array<u32>;
 @group(0) @binding(3) var<uniform> params: CoverCounts;

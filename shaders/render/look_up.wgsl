@@ -1,5 +1,5 @@
-// What the table gives for a list of segments: the walks' own look-up, to be held against the
-// exact integral.
+// Evaluates the table for a list of segments, with the look-up of the traversals, for comparison
+// with the exact integral.
 
 #import lib/array
 #import lib/view

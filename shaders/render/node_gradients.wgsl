@@ -1,5 +1,5 @@
-// What light falls on inside: at every node the gradient of the scalar, weighted by the volumes of
-// the tets around it, and, where the body or a region ends, the direction into it. The twin of
+// Computes the shading gradients at the nodes: the volume-weighted gradient of the scalar over the
+// adjacent tets and, where the body or a region ends, the inward normal. CPU reference:
 // `render::light::node_gradients`.
 
 #import lib/array
@@ -7,7 +7,7 @@
 struct Gradients {
     nodes: u32,
     tets: u32,
-    // How long the direction at an end is.
+    // Length of the normal at a boundary of the body or a region.
     edge: f32,
 }
 
@@ -15,13 +15,13 @@ const NONE: u32 = 0xffffffffu;
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var scalars: texture_2d<f32>;
-// First entry of node i in `around`, at i; the last at i + 1.
+// Row offsets: `around[firsts[i]]` to `around[firsts[i + 1] - 1]` are the entries of node i.
 @group(0) @binding(2) var firsts: texture_2d<u32>;
-// The tets at each node; and, counted on from their number, the faces at which something ends.
+// The tets at each node; boundary faces are numbered after the tets.
 @group(0) @binding(3) var around: texture_2d<u32>;
 // The four nodes of each tet.
 @group(0) @binding(4) var tets: texture_2d<u32>;
-// Of each such face its three nodes, in the order that makes its normal point inwards, and NONE.
+// The three nodes of each boundary face, ordered so that its normal points inwards, and NONE.
 @group(0) @binding(5) var ends: texture_2d<u32>;
 @group(0) @binding(6) var gradients: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(7) var<uniform> params: Gradients;
@@ -62,7 +62,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         volume += dot(a, cross(b, c));
     }
     var gradient = vec3(0.0);
-    // Where tets cancel, as around a body turned inside out, nothing is known.
+    // If the tet volumes cancel, as in an inverted body, the gradient is undefined.
     if abs(volume) > 1e-20 {
         gradient = rise / volume;
     }

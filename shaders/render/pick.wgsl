@@ -1,18 +1,19 @@
-// The first of a list of triangles that one ray meets, from either side, and where. With the
-// arithmetic of the rays' starts, so that what is picked is what the pixel shows. The twin of
-// `render::first_hit`.
+// Picks the first triangle of a list that one ray hits, from either side, with the hit position. It
+// uses the same arithmetic as the ray starts, so that the pick matches the pixel. CPU reference:
+// `render::closest_hit`.
 //
-// Three passes over the same bindings: how near, then which, then where.
+// Three passes over the same bindings: depth, triangle, position.
 
 #import lib/array
 #import lib/view
 #import lib/sight
 
-// 0: the smallest z. 1: the first triangle there. 2: weights, place and nearest corner in it.
+// 0: the smallest z. 1: the first triangle at that z. 2: weights, position and nearest corner in
+// it.
 override PASS: u32 = 0u;
-// Texels from one position to the next.
+// Stride in texels between consecutive positions.
 override TRIANGLES_PER_INVOCATION: u32 = 1u;
-// Steps of a float by which two passes may differ in the same z.
+// Tolerance in units in the last place for the same z computed in two passes.
 const ROUNDING: u32 = 4u;
 
 struct Pick {
@@ -23,9 +24,9 @@ struct Pick {
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
-// Three corners each.
+// Three corners per triangle.
 @group(0) @binding(1) var triangles: texture_2d<u32>;
-// Nearest z, in an order that suits unsigned numbers; triangle; weights; place; nearest corner.
+// Nearest z, as an order-preserving unsigned key; triangle; weights; position; nearest corner.
 @group(0) @binding(2) var<storage, read_write> found: array<atomic<u32>, 9>;
 @group(0) @binding(3) var<uniform> params: Pick;
 
@@ -33,7 +34,7 @@ fn position(i: u32) -> vec3<f32> {
     return textureLoad(positions, array_texel(TRIANGLES_PER_INVOCATION * i), 0).xyz;
 }
 
-// Smaller floats have smaller keys.
+// Returns an unsigned key with the same order as z.
 fn depth_key(z: f32) -> u32 {
     let bits = bitcast<u32>(z);
     return bits ^ select(0x80000000u, 0xffffffffu, (bits & 0x80000000u) != 0u);

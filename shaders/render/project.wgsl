@@ -1,6 +1,6 @@
-// Nodes into camera space, with their scalars as table coordinates. Once a frame.
+// Transforms the nodes to camera space, with their scalars as table coordinates. Once per frame.
 //
-// Raises a flag when a node lies behind the near plane: only then can the eye be inside the mesh.
+// Sets a flag if a node lies behind the near plane: only then can the eye be inside the mesh.
 
 #import lib/array
 #import lib/view
@@ -8,8 +8,8 @@
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var scalars: texture_2d<f32>;
 @group(0) @binding(2) var projected: texture_storage_2d<rgba32float, write>;
-// Arguments of the draws that look for back faces in front of an eye inside the mesh, and that
-// walk from there.
+// Arguments of the draws that find back faces in front of an eye inside the mesh, and that traverse
+// the mesh from there.
 @group(0) @binding(3) var<storage, read_write> inside: array<atomic<u32>, 8>;
 @group(0) @binding(4) var<uniform> params: View;
 

@@ -1,5 +1,5 @@
-// The neighbours in the records of tets (refresh_geometry.wgsl), from the links that the walk over
-// vertices goes by.
+// Writes the neighbours in the records of tets (refresh_geometry.wgsl), from the links of the
+// traversal over projected vertices.
 
 #import lib/array
 #import lib/tet
@@ -10,7 +10,7 @@ struct Neighbours {
 
 // The four nodes of each tet.
 @group(0) @binding(0) var tets: texture_2d<u32>;
-// Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
+// At 4 t + k, across the face opposite the k-th smallest node of tet t: the neighbour, and the
 // exclusive or of its nodes.
 @group(0) @binding(1) var links: texture_2d<u32>;
 @group(0) @binding(2) var records: texture_storage_2d<rgba32uint, write>;
@@ -32,7 +32,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         if link.x == NONE {
             continue;
         }
-        // The neighbour's node that is not in the face.
+        // The neighbour's node that is not in the shared face.
         let opposite = link.y ^ all ^ own[f];
         let nodes = textureLoad(tets, array_texel(link.x), 0);
         var face = 0u;

@@ -1,8 +1,8 @@
-// Normals and gradient of every tet from the positions of its nodes, after each step.
+// Computes face planes and scalar gradient of every tet from its node positions, after each step.
 //
-// A tet's record is eight texels: 0..3 the plane of face i (outward unit normal n, n · v); 4 the
-// scalar's gradient and its value at v0; 5 v0 and the range of the scalar (two 16-bit numbers);
-// 6 the neighbours, 4 tet + face as the neighbour counts its faces; 7 unused.
+// The record of a tet has eight texels: 0..3 the plane of face i (outward unit normal n, n · v); 4
+// the scalar's gradient and its value at v0; 5 v0 and the range of the scalar (two 16-bit numbers);
+// 6 the neighbours, as 4 tet + face with the neighbour's face numbering; 7 unused.
 
 #import lib/array
 #import lib/tet
@@ -17,8 +17,8 @@ struct Refresh {
 @group(0) @binding(3) var records: texture_storage_2d<rgba32uint, write>;
 @group(0) @binding(4) var<uniform> params: Refresh;
 
-// The plane through three nodes, computed in the order of their ids, so that both tets of a face
-// get the same bits but for the sign, which `turn` sets.
+// Returns the plane through three nodes, computed in the order of their ids, so that both tets of a
+// face get identical bits up to the sign, which `turn` sets.
 fn plane(ids: vec3<u32>, p: array<vec3<f32>, 3>) -> vec4<f32> {
     var id = ids;
     var v = p;
@@ -65,7 +65,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let c = v[3] - v[0];
     let rise = (s.y - s.x) * cross(b, c) + (s.z - s.x) * cross(c, a) + (s.w - s.x) * cross(a, b);
     let volume = dot(a, cross(b, c));
-    // A flat tet has no gradient; the clamp to its range keeps what a sliver's exaggerates.
+    // A degenerate tet has no gradient; clamping to its range limits the exaggerated gradient of a
+    // sliver.
     let flat_tet = abs(volume) < 1e-24;
     let gradient = select(rise / select(volume, 1.0, flat_tet), vec3(0.0), flat_tet);
     let range = vec2(min(min(s.x, s.y), min(s.z, s.w)), max(max(s.x, s.y), max(s.z, s.w)));

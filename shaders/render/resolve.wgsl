@@ -1,20 +1,20 @@
-// From what the layers gathered to the caller's picture. The last layer that ran in a tile, odd or even,
-// tells in which of the two textures its sum stands.
+// Writes the accumulated layers to the output image. The parity of the last layer in a tile selects
+// the texture that holds its result.
 
 #import lib/tiles
 
-// Whether what was gathered is a scalar in red, where alpha is not 0: shown grey.
+// Whether the accumulated value is a scalar in red, valid where alpha is not 0: shown as grey.
 override PROJECTION_MODE: bool = false;
 
 struct Resolve {
     background: vec4<f32>,
-    // Layers that are walked at most.
+    // Maximum number of layers.
     layers: u32,
 }
 
 @group(0) @binding(0) var even: texture_2d<f32>;
 @group(0) @binding(1) var odd: texture_2d<f32>;
-// Of even and of odd layers the last that has a face in each tile.
+// For even and for odd layers, the last one that has a face in each tile.
 @group(0) @binding(2) var<storage, read> even_layers: array<u32>;
 @group(0) @binding(3) var<storage, read> odd_layers: array<u32>;
 @group(0) @binding(4) var<uniform> params: Resolve;

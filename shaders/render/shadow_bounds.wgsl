@@ -1,4 +1,4 @@
-// The bounds of a body as it stands, for the grid that dims light.
+// Computes the bounds of the deformed body for the shadow grid.
 
 #import lib/array
 #import lib/shadow_grid
@@ -7,7 +7,7 @@ struct Bounds {
     nodes: u32,
 }
 
-// Nodes farther than this from the local origin are lost.
+// Nodes farther than this from the local origin are ignored.
 const FAR: f32 = 1e6;
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
@@ -26,7 +26,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     for (var k = 0u; k < 3u; k++) {
         let x = order_preserving_bits(p[k]);
-        // Nearly all nodes are within what others have told already.
+        // Avoids most atomic operations: nearly all nodes are inside the bounds found so far.
         if x < atomicLoad(&grid[k]) {
             atomicMin(&grid[k], x);
         }

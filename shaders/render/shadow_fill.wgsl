@@ -1,5 +1,5 @@
-// What dims light: every tet strews its extinction over the cells that it lies in, at points spread
-// evenly within it. What planes cut off, and what is hidden, dims nothing.
+// Splats the extinction of every tet into the shadow grid, at points distributed uniformly inside
+// it. Clipped and hidden parts cast no shadow.
 
 #import lib/array
 #import lib/shadow_grid
@@ -10,21 +10,21 @@ struct Fill {
     points: u32,
 }
 
-// Whether scalars are constant in each tet, and whether each has a transfer function of its own.
+// Whether scalars are constant per tet, and whether each region has its own transfer function.
 override CELL_SCALARS: bool = false;
 override REGIONS: bool = false;
 // As in lib/inside and lib/segment.
 const COLOUR_LUT_SIZE: u32 = 1024u;
 const HIDDEN: u32 = 0xffffu;
 const TRANSPARENT_FLAG: u32 = 0x8000u;
-// Points of the largest tets.
+// Maximum number of points per tet.
 const MAX_POINTS: u32 = 1024u;
 
 @group(0) @binding(next) var positions: texture_2d<f32>;
 @group(0) @binding(next) var scalars: texture_2d<f32>;
 @group(0) @binding(next) var tets: texture_2d<u32>;
 @group(0) @binding(next) var cells: texture_2d<f32>;
-// In w: extinction, over the largest.
+// w: extinction, relative to the largest.
 @group(0) @binding(next) var colours: texture_2d<f32>;
 @group(0) @binding(next) var rows: texture_2d<u32>;
 #import lib/clip
@@ -32,7 +32,8 @@ const MAX_POINTS: u32 = 1024u;
 @group(0) @binding(next) var<storage, read_write> grid: array<atomic<u32>>;
 @group(0) @binding(next) var<uniform> params: Fill;
 
-// The weights of the corners at point i: a sequence that fills the cube evenly, folded into a tet.
+// Returns the barycentric weights of point i: a low-discrepancy sequence in the cube, folded into a
+// tet.
 fn sample_weights(i: u32) -> vec4<f32> {
     var p = fract(0.5 + f32(i) * vec3(0.8191725, 0.6710436, 0.5497005));
     if p.x + p.y > 1.0 {
@@ -78,10 +79,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     }
     let volume = abs(dot(p[1] - p[0], cross(p[2] - p[0], p[3] - p[0]))) / 6.0;
     let cells_wide = volume / (over.cell * over.cell * over.cell);
-    // As many more as it is larger than a cell.
+    // The number of points grows with the size of the tet relative to a cell.
     let points = clamp(u32(ceil(min(f32(params.points) * cells_wide, f32(MAX_POINTS)))), params.points, MAX_POINTS);
     let share = EXTINCTION_SCALE * cells_wide / f32(points);
-    // Other points in each tet: the same in all would beat with the cells.
+    // Each tet uses a different part of the sequence, which avoids aliasing with the cells.
     let first = ((v.x + v.y + v.z + v.w) & 255u) * params.points;
     for (var i = 0u; i < points; i++) {
         let w = sample_weights(first + i);

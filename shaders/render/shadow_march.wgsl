@@ -1,5 +1,5 @@
-// How much light reaches each node through the grid that dims it: kept beside the gradient that it
-// falls on.
+// Computes the fraction of light that reaches each node by marching through the shadow grid; it is
+// stored with the gradient.
 
 #import lib/array
 #import lib/shadow_grid
@@ -7,16 +7,16 @@
 struct March {
     nodes: u32,
     cells: u32,
-    // Directions, and steps of a cell along each.
+    // Number of directions, and of steps of one cell along each.
     directions: u32,
     steps: u32,
     // Largest extinction per local unit, times log2(e).
     opacity: f32,
-    // What an open sky is over the light that is counted as all.
+    // Normalisation of the light from an open sky.
     normalisation: f32,
-    // How dark it is where no light comes.
+    // Strength of full shadow.
     strength: f32,
-    // So many cells, of gradients that are not fainter than this.
+    // Offset from surfaces in cells, for gradients of at least the half-saturation magnitude.
     surface_offset: f32,
     gradient_half_saturation: f32,
 }
@@ -38,7 +38,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let high = vec3(bits_to_float(grid[3]), bits_to_float(grid[4]), bits_to_float(grid[5]));
     let through = grid_over(low, high, params.cells);
     let gradient = textureLoad(gradients, array_texel(i), 0).xyz;
-    // Cells out of the surface that it stands on, which would dim itself.
+    // Offset out of the node's own surface, which prevents self-shadowing.
     let out = params.surface_offset * gradient / max(length(gradient), params.gradient_half_saturation);
     let start = (textureLoad(positions, array_texel(i), 0).xyz - through.low) / through.cell - out;
     let depth_a_step = params.opacity * through.cell / EXTINCTION_SCALE;
@@ -46,7 +46,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     for (var k = 0u; k < params.directions; k++) {
         let way = textureLoad(ways, array_texel(k), 0).xyz;
         var passed = 0.0;
-        // The cell that this begins in is left out.
+        // Skips the starting cell.
         for (var step = 1u; step <= params.steps; step++) {
             let word = cell_at(through, start + f32(step) * way);
             if word == 0u {

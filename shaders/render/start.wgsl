@@ -1,5 +1,5 @@
-// One peeled layer: for each pixel, the nearest boundary face behind the layer before, in the
-// order (depth, face), which neither loses nor doubles touching or coincident faces.
+// Depth peeling, one layer: for each pixel, the nearest boundary face behind the previous layer in
+// the order (depth, face), which neither loses nor duplicates touching or coincident faces.
 
 #import lib/array
 #import lib/view
@@ -9,18 +9,18 @@
 #import lib/face
 #import lib/tiles
 
-// The first layer has none before it.
+// Whether this is the first layer, which has no previous one.
 override FIRST_LAYER: bool = false;
-// A pixel this opaque needs no further layers.
+// Opacity at which a pixel needs no further layers (early ray termination).
 override PEEL_OPACITY_CUTOFF: f32 = 0.9995;
 
-// Depth bits and 4 tet + face of the layer before.
+// Depth bits and 4 tet + face of the previous layer.
 @group(0) @binding(next) var before: texture_2d<u32>;
-// What the layers before gathered.
+// Accumulated result of the previous layers.
 @group(0) @binding(next) var gathered: texture_2d<f32>;
-// Draw arguments that depend on this layer, 8 words a layer of this parity.
+// Draw arguments that depend on this layer, 8 words per layer of this parity.
 @group(0) @binding(next) var<storage, read_write> arguments: array<atomic<u32>>;
-// Of the layers of this parity the last that has a face in each tile.
+// For the layers of this parity, the last one that has a face in each tile.
 @group(0) @binding(next) var<storage, read_write> last: array<atomic<u32>>;
 @group(0) @binding(next) var<uniform> params: View;
 
@@ -32,10 +32,10 @@ struct Corner {
 
 @vertex
 fn vertex(@builtin(vertex_index) index: u32) -> Corner {
-    // Layer k draws vertices k n .. (k + 1) n of an n-vertex boundary, and so learns k.
+    // Layer k draws vertices k n .. (k + 1) n of an n-vertex boundary, which identifies k.
     let layer = index / params.corners;
     let corner = index - layer * params.corners;
-    // Depth is each fragment's own.
+    // Each fragment writes its own depth.
     if BACK_FACES {
         let face = corner / 3u;
         return Corner(vec4(face_of(face).corners[corner % 3u], 0.5, 1.0), face, layer);
@@ -57,8 +57,8 @@ fn fragment(corner: Corner) -> RayStart {
     var nearer = vec2(0u, NONE);
     if !FIRST_LAYER {
         nearer = textureLoad(before, pixel, 0).xy;
-        // Where the layer before found nothing, this one finds nothing; and it is not the same,
-        // however its depth is rounded here.
+        // If the previous layer found nothing, this layer finds nothing. The face of the previous
+        // layer is excluded by number, independent of depth rounding.
         if nearer.y == NONE || ids.w == nearer.y {
             discard;
         }

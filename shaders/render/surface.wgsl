@@ -1,12 +1,11 @@
-// The lit boundary of the mesh, drawn from where its nodes are now, as far as clip planes leave it;
-// both sides are lit.
+// Draws the lit boundary of the deformed mesh, with clip planes and two-sided lighting.
 
 #import lib/array
 #import lib/view
 #import lib/light
 #import lib/clip
 
-// Normals of nodes, or of faces.
+// Whether node normals are used instead of face normals.
 override SMOOTH: bool = true;
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
@@ -17,11 +16,11 @@ override SMOOTH: bool = true;
 
 struct Corner {
     @builtin(position) position: vec4<f32>,
-    // In camera space: where, and which way is out.
+    // In camera space: position and outward normal.
     @location(0) place: vec3<f32>,
     @location(1) normal: vec3<f32>,
     @location(2) colour: vec3<f32>,
-    // In the local frame, now and at rest.
+    // In the local frame: current position and rest position.
     @location(3) local: vec3<f32>,
     @location(4) rest: vec3<f32>,
 }

@@ -1,4 +1,4 @@
-// Normals of the boundary's nodes: the faces around a node summed by area. Whenever it is drawn.
+// Computes area-weighted normals of the boundary nodes, whenever the boundary is drawn.
 
 #import lib/array
 
@@ -8,7 +8,7 @@ struct Normals {
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var boundary: texture_2d<u32>;
-// First entry of node i in `around`, at i; the last at i + 1.
+// Row offsets: `around[firsts[i]]` to `around[firsts[i + 1] - 1]` are the faces around node i.
 @group(0) @binding(2) var firsts: texture_2d<u32>;
 // Boundary faces around each node.
 @group(0) @binding(3) var around: texture_2d<u32>;

@@ -1,4 +1,4 @@
-// Brings a layer of the table, as it was made, into a texture of bytes.
+// Copies a computed layer of the table to an 8-bit texture.
 
 @group(0) @binding(0) var whole: texture_2d<f32>;
 @group(0) @binding(1) var layer: texture_storage_2d<rgba8unorm, write>;

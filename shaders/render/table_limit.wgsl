@@ -1,10 +1,11 @@
-// The table's first slice, the limit of short segments: extinction-weighted mean colour, and mean
-// extinction, between every two scalars. Also the first slab of the paper's volume.
+// Computes the first slice of the table, the limit of short segments: extinction-weighted mean
+// colour, and mean extinction, between every two scalars. Also the first slab of the paper's
+// volume.
 
 #import lib/pieces
 
 struct Limit {
-    // Texels along each scalar.
+    // Texels along each scalar axis.
     size: u32,
     pieces: u32,
 }
@@ -19,7 +20,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let s = vec2<f32>(id.xy) / f32(params.size - 1u);
-    // A narrow band stands for a single scalar.
+    // A narrow interval represents a single scalar.
     let low = min(s.x, s.y) - 1e-5;
     let high = max(s.x, s.y) + 1e-5;
     var colour = vec4(0.0);
@@ -29,7 +30,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         colour += found.colour;
         emission += found.emission;
     }
-    // Where nothing is absorbed the plain mean keeps interpolation from bleeding black.
+    // Without extinction the unweighted mean avoids black bleeding in by interpolation.
     let mean = select(colour.rgb / colour.a, emission.rgb / emission.a, emission.a > 1e-12 * colour.a);
     textureStore(limit, id.xy, vec4(mean, emission.a / colour.a));
 }

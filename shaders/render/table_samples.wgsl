@@ -1,5 +1,5 @@
-// The transfer function itself, colour and extinction along one line of texels: the table of rays
-// that sample each tet at points.
+// Samples the transfer function, colour and extinction, to one line of texels: the table for point
+// sampling of tets without pre-integration.
 
 #import lib/pieces
 
@@ -23,7 +23,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var colour = vec4(0.0);
     var emission = vec4(0.0);
     for (var i = 0u; i < params.pieces; i++) {
-        // A narrow band stands for a single scalar.
+        // A narrow interval represents a single scalar.
         let found = part(pieces[i], s - 1e-5, s + 1e-5);
         colour += found.colour;
         emission += found.emission;

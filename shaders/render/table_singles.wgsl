@@ -1,4 +1,4 @@
-// Brings a layer of the table, as it was made, into a texture of floats.
+// Copies a computed layer of the table to a float texture.
 
 @group(0) @binding(0) var whole: texture_2d<f32>;
 @group(0) @binding(1) var layer: texture_storage_2d<rgba32float, write>;

@@ -1,5 +1,5 @@
-// One slice of the table from the slice of half its depth: a segment is two of half the length,
-// the front one before the back one. Incremental pre-integration after Weiler et al. (2003), by
+// Computes one slice of the table from the slice of half its depth: a segment is composited from
+// two of half the length, front to back. Incremental pre-integration after Weiler et al. (2003), by
 // doubling. The mean extinction is the same at every depth.
 
 #import lib/bilinear

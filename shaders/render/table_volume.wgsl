@@ -1,18 +1,18 @@
-// One layer of the paper's table of colour and opacity over (s_front, s_back, depth) from the layer
-// before it: a segment is a first slab and the rest. Incremental pre-integration after Weiler et
-// al. (2003).
+// Computes one layer of the paper's table of colour and opacity over (s_front, s_back, depth) from
+// the previous layer: a segment is split into a first slab and the rest. Incremental
+// pre-integration after Weiler et al. (2003).
 
 #import lib/bilinear
 
 struct VolumeLayer {
     size: u32,
-    // Layer to make; a slab is one layer deep.
+    // Layer to compute; a slab is one layer deep.
     layer: u32,
     // Depth of a slab, in the table's unit (extinction 1, log2).
     depth: f32,
 }
 
-// Mean colour and extinction of short segments; the first slab; the layer before.
+// Mean colour and extinction of short segments; the first slab; the previous layer.
 @group(0) @binding(0) var limit: texture_2d<f32>;
 @group(0) @binding(1) var slab: texture_2d<f32>;
 @group(0) @binding(2) var before: texture_2d<f32>;
@@ -20,7 +20,7 @@ struct VolumeLayer {
 @group(0) @binding(4) var layer: texture_storage_2d<rgba16float, write>;
 @group(0) @binding(5) var<uniform> params: VolumeLayer;
 
-// Pieces that the first slab is summed from.
+// Number of intervals over which the first slab is summed.
 const PIECES: f32 = 32.0;
 
 @compute @workgroup_size(8, 8)

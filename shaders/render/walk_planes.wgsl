@@ -1,14 +1,13 @@
-// The paper's walk: in each tet, the exit is the nearest of the planes that the ray leaves through,
-//     lambda_i = ((v - e) · n_i) / (r · n_i)  over faces with  r · n_i > 0
-// where the face it came in by is left out, and the scalar follows from the gradient,
-//     s(x) = g · (x - v0) + s0,  clamped to the tet's range.
-// After Tejada & Ertl (2005), section 5.1. The ray's parameter is z of camera space.
+// Mesh traversal over face planes, as in the paper: in each tet, the ray exits through the nearest
+// plane of lambda_i = ((v - e) · n_i) / (r · n_i) over faces with r · n_i > 0, excluding the entry
+// face. The scalar follows from the gradient, s(x) = g · (x - v0) + s0, clamped to the tet's range.
+// After Tejada & Ertl (2005), section 5.1. The ray parameter is camera-space z.
 
 #each reads #import terms/TERM
-// One scalar a tet, if CELLS.
+// One scalar per tet, if CELL_SCALARS.
 @group(0) @binding(next) var cells: texture_2d<f32>;
-// If LIT or RESTING: the four nodes of each tet, their positions, and if NODE_LIGHT the gradient at each
-// (in w the share of light that comes there, if SHADOWED).
+// If LIGHTING or USE_REST_POSITIONS: the four nodes of each tet, their positions, and if
+// PER_NODE_LIGHT the gradient at each (w is the fraction of light that reaches it, if SHADOWS).
 @group(0) @binding(next) var tets: texture_2d<u32>;
 @group(0) @binding(next) var positions: texture_2d<f32>;
 @group(0) @binding(next) var gradients: texture_2d<f32>;
@@ -23,7 +22,7 @@
 #import lib/sight
 #import lib/walk_frame
 
-// A walk that ends farther than this outside the tet it was in last, in local units, is lost.
+// A ray that ends farther than this outside its last tet, in local units, counts as lost.
 const RAY_EPSILON: f32 = 1e-3;
 
 fn load_record(t: u32, k: u32) -> vec4<u32> {
@@ -34,12 +33,12 @@ fn plane(t: u32, k: u32) -> vec4<f32> {
     return bitcast<vec4<f32>>(load_record(t, k));
 }
 
-// Where node i is, in the local frame.
+// Returns the position of node i, in the local frame.
 fn corner_at(i: u32) -> vec3<f32> {
     return textureLoad(positions, array_texel(i), 0).xyz;
 }
 
-// The scalar (table coordinate) at z in tet t.
+// Returns the scalar (table coordinate) at z in tet t.
 fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
     if CELL_SCALARS {
         return params.scalar.x * textureLoad(cells, array_texel(t), 0).x + params.scalar.y;
@@ -52,7 +51,7 @@ fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
     return params.scalar.x * s + params.scalar.y;
 }
 
-// The place on the ray at z in tet t.
+// Returns the ray sample at z in tet t.
 fn sample_at(t: u32, ray: Ray, z: f32) -> RaySample {
     var spot: RaySample;
     spot.z = z;
@@ -66,7 +65,7 @@ fn sample_at(t: u32, ray: Ray, z: f32) -> RaySample {
     for (var k = 0u; k < 4u; k++) {
         p[k] = textureLoad(positions, array_texel(ids[k]), 0).xyz - x;
     }
-    // Volumes of the parts that the point makes of the tet.
+    // Sub-volumes of the tet at the point (barycentric weights).
     var w = vec4(
         dot(p[1], cross(p[2], p[3])),
         -dot(p[0], cross(p[2], p[3])),
@@ -93,7 +92,7 @@ fn sample_at(t: u32, ray: Ray, z: f32) -> RaySample {
 
 fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var sum = before;
-    // 4 tet + the face come in by.
+    // 4 tet + the entry face.
     var at_face = code;
     let entry = plane(code >> 2u, code & 3u);
     let slant = dot(entry.xyz, ray.run);
@@ -104,7 +103,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var mark = NONE;
     var steps = 0u;
     var dead = false;
-    // Whether it came to something opaque.
+    // Whether the ray reached an opaque object.
     var ended = false;
     var last = code >> 2u;
     loop {
@@ -112,7 +111,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         if (at_face == NONE) | (t == mark) | (steps >= cap) | is_terminated(sum) | ended {
             break;
         }
-        // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
+        // Cycle detection: tets marked at powers of two reveal every cycle.
         mark = select(mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
@@ -132,7 +131,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
             next_z = leave.x;
             if leave.y > next_z { next_z = leave.y; exit = k.y; }
             if leave.z > next_z { next_z = leave.z; exit = k.z; }
-            // No face leads out of here.
+            // No exit face.
             if next_z <= -1e30 {
                 dead = true;
                 break;
@@ -170,7 +169,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     if is_terminated(sum) | ended {
         return TraversalResult(sum, true, reach);
     }
-    // It must have come out at a point of the tet it was in last.
+    // The ray must leave the mesh at a point of its last tet.
     let end = ray.foot + here.z * ray.run;
     var outside = 0.0;
     for (var k = 0u; k < 4u; k++) {

@@ -1,15 +1,16 @@
-// The walk over projected vertices: three vertices of the face just crossed are carried along in
-// camera space, seen along the ray; each step fetches the fourth of the next tet, whose id follows
-// by exclusive or, and two sign tests tell which face the ray leaves through. After Aman et al.,
-// "Compact tetrahedralization-based acceleration structures for ray tracing" (2022).
+// Mesh traversal over projected vertices: the three vertices of the face just crossed are kept in
+// camera space, projected along the ray. Each step fetches the fourth vertex of the next tet, whose
+// id follows by exclusive or, and two sign tests select the exit face. After Aman et al., "Compact
+// tetrahedralization-based acceleration structures for ray tracing" (2022).
 //
-// The ray is the origin of a plane: vertex (x, y, z) is seen at (x, y) - origin - slope z, and the
-// weights of a point in face ABC are the areas (B × C, C × A, A × B) over their sum.
+// The ray is the origin of the projection plane: vertex (x, y, z) is projected to (x, y) - origin -
+// slope z, and the weights of a point in face ABC are the areas (B × C, C × A, A × B) over their
+// sum.
 
 #each reads #import terms/TERM
 // The four nodes of each tet.
 @group(0) @binding(next) var tets: texture_2d<u32>;
-// One scalar a tet, if CELLS.
+// One scalar per tet, if CELL_SCALARS.
 @group(0) @binding(next) var cells: texture_2d<f32>;
 
 #each table #import terms/TERM
@@ -22,13 +23,13 @@
 #import lib/sight
 #import lib/walk_frame
 
-// Node i as seen along the ray: (x, y) off the ray, z, scalar.
+// Returns node i projected along the ray: (x, y) offset from the ray, z, scalar.
 fn project_vertex(i: u32, sight: RayFrame) -> vec4<f32> {
     let q = projected_at(i);
     return vec4(project_to_ray_plane(q.xyz, sight), q.zw);
 }
 
-// Where node i is, in the local frame.
+// Returns the position of node i, in the local frame.
 fn corner_at(i: u32) -> vec3<f32> {
     let q = projected_at(i).xyz - vec3(params.right.w, params.up.w, params.forward.w);
     return q.x * params.right.xyz + q.y * params.up.xyz + q.z * params.forward.xyz;
@@ -83,7 +84,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     }
     let first = here.z;
     var last = t;
-    // Whether it came to something opaque.
+    // Whether the ray reached an opaque object.
     var ended = false;
     let cap = params.max_steps;
     var mark = NONE;
@@ -92,7 +93,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         if (t == NONE) | (t == mark) | (steps >= cap) | is_terminated(sum) | ended {
             break;
         }
-        // A ray that meets a tet again goes in a circle: marks at powers of two find every one.
+        // Cycle detection: tets marked at powers of two reveal every cycle.
         mark = select(mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
@@ -101,7 +102,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         let da = cross2(a.xy, d.xy);
         let db = cross2(b.xy, d.xy);
         let dc = cross2(c.xy, d.xy);
-        // Which of a, b and c is left behind: the ray leaves through the other two and d.
+        // Selects the vertex of a, b and c to drop: the ray leaves through the other two and d.
         let drop_c = (da <= 0.0) & (db >= 0.0);
         let drop_b = (da > 0.0) & (dc <= 0.0);
         let drop_a = !(drop_b | drop_c);
@@ -172,7 +173,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     if is_terminated(sum) | ended {
         return TraversalResult(sum, true, reach);
     }
-    // It must have come out through a face of the tet it was in last.
+    // The ray must leave the mesh through a face of its last tet.
     let home = textureLoad(tets, array_texel(last), 0);
     let at_face = any(home == vec4(ia)) && any(home == vec4(ib)) && any(home == vec4(ic));
     return TraversalResult(sum, t == NONE && at_face, reach);

@@ -1,24 +1,24 @@
-// One layer of skin and the part of the volume before it, behind all that is nearer to the eye.
+// Composites one skin layer and the part of the volume in front of it behind all nearer layers.
 //
-// The volume's rays are composited from the eye to this layer each time. With V the premultiplied
-// colour and opacity up to a layer, what the volume adds between two layers is the difference of
-// their V, dimmed by the skins before it alone: exact, and no division.
+// The volume is ray cast from the eye to this layer each time. With V the premultiplied colour and
+// opacity up to a layer, the contribution of the volume between two layers is the difference of
+// their V, attenuated by the nearer skins only. This is exact and needs no division.
 
-// The last: the opaque things behind, and the picture itself.
+// Whether this is the last layer: opaque objects behind the skins, and the final image.
 override LAST_LAYER: bool = false;
-// Whether there is none before it.
+// Whether this is the first layer.
 override FIRST_LAYER: bool = false;
 
 struct Blend {
     background: vec4<f32>,
 }
 
-// Colour so far, and the share of light that the skins so far let through.
+// Accumulated colour, and transmittance of the skins so far.
 @group(0) @binding(0) var before: texture_2d<f32>;
-// The volume up to the layer before, and up to this one.
+// The volume up to the previous layer, and up to this one.
 @group(0) @binding(1) var volume_before: texture_2d<f32>;
 @group(0) @binding(2) var volume: texture_2d<f32>;
-// The layer, premultiplied.
+// The layer, with premultiplied colour.
 @group(0) @binding(3) var layer: texture_2d<f32>;
 @group(0) @binding(4) var<uniform> params: Blend;
 

@@ -1,24 +1,25 @@
-// Which triangles of a skin are drawn, a bit each, 32 an invocation. A triangle is left out where
-// no vertex of it is needed to know that it faces away or lies outside the picture. The twin of
-// `skin::culling::is_skipped`.
+// Skin triangle culling: computes the visibility bitmask, 32 triangles per invocation. A triangle
+// is culled if its base triangles prove that it faces away or lies outside the view frustum,
+// without reading its vertices. CPU reference: `skin::culling::is_skipped`.
 
 #import lib/array
 
 struct Cull {
     triangles: u32,
-    // Whether what faces away is hidden: an opaque skin without holes.
+    // Whether back faces are culled: the skin is opaque and has no holes.
     closed: u32,
 }
 
-// A right angle and a little slack, in radians.
+// A right angle plus a small tolerance, in radians.
 const BACKFACE_ANGLE: f32 = 1.5707964 + 0.035;
 
 // Base triangles of the three vertices, and the tangent of half the largest angle at rest between
-// the triangle's normal and those that carry it.
+// the triangle's normal and the base normals of its vertices.
 @group(0) @binding(0) var triangles: texture_2d<u32>;
 @group(0) @binding(1) var outlooks: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> arguments: array<u32, 6>;
-// For every 32 triangles: which are drawn, and how many before them (by `gpu/scan_marks`).
+// For every 32 triangles: the bitmask of drawn triangles, and the number drawn before them (from
+// `gpu/scan_marks`).
 @group(0) @binding(3) var<storage, read_write> marks: array<u32>;
 @group(0) @binding(4) var<uniform> params: Cull;
 
@@ -39,7 +40,7 @@ fn is_skipped(i: u32, closed: bool) -> bool {
     if sides != 0u {
         return true;
     }
-    // A strain s turns an angle a into one of at most 2 atan(s tan(a / 2)).
+    // A strain s maps an angle a to at most 2 atan(s tan(a / 2)).
     return closed && least > BACKFACE_ANGLE && least > BACKFACE_ANGLE + 2.0 * atan(strain * bitcast<f32>(triangle.w));
 }
 

@@ -1,12 +1,12 @@
-// How each base triangle stands to the eye: the least angle between the direction to the eye and
-// the normals that carry skin on it, how much it strains what it carries, and the sides of
-// the picture that it lies beyond. Once a picture. The twin of `skin::culling::outlook`.
+// Computes bounds for each base triangle, once per image: the minimum angle between the view
+// direction and the normals that its skin vertices use, the maximum strain of the skin, and the
+// frustum planes that it lies outside of. CPU reference: `skin::culling`.
 
 #import lib/array
 #import lib/normals
 #import lib/view
 
-// Strains are bounded, so that products with them stay finite.
+// Upper bound of the strain, so that products with it stay finite.
 const MAX_STRAIN: f32 = 1e6;
 const MOST_BEND: f32 = 0.999;
 
@@ -20,13 +20,14 @@ struct CullBase {
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var node_normals: texture_2d<u32>;
-// Three texels each: nodes, and how far vertices stand off at most; inverse of the matrix of
-// edges' products at rest (xx, xy, yy), and what is carried: bit 0 by the nodes' normals, bit 1 by
-// the triangle's; offset times curvature along each side at rest.
+// Three texels per base triangle: (1) nodes, and the maximum offset of skin vertices; (2) inverse
+// of the rest Gram matrix of the edges (xx, xy, yy), and flags: bit 0 if a vertex follows the node
+// normals, bit 1 if one follows the face normal; (3) offset times curvature along each side at
+// rest.
 @group(0) @binding(2) var base: texture_2d<u32>;
-// Angle, strain, sides.
+// Angle, strain and outcode of each base triangle.
 @group(0) @binding(3) var outlooks: texture_storage_2d<rgba32uint, write>;
-// Draw arguments, and whether something lies behind the near plane: the eye may be inside.
+// Draw arguments; word 5 is set if geometry lies behind the near plane, so the eye may be inside.
 @group(0) @binding(4) var<storage, read_write> arguments: array<atomic<u32>, 6>;
 @group(0) @binding(5) var<uniform> params: CullBase;
 
@@ -35,7 +36,7 @@ fn eye_direction(q: vec3<f32>) -> vec3<f32> {
     return select(vec3(0.0, 0.0, -1.0), vec3(0.0, 0.0, -view.depth.w) - q, view.depth.z > 0.0);
 }
 
-// The angle between two vectors of any length.
+// Returns the angle between two vectors of any length.
 fn angle(a: vec3<f32>, b: vec3<f32>) -> f32 {
     return atan2(length(cross(a, b)), dot(a, b));
 }
@@ -45,7 +46,7 @@ fn turned(v: vec3<f32>) -> vec3<f32> {
     return vec3(dot(view.right.xyz, v), dot(view.up.xyz, v), dot(view.forward.xyz, v));
 }
 
-// How far the plane of normal n through q leaves behind it all within `reach`.
+// Whether everything within `reach` lies outside the plane with this value and gradient.
 fn is_outside(value: f32, slope: vec3<f32>, reach: f32) -> bool {
     return value < -reach * length(slope);
 }
@@ -89,7 +90,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let longest = sqrt(max(edges.x, max(edges.y, edges.z)));
     let reach = offset + longest;
 
-    // The squares of the principal stretches are the eigenvalues of (edges at rest)⁻¹ (edges now).
+    // The squared principal stretches are the eigenvalues of (edges at rest)⁻¹ (edges now).
     let uv = dot(u, v);
     let trace = rest.x * edges.x + 2.0 * rest.y * uv + rest.z * edges.z;
     let det = (rest.x * rest.z - rest.y * rest.y) * (edges.x * edges.z - uv * uv);
@@ -97,7 +98,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let largest = 0.5 * (trace + root);
     let smallest = det / max(largest, 1e-30);
     let stretch = sqrt(max(largest, 1.0) / max(min(smallest, 1.0), 1e-12));
-    // What stands off is stretched along a side by 1 + offset times curvature.
+    // Curvature stretches offset geometry along a side by the factor 1 + offset · curvature.
     var bent = 1.0;
     for (var k = 0u; k < 3u; k++) {
         let next = (k + 1u) % 3u;
@@ -113,7 +114,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var least = 4.0;
     for (var k = 0u; k < 3u; k++) {
         let eye = eye_direction(to_camera(params.view, p[k]));
-        // Seen from another place within reach, the eye is in another direction.
+        // Bound on the change of the view direction between points within `reach`.
         var aside = 0.0;
         if params.view.depth.z > 0.0 {
             aside = asin(min(reach / max(length(eye), 1e-30), 1.0));

@@ -1,4 +1,4 @@
-// The corners of the triangles that are drawn, one behind the other.
+// Compacts the corner indices of the visible triangles into a contiguous index list.
 
 #import lib/array
 

@@ -1,4 +1,4 @@
-// Depths brought from one target into another.
+// Copies depths from one target to another.
 
 @group(0) @binding(0) var depths: texture_depth_2d;
 

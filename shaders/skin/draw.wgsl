@@ -1,21 +1,21 @@
-// A skin drawn from where its nodes are now, as far as clip planes leave it; both sides are lit.
+// Draws a skin at its deformed position, with clip planes and two-sided lighting.
 
 #import lib/skin
 #import lib/view
 #import lib/light
 #import lib/clip
 
-// Whether there is a tangent-space normal map.
+// Whether a tangent-space normal map is used.
 override NORMAL_MAP: bool = false;
-// Whether there is a height map.
+// Whether a height map is used.
 override HEIGHT_MAP: bool = false;
-// Whether only what lies behind `nearer` is drawn.
+// Whether only fragments behind `nearer` are drawn (depth peeling).
 override DEPTH_PEELED: bool = false;
 
 struct SkinParams {
     view: View,
     opacity: f32,
-    // How deep the height map goes, in texture units.
+    // Depth of the height map, in texture units.
     parallax_depth: f32,
     _pad0: u32,
     _pad1: u32,
@@ -34,13 +34,13 @@ struct SkinParams {
 
 struct Corner {
     @builtin(position) @invariant position: vec4<f32>,
-    // In camera space: where, which way is out, and along the first texture coordinate.
+    // In camera space: position, outward normal, and tangent along the first texture coordinate.
     @location(0) place: vec3<f32>,
     @location(1) normal: vec3<f32>,
     @location(2) tangent: vec4<f32>,
     @location(3) colour: vec3<f32>,
     @location(4) uv: vec2<f32>,
-    // In the local frame, now and at rest.
+    // In the local frame: current position and rest position.
     @location(5) local: vec3<f32>,
     @location(6) rest: vec3<f32>,
 }
@@ -70,7 +70,7 @@ fn vertex(@builtin(vertex_index) index: u32) -> Corner {
     );
 }
 
-// Rows of a picture run downwards, the second texture coordinate upwards.
+// Image rows run downwards, the second texture coordinate upwards.
 fn texel_at(uv: vec2<f32>) -> vec2<f32> {
     return vec2(uv.x, 1.0 - uv.y);
 }
@@ -79,8 +79,8 @@ fn depth_at(uv: vec2<f32>) -> f32 {
     return 1.0 - textureSampleLevel(height_map, smooth_sampler, texel_at(uv), 0.0).r;
 }
 
-// Where the line of sight meets the relief, in texture coordinates: parallax by marching. `eye`
-// points to the eye, along tangent, bitangent and normal.
+// Parallax mapping by ray marching: returns the texture coordinates at which the line of sight
+// intersects the height field. `eye` points to the eye, in the tangent, bitangent, normal frame.
 const PARALLAX_STEPS: u32 = 24u;
 fn parallax_offset(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
     let run = -eye.xy / max(eye.z, 0.15) * params.parallax_depth;
@@ -90,7 +90,7 @@ fn parallax_offset(uv: vec2<f32>, eye: vec3<f32>) -> vec2<f32> {
         let now = f32(i) / f32(PARALLAX_STEPS);
         let gap = depth_at(uv + now * run) - now;
         if gap <= 0.0 {
-            // Linear between the two steps.
+            // Linear interpolation between the two steps.
             let share = above / max(above - gap, 1e-6);
             return uv + mix(before, now, share) * run;
         }
@@ -112,7 +112,7 @@ fn fragment(corner: Corner, @builtin(front_facing) front: bool) -> @location(0) 
     let eye = view_direction(params.view, corner.place);
     var normal = normalize(corner.normal);
     let tangent = unit_or_zero(corner.tangent.xyz - normal * dot(normal, corner.tangent.xyz));
-    // Along the second texture coordinate; camera space is left-handed.
+    // Bitangent, along the second texture coordinate; camera space is left-handed.
     let other = select(1.0, -1.0, corner.tangent.w > 0.0) * cross(normal, tangent);
     let side = select(-1.0, 1.0, front);
     var uv = corner.uv;

@@ -1,5 +1,5 @@
-// Packed normals of the nodes of base triangles: the triangles around a node summed by area.
-// Whenever a skin is drawn. The twin of `skin::carrier_frame::node_normals`.
+// Computes packed area-weighted normals at the nodes of the base triangles, whenever a skin is
+// drawn. CPU reference: `skin::basis::node_normals`.
 
 #import lib/array
 #import lib/normals
@@ -10,7 +10,7 @@ struct Normals {
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var triangles: texture_2d<u32>;
-// First entry of node i in `around`, at i; the last at i + 1.
+// Row offsets: `around[firsts[i]]` to `around[firsts[i + 1] - 1]` are the triangles around node i.
 @group(0) @binding(2) var firsts: texture_2d<u32>;
 // Triangles around each node.
 @group(0) @binding(3) var around: texture_2d<u32>;

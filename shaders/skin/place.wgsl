@@ -1,4 +1,4 @@
-// Vertices where their nodes have carried them, three texels each: position, normal, tangent.
+// Writes the deformed skin vertices, three texels each: position, normal, tangent.
 
 #import lib/skin
 

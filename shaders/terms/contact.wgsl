@@ -1,18 +1,18 @@
-// What tools exert on nodes, made before by `physics/contact_faces` and `physics/contact_nodes`:
-// forces, and blocks of the matrix, those of a node with its neighbours along the edges between.
+// Tool contact forces and Hessian blocks (node diagonal and edge blocks), computed beforehand by
+// `physics/contact_faces` and `physics/contact_nodes`.
 #term contact
 
 #for physics/forces physics/implicit_euler_begin physics/implicit_euler_direction
 @group(0) @binding(next) var contact_shares: texture_2d<f32>;
 
 #for physics/forces physics/implicit_euler_begin
-// The force on a node, and in w how many points there are too deep inside.
+// Returns the contact force on a node; w is the number of its points that penetrate too deeply.
 fn contact_force(i: u32) -> vec4<f32> {
     return textureLoad(contact_shares, array_texel(3u * i), 0);
 }
 
 #for physics/implicit_euler_begin physics/implicit_euler_direction
-// The rows of a node added up: xx xy xz yy, yz zz.
+// Returns the row sum of a node's contact blocks: xx xy xz yy, yz zz.
 fn contact_block(i: u32) -> array<vec4<f32>, 2> {
     return array(
         textureLoad(contact_shares, array_texel(3u * i + 1u), 0),
@@ -23,12 +23,11 @@ fn contact_block(i: u32) -> array<vec4<f32>, 2> {
 #for physics/edge_blocks
 const NO_FACE: u32 = 0xffffffffu;
 
-// Of each edge: the faces of the boundary on either side, as three times the face and which of its
-// edges it is.
+// For each edge, the boundary faces on either side, as three times the face plus the local edge.
 @group(0) @binding(next) var contact_sides: texture_2d<u32>;
 @group(0) @binding(next) var contact_faces: texture_2d<f32>;
 
-// What is between the nodes of an edge.
+// Returns the contact Hessian block between the nodes of an edge.
 fn contact_edge(n: u32) -> mat3x3<f32> {
     let sides = textureLoad(contact_sides, array_texel(n), 0).xy;
     var a = vec4(0.0);

@@ -1,12 +1,12 @@
 // Fixed corotated material (Stomakhin et al. 2012, "Energetically Consistent Invertible
 // Elasticity", section 3.4): Ψ = μ |F − R|² + λ/2 (J − 1)², R the rotation of F = R S, det R = 1.
-// What is crushed resists more; see `physics::elements`.
+// Crushed elements are stiffened; see `physics::model::elements`.
 #term law
 
 #import lib/tets
 #import lib/curvature
 
-// What a twist is divided by, at least: the energy has a ridge where σ_i = −σ_j.
+// Lower bound of the denominator of the twist eigenvalues: the energy has a ridge where σ_i = −σ_j.
 const MIN_TWIST_DENOMINATOR: f32 = 1e-4;
 
 fn corotated_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {

@@ -1,8 +1,8 @@
-// Finite elements: what the tets at a node give it. By which law is a matter of the passes over
-// tets, `physics/tet_forces` and `physics/tet_curvatures`.
+// Finite elements: gathers the element contributions at each node. The passes over tets,
+// `physics/tet_forces` and `physics/tet_curvatures`, evaluate the constitutive model.
 //
-// The rows are those of the corners at a node where forces are gathered, and those of its edges in
-// the matrix, whose rows add up to zero but for the masses: K p = Σ K_ij (p_j − p_i).
+// When gathering forces, a row lists the element corners at a node. In the matrix, a row lists the
+// edges of a node; without the masses the rows sum to zero: K p = Σ K_ij (p_j − p_i).
 #term matter
 
 #import lib/rows
@@ -12,16 +12,16 @@
 
 #for physics/forces
 struct ElementParams {
-    // α of a force −α m v.
+    // Mass-proportional damping coefficient α of the force −α m v.
     drag: f32,
     _pad0: u32,
 }
 
-// Of every corner of every tet: the force, and its share of the energy. The last is zero.
+// Force and energy contribution of each corner of each tet. The last entry is zero.
 @group(0) @binding(next) var tet_forces: texture_2d<f32>;
 @group(0) @binding(next) var<uniform> element_params: ElementParams;
 
-// The force on the node of row t, which is at x with the velocity v, and its share of the energy.
+// Returns the force on the node of row t, at position x with velocity v; w is its energy.
 fn elements_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
     let row = row_of(t);
     var sum = vec4(-element_params.drag * m * v, 0.0);
@@ -35,12 +35,13 @@ fn elements_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
 }
 
 #for physics/implicit_euler_begin
-// Of each directed edge three texels: the rows of (h² + hτ) K_ij.
+// Three texels per directed edge: the rows of (h² + hτ) K_ij.
 @group(0) @binding(next) var matrix: texture_2d<f32>;
-// At the beginning of the step.
+// Velocities at the start of the step.
 @group(0) @binding(next) var step_velocities: texture_2d<f32>;
 
-// What its row adds to the system of a node, which is linearised at x, with the velocity v.
+// Returns the contribution of the elements to a node's system, linearised at position x and
+// velocity v.
 fn elements_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MaterialContribution {
     let row = row_of(t);
     var share = MaterialContribution(vec3(mass + params.drag * mass), vec3(0.0), vec3(0.0), vec3(0.0));
@@ -65,7 +66,7 @@ fn elements_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> Mat
 #for physics/implicit_euler_direction
 @group(0) @binding(next) var matrix: texture_2d<f32>;
 
-// What the elements of row t add to q = A p at its node, q so far and p given.
+// Returns `so_far` plus the element contribution to the product q = A p at the node of row t.
 fn elements_product(t: u32, so_far: vec3<f32>, p: vec3<f32>, beta: f32, first: bool) -> vec3<f32> {
     let row = row_of(t);
     var q = so_far + params.drag * so_far;

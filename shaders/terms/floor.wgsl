@@ -1,7 +1,7 @@
-// A floor that pushes back what is below it: E = ½ m ω² d², d the depth. The twin of
-// `physics::terms::floor`.
+// Penalty floor: pushes back nodes below a plane with the energy E = ½ m ω² d², d the penetration
+// depth. CPU reference: `physics::model::floor`.
 //
-// Numbers of a floor: its normal and how far it lies along it; ω².
+// Parameters of a floor: its normal and its offset along it; ω².
 #term node
 
 fn floor_depth(slot: u32, x: vec3<f32>) -> f32 {
@@ -9,14 +9,14 @@ fn floor_depth(slot: u32, x: vec3<f32>) -> f32 {
     return plane.w - dot(plane.xyz, x);
 }
 
-// The force on a node of mass m at x, and the energy.
+// Returns the force on a node of mass m at x; w is the energy.
 fn floor_force(slot: u32, m: f32, x: vec3<f32>) -> vec4<f32> {
     let depth = max(floor_depth(slot, x), 0.0);
     let stiffness = m * node_terms[2u * slot + 1u].x;
     return vec4(stiffness * depth * node_terms[2u * slot].xyz, 0.5 * stiffness * depth * depth);
 }
 
-// −∂f/∂x: its diagonal, and xy, xz, yz.
+// Returns the stiffness block −∂f/∂x: its diagonal, and xy, xz, yz.
 fn floor_block(slot: u32, m: f32, x: vec3<f32>) -> NodeBlock {
     let below = floor_depth(slot, x) > 0.0;
     let stiffness = select(0.0, m * node_terms[2u * slot + 1u].x, below);

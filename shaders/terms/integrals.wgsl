@@ -1,4 +1,4 @@
-// The table of integrals, loaded from a sampled texture.
+// Loads the table of integrals from a sampled texture.
 #term table
 #import lib/integrals
 

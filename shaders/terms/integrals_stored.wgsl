@@ -1,4 +1,4 @@
-// The table of integrals, read from a storage texture.
+// Reads the table of integrals from a storage texture.
 #term table
 #import lib/integrals
 

@@ -1,11 +1,11 @@
-// Each way of a ray through a piece of a body, told by itself: what pieces make of one ray is
-// composited when all are known.
+// Records each ray segment through a piece of a body separately; the segments of all pieces along a
+// ray are composited once all are known.
 #term intervals
 
 struct RaySegment {
-    // Column, and row from bit 16 on.
+    // Column in bits 0 to 15, row from bit 16 on.
     pixel: u32,
-    // z of camera space where it begins and ends.
+    // Camera-space z at which the segment begins and ends.
     front: f32,
     back: f32,
     _pad: u32,
@@ -14,14 +14,14 @@ struct RaySegment {
 }
 
 struct RaySegments {
-    // How many there are, also where there was no room for all.
+    // Number of segments, including those that did not fit into `items`.
     count: atomic<u32>,
     items: array<RaySegment>,
 }
 
 @group(0) @binding(next) var<storage, read_write> intervals: RaySegments;
 
-// Tells a way, unless nothing is seen on it.
+// Appends a ray segment unless it is fully transparent.
 fn append_segment(pixel: vec2<u32>, walked: TraversalResult) {
     if all(walked.sum == vec4(0.0)) {
         return;

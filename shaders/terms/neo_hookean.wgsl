@@ -1,9 +1,9 @@
 // Stable Neo-Hookean material (Smith, de Goes & Kim 2018, "Stable Neo-Hookean Flesh Simulation",
-// equation 13, without the barrier): Ψ = μ/2 (|F|² − 3) − μ (J − 1) + λ/2 (J − 1)², the λ that
-// comes in being Lamé's λ + μ. What is crushed resists more; see `physics::elements`.
+// equation 13, without the barrier): Ψ = μ/2 (|F|² − 3) − μ (J − 1) + λ/2 (J − 1)². The parameter λ
+// passed in is Lamé's λ + μ. Crushed elements are stiffened; see `physics::model::elements`.
 //
-// In terms of G = F − I all that is of first order is gone: |F|²/2 − 3/2 − (J − 1) is
-// |G|²/2 − tr cof G − det G.
+// In terms of G = F − I the first-order terms cancel: |F|²/2 − 3/2 − (J − 1) is |G|²/2 − tr cof G −
+// det G.
 #term law
 
 #import lib/tets

@@ -1,16 +1,15 @@
-// No integration beforehand: the transfer function itself, colour and extinction along one line of
-// texels, looked up at points of each segment. Depths are lengths times the largest extinction,
-// times log2(e).
+// Transfer function without pre-integration: colour and extinction in one line of texels, sampled
+// at points of each segment. Depths are lengths times the largest extinction, times log2(e).
 #term table
 
-// Points in a segment.
+// Samples per segment.
 override SAMPLES: u32 = 1u;
 
 @group(0) @binding(next) var table: texture_2d_array<f32>;
 @group(0) @binding(next) var smooth_sampler: sampler;
 
-// Colour (premultiplied) and opacity of a segment between table coordinates s0 (front) and s1; of
-// the first transfer function: there is one.
+// Returns the premultiplied colour and opacity of a segment between table coordinates s0 (front)
+// and s1. There is only one transfer function, so `row` is ignored.
 fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
     var seen = vec4(0.0);
     for (var i = 0u; i < SAMPLES; i++) {

@@ -1,13 +1,14 @@
-// Nodes of rigid bodies where a step may start from: they go where their body does, which
-// `physics/rigid_start` found for each start.
+// Initial velocities of the nodes of rigid bodies for each start candidate: they follow the rigid
+// motion computed by `physics/rigid_start`.
 #term rigid
 
 #import lib/rigid
 
-// Six texels a body: see `physics/rigid_start`.
+// Six texels per body: see `physics/rigid_start`.
 @group(0) @binding(next) var rigid_motions: texture_2d<f32>;
 
-// The velocity over the step of node i with a start, w if it is of no body.
+// Returns the velocity over the step of node i for start candidate `choice`; w if the node belongs
+// to no rigid body.
 fn rigid_velocity(i: u32, choice: u32, dt: f32, w: vec3<f32>) -> vec3<f32> {
     let arm = textureLoad(rigid_arms, array_texel(i), 0);
     if arm.w == 0.0 || choice == 0u {
@@ -22,5 +23,5 @@ fn rigid_velocity(i: u32, choice: u32, dt: f32, w: vec3<f32>) -> vec3<f32> {
 }
 
 #for physics/implicit_euler_start
-// The start that was taken.
+// The selected start candidate.
 @group(0) @binding(next) var<storage, read_write> rigid_choice: array<u32>;

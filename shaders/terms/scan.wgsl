@@ -1,27 +1,29 @@
-// Scans that the body carries: looked up where each point of a ray is at rest, in texels. The twin of
-// `render::scan`. Needs `corner_at` of the walk that imports it.
+// Image volumes (scans) attached to the body, sampled in texels at the rest position of each ray
+// point. CPU reference: `render::scan`. Needs `corner_at` of the importing shader.
 #term scan
 
 #for render/walk_vertices render/walk_planes render/shadow_fill
-// How many there are, and whether any of them has labels.
+// Number of scans, and whether any of them is a label volume.
 override SCAN_COUNT: u32 = 1u;
 override LABELS: bool = false;
 
 struct Scan {
-    // The texel at a place at rest, in the local frame: dot(axis.xyz, place) + axis.w along each axis.
+    // Maps a rest position in the local frame to texels: dot(axis.xyz, place) + axis.w along each
+    // axis.
     x: vec4<f32>,
     y: vec4<f32>,
     z: vec4<f32>,
-    // Texels along each axis, and where they begin in the texture, along z.
+    // Number of texels along each axis; w is the first texel in the texture, along z.
     size: vec4<f32>,
-    // Share of the range: look.x texel + look.y. Its row of the table; 1 where it has labels.
+    // Normalised value: look.x texel + look.y. z is its row of the table; w is 1 for a label
+    // volume.
     look: vec4<f32>,
 }
 
-// Numbers of labels are told in parts of this.
+// Label numbers are stored as multiples of 1 / MOST_LABELS.
 const MOST_LABELS: f32 = 1024.0;
 
-// One after the other along z: values from -1 to 1 over all that occur, or numbers of labels.
+// The scans stacked along z: values from -1 to 1 over their range, or label numbers.
 @group(0) @binding(next) var scan: texture_3d<f32>;
 @group(0) @binding(next) var scan_sampler: sampler;
 @group(0) @binding(next) var<storage, read> scans: array<Scan>;
@@ -35,12 +37,12 @@ fn has_labels(k: u32) -> bool {
     return LABELS & (scans[k].look.w > 0.5);
 }
 
-// Whether a scan covers a place: up to the outer sides of its outermost texels.
+// Whether texel position p is inside scan k, including the outer half of its outermost texels.
 fn is_inside(k: u32, p: vec3<f32>) -> bool {
     return all(p >= vec3(-0.5)) && all(p <= scans[k].size.xyz - 0.5);
 }
 
-// The share of the range at texel p, trilinear; at the rim that of the nearest centre.
+// Returns the normalised value at texel position p: trilinear, clamped to the outermost centres.
 fn normalised_value(k: u32, p: vec3<f32>) -> f32 {
     let size = scans[k].size;
     let q = clamp(p, vec3(0.0), size.xyz - 1.0) + 0.5 + vec3(0.0, 0.0, size.w);
@@ -48,7 +50,7 @@ fn normalised_value(k: u32, p: vec3<f32>) -> f32 {
     return clamp(scans[k].look.x * texel + scans[k].look.y, 0.0, 1.0);
 }
 
-// The number of the label at texel p.
+// Returns the label number at texel position p.
 fn label_at(k: u32, p: vec3<f32>) -> u32 {
     let size = scans[k].size;
     let q = clamp(floor(p + 0.5), vec3(0.0), size.xyz - 1.0) + vec3(0.0, 0.0, size.w);
@@ -56,7 +58,7 @@ fn label_at(k: u32, p: vec3<f32>) -> u32 {
 }
 
 #for render/shadow_fill
-// What all scans at a place at rest dim light by: extinction, over the largest.
+// Returns the total extinction of all scans at a rest position, relative to the largest.
 fn scans_extinction(rest: vec3<f32>, row: u32) -> f32 {
     var sum = 0.0;
     for (var k = 0u; k < SCAN_COUNT; k++) {
@@ -76,15 +78,14 @@ fn scans_extinction(rest: vec3<f32>, row: u32) -> f32 {
 }
 
 #for render/walk_vertices render/walk_planes
-// Texels between two look-ups, at most.
+// Maximum texels between two samples.
 override SCAN_STEP: f32 = 1.0;
-// Stretches of a segment between two look-ups, at most.
+// Maximum number of sub-intervals per segment.
 const MAX_STEPS: u32 = 8192u;
-// Texels by which a wall between labels lies behind the ray that has just met it.
+// Offset in texels past a label boundary that the ray has just reached.
 const STEP_EPSILON: f32 = 1e-3;
 
-// What carries gradients from rest to where the tet is: F to the power -T, of the tet that the ray is
-// in.
+// F⁻ᵀ of the current tet, which transforms gradients from the rest to the deformed configuration.
 var<private> rest_to_world: mat3x3<f32>;
 
 fn set_rest_to_world(tet: u32) {
@@ -99,7 +100,7 @@ fn set_rest_to_world(tet: u32) {
     let r3 = textureLoad(rests, array_texel(v.w), 0).xyz - r;
     let n = cross(p2, p3);
     let volume = dot(p1, n);
-    // A flat tet has no gradient.
+    // A degenerate tet has no gradient.
     let over = select(1.0 / volume, 0.0, abs(volume) < 1e-30);
     let c1 = n * over;
     let c2 = cross(p3, p1) * over;
@@ -111,8 +112,8 @@ fn set_rest_to_world(tet: u32) {
     );
 }
 
-// The gradient of what scan k shows at a place at rest, as it is where the body is now, in the local
-// frame: of values, or of being the label that is there.
+// Returns the gradient of scan k at a rest position, transformed to the deformed body in the local
+// frame: the gradient of the values, or of the indicator function of the local label.
 fn scan_gradient(k: u32, rest: vec3<f32>) -> vec3<f32> {
     let p = texel_of(k, rest);
     var g = vec3(0.0);
@@ -130,12 +131,12 @@ fn scan_gradient(k: u32, rest: vec3<f32>) -> vec3<f32> {
     return rest_to_world * (g.x * s.x.xyz + g.y * s.y.xyz + g.z * s.z.xyz);
 }
 
-// The table coordinate of a share.
+// Returns the table coordinate of a normalised value.
 fn coordinate_of(share: f32) -> f32 {
     return params.scalar.x * share + params.scalar.y;
 }
 
-// A place of a segment, with what the first scan has there.
+// Returns the sample at parameter u of a segment, with the value of the first scan.
 fn scan_spot(whole: Segment, u: f32) -> RaySample {
     var spot = lerp_sample(whole.front, whole.back, u);
     if !has_labels(0u) {
@@ -144,7 +145,7 @@ fn scan_spot(whole: Segment, u: f32) -> RaySample {
     return spot;
 }
 
-// Colour and opacity of a stretch in light, where no light was counted before.
+// Applies lighting and shadows to the colour and opacity of an unlit sub-interval.
 fn in_light(k: u32, seen: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     if LIGHTING {
         if seen.a <= 0.0 {
@@ -159,13 +160,13 @@ fn in_light(k: u32, seen: vec4<f32>, part: Segment, ray: Ray) -> vec4<f32> {
     return seen;
 }
 
-// What a label looks like: its colour, and in w extinction, over the largest.
+// Returns the colour of the label at p; w is its extinction, relative to the largest.
 fn label_look(k: u32, p: vec3<f32>) -> vec4<f32> {
     return textureLoad(colours, array_texel(u32(scans[k].look.z) * COLOUR_LUT_SIZE + label_at(k, p)), 0);
 }
 
-// Colour and opacity of a stretch by scan k, other than values of the first, which planes and
-// isosurfaces know of too.
+// Returns the colour and opacity of a sub-interval from scan k, except the values of the first
+// scan, which slice planes and isosurfaces also use.
 fn shade_scan(k: u32, part: Segment, ray: Ray) -> vec4<f32> {
     let front = texel_of(k, part.front.rest);
     let back = texel_of(k, part.back.rest);
@@ -179,12 +180,12 @@ fn shade_scan(k: u32, part: Segment, ray: Ray) -> vec4<f32> {
     return in_light(k, seen, part, ray);
 }
 
-// Two things in one stretch: each hides half of the other, to first order.
+// Combines two media in one sub-interval: to first order, each attenuates half of the other.
 fn blend_scans(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return vec4(a.rgb * (1.0 - 0.5 * b.a) + b.rgb * (1.0 - 0.5 * a.a), a.a + b.a - a.a * b.a);
 }
 
-// All scans in a stretch that is at most a texel long.
+// Returns the colour and opacity of all scans in a sub-interval of at most one texel.
 fn shade_stretch(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     var seen = vec4(0.0);
     let rest = 0.5 * (part.front.rest + part.back.rest);
@@ -211,7 +212,7 @@ fn shade_stretch(part: Segment, row: u32, ray: Ray) -> vec4<f32> {
     return seen;
 }
 
-// The part of a segment that scan k covers, from 0 at its front to 1.
+// Returns the parameter range of a segment that scan k covers, from 0 at its front to 1.
 fn covered(k: u32, whole: Segment) -> vec2<f32> {
     let front = texel_of(k, whole.front.rest);
     let way = texel_of(k, whole.back.rest) - front;
@@ -230,7 +231,8 @@ fn covered(k: u32, whole: Segment) -> vec2<f32> {
     return range;
 }
 
-// The first place behind u, and up to `stop`, where scan k begins, ends, or has another voxel.
+// Returns the first parameter after u, up to `stop`, where the ray enters or leaves scan k or, for
+// labels, enters another voxel.
 fn next_boundary(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
     let range = covered(k, whole);
     var first = stop;
@@ -249,7 +251,7 @@ fn next_boundary(k: u32, whole: Segment, u: f32, stop: f32) -> f32 {
     return first;
 }
 
-// How a segment is gone through: the part of it that is, and the length of a step, in shares.
+// Ray-marching plan of a segment: its parameter range and step length, as fractions of the segment.
 struct StepPlan {
     range: vec2<f32>,
     step: f32,
@@ -271,7 +273,7 @@ fn step_plan(whole: Segment, kept_part: vec2<f32>) -> StepPlan {
     return StepPlan(range, span / clamp(ceil(texels * span / SCAN_STEP - STEP_EPSILON), 1.0, f32(MAX_STEPS / 2u)));
 }
 
-// Where the stretch that begins at u ends.
+// Returns the end of the sub-interval that begins at u.
 fn next_stop(whole: Segment, way: StepPlan, u: f32) -> f32 {
     var stop = way.range.x + way.step * (floor((u - way.range.x) / way.step + STEP_EPSILON) + 1.0);
     if (SCAN_COUNT > 1u) | LABELS {
@@ -283,8 +285,8 @@ fn next_stop(whole: Segment, way: StepPlan, u: f32) -> f32 {
     return select(stop, way.range.y, stop + STEP_EPSILON * way.step >= way.range.y);
 }
 
-// Colour and opacity of a segment; `row` is that of its tet, and `before` how opaque what is before
-// it is.
+// Returns the colour and opacity of a segment; `row` is the row of its tet, and `before` the
+// opacity accumulated in front of it.
 fn scans_seen(whole: Segment, row: u32, ray: Ray, before: f32) -> vec4<f32> {
     var range = vec2(0.0, 1.0);
     if CLIP_PLANE_COUNT > 0u {
@@ -336,8 +338,8 @@ fn scans_seen(whole: Segment, row: u32, ray: Ray, before: f32) -> vec4<f32> {
     return seen;
 }
 
-// What a plane shows of the scans: the first, in the colours of its transfer function, and the labels
-// of others half over it.
+// Returns the scan colours on a slice plane: the first scan with its transfer function, with the
+// labels of the others blended at half opacity.
 fn scans_sliced(spot: RaySample, row: u32) -> vec4<f32> {
     var seen = vec4(0.0);
     for (var k = 0u; k < SCAN_COUNT; k++) {
@@ -356,7 +358,7 @@ fn scans_sliced(spot: RaySample, row: u32) -> vec4<f32> {
     return seen;
 }
 
-// The largest, least or mean value of the first scan, so far.
+// Accumulates the maximum, minimum or mean of the first scan.
 fn scans_projected(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     var own = sum;
     var walked = walk_values(whole);
@@ -366,7 +368,7 @@ fn scans_projected(sum: vec4<f32>, whole: Segment, ray: Ray) -> vec4<f32> {
     return own;
 }
 
-// What the first scan attenuates X-rays by, as if the body were at rest.
+// Returns the X-ray attenuation of the first scan, as if the body were at rest.
 fn scans_attenuation(whole: Segment, ray: Ray) -> f32 {
     var sum = 0.0;
     var walked = walk_values(whole);
@@ -376,12 +378,12 @@ fn scans_attenuation(whole: Segment, ray: Ray) -> f32 {
     return sum;
 }
 
-// A way through the values of the first scan in a segment, stretch by stretch.
+// Iterator over the sub-intervals of the first scan in a segment.
 struct ValueWalk {
     way: StepPlan,
     here: RaySample,
     there: RaySample,
-    // Where `there` is, and stretches so far.
+    // The parameter of `there`, and the number of sub-intervals so far.
     u: f32,
     stops: u32,
 }
@@ -394,7 +396,7 @@ fn walk_values(whole: Segment) -> ValueWalk {
     return walked;
 }
 
-// Goes on to the next stretch; false where there is none.
+// Advances to the next sub-interval; returns false at the end.
 fn step_values(whole: Segment, walked: ptr<function, ValueWalk>) -> bool {
     let range = (*walked).way.range;
     if ((*walked).u >= range.y) | ((*walked).stops >= MAX_STEPS) | has_labels(0u) {

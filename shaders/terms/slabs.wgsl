@@ -1,20 +1,20 @@
-// The paper's table: colour and opacity of segments, a volume of which the third axis is depth, as
-// layers of one array. Needs `params: View` of the shader that imports it.
+// Pre-integration table of the paper: colour and opacity of segments in a volume whose third axis
+// is depth, stored as the layers of one array. Needs `params: View` of the importing shader.
 //
 // Depths are lengths times the largest extinction, times log2(e).
 #term table
 
-// Segments longer than params.reach, the depth of the last layer, are looked up in pieces.
+// Segments deeper than params.table_max_depth, the depth of the last layer, are subdivided.
 const MOST_PIECES: f32 = 65536.0;
 
-// At this opacity no further piece is looked up.
+// Opacity at which integration stops (early termination).
 override INTEGRATION_CUTOFF: f32 = 0.9995;
 
 @group(0) @binding(next) var table: texture_2d_array<f32>;
 @group(0) @binding(next) var smooth_sampler: sampler;
 
-// Colour (premultiplied) and opacity of a segment between table coordinates s0 (front) and s1; of
-// the first transfer function: there is one.
+// Returns the premultiplied colour and opacity of a segment between table coordinates s0 (front)
+// and s1. There is only one transfer function, so `row` is ignored.
 fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
     let pieces = clamp(ceil(depth / params.table_max_depth), 1.0, MOST_PIECES);
     let layer = clamp(depth / (pieces * params.table_max_depth), 0.0, 1.0) * f32(params.layers - 1u);

@@ -1,8 +1,8 @@
-// Springs between nodes (equations 2 to 5 of Tejada & Ertl). The twin of
-// `physics::plain::springs`.
+// Springs between nodes (equations 2 to 5 of Tejada & Ertl). CPU reference:
+// `physics::reference::springs`.
 //
-// K̃ is the Jacobian with the transverse term clamped: K̃_ij = κ((1−t) x̂x̂ᵀ + t I),
-// t = max(1 − L/|x|, 0). Every spring's share of the matrix is kept as u uᵀ + b I.
+// K̃ is the Jacobian with the transverse term clamped: K̃_ij = κ((1−t) x̂x̂ᵀ + t I), t = max(1 −
+// L/|x|, 0). The matrix block of each spring is stored as u uᵀ + b I.
 #term matter
 
 #import lib/rows
@@ -12,7 +12,8 @@
 
 #for physics/forces physics/implicit_euler_begin
 struct SpringParams {
-    // κ_d = damping + damping_time · κ, along the spring's axis or of the whole relative velocity.
+    // κ_d = damping + damping_time · κ, applied along the spring's axis or to the whole relative
+    // velocity.
     damping: f32,
     damping_time: f32,
     axial: u32,
@@ -23,13 +24,13 @@ struct SpringParams {
 @group(0) @binding(next) var springs: texture_2d<f32>;
 @group(0) @binding(next) var<uniform> spring_params: SpringParams;
 
-// The unit vector along d, whose length is l; zero for coincident nodes.
+// Returns the unit vector along d, whose length is l; zero for coincident nodes.
 fn spring_extension(d: vec3<f32>, l: f32) -> vec3<f32> {
     return d * select(0.0, 1.0 / l, l > 0.0);
 }
 
 #for physics/forces
-// The force on the node of row t, which is at x with the velocity v, and its share of the energy.
+// Returns the force on the node of row t, at position x with velocity v; w is its energy.
 fn springs_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
     let row = row_of(t);
     var f = vec3(0.0);
@@ -50,15 +51,15 @@ fn springs_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
             elastic += spring.x * stretch * stretch;
         }
     }
-    // Each spring is met from both ends.
+    // Each spring is visited from both ends, so each end receives half of its energy.
     return vec4(f, 0.25 * elastic);
 }
 
 #for physics/implicit_euler_begin
-// Of each directed spring: u, b.
+// u and b of each directed spring.
 @group(0) @binding(next) var edges: texture_storage_2d<rgba32float, write>;
 
-// What the row of its node adds to the system of a step of length h.
+// Returns the contribution of the springs to a node's system for a step of length h.
 fn springs_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> MaterialContribution {
     let row = row_of(t);
     var share = MaterialContribution(vec3(mass), vec3(0.0), vec3(0.0), v);
@@ -72,7 +73,8 @@ fn springs_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> Mate
             let w = textureLoad(velocities, array_texel(j), 0).xyz - v;
             let l = length(d);
             let n = spring_extension(d, l);
-            // Coincident ends of a spring with a rest length: no direction, no transverse term.
+            // A spring with a rest length and coincident ends has no direction and no transverse
+            // term.
             let s = select(select(0.0, 1.0, spring.y == 0.0), max(1.0 - spring.y / l, 0.0), l > 0.0);
             share.ahead += spring.x * ((1.0 - s) * n * dot(n, w) + s * w);
             let damping = select(
@@ -94,7 +96,7 @@ fn springs_system(t: u32, mass: f32, x: vec3<f32>, v: vec3<f32>, h: f32) -> Mate
 #for physics/implicit_euler_direction
 @group(0) @binding(next) var edges: texture_2d<f32>;
 
-// What the springs of row t add to q = A p at its node, q so far and p given.
+// Returns `so_far` plus the spring contribution to the product q = A p at the node of row t.
 fn springs_product(t: u32, so_far: vec3<f32>, p: vec3<f32>, beta: f32, first: bool) -> vec3<f32> {
     let row = row_of(t);
     var q = so_far;

@@ -1,12 +1,14 @@
-// What walks read at each step, read from storage textures: half of the instructions on a software driver, which knows no levels of them.
+// Data that mesh traversal reads at each step, read from storage textures: half the instructions on
+// a software driver, because storage textures have no mip levels.
 #term reads
 
 #for render/walk_vertices
 @group(0) @binding(next) var projected: texture_storage_2d<rgba32float, read>;
-// Across the face opposite the k-th smallest node of tet t, at 4 t + k: the neighbour, and the
+// At 4 t + k, across the face opposite the k-th smallest node of tet t: the neighbour, and the
 // exclusive or of its nodes.
 @group(0) @binding(next) var links: texture_storage_2d<rg32uint, read>;
-// The gradient at each node, if NODE_LIGHT; in w the share of light that comes there, if SHADOWED.
+// The gradient at each node, if PER_NODE_LIGHT; w is the fraction of light that reaches it, if
+// SHADOWS.
 @group(0) @binding(next) var gradients: texture_storage_2d<rgba32float, read>;
 
 fn projected_at(i: u32) -> vec4<f32> {
@@ -22,7 +24,7 @@ fn gradient_at(i: u32) -> vec4<f32> {
 }
 
 #for render/walk_planes
-// Eight texels a tet; see refresh_geometry.wgsl.
+// Eight texels per tet; see refresh_geometry.wgsl.
 @group(0) @binding(next) var records: texture_storage_2d<rgba32uint, read>;
 
 fn record_at(i: u32) -> vec4<u32> {
@@ -31,7 +33,8 @@ fn record_at(i: u32) -> vec4<u32> {
 
 #for render/start
 @group(0) @binding(next) var projected: texture_storage_2d<rgba32float, read>;
-// Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face; sorted by that.
+// Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face; sorted by the
+// latter.
 @group(0) @binding(next) var boundary: texture_storage_2d<rgba32uint, read>;
 // Corners of the triangles that cover faces; see cover.wgsl.
 @group(0) @binding(next) var covers: texture_storage_2d<rgba32uint, read>;
