@@ -53,7 +53,7 @@ pub trait Integrator: Sized + Send {
     }
 }
 
-/// Time steps, in local units (see [`LocalUnits`](super::LocalUnits)).
+/// Time steps, in local units (see [`LocalUnits`](crate::physics::LocalUnits)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
     /// The present step.

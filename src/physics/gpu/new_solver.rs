@@ -11,7 +11,7 @@ impl SolverKind {
     /// A solver of this kind for `body`.
     ///
     /// # Errors
-    /// [`Error::Gpu`] when its arrays do not fit the device; [`Error::Input`] for one of
+    /// [`Error::Gpu`](crate::Error::Gpu) when its arrays do not fit the device; [`Error::Input`](crate::Error::Input) for one of
     /// [`SolverKind::ELEMENT_ONLY`].
     pub fn solver(self, gpu: &Gpu, body: &GpuBody) -> Result<Box<dyn Solver>> {
         Ok(match self {

@@ -86,7 +86,7 @@ impl GpuBody {
 
     /// Restores a state from [`GpuBody::state`] of this body, or of one created and cut in the same
     /// manner. Restore the state of its solver afterwards with
-    /// [`Solver::set_state`](super::Solver::set_state).
+    /// [`Solver::set_state`](crate::physics::Solver::set_state).
     ///
     /// # Errors
     /// [`Error::Input`] if the state is of another body, or of one with other cuts.

@@ -72,7 +72,7 @@ pub struct Elements {
     /// The rigid bodies.
     pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The stiffness-proportional part is
-    /// [`DiscreteModel::damping_time`](super::DiscreteModel::damping_time).
+    /// [`DiscreteModel::damping_time`](crate::physics::DiscreteModel::damping_time).
     pub mass_damping: f64,
 }
 

@@ -23,7 +23,7 @@ impl GridBody {
     /// must be rebuilt.
     ///
     /// # Errors
-    /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`] if no cell would be
+    /// As [`Gpu::read_array`](crate::gpu::Gpu::read_array); [`Error::Input`](crate::Error::Input) if no cell would be
     /// left.
     pub fn cut(&mut self, blade: &Blade) -> Result<GridCut> {
         let crossed = self.model.springs_crossing(blade, &self.positions()?);
@@ -34,7 +34,7 @@ impl GridBody {
     /// grid points.
     ///
     /// # Errors
-    /// [`Error::Input`] if no cell would be left.
+    /// [`Error::Input`](crate::Error::Input) if no cell would be left.
     pub fn remove(&mut self, particles: &[u32]) -> Result<GridCut> {
         let offsets = self.model.shape.offsets();
         let mut gone = Vec::new();
