@@ -58,8 +58,9 @@ impl<T: Real> ForceSources<'_, T> {
                 let (f, v) = (f.0, v.0);
                 self.loads
                     .write_forces(self.plan, chunk, self.masses, at.u, f);
-                // The terms overwrite the external loads in f, so their power is computed first; at
-                // the end of a velocity Verlet step it is computed with the final velocities.
+                // The terms add their forces to those of the external loads in f, so the power of
+                // the loads is computed first; at the end of a velocity Verlet step it is computed
+                // with the final velocities.
                 let outside = finish.is_none().then(|| power(f, &at.v[nodes.clone()]));
                 let mut elastic = 0.0;
                 for term in self.terms {
