@@ -27,8 +27,8 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, Term};
 use crate::physics::cpu::vectors::{V4, add_scaled, scale, sub, zero};
 
-/// Smallest share of a single node in the diagonal block of a rigid group: stiff bodies of many
-/// nodes move as a whole where no single node would move noticeably.
+/// Factor on the negligible movement of a single node: stiff bodies of many nodes can move as a
+/// whole although no node alone would move noticeably.
 const MIN_DIAGONAL_SHARE: f64 = 0.1;
 
 /// Number of solves with projected blocks after exact ones failed.
