@@ -1,24 +1,23 @@
-//! The order in which the engine keeps the nodes: in groups that are compact lumps, neighbours in
-//! space close in memory.
+//! Node ordering by recursive bisection into compact aggregates, so that neighbours in space are
+//! close in memory.
 //!
-//! By recursive bisection across the longest side. A Morton curve does nearly as well for the
-//! caches, but it jumps, and lumps that a jump tears apart are poor aggregates of a coarse space.
-//! Lumps of nothing but bone in muscle, or of nothing but muscle, were tried: they take three times
-//! the iterations of lumps that have some of both.
+//! Each bisection cuts across the longest side. A Morton curve is nearly as good for the caches,
+//! but it jumps, and aggregates split by a jump are poor for a coarse space. Aggregates of only
+//! bone or only muscle were tried: they take three times the iterations of mixed ones.
 
 use glam::DVec3;
 
-/// Nodes in an order, and in groups.
+/// A node order, divided into groups.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Aggregates {
-    /// The node that comes k-th, for every k.
+    /// Index of the k-th node, for every k.
     pub order: Vec<u32>,
-    /// Where each group begins, and the number of nodes.
+    /// Start of each group, and the number of nodes.
     pub group_starts: Vec<usize>,
 }
 
 impl Aggregates {
-    /// Nodes at `points` in groups of at most `most`. The same on every run.
+    /// Orders the nodes at `points` in groups of at most `most`; deterministic.
     pub fn new(points: &[DVec3], most: usize) -> Aggregates {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut group_starts = vec![0];
@@ -51,7 +50,8 @@ fn bisect_within(points: &[DVec3], nodes: &mut [u32]) {
     }
 }
 
-/// The `half` nodes on one side of a plane across the longest side of their bounds, and the rest.
+/// Splits the nodes by a plane across the longest side of their bounds: `half` on one side, and the
+/// rest.
 fn halves<'a>(
     points: &[DVec3],
     nodes: &'a mut [u32],
@@ -63,7 +63,7 @@ fn halves<'a>(
         (low.min(p), high.max(p))
     });
     let axis = (high - low).max_position();
-    // Ties go by number, for the order must not depend on how the selection is done.
+    // Ties are broken by index, so that the order does not depend on the selection algorithm.
     nodes.select_nth_unstable_by(half, |a, b| {
         let (x, y) = (points[*a as usize][axis], points[*b as usize][axis]);
         x.total_cmp(&y).then(a.cmp(b))

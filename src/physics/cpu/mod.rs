@@ -1,5 +1,5 @@
-//! Bodies stepped on the CPU by threads, generic over f32 and f64; nodes in the order of a
-//! recursive bisection, so that those of one group lie together in space and in memory.
+//! Multithreaded CPU engine, generic over f32 and f64. Nodes are ordered by recursive bisection, so
+//! that the nodes of a group are close in space and in memory.
 
 mod aggregation;
 mod body;

@@ -1,4 +1,4 @@
-//! What acts on a body from outside: gravity, forces, pins, and attachments.
+//! External loads and constraints: gravity, forces, pins and target springs.
 
 use super::partition::Partition;
 use super::pressure::Pressure;
@@ -8,40 +8,40 @@ use crate::physics::LocalUnits;
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// What holds a node or pulls at it.
+/// A constraint or a target spring of a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NodeConstraint {
-    /// The node is where it is told to be, at rest.
+    /// The node is fixed at a given position, at rest.
     Fixed {
-        /// Which, by the file's numbers.
+        /// Node, in the file's numbering.
         node: u32,
-        /// Where, m from the frame's origin.
+        /// Position, m from the frame's origin.
         place: DVec3,
     },
-    /// The node is at a place, and goes on from there at a velocity.
+    /// Prescribed displacement: the node starts at a position and moves with a given velocity.
     Prescribed {
-        /// Which, by the file's numbers.
+        /// Node, in the file's numbering.
         node: u32,
-        /// Where it is now, m from the frame's origin.
+        /// Current position, m from the frame's origin.
         place: DVec3,
-        /// m/s.
+        /// Velocity, m/s.
         velocity: DVec3,
     },
-    /// A spring without length from the node to a target.
+    /// A zero-length spring from the node to a target.
     Spring {
-        /// Which, by the file's numbers.
+        /// Node, in the file's numbering.
         node: u32,
-        /// Where to, m from the frame's origin.
+        /// Target position, m from the frame's origin.
         target: DVec3,
-        /// N/m.
+        /// Stiffness, N/m.
         stiffness: f64,
-        /// The largest force of the spring, N.
+        /// Largest force of the spring, N.
         limit: f64,
     },
 }
 
 impl NodeConstraint {
-    /// The node.
+    /// Returns the constrained node.
     pub fn node(&self) -> u32 {
         match self {
             NodeConstraint::Fixed { node, .. }
@@ -66,7 +66,7 @@ impl NodeConstraint {
     }
 }
 
-/// A spring to a target, in local units.
+/// A target spring, in local units.
 #[derive(Clone, Copy, Debug)]
 struct NodeTargetSpring<T> {
     node: usize,
@@ -76,7 +76,7 @@ struct NodeTargetSpring<T> {
     limit: T,
 }
 
-/// Everything that acts on a body from outside, in local units and the engine's order.
+/// All external loads of a body, in local units and the engine's order.
 #[derive(Clone, Debug)]
 pub struct Loads<T> {
     gravity: V4<T>,
@@ -87,7 +87,7 @@ pub struct Loads<T> {
 }
 
 impl<T: Real> Loads<T> {
-    /// Nothing, on `nodes` nodes.
+    /// Creates empty loads for `nodes` nodes.
     pub fn empty(nodes: usize) -> Loads<T> {
         Loads {
             gravity: zero(),
@@ -98,12 +98,11 @@ impl<T: Real> Loads<T> {
         }
     }
 
-    /// Adds a pressure.
     pub(super) fn add_pressure(&mut self, pressure: Pressure<T>) {
         self.pressures.push(pressure);
     }
 
-    /// Takes the pressures from among all levels.
+    /// Sets the pressures from the amplitudes.
     pub fn set_levels(&mut self, levels: &[f64]) {
         self.pressures
             .iter_mut()
@@ -123,8 +122,8 @@ impl<T: Real> Loads<T> {
         }
     }
 
-    /// Sets the springs to targets: those of `attachments` that pull. `place` is the engine's
-    /// number of every node, `rest` the rest positions in the file's order, m.
+    /// Sets the target springs: the [`NodeConstraint::Spring`] entries of `attachments`. `place` is
+    /// the engine's index of every node, `rest` the rest positions in the file's order, m.
     pub fn set_target_springs(
         &mut self,
         attachments: &[NodeConstraint],
@@ -152,8 +151,8 @@ impl<T: Real> Loads<T> {
         self.target_springs.sort_by_key(|d| d.node);
     }
 
-    /// Puts the loads on the nodes of a chunk into `f`, where springs to targets pull as they do
-    /// at the displacements `u`.
+    /// Writes the loads on the nodes of a chunk into `f`, with the target springs at the
+    /// displacements `u`.
     pub fn write_forces(
         &self,
         plan: &Partition,
@@ -186,7 +185,7 @@ impl<T: Real> Loads<T> {
 }
 
 impl<T: Real> Loads<T> {
-    /// The power of the loads on a chunk's nodes, which move with `v`.
+    /// Returns the power of the loads on a chunk's nodes, which move with `v`.
     pub fn power(
         &self,
         plan: &Partition,
@@ -195,7 +194,7 @@ impl<T: Real> Loads<T> {
         u: &[V4<T>],
         v: &[V4<T>],
     ) -> f64 {
-        // Few nodes at a time, so that nothing is allocated.
+        // Node by node, without allocation.
         let nodes = plan.range(chunk);
         let g = self.gravity;
         let mut sum = 0.0;
@@ -223,7 +222,7 @@ impl<T: Real> Loads<T> {
 }
 
 impl<T: Real> NodeTargetSpring<T> {
-    /// The force at the displacements `u`.
+    /// Returns the force at the displacements `u`.
     fn spring_force(&self, u: &[V4<T>]) -> V4<T> {
         let pull = scale(self.stiffness, sub(self.to, u[self.node]));
         let strength = (pull[0] * pull[0] + pull[1] * pull[1] + pull[2] * pull[2]).sqrt();
@@ -234,7 +233,7 @@ impl<T: Real> NodeTargetSpring<T> {
     }
 }
 
-/// Refuses attachments that make no sense for a body of `nodes` nodes.
+/// Checks the attachments of a body of `nodes` nodes.
 ///
 /// # Errors
 /// [`Error::Input`].

@@ -1,4 +1,4 @@
-//! A term that acts on each node by itself, on the CPU.
+//! User-defined per-node energy terms on the CPU.
 
 use super::partition::Partition;
 use super::scalar::Real;
@@ -8,7 +8,7 @@ use crate::physics::{DiscreteModel, LocalUnits, NodeTerm};
 use glam::{DMat3, DVec3};
 use std::sync::Arc;
 
-/// A [`NodeTerm`] on the nodes of a body, in its order and units. It is computed in float64.
+/// A [`NodeTerm`] on the nodes of a body, in the engine's order and units, computed in float64.
 pub(super) struct NodeTerms<T> {
     term: Arc<dyn NodeTerm>,
     units: LocalUnits,
@@ -16,19 +16,19 @@ pub(super) struct NodeTerms<T> {
     /// Rest positions, m, and masses, kg.
     rest: Vec<DVec3>,
     masses: Vec<f64>,
-    /// h² times the block of each node, as last linearised.
+    /// h² times the block of each node, at the last linearisation.
     blocks: Vec<SymMat3<T>>,
 }
 
 impl<T: Real> NodeTerms<T> {
-    /// `term` on the nodes of `network`, in `order` and shared out by `plan`.
+    /// Creates the term on the nodes of `network`, in `order` and partitioned by `plan`.
     pub fn new(
         term: Arc<dyn NodeTerm>,
         network: &DiscreteModel,
         (order, units, plan): (&[u32], LocalUnits, &Partition),
     ) -> Self {
-        // What lies inside rigid bodies is beyond the plan; their carriers are no nodes of the
-        // network, and have no mass here.
+        // Nodes inside rigid bodies lie beyond the plan; proxy nodes of rigid bodies are not nodes
+        // of the network, and have no mass here.
         let order = &order[..plan.nodes()];
         let rest = |v: &u32| {
             network

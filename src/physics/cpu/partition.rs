@@ -1,14 +1,14 @@
-//! Work shared out among threads: a body's nodes in a few consecutive chunks, each thread one.
+//! Partition of a body's nodes into consecutive chunks, one per thread.
 //!
-//! Sums are added up in an order that the chunks alone decide, so that a run gives the same bits
-//! whenever it has as many threads.
+//! The order of summation depends only on the chunks, so that runs with the same number of threads
+//! are bitwise identical.
 
 use std::ops::Range;
 
-/// Nodes below which a second thread costs more than it gives.
+/// Fewest nodes per thread for which another thread pays off.
 const MIN_NODES_PER_THREAD: usize = 1600;
 
-/// How a body's nodes are shared out.
+/// A partition of a body's nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Partition {
     /// First node of each chunk, and the number of nodes.
@@ -20,22 +20,22 @@ pub struct Partition {
 }
 
 impl Partition {
-    /// Nodes in groups that begin at `starts` (the number of nodes last), in chunks of whole
-    /// groups: one, or as many as there are threads where there is work for them.
+    /// Partitions groups that begin at `starts` (the number of nodes last) into chunks of whole
+    /// groups: one, or up to the number of threads if there is enough work.
     pub fn new(starts: Vec<usize>) -> Partition {
         let nodes = starts.last().copied().unwrap_or(0);
         let threads = rayon::current_num_threads();
         Partition::with_chunks(starts, threads.min(nodes / MIN_NODES_PER_THREAD))
     }
 
-    /// The same in `chunks` chunks, or fewer where there are not as many groups.
+    /// As [`Partition::new`], with `chunks` chunks, or fewer if there are fewer groups.
     pub fn with_chunks(starts: Vec<usize>, chunks: usize) -> Partition {
         let groups = starts.len().saturating_sub(1);
         let nodes = starts.last().copied().unwrap_or(0);
         let chunks = chunks.clamp(1, groups.max(1));
         let mut group_bounds = vec![0];
         for c in 1..chunks {
-            // A group at least for every chunk.
+            // At least one group per chunk.
             let near = starts.partition_point(|s| *s < nodes * c / chunks);
             group_bounds.push(near.clamp(group_bounds[c - 1] + 1, groups - (chunks - c)));
         }
@@ -77,13 +77,13 @@ impl Partition {
         self.bounds[chunk]..self.bounds[chunk + 1]
     }
 
-    /// The chunk that node `i` is in.
+    /// Returns the chunk of node `i`.
     pub fn chunk_of(&self, i: usize) -> usize {
         self.bounds.partition_point(|b| *b <= i).saturating_sub(1)
     }
 
-    /// Calls `work(chunk, its nodes, its share of data)` for every chunk, at the same time, and
-    /// adds up what they return.
+    /// Calls `work(chunk, its nodes, its share of data)` for all chunks in parallel, and sums the
+    /// results.
     pub fn for_each_chunk<const K: usize, S: SplitData>(
         &self,
         data: S,
@@ -129,8 +129,8 @@ impl Partition {
         sums
     }
 
-    /// Runs `work` on a thread of the pool where the plan has several chunks: from outside every
-    /// single call of [`Partition::for_each_chunk`] would have to wake it.
+    /// Runs `work` on a pool thread if the plan has several chunks: from outside the pool, every
+    /// call of [`Partition::for_each_chunk`] would have to wake it.
     pub fn in_pool<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match self.chunks() {
             1 => work(),
@@ -139,12 +139,12 @@ impl Partition {
     }
 }
 
-/// Does both at the same time. What rayon needs for it is compiled once, and not for every `work`.
+/// Runs both in parallel. Dynamic dispatch compiles rayon's code once, not for every `work`.
 fn join(left: &mut (dyn FnMut() + Send), right: &mut (dyn FnMut() + Send)) {
     rayon::join(left, right);
 }
 
-/// How much of each kind of data goes left.
+/// How many items of each kind go to the left.
 #[derive(Clone, Copy, Debug)]
 pub struct SplitPoint {
     chunks: usize,
@@ -152,9 +152,9 @@ pub struct SplitPoint {
     groups: usize,
 }
 
-/// Data that can be shared out among chunks.
+/// Data that can be split among chunks.
 pub trait SplitData: Sized + Send {
-    /// The part of the chunks on the left, and that of the others.
+    /// Splits into the part of the chunks on the left, and the rest.
     fn split(self, cut: SplitPoint) -> (Self, Self);
 }
 
@@ -180,17 +180,17 @@ macro_rules! share_slice {
 }
 
 share_slice!(
-    /// An item a node.
+    /// One item per node.
     Nodes,
     nodes
 );
 share_slice!(
-    /// An item a group.
+    /// One item per group.
     Groups,
     groups
 );
 share_slice!(
-    /// An item a chunk.
+    /// One item per chunk.
     Chunks,
     chunks
 );

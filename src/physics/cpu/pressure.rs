@@ -1,7 +1,8 @@
-//! Pressure on faces, of the boundary or where regions meet: a load that follows them as they turn.
+//! Follower pressure on faces of the boundary or of interfaces between regions.
 //!
-//! On each node of a face −⅓ p A n, A n = ½ (x₁ − x₀) × (x₂ − x₀) where the nodes are. Implicit
-//! steps take it at their start, as they do all loads: it has no part in the second derivatives.
+//! The load on each node of a face is −⅓ p A n, with A n = ½ (x₁ − x₀) × (x₂ − x₀) at the current
+//! positions. Implicit steps evaluate it at their start, like all loads: it has no part in the
+//! Hessian.
 
 use super::partition::Partition;
 use super::scalar::Real;
@@ -17,22 +18,23 @@ struct Face<T> {
     edges: [V4<T>; 2],
 }
 
-/// Faces under one pressure.
+/// Faces under a common pressure.
 #[derive(Clone, Debug)]
 pub(super) struct Pressure<T> {
-    /// The faces with a node in each chunk.
+    /// Faces with a node in each chunk.
     chunks: Vec<Vec<Face<T>>>,
-    /// Which level is the pressure.
+    /// Index of the amplitude that is the pressure.
     amplitude_index: usize,
-    /// A sixth of it, local units.
+    /// A sixth of the pressure, local units.
     pressure_over_six: T,
-    /// Pa.
+    /// Pressure unit, Pa.
     unit: f64,
 }
 
 impl<T: Real> Pressure<T> {
-    /// On `faces`, by the file's numbers, at the level of this number; nothing as yet. `place` is
-    /// the engine's number of every node, `rest` their rest positions, m.
+    /// Creates a pressure on `faces`, in the file's numbering, with the amplitude of index
+    /// `amplitude_index`; initially 0. `place` is the engine's index of every node, `rest` their
+    /// rest positions, m.
     pub fn new(
         faces: &[[u32; 3]],
         amplitude_index: usize,
@@ -61,13 +63,13 @@ impl<T: Real> Pressure<T> {
         }
     }
 
-    /// Takes its pressure, Pa, from among all levels.
+    /// Sets the pressure, Pa, from the amplitudes.
     pub fn set_amplitude(&mut self, levels: &[f64]) {
         let pressure = levels.get(self.amplitude_index).copied().unwrap_or(0.0);
         self.pressure_over_six = T::from_f64(pressure / (6.0 * self.unit));
     }
 
-    /// Tells the force on each node of a chunk's faces, node by node.
+    /// Passes the force on each node of a chunk's faces to `take`.
     #[inline]
     fn each(&self, chunk: usize, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) {
         if self.pressure_over_six == T::ZERO {
@@ -88,17 +90,17 @@ impl<T: Real> Pressure<T> {
         }
     }
 
-    /// Adds the forces on the nodes of a chunk, which begins with node `first`.
+    /// Adds the forces on the nodes of a chunk that begins with node `first`.
     pub fn add_forces(&self, chunk: usize, first: usize, u: &[V4<T>], f: &mut [V4<T>]) {
         self.each(chunk, u, |v, share| {
-            // Nodes before the chunk wrap around and are beyond its end.
+            // For nodes before the chunk the subtraction wraps around to an index past its end.
             if let Some(f) = f.get_mut(v.wrapping_sub(first)) {
                 *f = add(*f, share);
             }
         });
     }
 
-    /// The power on the nodes of a chunk, which move with `v`.
+    /// Returns the power on the nodes of a chunk, which move with `v`.
     pub fn power(&self, chunk: usize, first: usize, u: &[V4<T>], v: &[V4<T>]) -> f64 {
         let mut sum = 0.0;
         self.each(chunk, u, |node, share| {

@@ -1,4 +1,4 @@
-//! The numbers the engine computes in: f32 where speed counts, f64 where truth does.
+//! Scalar types of the engine: f32 for speed, f64 for accuracy.
 
 use super::simd::Lane;
 use serde::Serialize;
@@ -27,7 +27,7 @@ pub trait Real:
     + DeserializeOwned
     + 'static
 {
-    /// Four of them in one register: what is written out lane by lane the compiler takes apart.
+    /// Four scalars in one register: the compiler does not vectorise code written lane by lane.
     type Lanes: Lane;
     /// 0.
     const ZERO: Self;
@@ -35,32 +35,32 @@ pub trait Real:
     const ONE: Self;
     /// ½.
     const HALF: Self;
-    /// Square of a length, in local units, below which two nodes are in the same place.
+    /// Squared length, in local units, below which two nodes coincide.
     const MIN_DISTANCE_SQUARED: Self;
-    /// Change of a squared length, in local units, that is as good as none.
+    /// Negligible change of a squared length, in local units.
     const MIN_LENGTH_CHANGE: Self;
-    /// What sums of energies are wrong by at most, over themselves: rounding.
+    /// Relative rounding error of sums of energies.
     const ENERGY_ROUNDING: f64;
-    /// Movement in one step, in units of the body's extent, that positions do not show.
+    /// Movement per step, in units of the body's extent, that positions do not resolve.
     const NEGLIGIBLE: f64;
 
-    /// Four numbers, and back.
+    /// Loads four numbers into a register.
     fn lanes(a: &[Self; 4]) -> Self::Lanes;
-    /// What [`Real::lanes`] took.
+    /// Inverse of [`Real::lanes`].
     fn array(a: Self::Lanes) -> [Self; 4];
-    /// The same number four times.
+    /// Broadcasts the number to four lanes.
     fn splat(self) -> Self::Lanes;
-    /// a·b over all four, four times.
+    /// Returns a·b over all four lanes, in every lane.
     fn dot(a: Self::Lanes, b: Self::Lanes) -> Self::Lanes;
-    /// The nearest number to `x`.
+    /// Converts from f64, rounding to nearest.
     fn from_f64(x: f64) -> Self;
-    /// 0 or 1.
+    /// Converts a bit to 0 or 1.
     fn of_bit(bit: u32) -> Self;
-    /// The same number as f64.
+    /// Converts to f64.
     fn to_f64(self) -> f64;
-    /// The square root.
+    /// Returns the square root.
     fn sqrt(self) -> Self;
-    /// The larger of both; `other` where `self` is not a number.
+    /// Returns the larger of both; `other` if `self` is NaN.
     #[inline(always)]
     fn max(self, other: Self) -> Self {
         if self > other { self } else { other }
@@ -101,7 +101,7 @@ macro_rules! real {
             }
             #[inline(always)]
             fn of_bit(bit: u32) -> Self {
-                // Signed: of that SSE2 has a conversion.
+                // Via a signed integer, for which SSE2 has a conversion.
                 bit as i32 as $real
             }
             #[inline(always)]

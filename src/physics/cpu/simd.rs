@@ -1,8 +1,8 @@
-//! Four numbers in one register, which kernels are written in: each lane is another tet.
+//! SIMD abstraction of four lanes for the element kernels: one tetrahedron per lane.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// Four numbers of the engine's.
+/// Four scalars in a register.
 pub trait Lane:
     Copy
     + Send
@@ -15,27 +15,27 @@ pub trait Lane:
     + Neg<Output = Self>
     + 'static
 {
-    /// Sweeps of Jacobi's rotations after which 3×3 matrices are diagonal to all digits.
+    /// Jacobi sweeps that diagonalise 3×3 matrices to full precision.
     const SWEEPS: usize;
-    /// Square of what is as good as zero off the diagonal, over the squares on it.
+    /// Square of a negligible off-diagonal entry relative to the diagonal ones.
     const OFF_DIAGONAL_TOLERANCE: f64;
-    /// Square of the cosine between vectors that are across each other but for rounding.
+    /// Square of the cosine below which vectors are orthogonal up to rounding.
     const ORTHOGONALITY_TOLERANCE: f64;
-    /// What is as good as zero beside 1, squared.
+    /// Square of a value negligible beside 1.
     const TINY: f64;
-    /// The same number in all lanes.
+    /// Broadcasts `x` to all lanes.
     fn splat(x: f64) -> Self;
-    /// The square root.
+    /// Returns the square root.
     fn sqrt(self) -> Self;
-    /// The absolute value.
+    /// Returns the absolute value.
     fn abs(self) -> Self;
-    /// The larger.
+    /// Returns the larger.
     fn max(self, other: Self) -> Self;
-    /// `yes` where this is more than `than`, else `no`.
+    /// Returns `yes` in lanes where `self` > `than`, else `no`.
     fn select_greater(self, than: Self, yes: Self, no: Self) -> Self;
-    /// Whether any lane is more than that of `than`.
+    /// Whether any lane of `self` is greater than that of `than`.
     fn any_above(self, than: Self) -> bool;
-    /// Lane j of the i-th as lane i of the j-th.
+    /// Transposes: lane j of row i becomes lane i of row j.
     fn transpose(rows: [Self; 4]) -> [Self; 4];
 }
 

@@ -1,4 +1,4 @@
-//! Vectors and 3×3 blocks as the engine keeps them: padded to four lanes, for the sake of SIMD.
+//! Vectors and 3×3 blocks, padded to four lanes for SIMD.
 
 use super::scalar::Real;
 use glam::{DMat3, DVec3};
@@ -9,7 +9,7 @@ pub type V4<T> = [T; 4];
 /// A 3×3 block as three columns.
 pub type Mat3Columns<T> = [V4<T>; 3];
 
-/// A symmetric 3×3 block: xx, yy, zz, xy, xz, yz, and two lanes without meaning.
+/// A symmetric 3×3 block: xx, yy, zz, xy, xz, yz, and two unused lanes.
 pub type SymMat3<T> = [T; 8];
 
 /// The zero vector.
@@ -47,25 +47,25 @@ pub fn add_scaled<T: Real>(a: V4<T>, s: T, b: V4<T>) -> V4<T> {
     ]
 }
 
-/// The sum of the lanes, in f64.
+/// Returns the sum of the lanes, in f64.
 #[inline(always)]
 pub fn sum_f64<T: Real>(a: V4<T>) -> f64 {
     (a[0].to_f64() + a[1].to_f64()) + (a[2].to_f64() + a[3].to_f64())
 }
 
-/// a·b, in f64.
+/// Returns a·b, in f64.
 #[inline(always)]
 pub fn dot_f64<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
     sum_f64([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
 }
 
-/// m a.
+/// Returns m a.
 #[inline(always)]
 pub fn apply<T: Real>(m: &Mat3Columns<T>, a: V4<T>) -> V4<T> {
     add_scaled(add_scaled(scale(a[0], m[0]), a[1], m[1]), a[2], m[2])
 }
 
-/// m a of a symmetric block.
+/// Returns m a for a symmetric block.
 #[inline(always)]
 pub fn apply_symmetric<T: Real>(m: &SymMat3<T>, a: V4<T>) -> V4<T> {
     [
@@ -76,7 +76,7 @@ pub fn apply_symmetric<T: Real>(m: &SymMat3<T>, a: V4<T>) -> V4<T> {
     ]
 }
 
-/// A vector in units of `unit`.
+/// Converts a vector to multiples of `unit`.
 pub fn from_metres<T: Real>(v: DVec3, unit: f64) -> V4<T> {
     let v = v / unit;
     [
@@ -87,7 +87,7 @@ pub fn from_metres<T: Real>(v: DVec3, unit: f64) -> V4<T> {
     ]
 }
 
-/// The vector that is `v` in units of `unit`.
+/// Converts a vector from multiples of `unit`.
 pub fn to_metres<T: Real>(v: V4<T>, unit: f64) -> DVec3 {
     DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64()) * unit
 }
@@ -101,8 +101,8 @@ pub fn inverse_definite<T: Real>(m: &SymMat3<T>) -> (Mat3Columns<T>, bool) {
     (inverse(m), definite)
 }
 
-/// The inverse of a symmetric block that is positive definite; of one that is not to the digits of
-/// T, that of its plain diagonal.
+/// Returns the inverse of a positive definite symmetric block; if the block is not positive
+/// definite in the precision of T, that of its diagonal.
 pub fn inverse<T: Real>(m: &SymMat3<T>) -> Mat3Columns<T> {
     let m = m.map(Real::to_f64);
     // Scaled to its largest entry, so that the determinant stays in range.
@@ -122,7 +122,7 @@ pub fn inverse<T: Real>(m: &SymMat3<T>) -> Mat3Columns<T> {
         let [xx, xy, xz, yy, yz, zz] = [xx, xy, xz, yy, yz, zz].map(|x| T::from_f64(x * over));
         [[xx, xy, xz, z], [xy, yy, yz, z], [xz, yz, zz, z]]
     } else {
-        // A node held by next to nothing in some direction.
+        // The node is nearly unconstrained in some direction.
         let [x, y, w] = [m[0], m[1], m[2]].map(|x| T::from_f64(1.0 / x));
         [[x, z, z, z], [z, y, z, z], [z, z, w, z]]
     }

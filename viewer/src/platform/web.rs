@@ -11,7 +11,7 @@ use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::{JsFuture, spawn_local};
 
 /// Whether there is a dialog to say where to save: what is saved is downloaded.
-pub(crate) const ASKS: bool = false;
+pub(crate) const HAS_SAVE_DIALOG: bool = false;
 
 /// Where settings are kept.
 const SETTINGS: &str = "palpate.view";

@@ -1,12 +1,12 @@
-//! Where a body stands, to the bit, without how it moves.
+//! Bitwise exact positions of a body, without velocities.
 
 use super::{CpuBody, ForceStatus};
 use crate::physics::cpu::scalar::Real;
 use crate::{Error, Result};
 
 impl<T: Real> CpuBody<T> {
-    /// Displacements of the nodes from their rest, in local units and the engine's order; then three
-    /// lines a rigid body: its shift, and the four numbers of its turn.
+    /// Returns the displacements of the nodes from rest, in local units and the engine's order;
+    /// then three rows per rigid body: its translation, and the four components of its rotation.
     pub fn displacements(&self) -> Vec<[f64; 3]> {
         let own = |u: &[T; 4]| [u[0], u[1], u[2]].map(Real::to_f64);
         let rigid = self.newton.as_ref().map(|n| n.rigid.now.as_slice());
@@ -17,7 +17,7 @@ impl<T: Real> CpuBody<T> {
         self.state.u.iter().map(own).chain(poses).collect()
     }
 
-    /// Puts the nodes where [`CpuBody::displacements`] found them. Schemes begin afresh.
+    /// Restores displacements from [`CpuBody::displacements`]. Schemes restart.
     ///
     /// # Errors
     /// [`Error::Input`] for those of another body.

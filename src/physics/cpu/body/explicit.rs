@@ -1,12 +1,12 @@
-//! The explicit schemes: each proposes where the nodes go, from their state and the forces there.
-//! The twins of `reference::integrators`.
+//! Explicit integrators: each computes the next node positions from the state and its forces. The
+//! reference is `reference::integrators`.
 
 use crate::physics::SolverKind;
 use crate::physics::cpu::partition::{Nodes, Partition};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::{V4, add_scaled};
 
-/// A state and the forces in it, in local units.
+/// A state and its forces, in local units.
 #[derive(Clone, Copy, Debug)]
 pub struct ExplicitInput<'a, T> {
     /// Displacements.
@@ -15,15 +15,15 @@ pub struct ExplicitInput<'a, T> {
     pub v: &'a [V4<T>],
     /// Forces.
     pub f: &'a [V4<T>],
-    /// Inverse masses, 0 for nodes that stay.
+    /// Inverse masses, 0 for fixed nodes.
     pub inverse: &'a [T],
 }
 
-/// Writes the next displacements, and the next velocities; of velocity Verlet v + h a, at which
-/// the damping of the next forces is taken.
+/// Writes the next displacements and velocities; for velocity Verlet the velocities v + h a, at
+/// which the damping of the next forces is evaluated.
 ///
-/// `kick` is what Verlet's velocity (x − x₋₁)/h, half a step old, is advanced by: h, or the mean
-/// of two steps' lengths where they differ, which for a first step is ½h.
+/// `kick` advances Verlet's velocity (x − x₋₁)/h, which lags by half a step: h, or the mean of two
+/// step lengths if they differ, which for a first step is ½h.
 pub fn explicit_update<T: Real>(
     plan: &Partition,
     kind: SolverKind,
@@ -73,7 +73,7 @@ fn each<T: Real>(
     }
 }
 
-/// The end of a step of velocity Verlet: v' = v + ½h (a + a').
+/// Finishes a step of velocity Verlet: v' = v + ½h (a + a').
 pub fn finish_velocity_verlet<T: Real>(
     h: T,
     before: ExplicitInput<'_, T>,

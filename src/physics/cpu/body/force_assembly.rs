@@ -1,4 +1,4 @@
-//! Forces, energies and whether all is finite, in one pass over a state.
+//! Assembly of forces, energies and the finiteness check, in one pass over a state.
 
 use super::explicit::{self, ExplicitInput};
 use crate::physics::cpu::node_constraints::Loads;
@@ -9,30 +9,30 @@ use crate::physics::cpu::term::{StateRef, Term};
 use crate::physics::cpu::vectors::dot;
 use crate::physics::cpu::vectors::{V4, sum_f64};
 
-/// Speeds are scaled by this before they are squared: those of what a wave has hardly reached would
-/// be subnormal, and ten times as slow.
+/// Speeds are scaled by this before squaring: squared speeds at a wave front would be subnormal,
+/// and ten times as slow.
 const SPEED_SCALE: f64 = 1048576.0;
 
-/// What forces come from.
+/// Sources of the forces.
 pub struct ForceSources<'a, T> {
-    /// How the nodes are shared out.
+    /// Partition of the nodes.
     pub plan: &'a Partition,
     /// Masses, local units.
     pub masses: &'a [T],
-    /// What acts from outside.
+    /// External loads.
     pub loads: &'a Loads<T>,
-    /// Springs and whatever else there is.
+    /// Energy terms.
     pub terms: &'a [Box<dyn Term<T>>],
 }
 
 impl<T: Real> ForceSources<'_, T> {
-    /// Puts the forces at a state into `f`.
+    /// Writes the forces at a state into `f`.
     pub fn forces(&self, at: StateRef<'_, T>, f: &mut [V4<T>]) -> StepTotals {
         let none: &mut [V4<T>] = &mut [];
         self.run(at, f, none, None)
     }
 
-    /// Puts the forces at `at`, whose velocities are v + h a, into `f`, and the velocities at the
+    /// Writes the forces at `at`, whose velocities are v + h a, into `f`, and the velocities at the
     /// end of a step of velocity Verlet that began with `before` into `v`.
     pub fn finish_velocity_verlet(
         &self,
@@ -58,8 +58,9 @@ impl<T: Real> ForceSources<'_, T> {
                 let (f, v) = (f.0, v.0);
                 self.loads
                     .write_forces(self.plan, chunk, self.masses, at.u, f);
-                // What acts from outside is gone from f once the terms have added theirs, and its
-                // power is taken with the velocities at the end.
+                // The terms add their forces to those of the external loads in f, so the power of
+                // the loads is computed first; at the end of a velocity Verlet step it is computed
+                // with the final velocities.
                 let outside = finish.is_none().then(|| power(f, &at.v[nodes.clone()]));
                 let mut elastic = 0.0;
                 for term in self.terms {
@@ -91,18 +92,18 @@ impl<T: Real> ForceSources<'_, T> {
         }
     }
 
-    /// The power of what acts from outside, with other velocities than those of the forces.
+    /// Returns the power of the external loads for velocities other than those of the forces.
     fn external_power(&self, chunk: usize, at: StateRef<'_, T>, v: &[V4<T>]) -> f64 {
         self.loads.power(self.plan, chunk, self.masses, at.u, v)
     }
 }
 
-/// Σ f·v.
+/// Returns Σ f·v.
 pub fn power<T: Real>(f: &[V4<T>], v: &[V4<T>]) -> f64 {
     dot(f, v)
 }
 
-/// Energy of motion, and a sum that is zero where everything is finite and no number otherwise.
+/// Returns the kinetic energy, and a sum that is 0 if all values are finite and NaN otherwise.
 pub fn kinetic_totals<T: Real>(masses: &[T], u: &[V4<T>], v: &[V4<T>], f: &[V4<T>]) -> (f64, f64) {
     let mut sum = 0.0;
     let mut bad = [T::ZERO; 4];

@@ -1,4 +1,4 @@
-//! Steps of bodies with finite elements.
+//! Implicit steps of bodies with finite elements.
 
 use super::CpuBody;
 use super::force_assembly::kinetic_totals;
@@ -14,15 +14,15 @@ use crate::physics::cpu::vectors::{scale, sub, zero};
 #[cfg(test)]
 use crate::{Error, Result, physics::NewtonSettings};
 
-/// What is noted of a step, or why it was refused.
+/// The record of a step, or why it was rejected.
 type StepResult = std::result::Result<StepRecord, StepFailure>;
 
 impl<T: Real> CpuBody<T> {
-    /// Says when the minimisation of a step of a body of elements stops; bodies without elements,
-    /// and explicit schemes, take no notice.
+    /// Sets when Newton's method of a step stops, for bodies with elements; bodies without
+    /// elements, and explicit schemes, ignore it.
     ///
     /// # Errors
-    /// [`Error::Input`] for settings that make no sense.
+    /// [`Error::Input`] for invalid settings.
     #[cfg(test)]
     pub fn set_newton(&mut self, settings: NewtonSettings) -> Result<()> {
         let NewtonSettings {
@@ -43,8 +43,8 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    /// Says by which implicit rule a body of elements steps; others take no notice. The next step
-    /// is a first one.
+    /// Sets the implicit scheme of a body with elements; other bodies ignore it. The scheme
+    /// restarts.
     #[cfg(test)]
     pub fn set_scheme(&mut self, rule: ImplicitScheme) {
         if let Some(newton) = &mut self.newton {
@@ -56,7 +56,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// One step of `h` local units; `None` where the body has none of this kind.
+    /// Takes one step of `h` local units; `None` if the body has no Newton solver.
     pub(in crate::physics::cpu) fn advance_newton(&mut self, h: f64) -> Option<StepResult> {
         self.set_constraint_velocities(h);
         let done = self.minimise(h);
@@ -65,8 +65,7 @@ impl<T: Real> CpuBody<T> {
         done
     }
 
-    /// Gives nodes that are held and have to go to their places the velocities that take them there
-    /// in a step of `h`.
+    /// Sets the velocities of constrained nodes that move to new positions in a step of `h`.
     fn set_constraint_velocities(&mut self, h: f64) {
         let over = T::from_f64(1.0 / h);
         for (k, to) in &self.moving_constraints {
@@ -74,7 +73,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Has them stay there after a step that was sound.
+    /// Zeroes those velocities, and keeps the new positions if the step was accepted.
     fn commit_constraints(&mut self, sound: bool) {
         for (k, to) in &self.moving_constraints {
             self.state.v[*k] = zero();
@@ -148,7 +147,7 @@ impl<T: Real> CpuBody<T> {
             power: 0.0,
             non_finite: bad,
         };
-        // Nothing runs away: the potential of a step is never raised.
+        // No runaway check: a step never raises its incremental potential.
         if let Err(failure) = self.guard.check_finite(sums) {
             return Some(Err(failure));
         }

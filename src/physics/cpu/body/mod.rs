@@ -1,4 +1,4 @@
-//! A deformable body on the CPU: its state, what acts on it, and steps of any scheme.
+//! A deformable body on the CPU: its state, its loads, and steps of any scheme.
 
 pub(super) mod exact_positions;
 pub(super) mod explicit;
@@ -39,31 +39,34 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Groups of nodes over the root of their number, of small bodies. The groups' rigid motions are the
-/// coarse space: twice as many take a tenth off the iterations, and make each dearer.
+/// Number of aggregates over the square root of the number of nodes, for small bodies. The
+/// rigid-body modes of the aggregates span the coarse space: twice as many save a tenth of the
+/// iterations, but make each more expensive.
 const AGGREGATES_PER_SQRT_NODE: f64 = 3.0;
 
-/// From so many on they become more as the cube root of the nodes, and so many over that at least.
+/// Above this number of aggregates it grows with the cube root of the number of nodes, with this
+/// factor at least.
 const CUBE_ROOT_AGGREGATES_FROM: f64 = 60.0;
 const AGGREGATES_PER_CBRT_NODE: f64 = 3.5;
 
-/// The tolerance of Newton's iterations by the midpoint rule, where nothing is said.
+/// Default Newton tolerance of the midpoint rule.
 const MIDPOINT_TOLERANCE: f64 = 1e-5;
 
-/// Nodes that are led on from within so much of the body's size of where they are do not jump.
+/// Prescribed nodes that continue from within this fraction of the body's size of their positions
+/// do not count as moved.
 const CONTINUATION_DISTANCE: f64 = 1e-5;
 
-/// A network of springs stepped on the CPU in numbers of type `T`: f32 for speed, f64 for truth.
+/// A deformable body stepped on the CPU with scalars of type `T`: f32 for speed, f64 for accuracy.
 ///
-/// Nodes go in and out in the order of the network, in SI units, positions in metres from the
-/// origin of the network's frame. What it keeps is in local units ([`LocalUnits`]) and an order of its
-/// own: displacements from the rest positions, so that f32 has its digits where they matter.
+/// Inputs and outputs are in the network's node order and SI units, with positions in metres from
+/// the origin of the network's frame. Internally, the body stores displacements from rest in local
+/// units ([`LocalUnits`]) and its own node order, so that f32 keeps its precision.
 pub struct CpuBody<T: Real> {
     pub(super) kind: SolverKind,
     pub(super) units: LocalUnits,
-    /// Rest positions in the network's order, m; then those of the carriers of rigid bodies.
+    /// Rest positions in the network's order, m; then those of the proxy nodes of rigid bodies.
     pub(super) rest: Vec<DVec3>,
-    /// The network's number of the k-th node, and the engine's of each of the network's.
+    /// The network's index of the engine's k-th node, and the inverse.
     pub(super) node_order: Vec<u32>,
     pub(super) engine_index: Vec<u32>,
     pub(super) plan: Arc<Partition>,
@@ -73,7 +76,7 @@ pub struct CpuBody<T: Real> {
     pub(super) free_mask: Vec<T>,
     pub(super) pinned: Vec<bool>,
     pub(super) attachments: Vec<NodeConstraint>,
-    /// Nodes that are held and go to their places in the next step.
+    /// Constrained nodes that move to their positions in the next step.
     pub(super) moving_constraints: Vec<(usize, V4<T>)>,
     pub(super) gravity: DVec3,
     pub(super) external: Vec<DVec3>,
@@ -82,43 +85,43 @@ pub struct CpuBody<T: Real> {
     pub(super) state: KinematicState<T>,
     pub(super) next: KinematicState<T>,
     pub(super) implicit: Option<LinearStepSolver<T>>,
-    /// Of implicit bodies with elements.
+    /// For implicit bodies with elements.
     pub(super) newton: Option<NewtonSolver<T>>,
     pub(super) guard: EnergyGuard,
     pub(super) start: ForceStatus,
-    /// Length of the last step, local units; 0 where the next is a first one.
+    /// Length of the last step, local units; 0 if the scheme restarts.
     pub(super) previous_dt: f64,
     pub(super) steps: u64,
 }
 
-/// A state and the forces in it, in local units.
+/// A state and its forces, in local units.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KinematicState<T> {
     pub u: Vec<V4<T>>,
     pub v: Vec<V4<T>>,
-    /// Of velocity Verlet: the velocities that the forces saw.
+    /// For velocity Verlet: the velocities at which the forces were evaluated.
     pub damping_velocities: Vec<V4<T>>,
     pub f: Vec<V4<T>>,
 }
 
-/// What has to be done before the next step.
+/// Required work before the next step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum ForceStatus {
     /// Nothing.
     Ready,
-    /// Forces are to be computed: what acts has changed.
+    /// The forces must be recomputed: the loads have changed.
     Resume,
-    /// The same, from a state that was put there: schemes begin afresh.
+    /// The forces must be recomputed and schemes restart: the state was set from outside.
     Restart,
 }
 
 impl<T: Real> CpuBody<T> {
-    /// The body that `network` is, at rest, nothing pinned, no gravity, stepped by the scheme
-    /// `kind`; `settings` say when the linear solves of implicit Euler stop. Its nodes are shared
-    /// out in that many chunks, or as many as suit it.
+    /// Creates the body of `network` at rest, without pins or gravity, stepped by the scheme
+    /// `kind`; `settings` are the stopping criteria of implicit linear solves. The nodes are
+    /// partitioned into `chunks` chunks, or a suitable number.
     ///
     /// # Errors
-    /// [`Error::Input`] for settings or a network that make no sense.
+    /// [`Error::Input`] for invalid settings or an invalid network.
     pub fn new(
         network: &DiscreteModel,
         kind: SolverKind,
@@ -180,7 +183,7 @@ impl<T: Real> CpuBody<T> {
             return Err(kind.requires_elements_error());
         }
         let mut terms: Vec<Box<dyn Term<T>>> = Vec::new();
-        // Where there are elements, the springs stand for the edges of the mesh only.
+        // With elements, the springs only represent the edges of the mesh.
         if elements.is_empty() {
             terms.push(Box::new(Springs::new(network, &order, &units, &plan)));
         }
@@ -192,7 +195,7 @@ impl<T: Real> CpuBody<T> {
             let own = settings.tolerance != CgSettings::default().tolerance;
             let newton = match (own, kind) {
                 (true, _) => crate::physics::NewtonSettings::with_tolerance(settings.tolerance),
-                // Nothing damps what a rough solve leaves.
+                // The midpoint rule does not damp the errors of an inexact solve.
                 (false, SolverKind::Midpoint) => {
                     crate::physics::NewtonSettings::with_tolerance(MIDPOINT_TOLERANCE)
                 }
@@ -258,27 +261,27 @@ impl<T: Real> CpuBody<T> {
         Ok(body)
     }
 
-    /// The scheme.
+    /// Returns the scheme.
     pub fn kind(&self) -> SolverKind {
         self.kind
     }
 
-    /// Number of nodes.
+    /// Returns the number of nodes.
     pub fn node_count(&self) -> usize {
         self.pinned.len()
     }
 
-    /// In how many chunks its nodes are shared out.
+    /// Returns the number of chunks of the partition.
     pub fn chunk_count(&self) -> usize {
         self.plan.chunks()
     }
 
-    /// What a term is made for: the order of the nodes, the units, how they are shared out.
+    /// Returns the layout that a term is made for: node order, units and partition.
     pub fn layout(&self) -> (&[u32], LocalUnits, &Partition) {
         (&self.node_order, self.units, &self.plan)
     }
 
-    /// Adds a term, made for the plan, order and units of this body. Schemes begin afresh.
+    /// Adds a term made for the partition, order and units of this body. Schemes restart.
     pub fn add_term(&mut self, term: Box<dyn Term<T>>) {
         self.terms.push(term);
         self.start = ForceStatus::Restart;
@@ -287,7 +290,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Says which nodes are pinned: they stay, at rest.
+    /// Sets the pinned nodes, which stay at rest.
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of flags.
@@ -328,12 +331,12 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    /// Sets what holds nodes and pulls at them, in place of what did. Nodes that are held are put
-    /// in their places, or where a body feels itself go there in the next step, as far as nothing is
-    /// in their way; schemes begin afresh, as after a change of the state.
+    /// Replaces the constraints and target springs of nodes. Constrained nodes are moved to their
+    /// positions at once, or, with self-contact, in the next step up to the first collision;
+    /// schemes restart, as after a change of the state.
     ///
     /// # Errors
-    /// [`Error::Input`] for attachments that make no sense.
+    /// [`Error::Input`] for invalid attachments.
     pub fn set_attachments(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
         check_attachments(attachments, self.node_count())?;
         let same_nodes = self.held().eq(held(attachments));
@@ -341,7 +344,7 @@ impl<T: Real> CpuBody<T> {
         self.attachments.extend_from_slice(attachments);
         let (place, rest, units) = (&self.engine_index, &self.rest, &self.units);
         let rigid = self.newton.as_ref().map(|newton| &newton.rigid);
-        // Others are a term.
+        // Target springs on rigid bodies are a separate term.
         let soft = |a: &&NodeConstraint| match a {
             NodeConstraint::Spring { node, .. } => !rigid
                 .is_some_and(|rigid| rigid.is_target_spring_node(place[*node as usize] as usize)),
@@ -388,7 +391,7 @@ impl<T: Real> CpuBody<T> {
             self.state.v[k] = from_metres(velocity, self.units.velocity());
         }
         self.apply_constraints(gradually);
-        // Nodes that are led on from where they are change nothing that schemes remember.
+        // Prescribed nodes that continue from their positions leave the history of schemes valid.
         self.invalidate(match goes_on {
             true => ForceStatus::Resume,
             false => ForceStatus::Restart,
@@ -407,7 +410,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Which nodes stay, of the network.
+    /// Returns which nodes of the network are fixed.
     pub(super) fn fixed_nodes(&self) -> Vec<bool> {
         let mut stays = self.pinned.clone();
         for v in held(&self.attachments) {
@@ -416,13 +419,13 @@ impl<T: Real> CpuBody<T> {
         stays
     }
 
-    /// Whether nodes are led along.
+    /// Whether any node has a prescribed motion.
     pub(super) fn has_prescribed_motion(&self) -> bool {
         let led = |a: &NodeConstraint| matches!(a, NodeConstraint::Prescribed { velocity, .. } if *velocity != DVec3::ZERO);
         self.attachments.iter().any(led)
     }
 
-    /// Adds pressure on faces, three nodes each, at the level of this number.
+    /// Adds pressure on faces, three nodes each, with the amplitude of index `level`.
     pub fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize) {
         let nodes = (&self.engine_index[..], &self.rest[..]);
         let pressure = Pressure::new(faces, level, nodes, &self.units, &self.plan);
@@ -430,7 +433,7 @@ impl<T: Real> CpuBody<T> {
         self.invalidate(ForceStatus::Resume);
     }
 
-    /// Adds a muscle of `network`, which this body is, at the level of this number.
+    /// Adds a muscle of `network`, the model of this body, with the amplitude of index `level`.
     pub fn add_muscle(
         &mut self,
         muscle: &Muscle,
@@ -442,7 +445,7 @@ impl<T: Real> CpuBody<T> {
         self.add_term(Box::new(fibres));
     }
 
-    /// Sets the levels of pressures (Pa) and muscles (activation).
+    /// Sets the amplitudes of pressures (Pa) and muscles (activation).
     pub fn set_levels(&mut self, levels: &[f64]) {
         self.loads.set_levels(levels);
         self.terms.iter_mut().for_each(|t| t.set_amplitudes(levels));
@@ -457,12 +460,12 @@ impl<T: Real> CpuBody<T> {
         held(&self.attachments)
     }
 
-    /// Takes note of which nodes stay.
+    /// Updates the free nodes.
     fn free_nodes(&mut self) {
         let stays = self.fixed_nodes();
         for (k, v) in self.node_order.iter().enumerate() {
             let m = self.masses[k];
-            // A massless node has no equation of motion: it stays.
+            // A massless node has no equation of motion, so it is fixed.
             let over = T::ONE / m;
             let stay = stays.get(*v as usize).is_some_and(|stays| *stays);
             let free = !stay && m > T::ZERO && over.to_f64().is_finite();
@@ -483,7 +486,7 @@ impl<T: Real> CpuBody<T> {
         self.start = self.start.max(start);
     }
 
-    /// Positions, m from the frame's origin.
+    /// Returns the positions, m from the frame's origin.
     pub fn positions(&self) -> Vec<DVec3> {
         let nodes = self.rest.iter().zip(&self.engine_index);
         let mut positions: Vec<DVec3> = nodes
@@ -494,7 +497,7 @@ impl<T: Real> CpuBody<T> {
         positions
     }
 
-    /// Velocities, m/s. Of Verlet, which has no other: the mean over the last step.
+    /// Returns the velocities, m/s; for Verlet, the mean over the last step.
     pub fn velocities(&self) -> Vec<DVec3> {
         let places = self.engine_index.iter().take(self.node_count());
         places
@@ -502,7 +505,7 @@ impl<T: Real> CpuBody<T> {
             .collect()
     }
 
-    /// The force on every node where the body stands, N: of terms, with damping, and of loads.
+    /// Returns the force on every node at the current state, N: terms with damping, and loads.
     pub fn forces(&self) -> Vec<DVec3> {
         let mut forces = vec![zero(); self.engine_index.len()];
         let sources = ForceSources {
@@ -522,18 +525,18 @@ impl<T: Real> CpuBody<T> {
             .collect()
     }
 
-    /// Puts the nodes at positions (m from the frame's origin) with velocities (m/s); nodes that
-    /// stay are at rest. Schemes begin afresh.
+    /// Sets node positions (m from the frame's origin) and velocities (m/s); fixed nodes are at
+    /// rest. Schemes restart.
     ///
     /// # Errors
-    /// [`Error::Input`] for wrong numbers of them, or any that is not finite.
+    /// [`Error::Input`] for a wrong number of vectors or one that is not finite.
     pub fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         self.check_vectors("positions", positions)?;
         self.check_vectors("velocities", velocities)?;
         let units = self.units;
         for (k, v) in self.node_order.iter().enumerate() {
             let v = *v as usize;
-            // What is no node of the network is one of a rigid body's own.
+            // Nodes outside the network are the proxy nodes of rigid bodies.
             let Some(position) = positions.get(v) else {
                 continue;
             };

@@ -1,4 +1,4 @@
-//! What of a body is rigid, as it is set and read from outside.
+//! Accessors of the rigid parts of a body.
 
 use super::CpuBody;
 use super::force_assembly::ForceSources;
@@ -11,7 +11,7 @@ use crate::physics::cpu::vectors::zero;
 use glam::DVec3;
 
 impl<T: Real> CpuBody<T> {
-    /// Takes note of how rigid bodies can move where some of their nodes stay.
+    /// Updates the degrees of freedom of rigid bodies, some of whose nodes are fixed.
     pub(in crate::physics::cpu) fn update_freedoms(&mut self, stays: &[bool]) {
         let Some(newton) = &mut self.newton else {
             return;
@@ -47,8 +47,8 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Moves rigid bodies along with those of their nodes that are held: at once, or `gradually` in
-    /// the next step, as far as nothing is in the way.
+    /// Moves rigid bodies with their constrained nodes: at once, or `gradually` in the next step up
+    /// to the first collision.
     pub(in crate::physics::cpu) fn apply_constraints(&mut self, gradually: bool) {
         let Some(newton) = &mut self.newton else {
             return;
@@ -60,7 +60,7 @@ impl<T: Real> CpuBody<T> {
         let mut held: Vec<Vec<(usize, DVec3)>> = vec![Vec::new(); rigid.bodies.len()];
         let wanted = self.attachments.iter().filter_map(|a| match a {
             NodeConstraint::Fixed { node, place } => Some((*node as usize, Some(*place))),
-            // Of rigid bodies none are led.
+            // Nodes of rigid bodies have no prescribed motion.
             NodeConstraint::Prescribed { .. } | NodeConstraint::Spring { .. } => None,
         });
         let pinned = (0..self.pinned.len()).filter(|v| self.pinned[*v]);
@@ -93,7 +93,7 @@ impl<T: Real> CpuBody<T> {
         rigid.write_nodes(&rigid.now, &mut self.state.u);
     }
 
-    /// Puts rigid bodies where positions (m) and velocities (m/s) of their nodes have them.
+    /// Fits rigid bodies to the positions (m) and velocities (m/s) of their nodes.
     pub(in crate::physics::cpu) fn fit_rigid_bodies(
         &mut self,
         positions: &[DVec3],
@@ -114,8 +114,9 @@ impl<T: Real> CpuBody<T> {
         newton.rigid.fit_state(of, u, v);
     }
 
-    /// What all else of the body exerts on each of its rigid bodies where it stands, by contact and
-    /// by what is soft around them: the force, N, and its moment about the centre of mass, N·m.
+    /// Returns the force of the rest of the body on each of its rigid bodies at the current state,
+    /// from contact and the surrounding soft tissue: the force, N, and its moment about the centre
+    /// of mass, N·m.
     pub fn rigid_forces(&self) -> Vec<[DVec3; 2]> {
         let Some(newton) = &self.newton else {
             return Vec::new();
@@ -139,7 +140,7 @@ impl<T: Real> CpuBody<T> {
         let units = [self.units.force(), self.units.energy()];
         let of = |(body, pose): (&RigidGroup, &Pose)| {
             let mut sum = [DVec3::ZERO; 2];
-            // Carriers, the last, have what pulls by springs.
+            // The last nodes are the proxies, on which target springs act.
             let own = body.nodes.start..body.nodes.end - PROXY_NODES;
             for (i, f) in own.clone().zip(&forces[own]) {
                 let f = to_dvec(*f);
@@ -151,7 +152,7 @@ impl<T: Real> CpuBody<T> {
         rigid.bodies.iter().zip(&rigid.now).map(of).collect()
     }
 
-    /// Writes the positions (m) of the nodes of rigid bodies: exact, as their poses are.
+    /// Writes the positions (m) of the nodes of rigid bodies, exact from their poses.
     pub(in crate::physics::cpu) fn write_exact_positions(&self, positions: &mut [DVec3]) {
         let Some(newton) = &self.newton else {
             return;
@@ -168,7 +169,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// The nodes of the plan: all but those inside rigid bodies.
+    /// Returns the number of nodes in the plan: all except those inside rigid bodies.
     #[cfg(test)]
     pub(in crate::physics::cpu) fn active(&self) -> usize {
         self.plan.nodes()

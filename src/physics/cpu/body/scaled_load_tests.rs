@@ -1,4 +1,4 @@
-//! Pressure, muscles and nodes that are led, against closed formulas.
+//! Tests of pressure, muscles and prescribed motions against closed formulas.
 #![allow(clippy::unwrap_used)]
 
 use super::CpuBody;
@@ -32,7 +32,7 @@ fn body(network: &DiscreteModel, kind: SolverKind, chunks: usize) -> CpuBody<f64
     CpuBody::new(network, kind, settings, Some(chunks)).unwrap()
 }
 
-/// The boundary faces of a mesh.
+/// Returns the boundary faces of a mesh.
 fn faces(mesh: &TetMesh) -> Vec<[u32; 3]> {
     let topology = Topology::new(mesh);
     let boundary = topology.boundary.iter();
@@ -41,13 +41,13 @@ fn faces(mesh: &TetMesh) -> Vec<[u32; 3]> {
         .collect()
 }
 
-/// Forces of a pressure alone, on a body whose nodes are moved.
+/// Returns the forces of a pressure alone on a body with nodes at `x`.
 fn pressed(network: &DiscreteModel, faces: &[[u32; 3]], x: &[DVec3], chunks: usize) -> Vec<DVec3> {
     let mut body = body(network, SolverKind::Implicit, chunks);
     body.set_state(x, &vec![DVec3::ZERO; x.len()]).unwrap();
     let before = body.forces();
     body.add_pressure(faces, 1);
-    // That of another level is not its own.
+    // The amplitude of another index has no effect.
     body.set_levels(&[1e9, 700.0]);
     let after = body.forces();
     after.iter().zip(before).map(|(a, b)| *a - b).collect()
@@ -58,7 +58,7 @@ fn pressure_on_a_closed_surface_pushes_and_turns_nothing() {
     let mesh = ball(0.05, 7).unwrap();
     let network = network(&mesh, 0.3, 0.0);
     let faces = faces(&mesh);
-    // Bent, and turned.
+    // Deformed and rotated.
     let turn = DMat3::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), 1.0);
     let bent = |p: &DVec3| turn * (*p + DVec3::new(4.0 * p.y * p.y, 0.3 * p.z, 2.0 * p.x * p.y));
     let x: Vec<DVec3> = network.rest_positions.iter().map(bent).collect();
@@ -68,7 +68,7 @@ fn pressure_on_a_closed_surface_pushes_and_turns_nothing() {
     let moment: DVec3 = x.iter().zip(&forces).map(|(x, f)| x.cross(*f)).sum();
     assert!(sum.length() < 1e-12 * size, "{sum}");
     assert!(moment.length() < 1e-12 * size, "{moment}");
-    // Its virtual work is p times the change of volume: exactly so, for linear moves.
+    // Its virtual work is p times the change of volume: exactly, for linear motion.
     let volume = |x: &[DVec3]| -> f64 {
         let of = |f: &[u32; 3]| {
             let [a, b, c] = f.map(|v| x[v as usize]);
@@ -84,11 +84,11 @@ fn pressure_on_a_closed_surface_pushes_and_turns_nothing() {
         (work + 700.0 * change).abs() < 1e-7 * work.abs(),
         "{work} {change}"
     );
-    // Shared out among threads it is the same.
+    // Partitioning among threads does not change the result.
     for (a, b) in forces.iter().zip(pressed(&network, &faces, &x, 3)) {
         assert!(a.distance(b) < 1e-12 * size);
     }
-    // Without a face it is closed no more.
+    // Without one face the surface is not closed.
     let sum: DVec3 = pressed(&network, &faces[1..], &x, 1).iter().sum();
     assert!(sum.length() > 1e-4 * size);
 }
@@ -119,7 +119,7 @@ fn a_cube_under_pressure_shrinks_by_its_modulus() {
     }
 }
 
-/// A muscle in all tets, its fibres along `along`.
+/// A muscle in all tetrahedra, with fibres along `along`.
 fn muscle(mesh: &TetMesh, along: impl Fn(usize) -> DVec3, tension: f64) -> Muscle {
     Muscle {
         fibres: (0..mesh.tets.len())
@@ -142,7 +142,7 @@ fn a_muscle_is_its_energy_s_derivatives() {
         .zip(some(network.rest_positions.len(), 1, 0.004))
         .map(|(x, d)| *x + d)
         .collect();
-    // Energy by its definition, tet by tet.
+    // Energy by its definition, tetrahedron by tetrahedron.
     let level = 0.6;
     let energy = |x: &[DVec3]| -> f64 {
         let of = |(t, m): &(u32, DVec3)| {
@@ -184,7 +184,7 @@ fn a_muscle_is_its_energy_s_derivatives() {
                 .sum();
             (f, energy * units.energy())
         };
-        // Slack it does nothing.
+        // Without activation there are no forces.
         assert!(forces(&term, &u).0.iter().flatten().all(|f| *f == 0.0));
         term.set_amplitudes(&[level]);
         let (f, found) = forces(&term, &u);
@@ -193,8 +193,8 @@ fn a_muscle_is_its_energy_s_derivatives() {
             (found - expected).abs() < 1e-12 * expected.abs().max(energy(&x)),
             "{found} {expected}"
         );
-        // Along a random way: forces are the slope of the energy, which is quadratic, and what is
-        // multiplied the change of forces.
+        // Along a random direction: forces are the derivative of the energy, which is quadratic,
+        // and the product is the change of forces.
         let way = some(x.len(), 4, 1e-3);
         let moved =
             |by: f64| -> Vec<DVec3> { x.iter().zip(&way).map(|(x, w)| *x + by * *w).collect() };
@@ -227,7 +227,7 @@ fn a_muscle_is_its_energy_s_derivatives() {
                 assert!((h * h * change[i][k] + y[i][k]).abs() < 1e-10 * size);
             }
         }
-        // The blocks told make up the same matrix.
+        // The visited blocks give the same matrix.
         let mut z: Vec<V4<f64>> = (0..u.len())
             .map(|i| std::array::from_fn(|k| if k < 3 { diagonal[i][k] * p[i][k] } else { 0.0 }))
             .collect();
@@ -253,9 +253,9 @@ fn a_muscle_is_its_energy_s_derivatives() {
     }
 }
 
-/// The stretches along and across the fibres at which `energy` of them is least.
+/// Returns the stretches along and across the fibres that minimise `energy`.
 fn least(energy: impl Fn(f64, f64) -> f64) -> [f64; 2] {
-    // Newton's method with differences of a smooth function.
+    // Newton's method with finite differences of a smooth function.
     let (mut at, h) = ([1.0, 1.0], 1e-4);
     for _ in 0..60 {
         let e = |a: f64, b: f64| energy(at[0] + a * h, at[1] + b * h);
@@ -295,7 +295,7 @@ fn a_cube_of_muscle_shortens_to_the_least_energy() {
                 + 0.5 * pull * l * l
         });
         assert!(long < 0.9 && wide > 1.02, "{long} {wide}");
-        // Along the edges of the cube, for it may have turned on the way.
+        // Measured along the edges of the cube, which may have rotated.
         let x = body.positions();
         let corner = |p: DVec3| {
             mesh.nodes
@@ -314,7 +314,7 @@ fn a_cube_of_muscle_shortens_to_the_least_energy() {
             "{poisson}: {stretch} {expected}"
         );
         if poisson == 0.49 {
-            // What cannot be compressed at all: μ (λ − 1/λ²) + a T λ = 0.
+            // The incompressible limit: μ (λ − 1/λ²) + a T λ = 0.
             let incompressible = (mu / (mu + pull)).cbrt();
             assert!(
                 (stretch.z / incompressible - 1.0).abs() < 0.02,
@@ -369,7 +369,7 @@ fn a_body_led_along_steadily_feels_nothing() {
             }
         }
         assert!(off < 1e-9, "{kind} {off}");
-        // Put there without a velocity, as a pin that jumps, they hold the body back.
+        // Placed without a velocity, like a pin that jumps, they hold the body back.
         let holds: Vec<NodeConstraint> = ends
             .iter()
             .map(|v| NodeConstraint::Fixed {

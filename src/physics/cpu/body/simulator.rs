@@ -1,4 +1,4 @@
-//! A body of tets as a simulator, stepped on the CPU.
+//! Simulator of a tetrahedral body, stepped on the CPU.
 
 use super::tools::check_contact;
 use crate::gpu::{Gpu, Recorder};
@@ -19,9 +19,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// A body of tets on threads of the processor. Steps are done on a thread of its own, which shares
-/// them out in rayon's global pool: do not wait for them from within that pool. What is drawn is
-/// uploaded once a picture.
+/// A tetrahedral body on CPU threads. Steps run on a worker thread that distributes them in rayon's
+/// global pool: do not wait for them from within that pool. Positions for rendering are uploaded
+/// once per frame.
 pub struct CpuTets {
     mesh: TetMesh,
     topology: Topology,
@@ -30,19 +30,19 @@ pub struct CpuTets {
     settings: CgSettings,
     kind: SolverKind,
     loads: Loads,
-    /// The loads that the worker has.
+    /// Versions of the loads that the worker has.
     synced_loads: Option<LoadVersions>,
     terms: Vec<Arc<dyn NodeTerm>>,
-    /// Pressures and muscles, in the order of their levels.
+    /// Pressures and muscles, in the order of their amplitudes.
     scaled_loads: Vec<ScaledLoad>,
     tools: Vec<Tool>,
     self_contact: Option<SelfContactSettings>,
     precision: Precision,
     worker: Worker<dyn TetBody>,
     nodes: NodePositions,
-    /// The positions that were uploaded.
+    /// Version of the uploaded positions.
     uploaded_version: u64,
-    /// Counts changes of state and shape from outside.
+    /// Counter of external changes of state and shape.
     changes: u64,
     progress: StepProgress,
 }
@@ -50,24 +50,23 @@ pub struct CpuTets {
 /// The state of a [`CpuTets`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CpuState {
-    /// The body's own, packed: its numbers are those of the type that it computes in.
+    /// State of the body, serialised in the body's own precision.
     body: Vec<u8>,
     loads: LoadsState,
     sent: Option<LoadVersions>,
     changes: u64,
     progress: StepProgress,
     span: StepClock,
-    /// In how many parts the nodes are shared out among threads: sums depend on it.
+    /// Number of chunks among which the nodes are partitioned: the rounding of sums depends on it.
     parts: usize,
 }
 
 impl CpuTets {
-    /// `mesh` made of `material`, at rest, stepped by `kind` in numbers of that precision, its linear
-    /// solves stopping as `settings` say. `gpu` is what it is drawn on.
+    /// Creates a body of `mesh` and `material` at rest, stepped by `kind` in the given precision,
+    /// with linear solves that stop as `settings` specify. `gpu` renders it.
     ///
     /// # Errors
-    /// [`Error::Input`] for a material that makes no sense, [`Error::Gpu`] when the nodes do not
-    /// fit the device.
+    /// [`Error::Input`] for an invalid material, [`Error::Gpu`] if the nodes do not fit the device.
     pub fn new(
         gpu: &Gpu,
         mesh: TetMesh,
@@ -80,10 +79,10 @@ impl CpuTets {
         CpuTets::of_network(gpu, (mesh, network), material, (kind, settings), precision)
     }
 
-    /// As [`CpuTets::new`], with masses and springs of one's own: those of a cage, for example.
+    /// As [`CpuTets::new`], with a custom model of masses and springs, such as that of a cage.
     ///
     /// # Errors
-    /// [`Error::Input`] when `network` is not one of `mesh`; otherwise as [`CpuTets::new`].
+    /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`CpuTets::new`].
     pub fn of_network(
         gpu: &Gpu,
         (mesh, network): (TetMesh, DiscreteModel),
@@ -122,11 +121,11 @@ impl CpuTets {
         })
     }
 
-    /// What is told of a step that was refused.
+    /// Returns the error for a rejected step.
     fn error(&mut self, refusal: WorkerError) -> Error {
         match refusal {
             WorkerError::Wrong(error) => {
-                // Loads that were refused are sent again.
+                // Rejected loads are sent again.
                 self.synced_loads = None;
                 error
             }
@@ -174,7 +173,7 @@ impl CpuTets {
         velocities.iter().map(|v| *v * unit).collect()
     }
 
-    /// Uploads the positions that were put out last, if they are new.
+    /// Uploads the latest published positions, if they are new.
     fn upload(&mut self) -> Result<()> {
         let Some((version, positions)) = self.worker.published(self.uploaded_version) else {
             return Ok(());
@@ -186,14 +185,14 @@ impl CpuTets {
         self.nodes.set_positions(&places)
     }
 
-    /// Uploads the positions of now.
+    /// Uploads the current positions.
     fn upload_now(&mut self) -> Result<()> {
         self.worker.publish();
         self.upload()
     }
 
-    /// A body of what the network is now, at rest, its nodes shared out in so many parts, or as
-    /// many as suit it.
+    /// Creates a body of the current network at rest, partitioned into `parts` chunks, or a
+    /// suitable number.
     fn body(&self, parts: Option<usize>) -> Result<Box<dyn TetBody>> {
         let how = (self.kind, self.settings);
         let mut body = self.precision.tets(&self.network, how, parts)?;
@@ -223,14 +222,14 @@ impl CpuTets {
         Ok(body)
     }
 
-    /// The faces of the boundary, by their nodes.
+    /// Returns the boundary faces, by their nodes.
     fn boundary(&self) -> Vec<[u32; 3]> {
         let faces = self.topology.boundary.iter();
         let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
         faces.map(nodes).collect()
     }
 
-    /// Has `acting` act on `body`, made of this mesh and network.
+    /// Applies `acting` to `body`, made of this mesh and network.
     fn apply_scaled_load(&self, body: &mut dyn TetBody, acting: &ScaledLoad, level: usize) {
         match acting {
             ScaledLoad::Pressure(faces) => {
@@ -244,7 +243,7 @@ impl CpuTets {
         }
     }
 
-    /// Makes the body anew of what the network is now, in the state that it is in.
+    /// Rebuilds the body from the current network, in the given state.
     fn rebuild_body(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let mut body = self.body(None)?;
         body.set_state(
@@ -257,7 +256,8 @@ impl CpuTets {
         self.upload_now()
     }
 
-    /// Makes the body one in so many parts, where it is not; its state is to be set.
+    /// Rebuilds the body with `parts` chunks if it has another number; its state must be set
+    /// afterwards.
     fn repartition(&mut self, parts: usize) -> Result<()> {
         if self.worker.body().parts() != parts {
             let body = self.body(Some(parts))?;
@@ -511,7 +511,7 @@ impl Simulator for CpuTets {
     }
 
     fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
-        // As they were before a step under way: nobody waits for that.
+        // The latest published positions avoid waiting for a step in progress.
         let positions = self.to_file_units(&self.worker.positions());
         self.loads
             .grab(&positions, |_| true, (centre, radius), grip)

@@ -1,8 +1,7 @@
-//! The whole state of a body, to the bit: a run that goes on from it takes the same steps as one
-//! that was never left, on as many threads.
+//! Checkpoints of a body, bitwise exact: a resumed run takes the same steps as an uninterrupted one
+//! with the same number of threads.
 //!
-//! What is set from outside (pins, loads, attachments) and what follows from the network is not
-//! part of it.
+//! External settings (pins, loads, attachments) and data derived from the network are not included.
 
 use super::{CpuBody, ForceStatus};
 use crate::physics::cpu::implicit::linear_step::{CoarseSpaceState, StepContext};
@@ -14,32 +13,33 @@ use crate::physics::cpu::vectors::V4;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// What [`CpuBody::state`] gives: vectors in local units, nodes in the engine's order.
+/// State from [`CpuBody::state`]: vectors in local units, nodes in the engine's order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(in crate::physics::cpu) struct BodyState<T> {
     /// Displacements from the rest positions.
     pub u: Vec<V4<T>>,
     /// Velocities.
     pub v: Vec<V4<T>>,
-    /// Of velocity Verlet: the velocities that the last forces saw; else none.
+    /// For velocity Verlet: the velocities at which the last forces were evaluated; otherwise
+    /// empty.
     pub damping_velocities: Vec<V4<T>>,
-    /// Of implicit Euler: the last solutions, newest first.
+    /// For implicit Euler: the last solutions, newest first.
     pub solutions: Vec<Vec<V4<T>>>,
-    /// Of implicit Euler: what its coarse space was built from.
+    /// For implicit Euler: the state from which its coarse space was built.
     pub basis: Option<CoarseSpaceState<T>>,
-    /// What the rule against runaways remembers.
+    /// Energy balance of the runaway check.
     pub guard: EnergyGuard,
-    /// Length of the last step, local units; 0 where the next is a first one.
+    /// Length of the last step, local units; 0 if the scheme restarts.
     pub previous_dt: f64,
-    /// Steps taken.
+    /// Number of steps taken.
     pub steps: u64,
-    /// Where rigid bodies are: shift and turn.
+    /// Poses of rigid bodies: translation and rotation.
     pub poses: Vec<[f64; 7]>,
-    /// And the torque on each in the last step, of the midpoint rule.
+    /// Torque on each rigid body in the last step, for the midpoint rule.
     pub torques: Vec<[f64; 3]>,
-    /// Where tools are.
+    /// Poses of tools.
     pub tools: Vec<[f64; 7]>,
-    /// Whether forces are as old as the state, only older than what acts, or of no use.
+    /// Whether the forces match the state, predate the loads, or are invalid.
     pub force_status: u8,
 }
 
@@ -76,8 +76,8 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Goes on from a state that [`CpuBody::state`] gave of this body or of one made in the same
-    /// way, which had the same pins, loads and attachments: set those before.
+    /// Restores a state from [`CpuBody::state`] of this body or of one made in the same way with
+    /// the same pins, loads and attachments, which must be set before.
     ///
     /// # Errors
     /// [`Error::Input`] for the state of another body.
@@ -125,7 +125,7 @@ impl<T: Real> CpuBody<T> {
             }
         }
         self.resume_tools(&state.tools);
-        // Forces are made anew in any case, from the same numbers.
+        // Forces are recomputed in any case, from the same numbers.
         self.start = match state.force_status {
             2 => ForceStatus::Restart,
             _ => ForceStatus::Resume,
@@ -151,7 +151,7 @@ impl<T: Real> CpuBody<T> {
                 },
                 f: &self.state.f,
             };
-            // The coarse space is of the levels that it was built at.
+            // The coarse space is rebuilt with the amplitudes it was built at.
             let terms = &mut self.terms;
             terms
                 .iter_mut()

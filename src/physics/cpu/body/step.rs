@@ -1,4 +1,4 @@
-//! Steps of a body: propose, weigh, judge, accept.
+//! Time steps of a body: propose, evaluate, check, accept.
 
 use super::explicit::{self, ExplicitInput};
 use super::force_assembly::ForceSources;
@@ -11,12 +11,13 @@ use crate::physics::{SolverKind, StepRecord};
 use std::sync::Arc;
 
 impl<T: Real> CpuBody<T> {
-    /// Takes `steps` steps of `h` seconds. Returns what is noted of the last: energies in J, of
-    /// implicit Euler the iterations and the relative residual. Threads are woken once for all.
+    /// Takes `steps` steps of `h` seconds. Returns the record of the last: energies in J and, for
+    /// implicit Euler, the iterations and the relative residual. Threads are woken once for all
+    /// steps.
     ///
     /// # Errors
-    /// Why a step was refused; the body stands as it stood before that one. How many were taken
-    /// is what [`CpuBody::steps`] counts.
+    /// The reason a step was rejected; the body keeps its state from before that step.
+    /// [`CpuBody::steps`] counts the accepted ones.
     pub fn run(&mut self, steps: u32, h: f64) -> Result<StepRecord, StepFailure> {
         let local = h / self.units.time;
         let fits = T::from_f64(local);
@@ -34,7 +35,7 @@ impl<T: Real> CpuBody<T> {
         })
     }
 
-    /// Steps taken since the body was made.
+    /// Returns the number of steps taken since the body was made.
     pub fn steps(&self) -> u64 {
         self.steps
     }
@@ -49,7 +50,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Computes the forces of a state that was changed from outside.
+    /// Recomputes the forces of a state that was changed from outside.
     fn prepare_forces(&mut self) -> Result<(), StepFailure> {
         if self.start == ForceStatus::Ready {
             return Ok(());
@@ -81,7 +82,7 @@ impl<T: Real> CpuBody<T> {
             v,
         };
         let sums = sources.forces(at, &mut self.state.f);
-        // What nodes that are led do to the body is no work of loads.
+        // The work of prescribed motion is not included in that of the loads.
         if restart || self.has_prescribed_motion() {
             self.guard.restart(sums)?;
         }
@@ -89,7 +90,7 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    /// One step of `h` local units.
+    /// Takes one step of `h` local units.
     fn advance(&mut self, h: f64) -> Result<StepRecord, StepFailure> {
         if let Some(done) = self.advance_newton(h) {
             return done;
@@ -172,7 +173,7 @@ impl<T: Real> CpuBody<T> {
         Ok((outcome.iterations, outcome.residual))
     }
 
-    /// Forces and energies of the proposed state.
+    /// Computes forces and energies of the proposed state.
     fn evaluate_forces(&mut self, h: T) -> StepTotals {
         let sources = ForceSources {
             plan: &self.plan,

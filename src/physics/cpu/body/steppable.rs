@@ -1,4 +1,4 @@
-//! A body of tets as its worker and simulator see it.
+//! The tetrahedral body's implementation of the worker's traits.
 
 use super::CpuBody;
 use crate::Result;
@@ -15,7 +15,7 @@ use glam::DVec3;
 use std::sync::Arc;
 
 impl Precision {
-    /// The body that `network` is, in so many parts, or as many as suit it.
+    /// Creates the body of `network`, partitioned into `parts` chunks, or a suitable number.
     pub(in crate::physics::cpu) fn tets(
         self,
         network: &DiscreteModel,

@@ -1,4 +1,4 @@
-//! The engine against the float64 twins of `reference`.
+//! Tests of the engine against the float64 `reference`.
 #![allow(clippy::unwrap_used)]
 
 use super::CpuBody;
@@ -22,7 +22,7 @@ use crate::physics::{
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Repeatable numbers in −1..1.
+/// Deterministic pseudorandom numbers in −1..1.
 pub fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
@@ -33,7 +33,7 @@ pub fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// Vectors of that size at most along each axis.
+/// Random vectors with components of magnitude up to `size`.
 pub fn some(count: usize, seed: u64, size: f64) -> Vec<DVec3> {
     let mut next = noise(seed);
     (0..count)
@@ -41,7 +41,7 @@ pub fn some(count: usize, seed: u64, size: f64) -> Vec<DVec3> {
         .collect()
 }
 
-/// A bar of so many tets, in a unit of so many metres.
+/// A bar of about `tets` tetrahedra, in file units of `unit` metres.
 fn bar(tets: usize, unit: f64, time: f64, constant: f64, kind: Damping) -> DiscreteModel {
     let mesh = generate::bar_of_about(tets, DVec3::new(0.3, 0.1, 0.1)).unwrap();
     let mut material = Material::from_young(3e4);
@@ -58,13 +58,13 @@ const EXACT: CgSettings = CgSettings {
     max_iterations: 5000,
 };
 
-/// A body and its twin that stand bent and moving, pinned at one end, pushed and pulled at.
+/// A body and its reference, deformed and moving, pinned at one end, with loads and target springs.
 struct Pair<T: Real> {
     body: CpuBody<T>,
     twin: ReferenceSprings,
     pulls: Vec<(usize, DVec3, f64, f64)>,
     external: Vec<DVec3>,
-    /// Sum of the squares of the velocities at first.
+    /// Initial sum of the squared velocities.
     speed: f64,
     verlet: integrators::Verlet,
     velocity_verlet: integrators::VelocityVerlet,
@@ -126,7 +126,8 @@ impl<T: Real> Pair<T> {
         }
     }
 
-    /// One node is held a little off, two are drawn: one of them with all the force there is.
+    /// Displaces one constrained node and attaches two target springs, one of them at its force
+    /// limit.
     fn attach(&mut self) {
         let count = self.twin.x.len();
         let size = self.twin.network.frame.scale * self.twin.network.length_unit;
@@ -156,7 +157,7 @@ impl<T: Real> Pair<T> {
         self.twin.v[hold] = DVec3::ZERO;
     }
 
-    /// What pulls at the twin now.
+    /// Updates the target spring forces of the reference.
     fn draw(&mut self) {
         self.twin.external.copy_from_slice(&self.external);
         for (v, target, k, limit) in &self.pulls {
@@ -184,7 +185,7 @@ impl<T: Real> Pair<T> {
         self.body.run(1, h).unwrap();
     }
 
-    /// The difference of the positions over the motion, and of the velocities.
+    /// Returns the position error relative to the motion, and the relative velocity error.
     fn error(&self) -> [f64; 2] {
         let (x, v) = (self.body.positions(), self.body.velocities());
         let square = |a: &[DVec3], b: &[DVec3]| -> f64 {
@@ -198,13 +199,13 @@ impl<T: Real> Pair<T> {
     }
 }
 
-/// A step that the scheme holds with all that a test body has.
+/// Returns a step that is stable for the scheme with all loads of the test body.
 fn step_of(network: &DiscreteModel, kind: SolverKind) -> f64 {
     let free = vec![false; network.rest_positions.len()];
     let verlet = largest_stable_step(network, &free, SolverKind::Verlet).unwrap();
     match kind {
         SolverKind::Implicit => 10.0 * verlet,
-        // Explicit Euler grows, but not much in a hundred steps that short.
+        // Explicit Euler is unstable, but grows little in a hundred steps this short.
         SolverKind::Explicit => 0.02 * verlet,
         _ => 0.3 * verlet,
     }
@@ -266,7 +267,7 @@ fn f32_steps_as_the_twin() {
     }
 }
 
-/// Springs between any nodes, some of them without length, some nodes without mass.
+/// Springs between random nodes, some with zero length, and some massless nodes.
 pub fn any_network(seed: u64) -> DiscreteModel {
     let mut next = noise(seed);
     let mut network = bar(200, 1.0, 1e-5, 1e-3, Damping::Axial);
@@ -287,7 +288,7 @@ pub fn any_network(seed: u64) -> DiscreteModel {
     for i in (0..count).step_by(17) {
         network.masses[i] = 0.0;
     }
-    // Two nodes in one place, on a spring that wants them there.
+    // Two coincident nodes, on a spring of zero length.
     network.rest_positions[4] = network.rest_positions[5];
     for s in &mut network.springs {
         if s.nodes == [4, 5] {
@@ -325,7 +326,7 @@ fn a_twin_that_differs_by_little_is_told_apart() {
     }
 }
 
-/// The springs of a network as a term, with states in its order: displacements and velocities.
+/// Returns the springs of a network as a term, with its partition, node order and units.
 fn term_of(
     network: &DiscreteModel,
     chunks: usize,
@@ -360,7 +361,7 @@ fn the_matrix_is_that_of_the_twin() {
             .map(|(i, d)| network.rest_positions[i] + d)
             .collect();
         twin.v = some(count, 12, 0.1);
-        // The masses are no term's.
+        // The masses belong to no term.
         twin.network.masses.fill(0.0);
         twin.pinned.fill(false);
         let (h, p) = (3e-3, some(count, 13, 1.0));
@@ -391,7 +392,7 @@ fn the_matrix_is_that_of_the_twin() {
             for c in 0..plan.chunks() {
                 springs.multiply(c, &p, &mut y[plan.range(c)]);
             }
-            // The same from the blocks that it tells, and those on the diagonal.
+            // The visited blocks and the diagonal ones give the same product.
             let mut z: Vec<V4<f64>> = (0..count)
                 .map(|k| vectors::apply_symmetric(&diagonal[k], p[k]))
                 .collect();
@@ -486,10 +487,10 @@ fn a_step_too_long_is_refused_and_leaves_the_body_as_it_was() {
             "{failure}"
         );
         assert_eq!(before, pair.body.positions());
-        // And again: nothing has changed.
+        // A second attempt gives the same result.
         assert!(pair.body.run(1, h).is_err());
         assert_eq!(before, pair.body.positions());
-        // A shorter step goes.
+        // A shorter step succeeds.
         let rest = network.rest_positions.clone();
         pair.body
             .set_state(&rest, &vec![DVec3::ZERO; rest.len()])
@@ -569,7 +570,7 @@ fn a_run_that_is_resumed_takes_the_same_steps() {
             other.body.resume(&state).unwrap();
             other.body.run(40, h).unwrap();
             assert_eq!(pair.body.state(), other.body.state(), "{kind}");
-            // And the same again on its own.
+            // An independent third run gives the same states.
             let mut third = Pair::<f32>::new(&network, kind, settings, chunks);
             third.attach();
             for _ in 0..first + 40 {

@@ -1,4 +1,4 @@
-//! Tools of a body, as they are set and read from outside.
+//! Accessors of a body's tools and self-contact.
 
 use super::{CpuBody, ForceStatus};
 #[cfg(feature = "rapier")]
@@ -19,27 +19,27 @@ use crate::physics::{
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// The gap from which on a tool pushes, where none is given: over its size, and over the mean edge
-/// of the body's boundary.
+/// Default contact gap of a tool: as a fraction of its size, and of the mean edge of the body's
+/// boundary.
 const GAP_PER_TOOL_SIZE: f64 = 1.0 / 2000.0;
 const GAP_PER_EDGE: f64 = 1.0 / 100.0;
 
-/// The gap from which on parts of a body push each other, over the mean edge of its boundary.
+/// Default self-contact gap over the mean edge of the body's boundary.
 const SELF_GAP_PER_EDGE: f64 = 1.0 / 20.0;
 
-/// And at least, over the extent of the body: f32 resolves a hundredth of it.
+/// Smallest gap over the extent of the body: f32 resolves a hundredth of it.
 const MIN_GAP_PER_EXTENT: f64 = 2e-5;
 
-/// The speed below which friction holds, in extents of the body a second.
+/// Speed below which friction is static, in extents of the body per second.
 pub(in crate::physics) const STATIC_FRICTION_SPEED: f64 = 1e-4;
 
-/// The stiffness of what is behind the boundary where all of a body is rigid, Pa.
+/// Stiffness behind the boundary of a fully rigid body, Pa.
 const RIGID_SURFACE_STIFFNESS: f64 = 1e6;
 
-/// Young's modulus over μ, nearly: from 2 to 3.
+/// Approximate ratio of Young's modulus to μ, which is between 2 and 3.
 const YOUNG_OVER_MU: f64 = 2.8;
 
-/// Refuses contact with `what` of bodies that cannot be stepped with it.
+/// Checks that a body can be stepped with contact with `what`.
 ///
 /// # Errors
 /// [`Error::Input`].
@@ -61,10 +61,11 @@ pub(in crate::physics) fn check_contact(
     }
 }
 
-/// How many of the boundary `faces` of `network` go through others where its nodes stand at `x` (m).
+/// Returns how many of the boundary `faces` of `network` intersect others with the nodes at `x`
+/// (m).
 ///
 /// # Errors
-/// [`Error::Input`] for positions that are not those of its nodes.
+/// [`Error::Input`] for positions that do not match its nodes.
 #[cfg(feature = "rapier")]
 pub(in crate::physics) fn count_intersecting_faces(
     network: &DiscreteModel,
@@ -78,8 +79,8 @@ pub(in crate::physics) fn count_intersecting_faces(
 }
 
 impl<T: Real> CpuBody<T> {
-    /// Adds a tool that presses on the boundary `faces` of `network`, which this body is, by the
-    /// numbers of its nodes.
+    /// Adds a tool in contact with the boundary `faces` of `network`, the model of this body, in
+    /// the network's node numbering.
     pub fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &DiscreteModel) {
         if tool_contact(&self.terms).is_none() {
             let hull = self.hull(faces, network);
@@ -109,8 +110,9 @@ impl<T: Real> CpuBody<T> {
         self.invalidate(ForceStatus::Restart);
     }
 
-    /// Has the body feel itself from now on, as `wanted` says; its boundary is `faces` of `network`,
-    /// which it is. How many of these go through others, or are of parts within others, as it is now.
+    /// Enables self-contact with the settings `wanted` on the boundary `faces` of `network`, the
+    /// model of this body. Returns how many of these currently intersect others, or belong to parts
+    /// enclosed by others.
     pub fn set_self_contact(
         &mut self,
         wanted: &SelfContactSettings,
@@ -136,10 +138,10 @@ impl<T: Real> CpuBody<T> {
         through
     }
 
-    /// Says where each tool is to be at the end of the next step.
+    /// Sets the pose of each tool at the end of the next step.
     ///
     /// # Errors
-    /// [`Error::Input`] for poses that are none, or another number of them.
+    /// [`Error::Input`] for invalid poses, or a wrong number of them.
     pub fn set_tool_targets(&mut self, tools: &[ToolTarget]) -> Result<()> {
         let length = self.units.length;
         let place = |pose: &ToolPose| LocalToolPose {
@@ -177,8 +179,8 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    /// The force of the body on each tool, N, and its moment about the origin of the tool's shape,
-    /// N·m.
+    /// Returns the force of the body on each tool, N, and its moment about the origin of the tool's
+    /// shape, N·m.
     pub fn tool_forces(&self) -> Vec<[DVec3; 2]> {
         let at = StateRef {
             u: &self.state.u,
@@ -195,7 +197,7 @@ impl<T: Real> CpuBody<T> {
             .collect()
     }
 
-    /// Moves what lies inside tools out of them before a first step.
+    /// Moves nodes inside tools out of them before a first step.
     pub(in crate::physics::cpu) fn resolve_initial_penetration(&mut self) {
         let Some(contact) = contact_mut(&mut self.terms) else {
             return;
@@ -210,7 +212,7 @@ impl<T: Real> CpuBody<T> {
         );
     }
 
-    /// Leaves tools where they went in a step that was sound, or puts them back where they were.
+    /// Keeps the tool poses after an accepted step, or restores the previous ones.
     pub(in crate::physics::cpu) fn commit_tools(&mut self, sound: bool) {
         let own = self_contact(&self.terms).is_some_and(|own| !own.is_empty());
         let mut near = false;
@@ -230,13 +232,13 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// Where the tools are.
+    /// Returns the tool poses.
     pub(in crate::physics::cpu) fn tool_places(&self) -> Vec<[f64; 7]> {
         let tools = tool_contact(&self.terms).map_or(&[][..], |c| &c.tools);
         tools.iter().map(|t| t.from.numbers()).collect()
     }
 
-    /// Puts the tools where [`CpuBody::tool_places`] found them.
+    /// Restores tool poses from [`CpuBody::tool_places`].
     pub(in crate::physics::cpu) fn resume_tools(&mut self, places: &[[f64; 7]]) {
         if let Some(contact) = contact_mut(&mut self.terms) {
             for (tool, numbers) in contact.tools.iter_mut().zip(places) {
@@ -246,7 +248,7 @@ impl<T: Real> CpuBody<T> {
         }
     }
 
-    /// The boundary, each face with the stiffness of what is behind it.
+    /// Returns the boundary surface, each face with the stiffness of the material behind it.
     fn hull(&self, faces: &[[u32; 3]], network: &DiscreteModel) -> BoundarySurface {
         let faces: Vec<([u32; 3], f64)> = face_stiffnesses(faces, network, &self.units)
             .map(|(face, young)| (face.map(|v| self.engine_index[v as usize]), young))
@@ -256,8 +258,8 @@ impl<T: Real> CpuBody<T> {
     }
 }
 
-/// The gap from which on `tool`, of a shape in local units, pushes on a body whose boundary has
-/// edges of that mean length; `unit` is a file unit.
+/// Returns the contact gap of `tool`, with a shape in local units, on a body whose boundary has the
+/// mean edge length `edge`; `unit` is a file unit.
 pub(in crate::physics) fn tool_gap(tool: &Tool, shape: &Shape, edge: f64, unit: f64) -> f64 {
     let gap = match tool.gap {
         Some(gap) => gap * unit,
@@ -266,7 +268,7 @@ pub(in crate::physics) fn tool_gap(tool: &Tool, shape: &Shape, edge: f64, unit: 
     gap.max(MIN_GAP_PER_EXTENT)
 }
 
-/// `faces` of `network`, each with the Young's modulus of what is behind it, local units.
+/// Returns `faces` of `network`, each with Young's modulus of the material behind it, local units.
 pub(in crate::physics) fn face_stiffnesses(
     faces: &[[u32; 3]],
     network: &DiscreteModel,

@@ -1,4 +1,4 @@
-//! How far a body may go before it touches, and how it makes way for tools that move.
+//! Continuous collision detection (CCD) with tools, and push-out for moving tools.
 
 use super::boundary_surface::ToolNeighbourhood;
 use super::tool_contact::{LocalToolPose, ToolContact, ToolState};
@@ -32,7 +32,7 @@ const MAX_PUSH_OUT_ROUNDS: usize = 60;
 /// of the edges of the body's boundary.
 const MAX_PENETRATION_RATIO: f64 = 0.02;
 
-/// Steps of conservative advancement of one point.
+/// Largest number of conservative advancement steps of one point.
 const MAX_CCD_ITERATIONS: usize = 60;
 
 impl<T: Real> ToolContact<T> {
@@ -89,7 +89,7 @@ impl<T: Real> ToolContact<T> {
         }
     }
 
-    /// Leaves the tools where they went.
+    /// Keeps the tools at their final poses.
     pub fn commit_tools(&mut self) {
         for tool in &mut self.tools {
             tool.from = tool.to;
@@ -97,8 +97,9 @@ impl<T: Real> ToolContact<T> {
         }
     }
 
-    /// The part of the way from the displacements `from` to `to` on which no point goes too deep into
-    /// a tool: by conservative advancement, for no distance changes faster than its point moves.
+    /// Returns the fraction of the path between the displacements `from` and `to` on which no point
+    /// penetrates a tool too deeply: conservative advancement, since no distance changes faster
+    /// than its point moves.
     pub fn collision_free_fraction(
         &mut self,
         from: &[V4<T>],
@@ -117,7 +118,7 @@ impl<T: Real> ToolContact<T> {
         ways.fold(1.0, f64::min)
     }
 
-    /// Whether any point is inside a tool by more than what its stiffness explains.
+    /// Whether any point penetrates a tool by more than its stiffness explains.
     pub fn exceeds_penetration_limit(&self, u: &[V4<T>]) -> bool {
         self.contact_points.iter().any(|s| {
             let tool = &self.tools[s.tool as usize];
@@ -177,7 +178,7 @@ impl<T: Real> ToolContact<T> {
         any
     }
 
-    /// Puts a tool elsewhere, without a way.
+    /// Teleports a tool.
     pub fn teleport(&mut self, tool: usize, place: LocalToolPose) {
         if let Some(tool) = self.tools.get_mut(tool) {
             (tool.from, tool.at, tool.to) = (place, place, place);

@@ -1,5 +1,4 @@
-//! Contact with tools and of a body with itself: candidates, energy and continuous collision
-//! detection.
+//! Contact with tools and self-contact: candidates, energy and continuous collision detection.
 
 pub(super) mod boundary_surface;
 pub(super) mod candidates;

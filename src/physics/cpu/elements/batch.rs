@@ -1,28 +1,28 @@
-//! Tets side by side in batches of four, one a lane, and how they meet the vectors of the nodes.
+//! Batches of four tetrahedra, one per SIMD lane, with gather and scatter of nodal vectors.
 
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::simd::Lane;
 use crate::physics::cpu::vectors::{V4, add, sub};
 
-/// A vector a lane.
+/// One vector per lane.
 pub(in crate::physics::cpu) type LaneVec3<L> = [L; 3];
 
-/// A 3×3 matrix a lane, by columns.
+/// One 3×3 matrix per lane, as columns.
 pub(in crate::physics::cpu) type LaneMat3<L> = [LaneVec3<L>; 3];
 
-/// Four tets; what fills up the last batch of a list has no volume.
+/// Four tetrahedra; the padding of the last batch of a list has zero volume.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct TetBatch<T: Real> {
-    /// The nodes of each tet, ascending in the engine's order.
+    /// Nodes of each tetrahedron, ascending in the engine's order.
     pub nodes: [[u32; 4]; 4],
-    /// The gradients of the shape functions of the last three nodes of each.
+    /// Shape function gradients of the last three nodes of each tetrahedron.
     pub gradients: LaneMat3<T::Lanes>,
-    /// Volume times μ, and times λ as it enters the energy.
+    /// Volume times μ, and volume times λ as it enters the energy.
     pub lame: [T::Lanes; 2],
 }
 
 impl<T: Real> TetBatch<T> {
-    /// The displacement gradient of Σ u_a ⊗ g_a, by columns: F − I where `u` are displacements.
+    /// Returns the displacement gradient Σ u_a ⊗ g_a, as columns: F − I if `u` are displacements.
     #[inline(always)]
     pub fn gradient(&self, u: &[V4<T>]) -> LaneMat3<T::Lanes> {
         let mut edges = [[T::Lanes::splat(0.0); 3]; 3];
@@ -40,7 +40,7 @@ impl<T: Real> TetBatch<T> {
         })
     }
 
-    /// Adds −P g_a to the nodes of tets that lie within `out`, which begins with node `first`.
+    /// Adds −P g_a to the nodes that lie within `out`, which begins with node `first`.
     #[inline(always)]
     pub fn scatter<const INNER: bool>(
         &self,
@@ -60,7 +60,7 @@ impl<T: Real> TetBatch<T> {
             let [a, b, c] = [shares[0][l], shares[1][l], shares[2][l]];
             let rest = sub(sub(sub([T::ZERO; 4], a), b), c);
             for (v, f) in nodes.iter().zip([rest, a, b, c]) {
-                // Nodes before the chunk wrap around and are beyond its end.
+                // For nodes before the chunk the subtraction wraps around to an index past its end.
                 let place = (*v as usize).wrapping_sub(first);
                 if INNER {
                     out[place] = add(out[place], f);
@@ -86,20 +86,20 @@ pub(in crate::physics::cpu) fn cross<L: Lane>(a: LaneVec3<L>, b: LaneVec3<L>) ->
     ]
 }
 
-/// m a.
+/// Returns m a.
 #[inline(always)]
 pub(in crate::physics::cpu) fn times<L: Lane>(m: &LaneMat3<L>, a: LaneVec3<L>) -> LaneVec3<L> {
     std::array::from_fn(|i| m[0][i] * a[0] + m[1][i] * a[1] + m[2][i] * a[2])
 }
 
-/// The cofactors of a matrix.
+/// Returns the cofactor matrix.
 #[inline(always)]
 pub(in crate::physics::cpu) fn cofactor<L: Lane>(m: &LaneMat3<L>) -> LaneMat3<L> {
     [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])]
 }
 
-/// cof(I + G) and J − 1 of it, in which nothing cancels: I + tr G I − Gᵀ + cof G and
-/// tr G + tr cof G + det G.
+/// Returns cof(I + G), cof(I + G) − I and J − 1, free of cancellation: cof(I + G) = I + tr G I −
+/// Gᵀ + cof G and J − 1 = tr G + tr cof G + det G.
 #[inline(always)]
 pub(in crate::physics::cpu) fn cofactor_from_gradient<L: Lane>(
     g: &LaneMat3<L>,
@@ -107,7 +107,7 @@ pub(in crate::physics::cpu) fn cofactor_from_gradient<L: Lane>(
     let small = cofactor(g);
     let trace = g[0][0] + g[1][1] + g[2][2];
     let growth = trace + (small[0][0] + small[1][1] + small[2][2]) + dot(small[0], g[0]);
-    // Without the unit matrix.
+    // cof(I + G) − I.
     let less: LaneMat3<L> = std::array::from_fn(|j| {
         std::array::from_fn(|i| {
             let c = small[j][i] - g[i][j];
@@ -117,7 +117,7 @@ pub(in crate::physics::cpu) fn cofactor_from_gradient<L: Lane>(
     (add_identity(&less), less, growth)
 }
 
-/// I + m.
+/// Returns I + m.
 #[inline(always)]
 pub(in crate::physics::cpu) fn add_identity<L: Lane>(m: &LaneMat3<L>) -> LaneMat3<L> {
     let mut out = *m;

@@ -1,7 +1,7 @@
-//! Energy, stress and second derivatives of four tets at a time. They share nothing with the
-//! plain form in `physics::elements`.
+//! Energy, stress and Hessian of four tetrahedra at a time. They share no code with the reference
+//! implementation in `physics::elements`.
 //!
-//! With G = F − I nothing cancels where strains are small:
+//! All formulas use G = F − I, which avoids cancellation at small strains:
 //! |F|² − 3 = 2 tr G + |G|², J − 1 = tr G + tr cof G + det G.
 
 use super::batch::{
@@ -14,12 +14,12 @@ use crate::physics::cpu::simd::Lane;
 use crate::physics::cpu::vectors::V4;
 use crate::physics::model::elements::{CRUSH_STIFFNESS_RATIO, CRUSH_THRESHOLD_J};
 
-/// Pairs of a tet's nodes, the ones of its blocks off the diagonal.
+/// Node pairs of a tetrahedron: the off-diagonal blocks of its stiffness matrix.
 pub(in crate::physics::cpu) const NODE_PAIRS: [[usize; 2]; 6] =
     [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
 impl<T: Real> TetBatch<T> {
-    /// Energy of each tet at displacements with the gradient `g`.
+    /// Returns the energy of each tetrahedron for the displacement gradient `g`.
     #[inline(always)]
     pub fn energy(&self, law: ConstitutiveModel, g: &LaneMat3<T::Lanes>) -> T::Lanes {
         let half = T::Lanes::splat(0.5);
@@ -41,15 +41,15 @@ impl<T: Real> TetBatch<T> {
         mu * shear + volumetric_energy(self.lame, growth)
     }
 
-    /// Whether any of the tets is inside out, or flat.
+    /// Whether any of the tetrahedra is inverted or flat.
     #[inline(always)]
     pub fn inverted(&self, g: &LaneMat3<T::Lanes>) -> bool {
         let growth = cofactor_from_gradient(g).2;
         T::Lanes::splat(-1.0).any_above(growth)
     }
 
-    /// P times the volume, by columns, and the energy. `push` is a pressure, times the volume, that
-    /// comes from outside the tets.
+    /// Returns P times the volume, as columns, and the energy. `push` is an additional pressure
+    /// times the volume, from outside the element's own law.
     #[inline(always)]
     pub fn stress(
         &self,
@@ -67,7 +67,7 @@ impl<T: Real> TetBatch<T> {
                 let trace = g[0][0] + g[1][1] + g[2][2];
                 let half = T::Lanes::splat(0.5);
                 let energy = mu * (half * square - (growth - trace)) + swelling;
-                // F − cof F, of which the units are gone.
+                // F − cof F, with the identity matrices cancelled analytically.
                 let stress = combine(|j, i| mu * (g[j][i] - less[j][i]) + pressure * c[j][i]);
                 (stress, energy)
             }
@@ -81,8 +81,8 @@ impl<T: Real> TetBatch<T> {
         }
     }
 
-    /// How P times the volume changes when F does by `d`, under a push that changes by the second
-    /// number: exactly.
+    /// Returns the exact differential of P times the volume for a change `d` of F and a change of
+    /// the additional pressure by the second number.
     #[inline(always)]
     pub fn stress_differential(
         &self,
@@ -118,8 +118,9 @@ impl<T: Real> TetBatch<T> {
         }
     }
 
-    /// The six blocks off the diagonal of the second derivatives under a push that stays, in the
-    /// order of [`NODE_PAIRS`], times `scale`: for each tet the three columns of each block.
+    /// Computes the six off-diagonal blocks of the Hessian at constant additional pressure, in the
+    /// order of [`NODE_PAIRS`], times `scale`: for each tetrahedron the three columns of each
+    /// block.
     #[inline(always)]
     pub fn blocks(
         &self,
@@ -171,7 +172,7 @@ impl<T: Real> TetBatch<T> {
         }
     }
 
-    /// Of the shape functions of all four nodes.
+    /// Returns the shape function gradients of all four nodes.
     #[inline(always)]
     pub fn all_gradients(&self) -> [LaneVec3<T::Lanes>; 4] {
         let [a, b, c] = self.gradients;
@@ -181,7 +182,7 @@ impl<T: Real> TetBatch<T> {
 }
 
 impl<L: Lane> Svd<L> {
-    /// How the rotation U Vᵀ changes when F does by `d`, by columns.
+    /// Returns the differential of the rotation U Vᵀ for a change `d` of F, as columns.
     #[inline(always)]
     fn rotation_differential(&self, d: &LaneMat3<L>) -> LaneMat3<L> {
         // Uᵀ d V.
@@ -194,7 +195,7 @@ impl<L: Lane> Svd<L> {
         };
         let zero = L::splat(0.0);
         let (a, b, c) = (turn(0, 1), turn(0, 2), turn(1, 2));
-        // By columns, skew.
+        // Skew-symmetric, as columns.
         let omega = [[zero, -a, -b], [a, zero, -c], [b, c, zero]];
         let uw = omega.map(|column| times(&self.u, column));
         let v = &self.v;
@@ -202,7 +203,7 @@ impl<L: Lane> Svd<L> {
     }
 }
 
-/// The energy of a volume ratio of 1 + `growth`.
+/// Returns the volumetric energy at the volume ratio 1 + `growth`.
 #[inline(always)]
 fn volumetric_energy<L: Lane>([mu, lambda]: [L; 2], growth: L) -> L {
     let c = crush_ramp(growth);
@@ -215,7 +216,7 @@ fn volumetric_energy<L: Lane>([mu, lambda]: [L; 2], growth: L) -> L {
         + L::splat(16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J) * mu * stop
 }
 
-/// Its first and second derivatives.
+/// Returns the first and second derivatives of [`volumetric_energy`].
 #[inline(always)]
 pub(in crate::physics::cpu) fn volume_stress<L: Lane>([mu, lambda]: [L; 2], growth: L) -> [L; 2] {
     let c = crush_ramp(growth);
@@ -230,7 +231,8 @@ pub(in crate::physics::cpu) fn volume_stress<L: Lane>([mu, lambda]: [L; 2], grow
     ]
 }
 
-/// How far a volume ratio of 1 + `growth` is from where tets count as crushed (0) to nothing (1).
+/// Returns 0 for a volume ratio 1 + `growth` at or above the crush threshold, rising to 1 at zero
+/// volume.
 #[inline(always)]
 fn crush_ramp<L: Lane>(growth: L) -> L {
     let (zero, one) = (L::splat(0.0), L::splat(1.0));
@@ -244,7 +246,7 @@ fn combine<L: Lane>(entry: impl Fn(usize, usize) -> L) -> LaneMat3<L> {
     std::array::from_fn(|j| std::array::from_fn(|i| entry(j, i)))
 }
 
-/// The block of each tet, its columns padded.
+/// Returns the block of each tetrahedron, with padded columns.
 #[inline(always)]
 fn unpack_blocks<T: Real>(block: &LaneMat3<T::Lanes>) -> [[V4<T>; 3]; 4] {
     let zero = T::Lanes::splat(0.0);

@@ -1,10 +1,9 @@
-//! A muscle as a term of a body's energy: Ψ = ½ a T |F m|², of which the second derivatives are
-//! constant, and the same along all axes.
+//! Muscle term of the energy: Ψ = ½ a T |F m|². Its Hessian is constant and isotropic.
 //!
-//! With s_i = g_i·m of the nodes' shape functions F m = m + Σ u_i s_i, so that over all tets, but
-//! for a constant, E = a (Σ b_i·u_i + ½ Σ k_ij u_i·u_j), b_i = Σ V T s_i m, k_ij = Σ V T s_i s_j.
-//! Rows of k add up to nothing: differences of displacements are taken, in which translations are
-//! gone.
+//! With s_i = g_i·m of the nodal shape functions, F m = m + Σ u_i s_i. Summed over all tetrahedra
+//! and up to a constant, E = a (Σ b_i·u_i + ½ Σ k_ij u_i·u_j), b_i = Σ V T s_i m, k_ij = Σ V T s_i
+//! s_j. The rows of k sum to zero, so products use differences of displacements, in which
+//! translations cancel.
 
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
@@ -15,7 +14,7 @@ use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// The nodes of a muscle in one chunk, ascending, with what ties each to the others.
+/// Nodes of a muscle in one chunk, ascending, with their matrix rows.
 #[derive(Clone, Debug, Default)]
 struct Rows<T> {
     first: usize,
@@ -28,26 +27,27 @@ struct Rows<T> {
     linear_forces: Vec<V4<T>>,
 }
 
-/// A muscle on the nodes of a body, in its order and units.
+/// A muscle on the nodes of a body, in the engine's order and units.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct MuscleTerm<T> {
     chunks: Vec<Rows<T>>,
-    /// Which level is the activation.
+    /// Index of the amplitude that is the activation.
     level: usize,
     activation: T,
-    /// h² a, as last linearised.
+    /// h² a at the last linearisation.
     scale: T,
 }
 
 impl<T: Real> MuscleTerm<T> {
-    /// `muscle` of `network`, whose tets are `tets`, at the level of this number; slack as yet.
+    /// Creates the term for `muscle` of `network` with the tetrahedra `tets`, activated by the
+    /// amplitude of index `level`; the activation is initially 0.
     pub fn new(
         muscle: &Muscle,
         level: usize,
         (network, tets): (&DiscreteModel, &[[u32; 4]]),
         (place, units, plan): (&[u32], LocalUnits, &Partition),
     ) -> MuscleTerm<T> {
-        // Nothing contracts what is rigid.
+        // A muscle does not act within a rigid body.
         let mut bones = vec![u32::MAX; network.rest_positions.len()];
         for (b, body) in network.elements.rigid.iter().enumerate() {
             body.nodes
@@ -69,7 +69,7 @@ impl<T: Real> MuscleTerm<T> {
             );
             let volume = edges.determinant() / 6.0;
             let inverse = edges.inverse();
-            // Tets without volume have no energy.
+            // Tetrahedra without volume have no energy.
             if !(volume > 0.0 && inverse.is_finite()) {
                 continue;
             }
@@ -111,7 +111,7 @@ impl<T: Real> MuscleTerm<T> {
 }
 
 impl<T: Real> Rows<T> {
-    /// Each node, with its number among the muscle's, and the ties of it.
+    /// Iterates over the nodes: index within the muscle, node, and range of its couplings.
     fn each(&self) -> impl Iterator<Item = (usize, usize, Range<usize>)> {
         let spans = self.starts.windows(2);
         let spans = spans.map(|w| w[0] as usize..w[1] as usize);
@@ -122,7 +122,7 @@ impl<T: Real> Rows<T> {
             .map(|(n, (i, span))| (n, i, span))
     }
 
-    /// Σ_j k_ij (p_j − p_i).
+    /// Returns Σ_j k_ij (p_j − p_i).
     #[inline]
     fn coupling_product(&self, i: usize, span: Range<usize>, p: &[V4<T>]) -> V4<T> {
         let mut sum = zero();
@@ -132,7 +132,8 @@ impl<T: Real> Rows<T> {
         sum
     }
 
-    /// Σ u_i·(b_i + ½ Σ_j k_ij u_j), telling each node's force at full activation.
+    /// Returns Σ u_i·(b_i + ½ Σ_j k_ij u_j) and passes the force on each node at full activation to
+    /// `take`.
     #[inline]
     fn evaluate(&self, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) -> f64 {
         let mut energy = 0.0;

@@ -1,4 +1,4 @@
-//! Steps of bodies whose volumes are kept around nodes.
+//! Tests of steps of bodies with averaged nodal volumes.
 #![allow(clippy::unwrap_used)]
 
 use super::tests::bar;
@@ -18,7 +18,7 @@ const EXACT: NewtonSettings = NewtonSettings {
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// The bar of ν = 0.49.
+/// The bar with ν = 0.49.
 fn soft_bar(cells: [usize; 3], law: ConstitutiveModel) -> DiscreteModel {
     let mut network = bar(cells, law, false);
     network.elements.volume = VolumetricFormulation::NodalAveraged;
@@ -39,7 +39,7 @@ fn body<T: Real>(network: &DiscreteModel, chunks: usize, settings: NewtonSetting
     body
 }
 
-/// The nodes of the end at low x.
+/// Marks the nodes of the end at low x.
 fn end(network: &DiscreteModel) -> Vec<bool> {
     let low = network
         .rest_positions
@@ -103,8 +103,8 @@ fn f32_and_chunks_step_as_f64_and_one() {
     assert!(worst[0] < 1e-8 && worst[1] < 1e-2, "{worst:?}");
 }
 
-/// From all but random places, from which a body of ν = 0.49 may stay a knot, however its volumes
-/// are kept.
+/// Starts from almost random positions, from which a body of ν = 0.49 may stay tangled with any
+/// volumetric formulation.
 #[test]
 #[ignore = "long: scripts/test --full"]
 fn wrecks_recover() {

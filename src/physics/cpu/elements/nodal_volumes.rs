@@ -1,12 +1,12 @@
-//! Volumes that the tets around nodes keep together, as `physics::model::nodal_volume` has it.
+//! Averaged nodal volumes of the tetrahedra around nodes, as in `physics::model::nodal_volume`.
 //!
-//! Their energy ½ Σ_a Λ_a θ_a² has second derivatives of two kinds: those of the volume of each
-//! tet under the mean pressure of its corners, which go into its blocks, and for each cell a the
-//! square of Λ_a^½ ∂θ_a/∂x, which ties all nodes around one to each other. The squares are kept
-//! as vectors: rows that had all those blocks would be four times as wide.
+//! The Hessian of their energy ½ Σ_a Λ_a θ_a² has two parts: that of the volume of each tetrahedron
+//! under the mean pressure of its corners, which is added to its blocks, and for each cell a the
+//! outer product of Λ_a^½ ∂θ_a/∂x with itself, which couples all nodes around one. The outer
+//! products are stored as vectors: rows with all of those blocks would be four times as wide.
 //!
-//! A chunk has the cells of all of its tets, and computes them whole: `beyond` are the tets that
-//! it needs for that only.
+//! A chunk stores the cells of all its tetrahedra and computes them completely: `beyond` lists the
+//! tetrahedra needed only for that.
 
 use super::batch::{LaneVec3, TetBatch, cofactor_from_gradient, dot, times};
 use super::term::{CountedTet, SortedTet};
@@ -19,34 +19,34 @@ use glam::{DMat3, DVec3};
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What the cells of a chunk are made from.
+/// Inputs for the cells of a chunk.
 pub(in crate::physics::cpu) struct VolumeSources<'a> {
     pub elements: &'a Elements,
     pub units: &'a LocalUnits,
     pub cells: &'a NodalVolumes,
-    /// The engine's number of each of the network's nodes.
+    /// Engine index of each node of the network.
     pub place: &'a [u32],
-    /// All tets.
+    /// All tetrahedra.
     pub sorted: &'a [SortedTet],
 }
 
-/// The cells of the tets of a list, four tets at a time.
+/// Cells of the tetrahedra of a list, four tetrahedra at a time.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct TetVolumeLinks<T: Real> {
-    /// Of each tet, in the order of its nodes.
+    /// Cells of each tetrahedron, in the order of its nodes.
     cells: Vec<[[u32; 4]; 4]>,
     /// Λ_t/4.
     shares: Vec<T::Lanes>,
-    /// Where the slope of each of its cells by each of its nodes is added up.
+    /// Accumulation index of the gradient of each of its cells with respect to each of its nodes.
     slots: Vec<[[[u32; 4]; 4]; 4]>,
 }
 
-/// What the cells of a chunk go through.
+/// Volumetric strains of the cells of a chunk.
 #[derive(Debug, Default)]
 pub(in crate::physics::cpu) struct VolumeStrains<T> {
     /// θ.
     volume_strain: Vec<T>,
-    /// And how it changes with the velocities, if that was asked for.
+    /// Rate of θ for the current velocities, if requested.
     rate: Vec<T>,
 }
 
@@ -56,32 +56,32 @@ pub(in crate::physics::cpu) struct NodalVolumeTerm<T: Real> {
     pub inner: TetVolumeLinks<T>,
     pub outer: TetVolumeLinks<T>,
     beyond: (Vec<TetBatch<T>>, TetVolumeLinks<T>),
-    /// 1/Λ_a; the last, of tets that have no cells, is 0.
+    /// 1/Λ_a; the last entry, for tetrahedra without cells, is 0.
     inverse_moduli: Vec<T>,
-    /// Λ_a, or 0 where another chunk counts the energy.
+    /// Λ_a, or 0 if another chunk counts the energy.
     counted: Vec<T>,
-    /// The nodes of each cell, ascending.
+    /// Nodes of each cell, ascending.
     starts: Vec<u32>,
     columns: Vec<u32>,
-    /// √s Λ_a^½ ∂θ_a/∂x, s what the second derivatives are multiplied by; one more at the end.
+    /// √s Λ_a^½ ∂θ_a/∂x, where s is the factor of the Hessian; one extra entry at the end.
     gradients: Vec<V4<T>>,
-    /// The same of the damping, if there is any, and what its squares are multiplied by.
+    /// The same gradients for the damping, if there is any, and the factor of their outer products.
     damping_gradients: Vec<V4<T>>,
     damping: T,
-    /// Room; only the chunk's own thread asks for it.
+    /// Scratch buffer; only the chunk's own thread locks it.
     changes: Mutex<VolumeStrains<T>>,
 }
 
 impl<T: Real> NodalVolumeTerm<T> {
-    /// The cells of the tets of the chunk `nodes`: `lists` are those of which all nodes are in it,
-    /// and those of which some are. `implicit` if they are to be linearised.
+    /// Creates the cells of the tetrahedra of the chunk `nodes`: `lists` are the tetrahedra with
+    /// all nodes in the chunk and those with some. `implicit` if they will be linearised.
     pub fn new(
         of: &VolumeSources<'_>,
         nodes: Range<usize>,
         lists: [&[CountedTet]; 2],
         implicit: bool,
     ) -> NodalVolumeTerm<T> {
-        // Numbers within the chunk, in the order of their nodes.
+        // Indices within the chunk, in the order of their nodes.
         let mut own: Vec<(u32, u32)> = Vec::new();
         let corners = |t: u32| of.cells.of_tet[t as usize];
         let place = |c: u32| of.place[of.cells.cells[c as usize].node as usize];
@@ -189,7 +189,7 @@ impl<T: Real> NodalVolumeTerm<T> {
         }
     }
 
-    /// Makes room for damping.
+    /// Allocates storage for damping.
     pub fn damp(&mut self) {
         self.damping_gradients = vec![zero(); self.gradients.len()];
     }
@@ -206,7 +206,8 @@ impl<T: Real> NodalVolumeTerm<T> {
         ]
     }
 
-    /// What the cells go through at the displacements `u`, and with the velocities `v`.
+    /// Computes the volumetric strains at the displacements `u`, and their rates for the velocities
+    /// `v` if `RATES`.
     pub fn changes<const RATES: bool>(
         &self,
         u: &[V4<T>],
@@ -239,14 +240,14 @@ impl<T: Real> NodalVolumeTerm<T> {
         changes
     }
 
-    /// The part of their energy that this chunk counts.
+    /// Returns the energy counted by this chunk.
     pub fn energy(&self, changes: &VolumeStrains<T>) -> f64 {
         let each = self.counted.iter().zip(&changes.volume_strain);
         0.5 * each.map(|(c, j)| (*c * *j * *j).to_f64()).sum::<f64>()
     }
 
-    /// Takes note of the slopes at `u`, of second derivatives that are multiplied by `by`, beside
-    /// `damping` times those of the damping.
+    /// Stores the gradients at `u` for a Hessian scaled by `by`, plus `damping` times the damping
+    /// matrix.
     pub fn linearise(&mut self, u: &[V4<T>], lists: [&[TetBatch<T>]; 2], by: T, damping: T) {
         let mut slopes = std::mem::take(&mut self.gradients);
         slopes.fill(zero());
@@ -283,12 +284,12 @@ impl<T: Real> NodalVolumeTerm<T> {
         self.damping = damping;
     }
 
-    /// Makes what was linearised last the damping.
+    /// Uses the last linearisation as the damping matrix.
     pub fn freeze_damping(&mut self) {
         std::mem::swap(&mut self.gradients, &mut self.damping_gradients);
     }
 
-    /// The nodes and slopes of every cell.
+    /// Iterates over the nodes and gradients of every cell.
     fn each<'a>(&'a self, slopes: &'a [V4<T>]) -> impl Iterator<Item = (&'a [u32], &'a [V4<T>])> {
         self.starts.windows(2).map(move |s| {
             let range = s[0] as usize..s[1] as usize;
@@ -296,14 +297,14 @@ impl<T: Real> NodalVolumeTerm<T> {
         })
     }
 
-    /// What is linearised, with what each part of it is multiplied by.
+    /// Returns the linearised parts, each with its factor.
     fn parts(&self) -> impl Iterator<Item = (&[V4<T>], T)> {
         let damped = self.damping > T::ZERO;
         let damping = damped.then_some((&self.damping_gradients[..], self.damping));
         [(&self.gradients[..], T::ONE)].into_iter().chain(damping)
     }
 
-    /// Adds the blocks on the diagonal to those of the chunk's nodes, which begin with `first`.
+    /// Adds the diagonal blocks to those of the chunk's nodes, which begin with `first`.
     pub fn add_diagonal(&self, first: usize, out: &mut [SymMat3<T>]) {
         for (slopes, by) in self.parts() {
             for (columns, slopes) in self.each(slopes) {
@@ -319,7 +320,7 @@ impl<T: Real> NodalVolumeTerm<T> {
         }
     }
 
-    /// Adds the squares times p to the chunk's nodes, which begin with `first`.
+    /// Adds the outer products times p to the chunk's nodes, which begin with `first`.
     pub fn multiply(&self, first: usize, p: &[V4<T>], y: &mut [V4<T>]) {
         for (slopes, by) in self.parts() {
             self.apply_rank_one(slopes, p, |along, v, s| {
@@ -330,8 +331,8 @@ impl<T: Real> NodalVolumeTerm<T> {
         }
     }
 
-    /// Takes the squares of the damping times w from the chunk's nodes, which begin with `first`.
-    /// Returns their part of w times that.
+    /// Subtracts the damping matrix times w from the forces on the chunk's nodes, which begin with
+    /// `first`. Returns the chunk's share of w times that product.
     pub fn resist(&self, first: usize, w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let mut sum = 0.0;
         self.apply_rank_one(&self.damping_gradients, w, |along, v, s| {
@@ -358,7 +359,7 @@ impl<T: Real> NodalVolumeTerm<T> {
         }
     }
 
-    /// Tells the blocks above the diagonal.
+    /// Visits the blocks above the diagonal.
     pub fn pairs(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for (slopes, by) in self.parts() {
             for (n, (columns, slopes)) in self.each(slopes).enumerate() {
@@ -382,7 +383,7 @@ impl<T: Real> NodalVolumeTerm<T> {
 }
 
 impl<T: Real> VolumeStrains<T> {
-    /// What presses in the tets of a batch, times their volume, and how that changes.
+    /// Returns the averaged pressure in the tetrahedra of a batch times their volume, and its rate.
     #[inline(always)]
     pub fn tet_pressures(&self, corners: &TetVolumeLinks<T>, batch: usize) -> [T::Lanes; 2] {
         let share = corners.shares[batch];

@@ -1,20 +1,20 @@
-//! F = U Σ Vᵀ of four tets at a time, without branches, and what of the second derivatives of an
-//! isotropic energy can be said in that frame.
+//! Branch-free singular value decomposition F = U Σ Vᵀ of four tetrahedra at a time, and the
+//! Hessian of isotropic energies in that frame.
 //!
-//! U and V are rotations: of the σ, descending in size, only the last is negative, where F is
-//! inverted. The second derivatives of Ψ(σ) by F in that frame (Stomakhin et al. 2012; Smith, de
-//! Goes & Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies") are a 3×3 matrix
-//! ∂²Ψ/∂σ², and for each pair of axes a twist (Ψ_i + Ψ_j)/(σ_i + σ_j) and a flip
+//! U and V are rotations; of the σ, in descending order of magnitude, only the last is negative, if
+//! F is inverted. The Hessian of Ψ(σ) with respect to F in that frame (Stomakhin et al. 2012;
+//! Smith, de Goes & Kim 2019, "Analytic Eigensystems for Isotropic Distortion Energies") consists
+//! of the 3×3 matrix ∂²Ψ/∂σ² and, for each pair of axes, a twist (Ψ_i + Ψ_j)/(σ_i + σ_j) and a flip
 //! (Ψ_i − Ψ_j)/(σ_i − σ_j).
 
 use super::batch::{LaneMat3, LaneVec3, add_identity, cross, dot, times};
 use crate::physics::ConstitutiveModel;
 use crate::physics::cpu::simd::Lane;
 
-/// What a twist is divided by, at least: the corotated energy has a ridge where it is zero.
+/// Lower bound of the denominator of a twist: the corotated energy has a ridge where it is zero.
 const MIN_TWIST_DENOMINATOR: f64 = 1e-4;
 
-/// The parts of F.
+/// Singular value decomposition of F.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::physics::cpu) struct Svd<L> {
     /// Columns.
@@ -27,19 +27,20 @@ pub(in crate::physics::cpu) struct Svd<L> {
     pub stretch: LaneVec3<L>,
 }
 
-/// Second derivatives of the energy by F, times the volume, in the frame of the tet.
+/// Hessian of the energy with respect to F, times the volume, in the principal frame of the
+/// tetrahedron.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::physics::cpu) struct PrincipalHessian<L> {
     u: LaneMat3<L>,
     /// xx, yy, zz, yz, xz, xy of ∂²Ψ/∂σ².
     a: [L; 6],
-    /// How P_ij goes with F_ij, where k is neither i nor j.
+    /// Derivative of P_ij with respect to F_ij, where k is neither i nor j.
     p: LaneVec3<L>,
-    /// And with F_ji.
+    /// Derivative of P_ij with respect to F_ji.
     q: LaneVec3<L>,
 }
 
-/// One of Jacobi's rotations: makes a_pq zero.
+/// One Jacobi rotation: makes a_pq zero.
 #[inline(always)]
 fn rotate<L: Lane>(a: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize) {
     let (one, four) = (L::splat(1.0), L::splat(4.0));
@@ -65,7 +66,7 @@ fn rotate<L: Lane>(a: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize)
     v[q] = std::array::from_fn(|i| s * x[i] + c * y[i]);
 }
 
-/// Makes a symmetric matrix diagonal; returns its eigenvectors as columns.
+/// Diagonalises a symmetric matrix by Jacobi sweeps; returns its eigenvectors as columns.
 #[inline(always)]
 fn diagonalise<L: Lane>(a: &mut LaneMat3<L>) -> LaneMat3<L> {
     let mut v = add_identity(&[[L::splat(0.0); 3]; 3]);
@@ -82,8 +83,8 @@ fn diagonalise<L: Lane>(a: &mut LaneMat3<L>) -> LaneMat3<L> {
     v
 }
 
-/// Turns two columns of W = F V, and of V, until those of W are across each other (Hestenes'
-/// one-sided rotation), where they are not to the digits there are.
+/// Orthogonalises two columns of W = F V, rotating those of V with them (Hestenes' one-sided Jacobi
+/// rotation); does nothing if they are orthogonal up to rounding.
 #[inline(always)]
 fn orthogonalise_columns<L: Lane>(w: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize) {
     let (zero, one) = (L::splat(0.0), L::splat(1.0));
@@ -92,7 +93,7 @@ fn orthogonalise_columns<L: Lane>(w: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: u
     let reach = d.abs() + (d * d + L::splat(4.0) * c * c).sqrt();
     let t = (c + c) / reach.select_greater(zero, reach, one);
     let t = zero.select_greater(d, -t, t);
-    // Squares of small stretches are within the range of f32 as long as these are above 1e-9.
+    // Squares of small stretches stay in the range of f32 if the stretches are above 1e-9.
     let skew = (c * c).select_greater(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b, t, zero);
     let cos = one / (skew * skew + one).sqrt();
     let sin = skew * cos;
@@ -104,16 +105,16 @@ fn orthogonalise_columns<L: Lane>(w: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: u
 }
 
 impl<L: Lane> Svd<L> {
-    /// Of F = I + `g`.
+    /// Decomposes F = I + `g`.
     #[inline(always)]
     pub fn new(g: &LaneMat3<L>) -> Svd<L> {
-        // FᵀF − I, in which nothing cancels; its eigenvalues are σ² − 1.
+        // FᵀF − I, free of cancellation; its eigenvalues are σ² − 1.
         let strain: LaneMat3<L> =
             std::array::from_fn(|j| std::array::from_fn(|i| g[j][i] + g[i][j] + dot(g[i], g[j])));
         let mut v = diagonalise(&mut { strain });
         let f = add_identity(g);
         let mut w = v.map(|v| times(&f, v));
-        // Of a tet that is nearly a line or a point the strain says too little.
+        // For a tetrahedron that is nearly a line or a point, the strain is not accurate enough.
         for _ in 0..3 {
             let skew = |p: usize, q: usize| {
                 let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
@@ -136,7 +137,7 @@ impl<L: Lane> Svd<L> {
                 b.select_greater(a, e[q], e[p]),
                 b.select_greater(a, e[p], e[q]),
             );
-            // Turned a quarter, not swapped: V stays a rotation.
+            // Rotated by 90° instead of swapped, so that V stays a rotation.
             for m in [&mut v, &mut w] {
                 let (x, y) = (m[p], m[q]);
                 m[p] = std::array::from_fn(|i| b.select_greater(a, y[i], x[i]));
@@ -147,7 +148,8 @@ impl<L: Lane> Svd<L> {
         let n0 = dot(w[0], w[0]);
         let point = L::splat(1e-30);
         let over = one / n0.select_greater(point, n0, one).sqrt();
-        // Of a tet that is a point any frame will do; of one that is a line, any across it.
+        // A tetrahedron collapsed to a point may use any frame; one collapsed to a line, any
+        // direction perpendicular to it.
         let u0: LaneVec3<L> = std::array::from_fn(|i| {
             n0.select_greater(point, w[0][i] * over, if i == 0 { one } else { zero })
         });
@@ -160,7 +162,7 @@ impl<L: Lane> Svd<L> {
         let u1: LaneVec3<L> = std::array::from_fn(|i| n1.select_greater(thin, across[i], any[i]));
         let over = one / dot(u1, u1).sqrt();
         let u1 = u1.map(|x| x * over);
-        // Where it was nearly a line, rounding left something along u0.
+        // For a nearly collapsed tetrahedron, rounding leaves a component along u0.
         let d = dot(u0, u1);
         let u1: LaneVec3<L> = std::array::from_fn(|i| u1[i] - d * u0[i]);
         let over = one / dot(u1, u1).sqrt();
@@ -179,7 +181,7 @@ impl<L: Lane> Svd<L> {
         }
     }
 
-    /// U d Vᵀ for a diagonal d, by columns.
+    /// Returns U d Vᵀ for a diagonal d, as columns.
     #[inline(always)]
     pub fn compose(&self, d: LaneVec3<L>) -> LaneMat3<L> {
         let v = &self.v;
@@ -191,8 +193,8 @@ impl<L: Lane> Svd<L> {
         })
     }
 
-    /// The curvature of `law` under a pressure `push` that stays, times what `lame` and that are
-    /// times; without its negative eigenvalues, if it is to be `projected`.
+    /// Returns the Hessian of `law` at constant additional pressure `push`, scaled like `lame` and
+    /// `push`; with negative eigenvalues clamped to zero if `projected`.
     #[inline(always)]
     pub fn curvature(
         &self,
@@ -263,8 +265,8 @@ impl<L: Lane> Svd<L> {
 }
 
 impl<L: Lane> PrincipalHessian<L> {
-    /// The block between two nodes with the gradients `x` and `y` in the frame of V (Vᵀ g), by
-    /// columns.
+    /// Returns the block between two nodes with the gradients `x` and `y` in the frame of V (Vᵀ g),
+    /// as columns.
     #[inline(always)]
     pub fn block(&self, x: LaneVec3<L>, y: LaneVec3<L>) -> LaneMat3<L> {
         let m: LaneMat3<L> = std::array::from_fn(|k| {

@@ -1,8 +1,8 @@
-//! Tets of hyperelastic material as a term of a body's energy.
+//! Hyperelastic tetrahedra as a term of a body's energy.
 //!
-//! A chunk of nodes has the tets of which all nodes are its own, and those of which some are; the
-//! latter are computed by every chunk that has a node of them, so that no chunk writes to
-//! another's nodes.
+//! A chunk of nodes stores the tetrahedra with all nodes in the chunk and those with some. Every
+//! chunk that has a node of a shared tetrahedron computes it, so that no chunk writes to the nodes
+//! of another.
 
 use super::batch::TetBatch;
 use super::nodal_volumes::{NodalVolumeTerm, VolumeSources};
@@ -16,34 +16,34 @@ use crate::physics::{ConstitutiveModel, DiscreteModel, Elements, LocalUnits};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
-/// Tets of a chunk, four at a time.
+/// Tetrahedra of a chunk, in batches of four.
 #[derive(Clone, Debug, Default)]
 struct List<T: Real> {
     batches: Vec<TetBatch<T>>,
-    /// Where each tet's blocks go, in the order of the pairs of its nodes.
+    /// Destination of each tetrahedron's blocks, in the order of its node pairs.
     block_slots: Vec<[[u32; 6]; 4]>,
-    /// 1, or 0 for tets whose energy another chunk counts.
+    /// 1, or 0 for tetrahedra whose energy another chunk counts.
     energy_mask: Vec<V4<T>>,
 }
 
-/// The tets of a chunk of nodes.
+/// Tetrahedra of a chunk of nodes.
 #[derive(Debug)]
 struct Chunk<T: Real> {
     first: usize,
-    /// All of their nodes are in the chunk.
+    /// Tetrahedra with all nodes in the chunk.
     interior: List<T>,
-    /// Some are.
+    /// Tetrahedra with some nodes in the chunk.
     shared: List<T>,
-    /// Where what is around a node keeps its volume.
+    /// Averaged nodal volumes, if the formulation uses them.
     volumes: Option<NodalVolumeTerm<T>>,
     rows: BlockCsr<T>,
-    /// β K of the damping, in the pattern of the rows.
+    /// β K of the damping, in the sparsity pattern of the rows.
     damping: Vec<Mat3Columns<T>>,
-    /// α m of every node, where there is an α.
+    /// α m of every node, if α is not 0.
     mass_damping: Vec<T>,
 }
 
-/// All tets of a body.
+/// All tetrahedra of a body.
 #[derive(Debug)]
 pub struct ElementTerm<T: Real> {
     law: ConstitutiveModel,
@@ -53,20 +53,20 @@ pub struct ElementTerm<T: Real> {
     projected: bool,
 }
 
-/// What is made of the tets of a chunk when they are linearised.
+/// Options for linearising the tetrahedra of a chunk.
 #[derive(Clone, Copy)]
 struct AssemblyOptions<T> {
     law: ConstitutiveModel,
     projected: bool,
-    /// What the blocks are multiplied by.
+    /// Factor of the blocks.
     scale: T,
-    /// What β K is, that is added.
+    /// Factor of the β K to add.
     damping: T,
 }
 
 impl<T: Real> ElementTerm<T> {
-    /// The elements of `network`, of which node `order[k]` is the engine's k-th, shared out by
-    /// `plan`; `implicit` if they are to be linearised.
+    /// Creates the term for the elements of `network`, whose node `order[k]` is the engine's k-th,
+    /// partitioned by `plan`; `implicit` if they will be linearised.
     pub fn new(
         network: &DiscreteModel,
         (order, units, plan): (&[u32], LocalUnits, &Partition),
@@ -78,7 +78,7 @@ impl<T: Real> ElementTerm<T> {
         }
         let elements = &network.elements;
         let tets = &elements.tets;
-        // Nodes ascending, so that blocks above the diagonal are those of the pairs.
+        // Ascending nodes, so that the node pairs give the blocks above the diagonal.
         let mut sorted: Vec<SortedTet> = tets
             .iter()
             .enumerate()
@@ -156,14 +156,14 @@ impl<T: Real> ElementTerm<T> {
     }
 }
 
-/// A tet, its nodes ascending, with the places they had.
+/// A tetrahedron: its nodes in ascending order, their original positions, and its index.
 pub(in crate::physics::cpu) type SortedTet = ([u32; 4], [usize; 4], u32);
 
-/// And whether its energy is counted.
+/// A tetrahedron, and whether its energy is counted.
 pub(in crate::physics::cpu) type CountedTet = (SortedTet, bool);
 
 impl<T: Real> TetBatch<T> {
-    /// Up to four of the elements; the rest are at node `fill`.
+    /// Creates a batch of up to four elements; the padding refers to node `fill`.
     pub fn new(
         own: &[CountedTet],
         elements: &Elements,
@@ -236,8 +236,8 @@ impl<T: Real> List<T> {
         batches.any(|batch| batch.inverted(&batch.gradient(u)))
     }
 
-    /// Adds the forces; of velocities `v`, if there are any, also those of the damping β. `push`
-    /// tells what presses in the tets of a batch beside their law, and how that changes.
+    /// Adds the forces, and the β damping forces for the velocities `v` if `DAMPED`. `push` returns
+    /// the additional pressure in the tetrahedra of a batch, and its rate.
     #[inline(always)]
     fn forces<const INNER: bool, const DAMPED: bool>(
         &self,
@@ -345,7 +345,7 @@ impl<T: Real> Chunk<T> {
     }
 }
 
-/// No push.
+/// No additional pressure.
 #[inline(always)]
 fn nothing<L: Lane>(_: usize) -> [L; 2] {
     [L::splat(0.0); 2]

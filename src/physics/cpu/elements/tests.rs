@@ -1,4 +1,4 @@
-//! The finite elements against their plain float64 form, and what steps of them must keep to.
+//! Tests of the finite elements against their float64 reference, and of invariants of their steps.
 #![allow(clippy::unwrap_used, clippy::needless_range_loop)]
 
 use super::batch::TetBatch;
@@ -21,8 +21,7 @@ use glam::{DMat3, DVec3};
 
 const LAWS: [ConstitutiveModel; 2] = [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated];
 
-/// Tets of some shape and where their corners are: a little off, far off, turned, inverted, nearly
-/// flat, and flat.
+/// Tetrahedra with deformed corners: slightly, strongly, rotated, inverted, nearly flat, and flat.
 fn cases(law: ConstitutiveModel) -> Vec<(Element, [DVec3; 4])> {
     let mut next = noise(5);
     let mut vector = |size: f64| size * DVec3::new(next(), next(), next());
@@ -31,7 +30,7 @@ fn cases(law: ConstitutiveModel) -> Vec<(Element, [DVec3; 4])> {
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| 0.3 * p + vector(0.07));
         let e = Element::new([0, 1, 2, 3], corners, 1e4, 0.3, law).unwrap();
         let turn = DMat3::from_axis_angle(vector(1.0).normalize(), 3.0 * f64::from(n % 7));
-        // Where two stretches are each other's negative the corotated energy has a ridge.
+        // The corotated energy has a ridge where two stretches are each other's negative.
         let mirrored = if law == ConstitutiveModel::Corotated {
             -0.5
         } else {
@@ -46,13 +45,13 @@ fn cases(law: ConstitutiveModel) -> Vec<(Element, [DVec3; 4])> {
     all
 }
 
-/// Four cases as a batch whose rest positions are those of the cases, with displacements.
+/// Returns four cases as a batch with their rest positions, and the displacements.
 fn batch<T: Real>(four: &[(Element, [DVec3; 4])]) -> (TetBatch<T>, Vec<V4<T>>) {
     let mut u = Vec::new();
     let mut gradients = [[[T::ZERO; 4]; 3]; 3];
     let mut lame = [[T::ZERO; 4]; 2];
     for (l, (e, corners)) in four.iter().enumerate() {
-        // Rest positions of the tet, but for where it is.
+        // Rest positions of the tetrahedron, up to a translation.
         let edges = e.inverse_rest_shape.inverse();
         for (a, p) in corners.iter().enumerate() {
             let rest = if a > 0 { edges.col(a - 1) } else { DVec3::ZERO };
@@ -80,7 +79,7 @@ fn vector<T: Real>(a: V4<T>) -> DVec3 {
     DVec3::new(a[0].to_f64(), a[1].to_f64(), a[2].to_f64())
 }
 
-/// The largest errors of energy, force and exact and projected blocks over their sizes.
+/// Returns the largest relative errors of energy, force, and exact and projected blocks.
 fn errors<T: Real>(law: ConstitutiveModel, spoil: impl Fn(&mut Element)) -> [f64; 4] {
     let mut worst = [0.0f64; 4];
     for four in cases(law).chunks(4) {
@@ -141,7 +140,7 @@ fn kernels_are_the_plain_form() {
         let narrow = errors::<f32>(law, |_| ());
         println!("{law:?}: f64 {wide:?}, f32 {narrow:?}");
         assert!(wide.iter().all(|e| *e < 1e-9), "{wide:?}");
-        // Flat tets are where crushed ones resist most steeply.
+        // Flat tetrahedra are where the crush resistance is steepest.
         assert!(narrow.iter().all(|e| *e < 3e-3), "{narrow:?}");
         let spoiled = errors::<f64>(law, |e| e.lame_parameters[0] *= 1.001);
         assert!(spoiled.iter().all(|e| *e > 1e-5), "{spoiled:?}");
@@ -235,7 +234,7 @@ fn projected_blocks_lower_no_energy() {
     }
 }
 
-/// A bar, pulled about, of elements with springs along its edges or none.
+/// A deformed bar of elements, with or without springs along its edges.
 pub fn bar(cells: [usize; 3], law: ConstitutiveModel, springs: bool) -> DiscreteModel {
     let mesh = generate::bar(cells, DVec3::new(0.8, 0.2, 0.2)).unwrap();
     let mut network = DiscreteModel::new(&mesh, &Material::from_young(1e5)).unwrap();
@@ -249,8 +248,8 @@ pub fn bar(cells: [usize; 3], law: ConstitutiveModel, springs: bool) -> Discrete
     network
 }
 
-/// The bar of tets that keep their volumes so, of two materials, one `contrast` times as stiff; a
-/// few tets do not belong.
+/// The bar with the given volumetric formulation and two materials, one `contrast` times as stiff;
+/// a few tetrahedra have no cells.
 fn mixed(law: ConstitutiveModel, volume: VolumetricFormulation, contrast: f64) -> DiscreteModel {
     let mut network = bar([5, 3, 2], law, false);
     network.elements.volume = volume;
@@ -345,18 +344,18 @@ fn the_term_is_the_plain_form() {
                 off.fold(0.0, f64::max) / size
             };
             assert!(far(&f, &forces, units.force()) < 1e-12);
-            // Of explicit schemes the damping is exact, and where the body is.
+            // Explicit schemes use the exact damping at the current displacements.
             let mut f = vec![[0.0; 4]; count];
             let w = local(&p, units.length / units.time);
             let at = StateRef { u: &u, v: &w };
             for c in 0..chunks {
                 term.forces(c, at, &mut f[plan.range(c)]);
             }
-            // What p are metres of are metres a second here.
+            // Metres of p are metres per second here.
             let damped = with(-network.damping_time, &forces, &products[0]);
             assert!(far(&f, &damped, units.force()) < 1e-10);
             assert!(far(&f, &forces, units.force()) > 1e-3);
-            // Of implicit ones it is projected, and may be from elsewhere.
+            // Implicit schemes use projected damping, possibly frozen at other displacements.
             term.freeze_damping(&plan, &u);
             let mut f = vec![[0.0; 4]; count];
             let half_power: f64 = (0..chunks)
@@ -394,7 +393,7 @@ fn the_term_is_the_plain_form() {
                 let damping: Vec<DVec3> =
                     products[1].iter().map(|x| *x * seconds * seconds).collect();
                 assert!(far(&y, &damping, unit) > 1e-3);
-                // The same from the blocks that it tells.
+                // The visited blocks give the same product.
                 let mut z: Vec<V4<f64>> = (0..count)
                     .map(|k| apply_symmetric(&diagonal[k], q[k]))
                     .collect();
@@ -412,8 +411,8 @@ fn the_term_is_the_plain_form() {
     }
 }
 
-/// Averaged volumes: forces and second derivatives are the slopes of one energy, which is that of
-/// the tets where all are strained alike and at most that anywhere.
+/// Averaged volumes: forces and Hessian are derivatives of one energy, which equals that of the
+/// tetrahedra under uniform strain and is at most that otherwise.
 #[test]
 fn averaged_volumes_have_one_energy() {
     for (law, contrast) in [

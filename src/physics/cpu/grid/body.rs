@@ -1,5 +1,6 @@
-//! Grid bodies on the CPU: Verlet on particles with 18 implicit neighbours (Mosegaard, Herborg &
-//! Sørensen 2005). The twin of `shaders/physics/grid_verlet.wgsl` and `physics::grid::reference`.
+//! Grid bodies on the CPU: Verlet integration of particles with 18 implicit neighbours (Mosegaard,
+//! Herborg & Sørensen 2005). The counterparts are `shaders/physics/grid_verlet.wgsl` and the
+//! reference `physics::grid::reference`.
 
 use super::forces::{Slab, SoaVec3, SpringKind, SpringRun};
 use crate::physics::cpu::node_constraints::{NodeConstraint, check_attachments};
@@ -12,20 +13,20 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Particles below which a second thread costs more than it gives.
+/// Fewest particles per thread for which another thread pays off.
 const PARTICLES_A_THREAD: usize = 1500;
 
-/// So many particles that the body has not may be a part of a run.
+/// Largest number of missing particles inside a run.
 const MAX_RUN_GAP: usize = 16;
 
-/// Particles in a run of springs at most: its forces stay in the first cache.
+/// Largest number of particles in a run of springs: its forces fit in the L1 cache.
 const MAX_RUN: usize = 512;
 
-/// A grid body stepped on the CPU in numbers of type `T`.
+/// A grid body stepped on the CPU with scalars of type `T`.
 ///
-/// Particles go in and out by their numbers in the grid, those that the body has not included, in
-/// SI units, positions in metres from the origin of the model's frame. Kept are displacements from
-/// the rest positions in units of the body's size, so that f32 has its digits where they matter.
+/// Inputs and outputs use the grid's particle numbering, including missing particles, and SI units,
+/// with positions in metres from the origin of the model's frame. Internally, the body stores
+/// displacements from rest in units of its size, so that f32 keeps its precision.
 #[derive(Clone, Debug)]
 pub struct CpuGridBody<T: Real> {
     pub(in crate::physics::cpu) rest: Vec<DVec3>,
@@ -38,7 +39,7 @@ pub struct CpuGridBody<T: Real> {
     pub(in crate::physics::cpu) stiffness: [f64; 9],
     pub(in crate::physics::cpu) springs: Vec<u32>,
     pub(in crate::physics::cpu) factors: Vec<T>,
-    /// Mean mass over mass; 0 for particles that stay.
+    /// Mean mass over mass; 0 for fixed particles.
     pub(in crate::physics::cpu) inverse: Vec<T>,
     pub(in crate::physics::cpu) forces: Option<SoaVec3<T>>,
     pub(in crate::physics::cpu) external: Vec<DVec3>,
@@ -50,15 +51,15 @@ pub struct CpuGridBody<T: Real> {
     pub(in crate::physics::cpu) now: SoaVec3<T>,
     pub(in crate::physics::cpu) next: SoaVec3<T>,
     pub(in crate::physics::cpu) velocities: Vec<DVec3>,
-    /// What pulls at particles now.
+    /// Current target spring forces on particles.
     pub(in crate::physics::cpu) pulls: Vec<(usize, DVec3)>,
-    /// Length of the last step, s; none at first.
+    /// Length of the last step, s; `None` before the first.
     pub(in crate::physics::cpu) previous_dt: Option<f64>,
     pub(in crate::physics::cpu) steps: u64,
 }
 
-/// The parts of a run of particles of which the springs of a kind, that lead `offset` on, begin or
-/// end in the slab of the particles `mine`.
+/// Pushes the parts of a run of particles whose springs of a kind, with the index offset `offset`,
+/// begin or end in the slab of the particles `mine`.
 fn within(
     run: &Range<usize>,
     kind: usize,
@@ -88,28 +89,28 @@ fn within(
     }
 }
 
-/// What [`CpuGridBody::state`] gives.
+/// State from [`CpuGridBody::state`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParticlesState<T> {
-    /// Displacements now and a step before.
+    /// Current displacements, and those of the previous step.
     pub u: [SoaVec3<T>; 2],
-    /// Velocities to begin with, m/s; of use before the first step only.
+    /// Initial velocities, m/s; used before the first step only.
     pub velocities: Vec<[f64; 3]>,
     /// Length of the last step, s.
     pub lag: Option<f64>,
-    /// Steps taken.
+    /// Number of steps taken.
     pub steps: u64,
 }
 
 impl<T: Real> CpuGridBody<T> {
-    /// The body of `model`, at rest; nothing pinned, no gravity.
+    /// Creates the body of `model` at rest, without pins or gravity.
     pub fn new(model: &GridModel) -> CpuGridBody<T> {
         let bodies = model.masses.iter().filter(|m| **m > 0.0).count();
         let threads = rayon::current_num_threads();
         CpuGridBody::with_slabs(model, threads.min(bodies / PARTICLES_A_THREAD))
     }
 
-    /// As [`CpuGridBody::new`], its rows shared out in that many slabs, or fewer.
+    /// As [`CpuGridBody::new`], with the rows partitioned into `slabs` slabs, or fewer.
     pub fn with_slabs(model: &GridModel, slabs: usize) -> CpuGridBody<T> {
         let rest = model.rest_positions_m();
         let count = rest.len();
@@ -165,7 +166,7 @@ impl<T: Real> CpuGridBody<T> {
         body
     }
 
-    /// Shares the rows, of `row` particles each, out in slabs.
+    /// Partitions the rows, of `row` particles each, into slabs.
     fn share_out(&mut self, row: usize, slabs: usize) {
         let count = self.rest.len();
         let has = |i: &usize| self.masses[*i] > 0.0;
@@ -180,8 +181,8 @@ impl<T: Real> CpuGridBody<T> {
         starts.push(count);
         let chunks = starts.len() - 1;
         self.plan = Arc::new(Partition::with_chunks(starts, chunks));
-        // Particles one after the other, and what lies between where that is little: springs that
-        // are not there cost less than to begin a run.
+        // Runs of consecutive particles that may include small gaps: computing missing springs
+        // costs less than starting another run.
         let mut runs: Vec<Range<usize>> = Vec::new();
         let mut slab = 0;
         for i in (0..count).filter(has) {
@@ -224,17 +225,17 @@ impl<T: Real> CpuGridBody<T> {
         }
     }
 
-    /// In how many slabs its rows are shared out.
+    /// Returns the number of slabs.
     pub fn parts(&self) -> usize {
         self.slabs.len()
     }
 
-    /// Steps taken.
+    /// Returns the number of steps taken.
     pub fn steps(&self) -> u64 {
         self.steps
     }
 
-    /// Says which particles are pinned.
+    /// Sets the pinned particles.
     ///
     /// # Errors
     /// [`Error::Input`] for a wrong number of flags.
@@ -268,10 +269,10 @@ impl<T: Real> CpuGridBody<T> {
         Ok(())
     }
 
-    /// Replaces the springs of every particle: those that a cut has left.
+    /// Replaces the springs of every particle by those left after a cut.
     ///
     /// # Errors
-    /// [`Error::Input`] for a wrong number of them, or springs that there were not.
+    /// [`Error::Input`] for a wrong number of them, or springs that did not exist before.
     pub fn set_springs(&mut self, springs: &[u32]) -> Result<()> {
         self.check("springs", springs.len())?;
         let new =
@@ -286,10 +287,10 @@ impl<T: Real> CpuGridBody<T> {
         Ok(())
     }
 
-    /// Sets what holds particles and pulls at them, in place of what did.
+    /// Replaces the constraints and target springs of particles.
     ///
     /// # Errors
-    /// [`Error::Input`] for attachments that make no sense.
+    /// [`Error::Input`] for invalid attachments.
     pub fn set_attachments(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
         check_attachments(attachments, self.rest.len())?;
         self.attachments = attachments.to_vec();
@@ -315,7 +316,7 @@ impl<T: Real> CpuGridBody<T> {
         ) * self.length
     }
 
-    /// Positions, m from the frame's origin.
+    /// Returns the positions, m from the frame's origin.
     pub fn positions(&self) -> Vec<DVec3> {
         let particles = self.rest.iter().enumerate();
         particles
@@ -323,7 +324,8 @@ impl<T: Real> CpuGridBody<T> {
             .collect()
     }
 
-    /// Velocities, m/s: the mean over the last step, or what was set before the first.
+    /// Returns the velocities, m/s: the mean over the last step, or the initial ones before the
+    /// first.
     pub fn velocities(&self) -> Vec<DVec3> {
         match self.previous_dt {
             None => self.velocities.clone(),
@@ -336,7 +338,8 @@ impl<T: Real> CpuGridBody<T> {
         }
     }
 
-    /// Energy of motion, Σ ½mv² of the mean velocity over the last step, J; zero before the first.
+    /// Returns the kinetic energy, Σ ½mv² of the mean velocity over the last step, J; 0 before the
+    /// first.
     pub fn kinetic_energy(&self) -> f64 {
         let Some(h) = self.previous_dt else {
             return 0.0;
@@ -351,11 +354,11 @@ impl<T: Real> CpuGridBody<T> {
         sum * unit * unit
     }
 
-    /// Puts the particles at positions (m from the frame's origin) with velocities (m/s): the next
-    /// step is a first one.
+    /// Sets particle positions (m from the frame's origin) and velocities (m/s); the integrator
+    /// restarts.
     ///
     /// # Errors
-    /// [`Error::Input`] for wrong numbers of them, or any that is not finite.
+    /// [`Error::Input`] for a wrong number of vectors or one that is not finite.
     pub fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         self.check_vectors("positions", positions)?;
         self.check_vectors("velocities", velocities)?;
@@ -370,7 +373,7 @@ impl<T: Real> CpuGridBody<T> {
         Ok(())
     }
 
-    /// The state, to the bit.
+    /// Returns the bitwise exact state.
     pub fn state(&self) -> ParticlesState<T> {
         ParticlesState {
             u: [self.now.clone(), self.before.clone()],
@@ -380,8 +383,7 @@ impl<T: Real> CpuGridBody<T> {
         }
     }
 
-    /// Goes on from a state that [`CpuGridBody::state`] gave of this body or of one made in the same
-    /// way.
+    /// Restores a state from [`CpuGridBody::state`] of this body or of one made in the same way.
     ///
     /// # Errors
     /// [`Error::Input`] for the state of another body.

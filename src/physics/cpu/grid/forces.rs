@@ -1,9 +1,8 @@
 //! Spring forces on a regular grid of particles, row by row in SIMD lanes: the inner loops of
 //! [`super::body`].
 //!
-//! Every spring is computed once, from the particle that it leads forward from, for a run of
-//! consecutive particles at a time: all of them have their neighbours of a kind at one distance in
-//! memory.
+//! Every spring is computed once, from the particle at its lower end, for a run of consecutive
+//! particles at a time: their neighbours of a kind all have the same offset in memory.
 
 use crate::physics::cpu::scalar::Real;
 use std::ops::Range;
@@ -14,43 +13,43 @@ pub type SoaVec3<T> = [Vec<T>; 3];
 /// A kind of spring in local units.
 #[derive(Clone, Copy, Debug)]
 pub struct SpringKind<T> {
-    /// From a particle's number to its neighbour's.
+    /// Index offset from a particle to its neighbour.
     pub offset: isize,
-    /// From a particle to its neighbour, at rest.
+    /// Rest vector from a particle to its neighbour.
     pub rest: [T; 3],
-    /// The length of that.
+    /// Rest length.
     pub length: T,
     /// κ.
     pub stiffness: T,
 }
 
-/// The springs of a kind that lead forward from consecutive particles.
+/// Forward springs of one kind from consecutive particles.
 #[derive(Clone, Copy, Debug)]
 pub struct SpringRun {
     /// The first particle.
     pub first: usize,
-    /// How many.
+    /// Number of particles.
     pub count: usize,
-    /// Which kind.
+    /// Index of the spring kind.
     pub kind: usize,
-    /// Whether the particles, and their neighbours, are the slab's own.
+    /// Whether the particles, and their neighbours, belong to the slab.
     pub owned: [bool; 2],
 }
 
-/// Consecutive rows of the grid, and what acts on their particles.
+/// Consecutive rows of the grid, with the forces on their particles.
 #[derive(Clone, Debug)]
 pub struct Slab<T> {
-    /// The runs with an end in the slab.
+    /// Runs with an end in the slab.
     pub runs: Vec<SpringRun>,
-    /// Runs of particles to be moved, numbered in the whole grid.
+    /// Runs of particles to move, in the numbering of the whole grid.
     pub particles: Vec<Range<usize>>,
-    /// Forces on all particles of the slab, from its first on.
+    /// Forces on all particles of the slab, beginning with its first.
     pub forces: SoaVec3<T>,
     scratch: SoaVec3<T>,
 }
 
 impl<T: Real> Slab<T> {
-    /// A slab of `length` particles, runs of at most `longest`.
+    /// Creates a slab of `length` particles, with runs of at most `longest`.
     pub fn new(
         runs: Vec<SpringRun>,
         particles: Vec<Range<usize>>,
@@ -66,8 +65,8 @@ impl<T: Real> Slab<T> {
         }
     }
 
-    /// Puts the spring forces at the displacements `u` into [`Slab::forces`]. `factors` and
-    /// `springs` are every particle's; `first` is the slab's first particle.
+    /// Writes the spring forces at the displacements `u` into [`Slab::forces`]. `factors` and
+    /// `springs` are those of all particles; `first` is the slab's first particle.
     pub fn spring_forces(
         &mut self,
         first: usize,
@@ -108,7 +107,7 @@ impl<T: Real> Slab<T> {
     }
 }
 
-/// Forces of the springs of one kind on the particles that they lead forward from.
+/// Computes the forces of the forward springs of one kind on their first particles.
 #[inline(never)]
 fn pull<T: Real>(
     kind: &SpringKind<T>,
@@ -134,7 +133,7 @@ fn pull<T: Real>(
             .sqrt();
         // |d|² − L², without cancellation.
         let gain = ex * (rx + dx) + ey * (ry + dy) + ez * (rz + dz);
-        // What a wave has hardly reached yet would be subnormal, and ten times as slow.
+        // Values at a wave front would be subnormal, and ten times as slow.
         let some = gain > T::MIN_LENGTH_CHANGE || gain < -T::MIN_LENGTH_CHANGE;
         let gain = if some { gain } else { T::ZERO };
         let there = T::of_bit(springs[m] >> bit & 1);

@@ -1,18 +1,18 @@
-//! The approximate normals of a grid body: what its surface is shaded by.
+//! Approximate normals of a grid body, for shading its surface.
 
 use super::body::CpuGridBody;
 use crate::parallel;
 use crate::physics::cpu::scalar::Real;
 use glam::DVec3;
 
-/// As `physics::grid::shape::LEAST_NORMAL`: of the springs' unit vectors around a node, summed,
-/// where they come to less than this, the node has no side that it could face.
+/// As `physics::grid::shape::LEAST_NORMAL`: if the sum of the springs' unit vectors at a node is
+/// shorter than this, the node has no outward direction.
 const LEAST_NORMAL: f64 = 0.5;
 
 impl<T: Real> CpuGridBody<T> {
-    /// The unit normal of every particle, normalize(Σ_j normalize(x_i − x_j)) over its springs;
-    /// zero where that sum nearly vanishes: inside, where the body is one particle thin, and for
-    /// particles that it has not.
+    /// Returns the unit normal of every particle, normalize(Σ_j normalize(x_i − x_j)) over its
+    /// springs; zero where that sum nearly vanishes: inside, where the body is one particle thin,
+    /// and for missing particles.
     pub fn normals(&self) -> Vec<DVec3> {
         parallel::map(self.rest.len(), |i| {
             let sum = self.away(i);

@@ -1,4 +1,4 @@
-//! A grid body as a simulator, stepped on the CPU.
+//! Simulator of a grid body, stepped on the CPU.
 
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::{Blade, NO_NORMAL, TetMesh, Topology, pack_normal};
@@ -16,23 +16,23 @@ use crate::{Error, FailureCause, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A grid body on threads of the processor.
+/// A grid body on CPU threads.
 pub struct CpuGrid {
     gpu: Gpu,
     mesh: TetMesh,
     topology: Topology,
     model: GridModel,
     loads: Loads,
-    /// The loads that the worker has.
+    /// Versions of the loads that the worker has.
     synced_loads: Option<LoadVersions>,
     precision: Precision,
     worker: Worker<dyn GridParticles>,
     nodes: NodePositions,
-    /// The positions that were uploaded.
+    /// Version of the uploaded positions.
     uploaded_version: u64,
-    /// The packed normals of the particles, once somebody asked for them.
+    /// Packed normals of the particles, created on first request.
     normals: Option<Array>,
-    /// Counts changes of state and shape from outside.
+    /// Counter of external changes of state and shape.
     changes: u64,
     progress: StepProgress,
 }
@@ -40,23 +40,23 @@ pub struct CpuGrid {
 /// The state of a [`CpuGrid`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CpuGridState {
-    /// The particles' own, packed: its numbers are those of the type that they are computed in.
+    /// State of the particles, serialised in their own precision.
     particles: Vec<u8>,
     loads: LoadsState,
     sent: Option<LoadVersions>,
     changes: u64,
     progress: StepProgress,
     span: StepClock,
-    /// In how many parts the nodes are shared out among threads: sums depend on it.
+    /// Number of slabs among which the particles are partitioned.
     parts: usize,
 }
 
 impl CpuGrid {
-    /// The body of `model`, at rest, stepped in numbers of that precision; the mesh over its full
-    /// cells may have fields and names in `mesh`. `gpu` is what it is drawn on.
+    /// Creates the body of `model` at rest, stepped in the given precision; `mesh`, over the
+    /// model's full cells, may carry fields and names. `gpu` renders it.
     ///
     /// # Errors
-    /// [`Error::Input`] for another mesh, [`Error::Gpu`] when its nodes do not fit the device.
+    /// [`Error::Input`] for another mesh, [`Error::Gpu`] if its nodes do not fit the device.
     pub fn new(
         gpu: &Gpu,
         model: GridModel,
@@ -85,7 +85,7 @@ impl CpuGrid {
     fn error(&mut self, refusal: WorkerError) -> Error {
         match refusal {
             WorkerError::Wrong(error) => {
-                // Loads that were refused are sent again.
+                // Rejected loads are sent again.
                 self.synced_loads = None;
                 error
             }
@@ -113,8 +113,8 @@ impl CpuGrid {
         }
     }
 
-    /// Positions in file units of those in metres; particles that the body has not are where the
-    /// mesh has them.
+    /// Converts positions in metres to file units; missing particles keep their positions in the
+    /// mesh.
     fn places(&self, metres: &[DVec3]) -> Vec<DVec3> {
         let (origin, unit) = (self.model.frame.origin, self.model.length_unit);
         let nodes = metres.iter().zip(&self.mesh.nodes).zip(&self.model.masses);
@@ -130,7 +130,7 @@ impl CpuGrid {
         (p - self.model.frame.origin) * self.model.length_unit
     }
 
-    /// Uploads the positions that were put out last, if they are new.
+    /// Uploads the latest published positions, if they are new.
     fn upload_published(&mut self) -> Result<()> {
         let Some((version, positions)) = self.worker.published(self.uploaded_version) else {
             return Ok(());
@@ -147,7 +147,8 @@ impl CpuGrid {
         }
     }
 
-    /// Makes the particles anew in so many parts, where they are not; their state is to be set.
+    /// Rebuilds the particles with `parts` slabs if they have another number; their state must be
+    /// set afterwards.
     fn repartition(&mut self, parts: usize) -> Result<()> {
         let mut body = self.worker.body();
         if body.parts() != parts {
@@ -156,13 +157,13 @@ impl CpuGrid {
         Ok(())
     }
 
-    /// Uploads the positions of now.
+    /// Uploads the current positions.
     fn upload_now(&mut self) -> Result<()> {
         self.worker.publish();
         self.upload_published()
     }
 
-    /// Puts the particles at positions with velocities, in file units.
+    /// Sets particle positions and velocities, in file units.
     fn set_particles(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let frame = self.nodes.frame();
         self.nodes

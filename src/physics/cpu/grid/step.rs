@@ -1,4 +1,4 @@
-//! Steps of a grid body: forces, the next positions, and whether all went well.
+//! Time steps of a grid body: forces, next positions, and checks.
 
 use super::body::CpuGridBody;
 use crate::physics::cpu::node_constraints::NodeConstraint;
@@ -7,14 +7,14 @@ use crate::physics::cpu::runtime::energy_guard::StepFailure;
 use crate::physics::cpu::scalar::Real;
 use std::sync::Arc;
 
-/// A body farther than this from where it rests, in its own sizes, has flown apart.
+/// Distance from rest, in sizes of the body, beyond which a body has diverged.
 const MAX_DISTANCE: f64 = 1e4;
 
-/// What a step is made of.
+/// Coefficients of a Verlet step.
 #[derive(Clone, Copy)]
 struct VerletCoefficients<T> {
     damping_factor: T,
-    /// h²/m of the mean particle, with the gain.
+    /// h²/m of the mean particle, including the damping gain.
     spring: T,
     pull: [T; 3],
 }
@@ -23,7 +23,7 @@ impl<T: Real> CpuGridBody<T> {
     /// Takes `steps` steps of `h` seconds: x' = x + ((1 − γh/2)(x − x₋₁) + h² a) / (1 + γh/2).
     ///
     /// # Errors
-    /// Why a step was refused; the body stands as it stood before that one.
+    /// The reason a step was rejected; the body keeps its state from before that step.
     pub fn run(&mut self, steps: u32, h: f64) -> Result<(), StepFailure> {
         if !(h > 0.0 && h.is_finite() && h * h > 0.0) {
             return Err(StepFailure::BadStep { h });
@@ -81,7 +81,7 @@ impl<T: Real> CpuGridBody<T> {
                     advance(rates, rates.pull[axis], state, given, out, &mut lost);
                 }
             }
-            // Sums over slabs: any that is not zero tells.
+            // Summed over slabs: any nonzero value is a failure.
             [
                 lost[0].to_f64(),
                 f64::from(u8::from(lost[1].to_f64() > MAX_DISTANCE)),
@@ -100,10 +100,10 @@ impl<T: Real> CpuGridBody<T> {
         Ok(())
     }
 
-    /// Makes the positions before a first step, or before one of another length than the last.
+    /// Computes the previous positions for a first step, or for a change of the step length.
     fn begin(&mut self, h: f64) {
         let ratio = T::from_f64(self.previous_dt.map_or(0.0, |lag| h / lag));
-        // Such that the first step, with its damping, is exact to second order.
+        // Makes the first step, including damping, second-order accurate.
         let drift = match self.previous_dt {
             None => h * (1.0 + 0.5 * self.damping * h) / self.length,
             Some(_) => 0.0,
@@ -115,12 +115,12 @@ impl<T: Real> CpuGridBody<T> {
             }
         }
         for axis in 0..3 {
-            // What the next steps leave alone has to be in all three.
+            // Particles that steps do not move must be equal in all three arrays.
             self.next[axis].copy_from_slice(&self.now[axis]);
         }
     }
 
-    /// Takes note of what pulls at particles, over the length unit, N/m.
+    /// Collects the target spring forces on particles over the length unit, N/m.
     fn collect_pulls(&mut self) {
         let mut drawn = std::mem::take(&mut self.pulls);
         drawn.clear();
@@ -143,7 +143,7 @@ impl<T: Real> CpuGridBody<T> {
     }
 }
 
-/// The next displacements of a run along one axis.
+/// Computes the next displacements of a run along one axis.
 #[inline(always)]
 fn advance<T: Real>(
     rates: VerletCoefficients<T>,

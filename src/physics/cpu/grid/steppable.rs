@@ -1,4 +1,4 @@
-//! A grid body as its worker and simulator see it.
+//! The grid body's implementation of the worker's traits.
 
 use super::body::CpuGridBody;
 use crate::Result;
@@ -12,7 +12,7 @@ use crate::physics::grid::GridModel;
 use glam::DVec3;
 
 impl Precision {
-    /// The particles of `model`, in so many parts, or as many as suit them.
+    /// Creates the particles of `model`, partitioned into `parts` slabs, or a suitable number.
     pub(in crate::physics::cpu) fn grid(
         self,
         model: &GridModel,

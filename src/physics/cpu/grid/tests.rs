@@ -1,4 +1,4 @@
-//! Grid bodies against their float64 twin.
+//! Tests of grid bodies against their float64 reference.
 #![allow(clippy::unwrap_used)]
 
 use super::body::CpuGridBody;
@@ -38,7 +38,7 @@ fn model(wanted: usize) -> GridModel {
     model
 }
 
-/// A body that stands deformed and moves, some of it pinned, pushed, held and drawn.
+/// Returns a deformed, moving body and its reference, with pins, forces and attachments.
 fn pair<T: Real>(
     model: &GridModel,
     slabs: usize,
@@ -161,7 +161,7 @@ fn grids_step_as_the_twin() {
             let near = (sum.length() - 0.5).abs() < 1e-3;
             assert!(near || n.distance(wanted) < 1e-4, "{i}: {n} {wanted}");
         }
-        // What differs is seen.
+        // The comparison detects a small perturbation.
         let (mut body, mut twin, attached) = pair::<f64>(&model, slabs);
         twin.stiffness[4] *= 1.001;
         step_both(&mut body, &mut twin, &attached[1], h, 100);
@@ -188,7 +188,7 @@ fn cut_springs_are_gone_and_resumed_runs_are_the_same() {
     body.set_springs(&twin.springs).unwrap();
     step_both(&mut body, &mut twin, &attached[1], h, 30);
     assert!(error(&body, &twin, &model) < 1e-10);
-    // Another length of step takes the change of position with it.
+    // A change of the step length keeps the velocity.
     let state = body.state();
     body.run(5, 0.5 * h).unwrap();
     let (mut other, _, _) = pair::<f64>(&model, 2);

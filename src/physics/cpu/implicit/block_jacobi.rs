@@ -1,4 +1,4 @@
-//! Block Jacobi of what was linearised, where blocks may be indefinite.
+//! Block Jacobi preconditioner of the linearised system, whose blocks may be indefinite.
 
 use super::linear_step::{LinearStepSolver, StepContext};
 use crate::physics::cpu::partition::{Nodes, Partition};
@@ -6,9 +6,9 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::{SymMat3, apply, dot_f64 as dot, inverse_definite, zero};
 
 impl<T: Real> LinearStepSolver<T> {
-    /// Makes the inverse diagonal blocks of what was linearised; those of rigid bodies are there.
-    /// Returns rᵀD⁻¹r, the number of nodes times the harmonic mean of the diagonal, by which what is
-    /// stiff does not hide what is soft, and whether all blocks are positive definite.
+    /// Inverts the linearised diagonal blocks, except those of rigid bodies, which exist already.
+    /// Returns rᵀD⁻¹r; the number of nodes times the harmonic mean of the diagonal, so that stiff
+    /// parts do not hide soft ones; and whether all blocks are positive definite.
     pub(in crate::physics::cpu) fn build_block_jacobi(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -55,7 +55,7 @@ impl<T: Real> LinearStepSolver<T> {
         (start, weight, bad == 0.0 && tied.is_positive_definite())
     }
 
-    /// rᵀD⁻¹r with the inverse blocks of the last linearisation.
+    /// Returns rᵀD⁻¹r with the inverse blocks of the last linearisation.
     pub(in crate::physics::cpu) fn preconditioned_norm_squared(&self, plan: &Partition) -> f64 {
         let solver = &self.solver;
         let [sum] = plan.for_each_chunk((), &|chunk, nodes, ()| {

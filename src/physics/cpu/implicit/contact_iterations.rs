@@ -1,5 +1,5 @@
-//! Steps in which tools touch: guesses that come to no harm, tools that go their way in stages, and
-//! iterations until forces on tools are right.
+//! Contact handling in Newton's method: collision-free initial guesses, tool motion in stages,
+//! friction updates, and iteration until contact forces converge.
 
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::{NewtonSolver, PROJECTED_SOLVES};
@@ -16,60 +16,61 @@ use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add, add_scaled, apply, dot_f64, sub, zero};
 use glam::DVec3;
 
-/// Residual to reach, over the forces of contact and what else moves the body.
+/// Residual tolerance relative to the contact forces and other driving forces.
 const CONTACT_TOLERANCE: f64 = 1e-3;
 
-/// Residual of linear solves.
+/// Residual tolerance of linear solves with contact.
 const CONTACT_LINEAR_TOLERANCE: f64 = 1e-2;
 
-/// Iterations of a step at most.
+/// Largest number of iterations of a step with contact.
 const MAX_CONTACT_ITERATIONS: u32 = 80;
 
-/// Iterations of a step at most in which something is in the way of nodes that are led, which go on
-/// whenever the square of the residual is so many times the one at which a step ends.
+/// Largest number of iterations of a step with blocked prescribed motion, and the ratio of the
+/// squared residual to the squared convergence tolerance below which that motion resumes.
 pub(in crate::physics::cpu) const MAX_BLOCKED_MOTION_ITERATIONS: u32 = 400;
 pub(in crate::physics::cpu) const RESUME_RESIDUAL_RATIO: f64 = 1e3;
 
-/// How often friction takes over normal forces in a step at most, and the change of these, over
-/// themselves, from which on it does so again.
+/// Largest number of friction updates per step (lagged friction), and the relative change of the
+/// normal forces above which another one follows.
 pub(in crate::physics::cpu) const MAX_FRICTION_UPDATES: u32 = 5;
 const FRICTION_FORCE_TOLERANCE: f64 = 3e-3;
 
-/// The square of the residual at which it takes them over, over that at which a step ends.
+/// Ratio of the squared residual that triggers a friction update to the squared convergence
+/// tolerance.
 pub(in crate::physics::cpu) const FRICTION_UPDATE_RESIDUAL_RATIO: f64 = 100.0;
 
-/// Iterations that are gone although they lower the potential by less than it is rounded: that of
-/// contact is a small part of it.
+/// Largest number of iterations whose decrease of the potential is below its rounding error: the
+/// contact potential is a small part of the total.
 pub(in crate::physics::cpu) const MAX_ROUNDOFF_ITERATIONS: u32 = 6;
 
-/// The part of their distance that parts of the body keep on a way that was cut short by them.
+/// Fraction of their distance that parts of the body keep when a collision truncates a step.
 const TRUNCATED_DISTANCE_RATIO: f64 = 0.5 * MIN_DISTANCE_RATIO;
 
-/// Rounds in which rigid bodies make way.
+/// Largest number of rounds in which rigid bodies are pushed out of tools.
 const MAX_RIGID_PUSH_OUT_ROUNDS: usize = 12;
 
-/// The tools among some terms.
+/// Returns the tool contact among the terms.
 pub(in crate::physics::cpu) fn tool_contact<T: Real>(
     terms: &[Box<dyn Term<T>>],
 ) -> Option<&ToolContact<T>> {
     terms.iter().find_map(|t| t.as_tool_contact())
 }
 
-/// As [`contact`], to change them.
+/// As [`tool_contact`], mutable.
 pub(in crate::physics::cpu) fn contact_mut<T: Real>(
     terms: &mut [Box<dyn Term<T>>],
 ) -> Option<&mut ToolContact<T>> {
     terms.iter_mut().find_map(|t| t.contact_mut())
 }
 
-/// The body's contact with itself among some terms.
+/// Returns the self-contact among the terms.
 pub(in crate::physics::cpu) fn self_contact<T: Real>(
     terms: &[Box<dyn Term<T>>],
 ) -> Option<&SelfContactTerm<T>> {
     terms.iter().find_map(|t| t.as_self_contact())
 }
 
-/// As [`self_contact`], to change it.
+/// As [`self_contact`], mutable.
 pub(in crate::physics::cpu) fn touching_mut<T: Real>(
     terms: &mut [Box<dyn Term<T>>],
 ) -> Option<&mut SelfContactTerm<T>> {
@@ -77,7 +78,8 @@ pub(in crate::physics::cpu) fn touching_mut<T: Real>(
 }
 
 impl<T: Real> NewtonSolver<T> {
-    /// Begins a step of tools and of contact of the body with itself: in how many stages they go, 0 where none comes near.
+    /// Begins a step with tools and self-contact; returns the number of stages of tool motion, 0 if
+    /// no contact is near.
     pub(in crate::physics::cpu) fn begin_contact(
         &mut self,
         implicit: &mut LinearStepSolver<T>,
@@ -103,12 +105,13 @@ impl<T: Real> NewtonSolver<T> {
         stages
     }
 
-    /// Begins a step in which something may touch, which takes more iterations: in one stage.
+    /// Begins a step with possible contact, which takes more iterations, in one stage.
     pub(in crate::physics::cpu) fn begin_contact_iterations(
         &mut self,
         implicit: &mut LinearStepSolver<T>,
     ) -> u32 {
-        // Made of other points in contact: and so that a run that is resumed takes the same steps.
+        // The coarse space was built with other contact points; dropping it also makes a resumed
+        // run take the same steps.
         implicit.drop_coarse_space();
         let own = self.settings;
         self.step_settings = NewtonSettings {
@@ -145,8 +148,8 @@ impl<T: Real> NewtonSolver<T> {
         )
     }
 
-    /// Cuts the guess in `trial` short where it would go through tools, then has these go the share
-    /// `to` of their way, for which nodes make way.
+    /// Truncates the guess in `trial` before it passes through tools, then moves the tools to the
+    /// fraction `to` of their paths and pushes nodes out of them.
     pub(in crate::physics::cpu) fn truncate_guess(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -162,9 +165,9 @@ impl<T: Real> NewtonSolver<T> {
         self.push_out_for_tools(scene, terms, form, [0.0, to]);
     }
 
-    /// Cuts the trial short where a part of the body goes through another on the way from another
-    /// trial, or too deep into a tool: the part of their way that nodes that are led have gone there,
-    /// its δ, and where its nodes are.
+    /// Truncates the trial where a part of the body would pass through another on the way from
+    /// another trial, or penetrate a tool too deeply. The other trial is given by its fraction of
+    /// the prescribed motion, its δ, and its displacements.
     fn truncate_at_collision(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -207,14 +210,14 @@ impl<T: Real> NewtonSolver<T> {
             let how = self.trial_coefficients(form);
             self.trial
                 .set_displacement(scene, &self.guesses, how, &self.rigid, at);
-            // Straight ways keep what they are found to; what turns goes round.
+            // The truncation holds for straight paths; rotating bodies follow arcs.
             if self.rigid.is_empty() {
                 return;
             }
         }
     }
 
-    /// Has nodes that are led go on, as far as nothing is in their way, where something was.
+    /// Resumes truncated prescribed motion up to the next collision.
     pub(in crate::physics::cpu) fn advance_prescribed_motion(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -236,7 +239,7 @@ impl<T: Real> NewtonSolver<T> {
         self.rigid.accept_trial();
     }
 
-    /// Sees to it that all that may touch at the best trial is among the pairs. Whether anything is.
+    /// Updates the candidate pairs for the best trial. Returns whether there are any.
     pub(in crate::physics::cpu) fn refresh_candidates(
         &self,
         scene: &StepContext<'_, T>,
@@ -250,8 +253,8 @@ impl<T: Real> NewtonSolver<T> {
         !own.is_empty()
     }
 
-    /// Has the tools go from one share of their way to another, for which the nodes of the trial
-    /// make way.
+    /// Moves the tools from one fraction of their paths to another, and pushes nodes of the trial
+    /// out of them.
     fn push_out_for_tools(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -260,7 +263,7 @@ impl<T: Real> NewtonSolver<T> {
         [from, to]: [f64; 2],
     ) {
         let how = self.trial_coefficients(form);
-        // What makes way must not go through another part of the body.
+        // Pushed-out nodes must not pass through another part of the body.
         let own = self_contact(terms).is_some();
         let before = own.then(|| (self.trial.delta.clone(), self.trial.displacements.clone()));
         let Some(contact) = contact_mut(terms) else {
@@ -302,8 +305,9 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// The part of the way between two displacements on which no point goes too deep into a tool, if
-    /// these count, and parts of the body keep the part `kept` of their distances.
+    /// Returns the fraction of the path between two displacements on which no point penetrates a
+    /// tool too deeply, if `tools` are included, and parts of the body keep the fraction `kept` of
+    /// their distances.
     fn collision_free_fraction(
         &self,
         scene: &StepContext<'_, T>,
@@ -320,8 +324,8 @@ impl<T: Real> NewtonSolver<T> {
         }))
     }
 
-    /// Goes one iteration, and has the tools go on to the share `to` of their way. Returns the
-    /// iterations of conjugate gradients.
+    /// Takes one Newton iteration, then moves the tools to the fraction `to` of their paths.
+    /// Returns the number of conjugate gradient iterations.
     pub(in crate::physics::cpu) fn advance_tool_stage(
         &mut self,
         implicit: &mut LinearStepSolver<T>,
@@ -352,8 +356,8 @@ impl<T: Real> NewtonSolver<T> {
         iterations
     }
 
-    /// Takes friction's normal forces from the best trial, and weighs that again. Whether they have
-    /// changed by what counts.
+    /// Updates the lagged normal forces of friction from the best trial, and re-evaluates it.
+    /// Returns whether they changed significantly.
     pub(in crate::physics::cpu) fn update_friction(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -372,7 +376,7 @@ impl<T: Real> NewtonSolver<T> {
         change > FRICTION_FORCE_TOLERANCE
     }
 
-    /// Weighs the best trial again where points were chosen anew, which friction goes by.
+    /// Re-evaluates the best trial if the contact candidates changed, which friction depends on.
     pub(in crate::physics::cpu) fn reevaluate(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -387,7 +391,7 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// What residuals are measured by where tools touch, squared.
+    /// Returns the squared reference value of residuals in contact.
     pub(in crate::physics::cpu) fn contact_weight(
         &self,
         implicit: &LinearStepSolver<T>,
@@ -404,8 +408,8 @@ impl<T: Real> NewtonSolver<T> {
         own + tool_contact(terms).map_or(0.0, |contact| contact.residual_scale(place, over))
     }
 
-    /// The part of the whole direction on which no point goes too deep into a tool, and no part of
-    /// the body through another.
+    /// Returns the fraction of the direction on which no point penetrates a tool too deeply, and no
+    /// part of the body passes through another.
     pub(in crate::physics::cpu) fn collision_free_step(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -429,8 +433,8 @@ impl<T: Real> NewtonSolver<T> {
         )
     }
 
-    /// Whether the trial passes anything on its straight way from the best one: rigid bodies turn,
-    /// and so do not go along their direction.
+    /// Whether the trial collides on its straight path from the best one: rigid bodies rotate, and
+    /// so leave their direction.
     pub(in crate::physics::cpu) fn trial_collides(
         &self,
         scene: &StepContext<'_, T>,
@@ -449,13 +453,14 @@ impl<T: Real> NewtonSolver<T> {
     }
 }
 
-/// Whether any node is led along.
+/// Whether any node has a prescribed motion.
 fn has_prescribed_motion<T: Real>(scene: &StepContext<'_, T>) -> bool {
     let mut nodes = scene.free.iter().zip(scene.at.v);
     nodes.any(|(free, v)| *free == T::ZERO && to_dvec(*v) != DVec3::ZERO)
 }
 
-/// How nodes of a body at `u` come out of its tools where these stand.
+/// Returns the displacements that push the nodes of a body at `u` out of its tools at their current
+/// poses.
 pub(in crate::physics::cpu) fn resolve_penetration<T: Real>(
     contact: &mut ToolContact<T>,
     u: &[V4<T>],
@@ -464,7 +469,7 @@ pub(in crate::physics::cpu) fn resolve_penetration<T: Real>(
     contact.push_out(u, free, [0.0, 0.0])
 }
 
-/// Pushes nodes, and rigid bodies by what their nodes are pushed the most.
+/// Pushes nodes, and each rigid body by the largest push of its nodes.
 pub(in crate::physics::cpu) fn apply_push_out<T: Real>(
     pushed: Vec<(usize, DVec3)>,
     u: &mut [V4<T>],

@@ -1,4 +1,4 @@
-//! Where Newton may start.
+//! Initial guesses of Newton's method.
 
 use super::linear_step::StepContext;
 use super::newton::StepInput;
@@ -9,21 +9,21 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add, add_scaled, scale, sub, zero};
 
-/// A displacement to start from.
+/// An initial guess of the displacement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InitialGuess {
-    /// The velocity changes as it did in the last step.
+    /// The velocity changes as in the last step.
     ConstantAcceleration,
-    /// It does not.
+    /// The velocity is constant.
     ConstantVelocity,
-    /// Nothing but what acts from outside: δ̂.
+    /// Inertia and external loads only: δ̂.
     InertialTarget,
-    /// Nothing moves.
+    /// No displacement.
     AtRest,
 }
 
 impl InitialGuess {
-    /// All of them; those that are the best most often come first.
+    /// All guesses; those that are most often the best come first.
     pub const ALL: [InitialGuess; 4] = [
         InitialGuess::ConstantAcceleration,
         InitialGuess::ConstantVelocity,
@@ -32,21 +32,21 @@ impl InitialGuess {
     ];
 }
 
-/// The guesses of a step, and what inertia pulls to.
+/// Initial guesses of a step, and its inertial target.
 #[derive(Clone, Debug)]
 pub struct InitialGuesses<T> {
     /// δ̂.
     inertial_target: Vec<V4<T>>,
     /// b.
     history_offset: Vec<V4<T>>,
-    /// Of [`InitialGuess::ConstantAcceleration`].
+    /// Displacements of [`InitialGuess::ConstantAcceleration`].
     curved: Vec<V4<T>>,
     has_history: bool,
     evaluation_time: T,
 }
 
 impl<T: Real> InitialGuesses<T> {
-    /// Of so many nodes.
+    /// Allocates guesses for `nodes` nodes.
     pub fn new(nodes: usize) -> InitialGuesses<T> {
         InitialGuesses {
             inertial_target: vec![zero(); nodes],
@@ -57,7 +57,8 @@ impl<T: Real> InitialGuesses<T> {
         }
     }
 
-    /// For a step from `scene`, before which velocities and displacements changed by `history`.
+    /// Prepares a step from `scene`, where `history` is the last change of velocities and
+    /// displacements.
     pub fn prepare(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -118,12 +119,12 @@ impl<T: Real> InitialGuesses<T> {
             });
     }
 
-    /// Whether there is such a guess.
+    /// Whether the guess is available.
     pub fn has(&self, guess: InitialGuess) -> bool {
         guess != InitialGuess::ConstantAcceleration || self.has_history
     }
 
-    /// Where it puts node `i`.
+    /// Returns the guess for node `i`.
     #[inline(always)]
     pub fn at(&self, guess: InitialGuess, scene: &StepContext<'_, T>, i: usize) -> V4<T> {
         match guess {
@@ -134,13 +135,13 @@ impl<T: Real> InitialGuesses<T> {
         }
     }
 
-    /// δ̂ of node `i`.
+    /// Returns δ̂ of node `i`.
     #[inline(always)]
     pub fn goal(&self, i: usize) -> V4<T> {
         self.inertial_target[i]
     }
 
-    /// b of node `i`.
+    /// Returns b of node `i`.
     #[inline(always)]
     pub fn base(&self, i: usize) -> V4<T> {
         self.history_offset[i]

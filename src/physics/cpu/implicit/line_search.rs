@@ -1,4 +1,4 @@
-//! How far to go along a direction: back from a whole step until the potential is lower.
+//! Backtracking line search on the incremental potential.
 
 use super::contact_iterations::{self_contact, tool_contact};
 use super::linear_step::{LinearStepSolver, StepContext};
@@ -8,21 +8,21 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{V4, add_scaled};
 
-/// A step of the line search is taken that lowers Φ by this part of what its slope promises.
+/// Armijo parameter: required decrease of Φ as a fraction of that predicted by its slope.
 const ARMIJO_C1: f64 = 1e-4;
 
-/// The shortest step of the line search.
+/// Smallest step length of the line search.
 const MIN_STEP: f64 = 1e-7;
 
-/// Where something touches, a length between what was reached and what was too far is tried so often,
-/// as long as Φ falls by that part of what its slope promises: what is met on the way is met at once,
-/// and a parabola tells little of where.
+/// In contact, so many lengths between the accepted and the rejected one are tried, as long as Φ
+/// falls by the given fraction of the decrease predicted by its slope: contact begins abruptly, and
+/// a parabola does not predict where.
 const MAX_REFINEMENTS: u32 = 3;
 const CURVATURE_RATIO: f64 = 0.7;
 
 impl<T: Real> NewtonSolver<T> {
-    /// Goes along the solution until Φ is lower. Returns how much of it was gone, and how much
-    /// lower; `None` where it is not to be had.
+    /// Searches along the solution until Φ decreases. Returns the step length and the decrease;
+    /// `None` if there is none.
     pub(in crate::physics::cpu) fn line_search(
         &mut self,
         implicit: &LinearStepSolver<T>,
@@ -71,7 +71,7 @@ impl<T: Real> NewtonSolver<T> {
                 });
             }
             too_far = Some(length);
-            // The minimum of the parabola through both ends, with the slope at the first.
+            // Minimum of the parabola through both ends, with the slope at the first.
             let bend = 2.0 * (length * gain - fall);
             let least = gain * length * length / bend;
             length = match least.is_finite() {
@@ -82,8 +82,8 @@ impl<T: Real> NewtonSolver<T> {
         None
     }
 
-    /// Goes on along the direction from the part `near` of it to less than `far`, which is too far,
-    /// where Φ falls all the way; it was `before` at the start, with the slope `-gain`. As
+    /// Extends the step from the fraction `near` of the direction towards `far`, which is too long,
+    /// while Φ decreases; Φ was `before` at the start, with the slope `-gain`. Returns as
     /// [`NewtonSolver::line_search`].
     fn refine_bracket(
         &mut self,
@@ -99,7 +99,7 @@ impl<T: Real> NewtonSolver<T> {
             if before - self.best.total() < CURVATURE_RATIO * near * gain {
                 break;
             }
-            // Of lengths that differ by their size.
+            // Geometric mean, since the lengths differ by orders of magnitude.
             let length = (near * far).sqrt();
             let (more, step) = (length - near, T::from_f64(length - near));
             self.rigid.move_trial(more);

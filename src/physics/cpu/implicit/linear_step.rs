@@ -1,5 +1,5 @@
-//! Implicit Euler after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v), then
-//! v' = v + Δv and x' = x + h v'. The twin of `reference::integrators::implicit_euler`.
+//! Linearised implicit Euler step after Baraff & Witkin: (M − h ∂f/∂v − h² K̃) Δv = h (f + h K̃ v),
+//! then v' = v + Δv and x' = x + h v'. The reference is `reference::integrators::implicit_euler`.
 
 use crate::physics::CgSettings;
 use crate::physics::cpu::linear::cg::{CgResult, CgSolver, CgTolerance, SystemOperator};
@@ -14,15 +14,15 @@ use crate::physics::cpu::vectors::{
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// Solves for which a coarse space is kept, at most.
+/// Largest number of solves with one coarse space.
 const MAX_COARSE_AGE: u32 = 30;
 
-/// A coarse space is made anew when it takes this many times the iterations that it took at first,
-/// and [`REBUILD_ITERATION_SLACK`] more.
+/// The coarse space is rebuilt when the iterations exceed this multiple of those of its first solve
+/// by more than [`REBUILD_ITERATION_SLACK`].
 const REBUILD_ITERATION_RATIO: f64 = 1.3;
 const REBUILD_ITERATION_SLACK: u32 = 3;
 
-/// Blocks, inverse blocks and residual of every node, and those that are tied.
+/// Diagonal blocks, inverse blocks and residual of every node, and the rigid projection.
 type Diagonal<'a, T> = (
     &'a [SymMat3<T>],
     &'a mut [Mat3Columns<T>],
@@ -30,54 +30,54 @@ type Diagonal<'a, T> = (
     &'a mut RigidProjection<T>,
 );
 
-/// The system of a step and its solver.
+/// Linear system of a step and its solver.
 #[derive(Clone, Debug)]
 pub struct LinearStepSolver<T> {
-    /// Where conjugate gradients stop.
+    /// Stopping criteria of conjugate gradients.
     pub settings: CgSettings,
-    /// The vectors of conjugate gradients, and the last solutions.
+    /// Vectors of conjugate gradients, and the last solutions.
     pub solver: CgSolver<T>,
     diagonal: Vec<SymMat3<T>>,
     stiffness_times_velocity: Vec<V4<T>>,
     coarse: Option<CoarseSpace<T>>,
-    /// What the coarse space was built from.
+    /// State from which the coarse space was built.
     pub basis: CoarseSpaceState<T>,
-    /// The levels that terms act at.
+    /// Amplitudes of the terms.
     pub levels: Vec<f64>,
 }
 
-/// The state that a coarse space was built at, and how it did since.
+/// State from which a coarse space was built, and its performance since.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CoarseSpaceState<T> {
     /// Displacements.
     pub u: Vec<V4<T>>,
-    /// Length of step, local units; 0 for none.
+    /// Step length, local units; 0 for none.
     pub h: T,
-    /// Solves since.
+    /// Number of solves since.
     pub age: u32,
     /// Iterations of the first of them.
     pub first: u32,
-    /// And of the last.
+    /// Iterations of the last.
     pub last: u32,
-    /// Of bodies of elements: whether blocks were projected.
+    /// For bodies with elements: whether blocks were projected.
     pub projected: bool,
-    /// And the displacements that damping was taken at, if there was any.
+    /// Displacements at which damping was evaluated, if there was any.
     pub damping_displacements: Vec<V4<T>>,
-    /// And solves left for which blocks are projected.
+    /// Remaining solves with projected blocks.
     pub projected_solves_left: u32,
-    /// And where the rigid bodies were.
+    /// Poses of the rigid bodies.
     pub poses: Vec<[f64; 7]>,
-    /// And the levels that terms acted at.
+    /// Amplitudes of the terms at that time.
     pub levels: Vec<f64>,
 }
 
-/// What a step goes by.
+/// Inputs of a step.
 pub struct StepContext<'a, T> {
-    /// How the nodes are shared out.
+    /// Partition of the nodes.
     pub plan: &'a Partition,
     /// Masses.
     pub masses: &'a [T],
-    /// 1, or 0 for nodes that stay.
+    /// 1, or 0 for fixed nodes.
     pub free: &'a [T],
     /// Rest positions.
     pub rest: &'a [V4<T>],
@@ -88,7 +88,7 @@ pub struct StepContext<'a, T> {
 }
 
 impl<T: Real> LinearStepSolver<T> {
-    /// For a body shared out by `plan`.
+    /// Creates a solver for a body partitioned by `plan`.
     pub fn new(plan: &Partition, settings: CgSettings) -> LinearStepSolver<T> {
         LinearStepSolver {
             settings,
@@ -104,23 +104,23 @@ impl<T: Real> LinearStepSolver<T> {
         }
     }
 
-    /// Forgets the coarse space: nodes were pinned, or let go.
+    /// Drops the coarse space, after the set of fixed nodes has changed.
     pub fn drop_coarse_space(&mut self) {
         self.basis.h = T::ZERO;
     }
 
-    /// Forgets also between what it couples groups of nodes, as contact does that comes and goes.
+    /// Also drops the coupling pattern of the aggregates, which changes with contact.
     pub fn drop_aggregate_pattern(&mut self) {
         self.coarse = None;
         self.drop_coarse_space();
     }
 
-    /// Forgets the solutions that the next would start from.
+    /// Drops the solutions used as the initial guess of the next solve.
     pub fn clear_history(&mut self) {
         self.solver.count = 0;
     }
 
-    /// Makes the coarse space that `basis` tells of, after a state was put back.
+    /// Rebuilds the coarse space from `basis` after a state was restored.
     pub fn resume(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -142,7 +142,8 @@ impl<T: Real> LinearStepSolver<T> {
         }
     }
 
-    /// Finds Δv, which is then [`CgSolver::solution`] until [`CgSolver::store_solution`]; local units.
+    /// Solves for Δv, available as [`CgSolver::solution`] until [`CgSolver::store_solution`]; local
+    /// units.
     pub fn solve(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -182,7 +183,8 @@ impl<T: Real> LinearStepSolver<T> {
         outcome
     }
 
-    /// Makes the coarse space anew where it is due, of what was linearised at `u`. Whether it was.
+    /// Rebuilds the coarse space from the linearisation at `u` if it is stale. Returns whether it
+    /// was rebuilt.
     pub(in crate::physics::cpu) fn refresh(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -201,7 +203,7 @@ impl<T: Real> LinearStepSolver<T> {
         due
     }
 
-    /// Whether a coarse space is due to be made anew for steps of length `h`.
+    /// Whether the coarse space must be rebuilt for steps of length `h`.
     fn coarse_is_stale(&self, h: T) -> bool {
         let basis = &self.basis;
         let slow = f64::from(basis.last)
@@ -209,20 +211,20 @@ impl<T: Real> LinearStepSolver<T> {
         basis.h != h || basis.age >= MAX_COARSE_AGE || slow
     }
 
-    /// Makes the blocks of rigid bodies anew where they are due, of what was linearised.
+    /// Rebuilds the blocks of rigid bodies from the linearisation if they are stale.
     pub(in crate::physics::cpu) fn refresh_tied(&mut self, terms: &[Box<dyn Term<T>>], h: T) {
         if self.coarse_is_stale(h) {
             self.solver.rigid_projection.build(&self.diagonal, terms);
         }
     }
 
-    /// Whether there is a coarse space to solve with.
+    /// Whether there is a factorised coarse space.
     pub(in crate::physics::cpu) fn has_coarse(&self) -> bool {
         self.coarse.as_ref().is_some_and(CoarseSpace::is_factorised)
     }
 
-    /// The diagonal blocks, with the inverse blocks to be made of them, the residual, and what is
-    /// tied.
+    /// Returns the diagonal blocks, the inverse blocks to compute, the residual, and the rigid
+    /// projection.
     pub(in crate::physics::cpu) fn diagonal(&mut self) -> Diagonal<'_, T> {
         let solver = &mut self.solver;
         (
@@ -233,7 +235,7 @@ impl<T: Real> LinearStepSolver<T> {
         )
     }
 
-    /// Takes note of how the coarse space did.
+    /// Records the performance of the coarse space.
     fn record_result(&mut self, outcome: CgResult) {
         let basis = &mut self.basis;
         if basis.age == 0 {
@@ -243,7 +245,7 @@ impl<T: Real> LinearStepSolver<T> {
         basis.age += 1;
     }
 
-    /// v' = v + Δv, u' = u + h v'.
+    /// Computes v' = v + Δv, u' = u + h v'.
     pub fn advance(
         &self,
         plan: &Partition,
@@ -291,8 +293,8 @@ impl<T: Real> LinearStepSolver<T> {
         }
     }
 
-    /// b = h (f + h K̃ v), and the inverse diagonal blocks D⁻¹. Returns bᵀD⁻¹b and the sum of the
-    /// diagonal's means.
+    /// Computes b = h (f + h K̃ v) and the inverse diagonal blocks D⁻¹. Returns bᵀD⁻¹b and the sum
+    /// of the diagonal's means.
     fn right_hand_side(&mut self, scene: &StepContext<'_, T>, h: T) -> (f64, f64) {
         let (diagonal, change) = (&self.diagonal, &self.stiffness_times_velocity);
         let data = (

@@ -1,14 +1,13 @@
-//! Implicit steps as minimisations, by Newton's method.
+//! Newton's method for implicit steps in variational form.
 //!
 //! The incremental potential of a step (Gast et al. 2015, "Optimization Integrator for Large Time
 //! Steps", section 4) is, with δ from the start of the step and the rest as in [`super::schemes`],
 //!
 //! Φ(δ) = ½ |δ − δ̂|²_M / γ² + E(x + δ) + γ (½ w·D w + ½ α |w|²_M), δ̂ = b + γ ṽ + γ² M⁻¹ f,
 //!
-//! D being lagged. Newton starts at the best of a few guesses, which is what decides how far one
-//! iteration comes; the resting point x is among them, for from it any wreck recovers. The second
-//! derivatives are exact as long as that goes well, and projected for a few solves where it does
-//! not.
+//! with lagged D. Newton's method starts at the best of a few guesses, which largely determines the
+//! progress of one iteration; rest at x is among them, because any tangled state recovers from it.
+//! The Hessian is exact while that succeeds, and projected for a few solves when it fails.
 
 use super::contact_iterations::{
     FRICTION_UPDATE_RESIDUAL_RATIO, MAX_BLOCKED_MOTION_ITERATIONS, MAX_FRICTION_UPDATES,
@@ -28,84 +27,85 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, Term};
 use crate::physics::cpu::vectors::{V4, add_scaled, scale, sub, zero};
 
-/// The share of what nodes of a body do together that each would do by itself, at least: stiff
-/// bodies of many nodes move as a whole where no node alone would move by what shows.
+/// Factor on the negligible movement of a single node: stiff bodies of many nodes can move as a
+/// whole although no node alone would move noticeably.
 const MIN_DIAGONAL_SHARE: f64 = 0.1;
 
-/// Solves for which blocks are projected once exact ones failed.
+/// Number of solves with projected blocks after exact ones failed.
 pub(in crate::physics::cpu) const PROJECTED_SOLVES: u32 = 8;
 
-/// An iteration that lowered Φ by this part of what it should have, or by its inverse, is followed
-/// by another.
+/// If the ratio of the actual to the predicted decrease of Φ is at least this and at most its
+/// inverse, the quadratic model of the iteration agrees.
 const MODEL_AGREEMENT: f64 = 0.7;
 
-/// After an iteration that failed of that, one more is needed as long as they promise to lower Φ by
-/// more than this part of what the best of them did.
+/// After an iteration without agreement, another one is needed while the predicted decrease of Φ
+/// exceeds this fraction of the largest one.
 const CONVERGED_DECREASE_RATIO: f64 = 0.02;
 
-/// Iterations of a step at most that starts with tets inside out: these recover soonest by steps
-/// that lose energy.
+/// Largest number of iterations of a step that starts with inverted tetrahedra: these recover
+/// fastest in dissipative steps.
 const MAX_ITERATIONS_INVERTED_START: u32 = 4;
 
-/// Iterations of a step at most while it turns any tet inside out: what is may stay so for good.
+/// Largest number of iterations of a step while it inverts any tetrahedron, which might stay
+/// inverted.
 const MAX_ITERATIONS_WHILE_INVERTING: u32 = 40;
 
-/// The minimisation of a step, and its vectors.
+/// Newton solver of a step, and its vectors.
 #[derive(Clone, Debug)]
 pub struct NewtonSolver<T> {
-    /// When it stops.
+    /// Stopping criteria.
     pub settings: NewtonSettings,
-    /// The rule.
+    /// Implicit scheme.
     pub rule: ImplicitScheme,
     /// α, in local units.
     pub mass_damping: f64,
-    /// Solves left for which blocks are projected.
+    /// Remaining solves with projected blocks.
     pub projected: u32,
     /// (1 + α γ) m.
     masses: Vec<T>,
     pub(in crate::physics::cpu) guesses: InitialGuesses<T>,
     pub(in crate::physics::cpu) best: TrialState<T>,
     pub(in crate::physics::cpu) trial: TrialState<T>,
-    /// What damping is taken at.
+    /// Displacements at which damping is evaluated.
     pub(in crate::physics::cpu) damping_displacements: Vec<V4<T>>,
     pub(in crate::physics::cpu) forces: Vec<V4<T>>,
-    /// What of the body is rigid.
+    /// Rigid bodies.
     pub(in crate::physics::cpu) rigid: RigidBodies,
-    /// When the step under way stops.
+    /// Stopping criteria of the current step.
     pub(in crate::physics::cpu) step_settings: NewtonSettings,
-    /// Displacements on the way to a trial; none where nothing touches.
+    /// Displacements on the path to a trial; empty without contact.
     pub(in crate::physics::cpu) pushed_displacements: Vec<V4<T>>,
-    /// The part of their way in the step that nodes that are led have gone in trials: less than all
-    /// where something is in their way.
+    /// Fraction of the prescribed motion of the step applied in trials: less than 1 if it is
+    /// blocked.
     pub(in crate::physics::cpu) prescribed_fraction: f64,
-    /// Whether the last line search chose other points to touch.
+    /// Whether the last line search changed the contact candidates.
     pub(in crate::physics::cpu) candidates_changed: bool,
 }
 
-/// What a step starts from besides the state.
+/// Inputs of a step besides the state.
 #[derive(Clone, Copy)]
 pub struct StepInput<'a, T> {
-    /// What acts from outside.
+    /// External loads.
     pub loads: &'a Loads<T>,
-    /// Inverse masses; 0 for nodes that stay.
+    /// Inverse masses; 0 for fixed nodes.
     pub inverse: &'a [T],
-    /// Length of the step before, local units; 0 for none.
+    /// Length of the previous step, local units; 0 for none.
     pub last: f64,
 }
 
-/// How a minimisation went.
+/// Result of a minimisation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NewtonResult {
-    /// Iterations of conjugate gradients.
+    /// Conjugate gradient iterations.
     pub iterations: u32,
-    /// The residual at the end of the last linear solve, over that at its start.
+    /// Relative residual of the last linear solve.
     pub residual: f64,
-    /// The energy of the terms where forces are taken.
+    /// Energy of the terms at the evaluation time of the forces.
     pub elastic: f64,
 }
 
 impl<T: Real> NewtonSolver<T> {
-    /// For a body shared out by `plan`, by `rule`.
+    /// Creates a solver for a body partitioned by `plan`, with the scheme `rule`.
     pub fn new(
         plan: &Partition,
         (settings, rule): (NewtonSettings, ImplicitScheme),
@@ -131,7 +131,7 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// What a step of `h` is by the rule, after what `implicit` remembers.
+    /// Returns the coefficients of a step of `h`, given the history in `implicit`.
     fn step_coefficients(
         &self,
         implicit: &LinearStepSolver<T>,
@@ -146,7 +146,7 @@ impl<T: Real> NewtonSolver<T> {
         self.rule.coefficients(h, known)
     }
 
-    /// Finds δ. `None` where no guess has an energy that is a number.
+    /// Solves for δ. `None` if no guess has a finite energy.
     pub fn step(
         &mut self,
         implicit: &mut LinearStepSolver<T>,
@@ -192,9 +192,9 @@ impl<T: Real> NewtonSolver<T> {
         };
         let mut best_gain = 0.0f64;
         let (mut friction_updates, mut roundoff_iterations) = (0, 0);
-        // Whether nodes that are led go on whatever the residual.
+        // Whether prescribed motion resumes regardless of the residual.
         let mut resume_motion = false;
-        // Whether no tet is inside out at the start, once that is known.
+        // Whether no tetrahedron is inverted at the start, once known.
         let mut starts_uninverted = None;
         for round in 0..most.max(MAX_ITERATIONS_WHILE_INVERTING) {
             let mut went_on = false;
@@ -218,7 +218,7 @@ impl<T: Real> NewtonSolver<T> {
                 self.residual(implicit, scene, terms, form);
                 went_on = true;
             }
-            // Measured by blocks of the step before, which a run that is resumed does not have.
+            // The measure uses blocks of the previous step, which a resumed run does not have.
             if stages > 0 && round == 0 && self_contact(terms).is_some() {
                 goal = 0.0;
             }
@@ -250,7 +250,8 @@ impl<T: Real> NewtonSolver<T> {
             let gain = outcome.predicted_decrease / (form.gamma * form.gamma);
             let slack = self.best.rounding_error();
             let Some((length, fall)) = self.line_search(implicit, scene, terms, form, gain) else {
-                // Exact blocks may have led astray; projected ones cannot, but of other points.
+                // Exact blocks may give a bad direction; projected ones cannot, unless the contact
+                // candidates changed.
                 let astray = self.projected == 0 || self.candidates_changed;
                 if (astray && gain > slack) || went_on {
                     self.projected = PROJECTED_SOLVES;
@@ -297,13 +298,13 @@ impl<T: Real> NewtonSolver<T> {
         Some(descent)
     }
 
-    /// Whether tets are inside out where the step's forces are taken so far: at its end, by the
-    /// midpoint rule in its middle.
+    /// Whether tetrahedra are inverted at the evaluation time of the forces: at the end of the
+    /// step, or for the midpoint rule at its middle.
     fn has_inverted_tets(&self, scene: &StepContext<'_, T>, terms: &[Box<dyn Term<T>>]) -> bool {
         has_inverted_tets(scene.plan, terms, &self.best.displacements)
     }
 
-    /// Writes the state at the end of the step that was found.
+    /// Writes the state at the end of the step.
     pub fn finish(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -346,7 +347,7 @@ impl<T: Real> NewtonSolver<T> {
         rigid.write_nodes(&rigid.best, u);
     }
 
-    /// Keeps the changes of velocity and displacement of the step that was finished.
+    /// Stores the changes of velocity and displacement of the finished step.
     pub fn keep(&mut self, implicit: &mut LinearStepSolver<T>) {
         let [change, moved] = &mut implicit.solver.previous_solutions;
         std::mem::swap(change, &mut self.best.velocities);
@@ -362,8 +363,8 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// Takes note of where damping is taken: Euler's at the start, of rules of second order as far
-    /// on as their forces are, or they would not be of second order.
+    /// Sets the displacements at which damping is evaluated: for Euler at the start, for
+    /// second-order schemes extrapolated to the evaluation time of their forces, to keep the order.
     fn freeze_damping(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -386,8 +387,8 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// Takes the guess of the lowest Φ, if any has one that is a number, where tools that are near
-    /// have gone that share of their way.
+    /// Selects the guess with the lowest finite Φ, with nearby tools moved to the given fraction of
+    /// their paths.
     fn start(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -414,7 +415,7 @@ impl<T: Real> NewtonSolver<T> {
                 self.truncate_guess(scene, terms, form, share);
             }
             let trial = &mut self.trial;
-            // E is hardly ever negative: one that is too far off already is not looked at.
+            // E is hardly ever negative, so a guess with too much inertia is skipped.
             if found && trial.inertia >= self.best.total() {
                 continue;
             }
@@ -438,7 +439,7 @@ impl<T: Real> NewtonSolver<T> {
         found
     }
 
-    /// What trials are put by: with nodes that are led as far as they have gone.
+    /// Returns the coefficients for trials, with the current fraction of the prescribed motion.
     pub(in crate::physics::cpu) fn trial_coefficients(
         &self,
         form: StepCoefficients,
@@ -453,7 +454,7 @@ impl<T: Real> NewtonSolver<T> {
         )
     }
 
-    /// Solves for the direction. `None` where there is nothing to solve.
+    /// Solves for the Newton direction. `None` if there is nothing to solve.
     pub(in crate::physics::cpu) fn solve(
         &mut self,
         implicit: &mut LinearStepSolver<T>,
@@ -467,7 +468,7 @@ impl<T: Real> NewtonSolver<T> {
             masses: &self.masses,
             ..*scene
         };
-        // The solver leaves nothing of what it solved for.
+        // The solver overwrites its right-hand side.
         self.forces.copy_from_slice(&implicit.solver.residual);
         loop {
             let projected = self.projected > 0;
@@ -502,7 +503,8 @@ impl<T: Real> NewtonSolver<T> {
                     free: scene.free,
                     terms,
                 };
-                // Closer to the minimum the solves have to be closer, too.
+                // Inexact Newton forcing term: closer to the minimum, the solves must be more
+                // accurate.
                 let linear = self.step_settings.linear_tolerance;
                 let nearer = if first > 0.0 {
                     (start / first).sqrt()
@@ -535,7 +537,7 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// Makes the coarse space that a body's state tells of.
+    /// Rebuilds the coarse space of a restored state.
     pub fn resume(
         &mut self,
         implicit: &mut LinearStepSolver<T>,

@@ -1,4 +1,4 @@
-//! The slope of the incremental potential.
+//! Gradient of the incremental potential.
 
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::NewtonSolver;
@@ -9,8 +9,8 @@ use crate::physics::cpu::term::{StateRef, Term};
 use crate::physics::cpu::vectors::{add, apply, dot_f64, scale, sub, zero};
 
 impl<T: Real> NewtonSolver<T> {
-    /// Puts γ² times the slope of −Φ into the residual of the solver. Returns the square of what
-    /// it is measured by: γ² times the forces, or the momentum they change.
+    /// Writes γ² times −∇Φ into the solver's residual. Returns the squared reference value: γ²
+    /// times the forces, or the momentum they change.
     pub(in crate::physics::cpu) fn residual(
         &mut self,
         implicit: &mut LinearStepSolver<T>,

@@ -10,35 +10,36 @@
 //!   b = c (x − x₋₁).
 //! - Midpoint: γ = ½h, ṽ = v, b = 0; the step ends twice as far, at v' = 2w − v.
 
-/// An implicit rule.
+/// An implicit scheme.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ImplicitScheme {
-    /// Implicit Euler: of first order, it damps.
+    /// Implicit Euler: first order, dissipative.
     #[default]
     Euler,
-    /// BDF2: of second order, it damps what is fast; its first step is one of Euler's.
+    /// BDF2: second order, damps high frequencies; its first step is an Euler step.
     Bdf2,
-    /// The implicit midpoint rule: of second order, it keeps the energy of what is linear.
+    /// Implicit midpoint rule: second order, conserves the energy of linear systems.
     Midpoint,
 }
 
-/// What a rule makes of a step.
+/// Coefficients of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepCoefficients {
     /// γ.
     pub gamma: f64,
     /// c.
     pub history: f64,
-    /// The time from the start to where forces are taken.
+    /// Time from the start to the evaluation of forces.
     pub evaluation_time: f64,
-    /// How much of the last change of velocity is expected in the mean velocity until there.
+    /// Extrapolated fraction of the last velocity change in the mean velocity up to that time.
     pub velocity_extrapolation: f64,
-    /// How much farther than δ the step goes.
+    /// Ratio of the displacement of the step to δ.
     pub end_scale: f64,
 }
 
 impl ImplicitScheme {
-    /// For a step of length `h` after one of length `last`; 0 for a first one.
+    /// Returns the coefficients of a step of length `h` after one of length `last`, 0 for a first
+    /// step.
     pub fn coefficients(self, h: f64, last: f64) -> StepCoefficients {
         let grows = if last > 0.0 { h / last } else { 0.0 };
         match self {

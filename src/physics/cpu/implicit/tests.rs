@@ -1,4 +1,4 @@
-//! Steps of bodies of finite elements.
+//! Tests of implicit steps of bodies with finite elements.
 #![allow(clippy::unwrap_used)]
 
 use super::schemes::ImplicitScheme;
@@ -22,7 +22,7 @@ const EXACT: NewtonSettings = NewtonSettings {
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// The nodes of the end at low x.
+/// Marks the nodes of the end at low x.
 fn end(network: &DiscreteModel) -> Vec<bool> {
     let low = network
         .rest_positions
@@ -36,7 +36,7 @@ fn end(network: &DiscreteModel) -> Vec<bool> {
         .collect()
 }
 
-/// A body pinned at one end, under gravity.
+/// Returns a body pinned at one end, under gravity.
 fn body<T: Real>(network: &DiscreteModel, chunks: usize, settings: NewtonSettings) -> CpuBody<T> {
     let (kind, cg) = (SolverKind::Implicit, CgSettings::default());
     let mut body = CpuBody::new(network, kind, cg, Some(chunks)).unwrap();
@@ -46,7 +46,7 @@ fn body<T: Real>(network: &DiscreteModel, chunks: usize, settings: NewtonSetting
     body
 }
 
-/// The difference over the motion of the second, both weighed by mass.
+/// Returns the mass-weighted difference relative to the motion of `b`.
 fn off(network: &DiscreteModel, a: &[DVec3], b: &[DVec3]) -> f64 {
     let sum = |x: &[DVec3], y: &[DVec3]| -> f64 {
         let all = network.masses.iter().zip(x).zip(y);
@@ -78,7 +78,7 @@ fn forces(network: &DiscreteModel, x: &[DVec3]) -> Vec<DVec3> {
 
 #[test]
 fn a_step_solves_its_equation() {
-    // Elements, their weight and a floor; the springs of the network are not simulated.
+    // Elements, their weight and a floor; the network's springs are not simulated.
     for (law, chunks) in [
         (ConstitutiveModel::NeoHookean, 1),
         (ConstitutiveModel::Corotated, 3),
@@ -222,7 +222,7 @@ fn momentum_is_kept() {
     ] {
         let mut network = bar([4, 2, 2], law, false);
         network.damping_time = 1e-3;
-        // As far as the linear solves go.
+        // To the accuracy of the linear solves.
         let mut body = body::<f64>(&network, 2, EXACT);
         body.set_scheme(rule);
         body.set_pinned(&vec![false; network.rest_positions.len()])
@@ -282,7 +282,7 @@ fn an_affine_patch_stays_affine() {
     }
 }
 
-/// Error at the end of half a second in so many steps, over the motion.
+/// Returns the positions after the given number of steps.
 fn end_of(network: &DiscreteModel, rule: ImplicitScheme, steps: u32, uneven: bool) -> Vec<DVec3> {
     let mut body = body::<f64>(network, 1, EXACT);
     body.set_scheme(rule);

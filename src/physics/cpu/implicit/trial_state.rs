@@ -1,4 +1,4 @@
-//! The incremental potential of a step at one displacement: what it is, and where it was taken.
+//! Trial states of a step and their incremental potential.
 
 use super::initial_guess::InitialGuesses;
 use super::linear_step::StepContext;
@@ -18,7 +18,7 @@ pub struct TrialState<T> {
     pub displacements: Vec<V4<T>>,
     /// w.
     pub velocities: Vec<V4<T>>,
-    /// ½ |δ − δ̂|²_M / γ², and the part of α.
+    /// ½ |δ − δ̂|²_M / γ², and the α part.
     pub inertia: f64,
     /// E.
     pub elastic: f64,
@@ -27,7 +27,7 @@ pub struct TrialState<T> {
 }
 
 impl<T: Real> TrialState<T> {
-    /// Of so many nodes.
+    /// Allocates a state for `nodes` nodes.
     pub fn new(nodes: usize) -> TrialState<T> {
         TrialState {
             delta: vec![zero(); nodes],
@@ -39,19 +39,19 @@ impl<T: Real> TrialState<T> {
         }
     }
 
-    /// Φ.
+    /// Returns Φ.
     pub fn total(&self) -> f64 {
         self.inertia + self.elastic + self.dissipation
     }
 
-    /// What Φ may be wrong by from rounding.
+    /// Returns an estimate of the rounding error of Φ.
     pub fn rounding_error(&self) -> f64 {
         T::ENERGY_ROUNDING * (self.inertia.abs() + self.elastic.abs() + self.dissipation.abs())
     }
 
-    /// Puts the nodes that are free at δ = `at`, those of rigid bodies as their last trial says, and
-    /// the others where their velocities take them (none, but of nodes that are led); and weighs
-    /// the inertia of the free.
+    /// Sets free nodes to δ = `at`, nodes of rigid bodies to their last trial, and the others to
+    /// where their velocities take them (zero, except for prescribed motion); computes the inertia
+    /// of the free nodes.
     pub fn set_displacement(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -89,7 +89,8 @@ impl<T: Real> TrialState<T> {
                         place.0[n] = add(scene.at.u[i], d);
                         let w = add_scaled(led, free * over, sub(d, guesses.base(i)));
                         speed.0[n] = w;
-                        // Over γ before it is squared: the square of what is small would be subnormal.
+                        // Divided by γ before squaring: the square of a small number would be
+                        // subnormal.
                         let off = scale(free * over, sub(d, guesses.goal(i)));
                         let m = scene.masses[i];
                         inertia +=
@@ -103,7 +104,7 @@ impl<T: Real> TrialState<T> {
         self.dissipation = 0.0;
     }
 
-    /// Adds what the terms weigh there. `scratch` may be anything after.
+    /// Adds the energy and dissipation of the terms. `scratch` is overwritten.
     pub fn evaluate(
         &mut self,
         scene: &StepContext<'_, T>,
@@ -135,7 +136,7 @@ impl<T: Real> TrialState<T> {
     }
 }
 
-/// Whether any tet is inside out at the displacements `u`.
+/// Whether any tetrahedron is inverted at the displacements `u`.
 pub fn has_inverted_tets<T: Real>(
     plan: &Partition,
     terms: &[Box<dyn Term<T>>],

@@ -1,7 +1,8 @@
-//! The rows of a sparse matrix of 3×3 blocks that belong to a chunk of nodes.
+//! Block CSR rows of a chunk's nodes in a sparse matrix of 3×3 blocks.
 //!
-//! The matrix is symmetric and moves nothing by translations: only the blocks above the diagonal
-//! are added up, those below are their transposes, and those on it less the sum of their rows.
+//! The matrix is symmetric and translations are in its null space: only the blocks above the
+//! diagonal are accumulated; those below are their transposes, and each diagonal block is minus the
+//! sum of the others in its row.
 
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::{Mat3Columns, SymMat3, V4, sum_f64, zero};
@@ -11,25 +12,25 @@ use std::ops::Range;
 /// No slot.
 pub(in crate::physics::cpu) const NO_SLOT: u32 = u32::MAX;
 
-/// Marks the slot of a block that is to be added transposed.
+/// Flag of a slot whose block is added transposed.
 pub(in crate::physics::cpu) const TRANSPOSED_FLAG: u32 = 1 << 31;
 
-/// Rows in compressed form: columns ascending, each a node of the body.
+/// Rows in CSR format: columns ascending, each a node of the body.
 #[derive(Clone, Debug, Default)]
 pub(in crate::physics::cpu) struct BlockCsr<T> {
     nodes: Range<usize>,
     starts: Vec<u32>,
     columns: Vec<u32>,
-    /// The slot of each row's block on the diagonal.
+    /// Slot of each row's diagonal block.
     diagonal: Vec<u32>,
-    /// The slot above the diagonal that this one is the transpose of, or none.
+    /// Slot above the diagonal that this one is the transpose of, or [`NO_SLOT`].
     mirror: Vec<u32>,
-    /// A block a slot, columns padded.
+    /// One block per slot, columns padded.
     pub values: Vec<Mat3Columns<T>>,
 }
 
 impl<T: Real> BlockCsr<T> {
-    /// The rows `nodes` of a matrix that ties the nodes of every tet to each other.
+    /// Creates the rows `nodes` of a matrix that couples the nodes of each tetrahedron.
     pub fn new<'a>(nodes: Range<usize>, tets: impl Iterator<Item = &'a [u32; 4]>) -> BlockCsr<T> {
         let mut entries: Vec<(u32, u32)> = nodes.clone().map(|i| (i as u32, i as u32)).collect();
         for tet in tets {
@@ -64,8 +65,8 @@ impl<T: Real> BlockCsr<T> {
         rows
     }
 
-    /// Where a block between two nodes is added up: above the diagonal if that row is here, else
-    /// below it, else nowhere. i < j.
+    /// Returns the slot of the block between nodes i < j: above the diagonal if row i is here, else
+    /// below it if row j is here, else [`NO_SLOT`].
     pub fn entry_slot(&self, i: u32, j: u32) -> u32 {
         let below = || self.slot(j, i).map(|s| s | TRANSPOSED_FLAG);
         self.slot(i, j).or_else(below).unwrap_or(NO_SLOT)
@@ -85,7 +86,7 @@ impl<T: Real> BlockCsr<T> {
         add(&mut self.values[slot as usize], block);
     }
 
-    /// Adds a block where [`BlockCsr::entry_slot`] said.
+    /// Adds a block at a slot from [`BlockCsr::entry_slot`].
     #[inline(always)]
     pub fn add_placed(&mut self, place: u32, block: &Mat3Columns<T>) {
         if place == NO_SLOT {
@@ -97,7 +98,7 @@ impl<T: Real> BlockCsr<T> {
         }
     }
 
-    /// Fills in what lies below the diagonal and on it.
+    /// Fills in the blocks below and on the diagonal.
     pub fn finish(&mut self) {
         for (row, own) in self.diagonal.iter().enumerate() {
             let mut sum = [T::ZERO.splat(); 3];
@@ -117,7 +118,7 @@ impl<T: Real> BlockCsr<T> {
         }
     }
 
-    /// Adds the blocks on the diagonal to those of the chunk's nodes.
+    /// Adds the diagonal blocks to those of the chunk's nodes.
     pub fn add_diagonal(&self, out: &mut [SymMat3<T>]) {
         for (d, own) in out.iter_mut().zip(&self.diagonal) {
             let [x, y, z] = self.values[*own as usize];
@@ -127,7 +128,7 @@ impl<T: Real> BlockCsr<T> {
         }
     }
 
-    /// Adds `values` times p to the chunk's nodes; the fourth lanes may be anything.
+    /// Adds `values` times p to the chunk's nodes; the fourth lanes are arbitrary.
     #[inline]
     pub fn multiply(&self, values: &[Mat3Columns<T>], p: &[V4<T>], y: &mut [V4<T>]) {
         self.each_product(values, p, y, |y, sum| {
@@ -136,7 +137,8 @@ impl<T: Real> BlockCsr<T> {
         });
     }
 
-    /// Takes `values` times w from the chunk's nodes. Returns their part of w·values w.
+    /// Subtracts `values` times w from the vectors of the chunk's nodes. Returns their part of
+    /// w·values w.
     pub fn subtract_product(&self, values: &[Mat3Columns<T>], w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let first = self.nodes.start;
         let mut node = first;
@@ -159,7 +161,7 @@ impl<T: Real> BlockCsr<T> {
         let (mut from, mut all) = (0, 0.0);
         for (y, to) in y.iter_mut().zip(&self.starts[1..]) {
             let to = *to as usize;
-            // One sum a column: each waits for the last.
+            // One accumulator per column, to avoid a serial dependency.
             let mut sums = [T::ZERO.splat(); 3];
             for (block, j) in values[from..to].iter().zip(&self.columns[from..to]) {
                 let p = &p[*j as usize];
@@ -173,12 +175,12 @@ impl<T: Real> BlockCsr<T> {
         all
     }
 
-    /// Tells the blocks above the diagonal.
+    /// Visits the blocks above the diagonal.
     pub fn visit_upper_blocks(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         self.pairs_of(self.nodes.clone(), visit);
     }
 
-    /// The same of some rows.
+    /// As [`BlockCsr::visit_upper_blocks`], for the rows `nodes`.
     pub fn pairs_of(&self, nodes: Range<usize>, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for i in nodes.start.max(self.nodes.start)..nodes.end.min(self.nodes.end) {
             let row = i - self.nodes.start;

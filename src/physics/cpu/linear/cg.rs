@@ -1,5 +1,5 @@
-//! Conjugate gradients on one vector a node, preconditioned by the inverse diagonal blocks and,
-//! added to them, a coarse space.
+//! Preconditioned conjugate gradients with one 3-vector per node: block Jacobi plus an additive
+//! coarse correction.
 
 use super::coarse_space::{CoarseSpace, rigid_displacement};
 use super::rigid_projection::RigidProjection;
@@ -10,20 +10,20 @@ use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::dot;
 use crate::physics::cpu::vectors::{Mat3Columns, V4, add, add_scaled, scale, sum_f64, zero};
 
-/// The matrix A.
+/// The system matrix A.
 pub struct SystemOperator<'a, T> {
-    /// How the nodes are shared out.
+    /// Partition of the nodes.
     pub plan: &'a Partition,
-    /// What stands on the diagonal apart from the terms.
+    /// Masses, on the diagonal in addition to the terms.
     pub masses: &'a [T],
-    /// 1, or 0 for nodes that stay: their rows are zero.
+    /// 1, or 0 for fixed nodes, whose rows are zero.
     pub free: &'a [T],
-    /// Linearised.
+    /// Linearised terms.
     pub terms: &'a [Box<dyn Term<T>>],
 }
 
 impl<T: Real> SystemOperator<'_, T> {
-    /// y = A p, for p that is zero at nodes that stay. Returns p·y.
+    /// Computes y = A p, for p that is zero at fixed nodes. Returns p·y.
     pub fn multiply(&self, p: &[V4<T>], y: &mut [V4<T>]) -> f64 {
         let [sum] = self
             .plan
@@ -44,44 +44,45 @@ impl<T: Real> SystemOperator<'_, T> {
     }
 }
 
-/// Where conjugate gradients stop.
+/// Stopping criteria of conjugate gradients.
 #[derive(Clone, Copy, Debug)]
 pub struct CgTolerance {
-    /// Relative residual √(rᵀD⁻¹r / bᵀD⁻¹b) to reach.
+    /// Target relative residual √(rᵀD⁻¹r / bᵀD⁻¹b).
     pub tolerance: f64,
-    /// rᵀD⁻¹r that is as good as none.
+    /// Negligible rᵀD⁻¹r.
     pub floor: f64,
-    /// Iterations at most.
+    /// Largest number of iterations.
     pub max_iterations: u32,
 }
 
-/// How far they came.
+/// Result of a solve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CgResult {
     /// Iterations.
     pub iterations: u32,
     /// The relative residual.
     pub residual: f64,
-    /// Whether it is what was asked for.
+    /// Whether the target residual was reached.
     pub converged: bool,
-    /// Of [`CgSolver::solve_from_zero`]: b·x, which is twice what ½xᵀAx − bᵀx was lowered by.
+    /// For [`CgSolver::solve_from_zero`]: b·x, twice the decrease of ½xᵀAx − bᵀx.
     pub predicted_decrease: f64,
-    /// Of [`CgSolver::solve_from_zero`]: whether it ended where the matrix is not positive definite.
+    /// For [`CgSolver::solve_from_zero`]: whether it stopped because the matrix is not positive
+    /// definite.
     pub indefinite: bool,
 }
 
-/// The vectors of conjugate gradients, and the solutions of the last two systems.
+/// Vectors of conjugate gradients, and the solutions of the last two systems.
 #[derive(Clone, Debug)]
 pub struct CgSolver<T> {
-    /// The inverse diagonal blocks; zero for nodes that stay.
+    /// Inverse diagonal blocks; zero for fixed nodes.
     pub inverse: Vec<Mat3Columns<T>>,
-    /// b; then what is left of it.
+    /// b, then the residual.
     pub residual: Vec<V4<T>>,
     /// The solution.
     pub solution: Vec<V4<T>>,
     /// The last solution and the one before.
     pub previous_solutions: [Vec<V4<T>>; 2],
-    /// How many of those there are.
+    /// Number of previous solutions available.
     pub count: usize,
     direction: Vec<V4<T>>,
     product: Vec<V4<T>>,
@@ -90,12 +91,12 @@ pub struct CgSolver<T> {
     other: Vec<V4<T>>,
     motions: Vec<Vec6Padded<T>>,
     forces: Vec<Vec6Padded<T>>,
-    /// Nodes that move together.
+    /// Nodes of rigid bodies, which move together.
     pub rigid_projection: RigidProjection<T>,
 }
 
 impl<T: Real> CgSolver<T> {
-    /// For a body shared out by `plan`.
+    /// Creates a solver for a body partitioned by `plan`.
     pub fn new(plan: &Partition) -> CgSolver<T> {
         let vector = || vec![zero(); plan.nodes()];
         CgSolver {
@@ -114,7 +115,7 @@ impl<T: Real> CgSolver<T> {
         }
     }
 
-    /// Solves A x = b, b in [`CgSolver::residual`] with bᵀD⁻¹b = `start`; x is left in
+    /// Solves A x = b, with b in [`CgSolver::residual`] and bᵀD⁻¹b = `start`; writes x into
     /// [`CgSolver::solution`].
     pub fn solve(
         &mut self,
@@ -127,8 +128,8 @@ impl<T: Real> CgSolver<T> {
         self.iterate(a, coarse, start, stop, false)
     }
 
-    /// As [`CgSolver::solve`], from nothing, and of a matrix that may not be positive definite:
-    /// there it ends.
+    /// As [`CgSolver::solve`], from zero, for a matrix that may be indefinite; stops if it finds a
+    /// direction of non-positive curvature.
     pub fn solve_from_zero(
         &mut self,
         a: &SystemOperator<'_, T>,
@@ -153,7 +154,7 @@ impl<T: Real> CgSolver<T> {
         let mut smooth = self.update_solution(a.plan, coarse.as_deref(), T::ZERO);
         let (mut before, mut iterations) = (0.0, 0);
         let (mut gain, mut indefinite) = (0.0, false);
-        // Not a number goes on as converged, and is found in the state.
+        // NaN counts as converged here, and is detected in the state.
         while smooth > goal && iterations < stop.max_iterations {
             let rz = smooth + self.apply_coarse(&mut coarse);
             let beta = if before > 0.0 { rz / before } else { 0.0 };
@@ -164,7 +165,8 @@ impl<T: Real> CgSolver<T> {
                 indefinite = true;
                 break;
             }
-            // The matrix is positive definite; if rounding says otherwise, stay where we are.
+            // The matrix is positive definite; if rounding makes the curvature non-positive, do not
+            // move.
             let alpha = if pq > 0.0 { rz / pq } else { 0.0 };
             smooth = self.update_solution(a.plan, coarse.as_deref(), T::from_f64(alpha));
             gain += alpha * rz;
@@ -187,16 +189,16 @@ impl<T: Real> CgSolver<T> {
         }
     }
 
-    /// Keeps the solution for the start of the next solve.
+    /// Keeps the solution for the initial guess of the next solve.
     pub fn store_solution(&mut self) {
         self.previous_solutions.rotate_right(1);
         std::mem::swap(&mut self.previous_solutions[0], &mut self.solution);
         self.count = (self.count + 1).min(2);
     }
 
-    /// The start: what of the space of the last two solutions has the lowest ½xᵀAx − bᵀx.
+    /// Sets the initial guess that minimises ½xᵀAx − bᵀx in the span of the last two solutions.
     ///
-    /// That is never higher than of nothing, of the last solution, or of what both extrapolate to.
+    /// It is at least as good as zero, the last solution, or their linear extrapolation.
     fn initialise(&mut self, a: &SystemOperator<'_, T>, count: usize) {
         let [last, older] = &self.previous_solutions;
         let mut weights = [0.0; 2];
@@ -242,8 +244,8 @@ impl<T: Real> CgSolver<T> {
         self.product.fill(zero());
     }
 
-    /// x += α p, r −= α A p, and the forces that the coarse space and tied nodes see. Returns
-    /// rᵀD⁻¹r, D having the blocks of tied nodes too.
+    /// Computes x += α p, r −= α A p, and the restriction of r to the coarse space and the rigid
+    /// bodies. Returns rᵀD⁻¹r, where D includes the blocks of the rigid bodies.
     fn update_solution(
         &mut self,
         plan: &Partition,
@@ -291,8 +293,8 @@ impl<T: Real> CgSolver<T> {
         sum
     }
 
-    /// The answers of the coarse space and of tied nodes to the forces they see. Returns the part of
-    /// r·z that is not in rᵀD⁻¹r: the coarse space's.
+    /// Applies the coarse correction and the inverse blocks of the rigid bodies to the restricted
+    /// forces. Returns the coarse part of r·z, which is not in rᵀD⁻¹r.
     fn apply_coarse(&mut self, coarse: &mut Option<&mut CoarseSpace<T>>) -> f64 {
         let Some(coarse) = coarse else {
             self.rigid_projection
@@ -314,7 +316,7 @@ impl<T: Real> CgSolver<T> {
         sum
     }
 
-    /// p = z + β p.
+    /// Updates the direction p = z + β p.
     fn update_direction(&mut self, plan: &Partition, coarse: Option<&CoarseSpace<T>>, beta: T) {
         let (smoothed, motions, tied) =
             (&self.preconditioned, &self.motions, &self.rigid_projection);

@@ -1,8 +1,8 @@
-//! A coarse space for conjugate gradients: the six rigid motions of every group of nodes.
+//! Coarse space of the two-level preconditioner: the six rigid-body modes of every group of nodes.
 //!
-//! Block Jacobi takes what is rough out of an error in a few iterations and the smooth rest in
-//! hundreds; stiff parts in soft ones are worse still. Rigid motions of groups of nodes, 40 in a small
-//! body and hundreds in a large one (Galerkin, added to block Jacobi), catch that rest.
+//! Block Jacobi removes the rough part of an error in a few iterations, and the smooth rest only in
+//! hundreds, more where stiff parts lie in soft ones. The rigid-body modes of groups of nodes, 40
+//! in a small body and hundreds in a large one (Galerkin, added to block Jacobi), remove that rest.
 
 use super::rigid_projection::RigidProjection;
 use super::sparse_cholesky::{Block, SparseCholesky, Vec6Padded};
@@ -12,24 +12,24 @@ use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{SymMat3, V4, add};
 use glam::{DMat3, DVec3};
 
-/// By how much the diagonal of the coarse matrix is made larger: rotations of a group whose nodes
-/// lie on a line, or of one that is held, move nothing.
+/// Relative shift of the diagonal of the coarse matrix: rotations of a group with collinear nodes,
+/// or of a constrained group, are null modes.
 const DIAGONAL_SHIFT: f64 = 1e-7;
 
-/// The rigid motions of groups of nodes, and the factor of their matrix.
+/// Rigid-body modes of the groups of nodes, and the Cholesky factor of their matrix.
 #[derive(Clone, Debug)]
 pub struct CoarseSpace<T> {
-    /// Of every node: where it lies from the middle of its group, in the group's radii; the
-    /// fourth lane is 1, or 0 for nodes that stay.
+    /// Position of every node relative to the centre of its group, in the group's radii; the fourth
+    /// lane is 1, or 0 for fixed nodes.
     lever_arms: Vec<V4<T>>,
-    /// The group of every node.
+    /// Group of every node.
     group: Vec<u32>,
     factor: SparseCholesky<T>,
     ready: bool,
 }
 
 impl<T: Real> CoarseSpace<T> {
-    /// Analyses which groups of `plan` are tied to which by `terms`, which were linearised before.
+    /// Analyses the couplings between the groups of `plan` in the linearised `terms`.
     pub fn new(plan: &Partition, terms: &[Box<dyn Term<T>>]) -> CoarseSpace<T> {
         let group = node_groups(plan);
         let mut pairs = Vec::new();
@@ -58,14 +58,14 @@ impl<T: Real> CoarseSpace<T> {
         }
     }
 
-    /// Whether there is a factor to solve with.
+    /// Whether the factorisation succeeded.
     pub fn is_factorised(&self) -> bool {
         self.ready
     }
 
-    /// Makes the matrix and its factor, of the system that `terms` were linearised to. `points`
-    /// are the nodes' positions, `free` says which of them move; a body that is `tied` is a group
-    /// whose motions are its own.
+    /// Assembles and factorises the coarse matrix of the linearised `terms`. `points` returns the
+    /// nodes' positions, `free` whether they can move; a rigid body in `tied` is a group that uses
+    /// the body's own modes.
     pub fn factorise(
         &mut self,
         plan: &Partition,
@@ -79,7 +79,7 @@ impl<T: Real> CoarseSpace<T> {
             let first = plan.group(g).start;
             let arms = &mut self.lever_arms[plan.group(g)];
             if let Some(body) = tied.of(g) {
-                // One that is held somewhere has not all of these motions.
+                // A constrained body lacks some of these modes.
                 match body.free() {
                     true => arms.copy_from_slice(body.arms()),
                     false => arms.fill([T::ZERO; 4]),
@@ -142,7 +142,7 @@ impl<T: Real> CoarseSpace<T> {
                 for (k, column) in block.iter_mut().enumerate() {
                     match largest > 0.0 {
                         true => column[k] += DIAGONAL_SHIFT * largest,
-                        // All of the group is held.
+                        // All nodes of the group are fixed.
                         false => column[k] = 1.0,
                     }
                 }
@@ -151,8 +151,7 @@ impl<T: Real> CoarseSpace<T> {
         self.ready = self.factor.factorise();
     }
 
-    /// What the motions of a group see of the forces `r` on its nodes, the first of which is
-    /// `first`.
+    /// Restricts the forces `r` on the nodes of a group, beginning with node `first`, to its modes.
     #[inline]
     pub fn restrict(&self, first: usize, r: &[V4<T>]) -> Vec6Padded<T> {
         let (mut sum, mut turn) = ([T::ZERO; 4], [T::ZERO; 4]);
@@ -165,18 +164,18 @@ impl<T: Real> CoarseSpace<T> {
         [sum[0], sum[1], sum[2], turn[0], turn[1], turn[2], z, z]
     }
 
-    /// Solves the coarse system in place: one vector a group.
+    /// Solves the coarse system in place: one vector per group.
     pub fn solve(&mut self, x: &mut [Vec6Padded<T>]) {
         self.factor.solve(x);
     }
 
-    /// The arms of the nodes from `first` on, for [`rigid_displacement`].
+    /// Returns the arms of the nodes from `first`, for [`rigid_displacement`].
     pub fn arms(&self, first: usize) -> &[V4<T>] {
         &self.lever_arms[first..]
     }
 }
 
-/// How a node with that arm moves with the motion of its group.
+/// Returns the displacement of a node with the given arm for the rigid motion `m` of its group.
 #[inline(always)]
 pub fn rigid_displacement<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
     let w = arm[3];

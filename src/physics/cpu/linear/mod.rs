@@ -1,5 +1,5 @@
 //! Linear algebra of the implicit step: block matrices, conjugate gradients, the coarse space and
-//! the projection onto rigid motions.
+//! the projection onto rigid-body modes.
 
 pub(super) mod block_csr;
 pub(super) mod cg;

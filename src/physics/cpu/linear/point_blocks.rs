@@ -1,11 +1,11 @@
-//! Blocks of contact in the linear system: each of them acts on a mean of nodes.
+//! Contact blocks of the linear system, each acting on a weighted mean of nodes.
 
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::{SymMat3, V4, add, add_scaled, apply_symmetric, scale, zero};
 use glam::DMat3;
 
-/// A mean of nodes, of which some weights may be negative or 0, and its 3×3 block.
+/// A weighted mean of nodes, with weights that may be negative or 0, and its 3×3 block.
 #[derive(Clone, Copy, Debug)]
 struct Block<T> {
     nodes: [u32; 4],
@@ -21,16 +21,16 @@ impl<T: Real> Block<T> {
     }
 }
 
-/// The blocks as last linearised.
+/// Blocks of the last linearisation.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct PointBlocks<T> {
     all: Vec<Block<T>>,
-    /// Those with a node in each chunk.
+    /// Indices of the blocks with a node in each chunk.
     of_chunks: Vec<Vec<u32>>,
 }
 
 impl<T: Real> PointBlocks<T> {
-    /// None yet, for so many chunks.
+    /// Creates an empty set for `chunks` chunks.
     pub fn new(chunks: usize) -> PointBlocks<T> {
         PointBlocks {
             all: Vec::new(),
@@ -72,7 +72,7 @@ impl<T: Real> PointBlocks<T> {
         self.all.push(added);
     }
 
-    /// Adds their part of A p to the nodes of a chunk, which begins with the node `first`.
+    /// Adds the blocks' part of A p to the nodes of a chunk, which begins with node `first`.
     pub fn multiply(&self, (chunk, first): (usize, usize), p: &[V4<T>], y: &mut [V4<T>]) {
         for k in &self.of_chunks[chunk] {
             let own = &self.all[*k as usize];
@@ -82,7 +82,7 @@ impl<T: Real> PointBlocks<T> {
             }
             let force = apply_symmetric(&own.block, sum);
             for (i, w) in own.corners() {
-                // Nodes before the chunk wrap around and are beyond its end.
+                // For nodes before the chunk the subtraction wraps around to an index past its end.
                 if let Some(y) = y.get_mut(i.wrapping_sub(first)) {
                     *y = add(*y, scale(T::from_f64(w), force));
                 }
@@ -90,7 +90,7 @@ impl<T: Real> PointBlocks<T> {
         }
     }
 
-    /// Tells the blocks of pairs of nodes.
+    /// Visits the blocks of pairs of nodes.
     pub fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         for own in &self.all {
             let m = unpacked(&own.block);

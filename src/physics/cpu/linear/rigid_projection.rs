@@ -1,9 +1,9 @@
-//! Nodes tied together in conjugate gradients: those of a rigid body move with its six unknowns.
+//! Projection of conjugate gradients onto rigid-body modes: the nodes of a rigid body share its six
+//! unknowns.
 //!
-//! Vectors of a solve have an entry for every node still. Directions are kept within what P moves,
-//! where row i of P is [I, −[a]×] of node i's arm a: they come of P B Pᵀ r alone, B being the
-//! inverse of the body's own block of Pᵀ A P. That is conjugate gradients on Pᵀ A P, without that
-//! matrix.
+//! Vectors of a solve keep an entry for every node. Directions stay in the range of P, where row i
+//! of P is [I, −[a]×] for node i's arm a: they are P B Pᵀ r, with B the inverse of the body's own
+//! block of Pᵀ A P. This is conjugate gradients on Pᵀ A P, without forming that matrix.
 
 use super::coarse_space::{add_projected_block, rigid_displacement};
 use super::sparse_cholesky::{Block, DOF_PER_GROUP, Vec6Padded, inverse_factor};
@@ -16,38 +16,38 @@ use crate::physics::cpu::vectors::{SymMat3, V4, add, zero};
 use glam::{DMat3, DQuat, DVec3};
 use std::ops::Range;
 
-/// A group of nodes that are one body.
+/// Nodes of one rigid body.
 #[derive(Clone, Debug)]
 pub struct RigidBlock<T> {
     nodes: Range<usize>,
-    /// Where each of them is from the pivot, in the body's radii; the fourth lane is 1, or 0 where
-    /// the pivot stays. All zero where the body stays.
+    /// Position of each node relative to the pivot, in the body's radii; the fourth lane is 1, or 0
+    /// if the pivot is fixed. All zero if the body is fixed.
     arms: Vec<V4<T>>,
-    /// Which turns it makes.
+    /// Projector onto the permitted rotations.
     rotation_projector: DMat3,
     /// B.
     inverse: [Vec6Padded<T>; DOF_PER_GROUP],
-    /// It as it was made, how the body was turned then, and whether its block was positive
-    /// definite.
+    /// B as built, the body's rotation at that time, and its current one; the block is `None` if it
+    /// was not positive definite.
     built_block: Option<Block>,
     turned: DQuat,
     turn: DQuat,
-    /// Whether it moves as a group of a coarse space does.
+    /// Whether the body has all six modes, like a group of a coarse space.
     free: bool,
 }
 
-/// The last groups of a plan, each a body; mostly there is none.
+/// Rigid bodies, the last groups of a plan; usually there are none.
 #[derive(Clone, Debug)]
 pub struct RigidProjection<T> {
-    /// The first of these groups.
+    /// First of these groups.
     first: usize,
-    /// The first of their nodes.
+    /// First of their nodes.
     node: usize,
     bodies: Vec<RigidBlock<T>>,
 }
 
 impl<T: Real> RigidProjection<T> {
-    /// No nodes are tied.
+    /// Creates a projection without rigid bodies.
     pub fn empty() -> RigidProjection<T> {
         RigidProjection {
             first: usize::MAX,
@@ -56,7 +56,7 @@ impl<T: Real> RigidProjection<T> {
         }
     }
 
-    /// The rigid bodies of a plan.
+    /// Creates the projection for the rigid bodies of a plan.
     pub(in crate::physics::cpu) fn new(
         plan: &Partition,
         rigid: &RigidBodies,
@@ -81,19 +81,19 @@ impl<T: Real> RigidProjection<T> {
         }
     }
 
-    /// The body that a group is, if it is one.
+    /// Returns the body of a group, if it is one.
     #[inline(always)]
     pub fn of(&self, group: usize) -> Option<&RigidBlock<T>> {
         self.bodies.get(group.checked_sub(self.first)?)
     }
 
-    /// Whether node `i` is one of a body's.
+    /// Whether node `i` belongs to a rigid body.
     #[inline(always)]
     pub fn has(&self, i: usize) -> bool {
         i >= self.node
     }
 
-    /// Lets the arms be those of `poses`, and B turn with its body.
+    /// Updates the arms to `poses`, and rotates B with its body.
     pub(in crate::physics::cpu) fn update_poses(&mut self, rigid: &RigidBodies, poses: &[Pose]) {
         for ((body, known), pose) in self.bodies.iter_mut().zip(&rigid.bodies).zip(poses) {
             let (pivot, within) = known.pivot(pose);
@@ -112,8 +112,8 @@ impl<T: Real> RigidProjection<T> {
         }
     }
 
-    /// Makes the bodies' blocks of what was linearised, `diagonal` being its diagonal blocks. They
-    /// are kept as long as a coarse space is.
+    /// Builds the bodies' blocks from the linearised terms, with the diagonal blocks `diagonal`.
+    /// They are kept as long as a coarse space.
     pub(in crate::physics::cpu) fn build(
         &mut self,
         diagonal: &[SymMat3<T>],
@@ -147,7 +147,7 @@ impl<T: Real> RigidProjection<T> {
         self.bodies.iter().all(|body| body.built_block.is_some())
     }
 
-    /// The nodes from `first` on that are a body's, among those of a chunk, body by body.
+    /// Iterates over the rigid bodies of a chunk.
     pub(in crate::physics::cpu) fn bodies_of(
         &self,
         plan: &Partition,
@@ -156,7 +156,7 @@ impl<T: Real> RigidProjection<T> {
         plan.groups_of(chunk).filter_map(|g| self.of(g))
     }
 
-    /// Takes the forces out that a coarse space must not see: of bodies that are held somewhere.
+    /// Zeroes the forces on constrained bodies, which the coarse space must not include.
     pub fn remove_constrained_forces(&self, forces: &mut [Vec6Padded<T>]) {
         for (body, f) in self.bodies.iter().zip(forces.iter_mut().skip(self.first)) {
             if !body.free {
@@ -165,8 +165,8 @@ impl<T: Real> RigidProjection<T> {
         }
     }
 
-    /// Adds the motions of the bodies by their own blocks under `forces` to those that a coarse
-    /// space gave, if there was one.
+    /// Adds the motions B f of the bodies for `forces` to those of the coarse space, if there was
+    /// one.
     pub fn apply_inverse(
         &self,
         forces: &[Vec6Padded<T>],
@@ -214,7 +214,7 @@ impl<T: Real> RigidBlock<T> {
         self.nodes.clone()
     }
 
-    /// Pᵀ r of its nodes: `at` gives r of the n-th of them.
+    /// Returns Pᵀ r of the body's nodes: `at` returns r of the n-th node.
     #[inline]
     pub fn restrict(&self, at: impl Fn(usize) -> V4<T>) -> Vec6Padded<T> {
         let (mut sum, mut turn) = ([0.0; 3], [0.0; 3]);
@@ -231,7 +231,7 @@ impl<T: Real> RigidBlock<T> {
         [x, y, z, a, b, c, T::ZERO, T::ZERO]
     }
 
-    /// B f.
+    /// Returns B f.
     #[inline]
     pub fn answer(&self, f: &Vec6Padded<T>) -> Vec6Padded<T> {
         let mut out = [T::ZERO; 8];
@@ -243,24 +243,24 @@ impl<T: Real> RigidBlock<T> {
         out
     }
 
-    /// f·B f.
+    /// Returns f·B f.
     #[inline]
     pub fn energy(&self, f: &Vec6Padded<T>) -> f64 {
         let m = self.answer(f);
         (0..DOF_PER_GROUP).map(|k| (f[k] * m[k]).to_f64()).sum()
     }
 
-    /// The arms, for [`rigid_displacement`].
+    /// Returns the arms, for [`rigid_displacement`].
     pub fn arms(&self) -> &[V4<T>] {
         &self.arms
     }
 
-    /// Whether it has all six motions.
+    /// Whether the body has all six modes.
     pub fn free(&self) -> bool {
         self.free
     }
 
-    /// p = z + P m + β p of its nodes, z being what the diagonal blocks say.
+    /// Computes p = z + P m + β p at the body's nodes, where z is from the diagonal blocks.
     #[inline]
     pub fn update_direction(&self, m: &Vec6Padded<T>, beta: T, p: &mut [V4<T>]) {
         for (p, arm) in p.iter_mut().zip(&self.arms) {
@@ -277,7 +277,7 @@ fn times(a: &Block, b: &Block) -> Block {
     })
 }
 
-/// The inverse of a body's block, of those of its motions that there are.
+/// Returns the inverse of a body's block, restricted to its permitted modes.
 fn inverse_within(block: &Block, free: bool, within: &DMat3) -> Option<Block> {
     let keep = f64::from(u8::from(free));
     let mut p = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];

@@ -1,11 +1,11 @@
-//! A sparse Cholesky factorisation in 6×6 blocks, of the matrix of a coarse space.
+//! Sparse Cholesky factorisation in 6×6 blocks, for the coarse matrix.
 //!
-//! Ordered by nested dissection, analysed once for a pattern, factorised in f64 as often as the
-//! numbers change, kept in the engine's own numbers for solving.
+//! The matrix is ordered by nested dissection, analysed once per pattern, factorised in f64 when
+//! its values change, and stored in the engine's precision for solving.
 
 use crate::physics::cpu::scalar::Real;
 
-/// Unknowns of a block.
+/// Unknowns per block.
 pub const DOF_PER_GROUP: usize = 6;
 
 /// A 6×6 block in f64, by columns.
@@ -14,19 +14,20 @@ pub type Block = [[f64; DOF_PER_GROUP]; DOF_PER_GROUP];
 /// A vector of a block's unknowns, padded.
 pub type Vec6Padded<T> = [T; 8];
 
-/// A block as it is kept for solving: columns, padded.
+/// A block stored for solving: columns, padded.
 type PackedBlock<T> = [Vec6Padded<T>; DOF_PER_GROUP];
 
 /// The factor L of A = L Lᵀ.
 #[derive(Clone, Debug)]
 pub struct SparseCholesky<T> {
-    /// The group that is eliminated k-th, and when each group is.
+    /// The group eliminated k-th, and the inverse order.
     order: Vec<u32>,
     inverse_order: Vec<u32>,
-    /// Column k has the rows `rows[starts[k]..starts[k + 1]]`, ascending, its own first.
+    /// Column k has the rows `rows[starts[k]..starts[k + 1]]`, ascending, beginning with the
+    /// diagonal.
     starts: Vec<usize>,
     rows: Vec<u32>,
-    /// Columns before k that have row k, with the place of that row in them.
+    /// Columns before k that contain row k, with the position of that row in them.
     ahead: Vec<(u32, u32)>,
     row_starts: Vec<usize>,
     /// In f64: A, then L, with L⁻¹ on the diagonal.
@@ -37,8 +38,8 @@ pub struct SparseCholesky<T> {
 }
 
 impl<T: Real> SparseCholesky<T> {
-    /// Analyses the pattern of a matrix of `groups` blocks a side with those pairs of groups off
-    /// the diagonal, each pair in both orders, sorted.
+    /// Analyses the pattern of a matrix of `groups` block rows with the given off-diagonal pairs of
+    /// groups, each pair in both orders, sorted.
     pub fn new(groups: usize, pairs: &[(u32, u32)]) -> SparseCholesky<T> {
         let mut starts = vec![0usize; groups + 1];
         for (a, _) in pairs {
@@ -62,7 +63,7 @@ impl<T: Real> SparseCholesky<T> {
         for (k, g) in order.iter().enumerate() {
             inverse_order[*g as usize] = k as u32;
         }
-        // The rows of a column are its own, and those of the columns that it is the first row of.
+        // The rows of a column are its own, and those of the columns whose first row it is.
         let mut columns: Vec<Vec<u32>> = Vec::with_capacity(groups);
         let mut children: Vec<Vec<u32>> = vec![Vec::new(); groups];
         let mut seen = vec![u32::MAX; groups];
@@ -114,13 +115,13 @@ impl<T: Real> SparseCholesky<T> {
         }
     }
 
-    /// Begins a matrix: all zero.
+    /// Sets the matrix to zero.
     pub fn clear(&mut self) {
         self.factor_f64.fill([[0.0; DOF_PER_GROUP]; DOF_PER_GROUP]);
     }
 
-    /// The block between two groups, and whether it is that of (b, a): transposed. `None` for a
-    /// pair that the pattern has not.
+    /// Returns the index of the block between two groups, and whether the stored block is the
+    /// transposed (b, a). `None` if the pair is not in the pattern.
     pub fn block_index(&self, a: u32, b: u32) -> Option<(usize, bool)> {
         let [p, q] = [a, b].map(|g| self.inverse_order[g as usize]);
         let (row, column) = (p.max(q), p.min(q) as usize);
@@ -129,13 +130,13 @@ impl<T: Real> SparseCholesky<T> {
         Some((self.starts[column] + n, p < q))
     }
 
-    /// A block of the matrix, to be added to.
+    /// Returns a block of the matrix to add to.
     pub fn block_mut(&mut self, place: usize) -> &mut Block {
         &mut self.factor_f64[place]
     }
 
-    /// Factorises what was added up since [`SparseCholesky::clear`]. Whether it is positive definite;
-    /// if not, there is nothing to solve with.
+    /// Factorises the matrix assembled since [`SparseCholesky::clear`]. Returns whether it is
+    /// positive definite; if not, it cannot be used for solving.
     pub fn factorise(&mut self) -> bool {
         for k in 0..self.order.len() {
             let own = self.starts[k]..self.starts[k + 1];
@@ -226,8 +227,8 @@ impl<T: Real> SparseCholesky<T> {
     }
 }
 
-/// Both halves before what separates them; the groups of a half are near each other, for they
-/// come in the order of [`crate::physics::cpu::aggregation::lumps`].
+/// Orders both halves before their separator; the groups of a half are close in space, because
+/// [`crate::physics::cpu::aggregation::Aggregates`] orders them.
 fn nested_dissection<'a>(
     groups: Vec<u32>,
     around: &impl Fn(u32) -> &'a [(u32, u32)],
@@ -250,7 +251,7 @@ fn nested_dissection<'a>(
     out.extend(between);
 }
 
-/// c −= a bᵀ.
+/// Computes c −= a bᵀ.
 #[inline(always)]
 fn subtract_product(a: &Block, b: &Block, c: &mut Block) {
     for (a, b) in a.iter().zip(b) {
@@ -262,7 +263,7 @@ fn subtract_product(a: &Block, b: &Block, c: &mut Block) {
     }
 }
 
-/// a bᵀ.
+/// Returns a bᵀ.
 fn times_transposed(a: &Block, b: &Block) -> Block {
     let mut out = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
     for (a, b) in a.iter().zip(b) {
@@ -275,7 +276,7 @@ fn times_transposed(a: &Block, b: &Block) -> Block {
     out
 }
 
-/// L⁻¹ of a = L Lᵀ.
+/// Returns L⁻¹ for a = L Lᵀ.
 pub(in crate::physics::cpu) fn inverse_factor(a: &Block) -> Option<Block> {
     let mut l = *a;
     for k in 0..DOF_PER_GROUP {
@@ -305,7 +306,7 @@ pub(in crate::physics::cpu) fn inverse_factor(a: &Block) -> Option<Block> {
     Some(inverse)
 }
 
-/// m v.
+/// Returns m v.
 #[inline(always)]
 fn times<T: Real>(m: &PackedBlock<T>, v: &Vec6Padded<T>) -> Vec6Padded<T> {
     let mut out = [T::ZERO; 8];

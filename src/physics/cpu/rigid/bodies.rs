@@ -1,13 +1,14 @@
-//! Rigid bodies: nodes that move together, by six unknowns.
+//! Rigid bodies: nodes that move together, with six unknowns.
 //!
-//! The engine's own nodes of a body are those of its surface, without mass, and four **carriers**
-//! that have all of it: at R A t_k from its centre, t_k being the corners of a regular tet and
-//! A Aᵀ the body's mean of r rᵀ, they have its mass, its centre and its inertia exactly, for
-//! whatever moves its nodes affinely. So a body's inertia, gravity and history are those of four
-//! ordinary nodes, and a step is the minimisation that it is without rigid bodies, over
-//! x = c + R r. Nodes inside take no part; they are put in their places after.
+//! The engine's nodes of a body are its surface nodes, without mass, and four **proxy nodes** with
+//! all of its mass: at R A t_k from its centre, with t_k the corners of a regular tetrahedron and A
+//! Aᵀ the body's mean of r rᵀ, they have its exact mass, centre and inertia under any affine
+//! motion. A body's inertia, gravity and history are therefore those of four ordinary nodes, and a
+//! step is the same minimisation as without rigid bodies, over x = c + R r. Interior nodes take no
+//! part; their positions are set afterwards.
 //!
-//! Poses are kept in f64, and every node's displacement is rounded from them: nothing adds up.
+//! Poses are stored in f64, and every node's displacement is rounded from them, so errors do not
+//! accumulate.
 
 use super::closest_rotation::closest_rotation;
 use super::pose::{
@@ -19,33 +20,34 @@ use crate::physics::cpu::vectors::outer;
 use crate::physics::cpu::vectors::{to_dvec, to_v4};
 use glam::{DMat3, DQuat, DVec3};
 
-/// The rigid bodies of a body, whose nodes are the last of its plan and what lies beyond it.
+/// The rigid bodies of a body, whose nodes are the last of its plan and those beyond it.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct RigidBodies {
-    /// The first slot of any.
+    /// First slot of any body.
     pub first: usize,
-    /// One after the other, a group of the plan each.
+    /// The bodies in order, each a group of the plan.
     pub bodies: Vec<RigidGroup>,
-    /// Where each of their nodes is, from the first slot on: from its body's centre at rest.
+    /// Position of each node relative to its body's centre at rest, beginning with the first slot.
     pub lever_arms: Vec<DVec3>,
-    /// The body of each.
+    /// Body of each node.
     owner: Vec<u32>,
-    /// Mass of each of the mesh's nodes, which its body carries for it.
+    /// Mass of each of the mesh's nodes, carried by its body.
     pub weights: Vec<f64>,
-    /// The poses at the start of the step, those of the best and of the last trial in it.
+    /// Poses at the start of the step, of the best trial, and of the last trial.
     pub now: Vec<Pose>,
     pub best: Vec<Pose>,
     pub trial: Vec<Pose>,
-    /// Where bodies that are held go in the step, and how much of that way trials have gone.
+    /// Target poses of constrained bodies in the step, and the fraction of that motion applied in
+    /// trials.
     pub targets: Vec<Option<Pose>>,
     pub prescribed_fraction: f64,
-    /// Shift and change of rotation from now to the last trial.
+    /// Translation and rotation vector from now to the last trial.
     changes: Vec<(DVec3, DMat3)>,
-    /// Of the direction that is searched along: shift and rotation vector.
+    /// Search direction: translation and rotation vector.
     pub directions: Vec<(DVec3, DVec3)>,
-    /// Of the midpoint rule: the torque on each body in the last step.
+    /// For the midpoint rule: the torque on each body in the last step.
     pub torques: Vec<DVec3>,
-    /// Whether steps are those of that rule.
+    /// Whether steps use the midpoint rule.
     pub midpoint: bool,
 }
 
@@ -56,7 +58,7 @@ impl Default for RigidBodies {
 }
 
 impl RigidBodies {
-    /// At rest, free.
+    /// Creates the bodies at rest, free.
     pub fn new(
         first: usize,
         bodies: Vec<RigidGroup>,
@@ -88,24 +90,24 @@ impl RigidBodies {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no bodies.
     pub fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
 
-    /// The body that has slot `i`.
+    /// Returns the body of slot `i`.
     pub fn body_of(&self, i: usize) -> Option<usize> {
         let n = i.checked_sub(self.first)?;
         self.owner.get(n).map(|b| *b as usize)
     }
 
-    /// The displacement of a slot from its rest in a pose of its body.
+    /// Returns the displacement of a slot from rest in a pose of its body.
     pub fn displacement(&self, i: usize, pose: &Pose) -> DVec3 {
         let r = self.lever_arms[i - self.first];
         pose.translation + (pose.rotation * r - r)
     }
 
-    /// Takes the poses nearest to where `at` displaces the carriers from now for a trial.
+    /// Sets the trial poses to those closest to the proxy nodes' displacements `at` from now.
     pub fn set_trial_from<T: Real>(&mut self, at: impl Fn(usize) -> V4<T>) {
         for (b, body) in self.bodies.iter().enumerate() {
             let from = self.now[b];
@@ -119,14 +121,14 @@ impl RigidBodies {
         self.note_changes();
     }
 
-    /// Stays for a trial.
+    /// Sets the trial to the current poses.
     pub fn reset_trial(&mut self) {
         self.trial.copy_from_slice(&self.now);
         self.note_changes();
     }
 
-    /// Takes note of how the bodies move in a vector of all nodes that moves them rigidly, from
-    /// where they are in the best trial.
+    /// Extracts the bodies' search direction from a vector of all nodes that moves them rigidly
+    /// from the best trial.
     pub fn read_directions<T: Real>(&mut self, vector: &[V4<T>]) {
         for (b, body) in self.bodies.iter().enumerate() {
             let pose = &self.best[b];
@@ -149,7 +151,7 @@ impl RigidBodies {
         }
     }
 
-    /// Goes so far along the direction from the best trial, for a trial.
+    /// Sets the trial to a step along the direction from the best trial.
     pub fn move_trial(&mut self, length: f64) {
         for (b, body) in self.bodies.iter().enumerate() {
             let (shift, by) = self.directions[b];
@@ -161,7 +163,7 @@ impl RigidBodies {
         self.note_changes();
     }
 
-    /// Shifts the bodies of the last trial that are free to.
+    /// Translates the free bodies of the last trial.
     pub fn shift(&mut self, by: &[DVec3]) {
         for ((pose, body), by) in self.trial.iter_mut().zip(&self.bodies).zip(by) {
             if body.freedom == DegreesOfFreedom::Free {
@@ -171,7 +173,7 @@ impl RigidBodies {
         self.note_changes();
     }
 
-    /// Shifts the bodies that are free to, now.
+    /// Translates the free bodies now.
     pub fn shift_now(&mut self, by: &[DVec3]) {
         for ((pose, body), by) in self.now.iter_mut().zip(&self.bodies).zip(by) {
             if body.freedom == DegreesOfFreedom::Free {
@@ -180,7 +182,7 @@ impl RigidBodies {
         }
     }
 
-    /// Takes the poses of the best trial for another.
+    /// Sets the trial to the best trial.
     pub fn copy_best_to_trial(&mut self) {
         self.trial.copy_from_slice(&self.best);
         self.note_changes();
@@ -194,7 +196,7 @@ impl RigidBodies {
             let body = &self.bodies[b];
             let led = self.now[b].interpolate(target, self.prescribed_fraction);
             self.trial[b] = match body.freedom {
-                // It turns as it likes about where what holds it goes.
+                // The rotation about the constrained points remains free.
                 DegreesOfFreedom::Rotational(pivot, axis) => {
                     let turn = self.trial[b].rotation;
                     let along = axis.map_or(DQuat::IDENTITY, |axis| {
@@ -216,7 +218,7 @@ impl RigidBodies {
         }
     }
 
-    /// How far the last trial displaces slot `i` from now.
+    /// Returns the displacement of slot `i` from now in the last trial.
     pub fn change<T: Real>(&self, i: usize) -> V4<T> {
         let n = i - self.first;
         let (shift, turn) = &self.changes[self.owner[n] as usize];
@@ -228,13 +230,13 @@ impl RigidBodies {
         std::mem::swap(&mut self.best, &mut self.trial);
     }
 
-    /// Makes the best trial what is now.
+    /// Makes the best trial the current state.
     pub fn commit(&mut self) {
         self.now.copy_from_slice(&self.best);
         self.targets.fill(None);
     }
 
-    /// Puts the nodes of all bodies where the `poses` have them.
+    /// Sets the nodes of all bodies according to `poses`.
     pub fn write_nodes<T: Real>(&self, poses: &[Pose], u: &mut [V4<T>]) {
         for (n, b) in self.owner.iter().enumerate() {
             let i = self.first + n;
@@ -242,7 +244,8 @@ impl RigidBodies {
         }
     }
 
-    /// Gives the nodes of a body, or those inside only, the velocities that its carriers say.
+    /// Sets the velocities of the nodes of a body, or of its interior ones only, from its proxy
+    /// nodes.
     pub fn write_velocities<T: Real>(&self, b: usize, all: bool, v: &mut [V4<T>]) {
         let body = &self.bodies[b];
         let carriers: [DVec3; PROXY_NODES] =
@@ -260,8 +263,8 @@ impl RigidBodies {
         }
     }
 
-    /// Lets a body in `pose` move on with the momentum `sum`, and `moment` about its pivot, as it
-    /// can: writes the velocities of its nodes.
+    /// Sets the velocities of a body's nodes in `pose` for the momentum `sum` and the `moment`
+    /// about its pivot, within its degrees of freedom.
     pub fn set_momentum<T: Real>(&self, b: usize, (sum, moment): (DVec3, DVec3), v: &mut [V4<T>]) {
         let (body, pose) = (&self.bodies[b], &self.now[b]);
         let (pivot, within) = body.pivot(pose);
@@ -283,7 +286,8 @@ impl RigidBodies {
         }
     }
 
-    /// The momentum of a body and its moment about its pivot, of its carriers' velocities.
+    /// Returns the momentum of a body and its moment about its pivot, from its proxy nodes'
+    /// velocities.
     pub fn momentum<T: Real>(&self, b: usize, v: &[V4<T>]) -> (DVec3, DVec3) {
         let (body, pose) = (&self.bodies[b], &self.now[b]);
         let (pivot, _) = body.pivot(pose);
@@ -297,8 +301,8 @@ impl RigidBodies {
         (sum, moment)
     }
 
-    /// Takes the poses and the momenta that suit positions and velocities of the mesh's nodes best,
-    /// each by its mass; `of` gives those of a slot, local units. Writes all nodes' of the bodies.
+    /// Fits the poses and momenta to positions and velocities of the mesh's nodes, weighted by
+    /// mass; `of` returns those of a slot, local units. Writes all nodes of the bodies.
     pub fn fit_state<T: Real>(
         &mut self,
         of: impl Fn(usize) -> (DVec3, DVec3),
@@ -335,14 +339,14 @@ impl RigidBodies {
         self.write_nodes(&self.now, u);
     }
 
-    /// Says which nodes of a body stay: how it can move follows. Slots.
+    /// Sets the fixed nodes of a body (slots), which determine its degrees of freedom.
     pub fn set_constraints(&mut self, b: usize, held: impl Iterator<Item = usize>) {
         let arms = held.map(|i| self.lever_arms[i - self.first]);
         self.bodies[b].freedom = DegreesOfFreedom::of(arms, self.bodies[b].radius());
     }
 
-    /// The pose of a body in which nodes of it are as near to places as they can be: pairs of slots
-    /// and displacements, all that stays of it among them.
+    /// Returns the pose of a body that best fits pairs of slots and displacements, which include
+    /// all of its fixed nodes.
     pub fn pose_from_constraints(&self, b: usize, held: &[(usize, DVec3)]) -> Pose {
         let body = &self.bodies[b];
         let from = self.now[b];
@@ -351,7 +355,7 @@ impl RigidBodies {
         let place = |(i, u): &(usize, DVec3)| body.centre + arm(*i) + *u;
         let at = held.iter().map(place).sum::<DVec3>() / count;
         let middle = held.iter().map(|(i, _)| arm(*i)).sum::<DVec3>() / count;
-        // Where they leave a turn open, it stays as it is.
+        // A rotation that they do not determine is kept.
         let mut m = DMat3::from_quat(from.rotation) * (1e-9 * body.radius().powi(2));
         for one in held {
             m += outer(place(one) - at, arm(one.0) - middle);

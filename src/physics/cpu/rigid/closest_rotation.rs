@@ -1,15 +1,15 @@
-//! The rotation that lays one set of points onto another as well as can be.
+//! Rotation that best fits one set of points to another.
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// Newton steps at most; four or five are usual.
+/// Largest number of Newton steps; four or five are usual.
 const MAX_ITERATIONS: usize = 60;
 
-/// The rotation R within reach of `start` that makes Σ m x·R y largest, of `m` = Σ m x yᵀ: it has
-/// the least Σ m |x − R y|². Only turns that the projection `within` leaves are made.
+/// Returns the rotation R near `start` that maximises Σ m x·R y, for `m` = Σ m x yᵀ, and so
+/// minimises Σ m |x − R y|². Only rotations permitted by the projection `within` are made.
 ///
-/// Newton's method on the rotation vector, whose second derivative is tr(C) I − sym C with
-/// C = m Rᵀ; where that is not positive definite, short steps along the torque.
+/// Newton's method on the rotation vector, with the Hessian tr(C) I − sym C with C = m Rᵀ; where
+/// that is not positive definite, short steps along the torque.
 pub(in crate::physics) fn closest_rotation(m: &DMat3, start: DQuat, within: DMat3) -> DQuat {
     let mut turn = start;
     let rest = DMat3::IDENTITY - within;
@@ -23,7 +23,7 @@ pub(in crate::physics) fn closest_rotation(m: &DMat3, start: DQuat, within: DMat
         let torque = within * torque;
         let trace = c.x_axis.x + c.y_axis.y + c.z_axis.z;
         let bend = DMat3::from_diagonal(DVec3::splat(trace)) - (c + c.transpose()) * 0.5;
-        // Nothing turns about what is left out: it gets a number of the right size.
+        // Excluded axes get a diagonal entry of suitable magnitude.
         let bend = within * bend * within + rest * trace.abs();
         let step = match is_positive(&bend) {
             true => bend.inverse() * torque,
@@ -76,7 +76,7 @@ mod tests {
             if noise == 0.0 {
                 assert!(found.angle_between(truth) < 1e-7);
             }
-            // Nowhere near is there a better one.
+            // There is no better rotation nearby.
             for _ in 0..8 {
                 let other = DQuat::from_scaled_axis(vector(1e-3)) * found;
                 assert!(value(other) < value(found) + 1e-12);

@@ -1,5 +1,5 @@
-//! How a body's nodes are laid out where some of it is rigid: what is soft in lumps, then each rigid
-//! body as a group of its own, and beyond the plan what lies inside these.
+//! Node layout of a body with rigid regions: soft nodes in aggregates, then each rigid body as a
+//! group of its own, and beyond the plan their interior nodes.
 
 use super::bodies::RigidBodies;
 use super::pose::{DegreesOfFreedom, PROXY_NODES, RigidGroup, carriers};
@@ -10,7 +10,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::borrow::Cow;
 
-/// Refuses schemes that step no rigid bodies.
+/// Checks that a scheme supports rigid bodies.
 ///
 /// # Errors
 /// [`Error::Input`].
@@ -23,11 +23,11 @@ fn check_rigid_support(kind: SolverKind) -> Result<()> {
     }
 }
 
-/// The network that the engine keeps of `network`, the order of its nodes, and what of it is rigid;
-/// `most` as for [`RigidLayout::new`].
+/// Returns the engine's network for `network`, the order of its nodes, and its rigid bodies; `most`
+/// as for [`RigidLayout::new`].
 ///
 /// # Errors
-/// As [`RigidLayout::new`], and [`Error::Input`] for schemes that step no rigid bodies.
+/// As [`RigidLayout::new`], and [`Error::Input`] for schemes that do not support rigid bodies.
 pub(in crate::physics::cpu) fn build_layout<'a>(
     network: &'a DiscreteModel,
     kind: SolverKind,
@@ -47,20 +47,21 @@ pub(in crate::physics::cpu) fn build_layout<'a>(
     Ok((Cow::Owned(network), lumps, rigid))
 }
 
-/// A network with carriers for nodes, and the order of all of its nodes.
+/// A network with proxy nodes, and the order of all of its nodes.
 struct RigidLayout {
-    /// The carriers come last, four a body; they have the mass of its nodes, which have none.
+    /// The proxy nodes come last, four per body; they have the mass of its nodes, which become
+    /// massless.
     network: DiscreteModel,
     lumps: Aggregates,
     rigid: RigidBodies,
 }
 
 impl RigidLayout {
-    /// Of `network`, which has rigid bodies, its soft nodes in groups of at most `most(their
-    /// number)`.
+    /// Creates the layout of `network`, which has rigid bodies, with its soft nodes in groups of at
+    /// most `most(their number)`.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body without mass, a flat one, or of nodes that are not there.
+    /// [`Error::Input`] for a body without mass, a flat one, or one with nodes out of range.
     fn new(
         network: &DiscreteModel,
         units: &LocalUnits,
@@ -69,7 +70,7 @@ impl RigidLayout {
         let count = network.rest_positions.len();
         let bodies = &network.elements.rigid;
         let owner = node_owners(bodies, count)?;
-        // What soft tets pull at takes part, wherever it is.
+        // Nodes of soft tetrahedra take part, wherever they are.
         let mut outside = vec![false; count];
         let surface = bodies.iter().flat_map(|b| &b.surface);
         surface.for_each(|v| outside[*v as usize] = true);

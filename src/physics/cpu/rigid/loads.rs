@@ -1,4 +1,4 @@
-//! Forces on rigid bodies from outside: handed to their carriers.
+//! External forces on rigid bodies, transferred to their proxy nodes.
 
 use super::bodies::RigidBodies;
 use super::pose::{PROXY_NODES, PROXY_POSITIONS, RigidGroup};
@@ -13,14 +13,15 @@ use crate::physics::cpu::vectors::{V4, zero};
 use glam::{DMat3, DVec3};
 
 impl RigidBodies {
-    /// Whether springs at a node are such a term: at nodes inside, and at all of a body alone, which
-    /// may be light. At others they pull as at soft nodes, and as on the GPU.
+    /// Whether springs at a node are handled by the rigid target spring term: at interior nodes,
+    /// and at all nodes of an isolated body, which may be light. At others they act as at soft
+    /// nodes, and as on the GPU.
     pub fn is_target_spring_node(&self, slot: usize) -> bool {
         let body = self.body_of(slot).map(|b| &self.bodies[b]);
         body.is_some_and(|body| body.is_isolated || body.inner.contains(&slot))
     }
 
-    /// The springs to targets at nodes of rigid bodies. `place` gives slots, `rest` is in m.
+    /// Returns the target springs at nodes of rigid bodies. `place` gives slots, `rest` is in m.
     pub fn target_springs(
         &self,
         attachments: &[NodeConstraint],
@@ -55,8 +56,9 @@ impl RigidBodies {
         springs.collect()
     }
 
-    /// Hands forces on the nodes inside, in the order of the network, to the carriers, which come
-    /// last: forces that do not turn with the body. `order` is the network's number of every slot.
+    /// Transfers forces on interior nodes, in the order of the network, to the proxy nodes, which
+    /// come last; the forces do not rotate with the body. `order` is the network's index of every
+    /// slot.
     pub fn transfer_to_carriers(&self, forces: &mut [DVec3], order: &[u32]) {
         for body in &self.bodies {
             let (mut sum, mut moment) = (DVec3::ZERO, DMat3::ZERO);
@@ -71,7 +73,8 @@ impl RigidBodies {
         }
     }
 
-    /// Hands the forces on the nodes of a body's surface to its carriers: `f` is that of a chunk that begins with node `start`.
+    /// Transfers the forces on the nodes of a body's surface to its proxy nodes: `f` is that of a
+    /// chunk that begins with node `start`.
     pub fn transfer_surface_forces<T: Real>(&self, b: usize, start: usize, f: &mut [V4<T>]) {
         let body = &self.bodies[b];
         let (mut sum, mut moment) = (DVec3::ZERO, DMat3::ZERO);
@@ -92,7 +95,8 @@ impl RigidBodies {
     }
 }
 
-/// What a force, and the sum of f rᵀ with it, are on the carriers: the same of any affine motion.
+/// Returns the forces on the proxy nodes equivalent to a force and its sum of f rᵀ, for any affine
+/// motion.
 fn carrier_forces(body: &RigidGroup, sum: DVec3, moment: DMat3) -> [DVec3; PROXY_NODES] {
     let turned = moment * body.inverse_inertia_map.transpose();
     PROXY_POSITIONS.map(|t| (sum + turned * t) / PROXY_NODES as f64)

@@ -1,4 +1,4 @@
-//! Rigid regions: their layout as nodes, poses, loads and the springs to targets.
+//! Rigid regions: node layout, poses, loads and target springs.
 
 pub(super) mod bodies;
 pub(super) mod closest_rotation;

@@ -1,4 +1,4 @@
-//! A rigid body by itself: the carriers of its mass, how it can move, and where it is.
+//! A single rigid body: its proxy nodes, degrees of freedom and pose.
 
 use super::closest_rotation::closest_rotation;
 use crate::physics::cpu::vectors::outer;
@@ -7,10 +7,10 @@ use crate::physics::model::rigid_region::MassProperties;
 use glam::{DMat3, DQuat, DVec3};
 use std::ops::Range;
 
-/// Carriers of a body.
+/// Number of proxy nodes of a body.
 pub(in crate::physics::cpu) const PROXY_NODES: usize = 4;
 
-/// Where they are: the corners of a regular tet.
+/// Positions of the proxy nodes: the corners of a regular tetrahedron.
 pub(in crate::physics::cpu) const PROXY_POSITIONS: [DVec3; PROXY_NODES] = [
     DVec3::new(1.0, 1.0, 1.0),
     DVec3::new(1.0, -1.0, -1.0),
@@ -18,12 +18,12 @@ pub(in crate::physics::cpu) const PROXY_POSITIONS: [DVec3; PROXY_NODES] = [
     DVec3::new(-1.0, -1.0, 1.0),
 ];
 
-/// Where a body is.
+/// Pose of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::physics::cpu) struct Pose {
-    /// How far its centre is from where it rests.
+    /// Displacement of its centre from rest.
     pub translation: DVec3,
-    /// How it is turned.
+    /// Rotation.
     pub rotation: DQuat,
 }
 
@@ -33,7 +33,7 @@ impl Pose {
         rotation: DQuat::IDENTITY,
     };
 
-    /// So much of the way to another.
+    /// Interpolates a fraction of the way to another pose.
     pub fn interpolate(&self, other: &Pose, share: f64) -> Pose {
         Pose {
             translation: self.translation.lerp(other.translation, share),
@@ -41,13 +41,13 @@ impl Pose {
         }
     }
 
-    /// As numbers, to the bit.
+    /// Returns the bitwise exact components.
     pub fn to_array(self) -> [f64; 7] {
         let ([a, b, c], [x, y, z, w]) = (self.translation.to_array(), self.rotation.to_array());
         [a, b, c, x, y, z, w]
     }
 
-    /// What [`Pose::to_array`] gave.
+    /// Inverse of [`Pose::to_array`].
     pub fn from_array([a, b, c, x, y, z, w]: [f64; 7]) -> Pose {
         Pose {
             translation: DVec3::new(a, b, c),
@@ -56,12 +56,12 @@ impl Pose {
     }
 }
 
-/// A body. Lengths and masses in local units.
+/// A rigid body. Lengths and masses in local units.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct RigidGroup {
-    /// Its nodes in the plan: those of the surface, then the carriers.
+    /// Its nodes in the plan: those of the surface, then the proxy nodes.
     pub nodes: Range<usize>,
-    /// Its nodes inside, beyond the plan.
+    /// Its interior nodes, beyond the plan.
     pub inner: Range<usize>,
     /// Its centre of mass at rest.
     pub centre: DVec3,
@@ -70,23 +70,24 @@ pub(in crate::physics::cpu) struct RigidGroup {
     pub inertia_map: DMat3,
     pub inverse_inertia_map: DMat3,
     pub freedom: DegreesOfFreedom,
-    /// Whether nothing soft hangs on it.
+    /// Whether no soft tissue is attached.
     pub is_isolated: bool,
 }
 
 impl RigidGroup {
-    /// What lengths are measured by: the radius of gyration.
+    /// Returns the length scale: the radius of gyration.
     pub fn radius(&self) -> f64 {
         let a = self.inertia_map;
         (a.x_axis.length_squared() + a.y_axis.length_squared() + a.z_axis.length_squared()).sqrt()
     }
 
-    /// The carriers' slots.
+    /// Returns the slots of the proxy nodes.
     pub fn proxy_nodes(&self) -> Range<usize> {
         self.nodes.end - PROXY_NODES..self.nodes.end
     }
 
-    /// The point it turns about, from its centre at rest; and which turns it makes in `pose`.
+    /// Returns the pivot, relative to its centre at rest, and the projector onto its permitted
+    /// rotations in `pose`.
     pub fn pivot(&self, pose: &Pose) -> (DVec3, DMat3) {
         match self.freedom {
             DegreesOfFreedom::Free => (DVec3::ZERO, DMat3::IDENTITY),
@@ -98,7 +99,8 @@ impl RigidGroup {
         }
     }
 
-    /// The pose after a turn by the rotation vector `by` about its pivot and a shift.
+    /// Returns the pose after a rotation by the rotation vector `by` about its pivot and a
+    /// translation.
     pub fn displaced(&self, from: &Pose, shift: DVec3, by: DVec3) -> Pose {
         let (pivot, _) = self.pivot(from);
         let turn = (DQuat::from_scaled_axis(by) * from.rotation).normalize();
@@ -108,7 +110,7 @@ impl RigidGroup {
         }
     }
 
-    /// The pose that brings its carriers nearest to `targets`, of those that it can be in.
+    /// Returns the permitted pose that brings its proxy nodes closest to `targets`.
     pub fn closest_pose(&self, from: &Pose, targets: [DVec3; PROXY_NODES]) -> Pose {
         let arms = PROXY_POSITIONS.map(|t| self.inertia_map * t);
         let (pivot, within) = self.pivot(from);
@@ -135,7 +137,7 @@ impl RigidGroup {
     }
 }
 
-/// The carriers of a body: where they are from its centre, and A.
+/// Returns the proxy nodes of a body: their positions relative to its centre, and A.
 pub(in crate::physics::cpu) fn carriers(moments: &MassProperties) -> ([DVec3; PROXY_NODES], DMat3) {
     let (values, vectors) = moments.principal;
     let column = |k: usize| vectors[k] * (values[k] / moments.mass).sqrt();
@@ -143,12 +145,12 @@ pub(in crate::physics::cpu) fn carriers(moments: &MassProperties) -> ([DVec3; PR
     (PROXY_POSITIONS.map(|t| spread * t), spread)
 }
 
-/// |a|² I − a aᵀ.
+/// Returns |a|² I − a aᵀ.
 pub(in crate::physics::cpu) fn inertia_of(a: DVec3) -> DMat3 {
     DMat3::from_diagonal(DVec3::splat(a.length_squared())) - outer(a, a)
 }
 
-/// The turn that `moment` gives what has this inertia, of the turns that there are.
+/// Returns the permitted rotation vector that `moment` gives a body with this inertia.
 pub(in crate::physics::cpu) fn rotation_response(
     inertia: DMat3,
     moment: DVec3,

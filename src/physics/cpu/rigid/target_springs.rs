@@ -1,8 +1,8 @@
-//! Springs from points of rigid bodies to targets: a term of the energy, so that a light body on a
-//! stiff spring is as stable as any.
+//! Springs from points of rigid bodies to targets, as an energy term, so that a light body on a
+//! stiff spring is stable.
 //!
-//! E = ½ k d² up to the force F of the limit, and F d − ½ F²/k beyond, d being the distance of a
-//! point from its target. The point is a mean of its body's carriers.
+//! E = ½ k d² up to the force limit F, and F d − ½ F²/k beyond, with d the distance of a point from
+//! its target. The point is a weighted mean of its body's proxy nodes.
 
 use crate::physics::cpu::linear::point_blocks::PointBlocks;
 use crate::physics::cpu::partition::Partition;
@@ -14,20 +14,20 @@ use crate::physics::cpu::vectors::to_v4;
 use crate::physics::cpu::vectors::{V4, add};
 use glam::{DMat3, DVec3};
 
-/// A spring: local units.
+/// A target spring, local units.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::physics::cpu) struct RigidTargetSpring {
-    /// The carriers of a body, and their shares in the point.
+    /// Proxy nodes of a body, and their weights in the point.
     pub nodes: [u32; 4],
     pub weights: [f64; 4],
-    /// From where the point rests to the target.
+    /// Vector from the point's rest position to the target.
     pub target_offset: DVec3,
     pub stiffness: f64,
     pub limit: f64,
 }
 
 impl RigidTargetSpring {
-    /// From the point to the target.
+    /// Returns the vector from the point to the target.
     fn displacement_to_target<T: Real>(&self, u: &[V4<T>]) -> DVec3 {
         let nodes = self.nodes.iter().zip(self.weights);
         self.target_offset
@@ -36,7 +36,7 @@ impl RigidTargetSpring {
                 .sum::<DVec3>()
     }
 
-    /// Its force on the point, and its energy.
+    /// Returns its force on the point, and its energy.
     fn force_and_energy<T: Real>(&self, u: &[V4<T>]) -> (DVec3, f64) {
         let off = self.displacement_to_target(u);
         let force = (self.stiffness * off).clamp_length_max(self.limit);
@@ -48,7 +48,7 @@ impl RigidTargetSpring {
         (force, energy)
     }
 
-    /// −∂F/∂x, which is never negative.
+    /// Returns −∂F/∂x, which is positive semidefinite.
     fn block<T: Real>(&self, u: &[V4<T>]) -> DMat3 {
         let off = self.displacement_to_target(u);
         let distance = off.length();
@@ -59,17 +59,17 @@ impl RigidTargetSpring {
     }
 }
 
-/// All of a body.
+/// All target springs of a body.
 pub(in crate::physics::cpu) struct RigidTargetSprings<T> {
     all: Vec<RigidTargetSpring>,
     firsts: Vec<usize>,
-    /// The chunk of each tether's first node, which counts its energy.
+    /// Chunk of the first node of each spring, which counts its energy.
     homes: Vec<usize>,
     blocks: PointBlocks<T>,
 }
 
 impl<T: Real> RigidTargetSprings<T> {
-    /// None yet.
+    /// Creates an empty set.
     pub fn new(plan: &Partition) -> RigidTargetSprings<T> {
         RigidTargetSprings {
             all: Vec::new(),
@@ -79,7 +79,7 @@ impl<T: Real> RigidTargetSprings<T> {
         }
     }
 
-    /// These in place of those before.
+    /// Replaces the springs.
     pub fn set(&mut self, all: Vec<RigidTargetSpring>, plan: &Partition) {
         let home = |tether: &RigidTargetSpring| plan.chunk_of(tether.nodes[0] as usize);
         self.homes = all.iter().map(home).collect();
@@ -101,7 +101,7 @@ impl<T: Real> Term<T> for RigidTargetSprings<T> {
     }
 
     fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
-        // The carriers of a body are all in one chunk, as all of its nodes are.
+        // The proxy nodes of a body are all in one chunk, like all of its nodes.
         let own = self.of_chunk(chunk).map(|tether| {
             let (force, energy) = tether.force_and_energy(u);
             for (i, w) in tether.nodes.iter().zip(tether.weights) {

@@ -1,47 +1,47 @@
-//! When a step is refused, and what is noted of one that is not. The twin of
+//! Acceptance checks of a step and the totals they use. The GPU counterpart is
 //! `shaders/physics/check.wgsl`.
 
 use crate::physics::model::messages::TOOLS_OVERCONSTRAINED_MESSAGE;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// How often its energy at the start and the work done since a body may have. Near the limit of
-/// stability the energy of a stable explicit scheme swings by up to 39; an instability passes any
-/// factor.
+/// Largest allowed ratio of the energy to the initial energy plus the work done since. Near the
+/// stability limit the energy of a stable explicit scheme oscillates by a factor of up to 39; an
+/// instability exceeds any factor.
 pub const ENERGY_FACTOR: f64 = 50.0;
 
-/// Energy, of one node in local units, below which nothing is called a runaway: rounding.
+/// Energy per node, local units, below which growth is attributed to rounding.
 pub const ENERGY_FLOOR: f64 = 1e-9;
 
-/// Why a step was refused. The body stands as it stood before it.
+/// Why a step was rejected. The body keeps its state from before the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StepFailure {
-    /// A step length that is not positive, or nothing in the body's own time.
+    /// The step length is not positive, or vanishes in the body's time unit.
     BadStep {
-        /// It, in seconds.
+        /// Step length, s.
         h: f64,
     },
     /// A position, velocity or force is no longer a finite number.
     NonFinite,
-    /// The energy is more than [`ENERGY_FACTOR`] times what there was and came in.
+    /// The energy exceeds [`ENERGY_FACTOR`] times the initial energy plus the work done.
     RunawayEnergy {
-        /// What the body began with, J.
+        /// Energy at the start, J.
         baseline: f64,
-        /// What it was given since, J.
+        /// Work done since, J.
         work: f64,
     },
-    /// Particles of a grid flew farther apart than any load would take them.
+    /// Particles of a grid moved farther apart than any load would take them.
     Diverged,
-    /// Conjugate gradients ended above the residual that is acceptable.
+    /// Conjugate gradients stopped above the acceptable residual.
     NotConverged {
-        /// Iterations there were.
+        /// Iterations performed.
         iterations: u32,
-        /// The relative residual they came to.
+        /// Relative residual reached.
         residual: f64,
     },
-    /// Tools press so hard that points of the boundary stayed inside them.
+    /// Points of the boundary remain inside tools because the tools press too hard.
     ToolPenetration,
-    /// Parts of the body press so hard on each other that they would go through.
+    /// Parts of the body press on each other so hard that they would interpenetrate.
     SelfContactBlocked,
 }
 
@@ -75,32 +75,32 @@ impl fmt::Display for StepFailure {
     }
 }
 
-/// What is added up over a state, in local units.
+/// Totals over a state, in local units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StepTotals {
-    /// Energy of motion.
+    /// Kinetic energy.
     pub kinetic: f64,
-    /// Energy of the terms.
+    /// Potential energy of the terms.
     pub elastic: f64,
-    /// Power of gravity, forces and springs to targets.
+    /// Power of gravity, forces and target springs.
     pub power: f64,
-    /// Zero, or not a number where anything is not finite.
+    /// 0, or NaN if any value is not finite.
     pub non_finite: f64,
 }
 
-/// What the rule against runaways remembers, in local units.
+/// Energy balance for detecting runaway energy, in local units.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EnergyGuard {
     /// Energy at the start.
     pub baseline: f64,
     /// |Work| done since.
     pub work: f64,
-    /// Sums of the last sound state.
+    /// Totals of the last accepted state.
     pub last: StepTotals,
 }
 
 impl EnergyGuard {
-    /// Takes the energy of a state that was put there from outside for the start.
+    /// Restarts the energy balance from a state set from outside.
     ///
     /// # Errors
     /// [`StepFailure::NonFinite`].
@@ -114,7 +114,7 @@ impl EnergyGuard {
         Ok(())
     }
 
-    /// Takes note of a state that no energy is judged of.
+    /// Records a state without checking its energy.
     ///
     /// # Errors
     /// [`StepFailure::NonFinite`].
@@ -124,8 +124,8 @@ impl EnergyGuard {
         Ok(())
     }
 
-    /// Judges the state that a step of length `h` led to, of `nodes` nodes; all in local units,
-    /// `joules` in one of energy.
+    /// Checks the state after a step of length `h` of `nodes` nodes; all in local units, with an
+    /// energy unit of `joules`.
     ///
     /// # Errors
     /// [`StepFailure::NonFinite`], [`StepFailure::RunawayEnergy`].

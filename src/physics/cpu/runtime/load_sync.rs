@@ -1,4 +1,4 @@
-//! Loads on their way to the thread that steps a body.
+//! Sends changed loads to the thread that steps a body.
 
 use super::steppable::{LoadUpdate, Steppable};
 use super::worker::{Worker, WorkerCommand};
@@ -9,7 +9,7 @@ use crate::physics::loads::LoadVersions;
 use crate::physics::{GrabMode, GrabbedNode, Loads, ToolPose};
 use glam::DVec3;
 
-/// Sends the loads that have changed since those of the versions in `sent`.
+/// Sends the loads that have changed since the versions in `sent`.
 pub(in crate::physics) fn send_loads<B: Steppable + ?Sized>(
     loads: &Loads,
     sent: &mut Option<LoadVersions>,
@@ -33,7 +33,7 @@ pub(in crate::physics) fn send_loads<B: Steppable + ?Sized>(
     worker.enqueue(WorkerCommand::Loads(Box::new(change)))
 }
 
-/// All loads.
+/// Returns an update with all loads.
 pub(in crate::physics::cpu) fn full_load_update(loads: &Loads) -> LoadUpdate {
     LoadUpdate {
         gravity: loads.gravity(),
@@ -45,7 +45,7 @@ pub(in crate::physics::cpu) fn full_load_update(loads: &Loads) -> LoadUpdate {
     }
 }
 
-/// Where tools go, in metres.
+/// Returns the tool targets, in metres.
 fn tools(loads: &Loads) -> Vec<ToolTarget> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |pose: &ToolPose| ToolPose::new((pose.place() - frame.origin) * unit, pose.turn());
@@ -53,7 +53,7 @@ fn tools(loads: &Loads) -> Vec<ToolTarget> {
     all.map(|(pose, jumps)| (metres(pose), *jumps)).collect()
 }
 
-/// The nodes that grabs hold or pull, in metres.
+/// Returns the constraints and springs of nodes from grabs and prescribed motions, in metres.
 fn node_constraints(loads: &Loads) -> Vec<NodeConstraint> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |p: DVec3| (p - frame.origin) * unit;

@@ -1,4 +1,4 @@
-//! The thread that steps a body, the trait by which it does, the loads sent to it and its checks.
+//! The worker thread that steps a body, its traits, load updates and step checks.
 
 pub(super) mod energy_guard;
 pub(super) mod load_sync;

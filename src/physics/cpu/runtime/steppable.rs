@@ -1,5 +1,5 @@
-//! Bodies as their workers and simulators see them, whatever numbers they compute in: code that is
-//! generic over these would be compiled again by every program that uses the library.
+//! Traits of bodies for their workers and simulators, independent of the number type: code generic
+//! over the number type would be compiled again by every program that uses the library.
 
 use super::energy_guard::StepFailure;
 use crate::physics::cpu::node_constraints::NodeConstraint;
@@ -12,21 +12,20 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::sync::Arc;
 
-/// The numbers that the CPU engine computes in.
+/// Floating-point precision of the CPU engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Precision {
-    /// f32: for speed.
+    /// f32, the faster choice.
     #[default]
     Single,
-    /// f64: for truth.
+    /// f64, the more accurate choice.
     Double,
 }
 
-/// Where a tool is to be, in metres from the frame's origin, and how often it was put elsewhere
-/// without going there.
+/// Target pose of a tool, in metres from the frame's origin, and how often it was teleported.
 pub(in crate::physics) type ToolTarget = (ToolPose, u64);
 
-/// The loads that have changed.
+/// Loads that have changed.
 #[derive(Debug, Default)]
 pub(in crate::physics) struct LoadUpdate {
     pub gravity: DVec3,
@@ -37,15 +36,15 @@ pub(in crate::physics) struct LoadUpdate {
     pub tools: Option<Vec<ToolTarget>>,
 }
 
-/// What a worker steps.
+/// A body that a worker steps.
 pub(in crate::physics) trait Steppable: Send + 'static {
-    /// Whether its steps are long and take iterations, each to be told of.
+    /// Whether steps are long and iterative, so that each is reported.
     fn has_long_steps(&self) -> bool;
 
-    /// Takes steps of so many seconds; what is noted of the last.
+    /// Takes `steps` steps of `dt` seconds; returns the record of the last.
     fn run(&mut self, steps: u32, dt: f64) -> std::result::Result<StepRecord, StepFailure>;
 
-    /// Steps taken.
+    /// Number of steps taken.
     fn steps(&self) -> u64;
 
     /// Positions, m.
@@ -54,38 +53,39 @@ pub(in crate::physics) trait Steppable: Send + 'static {
     /// Velocities, m/s.
     fn velocities(&self) -> Vec<DVec3>;
 
-    /// Puts the nodes at positions (m) with velocities (m/s).
+    /// Sets the node positions (m) and velocities (m/s).
     fn set_state(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()>;
 
-    /// Takes over loads.
+    /// Applies changed loads.
     fn apply_loads(&mut self, change: LoadUpdate) -> Result<()>;
 
-    /// In how many parts its nodes are shared out.
+    /// Number of chunks that its nodes are partitioned into.
     fn parts(&self) -> usize;
 
-    /// The whole state, packed.
+    /// Returns the whole state, serialised.
     fn serialise_state(&self) -> Result<Vec<u8>>;
 
-    /// Goes on from a state that [`Steppable::serialise_state`] gave of a body made in the same way.
+    /// Restores a state from [`Steppable::serialise_state`] of a body made in the same way.
     fn resume(&mut self, packed: &[u8]) -> Result<()>;
 }
 
-/// A body of tets.
+/// A tetrahedral body.
 pub(in crate::physics::cpu) trait TetBody: Steppable {
-    /// Adds a term on the nodes of `network`, which this body is.
+    /// Adds a term on the nodes of `network`, the model of this body.
     fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &DiscreteModel);
 
-    /// Adds pressure on faces, three nodes each, at the level of this number.
+    /// Adds pressure on faces, three nodes each, with the amplitude of index `level`.
     fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize);
 
-    /// Adds a muscle of `network`, which this body is, and its tets, at the level of this number.
+    /// Adds a muscle of `network`, the model of this body, and its tetrahedra, with the amplitude
+    /// of index `level`.
     fn add_muscle(&mut self, muscle: &Muscle, level: usize, of: (&DiscreteModel, &[[u32; 4]]));
 
-    /// Adds a tool that presses on the boundary faces of `network`, which this body is.
+    /// Adds a tool in contact with the boundary faces of `network`, the model of this body.
     fn add_tool(&mut self, tool: &Tool, faces: &[[u32; 3]], network: &DiscreteModel);
 
-    /// Has the body feel itself at the boundary faces of `network`, which it is; how many of these go
-    /// through others.
+    /// Enables self-contact on the boundary faces of `network`, the model of this body; returns the
+    /// number of faces that intersect others.
     fn set_self_contact(
         &mut self,
         wanted: &SelfContactSettings,
@@ -93,37 +93,38 @@ pub(in crate::physics::cpu) trait TetBody: Steppable {
         network: &DiscreteModel,
     ) -> usize;
 
-    /// The force on each tool, N, and its moment about the origin of the tool's shape, N·m.
+    /// Returns the force on each tool, N, and its moment about the origin of the tool's shape, N·m.
     fn tool_forces(&self) -> Vec<[DVec3; 2]>;
 
-    /// What all else of it exerts on each rigid body, N, and its moment about the centre of mass, N·m.
+    /// Returns the force of the rest of the body on each rigid body, N, and its moment about the
+    /// centre of mass, N·m.
     fn rigid_forces(&self) -> Vec<[DVec3; 2]>;
 
-    /// The sum of all forces on every node, N.
+    /// Returns the sum of all forces on every node, N.
     fn forces(&self) -> Vec<DVec3>;
 
-    /// Displacements from rest in the numbers that the body computes in.
+    /// Returns the displacements from rest in the body's own units and precision.
     fn displacements(&self) -> Vec<[f64; 3]>;
 
-    /// Puts the nodes where [`TetBody::displacements`] found them.
+    /// Restores displacements from [`TetBody::displacements`].
     fn set_displacements(&mut self, displacements: &[[f64; 3]]) -> Result<()>;
 }
 
-/// The particles of a grid.
+/// Particles of a grid.
 pub(in crate::physics::cpu) trait GridParticles: Steppable {
-    /// Takes over which springs there are.
+    /// Replaces the set of springs.
     fn set_springs(&mut self, springs: &[u32]) -> Result<()>;
 
-    /// The approximate normals of all particles, 0 where there is none.
+    /// Returns the approximate normals of all particles; 0 for a particle without one.
     fn normals(&self) -> Vec<DVec3>;
 }
 
-/// The state as bytes.
+/// Serialises a state.
 pub(in crate::physics::cpu) fn pack(state: &impl Serialize) -> Result<Vec<u8>> {
     postcard::to_stdvec(state).map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))
 }
 
-/// The state that these bytes are.
+/// Deserialises a state.
 pub(in crate::physics::cpu) fn unpack<S: DeserializeOwned>(packed: &[u8]) -> Result<S> {
     postcard::from_bytes(packed)
         .map_err(|_| Error::Input("the state of a body of other numbers, or a damaged one".into()))

@@ -1,5 +1,5 @@
-//! A body on a thread of its own: steps are asked for and done behind the caller's back, who looks
-//! how far they are and takes the positions that were put out last.
+//! A body on its own worker thread. Steps are requested and run asynchronously; the caller polls
+//! the progress and reads the latest published positions.
 
 use super::energy_guard::StepFailure;
 use super::steppable::{LoadUpdate, Steppable};
@@ -13,40 +13,40 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use web_time::{Duration, Instant};
 
-/// Positions are put out this often while steps go on.
+/// Interval at which positions are published during steps.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(15);
 
-/// Steps of which the iterations are kept.
+/// Number of steps whose iteration counts are kept.
 const HISTORY: usize = 1024;
 
-/// What a body is asked to do, in turn.
+/// A command for the worker, run in order.
 #[derive(Debug)]
 pub(in crate::physics) enum WorkerCommand {
-    /// So many steps of so many seconds.
+    /// Take this many steps of this many seconds.
     Steps(u32, f64),
-    /// To take over loads.
+    /// Apply loads.
     Loads(Box<LoadUpdate>),
 }
 
-/// What is known of the steps, and those that are left.
+/// Pending commands and the progress of the steps.
 #[derive(Debug, Default)]
 struct Queue {
     commands: VecDeque<WorkerCommand>,
     busy: bool,
     quit: bool,
-    /// Whether what is left of the steps under way is to be dropped.
+    /// Whether the rest of the current steps is to be dropped.
     cancelling: bool,
     progress: StepProgress,
-    /// Steps of one length, and the time before them.
+    /// Steps of the current length, and the time before them.
     span: StepClock,
     iterations: VecDeque<u32>,
-    /// Why the last step was refused, its length, and how far the steps were.
+    /// Why the last step was rejected, its length, and the progress at that point.
     failure: Option<(StepFailure, f64, StepProgress)>,
     refused: Option<Error>,
 }
 
-/// Steps of one length since a time: their sum is not rounded step by step, so that it is the same
-/// however they were shared out.
+/// Number of steps of one length since a time. The time is not summed step by step, so its rounding
+/// does not depend on how the steps were batched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::physics) struct StepClock {
     since: f64,
@@ -71,7 +71,7 @@ impl StepClock {
     }
 }
 
-/// Positions in metres, as they were put out last.
+/// Latest published positions, in metres.
 #[derive(Debug, Default)]
 struct PositionSnapshot {
     version: u64,
@@ -81,14 +81,14 @@ struct PositionSnapshot {
 struct Shared<B: Steppable + ?Sized> {
     body: Mutex<Box<B>>,
     queue: Mutex<Queue>,
-    /// There is something to do, or nothing any more.
+    /// Signals that there is work, or that the thread is to quit.
     wake: Condvar,
     idle_signal: Condvar,
     published: Mutex<PositionSnapshot>,
     waker: Mutex<Option<StepCallback>>,
 }
 
-/// A body and its thread.
+/// A body and its worker thread.
 pub(in crate::physics) struct Worker<B: Steppable + ?Sized> {
     shared: Arc<Shared<B>>,
     thread: Option<JoinHandle<()>>,
@@ -113,12 +113,12 @@ impl<B: Steppable + ?Sized> Worker<B> {
         }
     }
 
-    /// The body, between two steps. What is done to it is done behind what was asked for.
+    /// Locks the body between two steps, ahead of the pending commands.
     pub fn body(&self) -> MutexGuard<'_, Box<B>> {
         lock(&self.shared.body)
     }
 
-    /// Where the body is, in metres, as far as it is known without waiting for a step under way.
+    /// Returns the positions, m, without waiting for a step in progress if any were published.
     pub fn positions(&self) -> Vec<DVec3> {
         if let Ok(body) = self.shared.body.try_lock() {
             return body.positions();
@@ -130,13 +130,13 @@ impl<B: Steppable + ?Sized> Worker<B> {
         }
     }
 
-    /// Asks for something.
+    /// Queues a command.
     ///
     /// # Errors
-    /// [`Error::Input`] where no thread can be had.
+    /// [`Error::Input`] if no thread can be started.
     pub fn enqueue(&mut self, errand: WorkerCommand) -> Result<()> {
         if cfg!(target_arch = "wasm32") {
-            // Without threads it is done at once.
+            // Without threads the command runs at once.
             lock(&self.shared.queue).commands.push_back(errand);
             while self.shared.process_next() {}
             self.publish();
@@ -155,13 +155,13 @@ impl<B: Steppable + ?Sized> Worker<B> {
         Ok(())
     }
 
-    /// How far the steps are, or why one was refused, and its length; that is told once.
+    /// Returns the progress, or the failure of a step and its length; a failure is reported once.
     pub fn progress(&self) -> std::result::Result<StepProgress, WorkerError> {
         let mut queue = lock(&self.shared.queue);
         take_result(&mut queue)
     }
 
-    /// The same after everything that was asked for.
+    /// As [`Worker::progress`], after waiting for all queued commands.
     pub fn finish(&self) -> std::result::Result<StepProgress, WorkerError> {
         let mut queue = lock(&self.shared.queue);
         while queue.busy || !queue.commands.is_empty() {
@@ -171,7 +171,7 @@ impl<B: Steppable + ?Sized> Worker<B> {
         take_result(&mut queue)
     }
 
-    /// Drops what was asked for, and what became of it; waits for a step under way.
+    /// Drops the queued commands and their results; waits for a step in progress.
     pub fn cancel_pending(&self) {
         let mut queue = lock(&self.shared.queue);
         queue.commands.clear();
@@ -184,19 +184,19 @@ impl<B: Steppable + ?Sized> Worker<B> {
         (queue.failure, queue.refused) = (None, None);
     }
 
-    /// How far the steps are, for another worker to go on from.
+    /// Returns the step clock, for another worker to continue from.
     pub fn span(&self) -> StepClock {
         lock(&self.shared.queue).span
     }
 
-    /// Goes on counting from so far.
+    /// Sets the progress to continue from.
     pub fn set_progress(&self, progress: StepProgress, span: StepClock) {
         let mut queue = lock(&self.shared.queue);
         (queue.progress, queue.span) = (progress, span);
         queue.iterations.clear();
     }
 
-    /// Iterations of the latest steps, oldest first.
+    /// Returns the iteration counts of the latest steps, oldest first.
     pub fn iterations(&self) -> Vec<u32> {
         lock(&self.shared.queue)
             .iterations
@@ -205,18 +205,18 @@ impl<B: Steppable + ?Sized> Worker<B> {
             .collect()
     }
 
-    /// Gives the positions that were put out last, in metres, if they are newer than `known`.
+    /// Returns the latest published positions, m, if they are newer than version `known`.
     pub fn published(&self, known: u64) -> Option<(u64, Vec<DVec3>)> {
         let published = lock(&self.shared.published);
         (published.version != known).then(|| (published.version, published.positions.clone()))
     }
 
-    /// Has `waker` called, by the body's thread, whenever positions were put out.
+    /// Sets a callback that the body's thread calls whenever positions are published.
     pub fn set_waker(&self, waker: StepCallback) {
         *lock(&self.shared.waker) = Some(waker);
     }
 
-    /// Puts the positions of now out.
+    /// Publishes the current positions.
     pub fn publish(&self) {
         self.shared.publish(&**self.body());
     }
@@ -227,17 +227,17 @@ impl<B: Steppable + ?Sized> Drop for Worker<B> {
         lock(&self.shared.queue).quit = true;
         self.shared.wake.notify_one();
         if let Some(thread) = self.thread.take() {
-            // Its panic is not this one's.
+            // A panic of the worker thread must not propagate from here.
             let _ = thread.join();
         }
     }
 }
 
-/// Why a step was refused.
+/// Why a command was rejected.
 pub(in crate::physics) enum WorkerError {
     /// The simulation failed, at a step of that many seconds.
     Failed(StepFailure, f64, StepProgress),
-    /// What was asked for makes no sense.
+    /// The command was invalid.
     Wrong(Error),
 }
 
@@ -291,7 +291,7 @@ impl<B: Steppable + ?Sized> Shared<B> {
         }
     }
 
-    /// Calls who wants to be told.
+    /// Calls the registered callback.
     fn notify(&self) {
         let waker = lock(&self.waker).clone();
         if let Some(waker) = waker {
@@ -299,7 +299,7 @@ impl<B: Steppable + ?Sized> Shared<B> {
         }
     }
 
-    /// Does one thing, at most a few milliseconds of steps; whether there was any.
+    /// Runs one command, at most a few milliseconds of steps; returns whether there was one.
     fn process_next(&self) -> bool {
         let errand = {
             let mut queue = lock(&self.queue);
@@ -308,7 +308,7 @@ impl<B: Steppable + ?Sized> Shared<B> {
             }
             let failed = queue.failure.is_some();
             let mut errand = queue.commands.pop_front();
-            // Steps asked for before the failure was looked at are not taken.
+            // Steps requested before the failure was reported are dropped.
             while failed && matches!(errand, Some(WorkerCommand::Steps(..))) {
                 errand = queue.commands.pop_front();
             }
@@ -328,7 +328,7 @@ impl<B: Steppable + ?Sized> Shared<B> {
 
     fn steps(&self, left: u32, dt: f64) {
         let mut body = lock(&self.body);
-        // Every implicit step is told of; explicit ones are short.
+        // Every implicit step is reported; explicit ones are short.
         let implicit = body.has_long_steps();
         let mut some = 1;
         let (start, mut done) = (Instant::now(), 0);

@@ -1,18 +1,18 @@
-//! Springs side by side in blocks of 64, and the inner loops over them.
+//! Blocks of 64 springs in structure-of-arrays layout, and the inner loops over them.
 //!
 //! One loop gathers the differences of the springs' ends, one computes in SIMD lanes, one scatters
-//! what comes out.
+//! the results.
 
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::vectors::{SymMat3, V4, add, sub};
 
-/// Springs in a block.
+/// Number of springs in a block.
 pub(in crate::physics::cpu) const BLOCK_SIZE: usize = 64;
 
-/// A vector a spring.
+/// One vector per spring.
 pub(in crate::physics::cpu) type BlockVectors<T> = [V4<T>; BLOCK_SIZE];
 
-/// Springs side by side; what fills up the last block of a list has no stiffness.
+/// A block of springs; the padding of the last block of a list has zero stiffness.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct Block<T> {
     pub i: [u32; BLOCK_SIZE],
@@ -22,17 +22,17 @@ pub(in crate::physics::cpu) struct Block<T> {
     /// |D|² − L².
     pub squared_stretch: [T; BLOCK_SIZE],
     pub stiffness: [T; BLOCK_SIZE],
-    /// How many of them are springs.
+    /// Number of actual springs, without padding.
     pub count: usize,
 }
 
-/// Each spring's part of A as q qᵀ + b I, kept as q and b: in the diagonal blocks of its ends, and
-/// negative between them.
+/// Each spring's part of A as q qᵀ + b I, stored as q and b: added to the diagonal blocks of its
+/// ends, and subtracted from the blocks between them.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct SpringHessians<T>(pub [V4<T>; BLOCK_SIZE]);
 
 impl<T: Real> Block<T> {
-    /// b_j − a_i.
+    /// Computes b_j − a_i.
     #[inline(always)]
     pub fn differences(&self, [a, b]: [&[V4<T>]; 2], out: &mut BlockVectors<T>) {
         for ((o, i), j) in out.iter_mut().zip(&self.i).zip(&self.j) {
@@ -40,7 +40,8 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Adds what was computed to the nodes i and, of springs within a chunk, takes it from j.
+    /// Adds the results to nodes i and, if `both` ends are in the chunk, subtracts them from nodes
+    /// j.
     #[inline(always)]
     pub fn scatter(&self, both: bool, shares: &BlockVectors<T>, out: &mut [V4<T>]) {
         for ((s, i), j) in shares.iter().zip(&self.i).zip(&self.j) {
@@ -52,7 +53,7 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Of spring n with the difference e: d, |d|² and 1/((|d| + L) |d|).
+    /// Returns d, |d|² and 1/((|d| + L) |d|) of spring n with the difference e, and |d|² − L².
     #[inline(always)]
     fn lengths(&self, n: usize, e: V4<T>) -> ([T; 3], T, T, T) {
         let d = [
@@ -60,7 +61,7 @@ impl<T: Real> Block<T> {
             self.rest[1][n] + e[1],
             self.rest[2][n] + e[2],
         ];
-        // The fourth lane is zero; read, the four are one load.
+        // The fourth lane is zero; including it makes one vector load of all four.
         let square = (d[0] * d[0] + d[1] * d[1]) + (d[2] * d[2] + e[3] * e[3]);
         let square = square.max(T::MIN_DISTANCE_SQUARED);
         let l = square.sqrt();
@@ -70,12 +71,12 @@ impl<T: Real> Block<T> {
             + e[1] * (self.rest[1][n] + d[1])
             + e[2] * (self.rest[2][n] + d[2]);
         let gain = gain + self.squared_stretch[n];
-        // What a wave has hardly reached yet would be subnormal, and ten times as slow.
+        // Values at a wave front would be subnormal, and ten times as slow.
         let some = gain > T::MIN_LENGTH_CHANGE || gain < -T::MIN_LENGTH_CHANGE;
         (d, square, over, if some { gain } else { T::ZERO })
     }
 
-    /// Forces of the springs on their nodes i, and κ times stretch², lane by lane.
+    /// Computes the spring forces on nodes i, and κ times stretch², lane by lane.
     #[inline(always)]
     pub fn pull<const DAMPED: u8>(
         &self,
@@ -88,14 +89,14 @@ impl<T: Real> Block<T> {
         for n in 0..BLOCK_SIZE {
             let (d, square, over, gain) = self.lengths(n, e[n]);
             let k = self.stiffness[n];
-            // Stretch over length.
+            // Relative stretch.
             let s = gain * over;
             let mut along = k * s;
             energy[n] = along * s * square;
             let mut relative = T::ZERO;
             if DAMPED == 1 {
                 let dw = d[0] * w[n][0] + d[1] * w[n][1] + d[2] * w[n][2];
-                // As with the stretch: what is as good as nothing is nothing.
+                // Flushes negligible values to zero, as for the stretch.
                 let some = dw > T::MIN_LENGTH_CHANGE || dw < -T::MIN_LENGTH_CHANGE;
                 let dw = if some { dw } else { T::ZERO };
                 along += (damping[0] + damping[1] * k) * dw / square;
@@ -110,10 +111,10 @@ impl<T: Real> Block<T> {
                 }
             }
         }
-        // The springs that fill up a block are not damped, but they have no ends that differ.
+        // The padding of a block would be damped, but its ends do not differ.
     }
 
-    /// Forces of the damping alone on the springs' nodes i.
+    /// Computes the damping forces alone on nodes i.
     #[inline(always)]
     pub fn resist(
         &self,
@@ -135,7 +136,7 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// The springs' parts of A, and κ((1 − t) n n·w + t w) with w the difference of velocities.
+    /// Computes the springs' parts of A, and κ((1 − t) n n·w + t w) with w the velocity difference.
     #[inline(always)]
     pub fn linearise(
         &self,
@@ -147,7 +148,7 @@ impl<T: Real> Block<T> {
         for n in 0..BLOCK_SIZE {
             let (d, square, over, gain) = self.lengths(n, e[n]);
             let k = self.stiffness[n];
-            // Without a direction only a spring of no length pushes back, in all of them.
+            // A spring of zero length has no direction and resists displacement in all directions.
             let stretch = (gain * over).max(T::ZERO);
             let t = match self.length[n] > T::ZERO {
                 true => stretch,
@@ -172,13 +173,13 @@ impl<T: Real> Block<T> {
                 T::ZERO,
             ];
         }
-        // What fills up the block is damped like any spring; it must not weigh on its node.
+        // The damping of padding must not contribute to its node.
         links.0[self.count..].fill([T::ZERO; 4]);
     }
 }
 
 impl<T: Real> SpringHessians<T> {
-    /// The blocks themselves.
+    /// Writes the 3×3 blocks.
     #[inline(always)]
     pub fn blocks(&self, out: &mut [SymMat3<T>; BLOCK_SIZE]) {
         for (out, [x, y, z, b]) in out.iter_mut().zip(self.0) {

@@ -1,14 +1,14 @@
-//! Springs along edges, with damping: equations 1 to 5 of Tejada & Ertl 2005. The twin of
-//! `shaders/physics/forces.wgsl` and `reference::springs`.
+//! Damped springs along edges as an energy term: equations 1 to 5 of Tejada & Ertl 2005. The
+//! counterparts are `shaders/physics/forces.wgsl` and the reference `reference::springs`.
 //!
-//! A spring from i to j with the rest vector D = x⁰_j − x⁰_i and e = u_j − u_i, the difference of
-//! its ends' displacements, has d = D + e and the stretch
-//! |d| − L = (e·(D + d) + |D|² − L²) / (|d| + L), in which nothing cancels.
+//! A spring from i to j with the rest vector D = x⁰_j − x⁰_i and the difference of its ends'
+//! displacements e = u_j − u_i has d = D + e and the stretch
+//! |d| − L = (e·(D + d) + |D|² − L²) / (|d| + L), which avoids cancellation.
 //!
-//! Springs lie in blocks of 64: one loop gathers the differences of their ends, one computes in
-//! SIMD lanes, one scatters what comes out. A chunk of nodes has the springs between its own nodes
-//! and those that leave it; the latter are computed on both sides, so that no chunk writes to
-//! another's nodes.
+//! Springs are stored in blocks of 64: one loop gathers the differences of their ends, one computes
+//! in SIMD lanes, one scatters the results. A chunk of nodes has the springs between its own nodes
+//! and those that cross its boundary; the latter are computed by both chunks, so that no chunk
+//! writes to the nodes of another.
 
 use super::blocks::{BLOCK_SIZE, Block, SpringHessians};
 use crate::physics::cpu::partition::{Chunks, Nodes, Partition};
@@ -30,9 +30,9 @@ struct List<T> {
 #[derive(Clone, Debug)]
 struct Chunk<T> {
     nodes: Range<usize>,
-    /// Both ends are in the chunk, and numbered from its first node.
+    /// Springs with both ends in the chunk, numbered from its first node.
     inner: List<T>,
-    /// Only i is; j is numbered from the body's first node.
+    /// Springs with only i in the chunk; j is numbered from the body's first node.
     outer: List<T>,
 }
 
@@ -47,8 +47,8 @@ pub struct Springs<T> {
 }
 
 impl<T: Real> Springs<T> {
-    /// The springs of `network`, of which node `order[k]` is the engine's k-th, shared out by
-    /// `plan`.
+    /// Creates the term for the springs of `network`, whose node `order[k]` is the engine's k-th,
+    /// partitioned by `plan`.
     pub fn new(
         network: &DiscreteModel,
         order: &[u32],
@@ -63,7 +63,7 @@ impl<T: Real> Springs<T> {
         for (s, spring) in network.springs.iter().enumerate() {
             let [a, b] = spring.nodes.map(|v| place[v as usize]);
             let (i, j) = (a.min(b), a.max(b));
-            // A spring from a node to itself neither pulls nor resists.
+            // A spring from a node to itself exerts no force.
             if i == j {
                 continue;
             }
@@ -87,7 +87,7 @@ impl<T: Real> Springs<T> {
             }
             block.length[n] = T::from_f64(l);
             let excess = d.length_squared() - l * l;
-            // A spring that is as long as its edge has none, whatever the rounding says.
+            // A spring with a rest length equal to its edge has no excess, regardless of rounding.
             let none = excess.abs() <= 1e-14 * l * l;
             block.squared_stretch[n] = T::from_f64(if none { 0.0 } else { excess });
             block.stiffness[n] = T::from_f64(spring.stiffness / units.stiffness());
@@ -120,15 +120,15 @@ impl<T: Real> Springs<T> {
 impl<T: Real> List<T> {
     fn new(
         mut springs: Vec<(u32, u32, u32)>,
-        // What the chunk's first node is called as j.
+        // The chunk's first node in the numbering of j.
         same: u32,
         fill: impl Fn((u32, u32, u32), &mut Block<T>),
     ) -> List<T> {
         springs.sort_unstable();
         let mut blocks = Vec::new();
         for run in springs.chunks_mut(BLOCK_SIZE) {
-            // Springs of the same node one after the other would each wait for the sum of the one
-            // before: first the first spring of each node, then the second.
+            // Consecutive springs of the same node would each wait for the previous sum: order them
+            // as the first spring of each node, then the second.
             let mut rank = 0u32;
             let mut ranked: Vec<(u32, (u32, u32, u32))> = Vec::with_capacity(BLOCK_SIZE);
             for (n, s) in run.iter().enumerate() {
@@ -193,7 +193,7 @@ impl<T: Real> List<T> {
             }
             sum += lanes.map(Real::to_f64).iter().sum::<f64>();
         }
-        // Both sides count a spring that leaves a chunk.
+        // Both chunks count a spring between them.
         sum * if both { 0.5 } else { 0.25 }
     }
 
@@ -273,7 +273,7 @@ impl<T: Real> List<T> {
                 let (i, j) = (*i as usize, *j as usize);
                 let (q, b) = (T::lanes(q), q[3].splat());
                 let e = T::lanes(&there[j]) - T::lanes(&here[i]);
-                // The fourth lane of e is zero; that of what comes out is not.
+                // The fourth lane of e is zero; that of the result is not.
                 let share = T::dot(q, e) * q + b * e;
                 // A_ij p_j + A_ii p_i = −(q qᵀ + b I)(p_j − p_i).
                 y[i] = T::array(T::lanes(&y[i]) - share);
@@ -285,7 +285,7 @@ impl<T: Real> List<T> {
     }
 }
 
-/// What the two ends of a list's springs are numbered in.
+/// Returns the arrays in which the two ends of a list's springs are numbered.
 fn ends<'a, T>(a: &'a [V4<T>], nodes: &Range<usize>, both: bool) -> [&'a [V4<T>]; 2] {
     let here = &a[nodes.clone()];
     [here, if both { here } else { a }]
@@ -385,7 +385,7 @@ impl<T: Real> Term<T> for Springs<T> {
                 for (block, links) in list.blocks.iter().zip(&list.links) {
                     for n in 0..block.count {
                         let [i, j] = [block.i[n] + first, block.j[n] + base];
-                        // Springs that leave a chunk are there twice.
+                        // Springs between chunks are stored twice.
                         if i > j {
                             continue;
                         }
