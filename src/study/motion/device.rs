@@ -1,4 +1,4 @@
-//! The motions of a trial by the engine there is: run, timed, read back.
+//! Timed runs of the motions of a trial on the engine.
 
 use super::setting::MotionSetting;
 use super::trial::STOPS;
@@ -7,16 +7,16 @@ use crate::study::reference_motion::MotionState;
 use crate::{Error, FailureCause, Result};
 use std::time::Instant;
 
-/// A residual that is taken whatever it is.
+/// A residual limit that accepts every solve.
 const NO_RESIDUAL_LIMIT: f64 = 1e6;
 
-/// Runs of less than this many milliseconds are repeated, and the fastest counts.
+/// Runs shorter than this, in milliseconds, are repeated, and the fastest counts.
 const MIN_TIMED_MS: f64 = 100.0;
 
-/// What a motion came to that ran to its end, until it is compared.
+/// State of a motion that ran to its end but has not been compared yet.
 pub const ACCURATE: &str = "accurate";
 
-/// What became of a motion.
+/// Outcome of a motion.
 pub struct Outcome {
     /// [`ACCURATE`] until it is compared, or how it failed.
     pub state: &'static str,
