@@ -135,11 +135,11 @@ pub struct Halving {
 
 /// Computes the limit of a second-order scheme for small steps; `run` takes the number of steps
 /// between two stops. Starting from `steps`, the step is halved until the Richardson extrapolation
-/// changes by less than `tolerance` of `scale` (m), or until `most` steps.
-/// `None` if no two steps gave a motion.
+/// changes by less than `tolerance` of `scale` (m), or until `most` steps. `None` if no two steps
+/// gave a motion.
 ///
+/// # Errors
 /// As `run`.
-/// Those of `run`.
 pub fn reference_motion(
     steps: u32,
     most: u32,

@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3};
 
 /// Bend radius of the z-axis.
 const BEND: f64 = 1.0;
-/// The ball's radius, at rest; and of a ball about the origin that holds it bent.
+/// Radius of the ball at rest.
 pub(super) const BALL: f64 = 0.5;
 const BOUNDING_RADIUS: f64 = 0.6;
 /// Samples per voxel of the reference image.

@@ -320,8 +320,8 @@ fn told(row: Option<&Row>) -> String {
     }
 }
 
-/// Of the explicit solvers' cells: below the limit of theory, those that held; above, those that
-/// failed; and how far undamped explicit Euler comes, which has none.
+/// Describes the agreement of the explicit solvers with theory: stable cells below the limit,
+/// failed cells above it, and how far undamped explicit Euler, which has no limit, gets.
 fn agreement(rows: &[Row]) -> String {
     let (mut below, mut above, mut never) = ([0, 0], [0, 0], [0, 0]);
     for row in rows {
