@@ -79,7 +79,7 @@ pub struct BodySession {
     pub unit: f64,
     /// Radius of the finger, in file units.
     pub radius: f64,
-    /// The number of the tool that is the finger, or why there is none.
+    /// Tool index of the finger, or why there is none.
     finger: std::result::Result<usize, String>,
     press: Option<Press>,
     /// The grab, its initial position, and its displacement.

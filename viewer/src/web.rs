@@ -1,4 +1,4 @@
-//! The viewer in a page: what its JavaScript calls.
+//! JavaScript interface of the viewer in a web page.
 
 use crate::app::{App, InitialFile, Options, device};
 use crate::camera_control::Orbit;
@@ -14,9 +14,9 @@ use std::sync::Arc;
 use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::JsFuture;
 
-/// Between two looks at whether a picture has arrived, ms.
+/// Polling interval for pictures, ms.
 const POLL_INTERVAL_MS: i32 = 10;
-/// Where a picture lies until it is handed on.
+/// Virtual file name of a picture.
 const SCREENSHOT_NAME: &str = "picture.png";
 
 /// A viewer on a canvas.
@@ -31,9 +31,9 @@ struct View {
     eye: [f64; 3],
     look_at: [f64; 3],
     up: [f64; 3],
-    /// Degrees from the lowest to the highest ray; none where rays are parallel.
+    /// Vertical opening angle in degrees; none for an orthographic view.
     fov: Option<f64>,
-    /// Height of what is seen by parallel rays, in file units.
+    /// Height of an orthographic view, in file units.
     orthographic: Option<f64>,
 }
 
@@ -77,7 +77,7 @@ impl Viewer {
         };
         let tell = move |frame: &Frame| {
             if let Ok(text) = serde_json::to_string(frame) {
-                // What the page makes of it is its own matter.
+                // Exceptions in the page's callback are ignored.
                 let _ = told.call1(&JsValue::NULL, &text.into());
             }
         };
@@ -98,7 +98,7 @@ impl Viewer {
         done
     }
 
-    /// Puts a file ready that others name.
+    /// Stores a file in memory, for files that refer to it.
     pub fn put(&self, name: &str, bytes: Vec<u8>) {
         io::insert_file(name, bytes);
     }
@@ -201,7 +201,7 @@ impl Viewer {
         }
     }
 
-    /// What is known of the last frame, as JSON.
+    /// Returns the log record of the last frame as JSON.
     ///
     /// # Errors
     /// Where the viewer is not shown.
@@ -210,7 +210,7 @@ impl Viewer {
         serde_json::to_string(&frame).map_err(wrong)
     }
 
-    /// Ends it; the canvas is free.
+    /// Stops the viewer and frees the canvas.
     pub fn destroy(&self) {
         self.runner.destroy();
     }
@@ -261,7 +261,7 @@ fn tell_of_end(ended: js_sys::Function) {
     }));
 }
 
-/// Lets so many milliseconds pass.
+/// Waits for a number of milliseconds.
 pub(crate) async fn pause(milliseconds: i32) {
     let wait = js_sys::Promise::new(&mut |done, _| {
         if let Some(window) = web_sys::window() {

@@ -156,7 +156,7 @@ fn stiffnesses(scene: &Scene) -> Vec<(String, f64)> {
     tissues.filter_map(of).collect()
 }
 
-/// Has a tissue of the scene be so stiff, Pa; a list of its regions becomes a table.
+/// Sets Young's modulus of a tissue, Pa; a list of its regions becomes a table.
 fn set_stiffness(text: &mut DocumentMut, name: &str, young: f64) {
     let material = text.entry("material").or_insert(Item::Table(Table::new()));
     let Some(material) = material.as_table_like_mut() else {
