@@ -265,7 +265,7 @@ pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
 /// Reads a scan.
 ///
 /// # Errors
-/// What reading gives; [`Error::Cancelled`].
+/// An error if reading fails; [`Error::Cancelled`].
 pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadScan> {
     let told = |what| match progress(what, 0.0).is_break() {
         true => Err(Error::Cancelled),
