@@ -1,4 +1,4 @@
-//! numpy arrays in and out, with one copy each way.
+//! Conversions between Rust vectors and numpy arrays; each copies the data once.
 
 use crate::errors::input_error;
 use glam::DVec3;
@@ -6,13 +6,14 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-/// Points as an (n, 3) array.
+/// Returns points as an (n, 3) array.
 pub fn from_points<'py>(py: Python<'py>, points: &[DVec3]) -> Bound<'py, PyArray2<f64>> {
     let flat: Vec<f64> = points.iter().flat_map(|p| p.to_array()).collect();
     rows(py, flat, 3)
 }
 
-/// Numbers as rows of `width`, which divides how many they are.
+/// Returns a flat vector as a two-dimensional array with rows of `width`, which must divide its
+/// length.
 pub fn rows<T: numpy::Element>(
     py: Python<'_>,
     flat: Vec<T>,
@@ -24,7 +25,7 @@ pub fn rows<T: numpy::Element>(
     array.into_pyarray(py)
 }
 
-/// The rows of an (n, 3) array; `what` names it where it is none.
+/// Reads the rows of an (n, 3) array; an error names the array as `what` if its shape differs.
 pub fn to_points(
     py: Python<'_>,
     array: &PyReadonlyArray2<'_, f64>,

@@ -1,4 +1,4 @@
-//! Devices, each made once.
+//! GPU devices, cached by adapter.
 
 use crate::errors::Raise;
 use palpate::gpu::Gpu;
@@ -6,8 +6,8 @@ use pyo3::prelude::*;
 use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// The device on the adapter of that name, index or kind; the one that `PALPATE_ADAPTER` names, or
-/// the most capable one, where nothing is said. One that was lost is made anew.
+/// Returns the device on the adapter of that name, index or kind. Without one: on the adapter that
+/// `PALPATE_ADAPTER` names, or else on the most capable one. A lost device is created again.
 pub fn device(py: Python<'_>, adapter: Option<String>) -> PyResult<Gpu> {
     static MADE: OnceLock<Mutex<HashMap<Option<String>, Gpu>>> = OnceLock::new();
     py.detach(|| {
@@ -26,7 +26,7 @@ pub fn device(py: Python<'_>, adapter: Option<String>) -> PyResult<Gpu> {
     .or_raise(py)
 }
 
-/// The graphics adapters there are.
+/// Returns the available graphics adapters.
 #[pyfunction]
 pub fn adapters(py: Python<'_>) -> Vec<String> {
     py.detach(Gpu::adapters)

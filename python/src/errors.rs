@@ -1,4 +1,5 @@
-//! Errors as Python has them: the classes of `palpate/_errors.py`, with the library's words.
+//! Conversion of library errors into the exception classes of `palpate/_errors.py`, with the
+//! library's messages.
 
 use palpate::Error;
 use pyo3::exceptions::PyRuntimeError;
@@ -6,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::io::ErrorKind;
 
-/// The exception that an error is in Python.
+/// Returns the Python exception for an error.
 pub fn to_py_err(py: Python<'_>, error: Error) -> PyErr {
     let class = match &error {
         Error::Io { source, .. } if source.kind() == ErrorKind::NotFound => "MissingFileError",
@@ -35,14 +36,14 @@ fn made(py: Python<'_>, class: &str, error: &Error) -> PyResult<PyErr> {
     ))
 }
 
-/// What Python is told of an argument that makes no sense.
+/// Returns the exception for an invalid argument.
 pub fn input_error(py: Python<'_>, what: impl Into<String>) -> PyErr {
     to_py_err(py, Error::Input(what.into()))
 }
 
-/// Results of the library, in Python.
+/// Conversion of library results into Python results.
 pub trait Raise<T> {
-    /// With the error as an exception.
+    /// Converts the error into a Python exception.
     fn or_raise(self, py: Python<'_>) -> PyResult<T>;
 }
 

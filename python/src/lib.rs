@@ -1,7 +1,7 @@
-//! The native half of the Python package `palpate`, as its module `palpate._palpate`.
+//! Native module `palpate._palpate` of the Python package `palpate`.
 //!
-//! It knows numpy arrays, and scenes as JSON. What Python's users see (names, defaults, other
-//! libraries' types) is `palpate/*.py`; each class there holds one of these.
+//! It handles numpy arrays and scenes as JSON. The public Python interface (names, defaults, types
+//! of other libraries) is in `palpate/*.py`; each class there wraps one of these.
 
 mod arrays;
 mod devices;

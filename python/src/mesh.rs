@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A mesh that does not change.
+/// An immutable mesh.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Mesh(pub Arc<TetMesh>);
 
@@ -23,7 +23,7 @@ impl From<TetMesh> for Mesh {
     }
 }
 
-/// A field as it comes from Python: its name, whether it is in the tets, and its values in rows.
+/// A field as Python passes it: name, whether it is a cell field, values in rows, and number type.
 type FieldGiven<'py> = (String, bool, PyReadonlyArray2<'py, f64>, String);
 
 #[pymethods]
@@ -86,7 +86,7 @@ impl Mesh {
         Ok(mesh.into())
     }
 
-    /// Returns what the format has no place for.
+    /// Returns the data that the format cannot store.
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<Vec<String>> {
         py.detach(|| palpate::io::write(&path, &self.0))
             .or_raise(py)
@@ -104,7 +104,8 @@ impl Mesh {
         (self.0.nodes.len(), self.0.tets.len())
     }
 
-    /// Name, whether in the tets, components and number type of each field.
+    /// Returns the name, whether it is a cell field, the components and the number type of each
+    /// field.
     fn fields(&self) -> Vec<(String, bool, usize, &'static str)> {
         let told = |f: &Field| {
             let in_tets = f.location == Location::Cell;
@@ -145,7 +146,7 @@ impl Mesh {
         (low.to_array(), high.to_array())
     }
 
-    /// The same with its nodes elsewhere.
+    /// Returns a copy of the mesh with new node positions.
     fn moved(&self, py: Python<'_>, nodes: PyReadonlyArray2<'_, f64>) -> PyResult<Mesh> {
         let nodes = to_points(py, &nodes, "nodes")?;
         if nodes.len() != self.0.nodes.len() {
@@ -163,7 +164,7 @@ impl Mesh {
         Ok(mesh.into())
     }
 
-    /// As a file in memory, which pickles are made of.
+    /// Returns the mesh as a file in memory, for pickling.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.detach(|| -> palpate::Result<Vec<u8>> {
             let folder = tempfile::tempdir().map_err(palpate::Error::io("temporary folder"))?;
@@ -181,8 +182,8 @@ impl Mesh {
     }
 }
 
-/// The mesh that the entries of `[mesh]` name: a file, a generator, or a volume or surface that is
-/// meshed.
+/// Loads the mesh that the entries of `[mesh]` specify: a file, a generator, or a volume or surface
+/// to mesh.
 #[pyfunction]
 pub fn load_mesh(
     py: Python<'_>,
@@ -195,13 +196,13 @@ pub fn load_mesh(
     Ok(mesh.into())
 }
 
-/// The meshes that can be generated.
+/// Returns the names of the mesh generators.
 #[pyfunction]
 pub fn generators() -> Vec<&'static str> {
     GENERATORS.iter().map(|(name, _)| *name).collect()
 }
 
-/// The number type of numpy's name.
+/// Returns the number type for a numpy type name.
 fn scalar_type(name: &str) -> ScalarType {
     match name {
         "int8" => ScalarType::I8,
@@ -217,7 +218,7 @@ fn scalar_type(name: &str) -> ScalarType {
     }
 }
 
-/// numpy's name of a number type.
+/// Returns the numpy name of a number type.
 fn type_name(kind: ScalarType) -> &'static str {
     match kind {
         ScalarType::I8 => "int8",

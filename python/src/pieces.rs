@@ -1,4 +1,4 @@
-//! Bodies in pieces, each drawn by itself.
+//! Meshes stored in pieces, each rendered separately.
 
 use crate::devices::device;
 use crate::errors::Raise;
@@ -11,14 +11,15 @@ use pyo3::types::PyBytes;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What the rays of a picture pass in some of a body's pieces.
+/// Ray segments of an image inside some of the pieces of a body.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Intervals(palpate::render::RaySegments);
 
 #[pymethods]
 impl Intervals {
-    /// Of one piece, for the picture that these entries describe; its own tets, and with its
-    /// neighbours'; and the seconds that reading and drawing it took.
+    /// Renders one piece for the image that these entries describe. Returns the segments, the
+    /// number of its own tets, the number including its neighbours' tets, and the seconds for
+    /// reading and rendering.
     #[staticmethod]
     fn of_piece(
         py: Python<'_>,
@@ -42,19 +43,19 @@ impl Intervals {
         told.or_raise(py)
     }
 
-    /// These and those of other pieces.
+    /// Returns these segments merged with those of other pieces.
     #[pyo3(name = "joined")]
     fn merged(&self, py: Python<'_>, other: &Intervals) -> PyResult<Intervals> {
         let joined = py.detach(|| self.0.merged(&other.0)).or_raise(py)?;
         Ok(Intervals(joined))
     }
 
-    /// How many there are.
+    /// Returns the number of segments.
     fn count(&self) -> usize {
         self.0.items().len()
     }
 
-    /// The picture of all pieces, as a PNG has it: red, green, blue and opacity a pixel.
+    /// Returns the image of all pieces as 8-bit RGBA, as in a PNG.
     fn rgba<'py>(
         &self,
         py: Python<'py>,
@@ -77,7 +78,7 @@ impl Intervals {
     }
 }
 
-/// How many pieces an index lists.
+/// Returns the number of pieces that an index lists.
 #[pyfunction]
 pub fn count_pieces(py: Python<'_>, index: PathBuf) -> PyResult<usize> {
     let files = py
@@ -86,7 +87,7 @@ pub fn count_pieces(py: Python<'_>, index: PathBuf) -> PyResult<usize> {
     Ok(files.len())
 }
 
-/// Writes a mesh as so many pieces.
+/// Writes a mesh as `count` pieces.
 #[pyfunction]
 pub fn write_pieces(py: Python<'_>, mesh: &Mesh, index: PathBuf, count: usize) -> PyResult<()> {
     py.detach(|| palpate::scene::write_pieces(&index, &mesh.0, count))

@@ -1,4 +1,4 @@
-//! Presses: a fingertip that goes in and lets go, and maps of them.
+//! Presses, which indent a body with a fingertip and release it, and stiffness maps made of them.
 
 use crate::arrays::from_points;
 use crate::devices::device;
@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A press, step by step.
+/// A press, simulated step by step.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Press(Mutex<palpate::press::Press>);
 
@@ -64,7 +64,8 @@ impl Press {
         self.with(py, |press| Ok(press.notes().to_vec()))
     }
 
-    /// Where it presses, which way is out of the body there, how thick that is, and the radius.
+    /// Returns the press point, the outward normal there, the thickness of the body there, and the
+    /// radius.
     fn spot(&self, py: Python<'_>) -> PyResult<([f64; 3], [f64; 3], f64, f64)> {
         self.with(py, |press| {
             let spot = press.site();
@@ -77,12 +78,12 @@ impl Press {
         self.with(py, |press| Ok(press.steps()))
     }
 
-    /// Opens pictures along the press from now on.
+    /// Clips the images that follow at the press, to show the interior.
     fn cut_through(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |press| press.clip_at_press())
     }
 
-    /// One step: time, phase, depth and force; none at the end.
+    /// Does one step. Returns time, phase, depth and force; none after the last step.
     fn advance(&self, py: Python<'_>) -> PyResult<Option<(f64, &'static str, f64, f64)>> {
         self.with(py, |press| {
             let sample = press.advance()?;
@@ -115,16 +116,16 @@ impl Press {
     }
 }
 
-/// A map of presses.
+/// A stiffness map.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct PressMap {
     map: Mutex<palpate::press::PressMap>,
-    /// What was found so far, to be looked at while it is measured.
+    /// The results so far, readable while the map is measured.
     found: Mutex<Vec<Option<f64>>>,
     gpu: Gpu,
 }
 
-/// Stiffness of each point, N/m: none where it was not pressed yet, NaN where a step failed.
+/// Returns the stiffness of each point, N/m: none if not pressed yet, NaN if a step failed.
 fn found(map: &palpate::press::PressMap) -> Vec<Option<f64>> {
     let of = |p: &MapPoint| p.pressed.map(|_| p.stiffness().unwrap_or(f64::NAN));
     map.points().iter().map(of).collect()
@@ -179,7 +180,7 @@ impl PressMap {
         self.with(py, |map| Ok(map.notes().to_vec()))
     }
 
-    /// What tells maps of other bodies, scenes and ways of pressing.
+    /// Returns a fingerprint of the body, the scene and the press settings.
     fn mark(&self, py: Python<'_>) -> PyResult<String> {
         self.with(py, |map| Ok(format!("{:016x}", map.fingerprint())))
     }
@@ -190,12 +191,12 @@ impl PressMap {
         Ok(from_points(py, &places))
     }
 
-    /// Stiffness of each point, N/m: none where it was not pressed yet, NaN where a step failed.
+    /// Returns the stiffness of each point, N/m: none if not pressed yet, NaN if a step failed.
     fn found(&self) -> Vec<Option<f64>> {
         self.found_so_far().clone()
     }
 
-    /// Takes over what was found before.
+    /// Restores earlier results.
     fn take_over(&self, py: Python<'_>, found: Vec<Option<f64>>) -> PyResult<()> {
         let found: Vec<Option<PointResult>> = found
             .into_iter()
@@ -213,7 +214,7 @@ impl PressMap {
         })
     }
 
-    /// Presses the points that are left.
+    /// Presses the remaining points.
     fn measure(&self, py: Python<'_>, progress: Option<Py<PyAny>>) -> PyResult<()> {
         let long = LongTask::new(progress);
         let measured = self.with(py, |map| {

@@ -1,4 +1,4 @@
-//! A scene ready to be moved and drawn.
+//! A scene that is ready for simulation and rendering.
 
 use crate::arrays::{from_points, to_points};
 use crate::devices::device;
@@ -19,25 +19,26 @@ use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Steps are done in groups that take about so long, between which Python is heard.
+/// Target duration of a group of steps; Python signals are handled between groups.
 const GROUP: Duration = Duration::from_millis(50);
-/// Most steps in a group.
+/// Maximum number of steps in a group.
 const MOST: u32 = 64;
 
-/// Eye, what it looks at, which way is up, and either the opening angle or the height of the view.
+/// Eye, target, up vector, and either the opening angle or the height of the view.
 type View = ([f64; 3], [f64; 3], [f64; 3], Option<f64>, Option<f64>);
 
-/// Node, tet, face, place and distance of a pick.
+/// Node, tet, face, point and distance of a pick.
 type Picked = (u32, u32, u32, [f64; 3], f64);
 /// Name, force and moment of a reaction.
 type Exerted = (String, [f64; 3], [f64; 3]);
 
-/// A scene ready to be moved and drawn, by one thread at a time.
+/// A scene that is ready for simulation and rendering, used by one thread at a time.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Stage(Mutex<palpate::scene::Stage>);
 
 impl Stage {
-    /// Does `work` on it, while other threads of Python go on.
+    /// Runs `work` on the stage with the Python thread state detached, so that other Python threads
+    /// continue.
     fn with<T: Send>(
         &self,
         py: Python<'_>,
@@ -51,7 +52,7 @@ impl Stage {
     }
 }
 
-/// What was taken hold of.
+/// Identifier of a grab.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Grab(GrabId);
 
@@ -67,7 +68,8 @@ fn simulator(stage: &mut palpate::scene::Stage) -> Result<&mut dyn Simulator> {
 
 #[pymethods]
 impl Stage {
-    /// Of the scene of these entries; with a mesh in place of the scene's own.
+    /// Creates the stage of the scene of these entries, optionally with a mesh instead of the
+    /// scene's own.
     #[new]
     fn new(
         py: Python<'_>,
@@ -99,7 +101,7 @@ impl Stage {
         self.with(py, |stage| Ok(stage.deformed_mesh()?.into()))
     }
 
-    /// Name and range of what pictures show.
+    /// Returns the name and range of the rendered scalar field.
     fn shown(&self, py: Python<'_>) -> PyResult<(String, (f64, f64))> {
         self.with(py, |stage| {
             let field = stage.scalar_field();
@@ -111,7 +113,7 @@ impl Stage {
         self.with(py, |stage| Ok(stage.steps()))
     }
 
-    /// Simulated time and the step, s; none where nothing moves.
+    /// Returns the simulated time and the time step, s; the step is none for a static body.
     fn time(&self, py: Python<'_>) -> PyResult<(f64, Option<f64>)> {
         self.with(py, |stage| {
             let dt = stage.motion().map(|motion| motion.dt);
@@ -119,7 +121,7 @@ impl Stage {
         })
     }
 
-    /// What computes the steps, and by which scheme.
+    /// Returns the names of the engine and of the solver.
     fn engine(&self, py: Python<'_>) -> PyResult<(String, String)> {
         self.with(py, |stage| {
             let motion = motion(stage)?;
@@ -127,7 +129,7 @@ impl Stage {
         })
     }
 
-    /// Does `steps` steps; how many it did until Python wanted it to end.
+    /// Does `steps` steps, unless Python interrupts them.
     fn run(&self, py: Python<'_>, steps: u32, progress: Option<Py<PyAny>>) -> PyResult<()> {
         let long = LongTask::new(progress);
         let (mut done, mut group) = (0, 1);
@@ -140,7 +142,7 @@ impl Stage {
                 true => (2 * group).min(MOST),
                 false => (group / 2).max(1),
             };
-            // The body is not held meanwhile: what is told may look at it.
+            // The stage is unlocked here: the progress callback may use it.
             if !long.should_continue("steps", f64::from(done) / f64::from(steps)) {
                 return long.interrupt_error().map_or(Ok(()), Err);
             }
@@ -148,13 +150,13 @@ impl Stage {
         Ok(())
     }
 
-    /// Frames the body, unless the scene has a view, with all of `also` in the picture.
+    /// Fits the view to the body and to the points `also`, unless the scene sets a view.
     fn frame(&self, py: Python<'_>, also: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
         let also = to_points(py, &also, "also")?;
         self.with(py, |stage| stage.fit_view(&also))
     }
 
-    /// Has pictures tell the time of a recorded frame, s.
+    /// Sets the time of a recorded frame, s, that pictures display.
     fn tell_time(&self, py: Python<'_>, seconds: f64, resolution: f64) -> PyResult<()> {
         self.with(py, |stage| {
             stage.set_displayed_time(FrameTime {
@@ -218,13 +220,13 @@ impl Stage {
         })
     }
 
-    /// The picture as a PNG has it, red, green, blue and opacity a pixel.
+    /// Returns the image as 8-bit RGBA, as in a PNG.
     fn rgba<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
         let bytes = self.with(py, |stage| stage.rgba())?;
         Ok(bytes.into_pyarray(py))
     }
 
-    /// The picture as an EXR has it, and its channels.
+    /// Returns the image as 32-bit floats, as in an EXR, and the number of channels.
     fn raw<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f32>>, usize)> {
         let image = self.with(py, |stage| stage.image())?;
         Ok((image.values.into_pyarray(py), image.channels))
@@ -291,7 +293,7 @@ impl Stage {
         self.with(py, |stage| simulator(stage)?.pin_nodes(&nodes))
     }
 
-    /// A field computed of the body where it is, in the tets or at the nodes.
+    /// Computes a derived field of the deformed body, per tet or per node.
     fn field<'py>(
         &self,
         py: Python<'py>,
@@ -316,7 +318,8 @@ impl Stage {
         Ok(values.into_pyarray(py))
     }
 
-    /// Takes hold of the nodes around a place; with a spring and its largest force they are pulled.
+    /// Grabs the nodes around a point; with a spring and its maximum force they are pulled by the
+    /// spring.
     fn grab(
         &self,
         py: Python<'_>,
@@ -344,7 +347,8 @@ impl Stage {
         self.with(py, |stage| simulator(stage)?.release(grab.0))
     }
 
-    /// Has a tool that the scene gives no way go to a place with the next step, or be there `at_once`.
+    /// Moves a tool without a path in the scene to a position during the next step, or immediately
+    /// if `at_once`.
     fn lead_tool(
         &self,
         py: Python<'_>,
@@ -358,13 +362,13 @@ impl Stage {
         })
     }
 
-    /// The force of the body on a tool, N.
+    /// Returns the force of the body on a tool, N.
     fn tool_force(&self, py: Python<'_>, number: usize) -> PyResult<[f64; 3]> {
         self.with(py, |stage| Ok(stage.tool_force(number)?.to_array()))
     }
 
-    /// The transfer function of its pictures as JSON, in absolute scalars, with extinctions so many
-    /// times as large.
+    /// Returns the transfer function of the images as JSON, in absolute scalars, with extinctions
+    /// multiplied by `denser`.
     fn transfer(&self, py: Python<'_>, denser: f64) -> PyResult<String> {
         let transfer = self.with(py, |stage| Ok(stage.transfer()))?;
         let nodes = transfer.extinction_nodes().iter();
@@ -373,25 +377,25 @@ impl Stage {
         Ok(serde_json::json!({"colour": colour, "extinction": extinction}).to_string())
     }
 
-    /// Cuts along what a straight edge sweeps; whether anything was cut.
+    /// Cuts along the surface that a straight edge sweeps. Returns whether anything was cut.
     fn cut(&self, py: Python<'_>, edges: Vec<[[f64; 3]; 2]>) -> PyResult<bool> {
         let edges: Vec<[DVec3; 2]> = edges.iter().map(|e| e.map(DVec3::from)).collect();
         self.with(py, |stage| stage.cut(&Blade::from_sweep(&edges)?))
     }
 
-    /// What a pixel shows of the boundary: node, tet, face, place and distance.
+    /// Picks the boundary at a pixel: node, tet, face, point and distance.
     fn pick(&self, py: Python<'_>, x: f64, y: f64) -> PyResult<Option<Picked>> {
         let pick = self.with(py, |stage| stage.pick(DVec2::new(x, y)))?;
         Ok(pick.map(|p| (p.node, p.tet, p.face, p.point.to_array(), p.distance)))
     }
 
-    /// Energies and shape, as JSON.
+    /// Returns energies and shape quantities as JSON.
     fn report(&self, py: Python<'_>) -> PyResult<String> {
         let report = self.with(py, |stage| motion(stage)?.report())?;
         serde_json::to_string(&report).map_err(|e| input_error(py, e.to_string()))
     }
 
-    /// What it exerts on its pins, moves, grabs and tools: name, force and moment.
+    /// Returns the reactions on pins, moves, grabs and tools: name, force and moment.
     fn reactions(&self, py: Python<'_>) -> PyResult<Vec<Exerted>> {
         let all = self.with(py, |stage| stage.reactions())?;
         let told = |(name, on): (String, palpate::physics::Reaction)| {

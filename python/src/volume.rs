@@ -10,11 +10,11 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A volume that does not change.
+/// An immutable volume.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Volume(pub Arc<palpate::volume::Volume>);
 
-/// Numbers of any type in and out.
+/// Converts numpy arrays of every supported number type.
 macro_rules! kinds {
     ($($kind:ident $type:ty),*) => {
         fn to_raw(values: &Bound<'_, PyAny>) -> Option<Raw> {
@@ -35,8 +35,9 @@ kinds!(I8 i8, U8 u8, I16 i16, U16 u16, I32 i32, U32 u32, I64 i64, U64 u64, F32 f
 
 #[pymethods]
 impl Volume {
-    /// Of values with the first axis running fastest; `to_world` is the upper three rows of the
-    /// affine, transposed: what one voxel along each axis is, and where the first one lies.
+    /// Creates a volume from values with the first axis running fastest. `to_world` holds the upper
+    /// three rows of the affine, transposed: the voxel vector along each axis, and the position of
+    /// the first voxel.
     #[new]
     fn new(
         py: Python<'_>,
@@ -93,7 +94,7 @@ impl Volume {
             .or_raise(py)
     }
 
-    /// Stored numbers, the first axis running fastest.
+    /// Returns the stored numbers, the first axis running fastest.
     fn raw<'py>(&self, py: Python<'py>) -> Bound<'py, PyAny> {
         from_raw(py, &self.0.raw)
     }

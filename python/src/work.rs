@@ -1,5 +1,5 @@
-//! What takes a while: it lets other threads of Python go on, tells how far it is, and ends with
-//! Ctrl-C.
+//! Long operations: they detach from the interpreter so that other Python threads continue, report
+//! progress, and stop on Ctrl-C.
 
 use crate::arrays::to_points;
 use crate::devices::device;
@@ -23,16 +23,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between two looks at Python.
+/// Interval between checks for Python signals.
 const INTERVAL: Duration = Duration::from_millis(50);
-/// Metres in the unit of scans.
+/// Metres in a millimetre, the unit of scans.
 const MILLIMETRE: f64 = 1e-3;
 
-/// Long work, and who is told how far it is.
+/// A long operation and its progress callback.
 pub struct LongTask {
     progress: Option<Py<PyAny>>,
     looked: Mutex<Instant>,
-    /// Why it is to end: Ctrl-C, or what `progress` raised.
+    /// Why it has to stop: Ctrl-C, or an exception raised by `progress`.
     ended: Mutex<Option<PyErr>>,
 }
 
@@ -45,7 +45,7 @@ impl LongTask {
         }
     }
 
-    /// Looks whether Python wants it to end, and tells it what is done of what; whether to go on.
+    /// Checks for Python signals and reports the completed fraction. Returns whether to continue.
     pub fn should_continue(&self, what: &str, done: f64) -> bool {
         let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
         if looked.elapsed() < INTERVAL && done < 1.0 {
@@ -70,13 +70,13 @@ impl LongTask {
         }
     }
 
-    /// Why it ended, if Python wanted it to.
+    /// Returns the exception that interrupted it, if any.
     pub fn interrupt_error(&self) -> Option<PyErr> {
         let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
         ended.take()
     }
 
-    /// Does `work` without holding Python up. What it tells ends it where Python wants that.
+    /// Runs `work` detached from the interpreter. Its progress reports stop it on an interrupt.
     pub fn run<T: Send>(
         &self,
         py: Python<'_>,
@@ -94,7 +94,7 @@ impl LongTask {
     }
 }
 
-/// Width, height and bytes of a picture of red, green, blue and opacity, row by row from the top.
+/// Returns width, height and bytes of an RGBA image, row by row from the top.
 fn picture(py: Python<'_>, pixels: &PyReadonlyArray3<'_, u8>) -> PyResult<(u32, u32, Vec<u8>)> {
     let pixels = pixels.as_array();
     let (height, width, channels) = pixels.dim();
@@ -111,7 +111,7 @@ fn picture(py: Python<'_>, pixels: &PyReadonlyArray3<'_, u8>) -> PyResult<(u32, 
     Ok((width, height, pixels.iter().copied().collect()))
 }
 
-/// Writes a picture as a PNG.
+/// Writes an image as a PNG.
 #[pyfunction]
 pub fn write_png(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, u8>) -> PyResult<()> {
     let (width, height, bytes) = picture(py, &pixels)?;
@@ -123,7 +123,7 @@ pub fn write_png(py: Python<'_>, path: PathBuf, pixels: PyReadonlyArray3<'_, u8>
     written.or_raise(py)
 }
 
-/// The bytes of a JPEG of a picture, on black; `quality` is from 1 to 100.
+/// Encodes an image over black as JPEG; `quality` is from 1 to 100.
 #[pyfunction]
 pub fn jpeg<'py>(
     py: Python<'py>,
@@ -147,7 +147,8 @@ pub fn jpeg<'py>(
     Ok(PyBytes::new(py, &encoded))
 }
 
-/// The scan in the bent body, and how its voxels lie there: all, and those that no tet holds.
+/// Warps a scan into the deformed body. Returns the result and the counts of all voxels and of
+/// those outside every tet.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub fn warp(
@@ -176,8 +177,8 @@ pub fn warp(
     Ok((volume, coverage.voxels, coverage.uncovered))
 }
 
-/// Tunes a scene file and writes what was chosen; whether that meets what is wanted, what was chosen
-/// in words, and milliseconds for a second of motion and for a picture.
+/// Tunes a scene file and writes the chosen settings. Returns whether they meet the requirements, a
+/// description, and the milliseconds per simulated second and per image.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub fn tune(
@@ -204,7 +205,7 @@ pub fn tune(
     Ok((tuned.target_met, tuned.notes, tuned.cost))
 }
 
-/// Runs a study, and returns what it noted. What was measured before it ended is kept.
+/// Runs a study and returns its notes. Points measured before an interruption are kept.
 #[pyfunction]
 pub fn study(
     py: Python<'_>,
@@ -254,7 +255,7 @@ pub fn study(
     Ok(notes.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// The studies there are.
+/// Returns the names of the studies.
 #[pyfunction]
 pub fn studies() -> Vec<&'static str> {
     STUDIES.iter().map(|(name, ..)| *name).collect()

@@ -1,14 +1,14 @@
-//! The axes of charts: linear or logarithmic, from the values they must hold.
+//! Chart axes, linear or logarithmic, scaled to the data.
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
 
-/// What an axis shows: its label, with the unit, and whether it is logarithmic.
+/// An axis: its label, with the unit, and whether it is logarithmic.
 #[derive(Clone, Debug)]
 pub struct Axis {
     /// Name and unit.
     pub label: String,
-    /// Whether equal lengths are equal ratios.
+    /// Whether the axis is logarithmic.
     pub log: bool,
 }
 
@@ -21,7 +21,7 @@ impl Axis {
         }
     }
 
-    /// A logarithmic axis, which leaves out what is not above zero.
+    /// A logarithmic axis, which omits values ≤ 0.
     pub fn log(label: &str) -> Axis {
         Axis {
             label: label.to_owned(),
@@ -34,7 +34,7 @@ impl Axis {
         value.is_finite() && (!self.log || value > 0.0)
     }
 
-    /// A scale that holds all of `values`, with a little room around them.
+    /// Returns a scale that covers `values` with a margin.
     pub(super) fn scale(&self, values: impl Iterator<Item = f64>) -> Scale {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values.filter(|v| self.shows(*v)) {
@@ -57,7 +57,7 @@ impl Axis {
             false => 0.5 * high.abs().max(1.0),
         };
         Scale {
-            // An axis of what is never negative begins at zero.
+            // An axis of non-negative values begins at zero.
             low: if low >= 0.0 && low < 4.0 * room {
                 0.0
             } else {
@@ -69,7 +69,7 @@ impl Axis {
     }
 }
 
-/// The part of an axis that a chart shows.
+/// The range of an axis that a chart shows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Scale {
     pub low: f64,
@@ -104,7 +104,7 @@ impl Ranged for Scale {
         if self.log {
             let (low, high) = self.decades();
             let (first, last) = (low.ceil() as i32, high.floor() as i32);
-            // Under three decades have ticks between them.
+            // Ranges below three decades get intermediate ticks.
             let within: &[f64] = match last - first {
                 ..=0 => &[1.0, 2.0, 3.0, 5.0],
                 1 | 2 => &[1.0, 3.0],
@@ -141,10 +141,10 @@ impl ValueFormatter<f64> for Scale {
     }
 }
 
-/// A number as a tick shows it: plain where that is short, else with an exponent.
+/// Formats a tick label: decimal if short, else with an exponent.
 pub(super) fn tick(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        // Rounded, for ticks that are sums.
+        // Rounded, because linear ticks are sums.
         let plain = format!("{value:.4}");
         return plain.trim_end_matches('0').trim_end_matches('.').to_owned();
     }

@@ -1,5 +1,5 @@
-//! Bodies that studies make for themselves: with slivers and hollows as bodies from scans have
-//! them, and thin ones; and those that a user names.
+//! Bodies for studies: generated ones with slivers and cavities, as in meshes from scans, thin
+//! ones, and bodies from files.
 
 use crate::mesh::{Field, Location, TetMesh, generate, signed_volume};
 use crate::scene::Scene;
@@ -7,18 +7,19 @@ use crate::{Error, Result};
 use glam::{DVec3, dvec3};
 use std::path::Path;
 
-/// The share of its height to which a tet is flattened: of eight degrees or less.
+/// Fraction of its height to which a tet is flattened; gives dihedral angles of at most eight
+/// degrees.
 const FLAT: f64 = 0.05;
 
-/// Of every so many tets one is flattened, if it can be.
+/// One tet in this number is flattened, if possible.
 const FLATTEN_EVERY: usize = 9;
 
-/// A thick-walled body with a hollow right through it, 864 tets, in centimetres. One tet in about
-/// forty is a sliver, as in coarse meshes made of scans. Its node field `distance` is that
+/// Generates a thick-walled body with a through hole, 864 tets, in centimetres. About one tet in
+/// forty is a sliver, as in coarse meshes from scans. Its node field `distance` is the distance
 /// from a point beside it.
 ///
 /// # Errors
-/// What making the mesh gives.
+/// An error if the mesh cannot be generated.
 pub(super) fn hollow() -> Result<TetMesh> {
     let mut mesh = generate::duct([6, 6, 3], DVec3::splat(2.0), generate::Bore::Round)?;
     let (low, high) = mesh.bounds();
@@ -43,8 +44,7 @@ pub(super) fn hollow() -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// Flattens tets here and there by moving a corner towards the face opposite, where no other tet
-/// is turned inside out by it.
+/// Flattens some tets by moving a corner towards the opposite face, if this inverts no other tet.
 fn flatten(mesh: &mut TetMesh) {
     let mut around = vec![Vec::new(); mesh.nodes.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
@@ -78,11 +78,11 @@ fn flatten(mesh: &mut TetMesh) {
     }
 }
 
-/// A flat ring whose tets are thin, most so at its faces, as meshes of flows are; its node field
-/// `heat` falls off steeply from the hub and from one face.
+/// Generates a flat ring whose tets are thin, most so at its faces, as in meshes for flow
+/// simulation. Its node field `heat` decreases steeply from the hub and from one face.
 ///
 /// # Errors
-/// What making the mesh gives.
+/// An error if the mesh cannot be generated.
 pub(super) fn ring() -> Result<TetMesh> {
     let mut mesh = generate::duct([12, 12, 10], dvec3(1.0, 1.0, 0.3), generate::Bore::Round)?;
     let (low, high) = mesh.bounds();
@@ -101,7 +101,7 @@ pub(super) fn ring() -> Result<TetMesh> {
     Ok(mesh)
 }
 
-/// The scene at `path`, or the one that a mesh file there alone makes.
+/// Reads the scene at `path`, or makes a scene of the mesh file there.
 pub(super) fn named(path: &Path) -> Result<Scene> {
     let is_scene = path
         .extension()

@@ -1,4 +1,4 @@
-//! `study cages`: how true a motion stays, and what it costs, when a coarse cage carries the mesh.
+//! `study cages`: accuracy and cost of a motion when a coarse cage carries the mesh.
 
 use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
 use crate::cage::CageKind;
@@ -12,20 +12,20 @@ use std::collections::btree_map::Entry;
 use std::path::Path;
 use std::time::Instant;
 
-/// What bodies are made of, and the cages of that.
+/// Material models, each with the cages that support it.
 const MATERIALS: &[(MaterialModel, &[CageKind])] = &[
     (MaterialModel::NeoHookean, &[CageKind::Lattice]),
     (MaterialModel::Springs, &[CageKind::Lattice, CageKind::Grid]),
 ];
 
-/// Seconds of motion, and looks at it.
+/// Simulated duration, s, and number of comparisons.
 const SECONDS: f64 = 2.0;
 const COMPARISONS: u32 = 8;
-/// Nodes of the cages, over those of the mesh.
+/// Number of cage nodes relative to the mesh.
 const NODE_FRACTIONS: [f64; 7] = [0.01, 0.02, 0.04, 0.08, 0.15, 0.3, 0.6];
 const QUICK_SHARES: [f64; 3] = [0.04, 0.1, 0.25];
 
-/// The limb, held at the elbow and pulled at the fingers.
+/// Returns the limb scene, clamped at the elbow and pulled at the fingers.
 fn limb(tets: usize) -> Result<Scene> {
     Scene::parse(&format!(
         "[mesh]\ngenerate = \"limb\"\ntets = {tets}\n\
@@ -37,10 +37,10 @@ fn limb(tets: usize) -> Result<Scene> {
     ))
 }
 
-/// A motion: where the nodes were at each look, and what it cost.
+/// A motion: node positions at each comparison, and its cost.
 struct Moved {
     places: Vec<Vec<DVec3>>,
-    /// Milliseconds for a second of motion.
+    /// Milliseconds per simulated second.
     cost: f64,
     nodes: usize,
     fitted: f64,
@@ -60,7 +60,7 @@ fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<M
     for look in 0..COMPARISONS {
         let start = Instant::now();
         motion.run(steps, &mut |_| {})?;
-        // The first look has the making of the passes in it.
+        // The first interval includes pipeline creation and is not timed.
         if look > 0 {
             taken += start.elapsed().as_secs_f64();
         }
@@ -76,7 +76,7 @@ fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<M
     })
 }
 
-/// Root mean square distance over root mean square displacement, along the way and at its end.
+/// Returns the RMS position error relative to the RMS displacement, over the motion and at its end.
 fn errors(found: &Moved, truth: &Moved, rest: &[DVec3]) -> [f64; 2] {
     let apart = |a: &[DVec3], b: &[DVec3]| -> f64 {
         a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
@@ -94,7 +94,7 @@ fn errors(found: &Moved, truth: &Moved, rest: &[DVec3]) -> [f64; 2] {
     [share(0..last), share(last - 1..last)]
 }
 
-/// Runs the study, of the limb or of a scene of the user's.
+/// Runs the study on the limb or on the user's scene.
 ///
 /// # Errors
 /// As [`Motion::new`], [`Motion::run`] and [`Run::measure`].
@@ -132,7 +132,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             .into(),
         (None, None) => "mesh".to_owned(),
     };
-    // Elements have neither.
+    // Finite elements have neither.
     let of_springs = scene.material.stiffness.is_some() || scene.material.damping.is_some();
     if of_springs {
         run.report_note(
@@ -177,7 +177,8 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
                 return Ok(Vec::new());
             };
             let mut own = scene.clone();
-            // Of the same matter as what it carries: its error is that of fewer nodes.
+            // Same material model as the carried mesh, so that the error comes from the coarser
+            // nodes only.
             own.material.model = Some(*model);
             let truth = match truths.entry(model.name()) {
                 Entry::Occupied(known) => known.into_mut(),

@@ -1,4 +1,4 @@
-//! Charts of lines and marks, readable in print and by the colour-blind.
+//! Charts of lines and markers, readable in print and with colour blindness.
 
 use super::axis::Axis;
 use crate::render::Image;
@@ -9,12 +9,12 @@ use plotters::style::FontStyle;
 use std::path::Path;
 use std::sync::Once;
 
-/// The size of a chart in pixels, legend included: enough for print.
+/// Size of a chart in pixels, including the legend; sufficient for print.
 pub(super) const SIZE: (u32, u32) = (2000, 1200);
 /// The width of the legend, beside the data.
 const LEGEND: i32 = 500;
 pub(super) const FONT: &str = "sans-serif";
-/// The colours of Okabe and Ito, which the colour-blind tell apart, but for the yellow.
+/// The Okabe-Ito palette, distinguishable with colour blindness, without the yellow.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -36,16 +36,16 @@ pub enum SeriesStyle {
     Marks,
     /// Marks joined by a line.
     LineMarks,
-    /// A ring around each point: those that stand out.
+    /// A ring around each point, to highlight it.
     Rings,
 }
 
-/// Points that belong together.
+/// A data series.
 #[derive(Clone, Debug)]
 pub struct Series {
     /// Its name in the legend.
     pub name: String,
-    /// Places, in the units of the axes; what an axis cannot show is left out.
+    /// Points in the units of the axes; those that an axis cannot show are omitted.
     pub points: Vec<[f64; 2]>,
     /// How it is drawn.
     pub look: SeriesStyle,
@@ -65,13 +65,13 @@ impl Series {
 /// Series over two axes.
 #[derive(Clone, Debug)]
 pub struct Chart {
-    /// What it shows.
+    /// Title.
     pub title: String,
-    /// The axis to the right.
+    /// Horizontal axis.
     pub x: Axis,
-    /// The axis upwards.
+    /// Vertical axis.
     pub y: Axis,
-    /// What is drawn, in the order of the legend.
+    /// Series in legend order.
     pub series: Vec<Series>,
 }
 
@@ -79,18 +79,18 @@ impl Chart {
     /// Draws the chart to `NAME.svg` and `NAME.png` in `dir`.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// An error if a file cannot be written.
     pub fn save(&self, dir: &Path, name: &str) -> Result<()> {
         save(dir, name, self)
     }
 }
 
-/// What is drawn both as an SVG and as a PNG.
+/// A figure that can be drawn as SVG and as PNG.
 pub(super) trait Drawable {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult<B>;
 }
 
-/// What drawing returns.
+/// Result of drawing.
 pub(super) type DrawResult<B> =
     std::result::Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
@@ -98,7 +98,7 @@ pub(super) type DrawResult<B> =
 pub(super) fn save(dir: &Path, name: &str, figure: &impl Drawable) -> Result<()> {
     static FONTS: Once = Once::new();
     FONTS.call_once(|| {
-        // The fonts are part of the program; without them a chart has no letters and says so.
+        // The fonts are embedded; without registration a chart has no text and drawing fails.
         let styles = [
             (FontStyle::Normal, notosans::REGULAR_TTF),
             (FontStyle::Bold, notosans::BOLD_TTF),
@@ -203,7 +203,7 @@ impl Drawable for Chart {
     }
 }
 
-/// One line of a legend.
+/// Draws one entry of a legend.
 pub(super) fn draw_legend_entry<B: DrawingBackend>(
     legend: &DrawingArea<B, Shift>,
     line: usize,
@@ -235,7 +235,7 @@ pub(super) fn draw_legend_entry<B: DrawingBackend>(
     draw_label(legend, &series.name, at)
 }
 
-/// The words of a line of a legend.
+/// Draws the text of a legend entry.
 pub(super) fn draw_label<B: DrawingBackend>(
     legend: &DrawingArea<B, Shift>,
     name: &str,
@@ -252,10 +252,10 @@ pub(super) fn colour(i: usize) -> RGBColor {
     COLOURS[i % COLOURS.len()]
 }
 
-/// The mark of the `i`th series: another shape as well as another colour.
+/// Returns the marker of the `i`th series: shapes differ as well as colours.
 fn mark(i: usize, at: (i32, i32)) -> Polygon<(i32, i32)> {
     let shape: &[(i32, i32)] = match i % 6 {
-        // An octagon, which is a disc at this size.
+        // An octagon, which looks like a disc at this size.
         0 => &[
             (4, 10),
             (10, 4),

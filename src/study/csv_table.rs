@@ -1,24 +1,24 @@
-//! A study's CSV: every point with its settings, what was measured there, on what and when.
+//! CSV tables of studies: each measured point with its settings, results, adapter and date.
 
 use crate::io::atomic_write;
 use crate::{Error, Result};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// The columns that every sheet has after those of its study.
+/// Columns after those of the study.
 const PROVENANCE_COLUMNS: [&str; 2] = ["adapter", "date"];
 
 /// One entry of a [`Row`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
-    /// A name.
+    /// A text.
     Text(String),
-    /// A number, in the unit that its column names.
+    /// A number, in the unit of its column.
     Number(f64),
 }
 
 impl Cell {
-    /// The number; not a number for a text.
+    /// Returns the number; NaN for a text.
     pub fn number(&self) -> f64 {
         match self {
             Cell::Number(value) => *value,
@@ -26,7 +26,7 @@ impl Cell {
         }
     }
 
-    /// The text; nothing for a number.
+    /// Returns the text; empty for a number.
     pub fn text(&self) -> &str {
         match self {
             Cell::Text(text) => text,
@@ -46,7 +46,7 @@ impl std::fmt::Display for Cell {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
             Cell::Text(text) => text.fmt(f),
-            // The shortest form that reads back as the same number.
+            // The shortest form that parses back to the same number.
             Cell::Number(value) => value.fmt(f),
         }
     }
@@ -76,17 +76,17 @@ impl From<usize> for Cell {
     }
 }
 
-/// One measured point: its settings and its results by the names of their columns.
+/// A measured point: its settings and results by column name.
 #[derive(Clone, Debug)]
 pub struct Row(HashMap<String, Cell>);
 
 impl Row {
-    /// The number in `column`; not a number where there is none.
+    /// Returns the number in `column`; NaN if there is none.
     pub fn number(&self, column: &str) -> f64 {
         self.0.get(column).map_or(f64::NAN, Cell::number)
     }
 
-    /// The text in `column`; nothing where there is none.
+    /// Returns the text in `column`; empty if there is none.
     pub fn text(&self, column: &str) -> &str {
         self.0.get(column).map_or("", Cell::text)
     }
@@ -98,12 +98,12 @@ pub(super) struct CsvTable {
     columns: Vec<String>,
     settings: usize,
     entries: Vec<Vec<String>>,
-    /// Where a point is among the entries: by its settings and its adapter.
+    /// Index of each point in `entries`, by its settings and adapter.
     places: HashMap<Vec<String>, usize>,
 }
 
 impl CsvTable {
-    /// The sheet at `path`, with what it has already.
+    /// Opens the table at `path` with its existing rows.
     pub fn open(path: &Path, settings: &[&str], results: &[&str]) -> Result<CsvTable> {
         let columns = settings.iter().chain(results).chain(&PROVENANCE_COLUMNS);
         let columns: Vec<String> = columns.map(|c| (*c).to_owned()).collect();
@@ -147,7 +147,7 @@ impl CsvTable {
         self.entries.push(entry);
     }
 
-    /// The row of a point on `adapter`, if it was measured.
+    /// Returns the row of a point on `adapter`, if it was measured.
     pub fn row(&self, settings: &[Cell], adapter: &str) -> Option<Row> {
         let mut key: Vec<String> = settings.iter().map(Cell::to_string).collect();
         key.push(adapter.to_owned());

@@ -1,4 +1,4 @@
-//! `study lumps`: which lumps a map of presses finds, by their size, depth and contrast.
+//! `study lumps`: which lumps a stiffness map detects, by size, depth and contrast.
 
 use super::{Axis, Cell, Row, Run, StateMap};
 use crate::mesh::{Location, TetMesh};
@@ -8,22 +8,23 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::path::Path;
 
-/// Over the median, what stands out from the rest.
+/// Ratio to the median stiffness from which a point stands out.
 const STANDOUT_RATIO: f64 = 1.2;
 const CONTRASTS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
-/// Over the same breast with a lump no stiffer than the rest, what is felt beside that one.
+/// Ratio to the stiffness of the same breast with a lump of contrast 1 from which a lump is
+/// palpable.
 const PALPABLE_RATIO: f64 = 1.1;
 const WIDE_MM: [f64; 4] = [10.0, 15.0, 20.0, 25.0];
 const DEEP_MM: [f64; 4] = [5.0, 10.0, 15.0, 20.0];
 const STATES: [&str; 3] = ["found", "felt beside another", "missed"];
 
-/// What is pressed, and at how many points.
+/// Resolution of the mesh and of the map.
 struct Subject {
     tets: usize,
     points: u32,
 }
 
-/// The breast with such a lump.
+/// Returns the breast scene with this lump.
 fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
     Scene::parse(&format!(
         "[mesh]\ngenerate = \"breast\"\ntets = {tets}\nlump_mm = {wide}\ndepth_mm = {deep}\ncontrast = {contrast}\n\
@@ -32,7 +33,7 @@ fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
     ))
 }
 
-/// The middle of the lump.
+/// Returns the centre of the lump.
 fn middle(mesh: &TetMesh) -> Result<DVec3> {
     let label = mesh.region_names.iter().find(|(_, name)| *name == "lump");
     let labels = mesh.field("label", Location::Cell);
@@ -50,8 +51,9 @@ fn middle(mesh: &TetMesh) -> Result<DVec3> {
     Ok(sum / volume)
 }
 
-/// The largest stiffness over the median, that next to the lump, N/m, how far from the lump the
-/// stiffest point is, seen from above, mm, and whether that is over it.
+/// Returns the largest stiffness over the median, the stiffness above the lump (N/m), the
+/// horizontal distance of the stiffest point from the lump (mm), and whether that point is above
+/// the lump.
 fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     let scene = breast(subject.tets, lump)?;
     let place = middle(&scene.mesh.load()?)?;
@@ -79,7 +81,7 @@ fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     ])
 }
 
-/// Measures, draws and tells.
+/// Measures, draws charts and reports.
 pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
     let quick = run.quick;
     let subject = match quick {
@@ -143,15 +145,15 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
     run.write_findings("lumps", "Which lumps are found", &told(&rows), &charts)
 }
 
-/// What is measured of one lump.
+/// The results for one lump.
 #[derive(Clone, Copy)]
 struct Reading {
-    /// The largest over the median.
+    /// Largest stiffness over the median.
     stands_out: f64,
-    /// That above the lump over that without contrast.
+    /// Stiffness above the lump over the stiffness there without contrast.
     raised: f64,
     off_mm: f64,
-    /// Which of [`STATES`].
+    /// Index into [`STATES`].
     state: usize,
 }
 

@@ -1,7 +1,7 @@
-//! Studies: accuracy charted against speed, stability where methods fail, cost against size.
+//! Studies: accuracy against speed, stability limits, cost against size.
 //!
-//! A study measures points, each with all of its settings, into one CSV that a second run goes on
-//! from, draws charts of them, and says in a paragraph what was found.
+//! A study measures points, each with all of its settings, into one CSV that a later run resumes,
+//! draws charts of them, and summarises the findings in a paragraph.
 
 mod axis;
 mod bodies;
@@ -29,10 +29,10 @@ pub use state_map::StateMap;
 use crate::Result;
 use std::path::Path;
 
-/// A study: measures, draws and tells, perhaps of a scene of the user's.
+/// A study: measures, draws charts and reports; optionally on the user's scene.
 pub type Study = fn(&Run, Option<&Path>) -> Result<()>;
 
-/// The studies by their names on the command line, each with a line that says what it is.
+/// The studies: command-line name, one-line description, function.
 pub const STUDIES: &[(&str, &str, Study)] = &[
     (
         "motion",
@@ -72,7 +72,7 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
     ("accuracy", "Both motion and pictures", accuracy),
 ];
 
-/// Error against cost: of motion, then of pictures.
+/// Runs the accuracy studies: error against cost, of motion, then of images.
 fn accuracy(run: &Run, scene: Option<&Path>) -> Result<()> {
     motion::run(run, scene)?;
     pictures::run(run, scene)

@@ -1,14 +1,14 @@
-//! Motions in float64, by the engine on the CPU, and the motion that they tend to as the step goes
-//! to nothing: what every solver's error is measured against.
+//! Motions in float64 on the CPU engine, and their limit for vanishing steps, the reference for the
+//! error of every solver.
 
 use crate::physics::{CgSettings, Simulator, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// A body farther than this from where it began, in its own sizes, has flown apart.
+/// A body farther than this from its start, in multiples of its size, has diverged.
 const FARTHEST: f64 = 1e4;
 
-/// Where a body is, and how it moves.
+/// Positions and velocities of a body.
 #[derive(Clone, Debug)]
 pub struct MotionState {
     /// Positions, m, from the origin of its frame.
@@ -18,7 +18,7 @@ pub struct MotionState {
 }
 
 impl MotionState {
-    /// At rest.
+    /// Returns the rest state.
     pub fn rest(simulator: &dyn Simulator) -> MotionState {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let rest = simulator.mesh().nodes.iter();
@@ -29,10 +29,10 @@ impl MotionState {
         }
     }
 
-    /// That of `simulator` now.
+    /// Returns the current state of `simulator`.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// An error if reading back fails.
     pub fn from_simulator(simulator: &dyn Simulator) -> Result<MotionState> {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let (x, v) = (simulator.positions()?, simulator.velocities()?);
@@ -42,7 +42,7 @@ impl MotionState {
         })
     }
 
-    /// Puts `simulator` there.
+    /// Sets `simulator` to this state.
     ///
     /// # Errors
     /// As [`Simulator::set_positions`].
@@ -55,10 +55,10 @@ impl MotionState {
     }
 }
 
-/// A scheme, and where its linear solves stop.
+/// A solver and the stopping criteria of its linear solves.
 pub type Scheme = (SolverKind, CgSettings);
 
-/// The scheme `kind`, its linear systems solved to the last digits of float64.
+/// Returns the solver `kind` with linear systems solved to float64 accuracy.
 pub fn converged(kind: SolverKind) -> Scheme {
     let settings = CgSettings {
         tolerance: 1e-12,
@@ -68,11 +68,12 @@ pub fn converged(kind: SolverKind) -> Scheme {
     (kind, settings)
 }
 
-/// The states of `simulator`, which begins at `start`, after each of `stops` equal spans of
-/// `duration` seconds in all, each span in `steps` steps; `None` where the body flies apart.
+/// Returns the states of `simulator`, which begins at `start`, after each of `stops` equal
+/// intervals of `duration` seconds in total, with `steps` steps per interval; `None` if the body
+/// diverges.
 ///
 /// # Errors
-/// What the simulator refuses.
+/// An error if the simulator fails.
 pub fn motion(
     simulator: &mut dyn Simulator,
     start: &MotionState,
@@ -111,34 +112,34 @@ pub fn distance(a: &[MotionState], b: &[MotionState]) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// A motion that no smaller step would change by anything that matters.
+/// A motion converged under step refinement.
 #[derive(Clone, Debug)]
 pub struct ReferenceMotion {
-    /// Its states: those of the two smallest steps, extrapolated.
+    /// Its states, Richardson-extrapolated from the two smallest steps.
     pub states: Vec<MotionState>,
-    /// What halving the step did, the largest step first.
+    /// Effect of each halving of the step, the largest step first.
     pub halvings: Vec<Halving>,
 }
 
-/// What halving a step changed, relative to the motion.
+/// Relative change of the motion when the step is halved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Halving {
-    /// Steps between two stops, before it was halved.
+    /// Steps between two stops before halving.
     pub steps: u32,
     /// |x(h) − x(h/2)|.
     pub change: f64,
-    /// |X(2h) − X(h)| of what Richardson extrapolates, X(h) = x(h/2) + (x(h/2) − x(h))/3; not a
-    /// number at first.
+    /// |X(2h) − X(h)| of the Richardson extrapolation X(h) = x(h/2) + (x(h/2) − x(h))/3; NaN for
+    /// the first halving.
     pub extrapolated: f64,
 }
 
-/// The motion of a scheme of second order, `run` with a number of steps between two stops, in the
-/// limit of small steps: from `steps` on the step is halved until what Richardson extrapolates
-/// changes by less than `tolerance` of `scale` (m), or until `most` steps. `None` where no two
-/// steps gave a motion.
+/// Computes the limit of a second-order scheme for small steps; `run` takes the number of steps
+/// between two stops. Starting from `steps`, the step is halved until the Richardson extrapolation
+/// changes by less than `tolerance` of `scale` (m), or until `most` steps. `None` if no two steps
+/// gave a motion.
 ///
 /// # Errors
-/// Those of `run`.
+/// As `run`.
 pub fn reference_motion(
     steps: u32,
     most: u32,
@@ -188,9 +189,8 @@ fn extrapolate(coarse: &[MotionState], fine: &[MotionState]) -> Vec<MotionState>
         .collect()
 }
 
-/// The exponent p of y ~ xᵖ: the slope of the straight line through the points' logarithms, by
-/// least squares. Points that are not positive have none and are left out; not a number for fewer
-/// than two.
+/// Returns the exponent p of y ~ xᵖ: the least-squares slope of the logarithms of the points.
+/// Points that are not positive are omitted; NaN for fewer than two points.
 pub fn fitted_order(points: &[[f64; 2]]) -> f64 {
     let logs: Vec<[f64; 2]> = points
         .iter()

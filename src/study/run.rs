@@ -1,4 +1,4 @@
-//! One run of a study: what it measures on, where it writes, how far it is.
+//! One run of a study: device, output folder and progress.
 
 use super::csv_table::{Cell, CsvTable, Row};
 use crate::Result;
@@ -8,34 +8,34 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Where a study runs, and how.
+/// Context of a study run.
 pub struct Run<'a> {
-    /// What is measured on.
+    /// The device to measure on.
     pub gpu: &'a Gpu,
     /// The folder for CSV, charts and findings; it exists.
     pub dir: &'a Path,
-    /// Few and small points, for a look and for CI.
+    /// Fewer and smaller points, for a quick look and for CI.
     pub quick: bool,
-    /// Told what is being measured and which fraction of it is done.
+    /// Receives the current measurement and the completed fraction.
     pub progress: &'a (dyn Fn(&str, f64) + Sync),
-    /// Told what a user should know, a sentence each.
+    /// Receives notes for the user, a sentence each.
     pub note: &'a (dyn Fn(&str) + Sync),
-    /// Set from outside to end early: what was measured is kept, and drawn.
+    /// Set from outside to stop early; measured points are kept and charted.
     pub stop: &'a AtomicBool,
 }
 
 impl Run<'_> {
-    /// Whether the run is to end early.
+    /// Whether the run has to stop early.
     pub fn stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Measures each of `points`, its settings, that `NAME.csv` does not have yet from this
-    /// adapter, and adds a row for it: settings, results, adapter, date. Ends early when the run
-    /// is stopped. Returns the rows of those points that are measured, in order.
+    /// Measures each of `points` (settings) that `NAME.csv` does not have yet from this adapter,
+    /// and adds a row for it: settings, results, adapter, date. Stops early when the run is
+    /// stopped. Returns the rows of the measured points, in order.
     ///
     /// # Errors
-    /// Whatever `measure` returns, a file that cannot be written, or one of other columns.
+    /// As `measure`; an error if a file cannot be written or has other columns.
     pub fn measure(
         &self,
         name: &str,
@@ -59,16 +59,15 @@ impl Run<'_> {
         Ok(rows)
     }
 
-    /// Tells the user something beside the result.
+    /// Reports a note to the user.
     pub fn report_note(&self, text: &str) {
         (self.note)(text);
     }
 
-    /// Writes `NAME.md`: a heading, what was found in numbers, and the `charts`, by the names
-    /// they were saved under.
+    /// Writes `NAME.md`: a heading, the findings, and the `charts`, given by file name.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// An error if a file cannot be written.
     pub fn write_findings(
         &self,
         name: &str,

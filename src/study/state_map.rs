@@ -1,4 +1,4 @@
-//! Maps of what becomes of each cell of a plane of settings.
+//! Maps of the state of each cell in a plane of two settings.
 
 use super::axis::{Axis, Scale, tick};
 use super::chart::{DrawResult, Drawable, FONT, SIZE, Series, draw_label, draw_legend_entry};
@@ -8,7 +8,7 @@ use plotters::prelude::*;
 use std::path::Path;
 
 const LEGEND: i32 = 500;
-/// Light to dark, so that they differ in print too; each state but the first also has a mark.
+/// Light to dark, distinguishable in print too; each state but the first also has a marker.
 const COLOURS: [RGBColor; 5] = [
     RGBColor(222, 238, 247),
     RGBColor(240, 228, 66),
@@ -17,25 +17,25 @@ const COLOURS: [RGBColor; 5] = [
     RGBColor(150, 150, 150),
 ];
 
-/// A plane of two settings, each of its cells in one of a few states, with curves over it.
+/// A plane of two settings whose cells have one of a few states, with curves over it.
 #[derive(Clone, Debug)]
 pub struct StateMap {
-    /// What it shows.
+    /// Title.
     pub title: String,
-    /// The axis to the right.
+    /// Horizontal axis.
     pub x: Axis,
-    /// The axis upwards.
+    /// Vertical axis.
     pub y: Axis,
-    /// The cells' places to the right, rising.
+    /// Horizontal positions of the cells, ascending.
     pub xs: Vec<f64>,
-    /// The cells' places upwards, rising.
+    /// Vertical positions of the cells, ascending.
     pub ys: Vec<f64>,
     /// The names of the states, at most five.
     pub states: Vec<String>,
-    /// The state of each cell: rows of `ys`, within them `xs`. What is beyond the states is
-    /// left blank.
+    /// State of each cell, row-major: rows of `ys`, within them `xs`. An index beyond the states
+    /// leaves the cell blank.
     pub cells: Vec<usize>,
-    /// Drawn over the cells where they are inside.
+    /// Curves drawn over the cells, clipped to them.
     pub curves: Vec<Series>,
 }
 
@@ -43,13 +43,13 @@ impl StateMap {
     /// Draws the map to `NAME.svg` and `NAME.png` in `dir`.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// An error if a file cannot be written.
     pub fn save(&self, dir: &Path, name: &str) -> Result<()> {
         super::chart::save(dir, name, self)
     }
 }
 
-/// The borders between cells: halfway, in the measure of the axis.
+/// Returns the borders between cells: midpoints in the scale of the axis.
 fn borders(axis: &Axis, places: &[f64]) -> Vec<f64> {
     let to = |v: f64| if axis.log { v.ln() } else { v };
     let from = |v: f64| if axis.log { v.exp() } else { v };
@@ -122,7 +122,7 @@ impl Drawable for StateMap {
                 .iter()
                 .filter(|p| x.holds(p[0]) && y.holds(p[1]));
             let points: Vec<(f64, f64)> = inside.map(|p| (p[0], p[1])).collect();
-            // White beneath, so that the curve is seen on any state.
+            // White beneath, so that the curve is visible on any state.
             chart.draw_series(LineSeries::new(points.clone(), WHITE.stroke_width(12)))?;
             let style = super::chart::colour(6 - i % 7).stroke_width(6);
             chart.draw_series(DashedLineSeries::new(points, 16, 10, style))?;
@@ -153,7 +153,7 @@ fn ink(state: usize) -> RGBColor {
     if state == 3 { WHITE } else { BLACK }
 }
 
-/// The strokes that tell a state without its colour.
+/// Returns the hatch strokes that identify a state without its colour.
 fn mark(state: usize) -> &'static [[(i32, i32); 2]] {
     match state {
         1 => &[[(-8, 0), (8, 0)]],

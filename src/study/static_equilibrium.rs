@@ -1,5 +1,4 @@
-//! Where bodies come to rest, in float64, by the engine on the CPU: what is wrong of a body there
-//! is the error of its model.
+//! Static equilibria in float64 on the CPU engine; their error is the model error.
 
 use super::reference_motion::converged;
 use crate::gpu::Gpu;
@@ -11,14 +10,13 @@ use crate::physics::{
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Length of a step, s: so long that hardly any inertia is left.
+/// Length of a step, s: so long that inertia is negligible.
 const STEP: f64 = 100.0;
 
-/// Steps after which a body that still moves is given up.
+/// Maximum number of steps to reach equilibrium.
 const MOST_STEPS: u32 = 100;
 
-/// What the models of matter are told apart by in tables: names, and the materials of Young's
-/// modulus `young` (Pa).
+/// Returns the material models to compare: names, and materials of Young's modulus `young` (Pa).
 pub fn materials(young: f64) -> Vec<(String, Material)> {
     let springs = ("springs".to_owned(), Material::from_young(young));
     let elements = [
@@ -64,7 +62,7 @@ pub fn materials(young: f64) -> Vec<(String, Material)> {
     std::iter::once(springs).chain(elements).collect()
 }
 
-/// Poisson's ratio of what `material` makes: springs have ¼.
+/// Returns Poisson's ratio of `material`; spring networks have ¼.
 pub fn poisson(material: &Material) -> f64 {
     match material.model {
         MaterialModel::Springs => 0.25,
@@ -72,11 +70,11 @@ pub fn poisson(material: &Material) -> f64 {
     }
 }
 
-/// `mesh` made of `material`, at rest where it starts from `start` (as the mesh's nodes), the nodes
-/// `held` kept there, under `gravity` (m/s²).
+/// Returns the equilibrium of `mesh` made of `material`, starting from `start` (one position per
+/// node), with the nodes `held` fixed there, under `gravity` (m/s²).
 ///
 /// # Errors
-/// What the engine refuses; [`Error::Input`] where the body does not come to rest.
+/// An error if the engine fails; [`Error::Input`] if the body does not come to rest.
 pub fn at_rest(
     gpu: &Gpu,
     mesh: &TetMesh,
@@ -109,7 +107,7 @@ pub fn at_rest(
     )))
 }
 
-/// A bar of square section held at one end, bending under its own weight.
+/// A bar of square section clamped at one end, bending under its own weight.
 #[derive(Clone, Copy, Debug)]
 pub struct Cantilever {
     /// Length, m.
@@ -124,12 +122,12 @@ pub struct Cantilever {
     pub gravity: f64,
 }
 
-/// Of gravity, what the bar is bent by: so little that ways are in proportion to loads.
+/// Fraction of gravity that loads the bar: small enough for a linear response.
 const GRAVITY_SCALE: f64 = 1e-4;
 
 impl Cantilever {
-    /// How far its free end sinks, m, at Poisson's ratio `poisson`: Timoshenko's beam, w L⁴/8EI +
-    /// w L²/2kGA with Cowper's k = 10 (1 + ν)/(12 + 11 ν) of a rectangle.
+    /// Returns the deflection of its free end, m, at Poisson's ratio `poisson` by Timoshenko beam
+    /// theory: w L⁴/8EI + w L²/2kGA with Cowper's k = 10 (1 + ν)/(12 + 11 ν) of a rectangle.
     pub fn analytic_tip(&self, poisson: f64) -> f64 {
         let area = self.width * self.width;
         let inertia = area * area / 12.0;
@@ -140,8 +138,8 @@ impl Cantilever {
             + load * self.length.powi(2) / (2.0 * cowper * shear * area)
     }
 
-    /// The same of a body: `mesh` of the bar, along x from 0, made of `material`; all ways in
-    /// proportion to the load.
+    /// Returns the simulated deflection, m, of `mesh` (the bar along x from 0) made of `material`,
+    /// scaled to the full load.
     ///
     /// # Errors
     /// As [`at_rest`].

@@ -1,4 +1,4 @@
-//! The window: what is open, and a frame of the interface.
+//! The application: open document, session state and the frame of the interface.
 
 use crate::blit::PresentCallback;
 use crate::body_session::BodySession;
@@ -30,23 +30,23 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use web_time::Instant;
 
-/// How deep strokes cut where nobody chose, over the body's diagonal.
+/// Default cutting depth of strokes, relative to the body's diagonal.
 const CUT_DEPTH: f64 = 0.1;
-/// Where the rest is narrower, in points, panels are shown only to who asks for them.
+/// In narrower windows, in points, the panels are hidden by default.
 const COMPACT_WIDTH: f32 = 480.0;
-/// Width of the tools at the left, in points.
+/// Width of the toolbar at the left, in points.
 const TOOLBAR_WIDTH: f32 = 72.0;
 
-/// What the viewer is started with.
+/// Start options.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// What is opened.
+    /// The file to open first.
     pub open: InitialFile,
-    /// Where to write what each frame took.
+    /// Log file of frame timings.
     pub log: Option<PathBuf>,
 }
 
-/// What is opened first.
+/// The file to open first.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum InitialFile {
     /// Nothing yet.
@@ -58,7 +58,7 @@ pub enum InitialFile {
     Example(String),
 }
 
-/// What the window's device is made with: the limits that Palpate keeps to.
+/// Returns the device configuration: the limits that Palpate requires.
 pub(crate) fn device() -> WgpuConfiguration {
     let mut setup = WgpuSetupCreateNew::without_display_handle();
     setup.instance_descriptor.backends = wgpu::Backends::PRIMARY;
@@ -80,14 +80,14 @@ pub(crate) fn device() -> WgpuConfiguration {
     }
 }
 
-/// What the device says without being asked: why it is gone, and what it refused.
+/// Asynchronous device errors: device loss and validation errors.
 #[derive(Default)]
 pub(crate) struct DeviceFault {
     pub lost: Option<String>,
     refused: Option<String>,
 }
 
-/// Has what goes wrong on the device noted, and looked at by the next frame.
+/// Records errors of the device and requests a frame that reports them.
 fn listen(device: &wgpu::Device, context: &egui::Context) -> Arc<Mutex<DeviceFault>> {
     let trouble = Arc::new(Mutex::new(DeviceFault::default()));
     let (noted, looks) = (trouble.clone(), context.clone());
@@ -107,13 +107,13 @@ fn lock(trouble: &Mutex<DeviceFault>) -> MutexGuard<'_, DeviceFault> {
     trouble.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Who is told of every frame.
+/// Callback for every frame.
 pub(crate) type FrameObserver = Box<dyn FnMut(&Frame)>;
 
-/// The window.
+/// The application.
 pub struct App {
     pub(crate) gpu: Gpu,
-    /// The interface, for who draws no frame of it.
+    /// The interface context, for calls from outside a frame.
     #[cfg(target_arch = "wasm32")]
     pub(crate) context: egui::Context,
     pub(crate) document: Option<Document>,
@@ -124,78 +124,78 @@ pub struct App {
     pub(crate) pointer_tool: PointerTool,
     pub(crate) stroke: PointerGesture,
     pub(crate) area: Option<Viewport>,
-    /// Whether the picture is going to be drawn finer.
+    /// Whether a refinement of the picture is pending.
     pub(crate) refine_pending: bool,
-    /// Whether the picture is as large as in the frame before.
+    /// Whether the picture has the same size as in the frame before.
     pub(crate) settled: bool,
     pub(crate) ruler: Option<[DVec3; 2]>,
-    /// How deep strokes cut, over the body's diagonal.
+    /// Cutting depth of strokes, relative to the body's diagonal.
     pub(crate) cut_depth: f64,
     pub(crate) histogram: Option<Histogram>,
     /// Whether planes have handles in the picture.
     pub(crate) handles_shown: bool,
-    /// The point of the transfer function that is dragged.
+    /// The point of the transfer function that is being dragged.
     pub(crate) dragged: Option<usize>,
-    /// What a path is asked for, while it is.
+    /// The open path prompt.
     pub(crate) ask: Option<PathPrompt>,
-    /// Width and height of pictures that are saved.
+    /// Width and height of saved pictures.
     pub(crate) picture: [u32; 2],
-    /// What is said in the status line, and whether it is an error.
+    /// Text of the status line, and whether it is an error.
     pub(crate) status: (String, bool),
     pub(crate) chosen: (Sender<DialogResult>, Receiver<DialogResult>),
     pub(crate) screen: Screen,
     pub(crate) watched: Option<WatchedFile>,
     /// A scan or a skin that is being read.
     pub(crate) taking: Option<PendingImport>,
-    /// What is tuned, and to what.
+    /// State of the tuning panel.
     #[cfg(not(target_arch = "wasm32"))]
     pub(crate) tuning: crate::panel::Tuning,
-    /// A picture that is saved as soon as it is there.
+    /// A picture to save as soon as it is rendered.
     pub(crate) saved_picture: Option<PendingScreenshot>,
-    /// A film that is being made.
+    /// The film that is being recorded.
     #[cfg(not(target_arch = "wasm32"))]
     pub(crate) recording: Option<crate::recording::Recording>,
     log: Option<FrameLog>,
-    /// Whether the panels are shown, where somebody said.
+    /// Whether the panels are shown, if the user chose.
     pub(crate) panels_shown: Option<bool>,
-    /// Told of every frame.
+    /// Callback for every frame.
     pub(crate) told: Option<FrameObserver>,
     trouble: Arc<Mutex<DeviceFault>>,
-    /// Bodies that were opened.
+    /// Number of bodies opened so far.
     pub(crate) opened: u64,
     pub(crate) frames: Frames,
 }
 
-/// How frames go by.
+/// Frame statistics and input state.
 pub(crate) struct Frames {
     last: Instant,
     since: (Instant, u64),
-    /// Pictures a second, lately.
+    /// Recent pictures per second.
     rate: f64,
     ui_ms: f64,
     driver_ms: f64,
-    /// When the interface was done with the last frame.
+    /// When the interface finished the last frame.
     pub done: Instant,
-    /// Since when the view has been moved that no picture shows yet.
+    /// Time of the oldest camera motion that no picture shows yet.
     pub moved: Option<Instant>,
-    /// Where the pointer is, and whether a button of it is down; keys that were hit.
+    /// Pointer position, and whether a button is down; number of keys pressed.
     pointer: Option<[f32; 2]>,
     down: bool,
     keys: u64,
     screen: Arc<Mutex<Presentation>>,
 }
 
-/// What came onto the screen.
+/// Presentation times of frames.
 #[derive(Default)]
 struct Presentation {
-    /// When the last frame did.
+    /// When the last frame was presented.
     at: Option<Instant>,
-    /// How long after what it shows was asked for by hand the last such picture did, ms.
+    /// Latency from the last user input to the presentation of its picture, ms.
     latency_ms: Option<f64>,
 }
 
 impl Frames {
-    /// Takes note of what was done with pointer and keys.
+    /// Records pointer and key input.
     fn look(&mut self, context: &egui::Context) {
         context.input(|i| {
             self.pointer = i.pointer.latest_pos().map(|at| [at.x, at.y]);
@@ -206,7 +206,8 @@ impl Frames {
         });
     }
 
-    /// Notes when the frame that this is part of is on the screen; it shows what was asked for then.
+    /// Returns a callback that records when this frame is presented; `asked` is when its content
+    /// was requested.
     pub fn until_presented(&self, asked: Option<Instant>) -> PresentCallback {
         let screen = self.screen.clone();
         PresentCallback(Box::new(move || {
@@ -219,7 +220,7 @@ impl Frames {
         }))
     }
 
-    /// How long the last frame took from the interface to the screen, and its latency, ms.
+    /// Returns the time from the interface to the screen of the last frame, and its latency, ms.
     fn shown(&self) -> (f64, Option<f64>) {
         let screen = self.screen.lock().unwrap_or_else(PoisonError::into_inner);
         let took = screen.at.map(|at| at.saturating_duration_since(self.done));
@@ -291,7 +292,7 @@ impl App {
                 screen: Arc::default(),
             },
         };
-        // A browser's own driver is no software driver.
+        // WebGPU in a browser is never a software driver.
         #[cfg(not(target_arch = "wasm32"))]
         creation.egui_ctx.add_plugin(UiCache::new(state));
         app.apply_theme(&creation.egui_ctx);
@@ -306,7 +307,7 @@ impl App {
         Ok(app)
     }
 
-    /// Has the interface dark or light.
+    /// Applies the colour theme.
     pub(crate) fn apply_theme(&self, context: &egui::Context) {
         context.set_theme(match self.settings.theme {
             Theme::System => egui::ThemePreference::System,
@@ -315,19 +316,19 @@ impl App {
         });
     }
 
-    /// Says something in the status line.
+    /// Shows a message in the status line.
     pub(crate) fn set_status(&mut self, what: String) {
         self.status = (what, false);
     }
 
-    /// Says why something failed, in the status line.
+    /// Shows an error in the status line.
     pub(crate) fn show_error(&mut self, result: Result<()>) {
         if let Err(why) = result {
             self.status = (why.to_string(), true);
         }
     }
 
-    /// Writes what the frame took.
+    /// Logs the frame.
     fn note_frame(&mut self, (began, submitted): (Instant, Duration), frame_ms: f64) {
         let driver = submit_time().saturating_sub(submitted);
         self.frames.driver_ms = 1e3 * driver.as_secs_f64();
@@ -356,7 +357,7 @@ impl App {
         self.frames.done = Instant::now();
     }
 
-    /// All that is told of a frame.
+    /// Returns the log record of a frame.
     pub(crate) fn frame(&self, frame_ms: f64) -> Frame {
         let camera = self.orbit.camera();
         let show = self.show.as_ref();
@@ -396,7 +397,7 @@ impl App {
         }
     }
 
-    /// What went wrong on the device since the last frame; once it is gone, that.
+    /// Returns device errors since the last frame; after device loss, that error.
     fn device_trouble(&self) -> Option<Error> {
         let checked = self.gpu.poll_errors().err();
         let mut trouble = lock(&self.trouble);
@@ -407,7 +408,7 @@ impl App {
         }
     }
 
-    /// Pictures a second, lately.
+    /// Returns the recent pictures per second.
     pub(crate) fn rate(&self) -> f64 {
         self.frames.rate
     }

@@ -1,12 +1,12 @@
-//! The picture, and what is kept of the interface, onto the window, by passes that do nothing else: the
-//! interface's own shader takes as long for it as the picture itself.
+//! Blits the picture and the cached interface to the window in dedicated passes; egui's general
+//! shader takes as long as the picture itself.
 
 use eframe::egui_wgpu::{self, RenderState};
 use eframe::{egui, egui_wgpu::CallbackResources};
 
 const SHADER: &str = include_str!("blit.wgsl");
 
-/// What draws a texture over a rectangle of the interface.
+/// Draws a texture over a rectangle of the interface.
 #[derive(Debug)]
 pub(crate) struct Blit {
     pipeline: wgpu::RenderPipeline,
@@ -15,12 +15,12 @@ pub(crate) struct Blit {
 }
 
 impl Blit {
-    /// Of pictures of any size, for what the interface is drawn into.
+    /// Creates a blit for pictures of any size onto the interface's target.
     pub fn new(state: &RenderState) -> Blit {
         Blit::with(state, "pixel")
     }
 
-    /// Of textures that are as large as what the interface is drawn into, pixel by pixel.
+    /// Creates a blit for textures of the target's size, pixel by pixel.
     #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
     pub fn exact(state: &RenderState) -> Blit {
         Blit::with(state, "same_pixel")
@@ -96,7 +96,7 @@ impl Blit {
         }
     }
 
-    /// The texture, ready to be drawn.
+    /// Creates the bind group of a texture.
     pub fn bind_texture(&self, device: &wgpu::Device, view: &wgpu::TextureView) -> wgpu::BindGroup {
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("blit"),
@@ -114,8 +114,8 @@ impl Blit {
         })
     }
 
-    /// The shape that draws `texture` over `rect`, and is dropped with `until` once the frame is on the
-    /// screen.
+    /// Returns the shape that draws `texture` over `rect`; `until` is dropped once the frame is
+    /// presented.
     pub fn shape(
         &self,
         texture: &wgpu::BindGroup,
@@ -131,7 +131,7 @@ impl Blit {
         egui_wgpu::Callback::new_paint_callback(rect, drawn).into()
     }
 
-    /// The shape that draws the sides of a `texture` that is as large as the `screen`.
+    /// Returns the shape that draws the borders of a `texture` of the same size as the `screen`.
     #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
     pub fn border_shape(
         &self,
@@ -149,11 +149,11 @@ impl Blit {
     }
 }
 
-/// Rectangles of pixels, from one corner to the other.
+/// Pixel rectangles, each as two opposite corners.
 #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
 pub(crate) struct ImageBorders(pub [[[u32; 2]; 2]; 4]);
 
-/// Says when the frame that it is part of was put onto the screen: when it is dropped.
+/// Runs a callback when the frame that it is part of is presented, that is, when it is dropped.
 pub(crate) struct PresentCallback(pub Box<dyn Fn() + Send + Sync>);
 
 impl Drop for PresentCallback {

@@ -1,9 +1,9 @@
-// A texture over all of the viewport.
+// Draws a texture over the whole viewport.
 
 @group(0) @binding(0) var picture: texture_2d<f32>;
 @group(0) @binding(1) var smooth_sampler: sampler;
 
-// Whether what is drawn into takes linear light.
+// Whether the target expects linear light.
 override LINEAR: f32 = 0.0;
 
 struct Corner {
@@ -28,7 +28,7 @@ fn pixel(seen: Corner) -> @location(0) vec4f {
     return vec4f(select(high, low, colour.rgb <= vec3f(0.04045)), colour.a);
 }
 
-// Of a texture as large as what is drawn into.
+// For a texture of the same size as the target.
 @fragment
 fn same_pixel(seen: Corner) -> @location(0) vec4f {
     return textureLoad(picture, vec2u(seen.position.xy), 0);

@@ -1,27 +1,27 @@
-//! What was done to the body by hand, cuts and pins, and how it is undone.
+//! Undo history of manual edits of the body: cuts and pins.
 
 use palpate::mesh::Blade;
 use palpate::scene::Checkpoint;
 use std::sync::Arc;
 
-/// Something that was done to the body.
+/// A manual edit of the body.
 pub enum BodyEdit {
-    /// It was cut, and stood so before.
+    /// A cut, with the state before it.
     Cut(Blade, Box<BodySnapshot>),
-    /// These nodes were held.
+    /// Pinned nodes.
     Pins(Vec<u32>),
 }
 
-/// A body before it was cut.
+/// State of a body before a cut.
 pub struct BodySnapshot {
-    /// Where it stood, and how it had been cut.
+    /// Simulation state, including earlier cuts.
     pub checkpoint: Checkpoint,
-    /// The nodes that were held.
+    /// Pinned nodes.
     pub pinned: Vec<u32>,
 }
 
-/// What was done and can be undone, and what was undone and can be done again; each with how many
-/// edits of the scene there were before, so that both are undone in one order.
+/// Undo and redo stacks; each entry stores the number of scene edits before it, so that both kinds
+/// of edits are undone in one order.
 #[derive(Clone, Default)]
 pub struct BodyEditHistory {
     done: Vec<(usize, Arc<BodyEdit>)>,
@@ -29,7 +29,7 @@ pub struct BodyEditHistory {
 }
 
 impl BodyEditHistory {
-    /// Notes that something was done after so many edits; `again` where it had been undone.
+    /// Records an edit after `edits` scene edits; `again` marks a redo.
     pub fn push(&mut self, edits: usize, touch: BodyEdit, again: bool) {
         if !again {
             self.undone.clear();
@@ -37,7 +37,7 @@ impl BodyEditHistory {
         self.done.push((edits, Arc::new(touch)));
     }
 
-    /// Adds nodes to those that the last touch held.
+    /// Adds nodes to the last pin edit.
     pub fn extend(&mut self, edits: usize, nodes: &[u32]) {
         let last = self.done.last_mut().map(|(_, touch)| touch);
         match last.and_then(Arc::get_mut) {
@@ -46,22 +46,22 @@ impl BodyEditHistory {
         }
     }
 
-    /// Whether the next to be undone, and to be done again, is one of these where there are so many
-    /// edits of the scene.
+    /// Whether the next undo, and the next redo, is in this history if there are `edits` scene
+    /// edits.
     pub fn can(&self, edits: usize) -> [bool; 2] {
         let done = self.done.last().is_some_and(|(own, _)| *own >= edits);
         let undone = self.undone.last().is_some_and(|(own, _)| *own == edits);
         [done, undone]
     }
 
-    /// What is undone next.
+    /// Pops the next edit to undo.
     pub fn undo(&mut self) -> Option<Arc<BodyEdit>> {
         let (edits, touch) = self.done.pop()?;
         self.undone.push((edits, touch.clone()));
         Some(touch)
     }
 
-    /// What is done again next.
+    /// Pops the next edit to redo.
     pub fn redo(&mut self) -> Option<Arc<BodyEdit>> {
         self.undone.pop().map(|(_, touch)| touch)
     }
@@ -78,7 +78,7 @@ mod tests {
     use palpate::scene::Scene;
     use std::time::{Duration, Instant};
 
-    /// Lets the body do what it was asked for, and so many steps.
+    /// Advances the body until its pending work and `count` steps are done.
     fn steps(show: &mut BodySession, count: u32) {
         let until = Instant::now() + Duration::from_secs(60);
         let first = show.steps;
@@ -139,7 +139,7 @@ mod tests {
         assert!(place != mesh.nodes, "and that is not where it rested");
         assert_eq!(pinned(&back), held + 3);
         assert_eq!(back.edits.can(0), [true, true]);
-        // The pins next, as the body stands.
+        // Then the pins, without resetting the body.
         back.undo_pins().unwrap();
         assert_eq!(pinned(&back), held);
         assert_eq!(back.edits.can(0), [false, true]);

@@ -1,4 +1,4 @@
-//! A body that is open: stepped as time goes by, touched, drawn.
+//! Session of an open body: real-time stepping, manual interaction and rendering.
 
 use crate::body_edits::{BodyEdit, BodyEditHistory, BodySnapshot};
 use crate::loading::ReadScan;
@@ -18,120 +18,121 @@ use std::sync::Arc;
 use std::time::Duration;
 use web_time::Instant;
 
-/// Of a body that nothing else holds, the part of its height along gravity that lies on a table.
+/// Fraction of its height along gravity that rests on the table, for a body without other supports.
 const TABLE_HEIGHT_FRACTION: f64 = 0.04;
-/// Length of a step where a scene does not say, s.
+/// Default time step, s.
 const STEP: f64 = 0.02;
-/// The finger's radius where nobody chose one, over the body's diagonal, at least so many edges of its
-/// boundary.
+/// Default finger radius relative to the body's diagonal, and its minimum in boundary edge lengths.
 const RADIUS: f64 = 0.04;
 const EDGES: f64 = 1.5;
-/// The finger goes in by this part of its radius in a step at most.
+/// Maximum advance of the finger per step, relative to its radius.
 const MAX_STEP_ADVANCE: f64 = 0.06;
-/// How far it goes out of the body before it is put away, over its radius.
+/// Distance above the surface at which a retracted finger is parked, relative to its radius.
 const RETRACT_DISTANCE: f64 = 0.5;
-/// Where it is put away, in diagonals of the body from its middle.
+/// Distance of the parked finger from the body's centre, in body diagonals.
 const PARKED_DISTANCE: f64 = 20.0;
-/// No more time is owed to a body that is slower than its time.
+/// Maximum real time to catch up, for a body that is slower than real time.
 const MAX_TIME_DEBT: Duration = Duration::from_millis(100);
-/// How often a body on the GPU is looked at.
+/// Polling interval for a body on the GPU.
 const POLL_INTERVAL: Duration = Duration::from_millis(15);
-/// Over how long steps are counted.
+/// Averaging time of the step rate.
 const RATE_WINDOW: Duration = Duration::from_secs(1);
-/// How far a grab reaches, over the finger's radius.
+/// Radius of a grab, relative to the finger's radius.
 const GRAB_RADIUS: f64 = 1.0;
 
-/// What was measured in a step of a press.
+/// Measurement of one step of a press.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Since the body was opened, simulated, s.
+    /// Simulated time since the body was opened, s.
     pub time_s: f64,
-    /// How far the fingertip was beyond where it touched, m.
+    /// Indentation depth of the fingertip from first contact, m.
     pub depth_m: f64,
-    /// What the body exerted on it along its way, N.
+    /// Force of the body on the finger along its path, N.
     pub force_n: f64,
 }
 
-/// A finger on its way into a body, or out again.
+/// A finger that presses or retracts.
 struct Press {
-    /// Where it touched, and which way is out there.
+    /// Contact point and outward normal.
     spot: DVec3,
     out: DVec3,
-    /// How far it is in, and how far it is to go, in file units.
+    /// Current and target depth, in file units.
     gone: f64,
     goal: f64,
-    /// How far it was in before the last step, and how far it can be at most.
+    /// Depth before the last step, and maximum depth.
     before: f64,
     most: f64,
-    /// Whether it was let go.
+    /// Whether it is being retracted.
     ends: bool,
-    /// Whether a step was asked for with it there.
+    /// Whether a step was requested at the current depth.
     stepped: bool,
 }
 
-/// A body that is open.
+/// Session of an open body.
 pub struct BodySession {
     stage: Stage,
-    /// As it was read or made.
+    /// The mesh as read or generated.
     pub mesh: Arc<TetMesh>,
-    /// Of the body at rest.
+    /// Bounds of the body at rest.
     pub bounds: (DVec3, DVec3),
-    /// Metres in a file unit.
+    /// Metres per file unit.
     pub unit: f64,
     /// Radius of the finger, in file units.
     pub radius: f64,
-    /// The number of the tool that is the finger, or why there is none.
+    /// Tool index of the finger, or why there is none.
     finger: std::result::Result<usize, String>,
     press: Option<Press>,
-    /// What is held, where it was, and how far it was moved from there.
+    /// The grab, its initial position, and its displacement.
     grab: Option<(GrabId, DVec3, DVec3)>,
-    /// Where it is to be cut, after how many edits of the scene, and whether again.
+    /// Pending cut, the number of scene edits before it, and whether it is a redo.
     blade: Option<(Blade, usize, bool)>,
-    /// What was done to it by hand.
+    /// History of manual edits.
     pub edits: BodyEditHistory,
-    /// The scene that it was made of.
+    /// The scene that the stage was created from.
     made: Scene,
-    /// Scans and skins that were read.
+    /// Scans and skins read so far.
     read: (Vec<ReadScan>, Vec<SkinEntry>),
-    /// The recorded series that is shown, where one is.
+    /// The recorded series, if one is shown.
     pub player: Option<Player>,
-    /// What was measured since the last press began.
+    /// Samples since the last press began.
     pub samples: Vec<Sample>,
-    /// Whether time goes by.
+    /// Whether the simulation is playing.
     pub playing: bool,
-    /// Simulated seconds a second.
+    /// Simulated seconds per second.
     pub speed: f64,
     owed: f64,
-    /// Whether anything in the scene acts at a time of its own.
+    /// Whether the scene has time-dependent loads.
     timed: bool,
-    /// Whether it was touched in another way since the last step.
+    /// Whether another interaction since the last step requires a new step.
     stirred: bool,
-    /// Whether a step was asked for that is not known to be done.
+    /// Whether a requested step may still be running.
     under_way: bool,
-    /// Since when a press goes elsewhere that no step has done yet, and that the step under way does.
+    /// Times at which a change of the press was requested: one without a step yet, and the one of
+    /// the running step.
     asked: [Option<Instant>; 2],
-    /// The same of the last step that was done, for the picture of it.
+    /// The request time of the last completed step, for the latency of its picture.
     pub shown: Option<Instant>,
     last: Instant,
     counted: (Instant, u64),
-    /// Steps there were.
+    /// Number of steps done.
     pub steps: u64,
-    /// Steps a second, lately.
+    /// Recent steps per second.
     pub rate: f64,
     /// Why the last step failed.
     pub failure: Option<String>,
     /// Whether any step failed.
     pub failed: bool,
-    /// What is to be said of the last one otherwise.
+    /// Another remark on the last step.
     pub remark: Option<String>,
-    /// Changes whenever the picture is another one, but for the view.
+    /// Changes whenever the picture changes, except for the camera.
     pub version: u64,
-    /// What was assumed, in words.
+    /// Automatic choices, as text.
     pub notes: Vec<String>,
 }
 
 impl BodySession {
-    /// The body of `scene`, whose mesh is `mesh`, with a finger of `radius`, or one that suits it.
+    /// Creates the session of `scene` with `mesh`, with a finger of `radius` or of a default
+    /// radius.
     ///
     /// # Errors
     /// As [`Stage::with_mesh`].
@@ -157,7 +158,7 @@ impl BodySession {
                 });
                 match Stage::with_mesh(gpu, &scene, (*mesh).clone()) {
                     Ok(stage) => (stage, Ok(number)),
-                    // Not all that moves can be pressed on.
+                    // Some bodies that move do not support tools.
                     Err(why) => {
                         scene.tool.pop();
                         let stage = Stage::with_mesh(gpu, &scene, (*mesh).clone())?;
@@ -176,7 +177,7 @@ impl BodySession {
         Ok(BodySession::on(stage, (&scene, made), mesh, radius, finger))
     }
 
-    /// The body of `scene`, which nothing moves.
+    /// Creates the session of `scene` as a static body.
     pub(crate) fn static_body(gpu: &Gpu, scene: &Scene, mesh: Arc<TetMesh>) -> Result<BodySession> {
         let mut still = scene.clone();
         still.solver.name = None;
@@ -191,7 +192,7 @@ impl BodySession {
         ))
     }
 
-    /// What is on a stage that was made of a scene, as it was `made` of the one that was given.
+    /// Creates the session of a stage that was created from the completed scene `made`.
     fn on(
         stage: Stage,
         (scene, made): (&Scene, Scene),
@@ -210,12 +211,12 @@ impl BodySession {
                 .iter()
                 .any(|t| t.path.is_some() || t.file.is_some() || t.turn.is_some());
         if stage.motion().is_some_and(Motion::has_state) {
-            // Cuts are undone by these.
+            // Checkpoints are needed to undo cuts.
             stage.keep_checkpoints();
         }
         let now = Instant::now();
         let unit = stage.motion().map(|m| m.length_unit());
-        // Several bodies and grids have made their own.
+        // Scenes of several bodies and of grids generate their own mesh.
         let mesh = match mesh.tets.is_empty() {
             true => Arc::new(stage.mesh().clone()),
             false => mesh,
@@ -256,22 +257,22 @@ impl BodySession {
         }
     }
 
-    /// The stage, to look at it.
+    /// Returns the stage.
     pub fn stage(&self) -> &Stage {
         &self.stage
     }
 
-    /// The diagonal of the body at rest, in file units.
+    /// Returns the diagonal of the body at rest, in file units.
     pub fn diagonal(&self) -> f64 {
         self.bounds.0.distance(self.bounds.1).max(f64::MIN_POSITIVE)
     }
 
-    /// Why the body cannot be pressed on, if it cannot.
+    /// Returns why the body cannot be pressed on, if so.
     pub fn cannot_press(&self) -> Option<&str> {
         self.finger.as_ref().err().map(String::as_str)
     }
 
-    /// Shows the body as `scene` has it from now on; what was assumed is told by `notes`.
+    /// Applies the appearance of `scene`; updates `notes`.
     ///
     /// # Errors
     /// As [`Stage::set_appearance`].
@@ -282,7 +283,7 @@ impl BodySession {
         self.use_series_range(&scene)
     }
 
-    /// Has what a recorded series shows be in the range of all its frames.
+    /// Sets the scalar range to that of all frames of a recorded series.
     pub(crate) fn use_series_range(&mut self, scene: &Scene) -> Result<()> {
         if let Some(wider) = self.with_series_range(scene) {
             self.notes = self.stage.set_appearance(&wider)?;
@@ -290,7 +291,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// The scene with the scans and skins that were read already.
+    /// Returns the scene with the scans and skins read so far.
     fn with_read(&self, scene: &Scene) -> Scene {
         let mut scene = scene.clone();
         for scan in &mut scene.scan {
@@ -316,13 +317,13 @@ impl BodySession {
         scene
     }
 
-    /// The labels of a scan that was read, by number and name, where they are few.
+    /// Returns the labels of a scan that was read, by number and name, if they are few.
     pub(crate) fn labels_of(&self, file: &Path) -> Option<&[(i64, String)]> {
         let known = self.read.0.iter().find(|(scan, _)| scan.file == file)?;
         known.1.as_deref()
     }
 
-    /// Keeps scans and skins that were read, so that edits need not read them again.
+    /// Caches scans and skins, so that edits need not read them again.
     pub(crate) fn keep_read(&mut self, scans: Vec<ReadScan>, skins: Vec<SkinEntry>) {
         for scan in scans {
             self.read.0.retain(|known| known.0.file != scan.0.file);
@@ -331,7 +332,7 @@ impl BodySession {
         self.read.1.extend(skins);
     }
 
-    /// The same of planes and isosurfaces alone.
+    /// Applies planes and isosurfaces only.
     ///
     /// # Errors
     /// As [`Stage::set_planes`].
@@ -341,18 +342,18 @@ impl BodySession {
         Ok(())
     }
 
-    /// The stage, to change what its pictures show.
+    /// Returns the stage for changes of the rendering.
     pub fn stage_mut(&mut self) -> &mut Stage {
         self.version += 1;
         &mut self.stage
     }
 
-    /// Whether the body is being touched.
+    /// Whether a press or a grab is active.
     pub fn touched(&self) -> bool {
         self.press.is_some() || self.grab.is_some()
     }
 
-    /// Has `waker` called when steps were done.
+    /// Sets the callback for completed steps.
     pub fn set_waker(&mut self, waker: StepCallback, context: &egui::Context) {
         if let Some(player) = &mut self.player {
             player.wake(context);
@@ -362,7 +363,7 @@ impl BodySession {
         }
     }
 
-    /// The time that is shown, s.
+    /// Returns the displayed time, s.
     pub fn time(&self) -> f64 {
         match &self.player {
             Some(player) => player.series().time(player.shown()),
@@ -370,7 +371,7 @@ impl BodySession {
         }
     }
 
-    /// Whether anything is going to change without being asked.
+    /// Whether the state changes without further input.
     fn is_busy(&self) -> bool {
         let press = self.press.as_ref();
         let goes = press.is_some_and(|p| p.gone != p.goal || p.ends);
@@ -380,12 +381,12 @@ impl BodySession {
         !self.failed && (goes || awake)
     }
 
-    /// Whether a step is under way or to come.
+    /// Whether a step is running or pending.
     pub fn is_going(&self) -> bool {
         self.under_way || self.blade.is_some() || self.is_busy()
     }
 
-    /// When the body is to be looked at again, where nothing calls before.
+    /// Returns when to poll the body, if no callback comes first.
     pub fn next_poll(&self) -> Option<Duration> {
         if self.blade.is_some() && !self.under_way {
             return Some(Duration::ZERO);
@@ -404,10 +405,10 @@ impl BodySession {
         }
     }
 
-    /// Whether a step is under way; one on the processor is waited for until then.
+    /// Whether a step is running; waits for one on the CPU until `until`.
     fn under_way_until(&mut self, until: Option<Instant>) -> Result<bool> {
         let on_cpu = |motion: &Motion| motion.engine() == Engine::Cpu;
-        // In a browser steps are done once they are asked for.
+        // In a browser, steps complete synchronously.
         let waits = !cfg!(target_arch = "wasm32") && self.stage.motion().is_some_and(on_cpu);
         loop {
             let under_way = self.stage.poll_steps()?;
@@ -418,8 +419,8 @@ impl BodySession {
         }
     }
 
-    /// Has the body go on to now: takes over steps that are done, and asks for more of them. One that is
-    /// under way is waited for `until` then, if it says so.
+    /// Advances the body to the current time: collects completed steps and requests more. Waits for
+    /// a running step until `until`, if given.
     pub fn advance_to_now(&mut self, until: Option<Instant>) {
         let under_way = self.under_way_until(until);
         let now = Instant::now();
@@ -429,14 +430,15 @@ impl BodySession {
         if self.player.is_some() {
             return self.play_series(passed.as_secs_f64());
         }
-        // Also while a step is under way: a body that is slower than its time never waits for the next.
+        // Also while a step is running, so that a body slower than real time starts its next step
+        // immediately.
         match self.playing || self.touched() {
             true => self.owed += self.speed * passed.min(MAX_TIME_DEBT).as_secs_f64(),
             false => self.owed = 0.0,
         }
         match under_way {
             Ok(true) => return,
-            // What it led to is seen now.
+            // The result of the step is visible now.
             Ok(false) if std::mem::take(&mut self.under_way) => {
                 self.version += 1;
                 let done = self.asked[1].take();
@@ -467,7 +469,8 @@ impl BodySession {
         }
     }
 
-    /// Has a finger that the body cannot make way for stay where it was before. Whether there is one.
+    /// Retracts the finger to its last position after a failed contact step. Returns whether there
+    /// is a finger.
     fn backs_off(&mut self) -> bool {
         self.under_way = false;
         let radius = self.radius;
@@ -494,7 +497,7 @@ impl BodySession {
         self.playing = false;
         self.owed = 0.0;
         if let (Some(_), Ok(finger)) = (self.press.take(), &self.finger) {
-            // It stays in the picture where even that cannot be.
+            // If that fails too, the finger stays in the picture.
             let _ = self.stage.teleport_tool(*finger, put_away(self.bounds));
             self.version += 1;
         }
@@ -509,11 +512,11 @@ impl BodySession {
         }
     }
 
-    /// Asks for one step, with the finger where it is to go.
+    /// Requests one step, with the finger moved towards its target depth.
     pub fn step(&mut self) -> Result<()> {
         if let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) {
             let most = MAX_STEP_ADVANCE * self.radius;
-            // Out it goes as fast as it likes.
+            // Retraction is faster than pressing.
             let by = (press.goal - press.gone).clamp(-8.0 * most, most);
             press.before = press.gone;
             press.gone += by;
@@ -530,7 +533,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// Measures, and puts a finger away that is out again; between two steps.
+    /// Records a sample and parks a retracted finger; call between two steps.
     fn settle(&mut self) -> Result<()> {
         let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) else {
             return Ok(());
@@ -553,7 +556,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// What the view of `camera` shows at a point of a picture of `size`.
+    /// Picks the body at a pixel of the view of `camera` with `size` pixels.
     ///
     /// # Errors
     /// As [`Stage::pick`].
@@ -563,10 +566,10 @@ impl BodySession {
         self.stage.pick(pixel)
     }
 
-    /// Puts the finger on the body where `pick` is, which is seen along `sight`.
+    /// Places the finger on the body at `pick`; `sight` is the viewing direction.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body that cannot be pressed on.
+    /// [`Error::Input`] if the body cannot be pressed on.
     pub fn press(&mut self, pick: &Pick, sight: DVec3) -> Result<()> {
         let finger = *self
             .finger
@@ -591,7 +594,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// Has the finger go in so far, in file units.
+    /// Sets the target depth of the finger, in file units.
     pub fn press_to(&mut self, depth: f64) {
         if let Some(press) = self.press.as_mut().filter(|p| !p.ends) {
             let goal = depth.clamp(0.0, press.most.max(0.0));
@@ -601,12 +604,12 @@ impl BodySession {
         }
     }
 
-    /// How far the finger is to go in, in file units; none where nothing is pressed.
+    /// Returns the target depth, in file units; none without a press.
     pub fn depth(&self) -> Option<f64> {
         self.press.as_ref().filter(|p| !p.ends).map(|p| p.goal)
     }
 
-    /// Takes the finger out again.
+    /// Retracts the finger.
     pub fn retract(&mut self) {
         if let Some(press) = &mut self.press {
             press.goal = -RETRACT_DISTANCE * self.radius;
@@ -614,7 +617,8 @@ impl BodySession {
         }
     }
 
-    /// Which way is out of the body around a pick: of faces about as far away as the finger is wide.
+    /// Returns the outward normal around a pick, averaged over the boundary faces within the
+    /// finger's radius.
     fn outward(&self, pick: &Pick, sight: DVec3) -> Result<DVec3> {
         let x = self.stage.drawn_positions()?;
         let (mesh, topology) = match self.stage.motion() {
@@ -626,7 +630,7 @@ impl BodySession {
             let [a, b, c] = topology.boundary_nodes(mesh, *face).map(|v| x[v as usize]);
             let middle = (a + b + c) / 3.0;
             let normal = (b - a).cross(c - a);
-            // Not what is seen from behind: of thin parts both sides are near.
+            // Skip back faces: in thin parts both sides are within the radius.
             if middle.distance(pick.point) <= self.radius && normal.dot(sight) < 0.0 {
                 out += normal;
             }
@@ -634,10 +638,10 @@ impl BodySession {
         Ok(out.normalize_or(-sight))
     }
 
-    /// Takes hold of what is around `pick`.
+    /// Grabs the nodes around `pick`.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing moves, or nothing is there to take hold of.
+    /// [`Error::Input`] for a static body, or if there are no nodes to grab.
     pub fn grab(&mut self, pick: &Pick) -> Result<()> {
         let reach = GRAB_RADIUS * self.radius;
         let motion = self.stage.motion_mut().ok_or_else(still)?;
@@ -647,7 +651,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// Where what is held was, and moves it from there by `moved`, in file units.
+    /// Moves the grabbed nodes by `moved` from their initial position, in file units.
     ///
     /// # Errors
     /// As [`Simulator::set_target`](palpate::physics::Simulator::set_target).
@@ -662,7 +666,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// Lets go of what is held.
+    /// Releases the grab.
     ///
     /// # Errors
     /// As [`Simulator::release`](palpate::physics::Simulator::release).
@@ -674,13 +678,13 @@ impl BodySession {
         Ok(())
     }
 
-    /// Cuts along `blade`, as soon as no step is under way, after so many edits of the scene; what
-    /// came of it is a remark.
+    /// Requests a cut along `blade`, after `edits` scene edits; it is done once no step is running,
+    /// and its result is reported in `remark`.
     pub fn cut(&mut self, blade: Blade, edits: usize) {
         self.blade = Some((blade, edits, false));
     }
 
-    /// Cuts where it was asked for; between two steps.
+    /// Performs the requested cut; call between two steps.
     fn cut_asked(&mut self) -> Result<()> {
         let Some((blade, edits, again)) = self.blade.take() else {
             return Ok(());
@@ -694,7 +698,7 @@ impl BodySession {
                         let touch = BodyEdit::Cut(blade, Box::new(before));
                         self.edits.push(edits, touch, again);
                     }
-                    // What was done before cannot be undone either.
+                    // Earlier edits cannot be undone either.
                     None => self.edits = BodyEditHistory::default(),
                 }
                 format!("cut; {} tets now", self.stage.mesh().tets.len())
@@ -708,7 +712,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// The body as it stands between two steps; none of one whose state cannot be had.
+    /// Returns the state between two steps; none if the simulator has no checkpoints.
     fn before(&self) -> Result<Option<BodySnapshot>> {
         let Some(motion) = self.stage.motion().filter(|m| m.has_state()) else {
             return Ok(None);
@@ -721,10 +725,10 @@ impl BodySession {
         }))
     }
 
-    /// Lets go of the nodes that the last touch held.
+    /// Releases the nodes that the last edit pinned.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing moves.
+    /// [`Error::Input`] for a static body.
     pub fn undo_pins(&mut self) -> Result<()> {
         let Some(touch) = self.edits.undo() else {
             return Ok(());
@@ -743,7 +747,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// Does again what was undone last, after so many edits of the scene.
+    /// Redoes the last undone edit, after `edits` scene edits.
     ///
     /// # Errors
     /// As [`BodySession::hold`].
@@ -761,11 +765,11 @@ impl BodySession {
         Ok(())
     }
 
-    /// Holds nodes where they are, after so many edits of the scene; in a stroke that begins, or goes
-    /// on. How many of them were not held before.
+    /// Pins nodes at their current positions, after `edits` scene edits; `begins` starts a new
+    /// stroke. Returns how many of them were not pinned before.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing moves.
+    /// [`Error::Input`] for a static body.
     pub fn hold(&mut self, nodes: &[u32], edits: usize, begins: bool) -> Result<usize> {
         let motion = self.stage.motion_mut().ok_or_else(still)?;
         let pinned = motion.simulator.loads().pinned();
@@ -785,10 +789,10 @@ impl BodySession {
         Ok(fresh.len())
     }
 
-    /// Holds what is within the finger's radius of `pick` where it is, as [`BodySession::hold`].
+    /// Pins the nodes within the finger's radius of `pick`, as [`BodySession::hold`].
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing moves.
+    /// [`Error::Input`] for a static body.
     pub fn pin(&mut self, pick: &Pick, edits: usize, begins: bool) -> Result<usize> {
         let radius = self.radius;
         let x = self.stage.drawn_positions()?;
@@ -800,7 +804,7 @@ impl BodySession {
         self.hold(&nodes, edits, begins)
     }
 
-    /// Records the picture of `camera` into `colour`, on `backdrop`.
+    /// Records the rendering of the view of `camera` into `colour`, over `backdrop`.
     ///
     /// # Errors
     /// As [`Stage::record`].
@@ -815,7 +819,7 @@ impl BodySession {
         self.stage.record(work, colour)
     }
 
-    /// Makes what pictures are drawn with, so that the first of them need not.
+    /// Creates the rendering pipelines, so that the first picture is not delayed.
     ///
     /// # Errors
     /// As [`Stage::render_async`].
@@ -827,7 +831,7 @@ impl BodySession {
         asked.map(|_| ())
     }
 
-    /// Asks for the picture of `camera`, `size` pixels large, and waits for none of it.
+    /// Starts rendering the view of `camera` with `size` pixels, without waiting.
     ///
     /// # Errors
     /// As [`Stage::render_async`].
@@ -837,14 +841,14 @@ impl BodySession {
         self.stage.render_async()
     }
 
-    /// The force of the last step of a press, N; none where nothing is pressed.
+    /// Returns the force of the last step of a press, N; none without a press.
     pub fn force(&self) -> Option<f64> {
         let last = self.samples.last().filter(|_| self.press.is_some());
         last.map(|sample| sample.force_n)
     }
 }
 
-/// What a body is made anew from, on another thread.
+/// Data to rebuild a body on another thread.
 pub struct RebuildRequest {
     made: Scene,
     mesh: Arc<TetMesh>,
@@ -853,7 +857,7 @@ pub struct RebuildRequest {
 }
 
 impl RebuildRequest {
-    /// Of a body, whose last touch is to be undone.
+    /// Creates the request to undo the last edit of a body.
     pub fn of(show: &BodySession) -> RebuildRequest {
         let mut touches = show.edits.clone();
         touches.undo();
@@ -865,7 +869,7 @@ impl RebuildRequest {
         }
     }
 
-    /// The body as it was before.
+    /// Rebuilds the body in the state `before`.
     ///
     /// # Errors
     /// As [`BodySession::new`] and [`Stage::resume`].
@@ -885,8 +889,8 @@ fn still() -> Error {
     Error::Input("nothing moves in this scene, so nothing can be touched".into())
 }
 
-/// The scene with a solver, and held somewhere, if nothing in it says so; and whether it can be
-/// pressed on, or why not.
+/// Returns the scene with a default solver and default supports if it has none, and whether it can
+/// be pressed on, or why not.
 fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
     let mut scene = scene.clone();
     if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
@@ -916,18 +920,19 @@ fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
     (scene, Ok(()))
 }
 
-/// Tools that are not regions of the mesh, which those with a mass or a spring become.
+/// Returns the number of tools with prescribed motion; tools with a mass or a spring become regions
+/// of the mesh.
 fn led(scene: &Scene) -> usize {
     let carried = |t: &&ToolEntry| t.mass.is_some() || t.spring.is_some();
     scene.tool.len() - scene.tool.iter().filter(carried).count()
 }
 
-/// Where a finger is put away that presses on what lies between two corners.
+/// Returns the parking position of a finger for a body with these bounds.
 fn put_away((low, high): (DVec3, DVec3)) -> DVec3 {
     0.5 * (low + high) + DVec3::splat(PARKED_DISTANCE * low.distance(high))
 }
 
-/// A radius that suits a body.
+/// Returns the default finger radius for a body.
 fn fitting_radius(mesh: &TetMesh) -> f64 {
     let (low, high) = mesh.bounds();
     let topology = Topology::new(mesh);

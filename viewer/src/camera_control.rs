@@ -1,18 +1,19 @@
-//! The view: an eye that goes round a point.
+//! Orbit camera.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use palpate::render::{Camera, Projection};
 
-/// Radians that the eye goes round in the time the pointer crosses the picture.
+/// Orbit angle in radians for a pointer motion across the picture.
 const ORBIT_RADIANS: f64 = std::f64::consts::PI;
-/// The nearest that the eye comes to the point it looks at, over the size of the body.
+/// Minimum distance of the eye from its focus, relative to the body's size.
 const NEAREST: f64 = 1e-3;
-/// The farthest.
+/// Maximum distance.
 const FARTHEST: f64 = 100.0;
-/// The part of the picture's height that a body fills.
+/// Fraction of the picture's height that a fitted body fills.
 const FIT_FRACTION: f64 = 0.9;
 
-/// A standard view, named by where the eye is: right, left, anterior, posterior, superior, inferior.
+/// A standard view, named by the position of the eye: right, left, anterior, posterior, superior,
+/// inferior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Side {
@@ -25,7 +26,7 @@ pub enum Side {
 }
 
 impl Side {
-    /// All of them, and what they are called.
+    /// All views with their short and long names.
     pub const ALL: [(Side, &'static str, &'static str); 6] = [
         (Side::Right, "R", "Right"),
         (Side::Left, "L", "Left"),
@@ -35,7 +36,7 @@ impl Side {
         (Side::Inferior, "I", "Inferior (bottom)"),
     ];
 
-    /// Towards the eye, and what is up there, in RAS.
+    /// Returns the direction towards the eye and the up vector, in RAS.
     fn axes(self) -> [DVec3; 2] {
         match self {
             Side::Right => [DVec3::X, DVec3::Z],
@@ -48,25 +49,25 @@ impl Side {
     }
 }
 
-/// A camera that goes round the point it looks at.
+/// A camera that orbits the point it looks at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
-    /// What it looks at, in file units.
+    /// Focus, in file units.
     pub focus: DVec3,
-    /// Its axes: right, up, and towards the eye.
+    /// Orientation: axes right, up, and towards the eye.
     pub turn: DQuat,
-    /// From the focus to the eye, in file units.
+    /// Distance from the focus to the eye, in file units.
     pub distance: f64,
     /// Vertical opening angle, in degrees.
     pub fov: f64,
-    /// Whether it looks in parallel rays, with the same height of the view at the focus.
+    /// Whether the projection is orthographic, with the same height of the view at the focus.
     pub orthographic: bool,
-    /// The size of what is looked at, in file units.
+    /// Size of the body, in file units.
     size: f64,
 }
 
 impl Orbit {
-    /// The view of `camera` of a body of `size`, its bounds' diagonal.
+    /// Returns the orbit of `camera` for a body of `size`, the diagonal of its bounds.
     pub fn of(camera: &Camera, size: f64) -> Orbit {
         let back = (camera.eye - camera.look_at).normalize_or(DVec3::Z);
         let mut distance = camera.eye.distance(camera.look_at);
@@ -87,21 +88,22 @@ impl Orbit {
         }
     }
 
-    /// As a camera.
+    /// Returns the camera.
     pub fn camera(&self) -> Camera {
         let eye = self.focus + self.turn * DVec3::Z * self.distance;
         let up = self.turn * DVec3::Y;
         match self.orthographic {
             false => Camera::perspective(eye, self.focus, up, self.fov),
             true => {
-                // Of parallel rays the body is before the eye, however near that is.
+                // In an orthographic view the eye is moved back, so that the whole body is in front
+                // of it.
                 let eye = self.focus + self.turn * DVec3::Z * (self.distance + 4.0 * self.size);
                 Camera::orthographic(eye, self.focus, up, self.height())
             }
         }
     }
 
-    /// Height of the view at the focus, in file units.
+    /// Returns the height of the view at the focus, in file units.
     pub fn height(&self) -> f64 {
         2.0 * self.distance * half_slope(self.fov)
     }
@@ -113,29 +115,29 @@ impl Orbit {
         self.turn = (self.turn * aside * over).normalize();
     }
 
-    /// Turns the picture, counter-clockwise, by an angle in radians.
+    /// Rolls the picture counter-clockwise by an angle in radians.
     pub fn roll(&mut self, angle: f64) {
         self.turn = (self.turn * DQuat::from_axis_angle(DVec3::Z, -angle)).normalize();
     }
 
-    /// Has what is seen follow the pointer, which went so many parts of the picture's height.
+    /// Pans with the pointer, by a motion in fractions of the picture's height.
     pub fn pan(&mut self, moved: DVec2) {
         let across = DVec3::new(-moved.x, moved.y, 0.0) * self.height();
         self.focus += self.turn * across;
     }
 
-    /// Comes nearer: twice as near by 2.
+    /// Zooms in by `factor`; 2 halves the distance.
     pub fn zoom(&mut self, factor: f64) {
         let distance = self.distance / factor.clamp(0.01, 100.0);
         self.distance = distance.clamp(NEAREST * self.size, FARTHEST * self.size);
     }
 
-    /// Flies by `forward` and `aside`, in parts of the body's size.
+    /// Moves by `forward` and `aside`, relative to the body's size.
     pub fn dolly(&mut self, forward: f64, aside: f64) {
         self.focus += self.turn * DVec3::new(aside, 0.0, -forward) * self.size;
     }
 
-    /// Looks from a side at the same point, from as far away.
+    /// Looks from a standard side at the same focus, from the same distance.
     pub fn look_from(&mut self, side: Side) {
         let [back, up] = side.axes();
         self.turn = turn_of(back, up);
@@ -159,12 +161,12 @@ impl Orbit {
     }
 }
 
-/// Half the height of a view at distance 1.
+/// Returns half the height of a view at distance 1.
 fn half_slope(fov: f64) -> f64 {
     (0.5 * fov.to_radians()).tan()
 }
 
-/// The turn whose third axis is `back`, with `up` upwards as far as may be.
+/// Returns the rotation whose third axis is `back`, with `up` as near to upwards as possible.
 fn turn_of(back: DVec3, up: DVec3) -> DQuat {
     let right = up.cross(back).try_normalize();
     let right = right.unwrap_or_else(|| back.any_orthonormal_vector());
@@ -202,7 +204,7 @@ mod tests {
         assert!(orbit.camera().eye.distance(view().camera().eye) > 0.5);
         orbit.orbit(DVec2::new(-0.3, 0.0));
         assert!(orbit.camera().eye.distance(view().camera().eye) < 1e-9);
-        // To the right with the pointer, the eye goes to the left.
+        // The pointer moves to the right, so the eye moves to the left.
         orbit.orbit(DVec2::new(0.1, 0.0));
         let right = view().turn * DVec3::X;
         assert!((orbit.camera().eye - view().camera().eye).dot(right) < 0.0);

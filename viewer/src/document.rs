@@ -1,4 +1,4 @@
-//! What is open: the text of a scene, edited in place, with its undo.
+//! The open document: the text of a scene, edited in place, with undo.
 
 use crate::platform;
 use palpate::render::{Camera, Projection};
@@ -9,12 +9,12 @@ use std::time::Duration;
 use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value};
 use web_time::Instant;
 
-/// Edits of one thing that follow each other within this time are undone together.
+/// Edits of one quantity within this time are undone together.
 const UNDO_MERGE_WINDOW: Duration = Duration::from_millis(800);
-/// Edits that can be undone.
+/// Maximum number of undo steps.
 const MAX_UNDO: usize = 200;
 
-/// The tables that say how the body looks, and not what it is.
+/// Tables that affect the appearance of the body only.
 const APPEARANCE_TABLES: [&str; 9] = [
     "camera",
     "isosurface",
@@ -27,33 +27,33 @@ const APPEARANCE_TABLES: [&str; 9] = [
     "xray",
 ];
 
-/// The text of a scene, and what it was before.
+/// The text of a scene with its undo history.
 #[derive(Clone)]
 pub struct Document {
-    /// What the window is called after.
+    /// Title of the window.
     pub name: String,
     /// The file that was opened: a scene, a mesh, a volume or a surface.
     pub file: Option<PathBuf>,
-    /// The recorded series that it shows, if it is one: a `.pvd`.
+    /// The recorded series that it shows, if any: a `.pvd`.
     pub series: Option<PathBuf>,
-    /// Of what ships with the viewer, the files that it reads.
+    /// The bundled files that an example reads.
     pub bundled_files: &'static [(&'static str, &'static [u8])],
-    /// What paths in it are relative to.
+    /// Base folder of relative paths.
     folder: PathBuf,
     text: DocumentMut,
     undo: Vec<String>,
     redo: Vec<String>,
     last: Option<(String, Instant)>,
-    /// Whether a button is held: what is edited meanwhile is undone together.
+    /// Whether a button is held; edits during a drag are undone together.
     held: bool,
 }
 
 impl Document {
-    /// A scene file, or the scene that a mesh, a volume, a surface or a recorded series makes.
+    /// Opens a scene file, or creates a scene for a mesh, a volume, a surface or a recorded series.
     ///
     /// # Errors
-    /// [`Error::Io`] for a file that is not there; of a scene, [`Error::Format`] for what it has that
-    /// makes no sense. What else a file holds is found out by who reads it.
+    /// [`Error::Io`] if the file does not exist; [`Error::Format`] if a scene is invalid. Other
+    /// files are validated when they are read.
     pub fn open(file: &Path) -> Result<Document> {
         let file = platform::absolute(file)?;
         let name = file.file_name().map(|n| n.to_string_lossy().into_owned());
@@ -96,10 +96,10 @@ impl Document {
         Ok(document)
     }
 
-    /// The scene of this text, with paths relative to `folder`.
+    /// Creates the document of this text, with paths relative to `folder`.
     ///
     /// # Errors
-    /// [`Error::Input`] with the line that is wrong.
+    /// [`Error::Input`] with the invalid line.
     pub fn new(name: String, folder: PathBuf, text: &str) -> Result<Document> {
         Scene::parse_in(text, &folder)?;
         Ok(Document {
@@ -116,35 +116,35 @@ impl Document {
         })
     }
 
-    /// The scene as it is now.
+    /// Returns the current scene.
     ///
     /// # Errors
-    /// [`Error::Input`] for what makes no sense in it.
+    /// [`Error::Input`] if it is invalid.
     pub fn scene(&self) -> Result<Scene> {
         Scene::parse_in(&self.text.to_string(), &self.folder)
     }
 
-    /// The path of a file as its text names it.
+    /// Returns the path of a file as written in the text.
     pub fn relative_path(&self, file: &Path) -> String {
         let beside = file.strip_prefix(&self.folder).unwrap_or(file);
         beside.to_string_lossy().into_owned()
     }
 
-    /// Its text.
+    /// Returns the text.
     pub fn text(&self) -> String {
         self.text.to_string()
     }
 
-    /// Its text, with paths as a scene file in `folder` has them.
+    /// Returns the text with paths relative to `folder`.
     pub fn text_in(&self, folder: &Path) -> String {
         moved(self.text.clone(), &self.folder, folder)
     }
 
-    /// Changes the scene; `what` names the change, and those of one name that follow each other at
-    /// once are undone together. One that makes no sense is not made.
+    /// Edits the scene. Consecutive edits with the same name `what` are undone together. An invalid
+    /// edit is discarded.
     ///
     /// # Errors
-    /// [`Error::Input`] for what makes no sense.
+    /// [`Error::Input`] if the edit is invalid.
     pub fn edit(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) -> Result<Scene> {
         let mut text = self.text.clone();
         change(&mut text);
@@ -165,8 +165,8 @@ impl Document {
         Ok(scene)
     }
 
-    /// Notes whether a button of the mouse is held, and whether it was pressed just now: all that is
-    /// dragged in one go is undone together, and apart from what was before.
+    /// Records whether a mouse button is held and whether it was just pressed: edits during one
+    /// drag are undone together, separately from earlier ones.
     pub fn track_drag(&mut self, held: bool, pressed: bool) {
         self.held = held;
         if pressed {
@@ -174,10 +174,10 @@ impl Document {
         }
     }
 
-    /// Has a preset of colours show it, which is no edit to be undone.
+    /// Sets an initial colour preset, without an undo entry.
     ///
     /// # Errors
-    /// [`Error::Input`] for one that there is not.
+    /// [`Error::Input`] for an unknown preset.
     #[cfg(target_arch = "wasm32")]
     pub fn set_initial_preset(&mut self, preset: &str) -> Result<()> {
         self.edit("transfer", |text| {
@@ -187,7 +187,7 @@ impl Document {
         Ok(())
     }
 
-    /// The part of the text that says what moves, and how.
+    /// Returns the text without the appearance tables.
     pub fn body(&self) -> String {
         let mut text = self.text.clone();
         APPEARANCE_TABLES.iter().for_each(|table| {
@@ -230,25 +230,25 @@ impl Document {
         set(&mut text, "picture", "size", Some(size));
         match self.bundled_files {
             [] => moved(text, &self.folder, folder),
-            // They are saved beside it.
+            // These are saved beside the scene.
             _ => text.to_string(),
         }
     }
 
-    /// How many edits can be undone.
+    /// Returns the number of edits that can be undone.
     pub fn edits(&self) -> usize {
         self.undo.len()
     }
 
-    /// Whether there is anything to undo, and to redo.
+    /// Whether undo, and redo, are possible.
     pub fn can_undo_redo(&self) -> [bool; 2] {
         [!self.undo.is_empty(), !self.redo.is_empty()]
     }
 
-    /// Undoes the last edit, or with `again` the last undo. Whether there was any.
+    /// Undoes the last edit, or with `again` redoes the last undo. Returns whether there was any.
     ///
     /// # Errors
-    /// None that a text could have which was a scene before.
+    /// None for a text that was valid before.
     pub fn undo(&mut self, again: bool) -> Result<bool> {
         let (from, to) = match again {
             false => (&mut self.undo, &mut self.redo),
@@ -269,7 +269,7 @@ fn parsed(text: &str) -> Result<DocumentMut> {
         .map_err(|e: toml_edit::TomlError| Error::Input(e.to_string()))
 }
 
-/// The text, whose paths are relative to the first folder, as a file in the second has it.
+/// Returns the text with paths relative to `to` instead of `from`.
 fn moved(mut text: DocumentMut, from: &Path, to: &Path) -> String {
     if from != to {
         absolute(text.as_item_mut(), from);
@@ -277,7 +277,7 @@ fn moved(mut text: DocumentMut, from: &Path, to: &Path) -> String {
     text.to_string()
 }
 
-/// Sets `table.key`, and takes it out with `None`.
+/// Sets `table.key`; `None` removes it.
 pub fn set(text: &mut DocumentMut, table: &str, key: &str, value: Option<Value>) {
     match value {
         Some(value) => {
@@ -293,7 +293,7 @@ pub fn set(text: &mut DocumentMut, table: &str, key: &str, value: Option<Value>)
     }
 }
 
-/// Has `[[name]]` be these tables, none where there are none.
+/// Replaces the tables `[[name]]`; an empty list removes them.
 pub fn set_all(text: &mut DocumentMut, name: &str, tables: Vec<Table>) {
     if tables.is_empty() {
         text.remove(name);
@@ -304,7 +304,7 @@ pub fn set_all(text: &mut DocumentMut, name: &str, tables: Vec<Table>) {
     text.insert(name, Item::ArrayOfTables(all));
 }
 
-/// The tables that `name` has, `[name]` or several `[[name]]`.
+/// Returns the tables called `name`, `[name]` or several `[[name]]`.
 pub fn tables(text: &DocumentMut, name: &str) -> Vec<Table> {
     match text.get(name) {
         Some(Item::Table(one)) => vec![one.clone()],
@@ -318,12 +318,12 @@ pub fn tables(text: &DocumentMut, name: &str) -> Vec<Table> {
     }
 }
 
-/// An array of numbers.
+/// Returns an array of numbers.
 pub fn numbers<const N: usize>(values: [f64; N]) -> Value {
     Value::Array(values.into_iter().collect())
 }
 
-/// Makes what names a file relative to `folder` absolute: strings that are the path of one there.
+/// Makes relative paths absolute: strings that are the path of an existing file in `folder`.
 fn absolute(item: &mut Item, folder: &Path) {
     match item {
         Item::Value(value) => absolute_value(value, folder),
@@ -391,7 +391,7 @@ mod tests {
         );
         assert!(document.undo(false).unwrap());
         assert_eq!(document.scene().unwrap().picture.mode, None);
-        // Both edits of one thing at once.
+        // Both edits are merged and undone at once.
         assert!(document.undo(false).unwrap());
         assert_eq!(document.text_in(Path::new("")), TEXT);
         assert!(!document.undo(false).unwrap());
@@ -415,7 +415,7 @@ mod tests {
             document.edits()
         };
         assert_eq!([drag("mip"), drag("mean"), drag("minip")], [1, 1, 1]);
-        // However long the pointer rests meanwhile.
+        // The pause between edits of one drag does not matter.
         document.last = document
             .last
             .map(|(what, at)| (what, at - 4 * UNDO_MERGE_WINDOW));

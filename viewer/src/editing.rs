@@ -1,4 +1,4 @@
-//! Edits of the scene, which the body follows, and their undo.
+//! Scene edits that update the body, and their undo.
 
 use crate::app::App;
 use crate::body_edits::BodyEdit;
@@ -11,13 +11,13 @@ use palpate::scene::Scene;
 use toml_edit::DocumentMut;
 
 impl App {
-    /// Edits how the body looks; it follows at once.
+    /// Edits the appearance of the body and applies it immediately.
     pub(crate) fn edit_appearance(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
         let result = self.try_edit(what, change, BodySession::set_appearance);
         self.show_error(result);
     }
 
-    /// The same of planes and isosurfaces, as they are dragged.
+    /// Edits planes and isosurfaces while they are dragged.
     pub(crate) fn edit_planes(&mut self, what: &str, change: impl FnOnce(&mut DocumentMut)) {
         let result = self.try_edit(what, change, BodySession::set_planes);
         self.show_error(result);
@@ -44,7 +44,7 @@ impl App {
         Ok(())
     }
 
-    /// Edits what the body is made of, or how it moves: it begins anew.
+    /// Edits the material or the simulation settings, and rebuilds the body.
     pub(crate) fn edit_body(
         &mut self,
         what: &str,
@@ -61,7 +61,7 @@ impl App {
         }
     }
 
-    /// Undoes the last edit, or with `again` the last undo.
+    /// Undoes the last edit, or with `again` redoes the last undo.
     pub(crate) fn undo(&mut self, again: bool, context: &egui::Context) {
         let result = match self.can_undo_touch()[usize::from(again)] {
             true => self.undo_touch(again, context),
@@ -70,12 +70,12 @@ impl App {
         self.show_error(result);
     }
 
-    /// How many edits of the scene can be undone.
+    /// Returns the number of scene edits that can be undone.
     pub(crate) fn edits(&self) -> usize {
         self.document.as_ref().map_or(0, Document::edits)
     }
 
-    /// Whether there is anything to undo, and to redo.
+    /// Whether undo, and redo, are possible.
     pub(crate) fn can_undo(&self) -> [bool; 2] {
         let edits = self
             .document
@@ -85,7 +85,7 @@ impl App {
         [0, 1].map(|n| edits[n] || touches[n])
     }
 
-    /// Whether the next of these is something that was done to the body.
+    /// Whether the next undo, and the next redo, is a manual edit of the body.
     fn can_undo_touch(&self) -> [bool; 2] {
         let edits = self.edits();
         let touches = self.show.as_ref().map(|show| show.edits.can(edits));
@@ -139,7 +139,7 @@ impl App {
         Ok(())
     }
 
-    /// The scene, as it is open.
+    /// Returns the scene of the open document.
     pub(crate) fn scene(&self) -> Option<Scene> {
         self.document.as_ref().and_then(|d| d.scene().ok())
     }

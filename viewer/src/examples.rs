@@ -1,24 +1,24 @@
-//! Bodies that ship with the viewer.
+//! Examples bundled with the viewer.
 
 use crate::document::Document;
 use crate::platform;
 use palpate::{Error, Result};
 
-/// A body that ships with the viewer.
+/// A bundled example.
 pub struct Example {
-    /// What it is called.
+    /// Display name.
     pub name: &'static str,
-    /// Its scene.
+    /// Scene text.
     text: &'static str,
-    /// What the scene reads.
+    /// Files that the scene reads.
     files: &'static [(&'static str, &'static [u8])],
 }
 
 const LIMB: (&str, &[u8]) = ("limb.json", include_bytes!("../../data/limb.json"));
-/// What is seen first is not meshed first.
+/// The example shown at start has a precomputed mesh, so that it opens fast.
 const LIMB_MESH: (&str, &[u8]) = ("limb_10k.vtu", include_bytes!("../../data/limb_10k.vtu"));
 
-/// All of them.
+/// All examples.
 pub const EXAMPLES: &[Example] = &[
     Example {
         name: "Limb",
@@ -62,10 +62,10 @@ pub const EXAMPLES: &[Example] = &[
 ];
 
 impl Example {
-    /// The one of this name, or whose first word it is, in whatever case.
+    /// Returns the example of this name or first word, case-insensitive.
     ///
     /// # Errors
-    /// [`Error::Input`] with the names there are.
+    /// [`Error::Input`] with the known names.
     pub fn named(name: &str) -> Result<&'static Example> {
         let called = |e: &&Example| {
             let first = e.name.split(' ').next().unwrap_or_default();
@@ -81,10 +81,10 @@ impl Example {
         })
     }
 
-    /// Opens it; its files are put where it finds them.
+    /// Opens the example and stores its files where it reads them.
     ///
     /// # Errors
-    /// [`Error::Io`] where that cannot be.
+    /// [`Error::Io`] if the files cannot be written.
     pub fn open(&self) -> Result<Document> {
         let folder = platform::bundle_files(self.files)?;
         let mut document = Document::new(self.name.to_owned(), folder, self.text)?;

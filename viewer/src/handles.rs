@@ -1,4 +1,4 @@
-//! Handles of planes in the picture: one that moves a plane along its normal, one that tilts it.
+//! Handles of planes in the picture: one moves a plane along its normal, one tilts it.
 
 use crate::app::App;
 use crate::document::set_all;
@@ -9,38 +9,38 @@ use glam::DVec3;
 use palpate::render::{Camera, Ray};
 use palpate::scene::PlaneEntry;
 
-/// How long the arrow of a handle is, over the body's diagonal.
+/// Length of the arrow of a handle, relative to the body's diagonal.
 const ARROW: f64 = 0.3;
-/// How near the pointer takes an end of it, and the rest of it, in points.
+/// Picking distance of an end of the arrow, and of its shaft, in points.
 const GRAB_RADIUS: f32 = 11.0;
 const NEAR_SHAFT: f32 = 6.0;
-/// Radius of what is drawn at its ends, in points.
+/// Radius of the knobs at its ends, in points.
 const KNOB_RADIUS: f32 = 6.5;
-/// Rays that go nearly along a normal tell no place on it.
+/// Minimum angle between a ray and a normal at which the position on the normal is defined.
 const MIN_NORMAL_ANGLE: f64 = 0.02;
 
-/// A plane, and where its handle is.
+/// A plane and its handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Handle {
-    /// On the plane, beside the middle of the body.
+    /// A point on the plane, near the centre of the body.
     pub middle: DVec3,
-    /// A unit vector.
+    /// Unit normal.
     pub normal: DVec3,
-    /// Of the arrow, in file units.
+    /// Length of the arrow, in file units.
     length: f64,
 }
 
-/// What of a handle is held.
+/// The dragged part of a handle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HandlePart {
-    /// The plane moves along its normal: the place on that which the pointer took, from the middle.
+    /// Moves the plane along its normal; the grabbed position on the normal, from the centre.
     Move(f64),
-    /// It tilts about its middle.
+    /// Tilts the plane about its centre.
     Tilt,
 }
 
 impl Handle {
-    /// That of a plane; none of a box.
+    /// Returns the handle of a plane; none for a box.
     fn of(plane: &PlaneEntry, (low, high): (DVec3, DVec3)) -> Option<Handle> {
         let [a, b, c, x, y, z] = plane.clip.or(plane.slice)?;
         let normal = DVec3::new(x, y, z).try_normalize()?;
@@ -53,12 +53,12 @@ impl Handle {
         })
     }
 
-    /// The end of its arrow.
+    /// Returns the end of its arrow.
     fn tip(&self) -> DVec3 {
         self.middle + self.length * self.normal
     }
 
-    /// How far along the normal, from the middle, a ray passes nearest.
+    /// Returns the position on the normal, from the centre, that is nearest to a ray.
     fn along(&self, ray: &Ray) -> Option<f64> {
         let (d, n) = (ray.direction.normalize(), self.normal);
         let across = d.dot(n);
@@ -70,7 +70,8 @@ impl Handle {
         Some((across * w.dot(d) - w.dot(n)) / apart)
     }
 
-    /// The plane moved so that what was held at `from` is under a ray; not past the body's corners.
+    /// Returns the handle moved so that the position `from` is under a ray; limited to the body's
+    /// bounds.
     fn moved(&self, ray: &Ray, from: f64, (low, high): (DVec3, DVec3)) -> Option<Handle> {
         let by = self.along(ray)? - from;
         let body = 0.5 * (low + high);
@@ -82,8 +83,9 @@ impl Handle {
         })
     }
 
-    /// The plane turned about its middle so that its arrow ends under a ray: where that meets the
-    /// sphere which the arrow can reach, on the side where it is; at its rim beside that.
+    /// Returns the handle tilted about its centre so that the arrow ends under a ray: at the ray's
+    /// intersection with the sphere of the arrow, on the same side; at the sphere's rim if the ray
+    /// misses it.
     fn tilted(&self, ray: &Ray) -> Option<Handle> {
         let d = ray.direction.normalize();
         let w = self.middle - ray.origin;
@@ -99,7 +101,7 @@ impl Handle {
         Some(Handle { normal, ..*self })
     }
 
-    /// What of it is at a point of the picture, and how near.
+    /// Returns the part at a point of the picture, and its distance.
     fn at(&self, at: Pos2, area: Viewport, camera: &Camera) -> Option<(f32, HandlePart)> {
         let middle = area.project(camera, self.middle)?;
         let tip = area.project(camera, self.tip());
@@ -118,13 +120,13 @@ impl Handle {
         (away <= NEAR_SHAFT).then_some((away, HandlePart::Move(from)))
     }
 
-    /// As the entry of a scene has it.
+    /// Returns the values of the scene entry.
     fn values(&self) -> [f64; 6] {
         let ([a, b, c], [x, y, z]) = (self.middle.to_array(), self.normal.to_array());
         [a, b, c, x, y, z]
     }
 
-    /// Where the plane meets the edges of the body's bounds, around.
+    /// Returns the polygon in which the plane intersects the body's bounds.
     fn outline(&self, (low, high): (DVec3, DVec3)) -> Vec<DVec3> {
         let corner = |k: usize| {
             let pick = |axis: usize| [low, high][k >> axis & 1][axis];
@@ -153,7 +155,7 @@ impl Handle {
     }
 }
 
-/// How far a point is from a line between two others.
+/// Returns the distance of a point from a segment.
 fn distance_to(at: Pos2, from: Pos2, to: Pos2) -> f32 {
     let way = to - from;
     let share = (at - from).dot(way) / way.length_sq().max(f32::MIN_POSITIVE);
@@ -161,14 +163,14 @@ fn distance_to(at: Pos2, from: Pos2, to: Pos2) -> f32 {
 }
 
 impl App {
-    /// Of every plane, in the order of the scene, a point and the normal; of a box its corners.
+    /// Returns a point and the normal of each plane, in scene order; for a box its corners.
     pub(crate) fn plane_values(&self) -> Vec<[f64; 6]> {
         let planes = self.scene().map(|scene| scene.plane).unwrap_or_default();
         let values = |p: &PlaneEntry| p.clip.or(p.slice).or(p.around);
         planes.iter().filter_map(values).collect()
     }
 
-    /// The handles of all planes that have one, by the number of the plane.
+    /// Returns the handles of all planes that have one, with the plane's index.
     fn handles(&self) -> Vec<(usize, Handle)> {
         let (Some(show), Some(scene), true) = (&self.show, self.scene(), self.handles_shown) else {
             return Vec::new();
@@ -178,7 +180,7 @@ impl App {
         planes.filter_map(of).collect()
     }
 
-    /// The plane whose handle is at a point of the picture, and what of it.
+    /// Returns the plane whose handle is at a point of the picture, and the part of it.
     pub(crate) fn handle_at(&self, at: Pos2, area: Viewport) -> Option<(usize, HandlePart)> {
         let camera = self.orbit.camera();
         let all = self.handles().into_iter();
@@ -187,7 +189,7 @@ impl App {
         nearest.map(|(n, (_, hold))| (n, hold))
     }
 
-    /// Has a plane follow the pointer by what is held of it.
+    /// Drags a plane by a part of its handle.
     pub(crate) fn drag_handle(
         &mut self,
         number: usize,
@@ -324,7 +326,7 @@ mod tests {
         };
         assert!(middle.distance(DVec3::new(0.0, 0.0, -1.0)) < 1e-12 && normal == DVec3::Z);
         assert!(to(99.0).is_some_and(|m| (m.middle.z - 3.0).abs() < 1e-12));
-        // Along the normal nothing is told.
+        // A ray along the normal has no position.
         assert!(
             handle
                 .along(&ray(DVec3::new(0.0, 0.0, 9.0), DVec3::ZERO))
@@ -336,7 +338,7 @@ mod tests {
     fn its_arrow_ends_under_the_pointer_when_it_is_tilted() {
         let handle = handle();
         let eye = DVec3::new(9.0, 0.0, 1.0);
-        // A place that the arrow can reach, towards the eye.
+        // A position on the sphere of the arrow, on the side of the eye.
         let wanted = DVec3::new(1.0, 1.0, 1.0).normalize();
         let place = handle.middle + handle.length * wanted;
         let towards = Handle {
@@ -349,7 +351,7 @@ mod tests {
             "{tilted:?}"
         );
         assert!(tilted.is_some_and(|t| t.middle == handle.middle));
-        // Beside the sphere it is turned towards the pointer as far as it is seen to.
+        // A ray beside the sphere tilts the arrow to the silhouette.
         let aside = ray(eye, DVec3::new(0.0, 5.0, 1.0));
         let beside = towards.tilted(&aside);
         let across = |t: Handle| t.normal.y > 0.8 && t.normal.dot(aside.direction).abs() < 1e-9;

@@ -1,23 +1,23 @@
-//! How often each scalar occurs.
+//! Histogram of scalar values.
 
-/// Bars of a histogram.
+/// Number of bars.
 const BARS: usize = 96;
 
-/// How often the scalars of a body occur.
+/// Histogram of the scalars of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// The name of the field, and the version of what is shown, that it was counted for: fields change
-    /// as the body moves and as a series goes by.
+    /// Name of the field and version of the data that were counted: fields change as the body moves
+    /// and as a series plays.
     pub of: (String, u64),
     /// The smallest and largest scalar.
     pub range: (f64, f64),
-    /// From the smallest scalar on, how often each occurs, over the most; as a square root, so that
-    /// what is rare is seen too.
+    /// Square roots of the counts relative to the maximum, from the smallest scalar on; the square
+    /// root keeps rare values visible.
     pub bars: Vec<f32>,
 }
 
 impl Histogram {
-    /// Counts those of `values` that lie in `range`.
+    /// Counts the `values` in `range`.
     pub fn of(values: &[f64], range: (f64, f64), of: (String, u64)) -> Histogram {
         let span = (range.1 - range.0).max(f64::MIN_POSITIVE);
         let mut counts = vec![0u32; BARS];
@@ -51,7 +51,7 @@ mod tests {
         assert_eq!(histogram.bars[BARS - 1], 0.5);
         assert_eq!(histogram.bars[BARS / 2], 0.5);
         assert_eq!(histogram.bars.iter().filter(|b| **b > 0.0).count(), 3);
-        // Of one value there is one bar.
+        // A constant field has one bar.
         assert_eq!(
             Histogram::of(&[2.0], (2.0, 2.0), (String::new(), 0)).bars[0],
             1.0

@@ -1,4 +1,4 @@
-//! The viewer: a body in a window, to be pressed on, pulled at, cut and looked into.
+//! The interactive viewer: a body in a window, to press on, pull, cut and look into.
 //!
 //! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`body_session`]),
 //! which the engine on the CPU steps on a thread of its own while the interface ([`app`]) draws it

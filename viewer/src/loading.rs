@@ -1,4 +1,4 @@
-//! Bodies are read, meshed and made ready while the interface goes on.
+//! Background loading, meshing and preparation of bodies.
 
 use crate::body_edits::BodyEdit;
 use crate::body_session::{BodySession, RebuildRequest};
@@ -16,14 +16,14 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use web_time::Instant;
 
-/// The body, whose steps wake the window.
+/// Sets the session's callback to repaint the window after steps.
 fn waking(mut show: BodySession, context: &egui::Context) -> BodySession {
     let woken = context.clone();
     show.set_waker(Arc::new(move || woken.request_repaint()), context);
     show
 }
 
-/// Long work on a thread: how far it is, and what comes of it. It ends soon once this is dropped.
+/// A task on a background thread with progress and result. Dropping it cancels the work.
 pub(crate) struct BackgroundTask<T> {
     since: Instant,
     told: Arc<Mutex<(String, f64)>>,
@@ -38,7 +38,7 @@ impl<T> Drop for BackgroundTask<T> {
 }
 
 impl<T: Send + 'static> BackgroundTask<T> {
-    /// Begins `work`, which is `what` at first; the window is woken by its end.
+    /// Starts `work`, with the initial progress text `what`; repaints the window at its end.
     pub fn spawn(
         what: &str,
         context: &egui::Context,
@@ -56,7 +56,7 @@ impl<T: Send + 'static> BackgroundTask<T> {
                     false => ControlFlow::Continue(()),
                 }
             };
-            // Who cancelled it waits for nothing.
+            // The receiver may be gone after cancellation.
             let _ = send.send(work(&progress));
             context.request_repaint();
         });
@@ -70,7 +70,7 @@ impl<T: Send + 'static> BackgroundTask<T> {
 }
 
 impl<T> BackgroundTask<T> {
-    /// What came of it, once it has ended.
+    /// Returns the result, once the task has ended.
     pub fn try_take(&self) -> Option<Result<T>> {
         match self.made.try_recv() {
             Ok(made) => Some(made),
@@ -87,7 +87,7 @@ impl<T> BackgroundTask<T> {
         self.ends.store(true, Ordering::Relaxed);
     }
 
-    /// What is being done, the part of it that is done, and for how long, s.
+    /// Returns the current activity, its completed fraction, and the elapsed time, s.
     pub fn progress(&self) -> (String, f64, f64) {
         let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
         let (what, share) = told.clone();
@@ -95,34 +95,34 @@ impl<T> BackgroundTask<T> {
     }
 }
 
-/// A body that is being made ready.
+/// A body that is being prepared.
 pub struct Loading {
-    /// What is opened.
+    /// Name of the document.
     pub name: String,
-    /// What is open once the body is ready; none where the same body is made anew.
+    /// The document to install with the body; none if the current body is rebuilt.
     pub document: Option<Document>,
-    /// The text that it is made of.
+    /// The scene text that it is made from.
     pub text: String,
-    /// The scene that there was before it was edited so.
+    /// The document before the edit that caused the rebuild.
     pub before: Option<Document>,
     work: BackgroundTask<BodySession>,
 }
 
-/// What a body is made anew from that is there already.
+/// Data of an existing body that a rebuild reuses.
 pub struct ReusableBody {
     /// Its mesh at rest.
     pub mesh: Arc<TetMesh>,
-    /// Of the finger.
+    /// Finger radius.
     pub radius: f64,
-    /// What was recorded of it.
+    /// Its recorded series.
     pub series: Option<Arc<Series>>,
 }
 
 impl Loading {
-    /// Begins to make the body of `document` ready.
+    /// Starts to prepare the body of `document`.
     ///
     /// # Errors
-    /// What the document has that makes no sense.
+    /// An error if the document is invalid.
     pub fn open(gpu: &Gpu, document: Document, context: &egui::Context) -> Result<Loading> {
         let loading = Loading::begin(gpu, &document, None, context)?;
         Ok(Loading {
@@ -171,7 +171,7 @@ impl Loading {
         }
     }
 
-    /// Whether something else is opened, and not the same body made anew.
+    /// Whether another document is opened, rather than the same body rebuilt.
     pub fn opens(&self) -> bool {
         self.document.is_some()
     }
@@ -231,18 +231,18 @@ impl Loading {
         })
     }
 
-    /// The body, once it is ready.
+    /// Returns the body, once it is ready.
     pub fn ready(&self) -> Option<Result<BodySession>> {
         self.work.try_take()
     }
 
-    /// What is being done, the part of it that is done, and for how long, s.
+    /// Returns the current activity, its completed fraction, and the elapsed time, s.
     pub fn progress(&self) -> (String, f64, f64) {
         self.work.progress()
     }
 }
 
-/// Reads the scans and skins of a scene, so that edits of how it looks need not read them again.
+/// Reads the scans and skins of a scene, so that appearance edits need not read them again.
 fn read_carried(scene: &mut Scene, progress: ProgressFn) -> Result<Vec<ReadScan>> {
     let mut scans = Vec::new();
     for scan in &mut scene.scan {
@@ -256,7 +256,7 @@ fn read_carried(scene: &mut Scene, progress: ProgressFn) -> Result<Vec<ReadScan>
     Ok(scans)
 }
 
-/// Labels that are told one by one.
+/// Maximum number of labels that are listed.
 const MAX_LISTED_LABELS: usize = 64;
 
 /// A scan with its volume, and its labels by number and name where they are few.
@@ -265,7 +265,7 @@ pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
 /// Reads a scan.
 ///
 /// # Errors
-/// What reading gives; [`Error::Cancelled`].
+/// An error if reading fails; [`Error::Cancelled`].
 pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadScan> {
     let told = |what| match progress(what, 0.0).is_break() {
         true => Err(Error::Cancelled),

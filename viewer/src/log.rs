@@ -1,4 +1,4 @@
-//! What each frame took, a line of JSON each.
+//! Frame log: timings and state of each frame, one JSON object per line.
 
 use palpate::{Error, Result};
 use serde::Serialize;
@@ -9,75 +9,75 @@ use std::path::{Path, PathBuf};
 /// A frame of the window.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frame {
-    /// Since the frame before, ms.
+    /// Time since the previous frame, ms.
     pub frame_ms: f64,
-    /// What the interface took of that, ms.
+    /// Time of the interface, ms.
     pub ui_ms: f64,
-    /// What the driver took of that to take over what is drawn, ms: of a software driver, part of the
-    /// drawing.
+    /// Time of the driver for the submit, ms; with a software driver this includes part of the
+    /// rendering.
     pub driver_ms: f64,
     /// What the frame before took after that until it was on the screen, ms: of a software driver, all
     /// that it draws.
     pub paint_ms: f64,
-    /// From what was done by hand to the picture that shows it on the screen, ms, of the last such.
+    /// Latency of the last user input to the presentation of its picture, ms.
     pub latency_ms: Option<f64>,
-    /// Steps there were since the body was opened.
+    /// Number of steps since the body was opened.
     pub steps: u64,
-    /// Iterations of conjugate gradients in the last of them.
+    /// Conjugate gradient iterations in the last step.
     pub iterations: u32,
-    /// Pictures that were drawn.
+    /// Number of pictures rendered.
     pub pictures: u64,
-    /// Tets of the body.
+    /// Number of tets.
     pub tets: usize,
-    /// Eye, and what it looks at, in file units.
+    /// Eye and focus, in file units.
     pub camera: [[f64; 3]; 2],
     /// Force of a press, N.
     pub force_n: Option<f64>,
-    /// How deep it is, m.
+    /// Indentation depth, m.
     pub depth_m: Option<f64>,
-    /// Memory of the process, MB, where the system tells it.
+    /// Memory of the process, MB, if the system reports it.
     pub memory_mb: Option<f64>,
-    /// Bodies that were opened.
+    /// Number of bodies opened.
     pub opened: u64,
-    /// Why the device is gone.
+    /// Reason for device loss.
     pub lost: Option<String>,
-    /// What is said in the status line.
+    /// Text of the status line.
     pub said: String,
     /// Whether that is an error.
     pub error: bool,
-    /// What is open.
+    /// Name of the open document.
     pub name: Option<String>,
-    /// What is being opened.
+    /// Name of the document being opened.
     pub loading: Option<String>,
     /// Simulated time, s.
     pub time_s: f64,
-    /// Whether time goes by.
+    /// Whether the simulation or series is playing.
     pub playing: bool,
-    /// Of a recorded series the frame that is shown, from 0.
+    /// Displayed frame of a recorded series, from 0.
     pub series_frame: Option<usize>,
-    /// Planes there are: a point and the normal of each.
+    /// Planes: a point and the normal of each.
     pub planes: Vec<[f64; 6]>,
-    /// Whether anything is under way: a step, a body that is made ready, a finer picture.
+    /// Whether work is pending: a step, loading, or a refinement.
     pub busy: bool,
-    /// Where the pointer is, in points.
+    /// Pointer position, in points.
     pub pointer: Option<[f32; 2]>,
-    /// Whether any of its buttons is down.
+    /// Whether a pointer button is down.
     pub down: bool,
-    /// Keys that were hit.
+    /// Number of keys pressed.
     pub keys: u64,
 }
 
-/// A file of frames.
+/// A log file of frames.
 pub struct FrameLog {
     path: PathBuf,
     out: BufWriter<File>,
 }
 
 impl FrameLog {
-    /// Begins one.
+    /// Creates a log file.
     ///
     /// # Errors
-    /// [`Error::Io`] where it cannot be written.
+    /// [`Error::Io`] if it cannot be written.
     pub fn create(path: &Path) -> Result<FrameLog> {
         let out = BufWriter::new(File::create(path).map_err(Error::io(path))?);
         Ok(FrameLog {
@@ -86,10 +86,10 @@ impl FrameLog {
         })
     }
 
-    /// Adds a frame; whoever reads along has it at once.
+    /// Appends a frame and flushes, so that readers see it at once.
     ///
     /// # Errors
-    /// [`Error::Io`] where it cannot be written.
+    /// [`Error::Io`] if it cannot be written.
     pub fn push(&mut self, frame: &Frame) -> Result<()> {
         let io = Error::io(&self.path);
         let written = serde_json::to_writer(&mut self.out, frame)
@@ -100,7 +100,7 @@ impl FrameLog {
     }
 }
 
-/// Memory of this process, MB, where the system tells it.
+/// Returns the memory of this process, MB, if the system reports it.
 #[cfg(not(target_arch = "wasm32"))]
 pub fn memory_mb() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
@@ -108,7 +108,7 @@ pub fn memory_mb() -> Option<f64> {
     Some(pages * 4096.0 * 1e-6)
 }
 
-/// Memory of the module, MB.
+/// Returns the memory of the module, MB.
 #[cfg(target_arch = "wasm32")]
 pub fn memory_mb() -> Option<f64> {
     Some(core::arch::wasm32::memory_size(0) as f64 * 65536.0 * 1e-6)

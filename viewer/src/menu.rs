@@ -1,4 +1,4 @@
-//! Menus, keys, the tools at the left and the line at the bottom.
+//! Menus, shortcuts, toolbar and status bar.
 
 use crate::app::App;
 use crate::camera_control::Side;
@@ -12,10 +12,10 @@ use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 use glam::DVec2;
 use std::f64::consts::PI;
 
-/// By how much a key turns the view, in parts of the picture's height, and moves it.
+/// Camera steps of a key: rotation and pan in fractions of the picture's height.
 const KEY_ROTATION: f64 = 1.0 / 12.0;
 const KEY_PAN: f64 = 0.05;
-/// How fast time may go by.
+/// Playback speeds.
 const SPEEDS: [f64; 5] = [0.1, 0.25, 0.5, 1.0, 2.0];
 
 const OPEN: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::O);
@@ -28,9 +28,9 @@ const REDO: KeyboardShortcut =
 const RESTART: KeyboardShortcut = KeyboardShortcut::new(Modifiers::COMMAND, Key::R);
 
 impl App {
-    /// Does what keys do, unless something is typed.
+    /// Handles keyboard shortcuts, unless a text field has the focus.
     pub(crate) fn handle_shortcuts(&mut self, context: &egui::Context) {
-        // Ctrl+Z takes back what is typed.
+        // A text field handles Ctrl+Z itself.
         if context.text_edit_focused() {
             return;
         }
@@ -134,7 +134,7 @@ impl App {
         }
     }
 
-    /// One step, or frame, and no more.
+    /// Does one step, or shows the next frame.
     fn step(&mut self) {
         if self.go_on(1) {
             return;
@@ -149,7 +149,7 @@ impl App {
         self.show_error(result);
     }
 
-    /// The menus.
+    /// Draws the menus.
     pub(crate) fn menu(&mut self, ui: &mut egui::Ui) {
         let context = ui.ctx().clone();
         egui::MenuBar::new().ui(ui, |ui| {
@@ -289,7 +289,7 @@ impl App {
         }
     }
 
-    /// The tools at the left.
+    /// Draws the toolbar at the left.
     pub(crate) fn toolbar(&mut self, ui: &mut egui::Ui) {
         ui.add_space(4.0);
         for (hand, name, key, help) in PointerTool::ALL {
@@ -316,7 +316,7 @@ impl App {
         }
     }
 
-    /// The line at the bottom.
+    /// Draws the status bar.
     pub(crate) fn status(&mut self, ui: &mut egui::Ui) {
         let context = ui.ctx().clone();
         let rate = self.rate();
@@ -324,7 +324,7 @@ impl App {
             if let Some(show) = &mut self.show {
                 let moves = show.stage().motion().is_some();
                 let (mut step, mut rest) = (false, false);
-                // A series has a line of its own.
+                // A series has its own timeline.
                 if show.player.is_none() {
                     let play = if show.playing { "Pause" } else { "Play" };
                     if ui.add_enabled(moves, egui::Button::new(play)).clicked() {
@@ -386,7 +386,7 @@ impl App {
     }
 }
 
-/// An entry of a menu. Whether it was chosen.
+/// Draws a menu entry. Returns whether it was chosen.
 fn item(ui: &mut egui::Ui, enabled: bool, name: &str, shortcut: Option<&KeyboardShortcut>) -> bool {
     let mut button = egui::Button::new(name);
     if let Some(shortcut) = shortcut {

@@ -1,4 +1,4 @@
-//! What is opened, made anew, and looked at again where it has changed.
+//! Opening, rebuilding and reloading of documents.
 
 use crate::app::App;
 use crate::body_session::BodySession;
@@ -13,23 +13,23 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use web_time::Instant;
 
-/// How often the file that is open is looked at.
+/// Polling interval of the open file.
 const FILE_POLL_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The file that is open, and when it was changed last.
+/// The open file and its last modification time.
 pub(crate) struct WatchedFile {
     file: PathBuf,
     at: Option<SystemTime>,
     looked: Instant,
 }
 
-/// When a file was changed last; none in a browser.
+/// Returns the modification time of a file; none in a browser.
 fn changed(file: &Path) -> Option<SystemTime> {
     std::fs::metadata(file).and_then(|m| m.modified()).ok()
 }
 
 impl App {
-    /// Where what dialogs were closed with is sent to.
+    /// Returns the sender for dialog results.
     pub(crate) fn dialog_sender(&self, context: &egui::Context) -> DialogSender {
         DialogSender {
             send: self.chosen.0.clone(),
@@ -45,7 +45,7 @@ impl App {
         }
     }
 
-    /// Opens a file, shown by a preset of colours where its scene says nothing else.
+    /// Opens a file, with a default colour preset if its scene sets none.
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn open_as(&mut self, file: &Path, transfer: Option<&str>, context: &egui::Context) {
         let opened = Document::open(file).and_then(|mut document| {
@@ -62,7 +62,7 @@ impl App {
         }
     }
 
-    /// Opens what ships with the viewer.
+    /// Opens a bundled example.
     pub(crate) fn open_example(&mut self, example: &Example, context: &egui::Context) {
         match example.open() {
             Ok(document) => self.begin(document, context),
@@ -78,19 +78,19 @@ impl App {
         }
     }
 
-    /// Drops what is being opened or read.
+    /// Cancels opening or importing.
     pub(crate) fn cancel_loading(&mut self) {
         if self.loading.is_none() && self.taking.take().is_some() {
             return self.set_status("it was left out".into());
         }
         if let Some(loading) = self.loading.take() {
-            // Its thread ends soon, wherever it is.
+            // Its thread stops at its next progress report.
             self.set_status(format!("{} was not opened", loading.name));
         }
     }
 
-    /// Makes the body anew from its scene, at rest, with a finger of `radius`, or the one it has.
-    /// Where that cannot be, the scene becomes again what it was `before`.
+    /// Rebuilds the body from its scene, at rest, with a finger of `radius`, or the current one. On
+    /// an error, the scene is restored to `before`.
     pub(crate) fn rebuild_body(
         &mut self,
         radius: Option<f64>,
@@ -100,7 +100,7 @@ impl App {
         let (Some(document), Some(show)) = (&self.document, &self.show) else {
             return;
         };
-        // What is being opened goes first.
+        // Opening another document has priority.
         if self.loading.as_ref().is_some_and(Loading::opens) {
             return;
         }
@@ -115,9 +115,9 @@ impl App {
         }
     }
 
-    /// Takes over a body that is ready.
+    /// Installs a body that is ready.
     pub(crate) fn install_body(&mut self, context: &egui::Context) {
-        // How it is seen depends on how large the picture is, which the first frames find out.
+        // The view depends on the picture size, which is known after the first frames.
         if self.loading.is_some() && !self.settled {
             context.request_repaint();
             return;
@@ -130,7 +130,7 @@ impl App {
         };
         let mut show = match made {
             Ok(show) => show,
-            // What was open before still is.
+            // The previous document stays open.
             Err(why) => {
                 if let (Some(before), Some(document)) = (loading.before, &self.document)
                     && document.text() == loading.text
@@ -155,7 +155,7 @@ impl App {
                     at: changed(file),
                     looked: Instant::now(),
                 });
-                // Who has found a view of it keeps that.
+                // Keep the user's view.
                 if !again {
                     self.see(&mut show);
                 }
@@ -165,7 +165,7 @@ impl App {
                 self.document = Some(document);
                 self.opened += 1;
             }
-            // What was chosen of how time goes by stays, and what was edited since it began.
+            // Keep the playback settings and later edits.
             (None, Some(old), Some(document)) => {
                 show.speed = old.speed;
                 show.playing = old.playing || old.failed;
@@ -186,11 +186,11 @@ impl App {
         self.show = Some(show);
     }
 
-    /// Looks at a body as its scene has it.
+    /// Sets the view of the scene.
     fn see(&mut self, show: &mut BodySession) {
         let camera = *show.stage_mut().camera_mut();
         self.orbit = Orbit::of(&camera, show.diagonal());
-        // All that a wider picture would show.
+        // Fit a view of a different aspect ratio.
         if let Some(area) = self.area {
             let wide = |[w, h]: [u32; 2]| f64::from(w) / f64::from(h.max(1));
             let wanted = wide(show.stage().size());
@@ -198,7 +198,7 @@ impl App {
         }
     }
 
-    /// Takes over what dialogs were closed with, and what was dropped onto the window.
+    /// Handles dialog results and dropped files.
     pub(crate) fn take_files(&mut self, context: &egui::Context) {
         let dropped = context.input(|i| i.raw.dropped_files.clone());
         if !dropped.is_empty() {
@@ -220,7 +220,7 @@ impl App {
         }
     }
 
-    /// Opens the file anew that is open and has changed, unless its scene was edited here.
+    /// Reloads the open file if it has changed, unless its scene was edited here.
     pub(crate) fn watch(&mut self, context: &egui::Context) {
         let Some(watched) = &mut self.watched else {
             return;
@@ -234,7 +234,7 @@ impl App {
         if now.is_none() || now == watched.at {
             return;
         }
-        // It is looked at once, whatever comes of it.
+        // Only one attempt per change, even if it fails.
         watched.at = now;
         let file = watched.file.clone();
         match self.document.as_ref().is_some_and(|d| d.can_undo_redo()[0]) {
@@ -246,7 +246,7 @@ impl App {
         }
     }
 
-    /// It is no news that what is open was saved.
+    /// Ignores changes up to now, after saving the open file.
     pub(crate) fn watch_from_now(&mut self) {
         if let Some(watched) = &mut self.watched {
             watched.at = changed(&watched.file);

@@ -1,4 +1,4 @@
-//! Where to open from and save to: a path that is typed, or chosen in the system's dialog.
+//! Prompt for a path to open or save: typed, or chosen in the system's dialog.
 
 use crate::app::App;
 use crate::panel::ImportKind;
@@ -6,24 +6,24 @@ use crate::platform::{self, SaveDialog};
 use eframe::egui::{self, Key};
 use std::path::{Path, PathBuf};
 
-/// What can be saved.
+/// What to save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SaveKind {
     /// The picture.
     Picture,
-    /// The scene with its view.
+    /// The scene with its camera.
     Scene,
-    /// The body as it stands.
+    /// The deformed body.
     Mesh,
-    /// What the last press measured.
+    /// The samples of the last press.
     Press,
-    /// What is done from now on.
+    /// A film from now on.
     #[cfg(not(target_arch = "wasm32"))]
     Film,
 }
 
 impl SaveKind {
-    /// Whether it has a size in pixels.
+    /// Whether the output has a size in pixels.
     fn has_size(self) -> bool {
         match self {
             SaveKind::Picture => true,
@@ -33,7 +33,7 @@ impl SaveKind {
         }
     }
 
-    /// What it is called, what its file is called after the body, and which endings it may have.
+    /// Returns the title, the suffix of the proposed file name, and the allowed extensions.
     fn named(self) -> (&'static str, &'static str, &'static [&'static str]) {
         match self {
             SaveKind::Picture => ("Save picture", ".png", &["png", "exr"]),
@@ -50,20 +50,20 @@ impl SaveKind {
     }
 }
 
-/// A path that is asked for.
+/// An open path prompt.
 pub(crate) struct PathPrompt {
-    /// What is to be saved there; opened where nothing is said.
+    /// What to save; `None` to open a file.
     what: Option<SaveKind>,
-    /// What the file that is not saved is for.
+    /// Purpose of the file to open.
     purpose: ImportKind,
-    /// As it is typed.
+    /// The typed path.
     pub path: String,
-    /// The file that may be replaced: who saves again where one is there already means it.
+    /// An existing file that may be overwritten: saving again confirms it.
     replaced: Option<PathBuf>,
 }
 
 impl PathPrompt {
-    /// Asks for a file.
+    /// Creates a prompt to open a file.
     pub fn of(purpose: ImportKind) -> PathPrompt {
         PathPrompt {
             what: None,
@@ -75,7 +75,7 @@ impl PathPrompt {
 }
 
 impl App {
-    /// Asks where to save something: beside what is open, where nothing else is said.
+    /// Prompts for a path to save to, by default beside the open document.
     pub(crate) fn prompt_save_path(&mut self, what: SaveKind) {
         let Some(document) = self.document.as_ref().filter(|_| self.show.is_some()) else {
             return;
@@ -93,7 +93,7 @@ impl App {
         });
     }
 
-    /// The window that asks for a path.
+    /// Draws the prompt.
     pub(crate) fn show_ask(&mut self, context: &egui::Context) {
         let Some(mut ask) = self.ask.take() else {
             return;
@@ -159,7 +159,7 @@ impl App {
         }
     }
 
-    /// Has the system's dialog ask for what is asked for.
+    /// Opens the system's dialog for the prompt.
     fn browse(&self, ask: &PathPrompt, context: &egui::Context) {
         let wish = self.dialog_sender(context);
         match ask.what.map(SaveKind::named) {

@@ -1,4 +1,4 @@
-//! The picture in the window, and what is drawn over it.
+//! The picture in the window, and its overlays.
 
 use crate::app::App;
 use crate::pointer_tool::{PointerGesture, Viewport};
@@ -10,7 +10,7 @@ use palpate::render::Camera;
 use std::time::Duration;
 
 impl App {
-    /// Shows all of the body.
+    /// Fits the view to the body.
     pub(crate) fn fit_view(&mut self) {
         if let (Some(show), Some(area)) = (&self.show, self.area) {
             let aspect = f64::from(area.size[0]) / f64::from(area.size[1].max(1));
@@ -18,7 +18,7 @@ impl App {
         }
     }
 
-    /// The picture, and what is drawn over it.
+    /// Draws the picture and its overlays.
     pub(crate) fn draw_viewport(&mut self, ui: &mut egui::Ui, frame: &eframe::Frame) {
         let rect = ui.available_rect_before_wrap();
         let scale = ui.ctx().pixels_per_point();
@@ -94,7 +94,7 @@ impl App {
             let font = egui::FontId::proportional(20.0);
             painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
         }
-        // Which way is which: the body's axes, or its sides where it is a patient's.
+        // Axes indicator: x, y, z, or the anatomical directions of a patient.
         let origin = area.rect.left_bottom() + egui::vec2(46.0, -46.0);
         let names = ["x", "y", "z"];
         let colours = [

@@ -1,4 +1,4 @@
-//! What the pointer does in the picture: it moves the view, or touches the body.
+//! Pointer interaction in the picture: camera motion and manipulation of the body.
 
 use crate::app::App;
 use crate::body_session::BodySession;
@@ -13,31 +13,31 @@ use palpate::render::{Camera, Pick, Ray};
 use std::time::Duration;
 use web_time::Instant;
 
-/// So long after the frame before, one of a body in touch waits for its step.
+/// Maximum time since the last frame that a frame waits for the running step during an interaction.
 const MAX_STEP_WAIT: Duration = Duration::from_millis(50);
 
-/// What the left button does.
+/// Tool of the left button.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PointerTool {
-    /// Goes round the body.
+    /// Orbits the body.
     #[default]
     Look,
-    /// Presses a finger in.
+    /// Presses with the finger.
     Press,
-    /// Takes hold and pulls.
+    /// Grabs and pulls.
     Grab,
     /// Cuts along a stroke.
     Cut,
-    /// Holds what it is drawn over.
+    /// Pins the nodes under the stroke.
     Pin,
-    /// Tells what is there.
+    /// Shows values at a point.
     Probe,
-    /// Measures from point to point.
+    /// Measures the distance between two points.
     Ruler,
 }
 
 impl PointerTool {
-    /// All of them: what they are called, the key that takes them, and what to do with them.
+    /// All tools: name, key and instructions.
     pub const ALL: [(PointerTool, &'static str, egui::Key, &'static str); 7] = [
         (
             PointerTool::Look,
@@ -84,42 +84,42 @@ impl PointerTool {
     ];
 }
 
-/// What the pointer is doing.
+/// The active pointer gesture.
 #[derive(Clone, Debug, Default)]
 pub enum PointerGesture {
     /// Nothing.
     #[default]
     Idle,
-    /// Moves the view.
+    /// Moves the camera.
     View(CameraMotion),
-    /// Presses, from where and how deep the wheel went, in file units.
+    /// Presses: start point and depth set by the wheel, in file units.
     Press(Pos2, f64),
-    /// Pulls, from where; file units a point of the interface.
+    /// Pulls: start point, and file units per interface point.
     Grab(Pos2, f64),
-    /// Cuts what is so far from the eye.
+    /// Cuts along a stroke from a point on the surface.
     Cut(Vec<Pos2>, DVec3),
-    /// Holds.
+    /// Pins nodes.
     Pin,
-    /// Measures.
+    /// Measures a distance.
     Ruler,
-    /// Moves or tilts the plane of this number by its handle.
+    /// Moves or tilts the plane of this index by its handle.
     Plane(usize, HandlePart),
 }
 
-/// How the view moves.
+/// Camera motions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CameraMotion {
-    /// Round the body.
+    /// Orbits the body.
     Orbit,
-    /// Across.
+    /// Pans.
     Pan,
-    /// Nearer.
+    /// Zooms.
     Zoom,
-    /// About the line of sight.
+    /// Rolls about the line of sight.
     Roll,
 }
 
-/// How a button moves the view.
+/// Returns the camera motion of a button.
 fn move_of(habit: MouseBindings, button: PointerButton, held: Modifiers) -> Option<CameraMotion> {
     Some(match (habit, button) {
         (MouseBindings::ParaView, PointerButton::Primary) if held.shift => CameraMotion::Roll,
@@ -136,26 +136,26 @@ fn move_of(habit: MouseBindings, button: PointerButton, held: Modifiers) -> Opti
 /// The picture within the window.
 #[derive(Clone, Copy, Debug)]
 pub struct Viewport {
-    /// Where it is, in points.
+    /// Rectangle in points.
     pub rect: Rect,
-    /// Its pixels.
+    /// Size in pixels.
     pub size: [u32; 2],
 }
 
 impl Viewport {
-    /// The pixel at a point of the interface.
+    /// Returns the pixel at a point of the interface.
     fn pixel(&self, at: Pos2) -> DVec2 {
         let share = (at - self.rect.min) / self.rect.size();
         DVec2::new(f64::from(share.x), f64::from(share.y))
             * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
     }
 
-    /// The ray through a point of the interface.
+    /// Returns the ray through a point of the interface.
     pub fn ray(&self, camera: &Camera, at: Pos2) -> Ray {
         camera.ray(self.pixel(at), self.size)
     }
 
-    /// Where a place is seen, if it is before the eye.
+    /// Projects a point, if it is in front of the eye.
     pub fn project(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
         let middle = camera.ray(0.5 * DVec2::from(self.size.map(f64::from)), self.size);
         let away = (place - middle.origin).dot(middle.direction);
@@ -181,7 +181,7 @@ impl Viewport {
 }
 
 impl App {
-    /// Does what the pointer does in the picture.
+    /// Handles pointer input in the picture.
     pub(crate) fn handle_pointer(&mut self, ui: &egui::Ui, response: &Response, area: Viewport) {
         let (held, scroll, zoom, turned) = ui.input(|i| {
             (
@@ -257,7 +257,7 @@ impl App {
         }
     }
 
-    /// What is seen at a point of the picture, and which way one looks there.
+    /// Picks the body at a point of the picture; also returns the viewing direction.
     fn picked(&mut self, at: Pos2, area: Viewport) -> Result<Option<(Pick, DVec3)>> {
         let (camera, pixel) = (self.orbit.camera(), area.pixel(at));
         let Some(show) = &mut self.show else {
@@ -268,7 +268,7 @@ impl App {
         Ok(pick.map(|pick| (pick, sight)))
     }
 
-    /// Begins to touch what is at a point of the picture; beside the body the view goes round.
+    /// Starts the tool's gesture at a point of the picture; outside the body the camera orbits.
     fn touch(&mut self, at: Pos2, area: Viewport) -> Result<()> {
         let Some((pick, sight)) = self.picked(at, area)? else {
             self.stroke = PointerGesture::View(CameraMotion::Orbit);
@@ -332,7 +332,7 @@ impl App {
         Ok(())
     }
 
-    /// Takes the finger out again.
+    /// Retracts the finger.
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn let_go_of_press(&mut self) {
         if let Some(show) = &mut self.show {
@@ -340,7 +340,7 @@ impl App {
         }
     }
 
-    /// Has a frame drawn.
+    /// Requests a frame.
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn repaint(&self) {
         self.context.request_repaint();
@@ -363,7 +363,7 @@ impl App {
         Some(self.frames.done + MAX_STEP_WAIT)
     }
 
-    /// Goes on with what was begun: the pointer is at a point, and moved by parts of the height.
+    /// Continues the gesture: `moved` is in fractions of the picture's height.
     fn draw_on(&mut self, at: Pos2, moved: DVec2, area: Viewport) -> Result<()> {
         if matches!(self.stroke, PointerGesture::View(_)) {
             self.frames.moved.get_or_insert_with(Instant::now);
@@ -417,7 +417,7 @@ impl App {
         Ok(())
     }
 
-    /// Ends what was begun.
+    /// Ends the gesture.
     pub(crate) fn end_gesture(&mut self) {
         let stroke = std::mem::take(&mut self.stroke);
         let result = match stroke {
@@ -434,7 +434,7 @@ impl App {
         self.show_error(result);
     }
 
-    /// Cuts along a stroke, as deep as is asked for from the surface that was seen where it began.
+    /// Cuts along a stroke, to the selected depth below the surface point where it began.
     fn cut(&mut self, way: &[Pos2], place: DVec3) -> Result<()> {
         let edits = self.edits();
         let (Some(area), Some(show)) = (self.area, &mut self.show) else {
@@ -459,7 +459,7 @@ impl App {
         Ok(())
     }
 
-    /// Says what is where a pick is.
+    /// Shows the values at a pick.
     fn probe(&mut self, pick: &Pick) {
         let Some(show) = &self.show else { return };
         let (stage, mesh) = (show.stage(), show.stage().mesh());
@@ -503,7 +503,7 @@ impl App {
     }
 }
 
-/// The stress in a tet in words; nothing where the body has none.
+/// Describes the stress in a tet; empty if the body has none.
 fn stress_there(show: &BodySession, tet: u32) -> String {
     let Some(motion) = show.stage().motion() else {
         return String::new();
@@ -521,7 +521,7 @@ fn stress_there(show: &BodySession, tet: u32) -> String {
     }
 }
 
-/// A stress with the unit that suits it.
+/// Formats a stress with a suitable unit.
 fn pascals(stress: f64) -> String {
     let (unit, name) = match stress.abs() {
         s if s >= 1e6 => (1e6, "MPa"),

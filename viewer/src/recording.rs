@@ -1,4 +1,4 @@
-//! Films of what is done in the window, as fast as it is done.
+//! Films of the window, recorded in real time.
 
 use crate::app::App;
 use eframe::egui;
@@ -9,26 +9,28 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, channel, sync_channel};
 use std::time::{Duration, Instant};
 
-/// Pictures a second.
+/// Pictures per second.
 const FPS: f64 = 12.0;
-/// Pictures that wait to be written; where there are more, the next stands for longer.
+/// Maximum number of pictures waiting to be written; beyond it, the next picture covers a longer
+/// time.
 const WAITING: usize = 8;
 
-/// A film that is being made.
+/// A film that is being recorded.
 pub(crate) struct Recording {
     file: PathBuf,
     size: [u32; 2],
     began: Instant,
-    /// Pictures of the film that were handed on.
+    /// Number of film pictures sent to the writer.
     handed: u64,
     pending: Option<PendingImage>,
-    /// To the thread that writes: each with how many pictures of the film it is. None once it ends.
+    /// Channel to the writer thread: each image with its number of film pictures. None once the
+    /// film ends.
     pictures: Option<SyncSender<(Image, u64)>>,
     ended: Receiver<Result<u64>>,
 }
 
 impl Recording {
-    /// Begins a film.
+    /// Starts a film.
     ///
     /// # Errors
     /// As [`Animation::create`].
@@ -38,7 +40,7 @@ impl Recording {
         let (end, ended) = channel();
         let context = context.clone();
         std::thread::spawn(move || {
-            // Who is gone waits for nothing.
+            // The receiver may be gone.
             let _ = end.send(write(film, &written));
             context.request_repaint();
         });
@@ -53,12 +55,12 @@ impl Recording {
         })
     }
 
-    /// How many pictures the film is to have by now.
+    /// Returns the number of pictures that the film should have by now.
     fn due(&self) -> u64 {
         (FPS * self.began.elapsed().as_secs_f64()) as u64 + 1
     }
 
-    /// Hands a picture on, for all that are due.
+    /// Sends a picture for all that are due.
     fn hand(&mut self, image: Image) {
         let count = self.due().saturating_sub(self.handed).max(1);
         let Some(pictures) = &self.pictures else {
@@ -67,13 +69,13 @@ impl Recording {
         match pictures.try_send((image, count)) {
             Ok(()) => self.handed += count,
             Err(TrySendError::Full(_)) => {}
-            // It says itself why it ended.
+            // The writer reports its error itself.
             Err(TrySendError::Disconnected(_)) => self.pictures = None,
         }
     }
 }
 
-/// Writes pictures until no more come. How many there are.
+/// Writes pictures until the channel closes. Returns their number.
 fn write(mut film: Animation, pictures: &Receiver<(Image, u64)>) -> Result<u64> {
     let mut all = 0;
     while let Ok((image, count)) = pictures.recv() {
@@ -87,7 +89,7 @@ fn write(mut film: Animation, pictures: &Receiver<(Image, u64)>) -> Result<u64> 
 }
 
 impl App {
-    /// Begins a film of what is seen from now on, in the size of saved pictures.
+    /// Starts a film of the view, in the size of saved pictures.
     ///
     /// # Errors
     /// As [`Animation::create`].
@@ -97,14 +99,14 @@ impl App {
         Ok(())
     }
 
-    /// For how long a film has been going on, s, where one is.
+    /// Returns the duration of the running film, s.
     pub(crate) fn films(&self) -> Option<f64> {
         let recording = self.recording.as_ref();
         let recording = recording.filter(|r| r.pictures.is_some());
         recording.map(|r| r.began.elapsed().as_secs_f64())
     }
 
-    /// Ends the film; it is there once what waits is written.
+    /// Ends the film; it is complete once the waiting pictures are written.
     pub(crate) fn end_film(&mut self) {
         if let Some(recording) = &mut self.recording {
             recording.pictures = None;
@@ -113,7 +115,7 @@ impl App {
         }
     }
 
-    /// Takes pictures of the film, and tells what became of it.
+    /// Captures pictures of the film, and reports its result.
     pub(crate) fn film(&mut self, context: &egui::Context) {
         let Some(mut recording) = self.recording.take() else {
             return;
@@ -174,7 +176,7 @@ mod tests {
         };
         recording.hand(picture(0.2));
         recording.began -= Duration::from_millis(500);
-        // One that took long stands for all that were due.
+        // A late picture covers all that were due.
         recording.hand(picture(0.8));
         let handed = recording.handed;
         assert!((6..=recording.due()).contains(&handed), "{handed}");

@@ -1,4 +1,4 @@
-//! What is saved: pictures, the scene, the body, the numbers of a press.
+//! Saving of pictures, the scene, the body and press measurements.
 
 use crate::app::App;
 use crate::document::Document;
@@ -12,17 +12,17 @@ use std::path::{Path, PathBuf};
 
 /// A picture that is being saved.
 pub(crate) enum PendingScreenshot {
-    /// On its way from the device.
+    /// Being rendered and read back.
     Asked(PendingImage, Box<PictureWriter>, PathBuf),
-    /// On its way into a file.
+    /// Being written to a file.
     Written(BackgroundTask<PathBuf>),
 }
 
 impl App {
-    /// Saves, where a dialog said.
+    /// Saves to the selected path.
     ///
     /// # Errors
-    /// What drawing or writing gives.
+    /// An error if rendering or writing fails.
     pub(crate) fn save(
         &mut self,
         what: SaveKind,
@@ -36,7 +36,7 @@ impl App {
         match what {
             #[cfg(not(target_arch = "wasm32"))]
             SaveKind::Film => return self.begin_film(file, context),
-            // A browser cannot wait for it, and a window does not where it can do without.
+            // Asynchronous: required in a browser, and avoids blocking a window.
             SaveKind::Picture if cfg!(target_arch = "wasm32") || in_eight_bits(document, file) => {
                 let (pending, writer) = self.ask_picture(self.picture)?;
                 self.saved_picture = Some(PendingScreenshot::Asked(
@@ -67,7 +67,7 @@ impl App {
                 });
                 let text = document.text_with_view(folder, &camera, self.picture, frame);
                 write(&file, text.as_bytes())?;
-                // What an example reads lies in no place that lasts.
+                // The bundled files of an example are in a temporary folder.
                 for (name, bytes) in document.bundled_files {
                     let beside = folder.join(name);
                     if !io::exists(&beside) {
@@ -90,10 +90,10 @@ impl App {
         self.saved(file)
     }
 
-    /// Asks for the picture, so many pixels large, and what saves it.
+    /// Requests a picture of `size` pixels; returns it with its writer.
     ///
     /// # Errors
-    /// Where nothing is open; what drawing gives.
+    /// An error if nothing is open or rendering fails.
     pub(crate) fn ask_picture(&mut self, size: [u32; 2]) -> Result<(PendingImage, PictureWriter)> {
         let camera = self.orbit.camera();
         let show = self.show.as_mut().ok_or_else(nothing_open)?;
@@ -108,7 +108,7 @@ impl App {
         Ok(())
     }
 
-    /// Goes on with a picture that is being saved.
+    /// Advances a picture that is being saved.
     ///
     /// # Errors
     /// As [`App::save`].
@@ -147,7 +147,7 @@ fn in_eight_bits(document: &Document, file: &Path) -> bool {
         && bits.is_ok_and(|bits| bits.is_none_or(|bits| bits == 8))
 }
 
-/// Why nothing can be saved.
+/// Returns the error for saving without an open document.
 fn nothing_open() -> Error {
     Error::Input("nothing is open yet".into())
 }

@@ -1,4 +1,4 @@
-//! The picture within the window: a texture that the interface shows, coarser while something moves.
+//! The picture within the window: a texture rendered at lower resolution while something moves.
 
 use crate::blit::{Blit, PresentCallback};
 use crate::body_session::BodySession;
@@ -11,14 +11,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use web_time::Instant;
 
-/// A picture is to be there within this time while something moves.
+/// Maximum rendering time of a picture during motion, s.
 const FRAME_BUDGET: f64 = 0.03;
-/// Pixels each way of a picture that moves, over those of the window: from fine to coarse.
+/// Resolution per axis relative to the window, during motion: from fine to coarse.
 const RESOLUTION_SCALES: [f64; 4] = [1.0, 0.8, 0.64, 0.5];
-/// For so long nothing has moved when it is drawn at full resolution.
+/// Time without motion before the picture is rendered at full resolution.
 const IDLE_DELAY: Duration = Duration::from_millis(120);
 
-/// What a picture shows.
+/// State that a picture shows.
 #[derive(Clone, Copy, PartialEq)]
 struct DrawnState {
     version: u64,
@@ -27,22 +27,22 @@ struct DrawnState {
     size: [u32; 2],
 }
 
-/// The texture that pictures are drawn into.
+/// The render target of pictures.
 #[derive(Default)]
 pub struct Screen {
     texture: Option<Texture>,
     blit: Option<Blit>,
     shown: Option<DrawnState>,
     moved: Option<Instant>,
-    /// Which of the shares is drawn while something moves.
+    /// Index of the resolution scale used during motion.
     coarse: usize,
-    /// The last picture that was sent: when, how many pixels; and how long a million of them took.
+    /// The last submitted picture: time and pixels, and the measured time per million pixels.
     sent: Arc<Mutex<SubmittedFrame>>,
-    /// Pictures that were drawn.
+    /// Number of pictures rendered.
     pub pictures: u64,
 }
 
-/// A texture, to draw into and to show.
+/// A texture, to render into and to display.
 struct Texture {
     view: wgpu::TextureView,
     shown: wgpu::BindGroup,
@@ -55,8 +55,8 @@ struct SubmittedFrame {
 }
 
 impl Screen {
-    /// Draws what `show` shows to `camera`, `size` pixels large, if it is another than before.
-    /// Whether it will be drawn finer.
+    /// Renders `show` from `camera` with `size` pixels, if anything changed. Returns whether a
+    /// refinement is pending.
     ///
     /// # Errors
     /// As [`BodySession::record`].
@@ -116,12 +116,12 @@ impl Screen {
         Ok(next != full)
     }
 
-    /// Has the next picture drawn, whatever it shows.
+    /// Forces the next picture to be rendered.
     pub fn invalidate(&mut self) {
         self.shown = None;
     }
 
-    /// Notes that a picture was sent, and when it is done.
+    /// Records the submission of a picture, and its completion time.
     fn note(&self, state: &RenderState, now: Instant, size: [u32; 2]) {
         let millions = 1e-6 * f64::from(size[0]) * f64::from(size[1]);
         let sent = self.sent.clone();
@@ -136,7 +136,7 @@ impl Screen {
         });
     }
 
-    /// Takes the finest of the shares whose picture is there soon.
+    /// Selects the finest resolution scale within the frame budget.
     fn choose(&mut self, [width, height]: [u32; 2]) {
         let Some(seconds) = lock(&self.sent).seconds_a_million else {
             self.coarse = RESOLUTION_SCALES.len() - 1;
@@ -148,14 +148,14 @@ impl Screen {
             .iter()
             .position(soon)
             .unwrap_or(RESOLUTION_SCALES.len() - 1);
-        // Not to and fro: finer only where there is time to spare.
+        // Hysteresis: refine only if there is time to spare.
         let spare = seconds * pixels * RESOLUTION_SCALES[best].powi(2) <= 0.7 * FRAME_BUDGET;
         if best > self.coarse || spare {
             self.coarse = best;
         }
     }
 
-    /// The texture of this size.
+    /// Returns the texture of this size.
     fn target(&mut self, state: &RenderState, size: [u32; 2]) -> wgpu::TextureView {
         if let Some(Texture { view, .. }) = &self.texture
             && [view.texture().width(), view.texture().height()] == size

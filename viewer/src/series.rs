@@ -1,4 +1,4 @@
-//! A recorded series: its frames, and how they go by.
+//! Recorded series: frames and playback.
 
 use crate::body_session::BodySession;
 use crate::loading::BackgroundTask;
@@ -13,11 +13,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Bytes of frames that are kept; those beyond are read again when they are shown.
+/// Maximum bytes of cached frames; others are read again when they are shown.
 const CACHE_BYTES: usize = 1 << 30;
-/// Frames a second of a series whose times say nothing.
+/// Frames per second of a series without valid times.
 const FPS: f64 = 12.0;
-/// No more time goes by between two looks.
+/// Maximum time step of playback, s.
 const MAX_FRAME_INTERVAL: f64 = 0.5;
 
 /// A frame of a series.
@@ -26,9 +26,9 @@ pub struct Frame {
     fields: Vec<Field>,
 }
 
-/// What is known of a frame.
+/// Metadata of a frame.
 struct Entry {
-    /// Since the first one, s.
+    /// Time since the first frame, s.
     time: f64,
     file: PathBuf,
     kept: Option<Arc<Frame>>,
@@ -37,16 +37,16 @@ struct Entry {
 /// A recorded series of one mesh.
 pub struct Series {
     entries: Vec<Entry>,
-    /// Of every field, by its name: what it is in any frame, of vectors their length.
+    /// Range over all frames of each field, by name; of vectors the length.
     ranges: BTreeMap<String, (f64, f64)>,
-    /// All that any frame lies in.
+    /// Bounds over all frames.
     bounds: (DVec3, DVec3),
-    /// The first frame's time, s; none where times say nothing.
+    /// Time of the first frame, s; none without valid times.
     began: Option<f64>,
 }
 
 impl Series {
-    /// Reads all frames of a `.pvd`, telling how many; and the mesh of the first.
+    /// Reads all frames of a `.pvd`, reporting progress, and the mesh of the first.
     ///
     /// # Errors
     /// What reading gives; [`Error::Format`] for a series without frames, or whose frames are not of one
@@ -99,7 +99,7 @@ impl Series {
         Ok((series, mesh.unwrap_or_default()))
     }
 
-    /// Widens what is known of a field.
+    /// Extends the range of a field.
     fn note(&mut self, field: &Field) {
         let lengths = field.values.chunks_exact(field.components.max(1));
         let lengths = lengths.map(|tuple| match tuple {
@@ -113,23 +113,23 @@ impl Series {
             .fold(*known, |(a, b), x| (a.min(x), b.max(x)));
     }
 
-    /// How many frames there are.
+    /// Returns the number of frames.
     pub fn count(&self) -> usize {
         self.entries.len()
     }
 
-    /// When a frame is, s.
+    /// Returns the time of a frame, s.
     pub fn time(&self, frame: usize) -> f64 {
         let time = self.entries.get(frame).map_or(0.0, |e| e.time);
         time + self.began.unwrap_or(0.0)
     }
 
-    /// The file of a frame.
+    /// Returns the file of a frame.
     pub fn file(&self, frame: usize) -> Option<&Path> {
         self.entries.get(frame).map(|e| e.file.as_path())
     }
 
-    /// What a field is in any frame.
+    /// Returns the range of a field over all frames.
     pub fn range(&self, field: &str) -> Option<(f64, f64)> {
         self.ranges
             .get(field)
@@ -137,14 +137,14 @@ impl Series {
             .filter(|(low, high)| low < high)
     }
 
-    /// The last frame that has begun so long after the first, s.
+    /// Returns the last frame at or before `time` seconds after the first.
     fn at(&self, time: f64) -> usize {
         let begun = self.entries.partition_point(|e| e.time <= time);
         begun.saturating_sub(1)
     }
 }
 
-/// Refuses a frame of another mesh.
+/// Returns an error for a frame of another mesh.
 fn check_same(mesh: &TetMesh, frame: &TetMesh, file: &Path) -> Result<()> {
     if frame.tets == mesh.tets && frame.nodes.len() == mesh.nodes.len() {
         return Ok(());
@@ -175,16 +175,16 @@ impl Frame {
     }
 }
 
-/// A series that is shown.
+/// Playback state of a series.
 pub struct Player {
     series: Arc<Series>,
-    /// The frame that is shown, and the one that is to be.
+    /// The displayed frame, and the requested one.
     shown: usize,
     wanted: usize,
-    /// Since the first frame, s.
+    /// Time since the first frame, s.
     clock: f64,
     reading: Option<(usize, BackgroundTask<Frame>)>,
-    /// What is woken by a frame that was read.
+    /// Interface to repaint when a frame has been read.
     context: egui::Context,
 }
 
@@ -200,51 +200,51 @@ impl Player {
         }
     }
 
-    /// The series.
+    /// Returns the series.
     pub fn series(&self) -> &Arc<Series> {
         &self.series
     }
 
-    /// The frame that is shown.
+    /// Returns the displayed frame.
     pub fn shown(&self) -> usize {
         self.shown
     }
 
-    /// The frame that is to be shown.
+    /// Returns the requested frame.
     pub fn wanted(&self) -> usize {
         self.wanted
     }
 
-    /// Shows a frame next, the last where there are not so many.
+    /// Requests a frame, clamped to the last one.
     pub fn seek(&mut self, frame: usize) {
         self.wanted = frame.min(self.series.count() - 1);
         self.clock = self.series.entries[self.wanted].time;
     }
 
-    /// Whether no frame follows.
+    /// Whether the requested frame is the last.
     pub fn at_end(&self) -> bool {
         self.wanted + 1 == self.series.count()
     }
 
-    /// Has the interface woken by frames that were read.
+    /// Sets the interface to repaint when a frame has been read.
     pub(crate) fn wake(&mut self, context: &egui::Context) {
         self.context = context.clone();
     }
 
-    /// Has time go by, s; whether any is left.
+    /// Advances playback by seconds. Returns whether frames remain.
     fn pass(&mut self, seconds: f64) -> bool {
         self.clock += seconds.min(MAX_FRAME_INTERVAL);
         self.wanted = self.series.at(self.clock);
         !self.at_end()
     }
 
-    /// The time until the next frame, s.
+    /// Returns the time until the next frame, s.
     fn until_next(&self) -> Option<f64> {
         let next = self.series.entries.get(self.wanted + 1)?;
         Some((next.time - self.clock).max(0.0))
     }
 
-    /// The frame that is to be shown, once it is there and another is shown.
+    /// Returns the requested frame once it is loaded, if it is not displayed yet.
     fn next(&mut self) -> Result<Option<(usize, Arc<Frame>)>> {
         if let Some((frame, work)) = &self.reading
             && let Some(read) = work.try_take()
@@ -280,7 +280,7 @@ impl Player {
 }
 
 impl BodySession {
-    /// The first frame of a series whose mesh is `mesh`.
+    /// Creates the session of the first frame of a series whose mesh is `mesh`.
     ///
     /// # Errors
     /// As [`Stage::with_mesh`](palpate::scene::Stage::with_mesh).
@@ -303,7 +303,7 @@ impl BodySession {
         Ok(show)
     }
 
-    /// The scene with the range of what is shown over the whole series, where it says none.
+    /// Returns the scene with the scalar range of the whole series, if it sets none.
     pub(crate) fn with_series_range(&self, scene: &Scene) -> Option<Scene> {
         let series = &self.player.as_ref()?.series;
         let field = self.stage().scalar_field();
@@ -318,7 +318,7 @@ impl BodySession {
         Some(scene)
     }
 
-    /// Shows what the series has come to, `seconds` after the last look.
+    /// Advances the series by `seconds` and shows the current frame.
     pub(crate) fn play_series(&mut self, seconds: f64) {
         let (playing, seconds) = (self.playing, self.speed * seconds);
         let Some(player) = &mut self.player else {
@@ -355,7 +355,7 @@ impl BodySession {
         }
     }
 
-    /// When the series is to be looked at again, where nothing calls before.
+    /// Returns when to poll the series, if no callback comes first.
     pub(crate) fn next_frame(&self) -> Option<Duration> {
         let player = self.player.as_ref()?;
         if player.reading.is_some() {
@@ -381,7 +381,7 @@ mod tests {
     use palpate::mesh::generate::bar_of_about;
     use std::time::Instant;
 
-    /// A bar that goes up, and whose nodes have another number in each frame.
+    /// Records a bar that moves upwards, with different nodal values in each frame.
     fn recorded(folder: &Path) -> (PathBuf, TetMesh) {
         let mesh = bar_of_about(100, DVec3::new(0.12, 0.06, 0.06)).unwrap();
         let mut series = PvdSeries::create(folder, "bar").unwrap();
@@ -415,7 +415,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (file, mesh) = recorded(folder.path());
         let gpu = Gpu::new().unwrap();
-        // With all frames in memory, and with none.
+        // With all frames cached, and with none.
         for most in [CACHE_BYTES, 0] {
             let (series, first) = Series::read_keeping(&file, most, &palpate::no_progress).unwrap();
             assert_eq!(series.count(), 4);

@@ -1,13 +1,13 @@
-//! What is remembered from one time to the next.
+//! Persistent settings.
 
 use crate::platform;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Files that are remembered.
+/// Maximum number of recent files.
 const RECENT: usize = 10;
 
-/// Which buttons of the mouse do what.
+/// Mouse button bindings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MouseBindings {
     /// As ParaView has it: left goes round, middle moves, right comes nearer; with Shift left rolls.
@@ -18,7 +18,7 @@ pub enum MouseBindings {
     Slicer,
 }
 
-/// Whether the interface is dark or light.
+/// Theme of the interface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(missing_docs)]
 pub enum Theme {
@@ -28,20 +28,20 @@ pub enum Theme {
     Light,
 }
 
-/// What is remembered.
+/// Persistent settings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Settings {
-    /// Which buttons of the mouse do what.
+    /// Mouse button bindings.
     #[serde(rename = "habit")]
     pub mouse_bindings: MouseBindings,
-    /// Dark or light.
+    /// Theme.
     pub theme: Theme,
-    /// Files that were opened, the last one first.
+    /// Recent files, the latest first.
     pub recent: Vec<PathBuf>,
 }
 
 impl Settings {
-    /// Those that were written last. What of them makes no sense is as usual, and the rest is kept.
+    /// Reads the stored settings. Invalid values become defaults; the others are kept.
     pub fn read() -> Settings {
         Settings::of(&platform::stored_settings().unwrap_or_default())
     }
@@ -56,14 +56,14 @@ impl Settings {
         settings
     }
 
-    /// Writes them.
+    /// Stores them.
     pub fn write(&self) {
         if let Ok(text) = serde_json::to_string_pretty(self) {
             platform::store_settings(&text);
         }
     }
 
-    /// Puts a file that was opened first.
+    /// Adds an opened file as the most recent.
     pub fn opened(&mut self, file: &Path) {
         self.note(file);
         self.write();
@@ -98,7 +98,7 @@ mod tests {
             (old.theme, old.mouse_bindings),
             (Theme::Light, MouseBindings::ParaView)
         );
-        // One word that is not known takes nothing else away.
+        // An unknown value does not affect the others.
         let newer = Settings::of(r#"{"theme": "Sepia", "habit": "Slicer", "recent": ["a"]}"#);
         assert_eq!(
             (newer.theme, newer.mouse_bindings),

@@ -1,29 +1,29 @@
-//! The interface around the picture, kept as an image: only what has changed is drawn again. On a
-//! software driver the panels take longer to draw than the body does.
+//! Caches the interface around the picture as an image and redraws only changed parts. On a
+//! software driver the panels take longer to draw than the body.
 
 use crate::blit::{Blit, ImageBorders};
 use eframe::egui::epaint::ClippedShape;
 use eframe::egui::{self, Pos2, Rect};
 use eframe::egui_wgpu::{RenderState, ScreenDescriptor};
 
-/// Frames for which letters that are new are on their way to the device.
+/// Number of frames until new glyphs are uploaded.
 const FONT_UPLOAD_FRAMES: u32 = 3;
-/// What is drawn may reach so far beyond its bounds, in points: smooth edges.
+/// Margin of shapes beyond their bounds, in points, for antialiasing.
 const ANTIALIAS_MARGIN: f32 = 1.5;
 
-/// The interface around the picture.
+/// Cache of the interface around the picture.
 pub(crate) struct UiCache {
     state: RenderState,
-    /// Where the picture is; none where it is not known.
+    /// Rectangle of the picture, if known.
     pub picture: Option<Rect>,
     blit: Blit,
-    /// What was drawn last, above, below, left and right of the picture.
+    /// The cached image of the areas above, below, left and right of the picture.
     drawn: Option<CachedUiImage>,
-    /// Frames left for which nothing is kept.
+    /// Remaining frames without caching.
     fresh: u32,
 }
 
-/// An image of the interface, and what it shows.
+/// A cached image of the interface, and its shapes.
 struct CachedUiImage {
     view: wgpu::TextureView,
     shown: wgpu::BindGroup,
@@ -33,7 +33,7 @@ struct CachedUiImage {
 }
 
 impl UiCache {
-    /// For what the interface is drawn into.
+    /// Creates the cache for the interface's render target.
     pub fn new(state: &RenderState) -> UiCache {
         UiCache {
             blit: Blit::exact(state),
@@ -44,7 +44,7 @@ impl UiCache {
         }
     }
 
-    /// Brings the image of the sides up to date.
+    /// Updates the cached image.
     fn draw(
         &mut self,
         context: &egui::Context,
@@ -159,7 +159,7 @@ impl egui::Plugin for UiCache {
         };
         self.fresh = match output.textures_delta.is_empty() {
             true => self.fresh.saturating_sub(1),
-            // What was drawn may show letters that have moved to other places of their texture.
+            // Cached glyphs may have moved in the font texture.
             false => FONT_UPLOAD_FRAMES,
         };
         if self.fresh > 0 {
@@ -189,7 +189,7 @@ impl egui::Plugin for UiCache {
     }
 }
 
-/// What is above, below, left and right of a picture on a screen.
+/// Returns the areas above, below, left and right of a picture on a screen.
 fn around(screen: Rect, picture: Rect) -> [Rect; 4] {
     let across = |left: f32, right: f32| {
         let corner = |x: f32, y: f32| Pos2::new(x, y);
@@ -236,13 +236,13 @@ fn parted(
     (kept, over)
 }
 
-/// What of a shape can be seen.
+/// Returns the visible bounds of a shape.
 fn bounds(shape: &ClippedShape) -> Rect {
     let own = shape.shape.visual_bounding_rect();
     (shape.transform_after_tessellation * own).intersect(shape.clip_rect)
 }
 
-/// Where two lists of shapes differ.
+/// Returns the area in which two lists of shapes differ.
 fn changed(before: &[ClippedShape], now: &[ClippedShape]) -> Rect {
     let same = |(a, b): &(&ClippedShape, &ClippedShape)| a == b;
     let first = before.iter().zip(now).take_while(same).count();
@@ -256,13 +256,13 @@ fn changed(before: &[ClippedShape], now: &[ClippedShape]) -> Rect {
     all.expand(ANTIALIAS_MARGIN)
 }
 
-/// The pixels that a rectangle touches, in points.
+/// Returns the rectangle rounded outwards to whole pixels, in points.
 fn whole_pixels(rect: Rect, scale: f32) -> Rect {
     let [low, high] = [rect.min * scale, rect.max * scale];
     Rect::from_min_max(low.floor() / scale, high.ceil() / scale)
 }
 
-/// A rectangle whose sides are those of pixels, in points.
+/// Returns the rectangle rounded to the nearest pixels, in points.
 fn nearest_pixels(rect: Rect, scale: f32) -> Rect {
     let [low, high] = [rect.min * scale, rect.max * scale];
     Rect::from_min_max(low.round() / scale, high.round() / scale)

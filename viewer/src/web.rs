@@ -1,4 +1,4 @@
-//! The viewer in a page: what its JavaScript calls.
+//! JavaScript interface of the viewer in a web page.
 
 use crate::app::{App, InitialFile, Options, device};
 use crate::camera_control::Orbit;
@@ -14,9 +14,9 @@ use std::sync::Arc;
 use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::JsFuture;
 
-/// Between two looks at whether a picture has arrived, ms.
+/// Polling interval for pictures, ms.
 const POLL_INTERVAL_MS: i32 = 10;
-/// Where a picture lies until it is handed on.
+/// Virtual file name of a picture.
 const SCREENSHOT_NAME: &str = "picture.png";
 
 /// A viewer on a canvas.
@@ -31,9 +31,9 @@ struct View {
     eye: [f64; 3],
     look_at: [f64; 3],
     up: [f64; 3],
-    /// Degrees from the lowest to the highest ray; none where rays are parallel.
+    /// Vertical opening angle in degrees; none for an orthographic view.
     fov: Option<f64>,
-    /// Height of what is seen by parallel rays, in file units.
+    /// Height of an orthographic view, in file units.
     orthographic: Option<f64>,
 }
 
@@ -43,7 +43,7 @@ fn wrong(why: impl ToString) -> JsValue {
 
 #[wasm_bindgen]
 impl Viewer {
-    /// A viewer that is not shown yet.
+    /// Creates a viewer that is not shown yet.
     #[wasm_bindgen(constructor)]
     #[allow(clippy::new_without_default)]
     pub fn new() -> Viewer {
@@ -77,7 +77,7 @@ impl Viewer {
         };
         let tell = move |frame: &Frame| {
             if let Ok(text) = serde_json::to_string(frame) {
-                // What the page makes of it is its own matter.
+                // Exceptions in the page's callback are ignored.
                 let _ = told.call1(&JsValue::NULL, &text.into());
             }
         };
@@ -98,7 +98,7 @@ impl Viewer {
         done
     }
 
-    /// Puts a file ready that others name.
+    /// Stores a file in memory, for files that refer to it.
     pub fn put(&self, name: &str, bytes: Vec<u8>) {
         io::insert_file(name, bytes);
     }
@@ -106,7 +106,7 @@ impl Viewer {
     /// Opens a file that was put ready, shown by a preset of colours.
     ///
     /// # Errors
-    /// Where the viewer is not shown. What is wrong with the file is told by a frame.
+    /// An error if the viewer is not shown. What is wrong with the file is told by a frame.
     pub fn open(&self, name: &str, transfer: Option<String>) -> Result<(), JsValue> {
         self.with(|app| {
             let context = app.context.clone();
@@ -115,10 +115,10 @@ impl Viewer {
         })
     }
 
-    /// Says that something failed, in the status line.
+    /// Shows an error in the status line.
     ///
     /// # Errors
-    /// Where the viewer is not shown.
+    /// An error if the viewer is not shown.
     pub fn say(&self, why: String) -> Result<(), JsValue> {
         self.with(|app| {
             app.status = (why, true);
@@ -126,10 +126,10 @@ impl Viewer {
         })
     }
 
-    /// The camera, as JSON.
+    /// Returns the camera as JSON.
     ///
     /// # Errors
-    /// Where the viewer is not shown.
+    /// An error if the viewer is not shown.
     pub fn camera(&self) -> Result<String, JsValue> {
         let camera = self.with(|app| Ok(app.orbit.camera()))?;
         let [fov, orthographic] = match camera.projection {
@@ -146,10 +146,10 @@ impl Viewer {
         serde_json::to_string(&view).map_err(wrong)
     }
 
-    /// Looks by this camera, as JSON.
+    /// Sets the camera from JSON.
     ///
     /// # Errors
-    /// What makes no sense in it.
+    /// An error if it is invalid.
     pub fn set_camera(&self, json: &str) -> Result<(), JsValue> {
         let view: View = serde_json::from_str(json).map_err(wrong)?;
         let [eye, look_at, up] = [view.eye, view.look_at, view.up].map(DVec3::from);
@@ -174,10 +174,10 @@ impl Viewer {
         self.with(|app| app.press_at([x, y], depth))
     }
 
-    /// Takes the finger out again.
+    /// Retracts the finger.
     ///
     /// # Errors
-    /// Where the viewer is not shown.
+    /// An error if the viewer is not shown.
     pub fn release(&self) -> Result<(), JsValue> {
         self.with(|app| {
             app.let_go_of_press();
@@ -185,10 +185,10 @@ impl Viewer {
         })
     }
 
-    /// The picture, so many pixels large, as a PNG.
+    /// Returns the picture, `width` × `height` pixels, as a PNG.
     ///
     /// # Errors
-    /// What drawing it gives.
+    /// An error if rendering fails.
     pub async fn picture(&self, width: u32, height: u32) -> Result<Vec<u8>, JsValue> {
         let (mut pending, writer) = self.with(|app| app.ask_picture([width, height]))?;
         loop {
@@ -201,16 +201,16 @@ impl Viewer {
         }
     }
 
-    /// What is known of the last frame, as JSON.
+    /// Returns the log record of the last frame as JSON.
     ///
     /// # Errors
-    /// Where the viewer is not shown.
+    /// An error if the viewer is not shown.
     pub fn state(&self) -> Result<String, JsValue> {
         let frame = self.with(|app| Ok(app.frame(0.0)))?;
         serde_json::to_string(&frame).map_err(wrong)
     }
 
-    /// Ends it; the canvas is free.
+    /// Stops the viewer and frees the canvas.
     pub fn destroy(&self) {
         self.runner.destroy();
     }
@@ -261,7 +261,7 @@ fn tell_of_end(ended: js_sys::Function) {
     }));
 }
 
-/// Lets so many milliseconds pass.
+/// Waits for a number of milliseconds.
 pub(crate) async fn pause(milliseconds: i32) {
     let wait = js_sys::Promise::new(&mut |done, _| {
         if let Some(window) = web_sys::window() {

@@ -1,4 +1,4 @@
-//! The viewer in a window of the system.
+//! The viewer in a native window.
 
 use crate::app::{App, Options, device};
 use eframe::egui;
@@ -15,7 +15,8 @@ pub fn run(options: Options, size: [u32; 2]) -> std::result::Result<(), String> 
             .with_inner_size([width, height])
             .with_drag_and_drop(true),
         wgpu_options: device(),
-        // Noise against bands, of which an interface has none: it is drawn pixel by pixel.
+        // Dithering is for gradients, which the interface has none of; it would defeat pixel-exact
+        // copies.
         dithering: false,
         ..eframe::NativeOptions::default()
     };

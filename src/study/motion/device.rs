@@ -1,4 +1,4 @@
-//! The motions of a trial by the engine there is: run, timed, read back.
+//! Timed runs of the motions of a trial on the engine.
 
 use super::setting::MotionSetting;
 use super::trial::STOPS;
@@ -7,32 +7,32 @@ use crate::study::reference_motion::MotionState;
 use crate::{Error, FailureCause, Result};
 use std::time::Instant;
 
-/// A residual that is taken whatever it is.
+/// A residual limit that accepts every solve.
 const NO_RESIDUAL_LIMIT: f64 = 1e6;
 
-/// Runs of less than this many milliseconds are repeated, and the fastest counts.
+/// Runs shorter than this, in milliseconds, are repeated, and the fastest counts.
 const MIN_TIMED_MS: f64 = 100.0;
 
-/// What a motion came to that ran to its end, until it is compared.
+/// State of a motion that ran to its end but has not been compared yet.
 pub const ACCURATE: &str = "accurate";
 
-/// What became of a motion.
+/// Outcome of a motion.
 pub struct Outcome {
     /// [`ACCURATE`] until it is compared, or how it failed.
     pub state: &'static str,
     /// The states at the stops.
     pub states: Vec<MotionState>,
-    /// Milliseconds for all of it.
+    /// Wall time of the motion, ms.
     pub ms: f64,
-    /// Iterations a step.
+    /// Iterations per step.
     pub iterations: f64,
 }
 
-/// Moves the body of `simulator` from `start` in steps of `h` seconds, timed, after a step that
-/// makes everything ready. Of a grid body `start` is at rest.
+/// Moves the body of `simulator` from `start` in steps of `h` seconds and times it, after a warm-up
+/// step. For a grid body, `start` must be at rest.
 ///
 /// # Errors
-/// What the device refuses; a motion that fails is an outcome.
+/// An error if the device fails; a motion that fails is an outcome.
 pub fn on_engine(
     simulator: &mut dyn Simulator,
     start: &MotionState,
@@ -67,7 +67,7 @@ fn settings(setting: MotionSetting) -> CgSettings {
     }
 }
 
-/// The outcome of a run that failed, if it did.
+/// Returns the outcome of a failed run, if it failed.
 fn failure(result: Result<()>) -> Result<Option<Outcome>> {
     match result {
         Ok(()) => Ok(None),
@@ -84,7 +84,8 @@ fn failure(result: Result<()>) -> Result<Option<Outcome>> {
     }
 }
 
-/// Runs from stop to stop, reading the state at each outside of the time; short runs thrice.
+/// Runs from stop to stop, reading the state at each outside the timed part; short runs are run
+/// three times.
 fn timed(
     simulator: &mut dyn Simulator,
     reset: impl Fn(&mut dyn Simulator) -> Result<()>,

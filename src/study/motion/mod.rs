@@ -1,5 +1,5 @@
-//! `study motion`: the error of every solver, step and linear solve against float64 truth, told
-//! apart by where it comes from, over what it costs; orders of convergence; the model's own error.
+//! `study motion`: the error of every solver, step and linear solve against a float64 reference,
+//! split by its source, over its cost; orders of convergence; and the model error.
 
 mod device;
 mod model;
@@ -17,7 +17,7 @@ use setting::MotionSetting;
 use std::path::Path;
 use trial::{MotionTrial, STOPS};
 
-/// The columns of `motion.csv` that tell a point from the others.
+/// Columns of `motion.csv` that identify a point.
 const SETTINGS: [&str; 7] = [
     "scene",
     "stiffness",
@@ -28,7 +28,7 @@ const SETTINGS: [&str; 7] = [
     "cg_iterations",
 ];
 
-/// What is measured there.
+/// Columns of results.
 const RESULTS: [&str; 11] = [
     "state",
     "error",
@@ -43,10 +43,10 @@ const RESULTS: [&str; 11] = [
     "iterations_a_step",
 ];
 
-/// The most steps of one motion.
+/// Maximum number of steps of one motion.
 const MOST_STEPS: u32 = 20_000;
 
-/// Conjugate gradients to their end, to the default, and short of it.
+/// Conjugate gradient settings: converged, default, and stopped early.
 const SOLVES: [(f64, u32); 5] = [
     (1e-3, 2000),
     (1e-2, 2000),
@@ -55,11 +55,10 @@ const SOLVES: [(f64, u32); 5] = [
     (1e-7, 5),
 ];
 
-/// Runs the study, of the built-in scenes or of one of the user's.
+/// Runs the study on the built-in scenes or on the user's scene.
 ///
 /// # Errors
-/// A scene that cannot be read or studied, a folder that cannot be written, what the device
-/// refuses.
+/// An error if a scene cannot be read or studied, a folder cannot be written, or the device fails.
 pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     let mut trials = match scene {
         None => scenes::all(run.gpu, run.quick)?,
@@ -131,7 +130,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     )
 }
 
-/// The rows of a trial.
+/// Returns the rows of a trial.
 fn of(rows: &[Row], trial: &MotionTrial) -> Vec<Row> {
     let rows = rows.iter();
     rows.filter(|r| r.text("scene") == trial.name && r.number("stiffness") == trial.stiffness)
@@ -139,7 +138,7 @@ fn of(rows: &[Row], trial: &MotionTrial) -> Vec<Row> {
         .collect()
 }
 
-/// How the truth of each trial was come by.
+/// Reports how the reference of each trial was obtained.
 fn truths(run: &Run, trials: &mut [MotionTrial]) -> Result<Vec<Row>> {
     let points: Vec<Vec<Cell>> = trials
         .iter()
@@ -177,7 +176,7 @@ fn truths(run: &Run, trials: &mut [MotionTrial]) -> Result<Vec<Row>> {
     })
 }
 
-/// What is measured of a trial.
+/// Returns the settings to measure for a trial.
 fn settings(trial: &MotionTrial, quick: bool) -> Vec<MotionSetting> {
     let simple = trial.name == "falling" || trial.name == "spring";
     let kinds = trial.kinds();
@@ -194,7 +193,8 @@ fn settings(trial: &MotionTrial, quick: bool) -> Vec<MotionSetting> {
     for kind in kinds {
         let steps: Vec<u32> = match kind {
             kind if kind.is_implicit() => {
-                // Implicit Euler gets as near as those of second order do, where there are some.
+                // Implicit Euler is refined until it is as accurate as the second-order schemes, if
+                // there are any.
                 let beside = trial.kinds().contains(&SolverKind::Bdf2);
                 let halvings = match (quick, beside && kind == SolverKind::Implicit) {
                     (true, _) => 4,
@@ -204,7 +204,7 @@ fn settings(trial: &MotionTrial, quick: bool) -> Vec<MotionSetting> {
                 (0..halvings).map(|k| 2 << k).collect()
             }
             _ => {
-                // One step that is too long, then shorter and shorter ones.
+                // One step above the stability limit, then halved steps.
                 let first = (trial.fewest_stable(kind) / 2).max(1);
                 (0..if quick { 4 } else { 6 }).map(|k| first << k).collect()
             }
@@ -239,7 +239,7 @@ fn settings(trial: &MotionTrial, quick: bool) -> Vec<MotionSetting> {
     settings
 }
 
-/// Whether one solver alone can move it.
+/// Whether only one solver can move it.
 fn kinds_of_one(trial: &MotionTrial) -> bool {
     trial.kinds().len() == 1
 }
@@ -247,7 +247,7 @@ fn kinds_of_one(trial: &MotionTrial) -> bool {
 fn cells(trial: &MotionTrial, setting: MotionSetting) -> Vec<Cell> {
     let (tolerance, iterations) = match setting.cg {
         None => (Cell::from(""), Cell::from("")),
-        // Where the iterations decide, no residual does.
+        // No residual is listed if the iteration limit decides.
         Some((tolerance, most)) => (tolerance.into(), (most as usize).into()),
     };
     vec![
@@ -261,16 +261,16 @@ fn cells(trial: &MotionTrial, setting: MotionSetting) -> Vec<Cell> {
     ]
 }
 
-/// Whether a row's linear solves stop as they do by default, or it has none.
+/// Whether the linear solves of a row use the default stopping criteria, or it has none.
 fn by_default(row: &Row) -> bool {
     let default = CgSettings::default();
-    // Explicit schemes have none.
+    // Explicit schemes solve no linear systems.
     row.number("cg_iterations").is_nan()
         || row.number("cg_tolerance") == default.tolerance
             && row.number("cg_iterations") == f64::from(default.max_iterations)
 }
 
-/// A number with the digits that mean something.
+/// Rounds a number to its significant digits.
 fn rounded(value: f64) -> Cell {
     let text = format!("{value:.3e}");
     Cell::Number(text.parse().unwrap_or(value))

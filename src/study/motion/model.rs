@@ -1,5 +1,5 @@
-//! What the models of matter get wrong however well they are solved: a bar that bends under its
-//! weight, by springs, by finite elements on the same mesh, and by Timoshenko's beam.
+//! The discretisation error of the material models: a bar that bends under its weight, by springs
+//! and by finite elements on the same mesh, against Timoshenko beam theory.
 
 use crate::Result;
 use crate::mesh::generate::{self, Split};
@@ -7,7 +7,7 @@ use crate::study::static_equilibrium::{Cantilever, materials, poisson};
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use glam::DVec3;
 
-/// The bar of the physics peers.
+/// The bar of the comparison with other physics programs.
 const BEAM: Cantilever = Cantilever {
     length: 0.8,
     width: 0.2,
@@ -16,7 +16,7 @@ const BEAM: Cantilever = Cantilever {
     gravity: 9.81,
 };
 
-/// Cells along its length for one across.
+/// Ratio of the cells along its length to the cells across.
 const SLENDER: usize = 4;
 
 const SPLITS: [(&str, Split); 2] = [
@@ -24,7 +24,7 @@ const SPLITS: [(&str, Split); 2] = [
     ("six tets a cell", Split::Six),
 ];
 
-/// Measures, draws charts and returns what was found.
+/// Measures, draws charts and returns the findings.
 pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
     let cells: &[usize] = match run.quick {
         true => &[2, 4],
@@ -68,7 +68,7 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
     Ok((tell(&rows), charts))
 }
 
-/// The matters of `rows`, each once, in order.
+/// Returns the materials of `rows`, each once, in order.
 fn names(rows: &[Row]) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for name in rows.iter().map(|r| r.text("matter")) {

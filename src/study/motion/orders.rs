@@ -1,4 +1,4 @@
-//! How fast the schemes come to the truth as the step shrinks, in float64.
+//! Orders of convergence of the time integrators, in float64.
 
 use crate::gpu::Gpu;
 use crate::mesh::generate;
@@ -10,14 +10,14 @@ use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use crate::{Error, Result};
 use glam::DVec3;
 
-/// Seconds that the bar swings.
+/// Duration of the motion, s.
 const DURATION: f64 = 0.02;
-/// Spans between two comparisons.
+/// Number of intervals between comparisons.
 const STOPS: u32 = 4;
 /// Damping times, s.
 const DAMPED: [(&str, f64); 2] = [("undamped", 0.0), ("damped", 5e-4)];
 
-/// Measures, draws two charts and returns what was found.
+/// Measures, draws two charts and returns the findings.
 pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
     let mut points = Vec::new();
     for (name, _) in DAMPED {
@@ -76,9 +76,9 @@ fn h(steps: u32) -> f64 {
     DURATION / f64::from(STOPS) / f64::from(steps)
 }
 
-/// Steps between two stops.
+/// Returns the numbers of steps between two stops.
 fn ladder(kind: SolverKind, quick: bool) -> Vec<u32> {
-    // What an undamped explicit step adds to the fastest modes fades only with many steps.
+    // The error of undamped explicit steps in the fastest modes vanishes only with many steps.
     let first = match kind {
         SolverKind::Explicit => 512,
         _ => 32,
@@ -87,7 +87,7 @@ fn ladder(kind: SolverKind, quick: bool) -> Vec<u32> {
     (0..count).map(|k| first << k).collect()
 }
 
-/// Errors over steps.
+/// Returns the points (step, error).
 fn places(rows: &[Row], name: &str, kind: SolverKind) -> Vec<[f64; 2]> {
     let rows = rows.iter();
     rows.filter(|r| r.text("motion") == name && r.text("solver") == kind.name())
@@ -95,17 +95,17 @@ fn places(rows: &[Row], name: &str, kind: SolverKind) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// The paper's bar, in float64, and how it swings.
+/// The paper's bar in float64, with its reference motion.
 struct Bar {
     simulator: CpuTets,
     start: MotionState,
     truth: Vec<MotionState>,
-    /// About how far it moves, over all stops and nodes, m.
+    /// Norm of the displacement over all stops and nodes, m.
     way: f64,
 }
 
 impl Bar {
-    /// Held at one end and given a turn.
+    /// Creates the bar, clamped at one end and twisted.
     fn new(gpu: &Gpu, damping_time: f64) -> Result<Bar> {
         let mesh = generate::paper_bar()?;
         let size = generate::PAPER_BAR_SIZE;

@@ -1,4 +1,4 @@
-//! Charts of errors against time, and what they say.
+//! Charts of error against time, and their description.
 
 use super::by_default;
 use super::device::ACCURATE;
@@ -10,12 +10,12 @@ use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
 const COST: &str = "ms_per_simulated_s";
 
-/// A name for files: the scene, and its stiffness where there are several.
+/// Returns the base of the file names: the scene and its stiffness.
 fn name(trial: &MotionTrial) -> String {
     format!("motion_{}_{}", trial.name, trial.stiffness)
 }
 
-/// The points that no other is both faster and better than, the fastest first.
+/// Returns the Pareto front of the points, the fastest first.
 pub fn pareto(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = points
         .iter()
@@ -36,13 +36,13 @@ fn place(row: &Row) -> [f64; 2] {
     [row.number(COST), row.number("error")]
 }
 
-/// Whether a series has any point to show.
+/// Whether a series has a finite point.
 fn seen(series: &Series) -> bool {
     let mut points = series.points.iter();
     points.any(|p| p.iter().all(|c| c.is_finite()))
 }
 
-/// Error against milliseconds of a simulated second. Returns the chart's name.
+/// Draws error against milliseconds per simulated second. Returns the chart's name.
 pub fn chart_error_over_time(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Result<String> {
     let of = |name: &str, default: bool| -> Vec<[f64; 2]> {
         let rows = rows.iter();
@@ -83,7 +83,7 @@ pub fn chart_error_over_time(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Re
     Ok(name)
 }
 
-/// Time, solver and f32 error against the step. Returns the chart's name.
+/// Draws time discretisation, solver and f32 errors against the step. Returns the chart's name.
 pub fn error_components(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Result<String> {
     let of = |kind: SolverKind, column: &str, keep: &dyn Fn(&Row) -> bool| -> Vec<[f64; 2]> {
         let rows = rows.iter();
@@ -127,7 +127,7 @@ pub fn error_components(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Result<
     Ok(chart)
 }
 
-/// A sentence or two on one trial.
+/// Describes one trial in a sentence or two.
 pub fn describe_trial(trial: &MotionTrial, rows: &[Row], truths: &[Row]) -> String {
     let mut text = format!("**{}, {} {}**", trial.name, trial.stiffness, trial.unit);
     if let Some(truth) = truths.first() {
@@ -173,7 +173,7 @@ fn solve(row: &Row) -> String {
     }
 }
 
-/// What all the points say together.
+/// Describes all points together.
 pub fn describe_all(rows: &[Row]) -> String {
     let sound = || {
         rows.iter()

@@ -1,4 +1,4 @@
-//! The bodies that the study of motion moves.
+//! Bodies and motions of the motion study.
 
 use super::trial::MotionTrial;
 use crate::gpu::Gpu;
@@ -18,10 +18,10 @@ use std::path::Path;
 /// Earth's gravity, m/s².
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// Seconds that most of them move for.
+/// Duration of most motions, s.
 const DURATION: f64 = 0.128;
 
-/// All of them, or those for a quick look.
+/// Returns all trials, or those of a quick run.
 pub fn all(gpu: &Gpu, quick: bool) -> Result<Vec<MotionTrial>> {
     let mut trials = vec![
         released(gpu, 3_000.0)?,
@@ -38,7 +38,7 @@ pub fn all(gpu: &Gpu, quick: bool) -> Result<Vec<MotionTrial>> {
     Ok(trials)
 }
 
-/// `mesh` made of `material`, held where `held` says, stepped by the engine there is.
+/// Creates a body of `mesh` and `material` on the available engine, pinned where `held` is true.
 fn body(
     gpu: &Gpu,
     mesh: TetMesh,
@@ -57,7 +57,7 @@ fn nodes_where(mesh: &TetMesh, wanted: impl Fn(DVec3) -> bool) -> Vec<u32> {
     nodes.filter(|n| wanted(*n.1)).map(|n| n.0).collect()
 }
 
-/// The paper's bar, one end held, let go under gravity; undamped.
+/// The paper's bar, clamped at one end and released under gravity; undamped.
 fn released(gpu: &Gpu, kappa: f64) -> Result<MotionTrial> {
     let mesh = generate::paper_bar()?;
     let mut body = body(gpu, mesh, &Material::uniform_springs(kappa, 0.0), |p| {
@@ -67,7 +67,7 @@ fn released(gpu: &Gpu, kappa: f64) -> Result<MotionTrial> {
     MotionTrial::of_network(gpu, "released", (kappa, "N/m"), DURATION, body, None)
 }
 
-/// The same of finite elements, over about a swing.
+/// The paper's bar of finite elements, released for about one oscillation.
 fn swinging(gpu: &Gpu) -> Result<MotionTrial> {
     let mesh = generate::paper_bar()?;
     let material = Material {
@@ -80,7 +80,7 @@ fn swinging(gpu: &Gpu) -> Result<MotionTrial> {
     MotionTrial::of_network(gpu, "swinging", stiffness, 4.0 * DURATION, body, None)
 }
 
-/// A bar, one end held, the other turned by a radian and let go; damped.
+/// A bar clamped at one end, the other twisted by one radian and released; damped.
 fn twisted(gpu: &Gpu) -> Result<MotionTrial> {
     let size = generate::PAPER_BAR_SIZE;
     let mesh = generate::bar_of_about(640, size)?;
@@ -100,7 +100,7 @@ fn twisted(gpu: &Gpu) -> Result<MotionTrial> {
     MotionTrial::of_network(gpu, "twisted", stiffness, DURATION, body, Some(start))
 }
 
-/// The limb phantom, held at the elbow and pressed on the back of its hand; damped, its bones
+/// The limb phantom, clamped at the elbow and pressed on the back of its hand; damped, its bones
 /// ten times as stiff as the rest.
 fn pressed(gpu: &Gpu) -> Result<MotionTrial> {
     let mesh = generate::limb(2_500)?;
@@ -129,7 +129,7 @@ fn pressed(gpu: &Gpu) -> Result<MotionTrial> {
     MotionTrial::of_network(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
 }
 
-/// A block of grid particles, one end held, the other pulled and bent; damped.
+/// A block of grid particles, clamped at one end, the other pulled and bent; damped.
 fn pulled(gpu: &Gpu) -> Result<MotionTrial> {
     let size = generate::PAPER_BAR_SIZE;
     let shape = GridShape::from_domain(&Block(size), DVec3::splat(0.01), DMat3::IDENTITY)?;
@@ -161,7 +161,7 @@ fn pulled(gpu: &Gpu) -> Result<MotionTrial> {
     ))
 }
 
-/// The box from the origin to a corner.
+/// The axis-aligned box from the origin to a corner.
 struct Block(DVec3);
 
 impl Domain for Block {
@@ -171,13 +171,13 @@ impl Domain for Block {
 
     fn weights(&self, p: DVec3, weights: &mut Vec<(u16, f64)>) {
         weights.clear();
-        // The particles on the faces are in.
+        // The particles on the faces count as inside.
         let inside = p.min(self.0 - p).min_element() + 1e-6 * self.0.max_element();
         weights.push((1, inside));
     }
 }
 
-/// The bar thrown: x = x₀ + v t + ½ g t².
+/// The bar in ballistic flight: x = x₀ + v t + ½ g t².
 fn falling(gpu: &Gpu) -> Result<MotionTrial> {
     let kappa = 3_000.0;
     let mesh = generate::paper_bar()?;
@@ -197,7 +197,8 @@ fn falling(gpu: &Gpu) -> Result<MotionTrial> {
     Ok(trial.with_exact_solution(Box::new(exact)))
 }
 
-/// A regular tet that breathes: its six springs swing as one, s'' = −(4κ/m)(s − L), however far.
+/// A regular tet in its breathing mode: its six springs oscillate together, s'' = −(4κ/m)(s − L),
+/// at any amplitude.
 fn breathing(gpu: &Gpu) -> Result<MotionTrial> {
     let (kappa, stretch) = (10.0, 0.1);
     let corners = [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]];
@@ -220,12 +221,12 @@ fn breathing(gpu: &Gpu) -> Result<MotionTrial> {
     Ok(trial.with_exact_solution(Box::new(exact)))
 }
 
-/// What the truth of a scene may cost, in springs visited: a minute or two.
+/// Maximum cost of the reference motion of a scene, in spring evaluations: a minute or two.
 const REFERENCE_BUDGET: f64 = 5e9;
-/// What a step costs besides, in springs.
+/// Overhead per step, in spring evaluations.
 const STEP: f64 = 1e3;
 
-/// The body of a scene of the user's, for as long as the scene's steps take.
+/// Returns the trial of the user's scene, over the duration of its steps.
 pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let scene = Scene::read(path)?;
     let refused = |what: &str| {
@@ -266,7 +267,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = stem.unwrap_or_else(|| "scene".into());
     let trial = MotionTrial::of_network(gpu, &name, stiffness, duration, simulator, None)?;
-    // The truth takes at least three motions, the last of four times as many steps.
+    // The reference takes at least three motions, the last with four times as many steps.
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
     if steps * (STEP + springs as f64) > REFERENCE_BUDGET {
         return Err(Error::Input(format!(

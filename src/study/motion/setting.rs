@@ -1,4 +1,4 @@
-//! How a motion is made: by which solver, in which steps, or by rapier.
+//! Settings of a motion: the solver, the steps, or Rapier.
 
 use crate::Result;
 use crate::gpu::Gpu;
@@ -7,24 +7,24 @@ use crate::physics::{
     CgSettings, DiscreteModel, Engine, EngineChoice, Loads, Material, Simulator, SolverKind,
 };
 
-/// What rapier is called beside solvers.
+/// Name of Rapier beside the solvers.
 pub const RAPIER: &str = "rapier";
 
-/// How a motion is made.
+/// Settings of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionSetting {
-    /// Which solver.
+    /// The solver.
     pub kind: SolverKind,
-    /// Steps in each of the spans.
+    /// Number of steps in each interval.
     pub steps: u32,
-    /// Where conjugate gradients stop: the residual, and the iterations.
+    /// Stopping criteria of conjugate gradients: the residual and the iterations.
     pub cg: Option<(f64, u32)>,
-    /// Whether rapier makes it, by its own implicit Euler.
+    /// Whether Rapier computes it, with its own implicit Euler.
     pub rapier: bool,
 }
 
 impl MotionSetting {
-    /// What it is called beside others: the solver, or rapier.
+    /// Returns the display name: the solver, or Rapier.
     pub fn name(&self) -> &'static str {
         match self.rapier {
             true => RAPIER,
@@ -33,8 +33,8 @@ impl MotionSetting {
     }
 }
 
-/// The body of a mesh and its network by rapier; none of matter that it cannot have, and in builds
-/// without it.
+/// Returns the body of a mesh and its network in Rapier; none for a material that it does not
+/// support, and in builds without Rapier.
 pub fn rapier_simulator(
     gpu: &Gpu,
     (mesh, network): &(TetMesh, DiscreteModel),
@@ -46,7 +46,7 @@ pub fn rapier_simulator(
     made.ok()
 }
 
-/// Pins and pulls another body of the same nodes in the same way.
+/// Copies pins and forces to another body with the same nodes.
 pub fn copy_loads(from: &Loads, to: &mut Loads) -> Result<()> {
     let pinned = (0u32..).zip(from.pinned()).filter(|(_, pinned)| **pinned);
     to.pin_nodes(&pinned.map(|(i, _)| i).collect::<Vec<_>>())?;

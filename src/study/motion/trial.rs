@@ -1,4 +1,4 @@
-//! A body that moves, by the engine there is and in float64, and the motion it ought to make.
+//! A motion on the available engine and in float64, with its reference motion.
 
 use super::device::{ACCURATE, on_engine};
 use super::setting::{MotionSetting, copy_loads, rapier_simulator};
@@ -15,55 +15,55 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Equal spans of a motion, at whose ends it is compared.
+/// Number of equal intervals of a motion; it is compared at the end of each.
 pub const STOPS: u32 = 4;
 
-/// What halving the step may still change of what the truth is extrapolated to, relative.
+/// Maximum relative change of the extrapolated reference when the step is halved.
 const REFERENCE_TOLERANCE: f64 = 1e-7;
 
-/// Of what a trial has solved: the motion in float64, and that by the engine.
+/// Indices into `MotionTrial::solved`: the motion in float64, and on the engine.
 const DOUBLE: usize = 0;
 const SINGLE: usize = 1;
 
-/// Linear solves that go as far as f32 does, wherever that is.
+/// Linear solves to the accuracy limit of f32.
 const AS_FAR_AS_F32: CgSettings = CgSettings {
     tolerance: 1e-7,
     max_iterations: 2000,
     acceptable: 1e6,
 };
 
-/// What became of it; errors are relative to the true motion.
+/// State and errors of a motion; errors are relative to the reference motion.
 #[derive(Clone, Copy, Debug)]
 pub struct MotionErrors {
     /// `accurate`, `inaccurate`, `diverged` or `cg not converged`.
     pub state: &'static str,
-    /// Of all nodes at all stops, root of the sum of squares.
+    /// Over all nodes at all stops, root of the sum of squares.
     pub error: f64,
-    /// Of the one node that is farthest off, relative to the longest way of any.
+    /// Of the node with the largest error, relative to the largest displacement of any node.
     pub largest: f64,
-    /// Of the scheme: in float64, solved to the last digits, against the truth.
+    /// Time discretisation error: the float64 motion with converged solves against the reference.
     pub scheme_error: f64,
-    /// Of the linear solves: against the same engine's, solved as far as its numbers go.
+    /// Error of the linear solves: against the same engine with converged solves.
     pub solver_error: f64,
-    /// Of f32: the engine, solved as far as its numbers go, against float64.
+    /// Rounding error of f32: the engine with converged solves, against float64.
     pub f32_error: f64,
-    /// Of the energy at a stop, relative to the largest energy of motion and springs.
+    /// Energy error at a stop, relative to the largest kinetic and elastic energy.
     pub energy: f64,
-    /// Of the volume at a stop, relative to the volume.
+    /// Volume error at a stop, relative to the rest volume.
     pub volume: f64,
-    /// Milliseconds for a simulated second.
+    /// Milliseconds per simulated second.
     pub ms: f64,
-    /// Iterations a step.
+    /// Iterations per step.
     pub iterations: f64,
 }
 
-/// Where a body would be at a time, where that is known exactly.
+/// The exact solution as a function of time, if known.
 pub type Exact = Box<dyn Fn(f64) -> MotionState>;
 
-/// Motions by solver and steps; none where the body flew apart.
+/// Motions by solver and steps; none if the body diverged.
 type Motions = HashMap<(SolverKind, u32), Option<Vec<MotionState>>>;
 
-/// A body, a start, a duration.
+/// A body with its initial state and the duration of its motion.
 pub struct MotionTrial {
     /// Its name.
     pub name: String,
@@ -76,23 +76,23 @@ pub struct MotionTrial {
     simulator: Box<dyn Simulator>,
     /// The same body in float64.
     double: Box<dyn Simulator>,
-    /// The same body by rapier, in builds that have it and of matter that it can have.
+    /// The same body in Rapier, in builds that have it and for materials that it supports.
     rapier: Option<Box<dyn Simulator>>,
-    /// Where it starts, and where it rests.
+    /// Initial state, and rest state.
     start: MotionState,
     rest: MotionState,
     exact: Option<Exact>,
     truth: Option<ReferenceMotion>,
-    /// Motions in float64, and by the engine, solved as far as each can, by solver and steps.
+    /// Motions in float64 and on the engine, with converged solves, by solver and steps.
     solved: [Motions; 2],
 }
 
 impl MotionTrial {
-    /// The motion of the body of `simulator`, which has springs or elements and is at rest, under
-    /// the loads that it has: from `start`, or from rest.
+    /// Creates the trial of the body of `simulator`, which has springs or elements and is at rest,
+    /// under its loads: from `start`, or from rest.
     ///
     /// # Errors
-    /// [`Error::Input`] for a body without springs; what the device refuses.
+    /// [`Error::Input`] for a body without springs; an error if the device fails.
     pub fn of_network(
         gpu: &Gpu,
         name: &str,
@@ -106,7 +106,7 @@ impl MotionTrial {
         };
         let (kind, settings) = converged(simulator.integrator());
         let own: (TetMesh, DiscreteModel) = (simulator.mesh().clone(), network.clone());
-        // The material counts where a body is cut.
+        // The material matters only when a body is cut.
         let material = Material::from_young(1.0);
         let mut rapier = rapier_simulator(gpu, &own, &material);
         let mut double = CpuTets::of_network(
@@ -128,8 +128,7 @@ impl MotionTrial {
         })
     }
 
-    /// The motion of a body from `start`, or from rest: that of an engine, and the same in
-    /// float64.
+    /// Creates the trial of a body from `start`, or from rest, on an engine and in float64.
     pub fn new(
         name: &str,
         (stiffness, unit): (f64, &'static str),
@@ -154,23 +153,23 @@ impl MotionTrial {
         }
     }
 
-    /// What makes its motions that are not in float64.
+    /// Returns the engine of its motions that are not in float64.
     pub fn engine(&self) -> Engine {
         self.simulator.engine()
     }
 
-    /// The same with an exact solution.
+    /// Sets the exact solution.
     pub fn with_exact_solution(mut self, exact: Exact) -> MotionTrial {
         self.exact = Some(exact);
         self
     }
 
-    /// Seconds of a step when there are `steps` between two stops.
+    /// Returns the step in seconds for `steps` steps between two stops.
     pub fn h(&self, steps: u32) -> f64 {
         self.duration / f64::from(STOPS) / f64::from(steps)
     }
 
-    /// The solvers that can move it.
+    /// Returns the solvers that support it.
     pub fn kinds(&self) -> Vec<SolverKind> {
         match self.simulator.network() {
             Some(network) => {
@@ -184,19 +183,20 @@ impl MotionTrial {
         }
     }
 
-    /// Whether rapier can move it too.
+    /// Whether Rapier supports it too.
     pub fn has_rapier(&self) -> bool {
         self.rapier.is_some()
     }
 
-    /// The fewest steps between two stops, a power of two, at which `kind` is stable; 1 where
-    /// any step is.
+    /// Returns the smallest number of steps between two stops, a power of two, at which `kind` is
+    /// stable; 1 if any step is stable.
     pub fn fewest_stable(&self, kind: SolverKind) -> u32 {
         let limit = match self.simulator.network() {
             Some(network) => {
                 let pinned = self.simulator.loads().pinned();
                 match largest_stable_step(network, pinned, kind) {
-                    // Never stable, but it takes long to show at steps that others can take.
+                    // Never stable, but the instability shows late at steps that other solvers can
+                    // take.
                     Some(0.0) => largest_stable_step(network, pinned, SolverKind::Symplectic),
                     limit => limit,
                 }
@@ -208,10 +208,10 @@ impl MotionTrial {
         (wanted as u32).next_power_of_two()
     }
 
-    /// The motion it ought to make.
+    /// Returns the reference motion.
     ///
     /// # Errors
-    /// [`Error::Input`] where the body flies apart in float64 at every step that is affordable.
+    /// [`Error::Input`] if the body diverges in float64 at every affordable step.
     pub fn reference(&mut self) -> Result<&ReferenceMotion> {
         if self.truth.is_none() {
             self.truth = Some(self.find_truth()?);
@@ -235,7 +235,7 @@ impl MotionTrial {
                 halvings: Vec::new(),
             });
         }
-        // Of second order.
+        // Second order.
         let kind = match self.simulator.network() {
             Some(_) => SolverKind::VelocityVerlet,
             None => SolverKind::Verlet,
@@ -260,10 +260,10 @@ impl MotionTrial {
         found.ok_or_else(|| self.no_truth())
     }
 
-    /// Makes the motion, and tells its errors apart.
+    /// Computes the motion and splits its error by source.
     ///
     /// # Errors
-    /// What the device refuses.
+    /// An error if the device fails.
     pub fn measure(&mut self, setting: MotionSetting) -> Result<MotionErrors> {
         let h = self.h(setting.steps);
         let simulator = match (&mut self.rapier, setting.rapier) {
@@ -295,14 +295,14 @@ impl MotionTrial {
             self.tell_apart(setting, &outcome.states, scale, &mut found)?;
         }
         (found.energy, found.volume) = self.drifts(&outcome.states, &truth)?;
-        // More than a twentieth of the way off is another motion.
+        // An error above 5 % counts as inaccurate.
         if found.error.is_nan() || found.error > 0.05 {
             found.state = "inaccurate";
         }
         Ok(found)
     }
 
-    /// Tells the errors of a motion of ours apart, of those of the way `scale`.
+    /// Splits the error of a motion of our engines by source, relative to `scale`.
     fn tell_apart(
         &mut self,
         setting: MotionSetting,
@@ -330,7 +330,7 @@ impl MotionTrial {
         Ok(())
     }
 
-    /// The motion by one of the two, solved as far as it can.
+    /// Returns the motion on one of the two engines, with converged solves.
     fn solved(
         &mut self,
         which: usize,
@@ -368,7 +368,7 @@ impl MotionTrial {
         most(found, &|k, i| truth[k].x[i]) / most(truth, &|_, i| self.rest.x[i])
     }
 
-    /// Largest errors of energy and volume at a stop, relative.
+    /// Returns the largest relative errors of energy and volume at a stop.
     fn drifts(&mut self, found: &[MotionState], truth: &[MotionState]) -> Result<(f64, f64)> {
         let (mut energy, mut volume, mut scale) = (0.0_f64, 0.0_f64, 0.0_f64);
         let whole = self.volume(&self.rest.x);
@@ -381,7 +381,7 @@ impl MotionTrial {
         Ok((energy / scale, volume))
     }
 
-    /// Energy of motion and springs, and of the loads, J.
+    /// Returns the kinetic and elastic energy, and the energy of the loads, J.
     fn energy(&mut self, state: &MotionState) -> Result<[f64; 2]> {
         state.apply_to(self.double.as_mut())?;
         let own = self.double.report()?.energy.total;
@@ -400,7 +400,7 @@ impl MotionTrial {
     }
 }
 
-/// √ΣΣ|x − rest|² over all stops: what errors are relative to.
+/// √ΣΣ|x − rest|² over all stops: the scale of relative errors.
 fn way(rest: &MotionState, states: &[MotionState]) -> f64 {
     distance(states, &vec![rest.clone(); states.len()])
 }

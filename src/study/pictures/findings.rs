@@ -1,4 +1,4 @@
-//! What the study of pictures found: fronts, charts and words.
+//! Findings of the image study: Pareto fronts, charts and text.
 
 use crate::Result;
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
@@ -17,10 +17,10 @@ const FAMILIES: [&str; 10] = [
     "resolution",
 ];
 
-/// Families that draw another picture than the default's.
+/// Families that render another image than the default.
 const SEPARATE_FAMILIES: [&str; 2] = ["light", "planes"];
 
-/// The error that a default must keep to, in 1/255.
+/// Maximum error of a default, in 1/255.
 const GOAL: f64 = 0.5;
 
 fn of_picture<'a>(rows: &'a [Row], name: &str, through: &str) -> Vec<&'a Row> {
@@ -29,7 +29,7 @@ fn of_picture<'a>(rows: &'a [Row], name: &str, through: &str) -> Vec<&'a Row> {
         .collect()
 }
 
-/// Those of `points` (cost, error) that no other is both cheaper and better than, by cost.
+/// Returns the Pareto front of `points` (cost, error), sorted by cost.
 fn front(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = points.to_vec();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
@@ -42,7 +42,7 @@ fn front(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     sorted
 }
 
-/// Series of one picture's rows by family, the goal, and rings around the front.
+/// Returns the series of one image by family, the goal, and rings around the front.
 fn series(points: &[(String, [f64; 2])]) -> Vec<Series> {
     let mut series: Vec<Series> = FAMILIES
         .iter()
@@ -63,7 +63,7 @@ fn series(points: &[(String, [f64; 2])]) -> Vec<Series> {
     series
 }
 
-/// The chart of one picture; returns its name.
+/// Draws the chart of one image; returns its name.
 pub(super) fn chart(run: &Run, rows: &[Row], name: &str, through: &str) -> Result<String> {
     let points: Vec<(String, [f64; 2])> = of_picture(rows, name, through)
         .iter()
@@ -85,7 +85,7 @@ pub(super) fn chart(run: &Run, rows: &[Row], name: &str, through: &str) -> Resul
     Ok(file)
 }
 
-/// What a setting costs relative to the default, and its largest error, over all pictures.
+/// Cost of a setting relative to the default, and its largest error, over all images.
 struct Summary {
     row: Row,
     cost: f64,
@@ -131,7 +131,7 @@ fn summaries(rows: &[Row], pictures: &[(String, &'static str)]) -> Vec<Summary> 
         .collect()
 }
 
-/// The chart of all pictures together; returns its name.
+/// Draws the chart of all images together; returns its name.
 pub(super) fn overview(
     run: &Run,
     rows: &[Row],
@@ -151,7 +151,7 @@ pub(super) fn overview(
     Ok("pictures".into())
 }
 
-/// A setting in words.
+/// Describes a setting.
 fn words(row: &Row) -> String {
     match row.text("family") {
         "sliced table" | "volume table" => format!(
@@ -173,7 +173,7 @@ fn words(row: &Row) -> String {
     }
 }
 
-/// What the default does to each picture, and which setting is the cheapest within the goal.
+/// Describes the error of the default for each image, and the cheapest setting within the goal.
 pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> String {
     let mut text = String::from(
         "| picture | tets | table | RMSE (1/255) | 99.9th percentile (1/255) | FLIP | ms a frame | \

@@ -1,5 +1,5 @@
-//! The study of pictures: error against the exact ray integral, and time a frame, over the
-//! settings of the raycaster.
+//! The image study: error against the exact ray integral and time per frame, over the settings of
+//! the raycaster.
 
 mod findings;
 mod subject;
@@ -19,16 +19,16 @@ use subject::{StudyBody, TRANSFERS};
 /// One setting of the sweep.
 #[derive(Clone, Copy, Debug)]
 struct Setting {
-    /// What it varies: the series it is charted in.
+    /// The varied quantity; settings of one family form one series of the chart.
     family: &'static str,
     options: RaycastOptions,
-    /// The picture is drawn so many times smaller each way, and enlarged.
+    /// Factor by which width and height are reduced for rendering; the image is then enlarged.
     shrink: f64,
     /// Whether planes and isosurfaces are drawn too.
     planes: bool,
 }
 
-/// The columns that say what was drawn, and how.
+/// Columns that identify a point.
 const SETTINGS: [&str; 13] = [
     "scene",
     "transfer",
@@ -44,10 +44,10 @@ const SETTINGS: [&str; 13] = [
     "light",
     "planes",
 ];
-/// The columns of what was found: differences in 1/255, FLIP from 0 to 1.
+/// Columns of results: differences in 1/255, FLIP from 0 to 1.
 const RESULTS: [&str; 6] = ["tets", "table_chosen", "rmse_255", "p999_255", "flip", "ms"];
 
-/// The settings of the sweep.
+/// Returns the settings of the sweep.
 fn settings(quick: bool) -> Vec<Setting> {
     let plain = RaycastOptions::default();
     let of = |family, options| Setting {
@@ -164,7 +164,7 @@ fn table_name(table: TableKind) -> &'static str {
 }
 
 impl Setting {
-    /// Its cells, behind those of what is drawn.
+    /// Returns its cells, after those of the subject.
     fn cells(&self) -> Vec<Cell> {
         let options = &self.options;
         let size = options
@@ -204,19 +204,19 @@ impl Setting {
     }
 }
 
-/// A subject with its raycaster and the exact pictures, kept while its points are measured.
+/// A subject with its raycaster and reference images, kept while its points are measured.
 struct Prepared {
     name: String,
     through: String,
     subject: StudyBody,
     caster: Raycaster,
     size: [u32; 2],
-    /// By what is drawn: with planes or not, in light or not.
+    /// Reference images by (planes, light).
     truths: Vec<((bool, bool), Image)>,
 }
 
 impl Prepared {
-    /// The exact picture of what `setting` draws.
+    /// Returns the reference image for `setting`.
     fn truth(&mut self, setting: &Setting) -> &Image {
         let key = (setting.planes, setting.options.light.is_on());
         let at = match self.truths.iter().position(|t| t.0 == key) {
@@ -232,11 +232,11 @@ impl Prepared {
     }
 }
 
-/// Measures error and time of pictures over the raycaster's settings; of the study's five bodies,
-/// or of one scene.
+/// Measures error and time of images over the raycaster's settings, for the five bodies of the
+/// study or for one scene.
 ///
 /// # Errors
-/// A file that cannot be read or written, or what the device refuses.
+/// An error if a file cannot be read or written, or the device fails.
 pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     let side = if run.quick { 64 } else { 256 };
     let pictures = subjects(run, scene);
@@ -284,7 +284,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     )
 }
 
-/// What is drawn: names and transfer functions.
+/// Returns the subjects: names and transfer functions.
 fn subjects(run: &Run, scene: Option<&Path>) -> Vec<(String, &'static str)> {
     if let Some(path) = scene {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -319,7 +319,7 @@ fn prepare(
     })
 }
 
-/// Draws with one setting, and holds the picture against the truth.
+/// Renders with one setting and compares the image with the reference.
 fn measure(run: &Run, prepared: &mut Prepared, setting: &Setting) -> Result<Vec<Cell>> {
     let size = prepared.size;
     let drawn = size.map(|n| (f64::from(n) / setting.shrink).round() as u32);
@@ -347,7 +347,7 @@ fn measure(run: &Run, prepared: &mut Prepared, setting: &Setting) -> Result<Vec<
     ])
 }
 
-/// Median time of a frame in which everything is drawn anew, ms.
+/// Returns the median time of a frame that is rendered completely, ms.
 pub(super) fn frame_ms(
     gpu: &Gpu,
     caster: &mut Raycaster,

@@ -1,5 +1,5 @@
-//! What the study of pictures draws: five bodies, each through a smooth and a spiky transfer
-//! function, or a scene of the user's.
+//! Subjects of the image study: five bodies, each with a smooth and a spiky transfer function, or
+//! the user's scene.
 
 use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
@@ -15,7 +15,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 use std::path::Path;
 
-/// A body of the study: its name, and the field that is seen.
+/// A body of the study: its name and its rendered field.
 struct Source {
     name: &'static str,
     field: Option<&'static str>,
@@ -44,11 +44,11 @@ const SOURCES: [Source; 5] = [
     },
 ];
 
-/// The transfer functions of the study.
+/// Transfer functions of the study.
 pub(super) const TRANSFERS: [&str; 2] = ["smooth", "spiky"];
 
-/// Smooth: broad ramps. Spiky: three thin shells and nothing between them, which point samples
-/// miss.
+/// Returns a transfer function. Smooth: broad ramps. Spiky: three thin shells with nothing between,
+/// which point sampling misses.
 fn transfer(name: &str) -> Result<TransferFunction> {
     if name == "smooth" {
         let colour = vec![
@@ -72,18 +72,18 @@ fn transfer(name: &str) -> Result<TransferFunction> {
     TransferFunction::relative(colour, extinction)
 }
 
-/// A body, where it stands, and how it is seen.
+/// A body with its positions, camera and transfer function.
 pub(super) struct StudyBody {
     mesh: TetMesh,
     positions: Vec<DVec3>,
     scalars: Vec<f64>,
-    /// One scalar a tet, where those are seen.
+    /// One scalar per tet, if a cell field is rendered.
     cells: Option<Vec<f64>>,
     camera: Camera,
     transfer: TransferFunction,
 }
 
-/// The names of the bodies.
+/// Returns the names of the bodies.
 pub(super) fn names(quick: bool) -> Vec<&'static str> {
     let few = if quick { 1 } else { SOURCES.len() };
     SOURCES.iter().take(few).map(|s| s.name).collect()
@@ -105,7 +105,7 @@ impl Source {
 }
 
 impl StudyBody {
-    /// The body `name` through the transfer function `through`.
+    /// Creates the body `name` with the transfer function `through`.
     pub fn new(name: &str, through: &str) -> Result<StudyBody> {
         let source = SOURCES.iter().find(|s| s.name == name);
         let source = source.ok_or_else(|| Error::Input(format!("there is no body \"{name}\"")))?;
@@ -133,7 +133,7 @@ impl StudyBody {
         })
     }
 
-    /// The scene at `path`, after its steps; or the mesh there, at rest.
+    /// Creates the body of the scene at `path` after its steps, or of the mesh there at rest.
     pub fn of_scene(gpu: &Gpu, path: &Path) -> Result<StudyBody> {
         let scene = bodies::named(path)?;
         let mut stage = Stage::new(gpu, &scene)?;
@@ -156,17 +156,17 @@ impl StudyBody {
         }
     }
 
-    /// How it is seen.
+    /// Returns the camera.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
 
-    /// Number of tets.
+    /// Returns the number of tets.
     pub fn tets(&self) -> usize {
         self.mesh.tets.len()
     }
 
-    /// What draws it, ready for light and for planes that bend with it.
+    /// Returns its raycaster, prepared for lighting and for planes that deform with the body.
     pub fn raycaster(&self, gpu: &Gpu) -> Result<Raycaster> {
         let frame = LocalFrame::from_mesh(&self.mesh);
         let positions = local_positions(gpu, &frame, &self.positions)?;
@@ -178,8 +178,8 @@ impl StudyBody {
         Raycaster::with_options(gpu, geometry, &self.transfer, RaycastOptions::default())
     }
 
-    /// A plane in space that cuts some of it off, one in the body at rest, a slice, and of a field
-    /// at the nodes an isosurface.
+    /// Returns a clip plane in space, one in the rest configuration, a slice, and, for a nodal
+    /// field, an isosurface.
     pub fn inside(&self) -> Sections {
         let (low, high) = bounds(&self.positions);
         let (middle, size) = (0.5 * (low + high), high - low);
@@ -212,8 +212,8 @@ impl StudyBody {
         }
     }
 
-    /// The exact picture of what `caster` draws, in `light`: the ray integral in float64 through the
-    /// middle of every pixel.
+    /// Computes the reference image of `caster` in `light`: the ray integral in float64 through the
+    /// centre of every pixel.
     pub fn reference_image(&self, caster: &Raycaster, size: [u32; 2], light: Light) -> Image {
         let transfer = caster.transfer();
         let rays = match &self.cells {
@@ -248,7 +248,7 @@ impl StudyBody {
         }
     }
 
-    /// The gradients that light sees at the nodes; nothing where there is none.
+    /// Returns the nodal gradients for lighting; empty without light.
     fn gradients(&self, caster: &Raycaster, light: Light) -> Vec<DVec3> {
         if !light.is_on() {
             return Vec::new();
@@ -275,7 +275,7 @@ impl StudyBody {
     }
 }
 
-/// A made-up field, smooth over the bounds of the mesh.
+/// Returns a synthetic field, smooth over the bounds of the mesh.
 fn waves(mesh: &TetMesh) -> Vec<f64> {
     let (low, high) = mesh.bounds();
     let unit = (high - low).max_element();
@@ -288,7 +288,7 @@ fn waves(mesh: &TetMesh) -> Vec<f64> {
         .collect()
 }
 
-/// A smooth bend of the mesh, as strong as leaves every tet the right way out.
+/// Returns a smooth bend of the mesh, as strong as possible without inverted tets.
 fn bent(mesh: &TetMesh) -> Vec<DVec3> {
     let (low, high) = bounds(&mesh.nodes);
     let (middle, unit) = (0.5 * (low + high), (high - low).max_element());

@@ -1,4 +1,4 @@
-//! What is timed: as the library does it, on either engine, and by the plain float64 form.
+//! Timed operations: on either engine of the library, and by the float64 reference implementation.
 
 use super::{GPU, Point};
 use crate::Result;
@@ -16,17 +16,17 @@ use rayon::prelude::*;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// The implicit step of the study, s.
+/// Time step of implicit steps, s.
 const IMPLICIT_STEP: f64 = 0.01;
 
-/// Times points, keeping the mesh of the last.
+/// Times points; caches the last mesh.
 pub(super) struct Cases<'a> {
     gpu: &'a Gpu,
     repeats: u32,
     cube: Option<Cube>,
 }
 
-/// A cube of about so many tets.
+/// A cube of about `asked` tets.
 struct Cube {
     asked: usize,
     mesh: TetMesh,
@@ -43,10 +43,10 @@ impl<'a> Cases<'a> {
         }
     }
 
-    /// Nodes, iterations and milliseconds of `point`.
+    /// Returns nodes, iterations and milliseconds of `point`.
     pub fn measure(&mut self, point: &Point) -> Result<Vec<Cell>> {
         if self.cube.as_ref().is_none_or(|c| c.asked != point.tets) {
-            // The old one goes first.
+            // Drop the old mesh first, to limit memory.
             self.cube = None;
         }
         let repeats = self.repeats;
@@ -86,7 +86,7 @@ fn size(point: &Point) -> [u32; 2] {
     [side, side]
 }
 
-/// The camera of the rendering benchmark.
+/// Returns the camera of the rendering benchmark.
 fn camera() -> Camera {
     let middle = DVec3::splat(0.5);
     Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
@@ -116,7 +116,7 @@ impl Cube {
         Ok(body)
     }
 
-    /// Milliseconds of a step on an engine, and the iterations of the last.
+    /// Returns the milliseconds per step on an engine, and the iterations of the last step.
     fn step(&self, gpu: &Gpu, kind: SolverKind, on: &str, repeats: u32) -> Result<(f64, u32)> {
         let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
         let choice = EngineChoice::Exactly(engine);
@@ -165,7 +165,8 @@ impl Cube {
         Raycaster::with_options(gpu, geometry, &transfer()?, options)
     }
 
-    /// One picture; its box hierarchy, which moves with the nodes, is part of it.
+    /// Times one reference image, including its bounding volume hierarchy, which must be updated as
+    /// the nodes move.
     fn twin_raycast(&self, gpu: &Gpu, size: [u32; 2]) -> Result<f64> {
         let transfer = self.raycaster(gpu, RaycastOptions::default())?.transfer();
         let start = Instant::now();
@@ -175,7 +176,7 @@ impl Cube {
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// A cut through the whole cube, and what draws it following: the median of three.
+    /// Times a cut through the whole cube and the update of the raycaster: the median of three.
     fn cut(&self, gpu: &Gpu) -> Result<f64> {
         let (mut mesh, mut topology) = (self.mesh.clone(), self.topology.clone());
         let mut scalars = self.scalars.clone();
@@ -207,7 +208,7 @@ impl Cube {
         Ok(times[1])
     }
 
-    /// A new transfer function: its table is made and used once.
+    /// Times a new transfer function: its table is built and used once.
     fn table(&self, gpu: &Gpu, texels: usize, repeats: u32) -> Result<f64> {
         let options = RaycastOptions {
             table: TableKind::Sliced,
@@ -224,7 +225,7 @@ impl Cube {
         })
     }
 
-    /// The exact integral for every texel of as many slices.
+    /// Times the exact integral for every texel, with as many slices.
     fn twin_table(&self, gpu: &Gpu, texels: usize) -> Result<f64> {
         let options = RaycastOptions {
             table: TableKind::Sliced,
@@ -245,7 +246,8 @@ impl Cube {
     }
 }
 
-/// A picture of as many plates behind each other as a ray is to enter, of as many tets together.
+/// Times an image of plates behind each other, as many as a ray has to enter, with the given total
+/// number of tets.
 fn layers(gpu: &Gpu, point: &Point, repeats: u32) -> Result<f64> {
     let deep = 32;
     let across = ((point.tets as f64 / (6.0 * deep as f64)).sqrt().round() as usize).max(1);
@@ -267,7 +269,7 @@ fn layers(gpu: &Gpu, point: &Point, repeats: u32) -> Result<f64> {
     let mesh = TetMesh::new(nodes, tets, Vec::new(), Vec::new())?;
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
     let geometry = Geometry::at_rest(gpu, &mesh, &scalars)?;
-    // Thin enough that rays come out behind.
+    // Transparent enough that rays leave the last plate.
     let transfer = TransferFunction::relative(vec![[0.0, 0.9, 0.6, 0.3]], vec![[0.0, 1.0]])?;
     let mut caster = Raycaster::new(gpu, geometry, &transfer)?;
     let middle = DVec3::new(0.5, 0.5, 0.5);

@@ -1,5 +1,5 @@
-//! Memory of a body, its solver and its picture: computed from what the arrays hold, counted as
-//! they are made, and what the driver gave for them.
+//! Memory of a body, its solver and its raycaster: computed from array sizes, counted at
+//! allocation, and allocated by the driver.
 
 use super::{Axis, Cell, Chart, Run, Series, SeriesStyle};
 use crate::Result;
@@ -8,19 +8,20 @@ use crate::mesh::{Location, TetMesh, Topology, generate};
 use crate::physics::{GpuBody, Material, SolverKind};
 use crate::render::Geometry;
 
-/// What an array has an item of.
+/// The entity that an array has one item per.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Each {
     Node,
     Tet,
     Face,
-    /// A face of a tet, inner ones twice.
+    /// A face of a tet; inner ones count twice.
     Link,
-    /// A place in the rows of springs, where each stands twice; these are filled up to fours.
+    /// An entry in the rows of springs, where each spring appears twice; rows are padded to
+    /// multiples of four.
     Spring,
 }
 
-/// Arrays of a part of the whole: bytes of an item, whether there is room for cuts, how many.
+/// Arrays of one part: bytes per item, whether they reserve space for cuts, and how many.
 struct Arrays {
     part: &'static str,
     each: Each,
@@ -45,7 +46,7 @@ const ARRAYS: [Arrays; 14] = [
     // Positions, velocities, external forces, rows; masses.
     arrays("body", Each::Node, 16, true, 4),
     arrays("body", Each::Node, 8, true, 1),
-    // Columns, of four neighbours a texel; stiffness and rest length.
+    // Columns, of four neighbours per texel; stiffness and rest length.
     arrays("body", Each::Spring, 4, true, 1),
     arrays("body", Each::Spring, 8, true, 1),
     // Next positions, next velocities, forces.
@@ -64,7 +65,7 @@ const ARRAYS: [Arrays; 14] = [
 ];
 
 impl Arrays {
-    /// Bytes for `count` items, in rows of texels.
+    /// Returns the bytes for `count` items, in rows of texels.
     fn bytes(&self, count: usize) -> u64 {
         let count = count as u64;
         let items = if self.roomy {
@@ -72,21 +73,21 @@ impl Arrays {
         } else {
             count
         };
-        // Texels are 16 bytes at most: an item of more is several of them.
+        // Texels have at most 16 bytes: a larger item takes several.
         let texels = items * self.item.div_ceil(16);
         let [width, rows] = array_size(u32::try_from(texels).unwrap_or(u32::MAX)).map(u64::from);
         self.arrays * width * rows * self.item.min(16)
     }
 
-    /// Bytes that one more item takes of a large mesh.
+    /// Returns the marginal bytes per item of a large mesh.
     fn slope(&self) -> f64 {
         (self.arrays * self.item) as f64 * if self.roomy { 1.125 } else { 1.0 }
     }
 }
 
-/// Bytes on the GPU that `part` of what makes and draws `mesh` is computed to take: `body`,
-/// `symplectic`, `implicit` (solvers) or `geometry`. Rows of springs are taken as filled, so that
-/// the body and the implicit solver take some per cent more.
+/// Returns the computed GPU memory, in bytes, of `part` for `mesh`: `body`, `symplectic`,
+/// `implicit` (solvers) or `geometry`. Rows of springs are counted without padding, so the body and
+/// the implicit solver take some per cent more.
 pub fn computed_bytes(part: &str, mesh: &TetMesh, topology: &Topology) -> f64 {
     let of = |a: &Arrays| {
         a.bytes(match a.each {
@@ -101,7 +102,7 @@ pub fn computed_bytes(part: &str, mesh: &TetMesh, topology: &Topology) -> f64 {
     bytes as f64
 }
 
-/// Bytes that arrays took while `make` ran, and that the driver gave.
+/// Returns the bytes of the arrays that `make` allocates, and the bytes allocated by the driver.
 pub(in crate::study) fn taken<T>(
     gpu: &Gpu,
     make: impl FnOnce() -> Result<T>,
@@ -111,7 +112,7 @@ pub(in crate::study) fn taken<T>(
         report.map_or(f64::NAN, |r| r.total_allocated_bytes as f64)
     };
     let settle = || {
-        // Uploads wait for a submit, and hold memory until they are done.
+        // Uploads wait for a submit and hold memory until they are done.
         gpu.start_recording().submit()?;
         gpu.wait()
     };
@@ -133,7 +134,7 @@ const RESULTS: [&str; 6] = [
     "driver_bytes",
 ];
 
-/// Measures memory against tets; returns the finding and the chart's name.
+/// Measures memory against tets; returns the findings and the chart's name.
 pub(super) fn measure(run: &Run) -> Result<(String, String)> {
     let tets: &[usize] = match run.quick {
         true => &[3_000, 10_000],
@@ -196,7 +197,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
         };
         text += &format!(
             "\n| {part} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} |",
-            // A sum of nothing is -0.
+            // An empty sum is -0.
             own(Each::Node) + 0.0,
             own(Each::Tet) + 4.0 * own(Each::Link) + 0.0,
             own(Each::Face) + 0.0,
@@ -210,7 +211,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
     Ok((text, "scaling-memory".into()))
 }
 
-/// Bytes that arrays and the driver give for one part.
+/// Returns the bytes of arrays and of driver allocations for one part.
 pub(super) fn part_bytes(gpu: &Gpu, part: &str, mesh: &TetMesh) -> Result<(f64, f64)> {
     let body = || GpuBody::new(gpu, mesh, &Material::soft_tissue());
     match part {

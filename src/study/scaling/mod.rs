@@ -1,5 +1,5 @@
-//! The study of scaling: what a step, a refresh, a picture, a table and a cut take, against tets,
-//! pixels, layers and texels; what steps of elements take; and what a node and a tet take of memory.
+//! The scaling study: time of a step, an update, an image, a table and a cut, against tets, pixels,
+//! layers and texels; time of finite element steps; and memory per node and tet.
 
 mod cases;
 mod memory;
@@ -13,20 +13,20 @@ use std::path::Path;
 pub use memory::computed_bytes;
 pub(super) use memory::taken;
 
-/// The columns that say what was done.
+/// Columns that identify a point.
 const SETTINGS: [&str; 7] = [
     "what", "on", "against", "tets", "pixels", "layers", "texels",
 ];
-/// The columns of what was found; iterations are those of conjugate gradients in the last step.
+/// Columns of results; iterations are those of conjugate gradients in the last step.
 const RESULTS: [&str; 3] = ["nodes", "iterations", "ms"];
 
-/// One point: what is done, where, and its size.
+/// One point: operation, device and size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Point {
     what: &'static str,
     on: &'static str,
     against: &'static str,
-    /// Tets asked for.
+    /// Requested number of tets.
     tets: usize,
     pixels: usize,
     layers: usize,
@@ -34,11 +34,11 @@ struct Point {
 }
 
 const GPU: &str = "GPU";
-/// The other engine of a step.
+/// The CPU engine.
 const CPU: &str = "CPU";
-/// The plain form in float64.
+/// The float64 reference implementation.
 const REFERENCE: &str = "CPU twin";
-/// A cut is made on the CPU, and what it changed is sent.
+/// A cut is computed on the CPU, and its changes are uploaded.
 const BOTH: &str = "CPU + GPU";
 
 impl Point {
@@ -49,12 +49,12 @@ impl Point {
     }
 }
 
-/// Pictures against tets and layers have so many pixels.
+/// Returns the number of pixels of images measured against tets and layers.
 fn pixels(quick: bool) -> usize {
     if quick { 128 * 128 } else { 256 * 256 }
 }
 
-/// All points: those of one mesh side by side, so that it is made once.
+/// Returns all points; those of one mesh are adjacent, so that it is generated once.
 fn points(quick: bool) -> Vec<Point> {
     let (tets, twin_most): (&[usize], usize) = match quick {
         true => (&[1_000, 3_000, 10_000], 3_000),
@@ -164,10 +164,10 @@ fn points(quick: bool) -> Vec<Point> {
     all
 }
 
-/// Measures how time and memory grow with size.
+/// Measures time and memory against size.
 ///
 /// # Errors
-/// A file that cannot be written, or what the device refuses.
+/// An error if a file cannot be written, or the device fails.
 pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     if scene.is_some() {
         run.report_note("scaling is measured on cubes of every size: the scene is passed over");
@@ -213,7 +213,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     )
 }
 
-/// Size and time of the points of one kind, by size.
+/// Returns the sizes and times of the points of one kind, by size.
 fn curve(rows: &[Row], what: &str, on: &str, against: &str) -> Vec<[f64; 2]> {
     let own = rows
         .iter()
@@ -223,7 +223,8 @@ fn curve(rows: &[Row], what: &str, on: &str, against: &str) -> Vec<[f64; 2]> {
     points
 }
 
-/// The exponent p of y ∝ xᵖ by least squares in logarithms, over the larger half of the points.
+/// Returns the exponent p of y ∝ xᵖ by least squares in logarithms, over the larger half of the
+/// points.
 pub(super) fn fit_exponent(points: &[[f64; 2]]) -> Option<f64> {
     let from = (points.len() / 2).min(points.len().saturating_sub(3));
     let logs: Vec<[f64; 2]> = points[from..].iter().map(|p| p.map(f64::ln)).collect();
@@ -273,7 +274,7 @@ fn chart(run: &Run, rows: &[Row], name: &str, kinds: &[&str], against: &str) -> 
     Ok(file)
 }
 
-/// The exponents in words, and why they are what they are.
+/// Describes the exponents and explains them.
 fn finding(rows: &[Row]) -> String {
     let mut lines = vec![
         "| what | against | on | exponent | largest | time |\n|---|---|---|---|---|---|".to_owned(),

@@ -1,8 +1,8 @@
-//! What a step of finite elements takes: by law, integrator and engine against tets; and with a rod
-//! in the body that is stiffer and stiffer, or rigid.
+//! Time of finite element steps: by material law, integrator and engine against tets; and with an
+//! increasingly stiff or rigid rod in the body.
 //!
-//! The engines differ in what they precondition conjugate gradients by: blocks of the diagonal on
-//! the GPU, these and the rigid motions of groups of nodes on the CPU.
+//! The engines use different preconditioners for conjugate gradients: block Jacobi on the GPU;
+//! block Jacobi with an additive coarse correction (rigid-body modes of node groups) on the CPU.
 
 use super::{Axis, CPU, Cell, Chart, GPU, Row, Run, Series, SeriesStyle, fit_exponent};
 use crate::gpu::Gpu;
@@ -23,17 +23,17 @@ const RESULTS: [&str; 4] = [
     "off_rigid_percent",
 ];
 
-/// The bar, m, Pa and kg/m³.
+/// Size, material and density of the bar, in m, Pa and kg/m³.
 const SIZE: DVec3 = DVec3::new(0.8, 0.2, 0.2);
 const YOUNG: f64 = 1e6;
 const DENSITY: f64 = 1000.0;
 const POISSON: f64 = 0.3;
-/// Seconds a step of implicit integrators.
+/// Time step of implicit integrators, s.
 const STEP: f64 = 0.01;
 /// Steps of the bar with a rod.
 const STEPS: u32 = 20;
 
-/// What bodies are made of.
+/// Material models and volumetric formulations.
 const MATTERS: [(&str, MaterialModel, VolumetricFormulation); 3] = [
     (
         "neo-hookean",
@@ -52,7 +52,7 @@ const MATTERS: [(&str, MaterialModel, VolumetricFormulation); 3] = [
     ),
 ];
 
-/// What is stepped by what.
+/// Measured combinations of material, integrator and engine.
 const KINDS: [(&str, SolverKind, &str); 8] = [
     ("neo-hookean", SolverKind::Implicit, CPU),
     ("neo-hookean", SolverKind::Implicit, GPU),
@@ -64,10 +64,10 @@ const KINDS: [(&str, SolverKind, &str); 8] = [
     ("neo-hookean", SolverKind::Symplectic, GPU),
 ];
 
-/// A rod that does not give.
+/// A rigid rod.
 const RIGID: &str = "rigid";
 
-/// Measures the steps, and tells of them. Returns the text and the charts' names.
+/// Measures the steps and describes the results. Returns the text and the charts' names.
 pub(super) fn measure(run: &Run) -> Result<(String, Vec<String>)> {
     let tets: &[usize] = match run.quick {
         true => &[300, 1_000],
@@ -113,7 +113,7 @@ fn cells(
     cells
 }
 
-/// The bar of about so many tets, made as the point says, held at one end.
+/// Returns the bar of the point's number of tets, material and integrator, clamped at one end.
 fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simulator>> {
     let mesh = with_rod(generate::bar_of_about(point[4].number() as usize, SIZE)?);
     let named = MATTERS.iter().find(|m| m.0 == point[1].text());
@@ -153,7 +153,7 @@ fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simula
     Ok(body)
 }
 
-/// Labels the middle of the bar from a tenth of its length on: of a quarter of its width and
+/// Labels the core of the bar, from a tenth of its length on, with a quarter of its width and
 /// height.
 fn with_rod(mut mesh: TetMesh) -> TetMesh {
     let inside = |t: usize| {
@@ -174,7 +174,7 @@ fn step(gpu: &Gpu, point: &[Cell], rigid: &mut Option<Vec<DVec3>>) -> Result<Vec
     let h = limit.map_or(STEP, |limit| 0.5 * limit);
     let with_rod = point[0].text() == "rod";
     if !with_rod {
-        // The first steps are not like the others: the body has hardly bent.
+        // The first steps are not representative: the body has hardly deformed.
         simulator.run(3, h)?;
     }
     let repeats = if with_rod { STEPS - 1 } else { 7 };
@@ -207,7 +207,7 @@ fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
     sum.sqrt()
 }
 
-/// The rows of what is stepped by what, or with a rod.
+/// Returns the rows of one combination, or those with a rod.
 fn of<'a>(
     rows: &'a [Row],
     against: &'a str,
@@ -258,7 +258,7 @@ fn against_rod(run: &Run, rows: &[Row]) -> Result<String> {
         let mut rigid = None;
         for row in of(rows, "rod", how) {
             let count = row.number("iterations_a_step");
-            // A table that is read back has numbers for numbers.
+            // Numeric texts are read back from the CSV as numbers.
             match row.number("rod") {
                 factor if factor.is_finite() => points.push([factor, count]),
                 _ => rigid = Some(count),

@@ -1,4 +1,4 @@
-//! What the study of scans found: charts and words.
+//! Findings of the scan study: charts and text.
 
 use super::Sizes;
 use super::subject::FINE;
@@ -6,21 +6,21 @@ use crate::Result;
 use crate::study::scaling::fit_exponent;
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
-/// The kinds of points, and what charts call them.
+/// Kinds of points, and their chart labels.
 const NAMES: [(&str, &str); 3] = [
     ("cage", "the scan, in cages"),
     ("means", "means at the nodes"),
     ("samples", "samples at the nodes"),
 ];
 
-/// `[x, y]` of the points of one kind, by their tets.
+/// Returns `[x, y]` of the points of one kind, sorted by tets.
 fn curve(rows: &[Row], what: &str, [x, y]: [&str; 2]) -> Vec<[f64; 2]> {
     let mut own: Vec<&Row> = rows.iter().filter(|r| r.text("what") == what).collect();
     own.sort_by(|a, b| a.number("tets").total_cmp(&b.number("tets")));
     own.iter().map(|r| [r.number(x), r.number(y)]).collect()
 }
 
-/// The y at which `points`, joined in logarithms, first come to `x`.
+/// Returns the y at which `points`, interpolated in logarithms, first reach `x`.
 fn at(points: &[[f64; 2]], x: f64) -> Option<f64> {
     points.windows(2).find_map(|pair| {
         let [[x0, y0], [x1, y1]] = [pair[0], pair[1]];
@@ -31,7 +31,7 @@ fn at(points: &[[f64; 2]], x: f64) -> Option<f64> {
     })
 }
 
-/// Draws and tells.
+/// Draws charts and reports.
 pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
     let is_reference =
         |r: &&Row| r.text("what") == "cage" && r.number("cells") == sizes.reference as f64;
@@ -109,8 +109,8 @@ pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
     run.write_findings("scan", title, &text, &["scan-time", "scan-tets"])
 }
 
-/// How many tets, and how much time, values need for the error of the reference: those of means or
-/// samples that come nearer to it.
+/// Describes how many tets and how much time nodal values need for the error of the reference,
+/// using the more accurate of means and samples.
 fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
     let (nodes, goal) = (reference.number("nodes"), reference.number("rmse_255"));
     let ends = ["means", "samples"].map(|what| {
@@ -144,7 +144,7 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
         );
     }
     if let Some(power) = fit_exponent(&of(["tets", "rmse_255"])) {
-        // Of balls of as many cells across as the scan has voxels.
+        // For balls with as many cells across as the scan has voxels.
         let [cells, tets] = of(["cells", "tets"]).last().copied().unwrap_or_default();
         let voxelwise = tets * (sizes.voxels as f64 / cells).powi(3);
         text += &format!(

@@ -1,5 +1,5 @@
-//! `study scan`: pictures of a scan that coarse cages carry, beside those of meshes that have its
-//! values at their nodes: error against time, and how many tets equal sharpness takes.
+//! `study scan`: images of a scan embedded in coarse cages, against meshes with its values at their
+//! nodes: error against time, and the number of tets for equal sharpness.
 
 mod finding;
 mod phantom;
@@ -14,7 +14,7 @@ use crate::render::{Image, ImageDifference, Mode, Raycaster};
 use std::path::Path;
 use subject::{BALL, ScanRepresentation, Subject};
 
-/// What a point draws.
+/// Kinds of points.
 const KINDS: [(&str, ScanRepresentation); 3] = [
     ("cage", ScanRepresentation::Scan),
     ("means", ScanRepresentation::Means),
@@ -22,7 +22,7 @@ const KINDS: [(&str, ScanRepresentation); 3] = [
 ];
 
 const SETTINGS: [&str; 4] = ["what", "cells", "voxels", "pixels"];
-/// `share` is the time of a frame over that of the reference cage's, frame by frame in turns.
+/// `share` is the frame time over that of the reference cage, measured in alternating frames.
 const RESULTS: [&str; 9] = [
     "nodes",
     "tets",
@@ -35,17 +35,17 @@ const RESULTS: [&str; 9] = [
     "gpu_mb",
 ];
 
-/// What is measured: voxels and pixels along a side, and balls by their cells across.
+/// Sizes to measure: voxels and pixels along a side, and balls by their cells across.
 struct Sizes {
     voxels: usize,
     pixels: usize,
     cages: &'static [usize],
     values: &'static [usize],
-    /// The cage whose time is 1.
+    /// The cage whose relative time is 1.
     reference: usize,
-    /// Meshes of samples whose pictures are kept.
+    /// Meshes of samples whose images are saved.
     kept: [usize; 2],
-    /// Pairs of frames that are timed.
+    /// Number of timed pairs of frames.
     pairs: usize,
 }
 
@@ -68,24 +68,24 @@ const QUICK: Sizes = Sizes {
     pairs: 3,
 };
 
-/// A mesh and what draws it.
+/// A mesh and its raycaster.
 struct MeshRenderer {
     mesh: TetMesh,
     caster: Raycaster,
     bytes: f64,
 }
 
-/// What all points are held against.
+/// Data that every point is compared with.
 struct ReferenceScene {
     subject: Subject,
     truth: Image,
     reference: MeshRenderer,
 }
 
-/// Measures, draws and tells.
+/// Measures, draws charts and reports.
 ///
 /// # Errors
-/// A file that cannot be written, or what the device refuses.
+/// An error if a file cannot be written, or the device fails.
 pub(super) fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     if scene.is_some() {
         run.report_note("scans are studied in a bent ball: the scene is passed over");
@@ -143,7 +143,8 @@ fn drawn(
     })
 }
 
-/// Draws a point, holds it against the truth, and times it in turns with the reference.
+/// Renders a point, compares it with the reference image, and times it in alternation with the
+/// reference.
 fn measure(
     run: &Run,
     sizes: &Sizes,
@@ -167,7 +168,7 @@ fn measure(
         picture.save(run.dir.join(format!("scan-{what}-{cells}.png")))?;
     }
     let apart = ImageDifference::between(&prepared.truth, &picture)?;
-    // Who else uses the machine slows both of a pair.
+    // Other load on the machine affects both frames of a pair.
     let mut times: [Vec<f64>; 3] = Default::default();
     for _ in 0..sizes.pairs {
         let reference = &mut prepared.reference.caster;
@@ -194,8 +195,8 @@ fn measure(
     ])
 }
 
-/// How much of the truth's gradients, from pixel to pixel, a picture has: their coefficient of
-/// determination. 1 where all edges are there, and 0 where as much is wrong as there is to see.
+/// Returns the coefficient of determination of an image's pixel-to-pixel gradients against the
+/// reference image: 1 for identical edges, 0 if the error is as large as the signal.
 fn gradient_r2(truth: &Image, picture: &Image) -> f64 {
     let [width, height] = truth.size;
     let (mut off, mut whole) = (0.0, 0.0);

@@ -1,4 +1,4 @@
-//! What is scanned: a head of sorts, whose detail is a few voxels wide however many there are.
+//! The phantom to scan: a head-like object whose detail is a few voxels wide at any resolution.
 
 use crate::Result;
 use crate::parallel;
@@ -15,19 +15,19 @@ const FLESH: f64 = 50.0;
 const VESSEL: f64 = 350.0;
 const SPONGY: f64 = 700.0;
 const COMPACT: f64 = 1400.0;
-/// Where the surface is, and both tables of the skull, from the middle.
+/// Distance of the surface and of both tables of the skull from the centre.
 const SURFACE: f64 = 0.45;
 const OUTER_TABLE: f64 = 0.4;
 const INNER_TABLE: f64 = 0.34;
-/// In voxels: a table of the skull, from one wall of spongy bone to the next but one, and how soft
-/// edges are, as a scanner makes them.
+/// In voxels: thickness of a table of the skull, period of the spongy bone, and width of blurred
+/// edges as in a scanner.
 const TABLE: f64 = 3.0;
 const PERIOD: f64 = 16.0;
 const EDGE: f64 = 0.5;
-/// The part of a period's level set that is bone: walls of two voxels.
+/// Threshold of the level set of spongy bone: gives walls of two voxels.
 const WALL: f64 = 0.5;
-/// Vessels wind about the z-axis: how far from it, where they begin, turns per length, and radii in
-/// voxels.
+/// Vessels are helices about the z-axis: distance from it, initial angle, turns per length, and
+/// radius in voxels.
 const VESSELS: [[f64; 4]; 6] = [
     [0.07, 0.0, 1.5, 3.0],
     [0.13, 2.0, -1.0, 2.0],
@@ -37,7 +37,8 @@ const VESSELS: [[f64; 4]; 6] = [
     [0.29, 5.0, -0.7, 1.2],
 ];
 
-/// The CT number at `p`, from the middle of a head in the unit cube, whose voxels measure `voxel`.
+/// Returns the CT number at `p`, relative to the centre of a head in the unit cube, with voxels of
+/// size `voxel`.
 fn ct_number(p: DVec3, voxel: f64) -> f64 {
     let soft = |x: f64| 1.0 / (1.0 + (-x / (EDGE * voxel)).exp());
     let shell = |r: f64, at: f64| soft(r - at) * soft(at + TABLE * voxel - r);
@@ -54,7 +55,7 @@ fn ct_number(p: DVec3, voxel: f64) -> f64 {
     let vessels = VESSELS.iter().map(|[out, from, turns, radius]| {
         let (s, c) = (from + TAU * turns * p.z).sin_cos();
         let away = DVec3::new(p.x - out * c, p.y - out * s, 0.0).length();
-        // Aslant, so that its cross-section in the plane is longer than wide.
+        // Oblique, so its cross-section in the plane is elongated.
         let slant = (1.0 + (TAU * turns * out).powi(2)).sqrt();
         soft(radius * voxel - away / slant)
     });
@@ -68,7 +69,8 @@ fn ct_number(p: DVec3, voxel: f64) -> f64 {
     AIR + soft(SURFACE - r) * (inside - AIR)
 }
 
-/// The surface a veil, flesh clear, vessels and spongy bone clear enough to see behind them.
+/// Transfer function: a faint surface, transparent flesh, and vessels and spongy bone transparent
+/// enough to see behind them.
 pub(super) fn transfer() -> Result<TransferFunction> {
     TransferFunction::new(
         vec![
@@ -93,7 +95,7 @@ pub(super) fn transfer() -> Result<TransferFunction> {
     )
 }
 
-/// The scan, of so many voxels along each axis, over the unit cube about the origin.
+/// Returns the scan, with `voxels` voxels along each axis, over the unit cube about the origin.
 pub(super) fn scan(voxels: usize) -> Result<Scan> {
     let voxel = 1.0 / voxels as f64;
     let first = DVec3::splat(0.5 * voxel - 0.5);

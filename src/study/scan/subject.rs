@@ -1,4 +1,4 @@
-//! A bent ball that a scan is in: its exact picture, and what draws it.
+//! A bent ball with an embedded scan: its reference image and its raycaster.
 
 use super::phantom;
 use crate::Result;
@@ -10,41 +10,41 @@ use crate::render::{
 use crate::study::Run;
 use glam::{DVec2, DVec3};
 
-/// The radius of the circle that the z-axis is bent to.
+/// Bend radius of the z-axis.
 const BEND: f64 = 1.0;
-/// The ball's radius, at rest; and of a ball about the origin that holds it bent.
+/// Radius of the ball at rest.
 pub(super) const BALL: f64 = 0.5;
 const BOUNDING_RADIUS: f64 = 0.6;
-/// Samples of the exact picture in a voxel's length.
+/// Samples per voxel of the reference image.
 pub(super) const FINE: f64 = 8.0;
-/// What is behind this opacity is not seen in it.
+/// Opacity at which a ray of the reference image terminates.
 const OPAQUE: f64 = 1.0 - 1e-6;
 
-/// How a mesh knows of the scan.
+/// How a mesh represents the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ScanRepresentation {
-    /// It carries it.
+    /// The mesh carries the scan.
     Scan,
-    /// Its nodes have the means over their cells.
+    /// Nodal values: means over the cells of the nodes.
     Means,
-    /// Its nodes have what the scan has there.
+    /// Nodal values: samples of the scan at the nodes.
     Samples,
 }
 
-/// Where `p` comes.
+/// Returns the deformed position of `p`.
 fn bent(p: DVec3) -> DVec3 {
     let (sin, cos) = (p.z / BEND).sin_cos();
     let r = BEND + p.x;
     DVec3::new(r * cos - BEND, p.y, r * sin)
 }
 
-/// Where what comes to `p` rests.
+/// Returns the rest position of `p`.
 fn unbent(p: DVec3) -> DVec3 {
     let r = (p.x + BEND).hypot(p.z);
     DVec3::new(r - BEND, p.y, BEND * p.z.atan2(p.x + BEND))
 }
 
-/// The scan, and how it is seen.
+/// The scan, and how it is rendered.
 pub(super) struct Subject {
     scan: Scan,
     transfer: ResolvedTransfer,
@@ -53,7 +53,7 @@ pub(super) struct Subject {
 }
 
 impl Subject {
-    /// A scan of so many voxels along each axis, in a picture of so many pixels.
+    /// Creates a scan with `voxels` voxels along each axis, rendered with `pixels` pixels.
     pub fn new(voxels: usize, pixels: usize) -> Result<Subject> {
         let scan = phantom::scan(voxels)?;
         let eye = DVec3::new(1.0, -2.0, 0.7);
@@ -65,12 +65,12 @@ impl Subject {
         })
     }
 
-    /// Bytes of the scan as it is drawn: half floats.
+    /// Returns the bytes of the scan on the GPU: half floats.
     pub fn scan_bytes(&self) -> f64 {
         2.0 * self.scan.volume.voxels() as f64
     }
 
-    /// The picture of the scan, bent without any mesh, in float64.
+    /// Computes the float64 reference image of the bent scan, without any mesh.
     pub fn truth(&self) -> Image {
         let pixels = self.exact(1.0 / (FINE * self.scan.volume.size[0] as f64));
         Image {
@@ -80,7 +80,7 @@ impl Subject {
         }
     }
 
-    /// Pixels by samples `step` apart.
+    /// Returns pixels computed with samples `step` apart.
     fn exact(&self, step: f64) -> Vec<[f64; 4]> {
         let [width, height] = self.size.map(|n| n as usize);
         let to_voxel = self.scan.rest_to_voxel();
@@ -115,7 +115,7 @@ impl Subject {
         })
     }
 
-    /// What draws `mesh`, bent.
+    /// Returns the raycaster of `mesh`, bent.
     pub fn raycaster(
         &self,
         run: &Run,
@@ -156,7 +156,7 @@ mod tests {
     use crate::mesh::generate;
     use crate::render::ReferenceRaycaster;
 
-    /// Root mean square difference, of 255.
+    /// Returns the RMS difference, in 1/255.
     fn apart(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
         let pairs = a.as_flattened().iter().zip(b.as_flattened());
         let square: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
@@ -176,7 +176,8 @@ mod tests {
         assert!(bent(DVec3::new(0.1, 0.0, 0.4)).distance(DVec3::new(0.1, 0.0, 0.4)) > 0.05);
     }
 
-    /// The exact picture does not go by its steps, and is that of exact rays through many tets.
+    /// The reference image has converged in its step length, and equals exact rays through many
+    /// tets.
     #[test]
     fn the_exact_picture_is_that_of_rays_through_small_tets() {
         let subject = Subject::new(48, 40).unwrap();

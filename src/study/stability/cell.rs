@@ -1,4 +1,4 @@
-//! One cell of a map: a body released under gravity, stepped, and held against float64.
+//! One cell of a stability map: a body released under gravity, stepped, and compared with float64.
 
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -9,27 +9,28 @@ use crate::physics::{
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
 
-/// Steps of a cell at most, and at least: instability needs some to show.
+/// Maximum and minimum steps of a cell: instability needs some steps to show.
 const STEPS: [u32; 2] = [40, 500];
 
-/// The motion that is watched, in largest steps of undamped Verlet: two or three swings.
+/// Duration of the observed motion, in largest stable steps of undamped Verlet: two or three
+/// oscillations.
 const OBSERVED_STEPS: f64 = 200.0;
 
-/// Times at which the body is held against the truth.
+/// Number of comparisons with the reference.
 const SAMPLES: u32 = 4;
 
-/// An error that is still called accurate: root mean square over the nodes, over the largest such
-/// displacement of the truth.
+/// Maximum error of an accurate motion: RMS over the nodes, relative to the largest RMS
+/// displacement of the reference.
 pub const ACCURATE: f64 = 0.1;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// A solver as the maps have it.
+/// A solver of the maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Method {
     pub name: &'static str,
     pub kind: SolverKind,
-    /// Iterations a step at most, where fewer than the solver's own.
+    /// Maximum iterations per step, if below the solver's own limit.
     pub iterations: Option<u32>,
 }
 
@@ -43,13 +44,13 @@ impl Method {
     }
 }
 
-/// What became of a cell.
+/// Result of a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// An index into [`STATES`].
     pub state: usize,
-    /// Root mean square over the nodes, over the largest displacement of the truth; not a number
-    /// where the run ended before the first comparison.
+    /// RMS error over the nodes, relative to the largest displacement of the reference; NaN if the
+    /// run ended before the first comparison.
     pub error: f64,
     /// Steps completed.
     pub steps: u64,
@@ -58,23 +59,23 @@ pub struct Outcome {
 /// The states of a cell.
 pub const STATES: [&str; 4] = ["stable", "inaccurate", "diverged", "CG not converged"];
 
-/// A body to be released, and what it does in float64.
+/// A body to be released, with its float64 reference motion.
 pub struct Trial {
     mesh: TetMesh,
     material: Material,
     pinned: Vec<u32>,
-    /// Positions in file units at equal times from 0 on.
+    /// Reference positions in file units at equal intervals, from time 0.
     truth: Vec<Vec<DVec3>>,
-    /// Seconds between them, and all of them.
+    /// Interval between them and total duration, s.
     interval: f64,
     watched: f64,
-    /// The largest displacement of the truth, root mean square over the nodes, in file units.
+    /// Largest RMS displacement of the reference, in file units.
     largest: f64,
     linear: LinearisedModel,
 }
 
 impl Trial {
-    /// The body of `mesh` made of `material`, held where `held` says.
+    /// Creates the trial of `mesh` and `material`, pinned where `held` is true.
     pub fn new(
         gpu: &Gpu,
         mesh: &TetMesh,
@@ -87,7 +88,7 @@ impl Trial {
         let undamped = 2.0 / linear.stiffest_mode().stiffness.sqrt();
         let limit = linear.largest_step(SolverKind::VelocityVerlet);
         let limit = limit.map_or(undamped, |l| l.step);
-        // A fraction of both: damping that is stiff must be stable, not resolved.
+        // A fraction of both: stiff damping must be stable, but need not be resolved.
         let step = (undamped / 16.0).min(limit / 3.0);
         let watched = OBSERVED_STEPS * undamped;
         let samples = 1000usize;
@@ -131,7 +132,7 @@ impl Trial {
         })
     }
 
-    /// The largest step of `kind` by theory, in seconds; none where there is no limit.
+    /// Returns the largest stable step of `kind` by linear theory, s; none if there is no limit.
     pub fn limit(&self, kind: SolverKind) -> Option<f64> {
         self.linear.largest_step(kind).map(|l| l.step)
     }
@@ -182,7 +183,7 @@ impl Trial {
         })
     }
 
-    /// Where the nodes are in truth; after the end of what is watched, where they are then.
+    /// Returns the interpolated reference positions; after the end, the last ones.
     fn truth_at(&self, time: f64) -> Vec<DVec3> {
         let at = time / self.interval;
         let last = self.truth.len() - 1;
@@ -194,7 +195,7 @@ impl Trial {
     }
 }
 
-/// Root mean square distance.
+/// Returns the RMS distance.
 fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
     (sum / a.len() as f64).sqrt()

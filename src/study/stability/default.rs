@@ -1,6 +1,6 @@
-//! Whether the default holds: undamped neo-Hookean elements by implicit Euler at the default
-//! settings, against the same steps solved to the last digits, over step size and stiffness; the
-//! same by BDF2, and of a bar with a rigid rod in it.
+//! Robustness of the defaults: undamped neo-Hookean elements by implicit Euler at default settings,
+//! against the same steps with converged solves, over step size and stiffness; also by BDF2, and
+//! for a bar with a rigid rod.
 
 use crate::Result;
 use crate::mesh::{Field, Location, TetMesh, generate};
@@ -20,7 +20,7 @@ const RESULTS: [&str; 4] = [
     "iterations_a_step",
 ];
 
-/// What becomes of a cell: the third to the fifth are failures, of the last nothing is known.
+/// States of a cell: the third to the fifth are failures, the last is unknown.
 const STATES: [&str; 6] = [
     "within 1 %",
     "within 20 %",
@@ -30,18 +30,18 @@ const STATES: [&str; 6] = [
     "no truth",
 ];
 
-/// Steps of each cell, and how often they are compared.
+/// Steps of each cell, and number of comparisons.
 const STEPS: u32 = 40;
 const SAMPLES: u32 = 8;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
-/// A body that is held at its left end and released.
+/// A body that is clamped at its left end and released.
 struct Subject {
     name: &'static str,
     mesh: TetMesh,
     kind: SolverKind,
-    /// Whether what its cell field `rod` tells of is rigid.
+    /// Whether the region of its cell field `rod` is rigid.
     rod: bool,
 }
 
@@ -74,7 +74,7 @@ fn subjects() -> Result<[Subject; 4]> {
     ])
 }
 
-/// Labels the middle of a bar, from a fifth of its length on.
+/// Labels the core of a bar, from a fifth of its length on.
 fn with_rod(mut mesh: TetMesh) -> TetMesh {
     let (low, high) = mesh.bounds();
     let inside = |t: usize| {
@@ -113,7 +113,7 @@ impl Subject {
         Ok(())
     }
 
-    /// Default steps beside converged ones of the same length.
+    /// Compares default steps with converged steps of the same length.
     fn measure(&self, gpu: &Gpu, material: &Material, h: f64) -> Result<Vec<Cell>> {
         let kind = self.kind;
         let mut body = EngineChoice::Auto.build_tets(gpu, self.mesh.clone(), material, kind)?;
@@ -153,7 +153,7 @@ impl Subject {
             (1.., _) => 3,
             (_, ..=0.01) => 0,
             (_, ..=0.2) => 1,
-            // Not a number too.
+            // Includes NaN.
             _ => 2,
         };
         let each = f64::from(iterations) / f64::from(STEPS);
@@ -170,13 +170,13 @@ fn cells(state: usize, off: f64, inverted: usize, iterations: f64) -> Vec<Cell> 
     ]
 }
 
-/// Root mean square distance.
+/// Returns the RMS distance.
 fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
     (sum / a.len().max(1) as f64).sqrt()
 }
 
-/// Maps the default, and tells which cells fail.
+/// Draws the map of the defaults and lists the failed cells.
 pub fn run(run: &Run) -> Result<()> {
     let subjects = subjects()?;
     let (youngs, steps): (Vec<f64>, Vec<f64>) = match run.quick {

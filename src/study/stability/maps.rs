@@ -1,4 +1,4 @@
-//! Maps over step size and stiffness.
+//! Stability maps over step size and stiffness.
 
 use super::cell::{ACCURATE, Method, STATES, Trial};
 use crate::Result;
@@ -12,8 +12,8 @@ use std::path::Path;
 const SETTINGS: [&str; 5] = ["body", "solver", "damping_time_s", "stiffness", "step_s"];
 const RESULTS: [&str; 4] = ["state", "error_percent", "steps", "limit_s"];
 
-/// Damping in proportion to stiffness, s: explicit Euler then takes the paper's 0.001 s at its
-/// κ of 3,000 N/m.
+/// Stiffness-proportional damping, s; explicit Euler is then stable at the paper's step of 0.001 s
+/// for its κ of 3,000 N/m.
 const DAMPING: f64 = 1e-3;
 
 const METHODS: [Method; 6] = [
@@ -33,14 +33,14 @@ const fn method(name: &'static str, kind: SolverKind, iterations: Option<u32>) -
     }
 }
 
-/// A body to be mapped.
+/// A body to map.
 struct Subject {
     name: String,
     mesh: TetMesh,
     material: Material,
-    /// Nodes up to here along x are held.
+    /// Nodes up to this x are pinned.
     held: f64,
-    /// Of the stiffness: its axis, and the values.
+    /// Stiffness: axis label and values.
     axis: &'static str,
     stiffnesses: Vec<f64>,
     steps: Vec<f64>,
@@ -104,7 +104,7 @@ fn bar(quick: bool) -> Result<Subject> {
     Ok(Subject {
         name: "bar".to_owned(),
         mesh: generate::paper_bar()?,
-        // Damped along the springs, which lets the modes decouple.
+        // Damped along the springs, so that the modes decouple.
         material: Material {
             stiffness: Stiffness::Uniform(1.0),
             ..Material::from_young(1.0)
@@ -125,7 +125,7 @@ fn bar(quick: bool) -> Result<Subject> {
     })
 }
 
-/// A body with slivers; `unit` is what one unit of it is, in metres.
+/// Returns a body with slivers; `unit` is its length unit in metres.
 fn slivered(name: String, mesh: TetMesh, unit: f64, quick: bool) -> Subject {
     let (low, high) = mesh.bounds();
     Subject {
@@ -154,7 +154,7 @@ fn slivered(name: String, mesh: TetMesh, unit: f64, quick: bool) -> Subject {
     }
 }
 
-/// The body with slivers that is mapped beside the bar: the one named, or a generated one.
+/// Returns the second body: the named one, or a generated one with slivers.
 fn second(named: Option<&Path>, quick: bool) -> Result<Subject> {
     let Some(path) = named else {
         return Ok(slivered(
@@ -173,7 +173,7 @@ fn second(named: Option<&Path>, quick: bool) -> Result<Subject> {
 }
 
 pub fn run(run: &Run, named: Option<&Path>) -> Result<()> {
-    // A file that cannot be read is said before the first hour.
+    // Read first, so that an unreadable file is reported before hours of work.
     let second = match (run.quick, named) {
         (true, None) => None,
         _ => Some(second(named, run.quick)?),
@@ -227,7 +227,7 @@ fn measure(run: &Run, subject: &Subject) -> Result<Vec<Row>> {
     )
 }
 
-/// The maps of a body from what is measured of it; their names.
+/// Measures a body and draws its maps; returns their names.
 fn draw(run: &Run, subject: &Subject) -> Result<Vec<String>> {
     let mut charts = Vec::new();
     let rows = measure(run, subject)?;
@@ -264,7 +264,7 @@ fn draw(run: &Run, subject: &Subject) -> Result<Vec<String>> {
     Ok(charts)
 }
 
-/// The largest stable step by theory, over the stiffnesses of the map and beyond.
+/// Returns the largest stable step by theory, over the stiffnesses of the map and beyond.
 fn limits(subject: &Subject, method: Method, damping: f64) -> Result<Vec<Series>> {
     let [first, last] = [0, subject.stiffnesses.len() - 1].map(|i| subject.stiffnesses[i]);
     let mut points = Vec::new();
@@ -305,7 +305,7 @@ fn at<'a>(
     })
 }
 
-/// How a cell is told: its state, and its error where there is one.
+/// Describes a cell: its state, and its error if there is one.
 fn told(row: Option<&Row>) -> String {
     match row {
         None => "not measured".into(),
@@ -320,8 +320,8 @@ fn told(row: Option<&Row>) -> String {
     }
 }
 
-/// Of the explicit solvers' cells: below the limit of theory, those that held; above, those that
-/// failed; and how far undamped explicit Euler comes, which has none.
+/// Describes the agreement of the explicit solvers with theory: stable cells below the limit,
+/// failed cells above it, and how far undamped explicit Euler, which has no limit, gets.
 fn agreement(rows: &[Row]) -> String {
     let (mut below, mut above, mut never) = ([0, 0], [0, 0], [0, 0]);
     for row in rows {

@@ -1,5 +1,5 @@
-//! `study stability`: what becomes of each solver over step size and stiffness, with the limit of
-//! theory drawn over it, and where methods fail.
+//! `study stability`: stability and accuracy of each solver over step size and stiffness, with the
+//! theoretical limit, and where methods fail.
 
 mod cell;
 mod default;
@@ -10,12 +10,12 @@ use super::Run;
 use crate::Result;
 use std::path::Path;
 
-/// Maps of the paper's bar and of a hollow body with slivers, or of the mesh (or a scene's mesh)
-/// that is named in its place; what the models of matter do with volume; and the default.
+/// Maps the paper's bar and a hollow body with slivers, or in its place the named mesh or scene;
+/// then measures volume preservation of the material models, and the defaults.
 ///
 /// # Errors
-/// What reading a mesh, measuring and writing return; `stability.csv` of another version of this
-/// study.
+/// An error if a mesh cannot be read, a measurement or writing fails, or `stability.csv` is from
+/// another version of this study.
 pub fn run(run: &Run, named: Option<&Path>) -> Result<()> {
     maps::run(run, named)?;
     volume::run(run)?;

@@ -1,4 +1,4 @@
-//! What the models of matter do with volume: a bar drawn out, and one scrambled.
+//! Volume preservation of the material models: a stretched bar and a randomly perturbed one.
 
 use crate::Result;
 use crate::mesh::{generate, signed_volume};
@@ -13,13 +13,13 @@ use glam::DVec3;
 /// Young's modulus, Pa.
 const YOUNG: f64 = 1e5;
 
-/// How far the bar is drawn out, of its length.
+/// Elongation of the bar, relative to its length.
 const STRETCH: f64 = 0.1;
 
-/// How far a node is thrown along each axis, m.
+/// Amplitude of the perturbation of a node along each axis, m.
 const PERTURBATION: f64 = 0.02;
 
-/// Steps of how many seconds a scrambled bar has to settle.
+/// Number and length (s) of the steps in which a perturbed bar settles.
 const SETTLING_STEPS: (u32, f64) = (300, 0.01);
 
 const RESULTS: [&str; 6] = [
@@ -31,7 +31,7 @@ const RESULTS: [&str; 6] = [
     "inverted_left",
 ];
 
-/// A repeatable stream of numbers in −1..1.
+/// A reproducible pseudo-random sequence in −1..1.
 struct Noise(u64);
 
 impl Noise {
@@ -48,7 +48,7 @@ impl Noise {
     }
 }
 
-/// What becomes of the paper's bar of `material`, drawn out and scrambled.
+/// Stretches and perturbs the paper's bar of `material` and measures the results.
 fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
     let mesh = generate::paper_bar()?;
     let network = DiscreteModel::new(&mesh, material)?;
@@ -110,7 +110,7 @@ fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
     ])
 }
 
-/// Tells what every matter does.
+/// Measures every material and reports the results.
 pub fn run(run: &Run) -> Result<()> {
     let mut matters = materials(YOUNG);
     if run.quick {

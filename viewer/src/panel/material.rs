@@ -1,4 +1,4 @@
-//! The panel of what the body is made of and how it moves.
+//! Panel of the material and the simulation settings.
 
 use super::edited;
 use crate::app::App;
@@ -8,13 +8,13 @@ use palpate::physics::{EngineChoice, TISSUES};
 use palpate::scene::{Scene, TissueEntry};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
-/// What computes steps, and what that is called here.
+/// Engines and their display names.
 const ENGINES: [(&str, &str); 3] = [
     ("auto", "what suits"),
     ("cpu", "processor"),
     ("gpu", "graphics card"),
 ];
-/// Schemes, and what is said of them.
+/// Integrators and their descriptions.
 const INTEGRATORS: [(&str, &str); 7] = [
     (
         "implicit",
@@ -28,11 +28,11 @@ const INTEGRATORS: [(&str, &str); 7] = [
     ("velocity-verlet", "small steps, keeps energy"),
 ];
 
-/// Where an entry stands, and what it becomes.
+/// Table, key and new value of an entry.
 type Edit = (&'static str, &'static str, Value);
 
 impl App {
-    /// What the body is made of and how it moves: it begins anew where that is changed.
+    /// Draws the panel of material and simulation settings; a change rebuilds the body.
     pub(crate) fn material_panel(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
             return;
@@ -120,7 +120,7 @@ impl App {
     }
 }
 
-/// A choice among words, each with what it is called; the word that was chosen, if another one was.
+/// Draws a combo box of words with display names. Returns the new choice, if it changed.
 fn choice<'a>(
     ui: &mut egui::Ui,
     name: &str,
@@ -141,7 +141,7 @@ fn choice<'a>(
     picked
 }
 
-/// Young's modulus, Pa, of each tissue of the scene that is not rigid, where it is known.
+/// Returns Young's modulus, Pa, of each tissue of the scene that is not rigid, if known.
 fn stiffnesses(scene: &Scene) -> Vec<(String, f64)> {
     let tissues = scene.material.tissues.iter();
     let of = |(name, entry): (&String, &TissueEntry)| {
@@ -156,7 +156,7 @@ fn stiffnesses(scene: &Scene) -> Vec<(String, f64)> {
     tissues.filter_map(of).collect()
 }
 
-/// Has a tissue of the scene be so stiff, Pa; a list of its regions becomes a table.
+/// Sets Young's modulus of a tissue, Pa; a list of its regions becomes a table.
 fn set_stiffness(text: &mut DocumentMut, name: &str, young: f64) {
     let material = text.entry("material").or_insert(Item::Table(Table::new()));
     let Some(material) = material.as_table_like_mut() else {

@@ -1,4 +1,4 @@
-//! The panels at the right, and here those of colours, light and touch.
+//! Panels at the right; this file has those of colours, light and interaction.
 
 mod material;
 mod planes;
@@ -23,7 +23,7 @@ use palpate::mesh::TetMesh;
 use palpate::render::TransferFunction;
 use toml_edit::Value;
 
-/// Modes of pictures, and what they are called here.
+/// Render modes and their display names.
 const MODES: [(&str, &str); 8] = [
     ("composite", "Inside"),
     ("surface", "Boundary"),
@@ -35,11 +35,11 @@ const MODES: [(&str, &str); 8] = [
     ("thickness", "Thickness"),
 ];
 
-/// What a body that moves can show of itself.
+/// Derived fields of a body that moves.
 const COMPUTED: [&str; 5] = ["displacement", "von_mises", "stress_1", "strain", "J"];
 
 impl App {
-    /// The panels at the right.
+    /// Draws the panels at the right.
     pub(crate) fn panels(&mut self, ui: &mut egui::Ui) {
         let context = ui.ctx().clone();
         egui::ScrollArea::vertical().show(ui, |ui| {
@@ -220,7 +220,7 @@ fn section(ui: &mut egui::Ui, name: &str, open: bool, add: impl FnOnce(&mut egui
         .show(ui, add);
 }
 
-/// A number that is dragged or typed: what it was changed to, once that is done.
+/// Draws a number field. Returns the new value once editing ends.
 pub(crate) fn edited(
     ui: &mut egui::Ui,
     name: &str,
@@ -245,7 +245,7 @@ pub(crate) fn edited(
     (done && now != value).then_some(now)
 }
 
-/// The fields of one number.
+/// Returns the names of the scalar fields.
 fn scalar_fields(mesh: &TetMesh) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for field in mesh.fields.iter().filter(|f| f.components == 1) {

@@ -1,4 +1,4 @@
-//! The panels of planes and isosurfaces.
+//! Panels of planes and isosurfaces.
 
 use crate::app::App;
 use crate::document::set_all;
@@ -100,7 +100,7 @@ impl App {
         let middle = (0.5 * (low + high)).to_array();
         let [a, b, c] = middle;
         let back = self.orbit.turn * DVec3::Z;
-        // What is nearest to the eye is cut off first.
+        // Clips the half that is nearer to the eye.
         let axis = back.abs().max_position();
         let n = DVec3::AXES[axis] * back[axis].signum();
         let new = [a, b, c, n.x, n.y, n.z];

@@ -1,4 +1,4 @@
-//! The panel of regions: shown or hidden, each in a colour and an opacity of its own.
+//! Panel of regions: visibility, colour and opacity of each.
 
 use crate::app::App;
 use eframe::egui::{self, Color32, Pos2, Sense};
@@ -17,14 +17,14 @@ impl App {
             return;
         }
         let looks = scene.picture.region;
-        // By name in any case, or by label.
+        // Matched by label or by case-insensitive name.
         let look_of = |name: &String| {
             let mut all = looks.iter();
             all.find(|(said, _)| is_called(&show.mesh, name, said))
         };
         let field = show.stage().scalar_field();
         let transfer = show.stage().transfer();
-        // What a region is drawn in where nothing is said of it.
+        // Returns the default colour of a region, from the transfer function.
         let drawn = |name: &String| {
             let (_, scalar) = field.regions.iter().find(|(own, _)| own == name)?;
             let [r, g, b] = transfer
@@ -117,7 +117,7 @@ impl App {
     }
 }
 
-/// A button that is an open eye, or a closed one.
+/// Draws a visibility button: an open or a closed eye.
 pub(super) fn eye(ui: &mut egui::Ui, open: bool) -> egui::Response {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(22.0, 16.0), Sense::click());
     response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, "shown"));
@@ -139,7 +139,7 @@ pub(super) fn eye(ui: &mut egui::Ui, open: bool) -> egui::Response {
     response
 }
 
-/// The regions of a mesh, by name or number.
+/// Returns the regions of a mesh, by name or number.
 fn regions_of(mesh: &TetMesh) -> Vec<String> {
     let field = mesh.region_field().filter(|f| f.location == Location::Cell);
     let Some(field) = field else {
@@ -155,7 +155,7 @@ fn regions_of(mesh: &TetMesh) -> Vec<String> {
     labels.into_iter().map(name).collect()
 }
 
-/// Whether a scene that says `said` means the region `name`: names in any case, or labels.
+/// Whether `said` in a scene refers to the region `name`: case-insensitive names, or labels.
 fn is_called(mesh: &TetMesh, name: &str, said: &str) -> bool {
     let mut labels = mesh.region_names.iter();
     said.eq_ignore_ascii_case(name)

@@ -1,4 +1,4 @@
-//! The panel of scans and skins: put into the body, shown, hidden, taken out.
+//! Panel of scans and skins: adding, visibility, appearance and removal.
 
 use super::regions::eye;
 use crate::app::App;
@@ -13,22 +13,22 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use toml_edit::{Item, Table, Value};
 
-/// What a file is chosen for.
+/// Purpose of a selected file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum ImportKind {
-    /// It is opened.
+    /// Opened as a document.
     #[default]
     Open,
-    /// The body carries it.
+    /// Added as a scan embedded in the body.
     Scan,
-    /// The transfer function of the scan of this number.
+    /// Transfer function of the scan of this index.
     Colours(usize),
-    /// The body wears it.
+    /// Added as a skin of the body.
     Skin,
 }
 
 impl ImportKind {
-    /// What is asked for.
+    /// Returns the title of the prompt.
     pub fn title(self) -> &'static str {
         match self {
             ImportKind::Open => "Open path",
@@ -38,7 +38,7 @@ impl ImportKind {
         }
     }
 
-    /// What that may be.
+    /// Returns the kinds of files to select.
     pub fn hint(self) -> &'static str {
         match self {
             ImportKind::Open => "a mesh, a volume, a surface, a scene or a series",
@@ -49,7 +49,7 @@ impl ImportKind {
     }
 }
 
-/// What was read.
+/// An imported item.
 enum ImportedItem {
     Scan(ReadScan),
     Skin(Box<SkinEntry>),
@@ -62,18 +62,19 @@ pub(crate) struct PendingImport {
 }
 
 impl PendingImport {
-    /// Its name, what is being done, the part of that which is done, and for how long, s.
+    /// Returns the file name, and the current activity, its completed fraction and the elapsed
+    /// time, s.
     pub fn progress(&self) -> (String, (String, f64, f64)) {
         let name = self.file.file_name().unwrap_or_default();
         (name.to_string_lossy().into_owned(), self.work.progress())
     }
 }
 
-/// A change of a table of the scene; none takes it out.
+/// A change of a table of the scene; none removes it.
 type Change = Box<dyn FnOnce(&mut Table)>;
 
 impl App {
-    /// Begins to take a file into the scene that is open.
+    /// Starts to import a file into the open scene.
     pub(crate) fn start_import(
         &mut self,
         purpose: ImportKind,
@@ -105,7 +106,7 @@ impl App {
             ImportKind::Skin => {
                 let name = self.beside(&file);
                 BackgroundTask::spawn("reading", context, move |progress| {
-                    // As a scene has it.
+                    // Parsed like an entry of a scene, for its defaults.
                     let text = format!("[[skin]]\nfile = {}\n", Value::from(name.as_str()));
                     let mut skins = Scene::parse(&text)?.skin;
                     let mut skin = skins.swap_remove(0);
@@ -118,7 +119,7 @@ impl App {
         self.taking = Some(PendingImport { file, work });
     }
 
-    /// Takes over a scan or a skin that was read.
+    /// Installs a scan or a skin that was read.
     pub(crate) fn finish_import(&mut self) {
         let Some(read) = self
             .taking
@@ -152,13 +153,13 @@ impl App {
         }
     }
 
-    /// A path as the scene names it.
+    /// Returns a path as written in the scene.
     fn beside(&self, file: &Path) -> String {
         let document = self.document.as_ref();
         document.map_or_else(|| file.display().to_string(), |d| d.relative_path(file))
     }
 
-    /// Changes a table of the scene, as one of its looks.
+    /// Changes a table of the scene, as an appearance edit.
     fn change(&mut self, (what, number): (&str, usize), how: &str, change: Change) {
         self.edit_appearance(&format!("{how} of {what} {number}"), |t| {
             let mut all = tables(t, what);
@@ -169,14 +170,14 @@ impl App {
         });
     }
 
-    /// Takes a table out of the scene.
+    /// Removes a table from the scene.
     fn take_out(&mut self, what: &str, number: usize) {
         self.edit_appearance(&format!("no {what} {number}"), |t| {
             let mut all = tables(t, what);
             if number < all.len() {
                 all.remove(number);
             }
-            // Of mode `skin` nothing would be left.
+            // Render mode `skin` would show nothing without a skin.
             if what == "skin" && all.is_empty() {
                 let mode = t.get("picture").and_then(|p| p.get("mode"));
                 if mode.and_then(Item::as_str) == Some("skin") {
@@ -204,7 +205,7 @@ impl App {
         }
     }
 
-    /// A scan: what it is taken for, and in which colours it is seen.
+    /// Draws the settings of a scan: its type and colours.
     fn scan(&mut self, ui: &mut egui::Ui, number: usize, scan: &ScanEntry) {
         let at = ("scan", number);
         let labels = self
@@ -278,7 +279,7 @@ impl App {
         }
     }
 
-    /// A label of a scan: whether it is shown, its colour and opacity.
+    /// Draws the settings of a label of a scan: visibility, colour and opacity.
     fn label(
         &mut self,
         ui: &mut egui::Ui,
@@ -332,7 +333,7 @@ impl App {
         }
     }
 
-    /// A skin: whether it is shown, how it is carried, its colour and opacity.
+    /// Draws the settings of a skin: visibility, attachment, colour and opacity.
     fn skin(&mut self, ui: &mut egui::Ui, number: usize, skin: &SkinEntry) {
         let at = ("skin", number);
         let mut change: Option<(&str, Change)> = None;
@@ -396,7 +397,7 @@ impl App {
     }
 }
 
-/// Sets a text of a table.
+/// Returns a change that sets a text of a table.
 fn put(key: &'static str, text: String) -> impl FnOnce(&mut Table) {
     move |table| drop(table.insert(key, Item::Value(Value::from(text))))
 }
@@ -408,13 +409,13 @@ fn name_of(file: &Path) -> String {
         .into_owned()
 }
 
-/// A colour as scenes have it.
+/// Formats a colour as in scene files.
 fn hex(colour: Color32) -> String {
     let [r, g, b, _] = colour.to_array();
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Has a label of a scan look so.
+/// Sets the appearance of a label of a scan.
 fn set_label(scan: &mut Table, key: &str, look: &LabelAppearanceEntry) {
     let all = scan.entry("label").or_insert(Item::Table(Table::new()));
     let Some(all) = all.as_table_like_mut() else {

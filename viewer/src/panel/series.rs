@@ -1,10 +1,10 @@
-//! The line at the bottom by which one goes through a recorded series.
+//! Timeline of a recorded series.
 
 use crate::app::App;
 use eframe::egui;
 
 impl App {
-    /// Play, one frame back and on, and a slider over all of them.
+    /// Draws the play and frame buttons and the slider.
     pub(crate) fn scrubber(&mut self, ui: &mut egui::Ui) {
         let Some(show) = &mut self.show else { return };
         let playing = show.playing;
@@ -46,7 +46,7 @@ impl App {
         }
     }
 
-    /// Goes so many frames on, or back; whether a series is shown.
+    /// Moves by a number of frames, forwards or backwards. Returns whether a series is shown.
     pub(crate) fn go_on(&mut self, frames: isize) -> bool {
         let Some(show) = &mut self.show else {
             return false;
@@ -59,8 +59,7 @@ impl App {
         true
     }
 
-    /// Has time go by, or not; the other way round where nothing is said. A series that is at its end
-    /// begins again.
+    /// Plays or pauses; toggles if `playing` is `None`. A series at its end restarts.
     pub(crate) fn play(&mut self, playing: Option<bool>) {
         let Some(show) = &mut self.show else { return };
         show.playing = playing.unwrap_or(!show.playing);

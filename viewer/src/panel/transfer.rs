@@ -1,4 +1,4 @@
-//! The editor of transfer functions: the opacity of each scalar over how often it occurs.
+//! Editor of the transfer function: opacity over scalar, on a histogram.
 
 use crate::app::App;
 use crate::document::set;
@@ -7,23 +7,23 @@ use eframe::egui::{self, Color32, EventFilter, Key, Pos2, Rect, Sense, Stroke as
 use palpate::render::TransferFunction;
 use toml_edit::{DocumentMut, Value};
 
-/// Height of the editor of transfer functions.
+/// Height of the editor, in points.
 const EDITOR: f32 = 110.0;
-/// How near the pointer takes a point.
+/// Picking distance of a point, in points.
 const POINT_RADIUS: f32 = 9.0;
-/// The way through the body whose opacity the editor shows, over the body's extent.
+/// Path length for which the editor shows the opacity, relative to the body's extent.
 const REFERENCE_DEPTH: f64 = 0.1;
-/// Opacities are not dragged beyond this.
+/// Maximum opacity of a dragged point.
 const MAX_OPACITY: f64 = 0.995;
-/// How far an arrow moves a point, in points of the screen; with Shift, so many times as far.
+/// Step of an arrow key in screen points; with Shift, multiplied by the factor below.
 const STEP: f32 = 2.0;
 const LARGE_STEP: f32 = 5.0;
 
-/// A point: a scalar, and the extinction there.
+/// A control point: scalar and extinction.
 type Point = [f64; 2];
 
-/// Where points are drawn: scalars of a range from left to right, and upwards the opacity of a way
-/// through the body.
+/// Coordinates of the plot: scalars from left to right, and upwards the opacity of a reference path
+/// length.
 struct Plot {
     rect: Rect,
     range: (f64, f64),
@@ -43,7 +43,7 @@ impl Plot {
         -(-opacity.clamp(0.0, MAX_OPACITY)).ln_1p() / self.way
     }
 
-    /// Where a point is drawn.
+    /// Returns the screen position of a point.
     fn place(&self, [s, density]: Point) -> Pos2 {
         let share = ((s - self.range.0) / self.span()).clamp(0.0, 1.0);
         let rect = self.rect;
@@ -53,7 +53,7 @@ impl Plot {
         )
     }
 
-    /// The point that is drawn there.
+    /// Returns the control point at a screen position.
     fn point(&self, at: Pos2) -> Point {
         let rect = self.rect;
         let share = f64::from((at.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
@@ -61,7 +61,8 @@ impl Plot {
         [self.range.0 + share * self.span(), self.density(opacity)]
     }
 
-    /// A point moved by so much. Only what changes of it, for it may be beyond what is drawn.
+    /// Returns a point shifted on the screen. An unchanged coordinate is kept, as it may be outside
+    /// the plot.
     fn shifted(&self, [s, density]: Point, by: Vec2) -> Point {
         let x = f64::from(by.x) / f64::from(self.rect.width()) * self.span();
         let opacity = self.opacity(density) - f64::from(by.y) / f64::from(self.rect.height());
@@ -74,9 +75,9 @@ impl Plot {
         ]
     }
 
-    /// Moves a point, but not past those beside it.
+    /// Moves a point, without passing its neighbours.
     fn put(&self, points: &mut [Point], n: usize, [s, mut density]: Point) {
-        // What is denser than can be shown stays so while it is moved aside.
+        // Extinctions above the plotted maximum are kept while a point is moved sideways.
         if density >= self.density(MAX_OPACITY) {
             density = density.max(points[n][1]);
         }
@@ -86,17 +87,17 @@ impl Plot {
     }
 }
 
-/// What is done to a point by keys.
+/// Keyboard actions on a point.
 enum KeyAction {
-    /// It goes elsewhere, by points of the screen.
+    /// Moves it, in screen points.
     Moved(Vec2),
-    /// Another is added halfway to the next, or of the last to the one before.
+    /// Adds a point halfway to the next, or, for the last one, to the previous.
     Added,
     Removed,
 }
 
 impl KeyAction {
-    /// Does it to a point, if it can be done. Which point has the focus then.
+    /// Applies the action, if possible. Returns the point that gets the focus.
     fn done(self, plot: &Plot, points: &mut Vec<Point>, n: usize) -> Option<usize> {
         let last = points.len() - 1;
         match self {
@@ -118,7 +119,7 @@ impl KeyAction {
     }
 }
 
-/// What is done by keys to the point of this id, which has the focus.
+/// Returns the keyboard action for the focused point of this id.
 fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<KeyAction> {
     let arrows = EventFilter {
         horizontal_arrows: true,

@@ -1,4 +1,4 @@
-//! The panel by which the cheapest settings that are accurate enough are found, and taken over.
+//! Panel that finds and applies the cheapest settings that meet an error bound.
 
 use crate::app::App;
 use crate::document::set;
@@ -7,13 +7,13 @@ use eframe::egui;
 use palpate::tune::{EntryValue, TuneTarget, Tuned, tune};
 use toml_edit::{DocumentMut, Value};
 
-/// What is wanted, and what was found.
+/// Requirements and results of tuning.
 pub(crate) struct Tuning {
-    /// The largest error, in per cent.
+    /// Maximum error, in per cent.
     error: f64,
-    /// Pictures a second; 0 where that is no matter.
+    /// Required pictures per second; 0 for no requirement.
     fps: f64,
-    /// Of motion that is held against truth.
+    /// Simulated seconds that are compared with the reference.
     seconds: f64,
     work: Option<BackgroundTask<Tuned>>,
     found: Option<Box<Tuned>>,
@@ -32,7 +32,7 @@ impl Default for Tuning {
 }
 
 impl App {
-    /// Finds settings on a thread, tells them, and applies them.
+    /// Runs tuning on a thread, shows the results and applies them.
     pub(super) fn tuning(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         let Some(scene) = self.scene() else { return };
         let field = |value, range, suffix| {
@@ -102,7 +102,7 @@ impl App {
                 context,
                 move |progress| tune(&gpu, &scene, &wanted, progress),
             ));
-            // What is timed has the machine to itself.
+            // Pause the simulation, so that it does not disturb the timing.
             if let Some(show) = &mut self.show {
                 show.playing = false;
             }
@@ -119,7 +119,7 @@ impl App {
     }
 }
 
-/// Writes what was found into the text of a scene.
+/// Writes the tuned settings into the text of a scene.
 fn apply(text: &mut DocumentMut, tuned: &Tuned) {
     for change in tuned.changes() {
         let Some(key) = change.key else {

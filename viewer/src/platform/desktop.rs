@@ -1,4 +1,4 @@
-//! A desktop: the file system, dialogs of the system, threads.
+//! Desktop: file system, system dialogs and threads.
 
 use super::{DialogResult, DialogSender, SaveDialog, endings, foremost};
 use crate::panel::ImportKind;
@@ -7,18 +7,18 @@ use palpate::{Error, Result};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// A dialog that ends within this time was not there.
+/// A dialog that closes within this time is not available.
 const DIALOG_FAILURE_TIME: Duration = Duration::from_millis(120);
 
-/// Whether there is a dialog to say where to save.
+/// Whether there is a save dialog.
 pub(crate) const HAS_SAVE_DIALOG: bool = true;
 
-/// Does something that takes a while on a thread of its own.
+/// Runs a long operation on a thread.
 pub(crate) fn spawn(work: impl FnOnce() + Send + 'static) {
     std::thread::spawn(work);
 }
 
-/// The whole path of a file.
+/// Returns the absolute path of a file.
 ///
 /// # Errors
 /// [`Error::Io`] where there is no current folder.
@@ -26,7 +26,7 @@ pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
     std::path::absolute(file).map_err(Error::io(file))
 }
 
-/// Has the system's dialog ask for a file.
+/// Opens the system's file dialog.
 pub(crate) fn choose_file(wish: DialogSender, purpose: ImportKind) {
     let dialog = rfd::AsyncFileDialog::new()
         .set_title(purpose.title())
@@ -36,7 +36,7 @@ pub(crate) fn choose_file(wish: DialogSender, purpose: ImportKind) {
     wait_for(dialog.pick_file(), chosen, wish);
 }
 
-/// Has the system's dialog ask where to save.
+/// Opens the system's save dialog.
 pub(crate) fn choose_place(place: &SaveDialog<'_>, wish: DialogSender) {
     let mut dialog = rfd::AsyncFileDialog::new()
         .set_title(place.title)
@@ -50,7 +50,7 @@ pub(crate) fn choose_place(place: &SaveDialog<'_>, wish: DialogSender) {
     wait_for(dialog.save_file(), DialogResult::Place, wish);
 }
 
-/// Hands on what a dialog is closed with.
+/// Forwards the result of a dialog.
 fn wait_for(
     dialog: impl Future<Output = Option<rfd::FileHandle>> + Send + 'static,
     chosen: impl Fn(PathBuf) -> DialogResult + Send + 'static,
@@ -60,7 +60,7 @@ fn wait_for(
         let asked = Instant::now();
         match pollster::block_on(dialog) {
             Some(file) => wish.grant(chosen(file.path().to_path_buf())),
-            // Nobody closes a dialog as soon as that.
+            // A user cannot close a dialog this quickly.
             None if asked.elapsed() < DIALOG_FAILURE_TIME => wish.grant(DialogResult::Failed(
                 "the system has no dialog for files (on Linux that is xdg-desktop-portal); type the path: Ctrl+L opens one".into(),
             )),
@@ -69,7 +69,7 @@ fn wait_for(
     });
 }
 
-/// Opens what was dropped on the window.
+/// Opens dropped files.
 pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSender) {
     let files = files.iter().map(|f| f.path().to_path_buf()).collect();
     if let Some(file) = foremost(files) {
@@ -77,12 +77,12 @@ pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSende
     }
 }
 
-/// Hands a file over that was saved: it is where it was saved.
+/// Does nothing: a saved file is already in place.
 pub(crate) fn start_download(_: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The settings that were stored last.
+/// Returns the stored settings.
 pub(crate) fn stored_settings() -> Option<String> {
     std::fs::read_to_string(settings_file()?).ok()
 }

@@ -1,5 +1,4 @@
-//! What a desktop and a browser have each in their own way: files, dialogs, settings, work that takes
-//! a while.
+//! Platform-specific parts for desktop and browser: files, dialogs, settings and background work.
 
 #[cfg(not(target_arch = "wasm32"))]
 mod desktop;
@@ -16,19 +15,19 @@ use eframe::egui;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
-/// Endings of what can be opened.
+/// File extensions that can be opened.
 const OPEN_EXTENSIONS: [&str; 19] = [
     "toml", "pvd", "vtu", "pvtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr",
     "nii", "gz", "mha", "mhd", "stl", "ply", "obj",
 ];
 
-/// Endings of what else can be chosen.
+/// File extensions of scans and skins.
 const VOLUMES: [&str; 6] = ["nrrd", "nhdr", "nii", "gz", "mha", "mhd"];
 const SURFACES: [&str; 10] = [
     "obj", "ply", "stl", "vtk", "nrrd", "nhdr", "nii", "gz", "mha", "mhd",
 ];
 
-/// Endings of files for a purpose.
+/// Returns the file extensions for a purpose.
 fn endings(purpose: ImportKind) -> &'static [&'static str] {
     match purpose {
         ImportKind::Open => &OPEN_EXTENSIONS,
@@ -38,17 +37,17 @@ fn endings(purpose: ImportKind) -> &'static [&'static str] {
     }
 }
 
-/// What a dialog of the system was closed with, or what was dropped.
+/// Result of a dialog, or dropped files.
 pub(crate) enum DialogResult {
-    /// A file, and what it is for.
+    /// A file and its purpose.
     File(ImportKind, PathBuf),
-    /// Where to save what is asked for.
+    /// A path to save to.
     Place(PathBuf),
-    /// Nothing, for this reason.
+    /// An error message.
     Failed(String),
 }
 
-/// Where what was chosen is sent to, and the interface that looks there.
+/// Sender of dialog results; also repaints the interface.
 #[derive(Clone)]
 pub(crate) struct DialogSender {
     pub send: Sender<DialogResult>,
@@ -57,20 +56,20 @@ pub(crate) struct DialogSender {
 
 impl DialogSender {
     fn grant(&self, chosen: DialogResult) {
-        // A window that was closed meanwhile wants nothing.
+        // The window may be closed already.
         let _ = self.send.send(chosen);
         self.context.request_repaint();
     }
 }
 
-/// Of files that were dropped together the one to open: the scene among them, or the first.
+/// Returns the file to open of several dropped ones: a scene, or else the first.
 fn foremost(mut files: Vec<PathBuf>) -> Option<PathBuf> {
     let is_scene = |file: &PathBuf| file.extension().is_some_and(|e| e == "toml");
     let first = files.iter().position(is_scene).unwrap_or(0);
     (!files.is_empty()).then(|| files.swap_remove(first))
 }
 
-/// What is asked of a dialog that saves: its title, the endings that there are, the path proposed.
+/// Options of a save dialog: title, extensions and proposed path.
 #[cfg_attr(target_arch = "wasm32", allow(dead_code))]
 pub(crate) struct SaveDialog<'a> {
     pub title: &'a str,

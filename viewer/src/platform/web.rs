@@ -1,5 +1,5 @@
-//! A browser: files that were chosen, dropped or fetched are put ready in memory, and those that are
-//! saved are downloaded. There is one thread.
+//! Browser: chosen, dropped or fetched files are stored in memory, and saved files are downloaded.
+//! There is one thread.
 
 use super::{DialogResult, DialogSender, SaveDialog, endings, foremost};
 use crate::panel::ImportKind;
@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::{JsFuture, spawn_local};
 
-/// Whether there is a dialog to say where to save: what is saved is downloaded.
+/// Whether there is a save dialog; saved files are downloaded instead.
 pub(crate) const HAS_SAVE_DIALOG: bool = false;
 
-/// Where settings are kept.
+/// Key of the settings in local storage.
 const SETTINGS: &str = "palpate.view";
-/// So many milliseconds pass before work that takes a while, in which a frame says what it will be.
+/// Delay before a long operation, ms, in which a frame shows its progress text.
 const PAINT_DELAY_MS: i32 = 40;
 
 /// Does something that takes a while, once what is going to be done was shown.
@@ -26,12 +26,12 @@ pub(crate) fn spawn(work: impl FnOnce() + 'static) {
     });
 }
 
-/// The name of a file that was put ready.
+/// Returns the name of a file in memory.
 pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
     Ok(file.to_path_buf())
 }
 
-/// Has the browser ask for files to open.
+/// Opens the browser's file dialog.
 pub(crate) fn choose_file(wish: DialogSender, purpose: ImportKind) {
     let Some(input) = file_input() else { return };
     let endings: Vec<String> = endings(purpose).iter().map(|e| format!(".{e}")).collect();
@@ -73,12 +73,12 @@ fn unreadable(name: &str) -> DialogResult {
     DialogResult::Failed(format!("{name}: the browser cannot read it"))
 }
 
-/// What is saved is downloaded under the name proposed, without a dialog.
+/// Saves under the proposed name without a dialog.
 pub(crate) fn choose_place(place: &SaveDialog<'_>, wish: DialogSender) {
     wish.grant(DialogResult::Place(place.path.to_path_buf()));
 }
 
-/// Opens what was dropped on the page.
+/// Opens files dropped on the page.
 pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSender) {
     let (files, wish) = (files.to_vec(), wish.clone());
     spawn_local(async move {
@@ -97,7 +97,7 @@ pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSende
     });
 }
 
-/// Hands a file over that was saved: it is downloaded.
+/// Downloads a saved file.
 pub(crate) fn start_download(file: &Path) -> Result<()> {
     let Some(bytes) = io::take_file(file) else {
         return Ok(());
@@ -123,12 +123,12 @@ fn storage() -> Option<web_sys::Storage> {
     web_sys::window()?.local_storage().ok()?
 }
 
-/// The settings that were stored last.
+/// Returns the stored settings.
 pub(crate) fn stored_settings() -> Option<String> {
     storage()?.get_item(SETTINGS).ok()?
 }
 
-/// Stores settings; where the browser does not let us, nothing is remembered.
+/// Stores settings; ignored if the browser forbids it.
 pub(crate) fn store_settings(text: &str) {
     if let Some(storage) = storage() {
         let _ = storage.set_item(SETTINGS, text);
