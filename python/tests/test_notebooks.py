@@ -111,6 +111,12 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
     page.wait_for_selector(".palpate-view[data-frame]", timeout=600_000)
     view = page.locator(".palpate-view")
 
+    def dismiss() -> None:
+        """Closes the dialogs that JupyterLab opens on a slow machine: they take the pointer's events."""
+        for dialog in page.locator(".jp-Dialog").all():
+            print(dialog.inner_text())
+            page.keyboard.press("Escape")
+
     def rest(unlike: str | None = None) -> bytes:
         if unlike is not None:
             page.wait_for_function(
@@ -131,6 +137,7 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
         return page.locator(".palpate-view canvas").screenshot()
 
     def drag(start: tuple[float, float], end: tuple[float, float]) -> None:
+        dismiss()
         box = page.locator(".palpate-view canvas").bounding_box()
         assert box is not None
         (x, y), (to_x, to_y) = ((box["x"] + p[0] * box["width"], box["y"] + p[1] * box["height"]) for p in (start, end))
@@ -148,6 +155,7 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
     page.mouse.up()
     turned = rest(unlike=shown)
     assert turned != first
+    dismiss()
     page.get_by_role("button", name="Press", exact=True).click()
     drag((0.5, 0.5), (0.6, 0.65))
     page.wait_for_function("/ N at /.test(document.querySelector('.palpate-view').textContent)", timeout=60_000)
