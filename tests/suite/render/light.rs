@@ -213,7 +213,7 @@ fn light_costs_nothing_where_there_is_none() {
     let told = caster
         .image(&camera, [16, 16], Mode::Composite)
         .unwrap_err();
-    assert!(told.to_string().contains("illuminate"), "{told}");
+    assert!(told.to_string().contains("enable_lighting"), "{told}");
     // Thickness pictures are not lit.
     caster.image(&camera, [16, 16], Mode::Thickness).unwrap();
     let topology = Topology::new(&mesh);
