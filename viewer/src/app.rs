@@ -6,8 +6,8 @@ use crate::camera_control::Orbit;
 use crate::document::Document;
 use crate::examples::Example;
 use crate::histogram::Histogram;
-use crate::loading::Loading;
-use crate::log::{Frame, FrameLog, memory_mb};
+use crate::loading::{Loading, live_tasks};
+use crate::log::{self, Frame, FrameLog, memory_mb};
 use crate::open::WatchedFile;
 use crate::panel::PendingImport;
 use crate::path_prompt::PathPrompt;
@@ -34,6 +34,8 @@ use web_time::Instant;
 const CUT_DEPTH: f64 = 0.1;
 /// In narrower windows, in points, the panels are hidden by default.
 const COMPACT_WIDTH: f32 = 480.0;
+/// A frame that is wanted within this time is wanted at once; a text cursor blinks more slowly.
+const SOON: Duration = Duration::from_millis(200);
 /// Width of the toolbar at the left, in points.
 const TOOLBAR_WIDTH: f32 = 72.0;
 
@@ -103,8 +105,8 @@ fn listen(device: &wgpu::Device, context: &egui::Context) -> Arc<Mutex<DeviceFau
     trouble
 }
 
-fn lock(trouble: &Mutex<DeviceFault>) -> MutexGuard<'_, DeviceFault> {
-    trouble.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Callback for every frame.
@@ -155,7 +157,7 @@ pub struct App {
     /// The film that is being recorded.
     #[cfg(not(target_arch = "wasm32"))]
     pub(crate) recording: Option<crate::recording::Recording>,
-    log: Option<FrameLog>,
+    pub(crate) log: Option<FrameLog>,
     /// Whether the panels are shown, if the user chose.
     pub(crate) panels_shown: Option<bool>,
     /// Callback for every frame.
@@ -168,6 +170,7 @@ pub struct App {
 
 /// Frame statistics and input state.
 pub(crate) struct Frames {
+    number: u64,
     last: Instant,
     since: (Instant, u64),
     /// Recent pictures per second.
@@ -188,8 +191,11 @@ pub(crate) struct Frames {
 /// Presentation times of frames.
 #[derive(Default)]
 struct Presentation {
-    /// When the last frame was presented.
+    /// Number of the last frame that was presented, and when.
+    number: u64,
     at: Option<Instant>,
+    /// Whether the interface wants another frame at once.
+    soon: bool,
     /// Latency from the last user input to the presentation of its picture, ms.
     latency_ms: Option<f64>,
 }
@@ -206,28 +212,60 @@ impl Frames {
         });
     }
 
-    /// Returns a callback that records when this frame is presented; `asked` is when its content
-    /// was requested.
-    pub fn until_presented(&self, asked: Option<Instant>) -> PresentCallback {
-        let screen = self.screen.clone();
+    /// Returns a callback that records when this frame is presented, in the log as well; `asked` is
+    /// when its content was requested.
+    pub fn until_presented(
+        &self,
+        asked: Option<Instant>,
+        log: Option<(FrameLog, wgpu::Device)>,
+    ) -> PresentCallback {
+        let (number, screen) = (self.number, self.screen.clone());
         PresentCallback(Box::new(move || {
-            let mut screen = screen.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut screen = lock(&screen);
             let now = Instant::now();
-            screen.at = Some(now);
+            (screen.number, screen.at) = (number, Some(now));
             if let Some(asked) = asked {
                 screen.latency_ms = Some(1e3 * now.duration_since(asked).as_secs_f64());
+            }
+            if let Some((log, device)) = &log {
+                // It takes time, so not while something moves.
+                let report = match screen.soon {
+                    true => None,
+                    false => device.generate_allocator_report(),
+                };
+                // The next frame reports an error of the file.
+                let _ = log.push(&log::Presented {
+                    presented: number,
+                    soon: screen.soon,
+                    allocations: report.as_ref().map(|r| r.allocations.len()),
+                    device_bytes: report.as_ref().map(|r| r.total_allocated_bytes),
+                });
             }
         }))
     }
 
     /// Returns the time from the interface to the screen of the last frame, and its latency, ms.
     fn shown(&self) -> (f64, Option<f64>) {
-        let screen = self.screen.lock().unwrap_or_else(PoisonError::into_inner);
+        let screen = lock(&self.screen);
         let took = screen.at.map(|at| at.saturating_duration_since(self.done));
         (
             took.map_or(0.0, |t| 1e3 * t.as_secs_f64()),
             screen.latency_ms,
         )
+    }
+}
+
+/// Records whether the interface wants another frame at once.
+struct RepaintWatch(Arc<Mutex<Presentation>>);
+
+impl egui::Plugin for RepaintWatch {
+    fn debug_name(&self) -> &'static str {
+        "repaint watch"
+    }
+
+    fn output_hook(&mut self, _: &egui::Context, output: &mut egui::FullOutput) {
+        let mut viewports = output.viewport_output.values();
+        lock(&self.0).soon = viewports.any(|viewport| viewport.repaint_delay < SOON);
     }
 }
 
@@ -279,6 +317,7 @@ impl App {
             trouble: listen(&state.device, &creation.egui_ctx),
             opened: 0,
             frames: Frames {
+                number: 0,
                 last: now,
                 since: (now, 0),
                 rate: 0.0,
@@ -295,6 +334,8 @@ impl App {
         // WebGPU in a browser is never a software driver.
         #[cfg(not(target_arch = "wasm32"))]
         creation.egui_ctx.add_plugin(UiCache::new(state));
+        let watch = RepaintWatch(app.frames.screen.clone());
+        creation.egui_ctx.add_plugin(watch);
         app.apply_theme(&creation.egui_ctx);
         match &options.open {
             InitialFile::Nothing => {}
@@ -348,7 +389,7 @@ impl App {
         if let Some(told) = &mut self.told {
             told(&frame);
         }
-        if let Some(log) = &mut self.log
+        if let Some(log) = &self.log
             && let Err(why) = log.push(&frame)
         {
             self.log = None;
@@ -362,7 +403,14 @@ impl App {
         let camera = self.orbit.camera();
         let show = self.show.as_ref();
         let (paint_ms, latency_ms) = self.frames.shown();
+        let (presented, soon) = {
+            let screen = lock(&self.frames.screen);
+            (screen.number, screen.soon)
+        };
         Frame {
+            number: self.frames.number,
+            presented,
+            soon,
             frame_ms,
             ui_ms: self.frames.ui_ms,
             driver_ms: self.frames.driver_ms,
@@ -378,12 +426,16 @@ impl App {
             force_n: show.and_then(BodySession::force),
             depth_m: show.and_then(|s| s.samples.last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
+            readbacks: self.gpu.readbacks(),
+            bytes_allocated: self.gpu.bytes_allocated(),
             lost: lock(&self.trouble).lost.clone(),
             opened: self.opened,
             said: self.status.0.clone(),
             error: self.status.1,
             name: self.document.as_ref().map(|d| d.name.clone()),
             loading: self.loading.as_ref().map(|l| l.name.clone()),
+            reports: self.loading.as_ref().map_or(0, Loading::reports),
+            tasks: live_tasks(),
             time_s: show.map_or(0.0, BodySession::time),
             playing: show.is_some_and(|s| s.playing),
             series_frame: show.and_then(|s| Some(s.player.as_ref()?.shown())),
@@ -424,6 +476,7 @@ impl eframe::App for App {
         let (began, submitted) = (Instant::now(), submit_time());
         let frame_ms = 1e3 * began.duration_since(self.frames.last).as_secs_f64();
         self.frames.last = began;
+        self.frames.number += 1;
         let context = ui.ctx().clone();
         self.frames.look(&context);
         self.take_files(&context);

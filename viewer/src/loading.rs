@@ -11,7 +11,7 @@ use palpate::mesh::TetMesh;
 use palpate::scene::{ScanEntry, Scene};
 use palpate::{Error, ProgressFn, Result, io};
 use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use web_time::Instant;
@@ -23,10 +23,36 @@ fn waking(mut show: BodySession, context: &egui::Context) -> BodySession {
     show
 }
 
+/// Tasks whose threads have not ended.
+static LIVE: AtomicUsize = AtomicUsize::new(0);
+
+/// Returns the number of background tasks whose threads have not ended, cancelled ones included.
+pub(crate) fn live_tasks() -> usize {
+    LIVE.load(Ordering::Relaxed)
+}
+
+/// Counts a task as live until it is dropped.
+struct LiveTask;
+
+impl LiveTask {
+    fn begin() -> LiveTask {
+        LIVE.fetch_add(1, Ordering::Relaxed);
+        LiveTask
+    }
+}
+
+impl Drop for LiveTask {
+    fn drop(&mut self) {
+        LIVE.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
 /// A task on a background thread with progress and result. Dropping it cancels the work.
 pub(crate) struct BackgroundTask<T> {
     since: Instant,
     told: Arc<Mutex<(String, f64)>>,
+    /// Number of progress reports.
+    reports: Arc<AtomicU64>,
     ends: Arc<AtomicBool>,
     made: Receiver<Result<T>>,
 }
@@ -47,9 +73,12 @@ impl<T: Send + 'static> BackgroundTask<T> {
         let (send, made) = channel();
         let told = Arc::new(Mutex::new((what.to_owned(), 0.0)));
         let ends = Arc::new(AtomicBool::new(false));
+        let reports = Arc::new(AtomicU64::new(0));
         let (context, tell, ended) = (context.clone(), told.clone(), ends.clone());
+        let (counted, live) = (reports.clone(), LiveTask::begin());
         platform::spawn(move || {
             let progress = |what: &str, share: f64| {
+                counted.fetch_add(1, Ordering::Relaxed);
                 *tell.lock().unwrap_or_else(PoisonError::into_inner) = (what.to_owned(), share);
                 match ended.load(Ordering::Relaxed) {
                     true => ControlFlow::Break(()),
@@ -58,11 +87,13 @@ impl<T: Send + 'static> BackgroundTask<T> {
             };
             // The receiver may be gone after cancellation.
             let _ = send.send(work(&progress));
+            drop(live);
             context.request_repaint();
         });
         BackgroundTask {
             since: Instant::now(),
             told,
+            reports,
             ends,
             made,
         }
@@ -79,12 +110,6 @@ impl<T> BackgroundTask<T> {
                 "it ended without a word; this is a mistake in the program".into(),
             ))),
         }
-    }
-
-    /// Has it end soon; what it comes to is [`Error::Cancelled`].
-    #[cfg(test)]
-    pub fn cancel(&self) {
-        self.ends.store(true, Ordering::Relaxed);
     }
 
     /// Returns the current activity, its completed fraction, and the elapsed time, s.
@@ -240,6 +265,11 @@ impl Loading {
     pub fn progress(&self) -> (String, f64, f64) {
         self.work.progress()
     }
+
+    /// Returns the number of progress reports.
+    pub(crate) fn reports(&self) -> u64 {
+        self.work.reports.load(Ordering::Relaxed)
+    }
 }
 
 /// Reads the scans and skins of a scene, so that appearance edits need not read them again.
@@ -293,29 +323,65 @@ pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadSc
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
     use std::time::Duration;
 
+    /// A guard against hangs.
+    const HANG: Duration = Duration::from_secs(600);
+
     #[test]
-    fn meshing_that_is_cancelled_ends() {
-        let gpu = Gpu::new().unwrap();
-        // Minutes of work, cancelled as soon as it reports how far it is.
-        let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000000\n";
-        let document = Document::new("limb".into(), PathBuf::new(), text).unwrap();
-        let loading = Loading::open(&gpu, document, &egui::Context::default()).unwrap();
-        while loading.progress().1 == 0.0 {
-            assert!(loading.ready().is_none(), "it was to take longer");
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        loading.work.cancel();
-        let cancelled = Instant::now();
-        let made = loop {
-            if let Some(made) = loading.ready() {
-                break made;
+    fn a_task_that_is_cancelled_ends_at_its_next_report() {
+        let (go, gone) = channel();
+        let task = BackgroundTask::spawn("counting", &egui::Context::default(), move |progress| {
+            // It goes on as often as it is sent a word, then it is done.
+            loop {
+                if progress("counting", 0.5).is_break() {
+                    return Err(Error::Cancelled);
+                }
+                if gone.recv().is_err() {
+                    return Ok(());
+                }
             }
-            assert!(cancelled.elapsed() < Duration::from_secs(600));
-            std::thread::sleep(Duration::from_millis(2));
-        };
+        });
+        for _ in 0..3 {
+            go.send(()).unwrap();
+        }
+        assert!(task.try_take().is_none(), "it waits for a word");
+        task.ends.store(true, Ordering::Relaxed);
+        go.send(()).unwrap();
+        drop(go);
+        let made = task.made.recv_timeout(HANG).unwrap();
         assert!(matches!(made, Err(Error::Cancelled)));
+        let reports = task.reports.load(Ordering::Relaxed);
+        assert!((1..=5).contains(&reports), "{reports}");
+    }
+
+    #[test]
+    fn meshing_ends_wherever_it_is_cancelled() {
+        let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000\n";
+        let scene = Scene::parse(text).unwrap();
+        let until = |stop: usize| {
+            let calls = AtomicUsize::new(0);
+            let made = scene.mesh.load_with_progress(&|_: &str, _: f64| match calls
+                .fetch_add(1, Ordering::Relaxed)
+                + 1
+                >= stop
+            {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            });
+            (made, calls.into_inner())
+        };
+        let (made, all) = until(usize::MAX);
+        assert!(made.is_ok() && all > 20, "{all}");
+        // Each thread may be about to report when it is cancelled.
+        let threads = std::thread::available_parallelism().unwrap().get();
+        for stop in (1..all).step_by(all.div_ceil(12)) {
+            let (made, calls) = until(stop);
+            assert!(matches!(made, Err(Error::Cancelled)), "at {stop} of {all}");
+            assert!(
+                calls <= stop + 1 + threads,
+                "{calls} calls, {stop} of {all}"
+            );
+        }
     }
 }

@@ -5,10 +5,17 @@ use serde::Serialize;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A frame of the window.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frame {
+    /// Number of the frame, from 1.
+    pub number: u64,
+    /// Number of the last frame that was presented.
+    pub presented: u64,
+    /// Whether the interface then wanted another frame at once.
+    pub soon: bool,
     /// Time since the previous frame, ms.
     pub frame_ms: f64,
     /// Time of the interface, ms.
@@ -37,6 +44,10 @@ pub struct Frame {
     pub depth_m: Option<f64>,
     /// Memory of the process, MB, if the system reports it.
     pub memory_mb: Option<f64>,
+    /// Number of readbacks from the device.
+    pub readbacks: u64,
+    /// Bytes of all buffers and arrays allocated on the device so far.
+    pub bytes_allocated: u64,
     /// Number of bodies opened.
     pub opened: u64,
     /// Reason for device loss.
@@ -49,6 +60,10 @@ pub struct Frame {
     pub name: Option<String>,
     /// Name of the document being opened.
     pub loading: Option<String>,
+    /// Number of progress reports of that.
+    pub reports: u64,
+    /// Number of background tasks whose threads have not ended, cancelled ones included.
+    pub tasks: usize,
     /// Simulated time, s.
     pub time_s: f64,
     /// Whether the simulation or series is playing.
@@ -67,10 +82,24 @@ pub struct Frame {
     pub keys: u64,
 }
 
-/// A log file of frames.
+/// The presentation of a frame.
+#[derive(Clone, Debug, Serialize)]
+pub struct Presented {
+    /// Number of the frame.
+    pub presented: u64,
+    /// Whether the interface wants another frame at once.
+    pub soon: bool,
+    /// Number of live allocations on the device, if none is wanted and the driver reports it.
+    pub allocations: Option<usize>,
+    /// Their bytes.
+    pub device_bytes: Option<u64>,
+}
+
+/// A log file of frames and their presentations.
+#[derive(Clone)]
 pub struct FrameLog {
     path: PathBuf,
-    out: BufWriter<File>,
+    out: Arc<Mutex<BufWriter<File>>>,
 }
 
 impl FrameLog {
@@ -82,20 +111,21 @@ impl FrameLog {
         let out = BufWriter::new(File::create(path).map_err(Error::io(path))?);
         Ok(FrameLog {
             path: path.to_path_buf(),
-            out,
+            out: Arc::new(Mutex::new(out)),
         })
     }
 
-    /// Appends a frame and flushes, so that readers see it at once.
+    /// Appends a line and flushes, so that readers see it at once.
     ///
     /// # Errors
     /// [`Error::Io`] if it cannot be written.
-    pub fn push(&mut self, frame: &Frame) -> Result<()> {
+    pub fn push(&self, line: &impl Serialize) -> Result<()> {
         let io = Error::io(&self.path);
-        let written = serde_json::to_writer(&mut self.out, frame)
+        let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
+        let written = serde_json::to_writer(&mut *out, line)
             .map_err(std::io::Error::from)
-            .and_then(|()| self.out.write_all(b"\n"))
-            .and_then(|()| self.out.flush());
+            .and_then(|()| out.write_all(b"\n"))
+            .and_then(|()| out.flush());
         written.map_err(io)
     }
 }

@@ -50,7 +50,8 @@ impl App {
                     let drawn = self.screen.pictures > pictures;
                     let shows = [self.frames.moved.take(), show.shown.take()];
                     let since = shows.into_iter().flatten().min().filter(|_| drawn);
-                    let until = self.frames.until_presented(since);
+                    let log = self.log.clone().map(|log| (log, state.device.clone()));
+                    let until = self.frames.until_presented(since, log);
                     ui.painter().extend(self.screen.shape(rect, until));
                     if finer {
                         ui.ctx().request_repaint_after(Duration::from_millis(40));

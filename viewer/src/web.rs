@@ -206,8 +206,10 @@ impl Viewer {
     /// # Errors
     /// An error if the viewer is not shown.
     pub fn state(&self) -> Result<String, JsValue> {
-        let frame = self.with(|app| Ok(app.frame(0.0)))?;
-        serde_json::to_string(&frame).map_err(wrong)
+        // Reading it is no reason for another frame.
+        let app = self.runner.app_mut::<App>();
+        let app = app.ok_or_else(|| wrong("the viewer is not shown"))?;
+        serde_json::to_string(&app.frame(0.0)).map_err(wrong)
     }
 
     /// Stops the viewer and frees the canvas.
