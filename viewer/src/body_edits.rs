@@ -80,7 +80,7 @@ mod tests {
 
     /// Advances the body until its pending work and `count` steps are done.
     fn steps(show: &mut BodySession, count: u32) {
-        let until = Instant::now() + Duration::from_secs(60);
+        let until = Instant::now() + Duration::from_secs(600);
         let first = show.steps;
         while show.steps < first + u64::from(count) || show.stage_mut().poll_steps().unwrap() {
             show.advance_to_now(None);

@@ -376,6 +376,9 @@ mod tests {
                 set(t, "picture", "transfer", colour("bone"))
             })
             .unwrap();
+        // However long the first one takes.
+        let later = Instant::now() + Duration::from_secs(3600);
+        document.last = document.last.map(|(what, _)| (what, later));
         document
             .edit("transfer", |t| {
                 set(t, "picture", "transfer", colour("tissue"))
