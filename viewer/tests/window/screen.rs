@@ -2,7 +2,9 @@
 
 use palpate::render::{Background, BitDepth, Image, ImageDifference};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
+use std::cell::{RefCell, RefMut};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -13,14 +15,27 @@ const SIZE: [usize; 2] = [1024, 768];
 const STATUS: usize = 26;
 /// Root mean square difference of what is alike, of 1.
 const ALIKE: f64 = 0.012;
-/// For so long no frame is drawn at rest.
-const QUIET: Duration = Duration::from_millis(400);
-/// How often the log is looked at, and for how long something may take on a machine that is busy.
+/// How often the log is read.
 const LOOK: Duration = Duration::from_millis(20);
+/// A guard against hangs.
 const PATIENCE: Duration = Duration::from_secs(600);
+/// A body that has not come to rest after so many steps never does.
+const MOST_STEPS: u64 = 3000;
 
 /// Whose window it is: beside another, that one's time would be measured too.
 static ALONE: Mutex<()> = Mutex::new(());
+
+/// What was read of the window's log.
+#[derive(Default)]
+struct Log {
+    /// Bytes that were read.
+    read: u64,
+    frames: Vec<Value>,
+    /// The last frame that was presented.
+    presented: Value,
+    /// Live allocations on the device, and their bytes, when a frame was last at rest.
+    device: Value,
+}
 
 /// A screen with a window on it, the only one there is.
 pub struct Window {
@@ -28,6 +43,7 @@ pub struct Window {
     screen: Child,
     viewer: Child,
     display: String,
+    log: RefCell<Log>,
     pub folder: tempfile::TempDir,
 }
 
@@ -78,6 +94,7 @@ impl Window {
             screen,
             viewer,
             display,
+            log: RefCell::default(),
             folder,
         };
         window.wait("the body", |frame| frame["tets"].as_u64() > Some(0));
@@ -86,11 +103,6 @@ impl Window {
         let id = found.lines().last().expect("no window").to_owned();
         window.xdotool(&["windowfocus", &id]);
         window
-    }
-
-    /// The number of its process.
-    pub fn process(&self) -> u32 {
-        self.viewer.id()
     }
 
     pub fn xdotool(&self, arguments: &[&str]) -> String {
@@ -103,50 +115,93 @@ impl Window {
         String::from_utf8(done.stdout).unwrap()
     }
 
+    /// Reads what is new in the log.
+    fn read_log(&self) -> RefMut<'_, Log> {
+        let mut log = self.log.borrow_mut();
+        let mut text = String::new();
+        if let Ok(mut file) = File::open(self.folder.path().join("log.jsonl")) {
+            file.seek(SeekFrom::Start(log.read)).unwrap();
+            file.read_to_string(&mut text).unwrap();
+        }
+        // The last line may be half there.
+        let whole = text.rfind('\n').map_or(0, |end| end + 1);
+        log.read += whole as u64;
+        for line in text[..whole].lines() {
+            let line: Value = serde_json::from_str(line).unwrap();
+            if line.get("number").is_some() {
+                log.frames.push(line);
+            } else {
+                if !line["device_bytes"].is_null() {
+                    log.device = line.clone();
+                }
+                log.presented = line;
+            }
+        }
+        log
+    }
+
     /// Frames so far.
     pub fn frames(&self) -> Vec<Value> {
-        let text = std::fs::read_to_string(self.folder.path().join("log.jsonl"));
-        let text = text.unwrap_or_default();
-        // The last line may be half there.
-        let lines = text.lines().map(serde_json::from_str);
-        lines.map_while(Result::ok).collect()
+        self.read_log().frames.clone()
     }
 
     pub fn last(&self) -> Value {
-        self.frames().pop().unwrap_or_default()
+        self.read_log().frames.last().cloned().unwrap_or_default()
     }
 
-    /// Waits until a frame is as it should be.
+    /// Live allocations on the device and their bytes when it was last at rest; none where the driver
+    /// does not report them.
+    pub fn device_memory(&self) -> Option<[u64; 2]> {
+        let log = self.read_log();
+        let number = |key: &str| log.device[key].as_u64();
+        Some([number("allocations")?, number("device_bytes")?])
+    }
+
+    /// Waits until a frame is as it should be: the last one, or any after it.
     pub fn wait(&mut self, what: &str, is: impl Fn(&Value) -> bool) -> Value {
         let since = Instant::now();
+        let mut next = self.read_log().frames.len().saturating_sub(1);
         loop {
             if let Some(status) = self.viewer.try_wait().unwrap() {
                 panic!("the viewer ended: {status}");
             }
-            let frame = self.last();
-            if is(&frame) {
-                return frame;
+            let log = self.read_log();
+            if let Some(frame) = log.frames[next..].iter().find(|frame| is(frame)) {
+                return frame.clone();
             }
+            next = log.frames.len();
             let waited = since.elapsed();
-            assert!(waited < PATIENCE, "no sign of {what}: {frame}");
+            assert!(
+                waited < PATIENCE,
+                "no sign of {what}: {:?}",
+                log.frames.last()
+            );
+            drop(log);
             std::thread::sleep(LOOK);
         }
     }
 
-    /// Waits until nothing moves, and nothing is drawn any more.
+    /// Waits until nothing moves, and the last frame is on the screen and wants no other one.
     pub fn rest(&mut self) {
-        let mut before = (0, Instant::now());
         let since = Instant::now();
+        let steps = |frame: &Value| frame["steps"].as_u64().unwrap_or(0);
+        let first = steps(&self.last());
         loop {
-            let frames = self.frames();
-            if frames.len() != before.0 {
-                before = (frames.len(), Instant::now());
+            if let Some(status) = self.viewer.try_wait().unwrap() {
+                panic!("the viewer ended: {status}");
             }
-            let busy = frames.last().is_none_or(|frame| frame["busy"] == true);
-            if !busy && before.1.elapsed() >= QUIET {
-                return;
+            let log = self.read_log();
+            if let Some(last) = log.frames.last() {
+                let presented = log.presented["presented"] == last["number"];
+                if last["busy"] == false && presented && log.presented["soon"] == false {
+                    return;
+                }
+                // A body that is opened begins at 0.
+                let done = steps(last).saturating_sub(first);
+                assert!(done < MOST_STEPS, "it never rests: {last}");
             }
             assert!(since.elapsed() < PATIENCE, "it never rests");
+            drop(log);
             std::thread::sleep(LOOK);
         }
     }
@@ -194,8 +249,22 @@ impl Window {
         self.rest();
     }
 
-    /// What is on the screen: the memory of Xvfb, which is a file in the format XWD.
+    /// What is on the screen at rest: X may still be copying what was presented.
     pub fn shot(&self) -> Image {
+        let mut before = self.pixels();
+        loop {
+            // X answers after what it was sent before.
+            self.xdotool(&["getmouselocation"]);
+            let now = self.pixels();
+            if now.values == before.values {
+                return now;
+            }
+            before = now;
+        }
+    }
+
+    /// The memory of Xvfb, which is a file in the format XWD.
+    pub fn pixels(&self) -> Image {
         let bytes = std::fs::read(self.folder.path().join("Xvfb_screen0")).unwrap();
         let word =
             |n: usize| u32::from_be_bytes(bytes[4 * n..4 * n + 4].try_into().unwrap()) as usize;
