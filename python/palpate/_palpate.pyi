@@ -162,6 +162,9 @@ class PressMap:
 def adapters() -> list[str]:
     """The graphics adapters there are, each with how it is reached."""
 
+def device_memory() -> tuple[int, int | None, int | None]:
+    """Bytes allocated on the default device so far, its live allocations and their bytes."""
+
 def load_mesh(entries: str, folder: str, progress: _Progress) -> Mesh: ...
 def generators() -> list[str]: ...
 def count_pieces(index: str) -> int: ...

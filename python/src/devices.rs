@@ -26,6 +26,21 @@ pub fn device(py: Python<'_>, adapter: Option<String>) -> PyResult<Gpu> {
     .or_raise(py)
 }
 
+/// Returns the bytes allocated on the default device so far, and its live allocations and their bytes
+/// if the driver reports them. Waits until the device is idle.
+#[pyfunction]
+pub fn device_memory(py: Python<'_>) -> PyResult<(u64, Option<usize>, Option<u64>)> {
+    let gpu = device(py, None)?;
+    py.detach(|| {
+        gpu.wait()?;
+        let report = gpu.device().generate_allocator_report();
+        let live = report.as_ref().map(|r| r.allocations.len());
+        let bytes = report.map(|r| r.total_allocated_bytes);
+        palpate::Result::Ok((gpu.bytes_allocated(), live, bytes))
+    })
+    .or_raise(py)
+}
+
 /// Returns the available graphics adapters.
 #[pyfunction]
 pub fn adapters(py: Python<'_>) -> Vec<String> {

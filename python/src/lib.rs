@@ -27,6 +27,7 @@ fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<press::Press>()?;
     module.add_class::<press::PressMap>()?;
     module.add_function(wrap_pyfunction!(devices::adapters, module)?)?;
+    module.add_function(wrap_pyfunction!(devices::device_memory, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::load_mesh, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::generators, module)?)?;
     module.add_function(wrap_pyfunction!(pieces::count_pieces, module)?)?;

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 import palpate
+from palpate import _palpate
 
 ROOT = Path(__file__).resolve().parents[2]
 SIZE = ("--size", "160x120")
@@ -145,23 +146,27 @@ def test_threads_draw_at_once_and_alike(limb: palpate.Mesh) -> None:
     assert len(drawn) == 12 and all(np.array_equal(picture, wanted) for picture in drawn)
 
 
-def test_memory_stays_over_a_thousand_renders() -> None:
+def test_renders_leave_nothing_on_the_device() -> None:
     mesh = palpate.Mesh.generate("bar", tets=200)
 
     def resident() -> float:
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmRSS"):
                 return int(line.split()[1]) / 1024
-        raise AssertionError("no VmRSS")
+        return 0.0
 
-    def draw(times: int) -> None:
+    def draw(times: int) -> tuple[int, int | None, int | None]:
         for _ in range(times):
             palpate.render(mesh, size=(32, 24))
+        return _palpate.device_memory()
 
-    draw(200)
-    before = resident()
-    draw(1000)
-    # A picture that leaked its targets alone would add 10 MB; a mesh and its tables, over 300 MB.
+    first, before = draw(10), resident()
+    one = draw(1)
+    last = draw(200)
+    print(f"device {first}, {one}, {last}; {before:.0f} MB, then {resident():.0f} MB")
+    assert last[0] - one[0] == 200 * (one[0] - first[0]), "each render allocates the same"
+    assert last[1:] == first[1:], "live allocations and their bytes"
+    # Ten times what it differs by.
     assert resident() - before < 300, f"{before:.0f} MB became {resident():.0f} MB"
 
 
