@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,19 +16,34 @@ import palpate.dask
 distributed = pytest.importorskip("distributed")
 
 
+#: Workers, and how long they may take to come, s.
+WORKERS, PATIENCE = 4, 600
+
+
 @pytest.fixture(scope="module")
-def client():
-    with distributed.LocalCluster(
-        n_workers=4, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as cluster, distributed.Client(cluster) as client:
+def cluster():
+    import dask
+
+    patient = {f"distributed.comm.timeouts.{name}": f"{PATIENCE}s" for name in ("connect", "tcp")}
+    with dask.config.set(patient), distributed.LocalCluster(
+        n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster, distributed.Client(cluster, timeout=PATIENCE) as client:
         yield client
 
 
+@pytest.fixture
+def client(cluster):
+    # One that the test before killed may be coming up again.
+    cluster.wait_for_workers(WORKERS, timeout=PATIENCE)
+    return cluster
+
+
 def kill_one(client) -> None:
-    """Kills a worker, once all are there."""
-    client.wait_for_workers(4, timeout=600)
-    pid = next(iter(client.run(os.getpid).values()))
-    os.kill(pid, signal.SIGKILL)
+    """Kills a worker, one that is at work where there is one."""
+    client.wait_for_workers(WORKERS, timeout=PATIENCE)
+    tasks = client.processing()
+    worker = max(tasks, key=lambda worker: len(tasks[worker]))
+    os.kill(client.run(os.getpid, workers=[worker])[worker], signal.SIGKILL)
 
 
 def test_a_series_is_drawn_as_by_the_command_line(client, tmp_path: Path, run) -> None:
@@ -150,7 +166,7 @@ def test_a_body_in_pieces_is_the_whole(client, tmp_path: Path) -> None:
         assert sum(p.tets for p in came) == len(limb.tets)
         # A worker has its piece and what is around it, and no more.
         assert all(0 < p.ghosts and p.tets + p.ghosts < len(limb.tets) / 3 for p in came)
-        assert all(p.memory > 10_000_000 for p in came)
+        assert all(p.memory > 10_000_000 for p in came) or sys.platform != "linux"
 
 
 def test_what_pieces_cannot_show_is_refused_in_words(client, tmp_path: Path) -> None:
