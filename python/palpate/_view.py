@@ -94,7 +94,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         self._dirty = True
         self._looks = False
         self._waits: list[tuple[str, Any]] = []
-        self._sent = self._got = 0
+        self._sent = self._got = self._heard = 0
         self._shown_at = 0.0
         self._ended = False
         self._working = False
@@ -168,6 +168,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
                 if self._ended:
                     return
                 heard, self._waits = self._waits, []
+                self._heard += len(heard)
                 looks, self._looks = self._looks, False
                 self._working = True
                 free = self._sent == self._got
@@ -182,7 +183,8 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
                 quality = _QUICK if picture.shape[1] != self.size[0] else _FINE
                 with self._news:
                     self._sent += 1
-                self.send({"kind": "frame", "number": self._sent}, [_palpate.jpeg(picture, quality)])
+                frame = {"kind": "frame", "number": self._sent, "heard": self._heard}
+                self.send(frame, [_palpate.jpeg(picture, quality)])
                 samples = [s for s in self._touched.samples if s[1] >= 0.0][-_KEPT:]
                 if len(samples) != len(self.curve):
                     self.curve = [[1e3 * depth, force] for _, depth, force in samples]

@@ -55,6 +55,12 @@ function render({ model, el }) {
   curve.setAttribute("viewBox", "0 0 160 60");
   const told = element("span");
 
+  // Frames tell how many of these the kernel has heard.
+  const say = (message) => {
+    root.dataset.sent = Number(root.dataset.sent) + 1;
+    model.send(message);
+  };
+
   let hand = "look";
   const buttons = HANDS.map(([name, text, title]) => {
     const button = element("button", { textContent: text, title, ariaPressed: String(name === hand) });
@@ -65,7 +71,7 @@ function render({ model, el }) {
     return button;
   });
   const reset = element("button", { textContent: "Reset", title: "The body back to rest, whole" });
-  reset.addEventListener("click", () => model.send({ kind: "reset" }));
+  reset.addEventListener("click", () => say({ kind: "reset" }));
 
   const set = (trait, value) => { model.set(trait, value); model.save_changes(); };
   const whole = () => model.get("whole");
@@ -87,6 +93,7 @@ function render({ model, el }) {
   const root = element("div", { className: "palpate-view" },
     hands, element("div", { className: "body" }, canvas, stroke), controls, said);
   root.style.width = `${width}px`;
+  root.dataset.sent = 0;
   el.append(root);
 
   // The newest picture; the next is sent once this one is here.
@@ -97,6 +104,7 @@ function render({ model, el }) {
       canvas.getContext("2d").drawImage(bitmap, 0, 0, canvas.width, canvas.height);
       root.dataset.frame = message.number;
       root.dataset.width = bitmap.width;
+      root.dataset.heard = message.heard;
     }
     model.send({ kind: "got", number: message.number });
   };
@@ -130,7 +138,7 @@ function render({ model, el }) {
     canvas.setPointerCapture(event.pointerId);
     const pans = event.shiftKey || event.button === 1;
     held = { does: hand === "look" && pans ? "pan" : hand, last: at(event), first: at(event), way: [at(event)] };
-    if (held.does === "press") model.send({ kind: "press", x: held.first[0], y: held.first[1] });
+    if (held.does === "press") say({ kind: "press", x: held.first[0], y: held.first[1] });
     event.preventDefault();
     canvas.focus();
   });
@@ -139,11 +147,11 @@ function render({ model, el }) {
     const now = at(event);
     const [dx, dy] = [now[0] - held.last[0], now[1] - held.last[1]];
     const ratio = canvas.width / canvas.height;
-    if (held.does === "look") model.send({ kind: "turn", x: dx, y: dy });
-    if (held.does === "pan") model.send({ kind: "pan", x: dx * ratio, y: dy });
+    if (held.does === "look") say({ kind: "turn", x: dx, y: dy });
+    if (held.does === "pan") say({ kind: "pan", x: dx * ratio, y: dy });
     if (held.does === "press") {
       const away = Math.hypot((now[0] - held.first[0]) * ratio, now[1] - held.first[1]);
-      model.send({ kind: "deeper", depth: 0.5 * away });
+      say({ kind: "deeper", depth: 0.5 * away });
     }
     if (held.does === "cut") {
       held.way.push(now);
@@ -152,22 +160,22 @@ function render({ model, el }) {
     held.last = now;
   });
   const end = () => {
-    if (held?.does === "press") model.send({ kind: "release" });
-    if (held?.does === "cut") model.send({ kind: "cut", way: held.way });
+    if (held?.does === "press") say({ kind: "release" });
+    if (held?.does === "cut") say({ kind: "cut", way: held.way });
     line.setAttribute("points", "");
     held = undefined;
   };
   canvas.addEventListener("pointerup", end);
   canvas.addEventListener("pointercancel", end);
   canvas.addEventListener("wheel", (event) => {
-    model.send({ kind: "zoom", by: -event.deltaY / 500 });
+    say({ kind: "zoom", by: -event.deltaY / 500 });
     event.preventDefault();
   }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     const turns = { ArrowLeft: [-0.05, 0], ArrowRight: [0.05, 0], ArrowUp: [0, -0.05], ArrowDown: [0, 0.05] };
-    if (event.key in turns) model.send({ kind: "turn", x: turns[event.key][0], y: turns[event.key][1] });
-    else if (event.key === "+" || event.key === "=") model.send({ kind: "zoom", by: 0.15 });
-    else if (event.key === "-") model.send({ kind: "zoom", by: -0.15 });
+    if (event.key in turns) say({ kind: "turn", x: turns[event.key][0], y: turns[event.key][1] });
+    else if (event.key === "+" || event.key === "=") say({ kind: "zoom", by: 0.15 });
+    else if (event.key === "-") say({ kind: "zoom", by: -0.15 });
     else return;
     event.preventDefault();
     event.stopPropagation();

@@ -42,8 +42,19 @@ class Shown:
 
     def rest(self) -> np.ndarray:
         """The sharp picture once nothing is pending."""
-        self.wait("rest", lambda: self.view.idle, seconds=600)
+        self.wait("rest", lambda: self.view.idle)
         return self.pictures[-1].astype(int)
+
+
+    def settle(self) -> None:
+        """Waits until all that was said is done, while a picture is on its way."""
+
+        def settled() -> bool:
+            view = self.view
+            with view._news:
+                return not (view._waits or view._working) and view._sent != view._got
+
+        self.wait("the end of the work", settled)
 
 
 @pytest.fixture
@@ -67,18 +78,20 @@ def test_it_is_looked_at(ball: palpate.View) -> None:
     nearer = shown.rest()
     assert (nearer.max(axis=2) > 10).sum() > 1.3 * (turned.max(axis=2) > 10).sum()
     count = len(shown.pictures)
-    time.sleep(1)
+    # News that changes nothing.
+    shown.say(kind="got", number=shown.numbers[-1])
+    shown.rest()
     assert len(shown.pictures) == count, "nothing is drawn while nothing changes"
 
 
 def test_the_newest_wins(ball: palpate.View) -> None:
     shown = Shown(ball, answers=False)
     shown.wait("a picture", lambda: shown.numbers)
-    time.sleep(0.5)
+    shown.settle()
     sent = len(shown.numbers)
     for _ in range(30):
         shown.say(kind="turn", x=0.02, y=0.0)
-    time.sleep(1)
+    shown.settle()
     assert len(shown.numbers) == sent, "none is sent while one is on its way"
     shown.answers = True
     shown.say(kind="got", number=shown.numbers[-1])
