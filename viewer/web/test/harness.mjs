@@ -19,7 +19,7 @@ fs.mkdirSync(OUT, { recursive: true });
 /** Points at the lower edge in which times and rates are told. */
 const STATUS = 26;
 /** So many milliseconds are waited for anything. */
-const WAIT = 120_000;
+const WAIT = 600_000;
 
 // What is installed lies in no folder above this one.
 const installed = createRequire(path.join(process.env.PALPATE_NODE, "package.json"));
@@ -61,7 +61,7 @@ export function launch({ webgpu = true, size = [1024, 768] } = {}) {
   check(executablePath, "no Chromium was found; on Debian: apt install chromium");
   const args = [...FLAGS, ...(webgpu ? GPU : ["--disable-features=WebGPU"])];
   const [width, height] = size;
-  return puppeteer.launch({ executablePath, args, headless: true, protocolTimeout: 300_000, defaultViewport: { width, height } });
+  return puppeteer.launch({ executablePath, args, headless: true, protocolTimeout: 600_000, defaultViewport: { width, height } });
 }
 
 /** A page with the viewer in it. */
@@ -75,7 +75,7 @@ export class Page {
     await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
     await page.evaluateOnNewDocument(prepared);
     await page.evaluateOnNewDocument(watch);
-    await page.goto(address);
+    await page.goto(address, { timeout: WAIT });
     return self;
   }
 
@@ -106,20 +106,14 @@ export class Page {
       if (is(state)) return state;
       const said = this.said.slice(-5).join("\n");
       check(Date.now() - since < WAIT, `no sign of ${what}: ${JSON.stringify(state)}\n${said}`);
-      await sleep(50);
+      await sleep(20);
     }
   }
 
-  /** Waits until nothing is drawn any more. */
-  async rest() {
-    let before = [-1, Date.now()];
-    const since = Date.now();
-    while (Date.now() - before[1] < 900) {
-      const { pictures, busy } = await this.state();
-      if (busy || pictures !== before[0]) before = [pictures, Date.now()];
-      check(Date.now() - since < WAIT, "it never rests");
-      await sleep(50);
-    }
+  /** Waits until nothing moves, and the last frame is on the screen and wants no other one. */
+  rest() {
+    return this.wait("rest", ({ number, presented, busy, soon, pictures }) =>
+      pictures > 0 && !busy && !soon && presented === number);
   }
 
   async key(name) {
@@ -128,19 +122,32 @@ export class Page {
     await this.wait(`the key ${name}`, (state) => state.keys > keys);
   }
 
+  /** Moves the pointer, and waits until the viewer has seen it there. */
+  async to(x, y) {
+    await this.page.mouse.move(x, y);
+    await this.wait("the pointer", ({ pointer }) =>
+      pointer && Math.abs(pointer[0] - x) < 1 && Math.abs(pointer[1] - y) < 1);
+  }
+
+  async click(x, y) {
+    await this.to(x, y);
+    await this.page.mouse.down();
+    await this.wait("the button", (state) => state.down);
+    await this.page.mouse.up();
+    await this.wait("the button let go", (state) => !state.down);
+  }
+
   /** Presses the left button at a place and moves it to another, where it stays down. */
   async hold([x, y], [toX, toY]) {
-    await this.page.mouse.move(x, y);
+    await this.to(x, y);
     await this.page.mouse.down();
     await this.wait("the button", (state) => state.down);
     for (let n = 1; n <= 12; n++) {
-      await this.page.mouse.move(x + ((toX - x) * n) / 12, y + ((toY - y) * n) / 12);
-      await sleep(60);
+      await this.to(x + Math.trunc(((toX - x) * n) / 12), y + Math.trunc(((toY - y) * n) / 12));
     }
   }
 
   async letGo() {
-    await sleep(400);
     await this.page.mouse.up();
     await this.wait("the button let go", (state) => !state.down);
     await this.rest();
@@ -174,7 +181,9 @@ export class Page {
    * are the page's own; look at them before committing.
    */
   async holdAgainst(name, alike, own = false) {
-    await this.page.mouse.move(4, 700);
+    // A phone has no pointer.
+    if (this.page.viewport().hasTouch) await this.page.mouse.move(4, 700);
+    else await this.to(4, 700);
     await this.rest();
     const shot = await this.shot(name);
     const golden = path.join(GOLDEN, `${name}.png`);
