@@ -39,6 +39,8 @@ pub trait Real:
     const MIN_DISTANCE_SQUARED: Self;
     /// Negligible change of a squared length, in local units.
     const MIN_LENGTH_CHANGE: Self;
+    /// Largest relative error of rounding a number.
+    const UNIT_ROUNDOFF: f64;
     /// Relative rounding error of sums of energies.
     const ENERGY_ROUNDING: f64;
     /// Movement per step, in units of the body's extent, that positions do not resolve.
@@ -76,6 +78,7 @@ macro_rules! real {
             const HALF: Self = 0.5;
             const MIN_DISTANCE_SQUARED: Self = $coincident;
             const MIN_LENGTH_CHANGE: Self = $nothing;
+            const UNIT_ROUNDOFF: f64 = 0.5 * <$real>::EPSILON as f64;
             const ENERGY_ROUNDING: f64 = $rounding;
             const NEGLIGIBLE: f64 = $negligible;
 

@@ -87,6 +87,21 @@ pub struct StepContext<'a, T> {
     pub f: &'a [V4<T>],
 }
 
+/// Returns the movement per step, in local units, that the displacements `u` do not resolve: their
+/// rounding error, but no more than [`Real::NEGLIGIBLE`]. A body at rest resolves any movement, so
+/// that no load is too small for its first step.
+pub(in crate::physics::cpu) fn negligible_movement<T: Real>(plan: &Partition, u: &[V4<T>]) -> f64 {
+    let [sum] = plan.for_each_chunk((), &|_, nodes, ()| {
+        let squares = u[nodes].iter().map(|u| {
+            let [x, y, z] = [u[0], u[1], u[2]].map(T::to_f64);
+            x * x + y * y + z * z
+        });
+        [squares.sum()]
+    });
+    let mean = (sum / plan.nodes().max(1) as f64).sqrt();
+    (T::UNIT_ROUNDOFF * mean).min(T::NEGLIGIBLE)
+}
+
 impl<T: Real> LinearStepSolver<T> {
     /// Creates a solver for a body partitioned by `plan`.
     pub fn new(plan: &Partition, settings: CgSettings) -> LinearStepSolver<T> {
@@ -161,7 +176,7 @@ impl<T: Real> LinearStepSolver<T> {
         };
         let stop = CgTolerance {
             tolerance: self.settings.tolerance,
-            floor: weight * (T::NEGLIGIBLE / h.to_f64()).powi(2),
+            floor: weight * (negligible_movement(scene.plan, scene.at.u) / h.to_f64()).powi(2),
             max_iterations: self.settings.max_iterations,
         };
         let outcome = self.solver.solve(&matrix, &mut self.coarse, start, stop);

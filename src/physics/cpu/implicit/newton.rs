@@ -14,7 +14,7 @@ use super::contact_iterations::{
     MAX_ROUNDOFF_ITERATIONS, RESUME_RESIDUAL_RATIO, self_contact,
 };
 use super::initial_guess::{InitialGuess, InitialGuesses};
-use super::linear_step::{LinearStepSolver, StepContext};
+use super::linear_step::{LinearStepSolver, StepContext, negligible_movement};
 use super::schemes::{ImplicitScheme, StepCoefficients};
 use super::trial_state::{TrialState, has_inverted_tets};
 use crate::physics::NewtonSettings;
@@ -482,7 +482,8 @@ impl<T: Real> NewtonSolver<T> {
             implicit.linearise(&heavier, terms, at, gamma);
             implicit.refresh_tied(terms, gamma);
             let (start, weight, definite) = implicit.build_block_jacobi(&heavier);
-            let floor = weight * (MIN_DIAGONAL_SHARE * T::NEGLIGIBLE).powi(2);
+            let negligible = negligible_movement(scene.plan, &self.best.displacements);
+            let floor = weight * (MIN_DIAGONAL_SHARE * negligible).powi(2);
             if definite && start <= floor {
                 return None;
             }
