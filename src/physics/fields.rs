@@ -11,7 +11,7 @@
 //! - `energy_density` = Ψ, per volume at rest.
 
 use super::model::elements::eigen;
-use super::{ConstitutiveModel, DiscreteModel, Element, Simulator};
+use super::{ConstitutiveModel, DiscreteModel, Element, Engine, Simulator};
 use crate::mesh::TetMesh;
 use crate::parallel;
 use crate::{Error, Result};
@@ -24,6 +24,10 @@ const MIN_ABS_J: f64 = 1e-3;
 
 /// Strains below this are rounding errors on engines that store positions in float32.
 const F32_STRAIN_NOISE: f64 = 1e-5;
+
+/// Strains below this are rounding errors of the float64 positions of the CPU engine, which stores
+/// displacements.
+const F64_STRAIN_NOISE: f64 = 1e-12;
 
 /// A scalar field derived from the node positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -162,14 +166,18 @@ impl BodyField {
                 .fold(0.0, f64::max),
             None => body.network().map_or(0.0, stiffest),
         };
-        F32_STRAIN_NOISE
+        let strain = match body.engine() == Engine::Cpu && body.coarse_body().is_none() {
+            true => F64_STRAIN_NOISE,
+            false => F32_STRAIN_NOISE,
+        };
+        strain
             * match self {
                 BodyField::Strain | BodyField::J => 1.0,
                 BodyField::Displacement => {
                     let (low, high) = body.mesh().bounds();
                     (high - low).max_element()
                 }
-                BodyField::EnergyDensity => stiffness * F32_STRAIN_NOISE,
+                BodyField::EnergyDensity => stiffness * strain,
                 _ => stiffness,
             }
     }
