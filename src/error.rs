@@ -83,6 +83,8 @@ pub enum FailureCause {
     RunawayEnergy,
     /// A linear solve reached its iteration limit with a large residual.
     NotConverged,
+    /// A step inverted tets.
+    InvertedTets,
     /// Particles are farther apart than the deformation can account for.
     FlownApart,
 }

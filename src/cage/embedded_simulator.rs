@@ -4,8 +4,8 @@ use super::{Cage, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, NodeTerm, Report,
-    Simulator, SimulatorState, SolverKind, StepProgress, TopologyChange,
+    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
+    NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -193,6 +193,14 @@ impl Simulator for EmbeddedSimulator {
             &self.mesh,
             &self.positions()?,
         ))
+    }
+
+    fn set_inversion_allowed(&mut self, allowed: bool) {
+        self.inner.set_inversion_allowed(allowed);
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        self.inner.force_balance()
     }
 
     fn rms_speed(&self) -> f64 {

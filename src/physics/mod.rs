@@ -43,6 +43,7 @@ pub use gpu::state::{BodyState, SolverState};
 pub use gpu::stepper::Stepper;
 pub use gpu::{ExplicitEuler, ImplicitEuler, SymplecticEuler, VelocityVerlet, Verlet};
 pub use grid::{GpuGrid, GridState};
+pub use loads::force_balance::ForceBalance;
 pub use loads::grab::{GrabId, GrabMode};
 pub use loads::reactions::{GrabbedNode, Reaction};
 pub use loads::scaled_load::{AmplitudeId, Muscle, ScaledLoad};

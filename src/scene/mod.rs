@@ -202,6 +202,8 @@ pub struct SolverEntry {
     pub iterations: Option<u32>,
     /// Relative residual at which conjugate gradients stop.
     pub tolerance: Option<f64>,
+    /// Whether steps may invert tets; by default such a step fails.
+    pub allow_inversion: Option<bool>,
     /// Whether the body sleeps when at rest; default true.
     pub sleep: Option<bool>,
     /// The planned run. If it is set, a body without supports, loads or cuts gets a load and an

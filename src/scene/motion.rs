@@ -123,9 +123,8 @@ impl Motion {
                 true => self.sleep.skip(some, self.dt),
                 false => {
                     self.progress = Some(self.simulator.run(some, self.dt)?);
-                    let speed = self.simulator.rms_speed();
                     let touched = self.simulator.change_count();
-                    self.sleep.update(speed, some, self.dt, touched);
+                    self.sleep.update(self.simulator.as_ref(), some, touched)?;
                 }
             }
             done += some;
@@ -173,8 +172,7 @@ impl Motion {
         }
         self.requested = None;
         self.progress = Some(now);
-        let speed = self.simulator.rms_speed();
-        self.sleep.update(speed, some, self.dt, touched);
+        self.sleep.update(self.simulator.as_ref(), some, touched)?;
         Ok(false)
     }
 
@@ -193,7 +191,8 @@ impl Motion {
     }
 
     /// Whether the body sleeps: time advances without simulation until the body is disturbed. It
-    /// falls asleep when its mean speed stays below 1e-4 of its size per second.
+    /// falls asleep when its static forces are balanced and its kinetic energy is negligible; with
+    /// tools on the GPU or rapier, where the balance is unknown, it stays awake.
     pub fn asleep(&self) -> bool {
         self.sleep.asleep()
     }

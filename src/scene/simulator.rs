@@ -91,7 +91,7 @@ impl SimulatorSetup {
                 "{entry} acts on a body of tets that is simulated itself; leave [grid] and [cage] out"
             )));
         }
-        let setup = match (shape, &scene.cage) {
+        let mut setup = match (shape, &scene.cage) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
                     "the scene has both [grid] and [cage]; a cage of kind \"grid\" carries the mesh, leave [grid] out".into(),
@@ -111,6 +111,8 @@ impl SimulatorSetup {
             }
             (None, None) => scene.tet_simulator(gpu, kind, mesh, material, &mut notes)?,
         };
+        let allow = scene.solver.allow_inversion.unwrap_or(false);
+        setup.simulator.set_inversion_allowed(allow);
         Ok((setup, notes))
     }
 }

@@ -3,9 +3,10 @@
 use super::{BodiesState, Member, MultiBody};
 use crate::gpu::Recorder;
 use crate::mesh::{Blade, TetMesh, Topology};
+use crate::physics::loads::force_balance::ForceSums;
 use crate::physics::loads::grab::unknown_grab_error as unknown_grab;
 use crate::physics::{
-    CgSettings, Energy, Engine, ExactPositions, GrabId, GrabMode, GrabbedNode, Loads,
+    CgSettings, Energy, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GrabbedNode, Loads,
     NodePositions, NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress,
     StepRecord, TopologyChange,
 };
@@ -265,6 +266,23 @@ impl Simulator for MultiBody {
     }
 
     /// The speed of the fastest body, relative to its size.
+    fn set_inversion_allowed(&mut self, allowed: bool) {
+        for member in &mut self.members {
+            member.simulator.set_inversion_allowed(allowed);
+        }
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        let mut sums = ForceSums::default();
+        for member in &self.members {
+            match member.simulator.force_balance()? {
+                Some(balance) => sums.add_body(balance),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(sums.balance()))
+    }
+
     fn rms_speed(&self) -> f64 {
         let speeds = self.members.iter().map(|m| m.simulator.rms_speed());
         speeds.fold(0.0, f64::max)

@@ -3,9 +3,10 @@
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
 use crate::physics::cpu::check_contact;
+use crate::physics::loads::force_balance::balance_of_model;
 use crate::physics::{
-    BodyState, CgSettings, DiscreteModel, Engine, ExactPositions, GpuBody, GrabId, GrabMode,
-    ImplicitEuler, Loads, Material, NodePositions, NodeTerm, Reaction, Report, Simulator,
+    BodyState, CgSettings, DiscreteModel, Engine, ExactPositions, ForceBalance, GpuBody, GrabId,
+    GrabMode, ImplicitEuler, Loads, Material, NodePositions, NodeTerm, Reaction, Report, Simulator,
     SimulatorState, Solver, SolverKind, SolverState, StepProgress, Tool, ToolId, TopologyChange,
     largest_stable_step, limit_with_terms,
 };
@@ -224,6 +225,22 @@ impl Simulator for GpuTets {
 
     fn report(&self) -> Result<Report> {
         Report::new(&self.body, &self.mesh)
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        if !self.tools.is_empty() {
+            return Ok(None);
+        }
+        let body = &self.body;
+        // Positions in the local frame reach ½.
+        let resolution = 0.5 * f64::from(f32::EPSILON) * body.units.length;
+        Ok(balance_of_model(
+            &body.network,
+            body.loads(),
+            body.terms(),
+            &body.positions()?,
+            resolution,
+        ))
     }
 
     fn rms_speed(&self) -> f64 {

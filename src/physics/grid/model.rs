@@ -4,7 +4,8 @@ use super::shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::mesher::Domain;
 use crate::physics::grid::reference::GridReference;
-use crate::physics::{Energy, Material, MaterialModel, RegionMaterial, Stiffness};
+use crate::physics::loads::force_balance::{ForceBalance, ForceSums};
+use crate::physics::{Energy, Loads, Material, MaterialModel, RegionMaterial, Stiffness};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
@@ -182,6 +183,31 @@ impl GridModel {
             elastic,
             total: kinetic + elastic,
         }
+    }
+
+    /// Returns the balance of the static forces with the particles at `positions` (file units),
+    /// which are rounded to `resolution`, m.
+    pub(in crate::physics) fn force_balance(
+        &self,
+        loads: &Loads,
+        positions: &[DVec3],
+        resolution: f64,
+    ) -> ForceBalance {
+        let mut reference = self.reference();
+        for (x, p) in reference.x.iter_mut().zip(positions) {
+            *x = (*p - self.frame.origin) * self.length_unit;
+        }
+        let (external, fixed) = (
+            loads.static_forces(&self.masses, positions),
+            loads.fixed_nodes(),
+        );
+        let all: f64 = self.stiffness.iter().sum();
+        let mut sums = ForceSums::default();
+        for i in self.shape.particles() {
+            let error = 2.0 * all * self.stiffness_scales[i] * resolution;
+            sums.add(reference.spring_force(i), external[i], !fixed[i], error);
+        }
+        sums.balance()
     }
 
     /// The two particles of each spring.

@@ -1,5 +1,6 @@
 //! Constraints and loads of a body, independent of the engine.
 
+pub(super) mod force_balance;
 pub(super) mod grab;
 pub(super) mod grab_state;
 pub(super) mod reactions;
@@ -427,6 +428,33 @@ impl Loads {
             .chain(led)
             .for_each(|i| held[i as usize] = true);
         held
+    }
+
+    /// Whether the position of each node is given: pinned, moved, or held exactly by a grab.
+    pub(super) fn fixed_nodes(&self) -> Vec<bool> {
+        let mut fixed = self.pinned.clone();
+        let moved = self.led.iter().flat_map(|led| led.nodes.iter().copied());
+        let followers = self.grabs.iter().filter(|g| g.grip == GrabMode::Follow);
+        let followers = followers.flat_map(|grab| grab.nodes.iter().copied());
+        moved
+            .chain(followers)
+            .for_each(|i| fixed[i as usize] = true);
+        fixed
+    }
+
+    /// Returns gravity, forces and the springs of grabs on the nodes of these masses (kg) at
+    /// `positions` (file units), N; without pressures.
+    pub(super) fn static_forces(&self, masses: &[f64], positions: &[DVec3]) -> Vec<DVec3> {
+        let own = self.forces.iter().zip(masses);
+        let mut forces: Vec<DVec3> = own.map(|(f, m)| *f + *m * self.gravity).collect();
+        for held in self.grabs.iter().flat_map(|grab| grab.held()) {
+            if let GrabMode::Spring { stiffness, limit } = held.grip {
+                let v = held.node as usize;
+                let stretch = (held.place - positions[v]) * self.length_unit;
+                forces[v] += (stiffness * stretch).clamp_length_max(limit);
+            }
+        }
+        forces
     }
 
     /// Updates the loads after a cut: duplicated nodes are pinned as their originals, and forces

@@ -230,8 +230,13 @@ impl Material {
     /// Validates the material.
     pub(crate) fn check(&self) -> Result<()> {
         let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
+        // A body of springs without stiffness is a cloud of free masses; one of a material is not.
+        let stiff = match self.stiffness {
+            Stiffness::Young(young) => young > 0.0,
+            Stiffness::Uniform(stiffness) => stiffness >= 0.0,
+        };
         let numbers = [
-            ("stiffness", stiffness, stiffness >= 0.0),
+            ("stiffness", stiffness, stiff),
             ("density", self.density, self.density > 0.0),
             ("damping", self.damping, self.damping >= 0.0),
             ("damping time", self.damping_time, self.damping_time >= 0.0),

@@ -15,5 +15,6 @@ pub(super) mod node_term;
 pub(super) mod rigid_region;
 pub(super) mod solver_kind;
 pub(super) mod solver_settings;
+pub(super) mod static_forces;
 pub(super) mod tissue;
 pub(super) mod units;

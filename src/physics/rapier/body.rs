@@ -8,8 +8,10 @@ use super::world::{Contacts, World};
 use crate::physics::cpu::{
     LoadUpdate, NodeConstraint, StepFailure, Steppable, ToolTarget, check_attachments,
 };
+use crate::physics::loads::force_balance::ForceSums;
 use crate::physics::{
-    CgSettings, DiscreteModel, Joint, Reaction, SelfContactSettings, StepRecord, Tool, ToolPose,
+    CgSettings, DiscreteModel, ForceBalance, Joint, Reaction, SelfContactSettings, StepRecord,
+    Tool, ToolPose,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -232,6 +234,24 @@ impl RapierBody {
             forces[*node as usize] = DVec3::NAN;
         }
         forces
+    }
+
+    /// Returns the balance of the static forces; `None` with tools or rigid regions, whose contact
+    /// forces are unknown.
+    pub fn force_balance(&self, network: &DiscreteModel) -> Option<ForceBalance> {
+        if !self.tools.is_empty() || !self.matter.bones.is_empty() {
+            return None;
+        }
+        let x = self.positions();
+        let internal = internal_forces(network, &x, &vec![DVec3::ZERO; x.len()]);
+        let resolution = 0.5 * f64::from(f32::EPSILON) * network.frame.scale * network.length_unit;
+        let (stiffness, held) = (network.nodal_stiffness(), self.held());
+        let mut sums = ForceSums::default();
+        for (v, own) in internal.into_iter().enumerate() {
+            let load = self.masses[v] * self.gravity + self.forces[v];
+            sums.add(own, load, !held[v], resolution * stiffness[v]);
+        }
+        Some(sums.balance())
     }
 
     /// Returns the reaction on each tool: the residual of the equations of motion over the last

@@ -10,9 +10,10 @@ use crate::physics::cpu::{
 };
 use crate::physics::loads::LoadVersions;
 use crate::physics::{
-    CgSettings, DiscreteModel, Energy, Engine, ExactPositions, GrabId, GrabMode, Joint, Loads,
-    NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, SelfContactSettings, Simulator,
-    SimulatorState, SolverKind, StepCallback, StepProgress, Tool, ToolId, ToolPose, TopologyChange,
+    CgSettings, DiscreteModel, Energy, Engine, ExactPositions, ForceBalance, GrabId, GrabMode,
+    Joint, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
+    SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, Tool,
+    ToolId, ToolPose, TopologyChange,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -377,6 +378,10 @@ impl Simulator for RapierTets {
         let (positions, velocities) = (self.positions()?, self.velocities()?);
         let energy = Energy::from_state(&self.network, &[], &positions, &velocities);
         Ok(Report::from_positions(energy, &self.mesh, &positions))
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        Ok(self.worker.body().force_balance(&self.network))
     }
 
     fn rms_speed(&self) -> f64 {

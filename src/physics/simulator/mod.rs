@@ -6,9 +6,9 @@ pub(super) mod progress;
 pub(super) mod report;
 
 use super::{
-    AmplitudeId, BodiesState, CgSettings, CpuGridState, CpuState, DiscreteModel, Engine, GrabId,
-    GrabMode, GrabbedNode, GridState, Joint, Loads, MultiBody, NodePositions, NodeTerm,
-    PrescribedMotionId, Reaction, Report, ScaledLoad, SelfContactSettings, SolverKind,
+    AmplitudeId, BodiesState, CgSettings, CpuGridState, CpuState, DiscreteModel, Engine,
+    ForceBalance, GrabId, GrabMode, GrabbedNode, GridState, Joint, Loads, MultiBody, NodePositions,
+    NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad, SelfContactSettings, SolverKind,
     StepProgress, TetState, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
@@ -366,6 +366,21 @@ pub trait Simulator: Send {
     /// # Errors
     /// Errors of reading back.
     fn report(&self) -> Result<Report>;
+
+    /// Sets whether steps may invert tets of elements. By default a step of the CPU engine that
+    /// inverts tets of a body without inverted ones fails.
+    fn set_inversion_allowed(&mut self, allowed: bool) {
+        let _ = allowed;
+    }
+
+    /// Returns the balance of the static forces in the present configuration; `None` if the engine
+    /// does not know it, such as with tools on the GPU.
+    ///
+    /// # Errors
+    /// Errors of reading back.
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        Ok(None)
+    }
 
     /// Root mean square speed after the last step known, in body sizes per second.
     fn rms_speed(&self) -> f64;

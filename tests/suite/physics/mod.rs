@@ -27,5 +27,6 @@ mod rigid_gpu;
 mod simulators;
 mod statics;
 mod steps;
+mod stiffness_and_load;
 mod together;
 mod tools_gpu;

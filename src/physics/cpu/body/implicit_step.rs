@@ -7,6 +7,7 @@ use crate::physics::cpu::implicit::contact_iterations::{tool_contact, touching_m
 use crate::physics::cpu::implicit::linear_step::StepContext;
 use crate::physics::cpu::implicit::newton::StepInput;
 use crate::physics::cpu::implicit::schemes::ImplicitScheme;
+use crate::physics::cpu::implicit::trial_state::has_inverted_tets;
 use crate::physics::cpu::runtime::energy_guard::{StepFailure, StepTotals};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
@@ -128,6 +129,11 @@ impl<T: Real> CpuBody<T> {
             (h, self.previous_dt),
             (&mut next.u, &mut next.v),
         );
+        let inverted = |u| has_inverted_tets(&self.plan, &self.terms, u);
+        let mut inversion = self.inversion;
+        if let Err(failure) = inversion.check(inverted(&next.u), || inverted(&self.state.u)) {
+            return Some(Err(failure));
+        }
         let mut elastic = descent.elastic;
         if newton.rule == ImplicitScheme::Midpoint {
             let terms = &self.terms;
@@ -151,6 +157,7 @@ impl<T: Real> CpuBody<T> {
         if let Err(failure) = self.guard.check_finite(sums) {
             return Some(Err(failure));
         }
+        self.inversion = inversion;
         newton.keep(implicit);
         std::mem::swap(&mut self.state, &mut self.next);
         self.previous_dt = h;

@@ -3,6 +3,7 @@
 pub(super) mod exact_positions;
 pub(super) mod explicit;
 pub(super) mod force_assembly;
+mod force_balance;
 pub(super) mod implicit_step;
 pub(super) mod rigid;
 #[cfg(test)]
@@ -30,6 +31,7 @@ use super::pressure::Pressure;
 use super::rigid::layout::build_layout;
 use super::rigid::target_springs::{RigidTargetSpring, RigidTargetSprings};
 use super::runtime::energy_guard::EnergyGuard;
+use super::runtime::inversion::InversionCheck;
 use super::scalar::Real;
 use super::springs::term::Springs;
 use super::term::{StateRef, Term};
@@ -88,6 +90,7 @@ pub struct CpuBody<T: Real> {
     /// For implicit bodies with elements.
     pub(super) newton: Option<NewtonSolver<T>>,
     pub(super) guard: EnergyGuard,
+    pub(super) inversion: InversionCheck,
     pub(super) start: ForceStatus,
     /// Length of the last step, local units; 0 if the scheme restarts.
     pub(super) previous_dt: f64,
@@ -250,6 +253,7 @@ impl<T: Real> CpuBody<T> {
             next: motion(),
             implicit,
             guard: EnergyGuard::default(),
+            inversion: InversionCheck::default(),
             start: ForceStatus::Restart,
             previous_dt: 0.0,
             steps: 0,
@@ -288,6 +292,11 @@ impl<T: Real> CpuBody<T> {
         if let Some(implicit) = &mut self.implicit {
             implicit.drop_coarse_space();
         }
+    }
+
+    /// Sets whether steps may invert tets.
+    pub fn set_inversion_allowed(&mut self, allowed: bool) {
+        self.inversion.allowed = allowed;
     }
 
     /// Sets the pinned nodes, which stay at rest.

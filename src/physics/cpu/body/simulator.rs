@@ -9,10 +9,11 @@ use crate::physics::cpu::runtime::steppable::{LoadUpdate, Precision, TetBody};
 use crate::physics::cpu::runtime::worker::{StepClock, Worker, WorkerCommand, WorkerError};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
-    AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ExactPositions, GrabId, GrabMode,
-    Loads, Material, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad,
-    SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, Tool,
-    ToolId, TopologyChange, largest_stable_step, limit_with_terms, time_step_advice,
+    AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ExactPositions, ForceBalance, GrabId,
+    GrabMode, Loads, Material, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
+    ScaledLoad, SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback,
+    StepProgress, Tool, ToolId, TopologyChange, largest_stable_step, limit_with_terms,
+    time_step_advice,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -37,6 +38,7 @@ pub struct CpuTets {
     scaled_loads: Vec<ScaledLoad>,
     tools: Vec<Tool>,
     self_contact: Option<SelfContactSettings>,
+    inversion_allowed: bool,
     precision: Precision,
     worker: Worker<dyn TetBody>,
     nodes: NodePositions,
@@ -112,6 +114,7 @@ impl CpuTets {
             scaled_loads: Vec::new(),
             tools: Vec::new(),
             self_contact: None,
+            inversion_allowed: false,
             precision,
             worker: Worker::new(body),
             nodes,
@@ -140,6 +143,7 @@ impl CpuTets {
                     time: progress.time,
                     cause: match failure {
                         StepFailure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
+                        StepFailure::InvertedTets => FailureCause::InvertedTets,
                         StepFailure::NotConverged { .. }
                         | StepFailure::ToolPenetration
                         | StepFailure::SelfContactBlocked => FailureCause::NotConverged,
@@ -196,6 +200,7 @@ impl CpuTets {
     fn body(&self, parts: Option<usize>) -> Result<Box<dyn TetBody>> {
         let how = (self.kind, self.settings);
         let mut body = self.precision.tets(&self.network, how, parts)?;
+        body.set_inversion_allowed(self.inversion_allowed);
         for term in &self.terms {
             body.add_node_term(term.clone(), &self.network);
         }
@@ -547,6 +552,16 @@ impl Simulator for CpuTets {
         let velocities = self.velocities()?;
         let energy = Energy::from_state(&self.network, &self.terms, &positions, &velocities);
         Ok(Report::from_positions(energy, &self.mesh, &positions))
+    }
+
+    fn set_inversion_allowed(&mut self, allowed: bool) {
+        self.inversion_allowed = allowed;
+        self.worker.body().set_inversion_allowed(allowed);
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        let stiffness = self.network.nodal_stiffness();
+        Ok(Some(self.worker.body().force_balance(&stiffness)))
     }
 
     fn rms_speed(&self) -> f64 {

@@ -4,6 +4,7 @@ use super::explicit::{self, ExplicitInput};
 use super::force_assembly::ForceSources;
 use super::{CpuBody, ForceStatus};
 use crate::physics::cpu::implicit::linear_step::StepContext;
+use crate::physics::cpu::implicit::trial_state::has_inverted_tets;
 use crate::physics::cpu::runtime::energy_guard::{StepFailure, StepTotals};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
@@ -55,6 +56,7 @@ impl<T: Real> CpuBody<T> {
         if self.start == ForceStatus::Ready {
             return Ok(());
         }
+        self.inversion.invalidate();
         let restart = self.start == ForceStatus::Restart;
         if restart {
             self.previous_dt = 0.0;
@@ -104,7 +106,11 @@ impl<T: Real> CpuBody<T> {
         }
         let sums = self.evaluate_forces(step);
         let (nodes, joules) = (self.rest.len(), self.units.energy());
+        let inverted = |u| has_inverted_tets(&self.plan, &self.terms, u);
+        let mut inversion = self.inversion;
+        inversion.check(inverted(&self.next.u), || inverted(&self.state.u))?;
         self.guard.check_step(sums, h, nodes, joules)?;
+        self.inversion = inversion;
         std::mem::swap(&mut self.state, &mut self.next);
         if let Some(implicit) = &mut self.implicit {
             implicit.solver.store_solution();

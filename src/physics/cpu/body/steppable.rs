@@ -9,7 +9,8 @@ use crate::physics::cpu::runtime::steppable::{
 };
 use crate::physics::cpu::scalar::Real;
 use crate::physics::{
-    CgSettings, DiscreteModel, Muscle, NodeTerm, SelfContactSettings, SolverKind, StepRecord, Tool,
+    CgSettings, DiscreteModel, ForceBalance, Muscle, NodeTerm, SelfContactSettings, SolverKind,
+    StepRecord, Tool,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -124,6 +125,14 @@ impl<T: Real> TetBody for CpuBody<T> {
 
     fn forces(&self) -> Vec<DVec3> {
         CpuBody::forces(self)
+    }
+
+    fn force_balance(&self, stiffness: &[f64]) -> ForceBalance {
+        CpuBody::force_balance(self, stiffness)
+    }
+
+    fn set_inversion_allowed(&mut self, allowed: bool) {
+        CpuBody::set_inversion_allowed(self, allowed);
     }
 
     fn displacements(&self) -> Vec<[f64; 3]> {

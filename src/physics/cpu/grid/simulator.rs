@@ -9,8 +9,8 @@ use crate::physics::cpu::runtime::worker::{StepClock, Worker, WorkerCommand, Wor
 use crate::physics::grid::{GridModel, retain_tets};
 use crate::physics::loads::{LoadVersions, LoadsState};
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, Report, Simulator,
-    SimulatorState, SolverKind, StepCallback, StepProgress, TopologyChange,
+    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
+    Report, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, TopologyChange,
 };
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -344,6 +344,16 @@ impl Simulator for CpuGrid {
         let (positions, velocities) = (self.positions()?, self.velocities()?);
         let energy = self.model.energy(&positions, &velocities);
         Ok(Report::from_positions(energy, &self.mesh, &positions))
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        let model = &self.model;
+        let resolution = 0.0;
+        Ok(Some(model.force_balance(
+            &self.loads,
+            &self.positions()?,
+            resolution,
+        )))
     }
 
     fn rms_speed(&self) -> f64 {

@@ -1,7 +1,7 @@
 //! Acceptance checks of a step and the totals they use. The GPU counterpart is
 //! `shaders/physics/check.wgsl`.
 
-use crate::physics::model::messages::TOOLS_OVERCONSTRAINED_MESSAGE;
+use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -39,6 +39,8 @@ pub enum StepFailure {
         /// Relative residual reached.
         residual: f64,
     },
+    /// The step inverted tets of a body that had none inverted.
+    InvertedTets,
     /// Points of the boundary remain inside tools because the tools press too hard.
     ToolPenetration,
     /// Parts of the body press on each other so hard that they would interpenetrate.
@@ -60,6 +62,7 @@ impl fmt::Display for StepFailure {
                 "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
             ),
             StepFailure::Diverged => f.write_str("particles flew apart"),
+            StepFailure::InvertedTets => f.write_str(INVERTED_TETS_MESSAGE),
             StepFailure::ToolPenetration => f.write_str(TOOLS_OVERCONSTRAINED_MESSAGE),
             StepFailure::SelfContactBlocked => f.write_str(
                 "parts of the body are pressed so hard against each other that they would go through; leave them more room, or move what is moved less far or more slowly",

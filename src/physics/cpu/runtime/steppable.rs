@@ -4,7 +4,7 @@
 use super::energy_guard::StepFailure;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::{
-    DiscreteModel, Muscle, NodeTerm, SelfContactSettings, StepRecord, Tool, ToolPose,
+    DiscreteModel, ForceBalance, Muscle, NodeTerm, SelfContactSettings, StepRecord, Tool, ToolPose,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -102,6 +102,12 @@ pub(in crate::physics::cpu) trait TetBody: Steppable {
 
     /// Returns the sum of all forces on every node, N.
     fn forces(&self) -> Vec<DVec3>;
+
+    /// Returns the balance of the static forces; `stiffness` is that of each node, N/m.
+    fn force_balance(&self, stiffness: &[f64]) -> ForceBalance;
+
+    /// Sets whether steps may invert tets.
+    fn set_inversion_allowed(&mut self, allowed: bool);
 
     /// Returns the displacements from rest in the body's own units and precision.
     fn displacements(&self) -> Vec<[f64; 3]>;

@@ -5,8 +5,8 @@ use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::grid::GridBody;
 use crate::physics::grid::retain_tets;
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, GrabId, GrabMode, Loads, NodePositions, Report, Simulator,
-    SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
+    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
+    Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -155,6 +155,16 @@ impl Simulator for GpuGrid {
 
     fn report(&self) -> Result<Report> {
         self.body.report()
+    }
+
+    fn force_balance(&self) -> Result<Option<ForceBalance>> {
+        let model = self.body.model();
+        let resolution = 0.5 * f64::from(f32::EPSILON) * model.frame.scale * model.length_unit;
+        Ok(Some(model.force_balance(
+            self.loads(),
+            &self.positions()?,
+            resolution,
+        )))
     }
 
     fn rms_speed(&self) -> f64 {

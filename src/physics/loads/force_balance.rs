@@ -1,0 +1,124 @@
+//! Balance of the static forces of a body: how far it is from equilibrium.
+
+use super::Loads;
+use crate::physics::{DiscreteModel, NodeTerm};
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Largest net force of a body in equilibrium, relative to the loads.
+const EQUILIBRIUM_TOLERANCE: f64 = 1e-4;
+
+/// Largest part of the net force, relative to the loads, that may be attributed to rounding.
+const MAX_ROUNDING_RATIO: f64 = 1e-2;
+
+/// Static forces of a body, without inertia and damping: root sums of squares over its nodes, N.
+/// A rigid region counts as one node, with its net moment over its radius.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ForceBalance {
+    /// Net forces on the free nodes.
+    pub residual: f64,
+    /// Loads, or the reactions of the supports if these are larger.
+    pub scale: f64,
+    /// Rounding error of the net forces at the precision of the engine's displacements.
+    pub rounding: f64,
+}
+
+impl ForceBalance {
+    /// Whether the body is in equilibrium, with a tolerance relative to the loads or to
+    /// `reference` (N) if that is larger.
+    pub fn is_equilibrium(&self, reference: f64) -> bool {
+        let rounding = self.rounding.min(MAX_ROUNDING_RATIO * self.scale);
+        self.residual <= EQUILIBRIUM_TOLERANCE * self.scale.max(reference) + rounding
+    }
+}
+
+/// Sums of squares of which a [`ForceBalance`] is made, N².
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::physics) struct ForceSums {
+    residual: f64,
+    loads: f64,
+    reactions: f64,
+    rounding: f64,
+}
+
+impl ForceSums {
+    /// Adds a node with its internal force, load and rounding error, N. A constrained node is
+    /// supported by its reaction.
+    pub fn add(&mut self, internal: DVec3, load: DVec3, free: bool, rounding: f64) {
+        self.loads += load.length_squared();
+        if free {
+            self.residual += (internal + load).length_squared();
+            self.rounding += rounding * rounding;
+        } else {
+            self.reactions += internal.length_squared();
+        }
+    }
+
+    /// Adds the net force and moment (over a radius) of a rigid region, N.
+    pub fn add_rigid(&mut self, force: DVec3, moment: DVec3, load: DVec3, rounding: f64) {
+        self.residual += force.length_squared() + moment.length_squared();
+        self.loads += load.length_squared();
+        self.rounding += rounding * rounding;
+    }
+
+    /// Adds another body.
+    pub fn add_body(&mut self, other: ForceBalance) {
+        self.residual += other.residual * other.residual;
+        self.loads += other.scale * other.scale;
+        self.rounding += other.rounding * other.rounding;
+    }
+
+    /// Returns the balance.
+    pub fn balance(&self) -> ForceBalance {
+        ForceBalance {
+            residual: self.residual.sqrt(),
+            scale: self.loads.max(self.reactions).sqrt(),
+            rounding: self.rounding.sqrt(),
+        }
+    }
+}
+
+/// Returns the balance of the model `network` under `loads` and `terms` with the nodes at
+/// `positions` (file units), which are rounded to `resolution` (m); `None` if a rigid region may
+/// still turn about its constraints.
+pub(in crate::physics) fn balance_of_model(
+    network: &DiscreteModel,
+    loads: &Loads,
+    terms: &[Arc<dyn NodeTerm>],
+    positions: &[DVec3],
+    resolution: f64,
+) -> Option<ForceBalance> {
+    let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
+    let internal = network.static_forces(&x, terms);
+    let external = loads.static_forces(&network.masses, positions);
+    let stiffness = network.nodal_stiffness();
+    let constrained = loads.fixed_nodes();
+    let rigid = &network.elements.rigid;
+    let mut is_rigid = vec![false; x.len()];
+    let mut sums = ForceSums::default();
+    for region in rigid {
+        let nodes = || region.nodes.iter().map(|v| *v as usize);
+        nodes().for_each(|v| is_rigid[v] = true);
+        let force: DVec3 = nodes().map(|v| internal[v]).sum();
+        let load: DVec3 = nodes().map(|v| external[v]).sum();
+        let error = nodes().map(|v| resolution * stiffness[v]).sum();
+        match nodes().filter(|v| constrained[*v]).count() {
+            0 => {
+                let count = region.nodes.len().max(1) as f64;
+                let centre = nodes().map(|v| x[v]).sum::<DVec3>() / count;
+                let moment = nodes().map(|v| (x[v] - centre).cross(internal[v] + external[v]));
+                let squares = nodes().map(|v| x[v].distance_squared(centre));
+                let radius = (squares.sum::<f64>() / count).sqrt();
+                let moment = moment.sum::<DVec3>() / radius.max(f64::MIN_POSITIVE);
+                sums.add_rigid(force + load, moment, load, error);
+            }
+            1 | 2 => return None,
+            _ => sums.add(force, load, false, 0.0),
+        }
+    }
+    for v in (0..x.len()).filter(|v| !is_rigid[*v]) {
+        let free = !constrained[v] && network.masses[v] > 0.0;
+        sums.add(internal[v], external[v], free, resolution * stiffness[v]);
+    }
+    Some(sums.balance())
+}
