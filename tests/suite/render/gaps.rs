@@ -270,7 +270,7 @@ fn a_cut_of_another_mesh_is_refused() {
     let error = geometry
         .apply_cut(&mesh, &topology, &done[1], &positions, &scalars)
         .unwrap_err();
-    assert!(error.to_string().contains("every cut in turn"), "{error}");
+    assert!(error.to_string().contains("every cut in order"), "{error}");
     let cells = vec![1.0; mesh.tets.len()];
     assert!(
         geometry

@@ -134,17 +134,17 @@ fn regions_that_make_no_sense_are_refused() {
         tet_regions: vec![Some(0); 5],
         ..own.clone()
     };
-    assert!(said(&few).contains("looks for 5 tets"));
+    assert!(said(&few).contains("one entry per tet, got 5"));
     let none = RegionAppearance {
         transfers: Vec::new(),
         ..own.clone()
     };
-    assert!(said(&none).contains("0 transfer functions"));
+    assert!(said(&none).contains("transfer functions of the regions must be 1 to 1024, got 0"));
     let beyond = RegionAppearance {
         tet_regions: vec![Some(9); mesh.tets.len()],
         ..own.clone()
     };
-    assert!(said(&beyond).contains("transfer function 9"));
+    assert!(said(&beyond).contains("got 9"));
     let sliced = RaycastOptions {
         table: TableKind::Sliced,
         ..RaycastOptions::default()
@@ -188,7 +188,10 @@ fn a_scene_says_what_its_regions_look_like() {
         ("hide = [\"heart\"]", "heart"),
         ("hide = [\"7\"]", "no tet of the mesh is of region 7"),
         ("[picture.region.bone]\nopacity = 2", "opacity = 2"),
-        ("[picture.region.bone]\ncolour = \"reddish\"", "no colour"),
+        (
+            "[picture.region.bone]\ncolour = \"reddish\"",
+            "unknown colour",
+        ),
         ("[picture.region.bone]\nshown = true", "unknown field"),
     ] {
         let error = image(picture).unwrap_err().to_string();

@@ -693,12 +693,15 @@ fn scans_that_make_no_sense_are_refused_in_words() {
     };
     refused(
         &|scan| Arc::make_mut(&mut scan.volume).to_world.translation.z += 40.0,
-        "do not meet",
+        "do not overlap",
     );
-    refused(&|scan| scan.units_per_mm = f64::NAN, "units of the mesh");
+    refused(
+        &|scan| scan.units_per_mm = f64::NAN,
+        "mesh units per millimetre",
+    );
     refused(
         &|scan| scan.appearance = ScanAppearance::Labels(label_looks()),
-        "no map of labels",
+        "not a label map",
     );
     refused(
         &|scan| {
@@ -714,11 +717,15 @@ fn scans_that_make_no_sense_are_refused_in_words() {
                 range: Some((3.0, 3.0)),
             }
         },
-        "smaller and a larger",
+        "finite and increasing, got 3 to 3",
     );
     let other = generate::box_mesh([1; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let said = caster.set_scans(&other, &[scan_of(phantom())]).unwrap_err();
-    assert!(said.to_string().contains("another is given"), "{said}");
+    assert!(
+        said.to_string()
+            .contains("must be the mesh of the geometry"),
+        "{said}"
+    );
     // The previous contents are kept.
     assert!(caster.shows_scans());
     caster.image(&camera(), SIZE, Mode::Composite).unwrap();

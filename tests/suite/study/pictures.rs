@@ -256,35 +256,35 @@ fn options_out_of_range_are_refused() {
                 opacity_cutoff: 0.0,
                 ..plain
             },
-            "opacity of 0",
+            "opacity must be > 0 and ≤ 1, got 0",
         ),
         (
             RaycastOptions {
                 opacity_cutoff: 1.5,
                 ..plain
             },
-            "opacity of 1.5",
+            "opacity must be > 0 and ≤ 1, got 1.5",
         ),
         (
             RaycastOptions {
                 table_tolerance: f64::NAN,
                 ..plain
             },
-            "accuracy of NaN",
+            "tolerance must be > 0 and finite (pixel values are 0 to 1), got NaN",
         ),
         (
             RaycastOptions {
                 table_size: Some(4),
                 ..plain
             },
-            "4 texels",
+            "texels per side, got 4",
         ),
         (
             RaycastOptions {
                 table: TableKind::Samples(65),
                 ..plain
             },
-            "65 samples",
+            "samples per tet must be 1 to 64, got 65",
         ),
     ] {
         let message = caster.set_options(options).unwrap_err().to_string();
