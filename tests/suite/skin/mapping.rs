@@ -277,7 +277,7 @@ fn flat_base_triangles_carry_nothing_and_bad_input_is_named() {
         ..scene
     };
     let (nothing, _) = flat.carrier(&gpu, &flat.rest);
-    assert!(refused(&nothing, &flat.skin).contains("has a plane"));
+    assert!(refused(&nothing, &flat.skin).contains("base triangles are degenerate"));
     assert!(refused(&carrier, &TriMesh::default()).contains("triangles"));
     let mut broken = flat.skin.clone();
     broken.triangles[3][1] = 1_000_000;
@@ -304,7 +304,7 @@ fn holes_are_allowed_and_reported_and_triangles_turned() {
     let report = skin.report();
     assert_eq!((report.open_edges, report.flipped_triangles), (3, 1));
     let notes = report.notes().join("; ");
-    assert!(notes.contains("3 edges are open"), "{notes}");
+    assert!(notes.contains("3 open edges"), "{notes}");
 }
 
 #[test]
