@@ -111,7 +111,10 @@ fn cages_that_make_no_sense_are_refused() {
     };
     let implicit = "[solver]\nname = \"implicit\"\n";
     refused(&format!("{implicit}[cage]\nkind = \"grid\""), "verlet");
-    refused(&format!("{implicit}[cage]\nnodes = 1"), "ask for");
+    refused(
+        &format!("{implicit}[cage]\nnodes = 1"),
+        "number of cage nodes must be",
+    );
     refused(&format!("{implicit}[cage]\ndamping = 2"), "lattice");
     let cut = "[[cut]]\nedge = [[0, 0, -9], [0, 0, 9]]\npath = [[0, 0, 5, 0], [1, 0, -5, 0]]";
     refused(&format!("{implicit}[cage]\n{cut}"), "cut");
