@@ -195,7 +195,7 @@ fn what_cannot_be_written_leaves_nothing_behind_and_old_files_as_they_were() {
     assert!(told.contains("c.txt") && told.contains(".nii.gz"), "{told}");
     let told = refused(&warp, &folder.path().join("none/a.mha"), &inverse);
     assert!(
-        told.contains("no folder") && told.contains("make it first"),
+        told.contains("output folder") && told.contains("create it first"),
         "{told}"
     );
     let told = refused(&warp, &inverse, &inverse);
@@ -203,7 +203,7 @@ fn what_cannot_be_written_leaves_nothing_behind_and_old_files_as_they_were() {
     // All planes are processed before it is known that none intersects the body.
     let far: Vec<DVec3> = bent.iter().map(|p| *p + 900.0).collect();
     let told = refused(&Warp::new(&rest, &far).unwrap(), &image, &inverse);
-    assert!(told.contains("no voxel lies in the body"), "{told}");
+    assert!(told.contains("no voxel is inside the body"), "{told}");
     let nothing = WarpFiles::default().check().unwrap_err().to_string();
-    assert!(nothing.contains("no file"), "{nothing}");
+    assert!(nothing.contains("no output file"), "{nothing}");
 }

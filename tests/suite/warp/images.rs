@@ -302,9 +302,12 @@ fn a_scan_beside_the_body_is_refused() {
     let mut away = scan(grid, Raw::U8(vec![1; 7680]));
     away.to_world.translation += 500.0;
     let told = refused(&away, &grid);
-    assert!(told.contains("no part of the body at rest"), "{told}");
+    assert!(
+        told.contains("the body at rest does not overlap the scan"),
+        "{told}"
+    );
     let told = refused(&away, &away.grid());
-    assert!(told.contains("no voxel lies in the body"), "{told}");
+    assert!(told.contains("no voxel is inside the body"), "{told}");
     away.raw = Raw::U8(vec![1; 12]);
     assert!(refused(&away, &grid).contains("12 values"));
 }
