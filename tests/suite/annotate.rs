@@ -227,7 +227,11 @@ fn what_cannot_be_annotated_is_said() {
         size: [8, 8],
     };
     let said = annotations.draw(&mut grey, &camera, Background::Black);
-    assert!(said.unwrap_err().to_string().contains("four are expected"));
+    assert!(
+        said.unwrap_err()
+            .to_string()
+            .contains("must have 4 channels, got 1")
+    );
     let bad = Camera {
         eye: DVec3::ZERO,
         ..camera
