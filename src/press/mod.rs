@@ -67,13 +67,13 @@ impl PressOptions {
         for (what, given) in lengths {
             if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
                 return Err(Error::Input(format!(
-                    "a {what} of {x} makes no sense; give a positive number"
+                    "press {what} must be positive and finite, got {x}"
                 )));
             }
         }
         match (self.depth, self.force) {
             (Some(_), Some(_)) => Err(Error::Input(
-                "a press goes to a depth or to a force; give one of them".into(),
+                "a press needs a depth or a force, not both; give one of them".into(),
             )),
             _ => Ok(()),
         }
@@ -124,7 +124,7 @@ impl Press {
         drop(still);
         if on_table(&mesh, down, spot.point) {
             return Err(Error::Input(format!(
-                "at {} the body lies on its table and cannot give; press elsewhere (--at x,y,z or --pick X,Y), or turn gravity (--gravity x,y,z)",
+                "press point {} is fixed to the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
                 spot.point
             )));
         }
@@ -149,12 +149,12 @@ impl Press {
         let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
         *stage.camera_mut() = camera;
         let motion = stage.motion().ok_or_else(|| {
-            Error::Input("nothing moves, and so nothing can be pressed; name a solver".into())
+            Error::Input("a static body cannot be pressed; set [solver] name".into())
         })?;
         let unit = motion.simulator.loads().frame_and_unit().1;
         let mut notes = stage.notes().to_vec();
         notes.push(format!(
-            "the body lies on a table and is held there; it is stepped by {} every {} s, and loads, grabs, moves, cuts, tools and floor of the scene are left out",
+            "the body is placed on a table and fixed there; solver {} with time step {} s; loads, grabs, moves, cuts, tools and floor of the scene are ignored",
             scene.solver.name.as_deref().unwrap_or_default(),
             scene.solver.dt.unwrap_or(STEP)
         ));
@@ -317,7 +317,7 @@ fn only_tets(scene: &Scene) -> Result<()> {
     match scene.body.is_empty() && scene.grid.is_none() && scene.cage.is_none() {
         true => Ok(()),
         false => Err(Error::Input(
-            "a press needs one body of tets that is simulated itself; leave [[body]], [grid] and [cage] out".into(),
+            "a press needs a single tetrahedral body; remove [[body]], [grid] and [cage]".into(),
         )),
     }
 }

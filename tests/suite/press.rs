@@ -115,12 +115,12 @@ fn what_cannot_be_pressed_is_refused_in_words() {
         at: Some(DVec3::splat(50.0)),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &far).contains("nowhere near the body"));
+    assert!(told(&scene, &far).contains("too far from the body"));
     let below = PressOptions {
         at: Some(DVec3::new(0.05, 0.05, 0.0)),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &below).contains("lies on its table"));
+    assert!(told(&scene, &below).contains("fixed to the table"));
     let both = PressOptions {
         depth: Some(0.1),
         force: Some(1.0),
@@ -131,10 +131,10 @@ fn what_cannot_be_pressed_is_refused_in_words() {
         radius: Some(-1.0),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &wrong).contains("a radius of -1"));
+    assert!(told(&scene, &wrong).contains("radius must be positive and finite, got -1"));
     let grid = Scene::parse("[grid]\ngenerate = \"heart\"\n");
     if let Ok(grid) = grid {
-        assert!(told(&grid, &PressOptions::default()).contains("one body of tets"));
+        assert!(told(&grid, &PressOptions::default()).contains("single tetrahedral body"));
     }
     let springs = block("model = \"springs\"\n");
     assert!(!told(&springs, &PressOptions::default()).is_empty());
@@ -220,12 +220,12 @@ fn maps_that_make_no_sense_are_refused_in_words() {
         depth: Some(0.05),
         ..map_of([2, 2])
     };
-    assert!(told(&deep).contains("smaller --depth"));
+    assert!(told(&deep).contains("reduce --depth"));
     let wrong = MapOptions {
         radius: Some(f64::NAN),
         ..map_of([2, 2])
     };
-    assert!(told(&wrong).contains("radius of NaN"));
+    assert!(told(&wrong).contains("radius must be positive and finite, got NaN"));
 }
 
 #[test]
