@@ -5,7 +5,7 @@ use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
 use palpate::render::*;
 
 #[test]
-fn more_tets_than_the_device_can_draw_are_refused_before_the_work() {
+fn geometry_rejects_too_many_tets_early() {
     let gpu = gpu();
     let most = gpu.max_items() / 4;
     let mesh = TetMesh {
@@ -30,7 +30,7 @@ fn more_tets_than_the_device_can_draw_are_refused_before_the_work() {
 
 #[test]
 #[ignore = "long: ten million tets"]
-fn ten_million_tets_are_drawn() {
+fn ten_million_tets_render() {
     let gpu = gpu();
     let camera = peers_camera();
     let transfer = peers_transfer();

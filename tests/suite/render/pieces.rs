@@ -159,7 +159,7 @@ fn cube() -> TetMesh {
 }
 
 #[test]
-fn a_cube_in_pieces_is_the_whole_cube() {
+fn cube_pieces_match_whole() {
     let mesh = cube();
     let mut shown = Shown {
         scalars: waves(&mesh),
@@ -172,7 +172,7 @@ fn a_cube_in_pieces_is_the_whole_cube() {
 }
 
 #[test]
-fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
+fn limb_pieces_match_whole_by_field_and_region() {
     let mesh = generate::by_name("limb", Some(9_000)).unwrap();
     let mut shown = Shown {
         scalars: limb_scalars(&mesh),
@@ -189,7 +189,7 @@ fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn bodies_of_every_kind_in_pieces_are_whole() {
+fn pieces_match_whole_for_every_body() {
     let real = [
         ("heart", "scalar/chaste_heart_decimation.vtu"),
         ("ventricle", "tet/chaste_ellipsoid_15811.node"),
@@ -211,7 +211,7 @@ fn bodies_of_every_kind_in_pieces_are_whole() {
 }
 
 #[test]
-fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too() {
+fn scattered_pieces_match_whole_with_plane_traversal() {
     let mesh = generate::benchmark_cube(7, true).unwrap();
     let gpu = gpu();
     let camera = peers_camera();
@@ -263,7 +263,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
 }
 
 #[test]
-fn ways_through_a_piece_are_those_of_float64() {
+fn ray_segments_match_float64() {
     let mesh = cube();
     let gpu = gpu();
     let shown = Shown {
@@ -347,7 +347,7 @@ fn ways_through_a_piece_are_those_of_float64() {
 }
 
 #[test]
-fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
+fn pieces_reject_unsupported_settings_and_grow_segment_buffer() {
     let mesh = generate::benchmark_cube(5, true).unwrap();
     let gpu = gpu();
     let mut shown = Shown {
@@ -390,7 +390,7 @@ fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
 }
 
 #[test]
-fn a_piece_lit_by_its_own_tets_alone_shows_its_seams() {
+fn lighting_without_ghost_tets_shows_seams() {
     let mesh = cube();
     let gpu = gpu();
     let camera = peers_camera();

@@ -170,7 +170,7 @@ pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Sections)>
 }
 
 #[test]
-fn planes_and_isosurfaces_are_those_of_the_float64_form() {
+fn planes_and_isosurfaces_match_float64() {
     let round = generate::Bore::Round;
     compare_with_float64(&[
         (
@@ -183,7 +183,7 @@ fn planes_and_isosurfaces_are_those_of_the_float64_form() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn planes_and_isosurfaces_of_organs_are_those_of_the_float64_form() {
+fn organ_planes_and_isosurfaces_match_float64() {
     compare_with_float64(&[
         ("limb", generate::by_name("limb", Some(2_000)).unwrap()),
         (
@@ -236,7 +236,7 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
 }
 
 #[test]
-fn planes_that_make_no_sense_are_refused() {
+fn rejects_invalid_planes() {
     for wrong in ["", "1,2,3", "0,0,0,0,0,0", "0,0,0,1,0,nan", "a,0,0,1,0,0"] {
         let told = wrong.parse::<Plane>().unwrap_err().to_string();
         assert!(told.contains("plane"), "{told}");
@@ -263,7 +263,7 @@ fn planes_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn boundaries_have_cut_faces_without_holes() {
+fn clipped_boundary_has_watertight_cut_faces() {
     let gpu = gpu();
     let scene = |more: &str| {
         let text = format!(
@@ -308,7 +308,7 @@ fn boundaries_have_cut_faces_without_holes() {
 }
 
 #[test]
-fn scenes_name_planes_and_isosurfaces_or_say_what_is_wrong() {
+fn scene_planes_and_isosurfaces_parse_or_report_errors() {
     let gpu = gpu();
     let stage = |more: &str| {
         let scene = Scene::parse(&format!(

@@ -35,7 +35,7 @@ fn looks(mesh: &TetMesh) -> RegionAppearance {
 }
 
 #[test]
-fn regions_are_those_of_the_float64_form() {
+fn regions_match_float64() {
     let gpu = gpu();
     let round = generate::Bore::Round;
     let bodies = [
@@ -96,7 +96,7 @@ fn regions_are_those_of_the_float64_form() {
 }
 
 #[test]
-fn projections_pass_over_what_is_hidden() {
+fn projections_skip_hidden_regions() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
@@ -119,7 +119,7 @@ fn projections_pass_over_what_is_hidden() {
 }
 
 #[test]
-fn regions_that_make_no_sense_are_refused() {
+fn rejects_invalid_regions() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(3, false).unwrap();
     let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
@@ -155,7 +155,7 @@ fn regions_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn a_scene_says_what_its_regions_look_like() {
+fn scene_sets_region_appearance() {
     let gpu = gpu();
     let mut mesh = generate::benchmark_cube(5, false).unwrap();
     let half = |t: usize| f64::from(u8::from(mesh.tet_nodes(t).iter().sum::<DVec3>().x > 2.0));
