@@ -13,7 +13,7 @@ fn bent(p: &DVec3) -> DVec3 {
 }
 
 #[test]
-fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
+fn level_switch_is_continuous() {
     let gpu = gpu();
     let surface = bumpy(30);
     let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
@@ -76,7 +76,7 @@ fn pace(skin: &Skin, body: &mut GpuBody) -> Vec<DVec3> {
 }
 
 #[test]
-fn a_running_body_hands_over_place_and_velocity() {
+fn level_switch_transfers_position_and_velocity() {
     let gpu = gpu();
     let surface = bumpy(30);
     let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
@@ -140,7 +140,7 @@ fn a_running_body_hands_over_place_and_velocity() {
 }
 
 #[test]
-fn what_is_linear_is_carried_over_exactly() {
+fn level_transfer_is_exact_for_linear_fields() {
     let (from, to) = (
         generate::ball(1.0, 6).unwrap(),
         generate::ball(1.1, 9).unwrap(),
