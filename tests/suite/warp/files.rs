@@ -40,7 +40,7 @@ fn reals(bytes: &[u8]) -> Vec<f32> {
 }
 
 #[test]
-fn every_format_holds_the_image_and_the_vectors_in_lps() {
+fn every_format_stores_image_and_lps_vectors() {
     let folder = tempfile::tempdir().unwrap();
     let (scan, (rest, bent)) = (ball(), pushed());
     let warp = Warp::new(&rest, &bent).unwrap();
@@ -128,7 +128,7 @@ fn interleaved(bytes: &[u8], vector: [f32; 3]) {
 }
 
 #[test]
-fn the_displacement_is_on_the_scans_grid_and_the_rest_on_the_other() {
+fn outputs_use_their_grids() {
     let folder = tempfile::tempdir().unwrap();
     let (scan, (rest, bent)) = (ball(), pushed());
     let warp = Warp::new(&rest, &bent).unwrap();
@@ -166,7 +166,7 @@ fn the_displacement_is_on_the_scans_grid_and_the_rest_on_the_other() {
 }
 
 #[test]
-fn what_cannot_be_written_leaves_nothing_behind_and_old_files_as_they_were() {
+fn failed_write_leaves_existing_files_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let (scan, (rest, bent)) = (ball(), pushed());
     let [image, inverse, bad] =
