@@ -21,7 +21,7 @@ fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
 }
 
 #[test]
-fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
+fn press_loads_unloads_and_measures_force() {
     let scene = block("");
     let press = pressed(&scene, &PressOptions::default());
     let spot = *press.site();
@@ -62,7 +62,7 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
 
 /// Cartilage between rigid bones, with increasing contact area.
 #[test]
-fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
+fn knee_force_increases_with_depth() {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes/knee.toml");
     let press = pressed(&Scene::read(&file).unwrap(), &PressOptions::default());
     let forces = |phase: &str| -> Vec<f64> {
@@ -75,7 +75,7 @@ fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
 }
 
 #[test]
-fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
+fn force_scales_with_stiffness_and_force_target_stops_press() {
     let scene = block("");
     let mut stiff = scene.clone();
     stiff.material.young = Some(4e4);
@@ -104,7 +104,7 @@ fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
 }
 
 #[test]
-fn what_cannot_be_pressed_is_refused_in_words() {
+fn press_rejects_invalid_options() {
     let gpu = gpu();
     let told = |scene: &Scene, wanted: &PressOptions| {
         let found = Press::new(&gpu, scene, wanted);
@@ -149,7 +149,7 @@ fn map_of(points: [u32; 2]) -> MapOptions {
 }
 
 #[test]
-fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
+fn stiffness_map_is_uniform_on_uniform_body_and_resumes() {
     let gpu = gpu();
     let scene = block("");
     let mut whole = PressMap::new(&scene, &map_of([4, 4])).unwrap();
@@ -209,7 +209,7 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
 }
 
 #[test]
-fn maps_that_make_no_sense_are_refused_in_words() {
+fn stiffness_map_rejects_invalid_options() {
     let scene = block("");
     let told = |wanted: &MapOptions| {
         let found = PressMap::new(&scene, wanted);
@@ -230,7 +230,7 @@ fn maps_that_make_no_sense_are_refused_in_words() {
 
 #[test]
 #[ignore = "long: 68 presses on 20,000 tets"]
-fn a_map_finds_the_lump_of_a_breast_and_none_where_there_is_none() {
+fn stiffness_map_finds_lump_only_if_present() {
     let gpu = gpu();
     let read = |contrast: f64| {
         let text = format!(
