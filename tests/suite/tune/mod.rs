@@ -113,7 +113,7 @@ fn exhaustive(table: &mut Table, tolerance: f64) -> (Option<f64>, f64) {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
+fn tuned_choice_is_accurate_and_cheap_on_five_scenes() {
     let gpu = Gpu::new().unwrap();
     let mut finest_fails = 0;
     let mut spent_of_all = [0.0; 2];
@@ -188,7 +188,7 @@ fn the_choice_is_within_its_tolerance_and_cheap_on_five_scenes() {
 /// statement.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_tuned_scene_is_written_and_can_be_read() {
+fn tuned_scene_round_trips() {
     let gpu = Gpu::new().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let from = folder.path().join("bar.toml");
