@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn between_points_curves_are_powers() {
+    fn curve_interpolates_as_power_law() {
         let falling = [[8.0, 10.0], [2.0, 1000.0], [1.0, 4000.0]];
         assert_eq!(at(&falling, 8.0), Some(10.0));
         let between = at(&falling, 4.0).unwrap_or(0.0);

@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_gradients_all_are_there_or_none() {
+    fn gradient_r2_is_one_or_zero_at_extremes() {
         let of = |value: fn(f32) -> f32| Image {
             size: [16, 4],
             channels: 3,

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 /// by node values are far from it, for its mesh sizes. A second run measures nothing.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_quick_study_finds_cages_sharper_than_values() {
+fn quick_scan_study_finds_cages_sharper_than_values() {
     let dir = tempfile::tempdir().unwrap();
     let run = |stop: bool| {
         super::frame::run(dir.path(), &AtomicBool::new(stop), |run| {
