@@ -110,7 +110,7 @@ pub(super) fn named(path: &Path) -> Result<Scene> {
         true => Scene::read(path),
         false if path.is_file() => Ok(Scene::of_mesh(path)),
         false => Err(Error::Input(format!(
-            "{}: there is no such scene (.toml) or mesh to study",
+            "{}: scene (.toml) or mesh file not found",
             path.display()
         ))),
     }

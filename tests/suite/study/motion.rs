@@ -314,7 +314,7 @@ fn quick_motion_study_separates_errors_and_survives_failure() {
     // Coarser elements are stiffer, and the springs' own error is stated.
     let text = std::fs::read_to_string(dir.path().join("motion.md")).unwrap();
     assert!(
-        text.contains("error of the model") && text.contains("order of convergence"),
+        text.contains("Model error") && text.contains("order of convergence"),
         "{text}"
     );
     for chart in [

@@ -46,7 +46,7 @@ fn quick_scan_study_finds_cages_sharper_than_values() {
     assert!(of("cage", "gpu_mb").iter().all(|mb| *mb > 0.52));
     let told = std::fs::read_to_string(dir.path().join("scan.md")).unwrap();
     assert!(
-        told.contains("do not come to the error of the cage"),
+        told.contains("do not reach the error of the cage"),
         "{told}"
     );
     for name in [
