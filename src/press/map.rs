@@ -2,7 +2,7 @@
 
 use super::curve::{self, PressSample};
 use super::site::{Boundary, PressSite};
-use super::{DEPTH, INITIAL_CLEARANCE, STEP, laid, on_table, only_tets, table};
+use super::{DEPTH, INITIAL_CLEARANCE, STEP, on_table, only_tets, prepare_scene, table};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
@@ -171,7 +171,7 @@ impl PressMap {
             }
         }
         let mesh = scene.mesh.load()?;
-        let (mut scene, down) = laid(scene);
+        let (mut scene, down) = prepare_scene(scene);
         scene.pin.push(table(down));
         let mut up = DVec3::ZERO;
         let axis = down.abs().max_position();

@@ -147,7 +147,7 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
     run.write_findings(
         "lumps",
         "Lumps found by stiffness maps",
-        &told(&rows),
+        &describe(&rows),
         &charts,
     )
 }
@@ -210,7 +210,7 @@ fn chart(rows: &[Row], contrast: f64, wides: &[f64], deeps: &[f64]) -> StateMap 
     }
 }
 
-fn told(rows: &[Row]) -> String {
+fn describe(rows: &[Row]) -> String {
     let lumps = rows.iter().filter_map(|r| {
         let lump = ["contrast", "lump_mm", "depth_mm"].map(|name| r.number(name));
         Some((lump, reading(rows, lump).filter(|_| lump[0] != 1.0)?))

@@ -38,8 +38,8 @@ fn scale_bar_pixel_length_matches_label() {
         let bar = ScaleBar {
             length_unit: Some(unit),
         };
-        let (pixels, said) = bar.measure(&camera, size);
-        assert_eq!(said, words);
+        let (pixels, label) = bar.measure(&camera, size);
+        assert_eq!(label, words);
         let expected = length * 480.0 / height;
         assert!((pixels - expected).abs() < 1e-9 * expected);
         let mut image = empty(size);
@@ -226,9 +226,10 @@ fn annotation_rejects_invalid_image() {
         values: vec![0.0; 64],
         size: [8, 8],
     };
-    let said = annotations.draw(&mut grey, &camera, Background::Black);
+    let result = annotations.draw(&mut grey, &camera, Background::Black);
     assert!(
-        said.unwrap_err()
+        result
+            .unwrap_err()
             .to_string()
             .contains("must have 4 channels, got 1")
     );

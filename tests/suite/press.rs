@@ -106,7 +106,7 @@ fn force_scales_with_stiffness_and_force_target_stops_press() {
 #[test]
 fn press_rejects_invalid_options() {
     let gpu = gpu();
-    let told = |scene: &Scene, wanted: &PressOptions| {
+    let error_of = |scene: &Scene, wanted: &PressOptions| {
         let found = Press::new(&gpu, scene, wanted);
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
@@ -115,29 +115,29 @@ fn press_rejects_invalid_options() {
         at: Some(DVec3::splat(50.0)),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &far).contains("too far from the body"));
+    assert!(error_of(&scene, &far).contains("too far from the body"));
     let below = PressOptions {
         at: Some(DVec3::new(0.05, 0.05, 0.0)),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &below).contains("fixed to the table"));
+    assert!(error_of(&scene, &below).contains("fixed to the table"));
     let both = PressOptions {
         depth: Some(0.1),
         force: Some(1.0),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &both).contains("one of them"));
+    assert!(error_of(&scene, &both).contains("one of them"));
     let wrong = PressOptions {
         radius: Some(-1.0),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &wrong).contains("radius must be positive and finite, got -1"));
+    assert!(error_of(&scene, &wrong).contains("radius must be positive and finite, got -1"));
     let grid = Scene::parse("[grid]\ngenerate = \"heart\"\n");
     if let Ok(grid) = grid {
-        assert!(told(&grid, &PressOptions::default()).contains("single tetrahedral body"));
+        assert!(error_of(&grid, &PressOptions::default()).contains("single tetrahedral body"));
     }
     let springs = block("model = \"springs\"\n");
-    assert!(!told(&springs, &PressOptions::default()).is_empty());
+    assert!(!error_of(&springs, &PressOptions::default()).is_empty());
 }
 
 fn map_of(points: [u32; 2]) -> MapOptions {
@@ -211,21 +211,21 @@ fn stiffness_map_is_uniform_on_uniform_body_and_resumes() {
 #[test]
 fn stiffness_map_rejects_invalid_options() {
     let scene = block("");
-    let told = |wanted: &MapOptions| {
+    let error_of = |wanted: &MapOptions| {
         let found = PressMap::new(&scene, wanted);
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(told(&map_of([0, 4])).contains("1 to 1000"));
+    assert!(error_of(&map_of([0, 4])).contains("1 to 1000"));
     let deep = MapOptions {
         depth: Some(0.05),
         ..map_of([2, 2])
     };
-    assert!(told(&deep).contains("reduce --depth"));
+    assert!(error_of(&deep).contains("reduce --depth"));
     let wrong = MapOptions {
         radius: Some(f64::NAN),
         ..map_of([2, 2])
     };
-    assert!(told(&wrong).contains("radius must be positive and finite, got NaN"));
+    assert!(error_of(&wrong).contains("radius must be positive and finite, got NaN"));
 }
 
 #[test]

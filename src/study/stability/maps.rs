@@ -179,18 +179,18 @@ pub fn run(run: &Run, named: Option<&Path>) -> Result<()> {
         _ => Some(second(named, run.quick)?),
     };
     let bar = bar(run.quick)?;
-    let mut told = finding_of_bar(&measure(run, &bar)?);
+    let mut text = finding_of_bar(&measure(run, &bar)?);
     let mut charts = draw(run, &bar)?;
     if let Some(second) = second {
         let rows = measure(run, &second)?;
-        told += &finding_of_slivers(&second, &rows);
+        text += &finding_of_slivers(&second, &rows);
         charts.extend(draw(run, &second)?);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
     run.write_findings(
         "stability",
         "Stability over step size and stiffness",
-        &told,
+        &text,
         &charts,
     )
 }
@@ -306,7 +306,7 @@ fn at<'a>(
 }
 
 /// Describes a cell: its state, and its error if there is one.
-fn told(row: Option<&Row>) -> String {
+fn describe_cell(row: Option<&Row>) -> String {
     match row {
         None => "not measured".into(),
         Some(r) if r.number("error_percent").is_finite() => {
@@ -368,7 +368,7 @@ fn implicit(rows: &[Row]) -> String {
 }
 
 fn finding_of_bar(rows: &[Row]) -> String {
-    let cell = |solver: &str, damping, k, h| told(at(rows, solver, damping, k, h));
+    let cell = |solver: &str, damping, k, h| describe_cell(at(rows, solver, damping, k, h));
     let mut text = format!(
         "The paper's bar (80 tets, clamped at one end, released under gravity), at most 500 steps per cell, compared with float64 over about two oscillations. {} {}\n\nThe settings of the paper: Verlet at κ = 3,000 N/m and h = 0.001 s: {}; at 30,000 N/m: {}; at 3,000 N/m and h = 0.01 s: {}. Implicit Euler at κ = 30,000 N/m and h = 0.01 s: {}; at h = 0.05 s, as suggested by the paper: {}",
         agreement(rows),
@@ -400,7 +400,7 @@ fn finding_of_slivers(body: &Subject, rows: &[Row]) -> String {
         quality.min_dihedral,
         agreement(rows),
         implicit(rows),
-        told(at(rows, "verlet", 0.0, 1e4, 1e-3)),
-        told(at(rows, "implicit", 0.0, 1e4, 1e-2)),
+        describe_cell(at(rows, "verlet", 0.0, 1e4, 1e-3)),
+        describe_cell(at(rows, "implicit", 0.0, 1e4, 1e-2)),
     )
 }

@@ -131,7 +131,7 @@ fn cage_bending_matches_fine_body() {
             let control = sunk(&mesh, &cage.transfer().apply(&control).unwrap()) / truth - 1.0;
             let report = cage.report();
             println!(
-                "{turned} {kind} of {} {report:?}: {:.4}, without anything carried over {:.4}",
+                "{turned} {kind} of {} {report:?}: {:.4}, without homogenisation {:.4}",
                 material.model, off, control
             );
             let fine_enough = off.abs() < tolerance && control.abs() > (2.0 * off.abs()).max(0.05);

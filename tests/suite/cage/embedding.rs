@@ -31,7 +31,7 @@ fn carried(
     let mut work = gpu.start_recording();
     assert!(
         !embedding.record_update(&mut work, &nodes),
-        "nothing has moved yet"
+        "positions must be unchanged before the update"
     );
     nodes.set_positions(there).unwrap();
     assert!(embedding.record_update(&mut work, &nodes));

@@ -153,7 +153,7 @@ fn settle(stage: &mut Stage) {
             return;
         }
     }
-    panic!("it never comes to rest");
+    panic!("the body does not come to rest");
 }
 
 #[test]
@@ -183,7 +183,7 @@ fn body_at_rest_sleeps_and_wakes_on_contact() {
         assert_eq!(
             gpu.passes_recorded(),
             before,
-            "{kind}: something was done in its sleep"
+            "{kind}: a sleeping body must not be simulated"
         );
         let motion = stage.motion().unwrap();
         assert_eq!(motion.steps_slept(), slept + 50);
@@ -196,7 +196,7 @@ fn body_at_rest_sleeps_and_wakes_on_contact() {
             stage.run(1, &mut |_| {}).unwrap();
             assert!(
                 !stage.motion().unwrap().asleep(),
-                "{kind} sleeps through a {name}"
+                "{kind} must wake on {name}"
             );
             assert_ne!(gpu.passes_recorded(), before);
         }
@@ -237,7 +237,7 @@ fn unrequested_work_is_skipped() {
     let mut stage = resting(&gpu, CAGE);
     let first = stage.image().unwrap();
     let [refreshes, tables, _, carried] = counts();
-    assert_eq!((refreshes, carried), (1, 0), "at rest nothing is carried");
+    assert_eq!((refreshes, carried), (1, 0), "no embedding update at rest");
     assert!(tables > 0);
     // The same picture again needs no pass, even with steps of a sleeping body in between.
     let before = gpu.passes_recorded();

@@ -21,10 +21,10 @@ fn geometry_rejects_too_many_tets_early() {
     let frame = LocalFrame::default();
     let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     let made = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &vec![0.0; 4]);
-    let said = made.map(|_| ()).unwrap_err().to_string();
+    let message = made.map(|_| ()).unwrap_err().to_string();
     assert!(
-        said.contains(&most.to_string()) && said.contains(&(most + 1).to_string()),
-        "{said}"
+        message.contains(&most.to_string()) && message.contains(&(most + 1).to_string()),
+        "{message}"
     );
 }
 
@@ -77,6 +77,6 @@ fn ten_million_tets_render() {
         ..Default::default()
     };
     caster.set_options(planes).unwrap();
-    let said = caster.picture(&camera, [16; 2]).unwrap_err().to_string();
-    assert!(said.contains("--walk vertices"), "{said}");
+    let message = caster.picture(&camera, [16; 2]).unwrap_err().to_string();
+    assert!(message.contains("--walk vertices"), "{message}");
 }

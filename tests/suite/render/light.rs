@@ -210,10 +210,10 @@ fn disabled_lighting_has_no_cost() {
     caster.image(&camera, [16, 16], Mode::Composite).unwrap();
     assert!(caster.geometry().gradients().is_none());
     caster.set_options(lit).unwrap();
-    let told = caster
+    let message = caster
         .image(&camera, [16, 16], Mode::Composite)
         .unwrap_err();
-    assert!(told.to_string().contains("enable_lighting"), "{told}");
+    assert!(message.to_string().contains("enable_lighting"), "{message}");
     // Thickness pictures are not lit.
     caster.image(&camera, [16, 16], Mode::Thickness).unwrap();
     let topology = Topology::new(&mesh);

@@ -251,7 +251,7 @@ fn cut_face_is_picked_and_grabbed() {
             walls.extend(found.filter(is_wall));
         }
     }
-    println!("{tally:?}, {} on the wall", walls.len());
+    println!("{tally:?}, {} on the cut face", walls.len());
     assert!(tally.wrong == 0 && tally.hits > 100, "{tally:?}");
     assert!(walls.len() > 10);
 

@@ -124,7 +124,7 @@ fn rejects_invalid_regions() {
     let mesh = generate::benchmark_cube(3, false).unwrap();
     let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
     let own = looks(&mesh);
-    let mut said = |looks: &RegionAppearance| {
+    let mut error_of = |looks: &RegionAppearance| {
         seen.caster
             .set_regions(Some(looks))
             .unwrap_err()
@@ -134,17 +134,17 @@ fn rejects_invalid_regions() {
         tet_regions: vec![Some(0); 5],
         ..own.clone()
     };
-    assert!(said(&few).contains("one entry per tet, got 5"));
+    assert!(error_of(&few).contains("one entry per tet, got 5"));
     let none = RegionAppearance {
         transfers: Vec::new(),
         ..own.clone()
     };
-    assert!(said(&none).contains("transfer functions of the regions must be 1 to 1024, got 0"));
+    assert!(error_of(&none).contains("transfer functions of the regions must be 1 to 1024, got 0"));
     let beyond = RegionAppearance {
         tet_regions: vec![Some(9); mesh.tets.len()],
         ..own.clone()
     };
-    assert!(said(&beyond).contains("got 9"));
+    assert!(error_of(&beyond).contains("got 9"));
     let sliced = RaycastOptions {
         table: TableKind::Sliced,
         ..RaycastOptions::default()
@@ -179,8 +179,8 @@ fn scene_sets_region_appearance() {
     };
     let red = image("[picture.region.bone]\ncolour = \"#ff0000\"\n").unwrap();
     assert!(seen(&red, true) > 100, "{}", seen(&red, true));
-    let gone = image("hide = [\"bone\"]\n[picture.region.1]\ncolour = \"red\"\n").unwrap();
-    assert!(seen(&gone, true) > 100 && seen(&gone, false) == 0);
+    let hidden = image("hide = [\"bone\"]\n[picture.region.1]\ncolour = \"red\"\n").unwrap();
+    assert!(seen(&hidden, true) > 100 && seen(&hidden, false) == 0);
     let faint = image("[picture.region.bone]\ncolour = \"red\"\nopacity = 0.1\n").unwrap();
     let sum = |i: &Image| i.values.iter().skip(3).step_by(4).sum::<f32>();
     assert!(sum(&faint) < 0.9 * sum(&red));

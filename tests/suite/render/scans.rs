@@ -459,8 +459,8 @@ fn removing_scans_restores_scalars() {
         units_per_mm: 1.0,
         appearance: ScanAppearance::Labels(label_looks()),
     };
-    let said = caster.set_scans(&mesh, &[labels]).unwrap_err().to_string();
-    assert!(said.contains("isosurfaces"), "{said}");
+    let message = caster.set_scans(&mesh, &[labels]).unwrap_err().to_string();
+    assert!(message.contains("isosurfaces"), "{message}");
 }
 
 #[test]
@@ -688,8 +688,8 @@ fn rejects_invalid_scans() {
     let mut refused = |change: &dyn Fn(&mut Scan), expected: &str| {
         let mut scan = scan_of(phantom());
         change(&mut scan);
-        let said = caster.set_scans(&mesh, &[scan]).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let message = caster.set_scans(&mesh, &[scan]).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     };
     refused(
         &|scan| Arc::make_mut(&mut scan.volume).to_world.translation.z += 40.0,
@@ -720,11 +720,12 @@ fn rejects_invalid_scans() {
         "finite and increasing, got 3 to 3",
     );
     let other = generate::box_mesh([1; 3], DVec3::ONE, generate::Split::Six).unwrap();
-    let said = caster.set_scans(&other, &[scan_of(phantom())]).unwrap_err();
+    let message = caster.set_scans(&other, &[scan_of(phantom())]).unwrap_err();
     assert!(
-        said.to_string()
+        message
+            .to_string()
             .contains("must be the mesh of the geometry"),
-        "{said}"
+        "{message}"
     );
     // The previous contents are kept.
     assert!(caster.shows_scans());

@@ -101,7 +101,7 @@ fn culling_does_not_change_images() {
             shares.push(1.0 - skin.visible_triangles().unwrap().len() as f64 / all as f64);
             keep(&culled, &format!("culled_{mapping}_{n}.png"));
         }
-        println!("{mapping}: left out {shares:.2?}");
+        println!("{mapping}: culled {shares:.2?}");
         // Most back faces; more if the picture shows only a part.
         assert!(shares[..3].iter().all(|s| *s > 0.3), "{shares:?}");
         assert!(shares[3] > 0.7, "{shares:?}");
@@ -241,7 +241,7 @@ fn culling_matches_reference() {
             }
         }
     }
-    println!("{skipped} left out, {close} near the limit, {ignorant} other without strain");
+    println!("{skipped} culled, {close} near the limit, {ignorant} differ without strain");
     assert!(skipped > 1000 && close < skipped / 20);
     assert!(ignorant > 100);
 }

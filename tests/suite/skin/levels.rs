@@ -105,7 +105,7 @@ fn level_switch_transfers_position_and_velocity() {
     let truth = along.apply(&places).unwrap();
     let speeds = along.apply(&velocities).unwrap();
     let over = BarycentricMap::new(&meshes[0], &meshes[1].nodes).unwrap();
-    let untold = {
+    let without_transfer = {
         skin.set_level(1).unwrap();
         apart(&before, &skin.vertices().unwrap())
     };
@@ -115,10 +115,12 @@ fn level_switch_transfers_position_and_velocity() {
     let after = skin.vertices().unwrap();
     let jump = apart(&before, &after);
     let error = apart(&before, &truth);
-    println!("jump {jump:.4}, mapping error {error:.4}, without handing over {untold:.4}");
+    println!(
+        "jump {jump:.4}, mapping error {error:.4}, without state transfer {without_transfer:.4}"
+    );
     assert!(
-        jump <= error && jump < 0.5 * untold,
-        "{jump} {error} {untold}"
+        jump <= error && jump < 0.5 * without_transfer,
+        "{jump} {error} {without_transfer}"
     );
 
     // Without velocities the fine body starts at rest.
@@ -131,11 +133,13 @@ fn level_switch_transfers_position_and_velocity() {
     let coarse = pace(&skin, &mut bodies[0]);
     let jump = apart(&coarse, &fine);
     let error = apart(&coarse, &speeds);
-    let untold = apart(&coarse, &at_rest);
-    println!("jump {jump:.4}, mapping error {error:.4}, without handing over {untold:.4} a second");
+    let without_transfer = apart(&coarse, &at_rest);
+    println!(
+        "jump {jump:.4}, mapping error {error:.4}, without state transfer {without_transfer:.4} a second"
+    );
     assert!(
-        jump <= error && jump < 0.5 * untold,
-        "{jump} {error} {untold}"
+        jump <= error && jump < 0.5 * without_transfer,
+        "{jump} {error} {without_transfer}"
     );
 }
 

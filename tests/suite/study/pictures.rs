@@ -250,7 +250,7 @@ fn every_table_texel_and_size_matches_reference() {
 fn rejects_options_out_of_range() {
     let (mut caster, ..) = jumps();
     let plain = RaycastOptions::default();
-    for (options, said) in [
+    for (options, expected) in [
         (
             RaycastOptions {
                 opacity_cutoff: 0.0,
@@ -288,7 +288,7 @@ fn rejects_options_out_of_range() {
         ),
     ] {
         let message = caster.set_options(options).unwrap_err().to_string();
-        assert!(message.contains(said), "{message}");
+        assert!(message.contains(expected), "{message}");
     }
     // The old ones remain.
     assert_eq!(*caster.options(), plain);

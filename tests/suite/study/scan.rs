@@ -44,10 +44,10 @@ fn quick_scan_study_finds_cages_sharper_than_values() {
     );
     // A scan of 64 × 64 × 64 half floats.
     assert!(of("cage", "gpu_mb").iter().all(|mb| *mb > 0.52));
-    let told = std::fs::read_to_string(dir.path().join("scan.md")).unwrap();
+    let message = std::fs::read_to_string(dir.path().join("scan.md")).unwrap();
     assert!(
-        told.contains("do not reach the error of the cage"),
-        "{told}"
+        message.contains("do not reach the error of the cage"),
+        "{message}"
     );
     for name in [
         "scan-time.svg",

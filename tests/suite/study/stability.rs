@@ -79,7 +79,7 @@ fn energies(start: &ReferenceSprings, kind: SolverKind, steps: usize, h: f64) ->
             SolverKind::Implicit => {
                 integrators::implicit_euler(&mut p, h, 1e-8).unwrap();
             }
-            kind => panic!("{kind} steps no springs"),
+            kind => panic!("{kind} does not support springs"),
         }
         energies.push((p.elastic_energy() + p.kinetic_energy()) / before);
         if energies[energies.len() - 1].is_nan() || energies[energies.len() - 1] > 1e3 {
@@ -103,7 +103,7 @@ fn limit(body: &LinearisedModel, kind: SolverKind) -> StepLimit {
     }
     let grows = |h: f64| body.growth_rate(kind, h, 4000).0 > 1.0 + 1e-4;
     let (mut low, mut high) = (limit.step, 2.0 * limit.step);
-    assert!(!grows(low), "the bound from below is none");
+    assert!(!grows(low), "invalid lower bound of the stable step");
     while !grows(high) {
         high *= 2.0;
     }
@@ -189,8 +189,8 @@ fn reported_step_equals_stability_limit() {
     for material in materials() {
         let (p, body) = linearised(&material);
         for kind in EXPLICIT {
-            let told = largest_stable_step(&p.network, &p.pinned, kind).unwrap();
-            assert_eq!(told, body.largest_step(kind).unwrap().step);
+            let reported = largest_stable_step(&p.network, &p.pinned, kind).unwrap();
+            assert_eq!(reported, body.largest_step(kind).unwrap().step);
         }
         assert_eq!(
             largest_stable_step(&p.network, &p.pinned, SolverKind::Implicit),

@@ -219,9 +219,9 @@ fn tuned_scene_round_trips() {
     let never = wanted(1e-6, Some(1e6));
     let tuned = palpate::tune::tune(&gpu, &scene, &never, &palpate::no_progress).unwrap();
     assert!(!tuned.target_met);
-    let told = tuned.notes.join("\n");
-    assert!(told.contains("increase the tolerance"), "{told}");
-    assert!(told.contains("images per second not met"), "{told}");
+    let message = tuned.notes.join("\n");
+    assert!(message.contains("increase the tolerance"), "{message}");
+    assert!(message.contains("images per second not met"), "{message}");
     for bad in [0.0, -1.0, f64::NAN] {
         assert!(
             palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &palpate::no_progress).is_err()

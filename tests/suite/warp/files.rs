@@ -191,19 +191,22 @@ fn failed_write_leaves_existing_files_unchanged() {
         done.unwrap_err().to_string()
     };
     let warp = Warp::new(&rest, &bent).unwrap();
-    let told = refused(&warp, &bad, &inverse);
-    assert!(told.contains("c.txt") && told.contains(".nii.gz"), "{told}");
-    let told = refused(&warp, &folder.path().join("none/a.mha"), &inverse);
+    let message = refused(&warp, &bad, &inverse);
     assert!(
-        told.contains("output folder") && told.contains("create it first"),
-        "{told}"
+        message.contains("c.txt") && message.contains(".nii.gz"),
+        "{message}"
     );
-    let told = refused(&warp, &inverse, &inverse);
-    assert!(told.contains("two outputs"), "{told}");
+    let message = refused(&warp, &folder.path().join("none/a.mha"), &inverse);
+    assert!(
+        message.contains("output folder") && message.contains("create it first"),
+        "{message}"
+    );
+    let message = refused(&warp, &inverse, &inverse);
+    assert!(message.contains("two outputs"), "{message}");
     // All planes are processed before it is known that none intersects the body.
     let far: Vec<DVec3> = bent.iter().map(|p| *p + 900.0).collect();
-    let told = refused(&Warp::new(&rest, &far).unwrap(), &image, &inverse);
-    assert!(told.contains("no voxel is inside the body"), "{told}");
+    let message = refused(&Warp::new(&rest, &far).unwrap(), &image, &inverse);
+    assert!(message.contains("no voxel is inside the body"), "{message}");
     let nothing = WarpFiles::default().check().unwrap_err().to_string();
     assert!(nothing.contains("no output file"), "{nothing}");
 }

@@ -301,13 +301,13 @@ fn rejects_scan_outside_body() {
     };
     let mut away = scan(grid, Raw::U8(vec![1; 7680]));
     away.to_world.translation += 500.0;
-    let told = refused(&away, &grid);
+    let message = refused(&away, &grid);
     assert!(
-        told.contains("the body at rest does not overlap the scan"),
-        "{told}"
+        message.contains("the body at rest does not overlap the scan"),
+        "{message}"
     );
-    let told = refused(&away, &away.grid());
-    assert!(told.contains("no voxel is inside the body"), "{told}");
+    let message = refused(&away, &away.grid());
+    assert!(message.contains("no voxel is inside the body"), "{message}");
     away.raw = Raw::U8(vec![1; 12]);
     assert!(refused(&away, &grid).contains("12 values"));
 }

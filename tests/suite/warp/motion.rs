@@ -257,10 +257,10 @@ fn rejects_invalid_motion() {
     let grid = grid();
     let rest = around(&grid, [3, 3, 3]);
     let refused = |bent: &[DVec3]| Warp::new(&rest, bent).unwrap_err().to_string();
-    let told = refused(&rest.nodes[1..]);
+    let message = refused(&rest.nodes[1..]);
     assert!(
-        told.contains("nodes of the mesh at rest") && told.contains("got 63 and 64"),
-        "{told}"
+        message.contains("nodes of the mesh at rest") && message.contains("got 63 and 64"),
+        "{message}"
     );
     let mut bent = rest.nodes.clone();
     bent[7].y = f64::NAN;
@@ -279,10 +279,10 @@ fn rejects_invalid_motion() {
     assert!(refused(&flat).contains("degenerate"));
     let far: Vec<DVec3> = rest.nodes.iter().map(|p| *p + 1000.0).collect();
     let warp = Warp::new(&rest, &far).unwrap();
-    let told = warp.inverse(&grid).unwrap_err().to_string();
+    let message = warp.inverse(&grid).unwrap_err().to_string();
     assert!(
-        told.contains("no voxel is inside the body") && told.contains("RAS"),
-        "{told}"
+        message.contains("no voxel is inside the body") && message.contains("RAS"),
+        "{message}"
     );
     assert!(warp.displacement(&grid).is_ok());
     assert_eq!(warp.map_forward(DVec3::splat(f64::NAN)), None);
