@@ -122,7 +122,7 @@ def test_mistakes_are_told(limb: palpate.Mesh) -> None:
         palpate.render(limb, feild="intensity")
     with pytest.raises(palpate.InputError, match="Temp"):
         palpate.render(limb, field="Temp")
-    with pytest.raises(palpate.InputError, match="each side"):
+    with pytest.raises(palpate.InputError, match="per side"):
         palpate.render(limb, size=(0, 10))
     with pytest.raises(palpate.DeviceError, match="no such card"):
         palpate.render(limb, adapter="no such card")

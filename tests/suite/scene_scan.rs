@@ -361,7 +361,7 @@ fn projections_take_numbers_for_values() {
     let mut labelled = Stage::new(&gpu, &Scene::read(&file).unwrap()).unwrap();
     let said = labelled.image().unwrap_err().to_string();
     assert!(
-        said.contains("map of labels") && said.contains("labels = false"),
+        said.contains("label map") && said.contains("labels = false"),
         "{said}"
     );
     std::fs::remove_dir_all(&folder).unwrap();
@@ -376,7 +376,7 @@ fn what_a_scene_may_not_say_of_scans_is_named() {
     io::write_volume(folder.join("far.nrrd"), &far).unwrap();
     for (more, words) in [
         ("file = \"none.nrrd\"", &["none.nrrd"][..]),
-        ("file = \"far.nrrd\"", &["do not meet", "299.0"]),
+        ("file = \"far.nrrd\"", &["do not overlap", "299.0"]),
         ("file = \"ramp.nrrd\"\nrange = [3, 3]", &["3", "range"]),
         (
             "file = \"ramp.nrrd\"\ntransfer = \"bonny\"",

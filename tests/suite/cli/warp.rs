@@ -204,13 +204,13 @@ fn what_does_not_fit_together_is_refused_in_words() {
         holds(&missing, &["/no/such"]);
     }
     let errors = refused(&scan, &rest, &bent, &at("none/out.nii.gz"));
-    holds(&errors, &["none", "make it first"]);
+    holds(&errors, &["none", "create it first"]);
     let errors = refused(&scan, &rest, &bent, &at("out.dcm"));
     holds(&errors, &["out.dcm", ".nii.gz"]);
     // A scan of another region, a missing rest mesh, a flag for scenes only.
     write(&folder.join("far.vtu"), &mesh, |p| p + 1e4);
     let errors = refused(&scan, &rest, &at("far.vtu"), &out);
-    holds(&errors, &["no voxel lies in the body", "RAS"]);
+    holds(&errors, &["no voxel is inside the body", "RAS"]);
     let errors = failure(&palpate(&["warp", &scan, "--to", &bent, "--out", &out]));
     holds(&errors, &["--mesh"]);
     let steps = ["--steps", "3"];
