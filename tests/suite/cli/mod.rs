@@ -72,7 +72,10 @@ fn info_speaks_json_and_text() {
     let names: Vec<_> = json["fields"].as_array().unwrap().iter().collect();
     assert_eq!(names.len(), mesh.fields.len());
     let words = stdout(&palpate(&["info", &limb]));
-    assert!(words.contains("by the field \"label\""), "{words}");
+    assert!(
+        words.contains("regions          from field \"label\""),
+        "{words}"
+    );
 }
 
 #[test]

@@ -183,8 +183,20 @@ fn damage_is_told_with_its_place() {
             "expected a keyword, found \"0\"",
         ),
         // values
-        ("a.vtk", LEGACY, "0 1 0", "0 nan 0", "not finite"),
-        ("a.vtk", LEGACY, "0 1 0", "0 1e999 0", "not finite"),
+        (
+            "a.vtk",
+            LEGACY,
+            "0 1 0",
+            "0 nan 0",
+            "must have finite coordinates",
+        ),
+        (
+            "a.vtk",
+            LEGACY,
+            "0 1 0",
+            "0 1e999 0",
+            "must have finite coordinates",
+        ),
         (
             "a.vtk",
             LEGACY,
