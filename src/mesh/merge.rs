@@ -45,11 +45,11 @@ impl TetMesh {
             whole
                 .tets
                 .extend(mesh.tets.iter().map(|t| t.map(|v| v + first)));
-            let said = mesh.repairs.warnings.iter();
+            let warnings = mesh.repairs.warnings.iter();
             whole
                 .repairs
                 .warnings
-                .extend(said.map(|w| format!("{name}: {w}")));
+                .extend(warnings.map(|w| format!("{name}: {w}")));
         }
         whole.label_parts(parts)?;
         whole.merge_fields(parts)?;

@@ -268,15 +268,15 @@ impl TetMesh {
                 back.extend(edges[crossing.edge]);
                 back.extend(faces[crossing.face]);
             }
-            back.retain(|v| ways.get(v).is_some_and(|way| *way != DVec3::ZERO));
+            back.retain(|v| ways.get(v).is_some_and(|shift| *shift != DVec3::ZERO));
             if back.is_empty() {
                 break;
             }
             for v in back {
                 let part = if round < MAX_GAP_HALVINGS { 0.5 } else { 0.0 };
-                let way = ways.entry(v).or_default();
-                *way *= part;
-                self.nodes[v as usize] = before[v as usize] + *way;
+                let shift = ways.entry(v).or_default();
+                *shift *= part;
+                self.nodes[v as usize] = before[v as usize] + *shift;
             }
         }
     }

@@ -52,8 +52,8 @@ pub fn biceps(tets: usize) -> Result<TetMesh> {
         let [muscle, tendon] = LABELS.map(|(label, _)| label as f64);
         labels.push(if p.z.abs() < BELLY { muscle } else { tendon });
         let [r, slope] = radius(p.z);
-        let way = DVec3::new(p.x * slope / r, p.y * slope / r, 1.0).normalize();
-        fibres.extend(way.to_array());
+        let direction = DVec3::new(p.x * slope / r, p.y * slope / r, 1.0).normalize();
+        fibres.extend(direction.to_array());
     }
     let fields = vec![
         Field {
