@@ -139,12 +139,12 @@ fn surface_with_missing_triangle_is_open() {
 fn isosurface_rejects_empty_range_and_reports_values() {
     let ball = cube(8, sphere);
     let said = |result: palpate::Result<TriMesh>| result.unwrap_err().to_string();
-    assert!(said(ball.isosurface(50.0, 60.0)).contains("they run from"));
-    assert!(said(ball.isosurface(2.0, 1.0)).contains("no inside"));
-    assert!(said(ball.isosurface(f64::NAN, 1.0)).contains("no inside"));
+    assert!(said(ball.isosurface(50.0, 60.0)).contains("values range from"));
+    assert!(said(ball.isosurface(2.0, 1.0)).contains("value range 2 to 1"));
+    assert!(said(ball.isosurface(f64::NAN, 1.0)).contains("value range NaN to 1"));
     let labels = volume([1, 1, 2], DAffine3::IDENTITY, Raw::U8(vec![4, 6]));
     let message = said(labels.label_surface(&[5]));
-    assert!(message.contains("it has 4, 6"), "{message}");
+    assert!(message.contains("available labels: 4, 6"), "{message}");
 }
 
 proptest! {
