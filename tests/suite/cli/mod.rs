@@ -105,7 +105,7 @@ fn info_tells_a_real_heart() {
     assert!((field["min"].as_f64().unwrap() - 0.5728).abs() < 1e-4);
     assert!((field["max"].as_f64().unwrap() - 2.0948).abs() < 1e-4);
     let words = stdout(&palpate(&["info", &heart]));
-    assert!(words.contains("Distance from origin") && words.contains("1 nodes that no tet uses"));
+    assert!(words.contains("Distance from origin") && words.contains("1 unused nodes"));
 }
 
 #[test]
