@@ -278,7 +278,7 @@ fn check(options: &MeshOptions) -> Result<()> {
         return invalid("grading", options.grading, "1 to 1024");
     }
     if options.min_island.is_nan() || options.min_island < 0.0 {
-        return said("minimum island volume", options.min_island, "≥ 0");
+        return invalid("minimum island volume", options.min_island, "≥ 0");
     }
     if !options.offset.is_finite() || options.offset.abs().max_element() > 1.0 {
         return Err(Error::Input(format!(

@@ -169,7 +169,7 @@ fn duplicate_element_numbers_are_counted() {
 #[test]
 fn abaqus_errors_state_line_and_cause() {
     let whole = row(2, PLAIN, "");
-    for (from, to, told) in [
+    for (from, to, expected) in [
         (
             "*NODE",
             "*INCLUDE, INPUT=mesh.inp\n*NODE",
@@ -233,8 +233,8 @@ fn abaqus_errors_state_line_and_cause() {
             Err(e) => {
                 let error = e.to_string();
                 assert!(
-                    error.contains("a.inp") && error.contains(told),
-                    "expected {told:?} in {error:?}"
+                    error.contains("a.inp") && error.contains(expected),
+                    "expected {expected:?} in {error:?}"
                 );
             }
         }

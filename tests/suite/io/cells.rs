@@ -199,10 +199,10 @@ fn second_order_cells_reduce_to_corners_with_warning() {
         let mesh = read(&nodes, &[(kind, with_middles(corners, extra))]).unwrap();
         assert!((mesh.volume() - volume).abs() < 1e-12, "kind {kind}");
         assert_eq!(mesh.nodes.len(), corners.len());
-        let told = mesh.repairs.warnings.iter().any(|w| {
+        let reported = mesh.repairs.warnings.iter().any(|w| {
             w.starts_with("1 ") && w.contains("-order") && w.contains("reduced to their corners")
         });
-        assert!(told, "{:?}", mesh.repairs.warnings);
+        assert!(reported, "{:?}", mesh.repairs.warnings);
     }
 }
 

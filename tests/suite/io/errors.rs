@@ -64,7 +64,7 @@ fn undamaged_reference_files_are_valid() {
 #[test]
 fn damage_errors_state_position() {
     let huge = "4000000000000";
-    for (name, text, from, to, told) in [
+    for (name, text, from, to, expected) in [
         // wrong counts, which must not size an allocation
         (
             "a.vtk",
@@ -297,12 +297,12 @@ fn damage_errors_state_position() {
         let damaged = text.replacen(from, to, 1);
         let error = message(name, &damaged);
         assert!(
-            error.contains(name) && error.contains(told),
-            "expected {told:?} in {error:?}"
+            error.contains(name) && error.contains(expected),
+            "expected {expected:?} in {error:?}"
         );
     }
     let nodes = "4 3 0 0\n0 0 0 0\n1 1 0 0\n2 0 1 0\n3 0 0 1\n";
-    for (node, ele, told) in [
+    for (node, ele, expected) in [
         (
             nodes.replacen("4 ", &format!("{huge} "), 1),
             "1 4 0\n0 0 1 2 3\n".to_string(),
@@ -340,6 +340,6 @@ fn damage_errors_state_position() {
             .read("a.node", node.as_bytes())
             .unwrap_err()
             .to_string();
-        assert!(error.contains(told), "expected {told:?} in {error:?}");
+        assert!(error.contains(expected), "expected {expected:?} in {error:?}");
     }
 }

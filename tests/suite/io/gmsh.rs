@@ -68,7 +68,7 @@ fn parametric_node_coordinates_are_skipped() {
 
 #[test]
 fn unusable_data_is_skipped_with_warning() {
-    for (from, to, told) in [
+    for (from, to, expected) in [
         (
             "\n4\n1 0.5\n",
             "\n3\n",
@@ -84,7 +84,7 @@ fn unusable_data_is_skipped_with_warning() {
         let mesh = read(&format!("{GMSH_2}{}", NODE_DATA.replace(from, to)));
         assert!(mesh.field("heat", Location::Node).is_none());
         let warnings = mesh.repairs.warnings.join("\n");
-        assert!(warnings.contains(told), "expected {told:?} in {warnings:?}");
+        assert!(warnings.contains(expected), "expected {expected:?} in {warnings:?}");
     }
     let later = NODE_DATA
         .replace("1 0.5", "1 9.5")

@@ -19,7 +19,7 @@ fn parsing_bytes_matches_reading_files() {
 
 #[test]
 fn parse_errors_state_given_name() {
-    for (name, bytes, told) in [
+    for (name, bytes, expected) in [
         ("some/a.vtu", &b"hello"[..], "some/a.vtu: no <VTKFile>"),
         ("a.vtu", b" \n", "a.vtu: file is empty"),
         (
@@ -29,7 +29,7 @@ fn parse_errors_state_given_name() {
         ),
     ] {
         let error = io::parse(name, bytes).unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(expected), "{error}");
     }
 }
 

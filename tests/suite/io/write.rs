@@ -243,14 +243,14 @@ fn rejects_damaged_series() {
     for cut in 0..whole.len() {
         assert!(read(&whole[..cut]).is_err(), "cut at {cut}");
     }
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("timestep=\"2\"", "timestep=\"1\"", "several files"),
         ("timestep=\"2\"", "timestep=\"soon\"", "expected a number"),
         ("file=\"b.vtu\"", "", "no attribute file"),
         ("\"Collection\"", "\"PolyData\"", "PolyData"),
     ] {
         let error = read(&whole.replace(from, to)).unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(expected), "{error}");
     }
     let error = io::read(&path).unwrap_err().to_string();
     assert!(error.contains("PolyData"), "{error}");

@@ -260,7 +260,7 @@ fn truncated_file_never_reads_as_another_mesh() {
 fn rejects_unwritable_mesh_before_creating_file() {
     let bench = Bench::new();
     let mesh = bar(&[1]);
-    for (name, format, text, told) in [
+    for (name, format, text, expected) in [
         ("a.vtu", MeshFormat::Medit, false, "extension .mesh"),
         (
             "a.msh",
@@ -271,7 +271,7 @@ fn rejects_unwritable_mesh_before_creating_file() {
         ("a.vtu", MeshFormat::Vtu, true, "cannot be written as text"),
     ] {
         let error = io::write_as(bench.path(name), &mesh, format, text).unwrap_err();
-        assert!(error.to_string().contains(told), "{error}");
+        assert!(error.to_string().contains(expected), "{error}");
         assert!(!bench.path(name).exists());
     }
     let error = io::write(bench.path("a.stl"), &mesh)

@@ -23,7 +23,7 @@ fn two_tets(shared: usize) -> TetMesh {
 
 #[test]
 fn manifoldness_of_tets_sharing_face_edge_node_or_nothing() {
-    let told = |shared| {
+    let manifoldness = |shared| {
         let d = MeshDescription::new(&two_tets(shared));
         (
             d.components,
@@ -33,11 +33,11 @@ fn manifoldness_of_tets_sharing_face_edge_node_or_nothing() {
             d.closed,
         )
     };
-    assert_eq!(told(3), (1, 2, 0, 0, true));
+    assert_eq!(manifoldness(3), (1, 2, 0, 0, true));
     // Two spheres with a common edge: 4 − 1 − 1 fewer nodes and edges.
-    assert_eq!(told(2), (2, 3, 1, 2, true));
-    assert_eq!(told(1), (2, 3, 0, 1, true));
-    assert_eq!(told(0), (2, 4, 0, 0, true));
+    assert_eq!(manifoldness(2), (2, 3, 1, 2, true));
+    assert_eq!(manifoldness(1), (2, 3, 0, 1, true));
+    assert_eq!(manifoldness(0), (2, 4, 0, 0, true));
     let d = MeshDescription::new(&two_tets(1));
     assert!(d.edge_manifold && !d.vertex_manifold);
     assert!(!MeshDescription::new(&two_tets(2)).edge_manifold);

@@ -294,18 +294,18 @@ fn organs_contain_requested_lump_at_requested_depth() {
         assert!(plain.region_names.values().all(|name| name != "lump"));
         let factors = &plain.field("stiffness", Location::Cell).unwrap().values;
         assert!(factors.iter().all(|f| *f == 1.0));
-        let told = |tets: usize, lump: Lump| make(tets, Some(lump)).unwrap_err().to_string();
+        let error_of = |tets: usize, lump: Lump| make(tets, Some(lump)).unwrap_err().to_string();
         let large = Lump {
             diameter: 0.2,
             ..lump
         };
-        assert!(told(5_000, large).contains("does not fit"), "{organ}");
+        assert!(error_of(5_000, large).contains("does not fit"), "{organ}");
         let small = Lump {
             diameter: 1e-3,
             ..lump
         };
         assert!(
-            told(2_000, small).contains("increase the number of tets"),
+            error_of(2_000, small).contains("increase the number of tets"),
             "{organ}"
         );
         let wrong = Lump {
@@ -313,7 +313,7 @@ fn organs_contain_requested_lump_at_requested_depth() {
             ..lump
         };
         assert!(
-            told(5_000, wrong).contains("stiffness ratio (-1) must be finite and positive"),
+            error_of(5_000, wrong).contains("stiffness ratio (-1) must be finite and positive"),
             "{organ}"
         );
         assert!(make(10, None).is_err());
