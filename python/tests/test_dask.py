@@ -181,7 +181,7 @@ def test_what_pieces_cannot_show_is_refused_in_words(client, tmp_path: Path) -> 
         palpate.dask.render_pieces(tmp_path / "none.pvtu", None, client)
     with pytest.raises(palpate.InputError, match="pieces"):
         box.write(index, pieces=0)
-    with pytest.raises(palpate.InputError, match="how many"):
+    with pytest.raises(palpate.InputError, match="requires their number"):
         box.write(index)
     # All of it is a mesh like any other.
     assert np.array_equal(palpate.Mesh.read(index).tets, box.tets)

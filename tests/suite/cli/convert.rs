@@ -83,7 +83,7 @@ fn surfaces_are_converted_too() {
     refused(&[text(&stl), text(&ply), "--text"], "are for meshes");
     refused(
         &[text(&stl), text(&folder.join("a.xyz"))],
-        "not as \".xyz\"",
+        "extension \".xyz\"",
     );
     assert!(!mesh.exists());
     let missing = folder.join("no.vtu");

@@ -200,30 +200,30 @@ fn what_is_no_stream_is_refused_with_what_would_be() {
         read.unwrap_err().to_string()
     };
     let whole = stream(&mesh, true, &frames);
-    assert!(refused(b"P6 640 480 255 and so on").contains("begins with PALPATE1"));
+    assert!(refused(b"P6 640 480 255 and so on").contains("expected PALPATE1 at the start"));
     // Counts beyond the actual data do not size an allocation.
     let mut many = whole.clone();
     many[8..16].fill(0xff);
-    assert!(refused(&many).contains("ends within the rest places"));
+    assert!(refused(&many).contains("ends within its node positions at rest"));
     let mut none = whole.clone();
     none[8..12].fill(0);
-    assert!(refused(&none).contains("0 nodes"));
+    assert!(refused(&none).contains("number of nodes must be ≥ 1, got 0"));
     let first = 16 + 24 * mesh.nodes.len();
     let mut wrong = whole.clone();
     wrong[first..first + 4].fill(0xff);
-    assert!(refused(&wrong).contains("makes no sense"));
+    assert!(refused(&wrong).contains("invalid mesh"));
     let mut nowhere = whole.clone();
     let last = whole.len() - 8;
     nowhere[last..].copy_from_slice(&f64::NAN.to_le_bytes());
     let said = refused(&nowhere);
     assert!(
-        said.contains("frame 2") && said.contains("no place"),
+        said.contains("frame 2") && said.contains("must have finite coordinates"),
         "{said}"
     );
     let mut endless = whole.clone();
     let time = whole.len() - 8 - 24 * mesh.nodes.len();
     endless[time..time + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
-    assert!(refused(&endless).contains("time inf"));
+    assert!(refused(&endless).contains("time must be finite, got inf"));
     // Invalid combinations of arguments.
     let dash = [
         "render",

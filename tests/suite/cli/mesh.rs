@@ -176,16 +176,16 @@ fn what_cannot_be_meshed_is_told_with_what_to_do() {
         shipped("lobe.stl"),
     );
     refused(&[&head], "--above");
-    refused(&[&knee, "--labels", "77"], "no voxel has the label 77");
+    refused(&[&knee, "--labels", "77"], "no voxel has label 77");
     refused(&[&head, "--above", "9999"], "no voxel has a value");
-    refused(&[&lobe, "--above", "3"], "thresholds are for volumes");
+    refused(&[&lobe, "--above", "3"], "thresholds apply to volumes only");
     refused(&[&lobe, "--edge", "2mm"], "--unit");
     refused(&[&knee, "--with", "tetgen"], "TetGen meshes surfaces");
     refused(&[&knee, "--with", "gmsh"], "lattice or tetgen");
-    refused(&[&shipped("bar.vtu")], "tetrahedral mesh already");
-    refused(&[&knee, &lobe], "meshed alone");
+    refused(&[&shipped("bar.vtu")], "already a tetrahedral mesh");
+    refused(&[&knee, &lobe], "must be the only input");
     refused(&["nowhere.nrrd"], "nowhere.nrrd");
-    refused(&[&knee, "--edge", "900"], "smaller");
+    refused(&[&knee, "--edge", "900"], "decrease the edge length");
 }
 
 #[test]

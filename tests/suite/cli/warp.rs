@@ -179,7 +179,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
     let errors = refused(&scan, &rest, &at("other.vtu"), &out);
     holds(
         &errors,
-        &["other.vtu", "which no tet of the mesh at rest does"],
+        &["other.vtu", "which form no tet of the mesh at rest"],
     );
     // Invalid numbers, missing files, a missing folder, an unknown format.
     let text_mesh = at("bent.vtk");
@@ -194,7 +194,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
     lines[points + 1] = format!("nan {first}");
     std::fs::write(&text_mesh, lines.join("\n")).unwrap();
     let errors = refused(&scan, &rest, &text_mesh, &out);
-    holds(&errors, &["bent.vtk", "not finite"]);
+    holds(&errors, &["bent.vtk", "must have finite coordinates"]);
     for missing in [
         refused("/no/such.nii.gz", &rest, &bent, &out),
         refused(&scan, "/no/such.vtu", &bent, &out),

@@ -185,8 +185,8 @@ fn a_term_of_ones_own_acts_as_gravity_of_the_same_strength_does() {
 #[test]
 fn shaders_that_are_none_are_refused() {
     for (name, source, words) in [
-        ("alone", "", "a room and a name"),
-        ("suite/two words", "", "a room and a name"),
+        ("alone", "", "a folder and a name"),
+        ("suite/two words", "", "a folder and a name"),
         ("physics/forces", "", "already"),
         ("suite/broken", "fn main( {", "suite/broken"),
         ("suite/lost", "#import lib/nowhere\n", "lib/nowhere"),
