@@ -130,8 +130,8 @@ fn what_knows_no_contact_is_refused_in_words() {
         let found = Scene::parse(&text).and_then(|scene| Stage::new(&gpu(), &scene));
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(told("friction = -1", "", "").contains("friction of -1"));
-    assert!(told("gap = 0.0", "", "").contains("gap of 0"));
+    assert!(told("friction = -1", "", "").contains("friction must be finite and ≥ 0, got -1"));
+    assert!(told("gap = 0.0", "", "").contains("gap must be finite and > 0, got 0"));
     let gpu = told("", "dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
     assert!(
         gpu.contains("[contact]") && gpu.contains("--engine cpu"),
@@ -143,7 +143,7 @@ fn what_knows_no_contact_is_refused_in_words() {
         "{springs}"
     );
     let explicit = told("", "\"implicit\"", "\"verlet\"");
-    assert!(explicit.contains("take implicit or bdf2"), "{explicit}");
+    assert!(explicit.contains("use implicit or bdf2"), "{explicit}");
     assert!(told("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
     assert!(told("", "offset", "offfset").contains("offfset"));
 }

@@ -143,15 +143,15 @@ impl Status {
             _ => FailureCause::NotConverged,
         };
         let what = match self.failed {
-            NON_FINITE => "a position, velocity or force is no longer a finite number".to_owned(),
+            NON_FINITE => "a position, velocity or force is no longer finite".to_owned(),
             RUNAWAY_ENERGY => format!(
-                "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({:.3e} J) and was given since ({:.3e} J)",
+                "the energy diverges: more than {ENERGY_FACTOR} times the sum of the initial energy ({:.3e} J) and the work done since ({:.3e} J)",
                 f64::from(self.baseline) * body.units.energy(),
                 f64::from(self.work) * body.units.energy()
             ),
             PIERCED => TOOLS_OVERCONSTRAINED_MESSAGE.to_owned(),
             _ => format!(
-                "conjugate gradients came to a relative residual of only {:.1e} in {} iterations",
+                "conjugate gradients reached a relative residual of only {:.1e} in {} iterations",
                 self.residual, self.iterations
             ),
         };

@@ -40,7 +40,7 @@ impl GridModel {
             springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
         }
         let mesh = self.shape.mesh(&springs).map_err(|_| {
-            Error::Input("the cut would leave no whole cell of the grid; nothing was cut".into())
+            Error::Input("the cut would leave no complete grid cell; the body was not cut".into())
         })?;
         self.springs = springs;
         Ok(mesh)

@@ -144,7 +144,7 @@ impl std::fmt::Display for ClampedEnd {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "the {} nodes in the {} {:.0} % of {}",
+            "the {} nodes in the {} {:.0} % of the {} extent",
             self.nodes.len(),
             if self.upper { "highest" } else { "lowest" },
             100.0 * self.axis_fraction,

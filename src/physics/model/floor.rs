@@ -34,7 +34,7 @@ impl Floor {
         let unit = normal.normalize_or_zero();
         if unit == DVec3::ZERO || !point.is_finite() || !(rate.is_finite() && rate > 0.0) {
             return Err(Error::Input(format!(
-                "a floor at {point} with the normal {normal} and a rate of {rate} 1/s makes no sense; give a point, a direction, and a positive rate"
+                "invalid floor: point {point}, normal {normal}, rate {rate} 1/s; give a finite point, a non-zero normal and a rate > 0"
             )));
         }
         Ok(Floor {

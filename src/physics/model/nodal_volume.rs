@@ -61,7 +61,7 @@ impl FromStr for VolumetricFormulation {
             .find(|m| m.name() == name);
         known.ok_or_else(|| {
             Error::Input(format!(
-                "there is no volume \"{name}\"; there are per-tet and averaged"
+                "unknown volume \"{name}\"; expected per-tet or averaged"
             ))
         })
     }

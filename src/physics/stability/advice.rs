@@ -14,14 +14,14 @@ pub(in crate::physics) fn time_step_advice(
     let limit = largest_stable_step(network, pinned, kind);
     match limit.map(|limit| limit_with_terms(limit, network, terms)) {
         None => format!(
-            "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
+            "use a --dt below {dt}, less stiffness or more damping, and check the units of the mesh"
         ),
         Some(0.0) => {
-            "explicit Euler is never stable without damping: use --solver implicit, or symplectic"
+            "explicit Euler is never stable without damping; use --solver implicit or symplectic"
                 .to_owned()
         }
         Some(limit) if dt < 0.9 * limit => format!(
-            "its largest stable step at rest is {limit:.3e} s, so look for forces or velocities that are out of proportion, or use --solver implicit"
+            "the largest stable step at rest is {limit:.3e} s; check for excessive forces or velocities, or use --solver implicit"
         ),
         Some(limit) => format!(
             "use --dt {} or less, or --solver implicit",

@@ -338,7 +338,7 @@ fn a_cut_that_hits_nothing_is_harmless_and_a_wrong_mesh_is_refused() {
     let blade = across(DVec3::new(0.05, 0.0, 0.0), DVec3::X, 0.2);
     let error = body.cut(&mut small, &mut its_topology, &blade).unwrap_err();
     assert!(
-        error.to_string().contains("the mesh it was made of"),
+        error.to_string().contains("the mesh it was created from"),
         "{error}"
     );
     assert!(body.remove(&mut small, &mut its_topology, &[0]).is_err());

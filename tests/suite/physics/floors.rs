@@ -69,5 +69,5 @@ fn scenes_have_floors() {
     assert!((-0.31..-0.29).contains(&lowest), "{lowest}");
     scene.floor.as_mut().unwrap().normal = Some([0.0; 3]);
     let wrong = palpate::scene::Stage::new(&gpu(), &scene).err().unwrap();
-    assert!(wrong.to_string().contains("makes no sense"), "{wrong}");
+    assert!(wrong.to_string().contains("invalid floor"), "{wrong}");
 }

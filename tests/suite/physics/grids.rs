@@ -126,7 +126,7 @@ fn a_grid_has_its_modulus_whatever_its_spacing() {
     }
     let flat = GridShape::from_domain(&Ball(0.05), DVec3::new(0.01, 0.01, 0.003), DMat3::IDENTITY);
     let error = GridModel::new(flat.unwrap(), &soft()).unwrap_err();
-    assert!(error.to_string().contains("lengths that differ less"));
+    assert!(error.to_string().contains("spacings that differ less"));
 }
 
 #[test]

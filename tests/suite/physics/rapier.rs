@@ -485,8 +485,8 @@ fn scenes_name_it() {
     assert!(before != stage.image().unwrap());
 
     for (entry, said) in [
-        ("[[pressure]]\npascal = 500", "pressure acts"),
-        ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] that is a plane"),
+        ("[[pressure]]\npascal = 500", "pressure is supported"),
+        ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] with a plane"),
     ] {
         let text = format!("{SCENE}{entry}\n");
         let told = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));

@@ -303,9 +303,12 @@ fn joints_that_make_no_sense_are_refused_in_words() {
     for (joint, said) in [
         (ball((1, None)), "is not rigid"),
         (ball((2, Some(7))), "is not rigid"),
-        (ball((2, Some(2))), "with itself"),
-        (hinge(DVec3::ZERO, None), "points nowhere"),
-        (hinge(DVec3::X, Some([0.1, 0.2])), "cannot rest at 0"),
+        (ball((2, Some(2))), "to itself"),
+        (hinge(DVec3::ZERO, None), "axis must be finite and non-zero"),
+        (
+            hinge(DVec3::X, Some([0.1, 0.2])),
+            "must contain 0, got 0.1 to 0.2",
+        ),
     ] {
         let told = body.add_joint(joint).err().unwrap().to_string();
         assert!(told.contains(said), "{told}");

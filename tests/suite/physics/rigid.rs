@@ -44,10 +44,10 @@ fn implicit_schemes_step_them() {
     };
     for kind in [SolverKind::Verlet, SolverKind::Explicit] {
         let on_cpu = refused(Engine::Cpu, kind);
-        let here = "take implicit, bdf2 or midpoint";
+        let here = "use implicit, bdf2 or midpoint";
         assert!(on_cpu.contains(here), "{on_cpu}");
         let on_gpu = refused(Engine::Gpu, kind);
-        let here = "take --solver implicit, or bdf2 or midpoint on the processor";
+        let here = "use --solver implicit, or bdf2 or midpoint on the CPU";
         assert!(on_gpu.contains(here), "{on_gpu}");
     }
     let on_gpu = refused(Engine::Gpu, SolverKind::Bdf2);
@@ -59,7 +59,7 @@ fn implicit_schemes_step_them() {
     let springs = EngineChoice::Auto.build_tets(&gpu, mesh.clone(), &springs, SolverKind::Implicit);
     let springs = springs.err().unwrap().to_string();
     assert!(
-        springs.contains("springs have no rigid regions"),
+        springs.contains("springs do not support rigid regions"),
         "{springs}"
     );
 }

@@ -230,12 +230,12 @@ fn what_the_gpu_cannot_press_is_refused_in_words() {
     let springs = Material::from_young(2e4);
     let mut body = GpuTets::new(&gpu, mesh.clone(), &springs, kind).unwrap();
     let said = body.add_tool(tool()).unwrap_err().to_string();
-    assert!(said.contains("choose --material"), "{said}");
+    assert!(said.contains("use --material"), "{said}");
     let mut body = GpuTets::new(&gpu, mesh, &material(), kind).unwrap();
     body.add_tool(tool()).unwrap();
     let settings = CgSettings::default();
     let said = body
         .set_integrator(SolverKind::Symplectic, settings)
         .unwrap_err();
-    assert!(said.to_string().contains("take implicit"), "{said}");
+    assert!(said.to_string().contains("use implicit"), "{said}");
 }

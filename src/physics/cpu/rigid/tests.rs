@@ -579,7 +579,7 @@ fn what_cannot_be_is_refused() {
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {
         let made = CpuBody::<f32>::new(&network, kind, CgSettings::default(), None);
         let said = made.err().unwrap().to_string();
-        assert!(said.contains("take implicit, bdf2 or midpoint"), "{said}");
+        assert!(said.contains("use implicit, bdf2 or midpoint"), "{said}");
     }
     let mut strange = network.clone();
     strange

@@ -84,9 +84,7 @@ impl GridBody {
     pub fn rest_normals(&mut self) -> Result<Vec<u32>> {
         self.upload_changes()?;
         let rest = self.rest();
-        let rest = self
-            .gpu
-            .array_of("positions at rest", Texel::F32x4, &rest)?;
+        let rest = self.gpu.array_of("rest positions", Texel::F32x4, &rest)?;
         let unused = self
             .gpu
             .array("unused", Texel::F32x4, rest.len() as usize)?;
