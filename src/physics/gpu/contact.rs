@@ -1,11 +1,11 @@
 //! Tools and the boundary surface on the GPU; the CPU side of `shaders/lib/tool.wgsl` and
 //! `shaders/terms/contact.wgsl`.
 //!
-//! Contact points are those of the CPU engine (`cpu/contact_hull.rs`): the boundary nodes, and
-//! lattices of points within faces that are large compared with a tool. A pass over faces computes
-//! forces and blocks of the latter; a pass over nodes sums the contributions around each node. The
-//! GPU stores the tool poses, because it advances them with accepted steps, and the CPU does not
-//! yet know which steps were accepted.
+//! Contact points are those of the CPU engine (`cpu/contact/boundary_surface.rs`): the boundary
+//! nodes, and lattices of points within faces that are large compared with a tool. A pass over
+//! faces computes forces and blocks of the latter; a pass over nodes sums the contributions around
+//! each node. The GPU stores the tool poses, because it advances them with accepted steps, and the
+//! CPU does not yet know which steps were accepted.
 
 use super::elements::GpuElements;
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};

@@ -171,13 +171,12 @@ impl Status {
     }
 }
 
-/// How often its energy at the start and the work done since a body may have. Near the limit of
-/// stability the energy of a stable explicit scheme swings: of symplectic Euler by
-/// (2 + hω)/(2 − hω), which is 39 at the 0.95 of the limit that is advised. An instability passes
-/// any factor.
+/// Maximum energy over the sum of the initial energy and the work done since. Near the stability
+/// limit the energy of a stable explicit scheme oscillates: that of symplectic Euler by (2 + hω)/(2
+/// − hω), which is 39 at the advised 0.95 of the limit. An instability exceeds any factor.
 pub(in crate::physics) const ENERGY_FACTOR: f64 = 50.0;
 
-/// Energy, of one node at local units, below which nothing is called a runaway: rounding.
+/// Energy of one node, in local units, below which nothing is treated as a runaway: rounding error.
 pub(in crate::physics) const ENERGY_FLOOR: f64 = 1e-9;
 
 #[cfg(test)]

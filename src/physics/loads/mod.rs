@@ -391,7 +391,7 @@ impl Loads {
     }
 
     /// Sets the target `pose` of a tool: it moves there along a straight path in the next step and
-    /// pushes away what is in its way.
+    /// pushes obstacles away.
     ///
     /// # Errors
     /// [`Error::Input`] if the tool does not exist, or the pose is not finite.

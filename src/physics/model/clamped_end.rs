@@ -63,7 +63,7 @@ impl ClampedEnd {
         // The sort is stable: x comes first among equals, as in `max_position`.
         axes.sort_by(|a, b| extent[*b].total_cmp(&extent[*a]));
         let longest = extent.max_element();
-        // Along an axis on which the body stands or hangs, only its lower end is suitable.
+        // Along an axis on which the body stands or hangs, only its lower end can be clamped.
         let stands = |axis: usize| down.normalize_or_zero()[axis].abs() > 0.9;
         let best_of = |axis: usize, share: f64| {
             let ends = [slab(axis, false, share), slab(axis, true, share)];

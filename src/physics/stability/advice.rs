@@ -1,10 +1,10 @@
-//! What to change where steps failed.
+//! Advice for failed steps.
 
 use super::step_limit::{largest_stable_step, limit_with_terms};
 use crate::physics::{DiscreteModel, NodeTerm, SolverKind};
 use std::sync::Arc;
 
-/// What to change where steps of `dt` seconds failed.
+/// Returns advice for failed steps of `dt` seconds.
 pub(in crate::physics) fn time_step_advice(
     kind: SolverKind,
     dt: f64,
@@ -30,10 +30,10 @@ pub(in crate::physics) fn time_step_advice(
     }
 }
 
-/// `x` with two significant digits, not more than `x`.
+/// Rounds `x` down to two significant digits.
 fn floor_to_digits(x: f64) -> f64 {
     let unit = 10f64.powf(x.log10().floor() - 1.0);
-    // Through text, to shed the binary dust of the multiplication.
+    // Through text, to remove the rounding error of the multiplication.
     format!("{:.1e}", (x / unit).floor() * unit)
         .parse()
         .unwrap_or(x)

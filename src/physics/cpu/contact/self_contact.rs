@@ -425,8 +425,8 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
             if let Some(rub) = self.friction_of(k) {
                 let slide = Self::sliding(pair, rub, at.v);
                 let slip = FrictionMollifier::at(slide.length(), self.least_speed);
-                // Uses the sticking stiffness also for sliding pairs; otherwise they would
-                // oscillate.
+                // The secant stiffness in all tangential directions; with the exact derivative,
+                // sliding pairs would oscillate.
                 let plane = DMat3::IDENTITY - outer_product(rub.normal);
                 let block = plane * (h * rub.limit * slip.slope_over_speed);
                 blocks.push(plan, (pair.nodes, rub.weights), &block, share.diagonal);
