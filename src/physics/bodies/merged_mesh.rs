@@ -164,7 +164,7 @@ mod tests {
     /// Two bars side by side, cut one after the other and both at once: equal to the same cuts of
     /// the combined mesh.
     #[test]
-    fn a_cut_of_parts_is_the_cut_of_the_whole() {
+    fn cuts_of_members_equal_cut_of_merged_mesh() {
         let bar = generate::by_name("bar", Some(600)).unwrap();
         let (low, high) = bar.bounds();
         let away = DVec3::Y * 2.0 * (high - low).length();

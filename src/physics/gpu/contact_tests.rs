@@ -253,7 +253,7 @@ fn product(gpu: &Gpu, body: &GpuBody, p: &[[f64; 4]]) -> Vec<[f64; 4]> {
 }
 
 #[test]
-fn forces_and_blocks_of_tools_match_float64() {
+fn tool_forces_and_blocks_match_float64() {
     let gpu = Gpu::new().unwrap();
     for (k, shape) in shapes().into_iter().enumerate() {
         for friction in [0.0, 0.4] {
@@ -304,7 +304,7 @@ fn forces_and_blocks_of_tools_match_float64() {
 }
 
 #[test]
-fn the_system_of_a_step_has_the_blocks_of_tools() {
+fn step_system_contains_tool_blocks() {
     let gpu = Gpu::new().unwrap();
     let shape = Shape::Sphere { radius: 0.21 };
     let p = vectors(block().nodes.len(), 5, 1.0);
@@ -361,7 +361,7 @@ fn the_system_of_a_step_has_the_blocks_of_tools() {
 }
 
 #[test]
-fn points_go_as_far_as_in_float64() {
+fn collision_free_fraction_matches_float64() {
     let gpu = Gpu::new().unwrap();
     for (k, shape) in shapes().into_iter().enumerate() {
         if matches!(shape, Shape::Plane) {

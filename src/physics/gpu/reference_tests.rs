@@ -162,7 +162,7 @@ fn forces_and_energies_match_float64() {
 }
 
 #[test]
-fn products_with_the_system_match_float64() {
+fn system_products_match_float64() {
     let gpu = Gpu::new().unwrap();
     for mesh in meshes() {
         for kind in kinds() {
@@ -245,7 +245,7 @@ fn product(
 /// A solve with too few iterations continues in the passes recorded for the next steps, and reaches
 /// the same state.
 #[test]
-fn an_unfinished_solve_is_continued() {
+fn unfinished_solve_is_continued() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar_of_about(3000, DVec3::new(0.4, 0.1, 0.1)).unwrap();
     let run = |iterations: u32| {

@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_clock_knows_the_time_of_any_number_of_steps() {
+    fn clock_time_is_exact_for_any_number_of_steps() {
         let mut clock = Clock::default();
         clock.record(3, 0.5);
         clock.record(2, 0.25);

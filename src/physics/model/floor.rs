@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn force_and_block_are_derivatives_of_the_energy() {
+    fn floor_force_and_hessian_are_energy_derivatives() {
         let floor =
             Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(1.0, 2.0, -2.0), 30.0).unwrap();
         let (m, h) = (0.7, 1e-5);

@@ -219,7 +219,7 @@ mod tests {
     use crate::mesh::generate;
 
     #[test]
-    fn bodies_are_what_hangs_together() {
+    fn rigid_bodies_are_connected_components() {
         let mesh = generate::bar([6, 3, 3], glam::DVec3::new(6.0, 3.0, 3.0)).unwrap();
         let middle = |t: usize| mesh.tet_nodes(t).iter().sum::<glam::DVec3>() / 4.0;
         let low = mesh.bounds().0;

@@ -34,7 +34,7 @@ fn mass_and_momentum(body: &GpuBody) -> (f64, DVec3) {
 }
 
 #[test]
-fn a_bar_cut_through_falls_apart() {
+fn bar_cut_through_separates() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
@@ -150,7 +150,7 @@ fn cut_ball(gpu: &Gpu, material: &Material, kind: SolverKind) -> Twins {
 }
 
 #[test]
-fn a_cut_body_moves_as_float64_has_it() {
+fn cut_body_motion_matches_float64() {
     let gpu = Gpu::new().unwrap();
     // Explicit Euler needs damping.
     let material = Material {
@@ -178,7 +178,7 @@ fn a_cut_body_moves_as_float64_has_it() {
 }
 
 #[test]
-fn a_twin_that_was_not_cut_is_told_apart() {
+fn comparison_detects_uncut_reference() {
     let gpu = Gpu::new().unwrap();
     let kind = SolverKind::Symplectic;
     let mut twins = cut_ball(&gpu, &Material::from_young(20_000.0), kind);
@@ -199,7 +199,7 @@ fn a_twin_that_was_not_cut_is_told_apart() {
 }
 
 #[test]
-fn cuts_go_on_when_the_room_is_used_up() {
+fn cuts_continue_when_capacity_is_exceeded() {
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::ball(0.05, 8).unwrap();
     let material = Material::from_young(20_000.0);
@@ -238,7 +238,7 @@ fn cuts_go_on_when_the_room_is_used_up() {
 }
 
 #[test]
-fn pins_loads_and_mass_are_shared_by_the_doubles() {
+fn duplicated_nodes_share_pins_loads_and_mass() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
@@ -282,7 +282,7 @@ fn pins_loads_and_mass_are_shared_by_the_doubles() {
 }
 
 #[test]
-fn a_slab_taken_out_leaves_two_halves() {
+fn removed_slab_leaves_two_halves() {
     let gpu = Gpu::new().unwrap();
     let (mesh, mut topology) = bar();
     let material = Material::from_young(20_000.0);
@@ -313,7 +313,7 @@ fn a_slab_taken_out_leaves_two_halves() {
 }
 
 #[test]
-fn a_cut_that_hits_nothing_is_harmless_and_a_wrong_mesh_is_refused() {
+fn missing_cut_is_harmless_and_wrong_mesh_is_rejected() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();

@@ -26,7 +26,7 @@ fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>
 }
 
 #[test]
-fn a_ball_comes_to_rest_on_a_floor() {
+fn ball_rests_on_floor() {
     for (kind, engine) in [
         (SolverKind::Implicit, Engine::Gpu),
         (SolverKind::Implicit, Engine::Cpu),
@@ -57,7 +57,7 @@ fn a_ball_comes_to_rest_on_a_floor() {
 }
 
 #[test]
-fn scenes_have_floors() {
+fn scene_floor_supports_body_and_rejects_zero_normal() {
     let scene = "[mesh]\ngenerate = \"bar\"\ntets = 300\n[solver]\nname = \"implicit\"\ndt = 0.01\n\
                  [floor]\npoint = [0, 0, -0.3]\n[picture]\nsize = [64, 64]\n";
     let mut scene = palpate::scene::Scene::parse(scene).unwrap();

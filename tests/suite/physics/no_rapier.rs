@@ -6,7 +6,7 @@ use palpate::mesh::generate;
 use palpate::physics::{EngineChoice, Material, MaterialModel, SolverKind};
 
 #[test]
-fn asking_for_it_says_how_to_build_it() {
+fn requesting_missing_engine_reports_how_to_build_it() {
     let mesh = generate::bar([2, 1, 1], DVec3::new(0.2, 0.1, 0.1)).unwrap();
     let choice: EngineChoice = "rapier".parse().unwrap();
     let material = Material {

@@ -25,7 +25,7 @@ fn bar() -> (TetMesh, Material) {
 }
 
 #[test]
-fn implicit_schemes_step_them() {
+fn implicit_schemes_support_rigid_regions() {
     let gpu = gpu();
     let (mesh, material) = bar();
     let made = |choice: EngineChoice, kind: SolverKind| {
@@ -65,7 +65,7 @@ fn implicit_schemes_step_them() {
 }
 
 #[test]
-fn a_bone_that_is_cut_through_is_two() {
+fn bone_cut_through_becomes_two_bodies() {
     for (engine, shape) in [(Engine::Cpu, 1e-9), (Engine::Gpu, 1e-6)] {
         cut_through(engine, shape);
     }
@@ -117,7 +117,7 @@ fn cut_through(engine: Engine, shape: f64) {
 }
 
 #[test]
-fn scenes_name_them() {
+fn scene_declares_rigid_regions() {
     let (mut mesh, _) = bar();
     let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
     // The bone consists of two regions.
@@ -183,7 +183,7 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
 }
 
 #[test]
-fn scenes_part_regions() {
+fn scene_splits_region_interfaces() {
     let text = "[mesh]\ngenerate = \"biceps\"\ntets = 1000\n";
     let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
     let parted = format!("{text}part = [[\"tendon\", \"MUSCLE\"]]\n");

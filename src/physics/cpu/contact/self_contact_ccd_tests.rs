@@ -10,7 +10,7 @@ use crate::physics::cpu::node_constraints::NodeConstraint;
 use glam::{DQuat, DVec3};
 
 #[test]
-fn what_follows_another_into_a_wall_does_not_pass_it() {
+fn block_following_another_into_wall_has_no_tunnelling() {
     let block = box_mesh([2, 2, 2], DVec3::new(0.05, 0.05, 0.03), Split::Five).unwrap();
     let mesh = joined(&[
         (&block, DQuat::IDENTITY, DVec3::new(0.0, 0.0, 0.005)),
@@ -59,7 +59,7 @@ fn pair(apart: f64) -> TetMesh {
 }
 
 #[test]
-fn what_flies_behind_does_not_pass_what_is_stopped() {
+fn block_behind_stopped_block_has_no_tunnelling() {
     // Both fall onto a plane, by half a block's height or more per step.
     for (kind, speed, young) in [
         (SolverKind::Implicit, 3.0, 1e6),
@@ -83,7 +83,7 @@ fn what_flies_behind_does_not_pass_what_is_stopped() {
 }
 
 #[test]
-fn what_is_led_pushes_what_is_in_its_way() {
+fn prescribed_motion_pushes_obstacle() {
     // Prescribed motion moves the top of the upper block into the lower one, by more than half a
     // gap per step.
     let block = box_mesh([2, 2, 2], DVec3::new(0.05, 0.05, 0.03), Split::Five).unwrap();
@@ -140,7 +140,7 @@ fn what_is_led_pushes_what_is_in_its_way() {
 }
 
 #[test]
-fn what_is_led_against_what_is_held_is_refused_in_words() {
+fn prescribed_motion_against_fixed_block_reports_blocked_contact() {
     let block = box_mesh([2, 2, 1], DVec3::new(0.05, 0.05, 0.02), Split::Five).unwrap();
     let turn = DQuat::from_rotation_z(0.3);
     let mesh = joined(&[
@@ -169,7 +169,7 @@ fn what_is_led_against_what_is_held_is_refused_in_words() {
 }
 
 #[test]
-fn what_nothing_moves_yet_does_not_jump_through() {
+fn bodies_accelerated_from_rest_have_no_tunnelling() {
     // At rest and far apart, pulled together far enough to pass through within one step; the plate
     // is too wide to pass around.
     let plate = box_mesh([6, 6, 1], DVec3::new(0.3, 0.3, 0.03), Split::Five).unwrap();
@@ -197,7 +197,7 @@ fn what_nothing_moves_yet_does_not_jump_through() {
 }
 
 #[test]
-fn lips_that_came_apart_do_not_close_through_each_other() {
+fn separated_cut_faces_do_not_interpenetrate() {
     // Two blocks that coincide on a face at rest, pulled apart, and thrown back obliquely.
     let block = box_mesh([3, 3, 2], DVec3::new(0.06, 0.06, 0.03), Split::Five).unwrap();
     let mesh = joined(&[
@@ -228,7 +228,7 @@ fn lips_that_came_apart_do_not_close_through_each_other() {
 }
 
 #[test]
-fn parts_that_start_through_each_other_are_drawn_apart() {
+fn initially_intersecting_parts_are_separated() {
     let one = ball(0.05, 5).unwrap();
     let at = DVec3::new(0.09, 0.003, 0.002);
     let mesh = joined(&[

@@ -32,7 +32,7 @@ fn with_bones(mesh: &mut TetMesh, young: f64, bone: impl Fn(usize, DVec3) -> boo
 }
 
 #[test]
-fn bones_that_spin_into_each_other_do_not_pass() {
+fn spinning_rigid_regions_have_no_tunnelling() {
     // Bars whose facing ends are rigid.
     let bar = box_mesh([6, 2, 2], DVec3::new(0.12, 0.03, 0.03), Split::Five).unwrap();
     let at = DVec3::new(0.07, 0.02, 0.04);
@@ -128,7 +128,7 @@ fn spun(number: u64, rigid: bool, kind: SolverKind) -> usize {
 }
 
 #[test]
-fn rods_that_spin_do_not_pass_each_other() {
+fn spinning_rods_have_no_tunnelling() {
     for (rigid, kind) in [
         (false, SolverKind::Implicit),
         (false, SolverKind::Bdf2),
@@ -140,7 +140,7 @@ fn rods_that_spin_do_not_pass_each_other() {
 }
 
 #[test]
-fn a_bone_that_is_held_and_moved_presses_on_what_is_soft() {
+fn moved_rigid_region_indents_soft_block() {
     let block = box_mesh([4, 4, 3], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap();
     let bone = box_mesh([2, 2, 1], DVec3::new(0.04, 0.04, 0.02), Split::Five).unwrap();
     let mut mesh = joined(&[

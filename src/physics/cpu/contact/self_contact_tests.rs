@@ -120,7 +120,7 @@ impl<T: Real> Meeting<T> {
 }
 
 #[test]
-fn forces_are_the_slope_of_the_energy() {
+fn self_contact_forces_equal_negative_energy_gradient() {
     // Two slightly tilted blocks, so close that primitives of all kinds are in contact.
     let block = box_mesh([2, 2, 1], DVec3::new(0.1, 0.1, 0.04), Split::Five).unwrap();
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.02, 0.01, 0.4);
@@ -222,7 +222,7 @@ fn forces_are_the_slope_of_the_energy() {
 }
 
 #[test]
-fn two_elastic_balls_bounce_off_each_other_and_keep_their_momentum() {
+fn colliding_elastic_balls_bounce_and_conserve_momentum() {
     let one = ball(0.05, 6).unwrap();
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 0.7, 0.2);
     let at = DVec3::new(0.104, 0.01, 0.0);
@@ -291,7 +291,7 @@ fn dropped(number: u64, friction: Option<f64>) -> usize {
 }
 
 #[test]
-fn nothing_passes_anything_in_drops() {
+fn dropped_blocks_never_interpenetrate() {
     for number in 0..30 {
         assert_eq!(dropped(number, Some(0.3)), 0, "drop {number}");
     }
@@ -301,7 +301,7 @@ fn nothing_passes_anything_in_drops() {
 
 #[test]
 #[ignore = "long: a thousand drops"]
-fn nothing_passes_anything_in_a_thousand_drops() {
+fn thousand_dropped_blocks_never_interpenetrate() {
     let wrong: Vec<u64> = (0..1000).filter(|n| dropped(*n, Some(0.3)) > 0).collect();
     assert!(wrong.is_empty(), "{wrong:?}");
 }
@@ -317,7 +317,7 @@ pub(in crate::physics::cpu) fn plane(at: DVec3, along: DVec3, friction: f64) -> 
 }
 
 #[test]
-fn a_stack_of_blocks_rests() {
+fn stacked_blocks_come_to_rest() {
     let block = box_mesh([3, 3, 2], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap();
     let turned = |angle: f64| DQuat::from_rotation_z(angle);
     let mesh = joined(&[
@@ -352,7 +352,7 @@ fn a_stack_of_blocks_rests() {
 }
 
 #[test]
-fn a_fold_that_is_pressed_shut_does_not_go_through_itself() {
+fn closed_fold_has_no_self_intersection() {
     // An arch of half a turn, with its legs pressed together by two plates.
     let mut mesh = box_mesh([16, 3, 2], DVec3::new(1.0, 0.04, 0.02), Split::Five).unwrap();
     for p in &mut mesh.nodes {
@@ -391,7 +391,7 @@ fn a_fold_that_is_pressed_shut_does_not_go_through_itself() {
 }
 
 #[test]
-fn a_start_with_parts_through_each_other_is_told() {
+fn initially_intersecting_parts_are_reported() {
     let one = ball(0.05, 5).unwrap();
     let at = |x: f64| DVec3::new(x, 0.003, 0.002);
     let mesh = |x: f64| {
@@ -407,7 +407,7 @@ fn a_start_with_parts_through_each_other_is_told() {
 }
 
 #[test]
-fn a_part_within_another_is_told_and_drawn_out() {
+fn enclosed_part_is_reported_and_extracted() {
     let (large, small) = (ball(0.05, 5).unwrap(), ball(0.012, 3).unwrap());
     let at = DVec3::new(0.021, 0.004, -0.003);
     let mesh = joined(&[

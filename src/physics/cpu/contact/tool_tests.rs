@@ -185,7 +185,7 @@ fn indented(
 
 #[test]
 #[ignore = "long: ten tets across the contact"]
-fn a_sphere_presses_as_hertz_and_dimitriadis_say() {
+fn sphere_indentation_matches_hertz_and_dimitriadis() {
     for (poisson, volume) in [
         (0.3, VolumetricFormulation::PerTet),
         (0.45, VolumetricFormulation::NodalAveraged),
@@ -197,7 +197,7 @@ fn a_sphere_presses_as_hertz_and_dimitriadis_say() {
 }
 
 #[test]
-fn a_sphere_presses_as_it_should_on_a_coarse_block_too() {
+fn coarse_block_sphere_indentation_matches_theory() {
     let [force, held] = indented([12, 6], 0.06, 0.3, VolumetricFormulation::PerTet);
     assert!((held - 1.0).abs() < 1e-3, "{held}");
     assert!((force - 1.0).abs() < 0.2, "{force}");
@@ -301,7 +301,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
 }
 
 #[test]
-fn forces_and_blocks_are_the_slopes_of_the_potentials() {
+fn tool_forces_and_blocks_match_finite_differences() {
     let mesh = box_mesh([4, 4, 3], DVec3::new(1.0, 1.0, 0.75), Split::Five).unwrap();
     let shapes = [
         Shape::Sphere { radius: 0.3 },
@@ -375,7 +375,7 @@ fn slid(degrees: f64) -> [f64; 2] {
 }
 
 #[test]
-fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
+fn block_sticks_below_friction_angle_and_slides_above() {
     let angle = 0.5f64.atan().to_degrees();
     let [quarter, half] = slid(angle - 1.0);
     // When sticking, it creeps at less than the regularisation speed of the friction.
@@ -390,7 +390,7 @@ fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
 }
 
 #[test]
-fn nothing_passes_a_sphere_that_goes_a_radius_a_step() {
+fn fast_sphere_has_no_tunnelling() {
     let mesh = box_mesh([10, 10, 5], DVec3::new(1.0, 1.0, 0.5), Split::Five).unwrap();
     let shape = Shape::Sphere { radius: 0.15 };
     let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), SolverKind::Implicit, 2);
@@ -410,7 +410,7 @@ fn nothing_passes_a_sphere_that_goes_a_radius_a_step() {
 }
 
 #[test]
-fn single_precision_gives_the_same_forces_and_so_do_more_threads() {
+fn tool_forces_agree_across_precisions_and_threads() {
     fn force<T: Real>(chunks: usize) -> [f64; 6] {
         let mesh = box_mesh([6, 6, 6], DVec3::splat(0.1), Split::Five).unwrap();
         let mut pressed = Pressed::<T>::new(&mesh, &material(0.4), SolverKind::Bdf2, chunks);
@@ -439,7 +439,7 @@ fn single_precision_gives_the_same_forces_and_so_do_more_threads() {
 }
 
 #[test]
-fn what_lies_inside_a_tool_at_first_is_pushed_out() {
+fn initially_penetrating_nodes_are_pushed_out() {
     let mesh = box_mesh([6, 6, 3], DVec3::new(1.0, 1.0, 0.5), Split::Five).unwrap();
     let shape = Shape::Sphere { radius: 0.3 };
     let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), SolverKind::Implicit, 2);
@@ -459,7 +459,7 @@ fn what_lies_inside_a_tool_at_first_is_pushed_out() {
 }
 
 #[test]
-fn a_body_that_is_far_from_its_tools_steps_as_without() {
+fn distant_tool_leaves_steps_unchanged() {
     let mesh = box_mesh([4, 4, 4], DVec3::splat(1.0), Split::Five).unwrap();
     let run = |tools: bool| {
         let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), SolverKind::Implicit, 1);

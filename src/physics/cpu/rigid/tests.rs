@@ -111,7 +111,7 @@ fn rotor(network: &DiscreteModel, spin: DVec3, time: f64) -> DQuat {
 }
 
 #[test]
-fn a_free_body_flies_and_spins_as_known() {
+fn free_rigid_body_matches_closed_form_motion() {
     let network = bar([4, 3, 2], |_| true, None, 0.0);
     assert!(network.elements.tets.is_empty() && network.elements.rigid.len() == 1);
     let gravity = DVec3::new(1.0, -2.0, -9.81);
@@ -167,7 +167,7 @@ fn a_free_body_flies_and_spins_as_known() {
 }
 
 #[test]
-fn bones_stay_what_they_are_and_cost_next_to_nothing() {
+fn rigid_regions_keep_shape_and_eliminate_interior_nodes() {
     let network = bar([12, 6, 6], |p| p.x > 0.5 && p.x < 0.92, None, 1e-3);
     let rigid = &network.elements.rigid[0];
     let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
@@ -212,7 +212,7 @@ fn apart(network: &DiscreteModel, a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 #[test]
-fn rigid_is_what_very_stiff_comes_to() {
+fn rigid_region_is_limit_of_high_stiffness() {
     let bone = |p: DVec3| p.x > 0.5 && p.x < 0.9;
     for kind in [SolverKind::Implicit, SolverKind::Bdf2] {
         let rigid = bar([8, 2, 2], bone, None, 0.0);
@@ -233,7 +233,7 @@ fn rigid_is_what_very_stiff_comes_to() {
 }
 
 #[test]
-fn rules_of_second_order_are_that_with_bones() {
+fn second_order_schemes_keep_order_with_rigid_regions() {
     // A bone on a soft stalk, spinning while it swings: each scheme against a solution with much
     // smaller steps.
     let bone = |p: DVec3| p.x > 0.5;
@@ -266,7 +266,7 @@ fn rules_of_second_order_are_that_with_bones() {
 }
 
 #[test]
-fn the_potential_is_least_among_rigid_motions() {
+fn step_is_stationary_over_rigid_motions() {
     // The end of a step is a stationary point of Φ with respect to poses and soft nodes, by finite
     // differences.
     use super::pose::Pose;
@@ -354,7 +354,7 @@ fn the_potential_is_least_among_rigid_motions() {
 }
 
 #[test]
-fn a_state_goes_on_to_the_bit() {
+fn resume_is_bitwise_identical() {
     for kind in [SolverKind::Bdf2, SolverKind::Midpoint] {
         state_of(kind);
     }
@@ -398,7 +398,7 @@ fn state_of(kind: SolverKind) {
 }
 
 #[test]
-fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
+fn rigid_regions_rotate_about_pins_and_follow_fixed_nodes() {
     let network = bar([6, 3, 3], |_| true, None, 0.0);
     let gravity = DVec3::new(0.0, 0.0, -9.81);
     let corner = |p: DVec3| {
@@ -469,7 +469,7 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
 }
 
 #[test]
-fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
+fn forces_on_rigid_region_act_as_force_and_torque() {
     let network = bar([6, 4, 4], |_| true, None, 0.0);
     let inside = network.elements.rigid[0]
         .nodes
@@ -518,7 +518,7 @@ fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
 }
 
 #[test]
-fn without_rigid_regions_great_contrasts_converge() {
+fn high_stiffness_contrast_converges_without_rigid_regions() {
     let bone = |p: DVec3| p.x > 0.4 && p.x < 0.9;
     let rigid = bar([16, 4, 4], bone, None, 0.0);
     let still = rigid.clone();
@@ -553,7 +553,7 @@ fn without_rigid_regions_great_contrasts_converge() {
 }
 
 #[test]
-fn a_bone_comes_to_rest_on_a_floor() {
+fn rigid_region_rests_on_floor() {
     use crate::physics::cpu::node_terms::NodeTerms;
     use crate::physics::{Floor, NodeTerm};
     let network = bar([4, 3, 3], |_| true, None, 0.0);
@@ -578,7 +578,7 @@ fn a_bone_comes_to_rest_on_a_floor() {
 }
 
 #[test]
-fn what_cannot_be_is_refused() {
+fn rejects_explicit_schemes_and_overlapping_rigid_bodies() {
     let network = bar([4, 2, 2], |p| p.x > 0.5, None, 0.0);
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {
         let made = CpuBody::<f32>::new(&network, kind, CgSettings::default(), None);
