@@ -125,27 +125,27 @@ fn resumed_checkpoint_is_bitwise_identical() {
 
 #[test]
 fn rejects_contact_without_support() {
-    let told = |more: &str, from: &str, to: &str| {
+    let message = |more: &str, from: &str, to: &str| {
         let text = format!("{TWO}[contact]\n{more}").replace(from, to);
         let found = Scene::parse(&text).and_then(|scene| Stage::new(&gpu(), &scene));
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(told("friction = -1", "", "").contains("friction must be finite and ≥ 0, got -1"));
-    assert!(told("gap = 0.0", "", "").contains("gap must be finite and > 0, got 0"));
-    let gpu = told("", "dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
+    assert!(message("friction = -1", "", "").contains("friction must be finite and ≥ 0, got -1"));
+    assert!(message("gap = 0.0", "", "").contains("gap must be finite and > 0, got 0"));
+    let gpu = message("", "dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
     assert!(
         gpu.contains("[contact]") && gpu.contains("--engine cpu"),
         "{gpu}"
     );
-    let springs = told("", "neo-hookean", "springs");
+    let springs = message("", "neo-hookean", "springs");
     assert!(
         springs.contains("finite elements") || springs.contains("springs"),
         "{springs}"
     );
-    let explicit = told("", "\"implicit\"", "\"verlet\"");
+    let explicit = message("", "\"implicit\"", "\"verlet\"");
     assert!(explicit.contains("use implicit or bdf2"), "{explicit}");
-    assert!(told("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
-    assert!(told("", "offset", "offfset").contains("offfset"));
+    assert!(message("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
+    assert!(message("", "offset", "offfset").contains("offfset"));
 }
 
 #[test]

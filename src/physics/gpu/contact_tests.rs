@@ -169,7 +169,7 @@ fn moved(u: &[[f64; 4]], v: &[[f64; 4]], h: f64) -> Vec<[f64; 4]> {
 fn worst(found: &[[f64; 4]], truth: &[[f64; 4]]) -> f64 {
     let length = |v: [f64; 4]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     let size = truth.iter().map(|t| length(*t)).fold(0.0, f64::max);
-    assert!(size > 0.0, "nothing is touched");
+    assert!(size > 0.0, "no node is in contact");
     let off = found.iter().zip(truth);
     let off = off.map(|(a, b)| length([0, 1, 2, 3].map(|k| a[k] - b[k])));
     off.fold(
@@ -325,7 +325,7 @@ fn step_system_contains_tool_blocks() {
             .step(&solver.core, &body, timing(&body))
             .unwrap();
         let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
-            panic!("an implicit step begins with the system and its solve")
+            panic!("an implicit step must begin with the system and its solve")
         };
         let mut work = gpu.start_recording();
         begin.iter().for_each(|pass| pass.record(&mut work));

@@ -224,7 +224,7 @@ fn product(
 ) -> Vec<DVec3> {
     let step = solver.scheme.step(&solver.core, body, timing).unwrap();
     let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
-        panic!("an implicit step begins with the system and its solve")
+        panic!("an implicit step must begin with the system and its solve")
     };
     let mut work = gpu.start_recording();
     begin[0].record(&mut work);
@@ -267,7 +267,7 @@ fn unfinished_solve_is_continued() {
     let (all, whole) = run(256);
     let (some, resumed) = run(8);
     assert_eq!(all, 6);
-    assert!(some < 6, "{some} steps were done in 8 iterations each");
+    assert!(some < 6, "{some} steps finished in 8 iterations each");
     let apart = whole.iter().zip(&resumed).map(|(a, b)| a.distance(*b));
     assert!(apart.fold(0.0, f64::max) < 1e-6);
 }

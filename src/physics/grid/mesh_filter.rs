@@ -32,10 +32,10 @@ impl GridModel {
     ///
     /// # Errors
     /// [`Error::Input`] when there would be none; nothing is erased then.
-    pub(crate) fn erase(&mut self, gone: &[(usize, usize)]) -> Result<TetMesh> {
+    pub(crate) fn erase(&mut self, erased: &[(usize, usize)]) -> Result<TetMesh> {
         let offsets = self.shape.offsets();
         let mut springs = self.springs.clone();
-        for (i, k) in gone {
+        for (i, k) in erased {
             springs[*i] &= !(1 << (2 * k));
             springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
         }

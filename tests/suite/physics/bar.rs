@@ -145,7 +145,10 @@ fn estimated_stable_step_is_stable_and_sharp() {
             let (limit, held) = run(0.97);
             assert!(held.is_ok(), "{kind}, {limit} s: {}", held.unwrap_err());
             let (limit, broken) = run(if undamped { 1.05 } else { 2.5 });
-            assert!(broken.is_err(), "{kind} holds well beyond {limit} s");
+            assert!(
+                broken.is_err(),
+                "{kind} is stable far beyond the limit of {limit} s"
+            );
         }
     }
 }

@@ -279,12 +279,12 @@ fn clamp_one_end_reports_pins_and_gravity() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar([4, 2, 2], DVec3::new(0.06, 0.06, 0.12)).unwrap();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
-    let said = body.clamp_one_end(9.81);
+    let message = body.clamp_one_end(9.81);
     assert_eq!(body.gravity(), DVec3::new(0.0, -9.81, 0.0));
     let pinned = body.pinned().iter().filter(|p| **p).count();
     assert!(
-        pinned > 0 && said.contains(&format!("{pinned} nodes")) && said.contains('z'),
-        "{said}"
+        pinned > 0 && message.contains(&format!("{pinned} nodes")) && message.contains('z'),
+        "{message}"
     );
 }
 

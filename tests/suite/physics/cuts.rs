@@ -98,7 +98,10 @@ fn bar_cut_through_separates() {
     assert_eq!(crossing(body.network()), 0);
     let (uncut, _) = bar();
     let before = DiscreteModel::new(&uncut, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
-    assert!(crossing(&before) > 20, "the count can tell");
+    assert!(
+        crossing(&before) > 20,
+        "the check must be able to detect crossing springs"
+    );
 
     // The same solver continues, and the halves move independently.
     let progress = implicit.run(&mut body, 40, 0.005).unwrap();

@@ -113,7 +113,7 @@ fn damping_dissipates_and_axial_damping_spares_rotation() {
             .zip(&p.v)
             .map(|(f, v)| f.dot(*v))
             .sum();
-        assert!(power < 0.0, "{kind:?}: damping gives {power} W");
+        assert!(power < 0.0, "{kind:?}: power of damping {power} W");
         let spin = DVec3::new(0.3, -1.0, 2.0);
         p.v = p.x.iter().map(|x| spin.cross(*x)).collect();
         let brake: f64 = p.damping_product(&p.v).iter().map(|f| f.length()).sum();

@@ -178,18 +178,18 @@ fn explicit_steps_match_float64() {
         for _ in 0..steps {
             truth.symplectic(h);
         }
-        let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        let expected: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
         let there = Truth::of(&body);
-        let gone: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-        let apart = relative(&gone, &way);
+        let displacement: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        let apart = relative(&displacement, &expected);
         println!(
             "{model}: {apart:.1e} of {:.3} m",
-            way.last().unwrap().length()
+            expected.last().unwrap().length()
         );
         assert!(apart < 2e-3, "{model}: {apart}");
         truth.symplectic(h);
-        let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-        assert!(relative(&gone, &way) > 2.0 * apart, "{model}");
+        let expected: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        assert!(relative(&displacement, &expected) > 2.0 * apart, "{model}");
     }
 }
 
@@ -247,12 +247,13 @@ fn implicit_motion_matches_converged_steps() {
             stepper.run(&mut body, 40, 0.01).unwrap();
             (0..40).for_each(|_| truth.converged_step(0.01));
             let there = Truth::of(&body);
-            let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-            let gone: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-            let apart = relative(&gone, &way);
+            let expected: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+            let displacement: Vec<DVec3> =
+                there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+            let apart = relative(&displacement, &expected);
             println!(
                 "{model} τ {damping_time}: {apart:.1e} of {:.3} m",
-                way.last().unwrap().length()
+                expected.last().unwrap().length()
             );
             assert!(apart < 2e-2, "{model}: {apart}");
         }
@@ -412,12 +413,17 @@ fn second_order_schemes_preserve_amplitude() {
     );
     let springs = Material::from_young(1e4);
     for kind in SolverKind::ELEMENT_ONLY {
-        let told = EngineChoice::Auto
+        let error = EngineChoice::Auto
             .build_tets(&gpu, bar(), &springs, kind)
             .err();
-        assert!(told.unwrap().to_string().contains("--material neo-hookean"));
+        assert!(
+            error
+                .unwrap()
+                .to_string()
+                .contains("--material neo-hookean")
+        );
         let gpu_only: EngineChoice = "gpu".parse().unwrap();
-        let told = gpu_only.build_tets(&gpu, bar(), &soft, kind).err().unwrap();
-        assert!(told.to_string().contains("--engine cpu"), "{told}");
+        let error = gpu_only.build_tets(&gpu, bar(), &soft, kind).err().unwrap();
+        assert!(error.to_string().contains("--engine cpu"), "{error}");
     }
 }

@@ -46,7 +46,7 @@ fn ball_rests_on_floor() {
             .map(|(p, m)| floor.force(*m, (*p - frame.origin) * unit))
             .sum();
         let weight = 9.81 * ball.masses().iter().sum::<f64>();
-        println!("{engine} {kind}: lowest {lowest:.5}, borne {borne} of {weight}");
+        println!("{engine} {kind}: lowest {lowest:.5}, supported {borne} of {weight}");
         assert!((borne.z / weight - 1.0).abs() < 0.02, "{kind}: {borne}");
         assert!(borne.truncate().length() < 1e-3 * weight);
         assert_eq!(ball.report().unwrap().inverted_tets, 0);

@@ -169,7 +169,10 @@ fn collapsed_springs_and_isolated_nodes_give_no_nan() {
         body.set_positions(&vec![centre; mesh.nodes.len()]).unwrap();
         stepper.run(&mut body, 3, 1e-4).unwrap();
         let x = body.positions().unwrap();
-        assert!(x.iter().all(|p| p.is_finite()), "{kind}, all in one point");
+        assert!(
+            x.iter().all(|p| p.is_finite()),
+            "{kind}, all nodes coincident"
+        );
     }
 }
 
@@ -196,10 +199,10 @@ fn free_body_conserves_momentum_and_with_axial_damping_angular_momentum() {
         } else {
             2e-4
         };
-        assert!(lost < slack, "{kind}: {lost} of the momentum");
+        assert!(lost < slack, "{kind}: momentum changed by {lost}");
         // Angular momentum is conserved up to the order of the scheme, in metres of lever arm.
         let lost = (spin_after - spin).length() / (scale * 0.2);
-        assert!(lost < 1e-3, "{kind}: {lost} of the spin");
+        assert!(lost < 1e-3, "{kind}: angular momentum changed by {lost}");
     }
     // The paper's damping dissipates rotation: the comparison is effective.
     let braking = Material {

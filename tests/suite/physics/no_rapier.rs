@@ -13,7 +13,7 @@ fn requesting_missing_engine_reports_how_to_build_it() {
         model: MaterialModel::NeoHookean,
         ..Material::young(1e4)
     };
-    let told = choice.tets(&gpu(), mesh, &material, SolverKind::Implicit);
-    let told = told.err().unwrap().to_string();
-    assert!(told.contains("--features rapier"), "{told}");
+    let message = choice.tets(&gpu(), mesh, &material, SolverKind::Implicit);
+    let message = message.err().unwrap().to_string();
+    assert!(message.contains("--features rapier"), "{message}");
 }

@@ -163,9 +163,9 @@ fn regions_have_their_own_stiffness() {
         },
     );
     let choice = EngineChoice::Exactly(Engine::Rapier);
-    let told = choice.build_tets(&gpu(), mesh, &material, SolverKind::Implicit);
-    let told = told.err().unwrap().to_string();
-    assert!(told.contains("one Poisson's ratio"), "{told}");
+    let message = choice.build_tets(&gpu(), mesh, &material, SolverKind::Implicit);
+    let message = message.err().unwrap().to_string();
+    assert!(message.contains("one Poisson's ratio"), "{message}");
 }
 
 #[test]
@@ -397,15 +397,15 @@ fn unsupported_features_are_reported() {
     let springs = refused(&Material::from_young(1e5), SolverKind::Implicit);
     assert!(springs.contains("--material neo-hookean"), "{springs}");
     for kind in [SolverKind::Bdf2, SolverKind::Verlet] {
-        let told = refused(&soft(), kind);
-        assert!(told.contains("--solver implicit"), "{told}");
+        let message = refused(&soft(), kind);
+        assert!(message.contains("--solver implicit"), "{message}");
     }
     let averaged = Material {
         volume: VolumetricFormulation::NodalAveraged,
         ..soft()
     };
-    let told = refused(&averaged, SolverKind::Implicit);
-    assert!(told.contains("--engine cpu"), "{told}");
+    let message = refused(&averaged, SolverKind::Implicit);
+    assert!(message.contains("--engine cpu"), "{message}");
     let mut bony = bar_mesh();
     let labels = vec![1.0; bony.tets.len()];
     bony.set_field(Field::scalar("label", Location::Cell, labels))
@@ -415,16 +415,16 @@ fn unsupported_features_are_reported() {
         ..soft()
     };
     rigid.rigid.insert(1);
-    let told = choice.build_tets(&gpu(), bony, &rigid, SolverKind::Implicit);
-    let told = told.err().unwrap().to_string();
-    assert!(told.contains("leave a region soft"), "{told}");
+    let message = choice.build_tets(&gpu(), bony, &rigid, SolverKind::Implicit);
+    let message = message.err().unwrap().to_string();
+    assert!(message.contains("leave a region soft"), "{message}");
 
     let mut body = bar(Engine::Rapier, &soft());
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
     let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.4, y, z))).unwrap();
     let floor = Floor::new(DVec3::ZERO, DVec3::Z, 500.0).unwrap();
     let pressure = ScaledLoad::Pressure(Vec::new());
-    let told = [
+    let message = [
         body.cut(&blade).err(),
         body.state().err(),
         body.add_term(Arc::new(floor)).err(),
@@ -432,9 +432,9 @@ fn unsupported_features_are_reported() {
         body.set_integrator(SolverKind::Midpoint, Default::default())
             .err(),
     ];
-    for told in told {
-        let told = told.unwrap().to_string();
-        assert!(told.contains("--engine cpu"), "{told}");
+    for message in message {
+        let message = message.unwrap().to_string();
+        assert!(message.contains("--engine cpu"), "{message}");
     }
     // It continues regardless.
     body.run(2, 0.01).unwrap();
@@ -484,13 +484,13 @@ fn scene_selects_rapier_engine() {
     assert!((finger + table).length() < 0.05 * finger.z, "{all:?}");
     assert!(before != stage.image().unwrap());
 
-    for (entry, said) in [
+    for (entry, expected) in [
         ("[[pressure]]\npascal = 500", "pressure is supported"),
         ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] with a plane"),
     ] {
         let text = format!("{SCENE}{entry}\n");
-        let told = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));
-        let told = told.err().unwrap().to_string();
-        assert!(told.contains(said), "{entry}: {told}");
+        let message = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));
+        let message = message.err().unwrap().to_string();
+        assert!(message.contains(expected), "{entry}: {message}");
     }
 }

@@ -300,7 +300,7 @@ fn rejects_invalid_joints() {
         kind: JointKind::Hinge(axis, limits),
         ..ball((2, None))
     };
-    for (joint, said) in [
+    for (joint, expected) in [
         (ball((1, None)), "is not rigid"),
         (ball((2, Some(7))), "is not rigid"),
         (ball((2, Some(2))), "to itself"),
@@ -310,12 +310,12 @@ fn rejects_invalid_joints() {
             "must contain 0, got 0.1 to 0.2",
         ),
     ] {
-        let told = body.add_joint(joint).err().unwrap().to_string();
-        assert!(told.contains(said), "{told}");
+        let message = body.add_joint(joint).err().unwrap().to_string();
+        assert!(message.contains(expected), "{message}");
     }
     let mut other = made(Engine::Cpu, &beside(&[DVec3::ZERO]), &material(&[2]));
-    let told = other.add_joint(ball((2, None))).err().unwrap().to_string();
-    assert!(told.contains("--engine rapier"), "{told}");
+    let message = other.add_joint(ball((2, None))).err().unwrap().to_string();
+    assert!(message.contains("--engine rapier"), "{message}");
 }
 
 /// A soft block on a table, a weight that falls onto it, and one on an arm.
@@ -394,15 +394,15 @@ fn weight_rests_on_soft_block_and_arm_hangs_on_joint() {
     );
     assert!(arm.iter().any(|(p, x)| p.distance(**x) > 0.01));
 
-    for (from, to, said) in [
+    for (from, to, expected) in [
         ("between = [\"arm\"]", "between = [\"leg\"]", "leg"),
         ("between = [\"arm\"]", "between = []", "0 are named"),
         ("hinge = { axis = [0.0, 1, 0] }", "", "one of `hinge`"),
         ("engine = \"rapier\"", "engine = \"cpu\"", "--engine rapier"),
     ] {
         let text = SCENE.replace(from, to);
-        let told = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));
-        let told = told.err().unwrap().to_string();
-        assert!(told.contains(said), "{to}: {told}");
+        let message = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));
+        let message = message.err().unwrap().to_string();
+        assert!(message.contains(expected), "{to}: {message}");
     }
 }

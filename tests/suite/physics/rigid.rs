@@ -177,8 +177,8 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
         if more.is_empty() {
             scene.material.model = Some(MaterialModel::Springs);
         }
-        let said = staged(&scene).err().unwrap().to_string();
-        assert!(said.contains(words), "{said}");
+        let message = staged(&scene).err().unwrap().to_string();
+        assert!(message.contains(words), "{message}");
     }
 }
 
@@ -191,6 +191,9 @@ fn scene_splits_region_interfaces() {
     assert_eq!(parted.tets.len(), whole.tets.len());
     assert!(parted.nodes.len() > whole.nodes.len());
     let wrong = format!("{text}part = [[\"tendon\", \"wood\"]]\n");
-    let said = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
-    assert!(said.to_string().contains("\"wood\"; there are"), "{said}");
+    let message = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
+    assert!(
+        message.to_string().contains("\"wood\"; there are"),
+        "{message}"
+    );
 }

@@ -316,7 +316,7 @@ fn poses_are_fitted_to_positions() {
     let off = body.positions().unwrap();
     let off = off.iter().zip(&x).map(|(a, b)| a.distance(*b));
     let off = off.fold(0.0, f64::max);
-    println!("stands where it was put to {off:.1e} m");
+    println!("fitted to the set positions within {off:.1e} m");
     assert!(off < 1e-5, "{off}");
     // A single displaced node of the bone is projected back.
     let bone = body.network().unwrap().elements.rigid[0].nodes[3] as usize;

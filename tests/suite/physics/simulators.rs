@@ -344,11 +344,11 @@ fn failure_reports_cause_and_keeps_last_valid_state() {
             continue;
         }
         simulator.run(3, dt).unwrap();
-        let told = simulator.run(4000, 40.0 * dt).unwrap_err();
-        let Error::Solver { advice, .. } = &told else {
-            panic!("{name}: {told}");
+        let error = simulator.run(4000, 40.0 * dt).unwrap_err();
+        let Error::Solver { advice, .. } = &error else {
+            panic!("{name}: {error}");
         };
-        assert!(advice.contains("--dt"), "{name}: {told}");
+        assert!(advice.contains("--dt"), "{name}: {error}");
         let there = simulator.positions().unwrap();
         assert!(there.iter().all(|p| p.is_finite()), "{name}");
         // It continues with a stable step.

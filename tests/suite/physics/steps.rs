@@ -77,7 +77,7 @@ fn hundred_steps_of_every_solver_match_reference() {
         let moved = moved
             .map(|(x, s)| twins.truth.network.to_file(*x).distance(*s))
             .fold(0.0, f64::max);
-        assert!(moved > 0.01 * 0.12, "{kind} moved by {moved} m only");
+        assert!(moved > 0.01 * 0.12, "{kind} moved by only {moved} m");
         // The bar is 0.12 m long.
         assert!(dx < 1e-4 * 0.12, "{kind}: {dx} m of {moved}");
         // The comparison is effective: an additional step changes the state.

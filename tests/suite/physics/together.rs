@@ -182,12 +182,12 @@ fn failure_names_its_body() {
     // Far beyond the stability limit of its scheme.
     members[1].step = 1.0;
     let mut bodies = MultiBody::new(&gpu, members).unwrap();
-    let told = bodies.run(10, 0.05).unwrap_err();
-    assert!(matches!(told, Error::Solver { .. }), "{told}");
-    let told = told.to_string();
+    let error = bodies.run(10, 0.05).unwrap_err();
+    assert!(matches!(error, Error::Solver { .. }), "{error}");
+    let error = error.to_string();
     assert!(
-        told.contains("body \"verlet\"") && told.contains("velocity-verlet"),
-        "{told}"
+        error.contains("body \"verlet\"") && error.contains("velocity-verlet"),
+        "{error}"
     );
     assert!(MultiBody::new(&gpu, Vec::new()).is_err());
 }

@@ -150,7 +150,10 @@ fn slid(degrees: f64) -> [f64; 3] {
 fn block_sticks_below_friction_angle_and_slides_above() {
     let angle = 0.5f64.atan().to_degrees();
     let [quarter, half, borne] = slid(angle - 1.0);
-    assert!((borne - 1.0).abs() < 2e-3, "{borne} of its weight is borne");
+    assert!(
+        (borne - 1.0).abs() < 2e-3,
+        "the plane supports {borne} of the weight"
+    );
     // Sticking, it creeps by less than the regularisation speed of the friction, plus rounding.
     assert!((half - quarter).abs() < 0.25 * 2e-4, "{quarter} {half}");
     let [quarter, half, _] = slid(angle + 1.0);
@@ -229,13 +232,13 @@ fn unsupported_tool_contact_is_reported() {
     };
     let springs = Material::from_young(2e4);
     let mut body = GpuTets::new(&gpu, mesh.clone(), &springs, kind).unwrap();
-    let said = body.add_tool(tool()).unwrap_err().to_string();
-    assert!(said.contains("use --material"), "{said}");
+    let message = body.add_tool(tool()).unwrap_err().to_string();
+    assert!(message.contains("use --material"), "{message}");
     let mut body = GpuTets::new(&gpu, mesh, &material(), kind).unwrap();
     body.add_tool(tool()).unwrap();
     let settings = CgSettings::default();
-    let said = body
+    let message = body
         .set_integrator(SolverKind::Symplectic, settings)
         .unwrap_err();
-    assert!(said.to_string().contains("use implicit"), "{said}");
+    assert!(message.to_string().contains("use implicit"), "{message}");
 }

@@ -174,13 +174,16 @@ impl<T: Real> Pair<T> {
             SolverKind::Symplectic => integrators::symplectic_euler(p, h),
             SolverKind::Verlet => self.verlet.step(p, h),
             SolverKind::VelocityVerlet => {
-                assert!(self.pulls.is_empty(), "the twin draws at the old positions");
+                assert!(
+                    self.pulls.is_empty(),
+                    "the reference applies the springs at the old positions"
+                );
                 self.velocity_verlet.step(p, h);
             }
             SolverKind::Implicit => {
                 integrators::implicit_euler(p, h, tolerance).unwrap();
             }
-            kind => panic!("{kind} steps no springs"),
+            kind => panic!("{kind} does not support springs"),
         }
         self.body.run(1, h).unwrap();
     }

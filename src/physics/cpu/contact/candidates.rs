@@ -148,13 +148,13 @@ impl SelfContactSurface {
             let nodes = self.hull.nodes.iter().zip(&self.trajectories);
             nodes.map(|((i, _), [a, b])| (self.place(*i, u), *a, *b - *a))
         };
-        let (mut gone, mut all) = (0.0, 0.0);
+        let (mut travelled, mut all) = (0.0, 0.0);
         for (p, a, way) in ways() {
-            gone += (p - a).dot(way);
+            travelled += (p - a).dot(way);
             all += way.length_squared();
         }
         let part = match all > 0.0 {
-            true => (gone / all).clamp(0.0, 1.0),
+            true => (travelled / all).clamp(0.0, 1.0),
             false => 0.0,
         };
         let off = ways().map(|(p, a, way)| p.distance_squared(a + part * way));

@@ -205,18 +205,18 @@ fn self_contact_forces_equal_negative_energy_gradient() {
     for chunk in 0..plan.chunks() {
         term.multiply(chunk, &p, &mut product[plan.range(chunk)]);
     }
-    let mut told: Vec<DVec3> = diagonal
+    let mut assembled: Vec<DVec3> = diagonal
         .iter()
         .zip(&p)
         .map(|(d, p)| to_metres(crate::physics::cpu::vectors::apply_symmetric(d, *p), 1.0))
         .collect();
     term.visit_off_diagonal(&mut |[i, j], m| {
         let (i, j) = (i as usize, j as usize);
-        told[i] += *m * to_metres(p[j], 1.0);
-        told[j] += m.transpose() * to_metres(p[i], 1.0);
+        assembled[i] += *m * to_metres(p[j], 1.0);
+        assembled[j] += m.transpose() * to_metres(p[i], 1.0);
     });
-    let largest = told.iter().map(|f| f.length()).fold(0.0, f64::max);
-    for (a, b) in told.iter().zip(&product) {
+    let largest = assembled.iter().map(|f| f.length()).fold(0.0, f64::max);
+    for (a, b) in assembled.iter().zip(&product) {
         assert!(a.distance(to_metres(*b, 1.0)) < 1e-9 * largest);
     }
 }

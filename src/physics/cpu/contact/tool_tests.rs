@@ -170,7 +170,7 @@ fn indented(
         pressed.go(DVec3::new(0.0, 0.0, 1.0 - depth), 100.0);
     }
     let [[force, _]] = pressed.body.tool_forces()[..] else {
-        panic!("one tool")
+        panic!("expected one tool")
     };
     let forces = pressed.body.forces();
     let held: DVec3 = forces
@@ -184,7 +184,7 @@ fn indented(
 }
 
 #[test]
-#[ignore = "long: ten tets across the contact"]
+#[ignore = "long: ten tets across the contact area"]
 fn sphere_indentation_matches_hertz_and_dimitriadis() {
     for (poisson, volume) in [
         (0.3, VolumetricFormulation::PerTet),
@@ -422,7 +422,7 @@ fn tool_forces_agree_across_precisions_and_threads() {
             pressed.go(start + way, 0.05);
         }
         let [[force, moment]] = pressed.body.tool_forces()[..] else {
-            panic!("one tool")
+            panic!("expected one tool")
         };
         let [a, b, c] = force.to_array();
         let [d, e, f] = (moment / 0.02).to_array();

@@ -224,7 +224,7 @@ fn rigid_region_is_limit_of_high_stiffness() {
             let x = swung::<f64>(&stiff, kind, EXACT);
             apart(&rigid, &x, &truth)
         });
-        println!("{kind}: stiffer by 10 to 1e4 {errors:?}, f32 at defaults {off:.1e}");
+        println!("{kind}: stiffness ratios 10 to 1e4 {errors:?}, f32 at defaults {off:.1e}");
         for pair in errors.windows(2) {
             assert!(pair[1] < 0.13 * pair[0], "{errors:?}");
         }
@@ -343,7 +343,7 @@ fn step_is_stationary_over_rigid_motions() {
         .iter()
         .map(|v| network.masses[*v as usize] * 9.81)
         .sum();
-    println!("slopes of Φ up to {worst:.1e} N where {weight:.1} N act");
+    println!("gradient of Φ up to {worst:.1e} N for a weight of {weight:.1} N");
     assert!(worst < 1e-5 * weight, "{worst} {weight}");
     // A single node of the bone would reduce Φ: its gradient is balanced by the rigidity
     // constraint.
@@ -446,7 +446,7 @@ fn rigid_regions_rotate_about_pins_and_follow_fixed_nodes() {
     }
     let at = hinged[far] - network.rest_positions[a];
     let found = (-at.z).atan2(at.x);
-    println!("the pendulum is at {found} rad after 0.3 s, and should be at {angle}");
+    println!("pendulum at {found} rad after 0.3 s, expected {angle}");
     assert!((found - angle).abs() < 2e-3 && angle > 0.5);
     // A sideways force rotates it about a single pinned point, but not about a hinge.
     let aside = gravity + DVec3::new(0.0, 5.0, 0.0);
@@ -573,7 +573,7 @@ fn rigid_region_rests_on_floor() {
         .map(|v| floor.force(network.masses[*v as usize], x[*v as usize]).z)
         .sum();
     let weight: f64 = network.masses.iter().map(|m| m * 9.81).sum();
-    println!("the floor holds {held} N of {weight} N");
+    println!("the floor supports {held} N of {weight} N");
     assert!((held / weight - 1.0).abs() < 1e-3);
 }
 
@@ -582,8 +582,11 @@ fn rejects_explicit_schemes_and_overlapping_rigid_bodies() {
     let network = bar([4, 2, 2], |p| p.x > 0.5, None, 0.0);
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {
         let made = CpuBody::<f32>::new(&network, kind, CgSettings::default(), None);
-        let said = made.err().unwrap().to_string();
-        assert!(said.contains("use implicit, bdf2 or midpoint"), "{said}");
+        let message = made.err().unwrap().to_string();
+        assert!(
+            message.contains("use implicit, bdf2 or midpoint"),
+            "{message}"
+        );
     }
     let mut strange = network.clone();
     strange

@@ -101,8 +101,8 @@ fn cylinder_converges_at_second_order() {
     ] {
         let errors = [2, 4, 8, 16].map(|n| error(n, poisson, volume, poisson));
         let order = (errors[2] / errors[3]).log2();
-        let said = errors.map(|e| format!("{e:.1e}"));
-        println!("ν = {poisson}, {volume}: {said:?}, order {order:.2}");
+        let formatted = errors.map(|e| format!("{e:.1e}"));
+        println!("ν = {poisson}, {volume}: {formatted:?}, order {order:.2}");
         assert!(order > 1.8 && errors[3] < 6e-3, "{errors:?}");
     }
 }
