@@ -1,4 +1,4 @@
-//! What a cut leaves of the springs of a grid, and of the mesh over its cells.
+//! Removal of springs from a grid, and of incomplete cells from its mesh.
 
 use super::model::GridModel;
 use super::shape::SPRING_KINDS;

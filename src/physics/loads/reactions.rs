@@ -24,7 +24,7 @@ pub struct Reaction {
 }
 
 impl Reaction {
-    /// Of forces (N) at points (m from the origin of the file's coordinates).
+    /// Sums forces (N) at points (m from the origin of the file's coordinates).
     pub fn from_point_forces(forces: impl IntoIterator<Item = (DVec3, DVec3)>) -> Reaction {
         let mut sum = Reaction::default();
         for (force, at) in forces {

@@ -98,7 +98,7 @@ pub struct Material {
     pub stiffness: Stiffness,
     /// Poisson's ratio ν of elements; that of springs is ¼.
     pub poisson: f64,
-    /// How the volumetric strain of elements is measured.
+    /// Formulation of the volumetric strain of elements.
     pub volume: VolumetricFormulation,
     /// Density, kg/m³.
     pub density: f64,

@@ -117,7 +117,7 @@ pub struct StepLimit {
     /// λ and γ of the displacement that becomes unstable first: its Rayleigh quotients xᵀKx and
     /// xᵀCx over xᵀMx.
     pub mode: Mode,
-    /// That displacement of every node, scaled to a maximum length of 1.
+    /// Displacement of every node in that mode, scaled to a maximum length of 1.
     pub displacement: Vec<DVec3>,
 }
 

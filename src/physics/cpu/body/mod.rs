@@ -107,7 +107,7 @@ pub(super) struct KinematicState<T> {
 /// Required work before the next step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum ForceStatus {
-    /// Nothing.
+    /// No work.
     Ready,
     /// The forces must be recomputed: the loads have changed.
     Resume,

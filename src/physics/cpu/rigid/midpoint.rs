@@ -32,8 +32,8 @@ impl RigidBodies {
         sum * (body.mass / PROXY_NODES as f64)
     }
 
-    /// Where inertia pulls a body's carriers to in a step of 2 `gamma`, but for forces: from its
-    /// pose, its velocities `v` and the torque of the step before. Displacements from now.
+    /// Returns the displacements of a body's proxy nodes to which inertia alone pulls them in a
+    /// step of 2 `gamma`: from its pose, its velocities `v` and the torque of the previous step.
     pub fn inertial_target<T: Real>(
         &self,
         b: usize,

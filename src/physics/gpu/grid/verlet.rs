@@ -76,7 +76,7 @@ impl BufferIndices {
     }
 }
 
-/// What the prepared passes depend on.
+/// The dependencies of the prepared passes.
 #[derive(Debug)]
 pub(in crate::physics) struct Prepared {
     dt: f64,
