@@ -312,7 +312,7 @@ fn loads_that_make_no_sense_are_refused_in_words() {
             format!("{muscle}fibre = [0, 0, 0]\n"),
             ["fibre", "no direction"],
         ),
-        (muscle.replace("1e4", "-1.0"), ["-1 Pa", "0 or more"]),
+        (muscle.replace("1e4", "-1.0"), ["-1 Pa", "≥ 0"]),
         (
             format!("{pressure}facing = [0, 0, 0]\n"),
             ["facing", "direction"],
@@ -325,7 +325,7 @@ fn loads_that_make_no_sense_are_refused_in_words() {
         (format!("{lead}axis = [0, 0, 1]\n"), ["turn", "axis"]),
         (
             lead.replace("above = 0.9", "below = 0.5"),
-            ["led along", "pinned"],
+            ["prescribe the motion", "pinned"],
         ),
     ] {
         let said = refused(&format!("{BOX}{pin}{text}"));

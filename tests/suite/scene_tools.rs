@@ -288,10 +288,13 @@ fn what_makes_no_sense_is_refused_with_what_would() {
         ),
         (
             FINGER.replace("0.02 }", "-1.0 }"),
-            ["radius -1", "positive"],
+            ["radius -1", "lengths > 0"],
         ),
-        (format!("{FINGER}friction = -0.1\n"), ["-0.1", "0 or more"]),
-        (format!("{FINGER}gap = 0.0\n"), ["gap of 0", "positive"]),
+        (format!("{FINGER}friction = -0.1\n"), ["-0.1", "≥ 0"]),
+        (
+            format!("{FINGER}gap = 0.0\n"),
+            ["gap must be", "> 0, got 0"],
+        ),
         (
             format!("{FINGER}along = [0, 0, 0]\n"),
             ["along", "direction"],

@@ -507,11 +507,11 @@ fn what_hits_nothing_is_said_and_harmless() {
             (DVec3::ZERO, -1.0),
         ] {
             let wrong = simulator.grab(centre, radius, GrabMode::Follow);
-            assert!(said(wrong.map(drop)).contains("makes no sense"));
+            assert!(said(wrong.map(drop)).contains("invalid grab"));
         }
         let top = DVec3::new(0.0, 0.0, 0.05);
         let grab = simulator.grab(top, 0.02, GrabMode::Follow).unwrap();
-        assert!(said(simulator.set_target(grab, DVec3::NAN)).contains("not a point"));
+        assert!(said(simulator.set_target(grab, DVec3::NAN)).contains("not finite"));
         let far = DVec3::splat(1e6);
         assert!(said(simulator.set_target(grab, far)).contains("farther away"));
         assert!(Blade::from_quad([DVec3::NAN, DVec3::X, DVec3::Y, DVec3::Z]).is_err());

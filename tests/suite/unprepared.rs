@@ -95,7 +95,7 @@ fn limb_is_clamped_at_thick_end() {
     let scene = unprepared(false, FRAMES);
     let stage = Stage::with_mesh(&gpu(), &scene, limb.clone()).unwrap();
     let said = stage.notes().join("\n");
-    assert!(said.contains("highest 5 % of x"), "{said}");
+    assert!(said.contains("highest 5 % of the x extent"), "{said}");
     gives_and_stays_in_the_picture("limb", limb, [96, 72]);
 }
 

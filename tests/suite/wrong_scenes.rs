@@ -94,7 +94,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "mesh = {}\n[material]\nvolume = \"mean\"",
         "line 3, column 10",
-        &["mean", "per-tet and averaged"],
+        &["mean", "per-tet or averaged"],
     ),
     (
         "mesh = {}\n[material]\nyoung = 1\n\nbone = { mass = 2 }",

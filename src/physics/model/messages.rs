@@ -1,4 +1,4 @@
-//! Messages of errors that several engines give.
+//! Error messages that several engines give.
 
-/// What is told of tools that the body cannot get out of the way of.
-pub(in crate::physics) const TOOLS_OVERCONSTRAINED_MESSAGE: &str = "tools press so hard against what holds the body that points of its boundary stay inside them; leave the body more room, or let the tools go less far";
+/// Message for tools that press on a body that cannot yield.
+pub(in crate::physics) const TOOLS_OVERCONSTRAINED_MESSAGE: &str = "tools press so hard against the supports of the body that boundary points stay inside them; increase the clearance, or reduce the tool displacement";
