@@ -92,7 +92,7 @@ impl Stage {
     pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
         if self.motion().is_none() {
             return Err(Error::Input(
-                "what nothing moves cannot be cut: name a solver".into(),
+                "a static body cannot be cut; set [solver] name".into(),
             ));
         }
         self.cached = None;

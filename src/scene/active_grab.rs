@@ -19,7 +19,7 @@ impl ActiveGrab {
         check(&entry.path, 1, "grab")?;
         if entry.limit.is_some() && entry.spring.is_none() {
             return Err(Error::Input(
-                "a grab has a `limit` of force without a `spring`; nodes that follow exactly have none".into(),
+                "a grab has `limit` without `spring`: a prescribed displacement has no force limit; set `spring`, or remove `limit`".into(),
             ));
         }
         Ok(ActiveGrab {

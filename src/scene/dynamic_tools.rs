@@ -49,7 +49,7 @@ impl DynamicToolMesh {
             (Shape::Box { half }, _) => Convex::cuboid(*half),
             (Shape::Plane | Shape::Sdf(_), _) => {
                 return Err(Error::Input(format!(
-                    "the [[tool]] {name} has a mass or a spring, which spheres, capsules, boxes and closed surfaces can have; leave both out"
+                    "the [[tool]] {name} has a mass or a spring: only spheres, capsules, boxes and closed surfaces may; remove both"
                 )));
             }
         };
@@ -191,21 +191,19 @@ impl ToolEntry {
         let refuse = |why: &str| Err(Error::Input(format!("the [[tool]] {name} {why}")));
         let positive = |x: Option<f64>| x.is_none_or(|x| x > 0.0 && x.is_finite());
         if !(positive(self.mass) && positive(self.spring) && positive(self.limit)) {
-            return refuse(
-                "has a mass, a spring or a limit that is not positive; give kg, N/m and N",
-            );
+            return refuse("must have a positive, finite mass (kg), spring (N/m) and limit (N)");
         }
         if self.limit.is_some() && self.spring.is_none() {
-            return refuse("has a `limit` of force without a `spring`; give both");
+            return refuse("has `limit` without `spring`; set both");
         }
         if self.spring.is_none() && self.path.is_some() {
             return refuse(
-                "has a mass and a `path`, and nothing that pulls it along: give a `spring`, or no `mass`",
+                "has `mass` and `path` without a coupling between them; set `spring`, or remove `mass`",
             );
         }
         if self.turn.is_some() || self.file.is_some() || self.gap.is_some() {
             return refuse(
-                "has a mass or a spring, with which `turn`, `file` and `gap` do not go; leave them out ([contact] has a gap)",
+                "has a mass or a spring: `turn`, `file` and `gap` are then not supported; remove them (set the gap in [contact])",
             );
         }
         Ok(())
@@ -232,7 +230,7 @@ impl Scene {
         }
         if !self.body.is_empty() || self.grid.is_some() || self.cage.is_some() {
             return Err(Error::Input(
-                "a [[tool]] with a mass or a spring presses on one body of tets, not on [[body]], [grid] or [cage]; give it a path instead".into(),
+                "a [[tool]] with a mass or a spring requires a single tetrahedral body, not [[body]], [grid] or [cage]; give it a path instead".into(),
             ));
         }
         if self.pin.is_empty()
@@ -241,7 +239,7 @@ impl Scene {
             && !self.supports_body()
         {
             return Err(Error::Input(
-                "beside a [[tool]] with a mass or a spring it has to be said what holds the body: give a [[pin]], or a [[tool]] that is a plane".into(),
+                "a [[tool]] with a mass or a spring requires supports of the body; add a [[pin]], or a [[tool]] that is a plane".into(),
             ));
         }
         let frictions = carried.iter().filter_map(|tool| tool.friction);
@@ -279,7 +277,7 @@ impl Scene {
         let near = |p: &DVec3| p.distance(middle) <= solid.reach;
         if entry.spring.is_some() && mesh.nodes.iter().any(near) {
             return Err(Error::Input(format!(
-                "the [[tool]] {name} is on a spring, which would hold nodes of the body too, since these lie as near to its centre of mass ({middle}); move the tool away, or give it a path and no spring"
+                "the spring of the [[tool]] {name} would also attach nodes of the body, because these lie too close to its centre of mass ({middle}); move the tool away, or give it a path and no spring"
             )));
         }
         let volume = solid.volume() * unit.powi(3);
@@ -296,7 +294,7 @@ impl Scene {
             .is_some()
         {
             return Err(Error::Input(format!(
-                "the [[tool]] {name} has the name of a tissue of [material]; give it another"
+                "the [[tool]] {name} has the name of a tissue of [material]; rename it"
             )));
         }
         if let Some(spring) = entry.spring {
@@ -333,7 +331,7 @@ fn append(mesh: &mut TetMesh, name: &str, nodes: &[DVec3], tets: &[[u32; 4]]) ->
     }
     if mesh.region_names.values().any(|other| other == name) {
         return Err(Error::Input(format!(
-            "the [[tool]] {name} has the name of a region of the mesh; give it another"
+            "the [[tool]] {name} has the name of a region of the mesh; rename it"
         )));
     }
     let first = mesh.nodes.len() as u32;
@@ -418,7 +416,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shapes_are_filled_without_gaps() {
+    fn filled_shape_has_positive_tets_and_full_volume() {
         let pi = std::f64::consts::PI;
         for (convex, volume, tolerance) in [
             (Convex::round(2.0, 0.0), 32.0 / 3.0 * pi, 0.06),
@@ -439,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn a_solid_is_held_about_its_centre_of_mass() {
+    fn attached_nodes_centre_on_centre_of_mass() {
         let shift = DVec3::new(1.0, -2.0, 0.5);
         let (mut nodes, tets) = Convex::cuboid(DVec3::new(1.0, 2.0, 3.0)).filled();
         nodes.iter_mut().for_each(|p| *p += shift);

@@ -21,7 +21,7 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
     let path = path.as_ref();
     if !io::is_pieces(path) {
         return Err(Error::Input(format!(
-            "{}: pieces are files beside an index, which is called .pvtu; name that",
+            "{}: the index of pieces must have the extension .pvtu",
             path.display()
         )));
     }
@@ -126,7 +126,7 @@ impl Scene {
         if told.size() != size {
             let ([a, b], [c, d]) = (told.size(), size);
             return Err(Error::Input(format!(
-                "pieces were drawn for {a} x {b} pixels, and the picture is made of {c} x {d}"
+                "the pieces were rendered at {a} x {b} pixels, but the picture has {c} x {d}; sizes must match"
             )));
         }
         Ok(match self.samples_each_way()? {
@@ -163,7 +163,7 @@ impl Scene {
                 self.display_mode()? != DisplayMode::Inside(Mode::Composite),
                 "modes other than composite",
             ),
-            (self.solver.name.is_some(), "a solver: nothing moves it"),
+            (self.solver.name.is_some(), "a solver, since it is static"),
             (
                 !self.body.is_empty() || self.grid.is_some() || self.cage.is_some(),
                 "several bodies, grids and cages",
@@ -171,7 +171,7 @@ impl Scene {
             (
                 self.mesh.rest.is_some()
                     || !(self.mesh.join.is_empty() && self.mesh.part.is_empty()),
-                "other meshes at rest or joined to it, and parted regions",
+                "a rest mesh, joined meshes and split interfaces",
             ),
             (!self.scan.is_empty(), "scans"),
             (!self.skin.is_empty(), "skins"),
@@ -182,7 +182,7 @@ impl Scene {
             ),
             (
                 self.light.shadows.is_some_and(|s| s > 0.0),
-                "shadows, which other pieces cast",
+                "shadows (pieces do not shadow each other)",
             ),
             (
                 annotated,
@@ -192,7 +192,7 @@ impl Scene {
         match found.iter().find(|(asked, _)| *asked) {
             None => Ok(()),
             Some((_, what)) => Err(Error::Input(format!(
-                "a body in pieces is drawn without {what}; leave that out, or draw the whole where it fits (palpate render)"
+                "a body in pieces does not support {what}; remove that, or render the whole mesh on a machine with enough memory (palpate render)"
             ))),
         }
     }

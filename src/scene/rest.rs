@@ -19,13 +19,14 @@ impl Scene {
         if let Some(file) = &self.mesh.rest {
             if !(self.mesh.part.is_empty() && self.mesh.join.is_empty()) {
                 return Err(Error::Input(
-                    "[mesh] rest goes with a mesh that is as its file has it, not with `part` or `join`; leave one of them out".into(),
+                    "[mesh] `rest` cannot be combined with `part` or `join`; remove one of them"
+                        .into(),
                 ));
             }
             let rest = io::read(file)?;
             let wrong = |e: Error| {
                 Error::Input(format!(
-                    "{} is not the mesh at rest of the one that is drawn: {e}",
+                    "{} is not the rest state of the rendered mesh: {e}",
                     file.display()
                 ))
             };
@@ -51,7 +52,7 @@ impl Scene {
         if rest == mesh.nodes || rest.iter().any(|x| !x.is_finite()) {
             return Ok(None);
         }
-        let said = "the mesh rests where its field displacement says; --rest MESH names another";
+        let said = "rest positions computed from the field displacement; override with --rest MESH";
         Ok(Some((
             std::mem::replace(&mut mesh.nodes, rest),
             Some(said.into()),

@@ -179,7 +179,7 @@ impl Stage {
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
         if solver.is_some() && scene.mesh.rest.is_some() {
             return Err(Error::Input(
-                "[mesh] rest (--rest) is where a deformed mesh rests that nothing moves; a solver moves the mesh from where its file has it".into(),
+                "[mesh] rest (--rest) requires a static body: a solver starts from the positions in the mesh file; remove one of them".into(),
             ));
         }
         let carried = scene.tool.iter().any(ToolEntry::is_dynamic) && solver.is_some();
@@ -218,8 +218,7 @@ impl Stage {
         let asked = !(scene.grab.is_empty() && scene.cut.is_empty() && scene.tool.is_empty())
             || scene.floor.is_some();
         if matches!(drive, NodeSource::Posed(_)) && asked {
-            let still =
-                "nothing moves, so grabs, cuts, floors and tools are passed over: name a solver";
+            let still = "the body is static, so grabs, cuts, floors and tools are ignored; set [solver] name";
             notes.push(still.into());
         }
         let looks = SceneAppearance::new(gpu, scene, &mut drive)?;
@@ -523,8 +522,7 @@ impl Stage {
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
         let forces = motion.simulator.tool_forces()?;
         let force = forces.get(number).map(|on| on.force);
-        force
-            .ok_or_else(|| Error::Input(format!("the scene has no tool {number} (counted from 0)")))
+        force.ok_or_else(|| Error::Input(format!("unknown tool {number} (counted from 0)")))
     }
 
     /// Returns the scene's number of steps before a picture; 0 for a static body.
@@ -682,7 +680,7 @@ impl Stage {
 
 fn no_tool(number: usize) -> Error {
     Error::Input(format!(
-        "the scene has no tool {number} (counted from 0) that can be led by hand: one without `path`, `file` and `turn`"
+        "the scene has no tool {number} (counted from 0) that can be moved interactively: it must have no `path`, `file` and `turn`"
     ))
 }
 

@@ -91,7 +91,7 @@ fn a_box_that_falls_on_another_stays_on_it() {
         resting
             .notes()
             .iter()
-            .all(|n| !n.contains("go through others"))
+            .all(|n| !n.contains("intersect others"))
     );
     for _ in 0..5 {
         resting.run(8, &mut |_| {}).unwrap();

@@ -31,7 +31,7 @@ fn stage(text: &str) -> Stage {
 fn refused(text: &str) -> String {
     match Stage::new(&gpu(), &Scene::parse(text).unwrap()) {
         Err(error) => error.to_string(),
-        Ok(_) => panic!("it was not refused:\n{text}"),
+        Ok(_) => panic!("invalid scene accepted:\n{text}"),
     }
 }
 
@@ -44,7 +44,7 @@ fn run(stage: &mut Stage, steps: u32) {
 }
 
 #[test]
-fn moved_nodes_are_where_the_path_says_at_each_step() {
+fn moved_nodes_follow_path_at_each_step() {
     let folder = std::env::temp_dir().join(format!("palpate-moves-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(
@@ -125,7 +125,7 @@ axis = [0, 0, 2]
 }
 
 #[test]
-fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
+fn pressure_on_selected_faces_equals_pin_reaction() {
     let pressed = |more: &str| {
         let mut stage = stage(&format!(
             "{BOX}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\n{more}"
@@ -168,7 +168,7 @@ fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
 }
 
 #[test]
-fn one_region_presses_on_another() {
+fn pressure_acts_on_region_interface() {
     let folder = std::env::temp_dir().join(format!("palpate-between-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let mut mesh = generate::box_mesh([4, 4, 4], DVec3::splat(0.1), generate::Split::Five).unwrap();
@@ -205,7 +205,10 @@ fn one_region_presses_on_another() {
     let force = half.reactions().unwrap()[0].1.force + 9.81 * DVec3::Z;
     assert!((force.z / -2.0 - 1.0).abs() < 0.1, "{force}");
     for (more, words) in [
-        ("between = [1, 3]\n", ["no face", "two regions meet"]),
+        (
+            "between = [1, 3]\n",
+            ["no face", "interface of the two regions"],
+        ),
         ("between = [\"lung\", 1]\n", ["lung", "region"]),
     ] {
         let said = refused(&text(more));
@@ -231,7 +234,7 @@ fn shape(mesh: &TetMesh, nodes: &[DVec3], label: f64) -> [f64; 3] {
 }
 
 #[test]
-fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
+fn muscle_shortens_thickens_and_lifts_weight() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/biceps.toml");
     let mut scene = Scene::read(path).unwrap();
     scene.mesh.tets = Some(2_000);
@@ -276,7 +279,7 @@ fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
 }
 
 #[test]
-fn loads_that_make_no_sense_are_refused_in_words() {
+fn loads_reject_invalid_entries() {
     let pin = "[[pin]]\naxis = \"z\"\nbelow = 0.01\n";
     let pressure = "[[pressure]]\npascal = 1.0\n";
     let muscle = "[[muscle]]\ntension = 1e4\nactivation = 0.5\n";
@@ -310,7 +313,7 @@ fn loads_that_make_no_sense_are_refused_in_words() {
         ),
         (
             format!("{muscle}fibre = [0, 0, 0]\n"),
-            ["fibre", "no direction"],
+            ["fibre", "must be a direction"],
         ),
         (muscle.replace("1e4", "-1.0"), ["-1 Pa", "0 or more"]),
         (

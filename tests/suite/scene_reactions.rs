@@ -198,6 +198,6 @@ fn tables_go_on_after_the_frames_that_were_finished() {
     );
     std::fs::write(&path, "a,b\n").unwrap();
     let error = ReactionLog::resume(&path, &times).unwrap_err().to_string();
-    assert!(error.contains("no table of reactions"), "{error}");
+    assert!(error.contains("not a table of reactions"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
 }

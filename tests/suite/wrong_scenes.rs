@@ -44,7 +44,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "[mesh]\nfile = \"a\"\nunit = [1]",
         "line 3, column 8",
-        &["a unit is"],
+        &["unit must be"],
     ),
     (
         "[mesh]\nfile = \"a\"\nlabels = \"some\"",
@@ -139,7 +139,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "mesh = {}\n[[pin]]\naxis = \"z\"\nbelow = -0.6",
         "line 4, column 9",
-        &["-0.6", "from 0 to 1", "z_below"],
+        &["-0.6", "[0, 1]", "z_below"],
     ),
     (
         "mesh = {}\n[[pin]]\naxis = \"z\"\nabove = 12",
@@ -224,7 +224,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
 ];
 
 #[test]
-fn what_is_wrong_is_said_with_its_place() {
+fn scene_error_reports_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
     for (content, place, words) in WRONG {
@@ -246,7 +246,7 @@ fn what_is_wrong_is_said_with_its_place() {
 }
 
 #[test]
-fn regions_are_bounded_by_places_in_the_unit_of_the_mesh() {
+fn region_bounds_use_mesh_unit() {
     let bar = generate::paper_bar().unwrap();
     let nodes = |toml: &str| {
         let scene = Scene::parse(&format!("[[pin]]\n{toml}")).unwrap();

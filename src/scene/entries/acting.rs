@@ -31,10 +31,7 @@ pub struct PressureEntry {
 
 /// A constant, or a piecewise linear function of time as pairs of time in s and value.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "a number, or a list of [time, number], is expected"
-)]
+#[serde(untagged, expecting = "expected a number, or a list of [time, number]")]
 #[allow(missing_docs)]
 pub enum TimeSeries {
     Steady(f64),
@@ -101,7 +98,7 @@ pub struct MuscleEntry {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a direction [x, y, z], or the name of a vector field of the tets, is expected"
+    expecting = "expected a direction [x, y, z], or the name of a vector field of the tets"
 )]
 pub enum FibreEntry {
     /// A uniform direction.

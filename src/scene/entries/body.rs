@@ -156,7 +156,7 @@ pub struct BodyEntry {
 
 /// Label selection of a volume.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-#[serde(untagged, expecting = "labels are \"all\" or a list of whole numbers")]
+#[serde(untagged, expecting = "labels must be \"all\" or a list of integers")]
 #[allow(missing_docs)]
 pub enum LabelsEntry {
     These(Vec<i64>),
@@ -173,7 +173,7 @@ pub enum AllKeyword {
 
 /// A number or text.
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "a number or text is expected")]
+#[serde(untagged, expecting = "expected a number or text")]
 enum Said {
     Number(f64),
     Text(String),
@@ -210,7 +210,7 @@ where
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a unit is one of m, cm, mm, um and in, or metres as a number"
+    expecting = "unit must be m, cm, mm, um, in, or metres as a number"
 )]
 pub enum Unit {
     /// Metres in one unit.
@@ -228,11 +228,11 @@ impl Unit {
         match self {
             Unit::Metres(m) if m.is_finite() && *m > 0.0 => Ok(*m),
             Unit::Metres(m) => Err(Error::Input(format!(
-                "unit = {m}: metres in one unit of the mesh, a positive number, are expected"
+                "unit must be a positive number of metres, got {m}"
             ))),
             Unit::Name(name) => crate::mesher::metres_in(name).ok_or_else(|| {
                 Error::Input(format!(
-                    "unit \"{name}\" is not known; use m, cm, mm, um, in, or metres as a number"
+                    "unknown unit \"{name}\"; use m, cm, mm, um, in, or metres as a number"
                 ))
             }),
         }
@@ -264,7 +264,7 @@ pub struct GridEntry {
 
 /// One length, or one per axis.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "a length, or three of them, are expected")]
+#[serde(untagged, expecting = "expected a length, or three lengths")]
 #[allow(missing_docs)]
 pub enum Lengths {
     Same(f64),

@@ -39,7 +39,7 @@ fn told(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn a_segmentation_follows_a_mesh_with_moved_nodes() {
+fn warp_moves_segmentation_with_mesh() {
     let (folder, scan, _) = knee("warp_mesh");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     let files = [at("warped.nii.gz"), at("there.nii.gz"), at("back.nrrd")];
@@ -103,7 +103,7 @@ fn a_segmentation_follows_a_mesh_with_moved_nodes() {
 }
 
 #[test]
-fn a_scene_is_simulated_and_its_mesh_is_that_at_rest() {
+fn warp_simulates_scene_from_its_rest_mesh() {
     let (folder, scan, mesh) = knee("warp_scene");
     // In metres, stated in the file: positions are converted to the scan's mm.
     let small = TetMesh {
@@ -141,7 +141,7 @@ fn a_scene_is_simulated_and_its_mesh_is_that_at_rest() {
 }
 
 #[test]
-fn what_does_not_fit_together_is_refused_in_words() {
+fn warp_rejects_mismatched_input() {
     let (folder, scan, mesh) = knee("warp_wrong");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     let (rest, bent, out) = (at("rest.vtu"), at("bent.vtu"), at("out.nii.gz"));
@@ -238,7 +238,7 @@ fn write_part(path: &Path, mesh: &TetMesh, change: impl FnOnce(&mut Vec<[u32; 4]
 }
 
 #[test]
-fn tets_inside_out_are_told() {
+fn warp_reports_inverted_tets() {
     let (folder, scan, mesh) = knee("warp_inverted");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     // Readers flip such tets; the rest mesh identifies them.

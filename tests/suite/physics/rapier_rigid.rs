@@ -393,7 +393,7 @@ fn weights_rest_on_what_is_soft_and_arms_hang_on_joints() {
 
     for (from, to, said) in [
         ("between = [\"arm\"]", "between = [\"leg\"]", "leg"),
-        ("between = [\"arm\"]", "between = []", "0 are named"),
+        ("between = [\"arm\"]", "between = []", "got 0"),
         ("hinge = { axis = [0.0, 1, 0] }", "", "one of `hinge`"),
         ("engine = \"rapier\"", "engine = \"cpu\"", "--engine rapier"),
     ] {

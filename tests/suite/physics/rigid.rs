@@ -155,7 +155,7 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     );
     assert!(notes.contains("1 rigid body of 175 nodes"), "{notes}");
     assert!(
-        notes.contains("share nodes are one body: long bone, marrow"),
+        notes.contains("share nodes form one body: long bone, marrow"),
         "{notes}"
     );
     stage.keep_checkpoints();
@@ -170,8 +170,8 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     assert_ne!(nodes(&stage), stage.mesh().nodes);
     // A missing region is reported, and an engine without rigid regions rejects them.
     for (more, words) in [
-        ("[cage]\nnodes = 100\n", "have no rigid regions"),
-        ("", "springs have no rigid regions"),
+        ("[cage]\nnodes = 100\n", "do not support rigid regions"),
+        ("", "springs do not support rigid regions"),
     ] {
         let mut scene = Scene::parse(&format!("{text}{more}")).unwrap();
         if more.is_empty() {

@@ -329,7 +329,7 @@ fn scenes_name_planes_and_isosurfaces_or_say_what_is_wrong() {
             "[[isosurface]]\nvalue = 0.1\ncolour = \"no such\"",
             "isosurface",
         ),
-        ("volume = false", "nothing is left"),
+        ("volume = false", "nothing to draw"),
     ] {
         let told = stage(more).err().unwrap().to_string();
         assert!(told.contains(word), "{more}: {told}");

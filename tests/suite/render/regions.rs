@@ -186,8 +186,8 @@ fn a_scene_says_what_its_regions_look_like() {
     assert!(sum(&faint) < 0.9 * sum(&red));
     for (picture, expected) in [
         ("hide = [\"heart\"]", "heart"),
-        ("hide = [\"7\"]", "no tet of the mesh is of region 7"),
-        ("[picture.region.bone]\nopacity = 2", "opacity = 2"),
+        ("hide = [\"7\"]", "region 7 has no tets"),
+        ("[picture.region.bone]\nopacity = 2", "got 2"),
         ("[picture.region.bone]\ncolour = \"reddish\"", "no colour"),
         ("[picture.region.bone]\nshown = true", "unknown field"),
     ] {
