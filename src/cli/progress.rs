@@ -172,10 +172,10 @@ impl State {
         if !self.detail.is_empty() {
             line += &format!(", {}", self.detail);
         }
-        line += &format!(", {} so far", duration(elapsed));
+        line += &format!(", {} elapsed", duration(elapsed));
         if self.total > 0 && self.done > 0 {
             let left = elapsed * self.total.saturating_sub(self.done) as f64 / self.done as f64;
-            line += &format!(", about {} left", duration(left));
+            line += &format!(", about {} remaining", duration(left));
         }
         line
     }
@@ -263,7 +263,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_tell_step_time_left_and_iterations_at_intervals_and_then_end() {
+    fn progress_lines_report_step_time_and_iterations() {
         let said = Arc::new(Mutex::new(Vec::new()));
         let ours = Arc::clone(&said);
         let mut state = State::new("steps", 50);
@@ -283,13 +283,16 @@ mod tests {
         let told = said.lock().unwrap().clone();
         let last = told.last().unwrap();
         let start = "steps 25 of 50, 311 iterations in the last step, 1 min";
-        assert!(last.starts_with(start) && last.ends_with(" left"), "{last}");
+        assert!(
+            last.starts_with(start) && last.ends_with(" remaining"),
+            "{last}"
+        );
         std::thread::sleep(Duration::from_millis(60));
         assert_eq!(said.lock().unwrap().len(), told.len());
     }
 
     #[test]
-    fn work_that_is_quickly_done_says_nothing() {
+    fn short_work_prints_no_progress() {
         let said = Arc::new(Mutex::new(0));
         let ours = Arc::clone(&said);
         let state = State::new("steps", 5);
@@ -300,10 +303,10 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_the_work_are_told_by_name_and_share() {
+    fn progress_lines_report_stage_and_fraction() {
         let mut state = State::new("lattice", 0);
         state.share = Some(0.25);
-        assert_eq!(state.line(), "lattice: 25 %, 0 s so far");
+        assert_eq!(state.line(), "lattice: 25 %, 0 s elapsed");
         assert_eq!(duration(3700.0), "1 h 1 min");
     }
 }

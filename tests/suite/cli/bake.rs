@@ -114,7 +114,7 @@ fn bake_rejects_invalid_input() {
         (bare, mapped, png, "8x8", "bare.obj"),
         (mapped, bare, text(&jpg), "8x8", "normals.jpg"),
         (mapped, bare, png, "9999x8", "9999 x 8"),
-        (mapped, tets.as_str(), png, "8x8", "is no surface"),
+        (mapped, tets.as_str(), png, "8x8", "is not a surface"),
         (mapped, "/no/such/fine.stl", png, "8x8", "/no/such/fine.stl"),
     ] {
         let errors = failure(&palpate(&[

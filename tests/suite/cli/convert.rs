@@ -80,7 +80,7 @@ fn convert_writes_surfaces() {
     refused(&[text(&stl), text(&mesh)], "a surface, which has no tets");
     refused(&[text(&stl), text(&mesh)], "palpate mesh");
     refused(&[KNEE, text(&mesh)], "a volume");
-    refused(&[text(&stl), text(&ply), "--text"], "are for meshes");
+    refused(&[text(&stl), text(&ply), "--text"], "require a mesh");
     refused(
         &[text(&stl), text(&folder.join("a.xyz"))],
         "not as \".xyz\"",

@@ -141,7 +141,7 @@ fn film_rejects_invalid_output_before_the_run() {
     let said = failure(&simulate(&["--film", &film("f.gif"), "--fps", "90"]));
     assert!(said.contains("0.01 to 50"), "{said}");
     let said = failure(&simulate(&["--no-pictures", "--no-meshes"]));
-    assert!(said.contains("make a film"), "{said}");
+    assert!(said.contains("write a film"), "{said}");
     assert!(!out.exists());
     let both = simulate(&["--film", &film("f.gif"), "--resume"]);
     assert_eq!(both.status.code(), Some(2));
@@ -157,7 +157,7 @@ fn film_rejects_invalid_output_before_the_run() {
     // A mesh without a solver: the message mentions the orbit.
     let mesh = format!("{DATA}/bar.vtu");
     let said = failure(&palpate(&["simulate", &mesh, "--out", text(&out)]));
-    assert!(said.contains("goes round a body at rest"), "{said}");
+    assert!(said.contains("film a static body"), "{said}");
     // Without ffmpeg.
     let nowhere = Command::new(env!("CARGO_BIN_EXE_palpate"))
         .args(["render", &mesh, "--size", "32x32", "--film", &film("f.mp4")])

@@ -220,7 +220,7 @@ fn unstable_step_fails_with_advice_and_picture() {
         errors.contains("--dt") && errors.contains("implicit"),
         "{errors}"
     );
-    assert!(picture.exists(), "the last good state is drawn");
+    assert!(picture.exists(), "the last valid state is rendered");
     stdout(&run("0.001"));
 }
 

@@ -389,7 +389,7 @@ fn resume_without_checkpoint_starts_with_note() {
     stdout(&done);
     let said = String::from_utf8_lossy(&done.stderr).into_owned();
     assert!(
-        said.contains("there is no") && said.contains("first frame"),
+        said.contains("no checkpoint") && said.contains("first frame"),
         "{said}"
     );
     assert!(out.join("bar_00001.vtu").exists());
@@ -400,7 +400,7 @@ fn resume_without_checkpoint_starts_with_note() {
         text(&here),
         "--resume",
     ]);
-    assert!(failure(&played).contains("nothing to resume"));
+    assert!(failure(&played).contains("requires a simulation"));
 }
 
 /// The state of rapier cannot be restored: such runs write no checkpoint, and a message states it.
@@ -427,5 +427,5 @@ fn resume_rejects_rapier() {
     stdout(&run(&[]));
     assert!(out.join("bar_0002.png").exists() && !out.join("bar.checkpoint").exists());
     let told = failure(&run(&["--resume"]));
-    assert!(told.contains("leave --resume out"), "{told}");
+    assert!(told.contains("remove --resume"), "{told}");
 }

@@ -54,11 +54,11 @@ fn man_rejects_invalid_folder() {
     let file = folder("man_wrong").join("file");
     std::fs::write(&file, "").unwrap();
     let errors = failure(&palpate(&["man", text(&file)]));
-    let start = format!("palpate: {}: this is no folder", text(&file));
+    let start = format!("palpate: {}: not a folder", text(&file));
     assert!(errors.starts_with(&start), "{errors}");
     let errors = failure(&palpate(&["man", text(&file.join("in_it"))]));
     assert!(
-        errors.contains("in_it: the folder for the pages cannot be made"),
+        errors.contains("in_it: cannot create the folder for the pages"),
         "{errors}"
     );
 }
