@@ -43,7 +43,7 @@ impl Mesh {
             let columns = tets.ncols();
             return Err(input_error(
                 py,
-                format!("tets: an array of shape (n, 4) is expected, not (n, {columns})"),
+                format!("tets must have shape (n, 4), got (n, {columns})"),
             ));
         }
         let mut indices = Vec::with_capacity(tets.nrows());
@@ -53,7 +53,7 @@ impl Mesh {
                 *corner = u32::try_from(*v).map_err(|_| {
                     input_error(
                         py,
-                        format!("tet {t} refers to node {v}; nodes are counted from 0"),
+                        format!("tet {t} refers to node {v}; node indices must be ≥ 0"),
                     )
                 })?;
             }
@@ -121,7 +121,7 @@ impl Mesh {
 
     fn field<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let field = self.0.fields.get(number);
-        let field = field.ok_or_else(|| input_error(py, format!("there is no field {number}")))?;
+        let field = field.ok_or_else(|| input_error(py, format!("unknown field {number}")))?;
         Ok(PyArray1::from_slice(py, &field.values))
     }
 
@@ -153,7 +153,7 @@ impl Mesh {
             return Err(input_error(
                 py,
                 format!(
-                    "{} positions were given, but the mesh has {} nodes",
+                    "got {} positions, but the mesh has {} nodes",
                     nodes.len(),
                     self.0.nodes.len()
                 ),

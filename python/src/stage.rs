@@ -58,7 +58,7 @@ pub struct Grab(GrabId);
 
 fn motion(stage: &mut palpate::scene::Stage) -> Result<&mut Motion> {
     stage.motion_mut().ok_or_else(|| {
-        Error::Input("nothing moves in this scene: name a solver, solver=\"implicit\"".into())
+        Error::Input("the scene is static; set a solver, such as solver=\"implicit\"".into())
     })
 }
 
@@ -185,7 +185,7 @@ impl Stage {
         let camera = match (fov, height) {
             (Some(fov), None) => Camera::perspective(eye, look_at, up, fov),
             (None, Some(height)) => Camera::orthographic(eye, look_at, up, height),
-            _ => return Err(input_error(py, "a camera has either fov or orthographic")),
+            _ => return Err(input_error(py, "a camera must have exactly one of fov and orthographic")),
         };
         camera.check().or_raise(py)?;
         self.with(py, |stage| {
@@ -203,7 +203,7 @@ impl Stage {
             return Err(input_error(
                 py,
                 format!(
-                    "a picture of {} by {} pixels cannot be drawn; ask for 1 to 16384 each way",
+                    "the picture size must be 1 to 16384 pixels per axis, got {} by {}",
                     size[0], size[1]
                 ),
             ));
@@ -304,7 +304,7 @@ impl Stage {
             let names = BodyField::ALL.map(BodyField::name).join(", ");
             return Err(input_error(
                 py,
-                format!("no field \"{name}\" is computed of a body; there are {names}"),
+                format!("unknown computed field \"{name}\"; available: {names}"),
             ));
         };
         let values = self.with(py, |stage| {

@@ -103,7 +103,7 @@ fn picture(py: Python<'_>, pixels: &PyReadonlyArray3<'_, u8>) -> PyResult<(u32, 
         return Err(input_error(
             py,
             format!(
-                "a picture has the shape (height, width, 4), not {:?}",
+                "a picture must have shape (height, width, 4), got {:?}",
                 pixels.shape()
             ),
         ));
@@ -143,7 +143,7 @@ pub fn jpeg<'py>(
             .map(|()| file)
     });
     let encoded =
-        encoded.map_err(|e| input_error(py, format!("the picture cannot be encoded: {e}")))?;
+        encoded.map_err(|e| input_error(py, format!("cannot encode the picture: {e}")))?;
     Ok(PyBytes::new(py, &encoded))
 }
 
@@ -220,7 +220,7 @@ pub fn study(
         let names = studies().join(", ");
         return Err(input_error(
             py,
-            format!("there is no study \"{what}\"; there are {names}"),
+            format!("unknown study \"{what}\"; available: {names}"),
         ));
     };
     let gpu = device(py, adapter)?;

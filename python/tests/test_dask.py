@@ -1,4 +1,4 @@
-"""Clusters: four worker processes, one of which is killed in the middle."""
+"""Clusters: four worker processes, one of which is killed during the work."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def client(cluster):
 
 
 def kill_one(client) -> None:
-    """Kills a worker, one that is at work where there is one."""
+    """Kills a worker, preferably one that is processing a task."""
     client.wait_for_workers(WORKERS, timeout=PATIENCE)
     tasks = client.processing()
     worker = max(tasks, key=lambda worker: len(tasks[worker]))
     os.kill(client.run(os.getpid, workers=[worker])[worker], signal.SIGKILL)
 
 
-def test_a_series_is_drawn_as_by_the_command_line(client, tmp_path: Path, run) -> None:
+def test_render_frames_match_command_line(client, tmp_path: Path, run) -> None:
     run("simulate", "--frames", 12, "--no-pictures", "--out", tmp_path / "run", write_bar(tmp_path))
     pvd = next((tmp_path / "run").glob("*.pvd"))
     run("simulate", pvd, "--out", tmp_path / "theirs", "--size", "96x72", "--no-meshes", "--time")
@@ -82,7 +82,7 @@ def write_bar(folder: Path) -> Path:
     return path
 
 
-def test_a_sweep_is_what_each_case_is_alone(client, tmp_path: Path, bar: palpate.Body) -> None:
+def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -> None:
     scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.02}})
     values = {"material.young": [2e4, 4e4, 8e4], "material.poisson": [0.3, 0.45]}
     came: list[dict] = []
@@ -114,7 +114,7 @@ def test_a_sweep_is_what_each_case_is_alone(client, tmp_path: Path, bar: palpate
         palpate.dask.sweep(scene, {"solver.speed": [1]}, client, steps=1)
 
 
-def test_a_map_is_that_of_one_machine(client, tmp_path: Path) -> None:
+def test_press_map_matches_single_machine(client, tmp_path: Path) -> None:
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
     here = palpate.press_map(breast, (3, 2))
     came: list[int] = []
@@ -134,7 +134,7 @@ def test_a_map_is_that_of_one_machine(client, tmp_path: Path) -> None:
     assert came == []
 
 
-def test_a_body_in_pieces_is_the_whole(client, tmp_path: Path) -> None:
+def test_pieces_match_whole_body(client, tmp_path: Path) -> None:
     limb = palpate.Mesh.generate("limb", tets=8000)
     index = tmp_path / "limb.pvtu"
     assert limb.write(index, pieces=9) == []
@@ -169,13 +169,13 @@ def test_a_body_in_pieces_is_the_whole(client, tmp_path: Path) -> None:
         assert all(p.memory > 10_000_000 for p in came) or sys.platform != "linux"
 
 
-def test_what_pieces_cannot_show_is_refused_in_words(client, tmp_path: Path) -> None:
+def test_pieces_reject_unsupported_settings(client, tmp_path: Path) -> None:
     index = tmp_path / "box.pvtu"
     box = palpate.Mesh.generate("box", tets=300)
     box.write(index, pieces=2)
-    with pytest.raises(palpate.InputError, match="without a legend"):
+    with pytest.raises(palpate.InputError, match="not support a legend"):
         palpate.dask.render_pieces(index, None, client, legend=True)
-    with pytest.raises(palpate.InputError, match="without planes"):
+    with pytest.raises(palpate.InputError, match="not support planes"):
         palpate.dask.render_pieces(index, None, client, clip=[(0, 0, 0, 1, 0, 0)])
     with pytest.raises(palpate.FileError):
         palpate.dask.render_pieces(tmp_path / "none.pvtu", None, client)
