@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ._deprecated import warn_renamed
 from ._errors import InputError
 
 Vector = tuple[float, float, float]
@@ -30,7 +31,7 @@ class Camera:
     orthographic: float | None = None
 
     @staticmethod
-    def of(view: Any) -> Camera:
+    def from_any(view: Any) -> Camera:
         """Converts a camera: a :class:`Camera`, a ``pyvista.Camera``, or a ``camera_position`` of three
         vectors (position, focal point, up) with pyvista's field of view of 30 degrees.
         """
@@ -54,6 +55,12 @@ class Camera:
                 f"got {view!r}"
             ) from None
 
+    @staticmethod
+    def of(view: Any) -> Camera:
+        """Old name of :meth:`from_any`."""
+        warn_renamed("Camera.of", "Camera.from_any")
+        return Camera.from_any(view)
+
     def entries(self) -> dict[str, Any]:
         """Returns the entries of ``[camera]`` of a scene."""
         own: dict[str, Any] = {"eye": self.eye, "look_at": self.look_at}
@@ -66,7 +73,7 @@ class Camera:
         return own
 
 
-#: A :class:`Camera`, pyvista's, or three vectors; converted by :meth:`Camera.of`.
+#: A :class:`Camera`, pyvista's, or three vectors; converted by :meth:`Camera.from_any`.
 CameraLike = Any
 
 

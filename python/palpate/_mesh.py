@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _palpate
+from ._deprecated import warn_renamed
 from ._errors import InputError
 
 #: Callback with the current stage and its completed fraction.
@@ -203,9 +204,14 @@ class Mesh:
         """Lower and upper corner of the bounding box."""
         return self._native.bounds()
 
-    def moved(self, nodes: npt.ArrayLike) -> Mesh:
+    def with_nodes(self, nodes: npt.ArrayLike) -> Mesh:
         """Returns a copy of the mesh with these node positions, shape (n, 3)."""
         return Mesh._of(self._native.moved(_floats(nodes, "nodes")))
+
+    def moved(self, nodes: npt.ArrayLike) -> Mesh:
+        """Old name of :meth:`with_nodes`."""
+        warn_renamed("Mesh.moved", "Mesh.with_nodes")
+        return self.with_nodes(nodes)
 
     @classmethod
     def from_meshio(cls, mesh: Any) -> Mesh:

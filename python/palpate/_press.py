@@ -99,7 +99,7 @@ def press(
         progress: called with the completed fraction of steps. Ctrl-C, or an exception it raises,
             cancels the press.
     """
-    scene = Scene.of(body).with_(
+    scene = Scene.from_any(body).updated(
         {k: v for k, v in [("picture.size", size), ("solver.engine", engine)] if v is not None}
     )
     native = _with_files(
@@ -197,7 +197,7 @@ def press_map(
     """
     along, across = (int(n) for n in points)
     native = _with_files(
-        Scene.of(body),
+        Scene.from_any(body),
         lambda entries, folder: _palpate.PressMap(
             entries, folder, (along, across), radius, depth, adapter
         ),

@@ -14,6 +14,7 @@ import numpy as np
 
 from . import _palpate
 from ._camera import Camera, CameraLike
+from ._deprecated import warn_renamed
 from ._errors import InputError
 from ._mesh import Mesh, PathOf
 from ._transfer import entry_of, with_opacity
@@ -82,7 +83,7 @@ class Body:
 
     def scene(self) -> Scene:
         """Returns the scene of this body."""
-        scene = Scene.of(self.mesh)
+        scene = Scene.from_any(self.mesh)
         own: dict[str, Any] = {
             "material": self.material.entries(),
             "pin": list(self.pin) or None,
@@ -90,7 +91,7 @@ class Body:
             "solver.gravity": self.gravity,
             "mesh.unit": self.unit,
         }
-        return scene.with_(own).with_(self.entries)
+        return scene.updated(own).updated(self.entries)
 
 
 class Scene:
@@ -120,7 +121,7 @@ class Scene:
         return Scene(json.loads(_palpate.read_toml(fspath(file))), folder=file.parent)
 
     @staticmethod
-    def of(body: BodyLike) -> Scene:
+    def from_any(body: BodyLike) -> Scene:
         """Converts a mesh, a body, a scene or the path of a file to a scene."""
         if isinstance(body, Scene):
             return body
@@ -138,9 +139,20 @@ class Scene:
             f"{type(body).__name__}"
         )
 
+    @staticmethod
+    def of(body: BodyLike) -> Scene:
+        """Old name of :meth:`from_any`."""
+        warn_renamed("Scene.of", "Scene.from_any")
+        return Scene.from_any(body)
+
     def with_(self, changes: Mapping[str, Any]) -> Scene:
+        """Old name of :meth:`updated`."""
+        warn_renamed("Scene.with_", "Scene.updated")
+        return self.updated(changes)
+
+    def updated(self, changes: Mapping[str, Any]) -> Scene:
         """Returns a copy with changed entries, by dotted names:
-        ``scene.with_({"material.muscle.young": 3e4, "solver.dt": None})``; ``None`` removes an entry,
+        ``scene.updated({"material.muscle.young": 3e4, "solver.dt": None})``; ``None`` removes an entry,
         a dictionary is merged into the existing table.
         """
         scene = Scene(self.entries, folder=self.folder, mesh=self.mesh)
@@ -211,7 +223,7 @@ def picture_entries(
     iso: Sequence[Any] = (),
     **picture: Any,
 ) -> dict[str, Any]:
-    """Returns the changes of a scene (see :meth:`Scene.with_`) for the arguments of a picture."""
+    """Returns the changes of a scene (see :meth:`Scene.updated`) for the arguments of a picture."""
     if cmap is not None and transfer is not None:
         raise InputError("cmap and transfer are both given; remove one of them")
     shown = cmap if transfer is None else transfer
@@ -229,7 +241,7 @@ def picture_entries(
         # The range belongs to the scene's own field.
         changes["picture.range"] = None
     if camera is not None:
-        changes["camera"] = Camera.of(camera).entries()
+        changes["camera"] = Camera.from_any(camera).entries()
     changes.update({k: v for k, v in [("light.from", light), ("light.shadows", shadows)] if v is not None})
     planes = [{"clip": list(p)} for p in clip] + [{"slice": list(p)} for p in slice]
     if planes:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from . import _palpate
 from ._camera import Camera, CameraLike
+from ._deprecated import warn_renamed
 from ._errors import InputError
 from ._mesh import Mesh, PathOf, Points, Progress, _floats
 from ._scene import BodyLike, Scene, picture_entries
@@ -93,11 +94,11 @@ class Simulator:
         gravity: Sequence[float] | None = None,
         adapter: str | None = None,
     ) -> None:
-        scene = Scene.of(body)
+        scene = Scene.from_any(body)
         named = scene.entries.get("solver", {}).get("name")
         given = {"name": solver or named or "implicit", "engine": engine, "dt": dt, "gravity": gravity}
         own = {f"solver.{name}": v for name, v in given.items() if v is not None}
-        self.scene = scene.with_(own)
+        self.scene = scene.updated(own)
         self._stage = stage_of(self.scene, adapter)
 
     @property
@@ -257,14 +258,14 @@ class Renderer:
         self._simulator = body if isinstance(body, Simulator) else None
         if isinstance(body, Simulator):
             self._stage = body._stage
-            self.scene = body.scene.with_(changes)
+            self.scene = body.scene.updated(changes)
             self._notes = self._stage.set_looks(self.scene.json(), fspath(self.scene.folder))
             if "picture.size" in changes:
                 self._stage.set_size(changes["picture.size"])
             if "camera" in changes:
                 self.camera = Camera(**changes["camera"])
         else:
-            self.scene = Scene.of(body).with_(changes)
+            self.scene = Scene.from_any(body).updated(changes)
             self._stage = stage_of(self.scene, adapter)
             self._notes = self._stage.notes()
 
@@ -281,7 +282,7 @@ class Renderer:
 
     @camera.setter
     def camera(self, camera: CameraLike) -> None:
-        own = Camera.of(camera)
+        own = Camera.from_any(camera)
         fov = own.fov if own.orthographic is None else None
         up = self._stage.camera()[2] if own.up is None else own.up
         self._stage.set_camera((own.eye, own.look_at, up, fov, own.orthographic))
@@ -298,9 +299,15 @@ class Renderer:
         self._stage.set_size((_count(width, "width"), _count(height, "height")))
 
     @property
-    def shown(self) -> tuple[str, tuple[float, float]]:
+    def field_info(self) -> tuple[str, tuple[float, float]]:
         """Name and range of the rendered field."""
         return self._stage.shown()
+
+    @property
+    def shown(self) -> tuple[str, tuple[float, float]]:
+        """Old name of :attr:`field_info`."""
+        warn_renamed("Renderer.shown", "Renderer.field_info")
+        return self.field_info
 
     def set_positions(self, positions: npt.ArrayLike) -> None:
         """Sets the node positions, shape (n, 3), in the mesh's unit."""
@@ -312,12 +319,17 @@ class Renderer:
         width, height = self._stage.size()
         return self._stage.rgba().reshape(height, width, 4)
 
-    def raw(self) -> npt.NDArray[np.float32]:
+    def render_float(self) -> npt.NDArray[np.float32]:
         """Renders the picture as 32-bit floats, as in an EXR: shape (height, width, 4), premultiplied by
         opacity, or (height, width, 1) in modes of one channel, such as thickness."""
         width, height = self._stage.size()
         values, channels = self._stage.raw()
         return values.reshape(height, width, channels)
+
+    def raw(self) -> npt.NDArray[np.float32]:
+        """Old name of :meth:`render_float`."""
+        warn_renamed("Renderer.raw", "Renderer.render_float")
+        return self.render_float()
 
     def save(self, path: PathOf) -> None:
         """Renders the picture to a .png or .exr file."""

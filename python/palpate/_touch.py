@@ -41,7 +41,7 @@ class Touched:
     """A body with a fingertip tool and an orbiting camera."""
 
     def __init__(self, body: BodyLike, adapter: str | None = None) -> None:
-        self.scene = Scene.of(body)
+        self.scene = Scene.from_any(body)
         entries = self.scene.entries
         made: _palpate.Stage | None = None
         if entries.get("body") or entries.get("grid"):
@@ -76,10 +76,10 @@ class Touched:
         entries = self.scene.entries
         if any(entries.get(name) for name in ("body", "grid", "cage")):
             return self.scene, "pressing requires a scene of one tetrahedral body, without [[body]], [grid] and [cage]"
-        scene = self.scene.with_({"mesh.file": None, "mesh.generate": None})
+        scene = self.scene.updated({"mesh.file": None, "mesh.generate": None})
         scene.mesh = self.rest
         if "name" not in entries.get("solver", {}):
-            scene = scene.with_(
+            scene = scene.updated(
                 {
                     "solver": {
                         "name": "implicit",
@@ -91,16 +91,17 @@ class Touched:
                 }
             )
             if not entries.get("pin") and not entries.get("move"):
-                scene = scene.with_({"pin": [{"name": "table", "axis": "z", "below": _TABLE}]})
+                scene = scene.updated({"pin": [{"name": "table", "axis": "z", "below": _TABLE}]})
         tools: list[Any] = list(entries.get("tool", []))
-        number = sum("mass" not in tool and "spring" not in tool for tool in tools)
+        dynamic = {"mass", "spring_stiffness", "spring"}
+        number = sum(dynamic.isdisjoint(tool) for tool in tools)
         finger = {
             "name": "finger",
             "sphere": {"radius": self.radius},
             "at": self._away.tolist(),
             "colour": [0.87, 0.72, 0.62],
         }
-        return scene.with_({"tool": [*tools, finger]}), number
+        return scene.updated({"tool": [*tools, finger]}), number
 
     @property
     def camera(self) -> Camera:

@@ -19,6 +19,7 @@ import numpy as np
 import traitlets
 
 from . import _palpate
+from ._deprecated import warn_renamed
 from ._errors import Error, InputError
 from ._mesh import PathOf
 from ._scene import BodyLike, Scene, _absolute, picture_entries
@@ -56,11 +57,11 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
     field = traitlets.Unicode("").tag(sync=True)
     colours = traitlets.List(traitlets.Unicode()).tag(sync=True)
     colour = traitlets.Unicode("").tag(sync=True)
-    density = traitlets.Float(1.0).tag(sync=True)
+    opacity_scale = traitlets.Float(1.0).tag(sync=True)
     whole = traitlets.List(traitlets.Float(), default_value=[0.0, 1.0]).tag(sync=True)
     range = traitlets.List(traitlets.Float(), default_value=[0.0, 1.0]).tag(sync=True)
     plane = traitlets.Unicode("").tag(sync=True)
-    plane_at = traitlets.Float(0.5).tag(sync=True)
+    plane_position = traitlets.Float(0.5).tag(sync=True)
     said = traitlets.Unicode("").tag(sync=True)
     curve = traitlets.List().tag(sync=True)
 
@@ -73,7 +74,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         **picture: Any,
     ) -> None:
         width, height = (int(n) for n in size)
-        self._scene = Scene.of(body).with_(picture_entries(size=(width, height), **picture))
+        self._scene = Scene.from_any(body).updated(picture_entries(size=(width, height), **picture))
         self._adapter = adapter
         self._touched = Touched(self._scene, adapter)
         own = self._scene.entries.get("picture", {})
@@ -99,7 +100,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         self._ended = False
         self._working = False
         self.on_msg(self._hear)
-        self.observe(self._relook, ["field", "colour", "density", "range", "plane", "plane_at"])
+        self.observe(self._relook, ["field", "colour", "opacity_scale", "range", "plane", "plane_position"])
         self._painter = threading.Thread(target=self._paint, name="palpate-view", daemon=True)
         self._painter.start()
 
@@ -107,6 +108,28 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         """Returns the current picture, shape (height, width, 4)."""
         with self._at_work:
             return self._draw(self.size if size is None else [int(n) for n in size])
+
+    @property
+    def density(self) -> float:
+        """Old name of :attr:`opacity_scale`."""
+        warn_renamed("View.density", "View.opacity_scale")
+        return float(self.opacity_scale)
+
+    @density.setter
+    def density(self, scale: float) -> None:
+        warn_renamed("View.density", "View.opacity_scale")
+        self.opacity_scale = scale
+
+    @property
+    def plane_at(self) -> float:
+        """Old name of :attr:`plane_position`."""
+        warn_renamed("View.plane_at", "View.plane_position")
+        return float(self.plane_position)
+
+    @plane_at.setter
+    def plane_at(self, position: float) -> None:
+        warn_renamed("View.plane_at", "View.plane_position")
+        self.plane_position = position
 
     @property
     def forces(self) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -135,7 +158,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             )
         with self._at_work:
             camera = self._touched.camera.entries()
-        scene = self._scene.with_({"camera": camera})
+        scene = self._scene.updated({"camera": camera})
         export(scene, Path(folder), Path(path))
 
     def _hear(self, _: Any, said: Any, __: Any) -> None:
@@ -271,15 +294,15 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             low, high = self._touched.bounds
             axis = "xyz".index(self.plane)
             point, normal = 0.5 * (low + high), np.zeros(3)
-            point[axis] = low[axis] + self.plane_at * (high - low)[axis]
+            point[axis] = low[axis] + self.plane_position * (high - low)[axis]
             normal[axis] = 1.0
             planes = list(scene.entries.get("plane", []))
             chosen["plane"] = [*planes, {"clip": [*point.tolist(), *normal.tolist()]}]
-        looked = scene.with_(chosen)
-        if self.density != 1.0:
+        looked = scene.updated(chosen)
+        if self.opacity_scale != 1.0:
             stage = self._touched._stage
             stage.set_looks(looked.json(), fspath(scene.folder))
-            looked = looked.with_({"picture.transfer": stage.transfer(float(self.density))})
+            looked = looked.updated({"picture.transfer": stage.transfer(float(self.opacity_scale))})
         return looked
 
 

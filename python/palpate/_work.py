@@ -83,7 +83,7 @@ def tune(
     """
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         given, found = Path(folder) / "scene.toml", Path(folder) / "tuned.toml"
-        own = Scene.of(body)
+        own = Scene.from_any(body)
         own.write(given)
         met, notes, (motion, picture) = _palpate.tune(
             fspath(given), fspath(found), error, fps, seconds, adapter, progress
@@ -126,5 +126,5 @@ def study(
         return _palpate.study(what, path, fspath(out), quick, adapter, progress)
     file = Path(out) / "scene.toml"
     file.parent.mkdir(parents=True, exist_ok=True)
-    Scene.of(scene).write(file)
+    Scene.from_any(scene).write(file)
     return _palpate.study(what, fspath(file), fspath(out), quick, adapter, progress)

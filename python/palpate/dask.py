@@ -81,7 +81,7 @@ def render_series(
         raise InputError(f"{series}: the series has no frames")
     folder = Path(out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    scene = Scene.of(frames[0][1]).with_(picture_entries(**picture))
+    scene = Scene.from_any(frames[0][1]).updated(picture_entries(**picture))
     stamps = [[fspath(f), f.stat().st_size, f.stat().st_mtime_ns] for _, f in frames]
     mark = _mark(scene.json(), stamps, adapter)
     kept = folder / f"{series.stem}.json"
@@ -158,7 +158,7 @@ def sweep(
     for name, choices in values.items():
         if isinstance(choices, (str, bytes)) or not isinstance(choices, Iterable):
             raise InputError(f"values: {name} must be a list of values, got {choices!r}")
-    own = Scene.of(scene)
+    own = Scene.from_any(scene)
     given = [dict(zip(values, combination)) for combination in itertools.product(*values.values())]
     folder = None if out is None else Path(out)
     if folder is not None:
@@ -174,7 +174,7 @@ def sweep(
             each({**given[n], **found})
 
     for n, case in enumerate(given):
-        changed = own.with_(case)
+        changed = own.updated(case)
         mark = _mark(changed.json(), content, steps, adapter, f"{look.__module__}.{look.__qualname__}")
         file = None if folder is None else folder / "cases" / f"{mark[:16]}.json"
         kept = {} if file is None else _content(file)
@@ -220,7 +220,7 @@ def press_map(
         each: called with the index and the stiffness (N/m) of each completed point.
         adapter: graphics adapter of the workers.
     """
-    scene = Scene.of(body)
+    scene = Scene.from_any(body)
     wanted = ((int(points[0]), int(points[1])), radius, depth, adapter)
     native = _map(scene, *wanted)
     mark = native.mark()
@@ -306,7 +306,7 @@ def render_pieces(
         InputError: for settings that pieces do not support, and for pieces of other programs.
     """
     index = Path(pvtu).resolve()
-    scene = Scene({}).with_(picture_entries(camera=camera, size=size, **picture))
+    scene = Scene({}).updated(picture_entries(camera=camera, size=size, **picture))
     entries, folder = scene.json(), fspath(scene.folder)
     count = _palpate.count_pieces(fspath(index))
     drawn = [

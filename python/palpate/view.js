@@ -84,11 +84,11 @@ function render({ model, el }) {
   const controls = element("div", { className: "row" },
     choice(model, "field", () => model.get("fields"), "Field", "automatic"),
     choice(model, "colour", () => model.get("colours"), "Colours", "automatic"),
-    slider("Opacity", () => Math.log10(model.get("density")), (v) => set("density", 10 ** v), [-1.5, 1.5]),
+    slider("Opacity", () => Math.log10(model.get("opacity_scale")), (v) => set("opacity_scale", 10 ** v), [-1.5, 1.5]),
     slider("From", () => part(0), ranged(0)),
     slider("To", () => part(1), ranged(1)),
     choice(model, "plane", () => ["x", "y", "z"], "Clip along", "none"),
-    slider("at", () => model.get("plane_at"), (v) => set("plane_at", v)));
+    slider("at", () => model.get("plane_position"), (v) => set("plane_position", v)));
   const hands = element("div", { className: "row" }, ...buttons, reset, curve, told);
   const root = element("div", { className: "palpate-view" },
     hands, element("div", { className: "body" }, canvas, stroke), controls, said);

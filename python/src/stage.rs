@@ -185,7 +185,12 @@ impl Stage {
         let camera = match (fov, height) {
             (Some(fov), None) => Camera::perspective(eye, look_at, up, fov),
             (None, Some(height)) => Camera::orthographic(eye, look_at, up, height),
-            _ => return Err(input_error(py, "a camera must have exactly one of fov and orthographic")),
+            _ => {
+                return Err(input_error(
+                    py,
+                    "a camera must have exactly one of fov and orthographic",
+                ));
+            }
         };
         camera.check().or_raise(py)?;
         self.with(py, |stage| {

@@ -54,10 +54,7 @@ impl Volume {
         })?;
         let world = to_points(py, &to_world, "affine")?;
         let [i, j, k, origin] = world[..] else {
-            return Err(input_error(
-                py,
-                "affine must have shape (4, 4)",
-            ));
+            return Err(input_error(py, "affine must have shape (4, 4)"));
         };
         let to_world = DAffine3::from_mat3_translation(DMat3::from_cols(i, j, k), origin);
         let sound = to_world.is_finite() && to_world.matrix3.determinant() != 0.0;
@@ -70,7 +67,10 @@ impl Volume {
         if raw.len() != size.iter().product::<usize>() {
             return Err(input_error(
                 py,
-                format!("the number of voxels, {}, does not match the size {size:?}", raw.len()),
+                format!(
+                    "the number of voxels, {}, does not match the size {size:?}",
+                    raw.len()
+                ),
             ));
         }
         Ok(Volume(Arc::new(palpate::volume::Volume {

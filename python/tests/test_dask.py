@@ -83,7 +83,7 @@ def write_bar(folder: Path) -> Path:
 
 
 def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -> None:
-    scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.02}})
+    scene = bar.scene().updated({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.02}})
     values = {"material.young": [2e4, 4e4, 8e4], "material.poisson": [0.3, 0.45]}
     came: list[dict] = []
 
@@ -96,7 +96,7 @@ def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -
     assert len(rows) == len(came) == 6
     assert [r["material.young"] for r in rows] == [2e4, 2e4, 4e4, 4e4, 8e4, 8e4]
     for row in rows:
-        alone = palpate.Simulator(scene.with_({k: row[k] for k in values}))
+        alone = palpate.Simulator(scene.updated({k: row[k] for k in values}))
         alone.advance(20)
         assert row["max_displacement"] == alone.report()["max_displacement"]
         assert row["von_mises_max_pa"] == alone.field("von_mises").max()

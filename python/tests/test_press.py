@@ -72,7 +72,7 @@ def test_demo_writes_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_tune_returns_scene(bar: palpate.Body) -> None:
-    scene = bar.scene().with_({"solver": {"name": "implicit", "dt": 0.01}, "picture.size": [64, 48]})
+    scene = bar.scene().updated({"solver": {"name": "implicit", "dt": 0.01}, "picture.size": [64, 48]})
     told: list[str] = []
     tuned = palpate.tune(scene, error=0.05, seconds=0.05, progress=lambda what, _: told.append(what))
     assert tuned.notes and told and tuned.picture_ms > 0

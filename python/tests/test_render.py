@@ -80,9 +80,9 @@ def test_pyvista_cameras_are_converted(limb: palpate.Mesh) -> None:
     )
     camera.parallel_projection = True
     camera.parallel_scale = 0.2
-    assert palpate.Camera.of(camera).orthographic == 0.4
+    assert palpate.Camera.from_any(camera).orthographic == 0.4
     position = [(0.6, 0.3, 0.4), (0.0, 0.0, 0.1), (0.0, 0.0, 1.0)]
-    assert palpate.Camera.of(position) == palpate.Camera((0.6, 0.3, 0.4), (0.0, 0.0, 0.1), (0.0, 0.0, 1.0))
+    assert palpate.Camera.from_any(position) == palpate.Camera((0.6, 0.3, 0.4), (0.0, 0.0, 0.1), (0.0, 0.0, 1.0))
     with pytest.raises(palpate.InputError, match="camera"):
         palpate.render(limb, camera="iso")
 
@@ -106,7 +106,7 @@ def test_renderer_draws_external_positions(limb: palpate.Mesh) -> None:
     assert not np.array_equal(renderer.render(), rest)
     renderer.set_positions(limb.nodes)
     assert np.array_equal(renderer.render(), rest)
-    assert renderer.raw().shape == (60, 80, 4) and renderer.raw().dtype == np.float32
+    assert renderer.render_float().shape == (60, 80, 4) and renderer.render_float().dtype == np.float32
     seen = renderer.pick(40, 30)
     assert seen is not None and 0 <= seen.tet < len(limb.tets)
     assert renderer.pick(0, 0) is None

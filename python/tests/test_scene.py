@@ -24,12 +24,42 @@ def test_shipped_scenes_round_trip(tmp_path: Path) -> None:
 
 def test_updated_returns_copy(bar: palpate.Body) -> None:
     scene = bar.scene()
-    softer = scene.with_({"material.young": 1e3, "solver.dt": 0.01, "pin": None})
+    softer = scene.updated({"material.young": 1e3, "solver.dt": 0.01, "pin": None})
     assert scene.entries["material"]["young"] == 3e4 and "pin" in scene.entries
     assert softer.entries["material"] == {"young": 1e3, "density": 1000.0}
     assert softer.entries["solver"]["dt"] == 0.01 and "pin" not in softer.entries
     with pytest.raises(palpate.InputError, match="not a table"):
-        scene.with_({"material.young.soft": 1.0})
+        scene.updated({"material.young.soft": 1.0})
+
+
+def test_old_names_warn_and_work(bar: palpate.Body) -> None:
+    scene = bar.scene()
+    with pytest.warns(DeprecationWarning, match="Scene.with_ is now Scene.updated"):
+        softer = scene.with_({"material.young": 1e3})
+    assert softer.entries == scene.updated({"material.young": 1e3}).entries
+    with pytest.warns(DeprecationWarning, match="Scene.of is now Scene.from_any"):
+        assert palpate.Scene.of(scene) is scene
+    camera = palpate.Camera((0, 0, 1), (0, 0, 0))
+    with pytest.warns(DeprecationWarning, match="Camera.of is now Camera.from_any"):
+        assert palpate.Camera.of(camera) is camera
+    assert isinstance(bar.mesh, palpate.Mesh)
+    nodes = bar.mesh.nodes + 1.0
+    with pytest.warns(DeprecationWarning, match="Mesh.moved is now Mesh.with_nodes"):
+        assert np.array_equal(bar.mesh.moved(nodes).nodes, bar.mesh.with_nodes(nodes).nodes)
+    renderer = palpate.Renderer(bar, size=(16, 12))
+    with pytest.warns(DeprecationWarning, match="Renderer.shown is now Renderer.field_info"):
+        assert renderer.shown == renderer.field_info
+    with pytest.warns(DeprecationWarning, match="Renderer.raw is now Renderer.render_float"):
+        assert np.array_equal(renderer.raw(), renderer.render_float())
+
+
+def test_old_keys_are_noted_by_the_renderer(bar: palpate.Body) -> None:
+    old = bar.scene().updated({"picture.walk": "planes"})
+    notes = palpate.Renderer(old, size=(16, 12)).notes
+    assert any("`walk` is now `traversal`" in note for note in notes)
+    both = old.updated({"picture.traversal": "planes"})
+    with pytest.raises(palpate.InputError, match="has both `traversal`"):
+        palpate.Renderer(both, size=(16, 12))
 
 
 def test_mesh_in_memory_is_written_beside_scene(bar: palpate.Body, tmp_path: Path) -> None:

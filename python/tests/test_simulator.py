@@ -15,7 +15,7 @@ import palpate
 
 
 def test_steps_match_command_line(bar: palpate.Body, tmp_path: Path, run) -> None:
-    scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.01, "steps": 15}})
+    scene = bar.scene().updated({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.01, "steps": 15}})
     scene.write(tmp_path / "bar.toml")
     run("render", tmp_path / "bar.toml", "--out", tmp_path / "p.png", "--size", "64x48", "--mesh-out", tmp_path / "bent.vtu")
     theirs = palpate.Mesh.read(tmp_path / "bent.vtu")
@@ -84,7 +84,7 @@ def test_rendered_positions_follow_the_body(bar: palpate.Body) -> None:
     simulator.advance(10)
     after = renderer.render()
     assert before.shape == after.shape == (60, 80, 4) and not np.array_equal(before, after)
-    assert renderer.shown[0] == "displacement"
+    assert renderer.field_info[0] == "displacement"
 
 
 def test_failed_step_keeps_last_valid_state() -> None:
@@ -101,7 +101,7 @@ def test_failed_step_keeps_last_valid_state() -> None:
 
 
 def test_steps_release_the_gil_and_ctrl_c_cancels(bar: palpate.Body) -> None:
-    simulator = palpate.Simulator(bar.scene().with_({"solver.sleep": False}), engine="cpu", dt=0.01)
+    simulator = palpate.Simulator(bar.scene().updated({"solver.sleep": False}), engine="cpu", dt=0.01)
     begun, ended = threading.Event(), threading.Event()
 
     def interrupt() -> None:
@@ -133,7 +133,7 @@ def test_steps_release_the_gil_and_ctrl_c_cancels(bar: palpate.Body) -> None:
 
 
 def test_progress_callback_reads_body_and_cancels(bar: palpate.Body) -> None:
-    simulator = palpate.Simulator(bar.scene().with_({"solver.sleep": False}), engine="cpu", dt=0.01)
+    simulator = palpate.Simulator(bar.scene().updated({"solver.sleep": False}), engine="cpu", dt=0.01)
 
     def look(what: str, share: float) -> None:
         assert what == "steps" and 0 < share <= 1

@@ -129,7 +129,7 @@ def test_view_changes_appearance(ball: palpate.View) -> None:
     shown = Shown(ball)
     rest = shown.rest()
     seen = [rest]
-    for trait, value in [("colour", "magma"), ("density", 4.0), ("plane", "x"), ("range", [0.2, 0.5])]:
+    for trait, value in [("colour", "magma"), ("opacity_scale", 4.0), ("plane", "x"), ("range", [0.2, 0.5])]:
         if trait == "range":
             low, high = ball.whole
             value = [low + share * (high - low) for share in (0.2, 0.5)]
@@ -148,6 +148,15 @@ def test_picked_points_lie_on_rays(ball: palpate.View) -> None:
         assert seen is not None
         origin, direction = touched.ray(x, y)
         assert np.allclose(origin + seen.distance * direction, seen.point, atol=1e-4 * touched.diagonal)
+
+
+def test_old_traits_warn_and_work(ball: palpate.View) -> None:
+    for old, current in [("density", "opacity_scale"), ("plane_at", "plane_position")]:
+        with pytest.warns(DeprecationWarning, match=f"View.{old} is now View.{current}"):
+            setattr(ball, old, 0.25)
+        assert getattr(ball, current) == 0.25
+        with pytest.warns(DeprecationWarning, match=f"View.{old} is now View.{current}"):
+            assert getattr(ball, old) == 0.25
 
 
 @pytest.mark.parametrize("name", ["three_bodies", "foot_bones"])

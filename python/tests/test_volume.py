@@ -61,7 +61,7 @@ def test_warp_matches_command_line(tmp_path: Path, run) -> None:
     warped = palpate.warp(scan, mm, bent)
     scan.write(tmp_path / "scan.nrrd")
     mm.write(tmp_path / "rest.vtu")
-    mm.moved(bent).write(tmp_path / "bent.vtu")
+    mm.with_nodes(bent).write(tmp_path / "bent.vtu")
     out = tmp_path / "out.nrrd"
     run("warp", tmp_path / "scan.nrrd", "--mesh", tmp_path / "rest.vtu", "--to", tmp_path / "bent.vtu", "--out", out)
     theirs = palpate.Volume.read(out)
