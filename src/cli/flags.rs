@@ -282,7 +282,7 @@ impl SceneFlags {
         override_with(given.transfer, &mut scene.picture.transfer);
         override_with(given.size, &mut scene.picture.size);
         override_with(given.mode, &mut scene.picture.mode);
-        override_with(given.walk, &mut scene.picture.walk);
+        override_with(given.walk, &mut scene.picture.traversal);
         override_with(given.energy, &mut scene.xray.energy);
         override_with(given.background, &mut scene.picture.background);
         override_with(given.light, &mut scene.light.from);

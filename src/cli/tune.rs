@@ -34,6 +34,7 @@ pub struct TuneArguments {
 /// Tunes a scene; exit code 1 if no settings meet the target, and the best ones are written.
 pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let scene = Scene::read(&arguments.scene)?;
+    super::print_notes(scene.notes());
     let wanted = TuneTarget {
         error: arguments.error,
         fps: arguments.fps,

@@ -146,6 +146,8 @@ fn crc(bytes: &[u8]) -> u32 {
 pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     let mut crc = Crc::new();
     let mut plain = scene.clone();
+    // A key under its old name does not change the scene.
+    plain.notes.clear();
     let mut file = |path: &mut std::path::PathBuf| {
         // A file that cannot be read has caused an error earlier.
         crc.update(&std::fs::read(&*path).unwrap_or_default());

@@ -171,7 +171,7 @@ impl Convex {
 impl ToolEntry {
     /// Whether its motion is dynamic rather than prescribed.
     pub(super) fn is_dynamic(&self) -> bool {
-        self.mass.is_some() || self.spring.is_some()
+        self.mass.is_some() || self.spring_stiffness.is_some()
     }
 
     /// Returns its surface as a skin embedded in the body `carrier`, of which the tool is a region.
@@ -190,20 +190,22 @@ impl ToolEntry {
     fn check_carried(&self, name: &str) -> Result<()> {
         let refuse = |why: &str| Err(Error::Input(format!("the [[tool]] {name} {why}")));
         let positive = |x: Option<f64>| x.is_none_or(|x| x > 0.0 && x.is_finite());
-        if !(positive(self.mass) && positive(self.spring) && positive(self.limit)) {
-            return refuse("must have a positive, finite mass (kg), spring (N/m) and limit (N)");
-        }
-        if self.limit.is_some() && self.spring.is_none() {
-            return refuse("has `limit` without `spring`; set both");
-        }
-        if self.spring.is_none() && self.path.is_some() {
+        if !(positive(self.mass) && positive(self.spring_stiffness) && positive(self.max_force)) {
             return refuse(
-                "has `mass` and `path` without a coupling between them; set `spring`, or remove `mass`",
+                "must have a positive, finite mass (kg), spring_stiffness (N/m) and max_force (N)",
             );
         }
-        if self.turn.is_some() || self.file.is_some() || self.gap.is_some() {
+        if self.max_force.is_some() && self.spring_stiffness.is_none() {
+            return refuse("has `max_force` without `spring_stiffness`; set both");
+        }
+        if self.spring_stiffness.is_none() && self.path.is_some() {
             return refuse(
-                "has a mass or a spring: `turn`, `file` and `gap` are then not supported; remove them (set the gap in [contact])",
+                "has `mass` and `path` without a coupling between them; set `spring_stiffness`, or remove `mass`",
+            );
+        }
+        if self.rotation.is_some() || self.file.is_some() || self.gap.is_some() {
+            return refuse(
+                "has a mass or a spring: `rotation`, `file` and `gap` are then not supported; remove them (set the gap in [contact])",
             );
         }
         Ok(())
@@ -275,7 +277,7 @@ impl Scene {
         }
         let middle = at + turn * solid.middle;
         let near = |p: &DVec3| p.distance(middle) <= solid.reach;
-        if entry.spring.is_some() && mesh.nodes.iter().any(near) {
+        if entry.spring_stiffness.is_some() && mesh.nodes.iter().any(near) {
             return Err(Error::Input(format!(
                 "the spring of the [[tool]] {name} would also attach nodes of the body, because these lie too close to its centre of mass ({middle}); move the tool away, or give it a path and no spring"
             )));
@@ -297,15 +299,15 @@ impl Scene {
                 "the [[tool]] {name} has the name of a tissue of [material]; rename it"
             )));
         }
-        if let Some(spring) = entry.spring {
+        if let Some(stiffness) = entry.spring_stiffness {
             self.grab.push(GrabEntry {
                 name: Some(format!("{name} spring")),
                 at: middle.to_array(),
                 radius: solid.reach,
                 path: entry.path.clone().unwrap_or_else(|| vec![[0.0; 4]]),
-                release: None,
-                spring: Some(spring),
-                limit: entry.limit,
+                release_time: None,
+                spring_stiffness: Some(stiffness),
+                max_force: entry.max_force,
             });
         }
         self.picture.hide.push(name);

@@ -22,7 +22,7 @@ pub(super) const MODES: [&str; 8] = [
     "skin",
 ];
 /// Ray traversals of the tetrahedra.
-pub(super) const WALKS: [&str; 2] = ["vertices", "planes"];
+pub(super) const TRAVERSALS: [&str; 2] = ["vertices", "planes"];
 /// Backgrounds of a picture.
 pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
 /// Kinds of axes.
@@ -61,8 +61,8 @@ pub(super) fn mode<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error
     checked(from, |word| one_of("mode", &MODES, word))
 }
 
-pub(super) fn walk<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
-    checked(from, |word| one_of("walk", &WALKS, word))
+pub(super) fn traversal<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("traversal", &TRAVERSALS, word))
 }
 
 pub(super) fn background<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

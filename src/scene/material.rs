@@ -57,7 +57,7 @@ pub struct MaterialEntry {
     pub damping_kind: Option<String>,
     /// Largest ratio of the stiffness of a tissue to that of the softest one: implicit steps take
     /// longer for larger ratios, and above some hundreds the difference is not visible.
-    pub contrast: Option<f64>,
+    pub max_stiffness_ratio: Option<f64>,
     /// Tissues by name.
     pub tissues: Tissues,
 }
@@ -125,7 +125,9 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                         "damping_ratio" => entry.damping_ratio = Some(map.next_value()?),
                         "damping_hz" => entry.damping_hz = Some(map.next_value()?),
                         "damping_kind" => entry.damping_kind = map.next_value_seed(Kind)?,
-                        "contrast" => entry.contrast = Some(map.next_value()?),
+                        "max_stiffness_ratio" => {
+                            entry.max_stiffness_ratio = Some(map.next_value()?)
+                        }
                         _ => {
                             let tissue = map.next_value_seed(Named(&key))?;
                             entry.tissues.insert(key, tissue);
@@ -353,7 +355,7 @@ impl MaterialEntry {
             .values
             .iter()
             .any(|l| !material.regions.contains_key(&(l.round() as i64)));
-        self.limit_contrast(material, rest)?;
+        self.limit_stiffness(material, rest)?;
         Ok(made
             .iter()
             .map(|(label, name)| {
@@ -379,15 +381,15 @@ impl MaterialEntry {
             .collect())
     }
 
-    /// Reduces stiffnesses above `contrast` times that of the softest region; `rest` is whether
+    /// Reduces stiffnesses above `max_stiffness_ratio` times that of the softest region; `rest` is whether
     /// some tetrahedra belong to no tissue.
-    fn limit_contrast(&self, material: &mut Material, rest: bool) -> Result<()> {
-        let Some(contrast) = self.contrast else {
+    fn limit_stiffness(&self, material: &mut Material, rest: bool) -> Result<()> {
+        let Some(max_ratio) = self.max_stiffness_ratio else {
             return Ok(());
         };
-        if !contrast.is_finite() || contrast < 1.0 {
+        if !max_ratio.is_finite() || max_ratio < 1.0 {
             return Err(Error::Input(format!(
-                "contrast (stiffest over softest tissue) must be ≥ 1, got {contrast}"
+                "max_stiffness_ratio (of two tissues) must be ≥ 1, got {max_ratio}"
             )));
         }
         let own = match material.stiffness {
@@ -400,10 +402,10 @@ impl MaterialEntry {
             .filter(|(l, _)| !material.rigid.contains(l));
         let softest = soft.map(|(_, r)| r.stiffness).fold(own, f64::min);
         for region in material.regions.values_mut() {
-            region.stiffness = region.stiffness.min(contrast * softest);
+            region.stiffness = region.stiffness.min(max_ratio * softest);
         }
         if let Stiffness::Young(young) = &mut material.stiffness {
-            *young = young.min(contrast * softest);
+            *young = young.min(max_ratio * softest);
         }
         Ok(())
     }

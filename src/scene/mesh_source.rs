@@ -42,9 +42,9 @@ impl MeshSource {
             let parts: Vec<(String, &TetMesh)> = std::iter::once(first).chain(rest).collect();
             mesh = TetMesh::merge_meshes(&parts)?;
         }
-        for [first, second] in &self.part {
+        for [first, second] in &self.split {
             let doubles = mesh.split_interface(first.label(&mesh)?, second.label(&mesh)?)?;
-            if let Some(gap) = self.part_gap {
+            if let Some(gap) = self.split_gap {
                 mesh.open_interface_gap(&doubles, gap)?;
             }
         }

@@ -1,6 +1,6 @@
 //! Builds the camera, the sections and the renderers of a scene's picture.
 
-use super::keywords::{BACKGROUNDS, MODES, WALKS, unknown_keyword_error};
+use super::keywords::{BACKGROUNDS, MODES, TRAVERSALS, unknown_keyword_error};
 use super::{ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};
@@ -176,12 +176,12 @@ impl Scene {
             Some(tolerance) => RaycastOptions::for_tolerance(tolerance / 255.0)?,
             None => RaycastOptions::default(),
         };
-        options.walk = match self.picture.walk.as_deref() {
+        options.walk = match self.picture.traversal.as_deref() {
             None => options.walk,
             Some("vertices") => Traversal::Vertices,
             Some("planes") => Traversal::Planes,
             Some(other) => {
-                return Err(unknown_keyword_error("walk", &WALKS, other));
+                return Err(unknown_keyword_error("traversal", &TRAVERSALS, other));
             }
         };
         if let Some(accuracy) = self.picture.accuracy {

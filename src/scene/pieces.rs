@@ -170,7 +170,7 @@ impl Scene {
             ),
             (
                 self.mesh.rest.is_some()
-                    || !(self.mesh.join.is_empty() && self.mesh.part.is_empty()),
+                    || !(self.mesh.join.is_empty() && self.mesh.split.is_empty()),
                 "a rest mesh, joined meshes and split interfaces",
             ),
             (!self.scan.is_empty(), "scans"),

@@ -17,9 +17,9 @@ impl Scene {
         mesh: &mut TetMesh,
     ) -> Result<Option<(Vec<DVec3>, Option<String>)>> {
         if let Some(file) = &self.mesh.rest {
-            if !(self.mesh.part.is_empty() && self.mesh.join.is_empty()) {
+            if !(self.mesh.split.is_empty() && self.mesh.join.is_empty()) {
                 return Err(Error::Input(
-                    "[mesh] `rest` cannot be combined with `part` or `join`; remove one of them"
+                    "[mesh] `rest` cannot be combined with `split` or `join`; remove one of them"
                         .into(),
                 ));
             }

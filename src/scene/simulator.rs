@@ -121,7 +121,11 @@ impl FloorEntry {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let point = (DVec3::from(self.point) - frame.origin) * unit;
         let normal = self.normal.map_or(DVec3::Z, DVec3::from);
-        Floor::new(point, normal, self.rate.unwrap_or(Floor::DEFAULT_RATE))
+        Floor::new(
+            point,
+            normal,
+            self.stiffness_rate.unwrap_or(Floor::DEFAULT_RATE),
+        )
     }
 }
 
@@ -198,7 +202,7 @@ fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
     }
     if !welded.is_empty() {
         notes.push(format!(
-            "rigid regions that share nodes form one body: {}; separate two with [mesh] part = [[A, B]]",
+            "rigid regions that share nodes form one body: {}; separate two with [mesh] split = [[A, B]]",
             welded.join("; ")
         ));
     }

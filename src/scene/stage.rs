@@ -214,7 +214,8 @@ impl Stage {
             .iter()
             .map(ActiveBlade::new)
             .collect::<Result<_>>()?;
-        let mut notes = drive.mesh().repairs.warnings.clone();
+        let mut notes = scene.notes.clone();
+        notes.extend(drive.mesh().repairs.warnings.iter().cloned());
         let asked = !(scene.grab.is_empty() && scene.cut.is_empty() && scene.tool.is_empty())
             || scene.floor.is_some();
         if matches!(drive, NodeSource::Posed(_)) && asked {
@@ -680,7 +681,7 @@ impl Stage {
 
 fn no_tool(number: usize) -> Error {
     Error::Input(format!(
-        "the scene has no tool {number} (counted from 0) that can be moved interactively: it must have no `path`, `file` and `turn`"
+        "the scene has no tool {number} (counted from 0) that can be moved interactively: it must have no `path`, `file` and `rotation`"
     ))
 }
 

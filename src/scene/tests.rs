@@ -115,9 +115,10 @@ fn tissues_set_region_materials() {
         notes.iter().any(|n| n.contains("Femur bone (1) is bone")),
         "{notes:?}"
     );
-    let (made, _) =
-        material("young = 1e3\ncontrast = 50\nbone = { regions = [\"femur bone\"], density = 9 }")
-            .unwrap();
+    let (made, _) = material(
+        "young = 1e3\nmax_stiffness_ratio = 50\nbone = { regions = [\"femur bone\"], density = 9 }",
+    )
+    .unwrap();
     assert_eq!(
         (made.regions[&1].stiffness, made.regions[&1].density),
         (5e4, 9.0)
@@ -131,7 +132,10 @@ fn tissues_set_region_materials() {
         ("bone = [1]\nfat = [1]", "two tissues"),
         ("bone = { regions = [1], mass = 2 }", "`bone`"),
         ("stiffness = 3\nbone = [1]", "not `stiffness`"),
-        ("contrast = 0.5\nbone = [1]", "contrast"),
+        (
+            "max_stiffness_ratio = 0.5\nbone = [1]",
+            "max_stiffness_ratio",
+        ),
     ] {
         let error = material(wrong).unwrap_err().to_string();
         assert!(error.contains(part), "{wrong}: {error}");

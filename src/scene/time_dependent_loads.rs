@@ -50,10 +50,10 @@ impl TimeDependentLoads {
         }
         for entry in &scene.pressure {
             let acting = entry.acting(body)?;
-            entry.pascal.check("pressure")?;
+            entry.pressure.check("pressure")?;
             actors
                 .levels
-                .push((body.add_scaled_load(acting)?, entry.pascal.clone()));
+                .push((body.add_scaled_load(acting)?, entry.pressure.clone()));
         }
         for entry in &scene.muscle {
             let acting = entry.acting(body.mesh())?;
@@ -151,10 +151,10 @@ impl PressureEntry {
                 .iter()
                 .for_each(|v| inside[*v as usize] = true);
         }
-        let facing = self.facing.map(DVec3::from);
+        let facing = self.normal.map(DVec3::from);
         if let Some(way) = facing.filter(|way| !(way.is_finite() && way.length() > 0.0)) {
             return Err(Error::Input(format!(
-                "`facing` of a [[pressure]] must be a direction, got {way}"
+                "`normal` of a [[pressure]] must be a direction, got {way}"
             )));
         }
         let wanted = |face: [u32; 3]| {
@@ -173,7 +173,7 @@ impl PressureEntry {
                 format!(" with a normal within 45° of {way}")
             });
             return Err(Error::Input(format!(
-                "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; extend `on` or `facing`",
+                "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; extend `on` or `normal`",
                 self.between
                     .as_ref()
                     .map_or("of the boundary", |_| "of the interface of the two regions"),
@@ -216,7 +216,7 @@ impl MoveEntry {
         let way = RigidTrajectory::new(
             "move",
             (self.path.as_deref(), self.file.as_deref()),
-            (self.turn.as_deref(), self.axis),
+            (self.rotation.as_deref(), self.axis),
         )?;
         let mesh = &body.mesh().nodes;
         let rest: Vec<DVec3> = nodes.iter().map(|v| mesh[*v as usize]).collect();
@@ -229,7 +229,7 @@ impl MoveEntry {
             id,
             rest,
             way,
-            about: self.about.map_or(middle, DVec3::from),
+            about: self.pivot.map_or(middle, DVec3::from),
         })
     }
 }

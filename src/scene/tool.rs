@@ -63,7 +63,7 @@ impl ToolEntry {
         let way = RigidTrajectory::new(
             "tool",
             (self.path.as_deref(), self.file.as_deref()),
-            (self.turn.as_deref(), self.axis),
+            (self.rotation.as_deref(), self.axis),
         )?;
         let (at, turn) = self.initial_pose()?;
         let (turned, moved) = way.at(0.0);
@@ -93,12 +93,12 @@ impl ToolEntry {
 
     /// Returns its initial position and orientation.
     pub(super) fn initial_pose(&self) -> Result<(DVec3, DQuat)> {
-        let along = DVec3::from(self.along.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
+        let along = DVec3::from(self.orientation.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let at = DVec3::from(self.at);
         if along == DVec3::ZERO || !at.is_finite() {
             return Err(Error::Input(format!(
-                "`at` of a [[tool]] must be a point and `along` a direction, got {at} and {:?}",
-                self.along.unwrap_or_default()
+                "`at` of a [[tool]] must be a point and `orientation` a direction, got {at} and {:?}",
+                self.orientation.unwrap_or_default()
             )));
         }
         Ok((at, DQuat::from_rotation_arc(DVec3::Z, along)))

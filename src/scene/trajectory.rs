@@ -114,12 +114,12 @@ impl RigidTrajectory {
         check(&path, 1, what)?;
         let turn = turn.unwrap_or_default().to_vec();
         if !turn.is_empty() {
-            TimeSeries::Keys(turn.clone()).check("turn")?;
+            TimeSeries::Keys(turn.clone()).check("rotation")?;
         }
         let unit = DVec3::from(axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         if unit == DVec3::ZERO || axis.is_some() == turn.is_empty() {
             return Err(Error::Input(format!(
-                "the rotation of a [[{what}]] must have both `axis`, a direction, and `turn`, a list of [time, degrees]"
+                "the rotation of a [[{what}]] must have both `axis`, a direction, and `rotation`, a list of [time, degrees]"
             )));
         }
         Ok(RigidTrajectory {

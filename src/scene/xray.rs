@@ -67,9 +67,9 @@ pub(super) struct RadiographFilm {
 
 impl RadiographFilm {
     pub fn new(entry: &XrayEntry) -> Result<RadiographFilm> {
-        match entry.white {
+        match entry.white_level {
             Some(white) if !(white > 0.0 && white.is_finite()) => Err(Error::Input(format!(
-                "[xray] white (∫ μ dl shown as white on the film) must be positive, got {white}"
+                "[xray] white_level (∫ μ dl shown as white on the film) must be positive, got {white}"
             ))),
             white => Ok(RadiographFilm {
                 white: white.map(|w| w as f32),

@@ -32,8 +32,8 @@ name = "finger"
 sphere = { radius = 0.015 }
 at = [0.05, 0.05, 0.118]
 path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.04]]
-spring = 400
-limit = 3
+spring_stiffness = 400
+max_force = 3
 friction = 0.4
 "#;
 
@@ -43,7 +43,7 @@ const WEIGHT: &str = r#"
 name = "weight"
 box = { size = [0.02, 0.02, 0.02] }
 at = [0.02, 0.02, 0.114]
-along = [0.1, 0.05, 1]
+orientation = [0.1, 0.05, 1]
 mass = 0.2
 friction = 0.4
 "#;
@@ -191,7 +191,7 @@ fn closed_surface_tool_rests_with_its_weight() {
 fn surface_tool_on_spring_follows_path() {
     let file = bracket();
     let tool = format!(
-        "[[tool]]\nname = \"hook\"\nsurface = {:?}\nat = [0.03, 0.03, 0.13]\npath = [[0.0, 0, 0, 0], [0.2, 0, 0.02, 0]]\nspring = 500\n",
+        "[[tool]]\nname = \"hook\"\nsurface = {:?}\nat = [0.03, 0.03, 0.13]\npath = [[0.0, 0, 0, 0], [0.2, 0, 0.02, 0]]\nspring_stiffness = 500\n",
         file.display().to_string()
     );
     let mut stage = stage(&format!("{BOX}{tool}"));
@@ -212,8 +212,11 @@ fn surface_tool_on_spring_follows_path() {
 #[test]
 fn stiff_spring_on_light_tool_is_stable() {
     // 2 g on 5 kN/m, 30 times the stability limit of an explicit step.
-    let light = FINGER.replace("spring = 400", "spring = 5000\nmass = 0.002");
-    let light = light.replace("limit = 3\n", "");
+    let light = FINGER.replace(
+        "spring_stiffness = 400",
+        "spring_stiffness = 5000\nmass = 0.002",
+    );
+    let light = light.replace("max_force = 3\n", "");
     let mut stage = stage(&format!("{BOX}{light}"));
     stage.run(40, &mut |_| {}).unwrap();
     let finger = middle(&stage, "finger");
@@ -258,14 +261,14 @@ fn dynamic_tools_reject_invalid_entries() {
         ),
         (
             "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\npath = [[0.0, 0, 0, 0]]\n",
-            "set `spring`",
+            "set `spring_stiffness`",
         ),
         (
-            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\nlimit = 1\n",
-            "without `spring`",
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\nmax_force = 1\n",
+            "without `spring_stiffness`",
         ),
         (
-            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nspring = 1\nturn = [[0.0, 0]]\n",
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nspring_stiffness = 1\nrotation = [[0.0, 0]]\n",
             "remove them",
         ),
     ] {

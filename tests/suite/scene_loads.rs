@@ -59,7 +59,7 @@ below = 0.01
 [[move]]
 on = { axis = "z", above = 0.99 }
 WAY
-turn = [[0.05, 0], [0.25, 40]]
+rotation = [[0.05, 0], [0.25, 40]]
 axis = [0, 0, 2]
 "#;
     let inline = "path = [[0.0, 0, 0, 0], [0.2, 0.0, 0.01, 0.02], [0.3, 0, 0.01, 0.02]]";
@@ -149,7 +149,7 @@ fn pressure_on_selected_faces_equals_pin_reaction() {
         };
         top.map(of).sum::<DVec3>()
     };
-    let (force, stage) = pressed("facing = [0, 0, 1]\npascal = 400.0\n");
+    let (force, stage) = pressed("normal = [0, 0, 1]\npressure = 400.0\n");
     let expected = -400.0 * area(&stage);
     assert!(
         force.distance(expected) < 1e-3 * expected.length(),
@@ -157,13 +157,13 @@ fn pressure_on_selected_faces_equals_pin_reaction() {
     );
     assert!((expected.length() / 4.0 - 1.0).abs() < 0.1, "{expected}");
     // The same faces selected by position, with a pressure that is ramped up.
-    let (same, _) = pressed("on = { z_above = 0.0999 }\npascal = [[0.0, 0.0], [0.5, 400.0]]\n");
+    let (same, _) = pressed("on = { z_above = 0.0999 }\npressure = [[0.0, 0.0], [0.5, 400.0]]\n");
     assert!(
         same.distance(force) < 1e-3 * force.length(),
         "{same} {force}"
     );
     // Suction pulls.
-    let (up, _) = pressed("facing = [0, 0, 1]\npascal = -400.0\n");
+    let (up, _) = pressed("normal = [0, 0, 1]\npressure = -400.0\n");
     assert!(up.z > 3.0, "{up}");
 }
 
@@ -184,7 +184,7 @@ fn pressure_acts_on_region_interface() {
         &format!("file = {:?}", file.display().to_string()),
     );
     let text = |more: &str| {
-        format!("{text}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\npascal = 400.0\n{more}")
+        format!("{text}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\npressure = 400.0\n{more}")
     };
     // 400 Pa on a square of 0.1 m, both signs: the pin's reaction changes accordingly.
     for (between, sign) in [("[2, 1]", 1.0), ("[1, 2]", -1.0)] {
@@ -281,7 +281,7 @@ fn muscle_shortens_thickens_and_lifts_weight() {
 #[test]
 fn loads_reject_invalid_entries() {
     let pin = "[[pin]]\naxis = \"z\"\nbelow = 0.01\n";
-    let pressure = "[[pressure]]\npascal = 1.0\n";
+    let pressure = "[[pressure]]\npressure = 1.0\n";
     let muscle = "[[muscle]]\ntension = 1e4\nactivation = 0.5\n";
     let lead = "[[move]]\non = { axis = \"z\", above = 0.9 }\npath = [[0, 0, 0, 0]]\n";
     let on_gpu = |text: &str| BOX.replace("dt = 0.05", "dt = 0.05\nengine = \"gpu\"") + text;
@@ -317,15 +317,15 @@ fn loads_reject_invalid_entries() {
         ),
         (muscle.replace("1e4", "-1.0"), ["-1 Pa", "0 or more"]),
         (
-            format!("{pressure}facing = [0, 0, 0]\n"),
-            ["facing", "direction"],
+            format!("{pressure}normal = [0, 0, 0]\n"),
+            ["normal", "direction"],
         ),
         (
-            format!("{pressure}facing = [0, 0, 1]\non = {{ z_below = 0.01 }}\n"),
-            ["no face", "facing"],
+            format!("{pressure}normal = [0, 0, 1]\non = {{ z_below = 0.01 }}\n"),
+            ["no face", "normal"],
         ),
         (format!("{lead}file = \"a.csv\"\n"), ["path", "file"]),
-        (format!("{lead}axis = [0, 0, 1]\n"), ["turn", "axis"]),
+        (format!("{lead}axis = [0, 0, 1]\n"), ["rotation", "axis"]),
         (
             lead.replace("above = 0.9", "below = 0.5"),
             ["led along", "pinned"],

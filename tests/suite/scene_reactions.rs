@@ -95,7 +95,7 @@ fn a_hanging_body_at_rest_exerts_its_weight_and_the_moment_of_it() {
 #[test]
 fn grabs_feel_their_springs_and_what_they_accelerate() {
     // Pulled by springs of 40 N/m in total: the target moves first, then rests.
-    let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
+    let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring_stiffness = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
     let mut stage = bar("neo-hookean", &format!("{PIN}{spring}"));
     assert_eq!(reaction(&mut stage, "grab1"), Reaction::default());
     run(&mut stage, 200);

@@ -139,7 +139,7 @@ fn surface_tool_matches_sphere_and_friction_drags() {
     let surface = force(&format!("surface = {:?}", file.to_str().unwrap()), "");
     assert!((surface.z / ball.z - 1.0).abs() < 0.05, "{surface} {ball}");
     let capsule = force(
-        "capsule = { radius = 0.02, length = 0.04 }\nalong = [1, 0, 0]",
+        "capsule = { radius = 0.02, length = 0.04 }\norientation = [1, 0, 0]",
         "",
     );
     assert!(capsule.z > 1.5 * ball.z, "{capsule} {ball}");
@@ -293,8 +293,8 @@ fn tools_reject_invalid_entries() {
         (format!("{FINGER}friction = -0.1\n"), ["-0.1", "0 or more"]),
         (format!("{FINGER}gap = 0.0\n"), ["gap of 0", "positive"]),
         (
-            format!("{FINGER}along = [0, 0, 0]\n"),
-            ["along", "direction"],
+            format!("{FINGER}orientation = [0, 0, 0]\n"),
+            ["orientation", "direction"],
         ),
         (
             format!("{FINGER}axis = [0, 0, 1]\n"),

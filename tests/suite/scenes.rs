@@ -290,7 +290,7 @@ fn farthest(nodes: &[(DVec3, DVec3)]) -> f64 {
 fn grab(gpu: &Gpu, body: Body) -> Vec<Number> {
     let more = "[[pin]]\nsphere = [0, 0, -0.05, 0.02]\n\
                 [[grab]]\nat = [0, 0, 0.05]\nradius = 0.02\n\
-                path = [[0, 0, 0, 0], [0.04, 0.004, 0, 0.006]]\nrelease = 0.1";
+                path = [[0, 0, 0, 0], [0.04, 0.004, 0, 0.006]]\nrelease_time = 0.1";
     let mut stage = stage(gpu, body, "composite", more);
     let rest = stage.mesh().nodes.clone();
     let near = |p: &DVec3| p.distance(DVec3::new(0.0, 0.0, 0.05)) <= 0.02;
@@ -434,7 +434,7 @@ fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
 #[test]
 fn cut_walls_are_rendered_under_skin() {
     let gpu = Gpu::new().unwrap();
-    let entry = format!("[[skin]]\nfile = '{BALL}'\ncolour = [1, 0, 0]\nwall = [0, 1, 0]");
+    let entry = format!("[[skin]]\nfile = '{BALL}'\ncolour = [1, 0, 0]\ncut_colour = [0, 1, 0]");
     for body in [Body::Grid, Body::Tets] {
         let mut stage = stage(&gpu, body, "skin", &entry);
         // In two strokes: the walls of the first remain after the second.
@@ -554,8 +554,8 @@ fn grabs_cuts_and_skins_reject_invalid_entries() {
             "path of a grab",
         ),
         (
-            "[[grab]]\nat = [0, 0, 0]\nradius = 0.1\npath = [[0, 0, 0, 0]]\nlimit = 3".into(),
-            "without `spring`",
+            "[[grab]]\nat = [0, 0, 0]\nradius = 0.1\npath = [[0, 0, 0, 0]]\nmax_force = 3".into(),
+            "without `spring_stiffness`",
         ),
         ("[[skin]]\nfile = 'none.obj'".into(), "none.obj"),
     ] {

@@ -1,7 +1,8 @@
 //! Errors in a scene are reported with the file, the line, the column and a remedy.
 
+use crate::support::gpu;
 use palpate::mesh::generate;
-use palpate::scene::{Region, Scene};
+use palpate::scene::{Region, Scene, Stage};
 
 /// A scene with an additional or modified line, the line and column in the message, and words in
 /// it.
@@ -112,8 +113,8 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["`bone`"],
     ),
     (
-        "[mesh]\nfile = \"a\"\npart = [[\"femur\"]]",
-        "line 3, column 9",
+        "[mesh]\nfile = \"a\"\nsplit = [[\"femur\"]]",
+        "line 3, column 10",
         &["2"],
     ),
     (
@@ -202,9 +203,20 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["x-ray", "composite", "skin"],
     ),
     (
+        "mesh = {}\n[picture]\ntraversal = \"slowly\"",
+        "line 3, column 13",
+        &["slowly", "vertices or planes"],
+    ),
+    // Under its old name.
+    (
         "mesh = {}\n[picture]\nwalk = \"slowly\"",
         "line 3, column 8",
         &["slowly", "vertices or planes"],
+    ),
+    (
+        "mesh = {}\n[picture]\ntraversal = \"planes\"\nwalk = \"planes\"",
+        "line 4, column 1",
+        &["[picture] has both `traversal`", "remove `walk`"],
     ),
     (
         "mesh = {}\n[picture]\nbackground = \"pink\"",
@@ -243,6 +255,21 @@ fn scene_error_reports_line_and_column() {
             assert!(!said.contains(noise), "{noise}: {said}");
         }
     }
+}
+
+#[test]
+fn old_keys_are_noted_by_the_stage() {
+    let notes = |key: &str| {
+        let text = format!(
+            "[mesh]\ngenerate = \"box\"\ntets = 200\n[picture]\nsize = [8, 8]\n{key} = \"planes\"\n"
+        );
+        let stage = Stage::new(&gpu(), &Scene::parse(&text).unwrap()).unwrap();
+        stage.notes().join("\n")
+    };
+    let old = notes("walk");
+    let note = "[picture] `walk` is now `traversal`; the old key still works";
+    assert!(old.contains(note), "{old}");
+    assert!(!notes("traversal").contains("old key"));
 }
 
 #[test]

@@ -62,10 +62,10 @@ pub struct MeshSource {
     /// Pairs of regions, by name or label, whose common interface is split: each side gets its own
     /// nodes. A split ends where a third region connects the two.
     #[serde(default)]
-    pub part: Vec<[LabelOrName; 2]>,
+    pub split: Vec<[LabelOrName; 2]>,
     /// Width of the gap opened at each split interface, in the mesh's unit. With `[contact]` the
     /// two sides then press and slide on each other.
-    pub part_gap: Option<f64>,
+    pub split_gap: Option<f64>,
     /// Other meshes of the same body, such as the second of two parts in contact.
     #[serde(default)]
     pub join: Vec<JoinEntry>,

@@ -485,7 +485,7 @@ fn scenes_name_it() {
     assert!(before != stage.image().unwrap());
 
     for (entry, said) in [
-        ("[[pressure]]\npascal = 500", "pressure acts"),
+        ("[[pressure]]\npressure = 500", "pressure acts"),
         ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] that is a plane"),
     ] {
         let text = format!("{SCENE}{entry}\n");

@@ -186,11 +186,11 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
 fn scenes_part_regions() {
     let text = "[mesh]\ngenerate = \"biceps\"\ntets = 1000\n";
     let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
-    let parted = format!("{text}part = [[\"tendon\", \"MUSCLE\"]]\n");
+    let parted = format!("{text}split = [[\"tendon\", \"MUSCLE\"]]\n");
     let parted = Scene::parse(&parted).unwrap().mesh.load().unwrap();
     assert_eq!(parted.tets.len(), whole.tets.len());
     assert!(parted.nodes.len() > whole.nodes.len());
-    let wrong = format!("{text}part = [[\"tendon\", \"wood\"]]\n");
+    let wrong = format!("{text}split = [[\"tendon\", \"wood\"]]\n");
     let said = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
     assert!(said.to_string().contains("\"wood\"; there are"), "{said}");
 }
