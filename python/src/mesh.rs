@@ -107,7 +107,7 @@ impl Mesh {
     /// Returns the name, whether it is a cell field, the components and the number type of each
     /// field.
     fn fields(&self) -> Vec<(String, bool, usize, &'static str)> {
-        let told = |f: &Field| {
+        let describe = |f: &Field| {
             let in_tets = f.location == Location::Cell;
             (
                 f.name.clone(),
@@ -116,7 +116,7 @@ impl Mesh {
                 type_name(f.scalar_type),
             )
         };
-        self.0.fields.iter().map(told).collect()
+        self.0.fields.iter().map(describe).collect()
     }
 
     fn field<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
@@ -192,7 +192,8 @@ pub fn load_mesh(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Mesh> {
     let scene = scenes::scene(entries, &folder).or_raise(py)?;
-    let mesh = LongTask::new(progress).run(py, |told| scene.mesh.load_with_progress(told))?;
+    let mesh = LongTask::new(progress)
+        .run(py, |on_progress| scene.mesh.load_with_progress(on_progress))?;
     Ok(mesh.into())
 }
 

@@ -403,9 +403,9 @@ impl Stage {
     /// Returns the reactions on pins, moves, grabs and tools: name, force and moment.
     fn reactions(&self, py: Python<'_>) -> PyResult<Vec<Exerted>> {
         let all = self.with(py, |stage| stage.reactions())?;
-        let told = |(name, on): (String, palpate::physics::Reaction)| {
+        let convert = |(name, on): (String, palpate::physics::Reaction)| {
             (name, on.force.to_array(), on.moment.to_array())
         };
-        Ok(all.into_iter().map(told).collect())
+        Ok(all.into_iter().map(convert).collect())
     }
 }

@@ -53,14 +53,14 @@ impl LongTask {
         }
         *looked = Instant::now();
         drop(looked);
-        let told = Python::attach(|py| {
+        let result = Python::attach(|py| {
             py.check_signals()?;
             match &self.progress {
                 Some(progress) => progress.call1(py, (what, done)).map(|_| ()),
                 None => Ok(()),
             }
         });
-        match told {
+        match result {
             Ok(()) => true,
             Err(why) => {
                 let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
@@ -197,8 +197,8 @@ pub fn tune(
         fps,
         seconds,
     };
-    let tuned = LongTask::new(progress).run(py, |told| {
-        let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, told)?;
+    let tuned = LongTask::new(progress).run(py, |on_progress| {
+        let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, on_progress)?;
         tuned.write(&scene, &out)?;
         Ok(tuned)
     })?;
@@ -229,7 +229,7 @@ pub fn study(
     let stop = AtomicBool::new(false);
     let notes = Mutex::new(Vec::new());
     let done = py.detach(|| {
-        let told = |what: &str, done: f64| {
+        let on_progress = |what: &str, done: f64| {
             if !long.should_continue(what, done) {
                 stop.store(true, Ordering::Relaxed);
             }
@@ -242,7 +242,7 @@ pub fn study(
             gpu: &gpu,
             dir: &out,
             quick,
-            progress: &told,
+            progress: &on_progress,
             note: &note,
             stop: &stop,
         };

@@ -99,9 +99,9 @@ fn previous_results(
     if !rows.exists() {
         return Ok(None);
     }
-    let said = std::fs::read_to_string(about).ok();
-    let said = said.and_then(|text| serde_json::from_str::<MapMetadata>(&text).ok());
-    if said.is_none_or(|said| said.mark != fingerprint(map)) {
+    let metadata = std::fs::read_to_string(about).ok();
+    let metadata = metadata.and_then(|text| serde_json::from_str::<MapMetadata>(&text).ok());
+    if metadata.is_none_or(|metadata| metadata.mark != fingerprint(map)) {
         anyhow::bail!(
             "{} is a map of a different body or of different settings; choose another folder (--out), or remove it",
             rows.display()
@@ -160,7 +160,7 @@ fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
 fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<MapMetadata> {
     let [radius, depth] = map.radius_and_depth();
     let top = map.stiffest();
-    let said = MapMetadata {
+    let metadata = MapMetadata {
         grid: wanted.points,
         radius,
         depth,
@@ -177,9 +177,9 @@ fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<Ma
         mark: fingerprint(map),
     };
     atomic_write(path, |file| {
-        let text = serde_json::to_string_pretty(&said);
+        let text = serde_json::to_string_pretty(&metadata);
         let text = text.map_err(|e| Error::Input(format!("map.json: {e}")))?;
         writeln!(file, "{text}").map_err(Error::io(path))
     })?;
-    Ok(said)
+    Ok(metadata)
 }

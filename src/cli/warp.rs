@@ -104,10 +104,10 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         labels: arguments.labels,
         background: arguments.background,
     };
-    let report = progress::with_stages(|told| {
+    let report = progress::with_stages(|on_progress| {
         // The command line does not cancel.
         let mut planes = |done: usize, all: usize| {
-            let _ = told("warping", done as f64 / all as f64);
+            let _ = on_progress("warping", done as f64 / all as f64);
         };
         warp.write(&scan, &grid, &options, &files, &mut planes)
     })?;

@@ -290,9 +290,9 @@ impl Stage {
 
     /// Returns a note if a picture of that name lacks the annotations set in the scene.
     pub fn annotation_note(&self, path: impl AsRef<Path>) -> Option<String> {
-        let said = self.mode == DisplayMode::Inside(Mode::Thickness);
+        let is_thickness = self.mode == DisplayMode::Inside(Mode::Thickness);
         let left_out = is_exr(path.as_ref()) && !self.annotations().is_empty();
-        (left_out && !said).then(|| EXR_HAS_NONE.into())
+        (left_out && !is_thickness).then(|| EXR_HAS_NONE.into())
     }
 }
 

@@ -179,9 +179,9 @@ pub(super) fn setup(
             ))
         })?;
         let own = SimulatorSetup::new(gpu, &source.scene, kind, source.mesh, source.shape);
-        let (own, said) = own.map_err(|e| of_body(&name, e))?;
-        let said = source.notes.into_iter().chain(said);
-        notes.extend(said.map(|note| format!("{name}: {note}")));
+        let (own, own_notes) = own.map_err(|e| of_body(&name, e))?;
+        let own_notes = source.notes.into_iter().chain(own_notes);
+        notes.extend(own_notes.map(|note| format!("{name}: {note}")));
         grids += usize::from(own.grid);
         match own.motion_envelope {
             Some(points) => {

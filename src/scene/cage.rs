@@ -127,9 +127,9 @@ impl Scene {
                 let mut network = cage.network.clone();
                 if !self.material.says_damping() && !kind.is_implicit() {
                     network.damping_time = 0.0;
-                    if let Some((damping, said)) = stable_damping(&network, kind) {
+                    if let Some((damping, note)) = stable_damping(&network, kind) {
                         network.damping_time = damping;
-                        notes.push(said);
+                        notes.push(note);
                     }
                 }
                 self.simulator_of(gpu, cage.mesh.clone(), network, material, kind)?

@@ -225,9 +225,10 @@ impl Scene {
             entry.name.get_or_insert_with(name);
         }
         let all = std::mem::take(&mut scene.tool);
-        let (carried, led): (Vec<_>, Vec<_>) = all.into_iter().partition(ToolEntry::is_dynamic);
-        scene.tool = led;
-        if carried.is_empty() {
+        let (dynamic, kinematic): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(ToolEntry::is_dynamic);
+        scene.tool = kinematic;
+        if dynamic.is_empty() {
             return Ok((self.clone(), mesh));
         }
         if !self.body.is_empty() || self.grid.is_some() || self.cage.is_some() {
@@ -244,7 +245,7 @@ impl Scene {
                 "a [[tool]] with a mass or a spring requires supports of the body; add a [[pin]], or a [[tool]] that is a plane".into(),
             ));
         }
-        let frictions = carried.iter().filter_map(|tool| tool.friction);
+        let frictions = dynamic.iter().filter_map(|tool| tool.friction);
         let friction = frictions.fold(None, |most: Option<f64>, mu| {
             Some(most.map_or(mu, |m| m.max(mu)))
         });
@@ -252,10 +253,10 @@ impl Scene {
         contact.friction = contact.friction.or(friction);
         let unit = self.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
         let unit = unit.or(mesh.length_unit).unwrap_or(1.0);
-        for entry in &carried {
+        for entry in &dynamic {
             scene.carry(entry, &mut mesh, unit)?;
         }
-        scene.carried = carried;
+        scene.carried = dynamic;
         Ok((scene, mesh))
     }
 

@@ -53,8 +53,8 @@ impl MeshSource {
 
     /// Returns the lump of a generated organ.
     fn lump(&self) -> Result<Option<Lump>> {
-        let said = [self.lump_mm, self.depth_mm, self.contrast];
-        if said.iter().any(Option::is_some)
+        let lump_keys = [self.lump_mm, self.depth_mm, self.contrast];
+        if lump_keys.iter().any(Option::is_some)
             && !self.generate.as_deref().is_some_and(generate::has_lump)
         {
             return Err(Error::Input(
@@ -207,9 +207,9 @@ impl ScalarField {
             self.values.push(self.values[*from as usize]);
         }
         if let Some(cells) = self.cells.as_mut().filter(|_| !cut.removed.is_empty()) {
-            let mut gone = cut.removed.iter().peekable();
+            let mut removed = cut.removed.iter().peekable();
             let mut t = 0..;
-            cells.retain(|_| gone.next_if_eq(&&t.next().unwrap_or(u32::MAX)).is_none());
+            cells.retain(|_| removed.next_if_eq(&&t.next().unwrap_or(u32::MAX)).is_none());
         }
     }
 

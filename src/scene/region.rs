@@ -191,7 +191,7 @@ impl fmt::Display for Region {
             LabelOrName::Name(name) => format!("\"{name}\""),
         });
         let number = |x: Option<f64>| x.map(|x| x.to_string());
-        let mut said = vec![
+        let mut keys = vec![
             (
                 "box",
                 self.inside
@@ -202,13 +202,13 @@ impl fmt::Display for Region {
             ("below", number(self.below)),
             ("above", number(self.above)),
         ];
-        said.extend(self.places().map(|(name, at)| (name, number(at))));
-        said.push(("label", label));
-        let said: Vec<String> = said
+        keys.extend(self.places().map(|(name, at)| (name, number(at))));
+        keys.push(("label", label));
+        let keys: Vec<String> = keys
             .into_iter()
             .filter_map(|(name, value)| Some(format!("{name} = {}", value?)))
             .collect();
-        write!(f, "{{ {} }}", said.join(", "))
+        write!(f, "{{ {} }}", keys.join(", "))
     }
 }
 

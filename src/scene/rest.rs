@@ -52,10 +52,10 @@ impl Scene {
         if rest == mesh.nodes || rest.iter().any(|x| !x.is_finite()) {
             return Ok(None);
         }
-        let said = "rest positions computed from the field displacement; override with --rest MESH";
+        let note = "rest positions computed from the field displacement; override with --rest MESH";
         Ok(Some((
             std::mem::replace(&mut mesh.nodes, rest),
-            Some(said.into()),
+            Some(note.into()),
         )))
     }
 }

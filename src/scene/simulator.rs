@@ -81,8 +81,8 @@ impl SimulatorSetup {
         }
         let grid_cage = scene.cage.as_ref().and_then(|c| c.kind) == Some(CageKind::Grid);
         let of_tets = shape.is_none() && !grid_cage;
-        let (mut material, said) = scene.material.material(&mesh, of_tets)?;
-        notes.extend(said);
+        let (mut material, tissue_notes) = scene.material.material(&mesh, of_tets)?;
+        notes.extend(tissue_notes);
         material.length_unit = unit.unwrap_or(1.0);
         if let Some(entry) = scene.tets_only_entry()
             && (shape.is_some() || scene.cage.is_some())
@@ -166,10 +166,10 @@ pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Opti
         true => "--damping",
         false => "--damping-ratio and --damping-hz",
     };
-    let said = format!(
+    let note = format!(
         "damping {damping:.2e} s × stiffness, chosen for the stability of {kind}; override with {flags}"
     );
-    Some((damping, said))
+    Some((damping, note))
 }
 
 /// Returns notes of the rigid regions, and a warning of regions that form one rigid body only
@@ -185,12 +185,12 @@ fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
         Some(name) => name.clone(),
         None => format!("region {label}"),
     };
-    let said = match bodies.len() {
+    let count = match bodies.len() {
         1 => "1 rigid body".to_owned(),
         n => format!("{n} rigid bodies"),
     };
     let mut notes = vec![format!(
-        "{said} of {nodes} nodes, {surface} of them on the surface and simulated"
+        "{count} of {nodes} nodes, {surface} of them on the surface and simulated"
     )];
     let mut welded: Vec<String> = Vec::new();
     for body in bodies.iter().filter(|b| b.labels.len() > 1) {
@@ -220,11 +220,11 @@ impl Scene {
     ) -> Result<SimulatorSetup> {
         if !self.material.says_damping() && !kind.is_implicit() {
             material.damping_time = 0.0;
-            if let Some((damping, said)) =
+            if let Some((damping, note)) =
                 stable_damping(&DiscreteModel::new(&mesh, &material)?, kind)
             {
                 material.damping_time = damping;
-                notes.push(said);
+                notes.push(note);
             }
         }
         let network = DiscreteModel::new(&mesh, &material)?;

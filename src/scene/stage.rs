@@ -153,13 +153,18 @@ impl Stage {
     fn with_bodies(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
         let sources = scene.body_sources()?;
         if !bodies::any_dynamic(&sources) {
-            let (mesh, said) = bodies::merge_static(sources)?;
+            let (mesh, setup_notes) = bodies::merge_static(sources)?;
             let drive = NodeSource::posed(gpu, mesh)?;
-            return Stage::with_drive(gpu, scene, drive, said);
+            return Stage::with_drive(gpu, scene, drive, setup_notes);
         }
-        let (setup, said) = bodies::setup(gpu, scene, sources)?;
+        let (setup, setup_notes) = bodies::setup(gpu, scene, sources)?;
         let motion = Motion::of_setup(scene, setup)?;
-        Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
+        Stage::with_drive(
+            gpu,
+            scene,
+            NodeSource::Simulated(Box::new(motion)),
+            setup_notes,
+        )
     }
 
     /// As [`Stage::new`], with a mesh that is loaded already.
@@ -198,16 +203,21 @@ impl Stage {
             stage.fit_view(&[])?;
             return Ok(stage);
         };
-        let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
-        Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
+        let (motion, setup_notes) = Motion::new(gpu, scene, kind, mesh, shape)?;
+        Stage::with_drive(
+            gpu,
+            scene,
+            NodeSource::Simulated(Box::new(motion)),
+            setup_notes,
+        )
     }
 
-    /// Creates the stage of one or several bodies moved by `drive`; `said` are the notes so far.
+    /// Creates the stage of one or several bodies moved by `drive`; `setup_notes` are the notes so far.
     fn with_drive(
         gpu: &Gpu,
         scene: &Scene,
         mut drive: NodeSource,
-        said: Vec<String>,
+        setup_notes: Vec<String>,
     ) -> Result<Stage> {
         let cutters = scene
             .cut
@@ -223,7 +233,7 @@ impl Stage {
             notes.push(still.into());
         }
         let looks = SceneAppearance::new(gpu, scene, &mut drive)?;
-        notes.extend(said);
+        notes.extend(setup_notes);
         notes.extend(looks.notes);
         Ok(Stage {
             gpu: gpu.clone(),
