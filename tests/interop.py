@@ -213,7 +213,7 @@ def written_by_palpate(folder):
                 if all_fields:
                     absent = {"warm", "flow", "quality"} - found["fields"].keys()
                     missing = f"missing {sorted(absent)}" if absent else ""
-                    # meshio passes over what a legacy file tells of the mesh as a whole.
+                    # meshio ignores the mesh metadata of legacy files.
                     if not found.get("names") and not (read is by_meshio and path.suffix == ".vtk"):
                         missing = "missing names"
                 if "regions" not in found:

@@ -64,7 +64,7 @@ def test_render_frames_match_command_line(client, tmp_path: Path, run) -> None:
     for frame in frames:
         theirs = tmp_path / "theirs" / frame.path.name
         assert frame.path.read_bytes() == theirs.read_bytes(), frame.path.name
-    # What is there is not drawn again; what is not, is.
+    # Existing pictures are reused, missing ones are rendered.
     frames[5].path.unlink()
     again = palpate.dask.render_series(pvd, client, tmp_path / "ours", **looks)
     assert [f.number for f in again if f.drawn] == [5]
@@ -103,7 +103,7 @@ def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -
     assert rows[0]["max_displacement"] > rows[4]["max_displacement"]
     lines = (tmp_path / "sweep/sweep.csv").read_text().splitlines()
     assert len(lines) == 7 and lines[0].startswith("material.young,material.poisson,time_s")
-    # A case that is kept is not run again: its file says what came of it.
+    # A completed case is not run again: its result is read from its file.
     case = next((tmp_path / "sweep/cases").glob("*.json"))
     case.write_text(case.read_text().replace('"inverted": 0', '"inverted": 77'))
     again = palpate.dask.sweep(scene, values, client, steps=20, out=tmp_path / "sweep")
@@ -164,7 +164,7 @@ def test_pieces_match_whole_body(client, tmp_path: Path) -> None:
         assert apart.max() <= 1, (n, apart.max(), apart.mean())
         assert sorted(p.number for p in came) == list(range(9))
         assert sum(p.tets for p in came) == len(limb.tets)
-        # A worker has its piece and what is around it, and no more.
+        # A worker holds only its piece and the ghost tets around it.
         assert all(0 < p.ghosts and p.tets + p.ghosts < len(limb.tets) / 3 for p in came)
         assert all(p.memory > 10_000_000 for p in came) or sys.platform != "linux"
 

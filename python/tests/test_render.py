@@ -166,7 +166,7 @@ def test_render_frees_device_memory() -> None:
     print(f"device {first}, {one}, {last}; {before:.0f} MB, then {resident():.0f} MB")
     assert last[0] - one[0] == 100 * (one[0] - first[0]), "each render allocates the same"
     assert last[1:] == first[1:], "live allocations and their bytes"
-    # Ten times what it differs by.
+    # Ten times the observed variation.
     assert resident() - before < 300, f"{before:.0f} MB became {resident():.0f} MB"
 
 

@@ -113,7 +113,7 @@ def test_steps_release_the_gil_and_ctrl_c_cancels(bar: palpate.Body) -> None:
             os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
-    # Shells have what they start in the background ignore Ctrl-C.
+    # Background processes of a shell ignore Ctrl-C.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         thread.start()
@@ -125,7 +125,7 @@ def test_steps_release_the_gil_and_ctrl_c_cancels(bar: palpate.Body) -> None:
         begun.set()
         thread.join()
         signal.signal(signal.SIGINT, before)
-    # What is done stays done, and it goes on.
+    # Completed steps are kept, and the simulation can continue.
     time_then = simulator.time
     assert time_then > 0
     simulator.advance(1)
