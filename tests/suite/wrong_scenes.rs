@@ -85,7 +85,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "mesh = {}\n[material]\nyuong = 3",
         "line 3, column 9",
-        &["`yuong` is neither a setting"],
+        &["`yuong` is neither a key"],
     ),
     (
         "mesh = {}\n[material]\ndamping_kind = \"none\"",
