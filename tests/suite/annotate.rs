@@ -162,7 +162,7 @@ fn annotations_change_png_only() {
         image::open(&path).unwrap().to_rgba32f()
     };
     let [a, b] = [saved(&mut plain, "a.exr"), saved(&mut around, "b.exr")];
-    assert!(a == b, "an EXR has the values alone");
+    assert!(a == b, "an EXR contains only the values");
     assert!(around.annotation_note("b.exr").is_some());
     assert!(around.annotation_note("b.png").is_none());
     let [a, b] = [saved(&mut plain, "a.png"), saved(&mut around, "b.png")];

@@ -91,7 +91,7 @@ fn falling_box_rests_on_other_box() {
         resting
             .notes()
             .iter()
-            .all(|n| !n.contains("go through others"))
+            .all(|n| !n.contains("intersect others"))
     );
     for _ in 0..5 {
         resting.run(8, &mut |_| {}).unwrap();

@@ -95,7 +95,7 @@ fn hanging_body_reaction_equals_weight_and_moment() {
 #[test]
 fn grab_reaction_includes_springs_and_inertia() {
     // Pulled by springs of 40 N/m in total: the target moves first, then rests.
-    let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
+    let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring_stiffness = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
     let mut stage = bar("neo-hookean", &format!("{PIN}{spring}"));
     assert_eq!(reaction(&mut stage, "grab1"), Reaction::default());
     run(&mut stage, 200);
@@ -198,6 +198,6 @@ fn reaction_table_resumes_after_completed_frames() {
     );
     std::fs::write(&path, "a,b\n").unwrap();
     let error = ReactionLog::resume(&path, &times).unwrap_err().to_string();
-    assert!(error.contains("no table of reactions"), "{error}");
+    assert!(error.contains("not a table of reactions"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
 }

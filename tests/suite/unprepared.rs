@@ -40,7 +40,7 @@ fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
     let mut stage = Stage::with_mesh(&gpu(), &scene, mesh).unwrap();
     let said = stage.notes().join("\n");
     assert!(
-        said.contains("held the") && said.contains("a load of"),
+        said.contains("clamped the") && said.contains("a load of"),
         "{name}: {said}"
     );
     let rest = stage.mesh().nodes.clone();

@@ -131,7 +131,7 @@ fn rejects_invalid_cages() {
 fn resting(gpu: &Gpu, kind: &str) -> Stage {
     let text = format!(
         "[mesh]\nfile = '{}/data/bar.vtu'\n[material]\nyoung = 2e4\n[solver]\n{kind}\n\
-         [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [64, 48]\nwalk = \"planes\"",
+         [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [64, 48]\ntraversal = \"planes\"",
         env!("CARGO_MANIFEST_DIR")
     );
     let text = match kind.contains("[grid]") {

@@ -9,7 +9,7 @@ fn shipped(file: &str) -> String {
 }
 
 #[test]
-fn a_segmentation_becomes_a_mesh_with_named_regions() {
+fn segmentation_is_meshed_with_named_regions() {
     let folder = folder("mesh_labels");
     let (mesh, report) = (folder.join("knee.vtu"), folder.join("knee.json"));
     let made = |mesh: &Path| {
@@ -47,7 +47,7 @@ fn a_segmentation_becomes_a_mesh_with_named_regions() {
 }
 
 #[test]
-fn regions_are_parted() {
+fn mesh_splits_region_interfaces() {
     let folder = folder("mesh_part");
     let made = |name: &str, part: &[&str]| {
         let mesh = folder.join(name);
@@ -92,7 +92,7 @@ fn regions_are_parted() {
 }
 
 #[test]
-fn thresholds_nest_and_carry_intensities() {
+fn nested_thresholds_keep_intensities() {
     let folder = folder("mesh_thresholds");
     let mesh = folder.join("head.vtu");
     let output = palpate(&[
@@ -121,7 +121,7 @@ fn thresholds_nest_and_carry_intensities() {
 }
 
 #[test]
-fn surfaces_come_out_and_go_in() {
+fn surfaces_are_extracted_and_meshed() {
     let folder = folder("mesh_surfaces");
     let (skull, bone) = (folder.join("skull.ply"), folder.join("bone.vtu"));
     stdout(&palpate(&[
@@ -158,7 +158,7 @@ fn surfaces_come_out_and_go_in() {
 }
 
 #[test]
-fn what_cannot_be_meshed_is_told_with_what_to_do() {
+fn mesh_rejects_invalid_input_with_advice() {
     let folder = folder("mesh_errors");
     let out = folder.join("x.vtu");
     let refused = |arguments: &[&str], part: &str| {
@@ -190,7 +190,7 @@ fn what_cannot_be_meshed_is_told_with_what_to_do() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn scenes_mesh_what_they_name() {
+fn scene_meshes_its_volume() {
     let folder = folder("mesh_scenes");
     for scene in ["knee", "head_ct", "head_mri", "lobe"] {
         let picture = folder.join(format!("{scene}.png"));

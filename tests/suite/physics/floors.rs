@@ -62,7 +62,7 @@ fn scene_floor_supports_body_and_rejects_zero_normal() {
                  [floor]\npoint = [0, 0, -0.3]\n[picture]\nsize = [64, 64]\n";
     let mut scene = palpate::scene::Scene::parse(scene).unwrap();
     let mut stage = palpate::scene::Stage::new(&gpu(), &scene).unwrap();
-    assert!(!stage.notes().iter().any(|n| n.starts_with("held")));
+    assert!(!stage.notes().iter().any(|n| n.starts_with("clamped")));
     stage.run(80, &mut |_| {}).unwrap();
     let mesh = stage.deformed_mesh().unwrap();
     let lowest = mesh.nodes.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);

@@ -485,7 +485,7 @@ fn scene_selects_rapier_engine() {
     assert!(before != stage.image().unwrap());
 
     for (entry, expected) in [
-        ("[[pressure]]\npascal = 500", "pressure is supported"),
+        ("[[pressure]]\npressure = 500", "pressure is supported"),
         ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] with a plane"),
     ] {
         let text = format!("{SCENE}{entry}\n");

@@ -396,7 +396,7 @@ fn weight_rests_on_soft_block_and_arm_hangs_on_joint() {
 
     for (from, to, expected) in [
         ("between = [\"arm\"]", "between = [\"leg\"]", "leg"),
-        ("between = [\"arm\"]", "between = []", "0 are named"),
+        ("between = [\"arm\"]", "between = []", "got 0"),
         ("hinge = { axis = [0.0, 1, 0] }", "", "one of `hinge`"),
         ("engine = \"rapier\"", "engine = \"cpu\"", "--engine rapier"),
     ] {

@@ -155,7 +155,7 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     );
     assert!(notes.contains("1 rigid body of 175 nodes"), "{notes}");
     assert!(
-        notes.contains("share nodes are one body: long bone, marrow"),
+        notes.contains("share nodes form one body: long bone, marrow"),
         "{notes}"
     );
     stage.keep_checkpoints();
@@ -170,8 +170,8 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     assert_ne!(nodes(&stage), stage.mesh().nodes);
     // A missing region is reported, and an engine without rigid regions rejects them.
     for (more, words) in [
-        ("[cage]\nnodes = 100\n", "have no rigid regions"),
-        ("", "springs have no rigid regions"),
+        ("[cage]\nnodes = 100\n", "do not support rigid regions"),
+        ("", "springs do not support rigid regions"),
     ] {
         let mut scene = Scene::parse(&format!("{text}{more}")).unwrap();
         if more.is_empty() {
@@ -186,11 +186,11 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
 fn scene_splits_region_interfaces() {
     let text = "[mesh]\ngenerate = \"biceps\"\ntets = 1000\n";
     let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
-    let parted = format!("{text}part = [[\"tendon\", \"MUSCLE\"]]\n");
+    let parted = format!("{text}split = [[\"tendon\", \"MUSCLE\"]]\n");
     let parted = Scene::parse(&parted).unwrap().mesh.load().unwrap();
     assert_eq!(parted.tets.len(), whole.tets.len());
     assert!(parted.nodes.len() > whole.nodes.len());
-    let wrong = format!("{text}part = [[\"tendon\", \"wood\"]]\n");
+    let wrong = format!("{text}split = [[\"tendon\", \"wood\"]]\n");
     let message = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
     assert!(
         message.to_string().contains("\"wood\"; there are"),

@@ -329,7 +329,7 @@ fn scene_planes_and_isosurfaces_parse_or_report_errors() {
             "[[isosurface]]\nvalue = 0.1\ncolour = \"no such\"",
             "isosurface",
         ),
-        ("volume = false", "nothing is left"),
+        ("volume = false", "nothing to draw"),
     ] {
         let message = stage(more).err().unwrap().to_string();
         assert!(message.contains(word), "{more}: {message}");

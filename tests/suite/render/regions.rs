@@ -186,10 +186,12 @@ fn scene_sets_region_appearance() {
     assert!(sum(&faint) < 0.9 * sum(&red));
     for (picture, expected) in [
         ("hide = [\"heart\"]", "heart"),
-        ("hide = [\"7\"]", "no tet of the mesh is of region 7"),
-        ("[picture.region.bone]\nopacity = 2", "opacity = 2"),
+        ("hide = [\"7\"]", "region 7 has no tets"),
+        ("[picture.region.bone]
+opacity = 2", "got 2"),
         (
-            "[picture.region.bone]\ncolour = \"reddish\"",
+            "[picture.region.bone]
+colour = \"reddish\"",
             "unknown colour",
         ),
         ("[picture.region.bone]\nshown = true", "unknown field"),
