@@ -12,7 +12,7 @@ use std::time::Instant;
 fn main() -> palpate::Result<()> {
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter().name);
-    println!("    tets faces | read find springs picture's together | next step, picture");
+    println!("    tets faces | read find springs  geometry    total | next step, image");
     for cells in [12, 20, 32, 44] {
         let mut mesh = generate::bar([cells; 3], DVec3::ONE)?;
         let mut topology = Topology::new(&mesh);

@@ -45,7 +45,7 @@ fn main() -> palpate::Result<()> {
     };
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter().name);
-    println!("| particles | GPU | CPU | CPU over GPU | float64 loop | float32 loop |");
+    println!("| particles | GPU | CPU | CPU / GPU | float64 loop | float32 loop |");
     println!("| --- | --- | --- | --- | --- | --- |");
     for wanted in counts {
         let shape = GridShape::from_domain_with_count(&Ball, *wanted, DMat3::IDENTITY)?;

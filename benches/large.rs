@@ -1,4 +1,4 @@
-//! Time from a large mesh to its first picture, by phase, and peak memory: the benchmark cube of
+//! Time from a large mesh to its first image, by phase, and peak memory: the benchmark cube of
 //! about N tets, with lighting, 1024 x 1024 pixels.
 //!
 //!     cargo bench --bench large -- 10000000
@@ -18,20 +18,20 @@ fn main() -> anyhow::Result<()> {
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter_name());
     let begin = Instant::now();
-    let mesh = told("mesh", || generate::by_name("cube", Some(tets)))?;
-    let topology = told("neighbours", || Ok(Topology::new(&mesh)))?;
+    let mesh = timed("mesh", || generate::by_name("cube", Some(tets)))?;
+    let topology = timed("neighbours", || Ok(Topology::new(&mesh)))?;
     let scalars = mesh
         .field("scalar", Location::Node)
         .map(|f| f.values.clone())
         .unwrap_or_default();
     let frame = LocalFrame::from_mesh(&mesh);
     let positions = local_positions(&gpu, &frame, &mesh.nodes)?;
-    let mut geometry = told("geometry", || {
+    let mut geometry = timed("geometry", || {
         let geometry = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &scalars)?;
         gpu.wait()?;
         Ok(geometry)
     })?;
-    told("lists for light", || {
+    timed("lighting lists", || {
         geometry.enable_lighting(&mesh, &topology, &scalars)?;
         gpu.wait()
     })?;
@@ -43,11 +43,11 @@ fn main() -> anyhow::Result<()> {
     let mut caster = Raycaster::with_options(&gpu, geometry, &transfer, options)?;
     let middle = DVec3::splat(0.5);
     let camera = Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0);
-    told("first picture", || caster.picture(&camera, [1024; 2]))?;
+    timed("first image", || caster.picture(&camera, [1024; 2]))?;
     let camera = camera.orbited(7.0);
-    told("next picture", || caster.picture(&camera, [1024; 2]))?;
+    timed("next image", || caster.picture(&camera, [1024; 2]))?;
     println!(
-        "{} tets, {} nodes: {:.1} s in all",
+        "{} tets, {} nodes: {:.1} s in total",
         mesh.tets.len(),
         mesh.nodes.len(),
         begin.elapsed().as_secs_f64()
@@ -56,7 +56,7 @@ fn main() -> anyhow::Result<()> {
 }
 
 /// Runs a phase and prints its time and the peak memory so far.
-fn told<T>(what: &str, make: impl FnOnce() -> palpate::Result<T>) -> palpate::Result<T> {
+fn timed<T>(what: &str, make: impl FnOnce() -> palpate::Result<T>) -> palpate::Result<T> {
     let begin = Instant::now();
     let made = make()?;
     let seconds = begin.elapsed().as_secs_f64();

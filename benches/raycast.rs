@@ -102,7 +102,7 @@ fn main() -> anyhow::Result<()> {
     times.sort_by(f64::total_cmp);
     println!("{}, {} tets", gpu.adapter_name(), mesh.tets.len());
     println!(
-        "median {:.1} ms, least {:.1} ms",
+        "median {:.1} ms, minimum {:.1} ms",
         times[times.len() / 2],
         times[0]
     );

@@ -157,7 +157,7 @@ fn main() -> palpate::Result<()> {
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter().name);
     println!(
-        "| body | faces | mapping | pictures a second | without faces turned away (left out) | with steps (so many a picture) |"
+        "| body | faces | mapping | images per second | with culling (culled) | with steps (per image) |"
     );
     println!("| --- | --- | --- | --- | --- | --- |");
 
@@ -175,7 +175,7 @@ fn main() -> palpate::Result<()> {
     let positions = local_positions(&gpu, &frame, &few.vertices)?;
     let (nodes, triangles) = (&few.vertices, &few.triangles);
     let carrier = SkinBase::with_area_normals(&gpu, &positions, frame, nodes, triangles)?;
-    let name = format!("{} nodes by hand", nodes.len());
+    let name = format!("{} hand-placed nodes", nodes.len());
     row(&gpu, &name, &surface, &carrier, None)?;
 
     let given: Vec<String> = std::env::args()
@@ -196,7 +196,7 @@ fn main() -> palpate::Result<()> {
         let shape = GridShape::from_domain_with_count(found.domain, nodes, DMat3::IDENTITY)?;
         GridBody::new(&gpu, GridModel::new(shape, &Material::from_young(1e4))?)
     })?;
-    let name = format!("{} particles, a scan", body.model().shape.count());
+    let name = format!("{} particles, scan isosurface", body.model().shape.count());
     let carrier = SkinBase::from_grid(&mut body)?;
     row(&gpu, &name, &surface, &carrier, Some((&mut body, 6)))
 }

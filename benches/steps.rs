@@ -59,7 +59,7 @@ fn main() -> palpate::Result<()> {
     let gpu = Gpu::new()?;
     println!("{}", gpu.adapter_name());
     println!(
-        "   tets   nodes  solver           engine      dt s   ms a step  iterations     error"
+        "   tets   nodes  solver           engine      dt s ms per step  iterations     error"
     );
     for body in &bodies {
         let (mut mesh, mut material) = named(body, bone, unit)?;

@@ -34,7 +34,7 @@ fn main() -> palpate::Result<()> {
     let (positions, geometry) = (body.nodes().array(), raycaster.geometry_mut());
     geometry.apply_cut(body.mesh(), body.topology(), &cut, positions, &depth)?;
     let (doubled, pieces) = (cut.duplicated_nodes.len(), components(body.topology()).1);
-    println!("{doubled} nodes were doubled; there are {pieces} pieces");
+    println!("{doubled} nodes duplicated; {pieces} pieces");
 
     body.run(30, 0.005)?;
     body.sync_nodes()?;

@@ -27,7 +27,7 @@ fn main() -> palpate::Result<()> {
     let (low, high) = body.mesh().bounds();
     let (size, middle) = (high - low, 0.5 * (low + high));
     let pinned = body.pin(|p| p.z < low.z + 0.1 * size.z)?;
-    println!("{pinned} particles are pinned");
+    println!("{pinned} particles pinned");
 
     // The top follows a target that moves sideways.
     let top = middle.with_z(high.z);

@@ -30,7 +30,7 @@ fn main() -> palpate::Result<()> {
     skin.set_level(level)?;
     let jump = before.iter().zip(skin.vertices()?);
     let jump = jump.map(|(p, q)| p.distance(q)).fold(0.0, f64::max);
-    println!("the skin jumps by {jump:.2} mm as the finer body takes over");
+    println!("the skin jumps by {jump:.2} mm at the switch to the finer body");
 
     near.run(15, 0.01)?;
     near.sync_nodes()?;

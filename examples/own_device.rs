@@ -56,7 +56,7 @@ fn main() -> anyhow::Result<()> {
         drop(work);
         queue.submit([encoder.finish()]);
     }
-    println!("20 frames, {} read-backs", gpu.readbacks() - before);
+    println!("20 frames, {} readbacks", gpu.readbacks() - before);
     println!("simulated {:.2} s", body.finish()?.time);
     Ok(())
 }

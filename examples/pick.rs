@@ -27,7 +27,7 @@ fn main() -> palpate::Result<()> {
     // The only read-back: when the button is pressed.
     let clicked = DVec2::new(300.5, 180.5);
     let Some(pick) = raycaster.geometry().pick(&camera, clicked, pixels)? else {
-        println!("there is nothing at {clicked}");
+        println!("no body at pixel {clicked}");
         return Ok(());
     };
     println!("{pick:?}");

@@ -91,10 +91,10 @@ def chart(rows: list[dict[str, float]], out: Path) -> None:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--tets", type=int, default=6_000_000)
-    arguments.add_argument("--body", default="cube", help="a generator, or a mesh file")
+    arguments.add_argument("--body", default="cube", help="name of a generated mesh, or a mesh file")
     arguments.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
     arguments.add_argument("--pieces", type=int, nargs="+", default=[4, 16, 64])
-    arguments.add_argument("--repeat", type=int, default=3, help="runs, of which the quickest counts")
+    arguments.add_argument("--repeat", type=int, default=3, help="number of runs; the fastest is reported")
     arguments.add_argument("--size", type=int, nargs=2, default=(1024, 768))
     arguments.add_argument("--out", type=Path, default=Path("pieces"))
     given = arguments.parse_args()
@@ -112,7 +112,7 @@ def main() -> None:
             seconds = time.perf_counter() - start
             files = sum(file.stat().st_size for file in index.parent.glob(f"body{pieces}_*.vtu"))
             a_tet = files / len(body.tets)
-            print(f"cut into {pieces} pieces in {seconds:.1f} s, {a_tet:.1f} bytes a tet", flush=True)
+            print(f"partitioned into {pieces} pieces in {seconds:.1f} s, {a_tet:.1f} bytes per tet", flush=True)
             for workers in given.workers:
                 runs = [measured(index, workers, size) for _ in range(given.repeat)]
                 # The run with the least disturbance.
@@ -120,7 +120,7 @@ def main() -> None:
                 row["most_apart"] = int(np.abs(picture - whole).max())
                 print(", ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)
                 rows.append(row)
-    print(f"this process held at most {palpate.dask._most_memory() / len(body.tets):.0f} bytes a tet")
+    print(f"peak memory of this process: {palpate.dask._most_memory() / len(body.tets):.0f} bytes per tet")
     with open(given.out / "pieces.csv", "w", newline="", encoding="utf-8") as text:
         writer = csv.DictWriter(text, rows[0])
         writer.writeheader()

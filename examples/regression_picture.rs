@@ -23,7 +23,7 @@ fn main() -> palpate::Result<ExitCode> {
     stage.run(stage.steps(), &mut |_| {})?;
     if !golden.exists() {
         stage.save(&golden)?;
-        println!("{} made", golden.display());
+        println!("created {}", golden.display());
         return Ok(ExitCode::SUCCESS);
     }
     let drawn = golden.with_extension("new.png");

@@ -44,7 +44,7 @@ def main() -> None:
         rate(view, 1.0, lambda _: {"kind": "deeper", "depth": 0.0})
         pressed = rate(view, 5.0, lambda t: {"kind": "deeper", "depth": 0.001 * t})
         view.close()
-        print(f"{tets} tets: {turned:.1f} pictures a second turned, {pressed:.1f} pressed {view.said}")
+        print(f"{tets} tets: {turned:.1f} images per second while rotating, {pressed:.1f} while pressing {view.said}")
 
 
 if __name__ == "__main__":

@@ -47,7 +47,8 @@ pub enum Error {
 
     /// The graphics device was lost (driver reset, unplugged, timed out).
     #[error(
-        "the graphics device was lost ({0}); everything on it is gone: create a new `Gpu`, and if the driver timed out, submit less work at a time"
+        "graphics device lost, with all its data ({0}); create a new `Gpu`, and if the driver \
+        timed out, submit less work at a time"
     )]
     DeviceLost(String),
 

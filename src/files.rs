@@ -30,10 +30,17 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
 pub(crate) fn read_regular(path: &Path) -> Result<Vec<u8>> {
     let about = std::fs::metadata(path).map_err(Error::io(path))?;
     if about.is_dir() {
-        return Err(Error::format(path, "this is a folder; name a file in it"));
+        return Err(Error::format(
+            path,
+            "expected a file, found a folder; name a file in it",
+        ));
     }
     if !about.is_file() {
-        return Err(Error::format(path, "this is not a regular file"));
+        return Err(Error::format(
+            path,
+            "expected a regular file, found a device, pipe or other \
+            special file",
+        ));
     }
     read(path)
 }

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn items_are_in_order_however_many_there_are() {
+    fn results_keep_item_order_for_any_count() {
         for n in [
             0,
             1,

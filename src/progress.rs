@@ -45,11 +45,11 @@ impl<'a> ProgressScope<'a> {
         if self.ended.load(Ordering::Relaxed) {
             return false;
         }
-        let goes_on = (self.progress)(self.what, self.share).is_continue();
-        if !goes_on {
+        let continues = (self.progress)(self.what, self.share).is_continue();
+        if !continues {
             self.ended.store(true, Ordering::Relaxed);
         }
-        goes_on
+        continues
     }
 
     /// Returns an error if the work has been cancelled.

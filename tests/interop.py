@@ -24,7 +24,7 @@ failed = 0
 
 
 def check(name, difference):
-    """Prints a line for a check; `difference` is empty where all is equal."""
+    """Prints the result of a check, which passes if `difference` is empty."""
     global failed
     failed += bool(difference)
     print(f"{'FAILED' if difference else 'ok'}: {name}{': ' + difference if difference else ''}", flush=True)
@@ -43,7 +43,7 @@ def volumes(points, tets):
 
 
 def facts(points, tets, labels=None, names=None, fields=None):
-    """What two programs should agree on. `labels`: one a tet; `names`: by label."""
+    """Returns the quantities on which two programs must agree. `labels`: one per tet; `names`: by label."""
     of_tet = volumes(np.asarray(points), np.asarray(tets))
     found = {"nodes": len(points), "tets": len(tets), "volume": of_tet.sum()}
     if labels is not None:
@@ -66,7 +66,7 @@ def difference(a, b, tolerance=1e-9):
         x, y = a[key], b[key]
         if isinstance(x, dict):
             if key == "ranges" and x.keys() - y.keys():
-                return f"there is no field {sorted(x.keys() - y.keys())}"
+                return f"missing field {sorted(x.keys() - y.keys())}"
             if key in ("regions", "names") and x.keys() != y.keys():
                 return f"{key}: {sorted(x)} and {sorted(y)}"
             for item in (item for item in x if item in y):
@@ -84,7 +84,7 @@ def difference(a, b, tolerance=1e-9):
 
 
 def by_palpate(path):
-    """What Palpate says of a file. A field is its smallest and largest value."""
+    """Returns the description of a file by Palpate; fields are given by their range."""
     told = json.loads(run("info", path, "--json"))
     return {
         "nodes": told["nodes"],
@@ -97,7 +97,7 @@ def by_palpate(path):
 
 
 def ranges(fields):
-    """As Palpate gives them: of the lengths of tuples."""
+    """Returns the ranges of fields as Palpate does: for tuples those of their magnitudes."""
     lengths = {name: np.linalg.norm(np.reshape(v, (len(v), -1)), axis=1) if np.ndim(v) > 1 else np.asarray(v)
                for name, v in fields.items()}
     return {name: (float(v.min()), float(v.max())) for name, v in lengths.items()}
@@ -168,7 +168,7 @@ def by_gmsh(path):
 
 
 def written_by_palpate(folder):
-    """Files that Palpate writes, read by the others."""
+    """Checks that other programs read files written by Palpate."""
     limb = pyvista.read(DATA / "limb.vtu")
     source = folder / "source.vtu"
     points, cells = limb.points, limb.cells_dict[pyvista.CellType.TETRA]
@@ -212,12 +212,12 @@ def written_by_palpate(folder):
                 missing = ""
                 if all_fields:
                     absent = {"warm", "flow", "quality"} - found["fields"].keys()
-                    missing = f"there is no {sorted(absent)}" if absent else ""
-                    # meshio passes over what a legacy file tells of the mesh as a whole.
+                    missing = f"missing {sorted(absent)}" if absent else ""
+                    # meshio ignores the mesh metadata of legacy files.
                     if not found.get("names") and not (read is by_meshio and path.suffix == ".vtk"):
-                        missing = "there are no names"
+                        missing = "missing names"
                 if "regions" not in found:
-                    missing = "there are no regions"
+                    missing = "missing regions"
                 check(f"palpate writes {name}, {program} reads it", missing or difference(expected, found))
             except Exception as error:  # a reader that stops is a check that fails
                 check(f"palpate writes {name}, {program} reads it", f"{type(error).__name__}: {error}")
@@ -233,7 +233,7 @@ def written_by_palpate(folder):
 
 
 def written_by_gmsh(folder):
-    """Files that Gmsh writes, in all its variants, read by Palpate."""
+    """Checks that Palpate reads all variants of files written by Gmsh."""
     gmsh.clear()
     ball = gmsh.model.occ.addSphere(0, 0, 0, 1)
     box = gmsh.model.occ.addBox(0.3, 0.3, 0.3, 2, 1, 1)
@@ -298,7 +298,7 @@ def written_by_gmsh(folder):
 
 
 def written_by_others(folder, mesh, expected, names):
-    """Files that meshio and VTK write, read by Palpate."""
+    """Checks that Palpate reads files written by meshio and VTK."""
     plain = {key: expected[key] for key in ("nodes", "tets", "volume")}
     cells = mesh.cells_dict[pyvista.CellType.TETRA]
     point_data = {name: np.asarray(values) for name, values in mesh.point_data.items()}
@@ -360,12 +360,12 @@ def written_by_others(folder, mesh, expected, names):
 
 
 def negative_control(folder, expected):
-    """A mesh that was changed must be told from the one it was."""
+    """Checks that changes of a mesh are detected."""
     changed = meshio.read(folder / "a.vtu")
     changed.points = changed.points * [1, 1, 1.001]
     changed.write(folder / "changed.vtu")
     told = difference(expected, by_meshio(folder / "changed.vtu"))
-    check("negative control: a stretched mesh is told by its volume", "" if "volume" in told else f"not noticed: {told!r}")
+    check("negative control: a stretched mesh is detected by its volume", "" if "volume" in told else f"not noticed: {told!r}")
     changed = meshio.read(folder / "a.vtu")
     labels = changed.cell_data["label"][0].copy()
     labels[0] += 1
@@ -373,18 +373,18 @@ def negative_control(folder, expected):
     changed.write(folder / "changed.vtu")
     regions = {"regions": expected["regions"]}
     told = difference(regions, by_palpate(folder / "changed.vtu"))
-    check("negative control: a tet in another region is told", "" if "regions" in told else f"not noticed: {told!r}")
+    check("negative control: a tet in another region is detected", "" if "regions" in told else f"not noticed: {told!r}")
     changed = meshio.read(folder / "a.vtu")
     warm = changed.point_data["warm"].copy()
     warm[0] += 1
     changed.point_data["warm"] = warm
     changed.write(folder / "changed.vtu")
     told = difference(expected, by_meshio(folder / "changed.vtu"))
-    check("negative control: a changed value of a field is told", "" if "warm" in told else f"not noticed: {told!r}")
+    check("negative control: a changed value of a field is detected", "" if "warm" in told else f"not noticed: {told!r}")
 
 
 def moved_by_others(folder):
-    """Frames that a program of plain Python pipes in are drawn, each another picture."""
+    """Checks that frames piped by a plain Python program are rendered to different pictures."""
     example = Path(__file__).parent.parent / "examples" / "frames.py"
     frames = subprocess.run([sys.executable, example], capture_output=True, check=True).stdout
     out = folder / "frame.png"

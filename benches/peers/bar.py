@@ -244,9 +244,9 @@ def mujoco_motion(case, integrator, step):
         motion.append(data.flexvert_xpos - start)
         # MuJoCo restarts when the simulation diverges, with a warning.
         if any(data.warning[kind].number for kind in lost) or not way(motion[-1]) < 1:
-            return None, float("nan"), "flew apart"
+            return None, float("nan"), "diverged"
     unsolved = data.warning[kinds.mjWARN_INERTIA].number
-    return np.array(motion), 1e3 * seconds, "warned of a solve that did not converge" if unsolved else ""
+    return np.array(motion), 1e3 * seconds, "warning: a solve did not converge" if unsolved else ""
 
 
 def build(root):
@@ -308,7 +308,7 @@ def compare(root, folder, sizes):
     for tets in sizes:
         for poisson in POISSONS:
             case = Case(tets, poisson, False, folder)
-            print(f"bar {tets} {poisson}: modes left out are {case.rest:.1e} of the way", flush=True)
+            print(f"bar {tets} {poisson}: omitted modes are {case.rest:.1e} of the displacement", flush=True)
             rows += ladder(case, tets, poisson, "bar", HALVES, commands)
     # MuJoCo has one modulus per flex, whose nodes may be those of a rigid body; rapier's soft
     # bodies have no such nodes; Palpate has both.
@@ -316,7 +316,7 @@ def compare(root, folder, sizes):
     rigid = [("Palpate", "implicit"), ("Palpate", "bdf2"), ("MuJoCo", "discrete"), ("MuJoCo", "Euler")]
     halves |= {(tool, f"{scheme}, rigid"): HALVES[tool, scheme] for tool, scheme in rigid}
     case = Case(ROD_TETS, ROD_POISSON, True, folder)
-    print(f"rod: modes left out are {case.rest:.1e} of the way", flush=True)
+    print(f"rod: omitted modes are {case.rest:.1e} of the displacement", flush=True)
     return rows + ladder(case, ROD_TETS, ROD_POISSON, "rod", halves, commands)
 
 
@@ -344,4 +344,4 @@ def load_is_small(poisson):
 
 if __name__ == "__main__":
     for ratio in POISSONS:
-        print(f"at ν = {ratio} gravity of {GRAVITY} m/s² makes {load_is_small(ratio):.1e} of the way")
+        print(f"at ν = {ratio}, nonlinearity at gravity {GRAVITY} m/s² is {load_is_small(ratio):.1e} of the displacement")

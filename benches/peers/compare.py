@@ -64,7 +64,7 @@ def curves(axes, rows):
 def save(figure, path):
     for kind in ("svg", "png"):
         figure.savefig(path.with_suffix(f".{kind}"), dpi=100)
-    # Of an SVG each line ends in its last character.
+    # Strips trailing whitespace from the lines of the SVG.
     svg = path.with_suffix(".svg")
     svg.write_text("\n".join(line.rstrip() for line in svg.read_text().splitlines()) + "\n")
 
@@ -127,12 +127,12 @@ def chart_of_cubes(rows, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--palpate", default="target/release/palpate", help="the program that draws the cube")
+    parser.add_argument("--palpate", default="target/release/palpate", help="Palpate executable that renders the cube")
     parser.add_argument("--out", type=Path, required=True, help="folder for the CSV and charts")
-    parser.add_argument("--only", choices=["bar", "cube", "charts"], help="measure this, keep the other rows")
-    parser.add_argument("--tets", default=",".join(map(str, bar.CELLS)), help="sizes of the bar")
-    parser.add_argument("--sides", default="10,20,40", help="cells along the cube's side")
-    parser.add_argument("--frames", type=int, default=5, help="frames whose median counts")
+    parser.add_argument("--only", choices=["bar", "cube", "charts"], help="measure only this benchmark and keep the other rows")
+    parser.add_argument("--tets", default=",".join(map(str, bar.CELLS)), help="tet counts of the bar, comma-separated")
+    parser.add_argument("--sides", default="10,20,40", help="cells per side of the cube, comma-separated")
+    parser.add_argument("--frames", type=int, default=5, help="number of frames; the median is reported")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
     sheet = asked.out / "peers.csv"
@@ -142,7 +142,7 @@ def main():
         with open(sheet, newline="") as file:
             head, *rows = csv.reader(file)
         if head != COLUMNS:
-            raise SystemExit(f"{sheet} has other columns; move it away, or leave --only out")
+            raise SystemExit(f"{sheet} has other columns; move it away, or omit --only")
     # The folder of this file contains the sources of the programs that simulate bars.
     root = Path(__file__).resolve().parents[2]
     with tempfile.TemporaryDirectory() as folder:

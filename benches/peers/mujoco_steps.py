@@ -47,6 +47,6 @@ for along in given.cells:
         times.append(1e3 * (time.perf_counter() - start))
     print(
         f"MuJoCo {mujoco.__version__} discrete: {len(tets):>6} tets {len(nodes):>6} nodes "
-        f"{statistics.median(times[10:]):.2f} ms a step",
+        f"{statistics.median(times[10:]):.2f} ms per step",
         flush=True,
     )

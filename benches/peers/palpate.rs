@@ -37,7 +37,7 @@ fn main() -> Result<()> {
     let numbers = rest.iter().take(5).map(|text| text.parse().map_err(bad));
     let numbers: Vec<f64> = numbers.collect::<Result<_>>()?;
     let [poisson, gravity, step, frame, frames] = numbers[..] else {
-        return Err(bad("five numbers are expected behind the scheme"));
+        return Err(bad("expected five numbers after the scheme"));
     };
     let mesh = read(Path::new(mesh))?;
     let (scheme, tolerance) = match scheme.strip_suffix("-tight") {
@@ -98,7 +98,7 @@ fn main() -> Result<()> {
 
 fn bad(why: impl Display) -> Error {
     Error::Input(format!(
-        "peer_bar: {why}; the head of its source says what it takes"
+        "peer_bar: {why}; see the usage at the top of its source"
     ))
 }
 
@@ -122,7 +122,7 @@ fn with_rod(mut material: Material, rod: Option<&str>) -> Result<Material> {
     };
     material.region_field = Some("rod".into());
     let Stiffness::Young(young) = material.stiffness else {
-        return Err(bad("the bar has Young's modulus"));
+        return Err(bad("the bar needs a Young's modulus"));
     };
     let factor = match rod {
         "rigid" => {
@@ -163,6 +163,8 @@ fn read(path: &Path) -> Result<TetMesh> {
 }
 
 fn next<T: FromStr<Err: Display>>(words: &mut SplitWhitespace) -> Result<T> {
-    let word = words.next().ok_or_else(|| bad("the mesh ends too early"))?;
+    let word = words
+        .next()
+        .ok_or_else(|| bad("unexpected end of the mesh file"))?;
     word.parse().map_err(bad)
 }

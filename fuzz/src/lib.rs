@@ -1,18 +1,18 @@
-//! What all fuzz targets share: an allocator that takes a large allocation for a finding.
+//! Shared code of the fuzz targets: an allocator that aborts on large allocations.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 
-/// Inputs are small, and compressed data grow at most a thousandfold: whoever asks for more than
-/// this in one go believed a count in the file.
+/// Maximum size of one allocation, in bytes. Inputs are small, and compressed data grow at most a
+/// thousandfold, so a larger allocation uses an unchecked count in the file.
 const LARGEST: usize = 256 << 20;
 
 struct Watched;
 
-// SAFETY: every call is passed on to the system's allocator as it is.
+// SAFETY: every call is forwarded unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Watched {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         if layout.size() > LARGEST {
-            eprintln!("an allocation of {} bytes", layout.size());
+            eprintln!("allocation of {} bytes exceeds the limit", layout.size());
             std::process::abort();
         }
         unsafe { System.alloc(layout) }
@@ -20,7 +20,7 @@ unsafe impl GlobalAlloc for Watched {
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         if layout.size() > LARGEST {
-            eprintln!("an allocation of {} bytes", layout.size());
+            eprintln!("allocation of {} bytes exceeds the limit", layout.size());
             std::process::abort();
         }
         unsafe { System.alloc_zeroed(layout) }
@@ -34,7 +34,7 @@ unsafe impl GlobalAlloc for Watched {
 #[global_allocator]
 static WATCHED: Watched = Watched;
 
-/// Cuts an input in two at its first zero byte after a newline, for formats of two files.
+/// Splits an input at its first zero byte after a newline, for formats with two files.
 pub fn halves(data: &[u8]) -> (&[u8], &[u8]) {
     match data.windows(2).position(|w| w == b"\n\0") {
         Some(n) => (&data[..=n], &data[n + 2..]),

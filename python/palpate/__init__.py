@@ -1,14 +1,13 @@
-"""Press on a body and see inside it while it gives.
+"""Simulate deformable tetrahedral meshes with contact, and render their interior.
 
-Deformable tetrahedral meshes, simulated on the GPU or on the processor, and drawn by a volume
-raycaster that walks the deformed tetrahedra::
+The simulation runs on the GPU or on the CPU; a volume raycaster traverses the deformed tetrahedra::
 
     import palpate
     picture = palpate.render("liver.vtu", field="Temp", size=(320, 240))   # (240, 320, 4), uint8
 
-Wherever a body is expected, a :class:`Mesh`, a :class:`Body`, a :class:`Scene` or the path of a
-mesh, a volume, a surface or a scene file (``.toml``) will do. Places are in the mesh's unit,
-physics in SI units.
+A body argument accepts a :class:`Mesh`, a :class:`Body`, a :class:`Scene`, or the path of a mesh, a
+volume, a surface or a scene file (``.toml``). Positions are in the mesh's unit, physical quantities
+in SI units.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -63,11 +62,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # What notebooks need is not asked of others.
+    # anywidget is required for notebooks only.
     if name == "View":
         try:
             from ._view import View
         except ImportError as why:
-            raise ImportError(f"palpate.View needs anywidget: pip install anywidget ({why})") from None
+            raise ImportError(f"palpate.View requires anywidget; install it with pip install anywidget ({why})") from None
         return View
     raise AttributeError(f"module 'palpate' has no attribute {name!r}")

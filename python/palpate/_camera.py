@@ -1,4 +1,4 @@
-"""The view."""
+"""The camera."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ._deprecated import warn_renamed
 from ._errors import InputError
 
 Vector = tuple[float, float, float]
@@ -13,14 +14,14 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Camera:
-    """An eye, what it looks at and which way is up, in the mesh's unit.
+    """Camera, in the mesh's unit.
 
     Attributes:
-        eye: where the eye is.
-        look_at: the point in the middle of the picture.
-        up: the direction that is up in the picture; default: that of the view there was.
-        fov: the vertical opening angle of a perspective camera, degrees.
-        orthographic: the height of the view of an orthographic one, in place of ``fov``.
+        eye: position of the camera.
+        look_at: point at the centre of the picture.
+        up: up direction of the picture; default: that of the current camera.
+        fov: vertical field of view of a perspective camera, degrees.
+        orthographic: height of the view of an orthographic camera, instead of ``fov``.
     """
 
     eye: Vector
@@ -30,9 +31,9 @@ class Camera:
     orthographic: float | None = None
 
     @staticmethod
-    def of(view: Any) -> Camera:
-        """A camera as it is, or as pyvista has it: its ``Camera``, or a ``camera_position`` of
-        three points (position, focal point, up), whose opening angle is pyvista's 30 degrees.
+    def from_any(view: Any) -> Camera:
+        """Converts a camera: a :class:`Camera`, a ``pyvista.Camera``, or a ``camera_position`` of three
+        vectors (position, focal point, up) with pyvista's field of view of 30 degrees.
         """
         if isinstance(view, Camera):
             return view
@@ -50,12 +51,18 @@ class Camera:
             return Camera(_vector(eye), _vector(look_at), _vector(up))
         except (TypeError, ValueError):
             raise InputError(
-                "camera: a palpate.Camera, a pyvista camera, or position, focal point and up "
-                f"are expected, not {view!r}"
+                "camera must be a palpate.Camera, a pyvista camera, or position, focal point and up, "
+                f"got {view!r}"
             ) from None
 
+    @staticmethod
+    def of(view: Any) -> Camera:
+        """Old name of :meth:`from_any`."""
+        warn_renamed("Camera.of", "Camera.from_any")
+        return Camera.from_any(view)
+
     def entries(self) -> dict[str, Any]:
-        """What stands in ``[camera]`` of a scene."""
+        """Returns the entries of ``[camera]`` of a scene."""
         own: dict[str, Any] = {"eye": self.eye, "look_at": self.look_at}
         if self.up is not None:
             own["up"] = self.up
@@ -66,7 +73,7 @@ class Camera:
         return own
 
 
-#: A :class:`Camera`, pyvista's, or three points; checked by :meth:`Camera.of`.
+#: A :class:`Camera`, pyvista's, or three vectors; converted by :meth:`Camera.from_any`.
 CameraLike = Any
 
 

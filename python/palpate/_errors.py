@@ -1,35 +1,35 @@
-"""What can go wrong, in the library's own words."""
+"""Exceptions of the library."""
 
 from __future__ import annotations
 
 
 class Error(Exception):
-    """Anything that Palpate refuses or fails at: what happened, where, and what to do."""
+    """Base class of all exceptions of Palpate; the message states the problem and how to fix it."""
 
 
 class InputError(Error, ValueError):
-    """An argument, a scene or a mesh that makes no sense."""
+    """Invalid argument, scene or mesh."""
 
 
 class FileError(Error, OSError):
-    """A file that cannot be read or written, or is not what its format promises."""
+    """File that cannot be read or written, or is invalid for its format."""
 
 
 class MissingFileError(FileError, FileNotFoundError):
-    """A file that is not there."""
+    """Missing file."""
 
 
 class DeviceError(Error, RuntimeError):
-    """No graphics adapter can be used, or the device refused the work or was lost."""
+    """No usable graphics adapter, or the device rejected the work or was lost."""
 
 
 class SolverError(Error, RuntimeError):
-    """A simulation failed; the body stays in its last good state.
+    """Failed simulation; the body keeps its last valid state.
 
     Attributes:
-        solver: the scheme's name.
-        step: the step at which it failed, counted from 1.
-        time: the simulated time of the last good state, s.
+        solver: name of the time integrator.
+        step: number of the failed step, counted from 1.
+        time: simulated time of the last valid state, s.
     """
 
     def __init__(self, what: str, *, solver: str = "", step: int = 0, time: float = 0.0) -> None:

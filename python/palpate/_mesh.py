@@ -13,25 +13,26 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _palpate
+from ._deprecated import warn_renamed
 from ._errors import InputError
 
-#: Told what is being done, and the fraction of it that is done.
+#: Callback with the current stage and its completed fraction.
 Progress = Callable[[str, float], None]
 Points = npt.NDArray[np.float64]
 PathOf = str | PathLike[str]
 
-#: meshio's and VTK's number of a tet.
+#: VTK cell type of a tetrahedron.
 _VTK_TETRA = 10
 
 
 @dataclass(frozen=True)
 class Field:
-    """Values at the nodes or in the tets of a mesh.
+    """Field at the nodes or in the tets of a mesh.
 
     Attributes:
-        name: as in files.
-        in_tets: whether they are one a tet, and not one a node.
-        values: shape (n,) of scalars, (n, components) of others.
+        name: name in files.
+        in_tets: whether there is one value per tet instead of one per node.
+        values: shape (n,) for scalars, (n, components) otherwise.
     """
 
     name: str
@@ -40,18 +41,18 @@ class Field:
 
 
 class Mesh:
-    """A tetrahedral mesh with fields, regions and a unit; it does not change.
+    """Immutable tetrahedral mesh with fields, regions and a length unit.
 
-    Tets are turned to positive orientation, flat ones, repeated ones and nodes of no tet are left
-    out; :attr:`notes` tells what was.
+    Tets are reoriented to positive volume; degenerate tets, duplicate tets and unused nodes are
+    removed. :attr:`notes` lists the repairs.
 
     Args:
-        nodes: positions, shape (n, 3).
-        tets: four indices of nodes a tet, counted from 0, shape (m, 4).
+        nodes: node positions, shape (n, 3).
+        tets: node indices of each tet, counted from 0, shape (m, 4).
         point_data: fields at the nodes by name, shape (n,) or (n, components).
-        cell_data: fields in the tets by name; the field ``label`` numbers regions.
-        region_names: names of regions by their label.
-        length_unit: metres in one unit of the mesh, where that is known.
+        cell_data: fields in the tets by name; the field ``label`` holds region labels.
+        region_names: names of regions by label.
+        length_unit: metres per unit of the mesh, if known.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class Mesh:
         for name, in_tets, values in given:
             array = np.asarray(values)
             if array.ndim == 0 or array.dtype.kind not in "fiub":
-                raise InputError(f"field {name!r}: an array of numbers is expected")
+                raise InputError(f"field {name!r} must be an array of numbers")
             rows = array.reshape(len(array), -1).astype(np.float64)
             fields.append((str(name), in_tets, rows, array.dtype.name))
         self._native = _palpate.Mesh(
@@ -89,18 +90,18 @@ class Mesh:
 
     @classmethod
     def read(cls, path: PathOf) -> Mesh:
-        """A VTK, VTU, Gmsh, TetGen, Medit or Abaqus file of tets (other cells are cut into tets); of a
-        mesh in pieces (.pvtu) all of them, as one."""
+        """Reads a VTK, VTU, Gmsh, TetGen, Medit or Abaqus file; other cells are divided into tets. The
+        pieces of a .pvtu are merged."""
         return cls._of(_palpate.Mesh.read(fspath(path)))
 
     @classmethod
     def generate(cls, name: str, tets: int | None = None) -> Mesh:
-        """A mesh that ships as a generator (:meth:`generators` names them), of about ``tets`` tets."""
+        """Generates a built-in mesh (see :meth:`generators`) of about ``tets`` tets."""
         return cls._load({"generate": name, "tets": tets}, Path(), None)
 
     @staticmethod
     def generators() -> list[str]:
-        """The names that :meth:`generate` knows."""
+        """Returns the names of the mesh generators."""
         return _palpate.generators()
 
     @classmethod
@@ -117,12 +118,12 @@ class Mesh:
         """Meshes a volume (segmentation, CT, MRI) or a closed surface.
 
         Args:
-            path: the file, or a folder of DICOM slices.
-            tets: about how many tets; default 50,000.
-            edge: how long edges at boundaries are, in the file's unit, in place of ``tets``.
-            labels: ``"all"``, or those that become regions.
-            progress: told what is being done and the fraction of it that is done.
-            more: what else ``[mesh]`` of a scene has: ``above``, ``between``, ``grading``,
+            path: file, or folder of DICOM slices.
+            tets: approximate number of tets; default 50,000.
+            edge: edge length at boundaries, in the file's unit, instead of ``tets``.
+            labels: ``"all"``, or the labels that become regions.
+            progress: called with the current stage and its completed fraction.
+            more: other keys of ``[mesh]`` of a scene: ``above``, ``between``, ``grading``,
                 ``min_island``, ``unit``.
         """
         entries = {"file": fspath(path), "tets": tets, "edge": edge, "labels": labels, **more}
@@ -135,28 +136,28 @@ class Mesh:
         return cls._of(_palpate.load_mesh(text, fspath(folder), progress))
 
     def write(self, path: PathOf, *, pieces: int | None = None) -> list[str]:
-        """Writes it in the format of the file's extension. Returns what that has no place for.
+        """Writes the mesh in the format of the file extension. Returns the dropped data.
 
         Args:
-            path: the file; with ``pieces`` an index, .pvtu.
-            pieces: into how many it is cut, along a k-d tree; each is a .vtu beside the index, with
-                what it has to know to be drawn by itself (:func:`palpate.dask.render_pieces`).
+            path: file; with ``pieces`` an index, .pvtu.
+            pieces: number of pieces, partitioned by a k-d tree; each is a .vtu beside the index that
+                can be rendered separately (:func:`palpate.dask.render_pieces`).
         """
         if pieces is None:
             return self._native.write(fspath(path))
         if pieces < 1 or pieces != int(pieces):
-            raise InputError(f"pieces: a whole number from 1 on is expected, not {pieces}")
+            raise InputError(f"pieces must be an integer ≥ 1, got {pieces}")
         _palpate.write_pieces(self._native, fspath(path), int(pieces))
         return []
 
     @property
     def nodes(self) -> Points:
-        """Positions, shape (n, 3)."""
+        """Node positions, shape (n, 3)."""
         return self._native.nodes()
 
     @property
     def tets(self) -> npt.NDArray[np.uint32]:
-        """Four indices of nodes a tet, shape (m, 4)."""
+        """Node indices of each tet, shape (m, 4)."""
         return self._native.tets()
 
     @property
@@ -170,7 +171,7 @@ class Mesh:
         return {f.name: f.values for f in self.fields() if f.in_tets}
 
     def fields(self) -> list[Field]:
-        """All fields."""
+        """Returns all fields."""
         fields = []
         for n, (name, in_tets, components, kind) in enumerate(self._native.fields()):
             values = self._native.field(n).astype(kind)
@@ -180,40 +181,45 @@ class Mesh:
 
     @property
     def region_names(self) -> dict[int, str]:
-        """Names of regions, by their value in the cell field ``label``."""
+        """Names of regions by label (value of the cell field ``label``)."""
         return self._native.region_names()
 
     @property
     def length_unit(self) -> float | None:
-        """Metres in one unit of the mesh, where that is known."""
+        """Metres per unit of the mesh, if known."""
         return self._native.length_unit()
 
     @property
     def notes(self) -> list[str]:
-        """What was repaired or is odd, a sentence each."""
+        """Repairs and warnings, one sentence each."""
         return self._native.notes()
 
     @property
     def volume(self) -> float:
-        """Its volume, in cubic units of the mesh."""
+        """Volume, in cubic units of the mesh."""
         return self._native.volume()
 
     @property
     def bounds(self) -> tuple[list[float], list[float]]:
-        """The lower and the upper corner of its box."""
+        """Lower and upper corner of the bounding box."""
         return self._native.bounds()
 
-    def moved(self, nodes: npt.ArrayLike) -> Mesh:
-        """The same mesh with its nodes elsewhere, shape (n, 3)."""
+    def with_nodes(self, nodes: npt.ArrayLike) -> Mesh:
+        """Returns a copy of the mesh with these node positions, shape (n, 3)."""
         return Mesh._of(self._native.moved(_floats(nodes, "nodes")))
+
+    def moved(self, nodes: npt.ArrayLike) -> Mesh:
+        """Old name of :meth:`with_nodes`."""
+        warn_renamed("Mesh.moved", "Mesh.with_nodes")
+        return self.with_nodes(nodes)
 
     @classmethod
     def from_meshio(cls, mesh: Any) -> Mesh:
-        """A ``meshio.Mesh``; its cells that are no tets are left out."""
+        """Converts a ``meshio.Mesh``; cells other than tets are dropped."""
         blocks = [n for n, block in enumerate(mesh.cells) if block.type == "tetra"]
         if not blocks:
             kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "none"
-            raise InputError(f"the meshio mesh has no cells of type tetra ({kinds})")
+            raise InputError(f"the meshio mesh must have cells of type tetra, got {kinds}")
         return cls(
             mesh.points,
             np.concatenate([mesh.cells[n].data for n in blocks]),
@@ -225,7 +231,7 @@ class Mesh:
         )
 
     def to_meshio(self) -> Any:
-        """As a ``meshio.Mesh``."""
+        """Converts the mesh to a ``meshio.Mesh``."""
         import meshio
 
         return meshio.Mesh(
@@ -237,10 +243,10 @@ class Mesh:
 
     @classmethod
     def from_pyvista(cls, grid: Any) -> Mesh:
-        """A ``pyvista.UnstructuredGrid``; its cells that are no tets are left out."""
+        """Converts a ``pyvista.UnstructuredGrid``; cells other than tets are dropped."""
         tets = grid.cells_dict.get(_VTK_TETRA)
         if tets is None or len(tets) == 0:
-            raise InputError("the pyvista grid has no tetrahedra; see pyvista's triangulate()")
+            raise InputError("the pyvista grid has no tetrahedra; convert it with pyvista's triangulate()")
         own = np.asarray(grid.celltypes) == _VTK_TETRA
         return cls(
             grid.points,
@@ -250,7 +256,7 @@ class Mesh:
         )
 
     def to_pyvista(self) -> Any:
-        """As a ``pyvista.UnstructuredGrid``."""
+        """Converts the mesh to a ``pyvista.UnstructuredGrid``."""
         import pyvista
 
         grid = pyvista.UnstructuredGrid({_VTK_TETRA: self.tets.astype(np.int64)}, self.nodes)
@@ -274,7 +280,7 @@ def _unpickled(content: bytes) -> Mesh:
 def _floats(values: npt.ArrayLike, what: str) -> Points:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2:
-        raise InputError(f"{what}: an array of shape (n, 3) is expected, not {array.shape}")
+        raise InputError(f"{what} must have shape (n, 3), got {array.shape}")
     return np.ascontiguousarray(array)
 
 
@@ -282,6 +288,6 @@ def _integers(values: npt.ArrayLike, what: str) -> npt.NDArray[np.int64]:
     array = np.asarray(values)
     if array.ndim != 2 or array.dtype.kind not in "iu":
         raise InputError(
-            f"{what}: whole numbers of shape (n, 4) are expected, not {array.dtype} {array.shape}"
+            f"{what} must be integers of shape (n, 4), got {array.dtype} {array.shape}"
         )
     return np.ascontiguousarray(array, dtype=np.int64)

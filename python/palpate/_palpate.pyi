@@ -1,4 +1,4 @@
-"""The native half: arrays and JSON in, arrays and JSON out. For use by this package alone."""
+"""Native module: takes and returns arrays and JSON. Private to this package."""
 
 from collections.abc import Callable
 from typing import Any
@@ -160,10 +160,10 @@ class PressMap:
     def rgba(self) -> tuple[_Bytes, tuple[int, int]]: ...
 
 def adapters() -> list[str]:
-    """The graphics adapters there are, each with how it is reached."""
+    """Returns the graphics adapters, each with its backend."""
 
 def device_memory() -> tuple[int, int | None, int | None]:
-    """Bytes allocated on the default device so far, its live allocations and their bytes."""
+    """Returns the bytes allocated on the default device so far, its live allocations and their bytes."""
 
 def load_mesh(entries: str, folder: str, progress: _Progress) -> Mesh: ...
 def generators() -> list[str]: ...

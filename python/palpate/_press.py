@@ -1,4 +1,4 @@
-"""A fingertip that presses on a body."""
+"""Pressing on a body with a fingertip: indentation tests and stiffness maps."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ Numbers = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Press:
-    """What a press found; arrays have one number a step.
+    """Result of a press; arrays have one value per step.
 
     Attributes:
-        time: s.
-        loading: whether the fingertip was on its way in.
-        depth: how far it is beyond where it touched the body at rest, m.
-        force: the force on it, out of the body, N.
+        time: simulated time, s.
+        loading: whether the fingertip was advancing.
+        depth: indentation relative to first contact with the body at rest, m.
+        force: contact force on the fingertip, directed out of the body, N.
         report: ``stiffness_n_per_m, hertz_young_pa, max_force_n, max_depth_m, radius_m, poisson,
             engine, seconds``.
-        point: where it pressed, in the mesh's unit.
-        rest: the body before, shape (height, width, 4).
-        pressed: the body at the deepest, cut open through the press.
-        deformed: the mesh at the deepest, with its displacement.
-        notes: what was assumed, a sentence each.
-        failure: why it ended early, where a step failed.
+        point: press point, in the mesh's unit.
+        rest: picture of the body at rest, shape (height, width, 4).
+        pressed: picture at maximum depth, clipped through the press point.
+        deformed: mesh at maximum depth, with its displacement.
+        notes: notes of automatic choices, one sentence each.
+        failure: error of the failed step, or None.
     """
 
     time: Numbers
@@ -56,8 +56,8 @@ class Press:
     failure: str | None
 
     def save(self, out: PathOf) -> None:
-        """Writes ``rest.png``, ``pressed.png``, ``press.csv``, ``press.json`` and ``pressed.vtu``
-        into a folder."""
+        """Writes ``rest.png``, ``pressed.png``, ``press.csv``, ``press.json`` and ``pressed.vtu`` to
+        a folder."""
         folder = Path(out)
         folder.mkdir(parents=True, exist_ok=True)
         for name, picture in [("rest", self.rest), ("pressed", self.pressed)]:
@@ -83,21 +83,23 @@ def press(
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> Press:
-    """Presses on a body with a fingertip and lets go, as ``palpate press`` does.
+    """Presses on a body with a fingertip and releases it, as ``palpate press``.
 
     Args:
-        body: a mesh, a body, a scene of one body, or the path of a file.
-        at: presses on the boundary nearest to this point; default: what the camera sees first.
-        pick: presses on what is seen at this point of the picture, in pixels.
-        radius: of the fingertip, in the mesh's unit; default: what suits the body there.
-        depth: how far it goes in, in the mesh's unit; default: a tenth of the thickness there.
-        force: goes in until the body resists with so many newtons instead.
-        size: of the pictures, in pixels.
-        engine: ``gpu``, ``cpu`` or ``auto``.
-        adapter: which graphics adapter.
-        progress: told of steps, as a fraction. Ctrl-C, or what it raises, ends the press.
+        body: mesh, body, scene of one body, or path of a file.
+        at: press on the boundary point nearest to this point; default: the point at the centre of the
+            picture.
+        pick: press on the boundary point visible at this point of the picture, in pixels.
+        radius: radius of the fingertip, in the mesh's unit; default: chosen from the local thickness.
+        depth: indentation depth, in the mesh's unit; default: a tenth of the local thickness.
+        force: press until this contact force is reached instead, N.
+        size: width and height of the pictures, in pixels.
+        engine: engine of the time steps: ``gpu``, ``cpu`` or ``auto``.
+        adapter: graphics adapter.
+        progress: called with the completed fraction of steps. Ctrl-C, or an exception it raises,
+            cancels the press.
     """
-    scene = Scene.of(body).with_(
+    scene = Scene.from_any(body).updated(
         {k: v for k, v in [("picture.size", size), ("solver.engine", engine)] if v is not None}
     )
     native = _with_files(
@@ -125,7 +127,7 @@ def press(
         try:
             sample = native.advance()
         except Error as why:
-            # What was measured until then is kept.
+            # The earlier measurements are kept.
             failure = str(why)
             break
         seconds += time.perf_counter() - start
@@ -138,7 +140,7 @@ def press(
             progress("pressing", min(len(samples) / steps, 1.0))
     notes = native.notes()
     if native.falls_short():
-        notes.append("the force was not reached at half of the thickness")
+        notes.append("the force was not reached within half of the thickness")
     return Press(
         time=np.array([s[0] for s in samples]),
         loading=np.array([s[1] == "load" for s in samples], dtype=np.bool_),
@@ -156,13 +158,13 @@ def press(
 
 @dataclass(frozen=True)
 class PressMap:
-    """The stiffness of a body at the points of a grid, pressed from above.
+    """Stiffness of a body at the points of a grid, pressed from above.
 
     Attributes:
-        points: where, in the mesh's unit, shape (n, 3).
-        stiffness: N/m, shape (n,); NaN where a step failed.
-        picture: the stiffness on the body, shape (height, width, 4).
-        notes: what was assumed, a sentence each.
+        points: press points, in the mesh's unit, shape (n, 3).
+        stiffness: N/m, shape (n,); NaN if a step failed.
+        picture: picture of the stiffness on the body, shape (height, width, 4).
+        notes: notes of automatic choices, one sentence each.
     """
 
     points: Points
@@ -184,19 +186,18 @@ def press_map(
     """Presses on a body at the points of a grid, on all cores.
 
     Args:
-        body: a mesh, a body, a scene of one body, or the path of a file.
-        points: how many along the two sides, such as ``(10, 10)``.
-        radius: of the fingertip, in the mesh's unit.
-        depth: how far it goes in, in the mesh's unit.
-        out: a folder in which every point that is done is kept, so that a map that was interrupted
-            goes on from there.
-        adapter: which graphics adapter.
-        progress: told of points, as a fraction. Ctrl-C, or what it raises, ends the map after the
-            points under way.
+        body: mesh, body, scene of one body, or path of a file.
+        points: numbers of points along the two sides, such as ``(10, 10)``.
+        radius: radius of the fingertip, in the mesh's unit.
+        depth: indentation depth, in the mesh's unit.
+        out: folder in which completed points are kept, so that an interrupted map can be resumed.
+        adapter: graphics adapter.
+        progress: called with the completed fraction of points. Ctrl-C, or an exception it raises,
+            cancels the map after the current points.
     """
     along, across = (int(n) for n in points)
     native = _with_files(
-        Scene.of(body),
+        Scene.from_any(body),
         lambda entries, folder: _palpate.PressMap(
             entries, folder, (along, across), radius, depth, adapter
         ),
@@ -240,17 +241,17 @@ def _found_before(file: Path, mark: str) -> list[float | None]:
         same = before["mark"] == mark
         found = [math.nan if k == "failed" else k for k in before["stiffness"]]
     except (ValueError, KeyError, TypeError) as why:
-        raise InputError(f"{file} is damaged ({why}); remove it to begin anew") from None
+        raise InputError(f"{file} is damaged ({why}); remove it to start again") from None
     if not same:
         raise InputError(
-            f"{file} is a map of another body, or made with other settings; name another folder, "
+            f"{file} is a map of a different body or of different settings; choose another folder, "
             "or remove it"
         )
     return found
 
 
 def _with_files(scene: Scene, make: Any) -> Any:
-    """Makes something of a scene whose mesh has to be in a file."""
+    """Calls ``make`` with the scene, whose mesh in memory is written to a file first."""
     if scene.mesh is None:
         return make(scene.json(), fspath(scene.folder))
     import tempfile

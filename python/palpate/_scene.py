@@ -1,4 +1,4 @@
-"""Scenes: everything that a picture or a motion is made of."""
+"""Scenes: description of a body, its simulation and its picture."""
 
 from __future__ import annotations
 
@@ -14,29 +14,30 @@ import numpy as np
 
 from . import _palpate
 from ._camera import Camera, CameraLike
+from ._deprecated import warn_renamed
 from ._errors import InputError
 from ._mesh import Mesh, PathOf
 from ._transfer import entry_of, with_opacity
 
-#: Files that hold a mesh, a volume or a surface under ``[mesh] file``.
+#: Extension of scene files; other files become ``[mesh] file``.
 _SCENE = ".toml"
 
 
 @dataclass(frozen=True)
 class Material:
-    """What a body is made of, in SI units; what is left out is chosen as the guide tells.
+    """Material of a body, in SI units; see the guide for the defaults.
 
     Attributes:
         young: Young's modulus, Pa.
-        poisson: Poisson's ratio, of elements.
-        density: kg/m³.
+        poisson: Poisson's ratio, for finite elements.
+        density: density, kg/m³.
         model: ``neo-hookean``, ``corotated`` or ``springs``.
-        volume: ``averaged`` where Poisson's ratio nears 1/2, or ``per-tet``.
-        damping_ratio: 1 just does not swing, at the frequency ``damping_hz``.
-        damping_hz: Hz.
-        stiffness: of every spring, N/m, in place of ``young``.
-        damping: of every spring, N·s/m.
-        tissues: regions made of something else, by tissue: a list of regions (names or labels), or a
+        volume: volumetric formulation: ``per-tet``, or ``averaged`` for Poisson's ratios near 1/2.
+        damping_ratio: damping ratio at the frequency ``damping_hz``; 1 is critical damping.
+        damping_hz: reference frequency of ``damping_ratio``, Hz.
+        stiffness: stiffness of each spring, N/m, instead of ``young``.
+        damping: damping of each spring, N·s/m.
+        tissues: regions of other tissues, by tissue name: a list of regions (names or labels), or a
             table with some of ``regions``, ``young``, ``poisson``, ``density`` and ``rigid``.
     """
 
@@ -52,24 +53,24 @@ class Material:
     tissues: Mapping[str, Any] = field(default_factory=dict)
 
     def entries(self) -> dict[str, Any]:
-        """What stands in ``[material]`` of a scene."""
+        """Returns the entries of ``[material]`` of a scene."""
         own = {k: v for k, v in self.__dict__.items() if k != "tissues" and v is not None}
         return {**own, **self.tissues}
 
 
 @dataclass(frozen=True)
 class Body:
-    """A mesh, what it is made of, and what holds and pulls it.
+    """A mesh with its material, supports and loads.
 
     Attributes:
-        mesh: a mesh, or the path of a mesh, a volume or a surface.
-        material: its material.
-        pin: groups of nodes that stay where they are, each as ``[[pin]]`` of a scene has them:
+        mesh: mesh, or path of a mesh, a volume or a surface.
+        material: material of the body.
+        pin: regions of fixed nodes, each with the keys of ``[[pin]]`` of a scene:
             ``{"axis": "z", "below": 0.05}`` is the lowest 5 %.
-        force: forces shared by groups of nodes: ``{"on": {...}, "total": [x, y, z]}``, N.
-        gravity: m/s²; default: what the guide tells.
-        unit: what one unit of the mesh is: ``"mm"``, or metres as a number.
-        entries: anything else that a scene has.
+        force: forces distributed over regions of nodes: ``{"on": {...}, "total": [x, y, z]}``, N.
+        gravity: gravity, m/s²; see the guide for the default.
+        unit: length unit of the mesh: ``"mm"``, or metres as a number.
+        entries: other entries of a scene.
     """
 
     mesh: Mesh | PathOf
@@ -81,8 +82,8 @@ class Body:
     entries: Mapping[str, Any] = field(default_factory=dict)
 
     def scene(self) -> Scene:
-        """The scene of this body alone."""
-        scene = Scene.of(self.mesh)
+        """Returns the scene of this body."""
+        scene = Scene.from_any(self.mesh)
         own: dict[str, Any] = {
             "material": self.material.entries(),
             "pin": list(self.pin) or None,
@@ -90,17 +91,16 @@ class Body:
             "solver.gravity": self.gravity,
             "mesh.unit": self.unit,
         }
-        return scene.with_(own).with_(self.entries)
+        return scene.updated(own).updated(self.entries)
 
 
 class Scene:
-    """The entries of a scene file, as a dictionary of dictionaries, and a mesh of its own if it has
-    one in memory.
+    """Entries of a scene file as a dictionary of dictionaries, optionally with a mesh in memory.
 
     Args:
-        entries: as in a scene file (``docs/guide.md`` has them), by table.
-        folder: what paths in it are relative to; default: where Python was started.
-        mesh: a mesh in place of that of ``[mesh]``.
+        entries: entries of a scene file (see ``docs/guide.md``), by table.
+        folder: folder of relative paths; default: the current folder.
+        mesh: mesh in memory, instead of that of ``[mesh]``.
     """
 
     def __init__(
@@ -116,13 +116,13 @@ class Scene:
 
     @staticmethod
     def read(path: PathOf) -> Scene:
-        """A scene file."""
+        """Reads a scene file."""
         file = Path(path)
         return Scene(json.loads(_palpate.read_toml(fspath(file))), folder=file.parent)
 
     @staticmethod
-    def of(body: BodyLike) -> Scene:
-        """The scene of whatever is a body."""
+    def from_any(body: BodyLike) -> Scene:
+        """Converts a mesh, a body, a scene or the path of a file to a scene."""
         if isinstance(body, Scene):
             return body
         if isinstance(body, Body):
@@ -135,14 +135,25 @@ class Scene:
                 return Scene.read(path)
             return Scene({"mesh": {"file": fspath(path)}})
         raise InputError(
-            "a palpate.Mesh, Body or Scene, or the path of a file, is expected, not "
+            "expected a palpate.Mesh, Body or Scene, or the path of a file, got "
             f"{type(body).__name__}"
         )
 
+    @staticmethod
+    def of(body: BodyLike) -> Scene:
+        """Old name of :meth:`from_any`."""
+        warn_renamed("Scene.of", "Scene.from_any")
+        return Scene.from_any(body)
+
     def with_(self, changes: Mapping[str, Any]) -> Scene:
-        """The same scene with some entries changed, by dotted names:
-        ``scene.with_({"material.muscle.young": 3e4, "solver.dt": None})``; ``None`` leaves an entry
-        out, a dictionary is laid over what is there.
+        """Old name of :meth:`updated`."""
+        warn_renamed("Scene.with_", "Scene.updated")
+        return self.updated(changes)
+
+    def updated(self, changes: Mapping[str, Any]) -> Scene:
+        """Returns a copy with changed entries, by dotted names:
+        ``scene.updated({"material.muscle.young": 3e4, "solver.dt": None})``; ``None`` removes an entry,
+        a dictionary is merged into the existing table.
         """
         scene = Scene(self.entries, folder=self.folder, mesh=self.mesh)
         for name, value in changes.items():
@@ -151,7 +162,7 @@ class Scene:
             for part in tables:
                 inner = table.setdefault(part, {})
                 if not isinstance(inner, dict):
-                    raise InputError(f"{name}: {part} is no table in this scene")
+                    raise InputError(f"{name}: {part} is not a table in this scene")
                 table = inner
             if value is None:
                 table.pop(last, None)
@@ -162,7 +173,7 @@ class Scene:
         return scene
 
     def write(self, path: PathOf) -> None:
-        """Writes a scene file; a mesh in memory becomes a ``.vtu`` file beside it."""
+        """Writes a scene file; a mesh in memory is written to a ``.vtu`` file beside it."""
         file = Path(path)
         scene = self.in_files(file.parent, f"{file.stem}.vtu")
         text = _palpate.to_toml(scene.json())
@@ -171,8 +182,7 @@ class Scene:
         part.replace(file)
 
     def in_files(self, folder: PathOf, name: str = "mesh.vtu") -> Scene:
-        """The same scene with its mesh in a file of ``folder``, if it has one in memory, and paths
-        that are found from anywhere."""
+        """Returns a copy with absolute paths; a mesh in memory is written to a file in ``folder``."""
         entries = _absolute(self.entries, self.folder)
         if self.mesh is not None:
             file = Path(folder).resolve() / name
@@ -181,13 +191,13 @@ class Scene:
         return Scene(entries, folder=folder)
 
     def load_mesh(self) -> Mesh:
-        """Its mesh: read, generated or made of a volume or surface."""
+        """Loads the mesh: reads it, generates it, or meshes a volume or surface."""
         if self.mesh is not None:
             return self.mesh
         return Mesh._load(self.entries.get("mesh", {}), self.folder, None)
 
     def json(self) -> str:
-        """Its entries as JSON."""
+        """Returns the entries as JSON."""
         return json.dumps(_plain(self.entries))
 
     def __repr__(self) -> str:
@@ -213,9 +223,9 @@ def picture_entries(
     iso: Sequence[Any] = (),
     **picture: Any,
 ) -> dict[str, Any]:
-    """Changes of a scene (see :meth:`Scene.with_`) for the arguments that pictures take."""
+    """Returns the changes of a scene (see :meth:`Scene.updated`) for the arguments of a picture."""
     if cmap is not None and transfer is not None:
-        raise InputError("give either cmap or transfer")
+        raise InputError("cmap and transfer are both given; remove one of them")
     shown = cmap if transfer is None else transfer
     if opacity is not None:
         shown = with_opacity(shown, opacity)
@@ -228,10 +238,10 @@ def picture_entries(
     }
     changes = {f"picture.{name}": v for name, v in given.items() if v is not None}
     if field is not None and clim is None:
-        # That of the scene's own field.
+        # The range belongs to the scene's own field.
         changes["picture.range"] = None
     if camera is not None:
-        changes["camera"] = Camera.of(camera).entries()
+        changes["camera"] = Camera.from_any(camera).entries()
     changes.update({k: v for k, v in [("light.from", light), ("light.shadows", shadows)] if v is not None})
     planes = [{"clip": list(p)} for p in clip] + [{"slice": list(p)} for p in slice]
     if planes:
@@ -244,7 +254,7 @@ def picture_entries(
 
 
 def _plain(value: Any) -> Any:
-    """Without what JSON does not know: numpy's numbers and arrays, paths, nothing."""
+    """Converts numpy values and paths to JSON types, and drops None."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -257,7 +267,7 @@ def _plain(value: Any) -> Any:
 
 
 def _absolute(value: Any, folder: Path) -> Any:
-    """With strings that are the path of a file in ``folder`` made absolute."""
+    """Makes strings absolute that are the path of a file in ``folder``."""
     if isinstance(value, Mapping):
         return {k: _absolute(v, folder) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,8 +1,8 @@
-"""A body to be touched: a simulator with a finger, and a camera that goes round it.
+"""An interactive body: a simulator with a fingertip tool, and an orbiting camera.
 
-The same habits as the viewer's (`viewer/src/body_session.rs`, `camera_control.rs`): what nothing
-holds lies on a table, the finger goes in by a small part of its radius a step, and stops where
-the body gives no further.
+Behaves as the viewer (`viewer/src/body_session.rs`, `camera_control.rs`): a body without supports
+lies on a table, the fingertip advances by a small fraction of its radius per step, and stops when a
+step fails.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from ._mesh import Mesh, Points
 from ._scene import BodyLike, Scene
 from ._stage import Pick, stage_of
 
-#: Of a body that nothing else holds, the part of its height that lies on a table.
+#: Fraction of the height of a body without supports that is fixed to the table.
 _TABLE = 0.04
-#: Length of a step where a scene does not say, s.
+#: Default time step, s.
 _STEP = 0.02
-#: The finger's radius over the body's diagonal, and in edges of the mesh, at least.
+#: Radius of the fingertip over the body's diagonal, and at least over the mean edge length.
 _RADIUS, _EDGES = 0.04, 1.5
-#: It goes in by this part of its radius in a step at most, and out by eight times that.
+#: Largest advance per step, over the radius; withdrawal is eight times as fast.
 _STRIDE = 0.06
-#: Where it is put away, in diagonals of the body.
+#: Distance of its parking position, in diagonals of the body.
 _AWAY = 20.0
-#: How deep strokes cut, over the diagonal.
+#: Depth of a cut, over the diagonal.
 _CUT = 0.1
-#: Radians that the eye goes round while the pointer crosses the picture.
+#: Orbit angle of a drag across the whole picture, radians.
 _ROUND = np.pi
-#: The corners of a tet's faces, opposite corner 0 to 3, counter-clockwise seen from outside.
+#: Corners of the faces of a tet, opposite corners 0 to 3, counter-clockwise seen from outside.
 _FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
 
 
 class Touched:
-    """A body with a finger, drawn by a camera that goes round it."""
+    """A body with a fingertip tool and an orbiting camera."""
 
     def __init__(self, body: BodyLike, adapter: str | None = None) -> None:
-        self.scene = Scene.of(body)
+        self.scene = Scene.from_any(body)
         entries = self.scene.entries
         made: _palpate.Stage | None = None
         if entries.get("body") or entries.get("grid"):
-            # They make their own.
+            # The stage creates their mesh.
             made = stage_of(self.scene, adapter)
             self.rest = Mesh._of(made.mesh())
         else:
@@ -55,7 +55,7 @@ class Touched:
         self.diagonal = float(np.linalg.norm(high - low))
         self.radius = max(_RADIUS * self.diagonal, _EDGES * _mean_edge(self.rest))
         self._away = 0.5 * (low + high) + _AWAY * self.diagonal
-        #: The finger's number among the tools, or why there is none.
+        #: Index of the fingertip among the tools, or the reason why there is none.
         self.finger: int | str
         moving, self.finger = self._with_finger()
         try:
@@ -63,7 +63,7 @@ class Touched:
         except InputError as why:
             if isinstance(self.finger, str):
                 raise
-            # Not all that can be drawn can be pressed on.
+            # Some bodies can be rendered but not pressed.
             self.finger = str(why)
             moving = self.scene
             self._stage = stage_of(moving, adapter)
@@ -75,11 +75,11 @@ class Touched:
     def _with_finger(self) -> tuple[Scene, int | str]:
         entries = self.scene.entries
         if any(entries.get(name) for name in ("body", "grid", "cage")):
-            return self.scene, "a finger presses on one body of tets, and this scene has others"
-        scene = self.scene.with_({"mesh.file": None, "mesh.generate": None})
+            return self.scene, "pressing requires a scene of one tetrahedral body, without [[body]], [grid] and [cage]"
+        scene = self.scene.updated({"mesh.file": None, "mesh.generate": None})
         scene.mesh = self.rest
         if "name" not in entries.get("solver", {}):
-            scene = scene.with_(
+            scene = scene.updated(
                 {
                     "solver": {
                         "name": "implicit",
@@ -91,20 +91,21 @@ class Touched:
                 }
             )
             if not entries.get("pin") and not entries.get("move"):
-                scene = scene.with_({"pin": [{"name": "table", "axis": "z", "below": _TABLE}]})
+                scene = scene.updated({"pin": [{"name": "table", "axis": "z", "below": _TABLE}]})
         tools: list[Any] = list(entries.get("tool", []))
-        number = sum("mass" not in tool and "spring" not in tool for tool in tools)
+        dynamic = {"mass", "spring_stiffness", "spring"}
+        number = sum(dynamic.isdisjoint(tool) for tool in tools)
         finger = {
             "name": "finger",
             "sphere": {"radius": self.radius},
             "at": self._away.tolist(),
             "colour": [0.87, 0.72, 0.62],
         }
-        return scene.with_({"tool": [*tools, finger]}), number
+        return scene.updated({"tool": [*tools, finger]}), number
 
     @property
     def camera(self) -> Camera:
-        """The view."""
+        """Current camera."""
         eye, look_at, up, fov, height = self._stage.camera()
         return Camera(eye, look_at, up, 30.0 if fov is None else fov, height)
 
@@ -116,7 +117,7 @@ class Touched:
         self._stage.set_camera((camera.eye, camera.look_at, up, fov, camera.orthographic))
 
     def turn(self, across: float, down: float) -> None:
-        """Goes round the body, by parts of the picture's width and height."""
+        """Orbits the camera, by fractions of the picture's width and height."""
         view = self.camera
         focus = np.array(view.look_at)
         right, up, _ = _axes(view)
@@ -124,7 +125,7 @@ class Touched:
         self._look(view, focus, turned @ (np.array(view.eye) - focus), turned @ up)
 
     def zoom(self, factor: float) -> None:
-        """Comes so many times nearer."""
+        """Zooms in by ``factor``."""
         view = self.camera
         focus = np.array(view.look_at)
         away = np.array(view.eye) - focus
@@ -138,7 +139,7 @@ class Touched:
             self._look(view, focus, away / factor, np.array(view.up))
 
     def pan(self, across: float, down: float) -> None:
-        """Moves the body in the picture, by parts of the picture's height."""
+        """Pans the camera, by fractions of the picture's height."""
         view = self.camera
         right, up, _ = _axes(view)
         focus = np.array(view.look_at)
@@ -152,19 +153,19 @@ class Touched:
 
     @staticmethod
     def _height(view: Camera, distance: float) -> float:
-        """The height of what is seen at a distance from the eye."""
+        """Returns the height of the view at a distance from the eye."""
         if view.orthographic is not None:
             return view.orthographic
         return 2.0 * distance * float(np.tan(np.radians(0.5 * view.fov)))
 
     def pick(self, x: float, y: float) -> Pick | None:
-        """What is seen at parts of the picture's width and height."""
+        """Picks the boundary at fractions of the picture's width and height."""
         width, height = self._stage.size()
         found = self._stage.pick(x * width, y * height)
         return None if found is None else Pick(*found)
 
     def press(self, x: float, y: float) -> bool:
-        """Puts the finger on what is seen there; whether anything is."""
+        """Places the fingertip on the boundary at this point; returns whether the body is hit."""
         if isinstance(self.finger, str):
             raise InputError(self.finger)
         seen = self.pick(x, y)
@@ -180,30 +181,30 @@ class Touched:
         return True
 
     def press_to(self, depth: float) -> None:
-        """Has the finger go in by so many heights of the picture at its distance."""
+        """Sets the target depth, in heights of the view at the distance of the press point."""
         press = self._press
         if press is not None and not press.ends:
             press.goal = min(max(depth * press.height, 0.0), press.most, 0.5 * self.diagonal)
 
     def let_go(self) -> None:
-        """Takes the finger out."""
+        """Withdraws the fingertip."""
         if self._press is not None:
             self._press.goal = -0.5 * self.radius
             self._press.ends = True
 
     @property
     def pressed(self) -> bool:
-        """Whether the finger is at the body."""
+        """Whether a press is active."""
         return self._press is not None
 
     @property
     def moves(self) -> bool:
-        """Whether the finger is on its way."""
+        """Whether the fingertip is moving."""
         press = self._press
         return press is not None and (press.ends or press.goal != press.gone)
 
     def step(self, steps: int = 1) -> None:
-        """A step of the body, with the finger on its way."""
+        """Does a step of the body with the moving fingertip."""
         press = self._press
         if press is None or isinstance(self.finger, str):
             self._stage.run(steps, None)
@@ -218,7 +219,7 @@ class Touched:
         except SolverError:
             if press.gone <= before:
                 raise
-            # The body gives no further there.
+            # The step failed: this is the largest depth.
             press.gone = press.goal = press.most = before
             place = press.spot + (self.radius - before) * press.out
             self._stage.lead_tool(self.finger, _three(place), False)
@@ -231,8 +232,8 @@ class Touched:
             self._stage.lead_tool(self.finger, _three(self._away), True)
 
     def cut(self, way: Sequence[Sequence[float]]) -> bool:
-        """Cuts along a stroke of points, parts of the picture's width and height, that begins on the
-        body; whether anything was cut."""
+        """Cuts along a stroke that begins on the body, given as points in fractions of the picture's
+        width and height; returns whether anything was cut."""
         seen = self.pick(*way[0]) if len(way) > 1 else None
         if seen is None:
             return False
@@ -246,7 +247,7 @@ class Touched:
         return self._stage.cut(np.array(edges).tolist())
 
     def ray(self, x: float, y: float) -> tuple[Points, Points]:
-        """Where the ray through a point of the picture begins, and its direction."""
+        """Returns the origin and the direction of the ray through a point of the picture."""
         view = self.camera
         width, height = self._stage.size()
         right, up, back = _axes(view)
@@ -260,8 +261,8 @@ class Touched:
         return eye, direction / np.linalg.norm(direction)
 
     def _outward(self, seen: Pick, spot: Points) -> Points:
-        """Which way is out of the body around a pick: of the faces as far away as the finger is wide
-        that are seen from the front."""
+        """Returns the mean outward normal of the front-facing boundary within a fingertip radius of a
+        pick."""
         x = self._stage.positions()
         tets = self._stage.mesh().tets()
         corners = tets[seen.tet][list(_FACES[seen.face])]
@@ -278,7 +279,7 @@ class Touched:
 
 
 class _Press:
-    """A finger on its way in, or out again; lengths in the mesh's unit."""
+    """State of a press; lengths in the mesh's unit."""
 
     def __init__(self, spot: Points, out: Points, gone: float, height: float) -> None:
         self.spot, self.out, self.gone, self.height = spot, out, gone, height
@@ -288,7 +289,7 @@ class _Press:
 
 
 def _axes(view: Camera) -> tuple[Points, Points, Points]:
-    """To the right, up, and towards the eye."""
+    """Returns the unit vectors to the right, up, and towards the eye."""
     back = np.array(view.eye) - np.array(view.look_at)
     back = back / np.linalg.norm(back)
     assert view.up is not None
@@ -298,7 +299,7 @@ def _axes(view: Camera) -> tuple[Points, Points, Points]:
 
 
 def _about(axis: Points, angle: float) -> Points:
-    """A turn about an axis, as a matrix."""
+    """Returns the rotation matrix about an axis."""
     x, y, z = axis
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k))
@@ -309,7 +310,7 @@ def _three(place: Points) -> tuple[float, float, float]:
 
 
 def _boundary(tets: Any) -> Any:
-    """The faces that one tet alone has, (n, 3)."""
+    """Returns the boundary faces, shape (n, 3)."""
     faces = np.concatenate([tets[:, list(face)] for face in _FACES])
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     return faces[first[count == 1]]

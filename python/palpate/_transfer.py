@@ -1,4 +1,4 @@
-"""Colour and opacity of a scalar."""
+"""Transfer functions: colour and extinction of a scalar."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 from . import _palpate
 from ._errors import InputError
 
-#: Extinction over the range of a scalar where a colour map says nothing of it: as that of the
-#: colour maps that ship.
+#: Extinction over the range of a scalar for colour maps without one: as that of the built-in
+#: presets.
 _RAMP: list[list[float]] = [[0.0, 0.0], [1.0, 6.0]]
 _COLOURS = 64
-#: The share of the mesh's extent that an opacity is that of, and the most that one is taken for.
+#: Path length to which an opacity refers, over the mesh's extent, and the largest opacity.
 _WAY = 0.1
 _MOST_OPACITY = 0.9999
 
@@ -29,8 +29,8 @@ class TransferFunction:
     Attributes:
         colour: rows of scalar, red, green and blue (0 to 1).
         extinction: rows of scalar and extinction per unit of length of the mesh.
-        relative: the scalar runs from 0 to 1 over the field's range instead, and extinction is per
-            extent of the mesh (the longest side of its bounds).
+        relative: whether scalars run from 0 to 1 over the field's range, and extinction is per extent
+            of the mesh (the longest side of its bounds).
     """
 
     colour: Sequence[Sequence[float]]
@@ -39,12 +39,12 @@ class TransferFunction:
 
     @staticmethod
     def presets() -> list[str]:
-        """The names of those that ship, which may be given wherever a transfer function is."""
+        """Returns the names of the built-in presets, which can be used as transfer functions."""
         return _palpate.presets()
 
     @staticmethod
     def read(path: str | PathLike[str]) -> TransferFunction:
-        """From a JSON file, as the command line has them."""
+        """Reads a JSON file, as used by the command line."""
         with open(path, encoding="utf-8") as file:
             try:
                 own = json.load(file)
@@ -52,14 +52,14 @@ class TransferFunction:
                     own["colour"], own["extinction"], own.get("relative", False)
                 )
             except (ValueError, KeyError, TypeError) as why:
-                raise InputError(f"{fspath(path)}: no transfer function ({why})") from None
+                raise InputError(f"{fspath(path)}: invalid transfer function ({why})") from None
 
     @staticmethod
     def from_cmap(cmap: Any, extinction: Sequence[Sequence[float]] | None = None) -> TransferFunction:
-        """The colours of a colour map of matplotlib, by name or as it is.
+        """Converts a colour map of matplotlib.
 
         Args:
-            cmap: a name, or anything that maps numbers from 0 to 1 to red, green, blue and opacity.
+            cmap: name, or a callable that maps numbers from 0 to 1 to red, green, blue and opacity.
             extinction: rows of scalar (0 to 1 over the field's range) and extinction per extent of
                 the mesh; default: a ramp.
         """
@@ -69,16 +69,15 @@ class TransferFunction:
                 import matplotlib
             except ImportError:
                 raise InputError(
-                    f'"{name}" is none of the transfer functions that ship '
-                    f"({', '.join(_palpate.presets())}); with matplotlib installed its colour maps "
-                    "are known too"
+                    f'unknown transfer function "{name}"; presets are '
+                    f"{', '.join(_palpate.presets())} (install matplotlib to use its colour maps, too)"
                 ) from None
             try:
                 cmap = matplotlib.colormaps[name]
             except KeyError:
                 raise InputError(
-                    f'"{name}" is neither one of the transfer functions that ship '
-                    f"({', '.join(_palpate.presets())}) nor a colour map of matplotlib"
+                    f'unknown transfer function "{name}"; use a preset '
+                    f"({', '.join(_palpate.presets())}) or a colour map of matplotlib"
                 ) from None
         shares = [n / (_COLOURS - 1) for n in range(_COLOURS)]
         colour = [[s, *(float(c) for c in cmap(s)[:3])] for s in shares]
@@ -86,7 +85,7 @@ class TransferFunction:
         return TransferFunction(colour, ramp, relative=True)
 
     def entry(self) -> str:
-        """What stands at ``transfer`` in a scene."""
+        """Returns the value of ``transfer`` in a scene."""
         return json.dumps(
             {
                 "colour": [[float(v) for v in row] for row in self.colour],
@@ -97,18 +96,18 @@ class TransferFunction:
 
 
 def with_opacity(transfer: Any, opacity: Any) -> TransferFunction:
-    """The colours of ``transfer`` (a colour map's name, a colour map, or a relative
-    :class:`TransferFunction`; default: viridis) with an opacity as pyvista's ``add_volume`` has it."""
+    """Combines the colours of ``transfer`` (a colour map, its name, or a relative
+    :class:`TransferFunction`; default: viridis) with an opacity as in pyvista's ``add_volume``."""
     extinction = _extinction(opacity)
     if isinstance(transfer, TransferFunction):
         if not transfer.relative:
-            raise InputError("opacity: it runs over the field's range, and this transfer function does not")
+            raise InputError("opacity requires a relative transfer function, because it runs over the field's range")
         return TransferFunction(transfer.colour, extinction, relative=True)
     return TransferFunction.from_cmap("viridis" if transfer is None else transfer, extinction)
 
 
 def _extinction(opacity: Any) -> list[list[float]]:
-    """Rows of scalar (0 to 1 over the range) and extinction per extent of the mesh."""
+    """Returns rows of scalar (0 to 1 over the range) and extinction per extent of the mesh."""
     shares = np.linspace(0.0, 1.0, _COLOURS)
     if isinstance(opacity, str):
         name, _, steep = opacity.partition("_")
@@ -124,7 +123,7 @@ def _extinction(opacity: Any) -> list[list[float]]:
             hides = np.where(shares > 0.0, 1.0, 0.0)
         else:
             raise InputError(
-                f"opacity: {opacity!r} is not known; give linear, linear_r, geom, geom_r, sigmoid, "
+                f"unknown opacity {opacity!r}; use linear, linear_r, geom, geom_r, sigmoid, "
                 "sigmoid_N, foreground, a number or a list of numbers from 0 to 1"
             )
         hides = hides[::-1] if reversed_ else hides
@@ -132,15 +131,15 @@ def _extinction(opacity: Any) -> list[list[float]]:
         given = np.asarray(opacity)
         levels = np.atleast_1d(given).astype(np.float64) / (255.0 if given.dtype == np.uint8 else 1.0)
         if levels.ndim != 1 or levels.size == 0 or not ((levels >= 0.0) & (levels <= 1.0)).all():
-            raise InputError(f"opacity: a number or a list of numbers from 0 to 1 is expected, not {opacity!r}")
+            raise InputError(f"opacity must be a number or a list of numbers in [0, 1], got {opacity!r}")
         hides = np.interp(shares, np.linspace(0.0, 1.0, levels.size), levels)
     extinction = -np.log1p(-np.minimum(hides, _MOST_OPACITY)) / _WAY
     return [[float(s), float(e)] for s, e in zip(shares, extinction)]
 
 
 def entry_of(transfer: Any) -> str:
-    """What stands in a scene for a transfer function: a preset's name, a file, one of these, or a
-    colour map of matplotlib."""
+    """Returns the scene entry of a transfer function: a preset's name, a JSON file, a
+    :class:`TransferFunction`, or a colour map of matplotlib."""
     if isinstance(transfer, TransferFunction):
         return transfer.entry()
     if isinstance(transfer, PathLike):
@@ -152,6 +151,6 @@ def entry_of(transfer: Any) -> str:
     if callable(transfer):
         return TransferFunction.from_cmap(transfer).entry()
     raise InputError(
-        "transfer: a palpate.TransferFunction, the name of a preset or of a colour map, or a JSON "
-        f"file is expected, not {transfer!r}"
+        "transfer must be a palpate.TransferFunction, the name of a preset or colour map, or a JSON "
+        f"file, got {transfer!r}"
     )

@@ -1,4 +1,4 @@
-"""A body in a notebook: drawn where the kernel is, touched in the browser."""
+"""Interactive view of a body in a notebook: rendered by the kernel, controlled in the browser."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ import numpy as np
 import traitlets
 
 from . import _palpate
+from ._deprecated import warn_renamed
 from ._errors import Error, InputError
 from ._mesh import PathOf
 from ._scene import BodyLike, Scene, _absolute, picture_entries
@@ -26,26 +27,26 @@ from ._stage import Picture
 from ._touch import Touched
 
 _HERE = Path(__file__).parent
-#: Without news for so long the picture is drawn sharp.
+#: Idle time after which the picture is rendered at full resolution, s.
 _STILL = 0.25
-#: Share of the picture's size while something moves, and qualities of the JPEG moving and still.
+#: Fraction of the picture size while something moves, and JPEG quality in motion and at rest.
 _COARSE, _QUICK, _FINE = 0.5, 75, 92
-#: Forces that are kept for the curve.
+#: Number of forces kept for the curve.
 _KEPT = 400
 
 
 class View(anywidget.AnyWidget):  # type: ignore[misc]
-    """A body that is looked at and touched in a notebook.
+    """Interactive view of a body in a notebook.
 
-    Drag to go round it, turn the wheel to come nearer; with **Press** put a finger on the body and
-    drag away from there to go deeper, with **Cut** draw a stroke that begins on it. Pictures are drawn
-    in the kernel and sent as JPEGs, the newest first and none while one is on its way.
+    Drag to orbit the body, turn the wheel to zoom. With **Press** place a fingertip on the body and
+    drag away from that point to press deeper; with **Cut** draw a stroke that begins on the body. The
+    kernel renders the pictures and sends them as JPEG, the latest only, one at a time.
 
     Args:
-        body: as :func:`palpate.render` takes it.
-        size: of the picture, in pixels.
-        adapter: which graphics adapter.
-        picture: as :func:`palpate.render` has them.
+        body: as in :func:`palpate.render`.
+        size: width and height of the picture, in pixels.
+        adapter: graphics adapter.
+        picture: as in :func:`palpate.render`.
     """
 
     _esm = _HERE / "view.js"
@@ -56,11 +57,11 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
     field = traitlets.Unicode("").tag(sync=True)
     colours = traitlets.List(traitlets.Unicode()).tag(sync=True)
     colour = traitlets.Unicode("").tag(sync=True)
-    density = traitlets.Float(1.0).tag(sync=True)
+    opacity_scale = traitlets.Float(1.0).tag(sync=True)
     whole = traitlets.List(traitlets.Float(), default_value=[0.0, 1.0]).tag(sync=True)
     range = traitlets.List(traitlets.Float(), default_value=[0.0, 1.0]).tag(sync=True)
     plane = traitlets.Unicode("").tag(sync=True)
-    plane_at = traitlets.Float(0.5).tag(sync=True)
+    plane_position = traitlets.Float(0.5).tag(sync=True)
     said = traitlets.Unicode("").tag(sync=True)
     curve = traitlets.List().tag(sync=True)
 
@@ -73,7 +74,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         **picture: Any,
     ) -> None:
         width, height = (int(n) for n in size)
-        self._scene = Scene.of(body).with_(picture_entries(size=(width, height), **picture))
+        self._scene = Scene.from_any(body).updated(picture_entries(size=(width, height), **picture))
         self._adapter = adapter
         self._touched = Touched(self._scene, adapter)
         own = self._scene.entries.get("picture", {})
@@ -87,7 +88,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             whole=list(whole),
             range=list(whole),
         )
-        #: Held to read and write what was heard, never for long; and to draw and to step.
+        #: Guards the received messages (held briefly), and rendering and stepping.
         self._news = threading.Condition()
         self._at_work = threading.Lock()
         self._changed = time.monotonic()
@@ -99,14 +100,36 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         self._ended = False
         self._working = False
         self.on_msg(self._hear)
-        self.observe(self._relook, ["field", "colour", "density", "range", "plane", "plane_at"])
+        self.observe(self._relook, ["field", "colour", "opacity_scale", "range", "plane", "plane_position"])
         self._painter = threading.Thread(target=self._paint, name="palpate-view", daemon=True)
         self._painter.start()
 
     def picture(self, size: Sequence[int] | None = None) -> Picture:
-        """The picture as it is now, shape (height, width, 4)."""
+        """Returns the current picture, shape (height, width, 4)."""
         with self._at_work:
             return self._draw(self.size if size is None else [int(n) for n in size])
+
+    @property
+    def density(self) -> float:
+        """Old name of :attr:`opacity_scale`."""
+        warn_renamed("View.density", "View.opacity_scale")
+        return float(self.opacity_scale)
+
+    @density.setter
+    def density(self, scale: float) -> None:
+        warn_renamed("View.density", "View.opacity_scale")
+        self.opacity_scale = scale
+
+    @property
+    def plane_at(self) -> float:
+        """Old name of :attr:`plane_position`."""
+        warn_renamed("View.plane_at", "View.plane_position")
+        return float(self.plane_position)
+
+    @plane_at.setter
+    def plane_at(self, position: float) -> None:
+        warn_renamed("View.plane_at", "View.plane_position")
+        self.plane_position = position
 
     @property
     def forces(self) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -114,39 +137,38 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         return np.array(self._touched.samples).reshape(-1, 3)
 
     def close(self) -> None:
-        """Ends drawing."""
+        """Stops rendering and closes the view."""
         with self._news:
             self._ended = True
             self._news.notify_all()
         super().close()
 
     def export_html(self, path: PathOf, page: PathOf | None = None) -> None:
-        """Writes one file that runs the browser build with the body in it, in any browser with
-        WebGPU.
+        """Writes a single HTML file with the body and the browser build, for any browser with WebGPU.
 
         Args:
-            path: the file.
-            page: the folder that ``scripts/web`` builds; default: that which PALPATE_WEB names.
+            path: the HTML file.
+            page: folder built by ``scripts/web``; default: the value of PALPATE_WEB.
         """
         folder = page or os.environ.get("PALPATE_WEB")
         if folder is None or not (Path(folder) / "palpate_view_bg.wasm").is_file():
             raise InputError(
-                f"the browser build is not in {folder or 'PALPATE_WEB, which is not set'}: "
-                "scripts/web of the project builds it in target/web; name that folder by page="
+                f"no browser build in {folder or 'PALPATE_WEB, which is not set'}; build it in "
+                "target/web with scripts/web and pass that folder as page="
             )
         with self._at_work:
             camera = self._touched.camera.entries()
-        scene = self._scene.with_({"camera": camera})
+        scene = self._scene.updated({"camera": camera})
         export(scene, Path(folder), Path(path))
 
     def _hear(self, _: Any, said: Any, __: Any) -> None:
-        """What the browser says; done by the painter, in this order."""
+        """Queues a message of the browser, which the rendering thread handles in order."""
         with self._news:
             kind = said.get("kind")
             if kind == "got":
                 self._got = int(said["number"])
             elif kind == "shown":
-                # Another look at the same body, or its first.
+                # A new or additional display of the same body.
                 self._got, self._dirty = self._sent, True
             else:
                 self._waits.append((kind, said))
@@ -205,7 +227,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         return busy or (free and (self._dirty or sharpens))
 
     def _work(self, heard: list[tuple[str, Any]], looks: bool, free: bool) -> Picture | None:
-        """Does what was asked, a step of a press, and a picture where one can be shown."""
+        """Handles the messages, performs a press step, and renders a picture if one can be shown."""
         for kind, said in heard:
             self._do(kind, said)
         if looks:
@@ -223,7 +245,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         share = _COARSE if moves and self._sent > 0 else 1.0
         picture = self._draw([max(int(share * n), 1) for n in self.size])
         self._dirty = False
-        # A sharp one is the last until something changes.
+        # A full-resolution picture is the last until something changes.
         self._shown_at = now if moves else self._changed + _STILL
         return picture
 
@@ -237,14 +259,14 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             touched.zoom(float(np.exp(np.clip(float(said["by"]), -2.0, 2.0))))
         elif kind == "press":
             if not touched.press(float(said["x"]), float(said["y"])):
-                self.said = "put the finger on the body"
+                self.said = "place the fingertip on the body"
         elif kind == "deeper":
             touched.press_to(float(said["depth"]))
         elif kind == "release":
             touched.let_go()
         elif kind == "cut":
             done = touched.cut([[float(x), float(y)] for x, y in said["way"]])
-            self.said = "cut" if done else "the stroke cut nothing; begin it on the body"
+            self.said = "cut" if done else "the stroke cut nothing; start it on the body"
             if done:
                 touched.step()
         elif kind == "reset":
@@ -261,7 +283,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         return stage.rgba().reshape(size[1], size[0], 4)
 
     def _looked(self) -> Scene:
-        """The scene with what the sliders say."""
+        """Returns the scene with the settings of the controls."""
         scene = self._touched.moving
         chosen: dict[str, Any] = {"picture.field": self.field or None}
         if self.colour:
@@ -272,27 +294,27 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             low, high = self._touched.bounds
             axis = "xyz".index(self.plane)
             point, normal = 0.5 * (low + high), np.zeros(3)
-            point[axis] = low[axis] + self.plane_at * (high - low)[axis]
+            point[axis] = low[axis] + self.plane_position * (high - low)[axis]
             normal[axis] = 1.0
             planes = list(scene.entries.get("plane", []))
             chosen["plane"] = [*planes, {"clip": [*point.tolist(), *normal.tolist()]}]
-        looked = scene.with_(chosen)
-        if self.density != 1.0:
+        looked = scene.updated(chosen)
+        if self.opacity_scale != 1.0:
             stage = self._touched._stage
             stage.set_looks(looked.json(), fspath(scene.folder))
-            looked = looked.with_({"picture.transfer": stage.transfer(float(self.density))})
+            looked = looked.updated({"picture.transfer": stage.transfer(float(self.opacity_scale))})
         return looked
 
 
 def _fields(touched: Touched) -> list[str]:
-    """The fields that can be seen."""
+    """Returns the fields that can be displayed."""
     own = [f.name for f in touched.rest.fields() if f.values.ndim == 1]
     computed = ["displacement", "von_mises", "stress_1", "strain", "J"]
     return own + ([] if isinstance(touched.finger, str) else computed)
 
 
 def export(scene: Scene, page: Path, path: Path) -> None:
-    """Writes the page in a folder, with a scene and its files, as one file."""
+    """Writes the page of a folder, a scene and its files as one HTML file."""
     files: dict[str, bytes] = {}
 
     def taken(value: Any) -> Any:
@@ -321,7 +343,7 @@ def export(scene: Scene, page: Path, path: Path) -> None:
         "FILES": json.dumps({name: _encoded(content) for name, content in files.items()}),
     }
     for name, value in parts.items():
-        # What closes a script would end it.
+        # "</" could close the script element.
         text = text.replace(f'"@{name}@"', value.replace("</", "<\\/"))
     part = path.with_name(f".{path.name}.part")
     part.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Images of the inside of a body."""
+"""Scans: scalar images on regular grids."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ PathOf = str | PathLike[str]
 
 
 class Volume:
-    """A scalar image on a regular grid, placed in the world (RAS, mm).
+    """Scalar image on a regular grid in world coordinates (RAS, mm).
 
     Args:
-        array: voxels, shape (ni, nj, nk).
-        affine: from voxel indices to the world, shape (4, 4), as nibabel has it.
+        array: voxel values, shape (ni, nj, nk).
+        affine: transform from voxel indices to world coordinates, shape (4, 4), as in nibabel.
         names: names of labels.
     """
 
@@ -34,7 +34,7 @@ class Volume:
         world = np.eye(4) if affine is None else np.asarray(affine, dtype=np.float64)
         if voxels.ndim != 3 or world.shape != (4, 4):
             raise InputError(
-                "a volume has an array of three axes and an affine of shape (4, 4), not "
+                "a volume requires an array of three axes and an affine of shape (4, 4), got "
                 f"{voxels.shape} and {world.shape}"
             )
         if voxels.dtype == np.bool_:
@@ -54,17 +54,17 @@ class Volume:
 
     @classmethod
     def read(cls, path: PathOf) -> Volume:
-        """NRRD, NIfTI, MetaImage, or a folder of DICOM slices."""
+        """Reads NRRD, NIfTI, MetaImage, or a folder of DICOM slices."""
         return cls._of(_palpate.Volume.read(fspath(path)))
 
     @classmethod
     def from_nibabel(cls, image: Any) -> Volume:
-        """A nibabel image of three axes, in millimetres."""
+        """Converts a nibabel image of three axes, in millimetres."""
         array = np.asanyarray(image.dataobj)
         return cls(array, image.affine)
 
     def to_nibabel(self) -> Any:
-        """As a ``nibabel.Nifti1Image``."""
+        """Converts the volume to a ``nibabel.Nifti1Image``."""
         import nibabel
 
         array = self.array
@@ -73,12 +73,12 @@ class Volume:
         return nibabel.Nifti1Image(array, self.affine)
 
     def write(self, path: PathOf) -> None:
-        """Writes .nrrd, .nii.gz or .mha."""
+        """Writes a .nrrd, .nii.gz or .mha file."""
         self._native.write(fspath(path))
 
     @property
     def array(self) -> npt.NDArray[Any]:
-        """Voxels in physical units, shape (ni, nj, nk): as they are stored where that is the same."""
+        """Voxel values in physical units, shape (ni, nj, nk); without scaling in the stored type."""
         raw = self._native.raw().reshape(self._native.size(), order="F")
         slope, intercept = self._native.slope_and_intercept()
         if (slope, intercept) == (1.0, 0.0):
@@ -87,7 +87,7 @@ class Volume:
 
     @property
     def affine(self) -> npt.NDArray[np.float64]:
-        """From voxel indices to the world (RAS, mm), shape (4, 4)."""
+        """Transform from voxel indices to world coordinates (RAS, mm), shape (4, 4)."""
         return np.array(self._native.affine())
 
     @property

@@ -1,4 +1,4 @@
-"""Scans that follow a body, settings that are accurate enough, and studies."""
+"""Warping of scans, tuning of settings, and studies."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def warp(
     background: float | None = None,
     like: Volume | None = None,
 ) -> Volume:
-    """The scan in the bent body: each voxel takes the value at its place at rest.
+    """Warps a scan by the deformation of a body: each voxel takes the value at its rest position.
 
     Args:
-        scan: of the body at rest.
-        rest: the mesh at rest in the scan's world (RAS; in mm, or the unit that it tells).
-        bent: the same mesh with its nodes moved, or their positions, shape (n, 3).
-        labels: the voxels are labels, none of which are mixed.
-        background: the value where no tet is; default: the scan's smallest, 0 of labels.
-        like: a volume whose grid the result has; default: the scan.
+        scan: scan of the body at rest.
+        rest: mesh at rest in the scan's world coordinates (RAS; in mm, or in its own length unit).
+        bent: the same mesh with displaced nodes, or the positions, shape (n, 3).
+        labels: whether the voxels are labels, which are sampled by nearest neighbour.
+        background: value outside the mesh; default: the scan's smallest, 0 for labels.
+        like: volume whose grid the result uses; default: the scan.
     """
     volume = scan if isinstance(scan, Volume) else Volume.read(scan)
     mesh = rest if isinstance(rest, Mesh) else Mesh.read(rest)
@@ -45,14 +45,14 @@ def warp(
 
 @dataclass(frozen=True)
 class Tuned:
-    """The cheapest settings that are accurate enough.
+    """Result of :func:`tune`: the cheapest settings that meet the target.
 
     Attributes:
-        scene: the scene with them.
-        met: whether they meet what was wanted; else they are those that come nearest.
-        notes: what was chosen, a sentence each.
-        motion_ms: for a second of motion, on this machine.
-        picture_ms: for a picture.
+        scene: scene with the chosen settings.
+        met: whether the settings meet the target; otherwise they are the closest ones.
+        notes: the choices, one sentence each.
+        motion_ms: computing time per simulated second on this machine, ms.
+        picture_ms: computing time per picture, ms.
     """
 
     scene: Scene
@@ -71,26 +71,26 @@ def tune(
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Finds the cheapest settings of a scene that are accurate enough, by measuring them here.
+    """Finds the cheapest settings of a scene that meet a target accuracy, by measuring on this machine.
 
     Args:
-        body: a scene of one body of tets.
-        error: the largest error, of motion and of pictures, as a share.
-        fps: pictures a second wanted of a body that moves as fast as in life.
-        seconds: of motion that are held against truth.
-        adapter: which graphics adapter.
-        progress: told what is being done, and the fraction of it that is done.
+        body: scene of one tetrahedral body.
+        error: largest relative error of motion and of pictures.
+        fps: frame rate at which the simulation has to run in real time, 1/s.
+        seconds: simulated duration compared with the reference solution, s.
+        adapter: graphics adapter.
+        progress: called with the current stage and its completed fraction.
     """
     with tempfile.TemporaryDirectory(prefix="palpate-") as folder:
         given, found = Path(folder) / "scene.toml", Path(folder) / "tuned.toml"
-        own = Scene.of(body)
+        own = Scene.from_any(body)
         own.write(given)
         met, notes, (motion, picture) = _palpate.tune(
             fspath(given), fspath(found), error, fps, seconds, adapter, progress
         )
         tuned = Scene.read(found)
     if own.mesh is not None:
-        # The file it was written to is gone.
+        # The temporary file no longer exists.
         tuned.entries.get("mesh", {}).pop("file", None)
     return Tuned(
         Scene(tuned.entries, folder=own.folder, mesh=own.mesh), met, notes, motion, picture
@@ -106,25 +106,25 @@ def study(
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
-    """Measures, draws charts and writes findings into a folder; what is measured there already is
-    not measured again.
+    """Runs a study and writes measurements, charts and findings to a folder; existing measurements
+    are kept.
 
     Args:
-        what: one of ``palpate study --help``.
-        out: the folder.
-        scene: a body of your own to study, where the study takes one.
-        quick: few and small points.
-        adapter: which graphics adapter.
-        progress: told what is being done. Ctrl-C, or what it raises, ends the study after the
-            point under way.
+        what: name of the study, as listed by ``palpate study --help``.
+        out: folder of the results.
+        scene: body to study, if the study accepts one.
+        quick: whether to measure few and small points only.
+        adapter: graphics adapter.
+        progress: called with the current stage. Ctrl-C, or an exception it raises, cancels the
+            study after the current point.
 
     Returns:
-        What was noted, a sentence each.
+        Notes, one sentence each.
     """
     if scene is None or isinstance(scene, (str, PathLike)):
         path = None if scene is None else fspath(scene)
         return _palpate.study(what, path, fspath(out), quick, adapter, progress)
     file = Path(out) / "scene.toml"
     file.parent.mkdir(parents=True, exist_ok=True)
-    Scene.of(scene).write(file)
+    Scene.from_any(scene).write(file)
     return _palpate.study(what, fspath(file), fspath(out), quick, adapter, progress)

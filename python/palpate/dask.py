@@ -1,10 +1,10 @@
-"""Many pictures, many bodies, and bodies too large for one device, on a cluster: frames, sweeps,
-maps and pieces as tasks of dask.distributed.
+"""Distributed rendering and simulation: frames, sweeps, stiffness maps and pieces of large bodies as
+tasks of dask.distributed.
 
-Each function takes a ``distributed.Client``, on this machine (``LocalCluster``) or of a cluster
-(dask-jobqueue, clouds), whose workers have this package and see the same files. Work goes a frame,
-a case, a point or a piece to a task; tasks of a worker that is lost run again elsewhere; with ``out``
-what is done is kept in a folder and not done twice. A worker with one thread and one device is best.
+Each function takes a ``distributed.Client`` of this machine (``LocalCluster``) or of a cluster
+(dask-jobqueue, clouds), whose workers have this package and access the same files. Each task is one
+frame, case, point or piece; tasks of a lost worker run again on another one; with ``out`` completed
+results are kept in a folder and reused. Use one thread and one device per worker.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from ._press import PressMap, _found_before, _keep, _picture, _with_files
 from ._scene import BodyLike, Scene, picture_entries
 from ._stage import Picture, Simulator, stage_of
 
-#: What a case measures: numbers, words, lists and tables of such.
+#: Measurements of a case, as JSON values.
 Measured = dict[str, Any]
-#: Times that a task which fails with its worker runs again.
+#: Number of retries of a task whose worker was lost.
 RETRIES = 3
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A picture of a series.
+    """Rendered frame of a series.
 
     Attributes:
-        number: from 0 on.
-        time: s.
-        path: the picture.
-        drawn: whether it was drawn now, and not kept from before.
+        number: index, counted from 0.
+        time: simulated time, s.
+        path: file of the picture.
+        drawn: whether it was rendered now, not reused from an earlier call.
     """
 
     number: int
@@ -63,17 +63,17 @@ def render_series(
     adapter: str | None = None,
     **picture: Any,
 ) -> list[Frame]:
-    """Draws every frame of a recorded series, the same pictures as ``palpate simulate SERIES.pvd``:
-    of the first frame's fields, where each frame's nodes are, in one view.
+    """Renders every frame of a recorded series, identical to ``palpate simulate SERIES.pvd``: the
+    fields of the first frame at the node positions of each frame, with one camera.
 
     Args:
-        pvd: the series, which the workers find under the same path.
-        client: a ``distributed.Client``.
-        out: a folder for ``NAME_0000.png`` and so on, which the workers can write to. Pictures that
-            are there and of the same series and settings are not drawn again.
-        each: told of every frame as it comes.
-        adapter: which graphics adapter the workers take.
-        picture: as :func:`palpate.render` has them.
+        pvd: series, accessible to the workers under the same path.
+        client: ``distributed.Client``.
+        out: folder of ``NAME_0000.png`` and so on, writable by the workers. Existing pictures of the
+            same series and settings are reused.
+        each: called with each completed frame.
+        adapter: graphics adapter of the workers.
+        picture: as in :func:`palpate.render`.
     """
     series = Path(pvd).resolve()
     frames = [(time, Path(file).resolve()) for time, file in _palpate.read_series(fspath(series))]
@@ -81,7 +81,7 @@ def render_series(
         raise InputError(f"{series}: the series has no frames")
     folder = Path(out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    scene = Scene.of(frames[0][1]).with_(picture_entries(**picture))
+    scene = Scene.from_any(frames[0][1]).updated(picture_entries(**picture))
     stamps = [[fspath(f), f.stat().st_size, f.stat().st_mtime_ns] for _, f in frames]
     mark = _mark(scene.json(), stamps, adapter)
     kept = folder / f"{series.stem}.json"
@@ -140,26 +140,25 @@ def sweep(
     """Simulates a scene for every combination of values.
 
     Args:
-        scene: what is simulated.
-        values: by dotted names of entries, such as ``{"material.muscle.young": [1e4, 3e4]}``.
-        client: a ``distributed.Client``.
-        steps: of each case; default: the scene's, or 50.
-        measure: what is measured of a case once it has run, as a table that JSON can hold; default:
-            the report (energies, volume, largest displacement) and the largest von Mises stress. A
-            function of a module that the workers can import.
-        out: a folder for ``sweep.csv``, and for what each case measured, which is not measured
-            again.
-        each: told of every case as it comes.
-        adapter: which graphics adapter the workers take.
+        scene: body to simulate.
+        values: lists of values by dotted names of entries, such as ``{"material.muscle.young": [1e4, 3e4]}``.
+        client: ``distributed.Client``.
+        steps: number of steps per case; default: the scene's, or 50.
+        measure: function that returns the measurements of a completed case as a table of JSON values;
+            default: the report (energies, volume, largest displacement) and the largest von Mises
+            stress. It must be in a module that the workers can import.
+        out: folder of ``sweep.csv`` and of the measurements of each case, which are reused.
+        each: called with each completed case.
+        adapter: graphics adapter of the workers.
 
     Returns:
-        A table a case, its values first, in the order of the combinations. One whose simulation
-        failed has ``failure`` and says why.
+        One table per case, its values first, in the order of the combinations. For a failed
+        simulation ``failure`` holds the error.
     """
     for name, choices in values.items():
         if isinstance(choices, (str, bytes)) or not isinstance(choices, Iterable):
-            raise InputError(f"values: {name} needs a list of values, not {choices!r}")
-    own = Scene.of(scene)
+            raise InputError(f"values: {name} must be a list of values, got {choices!r}")
+    own = Scene.from_any(scene)
     given = [dict(zip(values, combination)) for combination in itertools.product(*values.values())]
     folder = None if out is None else Path(out)
     if folder is not None:
@@ -175,7 +174,7 @@ def sweep(
             each({**given[n], **found})
 
     for n, case in enumerate(given):
-        changed = own.with_(case)
+        changed = own.updated(case)
         mark = _mark(changed.json(), content, steps, adapter, f"{look.__module__}.{look.__qualname__}")
         file = None if folder is None else folder / "cases" / f"{mark[:16]}.json"
         kept = {} if file is None else _content(file)
@@ -209,19 +208,19 @@ def press_map(
     each: Callable[[int, float], None] | None = None,
     adapter: str | None = None,
 ) -> PressMap:
-    """The map of :func:`palpate.press_map`, a point to a task.
+    """Measures the map of :func:`palpate.press_map`, one task per point.
 
     Args:
-        body: a mesh, a body, a scene of one body, or the path of a file.
-        points: how many along the two sides.
-        client: a ``distributed.Client``.
-        radius: of the fingertip, in the mesh's unit.
-        depth: how far it goes in, in the mesh's unit.
-        out: a folder in which every point that is done is kept; that of :func:`palpate.press_map`.
-        each: told of every point, by its number, and its stiffness in N/m, as it comes.
-        adapter: which graphics adapter the workers take.
+        body: mesh, body, scene of one body, or path of a file.
+        points: numbers of points along the two sides.
+        client: ``distributed.Client``.
+        radius: radius of the fingertip, in the mesh's unit.
+        depth: indentation depth, in the mesh's unit.
+        out: folder in which completed points are kept, as in :func:`palpate.press_map`.
+        each: called with the index and the stiffness (N/m) of each completed point.
+        adapter: graphics adapter of the workers.
     """
-    scene = Scene.of(body)
+    scene = Scene.from_any(body)
     wanted = ((int(points[0]), int(points[1])), radius, depth, adapter)
     native = _map(scene, *wanted)
     mark = native.mark()
@@ -251,16 +250,16 @@ def press_map(
 
 @dataclass(frozen=True)
 class DrawnPiece:
-    """A piece of a body whose rays have been followed.
+    """Rendered piece of a body.
 
     Attributes:
-        number: from 0 on.
-        tets: its own.
-        ghosts: tets of its neighbours that it has beside these.
-        intervals: stretches of rays that it found, 28 bytes each.
-        read_seconds: that reading it took.
-        draw_seconds: that drawing it took, on the device and off it.
-        memory: the most that its worker has held so far, bytes; 0 where the system does not tell.
+        number: index, counted from 0.
+        tets: number of owned tets.
+        ghosts: number of ghost tets, which belong to its neighbours.
+        intervals: number of ray segments, 28 bytes each.
+        read_seconds: time for reading it.
+        draw_seconds: time for rendering it, on the device and on the CPU.
+        memory: peak memory of its worker, bytes; 0 if unknown.
     """
 
     number: int
@@ -282,32 +281,32 @@ def render_pieces(
     adapter: str | None = None,
     **picture: Any,
 ) -> Picture:
-    """Draws one body that is in pieces, each on a worker that reads nothing but it: the picture that
-    :func:`palpate.render` makes of the whole, within 1/255.
+    """Renders a body in pieces, each on a worker that reads that piece only; the picture matches
+    :func:`palpate.render` of the whole body within 1/255.
 
-    A piece tells for every ray the stretches inside it, with their depth, colour and opacity; two by
-    two these are put in the order of depth and what touches is composited, in a tree of tasks whose
-    last has the picture. A worker holds its piece, and stretches of as many pieces as it reduces.
+    Each piece yields its ray segments with depth, colour and opacity. Pairs of pieces are merged in
+    depth order and touching segments composited, in a tree of tasks whose root yields the picture. A
+    worker holds its piece and the segments of the pieces that it merges.
 
     Args:
-        pvtu: the index, which the workers find under the same path: of :meth:`palpate.Mesh.write` with
-            ``pieces``, or ``palpate mesh`` and ``palpate convert`` with ``--pieces``.
-        camera: as :func:`palpate.render` has it; None shows all of the body.
-        client: a ``distributed.Client``.
+        pvtu: index, accessible to the workers under the same path: written by
+            :meth:`palpate.Mesh.write` with ``pieces``, or ``palpate mesh`` and ``palpate convert`` with ``--pieces``.
+        camera: as in :func:`palpate.render`; None frames the whole body.
+        client: ``distributed.Client``.
         size: width and height in pixels; default 1024 by 768.
-        each: told of every piece as it is drawn.
-        adapter: which graphics adapter the workers take.
-        picture: as :func:`palpate.render` has them, of the inside of a body at rest: without planes,
-            isosurfaces, scans, skins, shadows, legends and the like, which are refused.
+        each: called with each rendered piece.
+        adapter: graphics adapter of the workers.
+        picture: as in :func:`palpate.render`, for the volume of a static body: planes, isosurfaces,
+            scans, skins, shadows, legends and the like are rejected.
 
     Returns:
         Shape (height, width, 4), uint8: red, green, blue, opacity.
 
     Raises:
-        InputError: for what cannot be drawn in pieces, and for pieces that another program has written.
+        InputError: for settings that pieces do not support, and for pieces of other programs.
     """
     index = Path(pvtu).resolve()
-    scene = Scene({}).with_(picture_entries(camera=camera, size=size, **picture))
+    scene = Scene({}).updated(picture_entries(camera=camera, size=size, **picture))
     entries, folder = scene.json(), fspath(scene.folder)
     count = _palpate.count_pieces(fspath(index))
     drawn = [
@@ -316,7 +315,7 @@ def render_pieces(
         )
         for n in range(count)
     ]
-    # What is said of a piece is small, and what its rays passed stays where it is until it is reduced.
+    # The statistics of a piece are small; its ray segments stay on the worker until they are merged.
     said = [client.submit(_said_of, future, pure=False, retries=RETRIES) for future in drawn]
     level = [client.submit(_told_by, future, pure=False, retries=RETRIES) for future in drawn]
     drawn.clear()
@@ -359,9 +358,9 @@ def _joined(front: bytes, back: bytes) -> bytes:
 
 
 def _most_memory() -> int:
-    """The most that this process has held at once, bytes; 0 where the system does not tell."""
+    """Returns the peak memory of this process, bytes; 0 if unknown."""
     try:
-        # What resource tells counts what the parent held when it began this process.
+        # The value of the resource module includes the memory of the parent at the fork.
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return 1024 * int(line.split()[1])
@@ -371,7 +370,7 @@ def _most_memory() -> int:
 
 
 def report_of(simulator: Simulator) -> Measured:
-    """What :func:`sweep` measures where nothing is said."""
+    """Returns the default measurements of :func:`sweep`."""
     report = simulator.report()
     measured = {
         "time_s": simulator.time,
@@ -383,7 +382,7 @@ def report_of(simulator: Simulator) -> Measured:
     try:
         measured["von_mises_max_pa"] = float(simulator.field("von_mises").max())
     except InputError:
-        # Springs, grids and cages have none.
+        # Springs, grids and cages have no stress.
         pass
     return measured
 
@@ -408,7 +407,7 @@ def _bounds(file: str) -> tuple[list[float], list[float]]:
     return Mesh.read(file).bounds
 
 
-#: The stage of the series that this worker draws, which its frames share.
+#: The stage of the series that this worker renders, shared by its frames.
 _drawn: dict[str, _palpate.Stage] = {}
 
 
@@ -430,7 +429,7 @@ def _draw(
     try:
         stage.pose(Mesh.read(file).nodes)
     except InputError as why:
-        raise InputError(f"{file}: is no frame of the same mesh: {why}") from None
+        raise InputError(f"{file}: is not a frame of the same mesh: {why}") from None
     stage.tell_time(time, resolution)
     stage.save(path)
 
@@ -476,7 +475,7 @@ def _mark(*parts: Any) -> str:
 
 
 def _content(file: Path) -> dict[str, Any]:
-    """What a file of ours holds; nothing where there is none, or another's."""
+    """Returns the content of a JSON file of this module; empty if it is missing or invalid."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):

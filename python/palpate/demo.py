@@ -1,4 +1,4 @@
-"""A first look: ``python -m palpate.demo [FOLDER]`` leaves pictures."""
+"""Demo: ``python -m palpate.demo [FOLDER]`` writes pictures of a simulated limb."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import palpate
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Draws a limb, lets it sag and presses on it."""
+    """Renders a limb, simulates it under gravity and presses on it."""
     parser = argparse.ArgumentParser(prog="python -m palpate.demo", description=__doc__)
-    folder = "folder for the pictures [default: palpate-demo]"
+    folder = "write the pictures to this folder [default: palpate-demo]"
     parser.add_argument("out", nargs="?", default="palpate-demo", type=Path, help=folder)
-    fine = "how fine the limb is [default: 8000]"
+    fine = "set the approximate number of tets of the limb [default: 8000]"
     parser.add_argument("--tets", type=int, default=8000, help=fine)
     given = parser.parse_args(arguments)
     try:
@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def show(out: Path, tets: int) -> None:
-    """Leaves ``limb.png``, ``stress.png`` and what a press found in ``out``."""
+    """Writes ``limb.png``, ``stress.png`` and the results of a press to ``out``."""
     out.mkdir(parents=True, exist_ok=True)
     limb = palpate.Mesh.generate("limb", tets=tets)
     palpate.Renderer(limb, size=(800, 600), legend=True).save(out / "limb.png")

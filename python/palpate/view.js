@@ -1,9 +1,9 @@
-// A body in a notebook: shows the newest picture, and tells the kernel what the pointer does.
+// Interactive view of a body in a notebook: shows the latest picture, and sends pointer input to the kernel.
 
 const HANDS = [
-  ["look", "Look", "Drag to go round the body, with Shift to move it; turn the wheel to come nearer"],
-  ["press", "Press", "Put the finger on the body and drag away from there to go deeper"],
-  ["cut", "Cut", "Draw a stroke that begins on the body"],
+  ["look", "Look", "Drag to orbit the body, with Shift to pan; turn the wheel to zoom"],
+  ["press", "Press", "Place the fingertip on the body and drag away from that point to press deeper"],
+  ["cut", "Cut", "Draw a stroke that starts on the body"],
 ];
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -17,7 +17,7 @@ function element(name, attributes = {}, ...inside) {
   return made;
 }
 
-/** A choice that is a trait of the model; `none` is what no choice is called. */
+/** Creates a selection bound to a trait of the model; `none` is the label of the empty choice. */
 function choice(model, trait, options, label, none) {
   const select = element("select", { ariaLabel: label });
   const fill = () => {
@@ -31,7 +31,7 @@ function choice(model, trait, options, label, none) {
   return element("label", {}, label, select);
 }
 
-/** A slider; `get` and `put` are of the model. */
+/** Creates a slider; `get` and `put` access the model. */
 function slider(label, get, put, [min, max] = [0, 1]) {
   const input = element("input", { type: "range", min, max, step: (max - min) / 200, ariaLabel: label });
   input.value = get();
@@ -55,7 +55,7 @@ function render({ model, el }) {
   curve.setAttribute("viewBox", "0 0 160 60");
   const told = element("span");
 
-  // Frames tell how many of these the kernel has heard.
+  // Each frame contains the number of messages that the kernel has handled.
   const say = (message) => {
     root.dataset.sent = Number(root.dataset.sent) + 1;
     model.send(message);
@@ -70,7 +70,7 @@ function render({ model, el }) {
     });
     return button;
   });
-  const reset = element("button", { textContent: "Reset", title: "The body back to rest, whole" });
+  const reset = element("button", { textContent: "Reset", title: "Reset the body to its uncut rest state" });
   reset.addEventListener("click", () => say({ kind: "reset" }));
 
   const set = (trait, value) => { model.set(trait, value); model.save_changes(); };
@@ -82,13 +82,13 @@ function render({ model, el }) {
     if (both[0] < both[1]) set("range", both);
   };
   const controls = element("div", { className: "row" },
-    choice(model, "field", () => model.get("fields"), "Field", "what suits"),
-    choice(model, "colour", () => model.get("colours"), "Colours", "what suits"),
-    slider("Opacity", () => Math.log10(model.get("density")), (v) => set("density", 10 ** v), [-1.5, 1.5]),
+    choice(model, "field", () => model.get("fields"), "Field", "automatic"),
+    choice(model, "colour", () => model.get("colours"), "Colours", "automatic"),
+    slider("Opacity", () => Math.log10(model.get("opacity_scale")), (v) => set("opacity_scale", 10 ** v), [-1.5, 1.5]),
     slider("From", () => part(0), ranged(0)),
     slider("To", () => part(1), ranged(1)),
-    choice(model, "plane", () => ["x", "y", "z"], "Cut off along", "nothing"),
-    slider("at", () => model.get("plane_at"), (v) => set("plane_at", v)));
+    choice(model, "plane", () => ["x", "y", "z"], "Clip along", "none"),
+    slider("at", () => model.get("plane_position"), (v) => set("plane_position", v)));
   const hands = element("div", { className: "row" }, ...buttons, reset, curve, told);
   const root = element("div", { className: "palpate-view" },
     hands, element("div", { className: "body" }, canvas, stroke), controls, said);
@@ -96,7 +96,7 @@ function render({ model, el }) {
   root.dataset.sent = 0;
   el.append(root);
 
-  // The newest picture; the next is sent once this one is here.
+  // Shows a picture; the next one is sent after this one is acknowledged.
   const onMessage = async (message, buffers) => {
     if (message.kind !== "frame") return;
     const bitmap = await createImageBitmap(new Blob([buffers[0]], { type: "image/jpeg" })).catch(() => null);

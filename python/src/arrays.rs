@@ -40,7 +40,7 @@ pub fn to_points(
             .collect()),
         columns => Err(input_error(
             py,
-            format!("{what}: an array of shape (n, 3) is expected, not (n, {columns})"),
+            format!("{what} must have shape (n, 3), got (n, {columns})"),
         )),
     }
 }

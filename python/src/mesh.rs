@@ -43,7 +43,7 @@ impl Mesh {
             let columns = tets.ncols();
             return Err(input_error(
                 py,
-                format!("tets: an array of shape (n, 4) is expected, not (n, {columns})"),
+                format!("tets must have shape (n, 4), got (n, {columns})"),
             ));
         }
         let mut indices = Vec::with_capacity(tets.nrows());
@@ -53,7 +53,7 @@ impl Mesh {
                 *corner = u32::try_from(*v).map_err(|_| {
                     input_error(
                         py,
-                        format!("tet {t} refers to node {v}; nodes are counted from 0"),
+                        format!("tet {t} refers to node {v}; node indices must be ≥ 0"),
                     )
                 })?;
             }
@@ -107,7 +107,7 @@ impl Mesh {
     /// Returns the name, whether it is a cell field, the components and the number type of each
     /// field.
     fn fields(&self) -> Vec<(String, bool, usize, &'static str)> {
-        let told = |f: &Field| {
+        let describe = |f: &Field| {
             let in_tets = f.location == Location::Cell;
             (
                 f.name.clone(),
@@ -116,12 +116,12 @@ impl Mesh {
                 type_name(f.scalar_type),
             )
         };
-        self.0.fields.iter().map(told).collect()
+        self.0.fields.iter().map(describe).collect()
     }
 
     fn field<'py>(&self, py: Python<'py>, number: usize) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let field = self.0.fields.get(number);
-        let field = field.ok_or_else(|| input_error(py, format!("there is no field {number}")))?;
+        let field = field.ok_or_else(|| input_error(py, format!("unknown field {number}")))?;
         Ok(PyArray1::from_slice(py, &field.values))
     }
 
@@ -153,7 +153,7 @@ impl Mesh {
             return Err(input_error(
                 py,
                 format!(
-                    "{} positions were given, but the mesh has {} nodes",
+                    "got {} positions, but the mesh has {} nodes",
                     nodes.len(),
                     self.0.nodes.len()
                 ),
@@ -192,7 +192,8 @@ pub fn load_mesh(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Mesh> {
     let scene = scenes::scene(entries, &folder).or_raise(py)?;
-    let mesh = LongTask::new(progress).run(py, |told| scene.mesh.load_with_progress(told))?;
+    let mesh = LongTask::new(progress)
+        .run(py, |on_progress| scene.mesh.load_with_progress(on_progress))?;
     Ok(mesh.into())
 }
 

@@ -30,17 +30,21 @@ impl Intervals {
         adapter: Option<String>,
     ) -> PyResult<(Intervals, [usize; 2], [f64; 2])> {
         let gpu = device(py, adapter)?;
-        let told = py.detach(|| {
+        let rendered = py.detach(|| {
             let scene = scenes::scene(entries, &folder)?;
             let start = Instant::now();
             let piece = Piece::read(&index, number)?;
             let read = start.elapsed();
-            let told = piece.intervals(&gpu, &scene)?;
+            let segments = piece.intervals(&gpu, &scene)?;
             let times = [read, start.elapsed() - read].map(|t| t.as_secs_f64());
             let mesh = piece.mesh();
-            Ok((Intervals(told), [mesh.owned_tets, mesh.tets.len()], times))
+            Ok((
+                Intervals(segments),
+                [mesh.owned_tets, mesh.tets.len()],
+                times,
+            ))
         });
-        told.or_raise(py)
+        rendered.or_raise(py)
     }
 
     /// Returns these segments merged with those of other pieces.

@@ -58,7 +58,7 @@ pub struct Grab(GrabId);
 
 fn motion(stage: &mut palpate::scene::Stage) -> Result<&mut Motion> {
     stage.motion_mut().ok_or_else(|| {
-        Error::Input("nothing moves in this scene: name a solver, solver=\"implicit\"".into())
+        Error::Input("the scene is static; set a solver, such as solver=\"implicit\"".into())
     })
 }
 
@@ -185,7 +185,12 @@ impl Stage {
         let camera = match (fov, height) {
             (Some(fov), None) => Camera::perspective(eye, look_at, up, fov),
             (None, Some(height)) => Camera::orthographic(eye, look_at, up, height),
-            _ => return Err(input_error(py, "a camera has either fov or orthographic")),
+            _ => {
+                return Err(input_error(
+                    py,
+                    "a camera must have exactly one of fov and orthographic",
+                ));
+            }
         };
         camera.check().or_raise(py)?;
         self.with(py, |stage| {
@@ -203,7 +208,7 @@ impl Stage {
             return Err(input_error(
                 py,
                 format!(
-                    "a picture of {} by {} pixels cannot be drawn; ask for 1 to 16384 each way",
+                    "the picture size must be 1 to 16384 pixels per axis, got {} by {}",
                     size[0], size[1]
                 ),
             ));
@@ -304,7 +309,7 @@ impl Stage {
             let names = BodyField::ALL.map(BodyField::name).join(", ");
             return Err(input_error(
                 py,
-                format!("no field \"{name}\" is computed of a body; there are {names}"),
+                format!("unknown computed field \"{name}\"; available: {names}"),
             ));
         };
         let values = self.with(py, |stage| {
@@ -398,9 +403,9 @@ impl Stage {
     /// Returns the reactions on pins, moves, grabs and tools: name, force and moment.
     fn reactions(&self, py: Python<'_>) -> PyResult<Vec<Exerted>> {
         let all = self.with(py, |stage| stage.reactions())?;
-        let told = |(name, on): (String, palpate::physics::Reaction)| {
+        let convert = |(name, on): (String, palpate::physics::Reaction)| {
             (name, on.force.to_array(), on.moment.to_array())
         };
-        Ok(all.into_iter().map(told).collect())
+        Ok(all.into_iter().map(convert).collect())
     }
 }

@@ -49,28 +49,28 @@ impl Volume {
         let raw = to_raw(values).ok_or_else(|| {
             input_error(
                 py,
-                "voxels of whole numbers of 8 to 64 bits, float32 or float64 are expected",
+                "voxels must be integers of 8 to 64 bits, float32 or float64",
             )
         })?;
         let world = to_points(py, &to_world, "affine")?;
         let [i, j, k, origin] = world[..] else {
-            return Err(input_error(
-                py,
-                "affine: an array of shape (4, 4) is expected",
-            ));
+            return Err(input_error(py, "affine must have shape (4, 4)"));
         };
         let to_world = DAffine3::from_mat3_translation(DMat3::from_cols(i, j, k), origin);
         let sound = to_world.is_finite() && to_world.matrix3.determinant() != 0.0;
         if !sound || size.contains(&0) {
             return Err(input_error(
                 py,
-                "a volume needs voxels along each of three axes and an affine that can be inverted",
+                "a volume requires voxels along each of three axes and an affine that can be inverted",
             ));
         }
         if raw.len() != size.iter().product::<usize>() {
             return Err(input_error(
                 py,
-                format!("{} voxels are not {size:?}", raw.len()),
+                format!(
+                    "the number of voxels, {}, does not match the size {size:?}",
+                    raw.len()
+                ),
             ));
         }
         Ok(Volume(Arc::new(palpate::volume::Volume {

@@ -53,14 +53,14 @@ impl LongTask {
         }
         *looked = Instant::now();
         drop(looked);
-        let told = Python::attach(|py| {
+        let result = Python::attach(|py| {
             py.check_signals()?;
             match &self.progress {
                 Some(progress) => progress.call1(py, (what, done)).map(|_| ()),
                 None => Ok(()),
             }
         });
-        match told {
+        match result {
             Ok(()) => true,
             Err(why) => {
                 let mut ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
@@ -103,7 +103,7 @@ fn picture(py: Python<'_>, pixels: &PyReadonlyArray3<'_, u8>) -> PyResult<(u32, 
         return Err(input_error(
             py,
             format!(
-                "a picture has the shape (height, width, 4), not {:?}",
+                "a picture must have shape (height, width, 4), got {:?}",
                 pixels.shape()
             ),
         ));
@@ -143,7 +143,7 @@ pub fn jpeg<'py>(
             .map(|()| file)
     });
     let encoded =
-        encoded.map_err(|e| input_error(py, format!("the picture cannot be encoded: {e}")))?;
+        encoded.map_err(|e| input_error(py, format!("cannot encode the picture: {e}")))?;
     Ok(PyBytes::new(py, &encoded))
 }
 
@@ -197,8 +197,8 @@ pub fn tune(
         fps,
         seconds,
     };
-    let tuned = LongTask::new(progress).run(py, |told| {
-        let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, told)?;
+    let tuned = LongTask::new(progress).run(py, |on_progress| {
+        let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, on_progress)?;
         tuned.write(&scene, &out)?;
         Ok(tuned)
     })?;
@@ -220,7 +220,7 @@ pub fn study(
         let names = studies().join(", ");
         return Err(input_error(
             py,
-            format!("there is no study \"{what}\"; there are {names}"),
+            format!("unknown study \"{what}\"; available: {names}"),
         ));
     };
     let gpu = device(py, adapter)?;
@@ -229,7 +229,7 @@ pub fn study(
     let stop = AtomicBool::new(false);
     let notes = Mutex::new(Vec::new());
     let done = py.detach(|| {
-        let told = |what: &str, done: f64| {
+        let on_progress = |what: &str, done: f64| {
             if !long.should_continue(what, done) {
                 stop.store(true, Ordering::Relaxed);
             }
@@ -242,7 +242,7 @@ pub fn study(
             gpu: &gpu,
             dir: &out,
             quick,
-            progress: &told,
+            progress: &on_progress,
             note: &note,
             stop: &stop,
         };

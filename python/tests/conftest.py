@@ -1,4 +1,4 @@
-"""What the tests share: the command line beside the package, and real data where it is."""
+"""Shared fixtures: the command line built beside the package, and real data if available."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="session")
 def command() -> Path:
-    """The command line, built from the same sources (PALPATE names it)."""
+    """Returns the command-line program built from the same sources (set PALPATE to override)."""
     path = Path(os.environ.get("PALPATE", ROOT / "target/debug/palpate"))
     assert path.is_file(), f"{path} is not there: cargo build --bin palpate, or name it by PALPATE"
     return path
@@ -23,7 +23,7 @@ def command() -> Path:
 
 @pytest.fixture(scope="session")
 def run(command: Path):
-    """Runs the command line, which has to succeed."""
+    """Returns a function that runs the command line and requires success."""
 
     def call(*arguments: object) -> str:
         done = subprocess.run(
@@ -37,7 +37,7 @@ def run(command: Path):
 
 @pytest.fixture(scope="session")
 def data() -> Path:
-    """Real meshes and volumes; required where PALPATE_DATA_REQUIRED is set."""
+    """Returns the folder of real meshes and volumes; required if PALPATE_DATA_REQUIRED is set."""
     path = Path(os.environ.get("PALPATE_DATA", ROOT.parent / "shared/data"))
     if not path.is_dir():
         assert "PALPATE_DATA_REQUIRED" not in os.environ, "PALPATE_DATA names no folder"
@@ -59,7 +59,7 @@ def limb_file(limb: palpate.Mesh, tmp_path_factory: pytest.TempPathFactory) -> P
 
 @pytest.fixture
 def bar() -> palpate.Body:
-    """A soft bar, held at its lower end of x."""
+    """Returns a soft bar, pinned at its lower end along x."""
     return palpate.Body(
         palpate.Mesh.generate("bar", tets=600),
         material=palpate.Material(young=3e4, density=1000.0),

@@ -1,4 +1,4 @@
-"""Clusters: four worker processes, one of which is killed in the middle."""
+"""Clusters: four worker processes, one of which is killed during the work."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def client(cluster):
 
 
 def kill_one(client) -> None:
-    """Kills a worker, one that is at work where there is one."""
+    """Kills a worker, preferably one that is processing a task."""
     client.wait_for_workers(WORKERS, timeout=PATIENCE)
     tasks = client.processing()
     worker = max(tasks, key=lambda worker: len(tasks[worker]))
     os.kill(client.run(os.getpid, workers=[worker])[worker], signal.SIGKILL)
 
 
-def test_a_series_is_drawn_as_by_the_command_line(client, tmp_path: Path, run) -> None:
+def test_render_frames_match_command_line(client, tmp_path: Path, run) -> None:
     run("simulate", "--frames", 12, "--no-pictures", "--out", tmp_path / "run", write_bar(tmp_path))
     pvd = next((tmp_path / "run").glob("*.pvd"))
     run("simulate", pvd, "--out", tmp_path / "theirs", "--size", "96x72", "--no-meshes", "--time")
@@ -64,7 +64,7 @@ def test_a_series_is_drawn_as_by_the_command_line(client, tmp_path: Path, run) -
     for frame in frames:
         theirs = tmp_path / "theirs" / frame.path.name
         assert frame.path.read_bytes() == theirs.read_bytes(), frame.path.name
-    # What is there is not drawn again; what is not, is.
+    # Existing pictures are reused, missing ones are rendered.
     frames[5].path.unlink()
     again = palpate.dask.render_series(pvd, client, tmp_path / "ours", **looks)
     assert [f.number for f in again if f.drawn] == [5]
@@ -82,8 +82,8 @@ def write_bar(folder: Path) -> Path:
     return path
 
 
-def test_a_sweep_is_what_each_case_is_alone(client, tmp_path: Path, bar: palpate.Body) -> None:
-    scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.02}})
+def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -> None:
+    scene = bar.scene().updated({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.02}})
     values = {"material.young": [2e4, 4e4, 8e4], "material.poisson": [0.3, 0.45]}
     came: list[dict] = []
 
@@ -96,14 +96,14 @@ def test_a_sweep_is_what_each_case_is_alone(client, tmp_path: Path, bar: palpate
     assert len(rows) == len(came) == 6
     assert [r["material.young"] for r in rows] == [2e4, 2e4, 4e4, 4e4, 8e4, 8e4]
     for row in rows:
-        alone = palpate.Simulator(scene.with_({k: row[k] for k in values}))
+        alone = palpate.Simulator(scene.updated({k: row[k] for k in values}))
         alone.advance(20)
         assert row["max_displacement"] == alone.report()["max_displacement"]
         assert row["von_mises_max_pa"] == alone.field("von_mises").max()
     assert rows[0]["max_displacement"] > rows[4]["max_displacement"]
     lines = (tmp_path / "sweep/sweep.csv").read_text().splitlines()
     assert len(lines) == 7 and lines[0].startswith("material.young,material.poisson,time_s")
-    # A case that is kept is not run again: its file says what came of it.
+    # A completed case is not run again: its result is read from its file.
     case = next((tmp_path / "sweep/cases").glob("*.json"))
     case.write_text(case.read_text().replace('"inverted": 0', '"inverted": 77'))
     again = palpate.dask.sweep(scene, values, client, steps=20, out=tmp_path / "sweep")
@@ -114,7 +114,7 @@ def test_a_sweep_is_what_each_case_is_alone(client, tmp_path: Path, bar: palpate
         palpate.dask.sweep(scene, {"solver.speed": [1]}, client, steps=1)
 
 
-def test_a_map_is_that_of_one_machine(client, tmp_path: Path) -> None:
+def test_press_map_matches_single_machine(client, tmp_path: Path) -> None:
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
     here = palpate.press_map(breast, (3, 2))
     came: list[int] = []
@@ -134,7 +134,7 @@ def test_a_map_is_that_of_one_machine(client, tmp_path: Path) -> None:
     assert came == []
 
 
-def test_a_body_in_pieces_is_the_whole(client, tmp_path: Path) -> None:
+def test_pieces_match_whole_body(client, tmp_path: Path) -> None:
     limb = palpate.Mesh.generate("limb", tets=8000)
     index = tmp_path / "limb.pvtu"
     assert limb.write(index, pieces=9) == []
@@ -164,24 +164,24 @@ def test_a_body_in_pieces_is_the_whole(client, tmp_path: Path) -> None:
         assert apart.max() <= 1, (n, apart.max(), apart.mean())
         assert sorted(p.number for p in came) == list(range(9))
         assert sum(p.tets for p in came) == len(limb.tets)
-        # A worker has its piece and what is around it, and no more.
+        # A worker holds only its piece and the ghost tets around it.
         assert all(0 < p.ghosts and p.tets + p.ghosts < len(limb.tets) / 3 for p in came)
         assert all(p.memory > 10_000_000 for p in came) or sys.platform != "linux"
 
 
-def test_what_pieces_cannot_show_is_refused_in_words(client, tmp_path: Path) -> None:
+def test_pieces_reject_unsupported_settings(client, tmp_path: Path) -> None:
     index = tmp_path / "box.pvtu"
     box = palpate.Mesh.generate("box", tets=300)
     box.write(index, pieces=2)
-    with pytest.raises(palpate.InputError, match="without a legend"):
+    with pytest.raises(palpate.InputError, match="not support a legend"):
         palpate.dask.render_pieces(index, None, client, legend=True)
-    with pytest.raises(palpate.InputError, match="without planes"):
+    with pytest.raises(palpate.InputError, match="not support planes"):
         palpate.dask.render_pieces(index, None, client, clip=[(0, 0, 0, 1, 0, 0)])
     with pytest.raises(palpate.FileError):
         palpate.dask.render_pieces(tmp_path / "none.pvtu", None, client)
     with pytest.raises(palpate.InputError, match="pieces"):
         box.write(index, pieces=0)
-    with pytest.raises(palpate.InputError, match="how many"):
+    with pytest.raises(palpate.InputError, match="requires their number"):
         box.write(index)
     # All of it is a mesh like any other.
     assert np.array_equal(palpate.Mesh.read(index).tets, box.tets)

@@ -11,7 +11,7 @@ import pytest
 import palpate
 
 
-def test_arrays_go_in_and_come_out() -> None:
+def test_mesh_arrays_round_trip() -> None:
     nodes = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype=np.float32)
     tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]], dtype=np.int32)
     mesh = palpate.Mesh(
@@ -33,7 +33,7 @@ def test_arrays_go_in_and_come_out() -> None:
     assert (volumes > 0).all() and np.isclose(volumes.sum(), mesh.volume)
 
 
-def test_pickles_keep_everything(limb: palpate.Mesh) -> None:
+def test_pickle_round_trips(limb: palpate.Mesh) -> None:
     other = pickle.loads(pickle.dumps(limb))
     assert np.array_equal(other.nodes, limb.nodes) and np.array_equal(other.tets, limb.tets)
     assert other.region_names == limb.region_names
@@ -42,7 +42,7 @@ def test_pickles_keep_everything(limb: palpate.Mesh) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".mesh"])
-def test_files_are_those_of_the_command_line(
+def test_files_match_command_line(
     suffix: str, limb: palpate.Mesh, limb_file: Path, tmp_path: Path, run
 ) -> None:
     limb.write(tmp_path / f"ours{suffix}")
@@ -51,7 +51,7 @@ def test_files_are_those_of_the_command_line(
     assert ours.read_bytes() == theirs.read_bytes()
 
 
-def test_through_meshio_and_pyvista_and_back(limb: palpate.Mesh) -> None:
+def test_meshio_and_pyvista_round_trip(limb: palpate.Mesh) -> None:
     for other in (
         palpate.Mesh.from_meshio(limb.to_meshio()),
         palpate.Mesh.from_pyvista(limb.to_pyvista()),
@@ -61,7 +61,7 @@ def test_through_meshio_and_pyvista_and_back(limb: palpate.Mesh) -> None:
         assert np.array_equal(other.cell_data["label"], limb.cell_data["label"])
 
 
-def test_real_files_read_as_meshio_and_pyvista_read_them(data: Path) -> None:
+def test_real_files_match_meshio_and_pyvista(data: Path) -> None:
     import meshio
     import pyvista
 
@@ -89,10 +89,10 @@ def test_real_files_read_as_meshio_and_pyvista_read_them(data: Path) -> None:
     assert tried >= 3
 
 
-def test_what_makes_no_sense_is_told(tmp_path: Path) -> None:
+def test_mesh_rejects_invalid_input(tmp_path: Path) -> None:
     with pytest.raises(palpate.InputError, match="node 9, but there are only 4"):
         palpate.Mesh(np.eye(4)[:, :3], [[0, 1, 2, 9]])
-    with pytest.raises(palpate.InputError, match="counted from 0"):
+    with pytest.raises(palpate.InputError, match="node indices must be ≥ 0"):
         palpate.Mesh(np.eye(4)[:, :3], [[0, 1, 2, -1]])
     with pytest.raises(ValueError, match="shape"):
         palpate.Mesh(np.zeros(3), [[0, 1, 2, 3]])
@@ -108,7 +108,7 @@ def test_what_makes_no_sense_is_told(tmp_path: Path) -> None:
         palpate.Mesh.generate("elephant")
 
 
-def test_a_segmentation_becomes_a_mesh() -> None:
+def test_segmentation_is_meshed() -> None:
     root = Path(__file__).resolve().parents[2]
     seen: list[str] = []
     mesh = palpate.Mesh.make(
@@ -123,7 +123,7 @@ def stop(what: str, share: float) -> None:
     raise RuntimeError("enough")
 
 
-def test_pieces_are_what_vtk_takes_and_one_mesh_again(limb: palpate.Mesh, tmp_path: Path) -> None:
+def test_pieces_read_in_vtk_and_round_trip(limb: palpate.Mesh, tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista")
     index = tmp_path / "limb.pvtu"
     limb.write(index, pieces=5)

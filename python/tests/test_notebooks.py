@@ -1,4 +1,4 @@
-"""The notebooks run from top to bottom, and one is shown in a real browser by a real server."""
+"""The notebooks run from top to bottom, and one is displayed by a real server in a real browser."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ SOURCE = (
 )
 
 
-def test_there_are_five() -> None:
+def test_five_notebooks_exist() -> None:
     assert len(NOTEBOOKS) == 5
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
-def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
+def test_notebook_runs(path: Path, tmp_path: Path) -> None:
     import nbformat
     from nbclient import NotebookClient
 
@@ -45,7 +45,7 @@ def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
 def browser():
     playwright = pytest.importorskip("playwright.sync_api")
     chromium = os.environ.get("PALPATE_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-    assert chromium, "no Chromium was found; on Debian: apt install chromium"
+    assert chromium, "Chromium not found; on Debian install it with apt install chromium"
     gpu = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--enable-features=Vulkan",
            "--use-vulkan=swiftshader", "--use-angle=swiftshader", "--ignore-gpu-blocklist"]
     with playwright.sync_playwright() as driver:
@@ -58,7 +58,7 @@ def browser():
 
 @pytest.fixture
 def server(tmp_path: Path):
-    """A Jupyter server in a folder with a notebook."""
+    """Starts a Jupyter server in a folder with a notebook."""
     cell = {"cell_type": "code", "id": "one", "metadata": {}, "outputs": [], "execution_count": None, "source": SOURCE}
     kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
     (tmp_path / "view.ipynb").write_text(
@@ -94,7 +94,7 @@ def server(tmp_path: Path):
             process.kill()
 
 
-def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> None:
+def test_view_orbits_and_presses_in_jupyterlab(browser, server: str) -> None:
     OUT.mkdir(parents=True, exist_ok=True)
     page = browser.new_page(viewport={"width": 1100, "height": 900})
     page.goto(f"{server}/lab/tree/view.ipynb?reset")
@@ -116,13 +116,13 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
     view = page.locator(".palpate-view")
 
     def dismiss() -> None:
-        """Closes the dialogs that JupyterLab opens on a slow machine: they take the pointer's events."""
+        """Closes the dialogs that JupyterLab opens on a slow machine, which receive the pointer events."""
         for dialog in page.locator(".jp-Dialog").all():
             print(dialog.inner_text())
             page.keyboard.press("Escape")
 
     def rest(unlike: str = "") -> bytes:
-        """The sharp picture of all that was said, another one than `unlike`."""
+        """Returns the full-resolution picture after all messages, which differs from `unlike`."""
         page.wait_for_function(
             """before => {
                 const { frame, width, heard, sent } = document.querySelector(".palpate-view").dataset;
@@ -161,14 +161,14 @@ def test_a_view_is_turned_and_pressed_in_jupyterlab(browser, server: str) -> Non
     assert pressed != turned
     rest()
     shown = frame()
-    page.get_by_label("Cut off along").select_option("z")
+    page.get_by_label("Clip along").select_option("z")
     clipped = rest(unlike=shown)
     assert clipped != pressed
     page.screenshot(path=OUT / "clipped.png")
     page.close()
 
 
-def test_a_page_with_the_body_in_it(browser, tmp_path: Path) -> None:
+def test_exported_page_contains_body(browser, tmp_path: Path) -> None:
     import palpate
 
     web = Path(os.environ.get("PALPATE_WEB", ROOT / "target/web"))

@@ -1,4 +1,4 @@
-"""Presses, and what is tuned and studied."""
+"""Presses, tuning and studies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 import palpate
 
 
-def test_a_press_is_that_of_the_command_line(tmp_path: Path, run) -> None:
+def test_press_matches_command_line(tmp_path: Path, run) -> None:
     ball = palpate.Mesh.generate("ball", tets=1500)
     ball.write(tmp_path / "ball.vtu")
     run("press", tmp_path / "ball.vtu", "--out", tmp_path / "out", "--size", "160x120", "--engine", "cpu")
@@ -46,23 +46,23 @@ def stop(what: str, share: float) -> None:
     raise RuntimeError("enough")
 
 
-def test_a_map_goes_on_where_it_ended(tmp_path: Path, run) -> None:
+def test_press_map_resumes(tmp_path: Path, run) -> None:
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
     with pytest.raises(RuntimeError, match="enough"):
         palpate.press_map(breast, (3, 2), out=tmp_path / "map", progress=stop)
     begun = (tmp_path / "map/map.json").read_text()
-    assert begun.count("null") < 6, "nothing was kept"
+    assert begun.count("null") < 6, "no completed points were kept"
     whole = palpate.press_map(breast, (3, 2), out=tmp_path / "map")
     assert whole.points.shape == (len(whole.stiffness), 3) and (whole.stiffness > 0).all()
     breast.write(tmp_path / "breast.toml")
     run("press", tmp_path / "breast.toml", "--map", "3x2", "--out", tmp_path / "theirs")
     rows = np.loadtxt(tmp_path / "theirs/map.csv", delimiter=",", skiprows=1)
     assert np.allclose(whole.stiffness, rows[:, 3], rtol=1e-9)
-    with pytest.raises(palpate.InputError, match="another body"):
+    with pytest.raises(palpate.InputError, match="a different body"):
         palpate.press_map(breast, (2, 2), out=tmp_path / "map")
 
 
-def test_the_demo_leaves_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_demo_writes_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from palpate import demo
 
     assert demo.main([str(tmp_path / "demo"), "--tets", "2000"]) == 0
@@ -71,8 +71,8 @@ def test_the_demo_leaves_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert (tmp_path / f"demo/{name}.png").stat().st_size > 1000
 
 
-def test_tuned_settings_are_a_scene(bar: palpate.Body) -> None:
-    scene = bar.scene().with_({"solver": {"name": "implicit", "dt": 0.01}, "picture.size": [64, 48]})
+def test_tune_returns_scene(bar: palpate.Body) -> None:
+    scene = bar.scene().updated({"solver": {"name": "implicit", "dt": 0.01}, "picture.size": [64, 48]})
     told: list[str] = []
     tuned = palpate.tune(scene, error=0.05, seconds=0.05, progress=lambda what, _: told.append(what))
     assert tuned.notes and told and tuned.picture_ms > 0
@@ -80,7 +80,7 @@ def test_tuned_settings_are_a_scene(bar: palpate.Body) -> None:
     simulator.advance(2)
 
 
-def test_studies_are_known_and_end_when_told(tmp_path: Path) -> None:
+def test_studies_are_listed_and_cancel(tmp_path: Path) -> None:
     with pytest.raises(palpate.InputError, match="stability"):
         palpate.study("everything", tmp_path)
     with pytest.raises(RuntimeError, match="enough"):

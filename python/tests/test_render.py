@@ -1,4 +1,4 @@
-"""Pictures: the bytes of the command line's."""
+"""Pictures, compared bytewise with those of the command line."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def png(path: Path) -> np.ndarray:
         ),
     ],
 )
-def test_pictures_are_those_of_the_command_line(
+def test_pictures_match_command_line(
     flags: list[str], arguments: dict, limb: palpate.Mesh, limb_file: Path, tmp_path: Path, run
 ) -> None:
     run("render", limb_file, "--out", tmp_path / "theirs.png", *SIZE, *flags)
@@ -51,7 +51,7 @@ def test_pictures_are_those_of_the_command_line(
     assert np.array_equal(palpate.render(limb_file, size=(160, 120), **arguments), theirs)
 
 
-def test_scenes_are_simulated_first(tmp_path: Path, run) -> None:
+def test_render_simulates_scene_first(tmp_path: Path, run) -> None:
     scene = tmp_path / "bar.toml"
     scene.write_text(
         '[mesh]\ngenerate = "bar"\ntets = 500\n[material]\nyoung = 3e4\n'
@@ -65,7 +65,7 @@ def test_scenes_are_simulated_first(tmp_path: Path, run) -> None:
     assert shares[-1] == 1.0
 
 
-def test_pyvista_s_cameras_are_understood(limb: palpate.Mesh) -> None:
+def test_pyvista_cameras_are_converted(limb: palpate.Mesh) -> None:
     import pyvista
 
     camera = pyvista.Camera()
@@ -80,24 +80,24 @@ def test_pyvista_s_cameras_are_understood(limb: palpate.Mesh) -> None:
     )
     camera.parallel_projection = True
     camera.parallel_scale = 0.2
-    assert palpate.Camera.of(camera).orthographic == 0.4
+    assert palpate.Camera.from_any(camera).orthographic == 0.4
     position = [(0.6, 0.3, 0.4), (0.0, 0.0, 0.1), (0.0, 0.0, 1.0)]
-    assert palpate.Camera.of(position) == palpate.Camera((0.6, 0.3, 0.4), (0.0, 0.0, 0.1), (0.0, 0.0, 1.0))
+    assert palpate.Camera.from_any(position) == palpate.Camera((0.6, 0.3, 0.4), (0.0, 0.0, 0.1), (0.0, 0.0, 1.0))
     with pytest.raises(palpate.InputError, match="camera"):
         palpate.render(limb, camera="iso")
 
 
-def test_maps_of_matplotlib_are_known(limb: palpate.Mesh) -> None:
+def test_matplotlib_colormaps_are_accepted(limb: palpate.Mesh) -> None:
     shown = {"field": "intensity", "size": (80, 60), "light": "none"}
     jet, gray = (palpate.render(limb, cmap=name, **shown) for name in ("jet", "gist_gray"))
     assert not np.array_equal(jet, gray)
     spread = gray[..., :3].max(axis=2).astype(int) - gray[..., :3].min(axis=2)
     assert spread.max() <= 2, "a grey map gives grey pictures"
-    with pytest.raises(palpate.InputError, match="nor a colour map of matplotlib"):
+    with pytest.raises(palpate.InputError, match="or a colour map of matplotlib"):
         palpate.render(limb, cmap="no such map")
 
 
-def test_a_renderer_draws_what_another_program_moves(limb: palpate.Mesh) -> None:
+def test_renderer_draws_external_positions(limb: palpate.Mesh) -> None:
     renderer = palpate.Renderer(limb, size=(80, 60))
     rest = renderer.render()
     nodes = limb.nodes
@@ -106,7 +106,7 @@ def test_a_renderer_draws_what_another_program_moves(limb: palpate.Mesh) -> None
     assert not np.array_equal(renderer.render(), rest)
     renderer.set_positions(limb.nodes)
     assert np.array_equal(renderer.render(), rest)
-    assert renderer.raw().shape == (60, 80, 4) and renderer.raw().dtype == np.float32
+    assert renderer.render_float().shape == (60, 80, 4) and renderer.render_float().dtype == np.float32
     seen = renderer.pick(40, 30)
     assert seen is not None and 0 <= seen.tet < len(limb.tets)
     assert renderer.pick(0, 0) is None
@@ -117,12 +117,12 @@ def test_a_renderer_draws_what_another_program_moves(limb: palpate.Mesh) -> None
     assert renderer.render().shape == (30, 40, 4)
 
 
-def test_mistakes_are_told(limb: palpate.Mesh) -> None:
+def test_render_rejects_invalid_input(limb: palpate.Mesh) -> None:
     with pytest.raises(palpate.InputError, match="unknown field `feild`"):
         palpate.render(limb, feild="intensity")
     with pytest.raises(palpate.InputError, match="Temp"):
         palpate.render(limb, field="Temp")
-    with pytest.raises(palpate.InputError, match="each side"):
+    with pytest.raises(palpate.InputError, match="per side"):
         palpate.render(limb, size=(0, 10))
     with pytest.raises(palpate.DeviceError, match="no such card"):
         palpate.render(limb, adapter="no such card")
@@ -130,7 +130,7 @@ def test_mistakes_are_told(limb: palpate.Mesh) -> None:
         palpate.render(np.zeros(3))
 
 
-def test_threads_draw_at_once_and_alike(limb: palpate.Mesh) -> None:
+def test_concurrent_renders_are_identical(limb: palpate.Mesh) -> None:
     wanted = palpate.render(limb, size=(80, 60))
     drawn: list[np.ndarray] = []
 
@@ -146,7 +146,7 @@ def test_threads_draw_at_once_and_alike(limb: palpate.Mesh) -> None:
     assert len(drawn) == 12 and all(np.array_equal(picture, wanted) for picture in drawn)
 
 
-def test_renders_leave_nothing_on_the_device() -> None:
+def test_render_frees_device_memory() -> None:
     mesh = palpate.Mesh.generate("bar", tets=200)
 
     def resident() -> float:
@@ -166,11 +166,11 @@ def test_renders_leave_nothing_on_the_device() -> None:
     print(f"device {first}, {one}, {last}; {before:.0f} MB, then {resident():.0f} MB")
     assert last[0] - one[0] == 100 * (one[0] - first[0]), "each render allocates the same"
     assert last[1:] == first[1:], "live allocations and their bytes"
-    # Ten times what it differs by.
+    # Ten times the observed variation.
     assert resident() - before < 300, f"{before:.0f} MB became {resident():.0f} MB"
 
 
-def test_opacities_are_understood_as_pyvista_has_them(limb: palpate.Mesh) -> None:
+def test_pyvista_opacities_are_accepted(limb: palpate.Mesh) -> None:
     from palpate._transfer import with_opacity
 
     pyvista = pytest.importorskip("pyvista")

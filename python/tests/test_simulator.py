@@ -1,4 +1,4 @@
-"""Bodies that move."""
+"""Simulated bodies."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import pytest
 import palpate
 
 
-def test_it_moves_as_by_the_command_line(bar: palpate.Body, tmp_path: Path, run) -> None:
-    scene = bar.scene().with_({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.01, "steps": 15}})
+def test_steps_match_command_line(bar: palpate.Body, tmp_path: Path, run) -> None:
+    scene = bar.scene().updated({"solver": {"name": "implicit", "engine": "cpu", "dt": 0.01, "steps": 15}})
     scene.write(tmp_path / "bar.toml")
     run("render", tmp_path / "bar.toml", "--out", tmp_path / "p.png", "--size", "64x48", "--mesh-out", tmp_path / "bent.vtu")
     theirs = palpate.Mesh.read(tmp_path / "bent.vtu")
@@ -27,7 +27,7 @@ def test_it_moves_as_by_the_command_line(bar: palpate.Body, tmp_path: Path, run)
     assert np.array_equal(simulator.deformed.nodes, theirs.nodes)
 
 
-def test_at_rest_the_wall_bears_the_weight(bar: palpate.Body) -> None:
+def test_wall_reaction_equals_weight_at_rest(bar: palpate.Body) -> None:
     simulator = palpate.Simulator(bar, engine="cpu", dt=0.05)
     simulator.advance(120)
     weight = simulator.masses.sum() * 9.81
@@ -77,17 +77,17 @@ def test_state_loads_grabs_and_cuts(bar: palpate.Body) -> None:
         simulator.positions = rest[:3]
 
 
-def test_it_is_drawn_where_it_is(bar: palpate.Body) -> None:
+def test_rendered_positions_follow_the_body(bar: palpate.Body) -> None:
     simulator = palpate.Simulator(bar, dt=0.02)
     renderer = palpate.Renderer(simulator, size=(80, 60), field="displacement")
     before = renderer.render()
     simulator.advance(10)
     after = renderer.render()
     assert before.shape == after.shape == (60, 80, 4) and not np.array_equal(before, after)
-    assert renderer.shown[0] == "displacement"
+    assert renderer.field_info[0] == "displacement"
 
 
-def test_a_failure_keeps_the_last_good_state() -> None:
+def test_failed_step_keeps_last_valid_state() -> None:
     body = palpate.Body(
         palpate.Mesh.generate("bar", tets=300),
         material=palpate.Material(stiffness=500.0, model="springs"),
@@ -100,8 +100,8 @@ def test_a_failure_keeps_the_last_good_state() -> None:
     assert np.isfinite(simulator.positions).all()
 
 
-def test_other_threads_go_on_and_ctrl_c_ends_it(bar: palpate.Body) -> None:
-    simulator = palpate.Simulator(bar.scene().with_({"solver.sleep": False}), engine="cpu", dt=0.01)
+def test_steps_release_the_gil_and_ctrl_c_cancels(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar.scene().updated({"solver.sleep": False}), engine="cpu", dt=0.01)
     begun, ended = threading.Event(), threading.Event()
 
     def interrupt() -> None:
@@ -113,7 +113,7 @@ def test_other_threads_go_on_and_ctrl_c_ends_it(bar: palpate.Body) -> None:
             os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
-    # Shells have what they start in the background ignore Ctrl-C.
+    # Background processes of a shell ignore Ctrl-C.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         thread.start()
@@ -125,15 +125,15 @@ def test_other_threads_go_on_and_ctrl_c_ends_it(bar: palpate.Body) -> None:
         begun.set()
         thread.join()
         signal.signal(signal.SIGINT, before)
-    # What is done stays done, and it goes on.
+    # Completed steps are kept, and the simulation can continue.
     time_then = simulator.time
     assert time_then > 0
     simulator.advance(1)
     assert simulator.time > time_then
 
 
-def test_progress_may_look_at_the_body_and_end_it(bar: palpate.Body) -> None:
-    simulator = palpate.Simulator(bar.scene().with_({"solver.sleep": False}), engine="cpu", dt=0.01)
+def test_progress_callback_reads_body_and_cancels(bar: palpate.Body) -> None:
+    simulator = palpate.Simulator(bar.scene().updated({"solver.sleep": False}), engine="cpu", dt=0.01)
 
     def look(what: str, share: float) -> None:
         assert what == "steps" and 0 < share <= 1
@@ -144,7 +144,7 @@ def test_progress_may_look_at_the_body_and_end_it(bar: palpate.Body) -> None:
         simulator.advance(1_000_000, progress=look)
 
 
-def test_mistakes_are_told(bar: palpate.Body) -> None:
+def test_simulator_rejects_invalid_input(bar: palpate.Body) -> None:
     with pytest.raises(palpate.InputError, match="implicit"):
         palpate.Simulator(bar, solver="wishful")
     simulator = palpate.Simulator(bar, engine="cpu")

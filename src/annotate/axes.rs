@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn letters_are_those_of_ras() {
+    fn anatomical_letters_match_ras() {
         for (direction, expected) in [
             (DVec3::X, "R"),
             (DVec3::NEG_X, "L"),

@@ -53,12 +53,12 @@ impl Canvas {
     pub fn with_letters(size: [u32; 2], background: Background, em: f32) -> Result<Canvas> {
         let pixmap = Pixmap::new(size[0], size[1]).ok_or_else(|| {
             Error::Input(format!(
-                "a picture of {} x {} pixels cannot be annotated; its sides must be from 1 to 65536",
+                "size of an annotated image must be 1 to 65536 pixels per side, got {} x {}",
                 size[0], size[1]
             ))
         })?;
         let font = FontRef::try_from_slice(notosans::REGULAR_TTF)
-            .map_err(|e| Error::Input(format!("the font of annotations cannot be read: {e}")))?;
+            .map_err(|e| Error::Input(format!("cannot read the annotation font: {e}")))?;
         let (light, dark) = ([0.96; 3], [0.06; 3]);
         let (ink, rim) = match background {
             Background::White => (dark, [1.0; 3]),
@@ -134,21 +134,22 @@ impl Canvas {
             ..Stroke::default()
         };
         let paint = paint(self.rim, RIM_OPACITY);
-        let there = Transform::identity();
-        self.pixmap.stroke_path(path, &paint, &stroke, there, None);
+        let identity = Transform::identity();
+        self.pixmap
+            .stroke_path(path, &paint, &stroke, identity, None);
     }
 
     fn fill(&mut self, path: &Path, colour: Colour, opacity: f32) {
         let paint = paint(colour, opacity);
-        let (rule, there) = (FillRule::Winding, Transform::identity());
-        self.pixmap.fill_path(path, &paint, rule, there, None);
+        let (rule, identity) = (FillRule::Winding, Transform::identity());
+        self.pixmap.fill_path(path, &paint, rule, identity, None);
     }
 
     /// Fills a rectangle: left, top, width, height in pixels.
     pub fn rectangle(&mut self, [x, y, width, height]: [f32; 4], colour: Colour, opacity: f32) {
         if let Some(rect) = Rect::from_xywh(x, y, width, height) {
-            let (paint, there) = (paint(colour, opacity), Transform::identity());
-            self.pixmap.fill_rect(rect, &paint, there, None);
+            let (paint, identity) = (paint(colour, opacity), Transform::identity());
+            self.pixmap.fill_rect(rect, &paint, identity, None);
         }
     }
 
@@ -177,8 +178,9 @@ impl Canvas {
                 line_cap: LineCap::Round,
                 ..Stroke::default()
             };
-            let (paint, there) = (paint(colour, opacity), Transform::identity());
-            self.pixmap.stroke_path(&path, &paint, &stroke, there, None);
+            let (paint, identity) = (paint(colour, opacity), Transform::identity());
+            self.pixmap
+                .stroke_path(&path, &paint, &stroke, identity, None);
         }
     }
 
@@ -279,19 +281,19 @@ mod tests {
     }
 
     #[test]
-    fn letters_are_there_and_have_holes() {
+    fn text_is_drawn_with_counters() {
         let canvas = drawn("O", Background::Black);
         let width = canvas.text_width("O", 30.0);
         let light = |x: f32, y: f32| canvas.pixmap.pixel(x as u32, y as u32).unwrap().red();
         let middle = 20.0 + 0.5 * width;
         let high = 60.0 - 0.5 * CAP_HEIGHT * 30.0;
-        assert!(light(middle, high) < 20, "the hole of an O is empty");
+        assert!(light(middle, high) < 20, "the centre of an O must be empty");
         let row = (20..20 + width as u32).map(|x| light(x as f32, high));
-        assert!(row.max().unwrap() > 200, "its sides are not");
+        assert!(row.max().unwrap() > 200, "the sides of an O must be filled");
     }
 
     #[test]
-    fn every_letter_that_is_used_is_in_the_font() {
+    fn font_contains_every_used_letter() {
         let canvas = Canvas::new([8, 8], Background::Black).unwrap();
         for letter in "azAZ09µ³²−…·()[]/".chars() {
             assert_ne!(canvas.font.glyph_id(letter).0, 0, "{letter}");
@@ -299,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn text_is_dark_on_white_and_light_on_black() {
+    fn text_contrasts_with_background() {
         for (background, behind) in [(Background::Black, 0.0f32), (Background::White, 1.0)] {
             let mut image = Image {
                 size: [400, 100],
@@ -313,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn long_text_is_shortened_to_fit() {
+    fn long_text_is_truncated_to_width() {
         let canvas = Canvas::new([400, 100], Background::Black).unwrap();
         let short = canvas.shortened("a name that is far too long", 20.0, 120.0);
         assert!(short.ends_with('…') && short.len() > 5, "{short}");

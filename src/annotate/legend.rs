@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_have_the_colours_of_the_transfer_function() {
+    fn colour_bar_rows_match_transfer_function() {
         let transfer = transfer();
         for size in [[256, 256], [1024, 768]] {
             let bar = bar(BarColours::Transfer {
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn the_strip_is_as_opaque_as_the_body() {
+    fn opacity_strip_matches_body_opacity() {
         let clear =
             TransferFunction::new(vec![[0.0, 1.0, 0.0, 0.0]], vec![[0.0, 0.0], [0.0, 1000.0]]);
         let bar = bar(BarColours::Transfer {
@@ -348,12 +348,12 @@ mod tests {
         assert_eq!(top[..3], [1.0, 0.0, 0.0]);
         assert!(
             low[0] == low[1] && low[0] > 0.4,
-            "squares show through: {low:?}"
+            "the checkerboard must show through: {low:?}"
         );
     }
 
     #[test]
-    fn grey_goes_from_black_to_white() {
+    fn grey_bar_spans_black_to_white() {
         let (image, layout) = drawn(&bar(BarColours::Grey), [400, 300]);
         let at = |row: u32| image.pixel(layout.left + 2, layout.top + row)[0];
         assert!(at(0) > 0.98 && at(layout.height - 1) < 0.02);
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn large_pressures_are_in_kilopascals() {
+    fn large_pressures_use_kilopascals() {
         let stress = ColourBar {
             name: "von_mises".into(),
             unit: "Pa".into(),
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_too_small_for_it_are_drawn_all_the_same() {
+    fn small_images_accept_long_legends() {
         let many: Vec<Swatch> = (0..100)
             .map(|i| Swatch {
                 name: format!("region number {i}"),

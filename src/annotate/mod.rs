@@ -53,7 +53,7 @@ impl Annotations {
         }
         if image.channels != 4 {
             return Err(Error::Input(format!(
-                "a picture of {} channels cannot be annotated; four are expected (Image::to_rgba makes them)",
+                "an annotated image must have 4 channels, got {}; convert it with Image::to_rgba",
                 image.channels
             )));
         }

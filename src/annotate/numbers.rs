@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_round_and_within_the_range() {
+    fn ticks_are_round_and_in_range() {
         let cases: [(f64, f64, &[&str]); 7] = [
             (0.0, 1.0, &["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
             (
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_stay_few_and_apart_in_any_range() {
+    fn tick_count_is_bounded_for_any_range() {
         for power in -30..30 {
             for span in [1.0, 1.7, 2.3, 4.9, 9.99] {
                 let low = 0.37 * 10f64.powi(power);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn times_have_the_digits_that_steps_need() {
+    fn time_label_resolves_step() {
         assert_eq!(time(0.12, 0.01), "t = 0.12 s");
         assert_eq!(time(0.0, 0.05), "t = 0.00 s");
         assert_eq!(time(0.0375, 0.0125), "t = 0.0375 s");

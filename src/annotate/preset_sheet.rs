@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_sheet_shows_the_colours_of_each_preset() {
+    fn preset_sheet_shows_preset_colours() {
         let sheet = preset_sheet().unwrap();
         let names = TransferFunction::preset_names();
         let rows = (names.len() as u32).div_ceil(COLUMNS);

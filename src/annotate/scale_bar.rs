@@ -77,7 +77,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn lengths_are_round_and_in_units_that_fit() {
+    fn scale_bar_lengths_are_round_with_matching_unit() {
         let eye = DVec3::new(0.0, 0.0, 10.0);
         // A quarter of 800 pixels is 0.25 · 800/600 of the height.
         for (unit, height, expected) in [
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn perspective_cameras_are_measured_where_they_look() {
+    fn perspective_scale_bar_uses_look_at_distance() {
         let eye = DVec3::new(0.0, 0.0, 10.0);
         let bar = ScaleBar {
             length_unit: Some(1.0),

@@ -56,7 +56,7 @@ impl EmbeddedSimulator {
 
 fn refused(what: &str) -> Error {
     Error::Input(format!(
-        "a mesh that a cage carries cannot be {what}; leave [cage] out"
+        "a mesh in a cage does not support {what}; remove [cage]"
     ))
 }
 
@@ -90,7 +90,7 @@ impl Simulator for EmbeddedSimulator {
     }
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
-        Err(refused(&format!("given a {}", term.name())))
+        Err(refused(&format!("the term {}", term.name())))
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
@@ -140,11 +140,13 @@ impl Simulator for EmbeddedSimulator {
     }
 
     fn set_positions(&mut self, _: &[DVec3]) -> Result<()> {
-        Err(refused("posed, for it stands where its cage has it"))
+        Err(refused(
+            "setting node positions, because the cage determines them",
+        ))
     }
 
     fn set_velocities(&mut self, _: &[DVec3]) -> Result<()> {
-        Err(refused("set in motion node by node"))
+        Err(refused("setting node velocities"))
     }
 
     fn restart(&mut self) -> Result<()> {
@@ -163,7 +165,7 @@ impl Simulator for EmbeddedSimulator {
         let count = self.mesh.nodes.len();
         if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
             return Err(Error::Input(format!(
-                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
+                "cannot pin node {bad}: there are {count} nodes, counted from 0"
             )));
         }
         self.inner.pin_nodes(&self.cage.coarse_nodes_for(nodes))
@@ -179,7 +181,7 @@ impl Simulator for EmbeddedSimulator {
     }
 
     fn cut(&mut self, _: &Blade) -> Result<TopologyChange> {
-        Err(refused("cut"))
+        Err(refused("cuts"))
     }
 
     fn coarse_body(&self) -> Option<&dyn Simulator> {

@@ -75,8 +75,8 @@ impl Embedding {
         let weights: Vec<[f32; 4]> = shares.iter().map(|s| s.1.map(|w| w as f32)).collect();
         let outside = |s: &&([u32; 4], [f64; 4])| s.1.iter().any(|w| *w < OUTSIDE);
         let outside = shares.iter().filter(outside).count();
-        let corners = gpu.array_of("corners that carry", Texel::U32x4, &of_nodes)?;
-        let weights = gpu.array_of("weights of corners", Texel::F32x4, &weights)?;
+        let corners = gpu.array_of("embedding nodes", Texel::U32x4, &of_nodes)?;
+        let weights = gpu.array_of("embedding weights", Texel::F32x4, &weights)?;
         let pass = gpu
             .pass("cage/carry")
             .read(carriers.array())

@@ -74,8 +74,9 @@ impl Cells {
             }
             side *= ratio.cbrt();
         }
-        best.map(|b| b.1)
-            .ok_or_else(|| Error::Mesh("the mesh has no inside that a cage could carry".into()))
+        best.map(|b| b.1).ok_or_else(|| {
+            Error::Mesh("the mesh has no volume, so it cannot be embedded in a cage".into())
+        })
     }
 
     fn new(mesh: &TetMesh, samples: &[Sample], side: f64, unit: f64) -> Result<Cells> {
@@ -95,7 +96,7 @@ impl Cells {
         let total = whole.to_array().iter().product::<f64>();
         if !(whole.max_element() <= MOST_ALONG && total <= MOST) {
             return Err(Error::Input(format!(
-                "a cage with cells of {side} would have more than {MOST_ALONG} of them along an axis, or {MOST:e} in all; ask for fewer nodes"
+                "a cage with cells of side {side} exceeds {MOST_ALONG} cells along an axis or {MOST:e} in total; reduce its number of nodes"
             )));
         }
         let count = whole.to_array().map(|n| n as usize);
@@ -130,8 +131,8 @@ impl Cells {
         // as occupied.
         let nudge = 1e-6 * self.spacing;
         let sides = (0..8u32).map(|k| {
-            let way = |bit: u32| if k >> bit & 1 == 1 { 1.0 } else { -1.0 };
-            nudge * DVec3::new(way(0), way(1), way(2))
+            let sign = |bit: u32| if k >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            nudge * DVec3::new(sign(0), sign(1), sign(2))
         });
         let sides: Vec<DVec3> = sides.collect();
         for p in &mesh.nodes {
@@ -260,7 +261,7 @@ fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sam
     }
     match samples.is_empty() {
         true => Err(Error::Mesh(
-            "no tet of the mesh has a volume, so no cage can carry it".into(),
+            "all tets of the mesh are degenerate, so it cannot be embedded in a cage".into(),
         )),
         false => Ok(samples),
     }
@@ -294,7 +295,7 @@ mod tests {
     use crate::mesh::bounds;
 
     #[test]
-    fn samples_fill_a_tet_evenly() {
+    fn tet_samples_are_uniform() {
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
         let count = 4000;
         let points: Vec<DVec3> = (0..count).map(|n| place_in(corners, n)).collect();

@@ -57,7 +57,7 @@ impl FromStr for CageKind {
             "lattice" => Ok(CageKind::Lattice),
             "grid" => Ok(CageKind::Grid),
             _ => Err(Error::Input(format!(
-                "there is no cage \"{name}\"; there are lattice and grid"
+                "unknown cage kind \"{name}\"; available: lattice, grid"
             ))),
         }
     }
@@ -115,20 +115,20 @@ impl Cage {
     ) -> Result<Cage> {
         if !NODES.contains(&nodes) {
             return Err(Error::Input(format!(
-                "a cage of about {nodes} nodes cannot be made; ask for {} to {}",
+                "number of cage nodes must be {} to {}, got {nodes}",
                 NODES.start(),
                 NODES.end()
             )));
         }
         if !network.elements.rigid.is_empty() {
             return Err(Error::Input(
-                "a cage has no rigid regions: leave them elastic, or simulate the body itself"
+                "a cage does not support rigid regions; make them elastic, or simulate the body without a cage"
                     .into(),
             ));
         }
         if kind == CageKind::Grid && !network.elements.is_empty() {
             return Err(Error::Input(
-                "a cage of kind \"grid\" has springs: give it a body of springs, or take a lattice"
+                "a cage of kind \"grid\" needs a body of springs; use springs, or a cage of kind \"lattice\""
                     .into(),
             ));
         }
@@ -237,7 +237,7 @@ impl Cage {
             || pinned.len() != self.network.rest_positions.len()
         {
             return Err(Error::Input(format!(
-                "{} and {} pins are given for {} fine nodes and {} of the cage",
+                "number of pin flags must equal the number of nodes, got {} and {} for {} fine nodes and {} cage nodes",
                 fine_pinned.len(),
                 pinned.len(),
                 self.transfer.source_weights().len(),
@@ -428,7 +428,7 @@ fn element(
     let corners = tet.map(|v| mesh.nodes[v as usize] * fine.length_unit);
     Element::new(tet, corners, young, poisson, fine.elements.law).ok_or_else(|| {
         Error::Mesh(format!(
-            "a cell of the cage would have a Young's modulus of {young} Pa and a Poisson's ratio of {poisson}; ask for fewer nodes"
+            "invalid material of a cage cell: Young's modulus {young} Pa, Poisson's ratio {poisson}; reduce the number of cage nodes"
         ))
     })
 }

@@ -11,17 +11,17 @@ use std::path::{Path, PathBuf};
 /// Arguments of `bake`.
 #[derive(Args)]
 pub struct BakeArguments {
-    /// The coarse surface, with texture coordinates (.obj, .ply, .vtk)
+    /// Coarse surface, with texture coordinates (.obj, .ply, .vtk)
     coarse: PathBuf,
-    /// The fine surface, in the same place and unit (.obj, .ply, .stl, .vtk)
+    /// Fine surface, in the same position and unit (.obj, .ply, .stl, .vtk)
     fine: PathBuf,
-    /// The normal map (.png)
+    /// Write the normal map to this file (.png)
     #[arg(long, short)]
     out: PathBuf,
-    /// Its size in texels, WIDTHxHEIGHT
+    /// Set the size of the normal map in texels, WIDTHxHEIGHT
     #[arg(long, default_value = "1024x1024", value_parser = flags::size)]
     size: [u32; 2],
-    /// Write how much was covered and met as JSON
+    /// Write the coverage report as JSON
     #[arg(long)]
     report: Option<PathBuf>,
     /// Print the report on standard output as JSON
@@ -37,7 +37,7 @@ pub fn run(arguments: &BakeArguments) -> anyhow::Result<Outcome> {
     };
     if !is_png(&arguments.out) {
         anyhow::bail!(
-            "{}: a normal map is written as a PNG; name it .png",
+            "{}: the normal map must have the extension .png",
             arguments.out.display()
         );
     }
@@ -61,7 +61,7 @@ fn read(path: &Path) -> palpate::Result<TriMesh> {
     if io::detect_kind(path)? != io::Kind::Surface {
         return Err(Error::format(
             path,
-            "is no surface; `palpate mesh` makes one of a volume or a tet mesh",
+            "is not a surface; extract one from a volume or a tet mesh with `palpate mesh`",
         ));
     }
     let surface = io::read_surface(path)?;
@@ -73,17 +73,17 @@ fn read(path: &Path) -> palpate::Result<TriMesh> {
 fn notes(report: &BakeReport) -> Vec<String> {
     let mut notes = Vec::new();
     if report.covered == 0 {
-        notes.push("the surface covers no texel: the map is flat".to_owned());
+        notes.push("the surface covers no texel, so the map is flat".to_owned());
     }
     if report.missed > 0 {
         notes.push(format!(
-            "{} of {} texels do not face the fine surface and show its nearest point; are both surfaces in one place?",
+            "{} of {} texels do not face the fine surface and use its nearest point; check that both surfaces have the same position",
             report.missed, report.covered
         ));
     }
     if report.unmapped > 0 {
         notes.push(format!(
-            "{} triangles have no area in the texture",
+            "{} triangles have zero area in texture coordinates",
             report.unmapped
         ));
     }

@@ -9,20 +9,20 @@ use std::path::PathBuf;
 /// Arguments of `compare`. Tolerances are in steps of an 8-bit channel, 1/255.
 #[derive(Args)]
 pub struct CompareArguments {
-    /// The first picture (PNG or EXR)
+    /// First picture (PNG or EXR)
     a: PathBuf,
-    /// The second picture, of the same size
+    /// Second picture, of the same size
     b: PathBuf,
-    /// Largest root mean square difference, in 1/255
+    /// Set the largest root mean square difference, in 1/255
     #[arg(long, default_value_t = 0.5)]
     rmse: f64,
-    /// Largest 99.9th percentile of the differences, in 1/255
+    /// Set the largest 99.9th percentile of the differences, in 1/255
     #[arg(long, default_value_t = 2.0)]
     percentile: f64,
-    /// Write a picture of the differences, 16 times amplified
+    /// Write a picture of the differences, amplified 16 times
     #[arg(long)]
     diff: Option<PathBuf>,
-    /// Print the numbers as JSON
+    /// Print the differences on standard output as JSON
     #[arg(long)]
     json: bool,
 }

@@ -12,24 +12,24 @@ use std::path::{Path, PathBuf};
 /// Arguments of `convert`.
 #[derive(Args)]
 pub struct ConvertArguments {
-    /// A mesh (.vtk, .vtu, .pvtu, .msh, .node or .ele, .mesh, .inp) or a surface (.stl, .ply, .obj,
+    /// Mesh (.vtk, .vtu, .pvtu, .msh, .node or .ele, .mesh, .inp) or a surface (.stl, .ply, .obj,
     /// .vtk)
     input: PathBuf,
-    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces) or surface
-    /// (.ply, .obj, .stl); what its format has no place for is named
+    /// Output mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces) or surface
+    /// (.ply, .obj, .stl); data the format cannot store is listed on standard error
     output: PathBuf,
-    /// Write the mesh as so many pieces, cut along a k-d tree: OUTPUT, a .pvtu, lists them, and each
-    /// is a .vtu beside it that can be drawn by itself (docs/cluster.md)
+    /// Write the mesh in this number of pieces, partitioned by a k-d tree: OUTPUT, a .pvtu, lists
+    /// them, and each is a .vtu beside it that can be rendered separately (docs/cluster.md)
     #[arg(long, value_name = "N", conflicts_with_all = ["format", "text"])]
     pieces: Option<usize>,
-    /// vtu, vtk, gmsh41, gmsh22, medit, tetgen or abaqus; default: by the extension, gmsh41 for
-    /// .msh
+    /// Select the format: vtu, vtk, gmsh41, gmsh22, medit, tetgen or abaqus [default: from the
+    /// extension, gmsh41 for .msh]
     #[arg(long)]
     format: Option<MeshFormat>,
-    /// Write text where the format is usually binary (.vtk, .msh)
+    /// Write text instead of binary (.vtk, .msh)
     #[arg(long)]
     text: bool,
-    /// Print what was written, and what was not, on standard output as JSON
+    /// Print a report of the written and the dropped data on standard output as JSON
     #[arg(long)]
     json: bool,
 }
@@ -77,7 +77,7 @@ pub fn format_of(path: &Path, pieces: Option<usize>) -> Result<Option<MeshFormat
         None => MeshFormat::from_extension(path).map(Some),
         Some(_) if io::is_pieces(path) => Ok(None),
         Some(_) => Err(Error::Input(format!(
-            "{}: --pieces writes files beside an index, which is called .pvtu; name that",
+            "{}: with --pieces the output must have the extension .pvtu (the index of the pieces)",
             path.display()
         ))),
     }
@@ -88,7 +88,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
     let (input, output) = (&arguments.input, &arguments.output);
     if arguments.format.is_some() || arguments.text || arguments.pieces.is_some() {
         return Err(Error::Input(format!(
-            "{}: --format, --text and --pieces are for meshes; a surface's format is its extension",
+            "{}: --format, --text and --pieces require a mesh; the format of a surface is given by its extension",
             output.display()
         )));
     }
@@ -96,7 +96,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
         return Err(Error::format(
             input,
             format!(
-                "this is no surface; `palpate mesh {} --out {}` makes one of a mesh or volume",
+                "not a surface; extract one from a mesh or volume with `palpate mesh {} --out {}`",
                 input.display(),
                 output.display()
             ),
@@ -114,7 +114,7 @@ fn surface(arguments: &ConvertArguments) -> Result<Value> {
         .is_some_and(|e| e.eq_ignore_ascii_case("ply"));
     if !fields.is_empty() && !is_ply {
         notes.push(format!(
-            "only .ply holds scalars of vertices: of {} no more is written than the format has a place for",
+            "only .ply stores vertex scalars; {} may be dropped by this format",
             fields.join(", ")
         ));
     }
@@ -138,7 +138,7 @@ fn refuse_others(input: &Path) -> Result<()> {
     Err(Error::format(
         input,
         format!(
-            "this is {what}; `palpate mesh {} --out MESH` makes a mesh of it",
+            "this is {what}; mesh it with `palpate mesh {} --out MESH`",
             input.display()
         ),
     ))

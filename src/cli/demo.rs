@@ -25,16 +25,16 @@ const LEAST: usize = 2_000;
 /// Arguments of `demo`.
 #[derive(Args)]
 pub struct DemoArguments {
-    /// Folder for what it leaves
+    /// Write the output to this folder
     #[arg(long, short, default_value = "out/demo")]
     out: PathBuf,
-    /// About how many tets the limb has
+    /// Set the approximate number of tets of the limb
     #[arg(long, default_value_t = 100_000)]
     tets: usize,
-    /// Frames of the animation
+    /// Set the number of frames of the animation
     #[arg(long, default_value_t = 24)]
     frames: u32,
-    /// Picture size in pixels, WIDTHxHEIGHT
+    /// Set the picture size in pixels, WIDTHxHEIGHT
     #[arg(long, default_value = "800x600", value_parser = super::flags::size)]
     size: [u32; 2],
     /// Print the report on standard output as JSON
@@ -52,12 +52,12 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     scene.picture.size = Some(arguments.size);
     scene.picture.transfer = Some(TRANSFER.to_owned());
     print_notes(&[
-        format!("drawing on {}", gpu.adapter_name()),
+        format!("rendering on {}", gpu.adapter_name()),
         format!("generating a limb phantom of about {} tets", arguments.tets),
     ]);
     let mut stage = Stage::new(gpu, &scene)?;
     print_notes(&[format!(
-        "{} tets, {} nodes; bending it under a load at the fingertips, {} frames",
+        "{} tets, {} nodes; simulating bending under a load at the fingertips, {} frames",
         stage.mesh().tets.len(),
         stage.mesh().nodes.len(),
         arguments.frames
@@ -79,7 +79,7 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     stage.save(out.join("bent.png"))?;
     save_film(&out.join("bend.gif"), &pictures)?;
     print_notes(&[format!(
-        "{0}/rest.png, {0}/bent.png, {0}/bend.gif, and {0}/bend.pvd for ParaView",
+        "wrote {0}/rest.png, {0}/bent.png, {0}/bend.gif, and {0}/bend.pvd for ParaView",
         out.display()
     )]);
     let pressed = out.join("press");

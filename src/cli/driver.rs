@@ -26,7 +26,7 @@ pub fn with_driver_output_held<T>(
     if done.is_err() && adapter.is_none() {
         let lines = output.lines().filter(|line| !line.trim().is_empty());
         let lines: Vec<String> = lines
-            .map(|line| format!("the graphics driver says: {line}"))
+            .map(|line| format!("graphics driver: {line}"))
             .collect();
         print_notes(&lines);
     }

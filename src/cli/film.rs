@@ -8,11 +8,11 @@ use std::path::PathBuf;
 /// Flags of a film.
 #[derive(Args, Clone, Debug, Default)]
 pub struct AnimationFlags {
-    /// Makes a film of all frames: .gif, or .mp4 by the installed program ffmpeg. Of `render`, of
-    /// what it draws, the camera going round it
+    /// Write an animation of all frames: .gif, or .mp4 with the installed program ffmpeg. For
+    /// `render`, the camera orbits the body
     #[arg(long, value_name = "FILE", help_heading = "Film")]
     film: Option<PathBuf>,
-    /// Frames of the film a second
+    /// Set the frame rate of the film, 1/s
     #[arg(
         long,
         value_name = "N",
@@ -21,8 +21,8 @@ pub struct AnimationFlags {
         requires = "film"
     )]
     fps: f64,
-    /// The camera goes round what it looks at, about its up axis, by so many degrees from the first
-    /// frame to the last [default of a film by `render`: 360]
+    /// Orbit the camera around the point it looks at, about its up axis, by this angle in degrees from
+    /// the first frame to the last [default for a film of `render`: 360]
     #[arg(
         long,
         value_name = "DEGREES",
@@ -36,7 +36,7 @@ pub struct AnimationFlags {
 fn angle(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(degrees) if degrees.is_finite() => Ok(degrees),
-        _ => Err("degrees are expected, 360 for example".into()),
+        _ => Err("expected an angle in degrees, such as 360".into()),
     }
 }
 
@@ -49,9 +49,7 @@ impl AnimationFlags {
     /// Returns the flags for a static body: by default the camera makes a full orbit.
     pub fn with_full_orbit(&self) -> anyhow::Result<AnimationFlags> {
         if self.orbit.is_some() && !self.is_requested() {
-            anyhow::bail!(
-                "--orbit is the way of the camera in a film, and this is one picture: give --film FILE.gif too"
-            );
+            anyhow::bail!("--orbit requires a film; add --film FILE.gif");
         }
         Ok(AnimationFlags {
             orbit: self.orbit.or(Some(360.0)),

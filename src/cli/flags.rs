@@ -8,47 +8,47 @@ use palpate::scene::{IsosurfaceEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Flags of `render` and `simulate`; each overrides what a scene file says.
+/// Flags of `render` and `simulate`; each overrides a value of the scene file.
 #[derive(Args, Clone, Debug, Default)]
 pub struct SceneFlags {
-    /// Field to see; default: the regions, the first scalar, or the depth below the surface. Of a
-    /// body that moves also displacement, von_mises, stress_1, stress_2, stress_3, strain, J,
-    /// energy_density
+    /// Select the rendered field [default: the regions, the first scalar, or the depth below the
+    /// surface]. For a simulated body also displacement, von_mises, stress_1, stress_2, stress_3,
+    /// strain, J, energy_density
     #[arg(long, help_heading = "Picture")]
     pub field: Option<String>,
-    /// Volume that the body carries, shown in place of its fields at its own resolution (.nrrd,
-    /// .nii.gz, .mha, a folder of DICOM slices …): it lies where its header says, in RAS mm, and the
-    /// body at rest in it; may be given more than once, and --transfer and --range are the first's
+    /// Render a volume embedded in the body instead of its fields, at the volume's own resolution
+    /// (.nrrd, .nii.gz, .mha, a folder of DICOM slices …). Its header gives its position in RAS mm,
+    /// in which the body is at rest. Repeatable; --transfer and --range apply to the first
     #[arg(long, value_name = "VOLUME", help_heading = "Picture")]
     pub scan: Vec<PathBuf>,
-    /// The same mesh at rest, where the one that is drawn is deformed: --scan and planes given at rest
-    /// go by it [default: the mesh's field displacement, if it has one]
+    /// Set the rest state of a deformed mesh, for --scan and planes given at rest: a mesh file of the
+    /// same connectivity [default: computed from the mesh's field displacement, if it has one]
     #[arg(long, value_name = "MESH", help_heading = "Picture")]
     pub rest: Option<PathBuf>,
-    /// Smallest and largest value of the field, LOW,HIGH, which stand for what is beyond them
+    /// Set the range of the field, LOW,HIGH; values outside are clamped
     #[arg(long, help_heading = "Picture", value_parser = pair, allow_hyphen_values = true)]
     pub range: Option<Pair>,
-    /// Transfer function: a JSON file or a preset (`palpate presets` lists them)
+    /// Set the transfer function: a JSON file or a preset (`palpate presets` lists them)
     #[arg(long, help_heading = "Picture")]
     pub transfer: Option<String>,
-    /// Picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
+    /// Set the picture size in pixels, WIDTHxHEIGHT [default: 1024x768]
     #[arg(long, help_heading = "Picture", value_parser = size)]
     pub size: Option<[u32; 2]>,
-    /// composite, thickness (length inside the mesh; EXR), mip, minip or mean (the largest, least or
-    /// mean scalar on each ray, grey), xray (what attenuates X-rays, of CT numbers: ∫ μ dl in an EXR,
-    /// the film in a PNG), or surface
+    /// Select the rendering mode: composite, thickness (length inside the mesh; EXR), mip, minip or
+    /// mean (maximum, minimum or mean scalar along each ray, in grey), xray (attenuation computed
+    /// from CT numbers: ∫ μ dl in an EXR, the film in a PNG), or surface
     #[arg(long, help_heading = "Picture")]
     pub mode: Option<String>,
-    /// Energy of the X-rays of mode xray, 20 to 150 keV [default: 60]
+    /// Set the photon energy of mode xray, 20 to 150 keV [default: 60]
     #[arg(long, value_name = "KEV", help_heading = "Picture")]
     pub energy: Option<f64>,
-    /// How rays go from tet to tet: vertices or planes
+    /// Select the ray traversal of tets: vertices or planes
     #[arg(long, help_heading = "Picture")]
     pub walk: Option<String>,
-    /// What is behind the volume in a PNG: black, white or transparent [default: black]
+    /// Set the background of a PNG: black, white or transparent [default: black]
     #[arg(long, help_heading = "Picture")]
     pub background: Option<String>,
-    /// Light on the inside: head, none, or a direction x,y,z towards it [default: head]
+    /// Set the light of the volume: head, none, or a direction x,y,z towards it [default: head]
     #[arg(
         long,
         value_name = "LIGHT",
@@ -56,8 +56,8 @@ pub struct SceneFlags {
         allow_hyphen_values = true
     )]
     pub light: Option<Light>,
-    /// Shadows that the body throws into itself, so dark (0 to 1): of the head light, how little of
-    /// the sky a place sees [default: none; 0.7 without a number]
+    /// Set the strength of shadows within the body, 0 to 1; with the head light, of ambient occlusion
+    /// [default: none; 0.7 without a number]
     #[arg(
         long,
         value_name = "DARK",
@@ -67,27 +67,26 @@ pub struct SceneFlags {
         default_missing_value = "0.7"
     )]
     pub shadows: Option<f64>,
-    /// Cuts off what lies beyond a plane: a point and the normal, x,y,z,nx,ny,nz, in the mesh's
-    /// units; may be given more than once
+    /// Clip the side of a plane to which its normal points: a point and the normal,
+    /// x,y,z,nx,ny,nz, in the mesh's unit; repeatable
     #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
     pub clip: Vec<Six>,
-    /// The same, of a plane given in the body at rest: the cut bends with it
+    /// Clip as --clip, with a plane in the rest configuration, which deforms with the body
     #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
     pub clip_rest: Vec<Six>,
-    /// Cuts off what lies outside of a box: two corners, x,y,z,x,y,z
+    /// Clip everything outside a box: two corners, x,y,z,x,y,z
     #[arg(long, value_name = "BOX", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
     pub clip_box: Vec<Six>,
-    /// The same, of a box given in the body at rest
+    /// Clip as --clip-box, with a box in the rest configuration
     #[arg(long, value_name = "BOX", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
     pub clip_box_rest: Vec<Six>,
-    /// Shows the field where a plane x,y,z,nx,ny,nz meets the body
+    /// Render the field on a plane x,y,z,nx,ny,nz
     #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
     pub slice: Vec<Six>,
-    /// The same, of a plane given in the body at rest
+    /// Render as --slice, with a plane in the rest configuration
     #[arg(long, value_name = "PLANE", help_heading = "Inside", value_parser = six, allow_hyphen_values = true)]
     pub slice_rest: Vec<Six>,
-    /// Surface on which the field has a value: VALUE[,COLOUR[,OPACITY]], such as 0.5,tomato,0.6;
-    /// may be given more than once
+    /// Render an isosurface: VALUE[,COLOUR[,OPACITY]], such as 0.5,tomato,0.6; repeatable
     #[arg(
         long,
         value_name = "ISO",
@@ -95,10 +94,10 @@ pub struct SceneFlags {
         allow_hyphen_values = true
     )]
     pub iso: Vec<Isosurface>,
-    /// Draws slices and isosurfaces alone, without the volume
+    /// Render slices and isosurfaces only, without the volume
     #[arg(long, help_heading = "Inside")]
     pub no_volume: bool,
-    /// Regions that are not drawn, by name or label, with commas between
+    /// Hide regions, by name or label, separated by commas
     #[arg(
         long,
         value_name = "REGIONS",
@@ -106,30 +105,30 @@ pub struct SceneFlags {
         value_delimiter = ','
     )]
     pub hide: Vec<String>,
-    /// Root mean square error the picture may have, in 1/255: the cheapest settings measured to
-    /// keep to it are taken [default: 0.5]
+    /// Set the largest root mean square error of the picture, in 1/255; selects the cheapest settings
+    /// that were measured to satisfy it [default: 0.5]
     #[arg(long, value_name = "TOLERANCE", help_heading = "Picture")]
     pub quality: Option<f64>,
-    /// Most surface layers a ray may enter before that is an error
+    /// Set the largest number of surface layers that a ray may enter; more is an error
     #[arg(long, help_heading = "Picture")]
     pub layers: Option<u32>,
-    /// Bits a channel of a PNG: 8 or 16 [default: 8]
+    /// Set the bits per channel of a PNG: 8 or 16 [default: 8]
     #[arg(long, help_heading = "Picture")]
     pub bits: Option<u32>,
-    /// Samples a pixel, 1, 4, 9, 16 and so on: the picture is drawn so many times as large, 4 being
-    /// twice each way, and averaged [default: 4 with skins and of a lit boundary, 1 otherwise]
+    /// Set the samples per pixel (supersampling), a square number from 1 to 64; 4 doubles the
+    /// resolution per axis and averages [default: 4 with skins or a lit boundary, 1 otherwise]
     #[arg(long, value_name = "N", help_heading = "Picture")]
     pub samples: Option<u32>,
-    /// Draws a bar of the field's colours, or the regions by name, at the right; a strip beside it
-    /// is as opaque as a tenth of the mesh's extent. On PNGs and films, as all of these
+    /// Draw a colour bar of the field, or a list of the regions, at the right; a strip beside it has
+    /// the opacity of a tenth of the mesh's extent. In PNGs and films only, like all overlays
     #[arg(long, help_heading = "Around the picture")]
     pub legend: bool,
-    /// Draws a bar of a round length, in the mesh's unit or metres where that is known; exact with
-    /// --orthographic, else the length at the distance of the point looked at
+    /// Draw a scale bar of a round length, in metres if the unit is known, otherwise in the mesh's
+    /// unit; exact with --orthographic, otherwise valid at the distance of the point looked at
     #[arg(long, help_heading = "Around the picture")]
     pub scale_bar: bool,
-    /// Draws the axes x, y and z; or, of a mesh in RAS as those of scans are, the letters R L A P S
-    /// I at the picture's edges
+    /// Draw the axes x, y and z (xyz), or the letters R L A P S I at the picture's edges (anatomical),
+    /// for a mesh in RAS coordinates, such as those made from scans
     #[arg(
         long,
         value_name = "AXES",
@@ -139,31 +138,31 @@ pub struct SceneFlags {
         help_heading = "Around the picture"
     )]
     pub axes: Option<Axes>,
-    /// A line of text above the picture
+    /// Draw a line of text at the top of the picture
     #[arg(long, value_name = "TEXT", help_heading = "Around the picture")]
     pub title: Option<String>,
-    /// Draws the simulated time
+    /// Draw the simulated time
     #[arg(long, help_heading = "Around the picture")]
     pub time: bool,
 
-    /// Camera position x,y,z in the mesh's units; default: all that moves is framed
+    /// Set the camera position x,y,z, in the mesh's unit [default: the whole motion is framed]
     #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
     pub eye: Option<Triple>,
-    /// Point the camera looks at
+    /// Set the point that the camera looks at, x,y,z
     #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
     pub look_at: Option<Triple>,
-    /// Direction that is up in the picture
+    /// Set the up direction of the picture, x,y,z
     #[arg(long, help_heading = "Camera", value_parser = triple, allow_hyphen_values = true)]
     pub up: Option<Triple>,
-    /// Vertical field of view in degrees
+    /// Set the vertical field of view, in degrees
     #[arg(long, help_heading = "Camera", conflicts_with = "orthographic")]
     pub fov: Option<f64>,
-    /// Orthographic view of this height, in the mesh's units
+    /// Use an orthographic camera with a view of this height, in the mesh's unit
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
 
-    /// Fields computed of the body that are written with its meshes, in tets: those of --field, with
-    /// commas between; von_mises@nodes for the means around each node
+    /// Write computed fields with the meshes, per tet: names as for --field, separated by commas;
+    /// von_mises@nodes for nodal averages
     #[arg(
         long,
         value_name = "FIELDS",
@@ -171,46 +170,47 @@ pub struct SceneFlags {
         value_delimiter = ','
     )]
     pub write_fields: Vec<String>,
-    /// explicit, symplectic, verlet, velocity-verlet or implicit; of elements also bdf2 and midpoint,
-    /// of second order at large steps; default: the mesh stays at rest
+    /// Select the time integrator: explicit, symplectic, verlet, velocity-verlet or implicit; for
+    /// finite elements also bdf2 and midpoint, of second order at large steps [default: none, a
+    /// static mesh]
     #[arg(long, help_heading = "Physics")]
     pub solver: Option<String>,
-    /// What computes the steps: gpu, cpu, rapier (in builds that have it), or auto, which takes a
-    /// GPU where there is one
+    /// Select the engine of the time steps: gpu, cpu, rapier (in builds that include it), or auto,
+    /// which uses a GPU if there is one
     #[arg(long, value_name = "ENGINE", help_heading = "Physics")]
     pub engine: Option<EngineChoice>,
-    /// Step size in seconds [default: 0.01 implicit, or longer where nothing pulls the body but the
-    /// load chosen for it; the largest stable step otherwise]
+    /// Set the time step in s [default: 0.01 for implicit solvers, or longer if the load is chosen
+    /// automatically; otherwise a fraction of the largest stable step]
     #[arg(long, help_heading = "Physics")]
     pub dt: Option<f64>,
-    /// Steps before the picture, or between frames [default: 50 for a picture]
+    /// Set the number of steps before the picture, or between frames [default: 50 for a picture]
     #[arg(long, help_heading = "Physics")]
     pub steps: Option<u32>,
-    /// What tets resist with: springs, neo-hookean or corotated [default: neo-hookean;
-    /// springs for grids, and where a stiffness or damping of springs is given]
+    /// Select the material model: springs, neo-hookean or corotated [default: neo-hookean; springs for
+    /// grids, and if a stiffness or damping of springs is set]
     #[arg(long, value_name = "MODEL", help_heading = "Physics")]
     pub material: Option<MaterialModel>,
-    /// One stiffness κ for every spring, in N/m
+    /// Set one stiffness κ for all springs, in N/m
     #[arg(long, help_heading = "Physics", conflicts_with = "young")]
     pub stiffness: Option<f64>,
-    /// Young's modulus in Pa
+    /// Set Young's modulus, in Pa
     #[arg(long, help_heading = "Physics")]
     pub young: Option<f64>,
-    /// Poisson's ratio of neo-hookean and corotated [default: 0.4]; springs have 1/4
+    /// Set Poisson's ratio of neo-hookean and corotated [default: 0.4]; springs have 1/4
     #[arg(long, help_heading = "Physics")]
     pub poisson: Option<f64>,
-    /// What neo-hookean and corotated measure changes of volume on: per-tet, or averaged, which
-    /// does not lock where Poisson's ratio nears 1/2 [default: per-tet]
+    /// Select the volumetric formulation of neo-hookean and corotated: per-tet, or averaged, which
+    /// avoids volumetric locking as Poisson's ratio approaches 1/2 [default: per-tet]
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Option<VolumetricFormulation>,
-    /// Density in kg/m³
+    /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
-    /// Damping κ_d of every spring, in N·s/m
+    /// Set the damping κ_d of each spring, in N·s/m
     #[arg(long, help_heading = "Physics")]
     pub damping: Option<f64>,
-    /// Damping ratio of neo-hookean and corotated at the frequency of --damping-hz; 1 just does not
-    /// swing
+    /// Set the damping ratio of neo-hookean and corotated at the frequency --damping-hz; 1 is critical
+    /// damping
     #[arg(
         long,
         value_name = "ZETA",
@@ -219,7 +219,7 @@ pub struct SceneFlags {
         conflicts_with = "damping"
     )]
     pub damping_ratio: Option<f64>,
-    /// Frequency in Hz at which the body has its --damping-ratio
+    /// Set the reference frequency of --damping-ratio, in Hz
     #[arg(
         long,
         value_name = "HZ",
@@ -227,14 +227,14 @@ pub struct SceneFlags {
         requires = "damping_ratio"
     )]
     pub damping_hz: Option<f64>,
-    /// What one unit of the mesh file is: m, cm, mm, um, in, or metres as a number
+    /// Set the length unit of the mesh file: m, cm, mm, um, in, or metres as a number
     #[arg(long, help_heading = "Physics", value_parser = unit)]
     pub unit: Option<Unit>,
-    /// About how many tets the scene's generator makes
+    /// Set the approximate number of tets of the scene's generator
     #[arg(long, help_heading = "Mesh")]
     pub tets: Option<usize>,
-    /// Gravity x,y,z in m/s² [default: with nothing else that holds or pulls, a load that suits
-    /// the body's stiffness; 9.81 down otherwise]
+    /// Set gravity x,y,z, in m/s² [default: without supports and loads, chosen from the body's
+    /// stiffness; otherwise 9.81 downwards]
     #[arg(long, help_heading = "Physics", value_parser = triple, allow_hyphen_values = true)]
     pub gravity: Option<Triple>,
 }
@@ -282,7 +282,7 @@ impl SceneFlags {
         override_with(given.transfer, &mut scene.picture.transfer);
         override_with(given.size, &mut scene.picture.size);
         override_with(given.mode, &mut scene.picture.mode);
-        override_with(given.walk, &mut scene.picture.walk);
+        override_with(given.walk, &mut scene.picture.traversal);
         override_with(given.energy, &mut scene.xray.energy);
         override_with(given.background, &mut scene.picture.background);
         override_with(given.light, &mut scene.light.from);
@@ -404,7 +404,7 @@ fn pair(text: &str) -> Result<Pair, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
     match numbers.ok().map(<[f64; 2]>::try_from) {
         Some(Ok([low, high])) if low < high && (high - low).is_finite() => Ok(Pair([low, high])),
-        _ => Err("two numbers LOW,HIGH are expected, the smaller first".into()),
+        _ => Err("expected two numbers LOW,HIGH, the smaller first".into()),
     }
 }
 
@@ -419,7 +419,7 @@ pub(super) fn triple(text: &str) -> Result<Triple, String> {
         .collect::<Result<_, _>>()?;
     match <[f64; 3]>::try_from(numbers) {
         Ok(three) if three.iter().all(|x| x.is_finite()) => Ok(Triple(three)),
-        _ => Err("three finite numbers x,y,z are expected".into()),
+        _ => Err("expected three finite numbers x,y,z".into()),
     }
 }
 
@@ -432,8 +432,7 @@ fn six(text: &str) -> Result<Six, String> {
     match numbers.ok().map(<[f64; 6]>::try_from) {
         Some(Ok(six)) if six.iter().all(|x| x.is_finite()) => Ok(Six(six)),
         _ => Err(
-            "six finite numbers are expected: x,y,z,nx,ny,nz of a plane, x,y,z,x,y,z of a box"
-                .into(),
+            "expected six finite numbers: x,y,z,nx,ny,nz of a plane, x,y,z,x,y,z of a box".into(),
         ),
     }
 }
@@ -442,12 +441,12 @@ fn axes(text: &str) -> Result<Axes, String> {
     match text {
         "xyz" => Ok(Axes::Xyz),
         "anatomical" => Ok(Axes::Anatomical),
-        _ => Err("axes are xyz (where nothing is said) or anatomical".into()),
+        _ => Err("axes must be xyz (the default) or anatomical".into()),
     }
 }
 
 pub fn size(text: &str) -> Result<[u32; 2], String> {
-    let expected = || "WIDTHxHEIGHT in pixels is expected, 1024x768 for example".to_owned();
+    let expected = || "expected WIDTHxHEIGHT in pixels, such as 1024x768".to_owned();
     let (width, height) = text.split_once(['x', 'X']).ok_or_else(expected)?;
     match (width.trim().parse(), height.trim().parse()) {
         (Ok(w), Ok(h)) if w > 0 && h > 0 => Ok([w, h]),
@@ -463,16 +462,16 @@ fn unit(text: &str) -> Result<Unit, String> {
     unit.metres().map(|_| unit).map_err(|e| e.to_string())
 }
 
-/// Where a picture's report goes, and how often it is drawn.
+/// Flags of the performance report of a picture.
 #[derive(Args, Clone, Debug, Default)]
 pub struct MeasureFlags {
-    /// Draw N frames after a warm-up and report the median time
+    /// Render N frames after a warm-up and report the median time
     #[arg(long, help_heading = "Measuring")]
     pub repeat: Option<u32>,
-    /// Write what was measured as JSON
+    /// Write the measurements as JSON
     #[arg(long, help_heading = "Measuring")]
     pub report: Option<PathBuf>,
-    /// Print what was measured on standard output as JSON
+    /// Print the measurements on standard output as JSON
     #[arg(long, help_heading = "Measuring", conflicts_with = "pick")]
     pub json: bool,
 }

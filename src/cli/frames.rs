@@ -20,7 +20,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
     film.check()?;
     if film.orbit.is_some() {
         anyhow::bail!(
-            "--orbit needs to know how many frames there will be, and a pipe does not print_notes; leave it out"
+            "--orbit requires a known number of frames, which a pipe does not provide; remove it"
         );
     }
     let name = match pipe.as_os_str() == DASH {
@@ -40,19 +40,19 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
         Some(mesh) if own => Stage::with_mesh(gpu, &scene, mesh)?,
         None if !own => Stage::new(gpu, &scene)?,
         Some(_) => anyhow::bail!(
-            "{}: the mesh comes with the frames, and {} is another; give - in its place, or frames without a mesh",
+            "{}: the stream contains a mesh, but {} is given as well; give - instead, or send frames without a mesh",
             name.display(),
             arguments.input().display()
         ),
         None => anyhow::bail!(
-            "{}: these frames come without a mesh; name the mesh or scene in place of -",
+            "{}: the stream contains no mesh; give a mesh or scene instead of -",
             name.display()
         ),
     };
     let nodes = stage.mesh().nodes.len();
     if frames.nodes() != nodes {
         anyhow::bail!(
-            "{}: frames of {} nodes do not fit the mesh of {nodes}",
+            "{}: the frames have {} nodes, but the mesh has {nodes}",
             name.display(),
             frames.nodes()
         );
@@ -85,9 +85,12 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
     super::film::finish(film, count > 0)?;
     drawn?;
     if count == 0 {
-        anyhow::bail!("{}: it ended before the first frame", name.display());
+        anyhow::bail!(
+            "{}: the stream ended before the first frame",
+            name.display()
+        );
     }
-    super::print_notes(&[format!("{count} frames drawn")]);
+    super::print_notes(&[format!("rendered {count} frames")]);
     if arguments.json() {
         super::print_json(&serde_json::json!({ "frames": count }))?;
     }

@@ -12,8 +12,8 @@ use std::path::PathBuf;
 /// Arguments of `info`.
 #[derive(Args)]
 pub struct InfoArguments {
-    /// A mesh (.vtk, .vtu, .msh, .node or .ele, .mesh, .inp), a volume (.nii, .nii.gz, .nrrd, .nhdr,
-    /// .mhd, .mha, a DICOM folder) or a surface (.stl, .ply, .obj, .vtk)
+    /// Mesh (.vtk, .vtu, .msh, .node or .ele, .mesh, .inp), volume (.nii, .nii.gz, .nrrd, .nhdr,
+    /// .mhd, .mha, a DICOM folder) or surface (.stl, .ply, .obj, .vtk)
     file: PathBuf,
     /// Print JSON instead of text
     #[arg(long)]

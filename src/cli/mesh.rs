@@ -14,22 +14,22 @@ use std::path::{Path, PathBuf};
 /// Arguments of `mesh`.
 #[derive(Args)]
 pub struct MeshArguments {
-    /// A volume (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder), closed surfaces (.stl,
-    /// .ply, .obj, .vtk; one a region, later ones inside earlier ones), or, for a surface out, a
-    /// tet mesh
+    /// Volume (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder), closed surfaces (.stl, .ply,
+    /// .obj, .vtk; one per region, later ones inside earlier ones), or, to extract a surface, a tet
+    /// mesh
     #[arg(required = true)]
     input: Vec<PathBuf>,
-    /// The mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces), or a surface
-    /// (.ply, .obj, .stl): the isosurface of a volume at its full resolution, or the boundary of the labels of a tet
-    /// mesh
+    /// Write the mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces) or surface
+    /// (.ply, .obj, .stl) to this file; a surface is the isosurface of a volume at its full
+    /// resolution, or the boundary of the labels of a tet mesh
     #[arg(long, short)]
     out: PathBuf,
 
-    /// Regions from labels: all, or a list such as 1,2,5
+    /// Create regions from labels: all, or a list such as 1,2,5
     #[arg(long, help_heading = "Regions", value_parser = labels)]
     labels: Option<Labels>,
-    /// A region of the values from a threshold on: [NAME=]VALUE; repeat it for regions inside
-    /// each other
+    /// Create a region of the values at or above a threshold: [NAME=]VALUE; repeat it for nested
+    /// regions
     #[arg(
         long,
         help_heading = "Regions",
@@ -37,7 +37,7 @@ pub struct MeshArguments {
         value_name = "[NAME=]VALUE"
     )]
     above: Vec<ThresholdRange>,
-    /// A region of the values in a range: [NAME=]LOW..HIGH
+    /// Create a region of the values in a range: [NAME=]LOW..HIGH
     #[arg(
         long,
         help_heading = "Regions",
@@ -45,43 +45,43 @@ pub struct MeshArguments {
         value_name = "[NAME=]LOW..HIGH"
     )]
     between: Vec<ThresholdRange>,
-    /// Smallest volume of a piece of a region that is kept, in cubic units of the input (mm³ for
-    /// volumes)
+    /// Set the smallest volume of a component of a region that is kept, in cubic units of the input
+    /// (mm³ for volumes)
     #[arg(long, help_heading = "Regions")]
     min_island: Option<f64>,
 
-    /// Two regions that are parted where they meet, by name or label: each gets nodes of its own
-    /// there. A seam ends where a third region holds the two together. Repeat it for several pairs
+    /// Split the interface of two regions, by name or label: each side gets its own nodes. A split
+    /// ends where a third region connects the two. Repeat it for several pairs
     #[arg(long, help_heading = "Regions", value_name = "FIRST:SECOND", value_parser = pair)]
     part: Vec<[String; 2]>,
 
-    /// Edge length near boundaries: 2mm, or a number in the unit of the input
+    /// Set the edge length near boundaries: 2mm, or a number in the unit of the input
     #[arg(long, help_heading = "Size", conflicts_with = "tets")]
     edge: Option<Length>,
-    /// About how many tets, within 15 % [default: 50000]
+    /// Set the approximate number of tets, within 15 % [default: 50000]
     #[arg(long, help_heading = "Size")]
     tets: Option<usize>,
-    /// How many times longer edges may grow away from boundaries; 1 for none
+    /// Set the largest ratio of interior to boundary edge length; 1 for uniform edges
     #[arg(long, help_heading = "Size", default_value_t = 8.0)]
     grading: f64,
-    /// The unit of a surface file: m, cm, mm, um, in (volumes are in mm)
+    /// Set the unit of a surface file: m, cm, mm, um, in (volumes are in mm)
     #[arg(long, help_heading = "Size")]
     unit: Option<String>,
-    /// lattice (our own), or tetgen: the installed program of that name, on surfaces
+    /// Select the mesher: lattice (built in), or tetgen (the installed program, for surfaces)
     #[arg(long, help_heading = "Size", default_value = "lattice")]
     with: String,
 
-    /// A volume whose values the nodes take: [NAME=]FILE; repeat it for several
+    /// Sample a volume at the nodes: [NAME=]FILE; repeat it for several
     #[arg(long, help_heading = "Fields", value_name = "[NAME=]FILE")]
     intensity: Vec<String>,
-    /// Rounds of smoothing of a surface out
+    /// Set the number of smoothing iterations of an extracted surface
     #[arg(long, help_heading = "Fields", default_value_t = 0)]
     smooth: u32,
-    /// Write the mesh as so many pieces, cut along a k-d tree: OUT, a .pvtu, lists them, and each is a
-    /// .vtu beside it that can be drawn by itself (docs/cluster.md)
+    /// Write the mesh in this number of pieces, partitioned by a k-d tree: OUT, a .pvtu, lists them,
+    /// and each is a .vtu beside it that can be rendered separately (docs/cluster.md)
     #[arg(long, value_name = "N")]
     pieces: Option<usize>,
-    /// Write what was made, how well and how fast as JSON
+    /// Write a report of the mesh, its quality and the computing time as JSON
     #[arg(long)]
     report: Option<PathBuf>,
     /// Print the report on standard output as JSON
@@ -96,14 +96,14 @@ fn labels(text: &str) -> Result<Labels, String> {
     let numbers: Result<Vec<i64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
     match numbers {
         Ok(numbers) => Ok(Labels::These(numbers)),
-        Err(_) => Err("\"all\" or whole numbers separated by commas are expected".into()),
+        Err(_) => Err("expected \"all\" or integers separated by commas".into()),
     }
 }
 
 fn pair(text: &str) -> Result<[String; 2], String> {
     match text.split_once(':') {
         Some((a, b)) if !a.is_empty() && !b.is_empty() => Ok([a.to_owned(), b.to_owned()]),
-        _ => Err("two regions are expected, FIRST:SECOND".into()),
+        _ => Err("expected two regions, FIRST:SECOND".into()),
     }
 }
 
@@ -118,7 +118,7 @@ impl MeshArguments {
             "tetgen" => true,
             other => {
                 return Err(Error::Input(format!(
-                    "there is no mesher \"{other}\"; use lattice or tetgen"
+                    "unknown mesher \"{other}\"; use lattice or tetgen"
                 )));
             }
         };
@@ -159,14 +159,14 @@ pub fn run(arguments: &MeshArguments) -> anyhow::Result<Outcome> {
     let recipe = arguments.recipe()?;
     if is_surface(&arguments.out) {
         if arguments.pieces.is_some() {
-            let why = "--pieces is for meshes, and a surface is written as one";
+            let why = "--pieces requires a mesh as output, not a surface";
             return Err(Error::Input(why.into()).into());
         }
         return surface(arguments, &recipe);
     }
     if arguments.smooth > 0 {
         return Err(Error::Input(
-            "--smooth is for surfaces out (.ply, .obj, .stl); the mesher follows its input as it is".into(),
+            "--smooth requires a surface as output (.ply, .obj, .stl); remove it".into(),
         )
         .into());
     }
@@ -240,7 +240,7 @@ fn summary(report: &RecipeReport) -> Vec<String> {
             let name = name.map_or(String::new(), |name| format!(" {name}"));
             let off = region.input_volume.map(|input| {
                 format!(
-                    " ({:+.1} % of the input's)",
+                    " ({:+.1} % relative to the input)",
                     100.0 * (region.volume / input - 1.0)
                 )
             });
@@ -265,7 +265,7 @@ fn summary(report: &RecipeReport) -> Vec<String> {
         .collect();
     if !thin.is_empty() {
         lines.push(format!(
-            "regions {} lose more than {:.0} % of their volume: they are thinner than the edges of {:.3} in places; --edge {:.1} keeps them",
+            "regions {} lose more than {:.0} % of their volume: parts are thinner than the edge length {:.3}; preserve them with --edge {:.1}",
             thin.join(", "), 100.0 * LOST, mesher.edge, 0.5 * mesher.edge
         ));
     }
@@ -273,11 +273,11 @@ fn summary(report: &RecipeReport) -> Vec<String> {
     if islands > 0 {
         let volume: f64 = mesher.islands.iter().map(|i| i.volume).sum();
         lines.push(format!(
-            "{islands} islands, {volume:.1} in all, were given to what surrounds them"
+            "{islands} islands (total volume {volume:.1}) were merged into the surrounding regions"
         ));
     }
     lines.push(format!(
-        "{} tets, {} nodes, edges of {:.3} at boundaries; dihedral angles {:.1}° to {:.1}°, 1 in 100 tets below {:.1}°",
+        "{} tets, {} nodes, edge length {:.3} at boundaries; dihedral angles {:.1}° to {:.1}°, 1 in 100 tets below {:.1}°",
         mesher.tets,
         mesher.nodes,
         mesher.edge,
@@ -286,7 +286,7 @@ fn summary(report: &RecipeReport) -> Vec<String> {
         mesher.first_percentile
     ));
     let memory = mesher.peak_memory.map_or(String::new(), |bytes| {
-        format!(", {:.0} MB at most", bytes as f64 / 1e6)
+        format!(", peak memory {:.0} MB", bytes as f64 / 1e6)
     });
     lines.push(format!("{:.2} s{memory}", report.seconds));
     lines

@@ -31,14 +31,14 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Press on a body and see inside it while it gives.
+/// Simulate deformable tetrahedral meshes with contact, and render their interior.
 #[derive(Parser)]
 #[command(version, about, propagate_version = true)]
 struct Arguments {
-    /// The graphics adapter: part of its name, its index in `palpate adapters`, or cpu
+    /// Select the graphics adapter: part of its name, its index in `palpate adapters`, or cpu
     #[arg(long, global = true, env = ADAPTER_VARIABLE)]
     adapter: Option<String>,
-    /// Print no progress and no notes on standard error; errors still come
+    /// Print only errors on standard error: no progress, no notes
     #[arg(long, short, global = true)]
     quiet: bool,
     #[command(subcommand)]
@@ -47,38 +47,38 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Say what is in a mesh, volume or surface file, and what is wrong with it
+    /// Print statistics and problems of a mesh, volume or surface file
     Info(info::InfoArguments),
-    /// Draw a picture of a mesh or scene, deformed if a solver is named
+    /// Render a picture of a mesh or scene, simulated first if a solver is set
     Render(Box<render::RenderArguments>),
-    /// Draw and write every frame of a simulation, or of a series recorded before
+    /// Simulate a scene, or replay a recorded series, and write every frame
     Simulate(Box<simulate::SimulateArguments>),
-    /// Press on a body with a fingertip and let go: pictures, a film, force against depth
+    /// Press on a body with a fingertip and release it: pictures, an animation, force against depth
     Press(Box<press::PressArguments>),
-    /// Make a tetrahedral mesh of a scan, a segmentation or closed surfaces; or a surface of one
+    /// Mesh a scan, a segmentation or closed surfaces with tetrahedra, or extract a surface
     Mesh(Box<mesh::MeshArguments>),
-    /// Write a mesh or a surface in another format
+    /// Convert a mesh or a surface to another format
     Convert(convert::ConvertArguments),
-    /// Make the normal map of a coarse surface, which has texture coordinates, from a fine one
+    /// Bake the normal map of a coarse surface with texture coordinates from a fine surface
     Bake(bake::BakeArguments),
-    /// Hold picture against picture; exit code 1 past the tolerance
+    /// Compare two images; exit with code 1 if they differ by more than the tolerances
     Compare(compare::CompareArguments),
-    /// Bend the limb phantom and leave pictures, an animation and a series
+    /// Bend the limb phantom and write pictures, an animation and a series
     Demo(demo::DemoArguments),
     #[cfg(feature = "study")]
-    /// Measure accuracy against speed, stability, cost against size; with charts
+    /// Measure accuracy against speed, stability, and cost against size, with charts
     Study(study::StudyArguments),
-    /// Find the cheapest settings of a scene that are as accurate as asked for, on this machine
+    /// Find the cheapest settings of a scene that meet a target accuracy on this machine
     Tune(tune::TuneArguments),
-    /// Open a body in a window, to press on it and look into it
+    /// Open the interactive viewer
     View(view::ViewArguments),
-    /// Bring a scan to where a body took it; write the motion as a displacement field
+    /// Warp a scan by the deformation of a body; write the motion as a displacement field
     Warp(warp::WarpArguments),
-    /// List the presets of transfer functions by name, or draw them all on one sheet
+    /// List the presets of transfer functions, or render them all on one sheet
     Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
     Adapters(adapters::AdaptersArguments),
-    /// Print the completions of a shell
+    /// Print the completion script of a shell
     Completions(shell::CompletionsArguments),
     /// Write a manual page for each command
     Man(shell::ManArguments),

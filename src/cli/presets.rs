@@ -11,7 +11,7 @@ use std::path::PathBuf;
 /// Arguments of `presets`.
 #[derive(Args)]
 pub struct PresetsArguments {
-    /// Draws a sheet of all of them: a picture, .png
+    /// Render a sheet of all presets to this file (.png)
     #[arg(long, short)]
     out: Option<PathBuf>,
     /// Print the list on standard output as JSON

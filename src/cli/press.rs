@@ -20,35 +20,34 @@ const FPS: f64 = 12.0;
 /// Arguments of `press`.
 #[derive(Args)]
 pub struct PressArguments {
-    /// A mesh file or a scene (.toml) of one body
+    /// Mesh file, or scene (.toml) of one body
     input: PathBuf,
-    /// Folder for rest.png, pressed.png, press.gif, press.csv, press.json, press.svg and press.pvd; of a
-    /// map for map.csv, map.json and map.png
+    /// Write rest.png, pressed.png, press.gif, press.csv, press.json, press.svg and press.pvd to this
+    /// folder; for a map map.csv, map.json and map.png
     #[arg(long, short)]
     out: PathBuf,
-    /// Press on the boundary nearest to x,y,z, in the mesh's units [default: on what the middle of
-    /// the picture shows]
+    /// Press on the boundary point nearest to x,y,z, in the mesh's unit [default: the point at the
+    /// centre of the picture]
     #[arg(long, value_parser = triple, allow_hyphen_values = true, conflicts_with = "pick")]
     at: Option<Triple>,
-    /// Press on what is seen of the whole boundary at a point X,Y of the picture, in pixels from its
-    /// upper left
+    /// Press on the boundary point visible at X,Y of the picture, in pixels from the upper left
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     pick: Option<Pixel>,
-    /// Radius of the fingertip, in the mesh's units [default: a quarter of the thickness
-    /// there, at most a 20th of the body's diagonal, at least one and a half of the mesh's edges]
+    /// Set the radius of the fingertip, in the mesh's unit [default: a quarter of the local thickness,
+    /// at most a 20th of the body's diagonal, at least 1.5 edge lengths of the mesh]
     #[arg(long)]
     radius: Option<f64>,
-    /// How far it goes in, in the mesh's units [default: a tenth of the thickness there]
+    /// Set the indentation depth, in the mesh's unit [default: a tenth of the local thickness]
     #[arg(long, conflicts_with = "force")]
     depth: Option<f64>,
-    /// Go in until the body resists with so many newtons, at most half of the thickness
+    /// Press until the contact force reaches this value, in N, at most to half of the thickness
     #[arg(long, value_name = "NEWTON")]
     force: Option<f64>,
-    /// Press a grid of points from above instead, and leave map.csv and map.png; goes on where it was
-    /// interrupted
+    /// Press on a grid of points from above instead, and write map.csv and map.png; resumes an
+    /// interrupted map
     #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
-    /// Print what press.json, or map.json, has on standard output too
+    /// Also print the content of press.json or map.json on standard output
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -60,7 +59,7 @@ pub struct PressArguments {
 struct Pixel(DVec2);
 
 fn pixel(text: &str) -> std::result::Result<Pixel, String> {
-    let wrong = || format!("\"{text}\" is no point of a picture; X,Y in pixels is expected");
+    let wrong = || format!("expected a point X,Y in pixels, got \"{text}\"");
     let (x, y) = text.split_once(',').ok_or_else(wrong)?;
     let number = |t: &str| t.trim().parse::<f64>().ok().filter(|n| n.is_finite());
     match (number(x), number(y)) {
@@ -112,7 +111,7 @@ pub fn press(
     super::print_notes(press.notes());
     let spot = *press.site();
     super::print_notes(&[format!(
-        "pressing at {:.4}, {:.4}, {:.4}, where the body is {:.4} thick, with a fingertip of radius {:.4}",
+        "pressing at {:.4}, {:.4}, {:.4} (local thickness {:.4}) with a fingertip of radius {:.4}",
         spot.point.x,
         spot.point.y,
         spot.point.z,
@@ -164,27 +163,27 @@ pub fn press(
     draw_chart(out, press.samples(), &report)?;
     if let Some(why) = ended {
         anyhow::bail!(
-            "the press ended {:.3} mm deep: {why}; what was measured until then is in {}",
+            "the press failed at a depth of {:.3} mm: {why}; the measurements so far are in {}",
             1e3 * report.max_depth_m,
             out.display()
         );
     }
     if press.force_not_reached() {
         super::print_notes(&[
-            "the force was not reached at half of the thickness, where the fingertip turned back"
+            "the force was not reached within half of the thickness; the fingertip was withdrawn there"
                 .into(),
         ]);
     }
     super::print_notes(&[
         format!(
-            "{:.4} N at {:.3} mm; stiffness {:.4} N/m; as a half space of {:.4e} Pa would by Hertz; {seconds:.1} s",
+            "{:.4} N at {:.3} mm; stiffness {:.4} N/m; Hertz half-space Young's modulus {:.4e} Pa; {seconds:.1} s",
             report.max_force_n,
             1e3 * report.max_depth_m,
             report.stiffness_n_per_m,
             report.hertz_young_pa
         ),
         format!(
-            "{0}/rest.png, {0}/pressed.png, {0}/press.gif, {0}/press.csv, {0}/press.svg, {0}/press.json, and {0}/press.pvd for ParaView",
+            "wrote {0}/rest.png, {0}/pressed.png, {0}/press.gif, {0}/press.csv, {0}/press.svg, {0}/press.json, and {0}/press.pvd for ParaView",
             out.display()
         ),
     ]);
@@ -222,8 +221,8 @@ fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Resu
         x: Axis::linear("depth, mm"),
         y: Axis::linear("force, N"),
         series: vec![
-            Series::new("going in", SeriesStyle::LineMarks, of("load")),
-            Series::new("letting go", SeriesStyle::LineMarks, of("unload")),
+            Series::new("loading", SeriesStyle::LineMarks, of("load")),
+            Series::new("unloading", SeriesStyle::LineMarks, of("unload")),
             Series::new(
                 format!("Hertz, {:.3e} Pa", report.hertz_young_pa),
                 SeriesStyle::Dashed,

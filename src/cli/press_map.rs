@@ -44,7 +44,7 @@ pub fn run(
         let done = found.iter().flatten().count();
         map.restore(&found)?;
         print_notes(&[format!(
-            "{done} points were pressed before: {} goes on from there",
+            "resuming {} with {done} completed points",
             rows.display()
         )]);
     }
@@ -64,13 +64,13 @@ pub fn run(
     let failed = failed(&map);
     if failed > 0 {
         print_notes(&[format!(
-            "{failed} points have no stiffness (nan): a step failed there; a smaller --depth or a larger --radius may do"
+            "{failed} points have no stiffness (nan) because a step failed; try a smaller --depth or a larger --radius"
         )]);
     }
     if let (Some(median), Some(top)) = (map.median(), map.stiffest()) {
         let stiffness = top.stiffness().unwrap_or(median);
         print_notes(&[format!(
-            "the stiffest of {} points, {stiffness:.4} N/m, is {:.2} times the median and lies at {:.4}, {:.4}, {:.4}",
+            "stiffest of {} points: {stiffness:.4} N/m, {:.2} times the median, at {:.4}, {:.4}, {:.4}",
             map.points().len(),
             stiffness / median,
             top.point.x,
@@ -79,7 +79,7 @@ pub fn run(
         )]);
     }
     print_notes(&[format!(
-        "{0}/map.csv, {0}/map.png, {0}/map.json",
+        "wrote {0}/map.csv, {0}/map.png, {0}/map.json",
         out.display()
     )]);
     Ok(report)
@@ -99,18 +99,18 @@ fn previous_results(
     if !rows.exists() {
         return Ok(None);
     }
-    let said = std::fs::read_to_string(about).ok();
-    let said = said.and_then(|text| serde_json::from_str::<MapMetadata>(&text).ok());
-    if said.is_none_or(|said| said.mark != fingerprint(map)) {
+    let metadata = std::fs::read_to_string(about).ok();
+    let metadata = metadata.and_then(|text| serde_json::from_str::<MapMetadata>(&text).ok());
+    if metadata.is_none_or(|metadata| metadata.mark != fingerprint(map)) {
         anyhow::bail!(
-            "{} is a map of another body, or made with other settings; name another folder (--out), or remove it",
+            "{} is a map of a different body or of different settings; choose another folder (--out), or remove it",
             rows.display()
         );
     }
     let text = std::fs::read_to_string(rows).map_err(Error::io(rows))?;
     let wrong = |line: usize| {
         anyhow::anyhow!(
-            "{} is damaged in line {}: x,y,z,stiffness is expected; remove it to begin anew",
+            "{}, line {}: expected x,y,z,stiffness; remove the file to start again",
             rows.display(),
             line + 1
         )
@@ -160,7 +160,7 @@ fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
 fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<MapMetadata> {
     let [radius, depth] = map.radius_and_depth();
     let top = map.stiffest();
-    let said = MapMetadata {
+    let metadata = MapMetadata {
         grid: wanted.points,
         radius,
         depth,
@@ -177,9 +177,9 @@ fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<Ma
         mark: fingerprint(map),
     };
     atomic_write(path, |file| {
-        let text = serde_json::to_string_pretty(&said);
+        let text = serde_json::to_string_pretty(&metadata);
         let text = text.map_err(|e| Error::Input(format!("map.json: {e}")))?;
         writeln!(file, "{text}").map_err(Error::io(path))
     })?;
-    Ok(said)
+    Ok(metadata)
 }

@@ -110,7 +110,7 @@ pub fn with_message<T>(what: &str, work: impl FnOnce() -> T) -> T {
 pub fn run(
     stage: &mut Stage,
     steps: u32,
-    told: &mut dyn FnMut(u32, Option<u32>),
+    report: &mut dyn FnMut(u32, Option<u32>),
 ) -> palpate::Result<()> {
     let iterates = |stage: &Stage| {
         let progress = stage.motion().and_then(|m| m.progress());
@@ -118,11 +118,11 @@ pub fn run(
     };
     let implicit = stage.motion().is_some_and(|m| m.kind().is_implicit());
     if !implicit {
-        return stage.run(steps, &mut |done| told(done, None));
+        return stage.run(steps, &mut |done| report(done, None));
     }
     for done in 1..=steps {
         stage.run(1, &mut |_| {})?;
-        told(done, iterates(stage));
+        report(done, iterates(stage));
     }
     Ok(())
 }
@@ -172,10 +172,10 @@ impl State {
         if !self.detail.is_empty() {
             line += &format!(", {}", self.detail);
         }
-        line += &format!(", {} so far", duration(elapsed));
+        line += &format!(", {} elapsed", duration(elapsed));
         if self.total > 0 && self.done > 0 {
             let left = elapsed * self.total.saturating_sub(self.done) as f64 / self.done as f64;
-            line += &format!(", about {} left", duration(left));
+            line += &format!(", about {} remaining", duration(left));
         }
         line
     }
@@ -263,9 +263,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_tell_step_time_left_and_iterations_at_intervals_and_then_end() {
-        let said = Arc::new(Mutex::new(Vec::new()));
-        let ours = Arc::clone(&said);
+    fn progress_lines_report_step_time_and_iterations() {
+        let lines_printed = Arc::new(Mutex::new(Vec::new()));
+        let ours = Arc::clone(&lines_printed);
         let mut state = State::new("steps", 50);
         state.start -= Duration::from_secs(65);
         let lines = Lines::start(state, Duration::from_millis(20), move |line| {
@@ -276,34 +276,37 @@ mod tests {
             state.done = 25;
             state.detail = iterations(Some(311));
         }
-        while said.lock().unwrap().len() < 3 {
+        while lines_printed.lock().unwrap().len() < 3 {
             std::thread::sleep(Duration::from_millis(5));
         }
         drop(lines);
-        let told = said.lock().unwrap().clone();
-        let last = told.last().unwrap();
+        let printed = lines_printed.lock().unwrap().clone();
+        let last = printed.last().unwrap();
         let start = "steps 25 of 50, 311 iterations in the last step, 1 min";
-        assert!(last.starts_with(start) && last.ends_with(" left"), "{last}");
+        assert!(
+            last.starts_with(start) && last.ends_with(" remaining"),
+            "{last}"
+        );
         std::thread::sleep(Duration::from_millis(60));
-        assert_eq!(said.lock().unwrap().len(), told.len());
+        assert_eq!(lines_printed.lock().unwrap().len(), printed.len());
     }
 
     #[test]
-    fn work_that_is_quickly_done_says_nothing() {
-        let said = Arc::new(Mutex::new(0));
-        let ours = Arc::clone(&said);
+    fn short_work_prints_no_progress() {
+        let lines_printed = Arc::new(Mutex::new(0));
+        let ours = Arc::clone(&lines_printed);
         let state = State::new("steps", 5);
         drop(Lines::start(state, Duration::from_secs(60), move |_| {
             *ours.lock().unwrap() += 1;
         }));
-        assert_eq!(*said.lock().unwrap(), 0);
+        assert_eq!(*lines_printed.lock().unwrap(), 0);
     }
 
     #[test]
-    fn parts_of_the_work_are_told_by_name_and_share() {
+    fn progress_lines_report_stage_and_fraction() {
         let mut state = State::new("lattice", 0);
         state.share = Some(0.25);
-        assert_eq!(state.line(), "lattice: 25 %, 0 s so far");
+        assert_eq!(state.line(), "lattice: 25 %, 0 s elapsed");
         assert_eq!(duration(3700.0), "1 h 1 min");
     }
 }

@@ -17,27 +17,27 @@ use std::path::{Path, PathBuf};
 /// Arguments of `render`.
 #[derive(Args)]
 pub struct RenderArguments {
-    /// A mesh, a scene (.toml), or a series of frames (.pvd), of which the last is drawn; - for a
-    /// mesh that comes with --frames-from
+    /// Mesh, scene (.toml), or series of frames (.pvd), of which the last is rendered; - for the mesh
+    /// in the stream of --frames-from
     input: PathBuf,
-    /// The picture: .png, or .exr for the raw values
+    /// Write the picture to this file: .png, or .exr for the raw values
     #[arg(long, short, required_unless_present_any = ["pick", "film"])]
     out: Option<PathBuf>,
-    /// Say as JSON what of the body is seen at the middle of pixel X,Y, counted from 0 at the
-    /// upper left: node, tet, point, region; null where there is nothing
+    /// Print the node, tet, point and region visible at the centre of pixel X,Y as JSON, or null;
+    /// pixels are counted from 0 at the upper left
     #[arg(long, value_parser = pixel)]
     pick: Option<DVec2>,
-    /// Also write the deformed mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp)
+    /// Write the deformed mesh, too (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp)
     #[arg(long)]
     mesh_out: Option<PathBuf>,
-    /// Draw the frames that another program writes into this file or named pipe (- for standard
-    /// input), each as soon as it came, as numbered pictures OUT_0000.png and so on, or as a film;
-    /// docs/frames.md has the layout
+    /// Render the frames that another program writes to this file or named pipe (- for standard
+    /// input), each as soon as it arrives, as numbered pictures OUT_0000.png and so on, or as a film;
+    /// docs/frames.md describes the format
     #[arg(long, value_name = "PIPE", conflicts_with_all = ["pick", "mesh_out", "repeat", "report"])]
     frames_from: Option<PathBuf>,
     #[command(flatten)]
     film: AnimationFlags,
-    /// Frames of the film
+    /// Set the number of frames of the film
     #[arg(
         long,
         value_name = "N",
@@ -129,7 +129,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         super::print_notes(&io::write(path, &stage.deformed_mesh()?)?);
     }
     if let (Err(_), Some(out)) = (&outcome, &arguments.out) {
-        super::print_notes(&[format!("{} shows the last good state", out.display())]);
+        super::print_notes(&[format!("{} shows the last valid state", out.display())]);
     }
     outcome?;
     if let Some(pixel) = arguments.pick {
@@ -146,7 +146,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
             Some(path) => write_report(path, &report)?,
             None if measure.json => {}
             None => super::print_notes(&[format!(
-                "{:.2} ms a frame, {:.2} ms a step on {}",
+                "{:.2} ms per frame, {:.2} ms per step on {}",
                 report.frame_ms,
                 report.step_ms.unwrap_or(0.0),
                 report.adapter
@@ -203,7 +203,7 @@ fn pick_json(stage: &mut Stage, pixel: DVec2) -> palpate::Result<Value> {
 
 /// Parses a pixel and returns its centre.
 fn pixel(text: &str) -> Result<DVec2, String> {
-    let expected = || "X,Y in pixels is expected, 512,384 for example".to_owned();
+    let expected = || "expected X,Y in pixels, such as 512,384".to_owned();
     let (x, y) = text.split_once(',').ok_or_else(expected)?;
     let (x, y): (u32, u32) = match (x.trim().parse(), y.trim().parse()) {
         (Ok(x), Ok(y)) => (x, y),

@@ -14,7 +14,7 @@ const SOURCE: &str = concat!("palpate ", env!("CARGO_PKG_VERSION"));
 /// Arguments of `completions`.
 #[derive(Args)]
 pub struct CompletionsArguments {
-    /// The shell that completes
+    /// Shell of the completion script
     shell: Shell,
 }
 
@@ -30,7 +30,7 @@ pub fn completions(arguments: &CompletionsArguments) -> anyhow::Result<Outcome> 
 /// Arguments of `man`.
 #[derive(Args)]
 pub struct ManArguments {
-    /// The folder for the pages: palpate.1, and one a subcommand
+    /// Folder of the pages: palpate.1, and one per subcommand
     folder: PathBuf,
 }
 
@@ -39,13 +39,13 @@ pub fn man(arguments: &ManArguments) -> anyhow::Result<Outcome> {
     let folder = &arguments.folder;
     if folder.exists() && !folder.is_dir() {
         anyhow::bail!(
-            "{}: this is no folder; name the folder for the pages, such as man1",
+            "{}: not a folder; give a folder for the pages, such as man1",
             folder.display()
         );
     }
     std::fs::create_dir_all(folder).map_err(|e| {
         anyhow::anyhow!(
-            "{}: the folder for the pages cannot be made ({e}); name one where you may write",
+            "{}: cannot create the folder for the pages ({e}); give a writable location",
             folder.display()
         )
     })?;
@@ -59,6 +59,10 @@ pub fn man(arguments: &ManArguments) -> anyhow::Result<Outcome> {
         let path = folder.join(page.get_filename());
         io::atomic_write(&path, |file| page.render(file).map_err(Error::io(&path)))?;
     }
-    print_notes(&[format!("{} pages in {}", pages.len(), folder.display())]);
+    print_notes(&[format!(
+        "wrote {} pages to {}",
+        pages.len(),
+        folder.display()
+    )]);
     Ok(Outcome::Done)
 }

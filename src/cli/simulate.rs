@@ -16,25 +16,25 @@ use std::path::{Path, PathBuf};
 /// Arguments of `simulate`.
 #[derive(Args)]
 pub struct SimulateArguments {
-    /// A scene (.toml), a mesh with --solver, or a series of frames (.pvd) to draw again
+    /// Scene (.toml), mesh with --solver, or series of frames (.pvd) to replay
     input: PathBuf,
-    /// Frames after the first, which shows the body as it starts
+    /// Set the number of frames after the first, which shows the initial state
     #[arg(long, default_value_t = 50)]
     frames: u32,
-    /// Folder for pictures, meshes and the .pvd that names them
+    /// Write pictures, meshes and the .pvd that lists them to this folder
     #[arg(long, short)]
     out: PathBuf,
-    /// Draw no pictures
+    /// Render no pictures
     #[arg(long)]
     no_pictures: bool,
     /// Write no meshes
     #[arg(long)]
     no_meshes: bool,
-    /// Write what the body exerts on its pins and grabs, a line each for every frame, as CSV: force
-    /// in N, moment about the origin in N·m
+    /// Write the forces (N) and moments about the origin (N·m) of the body on its pins, grabs and
+    /// tools as CSV, one line each per frame
     #[arg(long, value_name = "FILE.csv")]
     reactions: Option<PathBuf>,
-    /// Go on where a run into the same folder was interrupted, or with more frames
+    /// Resume an interrupted run in the same folder, or extend it by more frames
     #[arg(long, conflicts_with_all = ["film", "orbit"])]
     resume: bool,
     /// Print the report on standard output as JSON
@@ -51,20 +51,20 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     arguments.film.check()?;
     if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_requested() {
         anyhow::bail!(
-            "--no-pictures and --no-meshes leave nothing to write: leave one of them out, or make a film (--film FILE.gif)"
+            "--no-pictures and --no-meshes leave nothing to write; remove one of them, or write a film (--film FILE.gif)"
         );
     }
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
     if super::is_series(&arguments.input) {
         if arguments.resume {
             anyhow::bail!(
-                "{}: a recorded series is not simulated, so there is nothing to resume; leave --resume out",
+                "{}: --resume requires a simulation, not a recorded series; remove it",
                 arguments.input.display()
             );
         }
         if arguments.reactions.is_some() {
             anyhow::bail!(
-                "{}: a recorded series is not simulated, so there are no reactions; leave --reactions out",
+                "{}: --reactions requires a simulation, not a recorded series; remove it",
                 arguments.input.display()
             );
         }
@@ -93,14 +93,14 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     super::print_notes(stage.notes());
     if stage.motion().is_none() {
         anyhow::bail!(
-            "nothing moves: name a solver in the scene or with --solver (implicit, for example); palpate render {0} --film FILE.gif goes round a body at rest",
+            "the body is static: set a solver in the scene or with --solver, such as implicit; film a static body with palpate render {0} --film FILE.gif",
             arguments.input.display()
         );
     }
     let resumable = stage.motion().is_some_and(Motion::has_state);
     if !resumable && arguments.resume {
         anyhow::bail!(
-            "what rapier keeps from step to step cannot be written, so its runs cannot be gone on with; leave --resume out, or take --engine cpu"
+            "the engine rapier cannot save its state, so its runs cannot be resumed; remove --resume, or use --engine cpu"
         );
     }
     arguments.film.frame(&mut stage, &[])?;
@@ -187,7 +187,7 @@ fn read_checkpoint(kept: &Path) -> palpate::Result<Option<Checkpoint>> {
         return Checkpoint::read(kept).map(Some);
     }
     super::print_notes(&[format!(
-        "there is no {}: starting with the first frame",
+        "no checkpoint {}; starting with the first frame",
         kept.display()
     )]);
     Ok(None)
@@ -203,13 +203,13 @@ fn resume_from(
     let named = |e: palpate::Error| palpate::Error::format(kept, e.to_string());
     stage.resume(checkpoint).map_err(named)?;
     let mut notes = vec![format!(
-        "going on after frame {}, at {:.6} s",
+        "resuming after frame {}, at {:.6} s",
         checkpoint.times().len().saturating_sub(1),
         stage.time()
     )];
     if checkpoint.adapter() != gpu.adapter_name() {
         notes.push(format!(
-            "the frames so far were made on {}; those that follow may differ from them in the last digits",
+            "the earlier frames were computed on {}; the following ones may differ in the last digits",
             checkpoint.adapter()
         ));
     }
@@ -260,7 +260,7 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
                 stage.set_positions(&mesh.nodes).map_err(|e| {
                     palpate::Error::format(
                         &frame.file,
-                        format!("is no frame of the same mesh: {e}"),
+                        format!("is not a frame of the same mesh: {e}"),
                     )
                 })?;
                 stage.set_displayed_time(FrameTime {

@@ -13,21 +13,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Arguments of `study`.
 #[derive(Args)]
 pub struct StudyArguments {
-    /// What to study
+    /// Study to run
     #[arg(value_parser = PossibleValuesParser::new(
         STUDIES.iter().map(|(name, help, _)| PossibleValue::new(name).help(help))
     ))]
     what: String,
-    /// A scene of your own to study, where the study takes one; pictures and stability take a mesh
-    /// file as well
+    /// Scene to study, if the study accepts one; pictures and stability also accept a mesh file
     scene: Option<PathBuf>,
-    /// Folder for the CSV, charts and findings; what is measured there already is not measured again
+    /// Write the CSV, charts and findings to this folder; existing measurements are kept
     #[arg(long, short)]
     out: PathBuf,
-    /// Few and small points: seconds in place of minutes
+    /// Measure few and small points: seconds instead of minutes
     #[arg(long)]
     quick: bool,
-    /// Print which files there are then on standard output as JSON
+    /// Print the list of files on standard output as JSON
     #[arg(long)]
     json: bool,
 }
@@ -42,7 +41,7 @@ pub fn run(gpu: &Gpu, arguments: &StudyArguments) -> anyhow::Result<Outcome> {
         if pressed.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
         }
-        super::print_notes(&["ending after this point; what was measured is kept".to_owned()]);
+        super::print_notes(&["stopping after this point; the measurements are kept".to_owned()]);
     })?;
     let studies = STUDIES.iter().filter(|(name, ..)| *name == arguments.what);
     for (_, _, study) in studies {

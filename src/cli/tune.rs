@@ -12,18 +12,18 @@ use std::path::PathBuf;
 /// Arguments of `tune`.
 #[derive(Args)]
 pub struct TuneArguments {
-    /// A scene (.toml) with a body of tets
+    /// Scene (.toml) with a tetrahedral body
     scene: PathBuf,
-    /// The largest error, of motion and of picture: 1%, or 0.01
+    /// Set the largest error of motion and of picture: 1%, or 0.01
     #[arg(long, value_parser = share, default_value = "1%")]
     error: f64,
-    /// Pictures a second of a body that moves as fast as in life
+    /// Set the frame rate at which the simulation runs in real time, 1/s
     #[arg(long)]
     fps: Option<f64>,
-    /// Seconds of motion that are held against truth
+    /// Set the simulated duration compared with the reference solution, s
     #[arg(long, default_value_t = 0.5)]
     seconds: f64,
-    /// The scene with what was chosen
+    /// Write the scene with the chosen settings to this file
     #[arg(long, short)]
     out: PathBuf,
     /// Print the report on standard output as JSON
@@ -34,6 +34,7 @@ pub struct TuneArguments {
 /// Tunes a scene; exit code 1 if no settings meet the target, and the best ones are written.
 pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
     let scene = Scene::read(&arguments.scene)?;
+    super::print_notes(scene.notes());
     let wanted = TuneTarget {
         error: arguments.error,
         fps: arguments.fps,
@@ -74,7 +75,7 @@ fn share(text: &str) -> Result<f64, String> {
         Some(number) => (number.trim_end(), 0.01),
         None => (text.trim(), 1.0),
     };
-    let expected = || format!("\"{text}\" is not an error; 1%, or 0.01, is expected");
+    let expected = || format!("expected an error such as 1% or 0.01, got \"{text}\"");
     let number: f64 = number.parse().map_err(|_| expected())?;
     match number.is_finite() && number > 0.0 {
         true => Ok(unit * number),

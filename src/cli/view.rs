@@ -12,9 +12,9 @@ const NAME: &str = "palpate-view";
 /// Arguments of `view`.
 #[derive(Args)]
 pub struct ViewArguments {
-    /// A mesh, a volume, a closed surface or a scene (.toml) [default: the example limb]
+    /// Mesh, volume, closed surface or scene (.toml) [default: the example limb]
     file: Option<PathBuf>,
-    /// What else the viewer is to be told; `palpate-view --help` lists it
+    /// Additional arguments passed to palpate-view; `palpate-view --help` lists them
     #[arg(last = true, value_name = "ARGUMENTS")]
     others: Vec<String>,
 }
@@ -35,7 +35,7 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Outcome> {
         .status()
         .map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => Error::Input(format!(
-                "the viewer, {NAME}, is neither beside this program nor in PATH; install it with `cargo install --path viewer` in Palpate's sources"
+                "the viewer {NAME} was not found beside this program or in PATH; install it with `cargo install --path viewer` in the source folder of Palpate"
             )),
             _ => Error::io(&program)(e),
         })?;

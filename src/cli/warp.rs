@@ -17,37 +17,37 @@ const MILLIMETRE: f64 = 1e-3;
 /// Arguments of `warp`.
 #[derive(Args)]
 pub struct WarpArguments {
-    /// The scan of the body at rest (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder)
+    /// Scan of the body at rest (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder)
     scan: PathBuf,
-    /// The mesh at rest, in the scan's world (RAS; in mm, or the unit that its file tells), as
-    /// `palpate mesh` makes it of the scan; default: that of the scene
+    /// Set the mesh at rest, in the scan's world coordinates (RAS; in mm, or the unit in its file), as
+    /// made from the scan by `palpate mesh` [default: the mesh of the scene]
     #[arg(long, value_name = "REST")]
     mesh: Option<PathBuf>,
-    /// The bent body: the same mesh with its nodes moved, or a scene (.toml), which is simulated as
-    /// for a picture
+    /// Set the deformed body: the same mesh with displaced nodes, or a scene (.toml), which is
+    /// simulated as for a picture
     #[arg(long, value_name = "BENT")]
     to: PathBuf,
-    /// Steps of the scene [default: the scene's, or 50]
+    /// Set the number of steps of the scene [default: the scene's, or 50]
     #[arg(long)]
     steps: Option<u32>,
 
-    /// The scan in the bent body (.nii.gz, .nrrd, .mha), in the scan's number type
+    /// Write the scan warped to the deformed body (.nii.gz, .nrrd, .mha), in the scan's number type
     #[arg(long, short, required_unless_present_any = ["displacement", "inverse"])]
     out: Option<PathBuf>,
-    /// Write the motion from rest to bent, on the scan's grid: vectors in mm, LPS, as ITK reads them
+    /// Write the displacement from rest to deformed, on the scan's grid: vectors in mm, LPS (ITK)
     #[arg(long, value_name = "FIELD")]
     displacement: Option<PathBuf>,
-    /// Write the motion from bent to rest, on the grid of the output: the displacement field by
-    /// which ITK resamples the scan to the bent body
+    /// Write the displacement from deformed to rest, on the grid of the output: the field with which
+    /// ITK resamples the scan to the deformed body
     #[arg(long, value_name = "FIELD")]
     inverse: Option<PathBuf>,
-    /// The voxels are labels: the nearest is taken and none are mixed
+    /// Treat voxels as labels: sample by nearest neighbour, without interpolation
     #[arg(long)]
     labels: bool,
-    /// A volume whose grid the output has [default: the scan's]
+    /// Use the grid of this volume for the output [default: the scan's]
     #[arg(long, value_name = "VOLUME")]
     like: Option<PathBuf>,
-    /// The value where no tet is, in the scan's units [default: the scan's smallest, 0 of labels]
+    /// Set the value outside the mesh, in the scan's unit [default: the scan's smallest; 0 for labels]
     #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
     background: Option<f64>,
     /// Print the report on standard output as JSON
@@ -65,7 +65,7 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
     files.check()?;
     let is_scene = is_scene(&arguments.to);
     if !is_scene && arguments.steps.is_some() {
-        anyhow::bail!("--steps is for a scene; a mesh is bent already, leave it out");
+        anyhow::bail!("--steps requires a scene; remove it for a deformed mesh");
     }
     let scan = progress::with_message("reading", || io::read_volume(&arguments.scan))?;
     let grid = match &arguments.like {
@@ -78,7 +78,8 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         false => {
             let rest = rest.ok_or_else(|| {
                 Error::Input(
-                    "name the mesh at rest (--mesh REST); only a scene knows its own".into(),
+                    "the mesh at rest is missing; set --mesh REST (only a scene provides its own)"
+                        .into(),
                 )
             })?;
             let mut bent = read(&arguments.to)?;
@@ -103,10 +104,10 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
         labels: arguments.labels,
         background: arguments.background,
     };
-    let report = progress::with_stages(|told| {
+    let report = progress::with_stages(|on_progress| {
         // The command line does not cancel.
         let mut planes = |done: usize, all: usize| {
-            let _ = told("warping", done as f64 / all as f64);
+            let _ = on_progress("warping", done as f64 / all as f64);
         };
         warp.write(&scan, &grid, &options, &files, &mut planes)
     })?;
@@ -151,7 +152,7 @@ fn meshes_from_scene(
     print_notes(stage.notes());
     if stage.motion().is_none() {
         anyhow::bail!(
-            "{}: nothing moves, so there is nothing to follow; name a solver ([solver] name = \"implicit\")",
+            "{}: the scene is static, so it has no deformation; set a solver ([solver] name = \"implicit\")",
             arguments.to.display()
         );
     }
@@ -186,7 +187,7 @@ fn in_mm(mut mesh: TetMesh) -> Result<TetMesh> {
     let factor = mesh.length_unit.map_or(1.0, |unit| unit / MILLIMETRE);
     if !(factor > 0.0 && factor.is_finite()) {
         return Err(Error::Mesh(format!(
-            "a unit of {factor} mm makes no sense; write the mesh in mm"
+            "the length unit of the mesh must be positive and finite, got {factor} mm; write the mesh in mm"
         )));
     }
     if (factor - 1.0).abs() > 1e-9 {
@@ -213,30 +214,30 @@ fn report_notes(report: &WarpReport, tets: usize) -> Vec<String> {
     if let Some(bent) = &report.bent {
         let [uncovered, overlapping] = [bent.uncovered, bent.overlapping];
         lines.push(format!(
-            "{uncovered} voxels ({:.1} %) lie in no tet and are background; {overlapping} voxels lie in more than one tet; {} of {tets} tets are inverted in the bent mesh",
+            "{uncovered} voxels ({:.1} %) are outside all tets and set to background; {overlapping} voxels are inside more than one tet; {} of {tets} tets are inverted in the deformed mesh",
             share(uncovered, bent),
             report.inverted
         ));
         if bent.beyond > 0 {
             lines.push(format!(
-                "{} voxels ({:.1} %) lie in parts of the body that reach beyond the scan, and are background",
+                "{} voxels ({:.1} %) are inside the body but outside the scan, and set to background",
                 bent.beyond,
                 share(bent.beyond, bent)
             ));
         }
         if overlapping > 0 {
-            lines.push("where tets overlap, the first in the file has the voxel: the body goes through itself there".into());
+            lines.push("the deformed body intersects itself; voxels in overlapping tets take the value of the first tet in the file".into());
         }
     }
     if let Some(rest) = &report.rest {
         lines.push(format!(
-            "{} voxels ({:.1} %) of the scan lie in no tet at rest: they do not move",
+            "{} voxels ({:.1} %) of the scan are outside all tets at rest and are not moved",
             rest.uncovered,
             share(rest.uncovered, rest)
         ));
     }
     if report.inverted > 0 {
-        lines.push("what is in an inverted tet is not seen: the body is crushed there; smaller steps or a gentler load may keep it whole".into());
+        lines.push("inverted tets are not sampled, because the body is crushed there; try smaller steps or a smaller load".into());
     }
     lines
 }

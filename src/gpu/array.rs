@@ -194,7 +194,8 @@ impl Gpu {
         let most = self.max_items();
         if len > most {
             return Err(Error::Gpu(format!(
-                "array \"{label}\" of {len} items exceeds the {most} this device can hold in one texture; use a smaller mesh"
+                "array \"{label}\" must have at most {most} items on this device (texture size \
+                limit), got {len}; use a smaller mesh"
             )));
         }
         let [width, rows] = array_size(len.saturating_add(room).min(most) as u32);
@@ -258,7 +259,7 @@ impl Gpu {
         let item = array.texel.bytes();
         if size_of::<T>() != item as usize || data.len() != array.len as usize {
             return Err(Error::Gpu(format!(
-                "{} items of {} bytes given for an array of {} items of {item} bytes",
+                "got {} items of {} bytes for an array of {} items of {item} bytes",
                 data.len(),
                 size_of::<T>(),
                 array.len
@@ -281,7 +282,8 @@ impl Gpu {
         let item = array.texel.bytes();
         if size_of::<T>() != item as usize || first as usize + data.len() > array.len as usize {
             return Err(Error::Gpu(format!(
-                "{} items of {} bytes given for those from {first} on of an array of {} items of {item} bytes",
+                "cannot write {} items of {} bytes from index {first} of an array of {} items of \
+                {item} bytes",
                 data.len(),
                 size_of::<T>(),
                 array.len
@@ -389,14 +391,15 @@ impl Gpu {
             Texel::F32x2 => "gpu/put_f32x2",
             other => {
                 return Err(Error::Gpu(format!(
-                    "single items of {other:?} cannot be put"
+                    "cannot scatter items of {other:?}; supported: U32x4, U32x2, F32x2"
                 )));
             }
         };
         let fits = places.iter().all(|p| *p < array.len);
         if size_of::<T>() != array.texel.bytes() as usize || places.len() != items.len() || !fits {
             return Err(Error::Gpu(format!(
-                "{} items of {} bytes given for {} places in an array of {} items of {} bytes",
+                "cannot scatter {} items of {} bytes to {} indices of an array of {} items of {} \
+                bytes; sizes and counts must match, and indices must be in range",
                 items.len(),
                 size_of::<T>(),
                 places.len(),
@@ -432,7 +435,8 @@ impl Gpu {
         let most = self.device().limits().max_buffer_size;
         if bytes > most {
             return Err(Error::Gpu(format!(
-                "buffer \"{label}\" of {bytes} bytes exceeds the {most} this device can hold in one; use a smaller mesh"
+                "buffer \"{label}\" must have at most {most} bytes on this device, got {bytes}; \
+                use a smaller mesh"
             )));
         }
         let size = bytes.max(4).next_multiple_of(4);

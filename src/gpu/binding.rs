@@ -104,7 +104,7 @@ impl<'a> BindingList<'a> {
             || declared.iter().enumerate().any(|(i, d)| d.0 != i as u32)
         {
             return Err(wrong(format!(
-                "declares bindings {:?}, but {} things are given in order from 0",
+                "declares bindings {:?}, but {} resources are bound in order from 0",
                 declared.iter().map(|d| d.0).collect::<Vec<_>>(),
                 self.words.len()
             )));
@@ -151,7 +151,7 @@ impl<'a> BindingList<'a> {
                 };
                 if clash {
                     return Err(wrong(format!(
-                        "one resource is given twice, and at least once to write: {a:?}",
+                        "resource {a:?} is bound twice, at least once for writing",
                         a = match a {
                             Word::Read(r) | Word::Write(r) => Some(r),
                             Word::Params { .. } => None,
@@ -280,11 +280,11 @@ fn check_binding_type(
             Word::Read(Resource::Texture(view)) | Word::Write(Resource::Texture(view)),
         ) => image_type(gpu, module, *dim, *arrayed, *class, view, word),
         _ => Err(format!(
-            "declared as {:?}, but {} is given",
+            "declared as {:?}, but bound to {}",
             global.space,
             match word {
-                Word::Read(r) => format!("{r:?} to read"),
-                Word::Write(r) => format!("{r:?} to write"),
+                Word::Read(r) => format!("{r:?} for reading"),
+                Word::Write(r) => format!("{r:?} for writing"),
                 Word::Params { .. } => "a parameter struct".into(),
             }
         )),
@@ -357,12 +357,15 @@ fn image_type(
                 ),
             };
             if access != wanted {
-                return Err(format!("given to {given}; declare it `{given}`"));
+                return Err(format!("bound for {given} access; declare it `{given}`"));
             }
             let declared = storage_format(declared)
-                .ok_or_else(|| format!("storage format {declared:?} is not used here"))?;
+                .ok_or_else(|| format!("storage format {declared:?} is not supported"))?;
             if declared != format {
-                return Err(format!("declared {declared:?}, given {format:?}"));
+                return Err(format!(
+                    "declared as {declared:?}, but bound to a texture of format \
+                    {format:?}"
+                ));
             }
             Ok(wgpu::BindingType::StorageTexture {
                 access: word,
@@ -370,7 +373,7 @@ fn image_type(
                 view_dimension,
             })
         }
-        _ => Err("declared to read, given to write".into()),
+        _ => Err("declared for reading, but bound for writing".into()),
     }
 }
 

@@ -91,7 +91,8 @@ impl Gpu {
         };
         let (device, queue) = adapter.request_device(&descriptor).await.map_err(|e| {
             Error::NoAdapter(format!(
-                "{} ({:?}) refuses a device with WebGPU's default limits: {e}; choose another with {ADAPTER_VARIABLE} or --adapter",
+                "{} ({:?}) cannot create a device with WebGPU's default limits: {e}; choose \
+                another adapter with {ADAPTER_VARIABLE} or --adapter",
                 info.name, info.backend
             ))
         })?;
@@ -344,7 +345,10 @@ fn rank(kind: wgpu::DeviceType) -> u8 {
 fn choose<'a>(adapters: &'a [wgpu::Adapter], wanted: Option<&str>) -> Result<&'a wgpu::Adapter> {
     let Some(first) = adapters.first() else {
         return Err(Error::NoAdapter(
-            "none was found. Install your GPU's Vulkan driver, or the software one (Debian, Ubuntu: apt install mesa-vulkan-drivers libvulkan1; Fedora: dnf install mesa-vulkan-drivers vulkan-loader)".into(),
+            "none found; install the Vulkan driver of your GPU, or the software driver (Debian, \
+            Ubuntu: apt install mesa-vulkan-drivers libvulkan1; Fedora: dnf install \
+            mesa-vulkan-drivers vulkan-loader)"
+                .into(),
         ));
     };
     let Some(wanted) = wanted.map(str::trim).filter(|w| !w.is_empty()) else {
@@ -366,7 +370,7 @@ fn choose<'a>(adapters: &'a [wgpu::Adapter], wanted: Option<&str>) -> Result<&'a
             .map(|(i, a)| format!("{i}: {}", a.get_info().name))
             .collect();
         Error::NoAdapter(format!(
-            "\"{wanted}\" is none of those here ({}); name one of these, its index, or cpu",
+            "\"{wanted}\" matches no available adapter ({}); give part of a name, an index, or cpu",
             list.join(", ")
         ))
     })

@@ -100,7 +100,8 @@ impl<'a> PassBuilder<'a> {
             let per_group = size[0];
             if size[1] * size[2] != 1 {
                 return Err(Error::Gpu(format!(
-                    "shaders/{name}.wgsl: workgroups of {size:?} cannot cover a list of items"
+                    "shaders/{name}.wgsl: workgroup size must be (n, 1, 1) to dispatch a list of \
+                    items, got {size:?}"
                 )));
             }
             let groups = items.div_ceil(per_group);
@@ -246,8 +247,12 @@ fn workgroup_size(
         let Some(expression) = expression else {
             continue;
         };
-        size[axis] = override_value(module, *expression, constants)
-            .ok_or_else(|| wrong("its workgroup size is neither a number nor a plain override"))?;
+        size[axis] = override_value(module, *expression, constants).ok_or_else(|| {
+            wrong(
+                "workgroup size must be a number or an override without \
+                expression",
+            )
+        })?;
     }
     Ok(size)
 }

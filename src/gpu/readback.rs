@@ -13,7 +13,7 @@ pub struct PendingReadback<T> {
     /// Staging buffers in order; several if the data exceeds the maximum buffer size.
     parts: Vec<wgpu::Buffer>,
     /// Receives one message per mapped part, in any order.
-    told: Mutex<Receiver<std::result::Result<(), wgpu::BufferAsyncError>>>,
+    mapped: Mutex<Receiver<std::result::Result<(), wgpu::BufferAsyncError>>>,
     /// Number of parts not mapped yet.
     missing: usize,
     /// Bytes of a row without and with padding.
@@ -31,9 +31,12 @@ impl<T: bytemuck::Pod> PendingReadback<T> {
     /// [`Error::DeviceLost`] if it will never arrive; as [`Gpu::poll_errors`].
     pub fn try_take(&mut self) -> Result<Option<Vec<T>>> {
         self.gpu.poll_errors()?;
-        let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let receiver = self
+            .mapped
+            .get_mut()
+            .unwrap_or_else(PoisonError::into_inner);
         while self.missing > 0 {
-            match told.try_recv() {
+            match receiver.try_recv() {
                 Ok(mapped) => mapped.map_err(|e| Error::DeviceLost(e.to_string()))?,
                 Err(TryRecvError::Empty) => return Ok(None),
                 Err(e) => return Err(Error::DeviceLost(e.to_string())),
@@ -49,15 +52,20 @@ impl<T: bytemuck::Pod> PendingReadback<T> {
     /// As [`Gpu::wait`]; [`Error::Gpu`] in a browser, which cannot block.
     pub fn wait(mut self) -> Result<Vec<T>> {
         if cfg!(target_arch = "wasm32") {
-            let why = "a browser cannot wait for what is read back from the device";
+            let why = "a browser cannot block on a read-back; poll with try_take";
             return Err(Error::Gpu(why.into()));
         }
         self.gpu.count_readback();
         self.gpu.wait()?;
-        let told = self.told.get_mut().unwrap_or_else(PoisonError::into_inner);
+        let receiver = self
+            .mapped
+            .get_mut()
+            .unwrap_or_else(PoisonError::into_inner);
         // Another thread may have polled the device and send the message slightly later.
         for _ in 0..self.missing {
-            let mapped = told.recv().map_err(|e| Error::DeviceLost(e.to_string()))?;
+            let mapped = receiver
+                .recv()
+                .map_err(|e| Error::DeviceLost(e.to_string()))?;
             mapped.map_err(|e| Error::DeviceLost(e.to_string()))?;
         }
         self.take()
@@ -65,7 +73,7 @@ impl<T: bytemuck::Pod> PendingReadback<T> {
 
     fn take(&mut self) -> Result<Vec<T>> {
         if self.parts.is_empty() {
-            let why = "what was asked back has been taken already";
+            let why = "the read-back data have already been taken";
             return Err(Error::Gpu(why.into()));
         }
         let mut items = Vec::with_capacity(self.items);
@@ -101,7 +109,7 @@ impl Gpu {
     pub fn read_array_async<T: bytemuck::Pod>(&self, array: &Array) -> Result<PendingReadback<T>> {
         if size_of::<T>() != array.texel().bytes() as usize {
             return Err(Error::Gpu(format!(
-                "items of {} bytes asked of an array of {:?}",
+                "cannot read items of {} bytes from an array of {:?}",
                 size_of::<T>(),
                 array.texel()
             )));
@@ -138,7 +146,7 @@ impl Gpu {
         let texel = texture.format().block_copy_size(None).unwrap_or(0);
         if size_of::<T>() != texel as usize {
             return Err(Error::Gpu(format!(
-                "texels of {} bytes asked of a texture of {:?}",
+                "cannot read texels of {} bytes from a texture of {:?}",
                 size_of::<T>(),
                 texture.format()
             )));
@@ -246,7 +254,7 @@ impl Gpu {
             gpu: self.clone(),
             missing: parts.len(),
             parts,
-            told: receiver.into(),
+            mapped: receiver.into(),
             row,
             padded,
             items,

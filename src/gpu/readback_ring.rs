@@ -109,11 +109,11 @@ impl ReadbackRing {
         self.gpu.poll_errors()?;
         let mut latest = None;
         for (staging, receiver, number) in std::mem::take(&mut self.recorded) {
-            let told = match receiver.lock() {
+            let message = match receiver.lock() {
                 Ok(receiver) => receiver.try_recv(),
                 Err(poisoned) => poisoned.into_inner().try_recv(),
             };
-            match told {
+            match message {
                 Ok(Ok(())) => {
                     latest = Some((number, content(&staging)?));
                     self.free.push(staging);
@@ -149,12 +149,12 @@ impl ReadbackRing {
             match receiver.try_recv() {
                 Ok(mapped) => mapped,
                 Err(TryRecvError::Empty) if wait => {
-                    let why = "a browser cannot wait for the device; look again later";
+                    let why = "a browser cannot block on the device; poll again later";
                     return Err(Error::Gpu(why.into()));
                 }
                 Err(TryRecvError::Empty) => return Ok(None),
                 Err(TryRecvError::Disconnected) => {
-                    return Err(lost("a copy never came back".into()));
+                    return Err(lost("a read-back was dropped by the device".into()));
                 }
             }
         };

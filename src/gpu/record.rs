@@ -134,7 +134,7 @@ impl<'e> Recorder<'e> {
         let bytes = bytemuck::bytes_of(params);
         if uniform.size() != bytes.len() as u64 {
             return Err(Error::Gpu(format!(
-                "{} bytes of {} given for parameters of {} bytes",
+                "got {} bytes of {} for a parameter buffer of {} bytes",
                 bytes.len(),
                 P::NAME,
                 uniform.size()

@@ -67,12 +67,13 @@ pub fn add_shader(name: &str, source: &str) -> Result<()> {
     let part = |p: &str| !p.is_empty() && p.chars().all(|c| c.is_alphanumeric() || c == '_');
     if parts.clone().count() != 2 || !parts.all(part) {
         return Err(Error::Input(format!(
-            "a shader cannot be called {name:?}; give it a room and a name of letters and digits, as in my_app/leapfrog"
+            "invalid shader name {name:?}: expected a folder and a name of letters, digits and \
+            underscores, for example my_app/leapfrog"
         )));
     }
     if SHADERS.iter().any(|(n, _)| *n == name) || added(name).is_some_and(|s| s != source) {
         return Err(Error::Input(format!(
-            "there is a shader {name} already, and another source is given for it; choose another name"
+            "shader {name} already exists with another source; choose another name"
         )));
     }
     if added(name).is_some() {
@@ -176,7 +177,8 @@ pub fn compose(name: &str) -> Result<String> {
         let kind = kind_of(term).filter(|kind| KINDS.contains(kind));
         let Some(kind) = kind else {
             return Err(Error::Gpu(format!(
-                "there is no shaders/terms/{term}.wgsl that says which kind of term it is, which {program} is composed with"
+                "cannot compose {program} with term {term}: shaders/terms/{term}.wgsl does not \
+                exist or has no `#term` line with a known kind"
             )));
         };
         terms.push((kind, term));
@@ -187,7 +189,7 @@ pub fn compose(name: &str) -> Result<String> {
         pasted: Vec::new(),
         out: String::new(),
     };
-    composer.import_source(program, "the program")?;
+    composer.import_source(program, "the composed program")?;
     Ok(assign_bindings(&composer.out))
 }
 
@@ -221,7 +223,7 @@ impl Composer<'_> {
         self.pasted.push(name.to_owned());
         let Some(source) = source(name) else {
             return Err(Error::Gpu(format!(
-                "there is no shaders/{name}.wgsl, which {importer} asks for"
+                "shaders/{name}.wgsl does not exist, but is required by {importer}"
             )));
         };
         let mut here = true;

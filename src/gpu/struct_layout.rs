@@ -56,11 +56,11 @@ pub(super) fn compare<T: GpuStruct>(name: &str, inner: &naga::TypeInner) -> Resu
     let wrong =
         |what: String| Error::Gpu(format!("shaders/{name}.wgsl, struct {}: {what}", T::NAME));
     let naga::TypeInner::Struct { members, span } = inner else {
-        return Err(wrong("is no struct in WGSL".into()));
+        return Err(wrong("must be a struct in WGSL".into()));
     };
     if *span as usize != size_of::<T>() {
         return Err(wrong(format!(
-            "{span} bytes in WGSL, {} in Rust",
+            "size is {span} bytes in WGSL, {} in Rust",
             size_of::<T>()
         )));
     }

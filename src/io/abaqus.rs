@@ -36,12 +36,12 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             continue;
         }
         let words = || String::from_utf8_lossy(text);
-        let goes_on = |whole: &String| {
+        let continues = |whole: &String| {
             let word = text[0].is_ascii_alphabetic() || text[0] == b'"';
             word && whole.ends_with(',') && whole.len() < LONGEST_KEYWORD
         };
         match &mut open {
-            Some((_, whole)) if goes_on(whole) => whole.push_str(&words()),
+            Some((_, whole)) if continues(whole) => whole.push_str(&words()),
             _ => {
                 file.keyword(open.take())?;
                 if text.starts_with(b"*") {
@@ -140,7 +140,8 @@ impl File {
             && let Some(file) = card.get("INPUT")
         {
             return Err(format!(
-                "*{} reads the file {file}; Palpate reads one file: put its content here",
+                "*{} reads the file {file}; included files are not supported: insert its content \
+                here",
                 card.keyword
             ));
         }
@@ -173,13 +174,15 @@ impl File {
             }
             "INCLUDE" => {
                 return Err(format!(
-                    "*INCLUDE names the file {}; Palpate reads one file: put its content here",
+                    "*INCLUDE names the file {}; included files are not supported: insert its \
+                    content here",
                     card.get("INPUT").unwrap_or("?")
                 ));
             }
             "NGEN" | "NFILL" | "NCOPY" | "NMAP" | "ELGEN" | "ELCOPY" | "SYSTEM" => {
                 return Err(format!(
-                    "*{} is not read; write out all nodes and elements, in plain coordinates",
+                    "*{} is not supported; list all nodes and elements explicitly, in rectangular \
+                    coordinates",
                     card.keyword
                 ));
             }
@@ -194,9 +197,9 @@ impl File {
             return Ok(false);
         }
         match self.home.replace(self.scope) {
-            Some(home) if home != self.scope => Err(
-                "there are several parts with nodes of their own; Palpate reads one part".into(),
-            ),
+            Some(home) if home != self.scope => {
+                Err("several parts with nodes; only one part is supported".into())
+            }
             _ => Ok(true),
         }
     }
@@ -204,7 +207,7 @@ impl File {
     fn nodes_card(&mut self, card: &Card) -> ParseResult<Section> {
         if let Some(system) = card.get("SYSTEM").filter(|s| !s.eq_ignore_ascii_case("R")) {
             return Err(format!(
-                "*NODE is in the coordinate system {system}; only rectangular coordinates are read"
+                "*NODE uses coordinate system {system}; only rectangular coordinates are supported"
             ));
         }
         Ok(match self.in_mesh_scope()? {
@@ -217,7 +220,9 @@ impl File {
     }
 
     fn elements_card(&mut self, card: &Card) -> ParseResult<Section> {
-        let name = card.set("TYPE").ok_or("*ELEMENT has no TYPE")?;
+        let name = card
+            .set("TYPE")
+            .ok_or("*ELEMENT has no TYPE; expected TYPE=NAME")?;
         let name = name.to_ascii_uppercase();
         if !self.in_mesh_scope()? {
             return Ok(Section::Other);
@@ -236,7 +241,7 @@ impl File {
         let kind = &card.keyword;
         let name = card.set(kind);
         let name = name
-            .ok_or_else(|| format!("*{kind} has no name; {kind}=NAME is expected"))?
+            .ok_or_else(|| format!("*{kind} has no name; expected {kind}=NAME"))?
             .to_owned();
         // In an assembly, sets without an instance contain its own reference points.
         let in_assembly = self.scope == Scope::Assembly && self.parts + self.instances > 0;
@@ -291,8 +296,9 @@ impl File {
             // Missing coordinates are 0.
             let word = words.next().unwrap_or_default();
             if !word.is_empty() {
-                *value = number(word)
-                    .ok_or_else(|| format!("{axis} of node {tag} is {}, no number", shown(word)))?;
+                *value = number(word).ok_or_else(|| {
+                    format!("{axis} of node {tag} is {}, expected a number", shown(word))
+                })?;
             }
         }
         let position = DVec3::from_array(position);
@@ -300,7 +306,9 @@ impl File {
             self.nodes.push(position);
             self.node_numbers.push(tag);
         } else if self.node_tags.get(tag).map(|i| self.nodes[i]) != Some(position) {
-            return Err(format!("node {tag} comes twice, in different places"));
+            return Err(format!(
+                "node {tag} is defined twice, at different positions"
+            ));
         }
         Ok(())
     }
@@ -313,7 +321,7 @@ impl File {
         for word in words.filter(|word| !word.is_empty()) {
             if self.open.len() > shape.nodes {
                 return Err(format!(
-                    "element {} has more than its {} nodes",
+                    "element {} lists more than {} nodes",
                     self.open[0], shape.nodes
                 ));
             }
@@ -340,7 +348,7 @@ impl File {
             Section::Elements { shape, first, set } => {
                 if let Some(element) = self.open.first() {
                     return Err(format!(
-                        "element {element} before this line lists {} nodes of its {}",
+                        "element {element} before this line lists {} of {} nodes",
                         self.open.len() - 1,
                         shape.nodes
                     ));
@@ -358,12 +366,12 @@ impl File {
 
     fn finish(mut self, bytes: &[u8]) -> ParseResult<RawMesh> {
         self.end_section()
-            .map_err(|e| format!("the file ends early: {e}"))?;
+            .map_err(|e| format!("unexpected end of file: {e}"))?;
         if self.nodes.is_empty() {
-            return Err("there is no *NODE with nodes in the file".into());
+            return Err("file has no *NODE with nodes".into());
         }
         if self.elements.is_empty() && self.unknown.is_empty() {
-            return Err("there is no *ELEMENT with elements in the file".into());
+            return Err("file has no *ELEMENT with elements".into());
         }
         let mut mesh = RawMesh::default();
         let mut tags = Tags::default();
@@ -372,9 +380,10 @@ impl File {
         for (shape, element) in &self.elements {
             let mut cell = [0; super::abaqus_elements::MOST_NODES];
             for (place, node) in cell[..shape.nodes].iter_mut().zip(&mut corners) {
-                *place = self.node_tags.get(*node).ok_or_else(|| {
-                    format!("element {element} refers to node {node}, which is not in the file")
-                })?;
+                *place = self
+                    .node_tags
+                    .get(*node)
+                    .ok_or_else(|| format!("element {element} refers to undefined node {node}"))?;
             }
             if !tags.push(*element) {
                 tags.push_unnamed();
@@ -404,18 +413,19 @@ impl File {
     fn warn(&self, warnings: &mut Vec<String>) {
         for (name, count) in &self.unknown {
             warnings.push(format!(
-                "{count} lines of elements of the type {name}, which is not known, are passed over"
+                "{count} lines of elements of unknown type {name} skipped"
             ));
         }
         if self.instances > 1 {
             warnings.push(format!(
-                "the assembly has {} instances; the part is read once",
+                "assembly has {} instances; part read once",
                 self.instances
             ));
         }
         if self.moved {
             warnings.push(
-                "an instance of the part is moved or turned in the assembly; the part is read where it is by itself"
+                "assembly translates or rotates an instance of the part; part read in its own \
+                coordinates"
                     .into(),
             );
         }

@@ -74,7 +74,7 @@ pub(super) fn members<'a>(
     match numbers[..] {
         [first, last] => Ok(vec![Member::Range(first, last, 1)]),
         [first, last, step] if step > 0 => Ok(vec![Member::Range(first, last, step)]),
-        _ => Err("a range is given as FIRST, LAST, STEP, the step at least 1".into()),
+        _ => Err("expected a range FIRST, LAST, STEP with STEP ≥ 1".into()),
     }
 }
 

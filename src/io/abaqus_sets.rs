@@ -104,7 +104,7 @@ impl Sets {
 }
 
 fn too_many() -> String {
-    "the sets list the same items over and over".into()
+    "sets contain too many repeated items".into()
 }
 
 /// Sets with their items.
@@ -168,7 +168,7 @@ impl Resolved {
         }
         if labels.shared > 0 {
             mesh.warnings.push(format!(
-                "{} elements are in several sets; the first counts as their region",
+                "{} elements are in several sets; the first set is used as their region",
                 labels.shared
             ));
         }
@@ -253,7 +253,7 @@ impl Resolved {
         }
         if left > 0 {
             mesh.warnings.push(format!(
-                "{left} node sets after the first {MOST_NODE_SETS} are left out"
+                "{left} node sets after the first {MOST_NODE_SETS} skipped"
             ));
         }
     }

@@ -30,7 +30,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
         .iter()
         .filter(|f| !groups.is_covered_by_groups(mesh, f))
         .collect();
-    let why = "Abaqus's input files hold no fields";
+    let why = "Abaqus input files cannot store fields";
     Ok(dropped_fields_note(&others, why).into_iter().collect())
 }
 

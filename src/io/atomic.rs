@@ -45,10 +45,7 @@ fn whole_or_not(path: &Path, fill: Fill<'_>) -> Result<()> {
         return file.flush().map_err(Error::io(path));
     }
     if target.is_dir() {
-        return Err(Error::format(
-            path,
-            "this is a folder; name a file to write",
-        ));
+        return Err(Error::format(path, "cannot write to a folder; name a file"));
     }
     replace(path, &target, folder_of(&target), fill)
 }
@@ -101,7 +98,7 @@ impl TempFile {
         if std::fs::metadata(&target).is_ok_and(|about| !about.is_file()) {
             return Err(Error::format(
                 path,
-                "this is there already and no ordinary file; name another to write",
+                "exists and is not a regular file; choose another output file",
             ));
         }
         TempFile::begin(path, &target, folder_of(&target))

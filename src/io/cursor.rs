@@ -127,27 +127,27 @@ impl<'a> Cursor<'a> {
         match self.token() {
             Some(token) => std::str::from_utf8(token).map_err(|_| {
                 self.error(format_args!(
-                    "expected {what}, found bytes that are no text"
+                    "expected {what}, found bytes that are not UTF-8"
                 ))
             }),
-            None => Err(self.error(format_args!("the file ends where {what} should be"))),
+            None => Err(self.error(format_args!("unexpected end of file, expected {what}"))),
         }
     }
 
     pub fn number(&mut self, what: Arguments) -> ParseResult<f64> {
         let token = match self.token() {
             Some(token) => token,
-            None => return Err(self.error(format_args!("the file ends where {what} should be"))),
+            None => return Err(self.error(format_args!("unexpected end of file, expected {what}"))),
         };
-        number(token).ok_or_else(|| self.error(not_a("number", what, token)))
+        number(token).ok_or_else(|| self.error(not_a("a number", what, token)))
     }
 
     pub fn integer(&mut self, what: Arguments) -> ParseResult<i64> {
         let token = match self.token() {
             Some(token) => token,
-            None => return Err(self.error(format_args!("the file ends where {what} should be"))),
+            None => return Err(self.error(format_args!("unexpected end of file, expected {what}"))),
         };
-        integer(token).ok_or_else(|| self.error(not_a("whole number", what, token)))
+        integer(token).ok_or_else(|| self.error(not_a("an integer", what, token)))
     }
 
     /// Reads the next token as a number of items of at least `least_bytes` each; it is checked
@@ -167,10 +167,14 @@ impl<'a> Cursor<'a> {
         let left = self.rest().len();
         usize::try_from(count)
             .ok()
-            .filter(|n| n.checked_mul(least_bytes).is_some_and(|b| b <= left + least_bytes))
+            .filter(|n| {
+                n.checked_mul(least_bytes)
+                    .is_some_and(|b| b <= left + least_bytes)
+            })
             .ok_or_else(|| {
                 self.error(format_args!(
-                    "{what} is given as {count}, but the {left} bytes left in the file cannot hold that (lying count or truncated file)"
+                    "{what} is {count}, but only {left} bytes are left in the file (invalid count \
+                    or truncated file)"
                 ))
             })
     }
@@ -180,7 +184,7 @@ impl<'a> Cursor<'a> {
         let rest = self.rest();
         let Some(block) = rest.get(..length) else {
             return Err(self.error(format_args!(
-                "{what} should be {length} bytes, but the file ends after {}",
+                "{what} must have {length} bytes, but the file ends after {}",
                 rest.len()
             )));
         };
@@ -191,7 +195,7 @@ impl<'a> Cursor<'a> {
 
 fn not_a(kind: &str, what: Arguments, token: &[u8]) -> String {
     let shown = String::from_utf8_lossy(&token[..token.len().min(40)]);
-    format!("expected {what} (a {kind}), found {shown:?}")
+    format!("expected {what} ({kind}), found {shown:?}")
 }
 
 /// Parses a token as a floating-point number; also in Fortran notation, `1.0D+03`.

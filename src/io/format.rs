@@ -48,7 +48,8 @@ impl MeshFormat {
         let extension = super::extension(path);
         if super::is_pieces(path) {
             return Err(Error::Input(format!(
-                "{}: a mesh is written in pieces (.pvtu) where it is said how many: --pieces N of `palpate mesh` and `convert`",
+                "{}: writing a mesh in pieces (.pvtu) requires their number; set --pieces N of \
+                `palpate mesh` or `palpate convert`",
                 path.display()
             )));
         }
@@ -57,7 +58,8 @@ impl MeshFormat {
             .find(|(.., extensions)| extensions.contains(&extension.as_str()));
         found.map(|f| f.0).ok_or_else(|| {
             Error::Input(format!(
-                "{}: meshes are written as .vtu, .vtk, .msh (Gmsh), .mesh (Medit), .node with .ele (TetGen) or .inp (Abaqus), not as \".{extension}\"",
+                "{}: unsupported mesh extension \".{extension}\"; use .vtu, .vtk, .msh (Gmsh), \
+                .mesh (Medit), .node with .ele (TetGen) or .inp (Abaqus)",
                 path.display()
             ))
         })
@@ -88,10 +90,7 @@ impl FromStr for MeshFormat {
             .find(|(_, name, _)| text.eq_ignore_ascii_case(name));
         found.map(|f| f.0).ok_or_else(|| {
             let names: Vec<&str> = FORMATS.iter().map(|(_, name, _)| *name).collect();
-            format!(
-                "there is no format \"{text}\"; {} are known",
-                names.join(", ")
-            )
+            format!("unknown format \"{text}\"; use one of {}", names.join(", "))
         })
     }
 }
@@ -128,7 +127,7 @@ pub fn write_as(
         .contains(&super::extension(path).as_str())
     {
         return Err(Error::Input(format!(
-            "{}: files of the format {format} are called .{}; name it so",
+            "{}: files of format {format} must have the extension .{}",
             path.display(),
             format.extensions().join(" or .")
         )));
@@ -136,7 +135,7 @@ pub fn write_as(
     check(mesh)?;
     match format {
         MeshFormat::Vtu if text => Err(Error::Input(format!(
-            "{}: .vtu is written compressed only; legacy VTK (.vtk) can be text",
+            "{}: .vtu cannot be written as text; use legacy VTK (.vtk)",
             path.display()
         ))),
         MeshFormat::Vtu => vtu_write::write(path, mesh, &mesh.nodes, &[]).map(|()| Vec::new()),
@@ -159,7 +158,7 @@ fn check(mesh: &TetMesh) -> Result<()> {
         if field.components == 0 || items.checked_mul(field.components) != Some(field.values.len())
         {
             return Err(Error::Mesh(format!(
-                "field \"{}\" has {} values, but {items} {} of {} components need another number",
+                "field \"{}\" has {} values, which does not match {items} {} of {} components",
                 field.name,
                 field.values.len(),
                 field.location,
@@ -170,13 +169,13 @@ fn check(mesh: &TetMesh) -> Result<()> {
     let node = mesh.tets.iter().flatten().max().copied().unwrap_or(0);
     if node as usize >= mesh.nodes.len() {
         return Err(Error::Mesh(format!(
-            "a tet refers to node {node}, but there are {} nodes (counted from 0)",
+            "a tet refers to node {node}, but there are only {} nodes (counted from 0)",
             mesh.nodes.len()
         )));
     }
     if i32::try_from(mesh.nodes.len().max(mesh.tets.len())).is_err() {
         return Err(Error::Mesh(
-            "there are more nodes or tets than 32 bits count".into(),
+            "number of nodes and number of tets must be less than 2³¹".into(),
         ));
     }
     Ok(())
@@ -186,9 +185,9 @@ fn check(mesh: &TetMesh) -> Result<()> {
 pub(super) fn dropped_fields_note(fields: &[&Field], why: &str) -> Option<String> {
     let named: Vec<String> = fields
         .iter()
-        .map(|f| format!("\"{}\" of the {}", f.name, f.location))
+        .map(|f| format!("\"{}\" ({})", f.name, f.location))
         .collect();
-    (!named.is_empty()).then(|| format!("left out: {}; {why}", named.join(", ")))
+    (!named.is_empty()).then(|| format!("fields not written: {}; {why}", named.join(", ")))
 }
 
 /// Removes line ends and control characters from `text`, which names in text formats cannot

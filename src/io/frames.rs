@@ -42,18 +42,18 @@ impl<R: Read> FrameStream<R> {
         };
         let head = stream.bytes(16, "its first 16 bytes")?;
         if &head[..8] != MAGIC {
-            return Err(stream.wrong("is no stream of frames, which begins with PALPATE1"));
+            return Err(stream.wrong("is not a frame stream: expected PALPATE1 at the start"));
         }
         let count = |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|b| head[k + b])) as usize;
         let tets = count(12);
         stream.nodes = count(8);
         if stream.nodes == 0 {
-            return Err(stream.wrong("is a stream of frames of 0 nodes; there have to be some"));
+            return Err(stream.wrong("number of nodes must be ≥ 1, got 0"));
         }
         if tets == 0 {
             return Ok((stream, None));
         }
-        let rest = stream.points("the rest places of its nodes")?;
+        let rest = stream.points("its node positions at rest")?;
         let bytes = stream.bytes(16 * tets as u64, "its tets")?;
         let words = bytes.chunks_exact(4);
         let words: Vec<u32> = words
@@ -61,11 +61,12 @@ impl<R: Read> FrameStream<R> {
             .collect();
         let tets = words.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]);
         let mesh = TetMesh::new(rest.clone(), tets.collect(), Vec::new(), Vec::new())
-            .map_err(|e| stream.wrong(&format!("has a mesh that makes no sense: {e}")))?;
+            .map_err(|e| stream.wrong(&format!("has an invalid mesh: {e}")))?;
         // Frames use the node order of the stream.
         if mesh.nodes != rest {
             return Err(stream.wrong(
-                "has a mesh with nodes that no tet uses, or that lie in one place; leave out those nodes, in the frames too",
+                "has a mesh with unused nodes or degenerate tets; remove them from the mesh and \
+                the frames",
             ));
         }
         Ok((stream, Some(mesh)))
@@ -103,12 +104,12 @@ impl<R: Read> FrameStream<R> {
         let bad = places.iter().position(|p| !p.is_finite());
         if let Some(v) = bad {
             return Err(self.wrong(&format!(
-                "{what} has node {v} at {}, which is no place",
+                "{what}: node {v} must have finite coordinates, got {}",
                 places[v]
             )));
         }
         if !time.is_finite() {
-            return Err(self.wrong(&format!("{what} has the time {time} s, which is no number")));
+            return Err(self.wrong(&format!("{what}: time must be finite, got {time} s")));
         }
         self.frames += 1;
         Ok(Some((time, places)))

@@ -63,9 +63,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             }
             other => {
                 if matches!(other, "ElementNodeData" | "PartitionedEntities") {
-                    file.mesh
-                        .warnings
-                        .push(format!("the section ${other} is passed over"));
+                    file.mesh.warnings.push(format!("section ${other} skipped"));
                 }
                 at.skip_section(other)?;
                 continue;
@@ -145,7 +143,9 @@ impl File {
         if self.nodes.push(tag) {
             self.mesh.nodes.push(position);
         } else if self.nodes.get(tag).map(|i| self.mesh.nodes[i]) != Some(position) {
-            return Err(at.error(format_args!("node {tag} comes twice, in different places")));
+            return Err(at.error(format_args!(
+                "node {tag} is defined twice, at different positions"
+            )));
         }
         Ok(())
     }
@@ -232,7 +232,10 @@ impl File {
     /// Returns the VTK type and number of nodes of a Gmsh element type.
     fn element_type(at: &Source, number: i32) -> ParseResult<(u8, usize)> {
         vtk_kind(number).ok_or_else(|| {
-            at.error(format_args!("element type {number} is none of those of gmsh's lines, triangles, quadrangles, tetrahedra, hexahedra, prisms and pyramids that Palpate knows"))
+            at.error(format_args!(
+                "element type {number} is not supported; supported are gmsh's \
+                lines, triangles, quadrangles, tetrahedra, hexahedra, prisms and pyramids"
+            ))
         })
     }
 
@@ -255,7 +258,7 @@ impl File {
             };
             *corner = self.nodes.get(node).ok_or_else(|| {
                 at.error(format_args!(
-                    "element {tag} refers to node {node}, which is not in $Nodes"
+                    "element {tag} refers to node {node}, which is missing in $Nodes"
                 ))
             })?;
         }
@@ -299,7 +302,7 @@ impl File {
             let nodes = at.int(format_args!("the number of nodes of element {tag}"))?;
             if usize::try_from(nodes) != Ok(shape.1) {
                 return Err(at.error(format_args!(
-                    "element {tag} of type {number} should have {} nodes, not {nodes}",
+                    "element {tag} of type {number} must have {} nodes, got {nodes}",
                     shape.1
                 )));
             }
@@ -385,13 +388,13 @@ impl File {
 
     fn finish(mut self) -> ParseResult<RawMesh> {
         if self.version == 0 {
-            return Err("there is no $MeshFormat section in the file".into());
+            return Err("file has no $MeshFormat section".into());
         }
         if self.mesh.nodes.is_empty() {
-            return Err("the file ends, and there are no nodes in it".into());
+            return Err("file has no nodes".into());
         }
         if !self.has_elements {
-            return Err("the file ends, and there is no $Elements section in it".into());
+            return Err("file has no $Elements section".into());
         }
         if self.repeated > 0 {
             self.mesh.warnings.push(repeated_numbers(self.repeated));

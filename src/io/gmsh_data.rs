@@ -64,7 +64,7 @@ impl DataSection {
     ) {
         if !matches!(self.components, 1 | 3 | 9) {
             mesh.warnings.push(format!(
-                "field \"{}\" is left out: it has {} components, and Gmsh's fields have 1, 3 or 9",
+                "field \"{}\" skipped: it has {} components, but Gmsh fields have 1, 3 or 9",
                 self.name, self.components
             ));
             return;
@@ -84,7 +84,7 @@ impl DataSection {
         let gaps = missing.iter().filter(|m| **m).count();
         if gaps > 0 {
             mesh.warnings.push(format!(
-                "field \"{}\" is left out: {gaps} of the {} {location} of the volume have no value",
+                "field \"{}\" skipped: {gaps} of the {} {location} of the volume have no value",
                 self.name,
                 needed.iter().filter(|n| **n).count()
             ));
@@ -95,7 +95,7 @@ impl DataSection {
             .retain(|f| f.name != self.name || f.location != location);
         if mesh.fields.len() < earlier {
             mesh.warnings.push(format!(
-                "field \"{}\" comes more than once (time steps?); the last is kept",
+                "field \"{}\" occurs more than once (possibly time steps); the last one is kept",
                 self.name
             ));
         }

@@ -67,7 +67,7 @@ impl<'a> Source<'a> {
         let found = rest.windows(end.len()).position(|w| w == end.as_bytes());
         let Some(position) = found else {
             return Err(self.error(format_args!(
-                "the file ends within ${name}: there is no {end}"
+                "unexpected end of file in ${name}, expected {end}"
             )));
         };
         self.at.go_to(self.at.position() + position + end.len());
@@ -83,7 +83,8 @@ impl<'a> Source<'a> {
             ("4", minor) if minor.starts_with('1') => gmsh::V4_1,
             _ => {
                 return Err(self.error(format_args!(
-                    "MSH version {version} is not read; versions 1, 2, 4.0 and 4.1 are (gmsh -format msh41 writes it)"
+                    "MSH version {version} is not supported; use version 1, 2, 4.0 or 4.1 (convert \
+                    with gmsh -format msh41)"
                 )));
             }
         };
@@ -92,7 +93,7 @@ impl<'a> Source<'a> {
             1 => false,
             other => {
                 return Err(self.error(format_args!(
-                    "file type {other}, expected 0 (ASCII) or 1 (binary)"
+                    "file type is {other}, expected 0 (ASCII) or 1 (binary)"
                 )));
             }
         };
@@ -100,20 +101,18 @@ impl<'a> Source<'a> {
             4 if !self.ascii => 4,
             8 => 8,
             other if self.ascii => other.clamp(4, 8) as usize,
-            other => return Err(self.error(format_args!("data size {other}, expected 4 or 8"))),
+            other => return Err(self.error(format_args!("data size is {other}, expected 4 or 8"))),
         };
         if !self.ascii {
             self.at.rest_of_line();
             self.at.binary = true;
-            let one = self
-                .at
-                .take(4, format_args!("the number 1 that tells the byte order"))?;
+            let one = self.at.take(4, format_args!("the byte-order marker 1"))?;
             self.big_endian = match one {
                 [1, 0, 0, 0] => false,
                 [0, 0, 0, 1] => true,
                 _ => {
                     return Err(self.error(format_args!(
-                        "expected the number 1 that tells the byte order, found the bytes {one:?}"
+                        "expected the byte-order marker 1, found the bytes {one:?}"
                     )));
                 }
             };
@@ -137,7 +136,7 @@ impl<'a> Source<'a> {
         }
         let value = self.at.integer(what)?;
         i32::try_from(value)
-            .map_err(|_| self.error(format_args!("{what} is {value}, beyond 32 bits")))
+            .map_err(|_| self.error(format_args!("{what} is {value}, expected a 32-bit integer")))
     }
 
     pub fn size(&mut self, what: Arguments) -> ParseResult<u64> {
@@ -148,11 +147,8 @@ impl<'a> Source<'a> {
             });
         }
         let value = self.at.integer(what)?;
-        u64::try_from(value).map_err(|_| {
-            self.error(format_args!(
-                "{what} is {value}, expected no negative number"
-            ))
-        })
+        u64::try_from(value)
+            .map_err(|_| self.error(format_args!("{what} is {value}, expected an integer ≥ 0")))
     }
 
     pub fn double(&mut self, what: Arguments) -> ParseResult<f64> {

@@ -22,14 +22,14 @@ const TET: i32 = 4;
 /// Writes `mesh` as version `version`, 2 (2.2) or 4 (4.1).
 pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Result<Vec<String>> {
     let groups = Groups::from_mesh(mesh, 1);
-    let told = |f: &&Field| {
+    let is_covered = |f: &&Field| {
         groups.is_covered_by_groups(mesh, f)
             || (f.name == GEOMETRICAL && f.location == Location::Cell)
     };
     let (fields, others): (Vec<&Field>, Vec<&Field>) = mesh
         .fields
         .iter()
-        .filter(|f| !told(f))
+        .filter(|f| !is_covered(f))
         .partition(|f| matches!(f.components, 1 | 3 | 9));
     let entities = entities(mesh, &groups);
     atomic_write(path, |file| {
@@ -44,13 +44,13 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Re
     let mut notes = Vec::new();
     if groups.renumbered {
         notes.push(
-            "the regions' labels are no numbers that Gmsh's physical groups can have; the groups are counted from 1"
+            "region labels are not valid numbers of Gmsh physical groups; groups renumbered from 1"
                 .to_owned(),
         );
     }
     notes.extend(dropped_fields_note(
         &others,
-        "Gmsh's fields have 1, 3 or 9 components",
+        "Gmsh fields must have 1, 3 or 9 components",
     ));
     Ok(notes)
 }

@@ -62,6 +62,7 @@ pub(super) fn repeated_numbers(count: usize) -> String {
         _ => ("elements", "have"),
     };
     format!(
-        "{count} {elements} {have} the number of another element; all are kept, and what is told by number is the first one's"
+        "{count} {elements} {have} the number of another element; all are kept, and data by number \
+        apply to the first"
     )
 }

@@ -45,7 +45,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     loop {
         let Some(token) = at.token() else {
             mesh.warnings
-                .push("the file does not end with the keyword End; it may be truncated".into());
+                .push("file does not end with the keyword End (possibly truncated)".into());
             break;
         };
         let keyword = String::from_utf8_lossy(token).to_ascii_lowercase();
@@ -67,7 +67,8 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             .any(|solid| keyword.starts_with(solid))
         {
             return Err(at.error(format_args!(
-                "cells of the section {keyword} are not read; linear ones, TetrahedraP2 and HexahedraQ2 are"
+                "cells of section {keyword} are not supported; use linear cells, TetrahedraP2 or \
+                HexahedraQ2"
             )));
         } else if is_keyword(token) {
             pass_over(&mut at);
@@ -77,7 +78,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
         }
     }
     if mesh.nodes.is_empty() {
-        return Err("the file ends, and there are no Vertices in it".into());
+        return Err("file has no Vertices section".into());
     }
     keep_refs(&mut mesh, Location::Node, node_refs);
     Metadata::read(bytes, "# ").add_to(&mut mesh, &cell_refs);
@@ -87,7 +88,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
 
 fn read_vertices(at: &mut Cursor, mesh: &mut RawMesh, refs: &mut Vec<f64>) -> ParseResult<()> {
     if !mesh.nodes.is_empty() {
-        return Err(at.error("there is a second Vertices section"));
+        return Err(at.error("file has a second Vertices section; expected one"));
     }
     let count = at.count(format_args!("the number of Vertices"), 8)?;
     mesh.nodes.reserve(count);

@@ -29,11 +29,13 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     if groups.renumbered {
         notes.push(
-            "the regions' labels are no numbers that references can have; they are counted from 1"
-                .to_owned(),
+            "region labels are not valid Medit references; regions renumbered from 1".to_owned(),
         );
     }
-    notes.extend(dropped_fields_note(&others, "Medit's files hold no fields"));
+    notes.extend(dropped_fields_note(
+        &others,
+        "Medit files cannot store fields",
+    ));
     Ok(notes)
 }
 

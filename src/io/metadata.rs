@@ -146,7 +146,8 @@ impl Metadata {
     pub fn check_counts(&self, nodes: usize, cells: usize) -> ParseResult<()> {
         match self.counts {
             Some((n, c)) if (n, c) != (nodes, cells) => Err(format!(
-                "the file was written with {n} nodes and {c} elements, but holds {nodes} and {cells}: it is truncated or was changed"
+                "file was written with {n} nodes and {c} elements, but has {nodes} and {cells} \
+                (truncated or modified)"
             )),
             _ => Ok(()),
         }

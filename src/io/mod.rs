@@ -153,13 +153,13 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         .map(str::trim)
         .find(|l| !l.is_empty() && !l.starts_with('#'));
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        Err("the file is compressed by gzip; unpack it first (gunzip)".into())
+        Err("file is compressed with gzip; decompress it first (gunzip)".into())
     } else if begins(vtk_legacy::MAGIC) {
         Ok(vtk_legacy::read)
     } else if begins(b"<") && start.contains("<vtkfile") {
         if start.contains("\"collection\"") {
             return Err(
-                "this is a series of meshes (.pvd), not a mesh; name one of its files".into(),
+                "expected a mesh, found a series of meshes (.pvd); name one of its files".into(),
             );
         }
         match holds_pieces(bytes) {
@@ -181,7 +181,8 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
             "mesh" => Ok(medit::read),
             "inp" => Ok(abaqus::read),
             _ => Err(format!(
-                "neither the content nor the extension is of a known format; Palpate reads {READABLE_FORMATS}"
+                "unknown format: neither the content nor the extension is recognised; supported: \
+                {READABLE_FORMATS}"
             )),
         }
     }
@@ -207,7 +208,7 @@ fn content(path: &Path) -> Result<Vec<u8>> {
 fn content_of<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8]> {
     let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     match bytes.trim_ascii().is_empty() {
-        true => Err(Error::format(path, "the file is empty")),
+        true => Err(Error::format(path, "file is empty")),
         false => Ok(bytes),
     }
 }

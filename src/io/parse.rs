@@ -17,7 +17,8 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
     if extension == "node" || extension == "ele" {
         return Err(Error::format(
             path,
-            "TetGen's meshes are two files, .node and .ele; a single file is needed here, .vtu or .msh for example",
+            "TetGen meshes consist of two files, .node and .ele; give a single file, for example \
+            .vtu or .msh",
         ));
     }
     let bytes = content_of(path, bytes)?;
@@ -48,7 +49,8 @@ pub fn parse_volume(name: &str, bytes: &[u8]) -> Result<Volume> {
     let bytes = content_of(path, bytes)?;
     let fetch = |data: &str| {
         Err(format!(
-            "its voxels are in another file, {}; a single file is needed here (.nrrd, .mha or .nii hold header and voxels)",
+            "voxels are in another file, {}; give a single file with header and voxels (.nrrd, \
+            .mha or .nii)",
             data.trim()
         ))
     };

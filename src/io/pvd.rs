@@ -40,7 +40,7 @@ impl PvdSeries {
         let folder = folder.as_ref().to_path_buf();
         if name.is_empty() || name.contains(['/', '\\']) {
             return Err(Error::Input(format!(
-                "\"{name}\" cannot be the name of a series; give a plain file name without .pvd"
+                "invalid series name \"{name}\"; give a file name without folder and without .pvd"
             )));
         }
         std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
@@ -68,7 +68,7 @@ impl PvdSeries {
             if !path.is_file() {
                 return Err(Error::format(
                     path,
-                    format!("frame {i}, which was finished, is missing; start the series afresh"),
+                    format!("file of finished frame {i} is missing; restart the series"),
                 ));
             }
         }
@@ -108,7 +108,9 @@ impl PvdSeries {
         extra: &[Field],
     ) -> Result<()> {
         if !time.is_finite() {
-            return Err(Error::Input(format!("a frame cannot have the time {time}")));
+            return Err(Error::Input(format!(
+                "time of a frame must be finite, got {time}"
+            )));
         }
         let file = file_of(&self.name, self.frames.len());
         vtu_write::write(&self.folder.join(&file), mesh, nodes, extra)?;
@@ -157,7 +159,7 @@ pub fn read_pvd(path: impl AsRef<Path>) -> Result<Vec<Frame>> {
         return Err(Error::format(
             path,
             format!(
-                "there are several files for the time {}; Palpate plays series of one file a frame",
+                "several files for time {}; a series must have one file per time",
                 pair[0].time
             ),
         ));
@@ -172,7 +174,7 @@ pub(super) fn parse(bytes: &[u8]) -> super::cursor::ParseResult<Vec<Frame>> {
     loop {
         let event = reader
             .read_event()
-            .map_err(|e| format!("byte {}: the XML is damaged: {e}", reader.error_position()))?;
+            .map_err(|e| format!("byte {}: invalid XML: {e}", reader.error_position()))?;
         let tag = match &event {
             Event::Start(tag) => {
                 depth += 1;
@@ -183,9 +185,9 @@ pub(super) fn parse(bytes: &[u8]) -> super::cursor::ParseResult<Vec<Frame>> {
                 depth = depth.saturating_sub(1);
                 continue;
             }
-            Event::Eof if depth > 0 => return Err("the file ends early: it is truncated".into()),
+            Event::Eof if depth > 0 => return Err("unexpected end of file (truncated)".into()),
             Event::Eof if frames.is_empty() => {
-                return Err("there are no frames (<DataSet> tags) in the series".into());
+                return Err("series has no frames (<DataSet> tags)".into());
             }
             Event::Eof => return Ok(frames),
             _ => continue,
@@ -194,7 +196,7 @@ pub(super) fn parse(bytes: &[u8]) -> super::cursor::ParseResult<Vec<Frame>> {
         match tag.name().as_ref() {
             b"VTKFile" if value("type").as_deref() != Some("Collection") => {
                 return Err(format!(
-                    "this VTK file holds {:?}, expected \"Collection\" (a series)",
+                    "VTK file contains {:?}, expected \"Collection\" (a series)",
                     value("type").unwrap_or_default()
                 ));
             }

@@ -52,7 +52,7 @@ pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
     loop {
         let event = reader
             .read_event()
-            .map_err(|e| format!("byte {}: the XML is damaged: {e}", reader.error_position()))?;
+            .map_err(|e| format!("byte {}: invalid XML: {e}", reader.error_position()))?;
         let tag = match &event {
             Event::Start(tag) => {
                 depth += 1;
@@ -63,9 +63,9 @@ pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
                 depth = depth.saturating_sub(1);
                 continue;
             }
-            Event::Eof if depth > 0 => return Err("the file ends early: it is truncated".into()),
+            Event::Eof if depth > 0 => return Err("unexpected end of file (truncated)".into()),
             Event::Eof if files.is_empty() => {
-                return Err("there are no pieces (<Piece> tags) in the file".into());
+                return Err("file has no pieces (<Piece> tags)".into());
             }
             Event::Eof => return Ok(files),
             _ => continue,
@@ -75,7 +75,7 @@ pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
                 let kind = attribute(tag, "type").unwrap_or_default();
                 if kind != KIND {
                     return Err(format!(
-                        "this VTK file holds {kind:?}, expected \"{KIND}\" (a mesh in pieces)"
+                        "VTK file contains {kind:?}, expected \"{KIND}\" (a mesh in pieces)"
                     ));
                 }
             }
@@ -119,7 +119,7 @@ impl PieceData {
         let ids = |field: Field| -> ParseResult<Vec<u64>> {
             let whole = |v: &f64| super::raw_mesh::index(*v).map(|i| i as u64);
             let ids: Option<Vec<u64>> = field.values.iter().map(whole).collect();
-            ids.ok_or_else(|| format!("field \"{}\" should have whole numbers", field.name))
+            ids.ok_or_else(|| format!("field \"{}\" must have integers ≥ 0", field.name))
         };
         let mut take = |name: &str, location, items: usize| {
             let fits = |f: &Field| {
@@ -184,7 +184,8 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
             let (_, piece, node) = nodes[place];
             if numbered && parts[piece].mesh.nodes[node] != *p {
                 return Err(format!(
-                    "node {id} by its {NODE_IDS} is elsewhere in piece {k} than in piece {piece} (counted from 0)"
+                    "node with {NODE_IDS} {id} has different positions in pieces {k} and {piece} \
+                    (counted from 0)"
                 ));
             }
             own.push(place);
@@ -230,7 +231,7 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
             .collect();
         let Some(of_parts) = of_parts else {
             mesh.warnings.push(format!(
-                "field \"{}\" at the {} is left out: not all pieces have it",
+                "field \"{}\" ({}) skipped: missing in some pieces",
                 field.name, field.location
             ));
             continue;
@@ -387,7 +388,7 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
         return Err(Error::format(
             path,
             format!(
-                "there is no piece {number}: there are {}, counted from 0",
+                "piece {number} does not exist; index must be < {} (counted from 0)",
                 files.len()
             ),
         ));
@@ -397,7 +398,8 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
         Error::format(
             file,
             format!(
-                "the piece does not say what it has to of its neighbours and of the whole: `palpate convert {path} OUT.pvtu --pieces {}` writes pieces that do",
+                "piece has no data about its neighbours and the whole mesh; write the pieces with \
+                `palpate convert {path} OUT.pvtu --pieces {}`",
                 files.len()
             ),
         )
@@ -443,5 +445,9 @@ pub fn is_pieces(path: impl AsRef<Path>) -> bool {
 
 /// Rejects an index where a mesh in one file is needed.
 pub(super) fn reject_index(_: &[u8]) -> ParseResult<RawMesh> {
-    Err("this lists the pieces of a mesh (.pvtu), which are files of their own; a single file is needed here, .vtu for example".into())
+    Err(
+        "expected a single file, found an index of mesh pieces (.pvtu); give for example a .vtu \
+        file"
+            .into(),
+    )
 }

@@ -86,14 +86,14 @@ impl RawMesh {
             let number = *kind as u8;
             if f64::from(number) != *kind {
                 return Err(format!(
-                    "cell {cell} (counted from 0) has the kind {kind}, which is none of VTK's"
+                    "cell {cell} (counted from 0) has kind {kind}, expected a VTK cell type"
                 ));
             }
             let corners = &nodes[start..*end];
             start = *end;
             if let Some(bad) = corners.iter().find(|v| index(**v).is_none()) {
                 return Err(format!(
-                    "cell {cell} (counted from 0) refers to node {bad}; expected a whole number from 0"
+                    "cell {cell} (counted from 0) refers to node {bad}; expected an integer ≥ 0"
                 ));
             }
             self.cells
@@ -245,7 +245,7 @@ fn fields_of_tets(
         if field.components == 0 || items.checked_mul(field.components) != Some(field.values.len())
         {
             warnings.push(format!(
-                "field \"{}\" is left out: it has {} values for {items} {}",
+                "field \"{}\" skipped: it has {} values for {items} {}",
                 field.name,
                 field.values.len(),
                 field.location
@@ -257,7 +257,7 @@ fn fields_of_tets(
             .any(|f| f.name == field.name && f.location == field.location)
         {
             warnings.push(format!(
-                "there are several fields \"{}\" at the {}; the first is kept",
+                "several fields \"{}\" ({}); the first one is kept",
                 field.name, field.location
             ));
             continue;
@@ -288,26 +288,28 @@ impl Census {
         let mut all = self.dropped.clone();
         all.extend(self.holes.iter());
         let found = if all.is_empty() {
-            "no cells at all".to_string()
+            "no cells".to_string()
         } else {
             format!("only {}", list(&all))
         };
         format!(
-            "there are {found}; Palpate needs volumetric cells: tetrahedra, hexahedra, wedges or pyramids (a closed surface can be filled with them by TetGen or gmsh)"
+            "mesh has {found}; expected volumetric cells: tetrahedra, hexahedra, wedges or \
+            pyramids (mesh a closed surface first with `palpate mesh`, TetGen or gmsh)"
         )
     }
 
     fn warn(&self, warnings: &mut Vec<String>) {
         let notes = [
-            (&self.cut, "cut into tetrahedra"),
+            (&self.cut, "subdivided into tetrahedra"),
             (
                 &self.higher_order,
-                "keep their corners only; their other nodes are dropped",
+                "reduced to their corners; other nodes dropped",
             ),
             (&self.dropped, "dropped: not volumetric"),
             (
                 &self.holes,
-                "dropped though they may have volume: Palpate cannot cut them into tetrahedra, so the mesh has holes there",
+                "dropped although they may have volume: subdivision into tetrahedra is not \
+                supported, so the mesh has holes there",
             ),
         ];
         for (census, what) in notes {

@@ -50,7 +50,7 @@ impl<'a> Row<'a> {
     /// Reads the next line, which should have at least `width` columns.
     fn read(at: &mut Cursor<'a>, width: usize, what: Arguments) -> ParseResult<Row<'a>> {
         let Some((start, line)) = at.line() else {
-            return Err(at.error(format_args!("the file ends where {what} should be")));
+            return Err(at.error(format_args!("unexpected end of file, expected {what}")));
         };
         let tokens: Vec<_> = line
             .split(u8::is_ascii_whitespace)
@@ -94,7 +94,7 @@ fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> ParseResult<(usize
             row.value(
                 at,
                 i,
-                format_args!("whole numbers in the header ({what})"),
+                format_args!("integers in the header ({what})"),
                 integer,
             )
         })
@@ -113,7 +113,7 @@ fn columns(header: &[i64], i: usize, most: i64, what: &str) -> ParseResult<usize
     (0..=most)
         .contains(&value)
         .then_some(value as usize)
-        .ok_or_else(|| format!("the header gives {value} {what}, expected 0 to {most}"))
+        .ok_or_else(|| format!("header states {value} {what}, expected 0 to {most}"))
 }
 
 fn no_more(at: &mut Cursor, count: usize, what: &str) -> ParseResult<()> {
@@ -121,7 +121,7 @@ fn no_more(at: &mut Cursor, count: usize, what: &str) -> ParseResult<()> {
         None => Ok(()),
         Some((start, _)) => Err(at.error_at(
             start,
-            format_args!("there are more lines than the {count} {what} that the header gives"),
+            format_args!("more lines than the {count} {what} stated in the header"),
         )),
     }
 }
@@ -131,10 +131,10 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> ParseResult<Tags> 
     let mut at = Cursor::with_comments(bytes);
     let (count, header) = header(&mut at, "nodes, dimension, attributes, boundary markers", 8)?;
     if let Some(other) = header.get(1).filter(|d| **d != 3) {
-        return Err(format!("the header gives dimension {other}, expected 3"));
+        return Err(format!("header states dimension {other}, expected 3"));
     }
     if count == 0 {
-        return Err("there are no nodes in the file".into());
+        return Err("file has no nodes".into());
     }
     let attributes = columns(&header, 2, 1 << 12, "attributes")?;
     let markers = columns(&header, 3, 1, "boundary markers")?;
@@ -145,7 +145,7 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> ParseResult<Tags> 
         let row = Row::read(&mut at, 4 + extra.len(), what)?;
         let index = row.value(&at, 0, format_args!("the index of {what}"), integer)?;
         if !tags.push(index as u64) {
-            return Err(at.error_at(row.start, format_args!("node {index} comes twice")));
+            return Err(at.error_at(row.start, format_args!("node {index} is defined twice")));
         }
         let coordinate =
             |k| row.value(&at, k, format_args!("a coordinate of node {index}"), number);
@@ -184,7 +184,7 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
         10 => (24, 10),
         other => {
             return Err(format!(
-                "the header gives {other} nodes of each tetrahedron, expected 4 or 10"
+                "header states {other} nodes per tetrahedron, expected 4 or 10"
             ));
         }
     };

@@ -37,11 +37,10 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
     let mut notes = Vec::new();
     if groups.renumbered {
         notes.push(
-            "the regions' labels are no numbers of 32 bits; their attributes are counted from 1"
-                .to_owned(),
+            "region labels are not 32-bit integers; region attributes renumbered from 1".to_owned(),
         );
     }
-    let why = "attributes of tets are whole numbers";
+    let why = "attributes of tets must be integers";
     notes.extend(dropped_fields_note(&others, why));
     Ok(notes)
 }

@@ -67,7 +67,7 @@ impl<'a> File<'a> {
             })?;
         if !(1..=5).contains(&version) {
             return Err(format!(
-                "line 1: legacy VTK version {version} is not known; versions 1 to 5 are"
+                "line 1: legacy VTK version {version} is not supported; use version 1 to 5"
             ));
         }
         at.rest_of_line(); // the title
@@ -210,10 +210,9 @@ impl<'a> File<'a> {
             Some(items) => Err(self.from.at.error(format_args!(
                 "{name} announces {count} tuples, but there are {items} {location}"
             ))),
-            None => Err(self
-                .from
-                .at
-                .error(format_args!("{name} comes before the {location} it is for"))),
+            None => Err(self.from.at.error(format_args!(
+                "{name} must follow the {location} it belongs to"
+            ))),
         }
     }
 
@@ -251,7 +250,7 @@ impl<'a> File<'a> {
         }
         let Some((location, tuples)) = self.owner else {
             return Err(self.from.at.error(format_args!(
-                "{keyword} {name} comes before POINT_DATA or CELL_DATA"
+                "{keyword} {name} must follow POINT_DATA or CELL_DATA"
             )));
         };
         let (components, values) = match keyword {
@@ -283,7 +282,8 @@ impl<'a> File<'a> {
                     .filter(|c| (1..=1 << 16).contains(c))
                     .ok_or_else(|| {
                         self.from.at.error(format_args!(
-                            "SCALARS {name}: {given:?} is no number of components"
+                            "SCALARS {name}: number of components must be 1 to 65536, got \
+                            {given:?}"
                         ))
                     })?;
                 self.from.skip_table_name();
@@ -350,7 +350,8 @@ impl<'a> File<'a> {
                     self.keep(name, location, components, values);
                 }
                 Some((location, items)) => self.mesh.warnings.push(format!(
-                    "array \"{name}\" is left out: it has {tuples} tuples, but there are {items} {location}"
+                    "array \"{name}\" skipped: it has {tuples} tuples, but there are {items} \
+                    {location}"
                 )),
                 // An array of the whole mesh.
                 None => {
@@ -381,13 +382,13 @@ impl<'a> File<'a> {
             None => self
                 .mesh
                 .warnings
-                .push(format!("array \"{name}\" is left out: it holds no numbers")),
+                .push(format!("array \"{name}\" skipped: it is not numeric")),
         }
     }
 
     fn finish(self) -> ParseResult<RawMesh> {
         let mut mesh = self.mesh;
-        let missing = |what: &str| format!("the file ends, and there is no {what} in it");
+        let missing = |what: &str| format!("file has no {what}");
         if !self.has_points {
             return Err(missing("POINTS section"));
         }
@@ -398,7 +399,7 @@ impl<'a> File<'a> {
         let kinds = self.kinds.ok_or_else(|| missing("CELL_TYPES section"))?;
         if kinds.len() != ends.len() {
             return Err(format!(
-                "there are {} CELLS, but {} CELL_TYPES",
+                "file has {} CELLS, but {} CELL_TYPES",
                 ends.len(),
                 kinds.len()
             ));

@@ -29,7 +29,7 @@ impl<'a> Values<'a> {
             .filter(|c| (1..=1 << 16).contains(c))
             .ok_or_else(|| {
                 self.at
-                    .error(format_args!("{what}: {count} makes no sense"))
+                    .error(format_args!("{what} must be 1 to 65536, got {count}"))
             })
     }
 
@@ -155,9 +155,9 @@ impl<'a> Values<'a> {
     pub fn skip_strings(&mut self, count: usize, of: &str) -> ParseResult<()> {
         for _ in 0..count {
             if self.at.rest().is_empty() {
-                return Err(self
-                    .at
-                    .error(format_args!("the file ends within the strings of {of}")));
+                return Err(self.at.error(format_args!(
+                    "unexpected end of file within the strings of {of}"
+                )));
             }
             if self.ascii {
                 self.at.rest_of_line();
@@ -184,7 +184,7 @@ impl<'a> Values<'a> {
     /// Returns the error of a count that overflows.
     pub fn too_many(&self, of: &str) -> String {
         self.at
-            .error(format_args!("{of} is larger than any file can be"))
+            .error(format_args!("size of {of} exceeds the addressable range"))
     }
 
     /// Reads cells of versions up to 4: the number of nodes, then the nodes.

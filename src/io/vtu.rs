@@ -24,11 +24,11 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
 /// As [`read`]; also returns the bytes stored for the whole mesh under `name`, if any.
 pub(super) fn read_telling(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Option<Vec<u8>>)> {
     let outline = Outline::read(bytes)?;
-    let told = outline.global.iter().find(|(array, _)| array.name == name);
-    let told = told.and_then(|(array, tuples)| outline.global_numbers(array, *tuples));
+    let values = outline.global.iter().find(|(array, _)| array.name == name);
+    let values = values.and_then(|(array, tuples)| outline.global_numbers(array, *tuples));
     let byte = |x: &f64| (x.fract() == 0.0 && (0.0..256.0).contains(x)).then_some(*x as u8);
-    let told = told.and_then(|numbers| numbers.iter().map(byte).collect());
-    Ok((outline.mesh()?, told))
+    let values = values.and_then(|numbers| numbers.iter().map(byte).collect());
+    Ok((outline.mesh()?, values))
 }
 
 /// The tags of the file; its data are not decoded yet.
@@ -79,9 +79,9 @@ impl<'a> Outline<'a> {
         let mut known = false;
         loop {
             let before = reader.buffer_position() as usize;
-            let event = reader.read_event().map_err(|e| {
-                format!("byte {}: the XML is damaged: {e}", reader.error_position())
-            })?;
+            let event = reader
+                .read_event()
+                .map_err(|e| format!("byte {}: invalid XML: {e}", reader.error_position()))?;
             match event {
                 Event::Start(tag) => {
                     outline.start(&tag, &open)?;
@@ -121,12 +121,10 @@ impl<'a> Outline<'a> {
             }
         }
         match open.pop() {
-            Some(tag) => Err(format!("the file ends within <{tag}>: it is truncated")),
-            None if !known => {
-                Err("there is no <VTKFile> in the file: it is no VTK XML file".into())
-            }
+            Some(tag) => Err(format!("unexpected end of file within <{tag}> (truncated)")),
+            None if !known => Err("no <VTKFile> in the file; expected a VTK XML file".into()),
             None if outline.pieces.is_empty() => {
-                Err("there is no <Piece> in the file, so no mesh".into())
+                Err("no <Piece> in the file; expected a mesh".into())
             }
             None => Ok(outline),
         }
@@ -138,7 +136,7 @@ impl<'a> Outline<'a> {
             ("VTKFile", "") => self.layout = layout(tag)?,
             (other, "") => {
                 return Err(format!(
-                    "expected <VTKFile> around everything, found <{other}>"
+                    "expected <VTKFile> as the root element, found <{other}>"
                 ));
             }
             ("Piece", "UnstructuredGrid") => self.pieces.push(Piece {
@@ -174,7 +172,7 @@ impl<'a> Outline<'a> {
                 let tail = &section[*end..];
                 tail.windows(10).any(|w| w == b"</VTKFile>")
             })
-            .ok_or("the file ends within <AppendedData>: it is truncated")?;
+            .ok_or("unexpected end of file within <AppendedData> (truncated)")?;
         let start = section[..end]
             .iter()
             .position(|b| !b.is_ascii_whitespace())
@@ -188,7 +186,7 @@ impl<'a> Outline<'a> {
             Some("base64") | None => Source::Base64(data),
             Some(other) => {
                 return Err(format!(
-                    "<AppendedData> has the unknown encoding {other:?}; raw and base64 are known"
+                    "<AppendedData> has unknown encoding {other:?}; expected raw or base64"
                 ));
             }
         });
@@ -236,7 +234,7 @@ impl<'a> Outline<'a> {
                 mesh.nodes.extend(positions.map(|p| DVec3::from_array(*p)));
             }
             None if piece.points == 0 => {}
-            None => return Err("there are no coordinates in <Points>".into()),
+            None => return Err("no coordinates in <Points>".into()),
         }
         if piece.cells > 0 {
             let of_cells = |name: &str, count: usize| {
@@ -244,8 +242,7 @@ impl<'a> Outline<'a> {
                     .arrays
                     .iter()
                     .find(|a| a.section == "Cells" && a.name == name);
-                let array =
-                    array.ok_or_else(|| format!("there is no array \"{name}\" in <Cells>"))?;
+                let array = array.ok_or_else(|| format!("no array \"{name}\" in <Cells>"))?;
                 Ok::<_, String>(self.values(array, count)?.0)
             };
             let kinds = of_cells("types", piece.cells)?;
@@ -267,7 +264,7 @@ impl<'a> Outline<'a> {
             };
             if scalar::from_vtk_xml_name(&array.type_name).is_none() {
                 mesh.warnings.push(format!(
-                    "array \"{}\" is left out: its type {:?} is no number",
+                    "array \"{}\" skipped: its type {:?} is not numeric",
                     array.name, array.type_name
                 ));
                 continue;
@@ -292,10 +289,10 @@ impl<'a> Outline<'a> {
     fn values(&self, array: &Array, items: usize) -> ParseResult<(Vec<f64>, ScalarType)> {
         let inside = |e: String| format!("array \"{}\" in <{}>: {e}", array.name, array.section);
         let scalar = scalar::from_vtk_xml_name(&array.type_name)
-            .ok_or_else(|| inside(format!("the type {:?} is no number", array.type_name)))?;
+            .ok_or_else(|| inside(format!("type {:?} is not numeric", array.type_name)))?;
         let count = items
             .checked_mul(array.components)
-            .ok_or_else(|| inside("it is larger than any file can be".into()))?;
+            .ok_or_else(|| inside("its size exceeds the addressable range".into()))?;
         let source = self.source(array).map_err(inside)?;
         Ok((
             numbers(source, self.layout, scalar, count).map_err(inside)?,
@@ -313,7 +310,7 @@ impl<'a> Outline<'a> {
             "appended" => {
                 let offset = array
                     .offset
-                    .ok_or("it is appended, but its tag has no offset")?;
+                    .ok_or("appended array has no attribute offset")?;
                 let from = |data: &'a [u8]| {
                     data.get(offset..).ok_or_else(|| {
                         format!(
@@ -325,11 +322,11 @@ impl<'a> Outline<'a> {
                 match self.appended {
                     Some(Source::Raw(data)) => Ok(Source::Raw(from(data)?)),
                     Some(Source::Base64(data)) => Ok(Source::Base64(from(data)?)),
-                    _ => Err("it is appended, but the file has no <AppendedData>".into()),
+                    _ => Err("appended array, but no <AppendedData> in the file".into()),
                 }
             }
             other => Err(format!(
-                "unknown format {other:?}; ascii, binary and appended are known"
+                "unknown format {other:?}; expected ascii, binary or appended"
             )),
         }
     }
@@ -362,7 +359,7 @@ fn ends(offsets: &[f64]) -> ParseResult<Vec<usize>> {
         .enumerate()
         .map(|(cell, offset)| {
             last = index(*offset).filter(|o| *o >= last).ok_or_else(|| {
-                format!("array \"offsets\": entry {cell} is {offset}, expected a whole number from {last}")
+                format!("array \"offsets\": entry {cell} is {offset}, expected an integer ≥ {last}")
             })?;
             Ok(last)
         })

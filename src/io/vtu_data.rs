@@ -42,7 +42,7 @@ pub(super) fn numbers(
     };
     let expected = count
         .checked_mul(scalar::size(scalar))
-        .ok_or("it is larger than any file can be")?;
+        .ok_or("its size exceeds the addressable range")?;
     let data = if layout.zlib {
         inflate_blocks(&mut bytes, layout, expected)?
     } else {
@@ -56,7 +56,7 @@ pub(super) fn numbers(
 }
 
 fn wrong_size(found: u64, expected: usize) -> String {
-    format!("its header says {found} bytes, expected {expected}")
+    format!("header states {found} bytes, expected {expected}")
 }
 
 fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> ParseResult<Vec<f64>> {
@@ -74,9 +74,7 @@ fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> ParseRe
     }
     match at.token() {
         None => Ok(values),
-        Some(_) => Err(at.error(format_args!(
-            "there are more than the {count} values expected"
-        ))),
+        Some(_) => Err(at.error(format_args!("more than the expected {count} values"))),
     }
 }
 
@@ -97,7 +95,8 @@ fn inflate_blocks<'a>(
         .and_then(|whole| whole.checked_mul(size)?.checked_add(last));
     if total != Some(expected as u64) || last > size {
         return Err(format!(
-            "its header says {blocks} blocks of {size} bytes (the last {last}), expected {expected} bytes in all"
+            "header states {blocks} blocks of {size} bytes (the last {last}), expected {expected} \
+            bytes in total"
         ));
     }
     let blocks = usize::try_from(blocks).map_err(|e| e.to_string())?;
@@ -116,10 +115,10 @@ fn inflate_blocks<'a>(
         flate2::read::ZlibDecoder::new(&packed[..])
             .take(wanted + 1)
             .read_to_end(&mut out)
-            .map_err(|e| format!("block {block} of {blocks} cannot be unpacked by zlib: {e}"))?;
+            .map_err(|e| format!("cannot decompress block {block} of {blocks} with zlib: {e}"))?;
         if (out.len() - before) as u64 != wanted {
             return Err(format!(
-                "block {block} of {blocks} unpacks to {} bytes, expected {wanted}",
+                "block {block} of {blocks} decompresses to {} bytes, expected {wanted}",
                 out.len() - before
             ));
         }
@@ -135,7 +134,7 @@ fn whole_number(bytes: &[u8], layout: Layout) -> ParseResult<usize> {
             u64::from_be_bytes([a, b, c, d, e, f, g, h])
         }
         [a, b, c, d, e, f, g, h] => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
-        _ => return Err("its header is cut short".into()),
+        _ => return Err("header is truncated".into()),
     };
     usize::try_from(value).map_err(|e| e.to_string())
 }
@@ -169,7 +168,7 @@ impl<'a> Bytes<'a> {
     }
 
     fn take(&mut self, length: usize) -> ParseResult<Cow<'a, [u8]>> {
-        let short = || format!("the data ends early: {length} more bytes were announced");
+        let short = || format!("data are truncated: {length} more bytes expected");
         if !self.base64 {
             let (front, rest) = self.data.split_at_checked(length).ok_or_else(short)?;
             self.data = rest;
@@ -208,7 +207,7 @@ impl<'a> Bytes<'a> {
         self.data = &self.data[used..];
         STANDARD
             .decode_vec(&run, &mut self.pending)
-            .map_err(|e| format!("its base64 is damaged: {e}"))?;
+            .map_err(|e| format!("invalid base64: {e}"))?;
         Ok(true)
     }
 }

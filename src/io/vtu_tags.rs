@@ -40,7 +40,7 @@ pub(super) fn layout(tag: &BytesStart) -> ParseResult<Layout> {
     let kind = attribute(tag, "type").unwrap_or_default();
     if kind != "UnstructuredGrid" {
         return Err(format!(
-            "this VTK file holds {kind:?}, expected \"UnstructuredGrid\" (a mesh of cells)"
+            "VTK file contains {kind:?}, expected \"UnstructuredGrid\" (a mesh of cells)"
         ));
     }
     let compressor = attribute(tag, "compressor").unwrap_or_default();
@@ -48,19 +48,30 @@ pub(super) fn layout(tag: &BytesStart) -> ParseResult<Layout> {
         big_endian: match attribute(tag, "byte_order").as_deref() {
             Some("LittleEndian") | None => false,
             Some("BigEndian") => true,
-            Some(other) => return Err(format!("unknown byte_order {other:?}")),
+            Some(other) => {
+                return Err(format!(
+                    "unknown byte_order {other:?}; expected LittleEndian \
+                or BigEndian"
+                ));
+            }
         },
         wide_headers: match attribute(tag, "header_type").as_deref() {
             Some("UInt32") | None => false,
             Some("UInt64") => true,
-            Some(other) => return Err(format!("unknown header_type {other:?}")),
+            Some(other) => {
+                return Err(format!(
+                    "unknown header_type {other:?}; expected UInt32 or \
+                UInt64"
+                ));
+            }
         },
         zlib: match compressor.as_str() {
             "" => false,
             "vtkZLibDataCompressor" => true,
             other => {
                 return Err(format!(
-                    "the data is compressed by {other}; only vtkZLibDataCompressor is read (in ParaView, save with compressor ZLib or none)"
+                    "compressor {other} is not supported; use vtkZLibDataCompressor or none (in \
+                    ParaView, save with compressor ZLib or none)"
                 ));
             }
         },
@@ -86,7 +97,7 @@ pub(super) fn count(tag: &BytesStart, name: &str) -> ParseResult<usize> {
         .ok_or_else(|| format!("<{}> has no attribute {name}", name_of(tag)))?;
     value.trim().parse().map_err(|_| {
         format!(
-            "<{}> has {name}=\"{value}\", expected a whole number",
+            "<{}> has {name}=\"{value}\", expected an integer ≥ 0",
             name_of(tag)
         )
     })

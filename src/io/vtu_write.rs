@@ -30,11 +30,11 @@ pub(super) fn write_telling(
     mesh: &TetMesh,
     nodes: &[DVec3],
     extra: &[Field],
-    told: Option<(&str, &[u8])>,
+    extra_array: Option<(&str, &[u8])>,
 ) -> Result<()> {
     if nodes.len() != mesh.nodes.len() {
         return Err(Error::Mesh(format!(
-            "{} positions were given for {} nodes",
+            "got {} positions for {} nodes",
             nodes.len(),
             mesh.nodes.len()
         )));
@@ -53,7 +53,7 @@ pub(super) fn write_telling(
     let mut appended = Vec::new();
     let mut head = format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n{}<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
-        global(mesh, told),
+        global(mesh, extra_array),
         nodes.len(),
         mesh.tets.len()
     );
@@ -65,7 +65,8 @@ pub(super) fn write_telling(
         for field in fields.iter().filter(|f| f.location == location) {
             if items.checked_mul(field.components) != Some(field.values.len()) {
                 return Err(Error::Mesh(format!(
-                    "field \"{}\" has {} values, but {items} {location} of {} components need another number",
+                    "field \"{}\" has {} values, which does not match {items} {location} of {} \
+                    components",
                     field.name,
                     field.values.len(),
                     field.components
@@ -141,14 +142,14 @@ pub(super) fn write_telling(
 }
 
 /// Returns the tags of the whole mesh; empty if there are no data.
-fn global(mesh: &TetMesh, told: Option<(&str, &[u8])>) -> String {
+fn global(mesh: &TetMesh, extra_array: Option<(&str, &[u8])>) -> String {
     let tag = |name: &str, kind: &str, count: usize, text: String| {
         let name = escaped(name);
         format!(
             "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"{count}\" format=\"ascii\">{text}</DataArray>\n"
         )
     };
-    let told = told.map(|(name, bytes)| {
+    let extra_array = extra_array.map(|(name, bytes)| {
         let words: Vec<String> = bytes.iter().map(u8::to_string).collect();
         tag(name, "UInt8", bytes.len(), words.join(" "))
     });
@@ -164,7 +165,7 @@ fn global(mesh: &TetMesh, told: Option<(&str, &[u8])>) -> String {
             };
             tag(&name, kind, count, text)
         })
-        .chain(told)
+        .chain(extra_array)
         .collect();
     match tags.is_empty() {
         true => tags,
@@ -201,7 +202,7 @@ fn array(
     let blocks: Vec<Vec<u8>> = blocks
         .into_iter()
         .collect::<std::io::Result<_>>()
-        .map_err(|e| Error::Input(format!("array \"{name}\" cannot be compressed: {e}")))?;
+        .map_err(|e| Error::Input(format!("cannot compress array \"{name}\": {e}")))?;
     let last = data.len() % BLOCK;
     let header = [blocks.len(), BLOCK, last];
     for number in header.into_iter().chain(blocks.iter().map(Vec::len)) {

@@ -41,7 +41,7 @@ impl Blade {
         let points: Vec<DVec3> = edges.iter().flatten().copied().collect();
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::Input(format!(
-                "end {} of the blade's edge at its position {} is {}; give finite coordinates",
+                "end {} of the blade's edge at position {} must have finite coordinates, got {}",
                 bad % 2,
                 bad / 2,
                 points[bad]
@@ -62,7 +62,8 @@ impl Blade {
         }
         if blade.triangles.is_empty() {
             return Err(Error::Input(format!(
-                "the blade sweeps no area: {} positions of its edge within {extent} of each other; give two that lie apart",
+                "blade sweeps zero area: {} edge positions lie within {extent} of each other; give \
+                at least two distinct positions",
                 edges.len()
             )));
         }
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn segments_through_and_beside() {
+    fn blade_intersects_only_segments_through_it() {
         let blade = square();
         assert_eq!(blade.triangles().count(), 2);
         for (x, y, hit) in [
@@ -185,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fold_is_met_twice_and_so_not_at_all() {
+    fn folded_blade_crossed_twice_does_not_separate() {
         let edge = |x: f64, z: f64| [DVec3::new(x, 0.0, z), DVec3::new(x, 1.0, z)];
         let roof = Blade::from_sweep(&[edge(0.0, 0.0), edge(1.0, 1.0), edge(2.0, 0.0)]).unwrap();
         let at = |x: f64, z: f64| DVec3::new(x, 0.4, z);
@@ -194,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn blades_without_area_or_with_nan_are_refused() {
+    fn blade_rejects_zero_area_and_nan() {
         let edge = [DVec3::ZERO, DVec3::X];
         for edges in [
             vec![],
@@ -203,7 +204,7 @@ mod tests {
             vec![edge, [DVec3::X, 2.0 * DVec3::X]],
         ] {
             let error = Blade::from_sweep(&edges).unwrap_err().to_string();
-            assert!(error.contains("no area"), "{error}");
+            assert!(error.contains("zero area"), "{error}");
         }
         let error = Blade::from_sweep(&[edge, [DVec3::Y, DVec3::NAN]])
             .unwrap_err()

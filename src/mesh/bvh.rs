@@ -91,7 +91,7 @@ mod tests {
     use crate::physics::pseudo_random_points;
 
     #[test]
-    fn it_finds_the_boxes_that_meet_and_no_others() {
+    fn bvh_visits_exactly_the_overlapping_boxes() {
         for count in [0, 1, 3, 4, 5, 63, 200] {
             let middles = pseudo_random_points(count, 1);
             let mut hierarchy = Bvh::new(count, |k| middles[k]);

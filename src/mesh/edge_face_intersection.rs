@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_go_through_faces_or_not() {
+    fn edge_face_intersection_detects_crossing_and_miss() {
         let face = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let at = |x: f64, y: f64, z: [f64; 2]| z.map(|z| DVec3::new(x, y, z));
         assert!(goes(at(0.2, 0.2, [-1.0, 1.0]), face));

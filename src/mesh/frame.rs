@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_far_and_tiny_model_keeps_its_shape() {
+    fn distant_tiny_model_keeps_its_shape() {
         let origin = DVec3::new(4e6, -3e5, 2e6);
         for size in [1e-3, 1.0, 1e9] {
             let frame = LocalFrame::from_bounds(origin, origin + size * DVec3::new(1.0, 0.5, 0.25));
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn no_extent_is_no_division_by_zero() {
+    fn zero_extent_gives_finite_frame() {
         let frame = LocalFrame::from_bounds(DVec3::ONE, DVec3::ONE);
         assert_eq!(frame.to_local(DVec3::ONE), Vec3::ZERO);
     }

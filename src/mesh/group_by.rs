@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn items_stand_by_group_in_their_order() {
+    fn group_by_key_preserves_item_order() {
         let items = [(2, 'a'), (0, 'b'), (2, 'c'), (4, 'd'), (0, 'e')];
         let (firsts, all) = group_by_key(6, items.into_iter());
         assert_eq!(firsts, [0, 2, 2, 4, 4, 5, 5]);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_are_told_sorted_in_their_order() {
+    fn map_groups_visits_sorted_groups_in_order() {
         let items = (0..10_000u32).rev().map(|i| (i % 700, i / 700));
         let most = map_groups(701, items, |own, most: &mut Vec<u32>| {
             assert!(own.is_sorted());

@@ -21,14 +21,16 @@ impl TetMesh {
         let tets: usize = parts.iter().map(|(_, m)| m.tets.len()).sum();
         if nodes.max(tets) > u32::MAX as usize / 4 {
             return Err(Error::Mesh(format!(
-                "the bodies have {nodes} nodes and {tets} tets together, more than the {} that 32-bit indices allow",
+                "bodies have {nodes} nodes and {tets} tets in total; each must be at most {} \
+                (32-bit indices)",
                 u32::MAX / 4
             )));
         }
         let unit = parts.first().and_then(|(_, m)| m.length_unit);
         if let Some((name, _)) = parts.iter().find(|(_, m)| m.length_unit != unit) {
             return Err(Error::Input(format!(
-                "the mesh of \"{name}\" is not in the unit of the first body's"
+                "length unit of the mesh of \"{name}\" differs from the first body's; use the same \
+                unit in all meshes"
             )));
         }
         let mut whole = TetMesh {
@@ -43,11 +45,11 @@ impl TetMesh {
             whole
                 .tets
                 .extend(mesh.tets.iter().map(|t| t.map(|v| v + first)));
-            let said = mesh.repairs.warnings.iter();
+            let warnings = mesh.repairs.warnings.iter();
             whole
                 .repairs
                 .warnings
-                .extend(said.map(|w| format!("{name}: {w}")));
+                .extend(warnings.map(|w| format!("{name}: {w}")));
         }
         whole.label_parts(parts)?;
         whole.merge_fields(parts)?;
@@ -111,7 +113,8 @@ impl TetMesh {
             }
             if !without.is_empty() {
                 self.repairs.warnings.push(format!(
-                    "field \"{}\" is 0 in {}, which has none like it",
+                    "field \"{}\" set to 0 in {}, where it is missing or has another number of \
+                    components",
                     shape.name,
                     without.join(" and ")
                 ));
@@ -142,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn meshes_stand_one_after_the_other_with_their_fields_and_names() {
+    fn merge_concatenates_meshes_fields_and_region_names() {
         let (mut a, b) = (tet(0.0), tet(2.0));
         let heat = Field::scalar("heat", Location::Node, vec![1.0, 2.0, 3.0, 4.0]);
         a.set_field(heat).unwrap();
@@ -154,7 +157,7 @@ mod tests {
         let labels = &whole.field(LABEL, Location::Cell).unwrap().values;
         assert_eq!(labels[..], [1.0, 2.0]);
         assert_eq!(whole.region_names[&2], "b");
-        assert!(whole.repairs.warnings[0].contains("\"heat\" is 0 in \"b\""));
+        assert!(whole.repairs.warnings[0].contains("\"heat\" set to 0 in \"b\""));
         let metres = TetMesh {
             length_unit: Some(1.0),
             ..b

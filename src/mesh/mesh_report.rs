@@ -173,16 +173,16 @@ impl MeshDescription {
         );
         warn(
             self.nonmanifold_nodes,
-            "boundary nodes join parts of the boundary that touch there only",
+            "boundary nodes connect parts of the boundary that touch at this node only",
         );
         warn(
             self.coincident_nodes,
-            "nodes lie exactly where another one lies; the mesh is not connected there",
+            "nodes coincide with another node; the mesh is disconnected there",
         );
         if self.components > 1 {
             warn(
                 self.components,
-                "separate pieces: each needs a support of its own in a simulation",
+                "connected components; each needs a support in a simulation",
             );
         }
         for field in &mesh.fields {
@@ -220,8 +220,8 @@ impl fmt::Display for MeshDescription {
                 yes(self.closed, "closed", "open"),
                 match (self.edge_manifold, self.vertex_manifold) {
                     (true, true) => "manifold",
-                    (true, false) => "edge-manifold, but pinched at nodes",
-                    _ => "not manifold",
+                    (true, false) => "edge-manifold, non-manifold nodes",
+                    _ => "non-manifold",
                 },
                 self.euler_number
             ),
@@ -245,7 +245,7 @@ impl fmt::Display for MeshDescription {
             writeln!(f, "unit             {unit} m")?;
         }
         if let Some(field) = &self.region_field {
-            writeln!(f, "regions          by the field \"{field}\"")?;
+            writeln!(f, "regions          from field \"{field}\"")?;
         }
         for region in &self.regions {
             writeln!(
@@ -292,7 +292,7 @@ impl fmt::Display for QualityReport {
             f,
             "quality",
             format!(
-                "{:.3} on average, {} at worst (1 = regular, 0 = flat); {} below 0.01",
+                "mean {:.3}, minimum {} (1 = regular, 0 = flat); {} below 0.01",
                 self.mean,
                 number(self.min),
                 grouped(self.slivers)

@@ -150,7 +150,7 @@ impl TetMesh {
         };
         if field.components == 0 || field.values.len() != items * field.components {
             return Err(Error::Mesh(format!(
-                "field \"{}\" has {} values, but {} {} of {} components need {}",
+                "field \"{}\" has {} values, but {} {} of {} components require {}",
                 field.name,
                 field.values.len(),
                 items,

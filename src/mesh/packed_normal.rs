@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn directions_survive_packing() {
+    fn packed_normals_round_trip() {
         let mut worst = 0.0f64;
         for i in 0..20_000u32 {
             let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / 20_000.0;

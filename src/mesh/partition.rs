@@ -30,7 +30,7 @@ pub fn kd_partition(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
     let tets = mesh.tets.len();
     if parts == 0 || parts > tets {
         return Err(Error::Input(format!(
-            "a mesh of {tets} tets cannot be cut into {parts} pieces; ask for 1 to {tets}"
+            "number of pieces must be 1 to {tets} (the number of tets), got {parts}"
         )));
     }
     let middles: Vec<DVec3> = (0..tets)
@@ -88,14 +88,17 @@ impl<'a> MeshPartition<'a> {
         let parts = part_of.iter().max().map_or(0, |p| *p as usize + 1);
         if part_of.len() != mesh.tets.len() || parts > part_of.len() {
             return Err(Error::Input(format!(
-                "{} parts of tets are given, for {} tets",
+                "got {} part indices for {} tets; give one per tet",
                 part_of.len(),
                 mesh.tets.len()
             )));
         }
         let (firsts, own) = group_by_key(parts, part_of.iter().copied().zip(0..));
         if let Some(empty) = firsts.windows(2).position(|w| w[0] == w[1]) {
-            return Err(Error::Input(format!("part {empty} has no tets")));
+            return Err(Error::Input(format!(
+                "part {empty} has no tets; number the parts from 0 \
+                without gaps"
+            )));
         }
         let mut part_at = vec![u32::MAX; mesh.nodes.len()];
         let mut shared = vec![false; mesh.nodes.len()];
@@ -136,7 +139,7 @@ impl<'a> MeshPartition<'a> {
     pub fn extract(&self, number: usize) -> Result<MeshPiece> {
         let Some([first, last]) = self.firsts.get(number..number + 2) else {
             return Err(Error::Input(format!(
-                "there is no part {number}: there are {}, counted from 0",
+                "part {number} does not exist; index must be < {} (counted from 0)",
                 self.len()
             )));
         };
@@ -202,7 +205,7 @@ mod tests {
     use crate::mesh::{NO_NEIGHBOUR, Topology, generate};
 
     #[test]
-    fn parts_are_alike_in_size_and_hold_every_tet_once() {
+    fn kd_partition_is_balanced_and_covers_every_tet_once() {
         let mesh = generate::by_name("limb", Some(3000)).unwrap();
         for parts in [1, 2, 3, 7, 64] {
             let part_of = kd_partition(&mesh, parts).unwrap();
@@ -217,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_has_all_that_is_around_its_own_nodes() {
+    fn piece_contains_all_tets_around_its_nodes() {
         let mut mesh = generate::by_name("limb", Some(2000)).unwrap();
         let number = |t: usize| t as f64;
         let tets = (0..mesh.tets.len()).map(number).collect();

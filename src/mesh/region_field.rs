@@ -149,7 +149,7 @@ mod tests {
     use super::rank;
 
     #[test]
-    fn names_that_mean_regions_go_before_others_and_numberings_last() {
+    fn region_field_prefers_region_names_over_numberings() {
         let ordered = [
             "label",
             "Region_ID",

@@ -63,7 +63,9 @@ impl TetMesh {
     fn tets_labelled(&self, labels: &[i64]) -> Result<Vec<[u32; 4]>> {
         let field = self.field("label", Location::Cell).ok_or_else(|| {
             Error::Input(
-                "the mesh has no cell field \"label\" that says which region its tets belong to; take the boundary of the whole mesh".into(),
+                "mesh has no cell field \"label\" with region labels; omit the labels to extract \
+                the boundary of the whole mesh"
+                    .into(),
             )
         })?;
         let is_in = |value: f64| labels.iter().any(|l| *l as f64 == value);
@@ -79,7 +81,7 @@ impl TetMesh {
             let there: BTreeSet<i64> = values.map(|v| *v as i64).collect();
             let there: Vec<String> = there.iter().take(20).map(i64::to_string).collect();
             return Err(Error::Input(format!(
-                "no tet of the mesh has a label of {labels:?}; it has {}",
+                "no tet has a label in {labels:?}; available labels: {}",
                 there.join(", ")
             )));
         }

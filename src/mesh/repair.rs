@@ -55,7 +55,9 @@ impl TetMesh {
         mesh.drop_bad_tets();
         if mesh.tets.is_empty() {
             return Err(Error::Mesh(
-                "there is no tetrahedron with a volume in it; Palpate needs a volumetric mesh (a surface can be meshed first, by TetGen or gmsh)".into(),
+                "no tetrahedron with non-zero volume; Palpate requires a volumetric mesh (mesh a \
+                surface first with `palpate mesh`, TetGen or gmsh)"
+                    .into(),
             ));
         }
         mesh.drop_unused_nodes();
@@ -67,7 +69,7 @@ impl TetMesh {
     fn check_indices(&self) -> Result<()> {
         if self.nodes.len() > u32::MAX as usize / 4 || self.tets.len() > u32::MAX as usize / 4 {
             return Err(Error::Mesh(format!(
-                "{} nodes and {} tets are more than the {} that 32-bit indices allow",
+                "mesh has {} nodes and {} tets; each must be at most {} (32-bit indices)",
                 self.nodes.len(),
                 self.tets.len(),
                 u32::MAX / 4
@@ -83,7 +85,7 @@ impl TetMesh {
                 };
                 if !p.is_finite() {
                     return Err(Error::Mesh(format!(
-                        "node {v}, a corner of tet {t}, has coordinates {p} that are not finite numbers"
+                        "node {v} (corner of tet {t}) must have finite coordinates, got {p}"
                     )));
                 }
             }
@@ -166,16 +168,16 @@ impl TetMesh {
     fn describe_repairs(&mut self) {
         let r = &mut self.repairs;
         let notes = [
-            (r.inverted_fixed, "tets were inverted and have been flipped"),
+            (r.inverted_fixed, "inverted tets flipped"),
             (
                 r.degenerate,
-                "tets with a repeated corner or zero volume were dropped",
+                "tets with a repeated corner or zero volume dropped",
             ),
-            (r.repeated, "tets that repeat an earlier one were dropped"),
-            (r.unused_nodes, "nodes that no tet uses were dropped"),
+            (r.repeated, "duplicate tets dropped"),
+            (r.unused_nodes, "unused nodes dropped"),
             (
                 r.overshared_faces,
-                "faces are shared by more than two tets; they are treated as boundary",
+                "faces shared by more than two tets; treated as boundary",
             ),
         ];
         for (count, what) in notes {

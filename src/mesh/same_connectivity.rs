@@ -3,7 +3,8 @@
 use super::TetMesh;
 use crate::{Error, Result};
 
-const ADVICE: &str = "give the mesh at rest with its nodes moved, as `palpate render --mesh-out` or `simulate` write it";
+const ADVICE: &str = "give a deformed copy of the mesh at rest, for example from `palpate render \
+    --mesh-out` or `palpate simulate`";
 
 impl TetMesh {
     /// Checks that this mesh is `rest` with moved nodes. The tets may be in another order, and in
@@ -15,7 +16,7 @@ impl TetMesh {
         let refuse = |what: String| Err(Error::Input(format!("{what}; {ADVICE}")));
         if self.nodes.len() != rest.nodes.len() {
             return refuse(format!(
-                "this mesh has {} nodes, but the one at rest has {}",
+                "mesh has {} nodes, but the mesh at rest has {}",
                 self.nodes.len(),
                 rest.nodes.len()
             ));
@@ -33,7 +34,8 @@ impl TetMesh {
         if count > rest.repairs.degenerate {
             return match self.tets.iter().position(|tet| unknown(&tet)) {
                 Some(t) => refuse(format!(
-                    "tet {t} (counted from 0) joins nodes {:?}, which no tet of the mesh at rest does",
+                    "tet {t} (counted from 0) has nodes {:?}, which form no tet of the mesh at \
+                    rest",
                     self.tets[t]
                 )),
                 None => Ok(()),
@@ -42,7 +44,7 @@ impl TetMesh {
         let missing = (rest.tets.len() + count).saturating_sub(self.tets.len());
         match missing > self.repairs.degenerate {
             true => refuse(format!(
-                "this mesh has {} tets, but the one at rest has {}",
+                "mesh has {} tets, but the mesh at rest has {}",
                 self.tets.len(),
                 rest.tets.len()
             )),
@@ -59,7 +61,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn tets_may_be_turned_dropped_where_flat_and_in_another_order() {
+    fn same_connectivity_accepts_flipped_dropped_and_reordered_tets() {
         let rest = bar([2, 2, 2], DVec3::ONE).unwrap();
         let refused = |bent: &TetMesh| bent.check_same_connectivity(&rest).unwrap_err().to_string();
         let mut bent = rest.clone();

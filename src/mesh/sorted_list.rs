@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn splicing_keeps_a_list_sorted() {
+    fn replace_sorted_keeps_list_sorted() {
         let mut list = vec![1, 3, 5, 7, 9];
         replace_sorted(&mut list, |x| *x, &[3, 4, 9], &[0, 3, 6, 11]);
         assert_eq!(list, [0, 1, 3, 5, 6, 7, 11]);

@@ -24,10 +24,11 @@ impl TetMesh {
             let names: Vec<&str> = self.region_names.values().map(String::as_str).collect();
             Error::Input(match names.as_slice() {
                 [] => format!(
-                    "there is no region called \"{region}\": the mesh's regions have no names; give the label, a whole number"
+                    "unknown region \"{region}\": the regions of the mesh have no names; give an \
+                    integer label"
                 ),
                 _ => format!(
-                    "there is no region called \"{region}\"; there are {}",
+                    "unknown region \"{region}\"; available regions: {}",
                     names.join(", ")
                 ),
             })
@@ -52,7 +53,8 @@ impl TetMesh {
         let labels = self.field("label", Location::Cell);
         let Some(labels) = labels.or_else(|| self.region_field()) else {
             return Err(Error::Input(
-                "regions are parted by a cell field of whole numbers, such as `label`, that says them; the mesh has none".into(),
+                "mesh has no region field; splitting an interface requires a cell field of integer \
+                region labels, such as `label`".into(),
             ));
         };
         let is = |t: usize, label: i64| labels.values[t] == label as f64;
@@ -83,7 +85,7 @@ impl TetMesh {
                 None => format!("{label}"),
             };
             return Err(Error::Input(format!(
-                "regions {} and {} share no nodes to be parted at; name two that touch each other in faces",
+                "regions {} and {} share no nodes to split; choose two regions with common faces",
                 name(first),
                 name(second)
             )));
@@ -178,11 +180,11 @@ impl TetMesh {
     pub fn open_interface_gap(&mut self, doubles: &[[u32; 2]], gap: f64) -> Result<()> {
         let wrong = |why: &str| {
             Err(Error::Input(format!(
-                "the sides of a seam cannot be drawn {gap} apart: {why}"
+                "cannot open an interface gap of {gap}: {why}"
             )))
         };
         if !(gap.is_finite() && gap >= 0.0) {
-            return wrong("give a length, 0 or more");
+            return wrong("must be a finite length ≥ 0");
         }
         if gap == 0.0 {
             return Ok(());
@@ -219,7 +221,7 @@ impl TetMesh {
         }
         if !(0..self.tets.len()).all(|t| self.tet_volume(t) > 0.0) {
             self.nodes = before;
-            return wrong("tets beside it would be turned inside out; give less, or finer tets");
+            return wrong("adjacent tets would invert; reduce the gap or refine the mesh");
         }
         self.take_back(&before, ways, &faces);
         self.join_again(doubles, 1e-3 * gap);
@@ -266,15 +268,15 @@ impl TetMesh {
                 back.extend(edges[crossing.edge]);
                 back.extend(faces[crossing.face]);
             }
-            back.retain(|v| ways.get(v).is_some_and(|way| *way != DVec3::ZERO));
+            back.retain(|v| ways.get(v).is_some_and(|shift| *shift != DVec3::ZERO));
             if back.is_empty() {
                 break;
             }
             for v in back {
                 let part = if round < MAX_GAP_HALVINGS { 0.5 } else { 0.0 };
-                let way = ways.entry(v).or_default();
-                *way *= part;
-                self.nodes[v as usize] = before[v as usize] + *way;
+                let shift = ways.entry(v).or_default();
+                *shift *= part;
+                self.nodes[v as usize] = before[v as usize] + *shift;
             }
         }
     }
@@ -328,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn parted_regions_share_nothing_and_nothing_else_changes() {
+    fn split_regions_share_no_nodes_and_rest_is_unchanged() {
         let before = bar();
         let topology = Topology::new(&before);
         let mut mesh = before.clone();
@@ -380,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn regions_that_meet_in_an_edge_are_parted_too() {
+    fn split_interface_splits_regions_sharing_only_an_edge() {
         let mut mesh = bar();
         // Region 2 becomes 4 except for its corner cells far from region 1.
         let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
@@ -413,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_touch_is_told() {
+    fn split_interface_reports_regions_without_contact() {
         let mut mesh = bar();
         let pairs = |a: &str, b: &str| [[a.to_owned(), b.to_owned()]];
         mesh.split_interfaces(&pairs("Thigh", "2")).unwrap();
@@ -430,7 +432,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            unknown.contains("\"foot\"; there are thigh, shin"),
+            unknown.contains("\"foot\"; available regions: thigh, shin"),
             "{unknown}"
         );
         mesh.fields.clear();
@@ -438,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sides_of_a_seam_are_drawn_apart() {
+    fn open_interface_gap_separates_both_sides() {
         let mut mesh = bar();
         let doubles = mesh.split_interface(1, 2).unwrap();
         let volume = mesh.volume();

@@ -209,7 +209,7 @@ impl fmt::Display for SurfaceDescription {
             true => writeln!(f, "closed        yes, Euler number {}", self.euler_number)?,
             false => writeln!(
                 f,
-                "closed        no: {}, {} of more than two triangles",
+                "closed        no: {}, {} shared by more than two triangles",
                 plural(self.open_edges, "open edge"),
                 plural(self.nonmanifold_edges, "edge")
             )?,
@@ -217,7 +217,7 @@ impl fmt::Display for SurfaceDescription {
         if !self.consistently_oriented {
             writeln!(
                 f,
-                "orientation   neighbouring triangles face different ways"
+                "orientation   inconsistent between neighbouring triangles"
             )?;
         }
         writeln!(f, "area          {:.6}", self.area)?;
@@ -227,7 +227,7 @@ impl fmt::Display for SurfaceDescription {
         for field in &self.fields {
             write!(
                 f,
-                "field         {:?} at the {}, {}",
+                "field         {:?} on {}, {}",
                 field.name,
                 field.location,
                 plural(field.components, "component")

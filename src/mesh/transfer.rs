@@ -34,7 +34,7 @@ impl BarycentricMap {
     pub fn new(mesh: &TetMesh, points: &[DVec3]) -> Result<BarycentricMap> {
         if let Some(bad) = points.iter().position(|p| !p.is_finite()) {
             return Err(Error::Input(format!(
-                "values cannot be carried to point {bad}, which lies at {}",
+                "point {bad} must have finite coordinates, got {}",
                 points[bad]
             )));
         }
@@ -50,7 +50,8 @@ impl BarycentricMap {
             .unzip();
         if faces.is_empty() {
             return Err(Error::Mesh(
-                "no tet on the boundary has a volume, so nothing can be carried over".into(),
+                "cannot interpolate from this mesh: all tets on its boundary have zero volume"
+                    .into(),
             ));
         }
         let (tree, grid) = (TriangleBvh::new(triangles), Grid::new(mesh));
@@ -79,7 +80,7 @@ impl BarycentricMap {
     pub fn apply_transpose(&self, forces: &[DVec3]) -> Result<Vec<DVec3>> {
         if forces.len() != self.shares.len() {
             return Err(Error::Input(format!(
-                "{} forces given for the {} points that they act at",
+                "got {} forces for {} points; give one force per point",
                 forces.len(),
                 self.shares.len()
             )));
@@ -100,7 +101,7 @@ impl BarycentricMap {
     pub fn apply(&self, values: &[DVec3]) -> Result<Vec<DVec3>> {
         if values.len() != self.nodes {
             return Err(Error::Input(format!(
-                "{} values given for the {} nodes they are to be carried from",
+                "got {} values for {} nodes; give one value per node",
                 values.len(),
                 self.nodes
             )));

@@ -51,24 +51,27 @@ impl ClosedSurface {
         let mut notes = Vec::new();
         let turned = surface.orient_consistently();
         if turned > 0 {
-            notes.push(format!("{turned} triangles were turned to face outward"));
+            notes.push(format!("{turned} triangles flipped to face outward"));
         }
         let description = SurfaceDescription::new(&surface);
         let open = description.open_edges;
         let edges = 1.5 * surface.triangles.len() as f64;
         if open as f64 > MAX_OPEN_EDGE_RATIO * edges {
             return Err(Error::Mesh(format!(
-                "the surface has {open} open edges, so it has no inside; close its holes first (in MeshLab or Blender, for example)"
+                "surface must be closed, but has {open} open edges; close its holes first (for \
+                example in MeshLab or Blender)"
             )));
         }
         if open > 0 {
             notes.push(format!(
-                "the surface has {open} open edges; its holes are closed by the winding number"
+                "surface has {open} open edges; holes closed by the generalised winding number"
             ));
         }
         if !(description.volume.is_finite() && description.volume > 0.0) {
             return Err(Error::Mesh(
-                "the surface encloses no volume; is it a sheet, or inside out in parts?".into(),
+                "surface encloses no volume; check that it is not an open sheet and that its \
+                triangles are oriented consistently"
+                    .into(),
             ));
         }
         let triangles = (0..surface.triangles.len()).map(|t| surface.corners(t));
@@ -199,7 +202,7 @@ impl SurfaceDomain {
         match surfaces.len() {
             1..=4096 => Ok(SurfaceDomain { surfaces }),
             n => Err(Error::Input(format!(
-                "{n} surfaces cannot be meshed together; give 1 to 4096"
+                "number of surfaces to mesh together must be 1 to 4096, got {n}"
             ))),
         }
     }
@@ -294,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_to_a_torus_are_those_of_its_formula() {
+    fn torus_distance_matches_analytic_formula() {
         let surface = ClosedSurface::new(&torus(120)).unwrap();
         let mut inside = 0;
         for p in points(3000) {
@@ -307,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn the_winding_number_is_the_sum_over_all_triangles() {
+    fn winding_number_matches_sum_over_triangles() {
         let mut mesh = torus(40);
         let check = |mesh: &TriMesh| {
             let surface = ClosedSurface::new(mesh).unwrap();
@@ -334,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_are_turned_outward_and_cavities_stay() {
+    fn surfaces_are_oriented_outward_and_keep_cavities() {
         let right = torus(24);
         let volume = right.volume();
         assert!(volume > 0.0);
@@ -363,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn later_regions_have_the_place() {
+    fn later_surfaces_take_precedence() {
         let outer = ClosedSurface::new(&torus(40)).unwrap();
         let mut inner = torus(40);
         for p in &mut inner.vertices {
@@ -384,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn sheets_have_no_inside() {
+    fn rejects_open_sheets() {
         let mut sheet = torus(24);
         sheet.triangles.truncate(600);
         let error = ClosedSurface::new(&sheet).unwrap_err().to_string();

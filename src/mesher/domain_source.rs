@@ -54,7 +54,7 @@ impl MeshingConfig {
     pub fn with_domain<R>(&self, use_: impl FnOnce(DomainDescription) -> Result<R>) -> Result<R> {
         let Some(first) = self.input.first() else {
             return Err(Error::Input(
-                "there is nothing to fill; name a volume, a surface or a mesh".into(),
+                "no input to mesh; give a volume, a surface or a mesh".into(),
             ));
         };
         match io::detect_kind(first)? {
@@ -103,7 +103,8 @@ impl MeshingConfig {
     ) -> Result<R> {
         if self.input.len() > 1 {
             return Err(Error::Input(format!(
-                "{} is a volume, so it is meshed alone; further volumes give intensities (--intensity)",
+                "{} is a volume and must be the only input; add further volumes as intensities \
+                with --intensity",
                 file.display()
             )));
         }
@@ -112,7 +113,7 @@ impl MeshingConfig {
         if !windows.is_empty() {
             if self.labels.is_some() {
                 return Err(Error::Input(
-                    "both labels and thresholds are given; regions come from one of them".into(),
+                    "labels and thresholds are mutually exclusive; give one of them".into(),
                 ));
             }
             let domain = ThresholdDomain::new(&volume, &windows)?;
@@ -142,7 +143,8 @@ impl MeshingConfig {
     pub(super) fn read_surfaces(&self) -> Result<Surfaces> {
         if self.labels.is_some() || !self.windows().is_empty() {
             return Err(Error::Input(
-                "labels and thresholds are for volumes; a surface is a region as it is".into(),
+                "labels and thresholds apply to volumes only; omit them, each surface encloses one \
+                region".into(),
             ));
         }
         let mut found = Surfaces {
@@ -157,11 +159,11 @@ impl MeshingConfig {
         };
         for file in &self.input {
             let surface = io::read_surface(file)?;
-            let said = |note: &String| format!("{}: {note}", file.display());
-            found.notes.extend(surface.notes.iter().map(said));
+            let with_file = |note: &String| format!("{}: {note}", file.display());
+            found.notes.extend(surface.notes.iter().map(with_file));
             let closed =
                 ClosedSurface::new(&surface).map_err(|e| Error::format(file, e.to_string()))?;
-            found.notes.extend(closed.notes().iter().map(said));
+            found.notes.extend(closed.notes().iter().map(with_file));
             let regions = &mut found.regions;
             regions.labels.push(found.surfaces.len() as i64 + 1);
             let stem = file.file_stem().unwrap_or_default();
@@ -187,7 +189,8 @@ pub(super) fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
     }
     let (low, high) = volume.range().unwrap_or((0.0, 0.0));
     Err(Error::Input(format!(
-        "{} holds values from {low} to {high}, not a few labels: say what a region is, by a threshold (--above {:.0}), a range (--between {:.0}..{:.0}) or labels (--labels all)",
+        "{} has values from {low} to {high} and is not a label map; define regions by a threshold \
+        (--above {:.0}), a range (--between {:.0}..{:.0}) or labels (--labels all)",
         file.display(),
         low + 0.3 * (high - low),
         low + 0.3 * (high - low),

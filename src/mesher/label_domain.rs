@@ -46,7 +46,7 @@ impl LabelDomain {
         let to_index = volume.to_world.inverse();
         if !to_index.is_finite() {
             return Err(Error::Input(
-                "the volume is flat: its axes span no space, so that it cannot be meshed".into(),
+                "cannot mesh a degenerate volume: its axes are linearly dependent".into(),
             ));
         }
         let count = volume.voxels().min(volume.raw.len());
@@ -56,7 +56,8 @@ impl LabelDomain {
         };
         if labels.len() >= usize::from(MIXED_BRICK) {
             return Err(Error::Input(format!(
-                "the volume has {} different labels; choose fewer than {MIXED_BRICK}, or mesh it from a threshold if it is no label map",
+                "volume has {} different labels; choose fewer than {MIXED_BRICK}, or define \
+                regions by a threshold if it is not a label map",
                 labels.len()
             )));
         }
@@ -74,7 +75,7 @@ impl LabelDomain {
         }
         if let Some(absent) = voxels.iter().skip(1).position(|n| *n == 0) {
             return Err(Error::Input(format!(
-                "no voxel has the label {}; the volume has {}",
+                "no voxel has label {}; available labels: {}",
                 labels[absent],
                 listed(&present(volume)?)
             )));
@@ -334,14 +335,14 @@ fn listed(labels: &[i64]) -> String {
 fn present(volume: &Volume) -> Result<Vec<i64>> {
     let Some(counts) = volume.labels() else {
         return Err(Error::Input(
-            "the volume is no label map: its values are not whole numbers, or there are too many different ones; mesh it from a threshold instead".into(),
+            "volume is not a label map: its values are not integers, or it has too many different \
+            values; define regions by a threshold"
+                .into(),
         ));
     };
     let labels: Vec<i64> = counts.into_keys().filter(|l| *l != 0).collect();
     match labels.is_empty() {
-        true => Err(Error::Input(
-            "all voxels are 0: there is no label to mesh".into(),
-        )),
+        true => Err(Error::Input("no label to mesh: all voxels are 0".into())),
         false => Ok(labels),
     }
 }

@@ -51,7 +51,7 @@ impl LatticeMesh {
         }
         if points.len() > u32::MAX as usize / 4 {
             return Err(Error::Input(
-                "the mesh has more nodes than 32-bit indices allow; give a larger edge".into(),
+                "mesh exceeds the range of 32-bit node indices; increase the edge length".into(),
             ));
         }
         let between = Between {

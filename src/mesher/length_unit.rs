@@ -33,7 +33,8 @@ impl Length {
             (None, _) => Ok(self.value),
             (Some(unit), Some(metres)) => Ok(self.value * unit / metres),
             (Some(_), None) => Err(Error::Input(
-                "a length with a unit is given, but the file does not say what its own unit is; say it (--unit mm, for example)".into(),
+                "cannot convert a length with a unit: the file does not state its length unit; set \
+                it (for example --unit mm)".into(),
             )),
         }
     }
@@ -52,7 +53,8 @@ impl FromStr for Length {
         match number.trim().parse::<f64>() {
             Ok(value) if value.is_finite() && value > 0.0 => Ok(Length { value, unit }),
             _ => Err(Error::Input(format!(
-                "\"{text}\" is not a length: a positive number is expected, with or without a unit (2mm, 0.2cm)"
+                "invalid length \"{text}\": expected a positive number, optionally with a unit \
+                (2mm, 0.2cm)"
             ))),
         }
     }
@@ -64,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_are_brought_to_the_unit_of_the_input() {
+    fn lengths_are_converted_to_input_unit() {
         let length = |text: &str| text.parse::<Length>();
         let in_mm = |text: &str| length(text).unwrap().in_unit_of(Some(1e-3)).unwrap();
         assert_eq!(in_mm("2mm"), 2.0);

@@ -266,29 +266,23 @@ fn divide(
 }
 
 fn check(options: &MeshOptions) -> Result<()> {
-    let said = |what: &str, value: f64, want: &str| {
-        Err(Error::Input(format!(
-            "{what} cannot be {value}; give {want}"
-        )))
+    let invalid = |what: &str, value: f64, want: &str| {
+        Err(Error::Input(format!("{what} must be {want}, got {value}")))
     };
     if let Spacing::Edge(edge) = options.spacing
         && !(edge.is_finite() && edge > 0.0)
     {
-        return said("the edge of the tets", edge, "a positive length");
+        return invalid("edge length", edge, "finite and positive");
     }
     if !(1.0..=1024.0).contains(&options.grading) {
-        return said("the grading", options.grading, "a factor from 1 to 1024");
+        return invalid("grading", options.grading, "1 to 1024");
     }
     if options.min_island.is_nan() || options.min_island < 0.0 {
-        return said(
-            "the least volume of an island",
-            options.min_island,
-            "0 or more",
-        );
+        return invalid("minimum island volume", options.min_island, "≥ 0");
     }
     if !options.offset.is_finite() || options.offset.abs().max_element() > 1.0 {
         return Err(Error::Input(format!(
-            "the lattice cannot be moved by {} edges; give up to 1 along each axis",
+            "lattice offset must be −1 to 1 edge lengths along each axis, got {}",
             options.offset
         )));
     }
@@ -317,7 +311,8 @@ fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<M
     }
     if filling.tets.is_empty() {
         return Err(Error::Input(
-            "nothing of the body is left at this size of tets; ask for smaller or more of them"
+            "no tets left at this edge length; decrease the edge length or increase the number of \
+            tets"
                 .into(),
         ));
     }
@@ -352,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ends_wherever_it_is_told_to() {
+    fn meshing_cancels_at_every_progress_point() {
         let options = MeshOptions {
             spacing: Spacing::Tets(3000),
             min_island: 1e-9,
@@ -368,10 +363,10 @@ mod tests {
         let (all, parts) = (calls.into_inner(), parts.into_inner().unwrap());
         assert!(parts.len() >= 7 && all > 50, "{all} {parts:?}");
         for last in (0..all).step_by(all / 40 + 1) {
-            let told = AtomicUsize::new(0);
+            let calls = AtomicUsize::new(0);
             let ended = mesh_domain(&Balls, &options, &|_, _| {
                 // The callback has cancelled once and must not be called again.
-                match told.fetch_add(1, Ordering::Relaxed) == last {
+                match calls.fetch_add(1, Ordering::Relaxed) == last {
                     true => ControlFlow::Break(()),
                     false => ControlFlow::Continue(()),
                 }
@@ -380,11 +375,11 @@ mod tests {
                 matches!(ended, Err(Error::Cancelled)),
                 "call {last} of {all}"
             );
-            let more = told.into_inner() - last;
+            let more = calls.into_inner() - last;
             // Calls of other threads may have been in flight.
             assert!(
                 more <= 1 + rayon::current_num_threads(),
-                "{more} calls after it"
+                "{more} calls after cancellation"
             );
         }
     }

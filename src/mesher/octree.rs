@@ -67,7 +67,7 @@ impl Octree {
         let extent = high - low;
         if !(extent.is_finite() && extent.min_element() >= 0.0) {
             return Err(Error::Input(
-                "there is nothing to mesh: no voxel or point is inside a region".into(),
+                "nothing to mesh: no voxel or point is inside a region".into(),
             ));
         }
         // A margin of two cells on each side, and a third for the offset.
@@ -76,7 +76,8 @@ impl Octree {
         let across = ((extent / edge).max_element() + 7.0) / f64::from(1u32 << top);
         if edge <= 0.0 || (across + 1.0) * f64::from(side(top)) >= f64::from(1u32 << BITS) {
             return Err(Error::Input(format!(
-                "an edge of {edge} does not suit a body of the size {extent}; give one between {:.3e} and {:.3e}",
+                "edge length for a body of size {extent} must be between {:.3e} and {:.3e}, got \
+                {edge}",
                 extent.max_element() / f64::from(1u32 << (BITS - 2)),
                 extent.max_element()
             )));
@@ -111,7 +112,7 @@ impl Octree {
         part.check_cancelled()?;
         if made.into_inner() > MAX_LEAVES {
             return Err(Error::Input(format!(
-                "an edge of {edge} makes more than {} million tets; give a larger one",
+                "edge length {edge} gives more than {} million tets; increase it",
                 12 * (MAX_LEAVES >> 20)
             )));
         }

@@ -124,7 +124,7 @@ impl MeshingConfig {
         let started = Instant::now();
         let Some(first) = self.input.first() else {
             return Err(Error::Input(
-                "there is nothing to mesh; name a volume or a surface".into(),
+                "no input to mesh; give a volume or a surface".into(),
             ));
         };
         ProgressScope::begin(progress, "reading", 0.0)?;
@@ -133,7 +133,8 @@ impl MeshingConfig {
             Kind::Surface => self.mesh_surfaces(progress)?,
             Kind::Mesh => {
                 return Err(Error::Input(format!(
-                    "{} is a tetrahedral mesh already; a volume or a closed surface is meshed (a surface out of it: --out NAME.ply)",
+                    "{} is already a tetrahedral mesh; give a volume or a closed surface, or \
+                    extract a surface of the mesh with --out NAME.ply",
                     first.display()
                 )));
             }
@@ -159,7 +160,7 @@ impl MeshingConfig {
     pub fn extract_surface(&self, rounds: u32, progress: ProgressFn) -> Result<TriMesh> {
         let [file] = self.input.as_slice() else {
             return Err(Error::Input(format!(
-                "a surface is made of one file, but {} are named",
+                "extracting a surface requires exactly one input file, got {}",
                 self.input.len()
             )));
         };
@@ -168,7 +169,7 @@ impl MeshingConfig {
         let kind = io::detect_kind(file)?;
         if kind != Kind::Volume && !windows.is_empty() {
             return Err(Error::Input(format!(
-                "thresholds are for volumes, and {} is none",
+                "thresholds apply to volumes only, and {} is not a volume; omit them",
                 file.display()
             )));
         }
@@ -195,7 +196,9 @@ impl MeshingConfig {
                     }
                     _ => {
                         return Err(Error::Input(
-                            "a surface is that of one threshold, one range, or of labels".into(),
+                            "extracting a surface requires exactly one threshold, one range or a \
+                            list of labels"
+                                .into(),
                         ));
                     }
                 }
@@ -222,7 +225,9 @@ impl MeshingConfig {
     fn mesh_volume(&self, file: &Path, progress: ProgressFn) -> Result<MeshingResult> {
         if self.tetgen {
             return Err(Error::Input(
-                "TetGen meshes surfaces: make one of the volume first (--out NAME.ply)".into(),
+                "TetGen meshes surfaces only; extract a surface of the volume first with --out \
+                NAME.ply"
+                    .into(),
             ));
         }
         self.with_volume_domain(file, |domain, regions, volume, by_value| {
@@ -337,7 +342,7 @@ impl Regions {
             .iter()
             .filter(|l| regions.iter().all(|r| r.label != **l));
         let notes = lost.map(|label| {
-            format!("nothing is left of region {label} at this size of tets; ask for more of them")
+            format!("region {label} has no tets at this edge length; increase the number of tets")
         });
         Ok(MeshingResult {
             mesh,

@@ -31,7 +31,7 @@ pub(super) fn find_spacing<T>(
 ) -> Result<T> {
     if wanted < 100 || wanted > u32::MAX as usize / 8 {
         return Err(Error::Input(format!(
-            "a mesh cannot be made of about {wanted} tets; ask for 100 to {}",
+            "number of tets must be 100 to {}, got {wanted}",
             u32::MAX / 8
         )));
     }
@@ -41,11 +41,11 @@ pub(super) fn find_spacing<T>(
     let mut before: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
     for _ in 0..MAX_TRIALS {
-        let laid = lay(edge)?;
-        let made = count(&laid) as f64;
+        let trial = lay(edge)?;
+        let made = count(&trial) as f64;
         let off = (made / target).ln().abs();
         if best.as_ref().is_none_or(|b| off < b.0) {
-            best = Some((off, laid));
+            best = Some((off, trial));
         }
         if off < COUNT_TOLERANCE {
             break;
@@ -69,9 +69,9 @@ pub(super) fn find_spacing<T>(
         };
     }
     match best {
-        Some((_, laid)) if count(&laid) > 0 => Ok(laid),
+        Some((_, trial)) if count(&trial) > 0 => Ok(trial),
         _ => Err(Error::Input(format!(
-            "no edge makes about {wanted} tets of this body; give the edge instead"
+            "no edge length gives about {wanted} tets for this body; set the edge length instead"
         ))),
     }
 }

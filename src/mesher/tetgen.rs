@@ -67,7 +67,7 @@ fn run(
         && !(edge.is_finite() && edge > 0.0)
     {
         return Err(Error::Input(format!(
-            "the edge of the tets cannot be {edge}; give a positive length"
+            "edge length must be finite and positive, got {edge}"
         )));
     }
     let closed = surfaces.iter().map(ClosedSurface::new);
@@ -160,12 +160,12 @@ impl Job<'_> {
     /// Runs the program and returns its output; a cancelled run is killed.
     fn output(&self, switches: &str, part: &ProgressScope) -> Result<Output> {
         // Output goes to files, so that no reader is needed while it runs.
-        let said = |name: &str| {
+        let create = |name: &str| {
             let file = self.folder.join(name);
             let made = File::create(&file).map_err(Error::io(&file))?;
             Ok((file, made))
         };
-        let ((out, stdout), (err, stderr)) = (said("stdout")?, said("stderr")?);
+        let ((out, stdout), (err, stderr)) = (create("stdout")?, create("stderr")?);
         let mut run = Command::new(self.program)
             .args([switches, "surface.smesh"])
             .current_dir(self.folder)
@@ -203,13 +203,14 @@ impl Job<'_> {
             .output()
             .ok()
             .and_then(|output| {
-                let said = String::from_utf8_lossy(&output.stdout).into_owned();
-                let line = said.lines().find_map(|l| l.trim().strip_prefix("!!"))?;
+                let report = String::from_utf8_lossy(&output.stdout).into_owned();
+                let line = report.lines().find_map(|l| l.trim().strip_prefix("!!"))?;
                 Some(line.trim().to_owned())
             });
         let words = crossings.unwrap_or_else(|| last_words(output));
         Error::Input(format!(
-            "TetGen gave up on the surface ({}): {words} TetGen takes no surfaces that cross themselves or each other; the lattice mesher does (--with lattice)",
+            "TetGen failed on the surface ({}): {words} TetGen rejects surfaces that intersect \
+            themselves or each other; use the lattice mesher (--with lattice)",
             output.status
         ))
     }
@@ -226,7 +227,9 @@ impl Job<'_> {
         }
         if fewest.tets.len() > wanted {
             return Err(Error::Input(format!(
-                "TetGen keeps the triangles of the surface, so it makes at least {} tets of it, not {wanted}; ask for so many, or take the lattice mesher (--with lattice)",
+                "TetGen keeps the triangles of the surface and generates at least {} tets, more \
+                than the requested {wanted}; increase the number, or use the lattice mesher \
+                (--with lattice)",
                 fewest.tets.len()
             )));
         }
@@ -237,7 +240,8 @@ impl Job<'_> {
         match within(&filling) {
             true => Ok(filling),
             false => Err(Error::Input(format!(
-                "the nearest to {wanted} tets that TetGen comes is {}; give the edge instead (--edge)",
+                "TetGen cannot generate about {wanted} tets, the closest is {}; set the edge \
+                length instead (--edge)",
                 filling.tets.len()
             ))),
         }
@@ -248,19 +252,21 @@ fn not_started(program: &OsStr, error: &std::io::Error) -> Error {
     let name = program.to_string_lossy();
     Error::Input(match error.kind() {
         std::io::ErrorKind::NotFound => format!(
-            "the program {name} is not installed; TetGen is a program of its own under the AGPL: apt install tetgen (Debian, Ubuntu), brew install tetgen (macOS), or take the lattice mesher (--with lattice)"
+            "program {name} is not installed; TetGen is a separate program under the AGPL: install \
+            it with apt install tetgen (Debian, Ubuntu) or brew install tetgen (macOS), or use the \
+            lattice mesher (--with lattice)"
         ),
-        _ => format!("the program {name} cannot be run: {error}"),
+        _ => format!("cannot run program {name}: {error}"),
     })
 }
 
 /// Returns the end of the program's output, on one line.
 fn last_words(output: &Output) -> String {
-    let said = [&output.stdout[..], b"\n", &output.stderr].concat();
-    let said = String::from_utf8_lossy(&said);
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    let from = said.char_indices().rev().nth(MAX_STDERR_CHARS - 1);
-    format!("{}.", &said[from.map_or(0, |(n, _)| n)..])
+    let text = [&output.stdout[..], b"\n", &output.stderr].concat();
+    let text = String::from_utf8_lossy(&text);
+    let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let from = text.char_indices().rev().nth(MAX_STDERR_CHARS - 1);
+    format!("{}.", &text[from.map_or(0, |(n, _)| n)..])
 }
 
 /// Sorts tets by region; those in cavities are dropped.
@@ -303,7 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_that_is_not_there_is_named_with_how_to_get_it() {
+    fn missing_tetgen_is_reported_with_install_command() {
         let corner = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
         let surface = TriMesh {
             vertices: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],

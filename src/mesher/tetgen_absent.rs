@@ -10,6 +10,6 @@ use crate::{Error, ProgressFn, Result};
 /// Always an [`Error::Input`].
 pub fn tetgen(_: &[TriMesh], _: Spacing, _: ProgressFn) -> Result<MeshedDomain> {
     Err(Error::Input(
-        "TetGen is a program, which a browser cannot run; use the lattice mesher".into(),
+        "TetGen is not available in a browser; use the lattice mesher".into(),
     ))
 }

@@ -38,17 +38,17 @@ impl<'a> ThresholdDomain<'a> {
         let to_index = volume.to_world.inverse();
         if !to_index.is_finite() {
             return Err(Error::Input(
-                "the volume is flat: its axes span no space, so that it cannot be meshed".into(),
+                "cannot mesh a degenerate volume: its axes are linearly dependent".into(),
             ));
         }
         let Some((lowest, highest)) = volume.range() else {
             return Err(Error::Input(
-                "the volume has no finite value: there is nothing to mesh".into(),
+                "nothing to mesh: volume has no finite values".into(),
             ));
         };
         if windows.is_empty() || windows.len() >= usize::from(u16::MAX) {
             return Err(Error::Input(format!(
-                "a mesh cannot be made of {} thresholds; give at least one",
+                "number of thresholds must be 1 to 65534, got {}",
                 windows.len()
             )));
         }
@@ -68,7 +68,7 @@ impl<'a> ThresholdDomain<'a> {
             });
             if found.is_empty() {
                 return Err(Error::Input(format!(
-                    "no voxel has a value from {} to {}; the volume has {lowest} to {highest}",
+                    "no voxel has a value from {} to {}; values range from {lowest} to {highest}",
                     window[0], window[1]
                 )));
             }

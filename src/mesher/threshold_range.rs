@@ -28,7 +28,8 @@ impl FromStr for ThresholdRange {
             let number = text.trim().parse::<f64>().ok().filter(|v| v.is_finite());
             number.ok_or_else(|| {
                 Error::Input(format!(
-                    "\"{text}\" is not a threshold: a number (300), a range (150..400), or either with a name (skull=300) is expected"
+                    "invalid threshold \"{text}\": expected a number (300), a range (150..400), or \
+                    either with a name (skull=300)"
                 ))
             })
         };
@@ -38,11 +39,14 @@ impl FromStr for ThresholdRange {
         };
         if low >= high {
             return Err(Error::Input(format!(
-                "\"{text}\": the lower threshold must be below the upper"
+                "invalid threshold range \"{text}\": the lower value must be less than the upper \
+                value"
             )));
         }
         if name.as_ref().is_some_and(String::is_empty) {
-            return Err(Error::Input(format!("\"{text}\": the name is empty")));
+            return Err(Error::Input(format!(
+                "invalid threshold \"{text}\": the name is empty"
+            )));
         }
         Ok(ThresholdRange { name, low, high })
     }
@@ -54,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn thresholds_are_numbers_or_ranges_with_names() {
+    fn thresholds_parse_as_numbers_or_named_ranges() {
         let window = |text: &str| text.parse::<ThresholdRange>();
         let skull = window("skull = 300").unwrap();
         assert_eq!((skull.name.as_deref(), skull.low), (Some("skull"), 300.0));

@@ -42,7 +42,7 @@ impl FromStr for EngineChoice {
             "cpu" => Ok(EngineChoice::Exactly(Engine::Cpu)),
             "rapier" => Ok(EngineChoice::Exactly(Engine::Rapier)),
             _ => Err(Error::Input(format!(
-                "there is no engine \"{name}\"; there are auto, gpu, cpu and rapier"
+                "unknown engine \"{name}\"; expected auto, gpu, cpu or rapier"
             ))),
         }
     }
@@ -81,7 +81,7 @@ impl EngineChoice {
         let rate = model.damping;
         if !(rate.is_finite() && rate >= 0.0) {
             return Err(Error::Input(format!(
-                "a damping rate of {rate} 1/s makes no sense; give 0 or more"
+                "damping rate must be finite and ≥ 0, got {rate} 1/s"
             )));
         }
         Ok(match self.resolve(gpu) {
@@ -89,7 +89,7 @@ impl EngineChoice {
             Engine::Cpu => Box::new(CpuGrid::new(gpu, model, mesh, Precision::Single)?),
             Engine::Rapier => {
                 return Err(Error::Input(
-                    "rapier steps bodies of tets and no grids; leave [grid] out, or take --engine cpu or gpu".into(),
+                    "rapier supports tet bodies only, not grids; remove [grid], or use --engine cpu or gpu".into(),
                 ));
             }
         })
@@ -151,6 +151,6 @@ fn rapier(
     _: (SolverKind, CgSettings),
 ) -> Result<Box<dyn Simulator>> {
     Err(Error::Input(
-        "this build of palpate has no engine rapier; build it with `--features rapier`, or take --engine cpu or gpu".into(),
+        "this build of palpate does not include the engine rapier; rebuild with `--features rapier`, or use --engine cpu or gpu".into(),
     ))
 }

@@ -110,16 +110,16 @@ impl BodyField {
         }
         if body.coarse_body().is_some() {
             return Err(Error::Input(format!(
-                "{self} is not known of a mesh that a cage carries: it is the cage that is simulated; leave [cage] out, or show displacement, strain or J"
+                "{self} is not available for a mesh embedded in a cage, because only the cage is simulated; remove [cage], or show displacement, strain or J"
             )));
         }
         match body.network() {
             Some(network) if !network.elements.is_empty() => Ok(()),
             Some(_) => Err(Error::Input(format!(
-                "{self} is not known of a body of springs, which have no stress; choose --material neo-hookean (or corotated), or show displacement, strain or J"
+                "{self} is not available for a body of springs, which have no stress; use --material neo-hookean (or corotated), or show displacement, strain or J"
             ))),
             None => Err(Error::Input(format!(
-                "{self} is not known of a grid body, which is made of springs; simulate tets with --material neo-hookean, or show displacement, strain or J"
+                "{self} is not available for a grid body, which is made of springs; simulate tets with --material neo-hookean, or show displacement, strain or J"
             ))),
         }
     }
@@ -269,7 +269,7 @@ impl FromStr for BodyField {
         known.ok_or_else(|| {
             let names = BodyField::ALL.map(BodyField::name);
             Error::Input(format!(
-                "no field \"{name}\" is computed of a body; {} are",
+                "unknown computed field \"{name}\"; expected one of {}",
                 names.join(", ")
             ))
         })

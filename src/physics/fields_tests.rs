@@ -58,7 +58,7 @@ fn of_principal(mut stress: [f64; 3], stretches: [f64; 3], energy: f64) -> [f64;
 }
 
 #[test]
-fn uniform_stretch_has_the_stress_of_the_law_whichever_way_it_is_turned() {
+fn uniform_stretch_stress_matches_law_in_any_orientation() {
     for stretches in [[1.3, 0.9, 0.8], [1.1, 1.1, 1.1], [0.7, 0.95, 1.0]] {
         let [x, y, z] = stretches;
         let j: f64 = x * y * z;
@@ -93,7 +93,7 @@ fn uniform_stretch_has_the_stress_of_the_law_whichever_way_it_is_turned() {
 }
 
 #[test]
-fn simple_shear_has_its_stress() {
+fn simple_shear_stress_matches_closed_form() {
     for shear in [1e-3, 0.4, 1.5] {
         let mut f = DMat3::IDENTITY;
         f.y_axis.x = shear;
@@ -118,7 +118,7 @@ fn simple_shear_has_its_stress() {
 }
 
 #[test]
-fn turned_bodies_have_no_stress() {
+fn rotated_body_has_no_stress() {
     for law in LAWS {
         let turn = DMat3::from_axis_angle(DVec3::new(0.48, 0.6, 0.64).normalize(), 2.0);
         same(
@@ -146,7 +146,7 @@ fn flat_and_inverted_tets_have_finite_stress() {
 }
 
 #[test]
-fn means_around_nodes_keep_what_is_constant_and_what_is_linear() {
+fn node_means_preserve_constant_and_linear_fields() {
     let mesh = box_mesh([4; 3], DVec3::splat(0.1), Split::Six).unwrap();
     let along = |p: DVec3| 3.0 + p.dot(DVec3::new(2.0, -1.0, 4.0));
     let centre = |t: usize| 0.25 * mesh.tet_nodes(t).iter().sum::<DVec3>();
@@ -168,7 +168,7 @@ fn means_around_nodes_keep_what_is_constant_and_what_is_linear() {
 /// The shared energies sum to the total, and for uniform F each tet has the values it would have by
 /// itself.
 #[test]
-fn shared_volumes_are_in_stress_and_energy() {
+fn averaged_volumes_enter_stress_and_energy() {
     let mesh = box_mesh([3, 2, 2], DVec3::new(0.3, 0.2, 0.2), Split::Six).unwrap();
     let network = |volume| {
         let material = Material {

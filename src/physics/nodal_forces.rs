@@ -28,7 +28,7 @@ impl NodalForces {
         let places: Vec<DVec3> = body.positions()?.iter().map(|p| *p * unit).collect();
         if forces.len() != places.len() {
             return Err(Error::Input(format!(
-                "forces on {} nodes are known of a mesh of {}",
+                "the body has forces on {} nodes, but its mesh has {} nodes",
                 forces.len(),
                 places.len()
             )));

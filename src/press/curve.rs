@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_curve_of_hertz_gives_its_modulus_back() {
+    fn hertz_curve_recovers_modulus() {
         let (young, poisson, radius) = (2.5e4, 0.4, 8e-3f64);
         let force =
             |d: f64| 4.0 / 3.0 * young / (1.0 - poisson * poisson) * radius.sqrt() * d.powf(1.5);

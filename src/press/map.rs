@@ -2,7 +2,7 @@
 
 use super::curve::{self, PressSample};
 use super::site::{Boundary, PressSite};
-use super::{DEPTH, INITIAL_CLEARANCE, STEP, laid, on_table, only_tets, table};
+use super::{DEPTH, INITIAL_CLEARANCE, STEP, on_table, only_tets, prepare_scene, table};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
@@ -160,18 +160,18 @@ impl PressMap {
         let [n, m] = wanted.points;
         if !([n, m].into_iter().all(|n| (1..=MOST).contains(&n))) {
             return Err(Error::Input(format!(
-                "a map of {n}x{m} points makes no sense; give 1 to {MOST} each way"
+                "map size must be 1 to {MOST} points per side, got {n}x{m}"
             )));
         }
         for (what, given) in [("radius", wanted.radius), ("depth", wanted.depth)] {
             if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
                 return Err(Error::Input(format!(
-                    "a {what} of {x} makes no sense; give a positive number"
+                    "press {what} must be positive and finite, got {x}"
                 )));
             }
         }
         let mesh = scene.mesh.load()?;
-        let (mut scene, down) = laid(scene);
+        let (mut scene, down) = prepare_scene(scene);
         scene.pin.push(table(down));
         let mut up = DVec3::ZERO;
         let axis = down.abs().max_position();
@@ -185,7 +185,7 @@ impl PressMap {
         let typical = median(found.iter().map(|(_, spot)| spot.thickness).collect());
         let Some(typical) = typical else {
             return Err(Error::Input(
-                "no point of the grid is above the body where it is less steep than 60°; ask for more points (--map NxM)".into(),
+                "no grid point is above a part of the body with a slope below 60°; increase the number of points (--map NxM)".into(),
             ));
         };
         let depth = wanted.depth.unwrap_or(DEPTH * typical);
@@ -195,18 +195,18 @@ impl PressMap {
         let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
         if fit.is_empty() {
             return Err(Error::Input(format!(
-                "the body is less than {MIN_THICKNESS_RATIO} times as thick as presses of {depth} are deep wherever it could be pressed; give a smaller --depth"
+                "body thickness at every press point must be at least {MIN_THICKNESS_RATIO} times the press depth {depth}; reduce --depth"
             )));
         }
         let radius = wanted.radius.unwrap_or(boundary.fitting_radius(typical));
         let mut notes = vec![format!(
-            "pressing {} points from above, {depth:.4} deep, with a fingertip of radius {radius:.4}",
+            "pressing {} points from above to depth {depth:.4} with a fingertip of radius {radius:.4}",
             fit.len()
         )];
         let left = grid.len() - fit.len();
         if left > 0 {
             notes.push(format!(
-                "{left} points of the grid are left out: beside the body, steeper than 60°, or thinner than {MIN_THICKNESS_RATIO} presses are deep ({} of them)",
+                "{left} grid points are skipped: beside the body, slope above 60°, or thickness below {MIN_THICKNESS_RATIO} times the press depth ({} of them)",
                 thin.len()
             ));
         }
@@ -264,11 +264,11 @@ impl PressMap {
         } = self.grid;
         // The text is part of the format: a partial map can be resumed only with the same
         // fingerprint.
-        let said = format!(
+        let settings = format!(
             "Grid {{ axes: {axes:?}, count: {count:?}, low: {low:?}, step: {step:?} }} {} {}",
             self.radius, self.depth
         );
-        crc.update(said.as_bytes());
+        crc.update(settings.as_bytes());
         for p in &self.mesh.nodes {
             p.to_array()
                 .iter()
@@ -284,7 +284,7 @@ impl PressMap {
     pub fn restore(&mut self, found: &[Option<PointResult>]) -> Result<()> {
         if found.len() != self.points.len() {
             return Err(Error::Input(format!(
-                "{} results do not fit a map of {} points",
+                "number of results must equal the number of map points, got {} for {}",
                 found.len(),
                 self.points.len()
             )));
@@ -311,14 +311,14 @@ impl PressMap {
             .collect();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let next = AtomicUsize::new(0);
-        let (tell, told) = mpsc::channel::<Result<(usize, PointResult)>>();
+        let (sender, receiver) = mpsc::channel::<Result<(usize, PointResult)>>();
         let bench = Bench {
             gpu,
             scene: &self.scene.clone(),
             mesh: &self.mesh.clone(),
             radius: self.radius,
         };
-        let way = PressSettings {
+        let settings = PressSettings {
             up: self.up,
             depth: self.depth,
             unit: self.unit,
@@ -328,26 +328,26 @@ impl PressMap {
         let spots = self.spots.clone();
         std::thread::scope(|scope| {
             for _ in 0..threads.min(left.len()) {
-                let (tell, left, next, spots) = (tell.clone(), &left, &next, &spots);
-                let (bench, way) = (&bench, &way);
+                let (sender, left, next, spots) = (sender.clone(), &left, &next, &spots);
+                let (bench, settings) = (&bench, &settings);
                 scope.spawn(move || {
                     let mut made = bench.finger();
                     while let Some(k) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
                         let found = match &mut made {
-                            Ok(finger) => finger.press(way, &spots[*k]),
+                            Ok(finger) => finger.press(settings, &spots[*k]),
                             Err(why) => Err(Error::Input(why.to_string())),
                         };
                         // The receiver is dropped after an error.
-                        if tell.send(found.map(|found| (*k, found))).is_err() {
+                        if sender.send(found.map(|found| (*k, found))).is_err() {
                             return;
                         }
                     }
                 });
             }
-            drop(tell);
-            let mut told = told;
+            drop(sender);
+            let mut receiver = receiver;
             let mut ended = Ok(());
-            while let Ok(found) = told.recv() {
+            while let Ok(found) = receiver.recv() {
                 let kept = found.and_then(|(k, found)| {
                     self.points[k].pressed = Some(found);
                     each(self)
@@ -355,7 +355,7 @@ impl PressMap {
                 if kept.is_err() {
                     ended = kept;
                     next.store(left.len(), Ordering::Relaxed);
-                    told = mpsc::channel().1;
+                    receiver = mpsc::channel().1;
                 }
             }
             ended
@@ -381,7 +381,7 @@ impl PressMap {
     pub fn image(&self, gpu: &Gpu) -> Result<Image> {
         if self.median().is_none() {
             return Err(Error::Input(
-                "no point of the map could be pressed, so there is nothing to draw".into(),
+                "the map has no results to draw; every press failed".into(),
             ));
         }
         let mut mesh = self.mesh.clone();
@@ -497,20 +497,21 @@ struct Finger {
 impl Finger {
     fn press(
         &mut self,
-        way: &PressSettings,
+        settings: &PressSettings,
         (spot, touch): &(PressSite, f64),
     ) -> Result<PointResult> {
-        let at =
-            |gone: f64| ToolPose::new(spot.point + (touch - gone) * spot.outward, DQuat::IDENTITY);
+        let at = |depth: f64| {
+            ToolPose::new(spot.point + (touch - depth) * spot.outward, DQuat::IDENTITY)
+        };
         let (id, dt) = (self.id, self.motion.dt.max(STEP));
         let body = self.motion.simulator.as_mut();
         body.set_state(&self.rest)?;
-        let begin = -INITIAL_CLEARANCE * way.radius;
+        let begin = -INITIAL_CLEARANCE * settings.radius;
         body.loads_mut().teleport_tool(id, at(begin))?;
         let mut samples = Vec::new();
         for step in 1..=STEPS {
-            let gone = begin + (way.depth - begin) * f64::from(step) / f64::from(STEPS);
-            body.loads_mut().set_tool_target(id, at(gone))?;
+            let depth = begin + (settings.depth - begin) * f64::from(step) / f64::from(STEPS);
+            body.loads_mut().set_tool_target(id, at(depth))?;
             match body.run(1, dt) {
                 Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
                 other => other?,
@@ -522,12 +523,12 @@ impl Finger {
             samples.push(PressSample {
                 time_s: dt * f64::from(step),
                 phase: "load",
-                depth_m: way.unit * gone,
-                force_n: force.dot(way.up),
+                depth_m: settings.unit * depth,
+                force_n: force.dot(settings.up),
             });
         }
-        let radius = way.unit * way.radius;
-        let report = curve::report(&samples, [radius, way.poisson], String::new(), 0.0);
+        let radius = settings.unit * settings.radius;
+        let report = curve::report(&samples, [radius, settings.poisson], String::new(), 0.0);
         Ok(PointResult::Stiffness(report.stiffness_n_per_m))
     }
 }

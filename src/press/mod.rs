@@ -67,13 +67,13 @@ impl PressOptions {
         for (what, given) in lengths {
             if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
                 return Err(Error::Input(format!(
-                    "a {what} of {x} makes no sense; give a positive number"
+                    "press {what} must be positive and finite, got {x}"
                 )));
             }
         }
         match (self.depth, self.force) {
             (Some(_), Some(_)) => Err(Error::Input(
-                "a press goes to a depth or to a force; give one of them".into(),
+                "a press needs a depth or a force, not both; give one of them".into(),
             )),
             _ => Ok(()),
         }
@@ -87,7 +87,7 @@ pub struct Press {
     /// Radius, target depth and current depth, in file units.
     radius: f64,
     depth: f64,
-    gone: f64,
+    current_depth: f64,
     /// Distance of the fingertip's centre from the site along the outward direction at first
     /// contact.
     touch: f64,
@@ -113,7 +113,7 @@ impl Press {
         wanted.check()?;
         only_tets(scene)?;
         let mesh = scene.mesh.load()?;
-        let (mut scene, down) = laid(scene);
+        let (mut scene, down) = prepare_scene(scene);
         let solver = scene.solver.name.take();
         let mut still = Stage::with_mesh(gpu, &scene, mesh)?;
         scene.solver.name = solver;
@@ -124,7 +124,7 @@ impl Press {
         drop(still);
         if on_table(&mesh, down, spot.point) {
             return Err(Error::Input(format!(
-                "at {} the body lies on its table and cannot give; press elsewhere (--at x,y,z or --pick X,Y), or turn gravity (--gravity x,y,z)",
+                "press point {} is fixed to the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
                 spot.point
             )));
         }
@@ -149,12 +149,12 @@ impl Press {
         let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
         *stage.camera_mut() = camera;
         let motion = stage.motion().ok_or_else(|| {
-            Error::Input("nothing moves, and so nothing can be pressed; name a solver".into())
+            Error::Input("a static body cannot be pressed; set [solver] name".into())
         })?;
         let unit = motion.simulator.loads().frame_and_unit().1;
         let mut notes = stage.notes().to_vec();
         notes.push(format!(
-            "the body lies on a table and is held there; it is stepped by {} every {} s, and loads, grabs, moves, cuts, tools and floor of the scene are left out",
+            "the body is placed on a table and fixed there; solver {} with time step {} s; loads, grabs, moves, cuts, tools and floor of the scene are ignored",
             scene.solver.name.as_deref().unwrap_or_default(),
             scene.solver.dt.unwrap_or(STEP)
         ));
@@ -164,7 +164,7 @@ impl Press {
             spot,
             radius,
             depth,
-            gone: -INITIAL_CLEARANCE * radius,
+            current_depth: -INITIAL_CLEARANCE * radius,
             touch,
             force: wanted.force,
             unit,
@@ -237,18 +237,19 @@ impl Press {
             Some(0) => return Ok(None),
             Some(left) => (
                 false,
-                self.gone - (self.gone + INITIAL_CLEARANCE * self.radius) / f64::from(left),
+                self.current_depth
+                    - (self.current_depth + INITIAL_CLEARANCE * self.radius) / f64::from(left),
             ),
             // The factor avoids an extra step by rounding.
-            None => match self.gone + 1.001 * stride < self.depth {
-                true => (true, self.gone + stride),
+            None => match self.current_depth + 1.001 * stride < self.depth {
+                true => (true, self.current_depth + stride),
                 false => (true, self.depth),
             },
         };
         let place = self.spot.point + (self.touch - goal) * self.spot.outward;
         self.stage.set_tool_target(0, place)?;
         self.stage.run(1, &mut |_| {})?;
-        self.gone = goal;
+        self.current_depth = goal;
         let force = self.stage.tool_force(0)?.dot(self.spot.outward);
         let sample = PressSample {
             time_s: self.stage.time(),
@@ -317,34 +318,34 @@ fn only_tets(scene: &Scene) -> Result<()> {
     match scene.body.is_empty() && scene.grid.is_none() && scene.cage.is_none() {
         true => Ok(()),
         false => Err(Error::Input(
-            "a press needs one body of tets that is simulated itself; leave [[body]], [grid] and [cage] out".into(),
+            "a press needs a single tetrahedral body; remove [[body]], [grid] and [cage]".into(),
         )),
     }
 }
 
 /// Returns the scene without loads, prepared for quasi-static steps, and the downward direction.
-fn laid(scene: &Scene) -> (Scene, DVec3) {
-    let mut laid = scene.clone();
+fn prepare_scene(scene: &Scene) -> (Scene, DVec3) {
+    let mut prepared = scene.clone();
     let down = scene.solver.gravity.map_or(DVec3::ZERO, DVec3::from);
     let down = down.try_normalize().unwrap_or(DVec3::NEG_Z);
-    laid.force.clear();
-    laid.grab.clear();
-    laid.moves.clear();
-    laid.pressure.clear();
-    laid.muscle.clear();
-    laid.cut.clear();
-    laid.tool.clear();
-    laid.floor = None;
-    laid.solver.gravity = Some([0.0; 3]);
-    laid.solver.name = Some("implicit".into());
-    laid.solver.dt = Some(scene.solver.dt.unwrap_or(STEP).max(STEP));
-    laid.solver.sleep = Some(false);
+    prepared.force.clear();
+    prepared.grab.clear();
+    prepared.moves.clear();
+    prepared.pressure.clear();
+    prepared.muscle.clear();
+    prepared.cut.clear();
+    prepared.tool.clear();
+    prepared.floor = None;
+    prepared.solver.gravity = Some([0.0; 3]);
+    prepared.solver.name = Some("implicit".into());
+    prepared.solver.dt = Some(scene.solver.dt.unwrap_or(STEP).max(STEP));
+    prepared.solver.sleep = Some(false);
     let engine = scene.solver.engine.unwrap_or(EngineChoice::Auto);
-    laid.solver.engine = Some(match engine {
+    prepared.solver.engine = Some(match engine {
         EngineChoice::Auto => EngineChoice::Exactly(Engine::Cpu),
         named => named,
     });
-    (laid, down)
+    (prepared, down)
 }
 
 /// Whether a point belongs to the part fixed to the table.

@@ -187,7 +187,7 @@ pub(super) fn find_site(
             let near = |p: &DVec3| p.distance(at) <= 0.5 * boundary.diagonal();
             boundary.nearest(at).filter(near).ok_or_else(|| {
                 Error::Input(format!(
-                    "{at} is nowhere near the body, which lies from {} to {}; give a point on it (--at x,y,z)",
+                    "press point {at} is too far from the body, which spans {} to {}; give a point on the body (--at x,y,z)",
                     boundary.low, boundary.high
                 ))
             })?
@@ -203,7 +203,7 @@ fn seen(stage: &mut Stage, pick: Option<DVec2>) -> Result<DVec3> {
         let found = stage.pick(pixel)?;
         return found.map(|p| p.point).ok_or_else(|| {
             Error::Input(format!(
-                "at {},{} the picture shows nothing of the body; pick another point of it (--pick X,Y), or give --at x,y,z",
+                "the body is not visible at pixel {},{}; pick another pixel (--pick X,Y), or give --at x,y,z",
                 pixel.x, pixel.y
             ))
         });
@@ -221,6 +221,6 @@ fn seen(stage: &mut Stage, pick: Option<DVec2>) -> Result<DVec3> {
         }
     }
     Err(Error::Input(
-        "the picture shows nothing of the body; move the camera, or give --at x,y,z".into(),
+        "the body is not visible in the image; move the camera, or give --at x,y,z".into(),
     ))
 }

@@ -117,20 +117,20 @@ impl Camera {
     /// An error if a number is not finite, the eye coincides with the target, the field of view is
     /// not between 0° and 180°, or the height is not positive.
     pub fn check(&self) -> Result<()> {
-        let wrong = |what: &str| Err(Error::Input(format!("camera: {what}")));
+        let wrong = |what: String| Err(Error::Input(format!("camera: {what}")));
         if !(self.eye.is_finite() && self.look_at.is_finite() && self.up.is_finite()) {
-            return wrong("eye, look-at and up must be finite numbers");
+            return wrong("eye, look-at point and up direction must be finite".into());
         }
         if self.eye == self.look_at {
-            return wrong("the eye is at the point it looks at; move one of them");
+            return wrong("eye and look-at point coincide; move one of them".into());
         }
         match self.projection {
-            Projection::Perspective { fov } if !(fov > 0.0 && fov < 180.0) => {
-                wrong("the opening angle must lie between 0 and 180 degrees")
-            }
-            Projection::Orthographic { height } if !(height > 0.0 && height.is_finite()) => {
-                wrong("the height of the view must be positive")
-            }
+            Projection::Perspective { fov } if !(fov > 0.0 && fov < 180.0) => wrong(format!(
+                "field of view must be > 0 and < 180 degrees, got {fov}"
+            )),
+            Projection::Orthographic { height } if !(height > 0.0 && height.is_finite()) => wrong(
+                format!("view height must be positive and finite, got {height}"),
+            ),
             _ => Ok(()),
         }
     }
@@ -229,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_ray_meets_the_point_looked_at_and_up_is_up() {
+    fn central_ray_hits_look_at_and_up_points_up() {
         for projection in [
             Projection::Perspective { fov: 40.0 },
             Projection::Orthographic { height: 3.0 },
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn balls_are_missed_where_no_ray_meets_them() {
+    fn sphere_visibility_test_never_rejects_hit_spheres() {
         let size = [160, 90];
         let (eye, to) = (DVec3::new(3.0, 2.0, 5.0), DVec3::new(0.5, -0.2, 0.1));
         let cameras = [
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_cameras_are_named() {
+    fn check_rejects_invalid_cameras() {
         let good = Camera::perspective(DVec3::Z, DVec3::ZERO, DVec3::Y, 30.0);
         assert!(good.check().is_ok());
         let bad = [

@@ -96,7 +96,7 @@ impl Image {
     fn open_file(path: &Path) -> Result<Image> {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
         let picture = image::load_from_memory(&bytes)
-            .map_err(|e| Error::format(path, format!("no PNG or EXR picture: {e}")))?
+            .map_err(|e| Error::format(path, format!("not a PNG or EXR image: {e}")))?
             .into_rgba32f();
         Ok(Image {
             size: [picture.width(), picture.height()],
@@ -109,7 +109,7 @@ impl Image {
 fn check_sizes(a: &Image, b: &Image) -> Result<()> {
     if a.size != b.size || a.channels != b.channels || a.values.is_empty() {
         return Err(Error::Input(format!(
-            "pictures of {} x {} pixels ({} channels) and {} x {} ({}) cannot be compared; render both at one size",
+            "images differ in size: {} x {} pixels ({} channels) and {} x {} ({}); render both at the same size",
             a.size[0], a.size[1], a.channels, b.size[0], b.size[1], b.channels
         )));
     }
@@ -128,7 +128,7 @@ impl fmt::Display for ImageDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "RMSE {:.3}/255, 99.9th percentile {:.3}/255, largest {:.3}/255",
+            "RMSE {:.3}/255, 99.9th percentile {:.3}/255, maximum {:.3}/255",
             self.rmse * 255.0,
             self.percentile_999 * 255.0,
             self.max * 255.0

@@ -113,8 +113,8 @@ impl Peel {
             gpu.buffer_of("inside, always", &[corners, 1, 0, 0, 3, 1, 0, 0])?,
         ];
         let runs = (corners / 3).div_ceil(32);
-        let marks = gpu.buffer("faces that may be seen", 8 * u64::from(runs.max(1)))?;
-        let covered = gpu.buffer_of("draw of covered faces", &[0u32, 1, 0, 0])?;
+        let marks = gpu.buffer("face visibility", 8 * u64::from(runs.max(1)))?;
+        let covered = gpu.buffer_of("covered faces draw", &[0u32, 1, 0, 0])?;
         let covers = gpu.array("covered faces", Texel::U32x4, corners as usize)?;
         let start_name = match stored {
             true => "render/start stored",

@@ -67,7 +67,7 @@ impl Animation {
         if image.size != self.size {
             let ([w, h], [x, y]) = (image.size, self.size);
             return Err(Error::Input(format!(
-                "a frame of {w} x {h} pixels does not go into a film of {x} x {y}"
+                "frame size {w} x {h} pixels differs from the animation size {x} x {y}"
             )));
         }
         let pixels = image.rgb(background);
@@ -99,7 +99,7 @@ impl Animation {
     pub fn finish(self) -> Result<()> {
         if self.frames == 0 {
             return Err(Error::Input(format!(
-                "{}: a film needs at least one frame",
+                "{}: an animation must have at least one frame, got none",
                 self.path.display()
             )));
         }
@@ -145,14 +145,14 @@ fn check(path: &Path, fps: f64) -> Result<Format> {
         "mp4" => (Format::Mp4, 240.0),
         _ => {
             return Err(Error::Input(format!(
-                "{}: films are written as .gif or .mp4",
+                "{}: animation file extension must be .gif or .mp4",
                 path.display()
             )));
         }
     };
     if !(fps >= 0.01 && fps <= most) {
         return Err(Error::Input(format!(
-            "{}: {fps} frames a second; choose from 0.01 to {most}",
+            "{}: frame rate must be in 0.01 to {most} per second, got {fps}",
             path.display()
         )));
     }
@@ -164,7 +164,7 @@ fn begin(path: &Path, size: [u32; 2], fps: f64, program: &OsStr) -> Result<Anima
     let [width, height] = size;
     if size.iter().any(|n| !(1..=16_384).contains(n)) {
         return Err(Error::Input(format!(
-            "a film of {width} x {height} pixels; each side must be from 1 to 16384"
+            "animation size must be 1 to 16384 pixels per side, got {width} x {height}"
         )));
     }
     let (file, unfinished) = TempFile::create(path)?;
@@ -213,9 +213,9 @@ fn encoder(program: &OsStr, [width, height]: [u32; 2], fps: f64, to: &Path) -> R
             let program = program.to_string_lossy();
             Error::Input(match e.kind() {
                 std::io::ErrorKind::NotFound => format!(
-                    "MP4 is written by the program {program}, which is not installed; install it (ffmpeg.org; Debian: apt install ffmpeg), or write a .gif"
+                    "MP4 output needs the program {program}, which is not installed; install it (ffmpeg.org; Debian: apt install ffmpeg), or write a .gif"
                 ),
-                _ => format!("the program {program} cannot be started: {e}"),
+                _ => format!("cannot start the program {program}: {e}"),
             })
         })
 }
@@ -223,11 +223,11 @@ fn encoder(program: &OsStr, [width, height]: [u32; 2], fps: f64, to: &Path) -> R
 /// Returns the error for a failed encoder.
 fn refused(child: &mut Child) -> Error {
     drop(child.stdin.take());
-    let mut said = String::new();
+    let mut message = String::new();
     if let Some(errors) = &mut child.stderr {
-        errors.read_to_string(&mut said).ok();
+        errors.read_to_string(&mut message).ok();
     }
-    let from = said
+    let from = message
         .char_indices()
         .rev()
         .nth(MAX_STDERR_CHARS)
@@ -236,15 +236,15 @@ fn refused(child: &mut Child) -> Error {
         .wait()
         .map_or_else(|e| e.to_string(), |s| s.to_string());
     Error::Input(format!(
-        "ffmpeg gave up on the film ({ended}): {}",
-        said[from..].trim()
+        "ffmpeg failed to encode the animation ({ended}): {}",
+        message[from..].trim()
     ))
 }
 
 fn of_gif(path: &Path, e: gif::EncodingError) -> Error {
     match e {
         gif::EncodingError::Io(e) => Error::io(path)(e),
-        other => Error::format(path, format!("cannot be encoded: {other}")),
+        other => Error::format(path, format!("cannot encode the animation: {other}")),
     }
 }
 
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gif_has_the_frames_and_lasts_as_long_as_they_do() {
+    fn gif_preserves_frames_and_duration() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.gif");
         let mut film = Animation::create(&path, [12, 7], 30.0).unwrap();
@@ -271,7 +271,10 @@ mod tests {
             let frame = frame([12, 7], i as f32 / 30.0);
             film.push(&frame, Background::Black).unwrap();
         }
-        assert!(!path.exists(), "an unfinished film has no name");
+        assert!(
+            !path.exists(),
+            "an unfinished animation must not exist at its path"
+        );
         film.finish().unwrap();
         let mut options = gif::DecodeOptions::new();
         options.set_color_output(gif::ColorOutput::RGBA);
@@ -288,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_up_leaves_nothing() {
+    fn aborted_animation_leaves_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.gif");
         let mut film = Animation::create(&path, [4, 4], 10.0).unwrap();
@@ -306,17 +309,17 @@ mod tests {
     }
 
     #[test]
-    fn wrong_names_and_rates_are_said_so() {
-        let said = |path: &str, fps: f64| Animation::check(path, fps).unwrap_err().to_string();
-        assert!(said("film.avi", 10.0).contains(".gif or .mp4"));
-        assert!(said("film.gif", 60.0).contains("0.01 to 50"));
-        assert!(said("film.mp4", 0.0).contains("0.01 to 240"));
-        assert!(said("film.mp4", f64::NAN).contains("NaN"));
+    fn check_rejects_invalid_extensions_and_frame_rates() {
+        let error = |path: &str, fps: f64| Animation::check(path, fps).unwrap_err().to_string();
+        assert!(error("film.avi", 10.0).contains(".gif or .mp4"));
+        assert!(error("film.gif", 60.0).contains("0.01 to 50"));
+        assert!(error("film.mp4", 0.0).contains("0.01 to 240"));
+        assert!(error("film.mp4", f64::NAN).contains("NaN"));
         assert!(Animation::check("film.MP4", 60.0).is_ok());
     }
 
     #[test]
-    fn a_program_that_is_not_there_is_named() {
+    fn missing_encoder_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.mp4");
         let film = begin(&path, [4, 4], 10.0, "no-such-ffmpeg".as_ref());
@@ -337,7 +340,7 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn the_program_gets_every_pixel_and_its_failures_are_told() {
+    fn encoder_receives_every_pixel_and_failures_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("film.mp4");
         // The last argument is the output file.

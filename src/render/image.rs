@@ -169,18 +169,19 @@ impl Image {
             #[cfg(target_arch = "wasm32")]
             "exr" => {
                 return Err(Error::Input(format!(
-                    "{}: in a browser pictures are written as .png alone",
+                    "{}: in a browser, images can only be written as .png",
                     path.display()
                 )));
             }
             _ => {
                 return Err(Error::Input(format!(
-                    "{}: pictures are written as .png or .exr",
+                    "{}: image file extension must be .png or .exr",
                     path.display()
                 )));
             }
         };
-        let bytes = bytes.map_err(|e| Error::format(path, format!("cannot be encoded: {e}")))?;
+        let bytes =
+            bytes.map_err(|e| Error::format(path, format!("cannot encode the image: {e}")))?;
         crate::io::atomic_write(path, |file| {
             std::io::Write::write_all(file, &bytes).map_err(Error::io(path))
         })
@@ -285,7 +286,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_shrunk_picture_has_the_means_of_the_large_one() {
+    fn box_downsampling_averages_blocks() {
         let large = Image {
             size: [5, 4],
             channels: 1,
@@ -298,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_those_of_a_png() {
+    fn rgba8_matches_png_bytes() {
         let picture = Image {
             size: [2, 1],
             channels: 4,
@@ -314,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_body_is_half_as_opaque_and_of_its_colour() {
+    fn downsampling_half_covered_block_halves_opacity() {
         let large = Image {
             size: [2, 2],
             channels: 4,
@@ -330,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_in_colour_are_grey_up_to_the_longest() {
+    fn length_image_converts_to_normalised_grey() {
         let lengths = Image {
             size: [2, 1],
             channels: 1,

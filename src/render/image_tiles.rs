@@ -25,7 +25,7 @@ pub(crate) fn draw_in_tiles(
     let mut pixels: Vec<[f32; 4]> = Vec::new();
     pixels.try_reserve_exact(count).map_err(|_| {
         Error::Input(format!(
-            "a picture of {} x {} pixels takes {:.1} GB, more memory than there is",
+            "not enough memory for an image of {} x {} pixels ({:.1} GB); use a smaller image",
             size[0],
             size[1],
             count as f64 * 16e-9
@@ -72,7 +72,7 @@ pub(super) fn copy_tile<T: Copy + Default>(picture: &mut Vec<T>, window: ImageRe
 pub(super) fn check_size(size: [u32; 2]) -> Result<()> {
     if size.iter().any(|n| !(1..=65_536).contains(n)) {
         return Err(Error::Input(format!(
-            "a picture of {} x {} pixels; each side must be from 1 to 65536",
+            "image size must be 1 to 65536 pixels per side, got {} x {}",
             size[0], size[1]
         )));
     }

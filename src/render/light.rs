@@ -37,7 +37,7 @@ impl Light {
     pub(super) fn check(self) -> Result<()> {
         match self {
             Light::From(way) if !(way.is_finite() && way.length() > 0.0) => Err(Error::Input(
-                format!("light from {way} makes no sense; give a direction towards it"),
+                format!("light direction must be finite and not zero, got {way}"),
             )),
             _ => Ok(()),
         }
@@ -68,7 +68,7 @@ impl FromStr for Light {
             (_, [x, y, z]) if text.split(',').count() == 3 => Light::From(DVec3::new(*x, *y, *z)),
             _ => {
                 return Err(Error::Input(format!(
-                    "light \"{text}\" is not known; use head, none, or a direction x,y,z towards it"
+                    "unknown light \"{text}\"; use head, none, or a direction x,y,z towards it"
                 )));
             }
         };
@@ -214,7 +214,7 @@ mod tests {
     use crate::mesh::generate;
 
     #[test]
-    fn a_linear_scalar_has_its_gradient_inside_and_ends_point_inwards() {
+    fn linear_field_gradient_is_exact_and_boundary_gradient_points_inwards() {
         let mesh = generate::by_name("box", Some(2000)).unwrap();
         let topology = Topology::new(&mesh);
         let (low, high) = mesh.bounds();
@@ -240,19 +240,19 @@ mod tests {
     }
 
     #[test]
-    fn light_is_read_or_refused() {
+    fn light_parses_valid_and_rejects_invalid_text() {
         assert_eq!("head".parse::<Light>().unwrap(), Light::Head);
         assert_eq!("none".parse::<Light>().unwrap(), Light::None);
         let from: Light = "1, 0,-2".parse().unwrap();
         assert_eq!(from, Light::From(DVec3::new(1.0, 0.0, -2.0)));
         for wrong in ["", "sun", "1,2", "1,2,x", "0,0,0", "1,2,3,4"] {
-            let told = wrong.parse::<Light>().unwrap_err().to_string();
-            assert!(told.contains("light"), "{told}");
+            let error = wrong.parse::<Light>().unwrap_err().to_string();
+            assert!(error.contains("light"), "{error}");
         }
     }
 
     #[test]
-    fn what_faces_the_light_is_brighter_on_either_side() {
+    fn shading_is_two_sided_and_brightest_facing_light() {
         let ray = DVec3::NEG_Z;
         let [faced, shine] = shade(Light::Head, DVec3::Z * 50.0, ray);
         let [behind, _] = shade(Light::Head, DVec3::NEG_Z * 50.0, ray);

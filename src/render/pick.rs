@@ -98,7 +98,7 @@ impl Geometry {
         check(camera, pixel, size)?;
         if positions.len() != self.positions.len() as usize {
             return Err(Error::Input(format!(
-                "{} positions given for {} nodes",
+                "number of positions must equal the number of nodes, got {} for {}",
                 positions.len(),
                 self.positions.len()
             )));
@@ -149,7 +149,7 @@ fn check(camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<()> {
     match inside.all() {
         true => Ok(()),
         false => Err(Error::Input(format!(
-            "{pixel} is no point of a picture of {} × {} pixels",
+            "pixel {pixel} is outside the image of {} × {} pixels",
             size[0], size[1]
         ))),
     }
@@ -186,7 +186,7 @@ impl PickRay<'_> {
         };
         let mut nothing = [0; RESULT_WORDS];
         nothing[..2].fill(u32::MAX);
-        let found = gpu.buffer_of("what a ray meets", &nothing)?;
+        let found = gpu.buffer_of("ray hit", &nothing)?;
         let mut work = gpu.start_recording();
         for (stage, items) in [(0, triangles.len()), (1, triangles.len()), (2, 1)] {
             gpu.pass("render/pick")
@@ -201,10 +201,10 @@ impl PickRay<'_> {
         }
         work.submit()?;
         let found: Vec<u32> = gpu.read_buffer(&found)?;
-        Ok(self.told(&found, triangles.len()))
+        Ok(self.decode_hit(&found, triangles.len()))
     }
 
-    fn told(&self, found: &[u32], triangles: u32) -> Option<FirstHit> {
+    fn decode_hit(&self, found: &[u32], triangles: u32) -> Option<FirstHit> {
         let &[_, triangle, a, b, c, x, y, z, corner] = found else {
             return None;
         };

@@ -234,7 +234,7 @@ fn unknown(name: &str) -> Error {
         format!("did you mean \"{known}\"? ")
     });
     Error::Input(format!(
-        "there is no transfer function preset \"{name}\"; {meant}the presets are {}, and colour maps the other way round, such as viridis_r",
+        "unknown transfer function preset \"{name}\"; {meant}available presets: {}; append _r to reverse a colour map, such as viridis_r",
         names.join(", ")
     ))
 }
@@ -272,19 +272,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_preset_is_well_formed_and_a_wrong_name_lists_them() {
+    fn presets_are_valid_and_unknown_name_lists_them() {
         for name in TransferFunction::preset_names() {
             let tf = TransferFunction::preset(name)
                 .unwrap()
                 .to_absolute((0.0, 1.0), 1.0);
-            assert!(tf.max_extinction() > 1.0, "{name} shows nothing");
+            assert!(
+                tf.max_extinction() > 1.0,
+                "{name} has too little extinction"
+            );
         }
-        let said = |name: &str| TransferFunction::preset(name).unwrap_err().to_string();
-        let message = said("bones");
+        let error = |name: &str| TransferFunction::preset(name).unwrap_err().to_string();
+        let message = error("bones");
         assert!(message.contains("bone, muscle, skin"), "{message}");
         assert!(message.contains("did you mean \"bone\"?"), "{message}");
-        assert!(said("virdis").contains("did you mean \"viridis\"?"));
-        assert!(!said("something else").contains("did you mean"));
+        assert!(error("virdis").contains("did you mean \"viridis\"?"));
+        assert!(!error("something else").contains("did you mean"));
     }
 
     fn colours(name: &str, scalars: &[f64]) -> Vec<[u8; 3]> {
@@ -295,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_have_the_colours_of_matplotlib() {
+    fn colour_maps_match_matplotlib() {
         // Values of `matplotlib.colormaps[name]([0.0, 0.5, 1.0])`.
         for (name, expected) in [
             ("viridis", [[68, 1, 84], [33, 145, 140], [253, 231, 37]]),
@@ -313,24 +316,27 @@ mod tests {
     }
 
     #[test]
-    fn a_map_reversed_is_the_map_from_its_other_end() {
+    fn reversed_map_equals_map_read_backwards() {
         let scalars: Vec<f64> = (0..=20).map(|i| f64::from(i) / 20.0).collect();
         for name in ["viridis", "RdBu", "PuOr", "coolwarm"] {
-            let mut there = colours(name, &scalars);
-            there.reverse();
-            for (a, b) in colours(&format!("{name}_r"), &scalars).iter().zip(&there) {
+            let mut backwards = colours(name, &scalars);
+            backwards.reverse();
+            for (a, b) in colours(&format!("{name}_r"), &scalars)
+                .iter()
+                .zip(&backwards)
+            {
                 // A value of one half may be rounded up or down.
                 assert!(a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 1), "{name}");
             }
         }
         assert!(
             TransferFunction::preset("bone_r").is_err(),
-            "a tissue is none"
+            "a tissue preset has no reversed form"
         );
     }
 
     #[test]
-    fn lines_between_their_nodes_are_near_the_maps() {
+    fn interpolated_maps_stay_close_to_originals() {
         for map in &MAPS[..6] {
             let Colours::Gradient(gradient) = map.colours else {
                 unreachable!()

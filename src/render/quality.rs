@@ -47,9 +47,9 @@ impl RaycastOptions {
     pub fn for_tolerance(tolerance: f64) -> Result<RaycastOptions> {
         if !(tolerance > 0.0 && tolerance <= MAX_TOLERANCE) {
             return Err(Error::Input(format!(
-                "a picture cannot be drawn to an error of {} (in 1/255): choose above 0, and up to {:.0}",
+                "image error tolerance must be > 0 and ≤ {limit:.0} (in 1/255), got {}",
                 255.0 * tolerance,
-                (255.0 * MAX_TOLERANCE).round()
+                limit = (255.0 * MAX_TOLERANCE).round()
             )));
         }
         Ok(RaycastOptions::keeping(tolerance))

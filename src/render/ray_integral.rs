@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn the_segment_integral_is_the_limit_of_many_small_steps() {
+    fn segment_integral_matches_fine_riemann_sum() {
         let tf = two_colours();
         for (s0, s1, d) in [
             (0.0, 1.0, 1.0),
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_medium_has_its_closed_form() {
+    fn constant_medium_matches_closed_form() {
         let tf = TransferFunction::new(vec![[0.0, 0.5, 0.25, 1.0]], vec![[0.0, 7.0]])
             .unwrap()
             .to_absolute((0.0, 1.0), 1.0);
@@ -480,7 +480,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_through_a_box_are_as_long_as_the_box_is_thick() {
+    fn ray_length_in_box_equals_box_thickness() {
         let mesh = generate::benchmark_cube(5, false).unwrap();
         let scalars = vec![0.0; mesh.nodes.len()];
         let reference = ReferenceRaycaster::new(&mesh, &mesh.nodes, &scalars);

@@ -55,7 +55,7 @@ impl RaySegments {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         if let Some(bad) = items.iter().find(|i| u64::from(i.pixel) >= pixels) {
             return Err(Error::Input(format!(
-                "an interval is of pixel {}, and the picture has {} x {}",
+                "ray segment at pixel {} is outside the image of {} x {} pixels",
                 bad.pixel, size[0], size[1]
             )));
         }
@@ -81,7 +81,7 @@ impl RaySegments {
     pub fn merged(&self, other: &RaySegments) -> Result<RaySegments> {
         if self.size != other.size {
             return Err(Error::Input(format!(
-                "pieces were drawn for pictures of {} x {} and of {} x {} pixels; draw all of them in one size",
+                "image sizes of the pieces differ: {} x {} and {} x {} pixels; render all pieces at the same size",
                 self.size[0], self.size[1], other.size[0], other.size[1]
             )));
         }
@@ -147,7 +147,8 @@ impl RaySegments {
     /// # Errors
     /// [`Error::Input`] for invalid data.
     pub fn from_bytes(bytes: &[u8]) -> Result<RaySegments> {
-        let wrong = || Error::Input("these bytes are no intervals of a piece".into());
+        let wrong =
+            || Error::Input("invalid data: expected serialised ray segments of a piece".into());
         let (words, rest) = bytes.as_chunks::<4>();
         let [magic, width, height, items @ ..] = words else {
             return Err(wrong());
@@ -225,7 +226,7 @@ mod tests {
     const GREEN: [f32; 4] = [0.0, 0.5, 0.0, 0.5];
 
     #[test]
-    fn the_nearer_stretch_is_before_the_farther_one_whoever_told_it() {
+    fn merge_order_does_not_change_depth_order() {
         let near = RaySegments::new([2, 1], vec![item(1, 0.0, 0.1, RED)]).unwrap();
         let far = RaySegments::new([2, 1], vec![item(1, 0.4, 0.5, GREEN)]).unwrap();
         let expected = [0.0, 0.0, 0.0, 0.0, 0.5, 0.25, 0.0, 0.75];
@@ -235,13 +236,16 @@ mod tests {
             assert_eq!(both.image().values, expected);
         }
         let larger = RaySegments::new([2, 2], Vec::new()).unwrap();
-        let told = near.merged(&larger).unwrap_err().to_string();
-        assert!(told.contains("2 x 1") && told.contains("2 x 2"), "{told}");
+        let error = near.merged(&larger).unwrap_err().to_string();
+        assert!(
+            error.contains("2 x 1") && error.contains("2 x 2"),
+            "{error}"
+        );
         assert!(RaySegments::new([2, 1], vec![item(2, 0.0, 0.1, RED)]).is_err());
     }
 
     #[test]
-    fn what_touches_is_one_and_what_does_not_waits_for_what_is_between() {
+    fn touching_segments_are_joined_after_merge() {
         let ends = RaySegments::new([1, 1], vec![item(0, 0.0, 0.1, RED), item(0, 0.2, 0.3, RED)]);
         let middle = RaySegments::new([1, 1], vec![item(0, 0.1, 0.2, GREEN)]).unwrap();
         let ends = ends.unwrap();
@@ -252,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_come_back_and_others_are_refused() {
+    fn ray_segments_round_trip_and_reject_invalid_bytes() {
         let one = RaySegments::new(
             [3, 2],
             vec![item(5, 0.25, 0.5, RED), item(0, 0.0, 1.0, GREEN)],

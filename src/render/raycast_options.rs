@@ -152,19 +152,19 @@ impl RaycastOptions {
         let wrong = |what: String| Err(Error::Input(what));
         if !(1..=255).contains(&self.layers) {
             return wrong(format!(
-                "{} layers: choose from 1 to 255 (--layers)",
+                "layer count must be 1 to 255, got {}; change it with --layers",
                 self.layers
             ));
         }
         if !(self.opacity_cutoff > 0.0 && self.opacity_cutoff <= 1.0) {
             return wrong(format!(
-                "rays cannot end at an opacity of {}: choose above 0, and up to 1",
+                "ray termination opacity must be > 0 and ≤ 1, got {}",
                 self.opacity_cutoff
             ));
         }
         if !(self.table_tolerance > 0.0 && self.table_tolerance.is_finite()) {
             return wrong(format!(
-                "an accuracy of {} cannot be met: choose above 0, of a range from 0 to 1",
+                "table tolerance must be > 0 and finite (pixel values are 0 to 1), got {}",
                 self.table_tolerance
             ));
         }
@@ -172,13 +172,13 @@ impl RaycastOptions {
         self.xray.check()?;
         if !(0.0..=1.0).contains(&self.shadows) {
             return wrong(format!(
-                "shadows of {}: choose from 0, for none, to 1",
+                "shadow strength must be 0 (off) to 1, got {}",
                 self.shadows
             ));
         }
         if !(1.0 / 64.0..=1.0).contains(&self.scan_step) {
             return wrong(format!(
-                "samples of a scan {} voxels apart: choose from 1/64 to 1",
+                "scan sampling distance must be 1/64 to 1 voxels, got {}",
                 self.scan_step
             ));
         }
@@ -186,7 +186,7 @@ impl RaycastOptions {
         self.texel.check(gpu)?;
         match self.table_size {
             Some(size) if !TABLE_SIZES.contains(&size) => wrong(format!(
-                "a table of {size} texels a side: choose from {} to {}",
+                "table size must be {} to {} texels per side, got {size}",
                 TABLE_SIZES.start(),
                 TABLE_SIZES.end()
             )),

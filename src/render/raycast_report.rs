@@ -118,7 +118,9 @@ impl Raycaster {
             .map(|[front, back, d]| [share(*front), share(*back), (d / scale) as f32, 0.0])
             .collect();
         let given = self.gpu.array_of("segments", Texel::F32x4, &given)?;
-        let found = self.gpu.array("looked up", Texel::F32x4, segments.len())?;
+        let found = self
+            .gpu
+            .array("table samples", Texel::F32x4, segments.len())?;
         let table = &self.looks.table;
         let view = View {
             scalar: table.scalar,

@@ -104,7 +104,7 @@ impl FromStr for Plane {
             }
             _ => {
                 return Err(Error::Input(format!(
-                    "\"{text}\" is no plane; give x,y,z,nx,ny,nz: a point of it, and its normal"
+                    "invalid plane \"{text}\"; give x,y,z,nx,ny,nz: a point on the plane and its normal"
                 )));
             }
         };
@@ -125,7 +125,7 @@ impl Plane {
         match sound {
             true => Ok(()),
             false => Err(Error::Input(format!(
-                "a plane through {} with the normal {} makes no sense; give finite numbers, a normal that is not zero, and of a slice an opacity from 0 to 1",
+                "invalid plane through {} with normal {}: both must be finite, the normal not zero, and the opacity of a slice 0 to 1",
                 self.point, self.normal
             ))),
         }
@@ -150,7 +150,7 @@ impl Isosurface {
         match self.value.is_finite() && coloured && unit(&self.opacity) {
             true => Ok(()),
             false => Err(Error::Input(format!(
-                "an isosurface at {} of colour {:?} and opacity {} makes no sense; give a finite value, and the others from 0 to 1",
+                "invalid isosurface at {} with colour {:?} and opacity {}: the value must be finite, colour components and opacity 0 to 1",
                 self.value, self.colour, self.opacity
             ))),
         }
@@ -164,7 +164,7 @@ impl FromStr for Isosurface {
     fn from_str(text: &str) -> Result<Isosurface> {
         let wrong = || {
             Error::Input(format!(
-                "\"{text}\" is no isosurface; give VALUE[,COLOUR[,OPACITY]], such as 0.5 or 0.5,tomato,0.6 or 0.5,#d04030"
+                "invalid isosurface \"{text}\"; give VALUE[,COLOUR[,OPACITY]], such as 0.5 or 0.5,tomato,0.6 or 0.5,#d04030"
             ))
         };
         let mut parts = text.split(',').map(str::trim);
@@ -254,7 +254,7 @@ impl Sections {
     pub fn check(&self) -> Result<()> {
         if self.planes.len() > MAX_PLANES || self.isosurfaces.len() > MOST_ISOSURFACES {
             return Err(Error::Input(format!(
-                "{} planes and {} isosurfaces: a picture has up to {MAX_PLANES} and {MOST_ISOSURFACES}",
+                "an image can have at most {MAX_PLANES} planes and {MOST_ISOSURFACES} isosurfaces, got {} and {}",
                 self.planes.len(),
                 self.isosurfaces.len()
             )));

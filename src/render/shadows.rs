@@ -223,7 +223,7 @@ mod tests {
     use crate::mesh::{Topology, generate};
 
     #[test]
-    fn points_lie_in_the_tet_and_are_spread_evenly() {
+    fn sample_points_are_inside_tet_and_uniform() {
         let mut mean = [0.0; 4];
         for i in 0..400 {
             let w = weights(i);
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_looks_to_the_light_is_bright_and_what_lies_behind_the_body_is_dim() {
+    fn lit_side_is_bright_and_far_side_is_shadowed() {
         let mesh = generate::by_name("box", Some(6000)).unwrap();
         let (low, high) = mesh.bounds();
         let size = (high - low).max_element();
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_plane_cuts_off_dims_nothing() {
+    fn clipped_half_casts_no_shadow() {
         let mesh = generate::by_name("box", Some(3000)).unwrap();
         let (low, high) = mesh.bounds();
         let middle = 0.5 * (low + high);

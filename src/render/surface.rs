@@ -175,7 +175,7 @@ impl Surface {
         let (gpu, nodes) = (self.gpu.clone(), geometry.projected.len() as usize);
         if scalars.len() != nodes || nodes < self.nodes as usize {
             return Err(Error::Input(format!(
-                "{} scalars given for a surface of {} nodes, to follow a cut that left {nodes}",
+                "number of scalars must equal the number of nodes after the cut, {nodes}, and nodes cannot be removed: got {} scalars for a surface of {} nodes",
                 scalars.len(),
                 self.nodes
             )));
@@ -213,7 +213,7 @@ impl Surface {
     pub fn set_scalars(&mut self, geometry: &Geometry, scalars: &[f64]) -> Result<()> {
         if scalars.len() != self.nodes as usize {
             return Err(Error::Input(format!(
-                "{} scalars given for a surface of {} nodes",
+                "number of scalars must equal the number of nodes, got {} for a surface of {} nodes",
                 scalars.len(),
                 self.nodes
             )));
@@ -348,7 +348,7 @@ fn clips(gpu: &Gpu, inside: &Sections, geometry: &Geometry) -> Result<ClipPlanes
     ClipPlanes::new(gpu, inside, geometry.frame, || {
         geometry.rest_positions().cloned().ok_or_else(|| {
             Error::Input(
-                "the geometry does not know where it rests; call Geometry::store_rest_positions first"
+                "the geometry has no rest positions; call Geometry::store_rest_positions first"
                     .into(),
             )
         })

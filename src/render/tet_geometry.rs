@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_gradient_is_that_of_the_linear_function() {
+    fn tet_gradient_matches_linear_function() {
         let v = [
             DVec3::new(0.1, 0.2, 0.3),
             DVec3::new(1.1, 0.1, 0.2),

@@ -134,7 +134,7 @@ impl TransferFunction {
 pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
     let colour = csscolorparser::parse(name).map_err(|_| {
         Error::Input(format!(
-            "\"{name}\" is no colour; give one by name or as #RRGGBB, such as tomato or #d04030"
+            "unknown colour \"{name}\"; give a CSS name or #RRGGBB, such as tomato or #d04030"
         ))
     })?;
     let [r, g, b, _] = colour.to_array();
@@ -212,15 +212,15 @@ fn check<const N: usize>(name: &str, nodes: &[[f64; N]]) -> Result<()> {
     }
     for (i, node) in nodes.iter().enumerate() {
         if node.iter().any(|x| !x.is_finite() || x.abs() > 1e30) {
-            return wrong(i, "holds a number that is not finite");
+            return wrong(i, "has a non-finite value");
         }
         if node[1..].iter().any(|x| *x < 0.0) {
-            return wrong(i, "holds a negative value; values start at 0");
+            return wrong(i, "has a negative value; values must be ≥ 0");
         }
         if i > 0 && node[0] < nodes[i - 1][0] {
             return wrong(
                 i,
-                "has a smaller scalar than the entry before it; sort the list",
+                "has a smaller scalar than the previous entry; sort the list by scalar",
             );
         }
     }
@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_two_lists_are_interpolated_on_their_own() {
+    fn colour_and_extinction_are_interpolated_independently() {
         let tf = TransferFunction::from_json(
             r#"{"colour": [[0, 1, 0, 0], [10, 0, 1, 0.5]], "extinction": [[4, 0], [6, 2], [8, 0]]}"#,
         )
@@ -266,8 +266,8 @@ mod tests {
     }
 
     #[test]
-    fn wrong_entries_are_named() {
-        let said = |json: &str| TransferFunction::from_json(json).unwrap_err().to_string();
+    fn invalid_entries_are_rejected_by_name() {
+        let error = |json: &str| TransferFunction::from_json(json).unwrap_err().to_string();
         let colour = r#""colour": [[0, 1, 1, 1]]"#;
         for (json, expected) in [
             (r#"{"extinction": [[0, 1], [2, -1]]"#, "extinction entry 2"),
@@ -276,20 +276,20 @@ mod tests {
             (r#"{"extinction": [[0, 1e999]]"#, "number out of range"),
             (r#"{"opacity": [[0, 1]]"#, "unknown field `opacity`"),
         ] {
-            let message = said(&format!("{json}, {colour}}}"));
+            let message = error(&format!("{json}, {colour}}}"));
             assert!(message.contains(expected), "{message}");
         }
     }
 
     #[test]
-    fn relative_functions_follow_the_range_and_the_size() {
+    fn relative_function_scales_with_range_and_size() {
         let tf = TransferFunction::relative(
             vec![[0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 1.0]],
             vec![[0.5, 8.0]],
         )
         .unwrap();
-        let there = tf.to_absolute((100.0, 300.0), 4.0);
-        assert_eq!(there.colour(200.0), [0.5; 3]);
-        assert_eq!(there.extinction(0.0), 2.0);
+        let absolute = tf.to_absolute((100.0, 300.0), 4.0);
+        assert_eq!(absolute.colour(200.0), [0.5; 3]);
+        assert_eq!(absolute.extinction(0.0), 2.0);
     }
 }

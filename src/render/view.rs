@@ -193,7 +193,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn clip_space_rays_and_cameras_agree() {
+    fn clip_space_matches_camera_rays() {
         let frame = LocalFrame {
             origin: DVec3::new(10.0, 20.0, -5.0),
             scale: 4.0,

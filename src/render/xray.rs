@@ -58,19 +58,19 @@ impl Xray {
         let [low, high] = [COEFFICIENTS[0][0], COEFFICIENTS[COEFFICIENTS.len() - 1][0]];
         if !(low..=high).contains(&self.energy) {
             return wrong(format!(
-                "X-rays of {} keV: choose from {low} to {high}",
+                "X-ray energy must be {low} to {high} keV, got {}",
                 self.energy
             ));
         }
         if !(self.water.is_finite() && self.air.is_finite() && self.air < self.water) {
             return wrong(format!(
-                "water at {} and air at {} make no sense as CT numbers: air is below water",
+                "CT numbers of water and air must be finite, and air below water, got {} and {}",
                 self.water, self.air
             ));
         }
         if !(self.cm_per_unit.is_finite() && self.cm_per_unit > 0.0) {
             return wrong(format!(
-                "a unit of the mesh of {} cm makes no sense",
+                "mesh unit must be positive and finite, got {} cm",
                 self.cm_per_unit
             ));
         }
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn water_air_and_bone_attenuate_as_the_tables_say() {
+    fn attenuation_matches_nist_tables() {
         let at = |energy| Xray {
             energy,
             cm_per_unit: 1.0,

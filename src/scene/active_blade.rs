@@ -92,7 +92,7 @@ impl Stage {
     pub fn cut(&mut self, blade: &Blade) -> Result<bool> {
         if self.motion().is_none() {
             return Err(Error::Input(
-                "what nothing moves cannot be cut: name a solver".into(),
+                "a static body cannot be cut; set [solver] name".into(),
             ));
         }
         self.cached = None;
@@ -143,7 +143,7 @@ impl Stage {
             }
             if self.mode == DisplayMode::Skin && !walls.is_empty() {
                 let mut walls = Skin::body_surface(&self.gpu, &carrier, Some(&walls))?;
-                let colour = self.scene.skin.iter().find_map(|skin| skin.wall);
+                let colour = self.scene.skin.iter().find_map(|skin| skin.cut_colour);
                 let colour = colour.unwrap_or(WALL);
                 walls.set_colour(&SkinColouring::Plain(colour))?;
                 walls.set_sections(self.raycaster.inside())?;

@@ -17,9 +17,9 @@ pub(super) struct ActiveGrab {
 impl ActiveGrab {
     pub fn new(entry: &GrabEntry) -> Result<ActiveGrab> {
         check(&entry.path, 1, "grab")?;
-        if entry.limit.is_some() && entry.spring.is_none() {
+        if entry.max_force.is_some() && entry.spring_stiffness.is_none() {
             return Err(Error::Input(
-                "a grab has a `limit` of force without a `spring`; nodes that follow exactly have none".into(),
+                "a grab has `max_force` without `spring_stiffness`: a prescribed displacement has no force limit; set `spring_stiffness`, or remove `max_force`".into(),
             ));
         }
         Ok(ActiveGrab {
@@ -54,7 +54,11 @@ impl ActiveGrab {
         if self.done || time < begins {
             return Ok(());
         }
-        if self.entry.release.is_some_and(|release| time >= release) {
+        if self
+            .entry
+            .release_time
+            .is_some_and(|release| time >= release)
+        {
             self.done = true;
             if let Some(grab) = self.grab.take() {
                 body.release(grab)?;
@@ -65,11 +69,11 @@ impl ActiveGrab {
         let grab = match self.grab {
             Some(grab) => grab,
             None => {
-                let grip = match self.entry.spring {
+                let grip = match self.entry.spring_stiffness {
                     None => GrabMode::Follow,
                     Some(stiffness) => GrabMode::Spring {
                         stiffness,
-                        limit: self.entry.limit.unwrap_or(f64::INFINITY),
+                        limit: self.entry.max_force.unwrap_or(f64::INFINITY),
                     },
                 };
                 let grab = body.grab(at, self.entry.radius, grip)?;

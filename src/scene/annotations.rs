@@ -58,8 +58,9 @@ impl AnnotationContext {
         let mut notes = Vec::new();
         if asked && !shows {
             notes.push(match mode {
-                DisplayMode::Skin => "skins show no field, so there is no legend".into(),
-                _ => "the boundary is in one colour, so there is no legend; --field gives it that of a field".to_owned(),
+                DisplayMode::Skin => "no legend: skins show no field".into(),
+                _ => "no legend: the boundary has one colour; colour it by a field with --field"
+                    .to_owned(),
             });
         }
         let annotated = asked
@@ -105,7 +106,7 @@ impl AnnotationContext {
 }
 
 /// Note that an EXR has no annotations.
-const EXR_HAS_NONE: &str = "legend, scale bar, axes, title and time are drawn onto PNGs and films; an EXR has the values alone";
+const EXR_HAS_NONE: &str = "legend, scale bar, axes, title and time are drawn in PNGs and films only; an EXR contains only the values";
 
 impl Stage {
     /// Returns the annotations of the current picture as set in the scene.
@@ -289,9 +290,9 @@ impl Stage {
 
     /// Returns a note if a picture of that name lacks the annotations set in the scene.
     pub fn annotation_note(&self, path: impl AsRef<Path>) -> Option<String> {
-        let said = self.mode == DisplayMode::Inside(Mode::Thickness);
+        let is_thickness = self.mode == DisplayMode::Inside(Mode::Thickness);
         let left_out = is_exr(path.as_ref()) && !self.annotations().is_empty();
-        (left_out && !said).then(|| EXR_HAS_NONE.into())
+        (left_out && !is_thickness).then(|| EXR_HAS_NONE.into())
     }
 }
 

@@ -47,9 +47,9 @@ impl SceneAppearance {
             Some(SceneScans {
                 scans,
                 seen,
-                notes: said,
+                notes: more_notes,
             }) => {
-                notes.extend(said);
+                notes.extend(more_notes);
                 (scans, None, seen)
             }
             None => match ComputedField::new(scene, drive)? {
@@ -68,8 +68,8 @@ impl SceneAppearance {
             NodeSource::Posed(_) => None,
         };
         let points = reach.unwrap_or(&mesh.nodes);
-        let (surroundings, said) = AnnotationContext::new(scene, (mesh, topology), &scalars)?;
-        notes.extend(said);
+        let (surroundings, more_notes) = AnnotationContext::new(scene, (mesh, topology), &scalars)?;
+        notes.extend(more_notes);
         let camera = scene.camera(mesh, points, size)?;
         let tools = match &*drive {
             NodeSource::Simulated(motion) => {
@@ -81,10 +81,10 @@ impl SceneAppearance {
         if !(scene.skin.is_empty() && scene.carried.is_empty()) {
             let carrier = carrier(gpu, drive)?;
             for entry in scene.skin.iter().filter(|skin| !skin.hidden) {
-                let (mut skin, said) = entry.attach(gpu, &carrier)?;
+                let (mut skin, more_notes) = entry.attach(gpu, &carrier)?;
                 skin.set_sections(raycaster.inside())?;
                 skins.push(skin);
-                notes.extend(said);
+                notes.extend(more_notes);
             }
             for entry in scene.carried.iter().filter(|tool| !tool.hidden) {
                 skins.push(entry.dynamic_tool_skin(gpu, &carrier)?);

@@ -31,7 +31,7 @@ impl Scene {
         match self.body.is_empty() {
             true => self.mesh.load(),
             false => Err(Error::Input(
-                "this works on one body, and the scene has [[body]] entries; make a scene with the [mesh] of one of them".into(),
+                "a single body is required, but the scene has [[body]] entries; use a scene with the [mesh] of one of them".into(),
             )),
         }
     }
@@ -40,17 +40,17 @@ impl Scene {
     pub(super) fn body_sources(&self) -> Result<Vec<BodySource>> {
         if self.mesh != MeshSource::default() || self.grid.is_some() || self.cage.is_some() {
             return Err(Error::Input(
-                "the scene has [[body]] entries, so [mesh], [grid] and [cage] belong into each of them".into(),
+                "[mesh], [grid] and [cage] are not allowed beside [[body]] entries; move them into each [[body]]".into(),
             ));
         }
         if !(self.pin.is_empty() && self.force.is_empty()) {
             return Err(Error::Input(
-                "the scene has [[body]] entries, so [[pin]] and [[force]] belong to one of them: write [[body.pin]] and [[body.force]]".into(),
+                "[[pin]] and [[force]] are not allowed beside [[body]] entries; use [[body.pin]] and [[body.force]]".into(),
             ));
         }
         if let Some(entry) = self.tets_only_entry() {
             return Err(Error::Input(format!(
-                "{entry} acts on a scene of one body, and the scene has [[body]] entries; leave it out, or make a scene of that body"
+                "{entry} requires a scene of one body, but the scene has [[body]] entries; remove it, or use a scene of that body"
             )));
         }
         let mut sources: Vec<BodySource> = Vec::new();
@@ -59,12 +59,12 @@ impl Scene {
             let name = name.unwrap_or_else(|| format!("body {}", i + 1));
             if entry.mesh.rest.is_some() {
                 return Err(Error::Input(format!(
-                    "body \"{name}\": `rest` is for a scene of one body that nothing moves; leave it out"
+                    "body \"{name}\": `rest` requires a scene of one static body; remove it"
                 )));
             }
             if sources.iter().any(|s| s.name == name) {
                 return Err(Error::Input(format!(
-                    "two bodies are called \"{name}\"; give each a name of its own"
+                    "two bodies have the name \"{name}\"; names must be unique"
                 )));
             }
             let unit = sources.first().map(|s| s.mesh.length_unit);
@@ -96,7 +96,7 @@ impl Scene {
         let offset = DVec3::from(entry.offset.unwrap_or_default());
         if !offset.is_finite() {
             return Err(Error::Input(format!(
-                "offset = {offset}: three finite numbers are expected"
+                "offset must be three finite numbers, got {offset}"
             )));
         }
         mesh.length_unit = unit;
@@ -175,13 +175,13 @@ pub(super) fn setup(
         let kind = kind.map(str::parse::<SolverKind>).transpose()?;
         let kind = kind.ok_or_else(|| {
             Error::Input(format!(
-                "body \"{name}\" has no solver while others have one; [solver] name = \"implicit\" gives all of them one"
+                "body \"{name}\" has no solver, but others have one; set a solver for all bodies with [solver] name = \"implicit\""
             ))
         })?;
         let own = SimulatorSetup::new(gpu, &source.scene, kind, source.mesh, source.shape);
-        let (own, said) = own.map_err(|e| of_body(&name, e))?;
-        let said = source.notes.into_iter().chain(said);
-        notes.extend(said.map(|note| format!("{name}: {note}")));
+        let (own, own_notes) = own.map_err(|e| of_body(&name, e))?;
+        let own_notes = source.notes.into_iter().chain(own_notes);
+        notes.extend(own_notes.map(|note| format!("{name}: {note}")));
         grids += usize::from(own.grid);
         match own.motion_envelope {
             Some(points) => {
@@ -208,7 +208,7 @@ pub(super) fn setup(
     for member in bodies.member_reports(dt) {
         if member.steps > 1 {
             notes.push(format!(
-                "{}: {} steps in each of {dt:.3e} s that all take",
+                "{}: {} substeps per common time step of {dt:.3e} s",
                 member.name, member.steps
             ));
         }

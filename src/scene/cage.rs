@@ -58,28 +58,28 @@ impl Scene {
         let form = entry.kind.unwrap_or_default();
         if form == CageKind::Grid && kind != SolverKind::Verlet {
             return Err(Error::Input(format!(
-                "a cage of kind \"grid\" is stepped by verlet, not by {kind}; name = \"verlet\", or kind = \"lattice\""
+                "a cage of kind \"grid\" requires the solver verlet, got {kind}; set name = \"verlet\" or kind = \"lattice\""
             )));
         }
         if entry.damping.is_some() && form != CageKind::Grid {
             return Err(Error::Input(
-                "[cage] damping is a grid's; a lattice is damped as its material is".into(),
+                "[cage] damping requires kind = \"grid\"; set the damping of a lattice in [material]".into(),
             ));
         }
         if !self.cut.is_empty() {
             return Err(Error::Input(
-                "a mesh that a cage carries cannot be cut; leave [cage] or [[cut]] out".into(),
+                "a mesh embedded in a cage cannot be cut; remove [cage] or [[cut]]".into(),
             ));
         }
         if self.floor.is_some() {
             return Err(Error::Input(
-                "a mesh that a cage carries does not feel a floor; leave [cage] or [floor] out"
+                "a mesh embedded in a cage has no contact with a floor; remove [cage] or [floor]"
                     .into(),
             ));
         }
         if form == CageKind::Grid && material.model != MaterialModel::Springs {
             return Err(Error::Input(format!(
-                "a cage of kind \"grid\" has springs, and the mesh is of {}: leave `model` out (--material), or take kind = \"lattice\"",
+                "a cage of kind \"grid\" requires springs, but the material model is {}; remove `model` (--material), or set kind = \"lattice\"",
                 material.model
             )));
         }
@@ -107,7 +107,7 @@ impl Scene {
         cage.fit_stiffness(&fine, &fine_pinned, &pinned, load.as_deref())?;
         let report = cage.report();
         notes.push(format!(
-            "a {form} of {} nodes of {} carries the {} of the mesh; it is {:.3} times as stiff as what its cells hold, so that it gives as the mesh does",
+            "cage: {form} of {} nodes ({}) in which the {} nodes of the mesh are embedded; stiffness scaled by {:.3} to match the deflection of the mesh",
             report.nodes,
             material.model,
             mesh.nodes.len(),
@@ -127,9 +127,9 @@ impl Scene {
                 let mut network = cage.network.clone();
                 if !self.material.says_damping() && !kind.is_implicit() {
                     network.damping_time = 0.0;
-                    if let Some((damping, said)) = stable_damping(&network, kind) {
+                    if let Some((damping, note)) = stable_damping(&network, kind) {
                         network.damping_time = damping;
-                        notes.push(said);
+                        notes.push(note);
                     }
                 }
                 self.simulator_of(gpu, cage.mesh.clone(), network, material, kind)?

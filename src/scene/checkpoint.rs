@@ -92,7 +92,7 @@ impl Checkpoint {
 
     fn write_file(&self, path: &Path) -> Result<()> {
         let content = postcard::to_stdvec(self)
-            .map_err(|e| Error::format(path, format!("the checkpoint cannot be packed: {e}")))?;
+            .map_err(|e| Error::format(path, format!("cannot encode the checkpoint: {e}")))?;
         crate::io::atomic_write(path, |file| {
             [HEADER.as_bytes(), &crc(&content).to_le_bytes(), &content]
                 .into_iter()
@@ -112,17 +112,17 @@ impl Checkpoint {
 
     fn read_file(path: &Path) -> Result<Checkpoint> {
         let bytes = std::fs::read(path).map_err(Error::io(path))?;
-        let afresh = "run without --resume to start afresh";
+        let afresh = "run without --resume to start again";
         let kind = b"palpate checkpoint ";
         let Some(rest) = bytes.strip_prefix(HEADER.as_bytes()) else {
             let line = bytes.split(|b| *b == b'\n').next().unwrap_or_default();
             let what = match line.strip_prefix(kind) {
                 Some(version) if version.len() < 40 => format!(
-                    "this checkpoint is of version {}, this is version {}, which does not step the same; {afresh}",
+                    "checkpoint version {} is not compatible with version {} of this program; {afresh}",
                     String::from_utf8_lossy(version),
                     HEADER.trim_start_matches("palpate checkpoint ").trim_end(),
                 ),
-                _ => format!("this is no checkpoint; {afresh}"),
+                _ => format!("not a checkpoint; {afresh}"),
             };
             return Err(Error::format(path, what));
         };
@@ -146,6 +146,8 @@ fn crc(bytes: &[u8]) -> u32 {
 pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     let mut crc = Crc::new();
     let mut plain = scene.clone();
+    // A key under its old name does not change the scene.
+    plain.notes.clear();
     let mut file = |path: &mut std::path::PathBuf| {
         // A file that cannot be read has caused an error earlier.
         crc.update(&std::fs::read(&*path).unwrap_or_default());
@@ -209,7 +211,7 @@ impl Stage {
     pub fn checkpoint(&self, times: &[f64]) -> Result<Checkpoint> {
         let (Some(journal), NodeSource::Simulated(motion)) = (&self.journal, &self.drive) else {
             return Err(Error::Input(
-                "a checkpoint is of a simulation that keeps them from its first step on".into(),
+                "no checkpoint available: call `keep_checkpoints` before the first step of a simulation".into(),
             ));
         };
         Ok(Checkpoint {
@@ -247,23 +249,23 @@ impl Stage {
         };
         let other = |what: &str| {
             Err(Error::Input(format!(
-                "the checkpoint is of another {what}; run without --resume to start afresh"
+                "the checkpoint belongs to a different {what}; run without --resume to start again"
             )))
         };
         if journal.scene != checkpoint.scene {
             return other(
-                "scene, or this one was changed since (its entries, the flags, or a file it names)",
+                "scene, or the scene has changed since (its entries, the flags, or a file it refers to)",
             );
         }
         if journal.mesh != checkpoint.mesh {
-            return other("mesh, or this one was changed since");
+            return other("mesh, or the mesh has changed since");
         }
         if let Some(motion) = self.motion()
             && motion.engine() != checkpoint.engine
         {
             let engine = checkpoint.engine;
             return Err(Error::Input(format!(
-                "the checkpoint is of steps on the {engine}; run with --engine {engine}, or without --resume to start afresh"
+                "the checkpoint was computed by engine {engine}; run with --engine {engine}, or without --resume to start again"
             )));
         }
         for cut in &checkpoint.cuts {
@@ -275,13 +277,13 @@ impl Stage {
             self.cut(&blade)?;
         }
         let NodeSource::Simulated(motion) = &mut self.drive else {
-            return other("kind: nothing moves in this scene");
+            return other("kind: this scene is static");
         };
         let fits = motion.attachments.len() == checkpoint.attachments.len()
             && self.cutters.len() == checkpoint.cutters.len()
             && motion.dt == checkpoint.dt;
         if !fits {
-            return other("scene: grabs, cuts and step size are not the same");
+            return other("scene: the grabs, cuts or time step differ");
         }
         for (cutter, cut) in self.cutters.iter_mut().zip(&checkpoint.cutters) {
             cutter.cut = *cut;

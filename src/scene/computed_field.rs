@@ -50,12 +50,13 @@ impl ComputedField {
         let mut note = match scene.picture.range {
             Some(_) => None,
             None => Some(format!(
-                "{name} is drawn in the range that it has had so far; --range LOW,HIGH gives all pictures the same"
+                "{name} is drawn over its range so far; set one range for all pictures with --range LOW,HIGH"
             )),
         };
         if own {
-            let also =
-                format!("{name} is computed of the body; the mesh's own field is passed over");
+            let also = format!(
+                "{name} is computed from the deformation; the mesh field of that name is ignored"
+            );
             note = Some(note.map_or(also.clone(), |n| format!("{n}; {also}")));
         }
         let scalars = ScalarField {
@@ -120,7 +121,7 @@ pub(super) fn check_output_fields(scene: &Scene, drive: &NodeSource) -> Result<(
     let fields = wanted(scene)?;
     match (drive, fields.first()) {
         (NodeSource::Posed(_), Some((field, _))) => Err(Error::Input(format!(
-            "{field} is written of a body that moves, and nothing does: name a solver (--solver implicit, for example)"
+            "output field {field} requires a simulated body; set a solver, such as --solver implicit"
         ))),
         (NodeSource::Posed(_), None) => Ok(()),
         (NodeSource::Simulated(motion), _) => fields
@@ -171,7 +172,7 @@ impl Stage {
         let unit = shown.field.unit();
         let space = if unit.is_empty() { "" } else { " " };
         Some(format!(
-            "{} was {low} to {high}{space}{unit}; --range {low},{high} draws it in these colours again",
+            "{} ranged from {low} to {high}{space}{unit}; reproduce these colours with --range {low},{high}",
             shown.field
         ))
     }
@@ -203,7 +204,7 @@ mod tests {
     use super::figures;
 
     #[test]
-    fn numbers_have_four_figures() {
+    fn figures_format_four_significant_digits() {
         let cases = [
             (0.0, "0"),
             (-3e-9, "0"),

@@ -186,7 +186,7 @@ mod tests {
     use crate::physics::{ClampedEnd, Material};
 
     #[test]
-    fn the_load_follows_the_stiffness_and_the_step_the_swing() {
+    fn default_load_scales_with_stiffness_and_step_with_period() {
         let bar = generate::paper_bar().unwrap();
         let factor = |young: f64| {
             let network = DiscreteModel::new(&bar, &Material::from_young(young)).unwrap();
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn accelerations_are_said_in_few_figures() {
+    fn accelerations_format_in_three_figures() {
         assert_eq!(format_acceleration(9.81), "9.81 m/s²");
         assert_eq!(format_acceleration(98.1), "98 m/s² (10 times the earth's)");
         assert_eq!(format_acceleration(1e-6), "1.00e-6 m/s²");

@@ -58,7 +58,7 @@ impl Stage {
         let drawn = [geometry.positions().len(), geometry.tet_count()].map(|n| n as usize);
         if drawn != [mesh.nodes.len(), mesh.tets.len()] {
             return Err(Error::Input(
-                "the body was cut without the stage, which cannot draw it any more; cut it with Stage::cut".into(),
+                "the body was cut without the stage, so it cannot be rendered; cut it with Stage::cut".into(),
             ));
         }
         Ok(())

@@ -49,7 +49,7 @@ impl DynamicToolMesh {
             (Shape::Box { half }, _) => Convex::cuboid(*half),
             (Shape::Plane | Shape::Sdf(_), _) => {
                 return Err(Error::Input(format!(
-                    "the [[tool]] {name} has a mass or a spring, which spheres, capsules, boxes and closed surfaces can have; leave both out"
+                    "the [[tool]] {name} has a mass or a spring: only spheres, capsules, boxes and closed surfaces may; remove both"
                 )));
             }
         };
@@ -171,7 +171,7 @@ impl Convex {
 impl ToolEntry {
     /// Whether its motion is dynamic rather than prescribed.
     pub(super) fn is_dynamic(&self) -> bool {
-        self.mass.is_some() || self.spring.is_some()
+        self.mass.is_some() || self.spring_stiffness.is_some()
     }
 
     /// Returns its surface as a skin embedded in the body `carrier`, of which the tool is a region.
@@ -190,22 +190,22 @@ impl ToolEntry {
     fn check_carried(&self, name: &str) -> Result<()> {
         let refuse = |why: &str| Err(Error::Input(format!("the [[tool]] {name} {why}")));
         let positive = |x: Option<f64>| x.is_none_or(|x| x > 0.0 && x.is_finite());
-        if !(positive(self.mass) && positive(self.spring) && positive(self.limit)) {
+        if !(positive(self.mass) && positive(self.spring_stiffness) && positive(self.max_force)) {
             return refuse(
-                "has a mass, a spring or a limit that is not positive; give kg, N/m and N",
+                "must have a positive, finite mass (kg), spring_stiffness (N/m) and max_force (N)",
             );
         }
-        if self.limit.is_some() && self.spring.is_none() {
-            return refuse("has a `limit` of force without a `spring`; give both");
+        if self.max_force.is_some() && self.spring_stiffness.is_none() {
+            return refuse("has `max_force` without `spring_stiffness`; set both");
         }
-        if self.spring.is_none() && self.path.is_some() {
+        if self.spring_stiffness.is_none() && self.path.is_some() {
             return refuse(
-                "has a mass and a `path`, and nothing that pulls it along: give a `spring`, or no `mass`",
+                "has `mass` and `path` without a coupling between them; set `spring_stiffness`, or remove `mass`",
             );
         }
-        if self.turn.is_some() || self.file.is_some() || self.gap.is_some() {
+        if self.rotation.is_some() || self.file.is_some() || self.gap.is_some() {
             return refuse(
-                "has a mass or a spring, with which `turn`, `file` and `gap` do not go; leave them out ([contact] has a gap)",
+                "has a mass or a spring: `rotation`, `file` and `gap` are then not supported; remove them (set the gap in [contact])",
             );
         }
         Ok(())
@@ -225,14 +225,15 @@ impl Scene {
             entry.name.get_or_insert_with(name);
         }
         let all = std::mem::take(&mut scene.tool);
-        let (carried, led): (Vec<_>, Vec<_>) = all.into_iter().partition(ToolEntry::is_dynamic);
-        scene.tool = led;
-        if carried.is_empty() {
+        let (dynamic, kinematic): (Vec<_>, Vec<_>) =
+            all.into_iter().partition(ToolEntry::is_dynamic);
+        scene.tool = kinematic;
+        if dynamic.is_empty() {
             return Ok((self.clone(), mesh));
         }
         if !self.body.is_empty() || self.grid.is_some() || self.cage.is_some() {
             return Err(Error::Input(
-                "a [[tool]] with a mass or a spring presses on one body of tets, not on [[body]], [grid] or [cage]; give it a path instead".into(),
+                "a [[tool]] with a mass or a spring requires a single tetrahedral body, not [[body]], [grid] or [cage]; give it a path instead".into(),
             ));
         }
         if self.pin.is_empty()
@@ -241,10 +242,10 @@ impl Scene {
             && !self.supports_body()
         {
             return Err(Error::Input(
-                "beside a [[tool]] with a mass or a spring it has to be said what holds the body: give a [[pin]], or a [[tool]] that is a plane".into(),
+                "a [[tool]] with a mass or a spring requires supports of the body; add a [[pin]], or a [[tool]] that is a plane".into(),
             ));
         }
-        let frictions = carried.iter().filter_map(|tool| tool.friction);
+        let frictions = dynamic.iter().filter_map(|tool| tool.friction);
         let friction = frictions.fold(None, |most: Option<f64>, mu| {
             Some(most.map_or(mu, |m| m.max(mu)))
         });
@@ -252,10 +253,10 @@ impl Scene {
         contact.friction = contact.friction.or(friction);
         let unit = self.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
         let unit = unit.or(mesh.length_unit).unwrap_or(1.0);
-        for entry in &carried {
+        for entry in &dynamic {
             scene.carry(entry, &mut mesh, unit)?;
         }
-        scene.carried = carried;
+        scene.carried = dynamic;
         Ok((scene, mesh))
     }
 
@@ -277,9 +278,9 @@ impl Scene {
         }
         let middle = at + turn * solid.middle;
         let near = |p: &DVec3| p.distance(middle) <= solid.reach;
-        if entry.spring.is_some() && mesh.nodes.iter().any(near) {
+        if entry.spring_stiffness.is_some() && mesh.nodes.iter().any(near) {
             return Err(Error::Input(format!(
-                "the [[tool]] {name} is on a spring, which would hold nodes of the body too, since these lie as near to its centre of mass ({middle}); move the tool away, or give it a path and no spring"
+                "the spring of the [[tool]] {name} would also attach nodes of the body, because these lie too close to its centre of mass ({middle}); move the tool away, or give it a path and no spring"
             )));
         }
         let volume = solid.volume() * unit.powi(3);
@@ -296,18 +297,18 @@ impl Scene {
             .is_some()
         {
             return Err(Error::Input(format!(
-                "the [[tool]] {name} has the name of a tissue of [material]; give it another"
+                "the [[tool]] {name} has the name of a tissue of [material]; rename it"
             )));
         }
-        if let Some(spring) = entry.spring {
+        if let Some(stiffness) = entry.spring_stiffness {
             self.grab.push(GrabEntry {
                 name: Some(format!("{name} spring")),
                 at: middle.to_array(),
                 radius: solid.reach,
                 path: entry.path.clone().unwrap_or_else(|| vec![[0.0; 4]]),
-                release: None,
-                spring: Some(spring),
-                limit: entry.limit,
+                release_time: None,
+                spring_stiffness: Some(stiffness),
+                max_force: entry.max_force,
             });
         }
         self.picture.hide.push(name);
@@ -333,7 +334,7 @@ fn append(mesh: &mut TetMesh, name: &str, nodes: &[DVec3], tets: &[[u32; 4]]) ->
     }
     if mesh.region_names.values().any(|other| other == name) {
         return Err(Error::Input(format!(
-            "the [[tool]] {name} has the name of a region of the mesh; give it another"
+            "the [[tool]] {name} has the name of a region of the mesh; rename it"
         )));
     }
     let first = mesh.nodes.len() as u32;
@@ -418,7 +419,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shapes_are_filled_without_gaps() {
+    fn filled_shape_has_positive_tets_and_full_volume() {
         let pi = std::f64::consts::PI;
         for (convex, volume, tolerance) in [
             (Convex::round(2.0, 0.0), 32.0 / 3.0 * pi, 0.06),
@@ -439,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn a_solid_is_held_about_its_centre_of_mass() {
+    fn attached_nodes_centre_on_centre_of_mass() {
         let shift = DVec3::new(1.0, -2.0, 0.5);
         let (mut nodes, tets) = Convex::cuboid(DVec3::new(1.0, 2.0, 3.0)).filled();
         nodes.iter_mut().for_each(|p| *p += shift);

@@ -34,7 +34,7 @@ impl Scene {
                 }
                 (Some(_), Some(_)) => {
                     return Err(Error::Input(
-                        "[grid] has both `nodes` and `spacing`; give one of them".into(),
+                        "[grid] has both `nodes` and `spacing`; remove one of them".into(),
                     ));
                 }
             };
@@ -52,7 +52,7 @@ impl Scene {
             let thin = shape.undefined_normal_particles().len();
             let [x, y, z] = shape.spacing.to_array().map(|s| format!("{s:.4}"));
             notes.push(format!(
-                "{} particles, {x} × {y} × {z} apart; {thin} of them, where the body is one particle thin, have no normal",
+                "{} particles, spacing {x} × {y} × {z}; {thin} of them have no normal, where the body is one particle thick",
                 shape.count()
             ));
             Ok((shape, mesh, notes))
@@ -67,7 +67,7 @@ impl Scene {
         };
         if !(margin.is_finite() && margin >= 0.0) || (margin > 0.0 && of_volume) {
             return Err(Error::Input(format!(
-                "[grid] margin = {margin}: give 0 or more, around a surface or a mesh; a volume has thresholds"
+                "[grid] margin must be ≥ 0, got {margin}; volumes do not support it, so adjust their thresholds instead"
             )));
         }
         Ok(margin)

@@ -19,7 +19,7 @@ impl JointEntry {
             [a, b] => (label(a)?, Some(label(b)?)),
             other => {
                 return Err(Error::Input(format!(
-                    "a [[joint]] is `between` two rigid regions, or of one to the world, and {} are named",
+                    "`between` of a [[joint]] must list two rigid regions, or one to join it to the world, got {}",
                     other.len()
                 )));
             }
@@ -34,7 +34,7 @@ impl JointEntry {
             (None, None, None, Some(_)) => JointKind::Fixed,
             _ => {
                 return Err(Error::Input(
-                    "a [[joint]] is one of `hinge`, `slider`, `ball` and `fixed`; give one of them"
+                    "a [[joint]] must have exactly one of `hinge`, `slider`, `ball` and `fixed`"
                         .into(),
                 ));
             }

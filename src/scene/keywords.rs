@@ -22,7 +22,7 @@ pub(super) const MODES: [&str; 8] = [
     "skin",
 ];
 /// Ray traversals of the tetrahedra.
-pub(super) const WALKS: [&str; 2] = ["vertices", "planes"];
+pub(super) const TRAVERSALS: [&str; 2] = ["vertices", "planes"];
 /// Backgrounds of a picture.
 pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
 /// Kinds of axes.
@@ -34,7 +34,7 @@ pub(super) const DAMPING_KINDS: [&str; 2] = ["axial", "relative"];
 pub(super) fn unknown_keyword_error(what: &str, words: &[&str], word: &str) -> Error {
     let (last, rest) = words.split_last().unwrap_or((&"", &[]));
     Error::Input(format!(
-        "{what} \"{word}\" is not known; use {} or {last}",
+        "unknown {what} \"{word}\"; use {} or {last}",
         rest.join(", ")
     ))
 }
@@ -61,8 +61,8 @@ pub(super) fn mode<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error
     checked(from, |word| one_of("mode", &MODES, word))
 }
 
-pub(super) fn walk<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
-    checked(from, |word| one_of("walk", &WALKS, word))
+pub(super) fn traversal<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("traversal", &TRAVERSALS, word))
 }
 
 pub(super) fn background<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
@@ -87,7 +87,7 @@ pub(super) fn light<'de, D: Deserializer<'de>>(from: D) -> Entry<Light, D::Error
     #[derive(Deserialize)]
     #[serde(
         untagged,
-        expecting = "light is \"head\", \"none\", or a direction [x, y, z] towards it"
+        expecting = "light must be \"head\", \"none\", or a direction [x, y, z] towards it"
     )]
     enum Said {
         Word(String),
@@ -105,7 +105,7 @@ pub(super) fn axes<'de, D: Deserializer<'de>>(from: D) -> Entry<Axes, D::Error> 
     #[derive(Deserialize)]
     #[serde(
         untagged,
-        expecting = "axes are true, false, \"xyz\" or \"anatomical\""
+        expecting = "axes must be true, false, \"xyz\" or \"anatomical\""
     )]
     enum Said {
         Drawn(bool),
@@ -163,7 +163,7 @@ pub(super) fn check_fraction(share: f64) -> Result<()> {
     match (0.0..=1.0).contains(&share) {
         true => Ok(()),
         false => Err(Error::Input(format!(
-            "{share} is no part of the bounds along the axis, from 0 to 1; a place in the mesh's unit is given by x_below, x_above, y_below, y_above, z_below or z_above, without an axis"
+            "a fraction of the bounds along `axis` must be in [0, 1], got {share}; for a coordinate in the mesh's unit use x_below, x_above, y_below, y_above, z_below or z_above, without `axis`"
         ))),
     }
 }

@@ -57,7 +57,7 @@ pub struct MaterialEntry {
     pub damping_kind: Option<String>,
     /// Largest ratio of the stiffness of a tissue to that of the softest one: implicit steps take
     /// longer for larger ratios, and above some hundreds the difference is not visible.
-    pub contrast: Option<f64>,
+    pub max_stiffness_ratio: Option<f64>,
     /// Tissues by name.
     pub tissues: Tissues,
 }
@@ -68,7 +68,7 @@ type Tissues = BTreeMap<String, TissueEntry>;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(
     untagged,
-    expecting = "neither a setting of [material] nor a tissue: a list of regions, or a table with some of `regions`, `young`, `poisson`, `density` and `rigid`"
+    expecting = "neither a key of [material] nor a tissue: a tissue must be a list of regions, or a table with some of `regions`, `young`, `poisson`, `density` and `rigid`"
 )]
 pub enum TissueEntry {
     /// Regions by label or name.
@@ -125,7 +125,9 @@ impl<'de> Deserialize<'de> for MaterialEntry {
                         "damping_ratio" => entry.damping_ratio = Some(map.next_value()?),
                         "damping_hz" => entry.damping_hz = Some(map.next_value()?),
                         "damping_kind" => entry.damping_kind = map.next_value_seed(Kind)?,
-                        "contrast" => entry.contrast = Some(map.next_value()?),
+                        "max_stiffness_ratio" => {
+                            entry.max_stiffness_ratio = Some(map.next_value()?)
+                        }
                         _ => {
                             let tissue = map.next_value_seed(Named(&key))?;
                             entry.tissues.insert(key, tissue);
@@ -203,7 +205,7 @@ impl MaterialEntry {
         let rigid = self.tissues.iter().find(|(_, tissue)| tissue.is_rigid());
         match (rigid, model) {
             (Some((name, _)), MaterialModel::Springs) => Err(Error::Input(format!(
-                "`{name}` is rigid, and springs have no rigid regions: take model = \"neo-hookean\" (or \"corotated\"), and no stiffness or damping of springs"
+                "`{name}` is rigid, but springs do not support rigid regions; set model = \"neo-hookean\" (or \"corotated\"), and remove the stiffness and damping of springs"
             ))),
             _ => Ok(()),
         }
@@ -239,7 +241,7 @@ impl MaterialEntry {
         let mut material = match (self.young, self.stiffness) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
-                    "the material has both `young` and `stiffness`; give one of them".into(),
+                    "the material has both `young` and `stiffness`; remove one of them".into(),
                 ));
             }
             (None, Some(kappa)) => Material {
@@ -296,22 +298,22 @@ impl MaterialEntry {
             (None, None) => return Ok(None),
             (Some(ratio), Some(frequency)) => (ratio, frequency),
             _ => {
-                return wrong("the material has one of `damping_ratio` and `damping_hz`: a damping ratio holds at one frequency; give both, such as damping_ratio = 0.05 and damping_hz = 2".into());
+                return wrong("a damping ratio requires its reference frequency; set both `damping_ratio` and `damping_hz`, such as damping_ratio = 0.05 and damping_hz = 2".into());
             }
         };
         if self.damping.is_some() {
             return wrong(
-                "the material has both `damping` and `damping_ratio`; give one of them".into(),
+                "the material has both `damping` and `damping_ratio`; remove one of them".into(),
             );
         }
         if model == MaterialModel::Springs {
-            return wrong("a damping ratio is for elements: give model = \"neo-hookean\" (or --material neo-hookean) with Young's modulus to a body of tets, or `damping` to springs".into());
+            return wrong("a damping ratio requires finite elements; for a tetrahedral body set model = \"neo-hookean\" (or --material neo-hookean) and Young's modulus, for springs set `damping`".into());
         }
         let sound = ratio >= 0.0 && ratio.is_finite() && frequency > 0.0 && frequency.is_finite();
         match sound {
             true => Ok(Some((ratio, frequency))),
             false => wrong(format!(
-                "a damping ratio of {ratio} at {frequency} Hz makes no sense; give a ratio from 0 on and a positive frequency"
+                "the damping ratio must be ≥ 0 and its frequency positive, got {ratio} at {frequency} Hz"
             )),
         }
     }
@@ -322,14 +324,14 @@ impl MaterialEntry {
         }
         if self.stiffness.is_some() {
             return Err(Error::Input(
-                "tissues have a Young's modulus, so they go with `young`, not with `stiffness`"
+                "tissues require `young`, not `stiffness`: their stiffness is a Young's modulus"
                     .into(),
             ));
         }
         let labels = mesh.field("label", Location::Cell);
         let Some(labels) = labels.or_else(|| mesh.region_field()) else {
             return Err(Error::Input(
-                "tissues need a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
+                "tissues require a cell field of integer region labels, such as `label`; the mesh has none".into(),
             ));
         };
         material.region_field = Some(labels.name.clone());
@@ -339,7 +341,7 @@ impl MaterialEntry {
             for label in chosen {
                 if material.regions.insert(label, region).is_some() {
                     return Err(Error::Input(format!(
-                        "region {} is made of two tissues, \"{name}\" and another; name it once",
+                        "region {} is assigned to two tissues, \"{name}\" and another; assign it to one",
                         described(mesh, label)
                     )));
                 }
@@ -353,7 +355,7 @@ impl MaterialEntry {
             .values
             .iter()
             .any(|l| !material.regions.contains_key(&(l.round() as i64)));
-        self.limit_contrast(material, rest)?;
+        self.limit_stiffness(material, rest)?;
         Ok(made
             .iter()
             .map(|(label, name)| {
@@ -379,15 +381,15 @@ impl MaterialEntry {
             .collect())
     }
 
-    /// Reduces stiffnesses above `contrast` times that of the softest region; `rest` is whether
+    /// Reduces stiffnesses above `max_stiffness_ratio` times that of the softest region; `rest` is whether
     /// some tetrahedra belong to no tissue.
-    fn limit_contrast(&self, material: &mut Material, rest: bool) -> Result<()> {
-        let Some(contrast) = self.contrast else {
+    fn limit_stiffness(&self, material: &mut Material, rest: bool) -> Result<()> {
+        let Some(max_ratio) = self.max_stiffness_ratio else {
             return Ok(());
         };
-        if !contrast.is_finite() || contrast < 1.0 {
+        if !max_ratio.is_finite() || max_ratio < 1.0 {
             return Err(Error::Input(format!(
-                "contrast = {contrast}: the stiffest over the softest tissue, a number from 1 on, is expected"
+                "max_stiffness_ratio (of two tissues) must be ≥ 1, got {max_ratio}"
             )));
         }
         let own = match material.stiffness {
@@ -400,10 +402,10 @@ impl MaterialEntry {
             .filter(|(l, _)| !material.rigid.contains(l));
         let softest = soft.map(|(_, r)| r.stiffness).fold(own, f64::min);
         for region in material.regions.values_mut() {
-            region.stiffness = region.stiffness.min(contrast * softest);
+            region.stiffness = region.stiffness.min(max_ratio * softest);
         }
         if let Stiffness::Young(young) = &mut material.stiffness {
-            *young = young.min(contrast * softest);
+            *young = young.min(max_ratio * softest);
         }
         Ok(())
     }
@@ -449,7 +451,7 @@ impl TissueEntry {
             }
             (Err(unknown), None) => {
                 return Err(Error::Input(format!(
-                    "{unknown}; a tissue of your own needs `young` (Pa)"
+                    "{unknown}; a custom tissue requires `young` (Pa)"
                 )));
             }
         };
@@ -489,10 +491,10 @@ fn named_like(name: &str, mesh: &TetMesh) -> Result<Vec<i64>> {
     if labels.is_empty() {
         let known: Vec<&str> = mesh.region_names.values().map(String::as_str).collect();
         return Err(Error::Input(format!(
-            "no region of the mesh has \"{name}\" in its name ({}); say which it is: {name} = [LABEL, …]",
+            "no region of the mesh has \"{name}\" in its name ({}); list the regions: {name} = [LABEL, …]",
             match known.as_slice() {
                 [] => "its regions have no names".to_owned(),
-                _ => format!("they are called {}", known.join(", ")),
+                _ => format!("the regions are {}", known.join(", ")),
             }
         )));
     }

@@ -134,14 +134,15 @@ impl MeshManifest {
 
     /// Serialises the manifest, for [`MeshManifest::from_bytes`].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>> {
-        serde_json::to_vec(self).map_err(|e| Error::Input(format!("the whole mesh: {e}")))
+        serde_json::to_vec(self)
+            .map_err(|e| Error::Input(format!("cannot encode the data of the whole mesh: {e}")))
     }
 
     /// Deserialises the output of [`MeshManifest::to_bytes`].
     pub(super) fn from_bytes(bytes: &[u8]) -> Result<MeshManifest> {
         let wrong = |e: &dyn std::fmt::Display| {
             Error::Input(format!(
-                "what the piece says of the whole cannot be understood ({e}); cut the mesh anew with this version: palpate convert IN OUT.pvtu --pieces N"
+                "cannot read the data of the whole mesh in the piece ({e}); write the pieces again with this version: palpate convert IN OUT.pvtu --pieces N"
             ))
         };
         let whole: MeshManifest = serde_json::from_slice(bytes).map_err(|e| wrong(&e))?;
@@ -188,7 +189,7 @@ impl MeshManifest {
         let Some(seen) = seen else {
             let names: Vec<&str> = self.fields.iter().map(|f| f.name.as_str()).collect();
             return Err(Error::Input(format!(
-                "there is no field \"{}\", or none of finite numbers; there are {}",
+                "unknown field \"{}\", or its values are not finite; available: {}",
                 picture.field.as_deref().unwrap_or_default(),
                 names.join(", ")
             )));
@@ -197,9 +198,9 @@ impl MeshManifest {
             true => Location::Cell,
             false => Location::Node,
         };
-        let field = mesh.field(&seen.stored, location).ok_or_else(|| {
-            Error::Input(format!("the piece lacks the field \"{}\"", seen.stored))
-        })?;
+        let field = mesh
+            .field(&seen.stored, location)
+            .ok_or_else(|| Error::Input(format!("the piece has no field \"{}\"", seen.stored)))?;
         let mut found = ScalarField {
             name: seen.name.clone(),
             values: Vec::new(),

@@ -42,9 +42,9 @@ impl MeshSource {
             let parts: Vec<(String, &TetMesh)> = std::iter::once(first).chain(rest).collect();
             mesh = TetMesh::merge_meshes(&parts)?;
         }
-        for [first, second] in &self.part {
+        for [first, second] in &self.split {
             let doubles = mesh.split_interface(first.label(&mesh)?, second.label(&mesh)?)?;
-            if let Some(gap) = self.part_gap {
+            if let Some(gap) = self.split_gap {
                 mesh.open_interface_gap(&doubles, gap)?;
             }
         }
@@ -53,12 +53,12 @@ impl MeshSource {
 
     /// Returns the lump of a generated organ.
     fn lump(&self) -> Result<Option<Lump>> {
-        let said = [self.lump_mm, self.depth_mm, self.contrast];
-        if said.iter().any(Option::is_some)
+        let lump_keys = [self.lump_mm, self.depth_mm, self.contrast];
+        if lump_keys.iter().any(Option::is_some)
             && !self.generate.as_deref().is_some_and(generate::has_lump)
         {
             return Err(Error::Input(
-                "lump_mm, depth_mm and contrast of [mesh] are for generate = \"breast\" and \"liver\"; leave them out".into(),
+                "lump_mm, depth_mm and contrast of [mesh] require generate = \"breast\" or \"liver\"; remove them".into(),
             ));
         }
         let usual = Lump::default();
@@ -77,12 +77,12 @@ impl MeshSource {
             (Some(_), None) => self.made(progress),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
-                    "tets = {tets} cannot be generated; ask for 1 to {MOST_TETS}"
+                    "tets must be in [1, {MOST_TETS}], got {tets}"
                 ))),
                 tets => generate::by_name_with_progress(name, tets, lump, progress),
             },
             _ => Err(Error::Input(
-                "[mesh] needs either file = \"…\" or generate = \"…\"".into(),
+                "[mesh] must have either file = \"…\" or generate = \"…\"".into(),
             )),
         }
     }
@@ -105,7 +105,7 @@ impl JoinEntry {
         let offset = DVec3::from(self.offset.unwrap_or_default());
         if axis == DVec3::ZERO || !(turn.is_finite() && offset.is_finite()) {
             return Err(Error::Input(format!(
-                "the [[mesh.join]] {name} is turned or moved by what makes no sense; give degrees, a direction and a displacement"
+                "the [[mesh.join]] {name} has an invalid transform: `turn` and `offset` must be finite, and `axis` must not be zero"
             )));
         }
         mesh.nodes.iter_mut().for_each(|p| *p = turn * *p + offset);
@@ -126,7 +126,8 @@ impl MeshSource {
     pub(super) fn recipe(&self) -> Result<MeshingConfig> {
         let Some(file) = &self.file else {
             return Err(Error::Input(
-                "[mesh] needs file = \"…\" here: a volume, a closed surface or a tet mesh".into(),
+                "[mesh] must have file = \"…\" here: a volume, a closed surface or a tet mesh"
+                    .into(),
             ));
         };
         Ok(MeshingConfig {
@@ -140,7 +141,7 @@ impl MeshSource {
             size: match (self.edge, self.tets) {
                 (Some(_), Some(_)) => {
                     return Err(Error::Input(
-                        "[mesh] has both `edge` and `tets`; give one of them".into(),
+                        "[mesh] has both `edge` and `tets`; remove one of them".into(),
                     ));
                 }
                 (Some(edge), None) => Some(TargetSize::Edge(edge)),
@@ -185,7 +186,7 @@ impl ScalarField {
     ) -> Result<ScalarField> {
         let regions = Regions::new(mesh, topology, field)?;
         let also = first_scalar(mesh).filter(|_| unasked);
-        let also = also.map(|f| format!("; --field \"{}\" shows that scalar", f.name));
+        let also = also.map(|f| format!("; show the scalar field with --field \"{}\"", f.name));
         Ok(ScalarField {
             name: field.name.clone(),
             values: mesh.volume_weighted_node_means(&regions.numbers),
@@ -206,9 +207,9 @@ impl ScalarField {
             self.values.push(self.values[*from as usize]);
         }
         if let Some(cells) = self.cells.as_mut().filter(|_| !cut.removed.is_empty()) {
-            let mut gone = cut.removed.iter().peekable();
+            let mut removed = cut.removed.iter().peekable();
             let mut t = 0..;
-            cells.retain(|_| gone.next_if_eq(&&t.next().unwrap_or(u32::MAX)).is_none());
+            cells.retain(|_| removed.next_if_eq(&&t.next().unwrap_or(u32::MAX)).is_none());
         }
     }
 
@@ -246,7 +247,9 @@ impl Scene {
                 Some(field) => (field.clone(), None),
                 None => (
                     depth_field(mesh, topology),
-                    Some("the mesh has no scalar field that varies: seen is the depth below its surface".to_owned()),
+                    Some(
+                        "no varying scalar field; rendering the depth below the surface".to_owned(),
+                    ),
                 ),
             },
         };
@@ -260,7 +263,7 @@ impl Scene {
         };
         if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
             return Err(Error::Input(format!(
-                "field \"{}\" is not a finite number at node {bad}, so it cannot be drawn",
+                "field \"{}\" must be finite to be rendered, but is not at node {bad}",
                 field.name
             )));
         }
@@ -305,14 +308,14 @@ fn named_field(mesh: &TetMesh, name: &str) -> Result<Field> {
     found.cloned().ok_or_else(|| {
         if name.parse::<BodyField>().is_ok() {
             return Error::Input(format!(
-                "the mesh has no field \"{name}\", and one is computed only of a body that moves: name a solver (--solver implicit, for example)"
+                "the mesh has no field \"{name}\", and computing it requires a simulated body; set a solver, such as --solver implicit"
             ));
         }
         let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
         Error::Input(match names.as_slice() {
-            [] => format!("there is no field \"{name}\": the mesh has none"),
+            [] => format!("unknown field \"{name}\": the mesh has no fields"),
             _ => format!(
-                "there is no field \"{name}\"; there are {}",
+                "unknown field \"{name}\"; available: {}",
                 names.join(", ")
             ),
         })

@@ -56,6 +56,7 @@ mod reactions;
 mod region;
 mod region_appearance;
 mod regions;
+mod renamed_keys;
 mod rest;
 mod scan;
 mod series_frame;
@@ -179,6 +180,9 @@ pub struct Scene {
     /// Files written beside the pictures.
     #[serde(default)]
     pub output: OutputEntry,
+    /// Notes of old keys in the scene file.
+    #[serde(skip)]
+    pub(crate) notes: Vec<String>,
 }
 
 /// Time integration of the body.
@@ -284,7 +288,12 @@ impl Scene {
     /// # Errors
     /// [`Error::Input`] with the line of the error.
     pub fn parse(text: &str) -> Result<Scene> {
-        toml::from_str(text).map_err(|e| Error::Input(e.to_string()))
+        renamed_keys::parse(text).map_err(|e| Error::Input(e.to_string()))
+    }
+
+    /// Returns notes of keys of the scene file that have new names. [`Stage::notes`] contains them.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Returns the name of an entry that only a single tetrahedral body supports, if there is one.

@@ -89,13 +89,13 @@ impl Motion {
 
     /// Returns the reaction of the body on each tool by name: kinematic tools, then dynamic ones.
     pub(super) fn tool_reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
-        let led = self.simulator.tool_forces()?;
+        let tool_forces = self.simulator.tool_forces()?;
         let names = self
             .time_dependent_loads
             .tools
             .iter()
             .map(|tool| tool.name.clone());
-        let mut all: Vec<(String, Reaction)> = names.zip(led).collect();
+        let mut all: Vec<(String, Reaction)> = names.zip(tool_forces).collect();
         for name in &self.dynamic_tools {
             let names = &self.simulator.mesh().region_names;
             let found = names.iter().find(|(_, own)| *own == name);

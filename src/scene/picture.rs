@@ -1,6 +1,6 @@
 //! Builds the camera, the sections and the renderers of a scene's picture.
 
-use super::keywords::{BACKGROUNDS, MODES, WALKS, unknown_keyword_error};
+use super::keywords::{BACKGROUNDS, MODES, TRAVERSALS, unknown_keyword_error};
 use super::{ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};
@@ -69,7 +69,7 @@ impl Scene {
             && from_nodes
             && let Err(why) = geometry.enable_lighting(mesh, topology, seen.scalars())
         {
-            notes.push(format!("drawn without light: {why}"));
+            notes.push(format!("rendering without light: {why}"));
             options.light = Light::None;
         }
         let inside = self.inside(mode, notes)?;
@@ -89,7 +89,7 @@ impl Scene {
         let looks = self.region_looks(mesh, topology, &transfer)?;
         if looks.is_some() {
             if matches!(mode, DisplayMode::Surface | DisplayMode::Skin) {
-                notes.push("regions have looks of their own, and are hidden, in pictures of the inside; mode surface and skin show the boundary of all".into());
+                notes.push("region appearance and hidden regions are ignored in modes surface and skin, which show the boundary of all regions".into());
             }
             raycaster.set_regions(looks.as_ref())?;
         }
@@ -115,7 +115,7 @@ impl Scene {
             DisplayMode::Inside(Mode::Composite) => {
                 if !inside.draw_volume && surfaces == 0 {
                     return Err(Error::Input(
-                        "nothing is left to draw: volume = false (--no-volume) goes with slices or isosurfaces"
+                        "nothing to draw: volume = false (--no-volume) requires slices or isosurfaces"
                             .into(),
                     ));
                 }
@@ -130,7 +130,7 @@ impl Scene {
                 inside.draw_volume = false;
                 if inside.check().is_err() {
                     return Err(Error::Input(
-                        "in mode surface each clip plane has a cut face, which counts as another plane: give up to 16 of them (a box is six)"
+                        "too many clip planes: in mode surface each one also counts as a slice, for its cut face; use at most 16 (a box has six)"
                             .into(),
                     ));
                 }
@@ -138,7 +138,7 @@ impl Scene {
             _ => {
                 if surfaces > 0 || !inside.draw_volume {
                     notes.push(
-                        "slices and isosurfaces are drawn in mode composite or surface; they are passed over"
+                        "slices and isosurfaces are ignored: they require mode composite or surface"
                             .into(),
                     );
                 }
@@ -176,18 +176,18 @@ impl Scene {
             Some(tolerance) => RaycastOptions::for_tolerance(tolerance / 255.0)?,
             None => RaycastOptions::default(),
         };
-        options.walk = match self.picture.walk.as_deref() {
+        options.walk = match self.picture.traversal.as_deref() {
             None => options.walk,
             Some("vertices") => Traversal::Vertices,
             Some("planes") => Traversal::Planes,
             Some(other) => {
-                return Err(unknown_keyword_error("walk", &WALKS, other));
+                return Err(unknown_keyword_error("traversal", &TRAVERSALS, other));
             }
         };
         if let Some(accuracy) = self.picture.accuracy {
             if !(accuracy.is_finite() && accuracy > 0.0) {
                 return Err(Error::Input(format!(
-                    "[picture] accuracy = {accuracy}: the error of a picture's values, a positive number, is expected"
+                    "[picture] accuracy (error of pixel values) must be positive, got {accuracy}"
                 )));
             }
             options.table_tolerance = accuracy;
@@ -197,7 +197,7 @@ impl Scene {
         let shadows = self.light.shadows.unwrap_or(options.shadows);
         if !(0.0..=1.0).contains(&shadows) {
             return Err(Error::Input(format!(
-                "[light] shadows = {shadows}: from 0, for none, to 1 is expected"
+                "[light] shadows must be in [0, 1] (0: none), got {shadows}"
             )));
         }
         options.shadows = shadows;
@@ -223,7 +223,7 @@ impl Scene {
         };
         (1..=8).find(|n| n * n == samples).ok_or_else(|| {
             Error::Input(format!(
-                "{samples} samples a pixel: choose 1, 4, 9, 16, 25, 36, 49 or 64, which are as many each way"
+                "samples per pixel must be a square number (1, 4, 9, 16, 25, 36, 49 or 64), got {samples}"
             ))
         })
     }
@@ -238,8 +238,7 @@ impl Scene {
             Some("xray") => Ok(DisplayMode::Inside(Mode::Xray)),
             Some("surface") => Ok(DisplayMode::Surface),
             Some("skin") if self.skin.iter().all(|skin| skin.hidden) => Err(Error::Input(
-                "mode \"skin\" shows the skins of a scene, and this one has no [[skin]] that is not hidden"
-                    .into(),
+                "mode \"skin\" requires a [[skin]] that is not hidden".into(),
             )),
             Some("skin") => Ok(DisplayMode::Skin),
             Some(other) => Err(unknown_keyword_error("mode", &MODES, other)),
@@ -261,7 +260,7 @@ impl Scene {
             None | Some(8) => Ok(BitDepth::Eight),
             Some(16) => Ok(BitDepth::Sixteen),
             Some(other) => Err(Error::Input(format!(
-                "{other} bits a channel cannot be written; use 8 or 16"
+                "bits per channel must be 8 or 16, got {other}"
             ))),
         }
     }
@@ -295,7 +294,7 @@ impl Scene {
         match (entry.fov, entry.orthographic) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
-                    "the camera has both fov and orthographic; give one of them".into(),
+                    "the camera has both `fov` and `orthographic`; remove one of them".into(),
                 ));
             }
             (Some(fov), None) => camera.projection = Projection::Perspective { fov },

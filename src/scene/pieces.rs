@@ -21,13 +21,13 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
     let path = path.as_ref();
     if !io::is_pieces(path) {
         return Err(Error::Input(format!(
-            "{}: pieces are files beside an index, which is called .pvtu; name that",
+            "{}: the index of pieces must have the extension .pvtu",
             path.display()
         )));
     }
     let part_of = kd_partition(mesh, count)?;
     let (whole, extra) = MeshManifest::new(mesh, count)?;
-    let told = whole.to_bytes()?;
+    let manifest = whole.to_bytes()?;
     let held;
     let mesh = match extra {
         None => mesh,
@@ -39,7 +39,7 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
         }
     };
     let parted = MeshPartition::new(mesh, &part_of)?;
-    io::write_pieces(path, count, &told, |k| parted.extract(k))
+    io::write_pieces(path, count, &manifest, |k| parted.extract(k))
 }
 
 /// A piece of a mesh, with the global data.
@@ -55,8 +55,8 @@ impl Piece {
     /// # Errors
     /// As [`io::read_piece`].
     pub fn read(path: impl AsRef<Path>, number: usize) -> Result<Piece> {
-        let (piece, told) = io::read_piece(path, number)?;
-        let whole = MeshManifest::from_bytes(&told)?;
+        let (piece, manifest) = io::read_piece(path, number)?;
+        let whole = MeshManifest::from_bytes(&manifest)?;
         Ok(Piece { piece, whole })
     }
 
@@ -121,17 +121,17 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Input`] for segments of another size, or an invalid scene.
-    pub fn composite(&self, told: &RaySegments) -> Result<Image> {
+    pub fn composite(&self, segments: &RaySegments) -> Result<Image> {
         let size = self.drawn_size()?;
-        if told.size() != size {
-            let ([a, b], [c, d]) = (told.size(), size);
+        if segments.size() != size {
+            let ([a, b], [c, d]) = (segments.size(), size);
             return Err(Error::Input(format!(
-                "pieces were drawn for {a} x {b} pixels, and the picture is made of {c} x {d}"
+                "the pieces were rendered at {a} x {b} pixels, but the picture has {c} x {d}; sizes must match"
             )));
         }
         Ok(match self.samples_each_way()? {
-            1 => told.image(),
-            n => told.image().box_downsampled(n),
+            1 => segments.image(),
+            n => segments.image().box_downsampled(n),
         })
     }
 
@@ -139,9 +139,9 @@ impl Scene {
     ///
     /// # Errors
     /// As [`Scene::composite`].
-    pub fn composite_rgba(&self, told: &RaySegments) -> Result<(Vec<u8>, [u32; 2])> {
+    pub fn composite_rgba(&self, segments: &RaySegments) -> Result<(Vec<u8>, [u32; 2])> {
         let background: Background = self.background()?;
-        let image = self.composite(told)?;
+        let image = self.composite(segments)?;
         Ok((image.rgba8(background), image.size))
     }
 
@@ -163,15 +163,15 @@ impl Scene {
                 self.display_mode()? != DisplayMode::Inside(Mode::Composite),
                 "modes other than composite",
             ),
-            (self.solver.name.is_some(), "a solver: nothing moves it"),
+            (self.solver.name.is_some(), "a solver, since it is static"),
             (
                 !self.body.is_empty() || self.grid.is_some() || self.cage.is_some(),
                 "several bodies, grids and cages",
             ),
             (
                 self.mesh.rest.is_some()
-                    || !(self.mesh.join.is_empty() && self.mesh.part.is_empty()),
-                "other meshes at rest or joined to it, and parted regions",
+                    || !(self.mesh.join.is_empty() && self.mesh.split.is_empty()),
+                "a rest mesh, joined meshes and split interfaces",
             ),
             (!self.scan.is_empty(), "scans"),
             (!self.skin.is_empty(), "skins"),
@@ -182,7 +182,7 @@ impl Scene {
             ),
             (
                 self.light.shadows.is_some_and(|s| s > 0.0),
-                "shadows, which other pieces cast",
+                "shadows (pieces do not shadow each other)",
             ),
             (
                 annotated,
@@ -192,7 +192,7 @@ impl Scene {
         match found.iter().find(|(asked, _)| *asked) {
             None => Ok(()),
             Some((_, what)) => Err(Error::Input(format!(
-                "a body in pieces is drawn without {what}; leave that out, or draw the whole where it fits (palpate render)"
+                "a body in pieces does not support {what}; remove that, or render the whole mesh on a machine with enough memory (palpate render)"
             ))),
         }
     }

@@ -60,7 +60,7 @@ impl ReactionLog {
         if lines.next() != Some(HEADER) {
             return Err(Error::format(
                 path,
-                format!("is no table of reactions, which begins with {HEADER}"),
+                format!("is not a table of reactions: the first line must be {HEADER}"),
             ));
         }
         let mut left = lines.map(str::to_owned).peekable();
@@ -78,7 +78,7 @@ impl ReactionLog {
                 return Err(Error::format(
                     path,
                     format!(
-                        "the reactions of frame {i}, which was finished at {time} s, are missing; start the run afresh, without --resume"
+                        "the reactions of frame {i}, at {time} s, are missing; start the run again without --resume"
                     ),
                 ));
             }
@@ -148,7 +148,7 @@ impl Stage {
         let time = self.time();
         let Some(motion) = self.motion_mut() else {
             return Err(Error::Input(
-                "what nothing moves exerts no reactions: name a solver (--solver implicit, for example)".into(),
+                "a static body has no reactions; set a solver, such as --solver implicit".into(),
             ));
         };
         let of_tools = motion.tool_reactions()?;
@@ -183,12 +183,12 @@ impl Stage {
         all.extend(of_tools);
         if let Some((name, _)) = all.iter().find(|(_, on)| on.force.is_nan()) {
             return Err(Error::Input(format!(
-                "\"{name}\" holds nodes of a rigid region, whose forces on single nodes are not known, and so no reaction; make the region stiff instead, hold it by a spring, or leave the reactions out"
+                "no reaction of \"{name}\": it constrains nodes of a rigid region, whose nodal forces are unknown; make the region stiff instead of rigid, hold it by a spring, or remove --reactions"
             )));
         }
         match all.is_empty() {
             true => Err(Error::Input(
-                "nothing holds the body or presses on it, so it exerts no reactions: [[pin]], [[move]] or [[grab]] holds it, a [[tool]] presses"
+                "no reactions: the body has no supports or tools; add a [[pin]], [[move]], [[grab]] or [[tool]]"
                     .into(),
             )),
             false => Ok(all),

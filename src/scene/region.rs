@@ -56,7 +56,7 @@ pub struct Region {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a region is named by a whole number or by its name"
+    expecting = "a region must be given by its label (an integer) or its name"
 )]
 #[allow(missing_docs)]
 pub enum LabelOrName {
@@ -107,7 +107,7 @@ impl Region {
             .collect();
         if nodes.is_empty() {
             return Err(Error::Input(format!(
-                "the region {self} holds no node of the mesh, whose bounds are {} to {}",
+                "the region {self} contains no node of the mesh (bounds {} to {})",
                 bounds.0, bounds.1
             )));
         }
@@ -118,7 +118,7 @@ impl Region {
         let along = self.below.is_some() || self.above.is_some();
         if along != self.axis.is_some() {
             return Err(Error::Input(
-                "a region along an axis needs `axis` and `below` or `above`".into(),
+                "a region along an axis must have `axis` and `below` or `above`".into(),
             ));
         }
         for share in [self.below, self.above].into_iter().flatten() {
@@ -132,7 +132,7 @@ impl Region {
             && self.label.is_none()
         {
             return Err(Error::Input(
-                "a region needs one of box, sphere, axis with below or above, x_below to z_above, label"
+                "a region must have one of box, sphere, axis with below or above, x_below to z_above, label"
                     .into(),
             ));
         }
@@ -191,7 +191,7 @@ impl fmt::Display for Region {
             LabelOrName::Name(name) => format!("\"{name}\""),
         });
         let number = |x: Option<f64>| x.map(|x| x.to_string());
-        let mut said = vec![
+        let mut keys = vec![
             (
                 "box",
                 self.inside
@@ -202,13 +202,13 @@ impl fmt::Display for Region {
             ("below", number(self.below)),
             ("above", number(self.above)),
         ];
-        said.extend(self.places().map(|(name, at)| (name, number(at))));
-        said.push(("label", label));
-        let said: Vec<String> = said
+        keys.extend(self.places().map(|(name, at)| (name, number(at))));
+        keys.push(("label", label));
+        let keys: Vec<String> = keys
             .into_iter()
             .filter_map(|(name, value)| Some(format!("{name} = {}", value?)))
             .collect();
-        write!(f, "{{ {} }}", said.join(", "))
+        write!(f, "{{ {} }}", keys.join(", "))
     }
 }
 
@@ -217,7 +217,7 @@ pub(super) fn labels(mesh: &TetMesh) -> Result<&[f64]> {
     let field = mesh.field("label", Location::Cell);
     let field = field.or_else(|| mesh.region_field()).ok_or_else(|| {
         Error::Input(
-            "a region by label needs a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
+            "a region by label requires a cell field of integer region labels, such as `label`; the mesh has none".into(),
         )
     })?;
     Ok(&field.values)

@@ -46,7 +46,7 @@ impl Scene {
         let (entries, hide) = (&self.picture.region, &self.picture.hide);
         let Some((labels, ways)) = regions else {
             return Err(Error::Input(
-                "[picture.region] and hide (--hide) name regions of the mesh, and it has none: no cell field of whole numbers says them".into(),
+                "[picture.region] and hide (--hide) require regions, but the mesh has no cell field of integer region labels".into(),
             ));
         };
         let mut transfers = vec![transfer.clone()];
@@ -102,7 +102,7 @@ impl RegionAppearanceEntry {
         };
         if !(0.0..=1.0).contains(&opacity) {
             return Err(Error::Input(format!(
-                "opacity = {opacity}: what a ray's mean way through the region hides, from 0 to 1, is expected"
+                "opacity (over the mean chord length of the region) must be in [0, 1], got {opacity}"
             )));
         }
         let way = way.max(f64::MIN_POSITIVE);
@@ -120,7 +120,7 @@ fn label(mesh: &TetMesh, ways: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, 
     match ways.get(&label) {
         Some(way) => Ok((label, *way)),
         None => Err(Error::Input(format!(
-            "no tet of the mesh is of region {name}; `palpate info` lists the regions"
+            "region {name} has no tets; list the regions with `palpate info`"
         ))),
     }
 }

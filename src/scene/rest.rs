@@ -17,15 +17,16 @@ impl Scene {
         mesh: &mut TetMesh,
     ) -> Result<Option<(Vec<DVec3>, Option<String>)>> {
         if let Some(file) = &self.mesh.rest {
-            if !(self.mesh.part.is_empty() && self.mesh.join.is_empty()) {
+            if !(self.mesh.split.is_empty() && self.mesh.join.is_empty()) {
                 return Err(Error::Input(
-                    "[mesh] rest goes with a mesh that is as its file has it, not with `part` or `join`; leave one of them out".into(),
+                    "[mesh] `rest` cannot be combined with `split` or `join`; remove one of them"
+                        .into(),
                 ));
             }
             let rest = io::read(file)?;
             let wrong = |e: Error| {
                 Error::Input(format!(
-                    "{} is not the mesh at rest of the one that is drawn: {e}",
+                    "{} is not the rest state of the rendered mesh: {e}",
                     file.display()
                 ))
             };
@@ -51,10 +52,10 @@ impl Scene {
         if rest == mesh.nodes || rest.iter().any(|x| !x.is_finite()) {
             return Ok(None);
         }
-        let said = "the mesh rests where its field displacement says; --rest MESH names another";
+        let note = "rest positions computed from the field displacement; override with --rest MESH";
         Ok(Some((
             std::mem::replace(&mut mesh.nodes, rest),
-            Some(said.into()),
+            Some(note.into()),
         )))
     }
 }

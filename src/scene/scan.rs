@@ -39,7 +39,7 @@ impl Scene {
         let units_per_mm = 1e-3 / unit.or(mesh.length_unit).unwrap_or(1e-3);
         let mut notes = Vec::new();
         if self.picture.field.is_some() {
-            notes.push("the scan is shown, and the mesh's field is not: --field and [picture] field are passed over".to_owned());
+            notes.push("rendering the scan; --field and [picture] field are ignored".to_owned());
         }
         // In these modes the first scan is taken for values, unless it is set to labels.
         let mode = self.picture.mode.as_deref();
@@ -64,7 +64,7 @@ impl Scene {
                 Some(labels) => {
                     if entry.labels.is_none() {
                         notes.push(format!(
-                            "{name} has {} different whole numbers, and is taken for labels; labels = false shows its values",
+                            "{name} is rendered as labels: it has {} different integer values; override with labels = false",
                             labels.len()
                         ));
                     }
@@ -78,7 +78,7 @@ impl Scene {
                     let field = label_field(&name, &volume, &looks)?;
                     if alone && looks.is_empty() {
                         return Err(Error::Input(format!(
-                            "[scan] {name}: no label is left to be seen"
+                            "[scan] {name}: all labels are hidden"
                         )));
                     }
                     (ScanAppearance::Labels(looks), field)
@@ -126,7 +126,7 @@ impl ScanEntry {
     fn has_labels(&self, volume: &Volume, values: bool) -> Result<Option<BTreeMap<i64, usize>>> {
         if !self.label.is_empty() && self.labels == Some(false) {
             return Err(Error::Input(
-                "it has looks of labels, and labels = false; leave one of them out".into(),
+                "label entries conflict with labels = false; remove one of them".into(),
             ));
         }
         let asked = self.labels.unwrap_or(!self.label.is_empty());
@@ -137,7 +137,7 @@ impl ScanEntry {
         match (asked, labels) {
             (true, Some(labels)) => Ok(Some(labels)),
             (true, None) => Err(Error::Input(
-                "it is no map of labels: its values are not whole numbers, or too many different ones".into(),
+                "it is not a label map: its values are not integers, or there are too many different ones".into(),
             )),
             (false, labels) => {
                 let few = |labels: &BTreeMap<i64, usize>| {
@@ -182,13 +182,13 @@ impl ScanEntry {
                     })
                     .collect();
                 Error::Input(format!(
-                    "no voxel has the label {name}; there are {}",
+                    "no voxel has the label {name}; available: {}",
                     all.join(", ")
                 ))
             })?;
             if entries.insert(label, entry).is_some() {
                 return Err(Error::Input(format!(
-                    "the look of label {label} is given twice, by its name and by its number; leave one of them out"
+                    "label {label} has two entries, by name and by number; remove one of them"
                 )));
             }
         }
@@ -207,7 +207,7 @@ impl ScanEntry {
             let opacity = entry.and_then(|entry| entry.opacity).unwrap_or(opacity);
             if !(0.0..=1.0).contains(&opacity) {
                 return Err(Error::Input(format!(
-                    "label {label} has opacity = {opacity}: what a ray's mean way through it hides, from 0 to 1, is expected"
+                    "opacity of label {label} (over its mean chord length) must be in [0, 1], got {opacity}"
                 )));
             }
             let way = ways.get(label).copied().unwrap_or(1.0) * units_per_mm;

@@ -17,8 +17,7 @@ impl Stage {
     pub fn show_frame(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
         let NodeSource::Posed(posed) = &mut self.drive else {
             return Err(Error::Input(
-                "the body moves, so frames of a series cannot be shown; leave the solver out"
-                    .into(),
+                "frames of a series cannot be shown on a simulated body; remove the solver".into(),
             ));
         };
         posed.show(nodes, fields)?;
@@ -36,7 +35,7 @@ impl Stage {
         let seen = scene.scalar_field(self.drive.mesh(), self.drive.topology())?;
         if seen.cells.is_some() != self.scalars.cells.is_some() {
             return Err(Error::Input(format!(
-                "the frame has {name} in other places than the one before"
+                "the frame has the field {name} at another location (nodes or tets) than the previous frame"
             )));
         }
         self.scalars.values = seen.values;

@@ -76,30 +76,30 @@ impl SimulatorSetup {
         let length = (high - low).max_element();
         if unit.is_none() && length > SUSPICIOUS_LENGTH {
             notes.push(format!(
-                "one unit of the mesh is taken to be a metre, so the body is {length:.3} m long; --unit mm (or cm) says otherwise"
+                "length unit of the mesh: m (assumed), so the body is {length:.3} m long; override with --unit mm (or cm)"
             ));
         }
         let grid_cage = scene.cage.as_ref().and_then(|c| c.kind) == Some(CageKind::Grid);
         let of_tets = shape.is_none() && !grid_cage;
-        let (mut material, said) = scene.material.material(&mesh, of_tets)?;
-        notes.extend(said);
+        let (mut material, tissue_notes) = scene.material.material(&mesh, of_tets)?;
+        notes.extend(tissue_notes);
         material.length_unit = unit.unwrap_or(1.0);
         if let Some(entry) = scene.tets_only_entry()
             && (shape.is_some() || scene.cage.is_some())
         {
             return Err(Error::Input(format!(
-                "{entry} acts on a body of tets that is simulated itself; leave [grid] and [cage] out"
+                "{entry} requires a simulated tetrahedral body; remove [grid] and [cage]"
             )));
         }
         let mut setup = match (shape, &scene.cage) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
-                    "the scene has both [grid] and [cage]; a cage of kind \"grid\" carries the mesh, leave [grid] out".into(),
+                    "the scene has both [grid] and [cage]; to embed the mesh in a cage of kind \"grid\", remove [grid]".into(),
                 ));
             }
             (Some(_), None) | (None, Some(_)) if !material.rigid.is_empty() => {
                 return Err(Error::Input(
-                    "grids and cages have no rigid regions: leave [grid] or [cage] out, or `rigid`"
+                    "grids and cages do not support rigid regions; remove [grid] or [cage], or `rigid`"
                         .into(),
                 ));
             }
@@ -123,7 +123,11 @@ impl FloorEntry {
         let (frame, unit) = simulator.loads().frame_and_unit();
         let point = (DVec3::from(self.point) - frame.origin) * unit;
         let normal = self.normal.map_or(DVec3::Z, DVec3::from);
-        Floor::new(point, normal, self.rate.unwrap_or(Floor::DEFAULT_RATE))
+        Floor::new(
+            point,
+            normal,
+            self.stiffness_rate.unwrap_or(Floor::DEFAULT_RATE),
+        )
     }
 }
 
@@ -142,7 +146,7 @@ pub(super) fn choose_step(asked: Option<f64>, limit: Option<f64>, notes: &mut Ve
     };
     let dt = EXPLICIT_SHARE * limit;
     notes.push(format!(
-        "a step of {dt:.3e} s: {EXPLICIT_SHARE} of the largest stable one"
+        "time step {dt:.3e} s, {EXPLICIT_SHARE} of the largest stable one; override with --dt"
     ));
     dt
 }
@@ -161,13 +165,13 @@ pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Opti
     };
     let damping = share * limit;
     let flags = match undamped.elements.is_empty() {
-        true => "--damping says",
-        false => "--damping-ratio with --damping-hz say",
+        true => "--damping",
+        false => "--damping-ratio and --damping-hz",
     };
-    let said = format!(
-        "damping of {damping:.2e} s times the stiffness, which {kind} can bear; {flags} otherwise"
+    let note = format!(
+        "damping {damping:.2e} s × stiffness, chosen for the stability of {kind}; override with {flags}"
     );
-    Some((damping, said))
+    Some((damping, note))
 }
 
 /// Returns notes of the rigid regions, and a warning of regions that form one rigid body only
@@ -183,12 +187,12 @@ fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
         Some(name) => name.clone(),
         None => format!("region {label}"),
     };
-    let said = match bodies.len() {
+    let count = match bodies.len() {
         1 => "1 rigid body".to_owned(),
         n => format!("{n} rigid bodies"),
     };
     let mut notes = vec![format!(
-        "{said} of {nodes} nodes, of which {surface} on their surfaces take part"
+        "{count} of {nodes} nodes, {surface} of them on the surface and simulated"
     )];
     let mut welded: Vec<String> = Vec::new();
     for body in bodies.iter().filter(|b| b.labels.len() > 1) {
@@ -200,7 +204,7 @@ fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
     }
     if !welded.is_empty() {
         notes.push(format!(
-            "rigid regions that share nodes are one body: {} ([mesh] part = [[A, B]] parts two)",
+            "rigid regions that share nodes form one body: {}; separate two with [mesh] split = [[A, B]]",
             welded.join("; ")
         ));
     }
@@ -218,11 +222,11 @@ impl Scene {
     ) -> Result<SimulatorSetup> {
         if !self.material.says_damping() && !kind.is_implicit() {
             material.damping_time = 0.0;
-            if let Some((damping, said)) =
+            if let Some((damping, note)) =
                 stable_damping(&DiscreteModel::new(&mesh, &material)?, kind)
             {
                 material.damping_time = damping;
-                notes.push(said);
+                notes.push(note);
             }
         }
         let network = DiscreteModel::new(&mesh, &material)?;
@@ -231,7 +235,7 @@ impl Scene {
         let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
         if kind.is_implicit() && simulator.engine() == Engine::Gpu && contrast >= GPU_CONTRAST {
             notes.push(format!(
-                "the stiffest tissue is {contrast:.0} times as stiff as the softest, more than the 32 bits of the GPU resolve: what is soft may stand still (--engine cpu, or rigid = true for what is stiff)"
+                "the stiffest tissue is {contrast:.0} times as stiff as the softest, which exceeds the 32-bit precision of the GPU: soft tissue may not move; use --engine cpu, or rigid = true for stiff tissue"
             ));
         }
         self.set_up(simulator, notes)
@@ -251,7 +255,7 @@ impl Scene {
             engine = match engine {
                 EngineChoice::Exactly(Engine::Gpu) => {
                     return Err(Error::Input(format!(
-                        "{entry} acts on the processor's engine only: --engine cpu, or leave it to auto"
+                        "{entry} requires the CPU engine; set --engine cpu or auto"
                     )));
                 }
                 // Rapier supports some of these entries and rejects the others itself.
@@ -277,7 +281,7 @@ impl Scene {
     ) -> Result<SimulatorSetup> {
         if kind != SolverKind::Verlet {
             return Err(Error::Input(format!(
-                "a grid body is stepped by verlet, not by {kind}; name = \"verlet\", or leave [grid] out"
+                "a grid body requires the solver verlet, got {kind}; set name = \"verlet\", or remove [grid]"
             )));
         }
         let mut model = GridModel::new(shape, material)?;
@@ -319,7 +323,7 @@ impl Scene {
             })?;
             if through > 0 {
                 notes.push(format!(
-                    "{through} faces of the boundary go through others where the body starts, or lie within other parts of it; they are drawn apart, a tenth of an edge a step ([contact])"
+                    "{through} boundary faces intersect others or lie inside the body initially; [contact] separates them by 0.1 mean edge lengths per step"
                 ));
             }
         }
@@ -430,7 +434,7 @@ impl Scene {
             && end.is_some();
         let ahead = self.solver.run.filter(|run| run.steps > 0);
         let mut how = format!(
-            "gravity of {} acts",
+            "applying gravity of {}",
             format_acceleration(pull.gravity.length())
         );
         if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
@@ -444,7 +448,7 @@ impl Scene {
             pull.reach =
                 Some(response.motion_envelope(network, pinned, factor, (kind, run.steps, pull.dt)));
             how = format!(
-                "a load of {}, by which it gives about a tenth of its size, acts",
+                "applying a load of {}, chosen for a deflection of about a tenth of the body size,",
                 format_acceleration(factor)
             );
         } else if let Some(run) = ahead.filter(|run| run.draws_frames && self.camera.is_unset())
@@ -466,16 +470,16 @@ impl Scene {
         if let Some((end, pieces)) = end {
             let pieces = match pieces {
                 1 => String::new(),
-                n => format!(" and an end of each of its {n} pieces"),
+                n => format!(" and one end of each of its {n} components"),
             };
             let along = along(pull.gravity);
             notes.push(format!(
-                "held {end}{pieces}; {how} along {along} ([[pin]] and --gravity say otherwise)"
+                "clamped {end}{pieces}; {how} along {along}; override with [[pin]] and --gravity"
             ));
         }
         if pull.dt != dt {
             notes.push(format!(
-                "steps of {:.3} s, in which the run takes in half a swing (--dt says otherwise)",
+                "time step {:.3} s, chosen to cover half an oscillation; override with --dt",
                 pull.dt
             ));
         }
@@ -491,7 +495,7 @@ impl Scene {
             let nodes: Vec<u32> = nodes.filter(has).collect();
             if nodes.is_empty() {
                 return Err(Error::Input(
-                    "a [[force]] acts on nodes without mass only; choose others with `on`".into(),
+                    "all nodes of a [[force]] are massless; select others with `on`".into(),
                 ));
             }
             for v in &nodes {

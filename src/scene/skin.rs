@@ -29,7 +29,7 @@ impl SkinEntry {
     pub(super) fn attach(&self, gpu: &Gpu, carrier: &SkinBase) -> Result<(Skin, Vec<String>)> {
         if self.height.is_some() && self.height_map.is_none() {
             return Err(Error::Input(
-                "a skin has a `height` without a `height_map`".into(),
+                "a skin has `height` without `height_map`; set both, or remove `height`".into(),
             ));
         }
         let surface = match &self.surface.0 {

@@ -153,13 +153,18 @@ impl Stage {
     fn with_bodies(gpu: &Gpu, scene: &Scene) -> Result<Stage> {
         let sources = scene.body_sources()?;
         if !bodies::any_dynamic(&sources) {
-            let (mesh, said) = bodies::merge_static(sources)?;
+            let (mesh, setup_notes) = bodies::merge_static(sources)?;
             let drive = NodeSource::posed(gpu, mesh)?;
-            return Stage::with_drive(gpu, scene, drive, said);
+            return Stage::with_drive(gpu, scene, drive, setup_notes);
         }
-        let (setup, said) = bodies::setup(gpu, scene, sources)?;
+        let (setup, setup_notes) = bodies::setup(gpu, scene, sources)?;
         let motion = Motion::of_setup(scene, setup)?;
-        Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
+        Stage::with_drive(
+            gpu,
+            scene,
+            NodeSource::Simulated(Box::new(motion)),
+            setup_notes,
+        )
     }
 
     /// As [`Stage::new`], with a mesh that is loaded already.
@@ -179,7 +184,7 @@ impl Stage {
         let solver = scene.solver.name.as_deref().map(str::parse::<SolverKind>);
         if solver.is_some() && scene.mesh.rest.is_some() {
             return Err(Error::Input(
-                "[mesh] rest (--rest) is where a deformed mesh rests that nothing moves; a solver moves the mesh from where its file has it".into(),
+                "[mesh] rest (--rest) requires a static body: a solver starts from the positions in the mesh file; remove one of them".into(),
             ));
         }
         let carried = scene.tool.iter().any(ToolEntry::is_dynamic) && solver.is_some();
@@ -198,32 +203,37 @@ impl Stage {
             stage.fit_view(&[])?;
             return Ok(stage);
         };
-        let (motion, said) = Motion::new(gpu, scene, kind, mesh, shape)?;
-        Stage::with_drive(gpu, scene, NodeSource::Simulated(Box::new(motion)), said)
+        let (motion, setup_notes) = Motion::new(gpu, scene, kind, mesh, shape)?;
+        Stage::with_drive(
+            gpu,
+            scene,
+            NodeSource::Simulated(Box::new(motion)),
+            setup_notes,
+        )
     }
 
-    /// Creates the stage of one or several bodies moved by `drive`; `said` are the notes so far.
+    /// Creates the stage of one or several bodies moved by `drive`; `setup_notes` are the notes so far.
     fn with_drive(
         gpu: &Gpu,
         scene: &Scene,
         mut drive: NodeSource,
-        said: Vec<String>,
+        setup_notes: Vec<String>,
     ) -> Result<Stage> {
         let cutters = scene
             .cut
             .iter()
             .map(ActiveBlade::new)
             .collect::<Result<_>>()?;
-        let mut notes = drive.mesh().repairs.warnings.clone();
+        let mut notes = scene.notes.clone();
+        notes.extend(drive.mesh().repairs.warnings.iter().cloned());
         let asked = !(scene.grab.is_empty() && scene.cut.is_empty() && scene.tool.is_empty())
             || scene.floor.is_some();
         if matches!(drive, NodeSource::Posed(_)) && asked {
-            let still =
-                "nothing moves, so grabs, cuts, floors and tools are passed over: name a solver";
+            let still = "the body is static, so grabs, cuts, floors and tools are ignored; set [solver] name";
             notes.push(still.into());
         }
         let looks = SceneAppearance::new(gpu, scene, &mut drive)?;
-        notes.extend(said);
+        notes.extend(setup_notes);
         notes.extend(looks.notes);
         Ok(Stage {
             gpu: gpu.clone(),
@@ -523,8 +533,7 @@ impl Stage {
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
         let forces = motion.simulator.tool_forces()?;
         let force = forces.get(number).map(|on| on.force);
-        force
-            .ok_or_else(|| Error::Input(format!("the scene has no tool {number} (counted from 0)")))
+        force.ok_or_else(|| Error::Input(format!("unknown tool {number} (counted from 0)")))
     }
 
     /// Returns the scene's number of steps before a picture; 0 for a static body.
@@ -682,7 +691,7 @@ impl Stage {
 
 fn no_tool(number: usize) -> Error {
     Error::Input(format!(
-        "the scene has no tool {number} (counted from 0) that can be led by hand: one without `path`, `file` and `turn`"
+        "the scene has no tool {number} (counted from 0) that can be moved interactively: it must have no `path`, `file` and `rotation`"
     ))
 }
 

@@ -5,7 +5,7 @@ use super::{Region, Scene, Unit};
 use crate::mesh::{Field, Location, TetMesh, Topology, generate};
 
 #[test]
-fn wrong_entries_are_named_with_their_line() {
+fn parse_error_reports_entry_and_line() {
     let error = Scene::parse("[mesh]\nfile = \"a.vtu\"\n[solver]\nnam = \"implicit\"\n");
     let text = error.unwrap_err().to_string();
     assert!(text.contains("line 4") && text.contains("nam"), "{text}");
@@ -14,7 +14,7 @@ fn wrong_entries_are_named_with_their_line() {
 }
 
 #[test]
-fn units_are_metres() {
+fn unit_names_convert_to_metres() {
     let metres = |text: &str| Unit::Name(text.into()).metres();
     assert_eq!(metres("mm").unwrap(), 1e-3);
     assert_eq!(Unit::Metres(0.5).metres().unwrap(), 0.5);
@@ -28,7 +28,7 @@ fn units_are_metres() {
 }
 
 #[test]
-fn regions_hold_the_nodes_they_describe() {
+fn region_selects_nodes_inside_its_bounds() {
     let bar = generate::paper_bar().unwrap();
     let nodes = |toml: &str| toml::from_str::<Region>(toml).unwrap().nodes(&bar);
     let (low, high) = bar.bounds();
@@ -51,7 +51,7 @@ fn regions_hold_the_nodes_they_describe() {
 }
 
 #[test]
-fn what_is_seen_is_the_first_quantity_or_the_depth() {
+fn default_field_is_first_scalar_or_depth() {
     let mut bar = generate::paper_bar().unwrap();
     let seen = |bar: &TetMesh, field: Option<&str>| {
         let mut scene = Scene::default();
@@ -100,7 +100,7 @@ fn labelled_bar() -> TetMesh {
 }
 
 #[test]
-fn regions_are_made_of_tissues() {
+fn tissues_set_region_materials() {
     let bar = labelled_bar();
     let material = |toml: &str| {
         let entry = Scene::parse(&format!("mesh = {{}}\n[material]\n{toml}"))?.material;
@@ -115,23 +115,27 @@ fn regions_are_made_of_tissues() {
         notes.iter().any(|n| n.contains("Femur bone (1) is bone")),
         "{notes:?}"
     );
-    let (made, _) =
-        material("young = 1e3\ncontrast = 50\nbone = { regions = [\"femur bone\"], density = 9 }")
-            .unwrap();
+    let (made, _) = material(
+        "young = 1e3\nmax_stiffness_ratio = 50\nbone = { regions = [\"femur bone\"], density = 9 }",
+    )
+    .unwrap();
     assert_eq!(
         (made.regions[&1].stiffness, made.regions[&1].density),
         (5e4, 9.0)
     );
     for (wrong, part) in [
-        ("bone = 3", "`bone` is neither a setting"),
-        ("yuong = 3", "`yuong` is neither a setting"),
-        ("glue = [1]", "needs `young`"),
+        ("bone = 3", "`bone` is neither a key"),
+        ("yuong = 3", "`yuong` is neither a key"),
+        ("glue = [1]", "requires `young`"),
         ("liver = {}", "Femur bone, knee cartilage"),
         ("bone = [\"hip\"]", "Femur bone, knee cartilage"),
         ("bone = [1]\nfat = [1]", "two tissues"),
         ("bone = { regions = [1], mass = 2 }", "`bone`"),
-        ("stiffness = 3\nbone = [1]", "not with `stiffness`"),
-        ("contrast = 0.5\nbone = [1]", "contrast"),
+        ("stiffness = 3\nbone = [1]", "not `stiffness`"),
+        (
+            "max_stiffness_ratio = 0.5\nbone = [1]",
+            "max_stiffness_ratio",
+        ),
     ] {
         let error = material(wrong).unwrap_err().to_string();
         assert!(error.contains(part), "{wrong}: {error}");

@@ -50,10 +50,10 @@ impl TimeDependentLoads {
         }
         for entry in &scene.pressure {
             let acting = entry.acting(body)?;
-            entry.pascal.check("pressure")?;
+            entry.pressure.check("pressure")?;
             actors
                 .levels
-                .push((body.add_scaled_load(acting)?, entry.pascal.clone()));
+                .push((body.add_scaled_load(acting)?, entry.pressure.clone()));
         }
         for entry in &scene.muscle {
             let acting = entry.acting(body.mesh())?;
@@ -129,7 +129,7 @@ impl TimeSeries {
         match !keys.is_empty() && ordered && keys.iter().flatten().all(|x| x.is_finite()) {
             true => Ok(()),
             false => Err(Error::Input(format!(
-                "the course of a {what} should be a number, or a list of at least one [time, {what}], the times increasing"
+                "{what} must be a number, or a list of at least one [time, {what}] with increasing times"
             ))),
         }
     }
@@ -151,10 +151,10 @@ impl PressureEntry {
                 .iter()
                 .for_each(|v| inside[*v as usize] = true);
         }
-        let facing = self.facing.map(DVec3::from);
+        let facing = self.normal.map(DVec3::from);
         if let Some(way) = facing.filter(|way| !(way.is_finite() && way.length() > 0.0)) {
             return Err(Error::Input(format!(
-                "a [[pressure]] on what is facing {way} makes no sense; give a direction"
+                "`normal` of a [[pressure]] must be a direction, got {way}"
             )));
         }
         let wanted = |face: [u32; 3]| {
@@ -169,12 +169,14 @@ impl PressureEntry {
         };
         faces.retain(|b| wanted(topology.boundary_nodes(mesh, *b)));
         if faces.is_empty() {
-            let facing = facing.map_or(String::new(), |way| format!(" that faces {way}"));
+            let facing = facing.map_or(String::new(), |way| {
+                format!(" with a normal within 45° of {way}")
+            });
             return Err(Error::Input(format!(
-                "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; choose more with `on` or `facing`",
+                "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; extend `on` or `normal`",
                 self.between
                     .as_ref()
-                    .map_or("of the boundary", |_| "where the two regions meet"),
+                    .map_or("of the boundary", |_| "of the interface of the two regions"),
                 self.on
                     .as_ref()
                     .map_or("there".into(), |on| format!("in {on}"))
@@ -214,7 +216,7 @@ impl MoveEntry {
         let way = RigidTrajectory::new(
             "move",
             (self.path.as_deref(), self.file.as_deref()),
-            (self.turn.as_deref(), self.axis),
+            (self.rotation.as_deref(), self.axis),
         )?;
         let mesh = &body.mesh().nodes;
         let rest: Vec<DVec3> = nodes.iter().map(|v| mesh[*v as usize]).collect();
@@ -227,7 +229,7 @@ impl MoveEntry {
             id,
             rest,
             way,
-            about: self.about.map_or(middle, DVec3::from),
+            about: self.pivot.map_or(middle, DVec3::from),
         })
     }
 }
@@ -273,7 +275,7 @@ impl MuscleEntry {
                 .filter(|f| f.components == 3);
             let field = field.ok_or_else(|| {
                 Error::Input(format!(
-                    "a [[muscle]] has fibre = \"{name}\", and the mesh has no field of the tets of that name with three components"
+                    "a [[muscle]] has fibre = \"{name}\", but the mesh has no cell field of that name with three components"
                 ))
             })?;
             let vector = |t: &usize| DVec3::from_slice(&field.values[3 * t..3 * t + 3]);
@@ -288,7 +290,7 @@ impl MuscleEntry {
             let unit = way.normalize_or_zero();
             match unit == DVec3::ZERO {
                 true => Err(Error::Input(format!(
-                    "the fibre of tet {t} of a [[muscle]] is {way}, which is no direction"
+                    "the fibre of tet {t} of a [[muscle]] must be a direction, got {way}"
                 ))),
                 false => Ok((*t as u32, unit)),
             }
@@ -308,7 +310,7 @@ impl MuscleEntry {
         let field = mesh.field("label", Location::Cell).or(mesh.region_field());
         let field = field.ok_or_else(|| {
             Error::Input(
-                "a [[muscle]] of a region needs a cell field of whole numbers, such as `label`, that says the regions; the mesh has none".into(),
+                "a [[muscle]] of a region requires a cell field of integer region labels, such as `label`; the mesh has none".into(),
             )
         })?;
         let tets: Vec<usize> = (0..mesh.tets.len())
@@ -317,7 +319,7 @@ impl MuscleEntry {
         match tets.is_empty() {
             false => Ok(tets),
             true => Err(Error::Input(format!(
-                "a [[muscle]] has no tet: none of the mesh has the label {label}"
+                "a [[muscle]] has no tets: no tet of the mesh has the label {label}"
             ))),
         }
     }

@@ -57,13 +57,13 @@ impl ToolEntry {
             .unwrap_or_else(|| format!("tool{}", number + 1));
         if self.is_dynamic() {
             return Err(Error::Input(format!(
-                "the [[tool]] {name} has a mass or a spring, which a tool of one body of tets can have that a scene moves; give it a path instead"
+                "the [[tool]] {name} has a mass or a spring, which requires a scene of one simulated tetrahedral body; give it a path instead"
             )));
         }
         let way = RigidTrajectory::new(
             "tool",
             (self.path.as_deref(), self.file.as_deref()),
-            (self.turn.as_deref(), self.axis),
+            (self.rotation.as_deref(), self.axis),
         )?;
         let (at, turn) = self.initial_pose()?;
         let (turned, moved) = way.at(0.0);
@@ -76,7 +76,7 @@ impl ToolEntry {
         let overlap = tool.initial_penetration(body.mesh(), body.topology());
         let note = (overlap.nodes > 0).then(|| {
             format!(
-                "{} nodes of the boundary lie up to {:.3} inside the [[tool]] {name} where it starts; they are pushed out",
+                "{} boundary nodes lie initially up to {:.3} inside the [[tool]] {name}; they are pushed out",
                 overlap.nodes, overlap.depth
             )
         });
@@ -93,12 +93,12 @@ impl ToolEntry {
 
     /// Returns its initial position and orientation.
     pub(super) fn initial_pose(&self) -> Result<(DVec3, DQuat)> {
-        let along = DVec3::from(self.along.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
+        let along = DVec3::from(self.orientation.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let at = DVec3::from(self.at);
         if along == DVec3::ZERO || !at.is_finite() {
             return Err(Error::Input(format!(
-                "a [[tool]] at {at} along {:?} makes no sense; give a point and a direction",
-                self.along.unwrap_or_default()
+                "`at` of a [[tool]] must be a point and `orientation` a direction, got {at} and {:?}",
+                self.orientation.unwrap_or_default()
             )));
         }
         Ok((at, DQuat::from_rotation_arc(DVec3::Z, along)))
@@ -123,7 +123,7 @@ impl ToolEntry {
                 Ok(Shape::Sdf(Arc::new(DistanceField::new(&read(file)?)?)))
             }
             _ => Err(Error::Input(
-                "a [[tool]] is one of `sphere`, `capsule`, `box`, `plane` and `surface`; give one of them".into(),
+                "a [[tool]] must have exactly one of `sphere`, `capsule`, `box`, `plane` and `surface`".into(),
             )),
         }
     }
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn surfaces_enclose_their_shapes() {
+    fn tool_surface_matches_shape() {
         let pi = std::f64::consts::PI;
         let ball = volume(&round(2.0, 0.0)) / (4.0 / 3.0 * pi * 8.0);
         assert!(ball < 1.0 && ball > 0.98, "{ball}");

@@ -11,7 +11,7 @@ pub(super) fn check(path: &[[f64; 4]], least: usize, what: &str) -> Result<()> {
     let finite = path.iter().flatten().all(|x| x.is_finite());
     if path.len() < least || !ordered || !finite {
         return Err(Error::Input(format!(
-            "the path of a {what} should be a list of at least {least} [time, x, y, z], the times increasing"
+            "the path of a {what} must be a list of at least {least} [time, x, y, z] with increasing times"
         )));
     }
     Ok(())
@@ -39,7 +39,7 @@ pub(super) fn read_path(file: &Path) -> Result<Vec<[f64; 4]>> {
     if header.as_deref() != Some(HEADER) {
         return Err(Error::format(
             file,
-            format!("line 1: a path begins with the line {HEADER}"),
+            format!("line 1: a path file must begin with the line {HEADER}"),
         ));
     }
     let mut path = Vec::new();
@@ -52,7 +52,7 @@ pub(super) fn read_path(file: &Path) -> Result<Vec<[f64; 4]>> {
                 return Err(Error::format(
                     file,
                     format!(
-                        "line {}: four numbers {HEADER} are expected, not \"{line}\"",
+                        "line {}: expected four numbers {HEADER}, got \"{line}\"",
                         i + 1
                     ),
                 ));
@@ -104,7 +104,7 @@ impl RigidTrajectory {
         let path = match (path, file) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(format!(
-                    "a [[{what}]] has both `path` and `file`; give one of them"
+                    "a [[{what}]] has both `path` and `file`; remove one of them"
                 )));
             }
             (Some(path), None) => path.to_vec(),
@@ -114,12 +114,12 @@ impl RigidTrajectory {
         check(&path, 1, what)?;
         let turn = turn.unwrap_or_default().to_vec();
         if !turn.is_empty() {
-            TimeSeries::Keys(turn.clone()).check("turn")?;
+            TimeSeries::Keys(turn.clone()).check("rotation")?;
         }
         let unit = DVec3::from(axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         if unit == DVec3::ZERO || axis.is_some() == turn.is_empty() {
             return Err(Error::Input(format!(
-                "a [[{what}]] turns about an `axis`, a direction, by a `turn`, a list of [time, degrees]; give both or neither"
+                "the rotation of a [[{what}]] must have both `axis`, a direction, and `rotation`, a list of [time, degrees]"
             )));
         }
         Ok(RigidTrajectory {

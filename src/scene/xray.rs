@@ -27,14 +27,13 @@ impl Scene {
         let unit = unit.or(mesh.length_unit);
         if unit.is_none() {
             notes.push(
-                "nothing says what a unit of the mesh is: X-rays take it for a millimetre (--unit)"
-                    .into(),
+                "length unit of the mesh for X-rays: mm (assumed); override with --unit".into(),
             );
         }
         let (water, air) = match (water, air) {
             (None, None) if range.0 >= 0.0 && range.1 >= REACHED => {
                 notes.push(format!(
-                    "values begin at {}, so they are taken for CT numbers with water at {OFFSET} and air at {}; [xray] water and air say otherwise",
+                    "values begin at {}, so they are interpreted as CT numbers with water at {OFFSET} and air at {}; override with [xray] water and air",
                     range.0,
                     OFFSET - 1000.0
                 ));
@@ -43,7 +42,7 @@ impl Scene {
             (water, air) => {
                 if range.0 >= 0.0 && (water, air) == (None, None) {
                     notes.push(format!(
-                        "values from {} to {} are taken for Hounsfield's units, 0 for water and -1000 for air; [xray] water and air say otherwise",
+                        "values from {} to {} are interpreted as Hounsfield units, 0 for water and -1000 for air; override with [xray] water and air",
                         range.0, range.1
                     ));
                 }
@@ -68,9 +67,9 @@ pub(super) struct RadiographFilm {
 
 impl RadiographFilm {
     pub fn new(entry: &XrayEntry) -> Result<RadiographFilm> {
-        match entry.white {
+        match entry.white_level {
             Some(white) if !(white > 0.0 && white.is_finite()) => Err(Error::Input(format!(
-                "[xray] white = {white}: the ∫ μ dl that is white on the film, a positive number, is expected"
+                "[xray] white_level (∫ μ dl shown as white on the film) must be positive, got {white}"
             ))),
             white => Ok(RadiographFilm {
                 white: white.map(|w| w as f32),

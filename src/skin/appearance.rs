@@ -66,10 +66,10 @@ impl Skin {
         match found {
             Some(f) if f.values.iter().all(|s| s.is_finite()) => Ok(&f.values),
             Some(_) => Err(Error::Input(format!(
-                "the skin's scalar \"{name}\" is not finite everywhere"
+                "scalar \"{name}\" of the skin has non-finite values; values must be finite"
             ))),
             None => Err(Error::Input(format!(
-                "the skin has no scalar \"{name}\" at its vertices; it has: {}",
+                "the skin has no vertex scalar \"{name}\"; available: {}",
                 known
                     .iter()
                     .map(|f| f.name.as_str())
@@ -86,7 +86,7 @@ impl Skin {
     pub fn set_opacity(&mut self, opacity: f32) -> Result<()> {
         if !(opacity > 0.0 && opacity <= 1.0) {
             return Err(Error::Input(format!(
-                "an opacity of {opacity}; it must be above 0 and at most 1"
+                "skin opacity must be > 0 and ≤ 1, got {opacity}"
             )));
         }
         self.opacity = opacity;
@@ -116,7 +116,7 @@ impl Skin {
             None => None,
             Some((_, relief)) if !(relief >= 0.0 && relief.is_finite()) => {
                 return Err(Error::Input(format!(
-                    "a relief of {relief}; it must be 0 or more, in texture units"
+                    "relief must be finite and ≥ 0 (texture units), got {relief}"
                 )));
             }
             Some((map, relief)) => Some((self.upload(map)?, relief)),
@@ -128,7 +128,7 @@ impl Skin {
     fn upload(&self, map: &Map) -> Result<wgpu::TextureView> {
         if self.vertices.uvs.is_empty() {
             return Err(Error::Input(
-                "a map needs texture coordinates, and the skin has none; an OBJ file can have them"
+                "the skin has no texture coordinates, which maps need; use an OBJ file with texture coordinates"
                     .into(),
             ));
         }

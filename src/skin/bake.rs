@@ -43,7 +43,7 @@ const FLAT: [u8; 4] = [128, 128, 255, 255];
 pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, BakeReport)> {
     if size.iter().any(|n| !(1..=8192).contains(n)) {
         return Err(Error::Input(format!(
-            "a normal map of {} x {} texels; each side must be from 1 to 8192",
+            "normal map size must be 1 to 8192 texels per side, got {} x {}",
             size[0], size[1]
         )));
     }
@@ -56,14 +56,14 @@ pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, Ba
     let (coarse, fine) = (oriented(coarse)?, oriented(fine)?);
     if coarse.uvs.is_empty() {
         return Err(Error::Input(
-            "the coarse surface has no texture coordinates to bake by; an OBJ file can have them"
+            "the coarse surface has no texture coordinates, which baking needs; use an OBJ file with texture coordinates"
                 .into(),
         ));
     }
     let far = |uv: &&DVec2| !uv.is_finite() || uv.abs().max_element() > FARTHEST_UV;
     if let Some(uv) = coarse.uvs.iter().find(far) {
         return Err(Error::Input(format!(
-            "the texture coordinates {uv} of the coarse surface lie far from 0 to 1"
+            "texture coordinates of the coarse surface must be finite and at most {FARTHEST_UV} in magnitude, got {uv}"
         )));
     }
     let (owners, unmapped) = covered(&coarse, size);

@@ -61,7 +61,7 @@ impl SkinBase {
             || rest_normals.len() != rest.len()
         {
             return Err(Error::Input(format!(
-                "{} nodes carry a skin, but there are {} normals on the GPU (of {:?}, which should be U32), and {} at rest",
+                "number of normals must equal the number of nodes ({}), got {} on the GPU (texel {:?}, must be U32) and {} at rest",
                 rest.len(),
                 normals.len(),
                 normals.texel(),
@@ -234,7 +234,7 @@ fn in_frame(rest: &[DVec3], frame: &LocalFrame) -> Vec<DVec3> {
 fn check(positions: &Array, rest: &[DVec3], triangles: &[[u32; 3]]) -> Result<()> {
     if positions.texel() != Texel::F32x4 || positions.len() as usize != rest.len() {
         return Err(Error::Input(format!(
-            "{} nodes carry a skin, but there are {} positions on the GPU (of {:?}, which should be F32x4)",
+            "number of positions must equal the number of nodes ({}), got {} on the GPU (texel {:?}, must be F32x4)",
             rest.len(),
             positions.len(),
             positions.texel()
@@ -244,7 +244,7 @@ fn check(positions: &Array, rest: &[DVec3], triangles: &[[u32; 3]]) -> Result<()
     match corners.find(|v| **v as usize >= rest.len()) {
         None => Ok(()),
         Some(bad) => Err(Error::Input(format!(
-            "a base triangle names node {bad}, but there are {}, counted from 0",
+            "node index {bad} of a base triangle is out of range: there are {} nodes, counted from 0",
             rest.len()
         ))),
     }

@@ -86,7 +86,7 @@ impl<'a> Binder<'a> {
         let count = base.nodes.len();
         if base.normals.len() != count {
             return Err(Error::Input(format!(
-                "{} normals given for the {count} nodes that carry a skin",
+                "number of normals must equal the number of base nodes ({count}), got {}",
                 base.normals.len()
             )));
         }
@@ -97,12 +97,12 @@ impl<'a> Binder<'a> {
             .find(|v| **v as usize >= count)
         {
             return Err(Error::Input(format!(
-                "a base triangle names node {bad}, but there are {count}, counted from 0"
+                "node index {bad} of a base triangle is out of range: there are {count} nodes, counted from 0"
             )));
         }
         if let Some(bad) = base.nodes.iter().position(|p| !p.is_finite()) {
             return Err(Error::Input(format!(
-                "node {bad} of the body that carries a skin lies nowhere"
+                "node {bad} of the base of the skin has non-finite coordinates"
             )));
         }
         let corners = |t: &[u32; 3]| t.map(|v| base.nodes[v as usize]);
@@ -117,7 +117,7 @@ impl<'a> Binder<'a> {
             .collect();
         if triangles.is_empty() {
             return Err(Error::Input(format!(
-                "none of the {} base triangles has a plane, so nothing can be bound to them",
+                "all {} base triangles are degenerate; a skin needs at least one with a non-zero area",
                 base.triangles.len()
             )));
         }

@@ -53,9 +53,7 @@ impl std::str::FromStr for Mapping {
         let known = NAMES.iter().find(|(n, _)| *n == name);
         known.map(|(_, m)| *m).ok_or_else(|| {
             let names = NAMES.map(|(n, _)| n).join(", ");
-            Error::Input(format!(
-                "there is no mapping \"{name}\"; choose from {names}"
-            ))
+            Error::Input(format!("unknown mapping \"{name}\"; available: {names}"))
         })
     }
 }

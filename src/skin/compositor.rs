@@ -93,7 +93,7 @@ impl Compositor {
     pub fn new(gpu: &Gpu, options: CompositorOptions) -> Result<Compositor> {
         if options.layers > MAX_LAYERS || !(1..=8).contains(&options.samples) {
             return Err(Error::Input(format!(
-                "{} layers of skin and {} samples; choose up to {MAX_LAYERS}, and from 1 to 8",
+                "the compositor supports up to {MAX_LAYERS} skin layers and 1 to 8 samples, got {} and {}",
                 options.layers, options.samples
             )));
         }
@@ -235,7 +235,7 @@ impl Compositor {
             && frames.any(|f| f != first)
         {
             return Err(Error::Input(
-                "skins and volume of one picture must share their local frame: one body's".into(),
+                "skins and volume of an image must have the same local frame; use those of one body".into(),
             ));
         }
         let kept = self.targets.iter().position(|t| t.size == window.size);

@@ -38,7 +38,7 @@ impl Skin {
     pub fn apply_cut(&mut self, carrier: &SkinBase, blade: &Blade) -> Result<SkinCut> {
         if carrier.frame != self.carrier.frame {
             return Err(Error::Input(
-                "a skin goes over to its own body after a cut, in the same local frame".into(),
+                "the base after a cut must have the local frame of the skin; pass the base of the same body".into(),
             ));
         }
         // The arrays of the old base still hold the positions before the cut.

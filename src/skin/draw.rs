@@ -295,7 +295,7 @@ impl Skin {
     pub fn set_visible_triangles(&mut self, shown: &[bool]) -> Result<()> {
         if shown.len() != self.vertices.triangles.len() {
             return Err(Error::Input(format!(
-                "{} entries given for the {} triangles of a skin",
+                "number of visibility entries must equal the number of triangles, got {} for {}",
                 shown.len(),
                 self.vertices.triangles.len()
             )));

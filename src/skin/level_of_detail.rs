@@ -24,7 +24,7 @@ impl Skin {
     pub fn add_level(&mut self, carrier: &SkinBase) -> Result<usize> {
         if self.is_body_surface {
             return Err(Error::Input(
-                "the bare surface of a body has one level: the body itself".into(),
+                "the surface of a body has a single level, the body itself; bind a separate surface to add levels".into(),
             ));
         }
         let (bound, binding) = bind(
@@ -57,7 +57,7 @@ impl Skin {
         let count = self.levels.len();
         let Some(next) = self.levels.get_mut(level).and_then(Option::take) else {
             return Err(Error::Input(format!(
-                "the skin has no level {level}; there are {count}, counted from 0"
+                "level {level} is out of range: the skin has {count} levels, counted from 0"
             )));
         };
         let kept = Level {

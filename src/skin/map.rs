@@ -40,7 +40,7 @@ impl Map {
         reader.limits(limits);
         let picture = reader
             .decode()
-            .map_err(|e| Error::format(path, format!("cannot be read as a PNG: {e}")))?
+            .map_err(|e| Error::format(path, format!("not a valid PNG: {e}")))?
             .into_rgba8();
         Ok(Map {
             size: [picture.width(), picture.height()],
@@ -68,7 +68,7 @@ impl Map {
             height,
             image::ExtendedColorType::Rgba8,
         )
-        .map_err(|e| Error::format(path, format!("cannot be encoded: {e}")))?;
+        .map_err(|e| Error::format(path, format!("cannot encode the image: {e}")))?;
         crate::io::atomic_write(path, |to| {
             std::io::Write::write_all(to, &file).map_err(Error::io(path))
         })
@@ -79,7 +79,7 @@ impl Map {
         let right = self.texels.len() as u64 == u64::from(width) * u64::from(height);
         if !right || self.size.iter().any(|n| !(1..=MOST).contains(n)) {
             return Err(Error::Input(format!(
-                "a map of {width} x {height} texels that has {}; each side must be from 1 to {MOST}",
+                "map size must be 1 to {MOST} texels per side and match the number of texels, got {width} x {height} with {} texels",
                 self.texels.len()
             )));
         }

@@ -51,25 +51,31 @@ impl SkinReport {
         };
         note(
             self.flipped_triangles,
-            "triangles were turned to face outward",
+            "triangles were flipped to face outwards",
         );
-        note(self.open_edges, "edges are open: the skin has holes");
+        note(self.open_edges, "open edges: the skin has holes");
         note(
             self.nonmanifold_edges,
-            "edges belong to more than two triangles",
+            "edges are shared by more than two triangles",
         );
         let b = &self.binding;
-        note(b.one_to_one, "vertices sit on a node");
-        note(b.constant, "vertices have the basis of their triangle");
-        note(b.interpolated, "vertices have an interpolated basis");
-        note(b.normal_only, "vertices lie along an interpolated normal");
+        note(b.one_to_one, "vertices coincide with a node (one-to-one)");
+        note(
+            b.constant,
+            "vertices use the constant basis of their triangle",
+        );
+        note(b.interpolated, "vertices use an interpolated basis");
+        note(
+            b.normal_only,
+            "vertices are bound along an interpolated normal (normal-only)",
+        );
         note(
             b.fallbacks,
-            "vertices have the basis of their triangle because the mapping asked for is not defined there",
+            "vertices use the constant basis of their triangle because the requested mapping is undefined there",
         );
         note(
             b.flat_triangles,
-            "base triangles have no plane; nothing is bound to them",
+            "base triangles are degenerate; no vertex is bound to them",
         );
         notes
     }

@@ -99,17 +99,19 @@ impl Vertices {
 pub(super) fn check(surface: &TriMesh) -> Result<()> {
     let count = surface.vertices.len();
     if surface.triangles.is_empty() {
-        return Err(Error::Mesh("a skin needs triangles; there are none".into()));
+        return Err(Error::Mesh(
+            "the skin has no triangles; a skin needs at least one".into(),
+        ));
     }
     let all = || surface.triangles.iter().flatten();
     if let Some(bad) = all().find(|v| **v as usize >= count) {
         return Err(Error::Mesh(format!(
-            "a triangle of the skin names vertex {bad}, but there are {count}, counted from 0"
+            "vertex index {bad} of a skin triangle is out of range: there are {count} vertices, counted from 0"
         )));
     }
     if let Some(bad) = all().find(|v| !surface.vertices[**v as usize].is_finite()) {
         return Err(Error::Mesh(format!(
-            "vertex {bad} of the skin lies at {}, which is no place",
+            "vertex {bad} of the skin must have finite coordinates, got {}",
             surface.vertices[*bad as usize]
         )));
     }

@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_short_and_whole() {
+    fn tick_labels_are_short() {
         assert_eq!(tick(0.0), "0");
         assert_eq!(tick(0.30000000000000004), "0.3");
         assert_eq!(tick(30_000.0), "30000");
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn scales_hold_what_they_were_made_of_and_leave_out_what_they_cannot_show() {
+    fn scale_covers_values_and_omits_invalid_ones() {
         let values = [1e-4, 3.0, f64::NAN, -1.0, 0.0];
         let scale = Axis::log("x").scale(values.into_iter());
         assert!(scale.holds(1e-4) && scale.holds(3.0) && scale.low > 5e-5);

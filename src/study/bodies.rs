@@ -110,7 +110,7 @@ pub(super) fn named(path: &Path) -> Result<Scene> {
         true => Scene::read(path),
         false if path.is_file() => Ok(Scene::of_mesh(path)),
         false => Err(Error::Input(format!(
-            "{}: there is no such scene (.toml) or mesh to study",
+            "{}: scene (.toml) or mesh file not found",
             path.display()
         ))),
     }
@@ -123,7 +123,7 @@ mod tests {
     use crate::mesh::{BoundaryReport, QualityReport, Topology};
 
     #[test]
-    fn the_hollow_body_has_slivers_and_a_hollow_and_no_inverted_tet() {
+    fn hollow_body_has_slivers_and_no_inverted_tets() {
         let mesh = hollow().unwrap();
         let quality = QualityReport::new(&mesh);
         let volume = |t: usize| signed_volume(mesh.tet_nodes(t));
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ring_is_flat_and_right_way_out() {
+    fn ring_is_flat_and_not_inverted() {
         let mesh = ring().unwrap();
         assert!((0..mesh.tets.len()).all(|t| signed_volume(mesh.tet_nodes(t)) > 0.0));
         let heat = &mesh.field("heat", Location::Node).unwrap().values;

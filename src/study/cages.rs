@@ -106,18 +106,18 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     };
     if scene.grid.is_some() || !scene.cut.is_empty() {
         return Err(Error::Input(
-            "a cage carries bodies of tets that are not cut; leave [grid] and [[cut]] out".into(),
+            "a cage needs a tetrahedral body without cuts; remove [grid] and [[cut]]".into(),
         ));
     }
     if let Some(entry) = scene.tets_only_entry() {
         return Err(Error::Input(format!(
-            "a cage carries no body that {entry} acts on; leave it out"
+            "a cage does not support {entry}; remove it"
         )));
     }
     let rigid = |tissue: &TissueEntry| tissue.is_rigid();
     if scene.material.tissues.values().any(rigid) {
         return Err(Error::Input(
-            "a cage carries no rigid regions; leave `rigid` out".into(),
+            "a cage does not support rigid regions; remove `rigid`".into(),
         ));
     }
     scene.cage = None;
@@ -136,7 +136,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     let of_springs = scene.material.stiffness.is_some() || scene.material.damping.is_some();
     if of_springs {
         run.report_note(
-            "a stiffness or damping of springs is given: the study leaves elements out",
+            "skipping finite elements, because the scene sets a stiffness or damping of springs",
         );
     }
     let matters = if of_springs {
@@ -288,7 +288,7 @@ fn draw(run: &Run, rows: &[Row], name: &str) -> Result<()> {
 fn tell(run: &Run, rows: &[Row], mesh: &TetMesh, name: &str) -> Result<()> {
     let (low, high) = bounds(&mesh.nodes);
     let mut text = format!(
-        "The {name} of {} nodes and {} tets, {:.3} long, is moved for {SECONDS} s by implicit Euler, and by cages around it of the same matter. The error is the root mean square distance of its nodes from where the mesh itself has them, over their displacement there: along the way, and at its end. A grid is stepped by Verlet, which does not damp by itself as implicit Euler does; along the way that counts as its error too.\n",
+        "The {name} ({} nodes, {} tets, length {:.3}) is simulated for {SECONDS} s by implicit Euler, directly and in cages of the same material. The error is the RMS distance of the nodes from those of the direct simulation, relative to their RMS displacement: over the whole motion, and at its end. Grids are integrated by Verlet, which lacks the numerical damping of implicit Euler; over the whole motion, this difference counts as error.\n",
         mesh.nodes.len(),
         mesh.tets.len(),
         (high - low).max_element()
@@ -301,7 +301,7 @@ fn tell(run: &Run, rows: &[Row], mesh: &TetMesh, name: &str) -> Result<()> {
             o.number("ms a second") / row.number("ms a second")
         });
         text += &format!(
-            "\n- {} of {} nodes of {matter}: {:.1} % along the way, {:.1} % at the end, {:.0} ms for a second of motion, {faster:.1} times as fast as the mesh itself; it is {:.2} times as stiff as what its cells hold.",
+            "\n- {} with {} nodes, {matter}: error {:.1} % over the motion, {:.1} % at the end; {:.0} ms per simulated second, {faster:.1} times as fast as the direct simulation; stiffness factor {:.2}.",
             row.text("body"),
             row.number("nodes"),
             100.0 * row.number("path error"),
@@ -312,7 +312,7 @@ fn tell(run: &Run, rows: &[Row], mesh: &TetMesh, name: &str) -> Result<()> {
     }
     run.write_findings(
         "cages",
-        "Coarse cages that carry a fine mesh",
+        "Cages that embed a fine mesh",
         &text,
         &["cages_nodes", "cages_time"],
     )

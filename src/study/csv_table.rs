@@ -127,7 +127,7 @@ impl CsvTable {
             return Err(Error::format(
                 &self.path,
                 format!(
-                    "its columns are not those of this study ({}): move it away, or name another folder with --out",
+                    "columns must be those of this study ({}); move the file away, or set another folder with --out",
                     self.columns.join(", ")
                 ),
             ));
@@ -160,7 +160,7 @@ impl CsvTable {
     pub fn push(&mut self, settings: &[Cell], results: &[Cell], adapter: &str) -> Result<()> {
         if settings.len() + results.len() + PROVENANCE_COLUMNS.len() != self.columns.len() {
             return Err(Error::Input(format!(
-                "a point of {} has {} settings and {} results for {} columns",
+                "row of {} must fill all columns: got {} settings and {} results for {} columns",
                 self.path.display(),
                 settings.len(),
                 results.len(),

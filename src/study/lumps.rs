@@ -38,7 +38,9 @@ fn middle(mesh: &TetMesh) -> Result<DVec3> {
     let label = mesh.region_names.iter().find(|(_, name)| *name == "lump");
     let labels = mesh.field("label", Location::Cell);
     let (Some((label, _)), Some(labels)) = (label, labels) else {
-        return Err(Error::Input("the breast has no lump".into()));
+        return Err(Error::Input(
+            "the generated breast has no lump region".into(),
+        ));
     };
     let (mut sum, mut volume) = (DVec3::ZERO, 0.0);
     for (t, own) in labels.values.iter().enumerate() {
@@ -68,7 +70,7 @@ fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     let near = map.points().iter().filter(|p| p.stiffness().is_some());
     let near = near.min_by(|a, b| aside(a.point).total_cmp(&aside(b.point)));
     let (Some(median), Some(top), Some(near)) = (map.median(), map.stiffest(), near) else {
-        return Err(Error::Input("no point of the map could be pressed".into()));
+        return Err(Error::Input("every press of the map failed".into()));
     };
     let over = |p: &crate::press::MapPoint| p.stiffness().unwrap_or(0.0) / median;
     let [radius, _] = map.radius_and_depth();
@@ -142,7 +144,12 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         charts.push(name);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.write_findings("lumps", "Which lumps are found", &told(&rows), &charts)
+    run.write_findings(
+        "lumps",
+        "Lumps found by stiffness maps",
+        &describe(&rows),
+        &charts,
+    )
 }
 
 /// The results for one lump.
@@ -203,7 +210,7 @@ fn chart(rows: &[Row], contrast: f64, wides: &[f64], deeps: &[f64]) -> StateMap 
     }
 }
 
-fn told(rows: &[Row]) -> String {
+fn describe(rows: &[Row]) -> String {
     let lumps = rows.iter().filter_map(|r| {
         let lump = ["contrast", "lump_mm", "depth_mm"].map(|name| r.number(name));
         Some((lump, reading(rows, lump).filter(|_| lump[0] != 1.0)?))
@@ -219,7 +226,7 @@ fn told(rows: &[Row]) -> String {
     let healthy = rows.iter().filter(|r| r.number("contrast") == 1.0);
     let uneven = healthy.map(|r| r.number("largest_over_median"));
     format!(
-        "A breast of fat and gland, pressed at the points of a grid from above (`palpate press --map`), with a lump below its upper outer quadrant. Of {} lumps {} are found: the stiffest point of the map lies over them and reads at least {STANDOUT_RATIO} times the median, and the place above them at least {PALPABLE_RATIO} times what it reads where the lump is no stiffer than the rest. {} more are felt beside such a breast, as one feels one side beside the other, but another point of the map is stiffer: a map without any lump reads up to {:.2} times its median, for a body gives more where it is steep.\n\n\
+        "A breast of fat and gland with a lump below its upper outer quadrant is pressed from above at the points of a grid (`palpate press --map`). Of {} lumps, {} are found: the stiffest point of the map lies above the lump and is at least {STANDOUT_RATIO} times the median, and the stiffness above the lump is at least {PALPABLE_RATIO} times that without contrast. {} more are felt only in comparison with a breast without contrast, because another point of the map is stiffer: a map without contrast reaches {:.2} times its median, since steep parts of the surface yield more.\n\n\
          | contrast | diameter, mm | depth, mm | above it, over no contrast | largest over median | off, mm | |\n| --- | --- | --- | --- | --- | --- | --- |\n{}",
         lumps.len(),
         count(0),

@@ -36,40 +36,44 @@ pub type Study = fn(&Run, Option<&Path>) -> Result<()>;
 pub const STUDIES: &[(&str, &str, Study)] = &[
     (
         "motion",
-        "Error of motion against its cost: every solver, step and linear solve, and the model itself",
+        "Motion error against cost: solvers, time steps, linear solves and the model",
         motion::run,
     ),
     (
         "stability",
-        "Which steps each solver holds at which stiffness, and where methods fail",
+        "Stable time steps of each solver against stiffness, and failures",
         stability::run,
     ),
     (
         "pictures",
-        "Error of pictures against time a frame: tables, samples, early stop, resolution",
+        "Image error against time per frame: tables, samples, early ray termination, resolution",
         pictures::run,
     ),
     (
         "scaling",
-        "Time and memory against tets, pixels, layers and texels, by the GPU and its twin",
+        "Time and memory against tets, pixels, layers and texels, on the GPU and by the CPU reference",
         scaling::run,
     ),
     (
         "cages",
-        "Coarse bodies that carry a fine mesh: error and time against their nodes",
+        "Error and time of cages that embed a fine mesh, against their number of nodes",
         cages::run,
     ),
     (
         "lumps",
-        "Which lumps a map of presses finds, by their size, depth and contrast",
+        "Lumps found by stiffness maps, by size, depth and contrast",
         lumps::run,
     ),
     (
         "scan",
-        "A scan in coarse cages beside its values at the nodes of fine meshes: error, time and tets",
+        "Scan in coarse cages compared with nodal values of fine meshes: error, time and tets",
         scan::run,
     ),
-    ("accuracy", "Both motion and pictures", accuracy),
+    (
+        "accuracy",
+        "Both the motion and the pictures study",
+        accuracy,
+    ),
 ];
 
 /// Runs the accuracy studies: error against cost, of motion, then of images.

@@ -102,7 +102,7 @@ pub fn at_rest(
         before = now;
     }
     Err(Error::Input(format!(
-        "a body of {} tets does not come to rest in {MOST_STEPS} steps; its nodes still move",
+        "a body of {} tets does not reach static equilibrium in {MOST_STEPS} steps",
         mesh.tets.len()
     )))
 }

@@ -60,11 +60,11 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
     let sound = |x: f64| x.is_finite() && x > 0.0;
     if !sound(wanted.error) || !sound(wanted.seconds) || !wanted.fps.is_none_or(sound) {
         return Err(Error::Input(format!(
-            "an error of {}, {} s{} cannot all be; give positive numbers",
+            "error, duration and frame rate must be positive and finite, got {}, {} s{}",
             wanted.error,
             wanted.seconds,
             match wanted.fps {
-                Some(fps) => format!(" and {fps} pictures a second"),
+                Some(fps) => format!(" and {fps} images per second"),
                 None => String::new(),
             }
         )));
@@ -78,7 +78,7 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
             let mut motions = MotionSearch::new(gpu, scene, wanted.seconds, Cost::Time, progress)?;
             let found = cheapest(&mut motions, wanted.error, &|f| progress("motion", f))?;
             cost[0] = found.cost;
-            notes.push(found.summary("motion", "ms for a second of it", wanted.error));
+            notes.push(found.summary("motion", "ms per simulated second", wanted.error));
             found.point.apply(&mut tuned);
             (Some(found), Some(motions.final_reference()))
         }
@@ -86,7 +86,7 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
     let mut pictures = PictureSearch::new(gpu, scene, there)?;
     let picture = cheapest(&mut pictures, wanted.error, &|f| progress("picture", f))?;
     cost[1] = picture.cost;
-    notes.push(picture.summary("picture", "ms each", wanted.error));
+    notes.push(picture.summary("image", "ms per image", wanted.error));
     picture.point.apply(&mut tuned);
     let accurate = picture.met && motion.as_ref().is_none_or(|m| m.met);
     let mut met = accurate;
@@ -96,17 +96,17 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
         if busy > 1000.0 {
             met = false;
             notes.push(format!(
-                "{fps} pictures a second take {busy:.0} ms of each second: {}",
+                "target of {fps} images per second not met: motion and images take {busy:.0} ms per second; {}",
                 match possible >= 1.0 {
-                    true => format!("be content with {possible:.0}, or with a larger error"),
-                    false => "the motion alone is slower than life; be content with a larger error, a coarser mesh, or a faster machine".to_owned(),
+                    true => format!("reduce it to {possible:.0}, or increase the error"),
+                    false => "the motion alone is slower than real time; increase the error, or use a coarser mesh or a faster machine".to_owned(),
                 }
             ));
             for (found, what) in [
                 motion
                     .as_ref()
                     .map(|m| (m.pareto_front.as_slice(), "motion")),
-                Some((picture.pareto_front.as_slice(), "picture")),
+                Some((picture.pareto_front.as_slice(), "image")),
             ]
             .into_iter()
             .flatten()
@@ -118,7 +118,7 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
                 let affordable = found.iter().filter(|(cost, _)| *cost <= budget);
                 if let Some((cost, error)) = affordable.min_by(|a, b| a.1.total_cmp(&b.1)) {
                     notes.push(format!(
-                        "within half of that time the {what} has an error of {:.2} % ({cost:.2} ms)",
+                        "at half that time, the {what} has an error of {:.2} % ({cost:.2} ms)",
                         100.0 * error
                     ));
                 }

@@ -60,17 +60,21 @@ pub struct MotionPoint {
 impl fmt::Display for Body {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Body::Cage(nodes) => write!(f, "a cage of about {nodes} nodes"),
-            Body::Own => write!(f, "the mesh's own tets"),
+            Body::Cage(nodes) => write!(f, "cage of about {nodes} nodes"),
+            Body::Own => write!(f, "tets of the mesh"),
         }
     }
 }
 
 impl fmt::Display for MotionPoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}, {} at {:.3e} s", self.body, self.solver, self.dt)?;
+        write!(
+            f,
+            "{}, {} with time step {:.3e} s",
+            self.body, self.solver, self.dt
+        )?;
         match self.tolerance > 0.0 {
-            true => write!(f, " to a residual of {}", self.tolerance),
+            true => write!(f, " and solver tolerance {}", self.tolerance),
             false => Ok(()),
         }
     }
@@ -124,7 +128,7 @@ pub struct MotionSearch<'a> {
     made: BTreeMap<(Body, &'static str), std::result::Result<Motion, String>>,
     progress: ProgressFn<'a>,
     /// Current task and its completed fraction.
-    told: (&'static str, f64),
+    task: (&'static str, f64),
 }
 
 impl<'a> MotionSearch<'a> {
@@ -144,12 +148,12 @@ impl<'a> MotionSearch<'a> {
     ) -> Result<MotionSearch<'a>> {
         if scene.grid.is_some() || !scene.cut.is_empty() {
             return Err(Error::Input(
-                "bodies of tets that are not cut can be tuned; leave [grid] and [[cut]] out".into(),
+                "tuning needs a tetrahedral body without cuts; remove [grid] and [[cut]]".into(),
             ));
         }
         if let Some(entry) = scene.tets_only_entry() {
             return Err(Error::Input(format!(
-                "bodies under pins, forces, grabs and gravity can be tuned; leave {entry} out"
+                "tuning supports pins, forces, grabs and gravity only; remove {entry}"
             )));
         }
         let mut scene = scene.clone();
@@ -200,7 +204,7 @@ impl<'a> MotionSearch<'a> {
             moved: 0.0,
             made: BTreeMap::new(),
             progress,
-            told: ("truth", 0.0),
+            task: ("reference", 0.0),
         };
         let second_order = motions.add_second_order(&counts);
         motions.find_truth(finest, second_order)?;
@@ -240,7 +244,7 @@ impl<'a> MotionSearch<'a> {
         };
         let mut paths = Vec::new();
         for (n, count) in [finest, 2 * finest].into_iter().enumerate() {
-            self.told = ("truth", 0.1 + 0.3 * n as f64);
+            self.task = ("reference", 0.1 + 0.3 * n as f64);
             let point = MotionPoint {
                 body: Body::Own,
                 solver,
@@ -271,7 +275,7 @@ impl<'a> MotionSearch<'a> {
         let least = LEAST_MOTION * (high - low).max_element();
         if self.moved <= least * least * rest.len() as f64 {
             return Err(Error::Input(
-                "nothing moves as far as can be seen, so there is nothing to tune: give it more time (--seconds), or a load".into(),
+                "no visible motion to tune; increase --seconds, or add a load".into(),
             ));
         }
         Ok(())
@@ -315,7 +319,7 @@ impl<'a> MotionSearch<'a> {
     /// it returns false.
     fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
         let steps = (self.pace / point.dt).round() as u32;
-        let (what, share) = self.told;
+        let (what, share) = self.task;
         let part = ProgressScope::begin(self.progress, what, share)?;
         let motion = self.motion(point)?.map_err(Error::Input)?;
         for _ in 0..COMPARISONS {

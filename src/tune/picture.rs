@@ -28,7 +28,10 @@ impl fmt::Display for PicturePoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [width, height] = self.size;
         let accuracy = 255.0 * self.accuracy;
-        write!(f, "{width} × {height} with a table to {accuracy}/255")
+        write!(
+            f,
+            "{width} × {height} pixels, table tolerance {accuracy}/255"
+        )
     }
 }
 
@@ -134,7 +137,7 @@ impl Candidates for PictureSearch {
         let enlarged = enlarged(&image, self.truth.size);
         if enlarged.len() != self.truth.values.len() {
             return Err(Error::Input(
-                "pictures of another kind cannot be compared; use mode composite".into(),
+                "tuning needs images in mode composite; set mode = \"composite\"".into(),
             ));
         }
         let both = enlarged.iter().zip(&self.truth.values);

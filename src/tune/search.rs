@@ -61,7 +61,7 @@ pub fn cheapest<T: Candidates>(
     let count = points.len();
     let mut costs = Vec::with_capacity(count);
     for (i, point) in points.iter().enumerate() {
-        told(progress, 0.5 * i as f64 / count as f64)?;
+        report_progress(progress, 0.5 * i as f64 / count as f64)?;
         costs.push(trial.cost(point)?);
     }
     let mut order: Vec<usize> = (0..count).filter(|i| costs[*i].is_finite()).collect();
@@ -69,7 +69,7 @@ pub fn cheapest<T: Candidates>(
     let mut errors: BTreeMap<usize, f64> = BTreeMap::new();
     let mut met = None;
     for (n, i) in order.iter().enumerate() {
-        told(progress, 0.5 + 0.5 * n as f64 / order.len() as f64)?;
+        report_progress(progress, 0.5 + 0.5 * n as f64 / order.len() as f64)?;
         let error = trial.error(&points[*i], tolerance)?;
         errors.insert(*i, error);
         if error <= tolerance {
@@ -80,7 +80,7 @@ pub fn cheapest<T: Candidates>(
     let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
     let chosen = met
         .or_else(|| least.map(|(i, _)| *i))
-        .ok_or_else(|| Error::Input("no candidate of the search could be run at all".into()))?;
+        .ok_or_else(|| Error::Input("every candidate of the search failed to run".into()))?;
     Ok(SearchResult {
         point: points[chosen].clone(),
         cost: costs[chosen],
@@ -91,7 +91,7 @@ pub fn cheapest<T: Candidates>(
     })
 }
 
-fn told(progress: &dyn Fn(f64) -> ControlFlow<()>, share: f64) -> Result<()> {
+fn report_progress(progress: &dyn Fn(f64) -> ControlFlow<()>, share: f64) -> Result<()> {
     match progress(share) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::Cancelled),
@@ -105,9 +105,9 @@ impl<P: fmt::Display> SearchResult<P> {
         let (own, wanted) = (100.0 * self.error, 100.0 * tolerance);
         let chosen = format!("{what}: {}, {:.2} {cost}", self.point, self.cost);
         match self.met {
-            true => format!("{chosen}, with an error of {own:.2} % ({tried} of {there} tried)"),
+            true => format!("{chosen}, error {own:.2} % ({tried} of {there} candidates compared)"),
             false => format!(
-                "{chosen}; its error of {own:.2} % is the least there is ({tried} of {there} tried), so the tolerance of {wanted} % would have to give, or the mesh, the step and the size that truth is made with"
+                "{chosen}; its error of {own:.2} % is the smallest found ({tried} of {there} candidates compared), above the tolerance of {wanted} %: increase the tolerance, or change the mesh, the time step or the image size of the reference"
             ),
         }
     }

@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_case_is_divided_with_all_its_crossings_and_no_diagonal_in_a_face() {
+    fn every_case_uses_all_crossings_without_face_diagonals() {
         let crossed = |inside: u8| {
             (0..EDGES as u8)
                 .filter(|e| e & (1 << (e / 8)) == 0)

@@ -104,7 +104,7 @@ impl fmt::Display for VolumeDescription {
         }
         match self.range {
             Some([low, high]) => writeln!(f, "values        {low} to {high}")?,
-            None => writeln!(f, "values        none is finite")?,
+            None => writeln!(f, "values        no finite value")?,
         }
         for label in &self.labels {
             let name = label.name.as_deref().unwrap_or("");

@@ -28,17 +28,18 @@ impl Volume {
     pub fn isosurface(&self, low: f64, high: f64) -> Result<TriMesh> {
         if low.is_nan() || high.is_nan() || low > high {
             return Err(Error::Input(format!(
-                "a window from {low} to {high} has no inside; give a lower and a higher value"
+                "invalid value range {low} to {high}: the lower value must be at most the upper \
+                value"
             )));
         }
         let surface = self.march(|value| value, low, high)?;
         if surface.triangles.is_empty() {
             let range = match self.range() {
-                Some((least, most)) => format!("they run from {least} to {most}"),
-                None => "none is a finite number".into(),
+                Some((least, most)) => format!("values range from {least} to {most}"),
+                None => "no value is finite".into(),
             };
             return Err(Error::Input(format!(
-                "no value of the volume lies from {low} to {high}; {range}"
+                "no voxel has a value from {low} to {high}; {range}"
             )));
         }
         Ok(surface)
@@ -58,12 +59,12 @@ impl Volume {
             let there = match self.labels() {
                 Some(there) => {
                     let names: Vec<String> = there.keys().take(20).map(|l| l.to_string()).collect();
-                    format!("it has {}", names.join(", "))
+                    format!("available labels: {}", names.join(", "))
                 }
-                None => "it is no label map".into(),
+                None => "the volume is not a label map".into(),
             };
             return Err(Error::Input(format!(
-                "no voxel of the volume has a label of {labels:?}; {there}"
+                "no voxel has a label in {labels:?}; {there}"
             )));
         }
         Ok(surface)
@@ -87,7 +88,9 @@ impl Volume {
             count += slab.len();
             if count >= NONE as usize {
                 return Err(Error::Input(
-                    "the surface has more vertices than 32 bits count; take a smaller part of the volume, or fewer voxels".into(),
+                    "surface exceeds the range of 32-bit vertex indices; crop or downsample the \
+                    volume"
+                        .into(),
                 ));
             }
         }

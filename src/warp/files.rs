@@ -52,20 +52,22 @@ impl WarpFiles<'_> {
             let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
             if let Some(folder) = folder.filter(|f| !f.is_dir()) {
                 return Err(Error::Input(format!(
-                    "{}: there is no folder {} to write it to; make it first",
+                    "{}: the output folder {} does not exist; create it first",
                     path.display(),
                     folder.display()
                 )));
             }
             if all[..n].iter().any(|other| placed(other) == placed(path)) {
                 return Err(Error::Input(format!(
-                    "{}: two outputs have this name; give each its own",
+                    "{}: two outputs have the same name; give each output a different name",
                     path.display()
                 )));
             }
         }
         match all.is_empty() {
-            true => Err(Error::Input("no file is asked for; name one".into())),
+            true => Err(Error::Input(
+                "no output file is given; give at least one".into(),
+            )),
             false => Ok(()),
         }
     }

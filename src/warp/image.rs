@@ -69,7 +69,7 @@ impl Coverage {
         match self.uncovered + self.beyond < self.voxels {
             true => Ok(()),
             false => Err(Error::Input(
-                "no part of the body at rest lies in the scan; is the mesh one of this scan, in its world (RAS, mm)?".into(),
+                "the body at rest does not overlap the scan; the mesh must be in the scan's world coordinates (RAS, mm)".into(),
             )),
         }
     }
@@ -91,7 +91,7 @@ impl<'a> Sampler<'a> {
     pub fn new(scan: &'a Volume, grid: &Grid, options: &WarpOptions) -> Result<Sampler<'a>> {
         if scan.raw.len() != scan.voxels() || scan.voxels() == 0 || grid.voxels() == 0 {
             return Err(Error::Input(format!(
-                "a scan of {:?} voxels with {} values cannot be warped onto {:?} voxels",
+                "invalid scan or grid: scan size {:?} with {} values, grid size {:?}; sizes must be ≥ 1 and match the number of values",
                 scan.size,
                 scan.raw.len(),
                 grid.size
@@ -198,7 +198,7 @@ fn background(scan: &Volume, options: &WarpOptions) -> Result<f64> {
     match (least..=most).contains(&whole) && (stored - whole).abs() <= 1e-3 {
         true => Ok(whole),
         false => Err(Error::Input(format!(
-            "a background of {value} cannot be stored in the scan's whole numbers from {least} to {most} (times {}, plus {}); give --background another value",
+            "background {value} cannot be stored: the scan holds integers from {least} to {most} (slope {}, intercept {}); change --background",
             scan.slope, scan.intercept
         ))),
     }

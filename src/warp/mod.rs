@@ -82,15 +82,15 @@ impl<'a> Warp<'a> {
     pub fn new(rest: &'a TetMesh, bent: &'a [DVec3]) -> Result<Warp<'a>> {
         if bent.len() != rest.nodes.len() {
             return Err(Error::Mesh(format!(
-                "the bent body has {} nodes, but the mesh at rest has {}; give the same mesh with its nodes moved",
+                "the deformed body must have the nodes of the mesh at rest, got {} and {}; give the same mesh with moved nodes",
                 bent.len(),
                 rest.nodes.len()
             )));
         }
-        for (nodes, which) in [(rest.nodes.as_slice(), "at rest"), (bent, "bent")] {
+        for (nodes, which) in [(rest.nodes.as_slice(), "rest"), (bent, "deformed")] {
             if let Some(v) = nodes.iter().position(|p| !p.is_finite()) {
                 return Err(Error::Mesh(format!(
-                    "node {v} (counted from 0) lies at {} in the mesh {which}, which is no place",
+                    "node {v} (counted from 0) has non-finite coordinates {} in the {which} mesh",
                     nodes[v]
                 )));
             }
@@ -102,7 +102,7 @@ impl<'a> Warp<'a> {
         });
         if !upright[1].contains(&true) {
             return Err(Error::Mesh(
-                "no tet of the bent body has a volume: all are flat or turned inside out".into(),
+                "all tets of the deformed body are degenerate or inverted; at least one must have a positive volume".into(),
             ));
         }
         Ok(Warp {
@@ -170,7 +170,7 @@ impl Coverage {
             )
         };
         Err(Error::Input(format!(
-            "no voxel lies in the body: the voxels reach from {} mm, the body from {}; both must be in the scan's world (RAS, mm), as meshes are that `palpate mesh` makes of the scan",
+            "no voxel is inside the body: voxels span {} mm, the body {} mm; both must be in the scan's world coordinates (RAS, mm), as meshes that `palpate mesh` generates from the scan",
             box_of(grid.bounds()),
             box_of(bounds(way.from))
         )))

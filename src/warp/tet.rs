@@ -98,7 +98,7 @@ mod tests {
     ];
 
     #[test]
-    fn weights_are_one_at_their_corner_and_tell_inside_from_faces() {
+    fn weights_are_one_at_corner_and_distinguish_inside_from_face() {
         let weights = Weights::new(CORNERS);
         for (n, corner) in CORNERS.into_iter().enumerate() {
             for (m, w) in weights.at(corner).into_iter().enumerate() {
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn shifts_are_those_of_the_corners() {
+    fn displacement_equals_corner_displacements() {
         let turn = DMat3::from_rotation_z(0.3);
         let moved = CORNERS.map(|p| turn * p - p);
         let shift = AffineDisplacement::new(&Weights::new(CORNERS), moved);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tet_inside_out_or_flat_has_no_volume() {
+    fn inverted_or_flat_tet_has_no_volume() {
         let [a, b, c, d] = CORNERS;
         assert!(has_volume(CORNERS));
         assert!(!has_volume([a, c, b, d]));

@@ -26,7 +26,7 @@ fn empty(size: [u32; 2]) -> Image {
 }
 
 #[test]
-fn a_scale_bar_is_as_long_in_pixels_as_it_says() {
+fn scale_bar_pixel_length_matches_label() {
     let eye = DVec3::new(1.0, 2.0, 30.0);
     let size = [640, 480];
     for (height, unit, words, length) in [
@@ -38,8 +38,8 @@ fn a_scale_bar_is_as_long_in_pixels_as_it_says() {
         let bar = ScaleBar {
             length_unit: Some(unit),
         };
-        let (pixels, said) = bar.measure(&camera, size);
-        assert_eq!(said, words);
+        let (pixels, label) = bar.measure(&camera, size);
+        assert_eq!(label, words);
         let expected = length * 480.0 / height;
         assert!((pixels - expected).abs() < 1e-9 * expected);
         let mut image = empty(size);
@@ -63,7 +63,7 @@ fn a_scale_bar_is_as_long_in_pixels_as_it_says() {
 }
 
 #[test]
-fn a_picture_of_samples_is_the_mean_of_a_larger_one() {
+fn supersampled_image_equals_downsampled_larger_image() {
     for mode in ["composite", "mip", "thickness", "surface"] {
         let picture = |samples: u32| format!("mode = \"{mode}\"\nsamples = {samples}\n");
         let fine = stage([126, 84], &picture(1)).image().unwrap();
@@ -80,7 +80,7 @@ fn a_picture_of_samples_is_the_mean_of_a_larger_one() {
 }
 
 #[test]
-fn regions_are_in_the_legend_by_name_and_in_their_colours() {
+fn legend_shows_region_names_and_colours() {
     let stage = stage([160, 120], "legend = true\n");
     let Some(Legend::Regions { name, regions }) = stage.annotations().legend else {
         panic!("{:?}", stage.annotations().legend);
@@ -104,7 +104,7 @@ fn regions_are_in_the_legend_by_name_and_in_their_colours() {
 }
 
 #[test]
-fn regions_shown_by_a_transfer_function_are_those_that_it_shows() {
+fn legend_lists_regions_visible_in_transfer_function() {
     let transfer = r#"transfer = '{"colour": [[1, 1, 0, 0], [2, 0, 1, 0], [9, 0, 1, 0]], "extinction": [[1, 0], [1.5, 0], [1.5, 9]]}'"#;
     let stage = stage(
         [64, 48],
@@ -118,7 +118,7 @@ fn regions_shown_by_a_transfer_function_are_those_that_it_shows() {
 }
 
 #[test]
-fn a_scalar_has_a_bar_of_what_the_picture_shows() {
+fn colour_bar_matches_displayed_scalar() {
     let bar = |picture: &str| {
         let stage = stage(
             [64, 48],
@@ -148,7 +148,7 @@ fn a_scalar_has_a_bar_of_what_the_picture_shows() {
 }
 
 #[test]
-fn annotations_are_on_pngs_and_the_picture_below_is_as_it_was() {
+fn annotations_change_png_only() {
     let folder = tempfile::tempdir().unwrap();
     // An automatic view leaves room for the legend.
     let view = "background = \"white\"\n[camera]\neye = [-0.12, -0.45, 0.45]\nlook_at = [0.165, 0.005, 0.0]\nup = [0, 0, 1]\nfov = 22\n";
@@ -162,7 +162,7 @@ fn annotations_are_on_pngs_and_the_picture_below_is_as_it_was() {
         image::open(&path).unwrap().to_rgba32f()
     };
     let [a, b] = [saved(&mut plain, "a.exr"), saved(&mut around, "b.exr")];
-    assert!(a == b, "an EXR has the values alone");
+    assert!(a == b, "an EXR contains only the values");
     assert!(around.annotation_note("b.exr").is_some());
     assert!(around.annotation_note("b.png").is_none());
     let [a, b] = [saved(&mut plain, "a.png"), saved(&mut around, "b.png")];
@@ -180,7 +180,7 @@ fn annotations_are_on_pngs_and_the_picture_below_is_as_it_was() {
 }
 
 #[test]
-fn a_view_that_nobody_chose_leaves_room_for_the_legend() {
+fn automatic_view_leaves_room_for_legend() {
     let opaque = |picture: &str| {
         let image = stage([160, 100], picture).image().unwrap();
         let columns = (0..160).filter(|x| (0..100).any(|y| image.pixel(*x, y)[3] > 0.0));
@@ -191,7 +191,7 @@ fn a_view_that_nobody_chose_leaves_room_for_the_legend() {
 }
 
 #[test]
-fn lengths_are_annotated_in_grey() {
+fn thickness_legend_is_grey() {
     let mut thick = stage([200, 150], "mode = \"thickness\"\nlegend = true\n");
     assert!(thick.notes().iter().any(|n| n.contains("EXR")));
     let raw = thick.image().unwrap();
@@ -204,7 +204,7 @@ fn lengths_are_annotated_in_grey() {
 }
 
 #[test]
-fn a_body_that_moves_has_the_time_on_it() {
+fn moving_body_shows_time() {
     let scene = "[mesh]\ngenerate = \"bar\"\n[solver]\nname = \"implicit\"\ndt = 0.0125\nsteps = 2\n[picture]\ntime = true\nsize = [64, 48]\n";
     let mut stage = Stage::new(&gpu(), &Scene::parse(scene).unwrap()).unwrap();
     let time = |stage: &Stage| stage.annotations().time.unwrap();
@@ -215,7 +215,7 @@ fn a_body_that_moves_has_the_time_on_it() {
 }
 
 #[test]
-fn what_cannot_be_annotated_is_said() {
+fn annotation_rejects_invalid_image() {
     let camera = Camera::orthographic(DVec3::Z, DVec3::ZERO, DVec3::Y, 1.0);
     let annotations = Annotations {
         axes: Some(Axes::Xyz),
@@ -226,8 +226,13 @@ fn what_cannot_be_annotated_is_said() {
         values: vec![0.0; 64],
         size: [8, 8],
     };
-    let said = annotations.draw(&mut grey, &camera, Background::Black);
-    assert!(said.unwrap_err().to_string().contains("four are expected"));
+    let result = annotations.draw(&mut grey, &camera, Background::Black);
+    assert!(
+        result
+            .unwrap_err()
+            .to_string()
+            .contains("must have 4 channels, got 1")
+    );
     let bad = Camera {
         eye: DVec3::ZERO,
         ..camera
@@ -240,7 +245,7 @@ fn what_cannot_be_annotated_is_said() {
 }
 
 #[test]
-fn the_camera_goes_round_without_losing_the_body() {
+fn orbit_keeps_body_in_view() {
     let mut stage = stage([96, 96], "");
     stage.fit_orbit(&[]).unwrap();
     let starts = *stage.camera_mut();

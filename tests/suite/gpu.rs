@@ -14,7 +14,7 @@ gpu_struct! {
 }
 
 #[test]
-fn every_composed_shader_is_valid() {
+fn composed_shaders_are_valid() {
     use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
     assert!(shader_names().count() > 0);
     for name in shader_names() {
@@ -26,7 +26,7 @@ fn every_composed_shader_is_valid() {
 }
 
 #[test]
-fn terms_declare_what_they_read() {
+fn composed_terms_declare_their_bindings() {
     let declared = |name: &str| -> Vec<String> {
         let module = parse(name).unwrap();
         let globals = module.global_variables.iter().map(|(_, g)| g);
@@ -52,7 +52,7 @@ fn terms_declare_what_they_read() {
 }
 
 #[test]
-fn struct_layouts_are_compared() {
+fn layout_check_rejects_reordered_members() {
     mod wrong {
         palpate::gpu_struct! { pub struct Scale { factor: f32, items: u32 } }
     }
@@ -63,7 +63,7 @@ fn struct_layouts_are_compared() {
 }
 
 #[test]
-fn a_pass_covers_every_item_and_order_is_kept() {
+fn pass_covers_all_items_in_recorded_order() {
     let gpu = Gpu::new().unwrap();
     // One item past a texture row, one past 65,535 workgroups of 64.
     for items in [1usize, 8193, 65_535 * 64 + 1] {
@@ -102,7 +102,7 @@ fn a_pass_covers_every_item_and_order_is_kept() {
 }
 
 #[test]
-fn a_sentence_that_disagrees_with_its_shader_is_refused() {
+fn rejects_bindings_that_mismatch_shader() {
     let gpu = Gpu::new().unwrap();
     let a = gpu.array("a", Texel::F32x4, 8).unwrap();
     let b = gpu.array("b", Texel::F32x4, 8).unwrap();
@@ -136,7 +136,7 @@ fn a_sentence_that_disagrees_with_its_shader_is_refused() {
 }
 
 #[test]
-fn an_unknown_adapter_is_named_with_those_there_are() {
+fn unknown_adapter_error_lists_available_adapters() {
     let error = Gpu::with_adapter(Some("no such card"))
         .unwrap_err()
         .to_string();
@@ -147,7 +147,7 @@ fn an_unknown_adapter_is_named_with_those_there_are() {
 }
 
 #[test]
-fn passes_are_timed_where_the_adapter_can() {
+fn passes_are_timed_if_adapter_supports_timestamps() {
     let gpu = Gpu::new().unwrap();
     let a = gpu.array("a", Texel::F32x4, 100_000).unwrap();
     let b = gpu.array("b", Texel::F32x4, 100_000).unwrap();
@@ -176,7 +176,7 @@ fn passes_are_timed_where_the_adapter_can() {
 }
 
 #[test]
-fn the_callers_device_is_used_as_it_is() {
+fn external_device_is_used_unchanged() {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter =
         pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
@@ -207,7 +207,7 @@ fn the_callers_device_is_used_as_it_is() {
 }
 
 #[test]
-fn texture_loads_are_counted_within_loops_and_outside() {
+fn texture_load_count_includes_loops_and_calls() {
     add_shader(
         "suite/loads",
         "
@@ -246,10 +246,10 @@ fn main() {
 }
 
 #[test]
-fn what_is_asked_back_arrives_without_waiting() {
+fn async_readback_completes_without_blocking() {
     let gpu = Gpu::new().unwrap();
     let content: Vec<u32> = (0..5_000).collect();
-    let array = gpu.array_of("asked for", Texel::U32, &content).unwrap();
+    let array = gpu.array_of("requested", Texel::U32, &content).unwrap();
     assert!(gpu.read_array_async::<[u32; 4]>(&array).is_err());
     let before = gpu.readbacks();
     let mut pending = gpu.read_array_async::<u32>(&array).unwrap();
@@ -266,7 +266,7 @@ fn what_is_asked_back_arrives_without_waiting() {
 }
 
 #[test]
-fn parts_of_arrays_are_written_and_arrays_grow() {
+fn partial_array_writes_and_growth_preserve_content() {
     let gpu = Gpu::new().unwrap();
     // Within a row, across two, and over full rows with a partial row at either end.
     for (len, first, count) in [(100, 3, 50), (10_000, 8_100, 200), (30_000, 8_191, 17_000)] {
@@ -292,7 +292,7 @@ fn parts_of_arrays_are_written_and_arrays_grow() {
 }
 
 #[test]
-fn the_device_has_webgpus_default_limits() {
+fn device_has_webgpu_default_limits() {
     let gpu = Gpu::new().unwrap();
     let limits = gpu.device().limits();
     assert_eq!(limits.max_texture_dimension_2d, 8_192);
@@ -310,7 +310,7 @@ fn the_device_has_webgpus_default_limits() {
 }
 
 #[test]
-fn arrays_of_any_length_are_written_read_copied_and_grow() {
+fn arrays_of_any_length_round_trip_copy_and_grow() {
     let gpu = Gpu::new().unwrap();
     for len in [1, 255, 256, 257, 8_191, 8_192, 8_193, 20_001] {
         let content: Vec<[u32; 2]> = (0..len).map(|i| [i, 7 * i]).collect();
@@ -345,7 +345,7 @@ fn arrays_of_any_length_are_written_read_copied_and_grow() {
 }
 
 #[test]
-fn large_arrays_go_and_come_in_pieces() {
+fn large_arrays_round_trip_in_chunks() {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter =
         pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
@@ -381,7 +381,7 @@ fn large_arrays_go_and_come_in_pieces() {
 }
 
 #[test]
-fn single_items_are_put_where_they_belong() {
+fn scatter_items_writes_given_indices() {
     let gpu = Gpu::new().unwrap();
     let places = [3u32, 0, 8_999, 8_192];
     let start: Vec<[u32; 4]> = (0..9_000).map(|i| [i; 4]).collect();
@@ -414,7 +414,7 @@ fn single_items_are_put_where_they_belong() {
 }
 
 #[test]
-fn a_destroyed_device_says_so_in_every_call_after() {
+fn destroyed_device_reports_loss_in_every_call() {
     let lost = |what: &str, result: palpate::Result<()>| {
         assert!(
             matches!(&result, Err(Error::DeviceLost(_))),
@@ -428,14 +428,14 @@ fn a_destroyed_device_says_so_in_every_call_after() {
         items: 3,
         factor: 5.0,
     };
-    let sentence = || {
+    let build_pass = || {
         gpu.pass("gpu/scale")
             .read(&a)
             .write(&b)
             .params(&p)
             .dispatch_items(3)
     };
-    let pass = sentence().unwrap();
+    let pass = build_pass().unwrap();
     gpu.wait().unwrap();
     // Dropping another device does not lose this one.
     drop(Gpu::new().unwrap());
@@ -451,7 +451,7 @@ fn a_destroyed_device_says_so_in_every_call_after() {
         "texture",
         gpu.target("c", [8, 8], format, usage).map(|_| ()),
     );
-    lost("pass", sentence().map(|_| ()));
+    lost("pass", build_pass().map(|_| ()));
     lost("read", gpu.read_array::<[f32; 4]>(&b).map(|_| ()));
     let mut work = gpu.start_recording();
     lost("params", pass.set_params(&mut work, &p));
@@ -461,7 +461,7 @@ fn a_destroyed_device_says_so_in_every_call_after() {
 }
 
 #[test]
-fn parameters_belong_to_the_recording() {
+fn parameters_are_bound_to_their_recording() {
     let gpu = Gpu::new().unwrap();
     let a = gpu.array_of("a", Texel::F32x4, &[[1.0f32; 4]; 3]).unwrap();
     let b: Vec<_> = (0..3)

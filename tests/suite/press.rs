@@ -21,7 +21,7 @@ fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
 }
 
 #[test]
-fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
+fn press_loads_unloads_and_measures_force() {
     let scene = block("");
     let press = pressed(&scene, &PressOptions::default());
     let spot = *press.site();
@@ -62,7 +62,7 @@ fn a_fingertip_goes_in_comes_out_and_is_pushed_back_in_between() {
 
 /// Cartilage between rigid bones, with increasing contact area.
 #[test]
-fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
+fn knee_force_increases_with_depth() {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes/knee.toml");
     let press = pressed(&Scene::read(&file).unwrap(), &PressOptions::default());
     let forces = |phase: &str| -> Vec<f64> {
@@ -75,7 +75,7 @@ fn a_knee_resists_the_harder_the_deeper_it_is_pressed() {
 }
 
 #[test]
-fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
+fn force_scales_with_stiffness_and_force_target_stops_press() {
     let scene = block("");
     let mut stiff = scene.clone();
     stiff.material.young = Some(4e4);
@@ -104,9 +104,9 @@ fn twice_as_stiff_resists_twice_as_hard_and_a_force_ends_it() {
 }
 
 #[test]
-fn what_cannot_be_pressed_is_refused_in_words() {
+fn press_rejects_invalid_options() {
     let gpu = gpu();
-    let told = |scene: &Scene, wanted: &PressOptions| {
+    let error_of = |scene: &Scene, wanted: &PressOptions| {
         let found = Press::new(&gpu, scene, wanted);
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
@@ -115,29 +115,29 @@ fn what_cannot_be_pressed_is_refused_in_words() {
         at: Some(DVec3::splat(50.0)),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &far).contains("nowhere near the body"));
+    assert!(error_of(&scene, &far).contains("too far from the body"));
     let below = PressOptions {
         at: Some(DVec3::new(0.05, 0.05, 0.0)),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &below).contains("lies on its table"));
+    assert!(error_of(&scene, &below).contains("fixed to the table"));
     let both = PressOptions {
         depth: Some(0.1),
         force: Some(1.0),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &both).contains("one of them"));
+    assert!(error_of(&scene, &both).contains("one of them"));
     let wrong = PressOptions {
         radius: Some(-1.0),
         ..PressOptions::default()
     };
-    assert!(told(&scene, &wrong).contains("a radius of -1"));
+    assert!(error_of(&scene, &wrong).contains("radius must be positive and finite, got -1"));
     let grid = Scene::parse("[grid]\ngenerate = \"heart\"\n");
     if let Ok(grid) = grid {
-        assert!(told(&grid, &PressOptions::default()).contains("one body of tets"));
+        assert!(error_of(&grid, &PressOptions::default()).contains("single tetrahedral body"));
     }
     let springs = block("model = \"springs\"\n");
-    assert!(!told(&springs, &PressOptions::default()).is_empty());
+    assert!(!error_of(&springs, &PressOptions::default()).is_empty());
 }
 
 fn map_of(points: [u32; 2]) -> MapOptions {
@@ -149,7 +149,7 @@ fn map_of(points: [u32; 2]) -> MapOptions {
 }
 
 #[test]
-fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
+fn stiffness_map_is_uniform_on_uniform_body_and_resumes() {
     let gpu = gpu();
     let scene = block("");
     let mut whole = PressMap::new(&scene, &map_of([4, 4])).unwrap();
@@ -209,28 +209,28 @@ fn a_map_is_even_on_an_even_body_and_goes_on_where_it_was_interrupted() {
 }
 
 #[test]
-fn maps_that_make_no_sense_are_refused_in_words() {
+fn stiffness_map_rejects_invalid_options() {
     let scene = block("");
-    let told = |wanted: &MapOptions| {
+    let error_of = |wanted: &MapOptions| {
         let found = PressMap::new(&scene, wanted);
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(told(&map_of([0, 4])).contains("1 to 1000"));
+    assert!(error_of(&map_of([0, 4])).contains("1 to 1000"));
     let deep = MapOptions {
         depth: Some(0.05),
         ..map_of([2, 2])
     };
-    assert!(told(&deep).contains("smaller --depth"));
+    assert!(error_of(&deep).contains("reduce --depth"));
     let wrong = MapOptions {
         radius: Some(f64::NAN),
         ..map_of([2, 2])
     };
-    assert!(told(&wrong).contains("radius of NaN"));
+    assert!(error_of(&wrong).contains("radius must be positive and finite, got NaN"));
 }
 
 #[test]
 #[ignore = "long: 68 presses on 20,000 tets"]
-fn a_map_finds_the_lump_of_a_breast_and_none_where_there_is_none() {
+fn stiffness_map_finds_lump_only_if_present() {
     let gpu = gpu();
     let read = |contrast: f64| {
         let text = format!(

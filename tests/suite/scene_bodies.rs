@@ -39,7 +39,7 @@ fn middle(image: &Image) -> [f32; 3] {
 }
 
 #[test]
-fn one_picture_shows_them_in_order_of_depth() {
+fn bodies_render_in_depth_order() {
     let [front, back] = [2.0, -2.0].map(|way| stage(&boxes(way, "")).image().unwrap());
     let ([r, _, b], [r2, _, b2]) = (middle(&front), middle(&back));
     assert!(r > 0.99 && b < 0.01, "{r} {b}");
@@ -60,7 +60,11 @@ fn one_picture_shows_them_in_order_of_depth() {
     let mut alone = Stage::with_mesh(&gpu(), &alone, whole).unwrap();
     let (a, b) = (both.image().unwrap(), alone.image().unwrap());
     assert_eq!(a.values, b.values);
-    assert!(both.notes().iter().all(|n| !n.contains("nothing moves")));
+    assert!(
+        both.notes()
+            .iter()
+            .all(|n| !n.contains("the body is static"))
+    );
 }
 
 /// Returns the shipped scene, smaller.
@@ -76,7 +80,7 @@ fn three(more: &str) -> Scene {
 }
 
 #[test]
-fn each_moves_by_its_own_scheme_and_the_report_says_so() {
+fn bodies_use_their_own_solvers_and_are_reported() {
     let mut scene = three("");
     scene.body[0].engine = Some("gpu".parse().unwrap());
     scene.body[1].engine = Some("cpu".parse().unwrap());
@@ -114,7 +118,7 @@ fn each_moves_by_its_own_scheme_and_the_report_says_so() {
 }
 
 #[test]
-fn a_checkpoint_takes_all_of_them_up_again() {
+fn checkpoint_restores_all_bodies() {
     let more = "[[cut]]\nedge = [[0.06, -1, -0.2], [0.06, 1, -0.2]]\npath = [[0.02, 0, 0, 0], [0.05, 0, 0, 0.5]]\n\
          [[grab]]\nat = [0.1, -0.12, 0.01]\nradius = 0.03\npath = [[0, 0, 0, 0], [0.1, 0, 0, 0.01]]\n";
     let mut scene = three(more);
@@ -141,7 +145,7 @@ fn a_checkpoint_takes_all_of_them_up_again() {
 }
 
 #[test]
-fn units_are_brought_together() {
+fn body_units_are_converted() {
     let text = "[[body]]\nmesh = { generate = \"box\", tets = 100, unit = \"cm\" }\n\
          [[body]]\nmesh = { generate = \"box\", tets = 100, unit = \"m\" }\noffset = [1, 0, 0]\n";
     let stage = stage(text);
@@ -155,14 +159,14 @@ fn units_are_brought_together() {
 }
 
 #[test]
-fn what_makes_no_sense_is_named() {
+fn bodies_reject_invalid_entries() {
     let two = boxes(2.0, "");
     let both = format!("[mesh]\ngenerate = \"box\"\n{two}");
-    assert!(refused(&both).contains("[mesh], [grid] and [cage] belong"));
+    assert!(refused(&both).contains("[mesh], [grid] and [cage] are not allowed"));
     let pinned = format!("{two}\n[[pin]]\naxis = \"z\"\nbelow = 0.1\n");
     assert!(refused(&pinned).contains("[[body.pin]]"));
     let same = two.replace("\"blue\"", "\"red\"");
-    assert!(refused(&same).contains("two bodies are called \"red\""));
+    assert!(refused(&same).contains("two bodies have the name \"red\""));
     let mut scene = Scene::parse(&two).unwrap();
     scene.body[1].solver = Some("implicit".into());
     let told = Stage::new(&gpu(), &scene).err().unwrap().to_string();
@@ -174,7 +178,7 @@ fn what_makes_no_sense_is_named() {
         "{told}"
     );
     let told = scene.mesh_of_one().unwrap_err().to_string();
-    assert!(told.contains("works on one body"), "{told}");
+    assert!(told.contains("a single body is required"), "{told}");
     let wrong = Scene::parse("[[body]]\nmesh = { generate = \"box\" }\nengin = \"cpu\"\n");
     assert!(wrong.unwrap_err().to_string().contains("line 3"));
 }

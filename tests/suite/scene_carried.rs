@@ -32,8 +32,8 @@ name = "finger"
 sphere = { radius = 0.015 }
 at = [0.05, 0.05, 0.118]
 path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.04]]
-spring = 400
-limit = 3
+spring_stiffness = 400
+max_force = 3
 friction = 0.4
 "#;
 
@@ -43,7 +43,7 @@ const WEIGHT: &str = r#"
 name = "weight"
 box = { size = [0.02, 0.02, 0.02] }
 at = [0.02, 0.02, 0.114]
-along = [0.1, 0.05, 1]
+orientation = [0.1, 0.05, 1]
 mass = 0.2
 friction = 0.4
 "#;
@@ -55,7 +55,7 @@ fn stage(text: &str) -> Stage {
 fn refused(text: &str) -> String {
     let scene = Scene::parse(text).unwrap();
     match Stage::new(&gpu(), &scene) {
-        Ok(_) => panic!("{text} was taken"),
+        Ok(_) => panic!("invalid scene accepted: {text}"),
         Err(error) => error.to_string(),
     }
 }
@@ -86,7 +86,7 @@ fn middle(stage: &Stage, name: &str) -> DVec3 {
 }
 
 #[test]
-fn a_finger_presses_by_no_more_than_its_force_and_a_weight_lies_where_it_fell() {
+fn spring_tool_force_is_limited_and_free_tool_comes_to_rest() {
     let mut stage = stage(&format!("{BOX}{FINGER}{WEIGHT}"));
     stage.run(100, &mut |_| {}).unwrap();
     let force = |stage: &mut Stage, name: &str| {
@@ -169,7 +169,7 @@ fn bracket() -> std::path::PathBuf {
 }
 
 #[test]
-fn any_closed_surface_falls_by_its_weight() {
+fn closed_surface_tool_rests_with_its_weight() {
     let file = bracket();
     let tool = format!(
         "[[tool]]\nname = \"bracket\"\nsurface = {:?}\nat = [0.03, 0.03, 0.106]\nmass = 0.05\nfriction = 0.4\n",
@@ -188,10 +188,10 @@ fn any_closed_surface_falls_by_its_weight() {
 }
 
 #[test]
-fn a_surface_on_a_spring_follows_its_path() {
+fn surface_tool_on_spring_follows_path() {
     let file = bracket();
     let tool = format!(
-        "[[tool]]\nname = \"hook\"\nsurface = {:?}\nat = [0.03, 0.03, 0.13]\npath = [[0.0, 0, 0, 0], [0.2, 0, 0.02, 0]]\nspring = 500\n",
+        "[[tool]]\nname = \"hook\"\nsurface = {:?}\nat = [0.03, 0.03, 0.13]\npath = [[0.0, 0, 0, 0], [0.2, 0, 0.02, 0]]\nspring_stiffness = 500\n",
         file.display().to_string()
     );
     let mut stage = stage(&format!("{BOX}{tool}"));
@@ -210,10 +210,13 @@ fn a_surface_on_a_spring_follows_its_path() {
 }
 
 #[test]
-fn a_stiff_spring_on_a_light_tool_is_stable() {
+fn stiff_spring_on_light_tool_is_stable() {
     // 2 g on 5 kN/m, 30 times the stability limit of an explicit step.
-    let light = FINGER.replace("spring = 400", "spring = 5000\nmass = 0.002");
-    let light = light.replace("limit = 3\n", "");
+    let light = FINGER.replace(
+        "spring_stiffness = 400",
+        "spring_stiffness = 5000\nmass = 0.002",
+    );
+    let light = light.replace("max_force = 3\n", "");
     let mut stage = stage(&format!("{BOX}{light}"));
     stage.run(40, &mut |_| {}).unwrap();
     let finger = middle(&stage, "finger");
@@ -226,7 +229,7 @@ fn a_stiff_spring_on_a_light_tool_is_stable() {
 }
 
 #[test]
-fn tools_that_are_carried_are_drawn() {
+fn dynamic_tools_are_rendered() {
     let mut with = stage(&format!("{BOX}{WEIGHT}"));
     let mut hidden = stage(&format!("{BOX}{WEIGHT}hidden = true\n"));
     let [with, hidden] = [&mut with, &mut hidden].map(|stage| stage.image().unwrap().values);
@@ -242,7 +245,7 @@ fn tools_that_are_carried_are_drawn() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_with_what_would() {
+fn dynamic_tools_reject_invalid_entries() {
     for (given, said) in [
         (
             "[[tool]]\nplane = {}\nat = [0, 0, 0.2]\nmass = 1\n",
@@ -250,7 +253,7 @@ fn what_makes_no_sense_is_refused_with_what_would() {
         ),
         (
             "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = -1\n",
-            "not positive",
+            "must have a positive, finite mass",
         ),
         (
             "[[tool]]\nsphere = { radius = 0.0 }\nat = [0, 0, 0.2]\nmass = 1\n",
@@ -258,15 +261,15 @@ fn what_makes_no_sense_is_refused_with_what_would() {
         ),
         (
             "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\npath = [[0.0, 0, 0, 0]]\n",
-            "give a `spring`",
+            "set `spring_stiffness`",
         ),
         (
-            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\nlimit = 1\n",
-            "without a `spring`",
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nmass = 1\nmax_force = 1\n",
+            "without `spring_stiffness`",
         ),
         (
-            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nspring = 1\nturn = [[0.0, 0]]\n",
-            "leave them out",
+            "[[tool]]\nsphere = { radius = 0.01 }\nat = [0, 0, 0.2]\nspring_stiffness = 1\nrotation = [[0.0, 0]]\n",
+            "remove them",
         ),
     ] {
         let message = refused(&format!("{BOX}{given}"));

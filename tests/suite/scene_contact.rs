@@ -83,7 +83,7 @@ fn lowest(stage: &Stage) -> f64 {
 }
 
 #[test]
-fn a_box_that_falls_on_another_stays_on_it() {
+fn falling_box_rests_on_other_box() {
     let mut resting = stage(&format!("{TWO}[contact]\nfriction = 0.5\n"));
     let names = &resting.mesh().region_names;
     assert!(names.values().any(|n| n == "upper") && names.values().any(|n| n == "first"));
@@ -91,7 +91,7 @@ fn a_box_that_falls_on_another_stays_on_it() {
         resting
             .notes()
             .iter()
-            .all(|n| !n.contains("go through others"))
+            .all(|n| !n.contains("intersect others"))
     );
     for _ in 0..5 {
         resting.run(8, &mut |_| {}).unwrap();
@@ -108,7 +108,7 @@ fn a_box_that_falls_on_another_stays_on_it() {
 }
 
 #[test]
-fn a_checkpoint_goes_on_to_the_bit() {
+fn resumed_checkpoint_is_bitwise_identical() {
     let text = format!("{TWO}[contact]\nfriction = 0.5\n");
     let mut whole = stage(&text);
     whole.run(12, &mut |_| {}).unwrap();
@@ -124,33 +124,33 @@ fn a_checkpoint_goes_on_to_the_bit() {
 }
 
 #[test]
-fn what_knows_no_contact_is_refused_in_words() {
-    let told = |more: &str, from: &str, to: &str| {
+fn rejects_contact_without_support() {
+    let message = |more: &str, from: &str, to: &str| {
         let text = format!("{TWO}[contact]\n{more}").replace(from, to);
         let found = Scene::parse(&text).and_then(|scene| Stage::new(&gpu(), &scene));
         found.err().map(|e| e.to_string()).unwrap_or_default()
     };
-    assert!(told("friction = -1", "", "").contains("friction of -1"));
-    assert!(told("gap = 0.0", "", "").contains("gap of 0"));
-    let gpu = told("", "dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
+    assert!(message("friction = -1", "", "").contains("friction must be finite and ≥ 0, got -1"));
+    assert!(message("gap = 0.0", "", "").contains("gap must be finite and > 0, got 0"));
+    let gpu = message("", "dt = 0.02", "dt = 0.02\nengine = \"gpu\"");
     assert!(
         gpu.contains("[contact]") && gpu.contains("--engine cpu"),
         "{gpu}"
     );
-    let springs = told("", "neo-hookean", "springs");
+    let springs = message("", "neo-hookean", "springs");
     assert!(
         springs.contains("finite elements") || springs.contains("springs"),
         "{springs}"
     );
-    let explicit = told("", "\"implicit\"", "\"verlet\"");
-    assert!(explicit.contains("take implicit or bdf2"), "{explicit}");
-    assert!(told("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
-    assert!(told("", "offset", "offfset").contains("offfset"));
+    let explicit = message("", "\"implicit\"", "\"verlet\"");
+    assert!(explicit.contains("use implicit or bdf2"), "{explicit}");
+    assert!(message("", "turn = 20", "axis = [0, 0, 0]").contains("[[mesh.join]] upper"));
+    assert!(message("", "offset", "offfset").contains("offfset"));
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn no_cartilage_of_a_knee_passes_through() {
+fn knee_cartilage_does_not_interpenetrate() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/knee_contact.toml");
     let mut stage = Stage::new(&gpu(), &Scene::read(file).unwrap()).unwrap();
     let tibia = |stage: &Stage| {

@@ -37,7 +37,7 @@ size = [48, 36]
 fn refused(scene: &Scene) -> String {
     match Stage::new(&gpu(), scene) {
         Err(error) => error.to_string(),
-        Ok(_) => panic!("it was not refused"),
+        Ok(_) => panic!("invalid scene accepted"),
     }
 }
 
@@ -51,7 +51,7 @@ fn run(stage: &mut Stage, steps: u32) {
 }
 
 #[test]
-fn a_loaded_body_shows_its_stress_in_the_range_that_it_has() {
+fn stress_field_is_rendered_over_its_observed_range() {
     let mut stage = Stage::new(&gpu(), &scene("von_mises", "")).unwrap();
     assert!(stage.notes().iter().any(|n| n.contains("--range")));
     let rest = stage.image().unwrap();
@@ -90,7 +90,7 @@ fn a_loaded_body_shows_its_stress_in_the_range_that_it_has() {
 }
 
 #[test]
-fn a_given_range_is_kept_and_others_have_their_own_colours() {
+fn scene_range_overrides_observed_range() {
     let picture = |more: &str| {
         let mut stage = Stage::new(&gpu(), &scene("von_mises", more)).unwrap();
         run(&mut stage, 20);
@@ -110,7 +110,7 @@ fn a_given_range_is_kept_and_others_have_their_own_colours() {
 }
 
 #[test]
-fn fields_of_both_engines_and_of_the_surface_agree() {
+fn computed_fields_match_across_engines_and_surface() {
     let seen = |engine: &str, mode: &str| {
         let mut scene = scene("J", &format!("mode = \"{mode}\""));
         scene.solver.engine = Some(engine.parse().unwrap());
@@ -128,7 +128,7 @@ fn fields_of_both_engines_and_of_the_surface_agree() {
 }
 
 #[test]
-fn nobody_who_does_not_ask_pays() {
+fn computed_field_costs_nothing_when_unused() {
     let gpu = Gpu::new().unwrap();
     let readbacks = |field: Option<&str>| {
         let mut scene = scene("", "");
@@ -159,7 +159,7 @@ fn nobody_who_does_not_ask_pays() {
 }
 
 #[test]
-fn what_is_asked_for_is_written() {
+fn output_fields_are_written() {
     let more = "[output]\nfields = [\"von_mises\", \"J@nodes\", \"J\", \"displacement\"]";
     let mut stage = Stage::new(&gpu(), &scene("strain", more)).unwrap();
     run(&mut stage, 30);
@@ -183,7 +183,7 @@ fn what_is_asked_for_is_written() {
 }
 
 #[test]
-fn what_has_no_stress_says_so() {
+fn computed_field_rejects_unsupported_bodies() {
     let mut springs = scene("von_mises", "");
     springs.material.model = Some(MaterialModel::Springs);
     let said = refused(&springs);
@@ -221,7 +221,7 @@ fn what_has_no_stress_says_so() {
 }
 
 #[test]
-fn several_bodies_show_one_field() {
+fn bodies_share_one_field() {
     let text = r#"
 [solver]
 name = "implicit"

@@ -31,7 +31,7 @@ fn stage(text: &str) -> Stage {
 fn refused(text: &str) -> String {
     match Stage::new(&gpu(), &Scene::parse(text).unwrap()) {
         Err(error) => error.to_string(),
-        Ok(_) => panic!("it was not refused:\n{text}"),
+        Ok(_) => panic!("invalid scene accepted:\n{text}"),
     }
 }
 
@@ -44,7 +44,7 @@ fn run(stage: &mut Stage, steps: u32) {
 }
 
 #[test]
-fn moved_nodes_are_where_the_path_says_at_each_step() {
+fn moved_nodes_follow_path_at_each_step() {
     let folder = std::env::temp_dir().join(format!("palpate-moves-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(
@@ -59,7 +59,7 @@ below = 0.01
 [[move]]
 on = { axis = "z", above = 0.99 }
 WAY
-turn = [[0.05, 0], [0.25, 40]]
+rotation = [[0.05, 0], [0.25, 40]]
 axis = [0, 0, 2]
 "#;
     let inline = "path = [[0.0, 0, 0, 0], [0.2, 0.0, 0.01, 0.02], [0.3, 0, 0.01, 0.02]]";
@@ -125,7 +125,7 @@ axis = [0, 0, 2]
 }
 
 #[test]
-fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
+fn pressure_on_selected_faces_equals_pin_reaction() {
     let pressed = |more: &str| {
         let mut stage = stage(&format!(
             "{BOX}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\n{more}"
@@ -149,7 +149,7 @@ fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
         };
         top.map(of).sum::<DVec3>()
     };
-    let (force, stage) = pressed("facing = [0, 0, 1]\npascal = 400.0\n");
+    let (force, stage) = pressed("normal = [0, 0, 1]\npressure = 400.0\n");
     let expected = -400.0 * area(&stage);
     assert!(
         force.distance(expected) < 1e-3 * expected.length(),
@@ -157,18 +157,18 @@ fn pressure_presses_on_what_faces_it_and_the_pin_bears_it() {
     );
     assert!((expected.length() / 4.0 - 1.0).abs() < 0.1, "{expected}");
     // The same faces selected by position, with a pressure that is ramped up.
-    let (same, _) = pressed("on = { z_above = 0.0999 }\npascal = [[0.0, 0.0], [0.5, 400.0]]\n");
+    let (same, _) = pressed("on = { z_above = 0.0999 }\npressure = [[0.0, 0.0], [0.5, 400.0]]\n");
     assert!(
         same.distance(force) < 1e-3 * force.length(),
         "{same} {force}"
     );
     // Suction pulls.
-    let (up, _) = pressed("facing = [0, 0, 1]\npascal = -400.0\n");
+    let (up, _) = pressed("normal = [0, 0, 1]\npressure = -400.0\n");
     assert!(up.z > 3.0, "{up}");
 }
 
 #[test]
-fn one_region_presses_on_another() {
+fn pressure_acts_on_region_interface() {
     let folder = std::env::temp_dir().join(format!("palpate-between-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let mut mesh = generate::box_mesh([4, 4, 4], DVec3::splat(0.1), generate::Split::Five).unwrap();
@@ -184,7 +184,7 @@ fn one_region_presses_on_another() {
         &format!("file = {:?}", file.display().to_string()),
     );
     let text = |more: &str| {
-        format!("{text}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\npascal = 400.0\n{more}")
+        format!("{text}[[pin]]\naxis = \"z\"\nbelow = 0.01\n[[pressure]]\npressure = 400.0\n{more}")
     };
     // 400 Pa on a square of 0.1 m, both signs: the pin's reaction changes accordingly.
     for (between, sign) in [("[2, 1]", 1.0), ("[1, 2]", -1.0)] {
@@ -205,7 +205,10 @@ fn one_region_presses_on_another() {
     let force = half.reactions().unwrap()[0].1.force + 9.81 * DVec3::Z;
     assert!((force.z / -2.0 - 1.0).abs() < 0.1, "{force}");
     for (more, words) in [
-        ("between = [1, 3]\n", ["no face", "two regions meet"]),
+        (
+            "between = [1, 3]\n",
+            ["no face", "interface of the two regions"],
+        ),
         ("between = [\"lung\", 1]\n", ["lung", "region"]),
     ] {
         let said = refused(&text(more));
@@ -231,7 +234,7 @@ fn shape(mesh: &TetMesh, nodes: &[DVec3], label: f64) -> [f64; 3] {
 }
 
 #[test]
-fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
+fn muscle_shortens_thickens_and_lifts_weight() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/biceps.toml");
     let mut scene = Scene::read(path).unwrap();
     scene.mesh.tets = Some(2_000);
@@ -276,9 +279,9 @@ fn a_biceps_shortens_and_thickens_and_lifts_what_hangs_from_it() {
 }
 
 #[test]
-fn loads_that_make_no_sense_are_refused_in_words() {
+fn loads_reject_invalid_entries() {
     let pin = "[[pin]]\naxis = \"z\"\nbelow = 0.01\n";
-    let pressure = "[[pressure]]\npascal = 1.0\n";
+    let pressure = "[[pressure]]\npressure = 1.0\n";
     let muscle = "[[muscle]]\ntension = 1e4\nactivation = 0.5\n";
     let lead = "[[move]]\non = { axis = \"z\", above = 0.9 }\npath = [[0, 0, 0, 0]]\n";
     let on_gpu = |text: &str| BOX.replace("dt = 0.05", "dt = 0.05\nengine = \"gpu\"") + text;
@@ -310,22 +313,22 @@ fn loads_that_make_no_sense_are_refused_in_words() {
         ),
         (
             format!("{muscle}fibre = [0, 0, 0]\n"),
-            ["fibre", "no direction"],
+            ["fibre", "must be a direction"],
         ),
-        (muscle.replace("1e4", "-1.0"), ["-1 Pa", "0 or more"]),
+        (muscle.replace("1e4", "-1.0"), ["-1 Pa", "≥ 0"]),
         (
-            format!("{pressure}facing = [0, 0, 0]\n"),
-            ["facing", "direction"],
+            format!("{pressure}normal = [0, 0, 0]\n"),
+            ["normal", "direction"],
         ),
         (
-            format!("{pressure}facing = [0, 0, 1]\non = {{ z_below = 0.01 }}\n"),
-            ["no face", "facing"],
+            format!("{pressure}normal = [0, 0, 1]\non = {{ z_below = 0.01 }}\n"),
+            ["no face", "normal"],
         ),
         (format!("{lead}file = \"a.csv\"\n"), ["path", "file"]),
-        (format!("{lead}axis = [0, 0, 1]\n"), ["turn", "axis"]),
+        (format!("{lead}axis = [0, 0, 1]\n"), ["rotation", "axis"]),
         (
             lead.replace("above = 0.9", "below = 0.5"),
-            ["led along", "pinned"],
+            ["prescribe the motion", "pinned"],
         ),
     ] {
         let said = refused(&format!("{BOX}{pin}{text}"));

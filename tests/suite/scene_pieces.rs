@@ -51,7 +51,7 @@ fn check(name: &str, mesh: &TetMesh, pieces: usize, pictures: &[&str]) {
         let whole = stage.image().unwrap();
         assert!(
             whole.values.iter().any(|v| *v > 0.1),
-            "{picture}: nothing is seen"
+            "{picture}: empty picture"
         );
         let image = in_pieces(&index, &scene);
         let apart = ImageDifference::between(&image, &whole).unwrap();
@@ -61,7 +61,7 @@ fn check(name: &str, mesh: &TetMesh, pieces: usize, pictures: &[&str]) {
 }
 
 #[test]
-fn a_scene_in_pieces_is_the_picture_of_the_whole() {
+fn composited_pieces_match_whole_mesh() {
     check(
         "pieces_limb",
         &limb(),
@@ -78,7 +78,7 @@ fn a_scene_in_pieces_is_the_picture_of_the_whole() {
 }
 
 #[test]
-fn a_body_without_a_field_is_seen_by_its_depth_below_the_surface() {
+fn pieces_without_field_render_depth() {
     let mut mesh = generate::by_name("box", Some(4_000)).unwrap();
     mesh.fields.clear();
     check("pieces_depth", &mesh, 6, &["", "transfer = \"magma\""]);
@@ -86,7 +86,7 @@ fn a_body_without_a_field_is_seen_by_its_depth_below_the_surface() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_heart_in_sixty_four_pieces_is_whole() {
+fn sixty_four_pieces_match_whole_heart() {
     let Some(heart) = real_data("scalar/chaste_heart_decimation.vtu") else {
         return;
     };
@@ -100,7 +100,7 @@ fn a_heart_in_sixty_four_pieces_is_whole() {
 }
 
 #[test]
-fn pieces_are_read_as_the_mesh_that_was_cut() {
+fn pieces_round_trip() {
     let folder = folder("pieces_read");
     let mut mesh = limb();
     let number = (0..mesh.nodes.len()).map(|v| v as f64).collect();
@@ -135,7 +135,7 @@ fn pieces_are_read_as_the_mesh_that_was_cut() {
 }
 
 #[test]
-fn pieces_of_other_programs_are_one_mesh_by_the_places_of_their_nodes() {
+fn foreign_pieces_merge_by_node_position() {
     let folder = folder("pieces_foreign");
     let mesh = generate::by_name("box", Some(600)).unwrap();
     let half = |first: bool| {
@@ -193,7 +193,7 @@ fn pieces_of_other_programs_are_one_mesh_by_the_places_of_their_nodes() {
 }
 
 #[test]
-fn what_pieces_cannot_be_is_refused() {
+fn pieces_reject_unsupported_scenes() {
     let folder = folder("pieces_refused");
     let mesh = generate::by_name("box", Some(300)).unwrap();
     let index = folder.join("box.pvtu");
@@ -206,7 +206,7 @@ fn what_pieces_cannot_be_is_refused() {
         ("[[plane]]\nclip = [0, 0, 0, 1, 0, 0]", "planes"),
         ("[[isosurface]]\nvalue = 0.5", "isosurfaces"),
         ("[solver]\nname = \"implicit\"", "solver"),
-        ("field = \"nothing\"", "no field \"nothing\""),
+        ("field = \"nothing\"", "unknown field \"nothing\""),
     ] {
         let told = piece
             .intervals(&gpu(), &scene(entries))
@@ -236,5 +236,5 @@ fn what_pieces_cannot_be_is_refused() {
     damaged[number + 2] = b'4';
     std::fs::write(file, damaged).unwrap();
     let told = Piece::read(&index, 0).err().unwrap().to_string();
-    assert!(told.contains("cut the mesh anew"), "{told}");
+    assert!(told.contains("write the pieces again"), "{told}");
 }

@@ -71,7 +71,7 @@ fn same(found: DVec3, expected: DVec3, tolerance: f64) {
 }
 
 #[test]
-fn a_hanging_body_at_rest_exerts_its_weight_and_the_moment_of_it() {
+fn hanging_body_reaction_equals_weight_and_moment() {
     for model in ["neo-hookean", "corotated", "springs"] {
         let mut stage = bar(model, PIN);
         // No deflection yet: the pin supports the weight of its own nodes.
@@ -93,9 +93,9 @@ fn a_hanging_body_at_rest_exerts_its_weight_and_the_moment_of_it() {
 }
 
 #[test]
-fn grabs_feel_their_springs_and_what_they_accelerate() {
+fn grab_reaction_includes_springs_and_inertia() {
     // Pulled by springs of 40 N/m in total: the target moves first, then rests.
-    let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
+    let spring = "[[grab]]\nat = [0.12, 0.03, 0.03]\nradius = 0.02\nspring_stiffness = 40.0\npath = [[0.05, 0, 0, 0], [0.3, 0, 0, 0.02]]\n";
     let mut stage = bar("neo-hookean", &format!("{PIN}{spring}"));
     assert_eq!(reaction(&mut stage, "grab1"), Reaction::default());
     run(&mut stage, 200);
@@ -149,7 +149,7 @@ fn stage_grab(stage: &Stage) -> palpate::physics::GrabId {
 }
 
 #[test]
-fn what_holds_nothing_and_what_is_not_known_is_refused() {
+fn reactions_are_rejected_without_supports_or_forces() {
     let refused = |stage: &mut Stage| stage.reactions().unwrap_err().to_string();
     let floor = "[floor]\npoint = [0, 0, -1]\n";
     assert!(refused(&mut bar("springs", floor)).contains("[[pin]]"));
@@ -170,7 +170,7 @@ fn what_holds_nothing_and_what_is_not_known_is_refused() {
 }
 
 #[test]
-fn tables_go_on_after_the_frames_that_were_finished() {
+fn reaction_table_resumes_after_completed_frames() {
     let folder = std::env::temp_dir().join(format!("palpate-reactions-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let path = folder.join("table.csv");
@@ -198,6 +198,6 @@ fn tables_go_on_after_the_frames_that_were_finished() {
     );
     std::fs::write(&path, "a,b\n").unwrap();
     let error = ReactionLog::resume(&path, &times).unwrap_err().to_string();
-    assert!(error.contains("no table of reactions"), "{error}");
+    assert!(error.contains("not a table of reactions"), "{error}");
     std::fs::remove_dir_all(&folder).unwrap();
 }

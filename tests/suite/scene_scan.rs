@@ -134,7 +134,7 @@ fn refused(folder: &Path, text: &str) -> String {
         Err(error) => return error.to_string(),
     };
     let stage = Stage::new(&gpu(), &scene);
-    stage.err().expect("it should be refused").to_string()
+    stage.err().expect("invalid scene accepted").to_string()
 }
 
 /// Returns the picture after `steps` steps.
@@ -162,7 +162,7 @@ type Case<'a> = (&'a str, &'a str, &'a [(&'a str, &'a str)]);
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_scan_is_seen_as_a_field_with_all_that_scenes_have() {
+fn scan_matches_field_with_all_scene_features() {
     let folder = files("alike");
     // Additional entries of a scene, and replaced words.
     let plain = [("", "")];
@@ -236,7 +236,7 @@ fn left(gpu: &Gpu, folder: &Path, text: &str) -> f64 {
 }
 
 #[test]
-fn a_scan_casts_the_shadows_of_a_field() {
+fn scan_shadows_match_field_shadows() {
     let (gpu, folder) = (gpu(), files("shadows"));
     let field = SCENE.replace("[picture]", "[picture]\nfield = \"ramp\"");
     let scan = format!("{SCENE}[scan]\nfile = \"ramp.nrrd\"\n");
@@ -248,7 +248,7 @@ fn a_scan_casts_the_shadows_of_a_field() {
 }
 
 #[test]
-fn two_bodies_carry_one_scan() {
+fn two_bodies_share_one_scan() {
     let (gpu, folder) = (gpu(), files("bodies"));
     let mut upper = block();
     upper.nodes.iter_mut().for_each(|p| p.z += 60.0);
@@ -286,7 +286,7 @@ fn two_bodies_carry_one_scan() {
 }
 
 #[test]
-fn x_rays_go_by_numbers_and_not_by_what_is_shown() {
+fn xray_uses_scan_values_not_appearance() {
     let (gpu, folder) = (gpu(), files("numbers"));
     let text = SCENE.replace("[picture]", "[picture]\nmode = \"xray\"");
     let (start, end) = text.split_once("range = [200, 1400]\n").unwrap();
@@ -339,7 +339,7 @@ fn x_rays_go_by_numbers_and_not_by_what_is_shown() {
 }
 
 #[test]
-fn projections_take_numbers_for_values() {
+fn projections_treat_integers_as_values() {
     let (gpu, folder) = (gpu(), files("values"));
     let few = volume([24; 3], 2.0, -3.0, |p| (p.x / 10.0).floor());
     io::write_volume(folder.join("few.nrrd"), &few).unwrap();
@@ -361,14 +361,14 @@ fn projections_take_numbers_for_values() {
     let mut labelled = Stage::new(&gpu, &Scene::read(&file).unwrap()).unwrap();
     let said = labelled.image().unwrap_err().to_string();
     assert!(
-        said.contains("map of labels") && said.contains("labels = false"),
+        said.contains("label map") && said.contains("labels = false"),
         "{said}"
     );
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]
-fn what_a_scene_may_not_say_of_scans_is_named() {
+fn scan_rejects_invalid_entries() {
     let folder = files("wrong");
     let labels = volume([24; 3], 2.0, -3.0, |p| f64::from(u8::from(p.x > 20.0)));
     io::write_volume(folder.join("labels.nrrd"), &labels).unwrap();
@@ -376,7 +376,7 @@ fn what_a_scene_may_not_say_of_scans_is_named() {
     io::write_volume(folder.join("far.nrrd"), &far).unwrap();
     for (more, words) in [
         ("file = \"none.nrrd\"", &["none.nrrd"][..]),
-        ("file = \"far.nrrd\"", &["do not meet", "299.0"]),
+        ("file = \"far.nrrd\"", &["do not overlap", "299.0"]),
         ("file = \"ramp.nrrd\"\nrange = [3, 3]", &["3", "range"]),
         (
             "file = \"ramp.nrrd\"\ntransfer = \"bonny\"",
@@ -389,19 +389,19 @@ fn what_a_scene_may_not_say_of_scans_is_named() {
         ("file = \"block.vtu\"", &["block.vtu"]),
         (
             "file = \"labels.nrrd\"\n[scan.label.femur]\nopacity = 0.5",
-            &["labels.nrrd", "femur", "there are 0, 1"],
+            &["labels.nrrd", "femur", "available: 0, 1"],
         ),
         (
             "file = \"labels.nrrd\"\n[scan.label.1]\nopacity = 1.5",
-            &["label 1", "1.5", "from 0 to 1"],
+            &["label 1", "1.5", "[0, 1]"],
         ),
         (
             "file = \"labels.nrrd\"\n[scan.label.1]\nhidden = true",
-            &["no label is left"],
+            &["all labels are hidden"],
         ),
         (
             "file = \"labels.nrrd\"\nlabels = false\n[scan.label.1]\nhidden = true",
-            &["labels = false", "leave one"],
+            &["labels = false", "remove one"],
         ),
     ] {
         let said = refused(&folder, &format!("{SCENE}[scan]\n{more}\n"));
@@ -417,7 +417,7 @@ fn what_a_scene_may_not_say_of_scans_is_named() {
 /// The scenes in the documentation, on their real scans.
 #[test]
 #[ignore = "long: three scenes of real scans"]
-fn scenes_of_real_scans_move_what_they_show() {
+fn real_scan_scenes_deform() {
     let here = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/scan"));
     for (name, called, file, steps) in [
         ("cheek", "headsq.mhd", "volumes/headsq_ct_64x64x93.mhd", 20),

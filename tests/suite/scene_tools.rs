@@ -56,7 +56,7 @@ fn positions(stage: &Stage) -> Vec<DVec3> {
 }
 
 #[test]
-fn a_finger_presses_and_the_table_bears_it() {
+fn tool_force_equals_pin_reaction() {
     let mut stage = stage(&format!("{BOX}{FINGER}"));
     assert_eq!(stage.motion().unwrap().engine(), Engine::Cpu);
     let file = std::env::temp_dir().join(format!("palpate-tools-{}.csv", std::process::id()));
@@ -96,7 +96,7 @@ fn a_finger_presses_and_the_table_bears_it() {
 }
 
 #[test]
-fn the_gpu_presses_as_the_processor_does_where_it_is_asked_to() {
+fn gpu_tool_contact_matches_cpu() {
     let moved =
         "path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02], [0.6, 0.01, 0, -0.015]]\nfriction = 0.3";
     let finger = FINGER.replace("path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02]]", moved);
@@ -124,7 +124,7 @@ fn the_gpu_presses_as_the_processor_does_where_it_is_asked_to() {
 }
 
 #[test]
-fn a_surface_presses_as_the_ball_that_it_is_and_friction_drags() {
+fn surface_tool_matches_sphere_and_friction_drags() {
     let force = |tool: &str, more: &str| {
         let text = FINGER.replace("sphere = { radius = 0.02 }", tool);
         let mut stage = stage(&format!("{BOX}{text}{more}"));
@@ -139,7 +139,7 @@ fn a_surface_presses_as_the_ball_that_it_is_and_friction_drags() {
     let surface = force(&format!("surface = {:?}", file.to_str().unwrap()), "");
     assert!((surface.z / ball.z - 1.0).abs() < 0.05, "{surface} {ball}");
     let capsule = force(
-        "capsule = { radius = 0.02, length = 0.04 }\nalong = [1, 0, 0]",
+        "capsule = { radius = 0.02, length = 0.04 }\norientation = [1, 0, 0]",
         "",
     );
     assert!(capsule.z > 1.5 * ball.z, "{capsule} {ball}");
@@ -188,7 +188,7 @@ fn sphere(radius: f64) -> String {
 }
 
 #[test]
-fn a_block_rests_on_a_plane_and_nothing_else_holds_it() {
+fn block_rests_on_plane_tool_without_pins() {
     let text = BOX.replace(
         "[[pin]]\nname = \"table\"\naxis = \"z\"\nbelow = 0.01\n",
         "",
@@ -204,7 +204,7 @@ fn a_block_rests_on_a_plane_and_nothing_else_holds_it() {
 }
 
 #[test]
-fn a_run_that_is_taken_up_again_takes_the_same_steps_and_one_begun_anew_too() {
+fn resumed_run_is_identical() {
     let text = format!("{BOX}{FINGER}friction = 0.2\n")
         .replace("-0.02]]", "-0.02], [0.5, 0.02, 0, -0.01]]");
     let mut whole = stage(&text);
@@ -232,7 +232,7 @@ fn differ(a: &Image, b: &Image) -> f64 {
 }
 
 #[test]
-fn tools_are_drawn_in_their_places() {
+fn tools_are_rendered_at_their_poses() {
     // Viewed along −y: the body lies between 0 and 0.1.
     let eye = "[camera]\neye = [0.05, -0.4, 0.06]\nlook_at = [0.05, 0.05, 0.06]\n";
     for mode in ["surface", "composite"] {
@@ -268,7 +268,7 @@ fn tools_are_drawn_in_their_places() {
 }
 
 #[test]
-fn pictures_show_where_tools_went() {
+fn pictures_follow_tool_motion() {
     let mut stage = stage(&format!("{BOX}{FINGER}").replace("-0.02]]", "0.02]]"));
     let first = stage.image().unwrap();
     run(&mut stage, 4);
@@ -276,33 +276,36 @@ fn pictures_show_where_tools_went() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_with_what_would() {
+fn tools_reject_invalid_entries() {
     let cases = [
         (
             FINGER.replace("sphere = { radius = 0.02 }", ""),
-            ["`sphere`", "one of them"],
+            ["`sphere`", "exactly one of"],
         ),
         (
             FINGER.replace("at =", "plane = {}\nat ="),
-            ["`sphere`", "one of them"],
+            ["`sphere`", "exactly one of"],
         ),
         (
             FINGER.replace("0.02 }", "-1.0 }"),
-            ["radius -1", "positive"],
+            ["radius -1", "lengths > 0"],
         ),
-        (format!("{FINGER}friction = -0.1\n"), ["-0.1", "0 or more"]),
-        (format!("{FINGER}gap = 0.0\n"), ["gap of 0", "positive"]),
+        (format!("{FINGER}friction = -0.1\n"), ["-0.1", "≥ 0"]),
         (
-            format!("{FINGER}along = [0, 0, 0]\n"),
-            ["along", "direction"],
+            format!("{FINGER}gap = 0.0\n"),
+            ["gap must be", "> 0, got 0"],
+        ),
+        (
+            format!("{FINGER}orientation = [0, 0, 0]\n"),
+            ["orientation", "direction"],
         ),
         (
             format!("{FINGER}axis = [0, 0, 1]\n"),
-            ["[[tool]]", "both or neither"],
+            ["[[tool]]", "both `axis`"],
         ),
         (
             format!("{FINGER}file = \"a.csv\"\n"),
-            ["[[tool]]", "one of them"],
+            ["[[tool]]", "remove one of them"],
         ),
     ];
     for (text, words) in cases {
@@ -345,6 +348,6 @@ fn what_makes_no_sense_is_refused_with_what_would() {
 fn refused(text: &str) -> String {
     match Stage::new(&gpu(), &Scene::parse(text).unwrap()) {
         Err(error) => error.to_string(),
-        Ok(_) => panic!("it was not refused:\n{text}"),
+        Ok(_) => panic!("invalid scene accepted:\n{text}"),
     }
 }

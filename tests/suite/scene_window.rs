@@ -44,7 +44,7 @@ fn go(stage: &mut Stage, steps: u32) {
         while stage.poll_steps().unwrap() {
             assert!(
                 since.elapsed() < Duration::from_secs(60),
-                "no end of a step"
+                "step did not finish"
             );
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -60,7 +60,7 @@ fn places(stage: &Stage) -> Vec<DVec3> {
 }
 
 #[test]
-fn steps_that_nobody_waits_for_are_those_that_are_waited_for() {
+fn asynchronous_steps_match_blocking_steps() {
     let cut = "[[cut]]\nedge = [[-0.01, 0.05, 0.11], [0.03, 0.05, 0.11]]\npath = [[0.03, 0, 0, 0], [0.09, 0, 0, -0.04]]\n";
     for more in ["", cut] {
         let text = format!("{BOX}{more}");
@@ -82,7 +82,7 @@ fn steps_that_nobody_waits_for_are_those_that_are_waited_for() {
 }
 
 #[test]
-fn who_waits_for_nothing_is_called() {
+fn step_completion_wakes_the_caller() {
     let mut stage = stage(BOX);
     let calls = Arc::new(AtomicUsize::new(0));
     let counted = calls.clone();
@@ -101,14 +101,17 @@ fn who_waits_for_nothing_is_called() {
             break;
         }
         answered = now;
-        assert!(since.elapsed() < Duration::from_secs(600), "nobody called");
+        assert!(
+            since.elapsed() < Duration::from_secs(600),
+            "no callback within 600 s"
+        );
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(stage.time() > 0.0);
 }
 
 #[test]
-fn a_finger_is_led_by_hand_and_put_elsewhere() {
+fn tool_follows_target_and_teleports() {
     let mut stage = stage(&BOX.replace("[0, 0, -9.81]", "[0, 0, 0]"));
     stage
         .set_tool_target(0, DVec3::new(0.05, 0.05, 0.109))
@@ -128,7 +131,7 @@ fn a_finger_is_led_by_hand_and_put_elsewhere() {
 }
 
 #[test]
-fn looks_change_while_the_body_stays_where_it_is() {
+fn appearance_change_keeps_the_motion() {
     let looks = [
         "mode = \"mip\"\n",
         "transfer = \"magma\"\n[light]\nfrom = \"none\"\n",

@@ -44,7 +44,7 @@ enum What {
 type Number = (&'static str, f64, [f64; 2]);
 
 #[test]
-fn every_body_does_everything() {
+fn every_body_kind_supports_every_feature() {
     let gpu = Gpu::new().unwrap();
     let mut whats = vec![What::Raycast, What::Thickness, What::Surface];
     whats.extend(Mapping::ALL.map(What::Skin));
@@ -290,7 +290,7 @@ fn farthest(nodes: &[(DVec3, DVec3)]) -> f64 {
 fn grab(gpu: &Gpu, body: Body) -> Vec<Number> {
     let more = "[[pin]]\nsphere = [0, 0, -0.05, 0.02]\n\
                 [[grab]]\nat = [0, 0, 0.05]\nradius = 0.02\n\
-                path = [[0, 0, 0, 0], [0.04, 0.004, 0, 0.006]]\nrelease = 0.1";
+                path = [[0, 0, 0, 0], [0.04, 0.004, 0, 0.006]]\nrelease_time = 0.1";
     let mut stage = stage(gpu, body, "composite", more);
     let rest = stage.mesh().nodes.clone();
     let near = |p: &DVec3| p.distance(DVec3::new(0.0, 0.0, 0.05)) <= 0.02;
@@ -432,9 +432,9 @@ fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {
 }
 
 #[test]
-fn the_walls_of_a_cut_are_drawn_under_its_skin() {
+fn cut_walls_are_rendered_under_skin() {
     let gpu = Gpu::new().unwrap();
-    let entry = format!("[[skin]]\nfile = '{BALL}'\ncolour = [1, 0, 0]\nwall = [0, 1, 0]");
+    let entry = format!("[[skin]]\nfile = '{BALL}'\ncolour = [1, 0, 0]\ncut_colour = [0, 1, 0]");
     for body in [Body::Grid, Body::Tets] {
         let mut stage = stage(&gpu, body, "skin", &entry);
         // In two strokes: the walls of the first remain after the second.
@@ -486,7 +486,7 @@ fn the_walls_of_a_cut_are_drawn_under_its_skin() {
 }
 
 #[test]
-fn what_hits_nothing_is_said_and_harmless() {
+fn grab_and_cut_that_miss_change_nothing() {
     let gpu = Gpu::new().unwrap();
     for body in [Body::Grid, Body::Tets] {
         let mut stage = stage(
@@ -507,11 +507,11 @@ fn what_hits_nothing_is_said_and_harmless() {
             (DVec3::ZERO, -1.0),
         ] {
             let wrong = simulator.grab(centre, radius, GrabMode::Follow);
-            assert!(said(wrong.map(drop)).contains("makes no sense"));
+            assert!(said(wrong.map(drop)).contains("invalid grab"));
         }
         let top = DVec3::new(0.0, 0.0, 0.05);
         let grab = simulator.grab(top, 0.02, GrabMode::Follow).unwrap();
-        assert!(said(simulator.set_target(grab, DVec3::NAN)).contains("not a point"));
+        assert!(said(simulator.set_target(grab, DVec3::NAN)).contains("not finite"));
         let far = DVec3::splat(1e6);
         assert!(said(simulator.set_target(grab, far)).contains("farther away"));
         assert!(Blade::from_quad([DVec3::NAN, DVec3::X, DVec3::Y, DVec3::Z]).is_err());
@@ -529,7 +529,7 @@ fn what_hits_nothing_is_said_and_harmless() {
 }
 
 #[test]
-fn what_a_scene_may_not_say_of_touch_is_named() {
+fn grabs_cuts_and_skins_reject_invalid_entries() {
     let gpu = Gpu::new().unwrap();
     let edge = "edge = [[0, -1, -1], [0, -1, 1]]";
     for (more, part) in [
@@ -554,8 +554,8 @@ fn what_a_scene_may_not_say_of_touch_is_named() {
             "path of a grab",
         ),
         (
-            "[[grab]]\nat = [0, 0, 0]\nradius = 0.1\npath = [[0, 0, 0, 0]]\nlimit = 3".into(),
-            "without a `spring`",
+            "[[grab]]\nat = [0, 0, 0]\nradius = 0.1\npath = [[0, 0, 0, 0]]\nmax_force = 3".into(),
+            "without `spring_stiffness`",
         ),
         ("[[skin]]\nfile = 'none.obj'".into(), "none.obj"),
     ] {
@@ -583,7 +583,10 @@ fn what_a_scene_may_not_say_of_touch_is_named() {
     still.solver.name = None;
     let mut stage = Stage::new(&gpu, &still).unwrap();
     assert!(
-        stage.notes().iter().any(|n| n.contains("nothing moves")),
+        stage
+            .notes()
+            .iter()
+            .any(|n| n.contains("the body is static")),
         "{:?}",
         stage.notes()
     );

@@ -8,7 +8,7 @@ use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
 /// entry points, formats of targets, and the values of override constants to be tested.
 #[test]
 #[ignore = "for a browser: scripts/test web"]
-fn every_composed_shader_is_written_for_a_browser() {
+fn composed_shaders_compile_for_a_browser() {
     let Some(file) = std::env::var_os("PALPATE_SHADERS") else {
         return;
     };

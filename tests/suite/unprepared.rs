@@ -40,7 +40,7 @@ fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
     let mut stage = Stage::with_mesh(&gpu(), &scene, mesh).unwrap();
     let said = stage.notes().join("\n");
     assert!(
-        said.contains("held the") && said.contains("a load of"),
+        said.contains("clamped the") && said.contains("a load of"),
         "{name}: {said}"
     );
     let rest = stage.mesh().nodes.clone();
@@ -80,7 +80,7 @@ fn carved(cells: [usize; 3], size: DVec3, inside: impl Fn(DVec3) -> bool) -> Tet
 }
 
 #[test]
-fn a_boot_is_held_by_a_flat_end() {
+fn boot_is_clamped_at_flat_end() {
     let boot = carved([12, 6, 12], DVec3::new(12.0, 6.0, 12.0), |p| {
         p.z < 4.0 || p.x < 5.0
     });
@@ -88,19 +88,19 @@ fn a_boot_is_held_by_a_flat_end() {
 }
 
 #[test]
-fn a_long_limb_is_held_at_its_thick_end() {
+fn limb_is_clamped_at_thick_end() {
     let limb = carved([40, 4, 4], DVec3::new(10.0, 1.0, 1.0), |p| {
         (p.y - 0.5).abs().max((p.z - 0.5).abs()) < 0.15 + 0.35 * p.x / 10.0
     });
     let scene = unprepared(false, FRAMES);
     let stage = Stage::with_mesh(&gpu(), &scene, limb.clone()).unwrap();
     let said = stage.notes().join("\n");
-    assert!(said.contains("highest 5 % of x"), "{said}");
+    assert!(said.contains("highest 5 % of the x extent"), "{said}");
     gives_and_stays_in_the_picture("limb", limb, [96, 72]);
 }
 
 #[test]
-fn a_ball_of_any_size_is_not_hung_from_a_tip() {
+fn ball_of_any_size_is_not_clamped_at_a_tip() {
     for radius in [0.001, 10.0] {
         let ball = generate::ball(radius, 5).unwrap();
         gives_and_stays_in_the_picture("ball", ball, [96, 72]);
@@ -108,7 +108,7 @@ fn a_ball_of_any_size_is_not_hung_from_a_tip() {
 }
 
 #[test]
-fn what_is_given_is_obeyed() {
+fn explicit_settings_override_automatic_choices() {
     let bar = generate::paper_bar().unwrap();
     let mut scene = unprepared(true, 4);
     scene.solver.gravity = Some([0.0, 0.0, -3.0]);
@@ -125,7 +125,7 @@ fn what_is_given_is_obeyed() {
 
 /// The report of `render` contains the reference scale of the motion.
 #[test]
-fn the_report_has_the_diagonal() {
+fn render_report_contains_bounds_diagonal() {
     let bar = generate::paper_bar().unwrap();
     let (low, high) = bar.bounds();
     let mut stage = Stage::with_mesh(&gpu(), &unprepared(false, 2), bar).unwrap();
@@ -141,21 +141,21 @@ fn real(file: &str, size: [u32; 2]) {
 
 #[test]
 #[ignore = "real data: scripts/test --full"]
-fn real_boots_and_blobs_stand() {
+fn real_boots_and_blobs_are_clamped_and_framed() {
     real("bullet_boot.vtk", [160, 120]);
     real("bullet_ditto.vtk", [160, 120]);
 }
 
 #[test]
 #[ignore = "real data: scripts/test --full"]
-fn a_real_liver_and_a_real_armadillo() {
+fn real_liver_and_armadillo_are_clamped_and_framed() {
     real("gaia_liver.mesh", [160, 120]);
     real("polyfem_Armadillo13K.msh", [160, 120]);
 }
 
 #[test]
 #[ignore = "real data: scripts/test --full"]
-fn a_real_alligator_is_not_hung_from_its_nose() {
+fn real_alligator_is_not_clamped_at_its_nose() {
     real("gaia_alligator.vtk", [160, 120]);
 }
 
@@ -180,7 +180,7 @@ fn cored(name: &str) -> TetMesh {
 }
 
 #[test]
-fn regions_are_seen_a_colour_each_whatever_their_field_is_called() {
+fn regions_have_distinct_colours_for_any_field_name() {
     for name in ["gmsh:physical", "part", "Region_Id", "anything"] {
         let mesh = cored(name);
         let info = MeshDescription::new(&mesh);
@@ -201,7 +201,7 @@ fn regions_are_seen_a_colour_each_whatever_their_field_is_called() {
 }
 
 #[test]
-fn what_the_user_names_is_seen_instead_of_regions() {
+fn explicit_field_overrides_region_colours() {
     let mut mesh = cored("part");
     let heat = mesh.nodes.iter().map(|p| p.x).collect();
     mesh.set_field(Field::scalar("heat", Location::Node, heat))
@@ -227,7 +227,7 @@ fn what_the_user_names_is_seen_instead_of_regions() {
 
 #[test]
 #[ignore = "real data: scripts/test --full"]
-fn three_real_materials_are_three_colours() {
+fn three_real_materials_have_three_colours() {
     let Some(path) = real_data("tet/polyfem_cubes_v41.msh") else {
         return;
     };

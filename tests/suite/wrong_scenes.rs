@@ -1,7 +1,8 @@
 //! Errors in a scene are reported with the file, the line, the column and a remedy.
 
+use crate::support::gpu;
 use palpate::mesh::generate;
-use palpate::scene::{Region, Scene};
+use palpate::scene::{Region, Scene, Stage};
 
 /// A scene with an additional or modified line, the line and column in the message, and words in
 /// it.
@@ -44,7 +45,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "[mesh]\nfile = \"a\"\nunit = [1]",
         "line 3, column 8",
-        &["a unit is"],
+        &["unit must be"],
     ),
     (
         "[mesh]\nfile = \"a\"\nlabels = \"some\"",
@@ -84,7 +85,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "mesh = {}\n[material]\nyuong = 3",
         "line 3, column 9",
-        &["`yuong` is neither a setting"],
+        &["`yuong` is neither a key"],
     ),
     (
         "mesh = {}\n[material]\ndamping_kind = \"none\"",
@@ -94,7 +95,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "mesh = {}\n[material]\nvolume = \"mean\"",
         "line 3, column 10",
-        &["mean", "per-tet and averaged"],
+        &["mean", "per-tet or averaged"],
     ),
     (
         "mesh = {}\n[material]\nyoung = 1\n\nbone = { mass = 2 }",
@@ -112,8 +113,8 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["`bone`"],
     ),
     (
-        "[mesh]\nfile = \"a\"\npart = [[\"femur\"]]",
-        "line 3, column 9",
+        "[mesh]\nfile = \"a\"\nsplit = [[\"femur\"]]",
+        "line 3, column 10",
         &["2"],
     ),
     (
@@ -139,7 +140,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
     (
         "mesh = {}\n[[pin]]\naxis = \"z\"\nbelow = -0.6",
         "line 4, column 9",
-        &["-0.6", "from 0 to 1", "z_below"],
+        &["-0.6", "[0, 1]", "z_below"],
     ),
     (
         "mesh = {}\n[[pin]]\naxis = \"z\"\nabove = 12",
@@ -202,9 +203,20 @@ const WRONG: &[(&str, &str, &[&str])] = &[
         &["x-ray", "composite", "skin"],
     ),
     (
+        "mesh = {}\n[picture]\ntraversal = \"slowly\"",
+        "line 3, column 13",
+        &["slowly", "vertices or planes"],
+    ),
+    // Under its old name.
+    (
         "mesh = {}\n[picture]\nwalk = \"slowly\"",
         "line 3, column 8",
         &["slowly", "vertices or planes"],
+    ),
+    (
+        "mesh = {}\n[picture]\ntraversal = \"planes\"\nwalk = \"planes\"",
+        "line 4, column 1",
+        &["[picture] has both `traversal`", "remove `walk`"],
     ),
     (
         "mesh = {}\n[picture]\nbackground = \"pink\"",
@@ -224,7 +236,7 @@ const WRONG: &[(&str, &str, &[&str])] = &[
 ];
 
 #[test]
-fn what_is_wrong_is_said_with_its_place() {
+fn scene_error_reports_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
     for (content, place, words) in WRONG {
@@ -246,7 +258,22 @@ fn what_is_wrong_is_said_with_its_place() {
 }
 
 #[test]
-fn regions_are_bounded_by_places_in_the_unit_of_the_mesh() {
+fn old_keys_are_noted_by_the_stage() {
+    let notes = |key: &str| {
+        let text = format!(
+            "[mesh]\ngenerate = \"box\"\ntets = 200\n[picture]\nsize = [8, 8]\n{key} = \"planes\"\n"
+        );
+        let stage = Stage::new(&gpu(), &Scene::parse(&text).unwrap()).unwrap();
+        stage.notes().join("\n")
+    };
+    let old = notes("walk");
+    let note = "[picture] `walk` is now `traversal`; the old key still works";
+    assert!(old.contains(note), "{old}");
+    assert!(!notes("traversal").contains("old key"));
+}
+
+#[test]
+fn region_bounds_use_mesh_unit() {
     let bar = generate::paper_bar().unwrap();
     let nodes = |toml: &str| {
         let scene = Scene::parse(&format!("[[pin]]\n{toml}")).unwrap();

@@ -209,7 +209,7 @@ impl BodySession {
             || scene
                 .tool
                 .iter()
-                .any(|t| t.path.is_some() || t.file.is_some() || t.turn.is_some());
+                .any(|t| t.path.is_some() || t.file.is_some() || t.rotation.is_some());
         if stage.motion().is_some_and(Motion::has_state) {
             // Checkpoints are needed to undo cuts.
             stage.keep_checkpoints();
@@ -923,7 +923,7 @@ fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
 /// Returns the number of tools with prescribed motion; tools with a mass or a spring become regions
 /// of the mesh.
 fn led(scene: &Scene) -> usize {
-    let carried = |t: &&ToolEntry| t.mass.is_some() || t.spring.is_some();
+    let carried = |t: &&ToolEntry| t.mass.is_some() || t.spring_stiffness.is_some();
     scene.tool.len() - scene.tool.iter().filter(carried).count()
 }
 

@@ -99,11 +99,11 @@ impl Viewer {
     }
 
     /// Stores a file in memory, for files that refer to it.
-    pub fn put(&self, name: &str, bytes: Vec<u8>) {
+    pub fn add_file(&self, name: &str, bytes: Vec<u8>) {
         io::insert_file(name, bytes);
     }
 
-    /// Opens a file that was put ready, shown by a preset of colours.
+    /// Opens a file that was added, shown by a preset of colours.
     ///
     /// # Errors
     /// An error if the viewer is not shown. What is wrong with the file is told by a frame.
@@ -189,7 +189,7 @@ impl Viewer {
     ///
     /// # Errors
     /// An error if rendering fails.
-    pub async fn picture(&self, width: u32, height: u32) -> Result<Vec<u8>, JsValue> {
+    pub async fn screenshot(&self, width: u32, height: u32) -> Result<Vec<u8>, JsValue> {
         let (mut pending, writer) = self.with(|app| app.ask_picture([width, height]))?;
         loop {
             if let Some(image) = pending.try_take().map_err(wrong)? {

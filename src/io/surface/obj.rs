@@ -56,7 +56,7 @@ impl Extra {
     fn into_field(self, mesh: &mut RawMesh) {
         if self.missing && !self.corners.is_empty() {
             mesh.warnings.push(format!(
-                "{} are left out: not every corner has them",
+                "{} skipped: not defined at every corner",
                 self.what
             ));
         } else if !self.missing && !self.corners.is_empty() {
@@ -128,7 +128,8 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
                         at.error_at(
                             start,
                             format_args!(
-                                "a face names vertex {:?}, but there are {vertices} so far, counted from 1",
+                                "face refers to vertex {:?}, but there are {vertices} so far \
+                                (counted from 1)",
                                 shown(index)
                             ),
                         )
@@ -140,7 +141,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
                 if corners.len() < 3 {
                     return Err(at.error_at(
                         start,
-                        format_args!("a face has {} vertices, not three or more", corners.len()),
+                        format_args!("face must have at least 3 vertices, got {}", corners.len()),
                     ));
                 }
                 for pair in corners[1..].windows(2) {

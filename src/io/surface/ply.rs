@@ -68,7 +68,7 @@ fn header(at: &mut Cursor) -> ParseResult<(Encoding, Vec<Element>)> {
     loop {
         let start = at.position();
         if at.rest().is_empty() {
-            return Err("the file ends in its header, before end_header".into());
+            return Err("unexpected end of file in the header, expected end_header".into());
         }
         let line = String::from_utf8_lossy(at.rest_of_line()).into_owned();
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -94,9 +94,8 @@ fn header(at: &mut Cursor) -> ParseResult<(Encoding, Vec<Element>)> {
                 properties: Vec::new(),
             }),
             ["property", ref kind @ .., name] => {
-                let scalar = |word: &str| {
-                    scalar_type(word).ok_or_else(|| wrong("expected a type of numbers"))
-                };
+                let scalar =
+                    |word: &str| scalar_type(word).ok_or_else(|| wrong("expected a number type"));
                 let (count, scalar) = match *kind {
                     [one] => (None, scalar(one)?),
                     ["list", count, item] => (Some(scalar(count)?), scalar(item)?),
@@ -115,7 +114,7 @@ fn header(at: &mut Cursor) -> ParseResult<(Encoding, Vec<Element>)> {
             _ => return Err(wrong("expected format, element, property or end_header")),
         }
     }
-    let encoding = encoding.ok_or("the header has no line \"format\"")?;
+    let encoding = encoding.ok_or("header has no \"format\" line")?;
     Ok((encoding, elements))
 }
 
@@ -189,15 +188,15 @@ impl Body<'_> {
         let count = match property.count {
             None => 1,
             Some(count) => {
-                let said = self.number(count, &property.name)?;
+                let length = self.number(count, &property.name)?;
                 let least = match self.encoding {
                     Encoding::Ascii => 1,
                     _ => bytes_in(property.scalar),
                 };
-                let whole = said.fract() == 0.0 && said >= 0.0;
-                let said = if whole { said as i64 } else { -1 };
+                let whole = length.fract() == 0.0 && length >= 0.0;
+                let length = if whole { length as i64 } else { -1 };
                 let what = format_args!("the length of list \"{}\"", property.name);
-                self.at.validate_count(said, what, least)?
+                self.at.validate_count(length, what, least)?
             }
         };
         (0..count)
@@ -217,7 +216,7 @@ impl Body<'_> {
     fn vertices(&mut self, element: &Element, mesh: &mut RawMesh) -> ParseResult<()> {
         let place = |name: &str| element.properties.iter().position(|p| p.name == name);
         let (Some(x), Some(y), Some(z)) = (place("x"), place("y"), place("z")) else {
-            return Err("the vertices have no properties x, y and z".into());
+            return Err("vertices must have the properties x, y and z".into());
         };
         // Scalar properties other than the position become fields.
         let kept: Vec<usize> = (0..element.properties.len())
@@ -250,9 +249,11 @@ impl Body<'_> {
                 let items = self.items(property)?;
                 if matches!(property.name.as_str(), "vertex_indices" | "vertex_index") {
                     if items.len() > MOST_CORNERS {
-                        return Err(self
-                            .at
-                            .error(format_args!("a face of {} corners", items.len())));
+                        return Err(self.at.error(format_args!(
+                            "face must have at most {MOST_CORNERS} corners, \
+                                got {}",
+                            items.len()
+                        )));
                     }
                     mesh.cells.push(POLYGON, items.iter().map(|v| index(*v)));
                 }

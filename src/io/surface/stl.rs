@@ -28,21 +28,22 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     }
     let Some(count) = count else {
         return Err(format!(
-            "a binary STL file has a header of {HEADER} bytes, but this file has {} bytes",
+            "binary STL file must have a header of {HEADER} bytes, but the file has {} bytes",
             bytes.len()
         ));
     };
     let there = bytes.len() - HEADER;
     if fits(count).is_none_or(|n| n > bytes.len()) {
         return Err(format!(
-            "byte 80: the header promises {count} triangles, but there are bytes for {} (wrong count, or a truncated file)",
+            "byte 80: header specifies {count} triangles, but the file has data for {} (wrong \
+            count or truncated file)",
             there / RECORD
         ));
     }
     let mut mesh = RawMesh::default();
     if !exact {
         mesh.warnings.push(format!(
-            "{} bytes after the last triangle are ignored",
+            "{} bytes after the last triangle ignored",
             there - count * RECORD
         ));
     }
@@ -93,9 +94,7 @@ fn read_text(bytes: &[u8]) -> ParseResult<RawMesh> {
             }
             b"endloop" => {
                 if corners != 3 {
-                    return Err(at.error(format_args!(
-                        "a facet of STL has three vertices, this one has {corners}"
-                    )));
+                    return Err(at.error(format_args!("facet must have 3 vertices, got {corners}")));
                 }
                 push_triangle(&mut mesh);
                 corners = 0;
@@ -114,11 +113,11 @@ fn read_text(bytes: &[u8]) -> ParseResult<RawMesh> {
         }
     }
     if corners != 0 {
-        return Err("the file ends in the middle of a facet (truncated?)".into());
+        return Err("unexpected end of file within a facet".into());
     }
     if !ended {
         mesh.warnings
-            .push("the file ends without endsolid; it may have been cut short".into());
+            .push("file does not end with endsolid (possibly truncated)".into());
     }
     Ok(mesh)
 }

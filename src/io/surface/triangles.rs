@@ -16,23 +16,22 @@ pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
     if dropped > 0 {
         surface
             .notes
-            .push(format!("{dropped} cells that are no polygons are left out"));
+            .push(format!("{dropped} cells that are not polygons dropped"));
     }
     if triangles.is_empty() {
-        return Err("there is no triangle or polygon in it; a surface is needed".into());
+        return Err("file has no triangles or polygons; expected a surface".into());
     }
     if let Some(bad) = used(&triangles).find(|v| !raw.nodes[*v as usize].is_finite()) {
         return Err(format!(
-            "vertex {bad} (counted from 0) lies at {}, which is no place",
+            "vertex {bad} (counted from 0) must have finite coordinates, got {}",
             raw.nodes[bad as usize]
         ));
     }
     let (first, vertices) = merged(&raw.nodes, &triangles);
     if vertices.merged > 0 {
-        surface.notes.push(format!(
-            "{} vertices that coincide with others were merged",
-            vertices.merged
-        ));
+        surface
+            .notes
+            .push(format!("{} coincident vertices merged", vertices.merged));
     }
     let mut kept = Vec::new();
     for (n, triangle) in triangles.iter().enumerate() {
@@ -47,10 +46,10 @@ pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
     if flat > 0 {
         surface
             .notes
-            .push(format!("{flat} triangles without an area are left out"));
+            .push(format!("{flat} triangles with zero area dropped"));
     }
     if surface.triangles.is_empty() {
-        return Err("none of its triangles has an area".into());
+        return Err("all triangles have zero area".into());
     }
     let sources = vertices.sources;
     surface.vertices = vertices.places;

@@ -20,14 +20,14 @@ pub fn write_surface(path: impl AsRef<Path>, surface: &TriMesh) -> Result<()> {
         "stl" => stl,
         other => {
             return Err(Error::Input(format!(
-                "{}: surfaces are written as .ply, .obj or .stl, not as \".{other}\"",
+                "{}: unsupported surface extension \".{other}\"; use .ply, .obj or .stl",
                 path.display()
             )));
         }
     };
     if u32::try_from(surface.triangles.len()).is_err() {
         return Err(Error::Input(format!(
-            "{}: {} triangles are more than a file can count",
+            "{}: {} triangles exceed the 32-bit count of the format",
             path.display(),
             surface.triangles.len()
         )));

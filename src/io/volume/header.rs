@@ -39,7 +39,7 @@ impl<'a> Layout<'a> {
     pub fn nrrd(&self) -> Result<Vec<u8>> {
         if (self.slope, self.intercept) != (1.0, 0.0) {
             return Err(Error::Input(
-                "NRRD has no slope and intercept; write .nii.gz or .mha, or apply them first"
+                "NRRD cannot store slope and intercept; write .nii.gz or .mha, or apply them first"
                     .into(),
             ));
         }
@@ -141,7 +141,7 @@ impl<'a> Layout<'a> {
         for (n, size) in self.grid.size.iter().enumerate() {
             let size = i16::try_from(*size).map_err(|_| {
                 Error::Input(format!(
-                    "NIfTI-1 holds at most 32767 voxels along an axis, not {size}; write .nrrd"
+                    "NIfTI-1 supports at most 32767 voxels per axis, got {size}; write .nrrd"
                 ))
             })?;
             put(42 + 2 * n, &size.to_le_bytes());

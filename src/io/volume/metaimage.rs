@@ -42,7 +42,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     let (header, attached) = Header::parse(file)?;
     let dimensions = header.whole("NDims")?.unwrap_or(3);
     let sizes = header.numbers("DimSize", None)?;
-    let sizes = sizes.ok_or("the header has no field `DimSize`")?;
+    let sizes = sizes.ok_or("header has no field `DimSize`")?;
     if sizes.len() != dimensions {
         return Err(format!(
             "`NDims` is {dimensions}, but `DimSize` has {} numbers",
@@ -54,20 +54,21 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
         .iter()
         .map(whole)
         .collect::<Option<_>>()
-        .ok_or_else(|| format!("`DimSize` should be whole numbers from 1 on, but is {sizes:?}"))?;
+        .ok_or_else(|| format!("`DimSize` must be integers ≥ 1, got {sizes:?}"))?;
     let size = match sizes[..] {
         [i, j, k] => [i, j, k],
         [i, j, k, ref more @ ..] if more.iter().all(|n| *n == 1) => [i, j, k],
         _ => {
             return Err(format!(
-                "sizes {sizes:?} are no single volume; three axes are expected"
+                "sizes {sizes:?} are not a single volume; expected three axes"
             ));
         }
     };
     let channels = header.whole("ElementNumberOfChannels")?.unwrap_or(1);
     if channels != 1 {
         return Err(format!(
-            "there are {channels} values a voxel (`ElementNumberOfChannels`); Palpate reads scalar volumes"
+            "{channels} values per voxel (`ElementNumberOfChannels`); only scalar volumes are \
+            supported"
         ));
     }
     let scalar = header.scalar_type()?;
@@ -82,7 +83,8 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
         let packed = header.whole("CompressedDataSize")?.unwrap_or(0);
         if packed > data.len() {
             return Err(format!(
-                "`CompressedDataSize` is {packed}, but there are {} bytes of data (wrong size in the header, or a truncated file)",
+                "`CompressedDataSize` is {packed}, but the file has {} bytes of data (wrong size \
+                in the header or truncated file)",
                 data.len()
             ));
         }
@@ -146,7 +148,7 @@ impl Header {
                 return Ok((header, rest));
             }
         }
-        Err("the header has no field `ElementDataFile`, which should be its last".into())
+        Err("header has no field `ElementDataFile` as its last field".into())
     }
 
     fn get(&self, name: &str) -> Option<(usize, &str)> {
@@ -167,7 +169,7 @@ impl Header {
             (Some(numbers), None) => Ok(Some(numbers)),
             (Some(numbers), Some(count)) if numbers.len() == count => Ok(Some(numbers)),
             (_, count) => Err(format!(
-                "line {line}: `{name}` should be {} finite numbers, but is \"{text}\"",
+                "line {line}: `{name}` must be {} finite numbers, got \"{text}\"",
                 count.map_or("some".to_owned(), |n| n.to_string())
             )),
         }
@@ -184,7 +186,7 @@ impl Header {
         match text.parse() {
             Ok(n) => Ok(Some(n)),
             Err(_) => Err(format!(
-                "line {line}: `{name}` should be a whole number from 0 on, but is \"{text}\""
+                "line {line}: `{name}` must be an integer ≥ 0, got \"{text}\""
             )),
         }
     }
@@ -196,7 +198,7 @@ impl Header {
                 "true" | "1" | "t" | "yes" => Ok(Some(true)),
                 "false" | "0" | "f" | "no" => Ok(Some(false)),
                 _ => Err(format!(
-                    "line {line}: `{name}` should be True or False, but is \"{text}\""
+                    "line {line}: `{name}` must be True or False, got \"{text}\""
                 )),
             },
         }
@@ -205,7 +207,7 @@ impl Header {
     fn scalar_type(&self) -> ParseResult<ScalarType> {
         let (line, name) = self
             .get("ElementType")
-            .ok_or("the header has no field `ElementType`")?;
+            .ok_or("header has no field `ElementType`")?;
         Ok(match name {
             "MET_CHAR" => ScalarType::I8,
             "MET_UCHAR" => ScalarType::U8,
@@ -220,7 +222,8 @@ impl Header {
             "MET_DOUBLE" => ScalarType::F64,
             _ => {
                 return Err(format!(
-                    "line {line}: the element type \"{name}\" is not one of single numbers (MET_SHORT, for example)"
+                    "line {line}: element type \"{name}\" is not supported; expected a scalar type \
+                    (for example MET_SHORT)"
                 ));
             }
         })
@@ -236,7 +239,8 @@ impl Header {
         } else if named.contains('%') {
             numbered(named).ok_or_else(|| {
                 format!(
-                    "line {line}: `ElementDataFile` should be LOCAL, LIST, a name, or \"NAME%03d FIRST LAST STEP\", but is \"{named}\""
+                    "line {line}: `ElementDataFile` must be LOCAL, LIST, a name, or \"NAME%03d \
+                    FIRST LAST STEP\", got \"{named}\""
                 )
             })?
         } else {
@@ -265,7 +269,7 @@ impl Header {
                 let skip = self.whole("HeaderSize")?.unwrap_or(0);
                 file.get(skip..).ok_or_else(|| {
                     format!(
-                        "`HeaderSize` is {skip}, but the data file has {} bytes only",
+                        "`HeaderSize` is {skip}, but the data file has only {} bytes",
                         file.len()
                     )
                 })
@@ -300,7 +304,7 @@ impl Header {
         let linear = lps_to_ras * axes * DMat3::from_diagonal(spacing);
         if linear.determinant() == 0.0 || !linear.is_finite() {
             return Err(
-                "the voxels have no volume: check `ElementSpacing` and `TransformMatrix`".into(),
+                "voxels have zero volume; check `ElementSpacing` and `TransformMatrix`".into(),
             );
         }
         Ok(DAffine3::from_mat3_translation(linear, lps_to_ras * origin))

@@ -45,7 +45,7 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
             Some(extension) => path.with_extension(extension),
             None => path.with_file_name("").join(name.trim()),
         };
-        files::read_regular(&file).map_err(|e| format!("its data file cannot be read: {e}"))
+        files::read_regular(&file).map_err(|e| format!("cannot read the data file: {e}"))
     };
     volume_of(&bytes, &extension(path), &fetch).map_err(|e| Error::format(path, e))
 }
@@ -67,7 +67,8 @@ fn read_folder(path: &Path) -> Result<Volume> {
 fn read_folder(path: &Path) -> Result<Volume> {
     Err(Error::format(
         path,
-        "this is a folder; folders of DICOM slices are read by a Palpate that is built with `cargo build --features dicom`",
+        "expected a file, found a folder; to read folders of DICOM slices, build Palpate with \
+        `cargo build --features dicom`",
     ))
 }
 
@@ -99,7 +100,8 @@ fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
 /// Parses the volume in the content of a file.
 pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> ParseResult<Volume> {
     let reader = reader_of(bytes, extension).ok_or(
-        "this is no volume that Palpate reads: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and MetaImage (.mhd, .mha) are",
+        "unknown volume format; supported: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and \
+        MetaImage (.mhd, .mha)",
     )?;
     reader(bytes, fetch)
 }
@@ -113,7 +115,8 @@ fn joined(names: &[String], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> 
         data.extend(fetch(name)?);
         if data.len() > limit && names.len() > 1 {
             return Err(format!(
-                "its {} data files hold far more than the {bytes} bytes of voxels that the header promises",
+                "the {} data files have far more than the {bytes} bytes of voxels that the header \
+                specifies",
                 names.len()
             ));
         }

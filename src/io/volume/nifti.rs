@@ -47,7 +47,7 @@ struct Header<'a> {
 /// Parses the bytes of `file` as a volume.
 pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     let start = beginning(file);
-    let header = Header::new(&start).ok_or("the file does not begin with a NIfTI header")?;
+    let header = Header::new(&start).ok_or("expected a NIfTI header at the start of the file")?;
     let size = header.size()?;
     let scalar = header.scalar_type()?;
     let (_, bytes) = extent(size, scalar)?;
@@ -63,7 +63,7 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     };
     if !header.pair && offset < LENGTHS[usize::from(header.second)] {
         return Err(format!(
-            "`vox_offset` is {offset}, which lies inside the header"
+            "`vox_offset` is {offset}, expected a position after the header"
         ));
     }
     let wanted = offset
@@ -165,16 +165,17 @@ impl<'a> Header<'a> {
         };
         let axes = dim(0);
         if !(1..=7).contains(&axes) {
-            return Err(format!("`dim[0]` should be 1 to 7 axes, but is {axes}"));
+            return Err(format!("`dim[0]` must be 1 to 7 axes, got {axes}"));
         }
         let axes = axes as usize;
         let sizes: Vec<i64> = (1..=axes).map(dim).collect();
         if sizes.iter().any(|n| *n < 1) {
-            return Err(format!("`dim` should be sizes from 1 on, but is {sizes:?}"));
+            return Err(format!("`dim` must be integers ≥ 1, got {sizes:?}"));
         }
         if axes < 3 || sizes[3..].iter().any(|n| *n != 1) {
             return Err(format!(
-                "sizes {sizes:?} are no single volume: three axes are expected (take one volume out of a series first)"
+                "sizes {sizes:?} are not a single volume; expected three axes (extract one volume \
+                of a series first)"
             ));
         }
         let size = |n: usize| usize::try_from(sizes[n]).map_err(|_| "`dim` is too large");
@@ -203,7 +204,8 @@ impl<'a> Header<'a> {
                     _ => "",
                 };
                 return Err(format!(
-                    "`datatype` is {code}{what}, which is not read; integers of 8 to 64 bits, float and double are"
+                    "`datatype` {code}{what} is not supported; use integers of 8 to 64 bits, float \
+                    or double"
                 ));
             }
         };
@@ -226,7 +228,7 @@ impl<'a> Header<'a> {
         match (0.0..1e12).contains(&offset) && offset.fract() == 0.0 {
             true => Ok(offset as usize),
             false => Err(format!(
-                "`vox_offset` is {offset}, which is no place in a file"
+                "`vox_offset` must be a non-negative integer below 1e12, got {offset}"
             )),
         }
     }
@@ -292,7 +294,7 @@ impl<'a> Header<'a> {
                 affine.translation * unit,
             )),
             false => Err(format!(
-                "the {name} of the header gives voxels without a volume"
+                "voxels have zero volume; check the {name} of the header"
             )),
         }
     }

@@ -24,7 +24,7 @@ pub(super) struct Header {
 /// Parses the bytes of `file` as a volume.
 pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
     if !file.starts_with(MAGIC) {
-        return Err("line 1: the file should begin with NRRD0001 to NRRD0005".into());
+        return Err("line 1: expected NRRD0001 to NRRD0005".into());
     }
     let (header, data) = Header::parse(file)?;
     let scalar = scalar_type(&header)?;
@@ -54,7 +54,8 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
         }
         other => {
             return Err(format!(
-                "the encoding \"{other}\" is not read; raw, gzip and text are (`unu save -e gzip` converts)"
+                "encoding \"{other}\" is not supported; use raw, gzip or text (convert with `unu \
+                save -e gzip`)"
             ));
         }
     };
@@ -126,7 +127,7 @@ impl Header {
 
     pub fn require(&self, name: &str) -> ParseResult<(usize, &str)> {
         self.get(name)
-            .ok_or_else(|| format!("the header has no field `{name}`"))
+            .ok_or_else(|| format!("header has no field `{name}`"))
     }
 
     pub fn number(&self, name: &str) -> ParseResult<Option<usize>> {
@@ -136,7 +137,7 @@ impl Header {
         match value.parse() {
             Ok(n) => Ok(Some(n)),
             Err(_) => Err(format!(
-                "line {line}: `{name}` should be a whole number from 0 on, but is \"{value}\""
+                "line {line}: `{name}` must be an integer ≥ 0, got \"{value}\""
             )),
         }
     }
@@ -154,7 +155,7 @@ impl Header {
     fn data(&self, attached: &[u8], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> {
         let Some((line, named)) = self.get("data file") else {
             if attached.is_empty() {
-                return Err("the file ends after its header, where the voxels should be".into());
+                return Err("unexpected end of file after the header, expected the voxels".into());
             }
             return Ok(attached.to_vec());
         };
@@ -171,18 +172,23 @@ impl Header {
             (true, _) => listed,
             (false, true) => numbered(named).ok_or_else(|| {
                 format!(
-                    "line {line}: `data file` should be a name, LIST, or \"NAME%03d FIRST LAST STEP\", but is \"{named}\""
+                    "line {line}: `data file` must be a name, LIST, or \"NAME%03d FIRST LAST \
+                    STEP\", got \"{named}\""
                 )
             })?,
             (false, false) => vec![named.to_owned()],
         };
         if names.is_empty() || names.iter().any(|n| n.is_empty()) {
             return Err(format!(
-                "line {line}: `data file` is \"{named}\", which names no file"
+                "line {line}: `data file` \"{named}\" names no file"
             ));
         }
         if names.len() > 1 && self.byte_skip()? != Some(0) {
-            return Err("`byte skip` over several data files is not read; join them first".into());
+            return Err(
+                "`byte skip` with several data files is not supported; concatenate them \
+                first"
+                    .into(),
+            );
         }
         joined(&names, bytes, fetch)
     }
@@ -199,7 +205,7 @@ impl Header {
                 )
             }),
             (None, Some(wanted)) => Ok(&data[data.len().saturating_sub(wanted)..]),
-            (None, None) => Err("`byte skip: -1` makes sense for raw data only".into()),
+            (None, None) => Err("`byte skip: -1` is valid for raw data only".into()),
         }
     }
 
@@ -209,11 +215,11 @@ impl Header {
             Some((_, value)) if value.eq_ignore_ascii_case("big") => Ok(true),
             None if bytes_in(scalar) == 1 => Ok(false),
             None => Err(format!(
-                "numbers of {} bytes need a field `endian` (little or big), and there is none",
+                "missing field `endian` (little or big), required for numbers of {} bytes",
                 bytes_in(scalar)
             )),
             Some((line, value)) => Err(format!(
-                "line {line}: `endian` should be little or big, but is \"{value}\""
+                "line {line}: `endian` must be little or big, got \"{value}\""
             )),
         }
     }
@@ -270,7 +276,8 @@ fn scalar_type(header: &Header) -> ParseResult<ScalarType> {
         "double" => ScalarType::F64,
         _ => {
             return Err(format!(
-                "line {line}: the type \"{name}\" is not one of numbers; Palpate reads integers of 8 to 64 bits, float and double"
+                "line {line}: type \"{name}\" is not supported; use integers of 8 to 64 bits, \
+                float or double"
             ));
         }
     })

@@ -17,9 +17,7 @@ impl Axes {
             .split_whitespace()
             .map(|w| w.parse().ok().filter(|n| *n > 0))
             .collect::<Option<_>>()
-            .ok_or_else(|| {
-                format!("line {line}: `sizes` should be numbers from 1 on, but is \"{sizes}\"")
-            })?;
+            .ok_or_else(|| format!("line {line}: `sizes` must be integers ≥ 1, got \"{sizes}\""))?;
         if let Some(dimension) = header.number("dimension")?
             && dimension != sizes.len()
         {
@@ -46,13 +44,14 @@ impl Axes {
             .product();
         let &[i, j, k] = in_space.as_slice() else {
             return Err(format!(
-                "line {line}: a volume has three axes in space, but this has {} of sizes {sizes:?}",
+                "line {line}: expected three spatial axes, got {} of sizes {sizes:?}",
                 in_space.len()
             ));
         };
         if beside != 1 {
             return Err(format!(
-                "line {line}: sizes {sizes:?} are several values a voxel; Palpate reads scalar volumes (`unu slice` takes one out)"
+                "line {line}: sizes {sizes:?} have several values per voxel; only scalar volumes \
+                are supported (extract one with `unu slice`)"
             ));
         }
         let axes = [i, j, k];
@@ -76,7 +75,7 @@ impl Axes {
         let to_ras = to_ras(header)?;
         let linear = to_ras * DMat3::from_cols(columns[0], columns[1], columns[2]);
         if linear.determinant() == 0.0 || !linear.is_finite() {
-            return Err("the voxels have no volume: check `space directions` or `spacings`".into());
+            return Err("voxels have zero volume; check `space directions` or `spacings`".into());
         }
         Ok(Axes {
             size: axes.map(|a| sizes[a]),
@@ -98,7 +97,7 @@ impl Header {
             .collect();
         if spacings.len() != axes || spacings.iter().any(|s| !s.is_finite() || *s == 0.0) {
             return Err(format!(
-                "line {line}: `spacings` should be {axes} numbers other than 0, but is \"{text}\""
+                "line {line}: `spacings` must be {axes} numbers other than 0, got \"{text}\""
             ));
         }
         Ok(spacings)
@@ -118,7 +117,7 @@ impl Header {
             .map(|w| w.parse().ok().filter(|m: &f64| !m.is_infinite()))
             .collect();
         let mins = mins.filter(|m| m.len() == axes).ok_or_else(|| {
-            format!("line {line}: `axis mins` should be {axes} numbers, but is \"{text}\"")
+            format!("line {line}: `axis mins` must be {axes} numbers, got \"{text}\"")
         })?;
         let centers = self.get("centers").or_else(|| self.get("centerings"));
         let mut centers = centers.map_or("", |c| c.1).split_whitespace();
@@ -143,7 +142,8 @@ impl Header {
 fn vectors(line: usize, text: &str, count: usize) -> ParseResult<Vec<Option<DVec3>>> {
     let wrong = || {
         format!(
-            "line {line}: {count} vectors of three numbers, such as (0.5,0,0), are expected, found \"{text}\""
+            "line {line}: expected {count} vectors of three numbers, such as (0.5,0,0), found \
+            \"{text}\""
         )
     };
     let mut found = Vec::new();
@@ -183,7 +183,8 @@ fn to_ras(header: &Header) -> ParseResult<DMat3> {
             "3d-left-handed" => DVec3::new(1.0, 1.0, -1.0),
             other => {
                 return Err(format!(
-                    "line {line}: the space \"{other}\" is not known; three-dimensional spaces without time are (left-posterior-superior, for example)"
+                    "line {line}: space \"{other}\" is not supported; use a three-dimensional \
+                    space without time (for example left-posterior-superior)"
                 ));
             }
         },
@@ -197,7 +198,7 @@ fn to_ras(header: &Header) -> ParseResult<DMat3> {
             let name = names.next().unwrap_or(text).trim();
             if let Some(other) = names.find(|n| *n != name && !n.is_empty()) {
                 return Err(format!(
-                    "line {line}: axes in different units (\"{name}\" and \"{other}\") are not read"
+                    "line {line}: axes must have the same unit, got \"{name}\" and \"{other}\""
                 ));
             }
             match crate::mesher::metres_in(name) {
@@ -205,7 +206,7 @@ fn to_ras(header: &Header) -> ParseResult<DMat3> {
                 None if name.is_empty() || name == "???" => 1.0,
                 None => {
                     return Err(format!(
-                        "line {line}: `space units` should be mm, cm, m or um, but is \"{name}\""
+                        "line {line}: `space units` must be mm, cm, m or um, got \"{name}\""
                     ));
                 }
             }

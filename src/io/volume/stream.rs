@@ -39,7 +39,7 @@ impl VolumeFormat {
             "mha" => Ok(VolumeFormat::MetaImage),
             "gz" if name.to_lowercase().ends_with(".nii.gz") => Ok(VolumeFormat::Nifti),
             other => Err(Error::Input(format!(
-                "{}: volumes are written as .nrrd, .mha or .nii.gz, not as \".{other}\"",
+                "{}: unsupported volume extension \".{other}\"; use .nrrd, .mha or .nii.gz",
                 path.display()
             ))),
         }
@@ -114,7 +114,7 @@ fn deflated(bytes: &[u8], level: Compression) -> io::Result<Vec<u8>> {
         .map_err(io::Error::other)?;
     match packer.total_in() == bytes.len() as u64 && blocks.len() < blocks.capacity() {
         true => Ok(blocks),
-        false => Err(io::Error::other("a piece did not fit once packed")),
+        false => Err(io::Error::other("compressed block exceeds its buffer")),
     }
 }
 
@@ -257,7 +257,7 @@ mod tests {
     use std::io::Read;
 
     #[test]
-    fn what_is_packed_in_pieces_is_one_member_of_gzip_and_comes_back() {
+    fn blockwise_gzip_is_one_member_and_round_trips() {
         // Noise, which grows under compression, then compressible data; in pushes of any size.
         let mut noise = 1u64;
         let mut next = || {
@@ -284,7 +284,7 @@ mod tests {
             reader.read_to_end(&mut back).unwrap();
             assert!(
                 back == bytes,
-                "level {level}: {} bytes came back",
+                "level {level}: {} bytes decompressed",
                 back.len()
             );
             assert!(reader.into_inner().is_empty());

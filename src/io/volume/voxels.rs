@@ -24,7 +24,7 @@ pub(super) fn extent(size: [usize; 3], scalar: ScalarType) -> ParseResult<(usize
         .filter(|(n, _)| *n > 0)
         .ok_or_else(|| {
             let [i, j, k] = size;
-            format!("the size {i} × {j} × {k} is no size of a volume")
+            format!("volume size must be ≥ 1 along each axis and addressable, got {i} × {j} × {k}")
         })
 }
 
@@ -52,17 +52,19 @@ pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> ParseRes
         Packing::Zlib => ZlibDecoder::new(packed).take(limit).read_to_end(&mut bytes),
     };
     if let Err(e) = read {
-        return Err(format!("its compressed voxels are damaged: {e}"));
+        return Err(format!("cannot decompress the voxels: {e}"));
     }
     if bytes.len() < wanted {
         return Err(format!(
-            "the header promises {wanted} bytes of voxels, but there are {} (wrong size in the header, or a truncated file)",
+            "header specifies {wanted} bytes of voxels, but the file has {} (wrong size in the \
+            header or truncated file)",
             bytes.len()
         ));
     }
     if bytes.len() - wanted > MOST_PADDING {
         return Err(format!(
-            "the header promises {wanted} bytes of voxels, but there are more (wrong size in the header)"
+            "header specifies {wanted} bytes of voxels, but the file has more (wrong size in the \
+            header)"
         ));
     }
     bytes.truncate(wanted);
@@ -117,7 +119,7 @@ pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> Pa
             let mut values: Vec<$type> = Vec::with_capacity(voxels);
             for n in 0..voxels {
                 let token = cursor.token().ok_or_else(|| {
-                    format!("the header promises {voxels} voxels, but the text ends after {n}")
+                    format!("header specifies {voxels} voxels, but the text ends after {n}")
                 })?;
                 let parsed = std::str::from_utf8(token).ok().and_then(|t| t.parse().ok());
                 values.push(match (parsed, number(token)) {
@@ -127,7 +129,7 @@ pub(super) fn decode_text(bytes: &[u8], scalar: ScalarType, voxels: usize) -> Pa
                     }
                     _ => {
                         return Err(format!(
-                            "voxel {n} is {:?}, which is no number of the type in the header",
+                            "voxel {n} is {:?}, expected a number of the type in the header",
                             String::from_utf8_lossy(&token[..token.len().min(20)])
                         ));
                     }

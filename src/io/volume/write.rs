@@ -21,7 +21,7 @@ pub fn write_volume(path: impl AsRef<Path>, volume: &Volume) -> Result<()> {
     let path = path.as_ref();
     if volume.raw.len() != volume.voxels() || volume.voxels() == 0 {
         return Err(Error::Input(format!(
-            "{}: a volume of {:?} voxels has {} values",
+            "{}: volume of {:?} voxels must have one value per voxel, got {} values",
             path.display(),
             volume.size,
             volume.raw.len()

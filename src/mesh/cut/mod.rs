@@ -64,7 +64,7 @@ pub fn cut(
     check(mesh, topology)?;
     if positions.len() != mesh.nodes.len() {
         return Err(Error::Input(format!(
-            "{} positions given for the {} nodes of the mesh that is to be cut",
+            "got {} positions for a mesh with {} nodes; give one position per node",
             positions.len(),
             mesh.nodes.len()
         )));
@@ -131,7 +131,7 @@ pub fn remove(mesh: &mut TetMesh, topology: &mut Topology, tets: &[u32]) -> Resu
     let count = mesh.tets.len();
     if let Some(bad) = tets.iter().find(|t| **t as usize >= count) {
         return Err(Error::Input(format!(
-            "tet {bad} cannot be removed: there are {count} tets, counted from 0"
+            "cannot remove tet {bad}: index must be < {count} (counted from 0)"
         )));
     }
     let mut gone = vec![false; count];
@@ -142,7 +142,7 @@ pub fn remove(mesh: &mut TetMesh, topology: &mut Topology, tets: &[u32]) -> Resu
     }
     if removed.len() == count {
         return Err(Error::Input(format!(
-            "all {count} tets would be removed; leave at least one"
+            "cannot remove all {count} tets; keep at least one"
         )));
     }
     let mut opened = Vec::new();
@@ -195,7 +195,7 @@ fn both(doubled: &[[u32; 2]]) -> Vec<u32> {
 fn check(mesh: &TetMesh, topology: &Topology) -> Result<()> {
     if topology.neighbours.len() != mesh.tets.len() {
         return Err(Error::Input(format!(
-            "the topology has {} tets, the mesh {}; give the mesh's own",
+            "topology has {} tets but the mesh has {}; give the topology of this mesh",
             topology.neighbours.len(),
             mesh.tets.len()
         )));
@@ -203,8 +203,7 @@ fn check(mesh: &TetMesh, topology: &Topology) -> Result<()> {
     // Up to that many duplicates may be needed.
     if mesh.nodes.len() + 4 * mesh.tets.len() > u32::MAX as usize {
         return Err(Error::Mesh(
-            "there are too many tets to double nodes within 32-bit indices; use a coarser mesh"
-                .into(),
+            "duplicated nodes exceed the range of 32-bit indices; use a coarser mesh".into(),
         ));
     }
     Ok(())

@@ -19,7 +19,7 @@ pub fn ball(radius: f64, cells: usize) -> Result<TetMesh> {
     check_size("a ball", DVec3::splat(radius))?;
     if !(2..=MAX_CELLS).contains(&cells) {
         return Err(Error::Input(format!(
-            "a ball cannot be {cells} cells across; give a number from 2 to {MAX_CELLS}"
+            "ball must be 2 to {MAX_CELLS} cells across, got {cells}"
         )));
     }
     let across = 0.5 * cells as f64;

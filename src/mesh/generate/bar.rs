@@ -38,7 +38,7 @@ pub fn bar_of_about(tets: usize, size: DVec3) -> Result<TetMesh> {
     super::grid::check_size("a bar", size)?;
     if tets < 5 {
         return Err(Error::Input(format!(
-            "a bar needs at least 5 tets, not {tets}"
+            "bar must have at least 5 tets, got {tets}"
         )));
     }
     let wanted = tets as f64 / 5.0;

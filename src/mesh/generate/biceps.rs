@@ -39,7 +39,7 @@ fn radius(z: f64) -> [f64; 2] {
 pub fn biceps(tets: usize) -> Result<TetMesh> {
     if !(1_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
-            "a biceps cannot have {tets} tets; ask for 1,000 to 50,000,000"
+            "biceps must have 1,000 to 50,000,000 tets, got {tets}"
         )));
     }
     let step = lattice_step(tets, TRIAL_STEPS, |step| Ok(filled(step)?.tets.len()))?;
@@ -52,8 +52,8 @@ pub fn biceps(tets: usize) -> Result<TetMesh> {
         let [muscle, tendon] = LABELS.map(|(label, _)| label as f64);
         labels.push(if p.z.abs() < BELLY { muscle } else { tendon });
         let [r, slope] = radius(p.z);
-        let way = DVec3::new(p.x * slope / r, p.y * slope / r, 1.0).normalize();
-        fibres.extend(way.to_array());
+        let direction = DVec3::new(p.x * slope / r, p.y * slope / r, 1.0).normalize();
+        fibres.extend(direction.to_array());
     }
     let fields = vec![
         Field {

@@ -27,7 +27,8 @@ pub fn duct(cells: [usize; 3], size: DVec3, bore: Bore) -> Result<TetMesh> {
     let [nx, ny, nz] = cells;
     if nx % 3 != 0 || ny % 3 != 0 {
         return Err(Error::Input(format!(
-            "a duct of {nx} × {ny} × {nz} cells cannot be made; its bore is the middle third, so the first two numbers must be multiples of 3"
+            "invalid duct of {nx} × {ny} × {nz} cells: the first two numbers must be multiples of \
+            3, because the bore is the middle third"
         )));
     }
     match bore {

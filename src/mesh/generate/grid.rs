@@ -64,7 +64,8 @@ pub(crate) fn grid(
     let fits = product(nodes_along).is_some_and(|n| n <= u32::MAX as usize / 24);
     if product(cells).unwrap_or(1) == 0 || !fits {
         return Err(Error::Input(format!(
-            "a grid of {} × {} × {} cells cannot be made; each number must be at least 1, and all of them together at most {} nodes",
+            "invalid grid of {} × {} × {} cells: each number must be ≥ 1, and the grid must have \
+            at most {} nodes",
             cells[0],
             cells[1],
             cells[2],
@@ -128,6 +129,6 @@ pub(super) fn check_size(what: &str, size: DVec3) -> Result<()> {
         return Ok(());
     }
     Err(Error::Input(format!(
-        "{what} cannot have the size {size}; its lengths must be positive and finite"
+        "size of {what} must be positive and finite along each axis, got {size}"
     )))
 }

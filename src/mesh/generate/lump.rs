@@ -105,7 +105,7 @@ pub(super) fn organ<O: Organ>(
     let wrong = |why: String| Err(Error::Input(why));
     if !(1_000..=20_000_000).contains(&tets) {
         return wrong(format!(
-            "a {} phantom cannot have {tets} tets; ask for 1,000 to 20,000,000",
+            "{} phantom must have 1,000 to 20,000,000 tets, got {tets}",
             O::NAME
         ));
     }
@@ -132,7 +132,8 @@ pub(super) fn organ<O: Organ>(
     }
     if lump.is_some() && !filled.regions.contains(&own) {
         return wrong(format!(
-            "the lump is smaller than tets are where the {} has {tets} of them; ask for more tets, or a larger lump",
+            "lump is smaller than the tets of a {} with {tets} tets; increase the number of tets \
+            or the lump diameter",
             O::NAME
         ));
     }
@@ -176,7 +177,8 @@ fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if !(positive(lump.diameter) && positive(lump.depth) && positive(lump.contrast)) {
         return wrong(format!(
-            "a lump of {} mm, {} mm deep, {} times as stiff makes no sense; give positive numbers",
+            "lump diameter ({} mm), depth ({} mm) and stiffness ratio ({}) must be finite and \
+            positive",
             1e3 * lump.diameter,
             1e3 * lump.depth,
             lump.contrast
@@ -188,7 +190,8 @@ fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     match organ.inside(0, middle) >= radius + MIN_BACK_CLEARANCE {
         true => Ok((middle, radius)),
         false => wrong(format!(
-            "a lump of {} mm, {} mm deep, does not fit into the {}; give less of either",
+            "lump of {} mm diameter at {} mm depth does not fit into the {}; reduce the diameter \
+            or the depth",
             1e3 * lump.diameter,
             1e3 * lump.depth,
             O::NAME

@@ -59,7 +59,7 @@ pub(crate) fn check_name(name: &str) -> Result<()> {
 fn unknown(name: &str) -> Error {
     let names: Vec<&str> = GENERATORS.iter().map(|g| g.0).collect();
     Error::Input(format!(
-        "there is no generator called \"{name}\"; there are {}",
+        "unknown generator \"{name}\"; use one of {}",
         names.join(", ")
     ))
 }

@@ -44,7 +44,7 @@ mod tests {
     use crate::mesh::dihedral_angles;
 
     #[test]
-    fn the_least_weighed_sine_is_that_of_the_angles() {
+    fn quality_equals_min_weighted_sine_of_dihedral_angles() {
         let tets = [
             [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],
             [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(0.4, 0.4, 0.1)],

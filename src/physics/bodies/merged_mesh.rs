@@ -164,7 +164,7 @@ mod tests {
     /// Two bars side by side, cut one after the other and both at once: equal to the same cuts of
     /// the combined mesh.
     #[test]
-    fn a_cut_of_parts_is_the_cut_of_the_whole() {
+    fn cuts_of_members_equal_cut_of_merged_mesh() {
         let bar = generate::by_name("bar", Some(600)).unwrap();
         let (low, high) = bar.bounds();
         let away = DVec3::Y * 2.0 * (high - low).length();
@@ -202,25 +202,33 @@ mod tests {
             }
             let parts: Vec<MeshRef> = meshes.iter().zip(&topologies).collect();
             let mut edges: BTreeSet<[u32; 2]> = whole.mesh.edges().into_iter().collect();
-            let told = whole.follow(&changes, &parts);
-            assert!(!told.is_empty());
+            let combined = whole.follow(&changes, &parts);
+            assert!(!combined.is_empty());
             let at = mesh.nodes.clone();
             let truth = cut(&mut mesh, &mut topology, &at, &blade).unwrap();
-            assert_eq!(told.duplicated_nodes.len(), truth.duplicated_nodes.len());
             assert_eq!(
-                (&told.tets, &told.incident_tets),
+                combined.duplicated_nodes.len(),
+                truth.duplicated_nodes.len()
+            );
+            assert_eq!(
+                (&combined.tets, &combined.incident_tets),
                 (&truth.tets, &truth.incident_tets)
             );
             assert_eq!(whole.topology.neighbours, topology.neighbours);
             assert_eq!(whole.topology.boundary, topology.boundary);
             assert_eq!(whole.mesh.edges().len(), mesh.edges().len());
-            assert!(told.previous_edges.iter().all(|edge| edges.remove(edge)));
-            edges.extend(told.edge_tets.iter().map(|(edge, _)| *edge));
+            assert!(
+                combined
+                    .previous_edges
+                    .iter()
+                    .all(|edge| edges.remove(edge))
+            );
+            edges.extend(combined.edge_tets.iter().map(|(edge, _)| *edge));
             assert_eq!(edges, whole.mesh.edges().into_iter().collect());
             assert_eq!(whole.mesh.nodes.len(), mesh.nodes.len());
             let sorted = |list: &[[u32; 2]]| list.windows(2).all(|w| w[0] <= w[1]);
-            assert!(sorted(&told.previous_edges) && told.nodes.is_sorted());
-            for [new, old] in &told.duplicated_nodes {
+            assert!(sorted(&combined.previous_edges) && combined.nodes.is_sorted());
+            for [new, old] in &combined.duplicated_nodes {
                 assert_eq!(
                     whole.mesh.nodes[*new as usize],
                     whole.mesh.nodes[*old as usize]

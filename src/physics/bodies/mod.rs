@@ -86,11 +86,13 @@ impl MultiBody {
     /// units; [`Error::Gpu`] if all nodes together do not fit the device.
     pub fn new(gpu: &Gpu, members: Vec<Member>) -> Result<MultiBody> {
         let Some(first) = members.first() else {
-            return Err(Error::Input("there are no bodies to simulate".into()));
+            return Err(Error::Input(
+                "no bodies to simulate; give at least one".into(),
+            ));
         };
         if let Some(m) = members.iter().find(|m| m.step.is_nan() || m.step <= 0.0) {
             return Err(Error::Input(format!(
-                "body \"{}\" is to take steps of {} s; give a positive number",
+                "body \"{}\": time step must be positive, got {} s",
                 m.name, m.step
             )));
         }
@@ -235,7 +237,7 @@ impl MultiBody {
         let count = self.whole.mesh.nodes.len();
         if vectors.len() != count {
             return Err(Error::Input(format!(
-                "{} {what} given for {count} nodes",
+                "got {} {what} for {count} nodes; give one per node",
                 vectors.len()
             )));
         }

@@ -38,7 +38,7 @@ impl NodeScatterPass {
             nodes: places.len() as u32,
             _pad: [0; 3],
         };
-        let places = gpu.array_of("places of a body's nodes", Texel::U32, places)?;
+        let places = gpu.array_of("node indices of a body", Texel::U32, places)?;
         let pass = gpu
             .pass("physics/place")
             .read(body.array())

@@ -219,7 +219,7 @@ impl Simulator for MultiBody {
         let caged = |m: &&Member| m.simulator.coarse_body().is_some();
         if let Some(member) = self.members.iter().find(caged) {
             return Err(Error::Input(format!(
-                "bodies of which a cage carries one, \"{}\", cannot be cut; leave its cage out",
+                "cannot cut the bodies: body \"{}\" is embedded in a cage; remove its cage",
                 member.name
             )));
         }
@@ -311,7 +311,11 @@ impl Simulator for MultiBody {
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        let others = || Error::Input("the state of other bodies".into());
+        let others = || {
+            Error::Input(
+                "the saved state is of other bodies; restore it with the same bodies".into(),
+            )
+        };
         let SimulatorState::Bodies(state) = state else {
             return Err(others());
         };
@@ -344,7 +348,9 @@ impl Simulator for MultiBody {
 
     fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
         if pose.parts.len() != self.members.len() {
-            return Err(Error::Input("the pose of other bodies".into()));
+            return Err(Error::Input(
+                "the saved positions are of other bodies; restore them with the same bodies".into(),
+            ));
         }
         let mut each = self.members.iter_mut().zip(&pose.parts);
         each.try_for_each(|(m, pose)| m.named(|s| s.set_pose(pose)))
@@ -364,7 +370,7 @@ impl MultiBody {
             let own = member.steps(dt);
             let Some(all) = steps.checked_mul(own) else {
                 return Err(Error::Input(format!(
-                    "body \"{}\" would take {own} steps in each of {dt} s; give it a larger one, or all a smaller one",
+                    "body \"{}\" needs too many substeps: {own} per step of {dt} s; increase its time step, or decrease that of all bodies",
                     member.name
                 )));
             };

@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_potentials() {
+    fn barrier_derivatives_match_finite_differences() {
         let barrier = |g: f64| {
             let b = Barrier::clamped(g);
             [b.value, b.first_derivative, b.second_derivative]
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn it_pushes_from_the_gap_on_and_ever_more() {
+    fn barrier_force_grows_monotonically_within_gap() {
         assert_eq!(Barrier::clamped(1.0), Barrier::default());
         let mut last = 0.0;
         for k in 0..100 {

@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn nearest_points_are_nearest() {
+    fn closest_points_match_search() {
         for features in ALL {
             for x in points(200, 1) {
                 let found = features.closest_points(&x);
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_that_is_free_is_free_and_no_more_than_a_way_through() {
+    fn collision_free_fraction_is_safe_and_tight() {
         let mut stopped = 0;
         for features in ALL {
             for (from, to) in points(500, 2).into_iter().zip(points(500, 3)) {
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_share_of_parallel_edges_has_its_slope() {
+    fn edge_edge_mollifier_gradient_matches_finite_differences() {
         let mut some = 0;
         for mut x in points(200, 4) {
             // Makes the edges nearly parallel.

@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_is_as_far_as_it_should_be() {
+    fn ball_sdf_matches_exact_distance() {
         let field = DistanceField::new(&sphere()).unwrap();
         for p in [
             DVec3::new(1.05, 0.0, 0.0),
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn its_gradient_is_that_of_its_distance_and_continuous() {
+    fn sdf_gradient_is_continuous_and_matches_finite_differences() {
         let field = DistanceField::new(&sphere()).unwrap();
         let h = 1e-7;
         for i in 0..400 {
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_open_has_no_inside() {
+    fn sdf_rejects_open_surface() {
         let mut open = sphere();
         let half = open.triangles.len() / 2;
         open.triangles.truncate(half);

@@ -25,13 +25,13 @@ impl SelfContactSettings {
     pub fn check(&self) -> Result<()> {
         if !(self.friction.is_finite() && self.friction >= 0.0) {
             return Err(Error::Input(format!(
-                "contact with a friction of {} makes no sense; give 0 or more",
+                "contact friction must be finite and ≥ 0, got {}",
                 self.friction
             )));
         }
         match self.gap {
             Some(gap) if !(gap.is_finite() && gap > 0.0) => Err(Error::Input(format!(
-                "contact from a gap of {gap} on makes no sense; give a positive length"
+                "contact gap must be finite and > 0, got {gap}"
             ))),
             _ => Ok(()),
         }

@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn derivatives_are_those_of_the_distance() {
+    fn shape_derivatives_match_finite_differences() {
         let shapes = [
             Shape::Sphere { radius: 0.7 },
             Shape::Capsule {
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn inside_is_negative_and_the_way_out_the_shortest() {
+    fn distance_inside_is_negative_and_normal_points_to_nearest_face() {
         let block = Shape::Box {
             half: DVec3::new(1.0, 2.0, 3.0),
         };

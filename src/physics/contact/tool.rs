@@ -101,18 +101,18 @@ impl Tool {
         };
         if let Some(what) = wrong {
             return Err(Error::Input(format!(
-                "a tool cannot be {what}; lengths are positive numbers"
+                "invalid tool shape: {what}; give finite lengths > 0 (capsule length ≥ 0)"
             )));
         }
         if !(self.friction.is_finite() && self.friction >= 0.0) {
             return Err(Error::Input(format!(
-                "a tool with a friction of {} makes no sense; give 0 or more",
+                "tool friction must be finite and ≥ 0, got {}",
                 self.friction
             )));
         }
         if let Some(gap) = self.gap.filter(|gap| !fits(*gap)) {
             return Err(Error::Input(format!(
-                "a tool that pushes from a gap of {gap} on makes no sense; give a positive length"
+                "tool gap must be finite and > 0, got {gap}"
             )));
         }
         check_pose(&self.pose)
@@ -145,7 +145,7 @@ pub(in crate::physics) fn check_pose(pose: &ToolPose) -> Result<()> {
     match pose.is_finite() {
         true => Ok(()),
         false => Err(Error::Input(format!(
-            "a tool at {:?}, turned by {:?}, makes no sense; give finite numbers",
+            "invalid tool pose: position {:?}, rotation {:?}; give finite numbers and a non-zero rotation",
             pose.position, pose.rotation
         ))),
     }

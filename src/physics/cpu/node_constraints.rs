@@ -242,7 +242,7 @@ pub fn check_attachments(attachments: &[NodeConstraint], nodes: usize) -> Result
     match attachments.iter().find(strange) {
         None => Ok(()),
         Some(a) => Err(Error::Input(format!(
-            "{a:?} makes no sense for a body of {nodes} nodes; give nodes that exist, finite points, and stiffness and limit of at least 0"
+            "invalid constraint {a:?} of a body of {nodes} nodes; give existing nodes, finite points, and a stiffness and limit ≥ 0"
         ))),
     }
 }

@@ -144,7 +144,7 @@ fn join(left: &mut (dyn FnMut() + Send), right: &mut (dyn FnMut() + Send)) {
     rayon::join(left, right);
 }
 
-/// How many items of each kind go to the left.
+/// Numbers of items of each kind on the left side of a split.
 #[derive(Clone, Copy, Debug)]
 pub struct SplitPoint {
     chunks: usize,

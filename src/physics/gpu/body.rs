@@ -98,7 +98,7 @@ impl GpuBody {
         let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
         if !fits || network.springs.iter().any(strange) {
             return Err(Error::Input(format!(
-                "masses of {} nodes and their springs are given for a mesh of {count}",
+                "the model, with masses of {} nodes, does not match the mesh of {count} nodes",
                 network.masses.len()
             )));
         }
@@ -172,7 +172,7 @@ impl GpuBody {
         let numbers: Vec<[f32; 4]> = all
             .flat_map(|t| t.gpu_parameters(&frame, &self.units, unit))
             .collect();
-        self.node_terms = Some(self.gpu.buffer_of("numbers of terms", &numbers)?);
+        self.node_terms = Some(self.gpu.buffer_of("node term parameters", &numbers)?);
         self.terms.push(term);
         self.generation += 1;
         self.mark_changed();
@@ -227,7 +227,7 @@ impl GpuBody {
         let _ = self.loads.pin_nodes(&end.nodes);
         self.loads.set_gravity(gravity * end.load_direction());
         let along = if end.axis == 2 { "-y" } else { "-z" };
-        format!("held {end}; gravity of {gravity} m/s² acts along {along}")
+        format!("clamped {end}; gravity of {gravity} m/s² acts along {along}")
     }
 
     /// Whether each node is pinned.

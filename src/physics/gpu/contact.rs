@@ -1,11 +1,11 @@
 //! Tools and the boundary surface on the GPU; the CPU side of `shaders/lib/tool.wgsl` and
 //! `shaders/terms/contact.wgsl`.
 //!
-//! Contact points are those of the CPU engine (`cpu/contact_hull.rs`): the boundary nodes, and
-//! lattices of points within faces that are large compared with a tool. A pass over faces computes
-//! forces and blocks of the latter; a pass over nodes sums the contributions around each node. The
-//! GPU stores the tool poses, because it advances them with accepted steps, and the CPU does not
-//! yet know which steps were accepted.
+//! Contact points are those of the CPU engine (`cpu/contact/boundary_surface.rs`): the boundary
+//! nodes, and lattices of points within faces that are large compared with a tool. A pass over
+//! faces computes forces and blocks of the latter; a pass over nodes sums the contributions around
+//! each node. The GPU stores the tool poses, because it advances them with accepted steps, and the
+//! CPU does not yet know which steps were accepted.
 
 use super::elements::GpuElements;
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};
@@ -232,20 +232,16 @@ impl GpuContact {
             tools: gpu.buffer_of("tools", &data)?,
             fields: gpu.buffer_of("distances", &values)?,
             pushing: gpu.buffer_of(
-                "how tools push",
+                "tool parameters",
                 &[<gpu_data::ContactStepState as bytemuck::Zeroable>::zeroed()],
             )?,
             corners: gpu.array_of("boundary faces", Texel::U32x4, &lists.corners)?,
-            face_weights: gpu.array_of("weights of faces", Texel::F32, &lists.weights)?,
+            face_weights: gpu.array_of("face weights", Texel::F32, &lists.weights)?,
             boundary_nodes: gpu.array_of("boundary nodes", Texel::U32x4, &lists.nodes)?,
-            around_nodes: gpu.array_of("faces around nodes", Texel::U32, &lists.around)?,
-            edge_faces: gpu.array_of("faces beside edges", Texel::U32x2, &lists.sides)?,
-            faces: gpu.array(
-                "contact of faces",
-                Texel::F32x4,
-                FACE_TEXELS * hull.faces.len(),
-            )?,
-            node_contributions: gpu.array("contact of nodes", Texel::F32x4, NODE_TEXELS * nodes)?,
+            around_nodes: gpu.array_of("faces of nodes", Texel::U32, &lists.around)?,
+            edge_faces: gpu.array_of("faces of edges", Texel::U32x2, &lists.sides)?,
+            faces: gpu.array("face contact", Texel::F32x4, FACE_TEXELS * hull.faces.len())?,
+            node_contributions: gpu.array("node contact", Texel::F32x4, NODE_TEXELS * nodes)?,
             gpu: gpu.clone(),
             least_speed: STATIC_FRICTION_SPEED * units.time,
             wide: INITIAL_ACTIVATION_DISTANCE * hull.edge,
@@ -425,7 +421,7 @@ impl GpuBody {
         match self.rigid {
             None => Ok(()),
             Some(_) => Err(Error::Input(
-                "tools press on bodies with rigid regions on the processor only: take the engine cpu or auto (--engine)".into(),
+                "tools on bodies with rigid regions are supported on the CPU only; use the engine cpu or auto (--engine)".into(),
             )),
         }
     }

@@ -169,7 +169,7 @@ fn moved(u: &[[f64; 4]], v: &[[f64; 4]], h: f64) -> Vec<[f64; 4]> {
 fn worst(found: &[[f64; 4]], truth: &[[f64; 4]]) -> f64 {
     let length = |v: [f64; 4]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     let size = truth.iter().map(|t| length(*t)).fold(0.0, f64::max);
-    assert!(size > 0.0, "nothing is touched");
+    assert!(size > 0.0, "no node is in contact");
     let off = found.iter().zip(truth);
     let off = off.map(|(a, b)| length([0, 1, 2, 3].map(|k| a[k] - b[k])));
     off.fold(
@@ -253,7 +253,7 @@ fn product(gpu: &Gpu, body: &GpuBody, p: &[[f64; 4]]) -> Vec<[f64; 4]> {
 }
 
 #[test]
-fn forces_and_blocks_of_tools_match_float64() {
+fn tool_forces_and_blocks_match_float64() {
     let gpu = Gpu::new().unwrap();
     for (k, shape) in shapes().into_iter().enumerate() {
         for friction in [0.0, 0.4] {
@@ -304,7 +304,7 @@ fn forces_and_blocks_of_tools_match_float64() {
 }
 
 #[test]
-fn the_system_of_a_step_has_the_blocks_of_tools() {
+fn step_system_contains_tool_blocks() {
     let gpu = Gpu::new().unwrap();
     let shape = Shape::Sphere { radius: 0.21 };
     let p = vectors(block().nodes.len(), 5, 1.0);
@@ -325,7 +325,7 @@ fn the_system_of_a_step_has_the_blocks_of_tools() {
             .step(&solver.core, &body, timing(&body))
             .unwrap();
         let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
-            panic!("an implicit step begins with the system and its solve")
+            panic!("an implicit step must begin with the system and its solve")
         };
         let mut work = gpu.start_recording();
         begin.iter().for_each(|pass| pass.record(&mut work));
@@ -361,7 +361,7 @@ fn the_system_of_a_step_has_the_blocks_of_tools() {
 }
 
 #[test]
-fn points_go_as_far_as_in_float64() {
+fn collision_free_fraction_matches_float64() {
     let gpu = Gpu::new().unwrap();
     for (k, shape) in shapes().into_iter().enumerate() {
         if matches!(shape, Shape::Plane) {

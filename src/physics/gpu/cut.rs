@@ -125,7 +125,7 @@ impl GpuBody {
             return Ok(());
         }
         Err(Error::Input(format!(
-            "a body of {} nodes cannot be cut with a mesh of {}; give the mesh it was made of",
+            "cannot cut a body of {} nodes with a mesh of {}; give the mesh it was created from",
             self.node_count(),
             mesh.nodes.len()
         )))

@@ -109,13 +109,13 @@ impl GpuElements {
         }
         if elements.volume == VolumetricFormulation::NodalAveraged {
             return Err(Error::Input(
-                "volumes averaged around nodes are simulated on the processor only: take the engine cpu or auto (--engine), or the volume per-tet (--volume)".into(),
+                "averaged volumes are supported on the CPU only; use the engine cpu or auto (--engine), or the volume per-tet (--volume)".into(),
             ));
         }
         let count = elements.tets.len();
         if count >= 1 << 28 {
             return Err(Error::Mesh(
-                "there are more tets than 32-bit indices allow; use a coarser mesh".into(),
+                "the mesh has more tets than 32-bit indices allow; use a coarser mesh".into(),
             ));
         }
         // Edges within rigid bodies are left out, because they carry no elastic force.
@@ -149,7 +149,7 @@ impl GpuElements {
             edge_row_of: own.map_or(Vec::new(), |kept| kept.row_of().to_vec()),
             edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
             ends: lists.ends,
-            around: gpu.array_of("tets around edges", Texel::U32, &lists.around)?,
+            around: gpu.array_of("tets of edges", Texel::U32, &lists.around)?,
             // One additional entry that stays zero.
             tet_forces: array("forces of tets", 4 * count + 1)?,
             params: ElementParams {
@@ -368,7 +368,7 @@ impl Lists {
             let first = lists.around.len() as u32;
             let (Some(there), Some(back)) = (kept.entry(i, j), kept.entry(j, i)) else {
                 return Err(Error::Input(format!(
-                    "a tet is to resist between the nodes {i} and {j}, between which the body has no edge"
+                    "a tet connects nodes {i} and {j}, but the body has no edge between them"
                 )));
             };
             lists.edges.push([first, tets.len() as u32, there, back]);

@@ -64,16 +64,16 @@ impl GrabLists {
             held: match held.is_empty() {
                 true => None,
                 false => Some([
-                    gpu.array_of("nodes held", Texel::U32, &held)?,
-                    gpu.array_of("places of nodes held", Texel::F32x4, &places)?,
+                    gpu.array_of("constrained nodes", Texel::U32, &held)?,
+                    gpu.array_of("positions of constrained nodes", Texel::F32x4, &places)?,
                 ]),
             },
             drawn: match drawn.is_empty() {
                 true => None,
                 false => Some([
-                    gpu.array_of("nodes drawn", Texel::U32, &drawn)?,
-                    gpu.array_of("targets of nodes drawn", Texel::F32x4, &targets)?,
-                    gpu.array_of("loads of nodes drawn", Texel::F32x4, &forces)?,
+                    gpu.array_of("target spring nodes", Texel::U32, &drawn)?,
+                    gpu.array_of("target spring positions", Texel::F32x4, &targets)?,
+                    gpu.array_of("target spring loads", Texel::F32x4, &forces)?,
                 ]),
             },
         })

@@ -210,8 +210,8 @@ impl ContactPasses {
         Ok(ContactPasses {
             trial_positions: vector("trial positions")?,
             trial_velocities: vector("trial velocities")?,
-            friction_velocities: vector("velocities that rub")?,
-            step_bounds: gpu.buffer("parts of ways", 8 * u64::from(core.groups))?,
+            friction_velocities: vector("friction velocities")?,
+            step_bounds: gpu.buffer("step bounds", 8 * u64::from(core.groups))?,
             slopes: gpu.buffer("partial slopes", 16 * u64::from(core.groups))?,
         })
     }

@@ -118,7 +118,7 @@ impl Stepper<ImplicitEulerScheme> {
         } = settings;
         if !(tolerance > 0.0 && tolerance < 1.0 && acceptable >= tolerance && max_iterations > 0) {
             return Err(Error::Input(format!(
-                "conjugate gradients cannot be run to a residual of {tolerance} (at worst {acceptable}) in {max_iterations} iterations: 0 < tolerance < 1, tolerance ≤ acceptable, and at least one iteration"
+                "invalid settings of conjugate gradients: tolerance {tolerance}, acceptable {acceptable}, {max_iterations} iterations; require 0 < tolerance < 1, tolerance ≤ acceptable and at least 1 iteration"
             )));
         }
         let mut stepper = Self::new(gpu, body)?;

@@ -70,7 +70,7 @@ impl InitialState {
         Ok(InitialState {
             positions: vector("start positions")?,
             velocities: vector("start velocities")?,
-            previous_velocities: vector("velocities before")?,
+            previous_velocities: vector("previous velocities")?,
             curvatures: gpu.array("curvatures", Texel::F32x4, curvatures)?,
             partials: gpu.buffer("partial potentials", u64::from(core.groups) * 16)?,
         })

@@ -98,7 +98,7 @@ impl RigidPasses {
         Ok(RigidPasses {
             motions: array("rigid motions", MOTION_TEXELS)?,
             blocks: array("rigid blocks", BLOCK_TEXELS)?,
-            choice: gpu.buffer("start taken", 4)?,
+            choice: gpu.buffer("initial guess choice", 4)?,
         })
     }
 

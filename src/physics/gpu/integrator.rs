@@ -121,7 +121,7 @@ impl Step {
         match (forces.next(), forces.next()) {
             (Some(velocities), None) => Ok(velocities),
             _ => Err(Error::Input(
-                "a step of an integrator has exactly one stage of forces, which weighs the candidate state, and not as its first stage if that is exchanged; add Stage::Forces after the passes that write the candidate".into(),
+                "a step of an integrator must have exactly one stage of forces, which evaluates the candidate state and is not a first stage that is replaced; add Stage::Forces after the passes that write the candidate".into(),
             )),
         }
     }

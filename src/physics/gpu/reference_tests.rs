@@ -162,7 +162,7 @@ fn forces_and_energies_match_float64() {
 }
 
 #[test]
-fn products_with_the_system_match_float64() {
+fn system_products_match_float64() {
     let gpu = Gpu::new().unwrap();
     for mesh in meshes() {
         for kind in kinds() {
@@ -224,7 +224,7 @@ fn product(
 ) -> Vec<DVec3> {
     let step = solver.scheme.step(&solver.core, body, timing).unwrap();
     let [Stage::Passes(begin), Stage::Loop { gate, rounds, .. }, ..] = &step.stages[..] else {
-        panic!("an implicit step begins with the system and its solve")
+        panic!("an implicit step must begin with the system and its solve")
     };
     let mut work = gpu.start_recording();
     begin[0].record(&mut work);
@@ -245,7 +245,7 @@ fn product(
 /// A solve with too few iterations continues in the passes recorded for the next steps, and reaches
 /// the same state.
 #[test]
-fn an_unfinished_solve_is_continued() {
+fn unfinished_solve_is_continued() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar_of_about(3000, DVec3::new(0.4, 0.1, 0.1)).unwrap();
     let run = |iterations: u32| {
@@ -267,7 +267,7 @@ fn an_unfinished_solve_is_continued() {
     let (all, whole) = run(256);
     let (some, resumed) = run(8);
     assert_eq!(all, 6);
-    assert!(some < 6, "{some} steps were done in 8 iterations each");
+    assert!(some < 6, "{some} steps finished in 8 iterations each");
     let apart = whole.iter().zip(&resumed).map(|(a, b)| a.distance(*b));
     assert!(apart.fold(0.0, f64::max) < 1e-6);
 }

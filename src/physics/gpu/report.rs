@@ -8,7 +8,7 @@ impl Report {
     /// The report on `body`, which is made of `mesh`.
     ///
     /// # Errors
-    /// What reading back gives.
+    /// Errors of reading back.
     pub fn new(body: &GpuBody, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;

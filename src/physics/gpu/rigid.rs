@@ -68,7 +68,7 @@ impl GpuRigid {
         }
         if rigid.len() >= 1 << 24 {
             return Err(Error::Input(format!(
-                "{} rigid bodies are more than the GPU counts (16,777,215); take the engine cpu (--engine)",
+                "{} rigid bodies exceed the limit of the GPU (16,777,215); use the engine cpu (--engine)",
                 rigid.len()
             )));
         }

@@ -267,7 +267,7 @@ impl Simulator for GpuTets {
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
         let SimulatorState::Tets(state) = state else {
             return Err(Error::Input(
-                "the state of another kind of body, or of another engine".into(),
+                "the saved state is of another kind of body or another engine".into(),
             ));
         };
         self.body.set_state(&state.body)?;

@@ -105,7 +105,7 @@ impl SlicedEllpack {
         let end = base + width * SLICE_HEIGHT;
         if 4 * end > u32::MAX as usize {
             return Err(Error::Mesh(
-                "there are more edges than 32-bit indices allow; use a coarser mesh".into(),
+                "the mesh has more edges than 32-bit indices allow; use a coarser mesh".into(),
             ));
         }
         self.columns.resize(end, [0; 4]);

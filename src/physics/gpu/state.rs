@@ -60,7 +60,7 @@ pub(in crate::physics) fn restore_array<T: bytemuck::Pod>(
         return gpu.write_array(array, texels);
     }
     Err(Error::Input(format!(
-        "the state of {} nodes does not fit a body of {}",
+        "the saved state is of {} nodes, but the body has {}",
         texels.len(),
         array.len()
     )))
@@ -93,7 +93,7 @@ impl GpuBody {
     pub fn set_state(&mut self, state: &BodyState) -> Result<()> {
         if state.generation != self.generation {
             return Err(Error::Input(format!(
-                "the state of a body that was cut, or given terms, {} times does not fit one of {} times",
+                "the saved state is of a body with {} cuts or added terms, but this body has {}",
                 state.generation, self.generation
             )));
         }
@@ -151,7 +151,7 @@ impl<S: Integrator> Stepper<S> {
         let wrong = |what: String| Err(Error::Input(what));
         if state.kind != S::NAME {
             return wrong(format!(
-                "the state of the solver {} does not fit {}",
+                "the saved state is of the solver {}, not {}",
                 state.kind,
                 S::NAME
             ));
@@ -163,7 +163,7 @@ impl<S: Integrator> Stepper<S> {
             && state.generation <= body.generation
             && state.clock.is_valid();
         if body.id != self.core.body || !sound {
-            return wrong("the state of another solver, or a damaged one".to_owned());
+            return wrong("the saved state is of another solver, or damaged".to_owned());
         }
         let gpu = self.core.gpu.clone();
         let queue = gpu.queue();
@@ -182,7 +182,7 @@ impl<S: Integrator> Stepper<S> {
         self.scheme.apply_cut(&self.core, body)?;
         let arrays = self.scheme.history_arrays();
         if arrays.len() != state.integrator_history.len() {
-            return wrong("the state of another solver, or a damaged one".to_owned());
+            return wrong("the saved state is of another solver, or damaged".to_owned());
         }
         for (array, texels) in arrays.into_iter().zip(&state.integrator_history) {
             restore_array(&gpu, array, texels)?;
@@ -192,7 +192,7 @@ impl<S: Integrator> Stepper<S> {
         };
         let local_dt = (dt / body.units.time) as f32;
         if !(dt > 0.0 && dt.is_finite() && local_dt.is_normal()) {
-            return wrong(format!("a state with a time step of {dt} s is damaged"));
+            return wrong(format!("the saved state is damaged: time step {dt} s"));
         }
         let timing = Timing {
             dt: local_dt,

@@ -143,15 +143,15 @@ impl Status {
             _ => FailureCause::NotConverged,
         };
         let what = match self.failed {
-            NON_FINITE => "a position, velocity or force is no longer a finite number".to_owned(),
+            NON_FINITE => "a position, velocity or force is no longer finite".to_owned(),
             RUNAWAY_ENERGY => format!(
-                "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({:.3e} J) and was given since ({:.3e} J)",
+                "the energy diverges: more than {ENERGY_FACTOR} times the sum of the initial energy ({:.3e} J) and the work done since ({:.3e} J)",
                 f64::from(self.baseline) * body.units.energy(),
                 f64::from(self.work) * body.units.energy()
             ),
             PIERCED => TOOLS_OVERCONSTRAINED_MESSAGE.to_owned(),
             _ => format!(
-                "conjugate gradients came to a relative residual of only {:.1e} in {} iterations",
+                "conjugate gradients reached a relative residual of only {:.1e} in {} iterations",
                 self.residual, self.iterations
             ),
         };
@@ -171,13 +171,12 @@ impl Status {
     }
 }
 
-/// How often its energy at the start and the work done since a body may have. Near the limit of
-/// stability the energy of a stable explicit scheme swings: of symplectic Euler by
-/// (2 + hω)/(2 − hω), which is 39 at the 0.95 of the limit that is advised. An instability passes
-/// any factor.
+/// Maximum energy over the sum of the initial energy and the work done since. Near the stability
+/// limit the energy of a stable explicit scheme oscillates: that of symplectic Euler by (2 + hω)/(2
+/// − hω), which is 39 at the advised 0.95 of the limit. An instability exceeds any factor.
 pub(in crate::physics) const ENERGY_FACTOR: f64 = 50.0;
 
-/// Energy, of one node at local units, below which nothing is called a runaway: rounding.
+/// Energy of one node, in local units, below which nothing is treated as a runaway: rounding error.
 pub(in crate::physics) const ENERGY_FLOOR: f64 = 1e-9;
 
 #[cfg(test)]
@@ -185,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_clock_knows_the_time_of_any_number_of_steps() {
+    fn clock_time_is_exact_for_any_number_of_steps() {
         let mut clock = Clock::default();
         clock.record(3, 0.5);
         clock.record(2, 0.25);

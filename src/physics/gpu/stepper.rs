@@ -110,7 +110,7 @@ impl<S: Integrator> Stepper<S> {
     pub fn new(gpu: &Gpu, body: &GpuBody) -> Result<Stepper<S>> {
         if body.rigid.is_some() && !S::SUPPORTS_RIGID {
             return Err(Error::Input(format!(
-                "{} steps no rigid regions: take --solver implicit, or bdf2 or midpoint on the processor (--engine cpu)",
+                "{} does not support rigid regions; use --solver implicit, or bdf2 or midpoint on the CPU (--engine cpu)",
                 S::NAME
             )));
         }
@@ -145,7 +145,8 @@ impl<S: Integrator> Stepper<S> {
         let local_dt = Self::check_step(body, dt)?;
         if body.id != self.core.body {
             return Err(Error::Input(
-                "a solver steps the body it was made for; make one for each body".into(),
+                "a solver can step only the body it was created for; create one solver per body"
+                    .into(),
             ));
         }
         body.upload_changes()?;
@@ -276,7 +277,7 @@ impl<S: Integrator> Stepper<S> {
         match dt > 0.0 && dt.is_finite() && local_dt.is_normal() {
             true => Ok(local_dt),
             false => Err(Error::Input(format!(
-                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+                "time step must be finite, > 0 and in the range of this body, got {dt} s"
             ))),
         }
     }

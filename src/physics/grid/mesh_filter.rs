@@ -1,4 +1,4 @@
-//! What a cut leaves of the springs of a grid, and of the mesh over its cells.
+//! Removal of springs from a grid, and of incomplete cells from its mesh.
 
 use super::model::GridModel;
 use super::shape::SPRING_KINDS;
@@ -32,15 +32,15 @@ impl GridModel {
     ///
     /// # Errors
     /// [`Error::Input`] when there would be none; nothing is erased then.
-    pub(crate) fn erase(&mut self, gone: &[(usize, usize)]) -> Result<TetMesh> {
+    pub(crate) fn erase(&mut self, erased: &[(usize, usize)]) -> Result<TetMesh> {
         let offsets = self.shape.offsets();
         let mut springs = self.springs.clone();
-        for (i, k) in gone {
+        for (i, k) in erased {
             springs[*i] &= !(1 << (2 * k));
             springs[(*i as i64 + offsets[*k]) as usize] &= !(1 << (2 * k + 1));
         }
         let mesh = self.shape.mesh(&springs).map_err(|_| {
-            Error::Input("the cut would leave no whole cell of the grid; nothing was cut".into())
+            Error::Input("the cut would leave no complete grid cell; the body was not cut".into())
         })?;
         self.springs = springs;
         Ok(mesh)

@@ -61,7 +61,7 @@ impl GridModel {
         material.check()?;
         if material.model != MaterialModel::Springs {
             return Err(Error::Input(format!(
-                "a grid body knows springs only, and not {}; simulate tets, or leave the model out",
+                "a grid body supports springs only, not {}; simulate tets, or remove the material model",
                 material.model
             )));
         }
@@ -98,7 +98,7 @@ impl GridModel {
             .collect();
         if !masses.iter().all(|m| m.is_finite()) || !stiffness.iter().all(|k| k.is_finite()) {
             return Err(Error::Input(format!(
-                "the masses or stiffnesses of this grid overflow with a length unit of {unit} m; is that the grid's unit?"
+                "the masses or stiffnesses of the grid overflow with a length unit of {unit} m; check the length unit"
             )));
         }
         Ok(GridModel {
@@ -158,7 +158,8 @@ impl GridModel {
         match own.tets == mesh.tets && own.nodes.len() == mesh.nodes.len() {
             true => Ok(()),
             false => Err(Error::Input(
-                "the mesh given for a grid body is not the one over its cells; make it by GridShape::mesh".into(),
+                "the mesh of a grid body must consist of its cells; create it with GridShape::mesh"
+                    .into(),
             )),
         }
     }
@@ -275,7 +276,7 @@ pub(crate) fn isotropic_stiffness(spacing: DVec3, young: f64) -> Result<[f64; SP
     match stiffness.iter().all(|k| *k >= 0.0) {
         true => Ok(stiffness),
         false => Err(Error::Input(format!(
-            "springs along a grid with a spacing of {spacing} m cannot be as stiff in all directions; give lengths that differ less (by a factor of 1.2, or of 1.7 for one shorter axis), or one stiffness for all springs"
+            "springs of a grid with a spacing of {spacing} m cannot have an isotropic stiffness; use spacings that differ less (by a factor of 1.2, or of 1.7 for one shorter axis), or one stiffness for all springs"
         ))),
     }
 }

@@ -114,7 +114,7 @@ impl GridShape {
         shape.labels = (1..=i64::from(last)).collect();
         match shape.count() {
             0 => Err(Error::Input(format!(
-                "no particle lies inside the body at a spacing of {spacing}; give a smaller one"
+                "no particle lies inside the body at a spacing of {spacing}; decrease the spacing"
             ))),
             _ => Ok(shape),
         }
@@ -131,7 +131,7 @@ impl GridShape {
     ) -> Result<GridShape> {
         if !(8..=MOST / 4).contains(&wanted) {
             return Err(Error::Input(format!(
-                "a grid of about {wanted} particles cannot be made; ask for 8 to {}",
+                "the number of grid particles must be from 8 to {}, got {wanted}",
                 MOST / 4
             )));
         }
@@ -158,8 +158,11 @@ impl GridShape {
             }
             spacing *= ratio.cbrt();
         }
-        best.map(|b| b.1)
-            .ok_or_else(|| Error::Input("the body has no inside that a grid could fill".into()))
+        best.map(|b| b.1).ok_or_else(|| {
+            Error::Input(
+                "the body has no interior for a grid; check that its surface is closed".into(),
+            )
+        })
     }
 
     /// Number of particles of the body.
@@ -266,7 +269,7 @@ impl GridShape {
         }
         if tets.is_empty() {
             return Err(Error::Input(
-                "no cell of the grid is whole, so there is nothing to see inside; give a smaller spacing".into(),
+                "the grid has no complete cell, so its interior cannot be rendered; decrease the spacing".into(),
             ));
         }
         let nodes = (0..self.regions.len())
@@ -338,13 +341,13 @@ fn region_at(domain: &dyn Domain, p: DVec3, weights: &mut Vec<(u16, f64)>) -> u1
 fn check(spacing: DVec3, axes: DMat3) -> Result<()> {
     if !(spacing.is_finite() && spacing.min_element() > 0.0) {
         return Err(Error::Input(format!(
-            "particles cannot be {spacing} apart; give positive lengths"
+            "grid spacing must be finite and > 0, got {spacing}"
         )));
     }
     let square = (axes.transpose() * axes).abs_diff_eq(DMat3::IDENTITY, 1e-6);
     if !axes.is_finite() || !square {
         return Err(Error::Input(
-            "the axes of a grid must be unit vectors at right angles".into(),
+            "the axes of a grid must be orthogonal unit vectors".into(),
         ));
     }
     Ok(())
@@ -352,6 +355,6 @@ fn check(spacing: DVec3, axes: DMat3) -> Result<()> {
 
 fn too_many(spacing: DVec3) -> Error {
     Error::Input(format!(
-        "a grid with a spacing of {spacing} would have more than {MOST_ALONG} particles along an axis, or {MOST} in all; give a larger spacing"
+        "a grid with a spacing of {spacing} exceeds {MOST_ALONG} particles along an axis or {MOST} in total; increase the spacing"
     ))
 }

@@ -28,7 +28,7 @@ pub enum GrabMode {
 impl fmt::Display for GrabMode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            GrabMode::Follow => f.write_str("nodes that follow it"),
+            GrabMode::Follow => f.write_str("nodes that follow the target"),
             GrabMode::Spring { stiffness, limit } => {
                 write!(f, "springs of {stiffness} N/m up to {limit} N")
             }
@@ -118,7 +118,7 @@ impl Grabs {
         };
         if !(sound && centre.is_finite() && radius.is_finite() && radius >= 0.0) {
             return Err(Error::Input(format!(
-                "a grab at {centre} of radius {radius} with {grip} makes no sense; give finite positive numbers"
+                "invalid grab: centre {centre}, radius {radius}, {grip}; give a finite centre, a radius ≥ 0, and a stiffness and limit > 0"
             )));
         }
         let nodes: Vec<u32> = (0..positions.len())
@@ -155,11 +155,11 @@ impl Grabs {
         let far = target.distance(self.frame.origin) > MAX_TARGET_DISTANCE * self.frame.scale;
         if !target.is_finite() || far {
             return Err(Error::Input(format!(
-                "the target {target} of a grab is {}; it stays where it was",
+                "invalid grab target {target}: {}; the previous target is kept",
                 if far && target.is_finite() {
-                    "farther away than a hundred sizes of the body"
+                    "it is farther away than 100 body sizes"
                 } else {
-                    "not a point"
+                    "it is not finite"
                 }
             )));
         }
@@ -199,7 +199,7 @@ impl Grabs {
         };
         if state.held.iter().any(strange) {
             return Err(Error::Input(
-                "the grabs of another body, or damaged ones".into(),
+                "the saved grabs are of another body, or damaged".into(),
             ));
         }
         let grabs = state.held.iter().map(|held| {
@@ -236,5 +236,5 @@ impl Grabs {
 
 /// The error for an unknown grab.
 pub(in crate::physics) fn unknown_grab_error() -> Error {
-    Error::Input("there is no such grab, or it was released".into())
+    Error::Input("unknown grab: it does not exist or was released".into())
 }

@@ -145,7 +145,7 @@ impl Loads {
         let count = self.pinned.len();
         if let Some(bad) = nodes.iter().find(|v| **v as usize >= count) {
             return Err(Error::Input(format!(
-                "node {bad} cannot be pinned: there are {count} nodes, counted from 0"
+                "cannot pin node {bad}: the body has {count} nodes, numbered from 0"
             )));
         }
         for v in nodes {
@@ -181,14 +181,14 @@ impl Loads {
     pub fn set_forces(&mut self, forces: &[DVec3]) -> Result<()> {
         if forces.len() != self.forces.len() {
             return Err(Error::Input(format!(
-                "{} forces given for {} nodes",
+                "got {} forces for {} nodes; give one per node",
                 forces.len(),
                 self.forces.len()
             )));
         }
         if let Some(i) = forces.iter().position(|f| !f.as_vec3().is_finite()) {
             return Err(Error::Input(format!(
-                "forces: node {i} is given {}, which is not finite (or far out of range)",
+                "forces: the value of node {i} must be finite and in range, got {}",
                 forces[i]
             )));
         }
@@ -210,7 +210,7 @@ impl Loads {
         let strange = nodes.iter().any(|v| *v as usize >= self.forces.len());
         if nodes.is_empty() || strange || !force.is_finite() {
             return Err(Error::Input(format!(
-                "a force of {force} N on {} nodes cannot be applied",
+                "cannot apply a force of {force} N to {} nodes; give a finite force and at least one node, all existing",
                 nodes.len()
             )));
         }
@@ -294,12 +294,12 @@ impl Loads {
             .find(|v| held.get(**v as usize) != Some(&false))
         {
             return Err(Error::Input(format!(
-                "node {v} cannot be led along: it is pinned, held or led already, or there are not so many nodes; leave it out of one of them"
+                "cannot prescribe the motion of node {v}: it is pinned, grabbed or already prescribed, or does not exist; remove one of its constraints"
             )));
         }
         if nodes.is_empty() || nodes.len() != places.len() {
             return Err(Error::Input(format!(
-                "{} places are given for {} nodes that are to be led",
+                "got {} positions for {} nodes with prescribed motion; give one per node, and at least one node",
                 places.len(),
                 nodes.len()
             )));
@@ -328,7 +328,7 @@ impl Loads {
         let finite = places.iter().chain(velocities).all(|v| v.is_finite());
         if [places.len(), velocities.len()] != [count; 2] || !finite {
             return Err(Error::Input(format!(
-                "{} places and {} velocities for {count} nodes that are led, or some that are no numbers",
+                "got {} positions and {} velocities for {count} nodes with prescribed motion; give a finite one of each per node",
                 places.len(),
                 velocities.len()
             )));
@@ -392,7 +392,7 @@ impl Loads {
     }
 
     /// Sets the target `pose` of a tool: it moves there along a straight path in the next step and
-    /// pushes away what is in its way.
+    /// pushes obstacles away.
     ///
     /// # Errors
     /// [`Error::Input`] if the tool does not exist, or the pose is not finite.
@@ -510,7 +510,7 @@ impl Loads {
         let nodes = self.pinned.len();
         if state.pinned.len() != nodes || state.forces.len() != nodes {
             return Err(Error::Input(format!(
-                "the loads on {} nodes do not fit a body of {nodes}",
+                "the saved loads are of {} nodes, but the body has {nodes}",
                 state.pinned.len()
             )));
         }
@@ -522,7 +522,7 @@ impl Loads {
             });
         if !alike {
             return Err(Error::Input(
-                "the loads of a body with other nodes led, pressures, muscles or tools".into(),
+                "the saved loads are of a body with other prescribed motions, pressures, muscles or tools".into(),
             ));
         }
         self.grabs.set_state(&state.grabs, nodes)?;

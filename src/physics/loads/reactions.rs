@@ -1,16 +1,16 @@
-//! What a body exerts on that which holds it.
+//! Reaction of a body on its supports.
 
 use super::grab::GrabMode;
 use glam::DVec3;
 
-/// What holds one node.
+/// The constraint of one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GrabbedNode {
     /// The node, of the body's mesh.
     pub node: u32,
-    /// Where it is held, or pulled to, in file units.
+    /// Its constrained or target position, in file units.
     pub place: DVec3,
-    /// How; of springs the node's share of their stiffness and limit.
+    /// The kind of constraint; for springs the node's share of their stiffness and limit.
     pub grip: GrabMode,
 }
 
@@ -24,7 +24,7 @@ pub struct Reaction {
 }
 
 impl Reaction {
-    /// Of forces (N) at points (m from the origin of the file's coordinates).
+    /// Sums forces (N) at points (m from the origin of the file's coordinates).
     pub fn from_point_forces(forces: impl IntoIterator<Item = (DVec3, DVec3)>) -> Reaction {
         let mut sum = Reaction::default();
         for (force, at) in forces {

@@ -43,7 +43,7 @@ impl ScaledLoad {
                 let strange = |f: &BoundaryFace| f.tet >= tets || f.face > 3;
                 if faces.is_empty() || faces.iter().any(strange) {
                     return Err(Error::Input(format!(
-                        "pressure on {} faces of a mesh of {tets} tets makes no sense; give faces of its tets",
+                        "invalid pressure on {} faces of a mesh of {tets} tets; give at least one face, and only faces of its tets",
                         faces.len()
                     )));
                 }
@@ -51,19 +51,19 @@ impl ScaledLoad {
             ScaledLoad::Muscle(Muscle { fibres, tension }) => {
                 if network.elements.is_empty() {
                     return Err(Error::Input(
-                        "a muscle contracts finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)".into(),
+                        "a muscle requires finite elements, but the body is made of springs; use --material neo-hookean (or corotated)".into(),
                     ));
                 }
                 let strange = |(tet, along): &(u32, DVec3)| *tet >= tets || !along.is_normalized();
                 if fibres.is_empty() || fibres.iter().any(strange) {
                     return Err(Error::Input(format!(
-                        "a muscle of {} tets needs a fibre of length 1 in each, and tets of the mesh, which has {tets}",
+                        "invalid muscle of {} tets; give a fibre of length 1 for each, and only tets of the mesh, which has {tets}",
                         fibres.len()
                     )));
                 }
                 if !(tension.is_finite() && *tension >= 0.0) {
                     return Err(Error::Input(format!(
-                        "a muscle of a tension of {tension} Pa makes no sense; give 0 or more"
+                        "muscle tension must be finite and ≥ 0, got {tension} Pa"
                     )));
                 }
             }
@@ -77,10 +77,10 @@ impl ScaledLoad {
             ScaledLoad::Pressure(_) if level.is_finite() => Ok(()),
             ScaledLoad::Muscle(_) if (0.0..=1.0).contains(&level) => Ok(()),
             ScaledLoad::Pressure(_) => Err(Error::Input(format!(
-                "a pressure of {level} Pa makes no sense; give a finite number"
+                "pressure must be finite, got {level} Pa"
             ))),
             ScaledLoad::Muscle(_) => Err(Error::Input(format!(
-                "an activation of {level} makes no sense; give a number from 0 to 1"
+                "muscle activation must be from 0 to 1, got {level}"
             ))),
         }
     }

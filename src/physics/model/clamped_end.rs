@@ -63,7 +63,7 @@ impl ClampedEnd {
         // The sort is stable: x comes first among equals, as in `max_position`.
         axes.sort_by(|a, b| extent[*b].total_cmp(&extent[*a]));
         let longest = extent.max_element();
-        // Along an axis on which the body stands or hangs, only its lower end is suitable.
+        // Along an axis on which the body stands or hangs, only its lower end can be clamped.
         let stands = |axis: usize| down.normalize_or_zero()[axis].abs() > 0.9;
         let best_of = |axis: usize, share: f64| {
             let ends = [slab(axis, false, share), slab(axis, true, share)];
@@ -144,7 +144,7 @@ impl std::fmt::Display for ClampedEnd {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
             f,
-            "the {} nodes in the {} {:.0} % of {}",
+            "the {} nodes in the {} {:.0} % of the {} extent",
             self.nodes.len(),
             if self.upper { "highest" } else { "lowest" },
             100.0 * self.axis_fraction,
@@ -193,13 +193,13 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_held_at_the_lower_end_of_its_longest_axis() {
+    fn bar_is_clamped_at_lower_end_of_longest_axis() {
         let end = end_of(&points([41, 9, 9], |_| true));
         assert_eq!((end.axis, end.upper, end.axis_fraction), (0, false, 0.05));
     }
 
     #[test]
-    fn a_cone_is_held_at_its_base_whichever_way_it_points() {
+    fn cone_is_clamped_at_base_in_any_orientation() {
         for upper in [false, true] {
             let cone = points([81, 31, 31], |p| {
                 let along = if upper { p.x } else { 80.0 - p.x };
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_is_held_at_its_lowest_part_and_not_by_its_tip() {
+    fn ball_is_clamped_at_lowest_part_not_at_tip() {
         let ball = points([31, 31, 31], |p| p.distance(DVec3::splat(15.0)) <= 15.0);
         let end = end_of(&ball);
         assert_eq!((end.axis, end.upper), (2, false));
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spindle_on_legs_is_held_by_what_it_stands_on() {
+    fn spindle_on_legs_is_clamped_at_legs() {
         let beast = points([121, 21, 31], |p| {
             let x = (p.x - 60.0) / 60.0;
             let body = (p.y - 10.0).hypot(p.z - 20.0) <= 9.0 * (1.0 - x * x);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn every_piece_is_held() {
+    fn every_component_is_clamped() {
         let one = points([21, 5, 5], |_| true);
         let count = one.len() as u32;
         let two: Vec<DVec3> = one

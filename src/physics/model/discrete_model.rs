@@ -104,7 +104,7 @@ impl DiscreteModel {
     ) -> Result<Vec<Spring>> {
         if mesh.nodes.len() != self.rest_positions.len() + cut.duplicated_nodes.len() {
             return Err(Error::Input(format!(
-                "a body of {} nodes cannot follow a cut that doubled {} of them in a mesh that has {} now; give it every cut in turn",
+                "cannot apply the cut to a body of {} nodes: it duplicated {} nodes, but the cut mesh has {}; apply every cut in order",
                 self.rest_positions.len(),
                 cut.duplicated_nodes.len(),
                 mesh.nodes.len()
@@ -245,7 +245,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         }
         if !masses.iter().all(|m| m.is_finite()) {
             return Err(Error::Input(format!(
-                "the masses of this mesh overflow with a length unit of {} m; is that the mesh's unit?",
+                "the masses of the mesh overflow with a length unit of {} m; check the length unit",
                 self.material.length_unit
             )));
         }
@@ -330,7 +330,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             .find(|s| !s.stiffness.is_finite() || s.stiffness < 0.0)
         {
             Some(s) => Err(Error::Input(format!(
-                "the spring between nodes {} and {} would have the stiffness {} N/m; check the modulus, the length unit and the fields that scale them",
+                "invalid stiffness of the spring between nodes {} and {}: {} N/m; check Young's modulus, the length unit and the stiffness scale fields",
                 s.nodes[0], s.nodes[1], s.stiffness
             ))),
             None => Ok(springs),
@@ -414,14 +414,14 @@ fn scalar_field<'a>(mesh: &'a TetMesh, name: &str, location: Location) -> Result
                 .map(|f| f.name.as_str())
                 .collect();
             Err(Error::Input(format!(
-                "the material needs one number at the {location} called \"{name}\", and {}; the mesh has {}",
+                "the material requires a field \"{name}\" with one component on the {location}, but {}; the mesh has {}",
                 if found.is_some() {
-                    "that field has several components"
+                    "it has several components"
                 } else {
-                    "there is none"
+                    "it does not exist"
                 },
                 match names.as_slice() {
-                    [] => "no such field".to_owned(),
+                    [] => "no field of this kind".to_owned(),
                     _ => names.join(", "),
                 }
             )))

@@ -61,7 +61,7 @@ pub struct Element {
 pub struct Elements {
     /// The constitutive model of all elements.
     pub law: ConstitutiveModel,
-    /// How the volumetric strain is measured.
+    /// Formulation of the volumetric strain.
     pub volume: VolumetricFormulation,
     /// For [`VolumetricFormulation::NodalAveraged`]: λ over μ up to which each tet keeps its own
     /// volume. This part resists modes in which tets alternately grow and shrink while nodal

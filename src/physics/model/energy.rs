@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// Energies of a body, J.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Energy {
-    /// Of motion, Σ ½mv².
+    /// Kinetic energy, Σ ½mv².
     pub kinetic: f64,
     /// In the springs, Σ ½κ(|x| − L)², or in the elements, and in the terms beside them.
     pub elastic: f64,

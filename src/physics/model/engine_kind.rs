@@ -1,17 +1,16 @@
-//! The engines by name.
+//! Engines by name.
 
 use std::fmt;
 
-/// What computes the steps of a body.
+/// The engine that computes the steps of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Engine {
     /// Compute passes on the graphics device.
     Gpu,
-    /// Threads of the processor.
+    /// Threads on the CPU.
     Cpu,
-    /// The soft bodies of rapier, a physics library, on a thread of the processor: with the
-    /// feature `rapier`.
+    /// Soft bodies of rapier, a physics library, on a CPU thread: requires the feature `rapier`.
     Rapier,
 }
 

@@ -34,7 +34,7 @@ impl Floor {
         let unit = normal.normalize_or_zero();
         if unit == DVec3::ZERO || !point.is_finite() || !(rate.is_finite() && rate > 0.0) {
             return Err(Error::Input(format!(
-                "a floor at {point} with the normal {normal} and a rate of {rate} 1/s makes no sense; give a point, a direction, and a positive rate"
+                "invalid floor: point {point}, normal {normal}, rate {rate} 1/s; give a finite point, a non-zero normal and a rate > 0"
             )));
         }
         Ok(Floor {
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn force_and_block_are_derivatives_of_the_energy() {
+    fn floor_force_and_hessian_are_energy_derivatives() {
         let floor =
             Floor::new(DVec3::new(0.1, 0.2, 0.3), DVec3::new(1.0, 2.0, -2.0), 30.0).unwrap();
         let (m, h) = (0.7, 1e-5);

@@ -36,25 +36,25 @@ impl Joint {
     /// [`Error::Input`] if it connects a region with itself, the anchor is not finite, the axis is
     /// zero, or the limits exclude the rest configuration.
     pub fn check(&self) -> Result<()> {
-        let refused = |what: String| Err(Error::Input(format!("a joint {what}")));
+        let refused = |what: String| Err(Error::Input(format!("invalid joint: {what}")));
         if self.regions.1 == Some(self.regions.0) {
             return refused(format!(
-                "joins region {} with itself; name two regions, or one, which is joined to the world",
+                "region {} is joined to itself; name two regions, or one to join it to the world",
                 self.regions.0
             ));
         }
         if !self.anchor.is_finite() {
-            return refused(format!("at {} is nowhere; give a point", self.anchor));
+            return refused(format!("position must be finite, got {}", self.anchor));
         }
         let (JointKind::Hinge(axis, limits) | JointKind::Slider(axis, limits)) = self.kind else {
             return Ok(());
         };
         if !(axis.is_finite() && axis.length() > 0.0) {
-            return refused(format!("has the axis {axis}, which points nowhere"));
+            return refused(format!("axis must be finite and non-zero, got {axis}"));
         }
         match limits {
             Some([low, high]) if !(low <= 0.0 && 0.0 <= high && low < high) => refused(format!(
-                "that goes from {low} to {high} cannot rest at 0; give a lower limit of 0 or less and an upper one of 0 or more"
+                "limits must contain 0, got {low} to {high}; give a lower limit ≤ 0 and an upper limit ≥ 0"
             )),
             _ => Ok(()),
         }

@@ -50,7 +50,7 @@ impl FromStr for MaterialModel {
         let known = MaterialModel::ALL.into_iter().find(|m| m.name() == name);
         known.ok_or_else(|| {
             Error::Input(format!(
-                "there is no material model \"{name}\"; there are springs, neo-hookean and corotated"
+                "unknown material model \"{name}\"; expected springs, neo-hookean or corotated"
             ))
         })
     }
@@ -98,7 +98,7 @@ pub struct Material {
     pub stiffness: Stiffness,
     /// Poisson's ratio ν of elements; that of springs is ¼.
     pub poisson: f64,
-    /// How the volumetric strain of elements is measured.
+    /// Formulation of the volumetric strain of elements.
     pub volume: VolumetricFormulation,
     /// Density, kg/m³.
     pub density: f64,
@@ -135,7 +135,7 @@ fn check_poisson(ratio: f64, place: &str) -> Result<()> {
     match (0.0..=MAX_POISSON).contains(&ratio) {
         true => Ok(()),
         false => Err(Error::Input(format!(
-            "material: a Poisson's ratio of {ratio}{place} makes no sense here; give a number from 0 to {MAX_POISSON}"
+            "material: Poisson's ratio{place} must be from 0 to {MAX_POISSON}, got {ratio}"
         ))),
     }
 }
@@ -209,7 +209,7 @@ impl Material {
             "very-soft-tissue" => Ok(Material::very_soft_tissue()),
             "rubber" => Ok(Material::rubber()),
             _ => Err(Error::Input(format!(
-                "there is no material \"{name}\"; there are soft-tissue, very-soft-tissue and rubber"
+                "unknown material \"{name}\"; expected soft-tissue, very-soft-tissue or rubber"
             ))),
         }
     }
@@ -246,32 +246,32 @@ impl Material {
         let uniform = matches!(self.stiffness, Stiffness::Uniform(_));
         if uniform && self.model != MaterialModel::Springs {
             return Err(Error::Input(format!(
-                "material: {} needs Young's modulus, and not a stiffness of springs",
+                "material: {} requires Young's modulus, not a spring stiffness",
                 self.model
             )));
         }
         let springs = self.model == MaterialModel::Springs;
         if springs && self.mass_damping != 0.0 {
             return Err(Error::Input(format!(
-                "material: a damping of the mass, {} 1/s, is for elements and not for springs; take neo-hookean or corotated",
+                "material: mass damping of {} 1/s is supported by elements only, not by springs; use neo-hookean or corotated",
                 self.mass_damping
             )));
         }
         if !springs && self.damping != 0.0 {
             return Err(Error::Input(format!(
-                "material: a damping of {} N·s/m is one of every spring, and {} elements have none; give a damping ratio at a frequency, or a damping time",
+                "material: spring damping of {} N·s/m is not supported by {} elements; give a damping ratio at a frequency, or a damping time",
                 self.damping, self.model
             )));
         }
         if springs && !self.rigid.is_empty() {
             return Err(Error::Input(
-                "material: springs have no rigid regions; take neo-hookean or corotated elements"
+                "material: springs do not support rigid regions; use neo-hookean or corotated elements"
                     .into(),
             ));
         }
         if springs && self.volume != VolumetricFormulation::PerTet {
             return Err(Error::Input(format!(
-                "material: springs have no volume that could be {}; give model = \"neo-hookean\" or \"corotated\" (--material), or leave the volume out",
+                "material: springs do not support volume \"{}\"; set model = \"neo-hookean\" or \"corotated\" (--material), or remove volume",
                 self.volume
             )));
         }
@@ -279,7 +279,7 @@ impl Material {
         for (name, value, fits) in numbers {
             if !value.is_finite() || !fits {
                 return Err(Error::Input(format!(
-                    "material: a {name} of {value} makes no sense; give a finite positive number"
+                    "material: {name} must be a finite positive number, got {value}"
                 )));
             }
         }
@@ -292,7 +292,7 @@ impl Material {
             for (name, value, fits) in numbers {
                 if !value.is_finite() || !fits {
                     return Err(Error::Input(format!(
-                        "material: a {name} of {value} in region {label} makes no sense; give a finite positive number"
+                        "material: {name} in region {label} must be a finite positive number, got {value}"
                     )));
                 }
             }

@@ -1,5 +1,5 @@
-//! What a body is made of: units, materials, springs and elements, rigid regions, joints, clamped
-//! ends and the energy terms of nodes.
+//! The model of a body: units, materials, springs and elements, rigid regions, joints, clamped ends
+//! and the energy terms of nodes.
 
 pub(super) mod clamped_end;
 pub(super) mod discrete_model;

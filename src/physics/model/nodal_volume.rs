@@ -1,13 +1,13 @@
 //! Averaged nodal volumes, which avoid volumetric locking of linear tets as Poisson's ratio nears
 //! ½: the volume around a node is penalised instead of that of each tet.
 //!
-//! Of each tet's λ, the part λ̂ above [`Elements::per_tet_lambda_ratio`] μ is removed from its
-//! energy and replaced by the energy ½ Σ_a Λ_a θ_a², where a runs over the nodes (at interfaces,
-//! over each node once per region), θ_a = Σ_t Λ_t (J_t − 1)/(4 Λ_a) is the mean volumetric strain
-//! of the tets t around it, Λ_t = V_t λ̂_t and Λ_a = Σ_t Λ_t/4 (Bonet & Burton 1998, "A simple
-//! average nodal pressure tetrahedral element", written as an energy). For uniform F this equals
-//! the energy of the tets; in general it is at most that. The mean is weighted by λ, so that soft
-//! tets do not change the resistance of stiff neighbours.
+//! From the λ of each tet, the part λ̂ above [`Elements::per_tet_lambda_ratio`] μ is removed and
+//! replaced by the energy ½ Σ_a Λ_a θ_a², where a runs over the nodes (at interfaces, over each
+//! node once per region), θ_a = Σ_t Λ_t (J_t − 1)/(4 Λ_a) is the mean volumetric strain of the tets
+//! t around it, Λ_t = V_t λ̂_t and Λ_a = Σ_t Λ_t/4 (Bonet & Burton 1998, "A simple average nodal
+//! pressure tetrahedral element", written as an energy). For uniform F this equals the energy of
+//! the tets; in general it is at most that. The mean is weighted by λ, so that soft tets do not
+//! change the resistance of stiff neighbours.
 
 use super::elements::{ConstitutiveModel, Element, ElementHessian, Elements};
 use crate::parallel;
@@ -20,7 +20,7 @@ use std::str::FromStr;
 /// Default of [`Elements::per_tet_lambda_ratio`]: tets with ν up to ¼ keep their own volume.
 const DEFAULT_PER_TET_LAMBDA_RATIO: f64 = 1.0;
 
-/// How the volumetric strain of finite elements is measured.
+/// Formulation of the volumetric strain of finite elements.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum VolumetricFormulation {
     /// Per tet: locks as Poisson's ratio nears ½.
@@ -61,7 +61,7 @@ impl FromStr for VolumetricFormulation {
             .find(|m| m.name() == name);
         known.ok_or_else(|| {
             Error::Input(format!(
-                "there is no volume \"{name}\"; there are per-tet and averaged"
+                "unknown volume \"{name}\"; expected per-tet or averaged"
             ))
         })
     }

@@ -33,7 +33,7 @@ pub(in crate::physics) fn node_owners(
     };
     if bodies.iter().any(strange) {
         return Err(Error::Input(
-            "a rigid body has nodes that the network has not".into(),
+            "a rigid body has nodes that do not exist in the model".into(),
         ));
     }
     let mut owner = vec![None; count];
@@ -41,7 +41,7 @@ pub(in crate::physics) fn node_owners(
         for v in &body.nodes {
             if owner[*v as usize].replace(b as u32).is_some() {
                 return Err(Error::Input(format!(
-                    "node {v} belongs to two rigid bodies; bodies that share nodes are one"
+                    "node {v} belongs to two rigid bodies; merge bodies that share nodes"
                 )));
             }
         }
@@ -95,7 +95,7 @@ impl MassProperties {
         if !sound || values.iter().any(|v| *v < 1e-10 * largest) {
             let from = body.nodes.first().copied().unwrap_or(0);
             return Err(Error::Input(format!(
-                "the rigid body of {} nodes at node {from} is flat or has no mass; rigid regions need tets with volume and a density",
+                "the rigid body of {} nodes at node {from} is flat or has no mass; rigid regions require tets with a volume, and a density",
                 body.nodes.len()
             )));
         }
@@ -219,7 +219,7 @@ mod tests {
     use crate::mesh::generate;
 
     #[test]
-    fn bodies_are_what_hangs_together() {
+    fn rigid_bodies_are_connected_components() {
         let mesh = generate::bar([6, 3, 3], glam::DVec3::new(6.0, 3.0, 3.0)).unwrap();
         let middle = |t: usize| mesh.tet_nodes(t).iter().sum::<glam::DVec3>() / 4.0;
         let low = mesh.bounds().0;

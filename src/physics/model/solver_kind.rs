@@ -51,7 +51,7 @@ impl SolverKind {
     /// engine.
     pub(in crate::physics) fn requires_elements_error(self) -> Error {
         Error::Input(format!(
-            "{self} steps bodies of finite elements on the CPU: give --material neo-hookean (or corotated) and --engine cpu, or take --solver implicit"
+            "{self} supports only finite elements on the CPU; use --material neo-hookean (or corotated) and --engine cpu, or --solver implicit"
         ))
     }
 
@@ -83,7 +83,7 @@ impl FromStr for SolverKind {
         all().find(|k| k.name() == name).ok_or_else(|| {
             let names: Vec<&str> = all().map(SolverKind::name).collect();
             Error::Input(format!(
-                "there is no solver \"{name}\"; there are {}",
+                "unknown solver \"{name}\"; expected one of {}",
                 names.join(", ")
             ))
         })

@@ -1,10 +1,10 @@
-//! When the iterations of implicit steps stop.
+//! Termination criteria of the iterations of implicit steps.
 
-/// When conjugate gradients stop. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the diagonal
-/// blocks.
+/// Termination criterion of conjugate gradients. Residuals are relative: √(rᵀD⁻¹r / bᵀD⁻¹b), D the
+/// diagonal blocks.
 ///
-/// The default tolerance, 10⁻³, costs a swinging bar (`benches/steps.rs`) 1.5 · 10⁻⁵ of its
-/// way in 60 steps; 10⁻² costs 2 · 10⁻⁴ of it and two thirds of the iterations.
+/// The default tolerance, 10⁻³, costs an oscillating bar (`benches/steps.rs`) 1.5 · 10⁻⁵ of its
+/// path in 60 steps; 10⁻² costs 2 · 10⁻⁴ of it and two thirds of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CgSettings {
     /// The residual to reach.

@@ -151,7 +151,7 @@ impl Tissue {
         found.copied().ok_or_else(|| {
             let names: Vec<&str> = TISSUES.iter().map(|t| t.name).collect();
             Error::Input(format!(
-                "no tissue called \"{name}\" is known; there are {}",
+                "unknown tissue \"{name}\"; expected one of {}",
                 names.join(", ")
             ))
         })

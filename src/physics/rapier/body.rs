@@ -345,7 +345,7 @@ impl Steppable for RapierBody {
         let finite = positions.iter().chain(velocities).all(|v| v.is_finite());
         if [positions.len(), velocities.len()] != [nodes; 2] || !finite {
             return Err(Error::Input(format!(
-                "{} positions and {} velocities for {nodes} nodes, or some that are no numbers",
+                "got {} positions and {} velocities for {nodes} nodes; give a finite one of each per node",
                 positions.len(),
                 velocities.len()
             )));
@@ -402,6 +402,6 @@ impl Steppable for RapierBody {
 /// The error of requesting the complete state.
 pub(super) fn no_state() -> Error {
     Error::Input(
-        "what rapier keeps from step to step cannot be written and read, so its runs have no checkpoints; take --engine cpu, or start anew".into(),
+        "rapier does not support checkpoints, because its internal state cannot be saved; use --engine cpu, or restart from the beginning".into(),
     )
 }

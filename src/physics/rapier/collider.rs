@@ -34,7 +34,7 @@ pub(super) fn collider(shape: &Shape) -> Result<ColliderBuilder> {
             )
             .map_err(|e| {
                 Error::Input(format!(
-                    "rapier makes no mesh of the surface of a tool: {e}; repair the surface, or take --engine cpu"
+                    "rapier cannot build a mesh from the surface of a tool: {e}; repair the surface, or use --engine cpu"
                 ))
             })?
         }

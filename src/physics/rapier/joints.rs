@@ -33,7 +33,7 @@ impl RegionJoint {
             let found = those.find(|(_, bone)| bone.labels.contains(&label));
             found.map(|(b, _)| b).ok_or_else(|| {
                 Error::Input(format!(
-                    "region {label} is joined and is not rigid; make it so ([material] NAME = {{ rigid = true }}), or give the [[tool]] a mass"
+                    "joined region {label} is not rigid; set [material] NAME = {{ rigid = true }}, or give the [[tool]] a mass"
                 ))
             })
         };
@@ -41,7 +41,7 @@ impl RegionJoint {
         let bones = (find(a)?, b.map(find).transpose()?);
         if bones.1 == Some(bones.0) {
             return Err(Error::Input(format!(
-                "regions {a} and {} share nodes and are one rigid body, so there is no joint between them ([mesh] part parts them)",
+                "cannot join regions {a} and {}: they share nodes and form one rigid body; separate them with [mesh] part",
                 b.unwrap_or(a)
             )));
         }

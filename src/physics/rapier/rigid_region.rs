@@ -158,7 +158,7 @@ impl RigidRegion {
         let mesh = ColliderBuilder::trimesh_with_flags(points, faces, flags);
         mesh.map(Some).map_err(|e| {
             Error::Input(format!(
-                "rapier makes no mesh of the surface of a rigid region: {e}; take --engine cpu"
+                "rapier cannot build a mesh from the surface of a rigid region: {e}; use --engine cpu"
             ))
         })
     }

@@ -54,7 +54,7 @@ impl RapierTets {
         check_kind(kind)?;
         if network.rest_positions.len() != mesh.nodes.len() {
             return Err(Error::Input(format!(
-                "masses of {} nodes are given for a mesh of {}",
+                "the model has {} nodes, but the mesh has {}",
                 network.rest_positions.len(),
                 mesh.nodes.len()
             )));
@@ -100,7 +100,7 @@ impl RapierTets {
                     cause: FailureCause::NotFinite,
                     what: failure.to_string(),
                     advice: format!(
-                        "use a smaller --dt than {dt}, less stiffness or more damping, or --engine cpu, and check the units of the mesh"
+                        "use a --dt below {dt}, less stiffness or more damping, or --engine cpu, and check the units of the mesh"
                     ),
                 }
             }
@@ -141,15 +141,13 @@ fn check_kind(kind: SolverKind) -> Result<()> {
     match kind {
         SolverKind::Implicit => Ok(()),
         kind => Err(Error::Input(format!(
-            "rapier steps by implicit Euler and not by {kind}; give --solver implicit, or take --engine cpu"
+            "rapier supports implicit Euler only, not {kind}; use --solver implicit or --engine cpu"
         ))),
     }
 }
 
 fn bad_step(dt: f64) -> Error {
-    Error::Input(format!(
-        "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
-    ))
+    Error::Input(format!("time step must be finite and > 0, got {dt} s"))
 }
 
 impl Simulator for RapierTets {
@@ -193,7 +191,7 @@ impl Simulator for RapierTets {
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         Err(Error::Input(format!(
-            "rapier knows no {}; a [[tool]] that is a plane is a floor to it, or take --engine cpu",
+            "rapier does not support the term \"{}\"; for a floor, use a [[tool]] with a plane, or use --engine cpu",
             term.name()
         )))
     }
@@ -370,7 +368,7 @@ impl Simulator for RapierTets {
 
     fn cut(&mut self, _: &Blade) -> Result<TopologyChange> {
         Err(Error::Input(
-            "bodies of rapier cannot be cut; take --engine cpu or gpu".into(),
+            "rapier does not support cuts; use --engine cpu or gpu".into(),
         ))
     }
 

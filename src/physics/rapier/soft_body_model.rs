@@ -51,17 +51,17 @@ impl SoftBodyModel {
         let refused = |what: &str| Err(Error::Input(format!("rapier {what}")));
         if elements.is_empty() {
             return refused(
-                "steps finite elements, and the body is made of springs; choose --material neo-hookean (or corotated), or --engine cpu",
+                "supports finite elements only, but the body is made of springs; use --material neo-hookean (or corotated), or --engine cpu",
             );
         }
         if elements.tets.is_empty() {
             return refused(
-                "steps a soft body, and all of this one is rigid; leave a region soft, or take --engine cpu",
+                "requires a soft body, but the whole body is rigid; leave a region soft, or use --engine cpu",
             );
         }
         if elements.volume != VolumetricFormulation::PerTet {
             return refused(
-                "keeps the volume of each tet and averages none; leave `volume` out, or take --engine cpu",
+                "does not support averaged volumes; remove `volume`, or use --engine cpu",
             );
         }
         let law = elements.law;
@@ -69,7 +69,7 @@ impl SoftBodyModel {
         let ratios = elements.tets.iter().map(|t| constants(t, law)[1]);
         if let Some(other) = ratios.into_iter().find(|r| (r - poisson).abs() > SAME) {
             return refused(&format!(
-                "has one Poisson's ratio for a body, and this one has {poisson:.4} and {other:.4}; give all regions the same, or take --engine cpu"
+                "supports one Poisson's ratio per body, but this one has {poisson:.4} and {other:.4}; give all regions the same, or use --engine cpu"
             ));
         }
         let scale = Scale::from_model(network);
@@ -142,7 +142,7 @@ fn groups(tets: &[Element], law: ConstitutiveModel, young: f64) -> Result<Vec<(V
     match groups.len() < MAX_STIFFNESS_GROUPS {
         true => Ok(groups),
         false => Err(Error::Input(format!(
-            "rapier takes up to {MAX_STIFFNESS_GROUPS} stiffnesses of a body, and this one has {}; round the field that scales them, or take --engine cpu",
+            "rapier supports up to {MAX_STIFFNESS_GROUPS} stiffnesses per body, but this one has {}; round the stiffness scale field, or use --engine cpu",
             groups.len() + 1
         ))),
     }

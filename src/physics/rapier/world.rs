@@ -58,7 +58,7 @@ impl Contacts {
         };
         let refused = |what: &str, has: f64, least: f64| {
             Err(Error::Input(format!(
-                "in rapier a tool's {what} is at least {least} beside such a [contact], and one has {has}; give it as much, or take --engine cpu"
+                "with rapier and this [contact], tool {what} must be ≥ {least}, got {has}; increase it, or use --engine cpu"
             )))
         };
         if let Some(tool) = self.tools.iter().find(|t| t.friction < own.friction) {

@@ -45,7 +45,7 @@ impl dyn Simulator + '_ {
         self.loads_mut().set_gravity(gravity * end.load_direction());
         let along = if end.axis == 2 { "-y" } else { "-z" };
         Ok(format!(
-            "held {end}; gravity of {gravity} m/s² acts along {along}"
+            "clamped {end}; gravity of {gravity} m/s² acts along {along}"
         ))
     }
 

@@ -70,7 +70,7 @@ pub trait Simulator: Send {
     /// [`Error::Input`] if the body supports springs only.
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         Err(Error::Input(format!(
-            "a {} cannot act on a grid body, which knows springs only; simulate tets",
+            "a grid body does not support the term \"{}\", only springs; simulate tets",
             term.name()
         )))
     }
@@ -82,8 +82,8 @@ pub trait Simulator: Send {
     /// on the CPU.
     fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
         Err(cpu_only_error(match acting {
-            ScaledLoad::Pressure(_) => "pressure acts",
-            ScaledLoad::Muscle(_) => "muscles act",
+            ScaledLoad::Pressure(_) => "pressure is",
+            ScaledLoad::Muscle(_) => "muscles are",
         }))
     }
 
@@ -94,7 +94,7 @@ pub trait Simulator: Send {
     /// [`Error::Input`] if the amplitude is out of range or `id` is unknown.
     fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
         Err(Error::Input(format!(
-            "nothing acts on this body at a level, so {id:?} cannot be set to {level}"
+            "cannot set amplitude {id:?} to {level}: this body has no pressure or muscle"
         )))
     }
 
@@ -104,7 +104,7 @@ pub trait Simulator: Send {
     /// [`Error::Input`] if the tool is invalid, or the body is not one of finite elements on the
     /// CPU, stepped by `implicit` or `bdf2`.
     fn add_tool(&mut self, _: Tool) -> Result<ToolId> {
-        Err(cpu_only_error("tools press"))
+        Err(cpu_only_error("tools are"))
     }
 
     /// The tools, in the order of their addition.
@@ -121,7 +121,7 @@ pub trait Simulator: Send {
     /// [`Error::Input`] if a setting is out of range, or the body is not one of finite elements on
     /// the CPU, stepped by `implicit` or `bdf2`.
     fn set_self_contact(&mut self, _: SelfContactSettings) -> Result<usize> {
-        Err(cpu_only_error("bodies feel themselves"))
+        Err(cpu_only_error("self-contact is"))
     }
 
     /// The settings of self-contact, if enabled.
@@ -137,7 +137,7 @@ pub trait Simulator: Send {
     /// by rapier.
     fn add_joint(&mut self, _: Joint) -> Result<()> {
         Err(Error::Input(
-            "rigid regions are joined by rapier only: take --engine rapier (a build with the feature `rapier`), or leave [[joint]] out".into(),
+            "joints are supported by rapier only; use --engine rapier (a build with the feature `rapier`), or remove [[joint]]".into(),
         ))
     }
 
@@ -169,8 +169,8 @@ pub trait Simulator: Send {
     /// tetrahedral body on the CPU.
     fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
         Err(cpu_only_error(match nodes.len() {
-            1 => "a node is led",
-            _ => "nodes are led",
+            1 => "prescribed motion of a node is",
+            _ => "prescribed motion of nodes is",
         }))
     }
 
@@ -253,7 +253,7 @@ pub trait Simulator: Send {
     /// embedded in a cage.
     fn forces(&mut self) -> Result<Vec<DVec3>> {
         Err(Error::Input(
-            "the forces on the nodes are known of a body of tets on the processor: --engine cpu, without [grid] or [cage]".into(),
+            "nodal forces are available for a tet body on the CPU only; use --engine cpu, without [grid] or [cage]".into(),
         ))
     }
 
@@ -422,7 +422,7 @@ pub trait Simulator: Send {
 
 fn cpu_only_error(what: &str) -> Error {
     Error::Input(format!(
-        "{what} on a body of tets on the processor only: --engine cpu, without [grid] or [cage], and one body in the scene"
+        "{what} supported for a tet body on the CPU only; use --engine cpu, without [grid] or [cage], and one body in the scene"
     ))
 }
 

@@ -134,7 +134,7 @@ impl NodePositions {
     ) -> Result<Vec<[f32; 4]>> {
         if values.len() != self.len() {
             return Err(Error::Input(format!(
-                "{} {what} given for {} nodes",
+                "got {} {what} for {} nodes; give one per node",
                 values.len(),
                 self.len()
             )));
@@ -142,7 +142,7 @@ impl NodePositions {
         let local: Vec<Vec3> = values.iter().map(|v| local(*v)).collect();
         match local.iter().position(|v| !v.is_finite()) {
             Some(i) => Err(Error::Input(format!(
-                "{what}: node {i} is given {}, which is not finite (or far out of range)",
+                "{what}: the value of node {i} must be finite and in range, got {}",
                 values[i]
             ))),
             None => Ok(local.iter().map(|v| v.extend(1.0).to_array()).collect()),

@@ -1,9 +1,9 @@
-//! How far the steps of a body are.
+//! Progress of the steps of a body.
 
-/// How far a solver came.
+/// Progress of a solver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepProgress {
-    /// Steps completed since the solver was made.
+    /// Completed steps since the solver was created.
     pub steps: u64,
     /// Simulated time, s.
     pub time: f64,
@@ -11,15 +11,15 @@ pub struct StepProgress {
     pub last: StepRecord,
 }
 
-/// One step, as the GPU noted it.
+/// One step, as recorded by the engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepRecord {
     /// Iterations of conjugate gradients; 0 for explicit solvers.
     pub iterations: u32,
     /// Their relative residual, √(rᵀD⁻¹r / bᵀD⁻¹b) with D the diagonal blocks.
     pub residual: f64,
-    /// Energy of motion, J (in f32; of Verlet: of the mean velocity over the step).
+    /// Kinetic energy, J (in f32; for Verlet, of the mean velocity over the step).
     pub kinetic: f64,
-    /// Energy in the springs, J (in f32).
+    /// Elastic energy, J (in f32).
     pub elastic: f64,
 }

@@ -1,4 +1,4 @@
-//! What became of a body, measured in float64 from its state read back.
+//! The state of a body in numbers, computed in float64 from positions and velocities read back.
 
 use crate::mesh::{TetMesh, bounds, signed_volume};
 use crate::parallel;

@@ -1,10 +1,10 @@
-//! What to change where steps failed.
+//! Advice for failed steps.
 
 use super::step_limit::{largest_stable_step, limit_with_terms};
 use crate::physics::{DiscreteModel, NodeTerm, SolverKind};
 use std::sync::Arc;
 
-/// What to change where steps of `dt` seconds failed.
+/// Returns advice for failed steps of `dt` seconds.
 pub(in crate::physics) fn time_step_advice(
     kind: SolverKind,
     dt: f64,
@@ -14,14 +14,14 @@ pub(in crate::physics) fn time_step_advice(
     let limit = largest_stable_step(network, pinned, kind);
     match limit.map(|limit| limit_with_terms(limit, network, terms)) {
         None => format!(
-            "use a smaller --dt than {dt}, less stiffness or more damping, and check the units of the mesh"
+            "use a --dt below {dt}, less stiffness or more damping, and check the units of the mesh"
         ),
         Some(0.0) => {
-            "explicit Euler is never stable without damping: use --solver implicit, or symplectic"
+            "explicit Euler is never stable without damping; use --solver implicit or symplectic"
                 .to_owned()
         }
         Some(limit) if dt < 0.9 * limit => format!(
-            "its largest stable step at rest is {limit:.3e} s, so look for forces or velocities that are out of proportion, or use --solver implicit"
+            "the largest stable step at rest is {limit:.3e} s; check for excessive forces or velocities, or use --solver implicit"
         ),
         Some(limit) => format!(
             "use --dt {} or less, or --solver implicit",
@@ -30,10 +30,10 @@ pub(in crate::physics) fn time_step_advice(
     }
 }
 
-/// `x` with two significant digits, not more than `x`.
+/// Rounds `x` down to two significant digits.
 fn floor_to_digits(x: f64) -> f64 {
     let unit = 10f64.powf(x.log10().floor() - 1.0);
-    // Through text, to shed the binary dust of the multiplication.
+    // Through text, to remove the rounding error of the multiplication.
     format!("{:.1e}", (x / unit).floor() * unit)
         .parse()
         .unwrap_or(x)

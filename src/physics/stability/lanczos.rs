@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_eigenpair_of_a_chain_is_the_exact_one() {
+    fn largest_eigenpair_of_chain_is_exact() {
         for nodes in [1usize, 2, 5, 40] {
             let found = largest_eigenpair(chain, start_vector(nodes), 1e-9, 400);
             let n = (3 * nodes) as f64;
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_has_no_eigenvalue() {
+    fn zero_operator_and_zero_vector_give_eigenvalue_zero() {
         let found = largest_eigenpair(|y| vec![DVec3::ZERO; y.len()], start_vector(4), 1e-9, 10);
         assert_eq!(found.value, 0.0);
         assert!(largest_eigenpair(chain, vec![DVec3::ZERO; 3], 1e-9, 10).value == 0.0);

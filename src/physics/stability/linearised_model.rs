@@ -117,7 +117,7 @@ pub struct StepLimit {
     /// λ and γ of the displacement that becomes unstable first: its Rayleigh quotients xᵀKx and
     /// xᵀCx over xᵀMx.
     pub mode: Mode,
-    /// That displacement of every node, scaled to a maximum length of 1.
+    /// Displacement of every node in that mode, scaled to a maximum length of 1.
     pub displacement: Vec<DVec3>,
 }
 
@@ -504,7 +504,7 @@ mod tests {
     ];
 
     #[test]
-    fn radii_are_those_of_matrices_with_known_eigenvalues() {
+    fn spectral_radii_match_known_eigenvalues() {
         let turned = |d: DVec3| {
             let r = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.4);
             r * DMat3::from_diagonal(d) * r.transpose()
@@ -524,7 +524,7 @@ mod tests {
     /// The closed forms are the steps at which the spectral radius passes 1, from light to far
     /// overcritical damping.
     #[test]
-    fn the_radius_passes_1_at_the_largest_step() {
+    fn spectral_radius_crosses_1_at_largest_stable_step() {
         for stiffness in [1.0, 3e4] {
             for ratio in [0.0, 0.01, 0.5, 1.0, 1.99, 2.0, 2.01, 10.0, 300.0] {
                 let damping = ratio * f64::sqrt(stiffness);

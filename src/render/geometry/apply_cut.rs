@@ -28,7 +28,7 @@ impl Geometry {
         let known = self.scalars.len() as usize;
         if matches!(scalars, Scalars::Cells(_)) != self.is_cell_scalar {
             return Err(Error::Input(
-                "a geometry made with scalars at the nodes, or in the tets, follows a cut with scalars there"
+                "scalars of a cut must be at the nodes or in the tets as in the geometry; give scalars of the same kind"
                     .into(),
             ));
         }
@@ -36,7 +36,7 @@ impl Geometry {
             || self.tet_order.len() != mesh.tets.len() + cut.removed.len()
         {
             return Err(Error::Input(format!(
-                "a geometry of {known} nodes and {} tets cannot follow a cut that doubled {} nodes and removed {} tets, to a mesh of {} and {}; give it every cut in turn",
+                "cut does not match the geometry: {known} nodes and {} tets, with {} nodes duplicated and {} tets removed, do not give a mesh of {} and {}; apply every cut in order",
                 self.tet_order.len(),
                 cut.duplicated_nodes.len(),
                 cut.removed.len(),
@@ -125,14 +125,14 @@ impl Geometry {
             .flat_map(|t| placed.boundary_faces(*t))
             .collect();
         bare.sort_unstable_by_key(|face| face[3]);
-        let mut gone: Vec<u32> = slots
+        let mut changed: Vec<u32> = slots
             .iter()
             .flat_map(|s| [0, 1, 2, 3].map(|f| 4 * s + f))
             .collect();
-        gone.sort_unstable();
-        replace_sorted(&mut self.boundary_faces, |face| face[3], &gone, &bare);
+        changed.sort_unstable();
+        replace_sorted(&mut self.boundary_faces, |face| face[3], &changed, &bare);
         gpu.resize(&mut self.boundary, "boundary", self.boundary_faces.len())?;
-        let first_code = gone.first().copied().unwrap_or(0);
+        let first_code = changed.first().copied().unwrap_or(0);
         let first = self.boundary_faces.partition_point(|f| f[3] < first_code);
         gpu.write_items(&self.boundary, first as u32, &self.boundary_faces[first..])?;
 

@@ -35,7 +35,7 @@ impl Gradients {
         let gpu = &geometry.gpu;
         let around = NodeIncidence::new(mesh, topology, cells, |t| geometry.tet_order[t]);
         let firsts = gpu.array_of("first entries of nodes", Texel::U32, &around.firsts)?;
-        let items = gpu.array_of("what is around nodes", Texel::U32, &around.items)?;
+        let items = gpu.array_of("node incidence", Texel::U32, &around.items)?;
         let ends = gpu.array_of("faces at ends", Texel::U32x4, &around.boundary_faces)?;
         let nodes = mesh.nodes.len();
         let array = gpu.array("gradients at nodes", Texel::F32x4, nodes)?;
@@ -81,7 +81,7 @@ impl Geometry {
             && mesh.tets.len() == self.tets.len() as usize;
         if !items || matches!(scalars, Scalars::Cells(_)) != self.is_cell_scalar {
             return Err(Error::Input(
-                "light needs the mesh and the scalars that the geometry was made of".into(),
+                "mesh and scalars for lighting must match those of the geometry; pass the mesh and the kind of scalars it was created from".into(),
             ));
         }
         self.build_gradients(mesh, topology, scalars)?;

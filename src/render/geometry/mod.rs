@@ -148,7 +148,7 @@ impl Geometry {
         let (count, most) = (mesh.tets.len(), gpu.max_items() / LINKS_PER_TET);
         if count > most {
             return Err(Error::Gpu(format!(
-                "{count} tets are more than the {most} that this device can draw: it holds {} links in one texture, {LINKS_PER_TET} for each tet; use a coarser mesh",
+                "{count} tets exceed the limit of {most} on this device ({} links in one texture, {LINKS_PER_TET} per tet); use a coarser mesh",
                 gpu.max_items()
             )));
         }
@@ -236,7 +236,8 @@ impl Geometry {
     pub fn store_rest_positions(&mut self, mesh: &TetMesh) -> Result<()> {
         if mesh.nodes.len() != self.projected.len() as usize {
             return Err(Error::Input(
-                "the rest of a body is that of the mesh that its geometry was made of".into(),
+                "rest mesh must have the nodes of the geometry; pass the mesh it was created from"
+                    .into(),
             ));
         }
         self.rests = Some(local_positions(&self.gpu, &self.frame, &mesh.nodes)?);
@@ -314,19 +315,19 @@ fn check_input(mesh: &TetMesh, positions: &Array, scalars: Scalars) -> Result<()
     let values = scalars.values();
     if values.len() != items || positions.len() as usize != mesh.nodes.len() {
         return Err(Error::Input(format!(
-            "{items} {what}s, but {} scalars for them, and {} positions for {} nodes",
+            "array lengths do not match the mesh: {} scalars for {items} {what}s, and {} positions for {} nodes",
             values.len(),
             positions.len(),
             mesh.nodes.len()
         )));
     }
     if mesh.tets.is_empty() {
-        return Err(Error::Mesh("there are no tets to draw".into()));
+        return Err(Error::Mesh("the mesh has no tets to draw".into()));
     }
     match values.iter().position(|s| !s.is_finite()) {
         None => Ok(()),
         Some(i) => Err(Error::Input(format!(
-            "the scalar of {what} {i} is {}; choose another field, or replace such values",
+            "scalar of {what} {i} must be finite, got {}; choose another field, or replace such values",
             values[i]
         ))),
     }

@@ -50,7 +50,7 @@ impl TetRecords {
         let (tets, most) = (sources.tets.len() as usize, gpu.max_items() / RECORD_TEXELS);
         if tets > most {
             return Err(Error::Gpu(format!(
-                "the walk over planes keeps {} bytes for each tet, and this device can hold them for {most} tets; there are {tets}: walk over vertices (--walk vertices, Traversal::Vertices), or use a coarser mesh",
+                "the plane traversal stores {} bytes per tet, which this device can hold for {most} tets, got {tets}; use the vertex traversal (--walk vertices, Traversal::Vertices) or a coarser mesh",
                 16 * RECORD_TEXELS
             )));
         }
@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn records_that_do_not_fit_are_refused_with_the_walk_that_needs_none() {
+    fn oversized_tet_records_are_rejected_with_alternative() {
         let gpu = Gpu::new().unwrap();
         let most = gpu.max_items() / RECORD_TEXELS;
         let [positions, scalars] = [Texel::F32x4, Texel::F32].map(|texel| gpu.array("a", texel, 4));
@@ -163,10 +163,10 @@ mod tests {
             TetRecords::new(&gpu, sources).map(|_| ())
         };
         assert!(made(4).is_ok());
-        let said = made(most + 1).unwrap_err().to_string();
+        let error = made(most + 1).unwrap_err().to_string();
         assert!(
-            said.contains("--walk vertices") && said.contains(&most.to_string()),
-            "{said}"
+            error.contains("--walk vertices") && error.contains(&most.to_string()),
+            "{error}"
         );
     }
 }

@@ -24,12 +24,12 @@ impl Geometry {
         let (low, high) = range;
         if !(low < high && (high - low).is_finite()) {
             return Err(Error::Input(format!(
-                "a range of scalars from {low} to {high} makes no sense; give a smaller and a larger number"
+                "scalar range must be finite and increasing, got {low} to {high}"
             )));
         }
         if matches!(scalars, Scalars::Cells(_)) != self.is_cell_scalar {
             return Err(Error::Input(
-                "a geometry made with scalars at the nodes, or in the tets, shows others there"
+                "scalars must be at the nodes or in the tets as in the geometry; give scalars of the same kind"
                     .into(),
             ));
         }

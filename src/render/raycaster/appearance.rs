@@ -146,10 +146,10 @@ impl Appearance {
         let tets = geometry.tet_count() as usize;
         match (&self.asked.scans, &self.asked.regions) {
             (Some(held), _) if held.tets() != tets => Err(Error::Input(
-                "the scans are those of the mesh before tets were removed; call Raycaster::set_scans again".into(),
+                "the scans do not match the mesh because tets were removed; call Raycaster::set_scans again".into(),
             )),
             (_, Some(regions)) if regions.of_tets.len() != tets => Err(Error::Input(
-                "the regions are those of the mesh before tets were removed; call Raycaster::set_regions again".into(),
+                "the regions do not match the mesh because tets were removed; call Raycaster::set_regions again".into(),
             )),
             _ => Ok(()),
         }
@@ -248,7 +248,7 @@ impl Appearance {
 }
 
 const MISSING_REST_MESSAGE: &str =
-    "the geometry does not know where it rests; call Geometry::store_rest_positions first";
+    "the geometry has no rest positions; call Geometry::store_rest_positions first";
 
 impl Asked {
     /// Returns the transfer function of the displayed quantity.
@@ -264,7 +264,7 @@ impl Asked {
         };
         if !self.inside.isosurfaces.is_empty() && flat {
             return Err(Error::Input(
-                "isosurfaces need a field at the nodes, or a scan of values: one that is constant in each tet, and a map of labels, have none"
+                "isosurfaces need a field at the nodes or a scan of values; fields that are constant in each tet and label maps have no isosurfaces"
                     .into(),
             ));
         }
@@ -381,7 +381,11 @@ impl Asked {
         for (place, row) in geometry.tet_order.iter().zip(of_tets) {
             placed[*place as usize] = row;
         }
-        Ok(Some(gpu.array_of("looks of tets", Texel::U32, &placed)?))
+        Ok(Some(gpu.array_of(
+            "table rows of tets",
+            Texel::U32,
+            &placed,
+        )?))
     }
 }
 
@@ -391,13 +395,13 @@ impl Regions {
         let count = looks.transfers.len();
         if looks.tet_regions.len() != tets as usize {
             return Err(Error::Input(format!(
-                "looks for {} tets are given, and the mesh has {tets}",
+                "region appearance must have one entry per tet, got {} for {tets} tets",
                 looks.tet_regions.len()
             )));
         }
         if !(1..=MAX_TRANSFER_FUNCTIONS).contains(&count) {
             return Err(Error::Input(format!(
-                "regions have {count} transfer functions among them: from 1 to {MAX_TRANSFER_FUNCTIONS} are possible"
+                "number of transfer functions of the regions must be 1 to {MAX_TRANSFER_FUNCTIONS}, got {count}"
             )));
         }
         if let Some(row) = looks
@@ -407,7 +411,7 @@ impl Regions {
             .find(|r| **r as usize >= count)
         {
             return Err(Error::Input(format!(
-                "a tet has transfer function {row}, and there are {count}, counted from 0"
+                "transfer function index of a tet must be < {count}, got {row}"
             )));
         }
         let rows = looks

@@ -66,7 +66,7 @@ impl Raycaster {
             let from_nodes = self.looks.scans().is_none() || self.options.shadows > 0.0;
             if from_nodes && self.geometry.gradients().is_none() {
                 return Err(Error::Input(
-                    "the geometry is not ready for light; call Geometry::enable_lighting first"
+                    "the geometry has no gradients for lighting; call Geometry::enable_lighting first"
                         .into(),
                 ));
             }
@@ -77,7 +77,7 @@ impl Raycaster {
         }
         if gathered == Integrand::Xray && self.geometry.rest_positions().is_none() {
             return Err(Error::Input(
-                "X-rays go by how dense the body is against its rest, which the geometry does not know; call Geometry::store_rest_positions first".into(),
+                "X-rays need the density relative to rest, but the geometry has no rest positions; call Geometry::store_rest_positions first".into(),
             ));
         }
         let of_labels = |(held, _): (&ScanSet, _)| held.transfer().is_none();
@@ -87,7 +87,7 @@ impl Raycaster {
         );
         if sums_values && self.looks.scans().is_some_and(of_labels) {
             return Err(Error::Input(
-                "projections and X-rays show values, and the first scan is a map of labels; show its values (labels = false), or have a scan of values before it".into(),
+                "projections and X-rays need values, but the first scan is a label map; show its values (labels = false), or put a scan of values before it".into(),
             ));
         }
         // The frame is moved out of `self` while draws are built from the other fields.
@@ -202,9 +202,13 @@ impl Raycaster {
         let reads = if stored { "stored" } else { "sampled" };
         let scans = self.looks.scans();
         let scan = if scans.is_some() { " scan" } else { "" };
-        let told = self.told.as_ref();
-        let told = told.filter(|_| gathered == Integrand::Intervals);
-        let intervals = if told.is_some() { " intervals" } else { "" };
+        let segment_buffer = self.segment_buffer.as_ref();
+        let segment_buffer = segment_buffer.filter(|_| gathered == Integrand::Intervals);
+        let intervals = if segment_buffer.is_some() {
+            " intervals"
+        } else {
+            ""
+        };
         let name = format!("{walk} {reads} {}{scan}{intervals}", form.term(stored));
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
             let sum = &peel.accumulators[1 - writes];
@@ -235,7 +239,7 @@ impl Raycaster {
                     .read(&geometry.cells),
                 Traversal::Planes => {
                     let records = geometry.records().ok_or_else(|| {
-                        Error::Gpu("the records of the walk over planes are not made".into())
+                        Error::Gpu("the tet records of the plane traversal are missing".into())
                     })?;
                     self.gpu
                         .draw(&name)
@@ -260,8 +264,8 @@ impl Raycaster {
                     .constant("SCAN_STEP", self.options.scan_step)
                     .constant("HAS_SCANS", 1.0);
             }
-            if let Some(told) = told {
-                builder = builder.write(told);
+            if let Some(segment_buffer) = segment_buffer {
+                builder = builder.write(segment_buffer);
             }
             for (constant, value) in looks.table.constants() {
                 builder = builder.constant(constant, *value);

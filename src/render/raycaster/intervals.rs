@@ -39,7 +39,7 @@ impl Raycaster {
             self.options.layers = asked;
             self.frames.clear();
         }
-        self.told = None;
+        self.segment_buffer = None;
         self.forget_walks();
         drawn
     }
@@ -48,7 +48,7 @@ impl Raycaster {
     fn check_pieces(&self) -> Result<()> {
         let inside = self.looks.inside();
         let what = if self.options.shadows > 0.0 {
-            "shadows, which other pieces cast"
+            "shadows, which depend on other pieces"
         } else if !(inside.planes.is_empty() && inside.isosurfaces.is_empty() && inside.draw_volume)
         {
             "planes and isosurfaces"
@@ -58,7 +58,7 @@ impl Raycaster {
             return Ok(());
         };
         Err(Error::Input(format!(
-            "a body in pieces is drawn without {what}; leave them out, or draw the whole"
+            "images of pieces do not support {what}; omit them, or render the whole body"
         )))
     }
 
@@ -93,7 +93,7 @@ impl Raycaster {
             }
         }
         Err(Error::Gpu(
-            "rays enter the piece so often that the device has no room for all of their ways; cut the body into more pieces".into(),
+            "the ray segments of the piece exceed the buffer size limit of the device; partition the body into more pieces".into(),
         ))
     }
 
@@ -108,12 +108,13 @@ impl Raycaster {
         let gpu = self.gpu.clone();
         let [width, height] = window.size.map(u64::from);
         loop {
-            let told = match &self.told {
-                Some(told) => told.clone(),
+            let segment_buffer = match &self.segment_buffer {
+                Some(segment_buffer) => segment_buffer.clone(),
                 None => self.make_room(&gpu, INITIAL_CAPACITY * width * height)?,
             };
             let mut work = gpu.start_recording();
-            work.encoder().clear_buffer(&told, 0, Some(HEADER_BYTES));
+            work.encoder()
+                .clear_buffer(&segment_buffer, 0, Some(HEADER_BYTES));
             let target = Target {
                 colour: target,
                 depth: None,
@@ -125,16 +126,16 @@ impl Raycaster {
             if layers > self.options.layers {
                 if self.options.layers >= MOST_LAYERS {
                     return Err(Error::Input(format!(
-                        "a ray enters the piece more than {MOST_LAYERS} times; cut the body into more pieces, or move the eye a little"
+                        "a ray enters the piece more than {MOST_LAYERS} times; partition the body into more pieces, or move the eye slightly"
                     )));
                 }
                 self.options.layers = (2 * self.options.layers).min(MOST_LAYERS);
                 self.frames.clear();
                 continue;
             }
-            let head = gpu.read_prefix::<u32>(&told, HEADER_BYTES)?;
+            let head = gpu.read_prefix::<u32>(&segment_buffer, HEADER_BYTES)?;
             let count = u64::from(head.first().copied().unwrap_or(0));
-            if HEADER_BYTES + SEGMENT_BYTES * count > told.size() {
+            if HEADER_BYTES + SEGMENT_BYTES * count > segment_buffer.size() {
                 let limits = gpu.device().limits();
                 let most = limits
                     .max_buffer_size
@@ -146,7 +147,8 @@ impl Raycaster {
                 self.make_room(&gpu, room)?;
                 continue;
             }
-            let words = gpu.read_prefix::<[u32; 4]>(&told, HEADER_BYTES + SEGMENT_BYTES * count)?;
+            let words =
+                gpu.read_prefix::<[u32; 4]>(&segment_buffer, HEADER_BYTES + SEGMENT_BYTES * count)?;
             let (ways, _) = words.get(1..).unwrap_or_default().as_chunks::<2>();
             let inside = ways.iter().filter_map(|way| window.interval(way));
             items.extend(inside);
@@ -156,9 +158,9 @@ impl Raycaster {
 
     /// Allocates the buffer for `ways` segments.
     fn make_room(&mut self, gpu: &Gpu, ways: u64) -> Result<wgpu::Buffer> {
-        let told = gpu.buffer("ways of rays", HEADER_BYTES + SEGMENT_BYTES * ways)?;
+        let segment_buffer = gpu.buffer("ray segments", HEADER_BYTES + SEGMENT_BYTES * ways)?;
         self.forget_walks();
-        Ok(self.told.insert(told).clone())
+        Ok(self.segment_buffer.insert(segment_buffer).clone())
     }
 }
 

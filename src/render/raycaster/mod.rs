@@ -40,7 +40,7 @@ pub struct Raycaster {
     no_rows: Array,
     shadows: Option<Shadows>,
     /// Output buffer for the separate ray segments, while they are being extracted.
-    told: Option<wgpu::Buffer>,
+    segment_buffer: Option<wgpu::Buffer>,
     /// Frames of the most recently drawn sizes, the latest first.
     frames: Vec<Frame>,
 }
@@ -87,7 +87,7 @@ impl Raycaster {
             )?,
             no_rows: gpu.array("no regions", Texel::U32, 1)?,
             shadows: None,
-            told: None,
+            segment_buffer: None,
             frames: Vec::new(),
         })
     }
@@ -163,7 +163,7 @@ impl Raycaster {
     pub fn set_scans(&mut self, mesh: &TetMesh, scans: &[Scan]) -> Result<Vec<String>> {
         if mesh.tets.len() != self.geometry.tet_count() as usize {
             return Err(Error::Input(
-                "scans are carried by the mesh that the geometry was made of, and another is given"
+                "mesh of the scans must be the mesh of the geometry; pass the mesh it was created from"
                     .into(),
             ));
         }
@@ -328,7 +328,7 @@ impl Raycaster {
     pub(super) fn check_layers(&self, found: u32) -> Result<()> {
         if found > self.options.layers {
             return Err(Error::Input(format!(
-                "a ray enters the mesh more than {0} times, and {0} layers were allowed; allow more with --layers",
+                "a ray enters the mesh more than {0} times, the limit of layers; increase --layers",
                 self.options.layers
             )));
         }

@@ -25,7 +25,7 @@ impl LabelAppearance {
         match sound {
             true => Ok(()),
             false => Err(Error::Input(format!(
-                "label {label} has the colour {:?} and the extinction {}; give numbers from 0 to 1, and one that is finite and not negative",
+                "label {label}: colour components must be 0 to 1 and extinction finite and ≥ 0, got {:?} and {}",
                 self.colour, self.extinction
             ))),
         }
@@ -67,7 +67,7 @@ impl LabelIndex {
         }
         if all.len() > MAX_LABELS {
             return Err(Error::Input(format!(
-                "the scan is no map of labels: it has numbers that are not whole, or more than {MAX_LABELS} different ones; show its values"
+                "the scan is not a label map: label maps hold integers and at most {MAX_LABELS} distinct values; show its values"
             )));
         }
         Ok(LabelIndex {

@@ -79,7 +79,7 @@ impl Scan {
         let wrong = |what: String| Err(Error::Input(what));
         if !(self.units_per_mm.is_finite() && self.units_per_mm > 0.0) {
             return wrong(format!(
-                "a scan has {} units of the mesh in a millimetre: a positive number is expected",
+                "mesh units per millimetre of a scan must be positive and finite, got {}",
                 self.units_per_mm
             ));
         }
@@ -89,7 +89,7 @@ impl Scan {
                 ..
             } if !(low < high && (high - low).is_finite()) => {
                 return wrong(format!(
-                    "a range of a scan from {low} to {high} makes no sense; give a smaller and a larger number"
+                    "value range of a scan must be finite and increasing, got {low} to {high}"
                 ));
             }
             ScanAppearance::Labels(looks) => {
@@ -109,7 +109,7 @@ impl Scan {
             let (low, high) = mesh.bounds();
             let [from, to] = [scan.0, scan.1].map(|p| p * self.units_per_mm);
             return wrong(format!(
-                "the scan lies from {from:.1} to {to:.1}, in units of the mesh, and the body, at rest, from {low:.1} to {high:.1}: they do not meet. A scan is placed by its own header (RAS, mm); mesh the same scan with `palpate mesh`, or state the mesh's unit"
+                "the scan ({from:.1} to {to:.1} in mesh units) and the body at rest ({low:.1} to {high:.1}) do not overlap; the header of the scan sets its position (RAS, mm): mesh the same scan with `palpate mesh`, or set the mesh's unit"
             ));
         }
         Ok(())

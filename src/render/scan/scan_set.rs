@@ -68,7 +68,7 @@ impl ScanSet {
     pub fn new(gpu: &Gpu, mesh: &TetMesh, scans: &[Scan]) -> Result<ScanSet> {
         if !(1..=MAX_SCANS).contains(&scans.len()) {
             return Err(Error::Input(format!(
-                "{} scans: a picture has up to {MAX_SCANS}",
+                "number of scans in an image must be 1 to {MAX_SCANS}, got {}",
                 scans.len()
             )));
         }
@@ -219,7 +219,7 @@ impl ScanSet {
                 }
             })
             .collect();
-        gpu.buffer_of("places of scans", &items)
+        gpu.buffer_of("scan placements", &items)
     }
 
     /// Returns, for each tet, whether all scans are transparent in it and the first scan has none

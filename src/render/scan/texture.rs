@@ -45,7 +45,7 @@ impl Texels {
         };
         let Some(ends) = volume.range() else {
             return Err(Error::Input(
-                "the scan has no voxel whose value is a finite number".into(),
+                "the scan has no voxel with a finite value".into(),
             ));
         };
         let (low, high) = scan.range();
@@ -162,7 +162,7 @@ pub(super) fn texture(
         let made = match !deep {
             true => make(gpu, size),
             false => Err(Error::Gpu(format!(
-                "scans of {} layers do not fit a texture of {limit}",
+                "scans with {} layers in total exceed the texture limit of {limit} layers",
                 size[2]
             ))),
         };
@@ -192,7 +192,11 @@ pub(super) fn texture(
             send(gpu, &texture, &texels);
             parts.push(texels);
         }
-        let notes = scans.iter().zip(&parts).filter_map(said).collect();
+        let notes = scans
+            .iter()
+            .zip(&parts)
+            .filter_map(downsampling_note)
+            .collect();
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
         return Ok((view, parts, notes));
     }
@@ -208,11 +212,11 @@ fn make(gpu: &Gpu, size: [usize; 3]) -> Result<wgpu::Texture> {
 }
 
 /// Returns the message for a downsampled scan.
-fn said((scan, texels): (&Scan, &Texels)) -> Option<String> {
+fn downsampling_note((scan, texels): (&Scan, &Texels)) -> Option<String> {
     (texels.downsampling != [1; 3]).then(|| {
         let times = |n: [usize; 3]| n.map(|n| n.to_string()).join(" x ");
         format!(
-            "a scan of {} voxels does not fit the device: {} of them are one where it is drawn, {} in all",
+            "a scan of {} voxels exceeds the device limits; rendering it with blocks of {} voxels merged, {} texels in total",
             times(scan.volume.size),
             times(texels.downsampling),
             times(texels.size)

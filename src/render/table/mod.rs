@@ -56,7 +56,7 @@ impl TableKind {
     pub(super) fn check(self) -> Result<()> {
         match self {
             TableKind::Samples(n) if !(1..=64).contains(&n) => Err(Error::Input(format!(
-                "{n} samples a tet: choose from 1 to 64"
+                "samples per tet must be 1 to 64, got {n}"
             ))),
             _ => Ok(()),
         }
@@ -87,7 +87,7 @@ impl TableTexel {
     pub(super) fn check(self, gpu: &Gpu) -> Result<()> {
         if self == TableTexel::Single && !gpu.has(wgpu::Features::FLOAT32_FILTERABLE) {
             return Err(Error::Input(
-                "this device does not filter 32-bit floats: use a table of half floats".into(),
+                "this device cannot filter 32-bit floats; use a table of half floats".into(),
             ));
         }
         Ok(())
@@ -186,7 +186,7 @@ impl Table {
         let opacity = most * wanted.scale * std::f64::consts::LOG2_E;
         if !(opacity as f32).is_finite() {
             return Err(Error::Input(format!(
-                "an extinction of {most} per unit of length is too much for a mesh of extent {}",
+                "extinction {most} per length unit is too large for a mesh of extent {}; reduce the extinction",
                 wanted.scale
             )));
         }
@@ -195,7 +195,7 @@ impl Table {
             (TableKind::Integrals, _) => integrals::table(gpu, &pieces, (most, opacity), wanted),
             (_, [only]) => builder::table(gpu, only, opacity, &TableRequest { form, ..*wanted }),
             _ => Err(Error::Input(
-                "a transfer function for each region needs a table of integrals, and another form was asked for".into(),
+                "transfer functions per region need a table of integrals; use TableKind::Integrals or TableKind::Auto".into(),
             )),
         }
     }

@@ -11,9 +11,9 @@ use std::path::PathBuf;
 /// ```toml
 /// [[pressure]]
 /// on = { axis = "z", above = 0.9 }   # faces with all nodes in it; default: the whole boundary
-/// facing = [0.0, 0, 1]    # only faces within 45° of this normal at rest
+/// normal = [0.0, 0, 1]    # only faces within 45° of this normal at rest
 /// # between = ["lung", "body"]        # or an interface: the first region presses on the second
-/// pascal = 500.0          # inwards; or [[0.0, 0.0], [0.5, 500.0]]: time (s), pressure
+/// pressure = 500.0        # Pa, inwards; or [[0.0, 0.0], [0.5, 500.0]]: time (s), pressure
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -21,20 +21,17 @@ pub struct PressureEntry {
     /// Region of the faces; all nodes of a face must lie in it.
     pub on: Option<Region>,
     /// Selects the faces whose normals at rest lie within 45° of this direction.
-    pub facing: Option<[f64; 3]>,
+    pub normal: Option<[f64; 3]>,
     /// Loads the interface of these two regions, by name or label, instead of the boundary: the
     /// first region presses on the second.
     pub between: Option<[LabelOrName; 2]>,
     /// Pressure in Pa, positive inwards.
-    pub pascal: TimeSeries,
+    pub pressure: TimeSeries,
 }
 
 /// A constant, or a piecewise linear function of time as pairs of time in s and value.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "a number, or a list of [time, number], is expected"
-)]
+#[serde(untagged, expecting = "expected a number, or a list of [time, number]")]
 #[allow(missing_docs)]
 pub enum TimeSeries {
     Steady(f64),
@@ -51,9 +48,9 @@ pub enum TimeSeries {
 /// on = { axis = "x", above = 0.95 }
 /// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time (s) and displacement
 /// # file = "jaw.csv"      # or a table with the columns time_s,x,y,z
-/// turn = [[0.0, 0], [0.5, 30]]              # time (s) and angle (degrees) …
+/// rotation = [[0.0, 0], [0.5, 30]]          # time (s) and angle (degrees) …
 /// axis = [0.0, 1, 0]      # … about this axis
-/// about = [0.0, 0, 0]     # through this point, which moves with the path; default: their centroid
+/// pivot = [0.0, 0, 0]     # through this point, which moves with the path; default: their centroid
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -67,11 +64,11 @@ pub struct MoveEntry {
     /// CSV file with the path, relative to the scene file: a header `time_s,x,y,z` and numbers.
     pub file: Option<PathBuf>,
     /// Times and angles in degrees, interpolated linearly.
-    pub turn: Option<Vec<[f64; 2]>>,
+    pub rotation: Option<Vec<[f64; 2]>>,
     /// Rotation axis.
     pub axis: Option<[f64; 3]>,
     /// Point on the rotation axis, at rest.
-    pub about: Option<[f64; 3]>,
+    pub pivot: Option<[f64; 3]>,
 }
 
 /// A muscle: tetrahedra that contract along their fibres; see [`Muscle`](crate::physics::Muscle).
@@ -101,7 +98,7 @@ pub struct MuscleEntry {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a direction [x, y, z], or the name of a vector field of the tets, is expected"
+    expecting = "expected a direction [x, y, z], or the name of a vector field of the tets"
 )]
 pub enum FibreEntry {
     /// A uniform direction.

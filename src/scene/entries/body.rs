@@ -62,10 +62,10 @@ pub struct MeshSource {
     /// Pairs of regions, by name or label, whose common interface is split: each side gets its own
     /// nodes. A split ends where a third region connects the two.
     #[serde(default)]
-    pub part: Vec<[LabelOrName; 2]>,
+    pub split: Vec<[LabelOrName; 2]>,
     /// Width of the gap opened at each split interface, in the mesh's unit. With `[contact]` the
     /// two sides then press and slide on each other.
-    pub part_gap: Option<f64>,
+    pub split_gap: Option<f64>,
     /// Other meshes of the same body, such as the second of two parts in contact.
     #[serde(default)]
     pub join: Vec<JoinEntry>,
@@ -156,7 +156,7 @@ pub struct BodyEntry {
 
 /// Label selection of a volume.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-#[serde(untagged, expecting = "labels are \"all\" or a list of whole numbers")]
+#[serde(untagged, expecting = "labels must be \"all\" or a list of integers")]
 #[allow(missing_docs)]
 pub enum LabelsEntry {
     These(Vec<i64>),
@@ -173,7 +173,7 @@ pub enum AllKeyword {
 
 /// A number or text.
 #[derive(Deserialize)]
-#[serde(untagged, expecting = "a number or text is expected")]
+#[serde(untagged, expecting = "expected a number or text")]
 enum Said {
     Number(f64),
     Text(String),
@@ -210,7 +210,7 @@ where
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a unit is one of m, cm, mm, um and in, or metres as a number"
+    expecting = "unit must be m, cm, mm, um, in, or metres as a number"
 )]
 pub enum Unit {
     /// Metres in one unit.
@@ -228,11 +228,11 @@ impl Unit {
         match self {
             Unit::Metres(m) if m.is_finite() && *m > 0.0 => Ok(*m),
             Unit::Metres(m) => Err(Error::Input(format!(
-                "unit = {m}: metres in one unit of the mesh, a positive number, are expected"
+                "unit must be a positive number of metres, got {m}"
             ))),
             Unit::Name(name) => crate::mesher::metres_in(name).ok_or_else(|| {
                 Error::Input(format!(
-                    "unit \"{name}\" is not known; use m, cm, mm, um, in, or metres as a number"
+                    "unknown unit \"{name}\"; use m, cm, mm, um, in, or metres as a number"
                 ))
             }),
         }
@@ -264,7 +264,7 @@ pub struct GridEntry {
 
 /// One length, or one per axis.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "a length, or three of them, are expected")]
+#[serde(untagged, expecting = "expected a length, or three lengths")]
 #[allow(missing_docs)]
 pub enum Lengths {
     Same(f64),

@@ -44,9 +44,7 @@ impl PlaneEntry {
             [DVec3::new(a, b, c), DVec3::new(d, e, f)]
         };
         if self.opacity.is_some() && self.slice.is_none() {
-            return Err(Error::Input(
-                "[[plane]] opacity is a slice's; give it with `slice`".into(),
-            ));
+            return Err(Error::Input("[[plane]] `opacity` requires `slice`".into()));
         }
         let planes = match (self.clip, self.slice, self.around) {
             (Some(clip), None, None) => {
@@ -66,7 +64,7 @@ impl PlaneEntry {
             }
             _ => {
                 return Err(Error::Input(
-                    "a [[plane]] is one of `clip`, `slice` and `box`; give one of them".into(),
+                    "a [[plane]] must have exactly one of `clip`, `slice` and `box`".into(),
                 ));
             }
         };

@@ -26,7 +26,7 @@ pub struct ForceEntry {
 /// [floor]
 /// point = [0.0, 0, -0.2]  # a point on it, in the mesh's unit
 /// normal = [0.0, 0, 1]    # outwards
-/// rate = 1000.0           # contact stiffness, as the frequency of a free node on it, 1/s
+/// stiffness_rate = 1000.0 # contact stiffness, as the frequency of a free node on it, 1/s
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,7 +36,7 @@ pub struct FloorEntry {
     /// Outward normal; default +z.
     pub normal: Option<[f64; 3]>,
     /// Contact stiffness as a frequency, 1/s.
-    pub rate: Option<f64>,
+    pub stiffness_rate: Option<f64>,
 }
 
 /// A grab: the nodes near a point follow a target along a path.
@@ -46,9 +46,9 @@ pub struct FloorEntry {
 /// at = [0.0, 0.0, 10.0]   # in the mesh's unit; nodes within `radius` are grabbed
 /// radius = 2.0
 /// path = [[0.0, 0, 0, 0], [0.5, 0, 0, 4]]   # time (s) and displacement of the target from `at`
-/// release = 1.0           # s
-/// # spring = 50.0         # total stiffness, N/m; default: prescribed displacement
-/// # limit = 2.0           # largest spring force, N
+/// release_time = 1.0      # s
+/// # spring_stiffness = 50.0   # total, N/m; default: prescribed displacement
+/// # max_force = 2.0       # largest spring force, N
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,11 +62,11 @@ pub struct GrabEntry {
     /// Times and displacements of the target, interpolated linearly.
     pub path: Vec<[f64; 4]>,
     /// Release time, s; default: never. The grab starts at the first time of the path.
-    pub release: Option<f64>,
+    pub release_time: Option<f64>,
     /// Total stiffness of the springs to the target, N/m.
-    pub spring: Option<f64>,
+    pub spring_stiffness: Option<f64>,
     /// Largest force of the springs, N.
-    pub limit: Option<f64>,
+    pub max_force: Option<f64>,
 }
 
 /// A cut: the straight edge of a blade moves along a path and cuts what it sweeps. In a grid body
@@ -113,7 +113,7 @@ pub struct SkinEntry {
     /// Colour: red, green, blue, from 0 to 1.
     pub colour: Option<[f32; 3]>,
     /// Colour of the walls of cuts in mode `skin`; default dark red.
-    pub wall: Option<[f32; 3]>,
+    pub cut_colour: Option<[f32; 3]>,
     /// Scalar field of the vertices that replaces the colour.
     pub field: Option<String>,
     /// Colour preset of that field; default `viridis`.

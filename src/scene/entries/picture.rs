@@ -30,7 +30,7 @@ pub struct LightEntry {
 /// energy = 60             # keV, 20 to 150
 /// water = 0               # scalars of water and air: Hounsfield units by default
 /// air = -1000             # if there are negative values
-/// white = 6               # ∫ μ dl shown as white on the film
+/// white_level = 6         # ∫ μ dl shown as white on the film
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -42,7 +42,7 @@ pub struct XrayEntry {
     /// Scalar of air; default: 1000 below water.
     pub air: Option<f64>,
     /// ∫ μ dl shown as white in a PNG; default: the largest value of the first picture.
-    pub white: Option<f64>,
+    pub white_level: Option<f64>,
 }
 
 /// The camera, in the units of the mesh file.
@@ -95,8 +95,8 @@ pub struct PictureEntry {
     /// Whether the volume is drawn beside slices and isosurfaces; default true.
     pub volume: Option<bool>,
     /// Ray traversal: `vertices` or `planes`.
-    #[serde(default, deserialize_with = "keywords::walk")]
-    pub walk: Option<String>,
+    #[serde(default, deserialize_with = "keywords::traversal")]
+    pub traversal: Option<String>,
     /// Background of a PNG: `black`, `white` or `transparent`.
     #[serde(default, deserialize_with = "keywords::background")]
     pub background: Option<String>,

@@ -74,7 +74,7 @@ pub(in crate::scene) fn scans<'de, D: Deserializer<'de>>(
         type Value = Vec<ScanEntry>;
 
         fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-            f.write_str("a table [scan], or several [[scan]]")
+            f.write_str("a table [scan], or [[scan]] entries")
         }
 
         fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
@@ -90,7 +90,7 @@ pub(in crate::scene) fn scans<'de, D: Deserializer<'de>>(
             match all.len() <= crate::render::MAX_SCANS {
                 true => Ok(all),
                 false => Err(A::Error::custom(format!(
-                    "{} scans: a picture has up to {}",
+                    "{} scans given, but a picture shows at most {}",
                     all.len(),
                     crate::render::MAX_SCANS
                 ))),

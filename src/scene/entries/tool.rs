@@ -34,14 +34,14 @@ pub struct ContactEntry {
 /// # plane = {}                    # a half-space
 /// # surface = "probe.stl"         # any closed surface, in its own coordinates
 /// at = [0.0, 0, 60]       # its centre, or the origin of the surface's coordinates
-/// along = [0.0, 0, 1]     # the axis of a capsule, the third edge of a box, the normal of a plane
+/// orientation = [0.0, 0, 1] # axis of a capsule, third edge of a box, normal of a plane
 /// path = [[0.0, 0, 0, 0], [0.5, 0, 0, -10]]     # time (s) and displacement
 /// # file = "path.csv"     # or a table with the columns time_s,x,y,z
-/// turn = [[0.0, 0], [0.5, 30]]    # time (s) and angle (degrees) …
+/// rotation = [[0.0, 0], [0.5, 30]]    # time (s) and angle (degrees) …
 /// axis = [0.0, 1, 0]      # … about this axis through its centre
 /// friction = 0.3
-/// # spring = 500.0        # N/m: couples the tool to a hand that follows `path` …
-/// # limit = 2.0           # … with this largest force, N
+/// # spring_stiffness = 500.0    # N/m: couples the tool to a hand that follows `path` …
+/// # max_force = 2.0       # … with this largest force, N
 /// # mass = 0.05           # kg, of a dynamic tool, with or without a spring
 /// colour = [0.7, 0.75, 0.8]
 /// # opacity = 0.5
@@ -66,22 +66,22 @@ pub struct ToolEntry {
     /// Initial position of its centre.
     pub at: [f64; 3],
     /// Direction of the third axis of its shape; default +z.
-    pub along: Option<[f64; 3]>,
+    pub orientation: Option<[f64; 3]>,
     /// Times and displacements from `at`, interpolated linearly.
     pub path: Option<Vec<[f64; 4]>>,
     /// CSV file with the path, relative to the scene file: a header `time_s,x,y,z` and numbers.
     pub file: Option<PathBuf>,
     /// Times and angles in degrees, interpolated linearly.
-    pub turn: Option<Vec<[f64; 2]>>,
+    pub rotation: Option<Vec<[f64; 2]>>,
     /// Rotation axis, through its centre.
     pub axis: Option<[f64; 3]>,
     /// Coulomb friction coefficient μ; default 0.
     pub friction: Option<f64>,
     /// Spring stiffness, N/m: makes the tool a dynamic rigid body whose centre of mass is coupled
     /// by a spring to the position on its path.
-    pub spring: Option<f64>,
+    pub spring_stiffness: Option<f64>,
     /// Largest force of the spring, N.
-    pub limit: Option<f64>,
+    pub max_force: Option<f64>,
     /// Mass, kg: makes the tool a dynamic rigid body, free or on a spring. Default for a tool on a
     /// spring: the mass of its volume of water.
     pub mass: Option<f64>,

@@ -110,13 +110,13 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     }
     text += &picture::describe_all(&rows);
     if let Some(trial) = trials.first() {
-        text += &format!("Steps by the engine on the {}.\n", trial.engine());
+        text += &format!("Engine: {}.\n", trial.engine());
     }
     if scene.is_none() {
         let (orders, drawn) = orders::run(run)?;
         let (model, drawn_model) = model::run(run)?;
         text += &format!(
-            "\n{orders}\nVerlet damps by the velocity of half a step ago, which costs it an order as soon as there is damping; velocity Verlet damps by the velocity to come and keeps its second.\n\n{model}"
+            "\n{orders}\nVerlet damps with the velocity of half a step earlier and drops to first order with damping; velocity Verlet damps with the new velocity and stays second order.\n\n{model}"
         );
         charts.extend(drawn);
         charts.extend(drawn_model);
@@ -124,7 +124,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
     run.write_findings(
         "motion",
-        "Accuracy of motion against its cost",
+        "Motion: accuracy against cost",
         text.trim(),
         &charts,
     )

@@ -144,7 +144,9 @@ impl Bar {
         let way = bar.way;
         let run = |steps| bar.motion(SolverKind::VelocityVerlet, steps);
         let found = reference_motion(64, 1 << 12, 1e-9, way, run)?;
-        let found = found.ok_or_else(|| Error::Input("the bar flies apart in float64".into()))?;
+        let found = found.ok_or_else(|| {
+            Error::Input("the reference motion of the bar diverges in float64".into())
+        })?;
         bar.truth = found.states;
         Ok(bar)
     }

@@ -134,7 +134,7 @@ pub fn describe_trial(trial: &MotionTrial, rows: &[Row], truths: &[Row]) -> Stri
         text += &match truth.text("truth") {
             "exact" => " (exact solution)".to_owned(),
             _ => format!(
-                " (truth: float64 at h = {:.1e} s, where halving changes {:.0e} of the motion and the extrapolation {:.0e})",
+                " (reference: float64 at h = {:.1e} s; relative change by halving {:.0e}, of the extrapolation {:.0e})",
                 truth.number("h_s"),
                 truth.number("change_by_halving"),
                 truth.number("change_of_extrapolation"),
@@ -142,14 +142,14 @@ pub fn describe_trial(trial: &MotionTrial, rows: &[Row], truths: &[Row]) -> Stri
         };
     }
     text += ": ";
-    let mut said = Vec::new();
+    let mut results = Vec::new();
     for limit in [0.05, 0.01, 0.001] {
         let within = rows.iter().filter(|r| r.number("error") <= limit);
         let best = within.min_by(|a, b| a.number(COST).total_cmp(&b.number(COST)));
-        said.push(match best {
-            None => format!("{} % is not met", 100.0 * limit),
+        results.push(match best {
+            None => format!("{} % is not reached", 100.0 * limit),
             Some(row) => format!(
-                "{} % costs {:.0} ms a simulated second ({}, h = {:.1e} s{})",
+                "{} % costs {:.0} ms per simulated second ({}, h = {:.1e} s{})",
                 100.0 * limit,
                 row.number(COST),
                 row.text("solver"),
@@ -162,7 +162,7 @@ pub fn describe_trial(trial: &MotionTrial, rows: &[Row], truths: &[Row]) -> Stri
         .iter()
         .filter(|r| r.text("state") == "diverged")
         .count();
-    text + &said.join("; ") + &format!("; {diverged} of {} points diverged.\n\n", rows.len())
+    text + &results.join("; ") + &format!("; {diverged} of {} points diverged.\n\n", rows.len())
 }
 
 fn solve(row: &Row) -> String {
@@ -197,11 +197,11 @@ pub fn describe_all(rows: &[Row]) -> String {
     let explicit =
         |r: &Row| !implicit(r) && !second_order(r) && !grid(r) && !euler(r) && !rapier(r);
     let of_grid = match rows.iter().any(grid) {
-        true => format!(" {:.0e} to one of a grid body,", worst("f32_error", &grid)),
+        true => format!(" {:.0e} for a grid body,", worst("f32_error", &grid)),
         false => String::new(),
     };
     format!(
-        "Over all of it: f32 adds at most {:.0e} to a motion of an explicit solver, {:.0e} to one of explicit Euler, which magnifies what there is,{of_grid} and {:.0e} to one of implicit Euler solved to 0.001; conjugate gradients to 0.001 add at most {:.0e}, cut off after 5 iterations up to {:.0e}; the rest is the scheme's own error of the step. {} of {} points diverged; each was caught.\n",
+        "Over all motions, the maximum error from f32 arithmetic is {:.0e} for explicit solvers, {:.0e} for explicit Euler, which amplifies errors,{of_grid} and {:.0e} for implicit Euler solved to 0.001; from conjugate gradients {:.0e} at tolerance 0.001 and {:.0e} with 5 iterations. The rest is the time discretisation error of the scheme. {} of {} points diverged; all were detected.\n",
         worst("f32_error", &explicit),
         worst("f32_error", &euler),
         worst("f32_error", &|r| implicit(r) && by_default(r)),

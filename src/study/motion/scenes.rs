@@ -231,7 +231,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let scene = Scene::read(path)?;
     let refused = |what: &str| {
         Error::Input(format!(
-            "{}: the study of motion knows bodies of tets under pins, gravity and forces, and not {what}; leave that out of the scene",
+            "{}: the motion study supports tetrahedral bodies with pins, gravity and forces, not {what}; remove it from the scene",
             path.display()
         ))
     };
@@ -256,7 +256,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
         return Err(refused("cages"));
     };
     if !network.elements.rigid.is_empty() {
-        return Err(refused("rigid regions, which explicit schemes do not step"));
+        return Err(refused("rigid regions (unsupported by explicit solvers)"));
     }
     let springs = network.springs.len();
     let material = &scene.material;
@@ -271,7 +271,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
     if steps * (STEP + springs as f64) > REFERENCE_BUDGET {
         return Err(Error::Input(format!(
-            "{}: the true motion of {springs} springs over {duration} s would take {steps:.1e} steps in float64, which takes too long; take a coarser mesh, fewer steps, less stiffness or less damping",
+            "{}: the reference motion of {springs} springs over {duration} s needs {steps:.1e} steps in float64, which takes too long; use a coarser mesh, fewer steps, less stiffness or less damping",
             path.display()
         )));
     }

@@ -102,7 +102,9 @@ impl MotionTrial {
         start: Option<MotionState>,
     ) -> Result<MotionTrial> {
         let Some(network) = simulator.network() else {
-            return Err(Error::Input(format!("{name}: the body has no springs")));
+            return Err(Error::Input(format!(
+                "{name}: the motion study needs a body with springs or elements"
+            )));
         };
         let (kind, settings) = converged(simulator.integrator());
         let own: (TetMesh, DiscreteModel) = (simulator.mesh().clone(), network.clone());
@@ -221,7 +223,7 @@ impl MotionTrial {
 
     fn no_truth(&self) -> Error {
         Error::Input(format!(
-            "{}: the body flies apart in float64 too, at every step tried; soften what drives it",
+            "{}: the reference motion diverges in float64 at every time step tried; reduce the loads",
             self.name
         ))
     }

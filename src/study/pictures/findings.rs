@@ -160,15 +160,15 @@ fn words(row: &Row) -> String {
             row.number("table_size"),
             row.text("texel")
         ),
-        "light" => "A head light".into(),
+        "light" => "A headlight".into(),
         "planes" => match row.text("light") {
-            "none" => "Two clip planes, a slice and an isosurface".into(),
-            _ => "All of these in light".into(),
+            "none" => "Using two clip planes, a slice and an isosurface".into(),
+            _ => "Using all of these with lighting".into(),
         },
-        "integrals" => "integrals, whatever the tets".into(),
-        "samples a tet" => format!("{} samples a tet", row.number("samples_a_tet")),
+        "integrals" => "integrals for any mesh".into(),
+        "samples a tet" => format!("{} samples per tet", row.number("samples_a_tet")),
         "early stop" => format!("rays end at opacity {}", row.number("opaque")),
-        "resolution" => format!("{} times fewer pixels each way", row.number("shrink")),
+        "resolution" => format!("{} times fewer pixels per side", row.number("shrink")),
         other => other.to_owned(),
     }
 }
@@ -176,7 +176,7 @@ fn words(row: &Row) -> String {
 /// Describes the error of the default for each image, and the cheapest setting within the goal.
 pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> String {
     let mut text = String::from(
-        "| picture | tets | table | RMSE (1/255) | 99.9th percentile (1/255) | FLIP | ms a frame | \
+        "| image | tets | table | RMSE (1/255) | 99.9th percentile (1/255) | FLIP | ms per frame | \
          cheapest within half a level |\n|---|---|---|---|---|---|---|---|",
     );
     for (name, through) in pictures {
@@ -207,14 +207,14 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
     all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     if let Some(plain) = all.iter().find(|s| s.row.text("family") == "default") {
         text += &format!(
-            "\n\nWith the default settings no picture is further than {:.2}/255 (RMSE) from the exact \
+            "\n\nWith the default settings, every image is within {:.2}/255 (RMSE) of the exact \
              ray integral.",
             plain.worst
         );
     }
     if let Some(best) = all.iter().find(|s| s.worst <= GOAL) {
         text += &format!(
-            " The cheapest setting that keeps every picture within half a level: {}, at {:.2} of \
+            " The cheapest setting that keeps every image within half a level: {}, at {:.2} of \
              the default's time and {:.2}/255 at worst.",
             words(&best.row),
             best.cost,
@@ -223,7 +223,7 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
     }
     for other in &others {
         text += &format!(
-            " {} costs {:.2} times the default's time, {:.2}/255 at worst from its own exact picture.",
+            " {} costs {:.2} times the default's time, with an error of at most {:.2}/255 from its own exact image.",
             words(&other.row),
             other.cost,
             other.worst
@@ -234,7 +234,7 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
         .filter(|s| s.row.text("family") == "samples a tet");
     if let Some(samples) = costs.clone().find(|s| s.worst <= GOAL) {
         text += &format!(
-            " Without pre-integration it takes {}, at {:.1} times the default's time.",
+            " Without pre-integration, this needs {}, at {:.1} times the default's time.",
             words(&samples.row),
             samples.cost
         );
@@ -246,7 +246,7 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
         .map(|s| format!("{} ({:.2}, {:.2}/255)", words(&s.row), s.cost, s.worst))
         .collect();
     text += &format!(
-        "\n\nThe front over all pictures (time relative to the default, largest error): {}.",
+        "\n\nPareto front over all images (time relative to the default, maximum error): {}.",
         edge.join("; ")
     );
     text

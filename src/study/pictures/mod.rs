@@ -278,7 +278,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
     run.write_findings(
         "pictures",
-        "Pictures: error against time",
+        "Images: error against time",
         &finding(&rows, &pictures),
         &charts,
     )

@@ -108,7 +108,8 @@ impl StudyBody {
     /// Creates the body `name` with the transfer function `through`.
     pub fn new(name: &str, through: &str) -> Result<StudyBody> {
         let source = SOURCES.iter().find(|s| s.name == name);
-        let source = source.ok_or_else(|| Error::Input(format!("there is no body \"{name}\"")))?;
+        let source =
+            source.ok_or_else(|| Error::Input(format!("unknown study body \"{name}\"")))?;
         let mesh = source.mesh()?;
         let scalars = match source.field.and_then(|f| mesh.field(f, Location::Node)) {
             Some(field) => field.values.clone(),

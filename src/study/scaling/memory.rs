@@ -185,7 +185,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
     };
     chart.save(run.dir, "scaling-memory")?;
     let mut text = String::from(
-        "| part | bytes a node | a tet | a boundary face | a spring | of the largest mesh, bytes a tet: computed | measured | of the driver |\n|---|---|---|---|---|---|---|---|",
+        "| part | bytes per node | per tet | per boundary face | per spring | largest mesh, bytes per tet: computed | measured | by the driver |\n|---|---|---|---|---|---|---|---|",
     );
     for part in PARTS {
         let last = rows.iter().rev().find(|r| r.text("part") == part);
@@ -207,7 +207,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
             a_tet("driver_bytes")
         );
     }
-    text += "\n\nMemory is linear in nodes, tets and springs; of small meshes, the room for cuts is most of it.";
+    text += "\n\nMemory is linear in nodes, tets and springs; for small meshes, the space reserved for cuts dominates.";
     Ok((text, "scaling-memory".into()))
 }
 

@@ -170,7 +170,7 @@ fn points(quick: bool) -> Vec<Point> {
 /// An error if a file cannot be written, or the device fails.
 pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     if scene.is_some() {
-        run.report_note("scaling is measured on cubes of every size: the scene is passed over");
+        run.report_note("ignoring the scene: the scaling study uses generated cubes");
     }
     let points = points(run.quick);
     let cells: Vec<Vec<Cell>> = points.iter().map(Point::cells).collect();
@@ -304,17 +304,17 @@ fn finding(rows: &[Row]) -> String {
     };
     format!(
         "{}\n\n\
-         Exponents are fitted to the larger half of the sizes. Small sizes are flat: a pass costs \
-         its dispatch, however little it does. A symplectic step and a refresh are linear in the \
+         Exponents are fitted to the larger half of the sizes. Times are constant at small sizes, \
+         where the dispatch of a pass dominates. A symplectic step and a refresh are linear in the \
          tets. An implicit step on the GPU grows faster, because its conjugate gradients need more \
-         iterations the finer the mesh is ({} from the smallest mesh to the largest): stiffness has \
-         to travel from node to node. On the CPU a coarse space takes it there at once ({}). A \
-         picture grows slower, as the cube root of the tets where they are \
-         many: a ray passes that many of them. A cut through the whole cube opens as many faces as \
-         the power 2/3 of the tets, but looks at every tet once, on the CPU. Layers cost a search \
-         for the next faces each, over the whole boundary, which here grows with the layers too. \
-         The table is as many texels in each of \
-         its slices, however many tets there are.",
+         iterations on finer meshes ({} from the smallest mesh to the largest): information \
+         propagates from node to node. On the CPU, a coarse space propagates it globally ({}). An \
+         image grows more slowly, as the cube root of many tets, because a ray passes that many \
+         of them. A cut through the whole cube opens a number of faces proportional to the power \
+         2/3 of the tets, but checks every tet once, on the CPU. Each layer costs a search for the \
+         next faces over the whole boundary, which here also grows with the layers. \
+         The table has that number of texels in each of \
+         its slices, regardless of the number of tets.",
         lines.join("\n"),
         iterations(GPU),
         iterations(CPU)

@@ -119,7 +119,7 @@ fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simula
     let named = MATTERS.iter().find(|m| m.0 == point[1].text());
     let Some((_, model, volume)) = named else {
         return Err(Error::Input(format!(
-            "scaling_steps.csv has a matter {} that this study does not know; start with an empty --out",
+            "unknown material {} in scaling_steps.csv; use an empty --out folder",
             point[1].text()
         )));
     };
@@ -287,7 +287,7 @@ fn against_rod(run: &Run, rows: &[Row]) -> Result<String> {
 }
 
 fn finding(rows: &[Row]) -> String {
-    let mut text = "Steps of finite elements, a bar of 1 MPa and ν = 0.3 that is held at one end and bends under its weight, in steps of 0.01 s, explicit ones in half of the largest that hold:\n\n| matter | integrator | on | exponent | tets | iterations | ms a step |\n|---|---|---|---|---|---|---|\n".to_owned();
+    let mut text = "Steps of a bar of finite elements (1 MPa, ν = 0.3) that is clamped at one end and bends under its weight; time step 0.01 s, explicit solvers with half their largest stable step:\n\n| material | integrator | on | exponent | tets | iterations | ms per step |\n|---|---|---|---|---|---|---|\n".to_owned();
     for how in KINDS {
         let points = curve(rows, how);
         if let (Some(p), Some(last)) = (fit_exponent(&points), of(rows, "tets", how).last()) {
@@ -305,7 +305,7 @@ fn finding(rows: &[Row]) -> String {
             );
         }
     }
-    text += "\nThe same bar with a rod in it, so many times as stiff as what is around, or rigid; \"off\" is how far the bar is from where the rigid rod has it, after 20 steps, over its way:\n\n| rod | on | iterations | ms a step | off |\n|---|---|---|---|---|\n";
+    text += "\nThe same bar with a rod inside, stiffer than its surroundings by the given factor, or rigid; the deviation is the distance from the bar with the rigid rod after 20 steps, relative to its displacement:\n\n| rod | on | iterations | ms per step | deviation |\n|---|---|---|---|---|\n";
     for row in rows.iter().filter(|r| r.text("against") == "rod") {
         let rod = match row.number("rod") {
             factor if factor.is_finite() => format!("{factor} times"),

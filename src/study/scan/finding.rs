@@ -66,7 +66,7 @@ pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
     }
     let n = sizes.voxels;
     let mut text = format!(
-        "A scan of {n} × {n} × {n} voxels ({:.1} million) is in a ball that is bent to a circle, and drawn in {p} × {p} pixels. Cages of a few tets carry it, and rays look it up where each of their points rests; or meshes have its values at their nodes: means over the nodes' cells, or samples at the nodes. The error is that of the picture from the scan's own, bent without any mesh (float64, {} samples a voxel); R² is how much of that picture's gradients there is. Time is that of a frame over one of the cage of {one} nodes, drawn in turns with it, the median of {} pairs. Memory is that of the mesh and of the scan on the device.\n\n\
+        "A scan of {n} × {n} × {n} voxels ({:.1} million) in a ball that is bent to a circular arc is rendered at {p} × {p} pixels: embedded in cages of a few tets and sampled at the rest position of each ray point, or stored at the nodes of fine meshes, as means over the nodes' cells or as samples at the nodes. The error is relative to the image of the scan bent without a mesh (float64, {} samples per voxel); R² is the fraction of that image's gradients that is reproduced. Time is that of a frame relative to the cage of {one} nodes, rendered alternately, the median of {} pairs. Memory is that of the mesh and the scan on the device.\n\n\
          | | nodes | tets | RMSE (1/255) | FLIP | R² of gradients | time | ms | MB |\n|---|---|---|---|---|---|---|---|---|",
         (n as f64).powi(3) / 1e6,
         FINE,
@@ -100,12 +100,12 @@ pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
         rows.iter().find(own).map_or(f64::NAN, |r| r.number("tets"))
     };
     text += &format!(
-        "\n\n| the scan itself | in a cage of {one} nodes | samples, {} tets | samples, {} tets |\n|---|---|---|---|\n| ![](scan-truth.png) | ![](scan-cage-{}.png) | ![](scan-samples-{few}.png) | ![](scan-samples-{many}.png) |",
+        "\n\n| exact scan | cage of {one} nodes | samples, {} tets | samples, {} tets |\n|---|---|---|---|\n| ![](scan-truth.png) | ![](scan-cage-{}.png) | ![](scan-samples-{few}.png) | ![](scan-samples-{many}.png) |",
         tets(few),
         tets(many),
         sizes.reference,
     );
-    let title = "A scan in cages beside values at nodes";
+    let title = "Scans in cages compared with nodal values";
     run.write_findings("scan", title, &text, &["scan-time", "scan-tets"])
 }
 
@@ -127,11 +127,11 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
     let time = at(&of(["rmse_255", "share"]), goal);
     let mut text = match (tets, time) {
         (Some(tets), Some(time)) => format!(
-            "Values at nodes ({what}) come to the error of the cage of {nodes} nodes, {goal:.2}/255, at {} tets, in {time:.1} times its time a frame.",
+            "Nodal values ({what}) reach the error of the cage of {nodes} nodes, {goal:.2}/255, at {} tets, in {time:.1} times its time per frame.",
             million(tets)
         ),
         _ => format!(
-            "Values at nodes ({what}, which come nearest) do not come to the error of the cage of {nodes} nodes, {goal:.2}/255: of {} tets it is {least:.2}/255, {:.1} times as large, in {:.2} times its time a frame.",
+            "Nodal values ({what}, the more accurate ones) do not reach the error of the cage of {nodes} nodes, {goal:.2}/255: with {} tets, it is {least:.2}/255, {:.1} times as large, in {:.2} times its time per frame.",
             million(most),
             least / goal,
             of(["share", "tets"]).last().map_or(f64::NAN, |p| p[0])
@@ -140,7 +140,7 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
     let better = curve(rows, "cage", ["nodes", "rmse_255"]);
     if let Some([nodes, error]) = better.iter().find(|p| p[1] < least) {
         text += &format!(
-            " A cage of {nodes} nodes, {error:.2}/255, is nearer to the scan than any of them."
+            " A cage of {nodes} nodes, {error:.2}/255, is more accurate than any of them."
         );
     }
     if let Some(power) = fit_exponent(&of(["tets", "rmse_255"])) {
@@ -148,7 +148,7 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
         let [cells, tets] = of(["cells", "tets"]).last().copied().unwrap_or_default();
         let voxelwise = tets * (sizes.voxels as f64 / cells).powi(3);
         text += &format!(
-            " Their error falls as the power {power:.2} of the tets, over the larger half of the meshes; with cells as small as voxels there would be {} tets.",
+            " Their error scales as the power {power:.2} of the tets, over the larger half of the meshes; cells of voxel size would need {} tets.",
             million(voxelwise)
         );
     }
@@ -156,7 +156,7 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
         && let Some(error) = at(&of(["share", "rmse_255"]), 1.0)
     {
         text += &format!(
-            " In the time of the cage they have {} tets, and {:.1} times its error.",
+            " In the time of the cage, they have {} tets and {:.1} times its error.",
             million(same),
             error / goal
         );
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn between_points_curves_are_powers() {
+    fn curve_interpolates_as_power_law() {
         let falling = [[8.0, 10.0], [2.0, 1000.0], [1.0, 4000.0]];
         assert_eq!(at(&falling, 8.0), Some(10.0));
         let between = at(&falling, 4.0).unwrap_or(0.0);

@@ -88,7 +88,7 @@ struct ReferenceScene {
 /// An error if a file cannot be written, or the device fails.
 pub(super) fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     if scene.is_some() {
-        run.report_note("scans are studied in a bent ball: the scene is passed over");
+        run.report_note("ignoring the scene: the scan study uses a bent ball");
     }
     let sizes = if run.quick { &QUICK } else { &FULL };
     let mut points: Vec<Vec<Cell>> = Vec::new();
@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_gradients_all_are_there_or_none() {
+    fn gradient_r2_is_one_or_zero_at_extremes() {
         let of = |value: fn(f32) -> f32| Image {
             size: [16, 4],
             channels: 3,

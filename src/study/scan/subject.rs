@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_bent_rests_where_it_was() {
+    fn unbend_inverts_bend() {
         for p in [
             DVec3::ZERO,
             DVec3::new(0.3, -0.2, 0.35),
@@ -179,7 +179,7 @@ mod tests {
     /// The reference image has converged in its step length, and equals exact rays through many
     /// tets.
     #[test]
-    fn the_exact_picture_is_that_of_rays_through_small_tets() {
+    fn exact_image_matches_fine_mesh_rays() {
         let subject = Subject::new(48, 40).unwrap();
         let voxel = 1.0 / 48.0;
         let pixels = subject.exact(voxel / FINE);

@@ -179,18 +179,18 @@ pub fn run(run: &Run, named: Option<&Path>) -> Result<()> {
         _ => Some(second(named, run.quick)?),
     };
     let bar = bar(run.quick)?;
-    let mut told = finding_of_bar(&measure(run, &bar)?);
+    let mut text = finding_of_bar(&measure(run, &bar)?);
     let mut charts = draw(run, &bar)?;
     if let Some(second) = second {
         let rows = measure(run, &second)?;
-        told += &finding_of_slivers(&second, &rows);
+        text += &finding_of_slivers(&second, &rows);
         charts.extend(draw(run, &second)?);
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
     run.write_findings(
         "stability",
         "Stability over step size and stiffness",
-        &told,
+        &text,
         &charts,
     )
 }
@@ -306,12 +306,12 @@ fn at<'a>(
 }
 
 /// Describes a cell: its state, and its error if there is one.
-fn told(row: Option<&Row>) -> String {
+fn describe_cell(row: Option<&Row>) -> String {
     match row {
         None => "not measured".into(),
         Some(r) if r.number("error_percent").is_finite() => {
             format!(
-                "{} ({:.1} % off)",
+                "{} (error {:.1} %)",
                 r.text("state"),
                 r.number("error_percent")
             )
@@ -339,12 +339,12 @@ fn agreement(rows: &[Row]) -> String {
         of[1] += expected;
     }
     let mut text = format!(
-        "Below the limit of theory {} of {} cells of the explicit solvers held, above it {} of {} failed and were stopped.",
+        "Below the theoretical limit, {} of {} cells of the explicit solvers are stable; above it, {} of {} failed and were stopped.",
         below[1], below[0], above[1], above[0]
     );
     if never[0] > 0 {
         text += &format!(
-            " Undamped explicit Euler has no stable step: {} of its {} cells failed, in the others 500 steps are too few to show it.",
+            " Undamped explicit Euler has no stable step: {} of its {} cells failed; in the others, 500 steps are too few to show the divergence.",
             never[1], never[0]
         );
     }
@@ -358,7 +358,7 @@ fn implicit(rows: &[Row]) -> String {
         .collect();
     let count = |state: &str| cells.iter().filter(|r| r.text("state") == state).count();
     format!(
-        "Of {} cells of implicit Euler {} diverged, in {} its conjugate gradients did not converge, and {} are stable but more than {} % off.",
+        "Of {} cells of implicit Euler, {} diverged, conjugate gradients did not converge in {}, and {} are stable with an error above {} %.",
         cells.len(),
         count("diverged"),
         count("CG not converged"),
@@ -368,9 +368,9 @@ fn implicit(rows: &[Row]) -> String {
 }
 
 fn finding_of_bar(rows: &[Row]) -> String {
-    let cell = |solver: &str, damping, k, h| told(at(rows, solver, damping, k, h));
+    let cell = |solver: &str, damping, k, h| describe_cell(at(rows, solver, damping, k, h));
     let mut text = format!(
-        "The paper's bar (80 tets, held at one end, released under gravity), every cell at most 500 steps, held against float64 over some two swings. {} {}\n\nThe paper's own settings: Verlet at κ = 3,000 N/m and h = 0.001 s: {}; at 30,000 N/m: {}; at 3,000 N/m and h = 0.01 s: {}. Implicit Euler at κ = 30,000 N/m and h = 0.01 s: {}; at h = 0.05 s, which the paper suggests: {}",
+        "The paper's bar (80 tets, clamped at one end, released under gravity), at most 500 steps per cell, compared with float64 over about two oscillations. {} {}\n\nThe settings of the paper: Verlet at κ = 3,000 N/m and h = 0.001 s: {}; at 30,000 N/m: {}; at 3,000 N/m and h = 0.01 s: {}. Implicit Euler at κ = 30,000 N/m and h = 0.01 s: {}; at h = 0.05 s, as suggested by the paper: {}",
         agreement(rows),
         implicit(rows),
         cell("verlet", 0.0, 3e3, 1e-3),
@@ -393,14 +393,14 @@ fn finding_of_bar(rows: &[Row]) -> String {
 fn finding_of_slivers(body: &Subject, rows: &[Row]) -> String {
     let quality = QualityReport::new(&body.mesh);
     format!(
-        "\n\nThe body \"{}\" ({} tets, of which {} are slivers; the smallest angle is {:.1}°). {} {} Verlet at 10 kPa and h = 0.001 s is {}, implicit Euler at h = 0.01 s {}.",
+        "\n\nThe body \"{}\" ({} tets, of which {} are slivers; minimum dihedral angle {:.1}°). {} {} Verlet at 10 kPa and h = 0.001 s is {}, implicit Euler at h = 0.01 s {}.",
         body.name,
         body.mesh.tets.len(),
         quality.slivers,
         quality.min_dihedral,
         agreement(rows),
         implicit(rows),
-        told(at(rows, "verlet", 0.0, 1e4, 1e-3)),
-        told(at(rows, "implicit", 0.0, 1e4, 1e-2)),
+        describe_cell(at(rows, "verlet", 0.0, 1e4, 1e-3)),
+        describe_cell(at(rows, "implicit", 0.0, 1e4, 1e-2)),
     )
 }

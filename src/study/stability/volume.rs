@@ -143,12 +143,12 @@ pub fn run(run: &Run) -> Result<()> {
         })
         .collect();
     let text = format!(
-        "The paper tried a force that keeps the volume of each tet and dropped it: springs know no volume, and such a force shortens the steps and stiffens the body. Finite elements have a Poisson's ratio in its place. The paper's bar of {:.0} kPa, in float64: drawn out by {:.0} % between its held ends, beside the change of volume of a bar whose ends are free (1.1^(1 − 2ν) − 1); the largest step of symplectic Euler; and scrambled by up to {:.0} mm a node, after {} converged steps of implicit Euler of {} s.\n\n| matter, ν | change of volume (%) | with free ends (%) | pull (N) | largest explicit step (s) | tets left inside out |\n| --- | --- | --- | --- | --- | --- |\n{lines}",
+        "Springs do not preserve volume. The paper tried and dropped a force that preserves the volume of each tet, because it shortens the stable step and stiffens the body. Finite elements use a Poisson's ratio instead. The paper's bar of {:.0} kPa, in float64: stretched by {:.0} % between clamped ends, compared with the volume change with free ends (1.1^(1 − 2ν) − 1); the largest stable step of symplectic Euler; and perturbed by up to {:.0} mm per node, after {} converged steps of implicit Euler of {} s.\n\n| material, ν | volume change (%) | with free ends (%) | force (N) | largest explicit step (s) | inverted tets left |\n| --- | --- | --- | --- | --- | --- |\n{lines}",
         YOUNG / 1e3,
         100.0 * STRETCH,
         1e3 * PERTURBATION,
         SETTLING_STEPS.0,
         SETTLING_STEPS.1,
     );
-    run.write_findings("stability_volume", "What keeps volume", &text, &[])
+    run.write_findings("stability_volume", "Volume preservation", &text, &[])
 }

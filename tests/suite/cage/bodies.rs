@@ -87,7 +87,7 @@ fn flags(nodes: &[u32], count: usize) -> Vec<bool> {
 /// without homogenisation.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_cage_bends_as_the_fine_body_does() {
+fn cage_bending_matches_fine_body() {
     let gpu = Gpu::new().unwrap();
     let mut wrong = Vec::new();
     for turned in [false, true] {
@@ -131,7 +131,7 @@ fn a_cage_bends_as_the_fine_body_does() {
             let control = sunk(&mesh, &cage.transfer().apply(&control).unwrap()) / truth - 1.0;
             let report = cage.report();
             println!(
-                "{turned} {kind} of {} {report:?}: {:.4}, without anything carried over {:.4}",
+                "{turned} {kind} of {} {report:?}: {:.4}, without homogenisation {:.4}",
                 material.model, off, control
             );
             let fine_enough = off.abs() < tolerance && control.abs() > (2.0 * off.abs()).max(0.05);
@@ -144,7 +144,7 @@ fn a_cage_bends_as_the_fine_body_does() {
 }
 
 #[test]
-fn mass_and_the_stiffness_of_regions_are_carried_over() {
+fn cage_preserves_mass_and_region_stiffness() {
     // The upper half is a hundred times as stiff and twice as dense.
     let mut mesh = bar(false);
     let upper: Vec<bool> = (0..mesh.tets.len())
@@ -199,7 +199,7 @@ fn mass_and_the_stiffness_of_regions_are_carried_over() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn cages_cover_what_they_carry() {
+fn cage_covers_embedded_mesh() {
     for (name, tets) in [("limb", 8_000), ("duct", 6_000), ("ball", 3_000)] {
         let mesh = generate::by_name(name, Some(tets)).unwrap();
         let network = DiscreteModel::new(&mesh, &Material::soft_tissue()).unwrap();

@@ -31,7 +31,7 @@ fn carried(
     let mut work = gpu.start_recording();
     assert!(
         !embedding.record_update(&mut work, &nodes),
-        "nothing has moved yet"
+        "positions must be unchanged before the update"
     );
     nodes.set_positions(there).unwrap();
     assert!(embedding.record_update(&mut work, &nodes));
@@ -49,7 +49,7 @@ fn worst(a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 #[test]
-fn carried_nodes_match_float64_on_random_cages() {
+fn embedded_nodes_match_float64_on_random_cages() {
     let gpu = Gpu::new().unwrap();
     let (fine, coarse) = limb_in_a_box();
     let (low, high) = fine.bounds();
@@ -81,7 +81,7 @@ fn carried_nodes_match_float64_on_random_cages() {
 }
 
 #[test]
-fn rigid_and_affine_motions_are_exact() {
+fn embedding_reproduces_affine_motion() {
     let gpu = Gpu::new().unwrap();
     let (fine, coarse) = limb_in_a_box();
     let (low, high) = fine.bounds();
@@ -106,7 +106,7 @@ fn rigid_and_affine_motions_are_exact() {
 }
 
 #[test]
-fn nodes_outside_are_carried_and_counted() {
+fn nodes_outside_cage_are_embedded_and_counted() {
     let gpu = Gpu::new().unwrap();
     let coarse = generate::bar([4, 2, 2], DVec3::new(2.0, 1.0, 1.0)).unwrap();
     let mut fine = generate::bar([8, 4, 4], DVec3::new(2.0, 1.0, 1.0)).unwrap();
@@ -124,7 +124,7 @@ fn nodes_outside_are_carried_and_counted() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn forces_gathered_do_the_same_work() {
+fn transferred_forces_preserve_work() {
     let (fine, coarse) = limb_in_a_box();
     let gpu = Gpu::new().unwrap();
     let nodes = NodePositions::new(&gpu, &coarse).unwrap();

@@ -38,7 +38,7 @@ fn norm(v: &[DVec3]) -> f64 {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_cage_moves_the_limb_of_a_scene_as_its_own_tets_do() {
+fn cage_motion_matches_full_limb() {
     let gpu = Gpu::new().unwrap();
     let still = "[solver]\ngravity = [0, 0, 0]\nname = ";
     let run = |rest: &str, seconds: f64| {
@@ -80,7 +80,7 @@ fn a_cage_moves_the_limb_of_a_scene_as_its_own_tets_do() {
 }
 
 #[test]
-fn a_cage_is_grabbed_through_the_mesh() {
+fn cage_is_grabbed_through_mesh() {
     let gpu = Gpu::new().unwrap();
     let text = limb(
         "[solver]\nname = \"implicit\"\ndt = 0.02\ngravity = [0, 0, 0]\n[cage]\nnodes = 300\n\
@@ -102,7 +102,7 @@ fn a_cage_is_grabbed_through_the_mesh() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn cages_that_make_no_sense_are_refused() {
+fn rejects_invalid_cages() {
     let gpu = Gpu::new().unwrap();
     let refused = |more: &str, word: &str| {
         let scene = Scene::parse(&limb(more)).unwrap();
@@ -111,7 +111,10 @@ fn cages_that_make_no_sense_are_refused() {
     };
     let implicit = "[solver]\nname = \"implicit\"\n";
     refused(&format!("{implicit}[cage]\nkind = \"grid\""), "verlet");
-    refused(&format!("{implicit}[cage]\nnodes = 1"), "ask for");
+    refused(
+        &format!("{implicit}[cage]\nnodes = 1"),
+        "number of cage nodes must be",
+    );
     refused(&format!("{implicit}[cage]\ndamping = 2"), "lattice");
     let cut = "[[cut]]\nedge = [[0, 0, -9], [0, 0, 9]]\npath = [[0, 0, 5, 0], [1, 0, -5, 0]]";
     refused(&format!("{implicit}[cage]\n{cut}"), "cut");
@@ -128,7 +131,7 @@ fn cages_that_make_no_sense_are_refused() {
 fn resting(gpu: &Gpu, kind: &str) -> Stage {
     let text = format!(
         "[mesh]\nfile = '{}/data/bar.vtu'\n[material]\nyoung = 2e4\n[solver]\n{kind}\n\
-         [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [64, 48]\nwalk = \"planes\"",
+         [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [64, 48]\ntraversal = \"planes\"",
         env!("CARGO_MANIFEST_DIR")
     );
     let text = match kind.contains("[grid]") {
@@ -150,11 +153,11 @@ fn settle(stage: &mut Stage) {
             return;
         }
     }
-    panic!("it never comes to rest");
+    panic!("the body does not come to rest");
 }
 
 #[test]
-fn a_body_at_rest_sleeps_and_wakes_when_touched() {
+fn body_at_rest_sleeps_and_wakes_on_contact() {
     type Touch = (&'static str, fn(&mut dyn Simulator));
     let touches: [Touch; 3] = [
         ("force", |body| {
@@ -180,7 +183,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
         assert_eq!(
             gpu.passes_recorded(),
             before,
-            "{kind}: something was done in its sleep"
+            "{kind}: a sleeping body must not be simulated"
         );
         let motion = stage.motion().unwrap();
         assert_eq!(motion.steps_slept(), slept + 50);
@@ -193,7 +196,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
             stage.run(1, &mut |_| {}).unwrap();
             assert!(
                 !stage.motion().unwrap().asleep(),
-                "{kind} sleeps through a {name}"
+                "{kind} must wake on {name}"
             );
             assert_ne!(gpu.passes_recorded(), before);
         }
@@ -206,7 +209,7 @@ fn a_body_at_rest_sleeps_and_wakes_when_touched() {
 }
 
 #[test]
-fn a_cut_wakes_a_body() {
+fn cut_wakes_sleeping_body() {
     let gpu = Gpu::new().unwrap();
     let edge = |z: f64| [DVec3::new(0.061, -1.0, z), DVec3::new(0.061, 1.0, z)];
     let blade = Blade::from_sweep(&[edge(-1.0), edge(1.0)]).unwrap();
@@ -220,7 +223,7 @@ fn a_cut_wakes_a_body() {
 }
 
 #[test]
-fn nothing_is_done_that_no_one_asked_for() {
+fn unrequested_work_is_skipped() {
     let gpu = Gpu::new().unwrap();
     let count = |name: &str| gpu.passes_recorded().get(name).copied().unwrap_or(0);
     let counts = || {
@@ -234,7 +237,7 @@ fn nothing_is_done_that_no_one_asked_for() {
     let mut stage = resting(&gpu, CAGE);
     let first = stage.image().unwrap();
     let [refreshes, tables, _, carried] = counts();
-    assert_eq!((refreshes, carried), (1, 0), "at rest nothing is carried");
+    assert_eq!((refreshes, carried), (1, 0), "no embedding update at rest");
     assert!(tables > 0);
     // The same picture again needs no pass, even with steps of a sleeping body in between.
     let before = gpu.passes_recorded();

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn finer_cages_are_truer() {
+fn cage_error_decreases_with_refinement() {
     let gpu = Gpu::new().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let run = Run {

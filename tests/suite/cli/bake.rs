@@ -47,7 +47,7 @@ pub fn sphere(path: &Path, rings: usize, uvs: bool, radius: impl Fn(f64, f64) ->
 }
 
 #[test]
-fn a_normal_map_is_baked_from_a_fine_surface() {
+fn bake_writes_normal_map_of_fine_surface() {
     let folder = folder("bake");
     let file = |name: &str| folder.join(name);
     let (coarse, fine, round) = (file("coarse.obj"), file("fine.obj"), file("round.obj"));
@@ -100,7 +100,7 @@ fn a_normal_map_is_baked_from_a_fine_surface() {
 }
 
 #[test]
-fn what_cannot_be_baked_is_named() {
+fn bake_rejects_invalid_input() {
     let folder = folder("bake_wrong");
     let file = |name: &str| folder.join(name);
     let (mapped, bare, out) = (file("mapped.obj"), file("bare.obj"), file("normals.png"));
@@ -114,7 +114,7 @@ fn what_cannot_be_baked_is_named() {
         (bare, mapped, png, "8x8", "bare.obj"),
         (mapped, bare, text(&jpg), "8x8", "normals.jpg"),
         (mapped, bare, png, "9999x8", "9999 x 8"),
-        (mapped, tets.as_str(), png, "8x8", "is no surface"),
+        (mapped, tets.as_str(), png, "8x8", "is not a surface"),
         (mapped, "/no/such/fine.stl", png, "8x8", "/no/such/fine.stl"),
     ] {
         let errors = failure(&palpate(&[

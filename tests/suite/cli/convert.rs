@@ -22,7 +22,7 @@ fn regions(path: &Path) -> Vec<(Value, Value, Value)> {
 }
 
 #[test]
-fn a_mesh_goes_through_every_format_and_back() {
+fn mesh_formats_round_trip() {
     let folder = folder("convert");
     let first = folder.join("knee.node");
     let made = palpate(&[
@@ -65,7 +65,7 @@ fn a_mesh_goes_through_every_format_and_back() {
 }
 
 #[test]
-fn surfaces_are_converted_too() {
+fn convert_writes_surfaces() {
     let folder = folder("convert_surface");
     let stl = folder.join("a.stl");
     std::fs::write(&stl, "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n").unwrap();
@@ -80,10 +80,10 @@ fn surfaces_are_converted_too() {
     refused(&[text(&stl), text(&mesh)], "a surface, which has no tets");
     refused(&[text(&stl), text(&mesh)], "palpate mesh");
     refused(&[KNEE, text(&mesh)], "a volume");
-    refused(&[text(&stl), text(&ply), "--text"], "are for meshes");
+    refused(&[text(&stl), text(&ply), "--text"], "require a mesh");
     refused(
         &[text(&stl), text(&folder.join("a.xyz"))],
-        "not as \".xyz\"",
+        "extension \".xyz\"",
     );
     assert!(!mesh.exists());
     let missing = folder.join("no.vtu");

@@ -307,7 +307,7 @@ fn documents() -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_command_line_in_the_documentation_can_be_run() {
+fn documented_commands_parse() {
     let mut wrongs = Vec::new();
     let mut programs: BTreeSet<String> = BTreeSet::new();
     let mut checked = 0;
@@ -332,7 +332,7 @@ fn every_command_line_in_the_documentation_can_be_run() {
 }
 
 #[test]
-fn command_lines_that_cannot_be_run_are_found() {
+fn invalid_documented_commands_are_detected() {
     for (markdown, wrongs) in [
         ("    palpate render a.vtu --out a.png", 0),
         ("    palpate render a.vtu --oout a.png", 1),

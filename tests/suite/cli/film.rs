@@ -25,7 +25,7 @@ fn scene(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_film_goes_round_a_body_at_rest() {
+fn film_orbits_static_body() {
     let folder = folder("turntable");
     let (film, mesh) = (folder.join("turn.gif"), format!("{DATA}/limb.vtu"));
     let arguments = [
@@ -56,7 +56,7 @@ fn a_film_goes_round_a_body_at_rest() {
 }
 
 #[test]
-fn a_simulation_is_filmed_frame_by_frame() {
+fn film_has_every_frame_of_simulation() {
     let folder = folder("film");
     let (scene, film, out) = (scene(&folder), folder.join("f.gif"), folder.join("out"));
     let run = [
@@ -92,7 +92,7 @@ fn a_simulation_is_filmed_frame_by_frame() {
 }
 
 #[test]
-fn a_recorded_series_is_filmed_and_tells_its_times() {
+fn film_of_series_shows_its_times() {
     let folder = folder("film_series");
     let (scene, out) = (scene(&folder), folder.join("out"));
     stdout(&palpate(&[
@@ -130,7 +130,7 @@ fn a_recorded_series_is_filmed_and_tells_its_times() {
 }
 
 #[test]
-fn films_that_cannot_be_made_are_refused_before_the_work() {
+fn film_rejects_invalid_output_before_the_run() {
     let folder = folder("film_errors");
     let (scene, out) = (scene(&folder), folder.join("out"));
     let simulate =
@@ -141,7 +141,7 @@ fn films_that_cannot_be_made_are_refused_before_the_work() {
     let said = failure(&simulate(&["--film", &film("f.gif"), "--fps", "90"]));
     assert!(said.contains("0.01 to 50"), "{said}");
     let said = failure(&simulate(&["--no-pictures", "--no-meshes"]));
-    assert!(said.contains("make a film"), "{said}");
+    assert!(said.contains("write a film"), "{said}");
     assert!(!out.exists());
     let both = simulate(&["--film", &film("f.gif"), "--resume"]);
     assert_eq!(both.status.code(), Some(2));
@@ -157,7 +157,7 @@ fn films_that_cannot_be_made_are_refused_before_the_work() {
     // A mesh without a solver: the message mentions the orbit.
     let mesh = format!("{DATA}/bar.vtu");
     let said = failure(&palpate(&["simulate", &mesh, "--out", text(&out)]));
-    assert!(said.contains("goes round a body at rest"), "{said}");
+    assert!(said.contains("film a static body"), "{said}");
     // Without ffmpeg.
     let nowhere = Command::new(env!("CARGO_BIN_EXE_palpate"))
         .args(["render", &mesh, "--size", "32x32", "--film", &film("f.mp4")])
@@ -169,7 +169,7 @@ fn films_that_cannot_be_made_are_refused_before_the_work() {
 }
 
 #[test]
-fn presets_are_listed_and_drawn() {
+fn presets_are_listed_and_rendered() {
     let names = stdout(&palpate(&["presets"]));
     let names: Vec<&str> = names.lines().collect();
     assert_eq!(names, palpate::render::TransferFunction::preset_names());
@@ -181,7 +181,7 @@ fn presets_are_listed_and_drawn() {
 }
 
 #[test]
-fn what_stands_around_a_picture_is_asked_for_by_flags() {
+fn annotation_flags_change_the_picture() {
     let folder = folder("around");
     let mesh = format!("{DATA}/limb.vtu");
     let draw = |name: &str, more: &[&str]| {
@@ -209,7 +209,7 @@ fn what_stands_around_a_picture_is_asked_for_by_flags() {
         assert_ne!(std::fs::read(drawn).unwrap(), plain, "{flags:?}");
     }
     let (_, notes) = draw("values.exr", &["--title", "A limb"]);
-    assert!(notes.contains("an EXR has the values alone"), "{notes}");
+    assert!(notes.contains("an EXR contains only the values"), "{notes}");
     let wrong = |flags: &[&str]| palpate(&[&["render", &mesh, "--out", "x.png"], flags].concat());
     assert_eq!(wrong(&["--axes", "polar"]).status.code(), Some(2));
     let said = failure(&wrong(&["--samples", "3"]));

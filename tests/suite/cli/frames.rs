@@ -55,7 +55,7 @@ fn piped(arguments: &[&str], bytes: &[u8]) -> Output {
 }
 
 #[test]
-fn frames_from_a_pipe_are_those_of_a_series_to_the_bit() {
+fn streamed_frames_match_series_bitwise() {
     let folder = folder("frames");
     let (mesh, frames) = bar();
     let rest = folder.join("bar.vtu");
@@ -111,7 +111,7 @@ fn frames_from_a_pipe_are_those_of_a_series_to_the_bit() {
 
 #[cfg(unix)]
 #[test]
-fn a_frame_is_drawn_before_the_next_one_comes() {
+fn frame_is_rendered_before_the_next_arrives() {
     let folder = folder("frames_fifo");
     let (mesh, frames) = bar();
     let pipe = folder.join("pipe");
@@ -148,7 +148,7 @@ fn a_frame_is_drawn_before_the_next_one_comes() {
     while !first.exists() {
         assert!(
             waited.elapsed().as_secs() < 600 && child.try_wait().unwrap().is_none(),
-            "the first frame is not drawn"
+            "first frame missing"
         );
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
@@ -162,7 +162,7 @@ fn a_frame_is_drawn_before_the_next_one_comes() {
 }
 
 #[test]
-fn a_stream_cut_at_any_byte_is_an_error_or_ends_between_frames() {
+fn truncated_stream_fails_or_ends_between_frames() {
     let (mesh, frames) = bar();
     let whole = stream(&mesh, true, &frames);
     let frame = 8 + 24 * mesh.nodes.len();
@@ -190,7 +190,7 @@ fn a_stream_cut_at_any_byte_is_an_error_or_ends_between_frames() {
 }
 
 #[test]
-fn what_is_no_stream_is_refused_with_what_would_be() {
+fn invalid_stream_is_rejected_with_advice() {
     let (mesh, frames) = bar();
     let refused = |bytes: &[u8]| {
         let read = FrameStream::new(bytes, "wrong").and_then(|(mut frames, _)| {
@@ -200,30 +200,30 @@ fn what_is_no_stream_is_refused_with_what_would_be() {
         read.unwrap_err().to_string()
     };
     let whole = stream(&mesh, true, &frames);
-    assert!(refused(b"P6 640 480 255 and so on").contains("begins with PALPATE1"));
+    assert!(refused(b"P6 640 480 255 and so on").contains("expected PALPATE1 at the start"));
     // Counts beyond the actual data do not size an allocation.
     let mut many = whole.clone();
     many[8..16].fill(0xff);
-    assert!(refused(&many).contains("ends within the rest places"));
+    assert!(refused(&many).contains("ends within its node positions at rest"));
     let mut none = whole.clone();
     none[8..12].fill(0);
-    assert!(refused(&none).contains("0 nodes"));
+    assert!(refused(&none).contains("number of nodes must be ≥ 1, got 0"));
     let first = 16 + 24 * mesh.nodes.len();
     let mut wrong = whole.clone();
     wrong[first..first + 4].fill(0xff);
-    assert!(refused(&wrong).contains("makes no sense"));
+    assert!(refused(&wrong).contains("invalid mesh"));
     let mut nowhere = whole.clone();
     let last = whole.len() - 8;
     nowhere[last..].copy_from_slice(&f64::NAN.to_le_bytes());
     let said = refused(&nowhere);
     assert!(
-        said.contains("frame 2") && said.contains("no place"),
+        said.contains("frame 2") && said.contains("must have finite coordinates"),
         "{said}"
     );
     let mut endless = whole.clone();
     let time = whole.len() - 8 - 24 * mesh.nodes.len();
     endless[time..time + 8].copy_from_slice(&f64::INFINITY.to_le_bytes());
-    assert!(refused(&endless).contains("time inf"));
+    assert!(refused(&endless).contains("time must be finite, got inf"));
     // Invalid combinations of arguments.
     let dash = [
         "render",
@@ -236,7 +236,7 @@ fn what_is_no_stream_is_refused_with_what_would_be() {
         "8x8",
     ];
     let said = failure(&piped(&dash, &stream(&mesh, false, &frames)));
-    assert!(said.contains("without a mesh"), "{said}");
+    assert!(said.contains("contains no mesh"), "{said}");
     let limb = format!("{DATA}/limb.vtu");
     let named = [
         "render",
@@ -248,10 +248,10 @@ fn what_is_no_stream_is_refused_with_what_would_be() {
         "--size",
         "8x8",
     ];
-    assert!(failure(&piped(&named, &whole)).contains("is another"));
+    assert!(failure(&piped(&named, &whole)).contains("is given as well"));
     let said = failure(&piped(&named, &stream(&mesh, false, &frames)));
-    assert!(said.contains("do not fit"), "{said}");
+    assert!(said.contains("but the mesh has"), "{said}");
     let orbit = [&dash[..], &["--film", "x.gif", "--orbit", "90"]].concat();
-    assert!(failure(&piped(&orbit, &whole)).contains("how many frames"));
+    assert!(failure(&piped(&orbit, &whole)).contains("number of frames"));
     assert!(failure(&piped(&dash, &stream(&mesh, true, &[]))).contains("before the first frame"));
 }

@@ -9,7 +9,7 @@ fn shipped(file: &str) -> String {
 }
 
 #[test]
-fn a_segmentation_becomes_a_mesh_with_named_regions() {
+fn segmentation_is_meshed_with_named_regions() {
     let folder = folder("mesh_labels");
     let (mesh, report) = (folder.join("knee.vtu"), folder.join("knee.json"));
     let made = |mesh: &Path| {
@@ -47,7 +47,7 @@ fn a_segmentation_becomes_a_mesh_with_named_regions() {
 }
 
 #[test]
-fn regions_are_parted() {
+fn mesh_splits_region_interfaces() {
     let folder = folder("mesh_part");
     let made = |name: &str, part: &[&str]| {
         let mesh = folder.join(name);
@@ -92,7 +92,7 @@ fn regions_are_parted() {
 }
 
 #[test]
-fn thresholds_nest_and_carry_intensities() {
+fn nested_thresholds_keep_intensities() {
     let folder = folder("mesh_thresholds");
     let mesh = folder.join("head.vtu");
     let output = palpate(&[
@@ -121,7 +121,7 @@ fn thresholds_nest_and_carry_intensities() {
 }
 
 #[test]
-fn surfaces_come_out_and_go_in() {
+fn surfaces_are_extracted_and_meshed() {
     let folder = folder("mesh_surfaces");
     let (skull, bone) = (folder.join("skull.ply"), folder.join("bone.vtu"));
     stdout(&palpate(&[
@@ -158,7 +158,7 @@ fn surfaces_come_out_and_go_in() {
 }
 
 #[test]
-fn what_cannot_be_meshed_is_told_with_what_to_do() {
+fn mesh_rejects_invalid_input_with_advice() {
     let folder = folder("mesh_errors");
     let out = folder.join("x.vtu");
     let refused = |arguments: &[&str], part: &str| {
@@ -176,21 +176,21 @@ fn what_cannot_be_meshed_is_told_with_what_to_do() {
         shipped("lobe.stl"),
     );
     refused(&[&head], "--above");
-    refused(&[&knee, "--labels", "77"], "no voxel has the label 77");
+    refused(&[&knee, "--labels", "77"], "no voxel has label 77");
     refused(&[&head, "--above", "9999"], "no voxel has a value");
-    refused(&[&lobe, "--above", "3"], "thresholds are for volumes");
+    refused(&[&lobe, "--above", "3"], "thresholds apply to volumes only");
     refused(&[&lobe, "--edge", "2mm"], "--unit");
     refused(&[&knee, "--with", "tetgen"], "TetGen meshes surfaces");
     refused(&[&knee, "--with", "gmsh"], "lattice or tetgen");
-    refused(&[&shipped("bar.vtu")], "tetrahedral mesh already");
-    refused(&[&knee, &lobe], "meshed alone");
+    refused(&[&shipped("bar.vtu")], "already a tetrahedral mesh");
+    refused(&[&knee, &lobe], "must be the only input");
     refused(&["nowhere.nrrd"], "nowhere.nrrd");
-    refused(&[&knee, "--edge", "900"], "smaller");
+    refused(&[&knee, "--edge", "900"], "decrease the edge length");
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn scenes_mesh_what_they_name() {
+fn scene_meshes_its_volume() {
     let folder = folder("mesh_scenes");
     for scene in ["knee", "head_ct", "head_mri", "lobe"] {
         let picture = folder.join(format!("{scene}.png"));

@@ -3,7 +3,7 @@
 use crate::cli::*;
 
 #[test]
-fn a_pixel_is_told_as_json() {
+fn pick_prints_json() {
     let folder = folder("pick");
     let scene = folder.join("cube.toml");
     let text_of_scene = r#"

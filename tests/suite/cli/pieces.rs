@@ -5,7 +5,7 @@ use palpate::io;
 use std::path::Path;
 
 #[test]
-fn the_command_line_cuts_and_reads_pieces() {
+fn pieces_are_written_and_read() {
     let folder = folder("pieces_cli");
     let (one, index) = (folder.join("limb.vtu"), folder.join("limb.pvtu"));
     let limb = palpate::mesh::generate::by_name("limb", Some(2_000)).unwrap();

@@ -26,7 +26,7 @@ below = 0.1
 at = [0.12, 0.03, 0.03]
 radius = 0.02
 path = [[0.0, 0, 0, 0], [0.1, 0, 0, 0.02], [0.2, 0, 0.01, 0.02]]
-release = 0.13
+release_time = 0.13
 [[cut]]
 edge = [[0.05, -0.01, 0.07], [0.05, 0.07, 0.07]]
 path = [[0.03, 0, 0, 0], [0.15, 0.002, 0, -0.045]]
@@ -55,8 +55,8 @@ below = 0.1
 at = [0.12, 0.03, 0.03]
 radius = 0.02
 path = [[0.0, 0, 0, 0], [0.2, 0, 0, 0.02]]
-spring = 40.0
-limit = 1.0
+spring_stiffness = 40.0
+max_force = 1.0
 [[cut]]
 edge = [[0.05, -0.01, 0.07], [0.05, 0.07, 0.07]]
 path = [[0.02, 0, 0, 0], [0.25, 0.002, 0, -0.045]]
@@ -139,7 +139,7 @@ fn comes(file: &Path, child: &mut Child) -> bool {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_run_killed_at_five_moments_ends_as_an_unbroken_one() {
+fn resume_after_kill_matches_uninterrupted_run() {
     const FRAMES: u32 = 14;
     let here = folder("resume_killed");
     let scene = scene(&here, "bar", BAR);
@@ -201,8 +201,8 @@ name = "hand"
 on = { axis = "x", above = 0.95 }
 path = [[0.0, 0, 0, 0], [0.03, 0, 0, 0.01], [0.05, 0, 0.01, 0.01]]
 [[pressure]]
-facing = [0, 0, 1]
-pascal = [[0.0, 0], [0.04, 900.0]]
+normal = [0, 0, 1]
+pressure = [[0.0, 0], [0.04, 900.0]]
 [[muscle]]
 tension = 1e4
 activation = [[0.0, 0], [0.05, 1.0]]
@@ -215,7 +215,7 @@ reactions = "reactions.csv"
 "#;
 
 #[test]
-fn a_loaded_run_goes_on_with_its_fields_and_reactions() {
+fn resume_keeps_fields_and_reactions() {
     let here = folder("resume_loaded");
     let scene = scene(&here, "scene", LOADED);
     let (whole, broken) = (here.join("whole"), here.join("broken"));
@@ -253,7 +253,7 @@ fn goes_on(name: &str, content: &str) {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn every_solver_goes_on_where_it_was() {
+fn resume_is_bitwise_identical_for_every_solver() {
     for name in [
         "explicit",
         "symplectic",
@@ -272,13 +272,13 @@ fn every_solver_goes_on_where_it_was() {
 }
 
 #[test]
-fn grid_bodies_go_on_where_they_were() {
+fn resume_is_bitwise_identical_for_grids() {
     goes_on("grid", GRID);
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn caged_bodies_go_on_where_they_were() {
+fn resume_is_bitwise_identical_for_cages() {
     let without_cut = BAR.split("[[cut]]").next().unwrap();
     for (kind, solver) in [("lattice", "implicit"), ("grid", "verlet")] {
         let content = format!("{without_cut}\n[cage]\nnodes = 60\nkind = \"{kind}\"\n")
@@ -290,7 +290,7 @@ fn caged_bodies_go_on_where_they_were() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_body_cut_under_a_skin_goes_on_where_it_was() {
+fn resume_is_bitwise_identical_after_cut_under_skin() {
     let here = folder("resume_skin_source");
     let surface = here.join("skin.ply");
     let bar = palpate::mesh::generate::by_name("bar", Some(400)).unwrap();
@@ -303,7 +303,7 @@ fn a_body_cut_under_a_skin_goes_on_where_it_was() {
 }
 
 #[test]
-fn checkpoints_of_other_runs_are_refused() {
+fn resume_rejects_checkpoints_of_other_runs() {
     let here = folder("resume_refused");
     let bar = scene(&here, "bar", BAR);
     let out = here.join("out");
@@ -321,14 +321,14 @@ fn checkpoints_of_other_runs_are_refused() {
         assert!(!out.join("bar_00003.vtu").exists());
     };
     // A different scene: by a flag, by its text.
-    refused(&["another scene"], &["--dt", "0.003"]);
+    refused(&["different scene"], &["--dt", "0.003"]);
     scene(
         &here,
         "bar",
         &BAR.replace("0.02, 0.02", "0.02, 0.021")
             .replace("below = 0.1", "below = 0.2"),
     );
-    refused(&["another scene"], &[]);
+    refused(&["different scene"], &[]);
     scene(&here, "bar", BAR);
     // Damaged: a bit in the middle, truncated, empty, other content.
     for place in [30, good.len() / 2, good.len() - 1] {
@@ -340,7 +340,7 @@ fn checkpoints_of_other_runs_are_refused() {
     std::fs::write(&kept, &good[..good.len() / 2]).unwrap();
     refused(&["damaged"], &[]);
     std::fs::write(&kept, b"").unwrap();
-    refused(&["no checkpoint"], &[]);
+    refused(&["not a checkpoint"], &[]);
     std::fs::write(&kept, b"palpate checkpoint 1 0.0.9\nxxxx").unwrap();
     refused(&["1 0.0.9"], &[]);
     // The file of a completed frame is missing.
@@ -354,7 +354,7 @@ fn checkpoints_of_other_runs_are_refused() {
 }
 
 #[test]
-fn a_checkpoint_that_was_tampered_with_does_not_end_the_same() {
+fn altered_checkpoint_changes_the_result() {
     let here = folder("resume_doctored");
     let bar = scene(&here, "bar", BAR);
     let (whole, broken) = (here.join("whole"), here.join("broken"));
@@ -376,12 +376,12 @@ fn a_checkpoint_that_was_tampered_with_does_not_end_the_same() {
     let end = |folder: &Path| std::fs::read(folder.join("bar_00003.vtu")).ok();
     assert!(
         !done.status.success() || end(&broken) != end(&whole),
-        "what was changed should show"
+        "the alteration must change the result"
     );
 }
 
 #[test]
-fn without_a_checkpoint_a_run_starts_and_says_so() {
+fn resume_without_checkpoint_starts_with_note() {
     let here = folder("resume_none");
     let bar = scene(&here, "bar", BAR);
     let out = here.join("out");
@@ -389,7 +389,7 @@ fn without_a_checkpoint_a_run_starts_and_says_so() {
     stdout(&done);
     let said = String::from_utf8_lossy(&done.stderr).into_owned();
     assert!(
-        said.contains("there is no") && said.contains("first frame"),
+        said.contains("no checkpoint") && said.contains("first frame"),
         "{said}"
     );
     assert!(out.join("bar_00001.vtu").exists());
@@ -400,13 +400,13 @@ fn without_a_checkpoint_a_run_starts_and_says_so() {
         text(&here),
         "--resume",
     ]);
-    assert!(failure(&played).contains("nothing to resume"));
+    assert!(failure(&played).contains("requires a simulation"));
 }
 
 /// The state of rapier cannot be restored: such runs write no checkpoint, and a message states it.
 #[cfg(feature = "rapier")]
 #[test]
-fn runs_of_rapier_start_anew() {
+fn resume_rejects_rapier() {
     let here = folder("resume_rapier");
     let scene = here.join("bar.toml");
     let bar = "[mesh]\ngenerate = \"bar\"\ntets = 200\n[solver]\nname = \"implicit\"\nengine = \"rapier\"\n[picture]\nsize = [32, 24]\n";
@@ -427,5 +427,5 @@ fn runs_of_rapier_start_anew() {
     stdout(&run(&[]));
     assert!(out.join("bar_0002.png").exists() && !out.join("bar.checkpoint").exists());
     let told = failure(&run(&["--resume"]));
-    assert!(told.contains("leave --resume out"), "{told}");
+    assert!(told.contains("remove --resume"), "{told}");
 }

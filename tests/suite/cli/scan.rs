@@ -50,13 +50,13 @@ fn drawn(mesh: &Path, scan: &str, out: &Path, more: &[&str]) -> (Image, String) 
 }
 
 #[test]
-fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
+fn scan_deforms_with_mesh_of_known_rest_state() {
     let folder = folder("scan_rest");
     let scan = format!("{DATA}/knee.nrrd");
     let [rest, bent, told] = meshes(&folder, &scan, &["--labels", "all"]);
     let out = |name: &str| folder.join(name);
     let (straight, said) = drawn(&rest, &scan, &out("rest.exr"), &[]);
-    assert!(said.contains("11 different whole numbers"), "{said}");
+    assert!(said.contains("11 different integer values"), "{said}");
     let (by_mesh, _) = drawn(&bent, &scan, &out("a.exr"), &["--rest", text(&rest)]);
     let (by_field, said) = drawn(&told, &scan, &out("b.exr"), &[]);
     assert!(said.contains("field displacement"), "{said}");
@@ -75,7 +75,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
     let limb = format!("{DATA}/limb.vtu");
     let said = failure(&palpate(&[&bent[..], &["--rest", &limb]].concat()));
     assert!(
-        said.contains("limb.vtu") && said.contains("at rest"),
+        said.contains("limb.vtu") && said.contains("rest state"),
         "{said}"
     );
     let nothing = [
@@ -111,7 +111,7 @@ fn a_scan_bends_with_a_mesh_that_says_where_it_rests() {
 }
 
 #[test]
-fn x_rays_go_by_the_energy_and_the_film_by_the_scene() {
+fn xray_uses_energy_flag_and_scene_film() {
     let folder = folder("scan_xray");
     let scan = format!("{DATA}/chest_ct.mha");
     let regions = [
@@ -143,7 +143,10 @@ fn x_rays_go_by_the_energy_and_the_film_by_the_scene() {
     let brightest = film.values.iter().fold(0.0f32, |m, v| m.max(*v));
     assert!(brightest > 0.9, "{brightest}");
     let mut rgb = film.values.chunks(film.channels);
-    assert!(rgb.all(|p| p[0] == p[1] && p[1] == p[2]), "it is grey");
+    assert!(
+        rgb.all(|p| p[0] == p[1] && p[1] == p[2]),
+        "picture must be grey"
+    );
     let fixed = ["render", text(&rest), "--scan", &scan, "--out", "a.png"];
     let wrong = palpate(&[&fixed[..], &["--mode", "xray", "--energy", "5"]].concat());
     let said = failure(&wrong);

@@ -11,7 +11,7 @@ fn subcommands() -> Vec<String> {
 }
 
 #[test]
-fn shells_complete_every_subcommand() {
+fn completions_contain_every_subcommand() {
     for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
         let script = stdout(&palpate(&["completions", shell]));
         for name in subcommands() {
@@ -25,7 +25,7 @@ fn shells_complete_every_subcommand() {
 }
 
 #[test]
-fn every_subcommand_has_a_manual_page() {
+fn man_writes_page_per_subcommand() {
     let folder = folder("man").join("new/man1");
     let output = palpate(&["man", text(&folder), "--quiet"]);
     assert_eq!(
@@ -50,15 +50,15 @@ fn every_subcommand_has_a_manual_page() {
 }
 
 #[test]
-fn a_folder_that_cannot_hold_pages_is_refused() {
+fn man_rejects_invalid_folder() {
     let file = folder("man_wrong").join("file");
     std::fs::write(&file, "").unwrap();
     let errors = failure(&palpate(&["man", text(&file)]));
-    let start = format!("palpate: {}: this is no folder", text(&file));
+    let start = format!("palpate: {}: not a folder", text(&file));
     assert!(errors.starts_with(&start), "{errors}");
     let errors = failure(&palpate(&["man", text(&file.join("in_it"))]));
     assert!(
-        errors.contains("in_it: the folder for the pages cannot be made"),
+        errors.contains("in_it: cannot create the folder for the pages"),
         "{errors}"
     );
 }

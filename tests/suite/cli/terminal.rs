@@ -43,7 +43,7 @@ fn foreign(stderr: &str) -> Vec<&str> {
 }
 
 #[test]
-fn nothing_but_ours_comes_on_standard_error() {
+fn stderr_has_only_palpate_lines() {
     let folder = folder("terminal_bare");
     let scene = scene(&folder, BAR);
     let (picture, frames) = (folder.join("bar.png"), folder.join("frames"));
@@ -62,8 +62,7 @@ fn nothing_but_ours_comes_on_standard_error() {
     assert_eq!(bare(&["adapters"]), "");
     let bar = format!("{DATA}/bar.vtu");
     let told = bare(&["render", &bar, "--size", "32x32", "--out", text(&picture)]);
-    let wanted =
-        "palpate: the mesh has no scalar field that varies: seen is the depth below its surface\n";
+    let wanted = "palpate: no varying scalar field; rendering the depth below the surface\n";
     assert_eq!(told, wanted);
     for arguments in [
         &[
@@ -89,14 +88,14 @@ fn nothing_but_ours_comes_on_standard_error() {
 }
 
 #[test]
-fn lines_that_are_not_ours_are_found() {
+fn foreign_stderr_lines_are_detected() {
     let wayland = "error: XDG_RUNTIME_DIR is invalid or not set in the environment.";
     assert_eq!(foreign(&format!("palpate: a note\n{wayland}\n")), [wayland]);
     assert_eq!(foreign("palpate: a note\npalpate: another\n"), [""; 0]);
 }
 
 #[test]
-fn quiet_leaves_results_and_errors() {
+fn quiet_keeps_results_and_errors() {
     let folder = folder("terminal_quiet");
     let knee = format!("{DATA}/knee.nrrd");
     let out = folder.join("knee.vtu");
@@ -121,7 +120,7 @@ fn quiet_leaves_results_and_errors() {
 }
 
 #[test]
-fn adapters_and_presets_are_listed_as_json() {
+fn adapters_and_presets_print_json() {
     let adapters = reported(&["adapters"]);
     let list = adapters["adapters"].as_array().unwrap();
     let chosen: Vec<_> = list.iter().filter(|a| a["chosen"] == true).collect();
@@ -135,7 +134,7 @@ fn adapters_and_presets_are_listed_as_json() {
 }
 
 #[test]
-fn meshes_and_conversions_are_reported_as_json() {
+fn mesh_and_convert_print_json() {
     let folder = folder("terminal_mesh");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     let knee = format!("{DATA}/knee.nrrd");
@@ -170,7 +169,7 @@ fn meshes_and_conversions_are_reported_as_json() {
 }
 
 #[test]
-fn baked_and_compared_pictures_are_reported_as_json() {
+fn bake_and_compare_print_json() {
     let folder = folder("terminal_bake");
     let at = |name: &str| folder.join(name);
     let (coarse, map, other) = (at("ball.obj"), at("a.png"), at("b.png"));
@@ -204,7 +203,7 @@ fn baked_and_compared_pictures_are_reported_as_json() {
 }
 
 #[test]
-fn pictures_and_series_are_reported_as_json() {
+fn render_and_simulate_print_json() {
     let folder = folder("terminal_series");
     let scene = scene(&folder, BAR);
     let at = |name: &str| text(&folder.join(name)).to_owned();
@@ -241,7 +240,7 @@ fn pictures_and_series_are_reported_as_json() {
 }
 
 #[test]
-fn presses_are_reported_as_json() {
+fn press_prints_json() {
     let folder = folder("terminal_press");
     let block = "[mesh]\ngenerate = \"bar\"\n[material]\nyoung = 2e4\n[picture]\nsize = [48, 32]\n";
     let scene = scene(&folder, block);
@@ -268,7 +267,7 @@ fn presses_are_reported_as_json() {
 }
 
 #[test]
-fn a_scene_that_was_tuned_is_reported_as_json() {
+fn tune_prints_json() {
     let folder = folder("terminal_tune");
     let still = "[mesh]\ngenerate = \"bar\"\n[picture]\nsize = [48, 32]\n";
     let scene = scene(&folder, still);
@@ -281,7 +280,7 @@ fn a_scene_that_was_tuned_is_reported_as_json() {
 }
 
 #[test]
-fn a_warp_is_reported_as_json() {
+fn warp_prints_json() {
     let folder = folder("terminal_warp");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     let (knee, rest) = (format!("{DATA}/knee.nrrd"), at("rest.vtu"));
@@ -308,7 +307,7 @@ fn a_warp_is_reported_as_json() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_study_is_reported_as_json() {
+fn study_prints_json() {
     let folder = folder("terminal_study");
     let scene = scene(&folder, BAR);
     let out = folder.join("study");

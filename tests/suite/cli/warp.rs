@@ -39,7 +39,7 @@ fn told(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn a_segmentation_follows_a_mesh_with_moved_nodes() {
+fn warp_moves_segmentation_with_mesh() {
     let (folder, scan, _) = knee("warp_mesh");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     let files = [at("warped.nii.gz"), at("there.nii.gz"), at("back.nrrd")];
@@ -60,9 +60,9 @@ fn a_segmentation_follows_a_mesh_with_moved_nodes() {
     ]);
     let told = told(&output);
     for words in [
-        "lie in no tet and are background; 0 voxels lie in more than one tet; 0 of",
-        "tets are inverted in the bent mesh",
-        "lie in no tet at rest: they do not move",
+        "are outside all tets and set to background; 0 voxels are inside more than one tet; 0 of",
+        "tets are inverted in the deformed mesh",
+        "are outside all tets at rest and are not moved",
     ] {
         assert!(told.contains(words), "{told}");
     }
@@ -103,7 +103,7 @@ fn a_segmentation_follows_a_mesh_with_moved_nodes() {
 }
 
 #[test]
-fn a_scene_is_simulated_and_its_mesh_is_that_at_rest() {
+fn warp_simulates_scene_from_its_rest_mesh() {
     let (folder, scan, mesh) = knee("warp_scene");
     // In metres, stated in the file: positions are converted to the scan's mm.
     let small = TetMesh {
@@ -130,7 +130,7 @@ fn a_scene_is_simulated_and_its_mesh_is_that_at_rest() {
         (told(&output), read_volume(&out).unwrap())
     };
     let (words, of_mm) = of("rest.vtu", "mm");
-    assert!(words.contains("are background"), "{words}");
+    assert!(words.contains("set to background"), "{words}");
     let (_, of_metres) = of("metres.vtu", "metres");
     let same = (0..of_mm.voxels()).filter(|n| of_mm.raw.get(*n) == of_metres.raw.get(*n));
     let share = same.count() as f64 / of_mm.voxels() as f64;
@@ -141,7 +141,7 @@ fn a_scene_is_simulated_and_its_mesh_is_that_at_rest() {
 }
 
 #[test]
-fn what_does_not_fit_together_is_refused_in_words() {
+fn warp_rejects_mismatched_input() {
     let (folder, scan, mesh) = knee("warp_wrong");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     let (rest, bent, out) = (at("rest.vtu"), at("bent.vtu"), at("out.nii.gz"));
@@ -179,7 +179,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
     let errors = refused(&scan, &rest, &at("other.vtu"), &out);
     holds(
         &errors,
-        &["other.vtu", "which no tet of the mesh at rest does"],
+        &["other.vtu", "which form no tet of the mesh at rest"],
     );
     // Invalid numbers, missing files, a missing folder, an unknown format.
     let text_mesh = at("bent.vtk");
@@ -194,7 +194,7 @@ fn what_does_not_fit_together_is_refused_in_words() {
     lines[points + 1] = format!("nan {first}");
     std::fs::write(&text_mesh, lines.join("\n")).unwrap();
     let errors = refused(&scan, &rest, &text_mesh, &out);
-    holds(&errors, &["bent.vtk", "not finite"]);
+    holds(&errors, &["bent.vtk", "must have finite coordinates"]);
     for missing in [
         refused("/no/such.nii.gz", &rest, &bent, &out),
         refused(&scan, "/no/such.vtu", &bent, &out),
@@ -204,13 +204,13 @@ fn what_does_not_fit_together_is_refused_in_words() {
         holds(&missing, &["/no/such"]);
     }
     let errors = refused(&scan, &rest, &bent, &at("none/out.nii.gz"));
-    holds(&errors, &["none", "make it first"]);
+    holds(&errors, &["none", "create it first"]);
     let errors = refused(&scan, &rest, &bent, &at("out.dcm"));
     holds(&errors, &["out.dcm", ".nii.gz"]);
     // A scan of another region, a missing rest mesh, a flag for scenes only.
     write(&folder.join("far.vtu"), &mesh, |p| p + 1e4);
     let errors = refused(&scan, &rest, &at("far.vtu"), &out);
-    holds(&errors, &["no voxel lies in the body", "RAS"]);
+    holds(&errors, &["no voxel is inside the body", "RAS"]);
     let errors = failure(&palpate(&["warp", &scan, "--to", &bent, "--out", &out]));
     holds(&errors, &["--mesh"]);
     let steps = ["--steps", "3"];
@@ -238,7 +238,7 @@ fn write_part(path: &Path, mesh: &TetMesh, change: impl FnOnce(&mut Vec<[u32; 4]
 }
 
 #[test]
-fn tets_inside_out_are_told() {
+fn warp_reports_inverted_tets() {
     let (folder, scan, mesh) = knee("warp_inverted");
     let at = |name: &str| text(&folder.join(name)).to_owned();
     // Readers flip such tets; the rest mesh identifies them.
@@ -264,5 +264,5 @@ fn tets_inside_out_are_told() {
     let words = told(&palpate(&given));
     let count = format!("; {inverted} of {} tets are inverted", mesh.tets.len());
     assert!(words.contains(&count), "{words}");
-    assert!(words.contains("where tets overlap, the first"), "{words}");
+    assert!(words.contains("intersects itself"), "{words}");
 }

@@ -70,7 +70,7 @@ proptest! {
     /// A block of cells (each cube a hexahedron, a voxel, two wedges, six pyramids or six tets),
     /// with random node numbers: adjacent cells share complete triangles.
     #[test]
-    fn shared_faces_match(
+    fn subdivided_cells_conform_at_shared_faces(
         kinds in prop::collection::vec(0..5usize, 27),
         order in Just((0..64 + 27).collect::<Vec<usize>>()).prop_shuffle(),
         flip in any::<bool>(),
@@ -126,7 +126,7 @@ proptest! {
         let mesh = read(&nodes, &cells).unwrap();
         // Six sides of nine squares, two triangles each; any mismatch inside increases the number.
         prop_assert_eq!(Topology::new(&mesh).boundary.len(), 6 * 9 * 2);
-        prop_assert_eq!(mesh.repairs.inverted_fixed, 0, "cells keep their orientation");
+        prop_assert_eq!(mesh.repairs.inverted_fixed, 0, "cells preserve their orientation");
         prop_assert_eq!(mesh.repairs.degenerate, 0);
         let mut of_cube = [0.0; 27];
         for (volume, cube) in volumes(&mesh, cells.len()).iter().zip(&cubes) {
@@ -139,7 +139,7 @@ proptest! {
 }
 
 #[test]
-fn prisms_of_five_and_six_sides_are_cut() {
+fn pentagonal_and_hexagonal_prisms_are_subdivided() {
     for (kind, sides) in [(15u8, 5usize), (16, 6)] {
         let ring = |z: f64| {
             (0..sides).map(move |i| {
@@ -160,7 +160,7 @@ fn prisms_of_five_and_six_sides_are_cut() {
 }
 
 #[test]
-fn a_hexahedron_inside_out_is_turned_and_counted() {
+fn inverted_hexahedron_is_flipped_and_counted() {
     let cell = vec![4, 5, 6, 7, 0, 1, 2, 3];
     let mesh = read(&unit_hexahedron(), &[(12, cell)]).unwrap();
     assert!((mesh.volume() - 1.0).abs() < 1e-12);
@@ -168,7 +168,7 @@ fn a_hexahedron_inside_out_is_turned_and_counted() {
 }
 
 #[test]
-fn a_collapsed_hexahedron_is_the_wedge_it_looks_like() {
+fn collapsed_hexahedron_equals_wedge() {
     // Edges 3-2 and 7-6 collapsed: a wedge.
     let cell = vec![0, 1, 2, 2, 4, 5, 6, 6];
     let mesh = read(&unit_hexahedron(), &[(12, cell)]).unwrap();
@@ -177,7 +177,7 @@ fn a_collapsed_hexahedron_is_the_wedge_it_looks_like() {
 }
 
 #[test]
-fn second_order_cells_keep_their_corners_and_say_so() {
+fn second_order_cells_reduce_to_corners_with_warning() {
     let mut nodes = unit_hexahedron();
     let middle = nodes.len();
     nodes.extend((0..19).map(|i| DVec3::splat(0.3 + 0.01 * f64::from(i))));
@@ -199,15 +199,15 @@ fn second_order_cells_keep_their_corners_and_say_so() {
         let mesh = read(&nodes, &[(kind, with_middles(corners, extra))]).unwrap();
         assert!((mesh.volume() - volume).abs() < 1e-12, "kind {kind}");
         assert_eq!(mesh.nodes.len(), corners.len());
-        let told = mesh.repairs.warnings.iter().any(|w| {
-            w.starts_with("1 ") && w.contains("-order") && w.contains("keep their corners")
+        let reported = mesh.repairs.warnings.iter().any(|w| {
+            w.starts_with("1 ") && w.contains("-order") && w.contains("reduced to their corners")
         });
-        assert!(told, "{:?}", mesh.repairs.warnings);
+        assert!(reported, "{:?}", mesh.repairs.warnings);
     }
 }
 
 #[test]
-fn cells_without_volume_are_named() {
+fn cells_without_volume_are_reported() {
     let cells = [
         (10, vec![0, 1, 3, 4]),
         (5, vec![0, 1, 3]),

@@ -8,7 +8,7 @@ fn read(name: &str) -> Option<TetMesh> {
 }
 
 #[test]
-fn real_meshes_have_their_true_counts() {
+fn real_meshes_have_expected_counts() {
     let table: [(&str, usize, usize, usize, f64); 12] = [
         ("tet/bullet_boot.vtk", 610, 2_419, 718, 0.563399),
         ("tet/bullet_ditto.vtk", 2_580, 10_415, 2_968, 23.4659),
@@ -64,7 +64,7 @@ fn real_meshes_have_their_true_counts() {
 }
 
 #[test]
-fn fields_of_the_disk() {
+fn disk_fields_match_reference() {
     let Some(mesh) = read("scalar/disk_out_ref_tets.vtu") else {
         return;
     };
@@ -78,17 +78,14 @@ fn fields_of_the_disk() {
 }
 
 #[test]
-fn fields_of_the_heart() {
+fn heart_fields_match_reference() {
     let Some(mesh) = read("scalar/chaste_heart_decimation.vtu") else {
         return;
     };
     assert_eq!(mesh.repairs.unused_nodes, 1);
     let distance = mesh.field("Distance from origin", Location::Node).unwrap();
     for (p, d) in mesh.nodes.iter().zip(&distance.values) {
-        assert!(
-            (p.length() - d).abs() < 1e-12,
-            "values stay with their nodes"
-        );
+        assert!((p.length() - d).abs() < 1e-12, "values follow their nodes");
     }
     let (low, high) = distance.range().unwrap();
     assert!((low - 0.5728).abs() < 1e-4 && (high - 2.0948).abs() < 1e-4);
@@ -96,12 +93,12 @@ fn fields_of_the_heart() {
     for t in 0..mesh.tets.len() {
         let c = mesh.tet_nodes(t).iter().sum::<glam::DVec3>() / 4.0;
         let given = glam::DVec3::from_slice(&centroid.values[3 * t..]);
-        assert!((c - given).length() < 1e-9, "values stay with their cells");
+        assert!((c - given).length() < 1e-9, "values follow their cells");
     }
 }
 
 #[test]
-fn the_cubes_are_the_same_in_both_versions_of_gmsh() {
+fn gmsh_versions_2_and_4_read_identically() {
     let files = ["tet/polyfem_cubes_v22.msh", "tet/polyfem_cubes_v41.msh"];
     let [Some(old), Some(new)] = files.map(read) else {
         return;

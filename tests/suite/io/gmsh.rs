@@ -15,7 +15,7 @@ const NODE_DATA: &str =
     "$NodeData\n1\n\"heat\"\n1\n0.5\n3\n0\n1\n4\n1 0.5\n2 1.5\n3 2.5\n4 3.5\n$EndNodeData\n";
 
 #[test]
-fn a_mesh_repeated_before_each_view_is_read_once() {
+fn mesh_repeated_before_each_view_is_read_once() {
     for text in [GMSH_2, GMSH_4] {
         let mesh = read(&format!("{text}{NODE_DATA}{text}"));
         assert_eq!((mesh.nodes.len(), mesh.tets.len()), (4, 1));
@@ -28,7 +28,7 @@ fn a_mesh_repeated_before_each_view_is_read_once() {
 }
 
 #[test]
-fn an_element_with_a_number_that_is_taken_is_kept_and_counted() {
+fn element_with_duplicate_number_is_kept_and_counted() {
     let six = GMSH_2
         .replace("$Nodes\n4", "$Nodes\n5")
         .replace("$EndNodes", "5 0 0 -1\n$EndNodes")
@@ -49,13 +49,13 @@ fn an_element_with_a_number_that_is_taken_is_kept_and_counted() {
         "{warnings}"
     );
     assert!(
-        warnings.contains("\"heat\" is left out: 1 of the 3"),
+        warnings.contains("\"heat\" skipped: 1 of the 3"),
         "{warnings}"
     );
 }
 
 #[test]
-fn parameters_of_nodes_are_passed_over() {
+fn parametric_node_coordinates_are_skipped() {
     let text = GMSH_2
         .replace("Nodes", "ParametricNodes")
         .replace("1 0 0 0", "1 0 0 0 0 1")
@@ -67,8 +67,8 @@ fn parameters_of_nodes_are_passed_over() {
 }
 
 #[test]
-fn data_that_cannot_be_used_is_left_out_with_a_warning() {
-    for (from, to, told) in [
+fn unusable_data_is_skipped_with_warning() {
+    for (from, to, expected) in [
         (
             "\n4\n1 0.5\n",
             "\n3\n",
@@ -79,27 +79,31 @@ fn data_that_cannot_be_used_is_left_out_with_a_warning() {
             "\n0\n2\n2\n1 0.5 1.5\n2 2.5 3.5\n",
             "2 components",
         ),
-        (
-            "NodeData",
-            "ElementNodeData",
-            "$ElementNodeData is passed over",
-        ),
+        ("NodeData", "ElementNodeData", "$ElementNodeData skipped"),
     ] {
         let mesh = read(&format!("{GMSH_2}{}", NODE_DATA.replace(from, to)));
         assert!(mesh.field("heat", Location::Node).is_none());
         let warnings = mesh.repairs.warnings.join("\n");
-        assert!(warnings.contains(told), "expected {told:?} in {warnings:?}");
+        assert!(
+            warnings.contains(expected),
+            "expected {expected:?} in {warnings:?}"
+        );
     }
     let later = NODE_DATA
         .replace("1 0.5", "1 9.5")
         .replace("\n0\n1\n", "\n1\n1\n");
     let mesh = read(&format!("{GMSH_2}{NODE_DATA}{later}"));
     assert_eq!(mesh.field("heat", Location::Node).unwrap().values[0], 9.5);
-    assert!(mesh.repairs.warnings.join("").contains("the last is kept"));
+    assert!(
+        mesh.repairs
+            .warnings
+            .join("")
+            .contains("the last one is kept")
+    );
 }
 
 #[test]
-fn names_of_physical_volumes_are_those_of_regions() {
+fn physical_volume_names_become_region_names() {
     let text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n2 1 \"skin\"\n3 7 \"left knee\"\n$EndPhysicalNames\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n1\n1 4 2 7 1 1 2 3 4\n$EndElements\n";
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("named.msh");

@@ -4,7 +4,7 @@ use crate::io::sample::{Bench, bits};
 use proptest::prelude::*;
 
 #[test]
-fn a_file_cut_at_any_byte_is_an_error() {
+fn rejects_mesh_truncated_at_any_byte() {
     let bench = Bench::new();
     for (number, fixture) in crate::io::encode::all().into_iter().enumerate() {
         let whole = bits(&fixture.expected);
@@ -19,7 +19,7 @@ fn a_file_cut_at_any_byte_is_an_error() {
                 let same = bits(&mesh) == whole && bytes[cut..].trim_ascii().is_empty();
                 assert!(
                     same || fixture.may_end.contains(&cut),
-                    "{} cut at byte {cut} of {} reads without an error",
+                    "{} truncated at byte {cut} of {} is accepted",
                     fixture.name,
                     bytes.len()
                 );
@@ -31,7 +31,7 @@ fn a_file_cut_at_any_byte_is_an_error() {
                 let same = bits(&mesh) == whole && second[cut..].trim_ascii().is_empty();
                 assert!(
                     same,
-                    "{}: .ele cut at byte {cut} reads without an error",
+                    "{}: .ele truncated at byte {cut} is accepted",
                     fixture.name
                 );
             }
@@ -44,7 +44,7 @@ proptest! {
 
     /// Random damage is read or rejected without a panic, and the result is valid.
     #[test]
-    fn damage_never_panics(
+    fn damaged_meshes_never_panic(
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         insert in any::<bool>(),
     ) {
@@ -68,7 +68,7 @@ proptest! {
 
     /// The same for text of valid words in wrong places.
     #[test]
-    fn shuffled_words_never_panic(swaps in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..4)) {
+    fn shuffled_tokens_never_panic(swaps in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..4)) {
         let bench = Bench::new();
         for fixture in crate::io::encode::all() {
             let Ok(text) = std::str::from_utf8(&fixture.bytes) else { continue };

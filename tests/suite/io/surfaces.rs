@@ -265,7 +265,7 @@ fn is_pyramid(surface: &TriMesh, warm: bool) -> bool {
 }
 
 #[test]
-fn every_encoding_reads_the_same() {
+fn surface_encodings_read_identically() {
     let bench = Bench::new();
     for Fixture { name, bytes, warm } in every() {
         let surface = bench.read(name, &bytes).unwrap();
@@ -279,7 +279,7 @@ fn every_encoding_reads_the_same() {
 }
 
 #[test]
-fn what_is_written_reads_back() {
+fn surface_formats_round_trip() {
     let bench = Bench::new();
     let surface = bench.read("ascii.ply", ply_ascii().as_bytes()).unwrap();
     for (name, warm) in [("out.ply", true), ("out.obj", false), ("out.stl", false)] {
@@ -308,7 +308,7 @@ fn what_is_written_reads_back() {
 }
 
 #[test]
-fn a_surface_cut_at_any_byte_is_an_error() {
+fn rejects_surface_truncated_at_any_byte() {
     let bench = Bench::new();
     for Fixture { name, bytes, warm } in every() {
         for cut in 0..bytes.len() {
@@ -332,7 +332,7 @@ fn a_surface_cut_at_any_byte_is_an_error() {
             };
             assert!(
                 whole || noted,
-                "{name} cut at byte {cut} of {} reads",
+                "{name} truncated at byte {cut} of {} is accepted",
                 bytes.len()
             );
         }
@@ -340,7 +340,7 @@ fn a_surface_cut_at_any_byte_is_an_error() {
 }
 
 #[test]
-fn lying_counts_and_indices_are_named() {
+fn invalid_counts_and_indices_are_reported() {
     let bench = Bench::new();
     let swapped = |text: &str, from: &str, to: &str| {
         assert!(text.contains(from), "{from}");
@@ -354,7 +354,7 @@ fn lying_counts_and_indices_are_named() {
         (
             "a.ply",
             swapped(&ply, "vertex 5", "vertex 99999999999"),
-            "\"vertex\" is given as 99999999999",
+            "\"vertex\" is 99999999999",
         ),
         (
             "b.ply",
@@ -374,7 +374,7 @@ fn lying_counts_and_indices_are_named() {
         (
             "e.ply",
             swapped(&ply, "4 0 3 2 1", "4000000000 0 3 2 1"),
-            "\"vertex_index\" is given as 4000000000",
+            "\"vertex_index\" is 4000000000",
         ),
         (
             "f.ply",
@@ -397,7 +397,7 @@ fn lying_counts_and_indices_are_named() {
         (
             "l.stl",
             swapped(&stl_text(), "VERTEX 1e0", "VERTEX nan"),
-            "no place",
+            "must have finite coordinates",
         ),
     ];
     for (name, bytes, expected) in table {
@@ -451,7 +451,7 @@ fn real(name: &str) -> Option<TriMesh> {
 }
 
 #[test]
-fn real_surfaces_have_their_true_counts() {
+fn real_surfaces_have_expected_counts() {
     let Some(lung) = real("chaste_lung_lul.stl") else {
         return;
     };
@@ -494,7 +494,7 @@ const SEAM: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n\
     vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 1 0.25\nvn 0 0 1\nvn 0 2 0\n";
 
 #[test]
-fn obj_keeps_texture_coordinates_and_normals_of_corners() {
+fn obj_preserves_texture_coordinates_and_normals_per_corner() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seam.obj");
     let read = |faces: &str| {

@@ -4,7 +4,7 @@ use crate::io::sample::{Bench, bits};
 use palpate::mesh::Location;
 
 #[test]
-fn every_variant_reads_as_the_sample() {
+fn every_format_variant_matches_sample() {
     let bench = Bench::new();
     for fixture in crate::io::encode::all() {
         let mesh = bench
@@ -15,7 +15,7 @@ fn every_variant_reads_as_the_sample() {
 }
 
 #[test]
-fn windows_line_ends_and_a_byte_order_mark_change_nothing() {
+fn crlf_and_byte_order_mark_are_ignored() {
     let bench = Bench::new();
     for fixture in crate::io::encode::all() {
         let Ok(text) = std::str::from_utf8(&fixture.bytes) else {
@@ -39,7 +39,7 @@ fn windows_line_ends_and_a_byte_order_mark_change_nothing() {
 }
 
 #[test]
-fn the_content_counts_more_than_the_extension() {
+fn content_takes_precedence_over_extension() {
     let bench = Bench::new();
     for fixture in crate::io::encode::all()
         .iter()
@@ -55,7 +55,7 @@ fn the_content_counts_more_than_the_extension() {
 }
 
 #[test]
-fn either_file_of_tetgen_may_be_named() {
+fn tetgen_reads_from_node_or_ele_path() {
     let bench = Bench::new();
     let fixture = crate::io::encode::all()
         .into_iter()
@@ -76,7 +76,7 @@ fn read(name: &str, text: &str) -> palpate::mesh::TetMesh {
 }
 
 #[test]
-fn pieces_of_a_vtu_come_together() {
+fn vtu_pieces_are_joined() {
     let piece = |x: f64, label: &str, second: &str| {
         format!(
             "<Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><PointData><DataArray type=\"Float64\" Name=\"x\">{x} 1 2 3</DataArray>{second}</PointData><CellData><DataArray type=\"{label}\" Name=\"c\">7</DataArray></CellData><Points><DataArray type=\"Float64\" NumberOfComponents=\"3\">{x} 0 0 9 0 0 0 9 0 0 0 9</DataArray></Points><Cells><DataArray type=\"Int32\" Name=\"connectivity\">0 1 2 3</DataArray><DataArray type=\"Int32\" Name=\"offsets\">4</DataArray><DataArray type=\"UInt8\" Name=\"types\">10</DataArray></Cells></Piece>"
@@ -98,11 +98,11 @@ fn pieces_of_a_vtu_come_together() {
     assert_eq!(mesh.field("c", Location::Cell).unwrap().values, [7.0, 7.0]);
     assert!(mesh.field("half", Location::Node).is_none());
     let warnings = mesh.repairs.warnings.join("");
-    assert!(warnings.contains("\"half\" is left out"), "{warnings}");
+    assert!(warnings.contains("\"half\" skipped"), "{warnings}");
 }
 
 #[test]
-fn every_attribute_of_legacy_vtk_is_a_field() {
+fn legacy_vtk_attributes_become_fields() {
     let text = crate::io::errors::LEGACY.replace(
         "SCALARS s double\nLOOKUP_TABLE default\n1 2 3 4\n",
         "scalars bare char\n1 -2 3 4
@@ -138,12 +138,12 @@ FIELD more 3\na%20b 1 4 long\n1 2 3 4\nshort 1 3 int\n1 2 3\nnames 1 4 string\na
     assert_eq!(rgb.values[..3], [0.0, 128.0, 255.0]);
     assert_eq!(rgb.values[9..], [51.0, 102.0, 153.0]);
     let warnings = mesh.repairs.warnings.join("\n");
-    assert!(warnings.contains("\"short\" is left out"), "{warnings}");
-    assert!(warnings.contains("\"names\" is left out"), "{warnings}");
+    assert!(warnings.contains("\"short\" skipped"), "{warnings}");
+    assert!(warnings.contains("\"names\" skipped"), "{warnings}");
 }
 
 #[test]
-fn medit_cells_of_all_kinds() {
+fn medit_reads_all_cell_types() {
     let text = "MeshVersionFormatted 2 Dimension 3 Vertices 13
 0 0 0 0  1 0 0 0  1 1 0 0  0 1 0 0  0 0 1 0  1 0 1 0  1 1 1 0  0 1 1 0
 2 0 0 0  2 0 1 0  0.5 0.5 2 0  3 0 0 0  0.5 -1 0.5 0
@@ -165,14 +165,14 @@ End";
     assert_eq!(mesh.repairs.unused_nodes, 1);
     let warnings = mesh.repairs.warnings.join("\n");
     assert!(
-        warnings.contains("1 hexahedron, 1 pyramid, 1 wedge cut"),
+        warnings.contains("1 hexahedron, 1 pyramid, 1 wedge subdivided"),
         "{warnings}"
     );
     assert!(warnings.contains("1 quadrilateral dropped"), "{warnings}");
 }
 
 #[test]
-fn tetgen_of_second_order_with_gaps_in_its_numbers() {
+fn tetgen_reads_second_order_tets_with_gaps_in_numbering() {
     let bench = Bench::new();
     let corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"];
     let mut node = String::from("10 3 0 0\n");
@@ -199,7 +199,7 @@ fn tetgen_of_second_order_with_gaps_in_its_numbers() {
     );
     let warnings = mesh.repairs.warnings.join("\n");
     assert!(
-        warnings.contains("1 second-order tetrahedron keep"),
+        warnings.contains("1 second-order tetrahedron reduced"),
         "{warnings}"
     );
 }

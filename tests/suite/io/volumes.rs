@@ -31,7 +31,7 @@ fn sum(volume: &Volume) -> f64 {
 }
 
 #[test]
-fn the_knee_is_where_and_what_others_read() {
+fn knee_volume_matches_reference_reader() {
     let Some(knee) = real("knee_labels_dess_384x384x160.nrrd") else {
         return;
     };
@@ -60,7 +60,7 @@ fn the_knee_is_where_and_what_others_read() {
 }
 
 #[test]
-fn the_heads_are_where_and_what_others_read() {
+fn head_volumes_match_reference_reader() {
     let Some(ct) = real("headsq_ct_64x64x93.mhd") else {
         return;
     };
@@ -121,7 +121,7 @@ fn same(volume: &Volume, image: &Image, what: &str) {
 }
 
 #[test]
-fn every_type_byte_order_and_place_of_data_is_one_image() {
+fn all_types_byte_orders_and_data_locations_read_identically() {
     for scalar in TYPES {
         let image = Image::new(scalar);
         for big in [false, true] {
@@ -155,7 +155,7 @@ fn every_type_byte_order_and_place_of_data_is_one_image() {
 }
 
 #[test]
-fn what_is_written_reads_back() {
+fn volume_formats_round_trip() {
     let folder = tempfile::tempdir().unwrap();
     for scalar in TYPES {
         let image = Image::new(scalar);
@@ -207,20 +207,24 @@ fn lies(name: &str, header: &str, changes: &[(&str, &str, &str)]) {
 }
 
 #[test]
-fn headers_of_nrrd_that_lie_are_errors_that_name_the_field() {
+fn invalid_nrrd_header_error_names_field() {
     let header = "NRRD0004\ntype: uint8\ndimension: 3\nspace: RAS\nsizes: 4 4 4\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nencoding: raw\n\n";
     let change = [
-        ("4 4 4", "4 4 5", "promises 80 bytes"),
-        ("4 4 4", "4 4 2", "promises 32 bytes"),
+        ("4 4 4", "4 4 5", "specifies 80 bytes"),
+        ("4 4 4", "4 4 2", "specifies 32 bytes"),
         ("4 4 4", "4 4 0", "`sizes`"),
         ("4 4 4", "4 -4 4", "`sizes`"),
         ("4 4 4", "4 4", "`dimension` is 3"),
         (
             "4 4 4",
             "4000000000 4000000000 4000000000",
-            "no size of a volume",
+            "volume size must be",
         ),
-        ("4 4 4", "2000000 1000000 1", "promises 2000000000000 bytes"),
+        (
+            "4 4 4",
+            "2000000 1000000 1",
+            "specifies 2000000000000 bytes",
+        ),
         ("dimension: 3", "dimension: x", "`dimension`"),
         ("uint8", "block", "\"block\""),
         (
@@ -232,7 +236,7 @@ fn headers_of_nrrd_that_lie_are_errors_that_name_the_field() {
         ("sizes: 4 4 4\n", "", "`sizes`"),
         ("encoding: raw\n", "", "`encoding`"),
         ("raw", "hex", "encoding \"hex\""),
-        ("raw", "gzip", "damaged"),
+        ("raw", "gzip", "cannot decompress"),
         ("raw", "ascii", "voxel"),
         ("RAS", "XYZ", "space \"xyz\""),
         ("(0,0,1)", "(0,0,0)", "`space directions`"),
@@ -270,7 +274,7 @@ fn headers_of_nrrd_that_lie_are_errors_that_name_the_field() {
 }
 
 #[test]
-fn headers_of_metaimage_that_lie_are_errors_that_name_the_field() {
+fn invalid_metaimage_header_error_names_field() {
     let header = "ObjectType = Image\nNDims = 3\nDimSize = 4 4 4\nElementSpacing = 1 1 1\nTransformMatrix = 1 0 0 0 1 0 0 0 1\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
     let before = |line: &str| format!("{line}\nElementDataFile = LOCAL\n");
     let [channels, packed, packed_size, skip, msb] = [
@@ -283,14 +287,14 @@ fn headers_of_metaimage_that_lie_are_errors_that_name_the_field() {
     .map(before);
     let last = "ElementDataFile = LOCAL\n";
     let change = [
-        ("4 4 4", "4 4 5", "promises 80 bytes"),
-        ("4 4 4", "4 4 2", "promises 32 bytes"),
-        ("4 4 4", "4 4 1e14", "promises 1600000000000000 bytes"),
+        ("4 4 4", "4 4 5", "specifies 80 bytes"),
+        ("4 4 4", "4 4 2", "specifies 32 bytes"),
+        ("4 4 4", "4 4 1e14", "specifies 1600000000000000 bytes"),
         ("4 4 4", "4 4 -1", "`DimSize`"),
         ("4 4 4", "4 4", "`NDims` is 3"),
         ("NDims = 3", "NDims = 1000000000", "`NDims`"),
         ("DimSize = 4 4 4\n", "", "`DimSize`"),
-        ("MET_UCHAR", "MET_SHORT", "promises 128 bytes"),
+        ("MET_UCHAR", "MET_SHORT", "specifies 128 bytes"),
         ("MET_UCHAR", "MET_STRING", "MET_STRING"),
         (
             "ElementSpacing = 1 1 1",
@@ -312,7 +316,7 @@ fn headers_of_metaimage_that_lie_are_errors_that_name_the_field() {
         ("LOCAL", "", "`ElementDataFile`"),
         (last, "", "`ElementDataFile`"),
         (last, &channels, "`ElementNumberOfChannels`"),
-        (last, &packed, "damaged"),
+        (last, &packed, "cannot decompress"),
         (last, &packed_size, "`CompressedDataSize`"),
         (last, &skip, "`HeaderSize`"),
         (last, &msb, "`BinaryDataByteOrderMSB`"),
@@ -324,7 +328,7 @@ fn headers_of_metaimage_that_lie_are_errors_that_name_the_field() {
 }
 
 #[test]
-fn headers_of_nifti_that_lie_are_errors_that_name_the_field() {
+fn invalid_nifti_header_error_names_field() {
     use crate::io::volume_files::Place;
     let file = nifti(&Image::new(ScalarType::I16), false, Place::Attached);
     assert!(read("a.nii", &file.bytes, &[]).is_ok());
@@ -333,15 +337,15 @@ fn headers_of_nifti_that_lie_are_errors_that_name_the_field() {
         (40, &[2, 0], "three axes"),
         (42, &[0, 0], "`dim`"),
         (42, &[0xff, 0xff], "`dim`"),
-        (42, &[0xff, 0x7f], "promises"),
-        (48, &[2, 0], "no single volume"),
-        (46, &[1, 0], "promises"),
-        (70, &[0x80, 0], "`datatype` is 128"),
+        (42, &[0xff, 0x7f], "specifies"),
+        (48, &[2, 0], "not a single volume"),
+        (46, &[1, 0], "specifies"),
+        (70, &[0x80, 0], "`datatype` 128"),
         (70, &[2, 0], "`bitpix`"),
         (72, &[8, 0], "`bitpix`"),
         (108, &0f32.to_le_bytes(), ""),
         (108, &f32::NAN.to_le_bytes(), "`vox_offset`"),
-        (108, &1e11f32.to_le_bytes(), "promises"),
+        (108, &1e11f32.to_le_bytes(), "specifies"),
         (108, &100f32.to_le_bytes(), "`vox_offset`"),
         (280, &f32::NAN.to_le_bytes(), "sform"),
     ];
@@ -350,7 +354,7 @@ fn headers_of_nifti_that_lie_are_errors_that_name_the_field() {
         changed[at..at + bytes.len()].copy_from_slice(bytes);
         match read("a.nii", &changed, &[]) {
             // Some writers leave the offset at 0.
-            Ok(_) => assert!(what.is_empty(), "byte {at}: no error, where {what} lies"),
+            Ok(_) => assert!(what.is_empty(), "byte {at}: no error for invalid {what}"),
             Err(error) => {
                 let error = error.to_string();
                 assert!(
@@ -365,7 +369,7 @@ fn headers_of_nifti_that_lie_are_errors_that_name_the_field() {
 }
 
 #[test]
-fn slope_and_intercept_apply_and_a_slope_of_zero_is_none() {
+fn slope_and_intercept_apply_unless_slope_is_zero() {
     use crate::io::volume_files::Place;
     let image = Image::new(ScalarType::I16);
     let mut file = nifti(&image, false, Place::Attached).bytes;
@@ -380,7 +384,7 @@ fn slope_and_intercept_apply_and_a_slope_of_zero_is_none() {
 }
 
 #[test]
-fn units_are_brought_to_millimetres() {
+fn units_are_converted_to_millimetres() {
     use crate::io::volume_files::Place;
     let mut file = nifti(&Image::new(ScalarType::U8), false, Place::Attached).bytes;
     for (code, factor) in [(0u8, 1.0), (1, 1e3), (2, 1.0), (3, 1e-3)] {
@@ -391,7 +395,7 @@ fn units_are_brought_to_millimetres() {
 }
 
 #[test]
-fn spacings_and_axis_mins_place_a_nrrd_without_a_space() {
+fn nrrd_without_space_uses_spacings_and_axis_mins() {
     let header = "NRRD0001\ntype: uchar\ndimension: 3\nsizes: 1 2 2\nspacings: 2 3 4\naxis mins: 10 nan -8\ncenters: cell node node\nunits: \"um\" \"um\" \"um\"\nencoding: raw\n\n1234";
     let volume = read("a.nrrd", header.as_bytes(), &[]).unwrap();
     let scale = DMat3::from_diagonal(DVec3::new(2e-3, 3e-3, 4e-3));
@@ -404,7 +408,7 @@ fn spacings_and_axis_mins_place_a_nrrd_without_a_space() {
 }
 
 #[test]
-fn lists_and_patterns_of_data_files_are_joined() {
+fn data_file_lists_and_patterns_are_concatenated() {
     let beside: [(&str, &[u8]); 2] = [("s01.raw", b"\x20\x0a"), ("s02.raw", b"\xef\xbb")];
     let nrrd = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 1 2 2\nencoding: raw\ndata file: ";
     let meta = "ObjectType = Image\nNDims = 3\nDimSize = 1 2 2\nElementType = MET_UCHAR\nElementDataFile = ";
@@ -418,7 +422,7 @@ fn lists_and_patterns_of_data_files_are_joined() {
 }
 
 #[test]
-fn names_of_segments_are_those_of_labels() {
+fn nrrd_segment_names_become_label_names() {
     let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 1\nencoding: raw\nSegment0_Name:=femur\nSegment0_LabelValue:=3\nSegment1_LabelValue:=4\n\n\x03\x03\x04\x00";
     let volume = read("a.nrrd", header.as_bytes(), &[]).unwrap();
     assert!(volume.label_names.into_iter().eq([(3, "femur".to_owned())]));
@@ -439,7 +443,7 @@ fn parse(file: &crate::io::volume_files::File, bytes: &[u8]) -> Result<Volume, S
 }
 
 #[test]
-fn a_volume_cut_at_any_byte_is_an_error() {
+fn rejects_volume_truncated_at_any_byte() {
     for file in all_files() {
         let whole = parse(&file, &file.bytes).unwrap();
         for cut in 0..file.bytes.len() {
@@ -457,7 +461,7 @@ fn a_volume_cut_at_any_byte_is_an_error() {
             let harmless = tail.len() <= if from_the_end { 9.max(named) } else { named };
             assert!(
                 harmless,
-                "{} cut at {cut} of {} reads",
+                "{} truncated at {cut} of {} is accepted",
                 file.name,
                 file.bytes.len()
             );
@@ -497,7 +501,7 @@ fn linear() -> (Volume, impl Fn(DVec3) -> f64) {
 }
 
 #[test]
-fn samples_are_trilinear_and_clamped_at_the_border() {
+fn sampling_is_trilinear_and_clamped_at_border() {
     let (volume, f) = linear();
     for at in [[0.25, 0.5, 0.75], [1.999, 2.5, 0.0], [2.0, 3.0, 1.0]] {
         let p = volume.to_world.transform_point3(DVec3::from(at));
@@ -509,7 +513,7 @@ fn samples_are_trilinear_and_clamped_at_the_border() {
 }
 
 #[test]
-fn coarse_meshes_hold_means_and_fine_ones_values() {
+fn node_values_are_means_on_coarse_and_samples_on_fine_meshes() {
     // Stripes of 0 and 100, one voxel wide.
     let size = [32, 32, 32];
     let values = (0..32 * 32 * 32).map(|n| 100 * (n % 2) as u8);
@@ -532,7 +536,7 @@ fn coarse_meshes_hold_means_and_fine_ones_values() {
 }
 
 #[test]
-fn volumes_without_whole_values_have_no_labels() {
+fn volumes_with_fractional_values_have_no_labels() {
     let mut volume = Image::new(ScalarType::F64).volume();
     volume.raw = Raw::F64((0..24).map(|n| f64::from(n % 5)).collect());
     assert_eq!(volume.labels().unwrap()[&4], 4);
@@ -545,7 +549,7 @@ fn volumes_without_whole_values_have_no_labels() {
 }
 
 #[test]
-fn a_description_tells_orientation_and_labels() {
+fn volume_report_states_orientation_and_labels() {
     let Some(knee) = real("knee_labels_dess_384x384x160.nrrd") else {
         return;
     };
@@ -564,7 +568,7 @@ fn a_description_tells_orientation_and_labels() {
 }
 
 #[test]
-fn a_gzip_of_something_else_is_no_volume() {
+fn rejects_gzip_without_volume() {
     let error = read("a.nii.gz", &gzip(b"nothing of the kind"), &[]).unwrap_err();
     assert!(error.to_string().contains("NIfTI header"), "{error}");
     assert!(io::fuzz::volume(&[], &[]).is_err());

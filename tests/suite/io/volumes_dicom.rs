@@ -129,7 +129,7 @@ fn read(slices: &[Slice]) -> palpate::Result<Volume> {
 }
 
 #[test]
-fn a_series_is_stacked_in_ras_whatever_its_encoding_and_order() {
+fn dicom_series_stacks_in_ras_for_any_encoding_and_order() {
     for syntax in [IMPLICIT, EXPLICIT, BIG_ENDIAN, RUN_LENGTH] {
         let slices = slices(syntax);
         let volume = read(&slices).unwrap_or_else(|e| panic!("{syntax}: {e}"));
@@ -150,7 +150,7 @@ fn a_series_is_stacked_in_ras_whatever_its_encoding_and_order() {
 }
 
 #[test]
-fn slices_scaled_each_in_its_own_way_hold_their_values() {
+fn slices_with_different_rescaling_keep_physical_values() {
     let mut slices = slices(EXPLICIT);
     slices[0].slope = 0.5;
     let volume = read(&slices).unwrap();
@@ -160,7 +160,7 @@ fn slices_scaled_each_in_its_own_way_hold_their_values() {
 }
 
 #[test]
-fn the_largest_series_is_read() {
+fn reads_largest_dicom_series() {
     let mut slices = slices(EXPLICIT);
     let mut other = slices[0].clone();
     other.name = "0.dcm".into();
@@ -171,7 +171,7 @@ fn the_largest_series_is_read() {
 }
 
 #[test]
-fn series_with_gaps_and_doubles_are_errors_that_name_a_file() {
+fn series_with_gaps_or_duplicates_error_names_file() {
     let whole = slices(EXPLICIT);
     let error = |slices: &[Slice]| read(slices).unwrap_err().to_string();
     let mut far = whole.clone();
@@ -198,7 +198,7 @@ fn series_with_gaps_and_doubles_are_errors_that_name_a_file() {
 }
 
 #[test]
-fn damaged_slices_are_errors_and_never_panic() {
+fn damaged_slices_are_rejected_without_panic() {
     let folder = tempfile::tempdir().unwrap();
     let slices = slices(EXPLICIT);
     for slice in &slices {

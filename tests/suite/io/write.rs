@@ -73,7 +73,7 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn what_is_written_reads_back_identical(mesh in mesh()) {
+    fn vtu_round_trips_identically(mesh in mesh()) {
         let Some(mesh) = mesh else { return Ok(()) };
         let bench = Bench::new();
         let path = bench.path("mesh.vtu");
@@ -87,7 +87,7 @@ proptest! {
 }
 
 #[test]
-fn arrays_of_several_blocks_read_back_identical() {
+fn multi_block_arrays_round_trip_identically() {
     let side = 40;
     let node = |x: usize, y: usize, z: usize| (x + side * (y + side * z)) as u32;
     let mut nodes = Vec::new();
@@ -118,7 +118,7 @@ fn arrays_of_several_blocks_read_back_identical() {
 }
 
 #[test]
-fn values_beyond_their_type_are_not_spoilt() {
+fn values_out_of_type_range_are_preserved() {
     let mut mesh = Sample::new().tets();
     let mut label = mesh.field("label", Location::Cell).unwrap().clone();
     label.scalar_type = ScalarType::U8;
@@ -135,7 +135,7 @@ fn values_beyond_their_type_are_not_spoilt() {
 }
 
 #[test]
-fn a_series_is_valid_after_every_frame() {
+fn series_is_valid_after_every_frame() {
     let bench = Bench::new();
     let folder = bench.path("out/series");
     let mesh = Sample::new().tets();
@@ -203,7 +203,7 @@ fn a_series_is_valid_after_every_frame() {
 }
 
 #[test]
-fn a_failed_write_leaves_the_old_file() {
+fn failed_write_keeps_previous_file() {
     let bench = Bench::new();
     let path = bench.path("old.txt");
     std::fs::write(&path, "old").unwrap();
@@ -225,7 +225,7 @@ fn a_failed_write_leaves_the_old_file() {
 }
 
 #[test]
-fn damaged_series_are_refused() {
+fn rejects_damaged_series() {
     let bench = Bench::new();
     let whole = "<?xml version=\"1.0\"?><VTKFile type=\"Collection\"><Collection><DataSet timestep=\"2\" file=\"b.vtu\"/><DataSet timestep=\"1\" part=\"0\" file=\"sub/a.vtu\"/></Collection></VTKFile>";
     let path = bench.path("s.pvd");
@@ -243,21 +243,21 @@ fn damaged_series_are_refused() {
     for cut in 0..whole.len() {
         assert!(read(&whole[..cut]).is_err(), "cut at {cut}");
     }
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("timestep=\"2\"", "timestep=\"1\"", "several files"),
         ("timestep=\"2\"", "timestep=\"soon\"", "expected a number"),
         ("file=\"b.vtu\"", "", "no attribute file"),
         ("\"Collection\"", "\"PolyData\"", "PolyData"),
     ] {
         let error = read(&whole.replace(from, to)).unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(expected), "{error}");
     }
     let error = io::read(&path).unwrap_err().to_string();
     assert!(error.contains("PolyData"), "{error}");
 }
 
 #[test]
-fn the_regions_names_and_the_unit_are_kept() {
+fn region_names_and_unit_round_trip() {
     let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
     let labels = (0..mesh.tets.len()).map(|t| (t % 2) as f64).collect();
     mesh.set_field(Field::scalar("label", Location::Cell, labels))
@@ -277,7 +277,7 @@ fn the_regions_names_and_the_unit_are_kept() {
 }
 
 #[test]
-fn names_of_regions_as_they_were_written_at_first_are_read() {
+fn first_version_region_names_are_read() {
     let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
     mesh.region_names.clear();
     let folder = tempfile::tempdir().unwrap();

@@ -102,7 +102,7 @@ fn meshes() -> Vec<TetMesh> {
 }
 
 #[test]
-fn every_format_keeps_counts_volume_regions_names_and_unit() {
+fn every_format_preserves_counts_volume_regions_names_and_unit() {
     let bench = Bench::new();
     for (number, mesh) in meshes().iter().enumerate() {
         for (format, text, name) in ways() {
@@ -162,7 +162,7 @@ fn every_format_keeps_counts_volume_regions_names_and_unit() {
 }
 
 #[test]
-fn what_a_format_has_no_place_for_is_named() {
+fn dropped_data_is_reported() {
     let bench = Bench::new();
     let mesh = named(&[1, 2], &[(1, "bone")]);
     let of = |name: &str| io::write(bench.path(name), &mesh).unwrap().join("; ");
@@ -189,11 +189,11 @@ fn what_a_format_has_no_place_for_is_named() {
     let renumbered = io::write(bench.path("b.msh"), &bar(&[0, 1]))
         .unwrap()
         .join("; ");
-    assert!(renumbered.contains("counted from 1"), "{renumbered}");
+    assert!(renumbered.contains("renumbered from 1"), "{renumbered}");
 }
 
 #[test]
-fn groups_of_other_formats_go_on_as_groups() {
+fn groups_of_other_formats_round_trip() {
     let bench = Bench::new();
     let mut mesh = bar(&[1]);
     mesh.fields.clear();
@@ -231,7 +231,7 @@ fn groups_of_other_formats_go_on_as_groups() {
 }
 
 #[test]
-fn a_written_file_cut_at_any_byte_is_never_another_mesh() {
+fn truncated_file_never_reads_as_another_mesh() {
     let bench = Bench::new();
     let mut mesh = palpate::mesh::generate::bar([1, 1, 1], glam::DVec3::ONE).unwrap();
     let label = Field::scalar("label", Location::Cell, vec![3.0; mesh.tets.len()]);
@@ -249,7 +249,7 @@ fn a_written_file_cut_at_any_byte_is_never_another_mesh() {
             }
             if let Ok(part) = bench.read(name, &bytes[..cut]) {
                 let same = part.nodes == mesh.nodes && part.tets == mesh.tets;
-                assert!(same, "{name} cut at byte {cut} of {}", bytes.len());
+                assert!(same, "{name} truncated at byte {cut} of {}", bytes.len());
             }
         }
         std::fs::write(&path, &bytes).unwrap();
@@ -257,16 +257,21 @@ fn a_written_file_cut_at_any_byte_is_never_another_mesh() {
 }
 
 #[test]
-fn what_cannot_be_written_is_an_error_before_a_file_is_made() {
+fn rejects_unwritable_mesh_before_creating_file() {
     let bench = Bench::new();
     let mesh = bar(&[1]);
-    for (name, format, text, told) in [
-        ("a.vtu", MeshFormat::Medit, false, "called .mesh"),
-        ("a.msh", MeshFormat::Tetgen, false, "called .node or .ele"),
-        ("a.vtu", MeshFormat::Vtu, true, "compressed only"),
+    for (name, format, text, expected) in [
+        ("a.vtu", MeshFormat::Medit, false, "extension .mesh"),
+        (
+            "a.msh",
+            MeshFormat::Tetgen,
+            false,
+            "extension .node or .ele",
+        ),
+        ("a.vtu", MeshFormat::Vtu, true, "cannot be written as text"),
     ] {
         let error = io::write_as(bench.path(name), &mesh, format, text).unwrap_err();
-        assert!(error.to_string().contains(told), "{error}");
+        assert!(error.to_string().contains(expected), "{error}");
         assert!(!bench.path(name).exists());
     }
     let error = io::write(bench.path("a.stl"), &mesh)
@@ -294,7 +299,7 @@ fn what_cannot_be_written_is_an_error_before_a_file_is_made() {
 
 #[test]
 #[ignore = "real data: scripts/test --full"]
-fn real_meshes_keep_counts_and_volume_in_every_format() {
+fn real_meshes_preserve_counts_and_volume_in_every_format() {
     let bench = Bench::new();
     for name in [
         "tet/gaia_liver.mesh",

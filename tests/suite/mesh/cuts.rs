@@ -36,20 +36,17 @@ fn flaw(before: &TetMesh, after: &TetMesh, topology: &Topology, cut: &TetCut) ->
         .for_each(|e| assert!(edges.remove(e)));
     edges.extend(cut.edge_tets.iter().map(|(edge, _)| *edge));
     let claims = [
-        (
-            "tets are where they were",
-            corners(before) == corners(after),
-        ),
+        ("tets unchanged", corners(before) == corners(after)),
         ("neighbours", fresh.neighbours == topology.neighbours),
         ("boundary", fresh.boundary == topology.boundary),
         ("edges", edges == after.edges().into_iter().collect()),
         ("faces opened", bare == topology.boundary.len()),
         (
-            "nodes doubled",
+            "nodes duplicated",
             before.nodes.len() + cut.duplicated_nodes.len() == after.nodes.len(),
         ),
         (
-            "fields are as long as the mesh",
+            "field length matches the mesh",
             after.fields.iter().all(|f| {
                 f.location == Location::Cell || f.values.len() == f.components * after.nodes.len()
             }),
@@ -88,7 +85,7 @@ fn checked(mesh: &TetMesh, positions: &[DVec3], blade: &Blade) -> (TetMesh, Topo
 }
 
 #[test]
-fn a_blade_right_through_leaves_two_pieces() {
+fn through_cut_leaves_two_components() {
     let whole = bar([8, 4, 4], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let middle = DVec3::new(0.06, 0.03, 0.03);
     // In a plane of the lattice, where the result is known.
@@ -126,7 +123,7 @@ fn a_blade_right_through_leaves_two_pieces() {
 }
 
 #[test]
-fn no_tet_falls_off_alone() {
+fn cut_leaves_no_isolated_tet() {
     let whole = ball(1.0, 6).unwrap();
     for k in 0..24 {
         let angle = f64::from(k);
@@ -151,7 +148,7 @@ fn no_tet_falls_off_alone() {
 }
 
 #[test]
-fn centroids_in_the_blade_are_on_one_side_of_it() {
+fn centroids_on_blade_are_assigned_to_one_side() {
     // The centroids of Kuhn's tets are at quarters of a cell; the offset of the blade is of the
     // order of the rounding error.
     let whole = box_mesh([4, 4, 4], DVec3::ONE, Split::Six).unwrap();
@@ -166,7 +163,7 @@ fn centroids_in_the_blade_are_on_one_side_of_it() {
 }
 
 #[test]
-fn a_cut_part_of_the_way_stays_joined_at_its_tip() {
+fn partial_cut_stays_connected_at_its_tip() {
     let whole = bar([8, 4, 4], DVec3::new(2.0, 1.0, 1.0)).unwrap();
     let edge = |z: f64| [DVec3::new(1.0, -1.0, z), DVec3::new(1.0, 2.0, z)];
     let half = Blade::from_sweep(&[edge(2.0), edge(0.5)]).unwrap();
@@ -196,7 +193,7 @@ fn a_cut_part_of_the_way_stays_joined_at_its_tip() {
 }
 
 #[test]
-fn one_long_sweep_is_many_short_ones() {
+fn one_long_sweep_equals_many_short_sweeps() {
     let whole = ball(1.0, 8).unwrap();
     let edge = |k: f64| {
         let x = 0.3 * (2.0 * k).sin();
@@ -221,7 +218,7 @@ fn one_long_sweep_is_many_short_ones() {
 }
 
 #[test]
-fn the_cut_goes_where_the_nodes_are_now() {
+fn cut_uses_deformed_positions() {
     let whole = bar([8, 4, 4], DVec3::new(2.0, 1.0, 1.0)).unwrap();
     let moved: Vec<DVec3> = whole.nodes.iter().map(|p| *p + DVec3::X * 10.0).collect();
     let blade = across(DVec3::new(11.0, 0.5, 0.5), DVec3::X, 2.0);
@@ -233,7 +230,7 @@ fn the_cut_goes_where_the_nodes_are_now() {
 }
 
 #[test]
-fn fields_go_with_their_nodes() {
+fn cut_preserves_node_fields() {
     let mut whole = ball(1.0, 5).unwrap();
     let values: Vec<f64> = whole.nodes.iter().flat_map(|p| p.to_array()).collect();
     let field = Field {
@@ -251,7 +248,7 @@ fn fields_go_with_their_nodes() {
 }
 
 #[test]
-fn a_broken_topology_is_told_apart() {
+fn topology_comparison_detects_corruption() {
     let whole = ball(1.0, 5).unwrap();
     let blade = across(DVec3::ZERO, DVec3::Z, 2.0);
     let (mesh, topology, cut) = checked(&whole, &whole.nodes, &blade);
@@ -267,7 +264,7 @@ fn a_broken_topology_is_told_apart() {
 }
 
 #[test]
-fn meshes_from_elsewhere_are_cut() {
+fn external_meshes_are_cut() {
     for name in [
         "tet/gaia_liver.mesh",
         "tet/bullet_ditto.vtk",
@@ -302,7 +299,7 @@ fn some_cases() -> ProptestConfig {
 proptest! {
     #![proptest_config(some_cases())]
     #[test]
-    fn random_blades_break_nothing(
+    fn random_cuts_preserve_mesh_invariants(
         corners in prop::collection::vec((-1.2..1.2, -1.2..1.2, -1.2..1.2), 4..12),
         cells in 3..7usize,
     ) {
@@ -323,7 +320,7 @@ proptest! {
     }
 
     #[test]
-    fn any_tets_can_be_removed(cells in 3..6usize, chosen in prop::collection::vec(any::<u32>(), 0..60)) {
+    fn removing_random_tets_preserves_mesh_invariants(cells in 3..6usize, chosen in prop::collection::vec(any::<u32>(), 0..60)) {
         let mut mesh = ball(1.0, cells).unwrap();
         let count = mesh.tets.len() as u32;
         let ids = (0..count).map(f64::from).collect();
@@ -345,7 +342,7 @@ proptest! {
 }
 
 #[test]
-fn pieces_that_hang_together_at_a_node_only_fall_apart() {
+fn components_sharing_only_a_node_are_separated() {
     // A row of cells without its middle one, except for tets that touch along an edge.
     let mut mesh = box_mesh([3, 1, 1], DVec3::new(3.0, 1.0, 1.0), Split::Six).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -374,7 +371,7 @@ fn pieces_that_hang_together_at_a_node_only_fall_apart() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_and_changes_nothing() {
+fn invalid_cut_is_rejected_and_leaves_mesh_unchanged() {
     let mut mesh = ball(1.0, 3).unwrap();
     let (whole, mut topology) = (mesh.clone(), Topology::new(&mesh));
     let count = mesh.tets.len() as u32;

@@ -5,7 +5,7 @@
 mod generate_data;
 
 #[test]
-fn the_meshes_that_ship_are_up_to_date() {
+fn shipped_meshes_match_generators() {
     for (name, made) in generate_data::meshes().unwrap() {
         let path = format!("{}/data/{name}", env!("CARGO_MANIFEST_DIR"));
         let kept = palpate::io::read(path).unwrap();
@@ -34,7 +34,7 @@ fn the_meshes_that_ship_are_up_to_date() {
 }
 
 #[test]
-fn the_volumes_and_surfaces_that_ship_are_up_to_date() {
+fn shipped_volumes_and_surfaces_match_generators() {
     let kept = |name: &str| format!("{}/data/{name}", env!("CARGO_MANIFEST_DIR"));
     for (name, made) in generate_data::volumes() {
         let kept = palpate::io::read_volume(kept(name)).unwrap();

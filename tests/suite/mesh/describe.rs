@@ -22,8 +22,8 @@ fn two_tets(shared: usize) -> TetMesh {
 }
 
 #[test]
-fn tets_that_share_a_face_an_edge_a_node_or_nothing() {
-    let told = |shared| {
+fn manifoldness_of_tets_sharing_face_edge_node_or_nothing() {
+    let manifoldness = |shared| {
         let d = MeshDescription::new(&two_tets(shared));
         (
             d.components,
@@ -33,23 +33,25 @@ fn tets_that_share_a_face_an_edge_a_node_or_nothing() {
             d.closed,
         )
     };
-    assert_eq!(told(3), (1, 2, 0, 0, true));
+    assert_eq!(manifoldness(3), (1, 2, 0, 0, true));
     // Two spheres with a common edge: 4 − 1 − 1 fewer nodes and edges.
-    assert_eq!(told(2), (2, 3, 1, 2, true));
-    assert_eq!(told(1), (2, 3, 0, 1, true));
-    assert_eq!(told(0), (2, 4, 0, 0, true));
+    assert_eq!(manifoldness(2), (2, 3, 1, 2, true));
+    assert_eq!(manifoldness(1), (2, 3, 0, 1, true));
+    assert_eq!(manifoldness(0), (2, 4, 0, 0, true));
     let d = MeshDescription::new(&two_tets(1));
     assert!(d.edge_manifold && !d.vertex_manifold);
     assert!(!MeshDescription::new(&two_tets(2)).edge_manifold);
     assert!(
-        d.warnings.iter().any(|w| w.contains("touch there only")),
+        d.warnings
+            .iter()
+            .any(|w| w.contains("touch at this node only")),
         "{:?}",
         d.warnings
     );
 }
 
 #[test]
-fn a_seam_of_coincident_nodes_is_noticed() {
+fn reports_coincident_nodes_along_seam() {
     let cube = benchmark_cube(2, false).unwrap();
     let mut nodes = cube.nodes.clone();
     nodes.extend(cube.nodes.iter().map(|p| *p + DVec3::X));
@@ -66,7 +68,7 @@ fn a_seam_of_coincident_nodes_is_noticed() {
 }
 
 #[test]
-fn crowded_faces_leave_a_closed_boundary_that_is_not_manifold() {
+fn overshared_faces_give_closed_non_manifold_boundary() {
     let nodes = vec![
         DVec3::ZERO,
         DVec3::X,
@@ -85,7 +87,7 @@ fn crowded_faces_leave_a_closed_boundary_that_is_not_manifold() {
 }
 
 #[test]
-fn the_json_has_the_promised_keys() {
+fn json_report_has_documented_keys() {
     let mut mesh = duct([3, 3, 2], DVec3::ONE, Bore::Square).unwrap();
     let values = (0..mesh.nodes.len()).map(|i| i as f64 - 3.0).collect();
     mesh.set_field(Field::scalar("load", Location::Node, values))
@@ -130,7 +132,7 @@ fn the_json_has_the_promised_keys() {
 }
 
 #[test]
-fn text_is_readable_at_any_scale() {
+fn text_report_is_readable_at_any_scale() {
     let mut mesh = ball(1e-5, 12).unwrap();
     for p in &mut mesh.nodes {
         *p += 1234.5;
@@ -270,7 +272,7 @@ const REAL: [Row; 12] = [
 ];
 
 #[test]
-fn real_meshes_are_told_as_they_are() {
+fn real_mesh_reports_match_reference() {
     for (name, nodes, tets, boundary, slivers, euler, volume) in REAL {
         let Some(path) = crate::support::real_data(name) else {
             continue;

@@ -6,7 +6,7 @@ use palpate::mesh::{Topology, depth_field, point_triangle_distance};
 use proptest::prelude::*;
 
 #[test]
-fn the_depth_in_a_box_is_the_distance_to_its_nearest_side() {
+fn box_depth_equals_distance_to_nearest_side() {
     let size = DVec3::new(3.0, 2.0, 1.0);
     let mesh = box_mesh([9, 8, 7], size, Split::Six).unwrap();
     let depth = depth_field(&mesh, &Topology::new(&mesh));
@@ -18,7 +18,7 @@ fn the_depth_in_a_box_is_the_distance_to_its_nearest_side() {
 }
 
 #[test]
-fn the_tree_finds_what_a_search_through_all_triangles_finds() {
+fn triangle_bvh_matches_brute_force() {
     let mesh = duct([6, 6, 4], DVec3::new(1.0, 2.0, 3.0), Bore::Round).unwrap();
     let topology = Topology::new(&mesh);
     let depth = depth_field(&mesh, &topology);
@@ -33,7 +33,7 @@ fn the_tree_finds_what_a_search_through_all_triangles_finds() {
 }
 
 #[test]
-fn the_middle_of_a_ball_is_its_deepest_point() {
+fn ball_depth_is_greatest_at_centre() {
     let mesh = ball(2.0, 16).unwrap();
     let depth = depth_field(&mesh, &Topology::new(&mesh));
     for (p, d) in mesh.nodes.iter().zip(&depth.values) {
@@ -49,7 +49,7 @@ fn point() -> impl Strategy<Value = DVec3> {
 
 proptest! {
     #[test]
-    fn no_point_of_a_triangle_is_nearer_than_its_distance(p in point(), a in point(), b in point(), c in point()) {
+    fn triangle_distance_matches_dense_sampling(p in point(), a in point(), b in point(), c in point()) {
         let distance = point_triangle_distance(p, [a, b, c]);
         let steps = 60;
         let mut nearest = f64::INFINITY;

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashMap};
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_foot_is_one_sound_piece_at_any_resolution() {
+fn foot_is_one_valid_component_at_any_resolution() {
     for wanted in [2_000, 10_000, 30_000] {
         let mesh = foot(wanted).unwrap();
         let off = mesh.tets.len() as f64 / wanted as f64 - 1.0;
@@ -28,7 +28,7 @@ fn a_foot_is_one_sound_piece_at_any_resolution() {
 }
 
 #[test]
-fn every_bone_has_a_name_and_tets_inside_flesh_and_apart_from_its_neighbours() {
+fn foot_bones_are_named_enclosed_in_flesh_and_disjoint() {
     let mesh = foot(60_000).unwrap();
     let label = &mesh.field("label", Location::Cell).unwrap().values;
     let mut count: BTreeMap<i64, usize> = BTreeMap::new();
@@ -83,7 +83,7 @@ fn every_bone_has_a_name_and_tets_inside_flesh_and_apart_from_its_neighbours() {
 }
 
 #[test]
-fn the_bones_alone_are_26_closed_surfaces() {
+fn foot_bones_are_26_closed_surfaces() {
     let bones = foot_bones(0.003).unwrap();
     let mut edges: HashMap<[u32; 2], i32> = HashMap::new();
     let mut piece: Vec<u32> = (0..bones.vertices.len() as u32).collect();
@@ -115,7 +115,7 @@ fn the_bones_alone_are_26_closed_surfaces() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_foot_is_the_same_on_every_run_and_senseless_resolutions_are_refused() {
+fn foot_is_deterministic_and_rejects_invalid_tet_counts() {
     let (a, b) = (foot(4_000).unwrap(), foot(4_000).unwrap());
     assert_eq!((a.nodes, a.tets, a.fields), (b.nodes, b.tets, b.fields));
     assert!(foot(1_999).is_err() && foot(usize::MAX).is_err());

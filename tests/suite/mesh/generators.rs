@@ -11,7 +11,7 @@ use palpate::mesh::{
 };
 
 #[test]
-fn boxes_have_the_volume_and_counts_of_their_cells() {
+fn boxes_have_expected_volume_and_counts() {
     let size = DVec3::new(3.0, 2.0, 0.5);
     for (split, per_cell) in [(Split::Five, 5), (Split::Six, 6)] {
         for cells in [[1, 1, 1], [3, 2, 1], [2, 5, 4]] {
@@ -31,7 +31,7 @@ fn boxes_have_the_volume_and_counts_of_their_cells() {
 }
 
 #[test]
-fn senseless_boxes_are_refused() {
+fn generators_reject_invalid_sizes() {
     assert!(box_mesh([0, 1, 1], DVec3::ONE, Split::Five).is_err());
     assert!(box_mesh([usize::MAX, 2, 2], DVec3::ONE, Split::Six).is_err());
     assert!(box_mesh([1 << 20, 1 << 20, 1], DVec3::ONE, Split::Six).is_err());
@@ -88,7 +88,7 @@ fn verlet_limit(mesh: &TetMesh, kappa: f64, density: f64) -> f64 {
 }
 
 #[test]
-fn the_papers_bar_has_the_papers_mass_and_step_limits() {
+fn paper_bar_matches_published_mass_and_step_limits() {
     let mesh = paper_bar().unwrap();
     assert_eq!((mesh.tets.len(), mesh.nodes.len()), (80, 45));
     assert!((mesh.volume() - 0.432e-3).abs() < 1e-15);
@@ -100,7 +100,7 @@ fn the_papers_bar_has_the_papers_mass_and_step_limits() {
 }
 
 #[test]
-fn bars_for_the_performance_table_come_near_their_counts() {
+fn performance_bars_approximate_requested_counts() {
     let size = DVec3::new(0.12, 0.06, 0.06);
     for wanted in [80, 13_766, 17_312, 24_106, 35_118, 112_299, 156_612] {
         let mesh = bar_of_about(wanted, size).unwrap();
@@ -121,7 +121,7 @@ fn bars_for_the_performance_table_come_near_their_counts() {
 }
 
 #[test]
-fn ducts_are_tori_of_the_right_volume() {
+fn ducts_are_tori_with_exact_volume() {
     let size = DVec3::new(0.3, 0.3, 0.2);
     let square = duct([6, 6, 3], size, Bore::Square).unwrap();
     assert_eq!(check_generated(&square), 0);
@@ -140,7 +140,7 @@ fn ducts_are_tori_of_the_right_volume() {
 }
 
 #[test]
-fn the_benchmark_cube_is_the_one_the_peers_draw() {
+fn benchmark_cube_matches_peer_benchmarks() {
     let mesh = benchmark_cube(20, false).unwrap();
     assert_eq!((mesh.tets.len(), mesh.nodes.len()), (48_000, 9_261));
     assert!((mesh.volume() - 1.0).abs() < 1e-12);
@@ -159,7 +159,7 @@ fn the_benchmark_cube_is_the_one_the_peers_draw() {
 }
 
 #[test]
-fn morton_order_is_a_permutation_that_shortens_the_way() {
+fn morton_order_is_permutation_with_better_locality() {
     let mesh = benchmark_cube(12, false).unwrap();
     let order = morton_order(&mesh);
     let mut sorted = order.clone();
@@ -186,7 +186,7 @@ fn morton_order_is_a_permutation_that_shortens_the_way() {
 }
 
 #[test]
-fn balls_are_round_and_well_shaped() {
+fn balls_are_round_with_good_tet_quality() {
     for cells in [2, 5, 10, 24] {
         let mesh = ball(0.5, cells).unwrap();
         assert_eq!(check_generated(&mesh), 2);
@@ -208,7 +208,7 @@ fn balls_are_round_and_well_shaped() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn every_named_generator_makes_about_what_it_says() {
+fn named_generators_match_their_descriptions() {
     for (name, what) in GENERATORS {
         let digits: String = what
             .rsplit(';')
@@ -234,7 +234,7 @@ fn every_named_generator_makes_about_what_it_says() {
         );
     }
     let Err(palpate::Error::Input(text)) = by_name("spleen", None) else {
-        panic!("there is no such generator");
+        panic!("unknown generator accepted");
     };
     assert!(text.contains("spleen") && text.contains("limb"), "{text}");
 }
@@ -248,7 +248,7 @@ fn region(mesh: &TetMesh, name: &str) -> Vec<usize> {
 }
 
 #[test]
-fn organs_have_the_lump_that_is_asked_for_where_it_is_asked_for() {
+fn organs_contain_requested_lump_at_requested_depth() {
     for (organ, make) in [("breast", breast as fn(_, _) -> _), ("liver", liver)] {
         let lump = Lump {
             diameter: 0.02,
@@ -294,22 +294,28 @@ fn organs_have_the_lump_that_is_asked_for_where_it_is_asked_for() {
         assert!(plain.region_names.values().all(|name| name != "lump"));
         let factors = &plain.field("stiffness", Location::Cell).unwrap().values;
         assert!(factors.iter().all(|f| *f == 1.0));
-        let told = |tets: usize, lump: Lump| make(tets, Some(lump)).unwrap_err().to_string();
+        let error_of = |tets: usize, lump: Lump| make(tets, Some(lump)).unwrap_err().to_string();
         let large = Lump {
             diameter: 0.2,
             ..lump
         };
-        assert!(told(5_000, large).contains("does not fit"), "{organ}");
+        assert!(error_of(5_000, large).contains("does not fit"), "{organ}");
         let small = Lump {
             diameter: 1e-3,
             ..lump
         };
-        assert!(told(2_000, small).contains("ask for more tets"), "{organ}");
+        assert!(
+            error_of(2_000, small).contains("increase the number of tets"),
+            "{organ}"
+        );
         let wrong = Lump {
             contrast: -1.0,
             ..lump
         };
-        assert!(told(5_000, wrong).contains("positive numbers"), "{organ}");
+        assert!(
+            error_of(5_000, wrong).contains("stiffness ratio (-1) must be finite and positive"),
+            "{organ}"
+        );
         assert!(make(10, None).is_err());
     }
 }

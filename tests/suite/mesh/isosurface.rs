@@ -53,7 +53,7 @@ fn torus(p: DVec3) -> f64 {
 }
 
 #[test]
-fn spheres_and_tori_have_their_measures_and_converge() {
+fn isosurfaces_of_spheres_and_tori_converge() {
     type Body = (fn(DVec3) -> f64, f64, f64, i64);
     let bodies: [Body; 2] = [
         (sphere, 4.0 * PI * 9.0, 36.0 * PI, 2),
@@ -87,7 +87,7 @@ fn spheres_and_tori_have_their_measures_and_converge() {
 }
 
 #[test]
-fn windows_have_an_inner_side_too() {
+fn isosurface_of_range_includes_inner_boundary() {
     let shell = cube(40, |p| p.length());
     let surface = shell.isosurface(1.5, 3.0).unwrap();
     let found = sound(&surface);
@@ -102,7 +102,7 @@ fn windows_have_an_inner_side_too() {
 }
 
 #[test]
-fn the_frame_may_be_mirrored_and_oblique() {
+fn isosurface_supports_mirrored_and_oblique_frames() {
     let axes = DMat3::from_cols(
         DVec3::new(-0.5, 0.1, 0.0),
         DVec3::new(0.2, 0.6, 0.1),
@@ -129,29 +129,29 @@ fn the_frame_may_be_mirrored_and_oblique() {
 }
 
 #[test]
-fn a_surface_with_a_triangle_missing_is_not_closed() {
+fn surface_with_missing_triangle_is_open() {
     let mut surface = cube(16, torus).isosurface(0.0, 9.0).unwrap();
     surface.triangles.pop();
     assert!(!SurfaceDescription::new(&surface).closed);
 }
 
 #[test]
-fn empty_windows_are_refused_with_what_there_is() {
+fn isosurface_rejects_empty_range_and_reports_values() {
     let ball = cube(8, sphere);
     let said = |result: palpate::Result<TriMesh>| result.unwrap_err().to_string();
-    assert!(said(ball.isosurface(50.0, 60.0)).contains("they run from"));
-    assert!(said(ball.isosurface(2.0, 1.0)).contains("no inside"));
-    assert!(said(ball.isosurface(f64::NAN, 1.0)).contains("no inside"));
+    assert!(said(ball.isosurface(50.0, 60.0)).contains("values range from"));
+    assert!(said(ball.isosurface(2.0, 1.0)).contains("value range 2 to 1"));
+    assert!(said(ball.isosurface(f64::NAN, 1.0)).contains("value range NaN to 1"));
     let labels = volume([1, 1, 2], DAffine3::IDENTITY, Raw::U8(vec![4, 6]));
     let message = said(labels.label_surface(&[5]));
-    assert!(message.contains("it has 4, 6"), "{message}");
+    assert!(message.contains("available labels: 4, 6"), "{message}");
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn random_fields_have_closed_manifold_surfaces(
+    fn random_field_isosurfaces_are_closed_manifolds(
         size in prop::array::uniform3(1usize..7),
         checkers in 0..3,
         low in 0..4i32,
@@ -198,7 +198,7 @@ proptest! {
 }
 
 #[test]
-fn the_bones_of_a_real_knee_have_the_volume_of_their_voxels() {
+fn knee_bone_surfaces_match_voxel_volumes() {
     let Some(path) = crate::support::real_data("volumes/knee_labels_dess_384x384x160.nrrd") else {
         return;
     };

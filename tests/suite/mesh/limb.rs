@@ -20,7 +20,7 @@ fn pieces_beyond(mesh: &TetMesh, x: f64) -> usize {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_limb_is_one_sound_piece_with_all_tissues_at_any_resolution() {
+fn limb_is_one_valid_component_with_all_tissues() {
     for wanted in [2_000, 3_000, 20_000, 100_000] {
         let mesh = limb(wanted).unwrap();
         let off = mesh.tets.len() as f64 / wanted as f64 - 1.0;
@@ -58,7 +58,7 @@ fn a_limb_is_one_sound_piece_with_all_tissues_at_any_resolution() {
 
 /// Two of the forearm, seven of the wrist, nineteen of the digits.
 #[test]
-fn the_bones_of_a_limb_stand_apart() {
+fn limb_bones_are_disjoint() {
     let mesh = limb(30_000).unwrap();
     let bones = TISSUES[5..].iter().map(|t| i64::from(t.label));
     let bones = rigid_pieces(&mesh, bones.collect());
@@ -69,7 +69,7 @@ fn the_bones_of_a_limb_stand_apart() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn intensities_lie_near_those_of_the_labels_around_them() {
+fn limb_intensities_match_surrounding_labels() {
     let mesh = limb(60_000).unwrap();
     let label = &mesh.field("label", Location::Cell).unwrap().values;
     let intensity = &mesh.field("intensity", Location::Node).unwrap().values;
@@ -89,12 +89,12 @@ fn intensities_lie_near_those_of_the_labels_around_them() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_limb_is_the_same_on_every_run() {
+fn limb_is_deterministic() {
     let (a, b) = (limb(8_000).unwrap(), limb(8_000).unwrap());
     assert_eq!((a.nodes, a.tets, a.fields), (b.nodes, b.tets, b.fields));
 }
 
 #[test]
-fn senseless_resolutions_are_refused() {
+fn limb_rejects_invalid_tet_counts() {
     assert!(limb(0).is_err() && limb(1_999).is_err() && limb(usize::MAX).is_err());
 }

@@ -15,7 +15,7 @@ fn regular() -> [DVec3; 4] {
 }
 
 #[test]
-fn a_regular_tet_is_the_best() {
+fn regular_tet_has_highest_quality() {
     let q = tet_quality(regular().map(|p| 1e-3 * p + DVec3::splat(7.0)));
     assert_relative_eq!(q.mean_ratio, 1.0, epsilon = 1e-9);
     assert_relative_eq!(
@@ -27,7 +27,7 @@ fn a_regular_tet_is_the_best() {
 }
 
 #[test]
-fn angles_are_given_at_the_right_edges_and_do_not_depend_on_place_or_size() {
+fn dihedral_angles_are_per_edge_and_similarity_invariant() {
     // The corner of a cube: 90° at the three edges from the corner, 54.7° at the others.
     let corner = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
     let other = 3.0f64.sqrt().recip().acos().to_degrees();
@@ -41,7 +41,7 @@ fn angles_are_given_at_the_right_edges_and_do_not_depend_on_place_or_size() {
 }
 
 #[test]
-fn flat_inverted_and_collapsed_tets_are_told_apart() {
+fn quality_distinguishes_flat_inverted_and_collapsed_tets() {
     let [a, b, c, d] = regular();
     assert_relative_eq!(
         tet_quality([a, b, c, d]).mean_ratio,
@@ -55,7 +55,7 @@ fn flat_inverted_and_collapsed_tets_are_told_apart() {
 }
 
 #[test]
-fn a_report_counts_every_angle_and_lists_the_worst_first() {
+fn quality_report_counts_angles_and_lists_worst_first() {
     let mut mesh = box_mesh([20, 20, 20], DVec3::ONE, Split::Five).unwrap();
     let q = QualityReport::new(&mesh);
     assert_eq!(
@@ -83,7 +83,7 @@ fn a_report_counts_every_angle_and_lists_the_worst_first() {
 }
 
 #[test]
-fn the_report_is_the_same_on_every_run_and_nothing_is_asked_of_an_empty_mesh() {
+fn quality_report_is_deterministic_and_accepts_empty_mesh() {
     let mesh = ball(1.0, 12).unwrap();
     assert_eq!(QualityReport::new(&mesh), QualityReport::new(&mesh));
     assert!(QualityReport::new(&TetMesh::default()).worst.is_empty());

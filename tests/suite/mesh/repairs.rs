@@ -15,7 +15,7 @@ fn remade(mesh: TetMesh) -> palpate::Result<TetMesh> {
 }
 
 #[test]
-fn mixed_orientations_are_turned_and_counted() {
+fn inverted_tets_are_flipped_and_counted() {
     let mut mesh = cube();
     for tet in mesh.tets.iter_mut().step_by(3) {
         tet.swap(0, 1);
@@ -28,7 +28,7 @@ fn mixed_orientations_are_turned_and_counted() {
 }
 
 #[test]
-fn repeated_flat_and_collapsed_tets_go_and_take_their_values_along() {
+fn duplicate_and_degenerate_tets_are_dropped_with_their_values() {
     let mut mesh = cube();
     let [a, b, c, d] = mesh.tets[5];
     // The lowest layer of nodes is flat: four of its nodes span no volume.
@@ -51,7 +51,7 @@ fn repeated_flat_and_collapsed_tets_go_and_take_their_values_along() {
 }
 
 #[test]
-fn unused_nodes_go_and_take_their_values_along() {
+fn unused_nodes_are_dropped_with_their_values() {
     let mut mesh = cube();
     mesh.nodes.insert(4, DVec3::NAN);
     mesh.nodes.push(DVec3::splat(1e9));
@@ -71,7 +71,7 @@ fn unused_nodes_go_and_take_their_values_along() {
 }
 
 #[test]
-fn faces_shared_by_three_tets_are_left_apart() {
+fn faces_shared_by_three_tets_are_boundary() {
     let mut mesh = cube();
     let [a, b, c, _] = mesh.tets[0];
     let apex = mesh.nodes.len() as u32;
@@ -87,7 +87,7 @@ fn faces_shared_by_three_tets_are_left_apart() {
 }
 
 #[test]
-fn what_cannot_be_mended_is_refused_and_named() {
+fn rejects_irreparable_mesh_and_names_defect() {
     let refused = |mesh: TetMesh, part: &str| match remade(mesh) {
         Err(Error::Mesh(text)) => assert!(text.contains(part), "{part} is missing in: {text}"),
         other => panic!("expected a mesh error naming {part}, got {other:?}"),

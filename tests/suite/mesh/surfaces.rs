@@ -33,7 +33,7 @@ fn roughness(surface: &TriMesh) -> f64 {
 }
 
 #[test]
-fn smoothing_takes_the_steps_and_leaves_the_volume() {
+fn smoothing_removes_voxel_steps_and_preserves_volume() {
     let steps = staircase();
     let smooth = steps.smoothed(10);
     assert_eq!(steps.triangles, smooth.triangles);
@@ -51,7 +51,7 @@ fn smoothing_takes_the_steps_and_leaves_the_volume() {
 }
 
 #[test]
-fn rims_stay_where_they_are() {
+fn smoothing_preserves_open_rims() {
     let mut bowl = staircase();
     let keep: Vec<bool> = (0..bowl.triangles.len())
         .map(|t| bowl.corners(t).iter().all(|p| p.z < 2.0))
@@ -93,7 +93,7 @@ fn labelled_bar() -> TetMesh {
 }
 
 #[test]
-fn boundaries_of_regions_enclose_them() {
+fn region_surfaces_enclose_their_regions() {
     let mesh = labelled_bar();
     let table: [(Option<&[i64]>, f64, usize); 5] = [
         (None, 4.0, 1),
@@ -127,10 +127,10 @@ fn boundaries_of_regions_enclose_them() {
 }
 
 #[test]
-fn missing_labels_are_named() {
+fn region_surface_reports_missing_labels() {
     let mut mesh = labelled_bar();
     let error = mesh.boundary_surface(Some(&[9])).unwrap_err().to_string();
-    assert!(error.contains("[9]; it has 1, 2, 5"), "{error}");
+    assert!(error.contains("[9]; available labels: 1, 2, 5"), "{error}");
     mesh.fields.clear();
     let error = mesh.boundary_surface(Some(&[1])).unwrap_err().to_string();
     assert!(error.contains("no cell field \"label\""), "{error}");

@@ -49,7 +49,7 @@ fn ragged() -> impl Strategy<Value = TetMesh> {
 
 proptest! {
     #[test]
-    fn neighbours_boundary_and_volumes_agree(mesh in ragged()) {
+    fn neighbours_boundary_and_volumes_are_consistent(mesh in ragged()) {
         let topology = check_topology(&mesh);
         let inner = topology.neighbours.iter().flatten().filter(|n| **n != u32::MAX).count();
         prop_assert_eq!(inner + topology.boundary.len(), 4 * mesh.tets.len());
@@ -63,7 +63,7 @@ proptest! {
     }
 
     #[test]
-    fn edges_are_those_of_the_tets(mesh in ragged()) {
+    fn mesh_edges_match_tet_edges(mesh in ragged()) {
         let mut expected = std::collections::BTreeSet::new();
         for tet in &mesh.tets {
             for a in tet {
@@ -75,7 +75,7 @@ proptest! {
 }
 
 #[test]
-fn pieces_are_counted_by_faces_not_by_edges() {
+fn components_are_connected_through_faces_only() {
     // In a 5-tet cell without its central tet, the four corner tets touch along edges only.
     let mesh = box_mesh([1, 1, 1], DVec3::ONE, Split::Five).unwrap();
     let corners =
@@ -85,7 +85,7 @@ fn pieces_are_counted_by_faces_not_by_edges() {
 }
 
 #[test]
-fn neighbours_need_no_nodes() {
+fn topology_is_built_without_nodes() {
     // Two tets with a common face whose nodes have large indices.
     let far = u32::MAX - 1;
     let mesh = TetMesh {

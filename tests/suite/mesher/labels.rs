@@ -23,7 +23,7 @@ proptest! {
     })]
     #[test]
     #[ignore = "long: scripts/test --full"]
-    fn random_labels_are_filled_soundly(
+    fn random_label_maps_mesh_validly(
         seed: u64,
         labels in 2u64..=6,
         block in 1usize..=4,
@@ -55,7 +55,7 @@ fn bits(nodes: &[DVec3]) -> Vec<[u64; 3]> {
 }
 
 #[test]
-fn checkerboards_are_filled_soundly() {
+fn checkerboards_mesh_validly() {
     for (block, labels, edge) in [(1, 2, 1.0), (2, 2, 1.1), (2, 3, 0.7), (3, 4, 2.0)] {
         let volume = volume_of([8; 3], |c| {
             (c.map(|i| i / block).iter().sum::<usize>() % labels) as u8
@@ -85,7 +85,7 @@ fn phantom() -> Volume {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn regions_have_the_volume_and_the_surface_of_their_voxels() {
+fn regions_match_voxel_volume_and_surface() {
     let volume = phantom();
     let domain = LabelDomain::new(&volume, None).unwrap();
     let mut errors = Vec::new();
@@ -107,7 +107,7 @@ fn regions_have_the_volume_and_the_surface_of_their_voxels() {
 }
 
 #[test]
-fn oblique_and_stretched_voxels_are_where_they_belong() {
+fn oblique_anisotropic_voxels_mesh_at_world_positions() {
     let straight = phantom();
     let placed = Volume {
         to_world: DAffine3::from_mat3_translation(
@@ -126,7 +126,7 @@ fn oblique_and_stretched_voxels_are_where_they_belong() {
 }
 
 #[test]
-fn a_volume_filled_to_its_sides_is_a_box() {
+fn fully_labelled_volume_meshes_to_box() {
     let volume = volume_of([19, 17, 15], |_| 4);
     let domain = LabelDomain::new(&volume, None).unwrap();
     let windows = ["0.5".parse().unwrap()];
@@ -141,7 +141,7 @@ fn a_volume_filled_to_its_sides_is_a_box() {
 }
 
 #[test]
-fn chosen_labels_are_regions_and_the_rest_is_outside() {
+fn selected_labels_are_regions_and_others_outside() {
     let volume = phantom();
     let domain = LabelDomain::new(&volume, Some(&[3, 2])).unwrap();
     assert_eq!(domain.labels(), [3, 2]);
@@ -167,7 +167,7 @@ fn chosen_labels_are_regions_and_the_rest_is_outside() {
 }
 
 #[test]
-fn thresholds_that_share_a_value_share_a_boundary() {
+fn adjacent_thresholds_share_boundary() {
     // Values decrease with the distance from the centre: nested balls.
     let volume = volume_of([24; 3], |c| {
         let p = DVec3::from(c.map(|i| i as f64 + 0.5));
@@ -191,7 +191,7 @@ fn thresholds_that_share_a_value_share_a_boundary() {
 }
 
 #[test]
-fn islands_go_to_their_neighbours_or_away() {
+fn small_islands_are_merged_or_removed() {
     // A ball with a speck of another label inside, and another speck outside.
     let volume = volume_of([30; 3], |c| {
         let p = DVec3::from(c.map(|i| i as f64 + 0.5));
@@ -227,7 +227,7 @@ fn islands_go_to_their_neighbours_or_away() {
 }
 
 #[test]
-fn the_checks_see_what_is_wrong() {
+fn checks_detect_invalid_meshes() {
     let domain = LabelDomain::new(&phantom(), None).unwrap();
     let sound = filled(&domain, &options(3.0, 2.0));
     assert_eq!(faults(&sound), Vec::<String>::new());

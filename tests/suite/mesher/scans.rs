@@ -14,7 +14,7 @@ fn about(tets: usize) -> MeshOptions {
 }
 
 #[test]
-fn a_segmented_knee_is_filled() {
+fn segmented_knee_meshes_validly() {
     let Some(path) = real_data("volumes/knee_labels_dess_384x384x160.nrrd") else {
         return;
     };
@@ -36,7 +36,7 @@ fn a_segmented_knee_is_filled() {
 }
 
 #[test]
-fn a_head_is_filled_between_thresholds() {
+fn head_meshes_from_threshold_range() {
     let Some(path) = real_data("volumes/headsq_ct_64x64x93.mhd") else {
         return;
     };
@@ -62,7 +62,7 @@ fn a_head_is_filled_between_thresholds() {
 }
 
 #[test]
-fn a_lung_is_filled_from_its_surface() {
+fn lung_meshes_from_surface() {
     let Some(path) = real_data("surfaces/chaste_lung_lul.stl") else {
         return;
     };

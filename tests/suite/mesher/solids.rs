@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 const BOUND: (f64, f64) = (10.7, 164.8);
 
 #[test]
-fn a_ball_keeps_the_published_bound_and_its_volume_converges() {
+fn ball_meets_published_angle_bound_and_volume_converges() {
     let radius = 0.97;
     let ball = solids(1.0, |p| vec![(1, radius - p.length())]);
     let exact = 4.0 / 3.0 * PI * radius.powi(3);
@@ -33,7 +33,7 @@ fn a_ball_keeps_the_published_bound_and_its_volume_converges() {
 }
 
 #[test]
-fn a_torus_keeps_its_hole() {
+fn torus_topology_is_preserved() {
     let torus = solids(1.1, |p| {
         vec![(1, 0.3 - (p.truncate().length() - 0.7).hypot(p.z))]
     });
@@ -45,7 +45,7 @@ fn a_torus_keeps_its_hole() {
 }
 
 #[test]
-fn a_shell_and_its_core_share_their_boundary() {
+fn shell_and_core_share_boundary() {
     let nested = solids(1.0, |p| {
         let r = p.length();
         vec![(1, (0.95 - r).min(r - 0.5)), (2, 0.5 - r)]
@@ -61,7 +61,7 @@ fn a_shell_and_its_core_share_their_boundary() {
 }
 
 #[test]
-fn half_spaces_meet_in_a_plane() {
+fn half_spaces_share_planar_boundary() {
     // A box with sides between the planes of the lattice, halved by an oblique plane.
     let tilt = DVec3::new(0.6, 0.64, 0.48);
     let halves = solids(0.9, |p| {
@@ -88,7 +88,7 @@ fn half_spaces_meet_in_a_plane() {
 }
 
 #[test]
-fn regions_that_meet_in_lines_and_points_are_filled() {
+fn regions_meeting_in_lines_and_points_mesh_validly() {
     let centres = [
         [-0.4, -0.3, 0.0],
         [0.4, -0.3, 0.05],
@@ -116,7 +116,7 @@ fn regions_that_meet_in_lines_and_points_are_filled() {
 }
 
 #[test]
-fn grading_leaves_out_tets_inside_and_nothing_of_the_surface() {
+fn grading_coarsens_interior_and_preserves_surface() {
     let ball = solids(1.0, |p| vec![(1, 0.9 - p.length())]);
     let [even, graded] = [1.0, 8.0].map(|g| filled(&ball, &options(0.05, g)));
     assert!(3 * graded.tets.len() < 2 * even.tets.len());
@@ -139,7 +139,7 @@ fn grading_leaves_out_tets_inside_and_nothing_of_the_surface() {
 }
 
 #[test]
-fn the_edge_for_a_number_of_tets_is_found() {
+fn requested_tet_count_is_met() {
     let shell = solids(1.0, |p| {
         let r = p.length();
         vec![(1, (0.9 - r).min(r - 0.7)), (2, 0.7 - r)]
@@ -157,7 +157,7 @@ fn the_edge_for_a_number_of_tets_is_found() {
 }
 
 #[test]
-fn options_without_sense_are_refused() {
+fn rejects_invalid_options() {
     let ball = solids(1.0, |p| vec![(1, 0.9 - p.length())]);
     let edge = |e| options(e, 1.0);
     for wrong in [
@@ -196,7 +196,7 @@ proptest! {
     })]
     #[test]
     #[ignore = "long: scripts/test --full"]
-    fn one_region_keeps_the_published_bound(
+    fn random_single_region_meets_published_angle_bound(
         waves in prop::collection::vec(prop::array::uniform4(-1.0f64..1.0), 6),
         offset in prop::array::uniform3(0.0f64..1.0),
         level in -0.3f64..0.3,

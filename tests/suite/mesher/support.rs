@@ -87,11 +87,11 @@ pub fn faults(filling: &MeshedDomain) -> Vec<String> {
     let mesh = mesh_of(filling);
     say(
         mesh.repairs != Default::default(),
-        format!("to be repaired: {:?}", mesh.repairs.warnings),
+        format!("needs repair: {:?}", mesh.repairs.warnings),
     );
     say(
         mesh.tets.len() != filling.regions.len() || filling.regions.contains(&0),
-        "a region for each tet".into(),
+        "not one region per tet".into(),
     );
     let topology = Topology::new(&mesh);
     let shape = BoundaryReport::new(&mesh, &topology);
@@ -99,7 +99,7 @@ pub fn faults(filling: &MeshedDomain) -> Vec<String> {
     say(
         !shape.is_vertex_manifold(),
         format!(
-            "{} odd edges, {} odd nodes",
+            "{} non-manifold edges, {} non-manifold nodes",
             shape.non_manifold_edges.len(),
             shape.non_manifold_nodes.len()
         ),
@@ -107,10 +107,7 @@ pub fn faults(filling: &MeshedDomain) -> Vec<String> {
     // A node within a boundary face, or on its edge, indicates non-conforming tets.
     say(
         hanging_nodes(&mesh, &topology) > 0,
-        format!(
-            "{} nodes lie on faces they do not belong to",
-            hanging_nodes(&mesh, &topology)
-        ),
+        format!("{} hanging nodes", hanging_nodes(&mesh, &topology)),
     );
     let regions: std::collections::BTreeSet<u16> = filling.regions.iter().copied().collect();
     for region in regions {

@@ -46,7 +46,7 @@ fn real(name: &str) -> Option<TriMesh> {
 }
 
 #[test]
-fn nested_surfaces_become_regions_that_fit() {
+fn nested_surfaces_become_conforming_regions() {
     let surfaces = [sphere(10.0), sphere(5.0)];
     let [outer, inner] = [0, 1].map(|n| surfaces[n].volume());
     let filling = made(&surfaces, Spacing::Edge(2.0)).unwrap();
@@ -72,7 +72,7 @@ fn nested_surfaces_become_regions_that_fit() {
 }
 
 #[test]
-fn cavities_are_left_out() {
+fn cavities_are_excluded() {
     let mut hollow = sphere(10.0);
     let cavity = sphere(5.0);
     let first = hollow.vertices.len() as u32;
@@ -94,7 +94,7 @@ fn cavities_are_left_out() {
 }
 
 #[test]
-fn the_number_of_tets_is_met_or_refused() {
+fn requested_tet_count_is_met_or_rejected() {
     // In metres, so that volumes are small numbers.
     let ball = [sphere(1e-5)];
     for wanted in [5000, 20_000] {
@@ -110,7 +110,7 @@ fn the_number_of_tets_is_met_or_refused() {
 }
 
 #[test]
-fn a_real_femur_is_filled() {
+fn real_femur_meshes_validly() {
     let Some(femur) = real("surfaces/pymskt_femur_thickness_mm_10k_pts.vtk") else {
         return;
     };
@@ -121,7 +121,7 @@ fn a_real_femur_is_filled() {
 }
 
 #[test]
-fn surfaces_that_cross_themselves_are_refused_with_what_to_do() {
+fn rejects_self_intersecting_surface_with_remedy() {
     let Some(lung) = real("surfaces/chaste_lung_lul.stl") else {
         return;
     };

@@ -18,7 +18,7 @@ fn bar(gpu: &Gpu, stiffness: f64, damping: f64) -> GpuBody {
 }
 
 #[test]
-fn the_stable_step_is_the_papers() {
+fn stable_step_matches_paper() {
     let gpu = Gpu::new().unwrap();
     for (stiffness, limit) in [(3_000.0, 1.08e-3), (30_000.0, 3.42e-4)] {
         let body = bar(&gpu, stiffness, 0.0);
@@ -58,7 +58,7 @@ fn implicit_euler_is_stable_for_a_thousand_large_steps() {
 }
 
 #[test]
-fn verlet_holds_small_steps_and_stops_large_ones() {
+fn verlet_is_stable_for_small_steps_and_rejects_large_ones() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     let mut body = bar(&gpu, 3_000.0, 0.0);
@@ -106,7 +106,7 @@ fn verlet_holds_small_steps_and_stops_large_ones() {
 /// The estimate of the largest stable step, including damping, is stable and nearly sharp.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_stable_step_is_stable_and_not_timid() {
+fn estimated_stable_step_is_stable_and_sharp() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     let damped = |damping_time: f64, damping: f64| Material {
@@ -145,7 +145,10 @@ fn the_stable_step_is_stable_and_not_timid() {
             let (limit, held) = run(0.97);
             assert!(held.is_ok(), "{kind}, {limit} s: {}", held.unwrap_err());
             let (limit, broken) = run(if undamped { 1.05 } else { 2.5 });
-            assert!(broken.is_err(), "{kind} holds well beyond {limit} s");
+            assert!(
+                broken.is_err(),
+                "{kind} is stable far beyond the limit of {limit} s"
+            );
         }
     }
 }

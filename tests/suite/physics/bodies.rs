@@ -38,7 +38,7 @@ fn strain(gpu: &Gpu, mesh: &TetMesh, young: f64, stress: f64) -> f64 {
 /// A regular split is anisotropic: along its axes the five-tet bar, with C11 = 4/3 E and C12 = 1/3
 /// E, has the modulus 1.2 E. A finer mesh approximates it better.
 #[test]
-fn a_stretched_beam_shows_the_modulus_of_its_lattice() {
+fn stretched_beam_has_modulus_of_its_lattice() {
     let gpu = Gpu::new().unwrap();
     let size = DVec3::new(0.4, 0.1, 0.1);
     let found = [[8, 2, 2], [16, 4, 4]].map(|cells| {
@@ -56,7 +56,7 @@ fn a_stretched_beam_shows_the_modulus_of_its_lattice() {
 /// Stretched by s along every direction in turn, a body of modulus E at ν = ¼ stores the mean
 /// energy 3/5 E s² per volume: C1111 = 6/5 E. With this average, the formula is exact on any mesh.
 #[test]
-fn the_spring_constants_have_youngs_modulus_on_any_mesh() {
+fn spring_constants_give_youngs_modulus_on_any_mesh() {
     let duct = generate::duct([6, 6, 3], DVec3::ONE, generate::Bore::Round).unwrap();
     for mesh in [
         generate::ball(0.3, 6).unwrap(),
@@ -87,7 +87,7 @@ fn the_spring_constants_have_youngs_modulus_on_any_mesh() {
 }
 
 #[test]
-fn a_force_array_written_on_the_gpu_acts() {
+fn force_array_written_on_gpu_is_applied() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {
@@ -147,7 +147,7 @@ fn a_force_array_written_on_the_gpu_acts() {
 }
 
 #[test]
-fn regions_and_fields_of_factors_scale_the_stiffness() {
+fn regions_and_scale_fields_scale_stiffness() {
     let mut mesh = generate::bar([4, 2, 2], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let labels: Vec<f64> = (0..mesh.tets.len())
         .map(|t| {
@@ -229,7 +229,7 @@ fn regions_and_fields_of_factors_scale_the_stiffness() {
 }
 
 #[test]
-fn nonsense_is_refused_with_a_reason() {
+fn rejects_invalid_materials_and_loads() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for material in [
@@ -275,22 +275,22 @@ fn nonsense_is_refused_with_a_reason() {
 }
 
 #[test]
-fn the_default_load_says_what_it_does() {
+fn clamp_one_end_reports_pins_and_gravity() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar([4, 2, 2], DVec3::new(0.06, 0.06, 0.12)).unwrap();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::soft_tissue()).unwrap();
-    let said = body.clamp_one_end(9.81);
+    let message = body.clamp_one_end(9.81);
     assert_eq!(body.gravity(), DVec3::new(0.0, -9.81, 0.0));
     let pinned = body.pinned().iter().filter(|p| **p).count();
     assert!(
-        pinned > 0 && said.contains(&format!("{pinned} nodes")) && said.contains('z'),
-        "{said}"
+        pinned > 0 && message.contains(&format!("{pinned} nodes")) && message.contains('z'),
+        "{message}"
     );
 }
 
 /// A caller may set loads before every step: no scheme loses its state.
 #[test]
-fn loads_set_anew_every_step_are_the_same_loads() {
+fn resetting_loads_every_step_preserves_motion() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {

@@ -125,7 +125,7 @@ pub fn step_truth(kind: SolverKind, p: &mut ReferenceSprings, steps: u32, h: f64
             SolverKind::Implicit => {
                 integrators::implicit_euler(p, h, 1e-10).unwrap();
             }
-            kind => panic!("{kind} steps no springs"),
+            kind => panic!("{kind} does not support springs"),
         }
     }
 }

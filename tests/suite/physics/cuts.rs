@@ -34,7 +34,7 @@ fn mass_and_momentum(body: &GpuBody) -> (f64, DVec3) {
 }
 
 #[test]
-fn a_bar_cut_through_falls_apart() {
+fn bar_cut_through_separates() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
@@ -98,7 +98,10 @@ fn a_bar_cut_through_falls_apart() {
     assert_eq!(crossing(body.network()), 0);
     let (uncut, _) = bar();
     let before = DiscreteModel::new(&uncut, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
-    assert!(crossing(&before) > 20, "the count can tell");
+    assert!(
+        crossing(&before) > 20,
+        "the check must be able to detect crossing springs"
+    );
 
     // The same solver continues, and the halves move independently.
     let progress = implicit.run(&mut body, 40, 0.005).unwrap();
@@ -150,7 +153,7 @@ fn cut_ball(gpu: &Gpu, material: &Material, kind: SolverKind) -> Twins {
 }
 
 #[test]
-fn a_cut_body_moves_as_float64_has_it() {
+fn cut_body_motion_matches_float64() {
     let gpu = Gpu::new().unwrap();
     // Explicit Euler needs damping.
     let material = Material {
@@ -178,7 +181,7 @@ fn a_cut_body_moves_as_float64_has_it() {
 }
 
 #[test]
-fn a_twin_that_was_not_cut_is_told_apart() {
+fn comparison_detects_uncut_reference() {
     let gpu = Gpu::new().unwrap();
     let kind = SolverKind::Symplectic;
     let mut twins = cut_ball(&gpu, &Material::from_young(20_000.0), kind);
@@ -199,7 +202,7 @@ fn a_twin_that_was_not_cut_is_told_apart() {
 }
 
 #[test]
-fn cuts_go_on_when_the_room_is_used_up() {
+fn cuts_continue_when_capacity_is_exceeded() {
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::ball(0.05, 8).unwrap();
     let material = Material::from_young(20_000.0);
@@ -238,7 +241,7 @@ fn cuts_go_on_when_the_room_is_used_up() {
 }
 
 #[test]
-fn pins_loads_and_mass_are_shared_by_the_doubles() {
+fn duplicated_nodes_share_pins_loads_and_mass() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
@@ -282,7 +285,7 @@ fn pins_loads_and_mass_are_shared_by_the_doubles() {
 }
 
 #[test]
-fn a_slab_taken_out_leaves_two_halves() {
+fn removed_slab_leaves_two_halves() {
     let gpu = Gpu::new().unwrap();
     let (mesh, mut topology) = bar();
     let material = Material::from_young(20_000.0);
@@ -313,7 +316,7 @@ fn a_slab_taken_out_leaves_two_halves() {
 }
 
 #[test]
-fn a_cut_that_hits_nothing_is_harmless_and_a_wrong_mesh_is_refused() {
+fn missing_cut_is_harmless_and_wrong_mesh_is_rejected() {
     let gpu = Gpu::new().unwrap();
     let (mut mesh, mut topology) = bar();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
@@ -338,7 +341,7 @@ fn a_cut_that_hits_nothing_is_harmless_and_a_wrong_mesh_is_refused() {
     let blade = across(DVec3::new(0.05, 0.0, 0.0), DVec3::X, 0.2);
     let error = body.cut(&mut small, &mut its_topology, &blade).unwrap_err();
     assert!(
-        error.to_string().contains("the mesh it was made of"),
+        error.to_string().contains("the mesh it was created from"),
         "{error}"
     );
     assert!(body.remove(&mut small, &mut its_topology, &[0]).is_err());

@@ -31,7 +31,7 @@ fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 #[test]
-fn force_is_minus_the_gradient_of_energy() {
+fn force_equals_negative_energy_gradient() {
     let mut p = particles(Damping::Axial);
     p.network.damping = 0.0;
     p.network.damping_time = 0.0;
@@ -53,7 +53,7 @@ fn force_is_minus_the_gradient_of_energy() {
 }
 
 #[test]
-fn the_exact_jacobian_is_the_derivative_of_the_forces() {
+fn exact_jacobian_equals_force_derivative() {
     let mut p = particles(Damping::Axial);
     p.network.damping = 0.0;
     p.network.damping_time = 0.0;
@@ -71,7 +71,7 @@ fn the_exact_jacobian_is_the_derivative_of_the_forces() {
 }
 
 #[test]
-fn the_damping_matrix_is_the_derivative_by_velocity() {
+fn damping_matrix_equals_velocity_derivative() {
     for kind in [Damping::Axial, Damping::Relative] {
         let p = particles(kind);
         let direction = Noise(8).vectors(p.x.len());
@@ -104,7 +104,7 @@ fn differences(
 }
 
 #[test]
-fn damping_takes_energy_and_the_axial_kind_leaves_rotation_alone() {
+fn damping_dissipates_and_axial_damping_spares_rotation() {
     for kind in [Damping::Axial, Damping::Relative] {
         let mut p = particles(kind);
         let power: f64 = p
@@ -113,7 +113,7 @@ fn damping_takes_energy_and_the_axial_kind_leaves_rotation_alone() {
             .zip(&p.v)
             .map(|(f, v)| f.dot(*v))
             .sum();
-        assert!(power < 0.0, "{kind:?}: damping gives {power} W");
+        assert!(power < 0.0, "{kind:?}: power of damping {power} W");
         let spin = DVec3::new(0.3, -1.0, 2.0);
         p.v = p.x.iter().map(|x| spin.cross(*x)).collect();
         let brake: f64 = p.damping_product(&p.v).iter().map(|f| f.length()).sum();
@@ -122,7 +122,7 @@ fn damping_takes_energy_and_the_axial_kind_leaves_rotation_alone() {
 }
 
 #[test]
-fn the_system_is_symmetric_and_positive() {
+fn system_is_symmetric_positive_definite() {
     let mut p = particles(Damping::Axial);
     p.pinned[3] = true;
     let mut noise = Noise(5);

@@ -62,7 +62,7 @@ fn deepest(sunk: &[f64]) -> (f64, usize) {
 }
 
 #[test]
-fn implicit_euler_makes_the_motion_that_a_sparse_newton_finds() {
+fn implicit_euler_matches_sparse_newton_reference() {
     let found = sunk(SolverKind::Implicit, 0.01, 100);
     // python benches/peers/reference_dynamics.py
     let known = [
@@ -83,7 +83,7 @@ fn implicit_euler_makes_the_motion_that_a_sparse_newton_finds() {
 }
 
 #[test]
-fn rules_of_second_order_make_that_of_the_trapezoidal_rule() {
+fn second_order_schemes_match_trapezoidal_rule() {
     // python benches/peers/reference_dynamics.py
     let known = [(125, 0.09514070), (250, 0.20468867)];
     for (kind, within) in [(SolverKind::Midpoint, 2e-5), (SolverKind::Bdf2, 1e-4)] {
@@ -105,7 +105,7 @@ fn rules_of_second_order_make_that_of_the_trapezoidal_rule() {
 /// In an oscillation of a single mode with damping ratio ζ, the deviation from equilibrium
 /// decreases by the factor e^(−πζ/√(1−ζ²)) from one extremum to the next.
 #[test]
-fn a_damping_ratio_is_that_of_the_swing() {
+fn damping_ratio_equals_decrement_of_oscillation() {
     let hertz = 1.0 / (2.0 * 0.262);
     for (ratio, kind) in [
         (0.05, SolverKind::Midpoint),

@@ -64,7 +64,7 @@ fn states(mesh: &TetMesh) -> Vec<(&'static str, Vec<DVec3>)> {
 }
 
 #[test]
-fn forces_and_energy_of_any_state() {
+fn forces_and_energy_match_float64_in_any_state() {
     let gpu = Gpu::new().unwrap();
     let mesh = bar();
     for model in MODELS {
@@ -95,7 +95,7 @@ fn forces_and_energy_of_any_state() {
 }
 
 #[test]
-fn a_body_at_rest_has_no_forces() {
+fn body_at_rest_has_no_forces() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::ball(0.037, 5).unwrap();
     for model in MODELS {
@@ -108,7 +108,7 @@ fn a_body_at_rest_has_no_forces() {
 
 /// Damping forces are τ K v with K the Hessian of the energy, projected to positive semidefinite.
 #[test]
-fn damping_is_the_derivative_of_the_forces() {
+fn damping_equals_projected_force_derivative() {
     let gpu = Gpu::new().unwrap();
     let mesh = bar();
     for model in MODELS {
@@ -166,7 +166,7 @@ fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> GpuBody {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn explicit_steps() {
+fn explicit_steps_match_float64() {
     let gpu = Gpu::new().unwrap();
     for model in MODELS {
         let mut body = swinging(&gpu, model, 1e-4);
@@ -178,24 +178,24 @@ fn explicit_steps() {
         for _ in 0..steps {
             truth.symplectic(h);
         }
-        let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        let expected: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
         let there = Truth::of(&body);
-        let gone: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-        let apart = relative(&gone, &way);
+        let displacement: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        let apart = relative(&displacement, &expected);
         println!(
             "{model}: {apart:.1e} of {:.3} m",
-            way.last().unwrap().length()
+            expected.last().unwrap().length()
         );
         assert!(apart < 2e-3, "{model}: {apart}");
         truth.symplectic(h);
-        let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-        assert!(relative(&gone, &way) > 2.0 * apart, "{model}");
+        let expected: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+        assert!(relative(&displacement, &expected) > 2.0 * apart, "{model}");
     }
 }
 
 /// Steps from random states equal the corresponding Newton iterations.
 #[test]
-fn implicit_steps() {
+fn implicit_steps_match_newton_iterations() {
     let gpu = Gpu::new().unwrap();
     let settings = CgSettings {
         tolerance: 1e-6,
@@ -232,7 +232,7 @@ fn implicit_steps() {
 /// Over a motion, steps are close to converged ones.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn implicit_motions() {
+fn implicit_motion_matches_converged_steps() {
     let gpu = Gpu::new().unwrap();
     let settings = CgSettings {
         tolerance: 1e-6,
@@ -247,12 +247,13 @@ fn implicit_motions() {
             stepper.run(&mut body, 40, 0.01).unwrap();
             (0..40).for_each(|_| truth.converged_step(0.01));
             let there = Truth::of(&body);
-            let way: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-            let gone: Vec<DVec3> = there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
-            let apart = relative(&gone, &way);
+            let expected: Vec<DVec3> = truth.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+            let displacement: Vec<DVec3> =
+                there.x.iter().zip(&rest).map(|(a, b)| *a - *b).collect();
+            let apart = relative(&displacement, &expected);
             println!(
                 "{model} τ {damping_time}: {apart:.1e} of {:.3} m",
-                way.last().unwrap().length()
+                expected.last().unwrap().length()
             );
             assert!(apart < 2e-2, "{model}: {apart}");
         }
@@ -263,7 +264,7 @@ fn implicit_motions() {
 /// the strain s along x, with lateral contraction ν s, its resistance per area is E s along x, and
 /// zero laterally.
 #[test]
-fn affine_strain_is_in_balance_and_obeys_hooke() {
+fn affine_strain_is_in_equilibrium_and_obeys_hookes_law() {
     let gpu = Gpu::new().unwrap();
     let ball = generate::ball(0.5, 6).unwrap();
     let strain = DMat3::from_cols(
@@ -388,7 +389,7 @@ fn elements_follow_cuts() {
 /// With the second-order scheme, a bar of elements has the same amplitude with a large step as with
 /// small ones; implicit Euler loses half of it.
 #[test]
-fn rules_of_second_order_keep_the_swing() {
+fn second_order_schemes_preserve_amplitude() {
     let gpu = Gpu::new().unwrap();
     let soft = material(MaterialModel::NeoHookean);
     let after = |kind: SolverKind, steps: u32| {
@@ -412,12 +413,17 @@ fn rules_of_second_order_keep_the_swing() {
     );
     let springs = Material::from_young(1e4);
     for kind in SolverKind::ELEMENT_ONLY {
-        let told = EngineChoice::Auto
+        let error = EngineChoice::Auto
             .build_tets(&gpu, bar(), &springs, kind)
             .err();
-        assert!(told.unwrap().to_string().contains("--material neo-hookean"));
+        assert!(
+            error
+                .unwrap()
+                .to_string()
+                .contains("--material neo-hookean")
+        );
         let gpu_only: EngineChoice = "gpu".parse().unwrap();
-        let told = gpu_only.build_tets(&gpu, bar(), &soft, kind).err().unwrap();
-        assert!(told.to_string().contains("--engine cpu"), "{told}");
+        let error = gpu_only.build_tets(&gpu, bar(), &soft, kind).err().unwrap();
+        assert!(error.to_string().contains("--engine cpu"), "{error}");
     }
 }

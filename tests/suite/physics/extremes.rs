@@ -41,7 +41,7 @@ fn smallest_quotient(p: &ReferenceSprings, product: impl Fn(&[DVec3]) -> Vec<DVe
 /// A bar compressed to 70 % of its length: the exact Jacobian makes the system of an implicit step
 /// indefinite, so conjugate gradients fail; the clamped Jacobian does not.
 #[test]
-fn compressed_springs_need_the_clamp() {
+fn compressed_springs_require_clamped_hessian() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     let mut twins = Twins::new(&gpu, &mesh, &Material::uniform_springs(30_000.0, 0.0));
@@ -74,7 +74,7 @@ fn compressed_springs_need_the_clamp() {
 /// Springs have no volume term: a mirrored body is at rest, a flat one stays planar. Nothing fails;
 /// the report counts inverted tets.
 #[test]
-fn mirrored_and_flattened_bodies_stay_so_and_are_counted() {
+fn mirrored_and_flattened_spring_bodies_persist_and_are_counted() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     let material = Material {
@@ -103,7 +103,7 @@ fn mirrored_and_flattened_bodies_stay_so_and_are_counted() {
 /// Nodes at random positions in the body's box: the implicit solver settles with inverted tets.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_scrambled_body_settles_into_a_knot() {
+fn scrambled_spring_body_settles_tangled() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     let material = Material {
@@ -158,7 +158,7 @@ fn two_halves(stiffness: [f64; 2], density: [f64; 2]) -> (TetMesh, Material) {
 /// One body with a stiffness ratio of 1:10,000, another with such a mass ratio: implicit Euler with
 /// its default tolerance stays close to float64, and its number of iterations is bounded.
 #[test]
-fn ratios_of_ten_thousand_in_one_body() {
+fn stiffness_and_mass_ratios_of_ten_thousand_converge() {
     let gpu = Gpu::new().unwrap();
     for (stiffness, density) in [
         ([1e3, 1e7], [1e3, 1e3]),
@@ -190,7 +190,7 @@ fn ratios_of_ten_thousand_in_one_body() {
 /// Changes below the resolution of f32 are not iterated on: a tolerance below the f32 limit ends
 /// where a reasonable one does, at the same cost.
 #[test]
-fn conjugate_gradients_at_the_limit_of_f32() {
+fn conjugate_gradients_stop_at_f32_resolution() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar_of_about(1000, DVec3::new(0.4, 0.1, 0.1)).unwrap();
     let mut errors = Vec::new();
@@ -219,7 +219,7 @@ fn conjugate_gradients_at_the_limit_of_f32() {
 /// Half a million metres from the origin, beyond the resolution of f32: positions are stored in a
 /// local frame of the body.
 #[test]
-fn a_body_far_from_the_origin_moves_as_it_does_at_home() {
+fn body_far_from_origin_moves_identically() {
     let gpu = Gpu::new().unwrap();
     let run = |away: DVec3| {
         let mut mesh = generate::paper_bar().unwrap();
@@ -252,7 +252,7 @@ fn a_body_far_from_the_origin_moves_as_it_does_at_home() {
 
 /// Stability of explicit Euler at the paper's step: damping in a narrow band.
 #[test]
-fn explicit_euler_takes_the_papers_step_in_a_band_of_damping_only() {
+fn explicit_euler_is_stable_in_narrow_damping_band() {
     let mesh = generate::paper_bar().unwrap();
     let limit = |damping_time: f64| {
         let material = Material {

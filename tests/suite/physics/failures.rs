@@ -15,7 +15,7 @@ fn what(error: &Error) -> &str {
 }
 
 #[test]
-fn numbers_that_are_not_finite_freeze_the_state_before() {
+fn non_finite_values_freeze_last_valid_state() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {
@@ -49,7 +49,7 @@ fn numbers_that_are_not_finite_freeze_the_state_before() {
 }
 
 #[test]
-fn a_state_that_is_not_finite_is_told_at_once() {
+fn non_finite_state_is_reported_in_first_step() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     let mut body = GpuBody::new(&gpu, &mesh, &Material::from_young(1e5)).unwrap();
@@ -63,7 +63,7 @@ fn a_state_that_is_not_finite_is_told_at_once() {
 }
 
 #[test]
-fn runaway_energy_is_stopped_long_before_infinity() {
+fn runaway_energy_is_stopped_before_overflow() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar_of_about(1000, DVec3::new(0.3, 0.1, 0.1)).unwrap();
     for kind in [
@@ -93,7 +93,7 @@ fn runaway_energy_is_stopped_long_before_infinity() {
 /// Free fall can add any amount of energy: neither it nor a fast throw is a failure.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn falling_and_flying_are_no_failures() {
+fn free_fall_and_fast_throw_are_not_failures() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::paper_bar().unwrap();
     for kind in SolverKind::ALL {
@@ -121,7 +121,7 @@ fn falling_and_flying_are_no_failures() {
 }
 
 #[test]
-fn gradients_that_do_not_converge_are_told() {
+fn unconverged_conjugate_gradients_are_reported() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::bar_of_about(1000, DVec3::new(0.3, 0.1, 0.1)).unwrap();
     let mut twins = Twins::new(&gpu, &mesh, &Material::from_young(1e7));

@@ -26,7 +26,7 @@ fn dropped(kind: SolverKind, engine: Engine, floor: bool) -> (Box<dyn Simulator>
 }
 
 #[test]
-fn a_ball_comes_to_rest_on_a_floor() {
+fn ball_rests_on_floor() {
     for (kind, engine) in [
         (SolverKind::Implicit, Engine::Gpu),
         (SolverKind::Implicit, Engine::Cpu),
@@ -46,7 +46,7 @@ fn a_ball_comes_to_rest_on_a_floor() {
             .map(|(p, m)| floor.force(*m, (*p - frame.origin) * unit))
             .sum();
         let weight = 9.81 * ball.masses().iter().sum::<f64>();
-        println!("{engine} {kind}: lowest {lowest:.5}, borne {borne} of {weight}");
+        println!("{engine} {kind}: lowest {lowest:.5}, supported {borne} of {weight}");
         assert!((borne.z / weight - 1.0).abs() < 0.02, "{kind}: {borne}");
         assert!(borne.truncate().length() < 1e-3 * weight);
         assert_eq!(ball.report().unwrap().inverted_tets, 0);
@@ -57,17 +57,17 @@ fn a_ball_comes_to_rest_on_a_floor() {
 }
 
 #[test]
-fn scenes_have_floors() {
+fn scene_floor_supports_body_and_rejects_zero_normal() {
     let scene = "[mesh]\ngenerate = \"bar\"\ntets = 300\n[solver]\nname = \"implicit\"\ndt = 0.01\n\
                  [floor]\npoint = [0, 0, -0.3]\n[picture]\nsize = [64, 64]\n";
     let mut scene = palpate::scene::Scene::parse(scene).unwrap();
     let mut stage = palpate::scene::Stage::new(&gpu(), &scene).unwrap();
-    assert!(!stage.notes().iter().any(|n| n.starts_with("held")));
+    assert!(!stage.notes().iter().any(|n| n.starts_with("clamped")));
     stage.run(80, &mut |_| {}).unwrap();
     let mesh = stage.deformed_mesh().unwrap();
     let lowest = mesh.nodes.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
     assert!((-0.31..-0.29).contains(&lowest), "{lowest}");
     scene.floor.as_mut().unwrap().normal = Some([0.0; 3]);
     let wrong = palpate::scene::Stage::new(&gpu(), &scene).err().unwrap();
-    assert!(wrong.to_string().contains("makes no sense"), "{wrong}");
+    assert!(wrong.to_string().contains("invalid floor"), "{wrong}");
 }

@@ -29,7 +29,7 @@ fn step(body: &GpuBody, kind: SolverKind) -> f64 {
 }
 
 #[test]
-fn grabbed_nodes_follow_and_are_let_go() {
+fn grabbed_nodes_follow_and_are_released() {
     let gpu = Gpu::new().unwrap();
     for kind in SOLVERS {
         let mut body = body(&gpu);
@@ -67,7 +67,7 @@ fn grabbed_nodes_follow_and_are_let_go() {
 }
 
 #[test]
-fn springs_draw_with_no_more_than_their_limit() {
+fn grab_springs_respect_force_limit() {
     let gpu = Gpu::new().unwrap();
     for kind in SOLVERS {
         // The first pulls with full stiffness, the second up to its force limit.

@@ -52,7 +52,7 @@ fn soft() -> Material {
 }
 
 #[test]
-fn a_ball_is_carved_to_the_number_asked_for() {
+fn ball_grid_has_requested_particle_count() {
     for wanted in [500, 5000] {
         let shape = ball(wanted);
         let off = shape.count() as f64 / wanted as f64 - 1.0;
@@ -73,7 +73,7 @@ fn a_ball_is_carved_to_the_number_asked_for() {
 }
 
 #[test]
-fn springs_are_symmetric_and_only_between_particles() {
+fn springs_are_symmetric_and_between_particles_only() {
     let shape = GridShape::from_domain(
         &Ball(1.0),
         DVec3::new(0.2, 0.25, 0.3),
@@ -101,7 +101,7 @@ fn springs_are_symmetric_and_only_between_particles() {
 }
 
 #[test]
-fn a_grid_has_its_modulus_whatever_its_spacing() {
+fn grid_has_its_modulus_at_any_spacing() {
     // The stiffness tensor of the springs of one cell, against λ = μ = E / 2.5.
     for spacing in [DVec3::splat(0.01), DVec3::new(0.01, 0.011, 0.009)] {
         let shape = GridShape::from_domain(&Ball(0.05), spacing, DMat3::IDENTITY).unwrap();
@@ -126,11 +126,11 @@ fn a_grid_has_its_modulus_whatever_its_spacing() {
     }
     let flat = GridShape::from_domain(&Ball(0.05), DVec3::new(0.01, 0.01, 0.003), DMat3::IDENTITY);
     let error = GridModel::new(flat.unwrap(), &soft()).unwrap_err();
-    assert!(error.to_string().contains("lengths that differ less"));
+    assert!(error.to_string().contains("spacings that differ less"));
 }
 
 #[test]
-fn thin_sheets_are_found() {
+fn thin_sheets_are_reported() {
     let thick = GridShape::from_domain(
         &Block {
             half: DVec3::new(0.5, 0.5, 0.2),
@@ -221,7 +221,7 @@ fn apart(body: &GridBody, truth: &GridReference) -> f64 {
 }
 
 #[test]
-fn steps_are_the_twins() {
+fn grid_steps_match_reference() {
     let gpu = Gpu::new().unwrap();
     let mut material = soft();
     material.length_unit = 0.5;
@@ -265,7 +265,7 @@ fn steps_are_the_twins() {
 }
 
 #[test]
-fn normals_are_those_of_the_twin() {
+fn normals_match_reference() {
     let gpu = Gpu::new().unwrap();
     let mut noise = Noise(11);
     let (mut body, mut truth) = twins(&gpu, &soft(), &mut noise);
@@ -291,7 +291,7 @@ fn normals_are_those_of_the_twin() {
 }
 
 #[test]
-fn a_change_of_step_keeps_the_velocity() {
+fn time_step_change_preserves_velocity() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
     let h = 0.2 * model.conservative_step();
@@ -318,7 +318,7 @@ fn a_change_of_step_keeps_the_velocity() {
 }
 
 #[test]
-fn too_large_a_step_is_caught_and_undone() {
+fn unstable_step_is_detected_and_undone() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
     let h = model.conservative_step();
@@ -338,7 +338,7 @@ fn too_large_a_step_is_caught_and_undone() {
 }
 
 #[test]
-fn grabbed_particles_follow_and_are_let_go() {
+fn grabbed_particles_follow_and_are_released() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
     let h = 0.5 * model.conservative_step();
@@ -395,7 +395,7 @@ fn grabbed_particles_follow_and_are_let_go() {
 }
 
 #[test]
-fn springs_draw_with_no_more_than_their_limit() {
+fn grab_springs_respect_force_limit() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(600), &soft()).unwrap();
     let mass: f64 = model.masses.iter().sum();
@@ -458,7 +458,7 @@ fn pieces(model: &GridModel) -> Vec<usize> {
 }
 
 #[test]
-fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
+fn cut_through_leaves_two_separating_pieces() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(2000), &soft()).unwrap();
     let h = 0.5 * model.conservative_step();
@@ -543,7 +543,7 @@ fn a_cut_right_through_leaves_two_pieces_that_fall_apart() {
 }
 
 #[test]
-fn rest_normals_are_the_gpus_own() {
+fn rest_normals_equal_gpu_normals() {
     let gpu = Gpu::new().unwrap();
     let model = GridModel::new(ball(2000), &soft()).unwrap();
     let h = 0.1 * model.conservative_step();

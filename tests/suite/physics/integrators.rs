@@ -88,7 +88,7 @@ fn bar<S: Solver + 'static>(solver: impl Fn(&GpuBody) -> Result<S>) -> GpuTets {
 }
 
 #[test]
-fn an_integrator_of_ones_own_steps_as_the_librarys_does() {
+fn custom_integrator_matches_library_integrator() {
     let gpu = gpu();
     let mut own = bar(|body| Stepper::<Leapfrog<1>>::new(&gpu, body));
     let mut known = bar(|body| SymplecticEuler::new(&gpu, body));
@@ -159,7 +159,7 @@ impl NodeTerm for Wind {
 }
 
 #[test]
-fn a_term_of_ones_own_acts_as_gravity_of_the_same_strength_does() {
+fn custom_term_matches_equal_gravity() {
     add_shader("terms/suite_wind", WIND).unwrap();
     let across = DVec3::new(0.0, 3.0, -2.0);
     let gpu = gpu();
@@ -183,10 +183,10 @@ fn a_term_of_ones_own_acts_as_gravity_of_the_same_strength_does() {
 }
 
 #[test]
-fn shaders_that_are_none_are_refused() {
+fn rejects_invalid_shaders() {
     for (name, source, words) in [
-        ("alone", "", "a room and a name"),
-        ("suite/two words", "", "a room and a name"),
+        ("alone", "", "a folder and a name"),
+        ("suite/two words", "", "a folder and a name"),
         ("physics/forces", "", "already"),
         ("suite/broken", "fn main( {", "suite/broken"),
         ("suite/lost", "#import lib/nowhere\n", "lib/nowhere"),

@@ -45,7 +45,7 @@ fn beam() -> TetMesh {
 const KINDS: [SolverKind; 2] = [SolverKind::Implicit, SolverKind::VelocityVerlet];
 
 #[test]
-fn order_and_orientation_in_the_file_do_not_matter() {
+fn motion_is_invariant_to_node_order_and_orientation() {
     let gpu = Gpu::new().unwrap();
     let mesh = beam();
     let nodes = mesh.nodes.len();
@@ -82,7 +82,7 @@ fn gcd(a: usize, b: usize) -> usize {
 }
 
 #[test]
-fn place_and_units_do_not_matter() {
+fn motion_is_invariant_to_position_and_units() {
     let gpu = Gpu::new().unwrap();
     let mesh = beam();
     let away = DVec3::new(5e3, -2e4, 1e4);
@@ -150,7 +150,7 @@ fn tiny_and_huge_bodies_stay_finite() {
 }
 
 #[test]
-fn collapsed_springs_and_lonely_nodes_make_no_nan() {
+fn collapsed_springs_and_isolated_nodes_give_no_nan() {
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::paper_bar().unwrap();
     // A node that no tet uses, and a flat tet with two coincident corners.
@@ -169,12 +169,15 @@ fn collapsed_springs_and_lonely_nodes_make_no_nan() {
         body.set_positions(&vec![centre; mesh.nodes.len()]).unwrap();
         stepper.run(&mut body, 3, 1e-4).unwrap();
         let x = body.positions().unwrap();
-        assert!(x.iter().all(|p| p.is_finite()), "{kind}, all in one point");
+        assert!(
+            x.iter().all(|p| p.is_finite()),
+            "{kind}, all nodes coincident"
+        );
     }
 }
 
 #[test]
-fn a_free_body_keeps_its_momentum_and_with_axial_damping_its_spin() {
+fn free_body_conserves_momentum_and_with_axial_damping_angular_momentum() {
     let gpu = Gpu::new().unwrap();
     for kind in SolverKind::ALL {
         let mut twins = Twins::new(&gpu, &beam(), &material());
@@ -196,10 +199,10 @@ fn a_free_body_keeps_its_momentum_and_with_axial_damping_its_spin() {
         } else {
             2e-4
         };
-        assert!(lost < slack, "{kind}: {lost} of the momentum");
+        assert!(lost < slack, "{kind}: momentum changed by {lost}");
         // Angular momentum is conserved up to the order of the scheme, in metres of lever arm.
         let lost = (spin_after - spin).length() / (scale * 0.2);
-        assert!(lost < 1e-3, "{kind}: {lost} of the spin");
+        assert!(lost < 1e-3, "{kind}: angular momentum changed by {lost}");
     }
     // The paper's damping dissipates rotation: the comparison is effective.
     let braking = Material {
@@ -239,7 +242,7 @@ fn moments(twins: &Twins) -> (DVec3, DVec3, f64) {
 }
 
 #[test]
-fn undamped_symplectic_schemes_keep_their_energy() {
+fn undamped_symplectic_schemes_conserve_energy() {
     let gpu = Gpu::new().unwrap();
     for kind in [
         SolverKind::Symplectic,

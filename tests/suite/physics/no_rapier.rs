@@ -6,14 +6,14 @@ use palpate::mesh::generate;
 use palpate::physics::{EngineChoice, Material, MaterialModel, SolverKind};
 
 #[test]
-fn asking_for_it_says_how_to_build_it() {
+fn requesting_missing_engine_reports_how_to_build_it() {
     let mesh = generate::bar([2, 1, 1], DVec3::new(0.2, 0.1, 0.1)).unwrap();
     let choice: EngineChoice = "rapier".parse().unwrap();
     let material = Material {
         model: MaterialModel::NeoHookean,
         ..Material::young(1e4)
     };
-    let told = choice.tets(&gpu(), mesh, &material, SolverKind::Implicit);
-    let told = told.err().unwrap().to_string();
-    assert!(told.contains("--features rapier"), "{told}");
+    let message = choice.tets(&gpu(), mesh, &material, SolverKind::Implicit);
+    let message = message.err().unwrap().to_string();
+    assert!(message.contains("--features rapier"), "{message}");
 }

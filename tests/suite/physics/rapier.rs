@@ -79,7 +79,7 @@ fn momentum(body: &dyn Simulator) -> DVec3 {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_bar_comes_to_rest_where_the_processors_does() {
+fn bar_rests_where_cpu_engine_rests() {
     // rapier's corotated model has a different volume term: they agree for small strains.
     for (model, near) in [
         (MaterialModel::NeoHookean, 1e-3),
@@ -109,7 +109,7 @@ fn a_bar_comes_to_rest_where_the_processors_does() {
 }
 
 #[test]
-fn a_step_is_four_of_implicit_euler_and_damping_is_nearly_ours() {
+fn step_equals_four_implicit_euler_substeps_with_similar_damping() {
     for (damping_time, near) in [(0.0, 1e-3), (0.01, 3e-2)] {
         let material = Material {
             damping_time,
@@ -128,7 +128,7 @@ fn a_step_is_four_of_implicit_euler_and_damping_is_nearly_ours() {
 }
 
 #[test]
-fn regions_have_a_stiffness_each() {
+fn regions_have_their_own_stiffness() {
     let mut mesh = bar_mesh();
     let labels = (0..mesh.tets.len()).map(|t| {
         let x = mesh.tet_nodes(t).iter().map(|p| p.x).sum::<f64>() / 4.0;
@@ -163,13 +163,13 @@ fn regions_have_a_stiffness_each() {
         },
     );
     let choice = EngineChoice::Exactly(Engine::Rapier);
-    let told = choice.build_tets(&gpu(), mesh, &material, SolverKind::Implicit);
-    let told = told.err().unwrap().to_string();
-    assert!(told.contains("one Poisson's ratio"), "{told}");
+    let message = choice.build_tets(&gpu(), mesh, &material, SolverKind::Implicit);
+    let message = message.err().unwrap().to_string();
+    assert!(message.contains("one Poisson's ratio"), "{message}");
 }
 
 #[test]
-fn state_is_what_was_set() {
+fn set_state_round_trips() {
     let material = Material {
         mass_damping: 0.0,
         ..soft()
@@ -203,7 +203,7 @@ fn state_is_what_was_set() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn grabs_hold_pull_and_let_go() {
+fn grabs_hold_pull_and_release() {
     let tip = DVec3::new(0.8, 0.1, 0.1);
     let lift = DVec3::new(0.0, 0.05, 0.1);
     let spring = |limit| GrabMode::Spring {
@@ -230,7 +230,7 @@ fn grabs_hold_pull_and_let_go() {
 }
 
 #[test]
-fn led_nodes_go_where_they_are_led() {
+fn prescribed_nodes_reach_their_targets() {
     let mut body = bar(Engine::Rapier, &soft());
     let end = body.nodes_where(|p| p.x > 0.8 - 1e-6);
     let led = body.add_prescribed_motion(&end).unwrap();
@@ -283,7 +283,7 @@ fn pressed(
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn tools_press_and_are_pressed() {
+fn tools_press_and_report_reactions() {
     // In metres, and in millimetres.
     for (unit, cylinder) in [(1.0, true), (1e-3, false)] {
         let size = 0.1 / unit;
@@ -322,7 +322,7 @@ fn tools_press_and_are_pressed() {
 }
 
 #[test]
-fn a_block_falls_onto_a_plane_and_rests() {
+fn falling_block_rests_on_plane() {
     for plane in [true, false] {
         let mut body = block(Engine::Rapier, 3, 1.0);
         let weight = body.masses().iter().sum::<f64>() * 9.81;
@@ -353,7 +353,7 @@ fn a_block_falls_onto_a_plane_and_rests() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn pieces_feel_each_other_where_they_are_to() {
+fn self_contact_separates_pieces_when_enabled() {
     for contact in [true, false] {
         let low = generate::bar([3; 3], DVec3::splat(0.1)).unwrap();
         let mut high = low.clone();
@@ -388,7 +388,7 @@ fn pieces_feel_each_other_where_they_are_to() {
 }
 
 #[test]
-fn what_it_cannot_do_it_says() {
+fn unsupported_features_are_reported() {
     let choice = EngineChoice::Exactly(Engine::Rapier);
     let refused = |material: &Material, kind| {
         let made = choice.build_tets(&gpu(), bar_mesh(), material, kind);
@@ -397,15 +397,15 @@ fn what_it_cannot_do_it_says() {
     let springs = refused(&Material::from_young(1e5), SolverKind::Implicit);
     assert!(springs.contains("--material neo-hookean"), "{springs}");
     for kind in [SolverKind::Bdf2, SolverKind::Verlet] {
-        let told = refused(&soft(), kind);
-        assert!(told.contains("--solver implicit"), "{told}");
+        let message = refused(&soft(), kind);
+        assert!(message.contains("--solver implicit"), "{message}");
     }
     let averaged = Material {
         volume: VolumetricFormulation::NodalAveraged,
         ..soft()
     };
-    let told = refused(&averaged, SolverKind::Implicit);
-    assert!(told.contains("--engine cpu"), "{told}");
+    let message = refused(&averaged, SolverKind::Implicit);
+    assert!(message.contains("--engine cpu"), "{message}");
     let mut bony = bar_mesh();
     let labels = vec![1.0; bony.tets.len()];
     bony.set_field(Field::scalar("label", Location::Cell, labels))
@@ -415,16 +415,16 @@ fn what_it_cannot_do_it_says() {
         ..soft()
     };
     rigid.rigid.insert(1);
-    let told = choice.build_tets(&gpu(), bony, &rigid, SolverKind::Implicit);
-    let told = told.err().unwrap().to_string();
-    assert!(told.contains("leave a region soft"), "{told}");
+    let message = choice.build_tets(&gpu(), bony, &rigid, SolverKind::Implicit);
+    let message = message.err().unwrap().to_string();
+    assert!(message.contains("leave a region soft"), "{message}");
 
     let mut body = bar(Engine::Rapier, &soft());
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
     let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.4, y, z))).unwrap();
     let floor = Floor::new(DVec3::ZERO, DVec3::Z, 500.0).unwrap();
     let pressure = ScaledLoad::Pressure(Vec::new());
-    let told = [
+    let message = [
         body.cut(&blade).err(),
         body.state().err(),
         body.add_term(Arc::new(floor)).err(),
@@ -432,9 +432,9 @@ fn what_it_cannot_do_it_says() {
         body.set_integrator(SolverKind::Midpoint, Default::default())
             .err(),
     ];
-    for told in told {
-        let told = told.unwrap().to_string();
-        assert!(told.contains("--engine cpu"), "{told}");
+    for message in message {
+        let message = message.unwrap().to_string();
+        assert!(message.contains("--engine cpu"), "{message}");
     }
     // It continues regardless.
     body.run(2, 0.01).unwrap();
@@ -471,7 +471,7 @@ size = [32, 24]
 "#;
 
 #[test]
-fn scenes_name_it() {
+fn scene_selects_rapier_engine() {
     let gpu = gpu();
     let mut stage = Stage::new(&gpu, &Scene::parse(SCENE).unwrap()).unwrap();
     let before = stage.image().unwrap();
@@ -484,13 +484,13 @@ fn scenes_name_it() {
     assert!((finger + table).length() < 0.05 * finger.z, "{all:?}");
     assert!(before != stage.image().unwrap());
 
-    for (entry, said) in [
-        ("[[pressure]]\npascal = 500", "pressure acts"),
-        ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] that is a plane"),
+    for (entry, expected) in [
+        ("[[pressure]]\npressure = 500", "pressure is supported"),
+        ("[floor]\npoint = [0, 0, -0.1]", "[[tool]] with a plane"),
     ] {
         let text = format!("{SCENE}{entry}\n");
-        let told = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));
-        let told = told.err().unwrap().to_string();
-        assert!(told.contains(said), "{entry}: {told}");
+        let message = Scene::parse(&text).and_then(|s| Stage::new(&gpu, &s));
+        let message = message.err().unwrap().to_string();
+        assert!(message.contains(expected), "{entry}: {message}");
     }
 }

@@ -25,7 +25,7 @@ fn bar() -> (TetMesh, Material) {
 }
 
 #[test]
-fn implicit_schemes_step_them() {
+fn implicit_schemes_support_rigid_regions() {
     let gpu = gpu();
     let (mesh, material) = bar();
     let made = |choice: EngineChoice, kind: SolverKind| {
@@ -44,10 +44,10 @@ fn implicit_schemes_step_them() {
     };
     for kind in [SolverKind::Verlet, SolverKind::Explicit] {
         let on_cpu = refused(Engine::Cpu, kind);
-        let here = "take implicit, bdf2 or midpoint";
+        let here = "use implicit, bdf2 or midpoint";
         assert!(on_cpu.contains(here), "{on_cpu}");
         let on_gpu = refused(Engine::Gpu, kind);
-        let here = "take --solver implicit, or bdf2 or midpoint on the processor";
+        let here = "use --solver implicit, or bdf2 or midpoint on the CPU";
         assert!(on_gpu.contains(here), "{on_gpu}");
     }
     let on_gpu = refused(Engine::Gpu, SolverKind::Bdf2);
@@ -59,13 +59,13 @@ fn implicit_schemes_step_them() {
     let springs = EngineChoice::Auto.build_tets(&gpu, mesh.clone(), &springs, SolverKind::Implicit);
     let springs = springs.err().unwrap().to_string();
     assert!(
-        springs.contains("springs have no rigid regions"),
+        springs.contains("springs do not support rigid regions"),
         "{springs}"
     );
 }
 
 #[test]
-fn a_bone_that_is_cut_through_is_two() {
+fn bone_cut_through_becomes_two_bodies() {
     for (engine, shape) in [(Engine::Cpu, 1e-9), (Engine::Gpu, 1e-6)] {
         cut_through(engine, shape);
     }
@@ -117,7 +117,7 @@ fn cut_through(engine: Engine, shape: f64) {
 }
 
 #[test]
-fn scenes_name_them() {
+fn scene_declares_rigid_regions() {
     let (mut mesh, _) = bar();
     let label = mesh.fields.iter_mut().find(|f| f.name == "label").unwrap();
     // The bone consists of two regions.
@@ -155,7 +155,7 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     );
     assert!(notes.contains("1 rigid body of 175 nodes"), "{notes}");
     assert!(
-        notes.contains("share nodes are one body: long bone, marrow"),
+        notes.contains("share nodes form one body: long bone, marrow"),
         "{notes}"
     );
     stage.keep_checkpoints();
@@ -170,27 +170,30 @@ fn named(text: &str, engine: Engine, mesh: &TetMesh) {
     assert_ne!(nodes(&stage), stage.mesh().nodes);
     // A missing region is reported, and an engine without rigid regions rejects them.
     for (more, words) in [
-        ("[cage]\nnodes = 100\n", "have no rigid regions"),
-        ("", "springs have no rigid regions"),
+        ("[cage]\nnodes = 100\n", "do not support rigid regions"),
+        ("", "springs do not support rigid regions"),
     ] {
         let mut scene = Scene::parse(&format!("{text}{more}")).unwrap();
         if more.is_empty() {
             scene.material.model = Some(MaterialModel::Springs);
         }
-        let said = staged(&scene).err().unwrap().to_string();
-        assert!(said.contains(words), "{said}");
+        let message = staged(&scene).err().unwrap().to_string();
+        assert!(message.contains(words), "{message}");
     }
 }
 
 #[test]
-fn scenes_part_regions() {
+fn scene_splits_region_interfaces() {
     let text = "[mesh]\ngenerate = \"biceps\"\ntets = 1000\n";
     let whole = Scene::parse(text).unwrap().mesh.load().unwrap();
-    let parted = format!("{text}part = [[\"tendon\", \"MUSCLE\"]]\n");
+    let parted = format!("{text}split = [[\"tendon\", \"MUSCLE\"]]\n");
     let parted = Scene::parse(&parted).unwrap().mesh.load().unwrap();
     assert_eq!(parted.tets.len(), whole.tets.len());
     assert!(parted.nodes.len() > whole.nodes.len());
-    let wrong = format!("{text}part = [[\"tendon\", \"wood\"]]\n");
-    let said = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
-    assert!(said.to_string().contains("\"wood\"; there are"), "{said}");
+    let wrong = format!("{text}split = [[\"tendon\", \"wood\"]]\n");
+    let message = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
+    assert!(
+        message.to_string().contains("\"wood\"; there are"),
+        "{message}"
+    );
 }

@@ -131,7 +131,7 @@ const BONES: [(&str, Bone, usize); 3] = [
 ];
 
 #[test]
-fn bones_move_as_on_the_cpu() {
+fn rigid_regions_match_cpu_motion() {
     for (name, bone, count) in BONES {
         let scene = bar([10, 5, 5], bone, 1900.0);
         let (mut fast, mut truth) = (on_gpu(&scene), on_cpu(&scene, 1e-9));
@@ -160,7 +160,7 @@ fn bones_move_as_on_the_cpu() {
 }
 
 #[test]
-fn bones_keep_their_shape() {
+fn rigid_regions_keep_their_shape() {
     let scene = bar([8, 4, 4], |p| p.x > 0.5, 1900.0);
     let mut body = on_gpu(&scene);
     let mut worst = 0.0f64;
@@ -175,7 +175,7 @@ fn bones_keep_their_shape() {
 
 /// Free, rotating and translating: momentum is conserved, and angular momentum agrees with the CPU.
 #[test]
-fn free_bodies_spin_as_on_the_cpu() {
+fn free_rigid_rotation_matches_cpu() {
     for (name, bone) in [("all", (|_| true) as Bone), ("half", |p| p.x > 0.5)] {
         let scene = bar([4, 3, 2], bone, 1900.0);
         let (whirl, fly) = (DVec3::new(3.0, 1.0, -0.5), DVec3::new(0.3, 0.1, 0.2));
@@ -204,7 +204,7 @@ fn free_bodies_spin_as_on_the_cpu() {
 /// Rigid-body modes that pins leave to a bone: rotation about a point, rotation about an axis,
 /// none.
 #[test]
-fn bones_turn_about_what_is_pinned() {
+fn rigid_regions_rotate_about_pins() {
     let scene = bar([6, 3, 3], |_| true, 1900.0);
     let pinned = |body: &dyn Simulator, count: usize| -> Vec<u32> {
         let corners = [
@@ -240,7 +240,7 @@ fn bones_turn_about_what_is_pinned() {
 
 /// Grabbed nodes move a bone, and the soft tissue with it.
 #[test]
-fn bones_follow_grabs() {
+fn rigid_regions_follow_grabs() {
     let scene = bar([8, 4, 4], |p| p.x > 0.5, 1900.0);
     for grip in [
         GrabMode::Follow,
@@ -279,7 +279,7 @@ fn bones_follow_grabs() {
 
 /// Forces at any node of a bone, its weight, and a floor under it.
 #[test]
-fn bones_are_pushed_anywhere() {
+fn forces_act_at_any_node_of_rigid_region() {
     let scene = bar([6, 4, 4], |p| p.x < 0.7, 1900.0);
     let inside = DVec3::new(0.8 / 6.0, 0.1, 0.15);
     let pushed = |body: &mut dyn Simulator| {
@@ -305,7 +305,7 @@ fn bones_are_pushed_anywhere() {
 /// The pose follows from the positions: these may be set far from rest, and need not be exactly
 /// rigid.
 #[test]
-fn poses_are_taken_from_positions() {
+fn poses_are_fitted_to_positions() {
     let scene = bar([8, 4, 4], |p| p.x > 0.5, 1900.0);
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, -2.0, 0.5).normalize(), 2.8);
     let place = |p: &DVec3| turn * *p + DVec3::new(0.1, 0.2, -0.3);
@@ -316,7 +316,7 @@ fn poses_are_taken_from_positions() {
     let off = body.positions().unwrap();
     let off = off.iter().zip(&x).map(|(a, b)| a.distance(*b));
     let off = off.fold(0.0, f64::max);
-    println!("stands where it was put to {off:.1e} m");
+    println!("fitted to the set positions within {off:.1e} m");
     assert!(off < 1e-5, "{off}");
     // A single displaced node of the bone is projected back.
     let bone = body.network().unwrap().elements.rigid[0].nodes[3] as usize;

@@ -182,7 +182,7 @@ fn tip(simulator: &dyn Simulator) -> f64 {
 }
 
 #[test]
-fn all_bend_by_the_same_weight_to_the_same_shape() {
+fn all_simulators_bend_equally_under_weight() {
     let mut tips = Vec::new();
     for (name, mut simulator, dt) in all() {
         hold(simulator.as_mut());
@@ -220,7 +220,7 @@ fn all_bend_by_the_same_weight_to_the_same_shape() {
 }
 
 #[test]
-fn steps_are_asked_for_and_arrive() {
+fn requested_steps_complete() {
     for (name, mut simulator, dt) in all() {
         hold(simulator.as_mut());
         simulator.advance(7, dt).unwrap();
@@ -253,7 +253,7 @@ fn steps_are_asked_for_and_arrive() {
 }
 
 #[test]
-fn a_state_taken_up_goes_on_to_the_bit() {
+fn resumed_state_is_bitwise_identical() {
     for ((name, mut one, dt), (_, mut other, _)) in all().into_iter().zip(all()) {
         for simulator in [&mut one, &mut other] {
             hold(simulator.as_mut());
@@ -287,7 +287,7 @@ fn a_state_taken_up_goes_on_to_the_bit() {
 }
 
 #[test]
-fn grabs_hold_and_cuts_part() {
+fn grabs_hold_and_cuts_separate() {
     for (name, mut simulator, dt) in all() {
         hold(simulator.as_mut());
         let touched = simulator.change_count();
@@ -337,18 +337,18 @@ fn grabs_hold_and_cuts_part() {
 }
 
 #[test]
-fn failures_say_what_and_leave_the_last_good_state() {
+fn failure_reports_cause_and_keeps_last_valid_state() {
     for (name, mut simulator, dt) in all() {
         hold(simulator.as_mut());
         if simulator.largest_stable_step().is_none() {
             continue;
         }
         simulator.run(3, dt).unwrap();
-        let told = simulator.run(4000, 40.0 * dt).unwrap_err();
-        let Error::Solver { advice, .. } = &told else {
-            panic!("{name}: {told}");
+        let error = simulator.run(4000, 40.0 * dt).unwrap_err();
+        let Error::Solver { advice, .. } = &error else {
+            panic!("{name}: {error}");
         };
-        assert!(advice.contains("--dt"), "{name}: {told}");
+        assert!(advice.contains("--dt"), "{name}: {error}");
         let there = simulator.positions().unwrap();
         assert!(there.iter().all(|p| p.is_finite()), "{name}");
         // It continues with a stable step.

@@ -21,7 +21,7 @@ fn disturbed(gpu: &Gpu, kind: Damping) -> Twins {
 }
 
 #[test]
-fn one_step_of_every_solver() {
+fn one_step_of_every_solver_matches_reference() {
     let gpu = Gpu::new().unwrap();
     for damping in [Damping::Axial, Damping::Relative] {
         for kind in SolverKind::ALL {
@@ -58,7 +58,7 @@ fn one_step_of_every_solver() {
 }
 
 #[test]
-fn a_hundred_steps_of_every_solver() {
+fn hundred_steps_of_every_solver_match_reference() {
     let gpu = Gpu::new().unwrap();
     for kind in SolverKind::ALL {
         let mut twins = disturbed(&gpu, Damping::Axial);
@@ -77,7 +77,7 @@ fn a_hundred_steps_of_every_solver() {
         let moved = moved
             .map(|(x, s)| twins.truth.network.to_file(*x).distance(*s))
             .fold(0.0, f64::max);
-        assert!(moved > 0.01 * 0.12, "{kind} moved by {moved} m only");
+        assert!(moved > 0.01 * 0.12, "{kind} moved by only {moved} m");
         // The bar is 0.12 m long.
         assert!(dx < 1e-4 * 0.12, "{kind}: {dx} m of {moved}");
         // The comparison is effective: an additional step changes the state.
@@ -88,7 +88,7 @@ fn a_hundred_steps_of_every_solver() {
 
 /// Steps made individually, or recorded in several ways, are identical.
 #[test]
-fn recording_and_running_agree() {
+fn recorded_and_direct_steps_are_identical() {
     let gpu = Gpu::new().unwrap();
     for kind in SolverKind::ALL {
         let h = if kind == SolverKind::Implicit {
@@ -129,7 +129,7 @@ fn recording_and_running_agree() {
 /// Steps recorded for a caller, as in a window: the number of iterations is predicted from the
 /// steps before without waiting for any.
 #[test]
-fn recorded_steps_are_given_the_iterations_they_need() {
+fn recorded_steps_get_predicted_iterations() {
     let gpu = Gpu::new().unwrap();
     let mut stepped = disturbed(&gpu, Damping::Axial);
     let mut implicit = solver(&gpu, &stepped.body, SolverKind::Implicit);

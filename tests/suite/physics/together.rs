@@ -65,7 +65,7 @@ fn farthest(a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 #[test]
-fn each_moves_as_it_does_alone_in_steps_of_its_own() {
+fn member_moves_as_alone_in_its_own_steps() {
     let gpu = gpu();
     let dt = 0.005;
     let mut bodies = MultiBody::new(&gpu, members(&gpu)).unwrap();
@@ -92,7 +92,7 @@ fn each_moves_as_it_does_alone_in_steps_of_its_own() {
 }
 
 #[test]
-fn what_acts_on_all_acts_on_each() {
+fn loads_on_all_bodies_act_on_each() {
     let gpu = gpu();
     let dt = 0.005;
     let mut bodies = MultiBody::new(&gpu, members(&gpu)).unwrap();
@@ -138,7 +138,7 @@ fn what_acts_on_all_acts_on_each() {
 }
 
 #[test]
-fn a_cut_goes_through_all_that_it_meets() {
+fn cut_applies_to_all_intersected_bodies() {
     let gpu = gpu();
     let dt = 0.005;
     let mut three = members(&gpu);
@@ -176,18 +176,18 @@ fn a_cut_goes_through_all_that_it_meets() {
 }
 
 #[test]
-fn a_failure_says_whose_it_is() {
+fn failure_names_its_body() {
     let gpu = gpu();
     let mut members = members(&gpu);
     // Far beyond the stability limit of its scheme.
     members[1].step = 1.0;
     let mut bodies = MultiBody::new(&gpu, members).unwrap();
-    let told = bodies.run(10, 0.05).unwrap_err();
-    assert!(matches!(told, Error::Solver { .. }), "{told}");
-    let told = told.to_string();
+    let error = bodies.run(10, 0.05).unwrap_err();
+    assert!(matches!(error, Error::Solver { .. }), "{error}");
+    let error = error.to_string();
     assert!(
-        told.contains("body \"verlet\"") && told.contains("velocity-verlet"),
-        "{told}"
+        error.contains("body \"verlet\"") && error.contains("velocity-verlet"),
+        "{error}"
     );
     assert!(MultiBody::new(&gpu, Vec::new()).is_err());
 }

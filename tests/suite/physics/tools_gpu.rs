@@ -59,7 +59,7 @@ fn slab(cells: usize) -> TetMesh {
 }
 
 #[test]
-fn forces_are_those_of_the_processor_as_a_sphere_goes_down_and_back() {
+fn sphere_indentation_forces_match_cpu() {
     let mesh = slab(10);
     let shape = Shape::Sphere { radius: 0.3 };
     let run = |body: &mut dyn Simulator| -> Vec<Reaction> {
@@ -91,7 +91,7 @@ fn forces_are_those_of_the_processor_as_a_sphere_goes_down_and_back() {
 }
 
 #[test]
-fn nothing_passes_a_sphere_that_goes_a_radius_a_step() {
+fn fast_sphere_has_no_tunnelling() {
     let [mut body, _] = both(&slab(10));
     let shape = Shape::Sphere { radius: 0.15 };
     body.pin(|p| p.z < 1e-3).unwrap();
@@ -147,10 +147,13 @@ fn slid(degrees: f64) -> [f64; 3] {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
+fn block_sticks_below_friction_angle_and_slides_above() {
     let angle = 0.5f64.atan().to_degrees();
     let [quarter, half, borne] = slid(angle - 1.0);
-    assert!((borne - 1.0).abs() < 2e-3, "{borne} of its weight is borne");
+    assert!(
+        (borne - 1.0).abs() < 2e-3,
+        "the plane supports {borne} of the weight"
+    );
     // Sticking, it creeps by less than the regularisation speed of the friction, plus rounding.
     assert!((half - quarter).abs() < 0.25 * 2e-4, "{quarter} {half}");
     let [quarter, half, _] = slid(angle + 1.0);
@@ -162,7 +165,7 @@ fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
 }
 
 #[test]
-fn a_body_that_no_tool_comes_near_steps_as_without() {
+fn distant_tool_leaves_steps_unchanged() {
     let mesh = slab(6);
     let run = |tool: bool| {
         let [mut body, _] = both(&mesh);
@@ -190,7 +193,7 @@ fn a_body_that_no_tool_comes_near_steps_as_without() {
 }
 
 #[test]
-fn a_run_goes_on_from_a_state_as_if_it_had_not_stopped() {
+fn resumed_run_is_identical() {
     let mesh = slab(6);
     let shape = Shape::Sphere { radius: 0.2 };
     let start = DVec3::new(0.5, 0.5, 0.71);
@@ -218,7 +221,7 @@ fn a_run_goes_on_from_a_state_as_if_it_had_not_stopped() {
 }
 
 #[test]
-fn what_the_gpu_cannot_press_is_refused_in_words() {
+fn unsupported_tool_contact_is_reported() {
     let mesh = slab(4);
     let (gpu, kind) = (gpu(), SolverKind::Implicit);
     let tool = || Tool {
@@ -229,13 +232,13 @@ fn what_the_gpu_cannot_press_is_refused_in_words() {
     };
     let springs = Material::from_young(2e4);
     let mut body = GpuTets::new(&gpu, mesh.clone(), &springs, kind).unwrap();
-    let said = body.add_tool(tool()).unwrap_err().to_string();
-    assert!(said.contains("choose --material"), "{said}");
+    let message = body.add_tool(tool()).unwrap_err().to_string();
+    assert!(message.contains("use --material"), "{message}");
     let mut body = GpuTets::new(&gpu, mesh, &material(), kind).unwrap();
     body.add_tool(tool()).unwrap();
     let settings = CgSettings::default();
-    let said = body
+    let message = body
         .set_integrator(SolverKind::Symplectic, settings)
         .unwrap_err();
-    assert!(said.to_string().contains("take implicit"), "{said}");
+    assert!(message.to_string().contains("use implicit"), "{message}");
 }

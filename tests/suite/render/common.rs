@@ -239,7 +239,7 @@ pub fn bent(mesh: &TetMesh) -> Vec<DVec3> {
         }
         amount *= 0.6;
     }
-    panic!("no bend leaves every tet the right way out");
+    panic!("every deformation inverts a tet");
 }
 
 /// Returns the intensities of the limb phantom.

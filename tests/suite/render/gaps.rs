@@ -30,7 +30,7 @@ fn volume(mesh: &TetMesh, positions: &[DVec3]) -> f64 {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_gap_of_a_cut_body_opens_and_its_thickness_stays_its_volume() {
+fn cut_gap_opens_and_thickness_integral_equals_volume() {
     let gpu = gpu();
     let mut mesh = generate::bar([12, 6, 6], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -210,7 +210,7 @@ fn drawn_in(mesh: &TetMesh) -> Vec<DVec3> {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_geometry_that_followed_is_one_made_afresh() {
+fn cut_geometry_equals_new_geometry() {
     let gpu = gpu();
     let mut mesh = generate::ball(1.0, 7).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -253,7 +253,7 @@ fn a_geometry_that_followed_is_one_made_afresh() {
 }
 
 #[test]
-fn a_cut_of_another_mesh_is_refused() {
+fn apply_cut_rejects_cut_of_other_mesh() {
     let gpu = gpu();
     let mut mesh = generate::ball(1.0, 5).unwrap();
     let mut geometry = Geometry::at_rest(&gpu, &mesh, &waves(&mesh)).unwrap();
@@ -270,7 +270,7 @@ fn a_cut_of_another_mesh_is_refused() {
     let error = geometry
         .apply_cut(&mesh, &topology, &done[1], &positions, &scalars)
         .unwrap_err();
-    assert!(error.to_string().contains("every cut in turn"), "{error}");
+    assert!(error.to_string().contains("every cut in order"), "{error}");
     let cells = vec![1.0; mesh.tets.len()];
     assert!(
         geometry

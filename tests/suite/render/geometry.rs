@@ -60,7 +60,7 @@ fn worst(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], twin: &[DVec3]) -> [f64
 }
 
 #[test]
-fn planes_and_gradients_match_their_twin() {
+fn planes_and_gradients_match_reference() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(7, true).unwrap();
     let bent = bent(&mesh);
@@ -73,7 +73,7 @@ fn planes_and_gradients_match_their_twin() {
 }
 
 #[test]
-fn both_tets_of_a_face_hold_the_same_plane_bit_by_bit_and_each_other() {
+fn shared_faces_have_identical_planes_and_mutual_links() {
     same_planes(&slivers());
     if let Some(liver) = real_mesh("tet/gaia_liver.mesh") {
         same_planes(&liver);
@@ -110,7 +110,7 @@ fn same_planes(mesh: &TetMesh) {
 }
 
 #[test]
-fn slivers_and_flat_tets_have_finite_planes_and_gradients() {
+fn degenerate_tets_have_finite_planes_and_gradients() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(2, false).unwrap();
     let mut flat = mesh.nodes.clone();
@@ -127,7 +127,7 @@ fn slivers_and_flat_tets_have_finite_planes_and_gradients() {
 }
 
 #[test]
-fn inverted_tets_are_counted() {
+fn inverted_tet_count_is_exact() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(4, false).unwrap();
     let count = |positions: &[DVec3]| {
@@ -150,7 +150,7 @@ fn inverted_tets_are_counted() {
 }
 
 #[test]
-fn records_are_made_for_the_walk_that_reads_them() {
+fn tet_records_are_created_for_plane_traversal_only() {
     // A separate device: bytes are counted by device.
     let gpu = Gpu::new().unwrap();
     let mut mesh = generate::benchmark_cube(8, true).unwrap();

@@ -33,7 +33,7 @@ fn apart(a: &std::path::Path, b: &std::path::Path) -> ImageDifference {
 }
 
 #[test]
-fn pictures_are_as_they_were() {
+fn images_match_golden_files() {
     let gpu = gpu();
     let limb = generate::by_name("limb", Some(12_000)).unwrap();
     let scalars = limb_scalars(&limb);
@@ -74,7 +74,7 @@ fn pictures_are_as_they_were() {
 }
 
 #[test]
-fn another_picture_is_told_apart() {
+fn comparison_detects_different_image() {
     let difference = apart(&golden("limb-bone.png"), &golden("limb-skin.png"));
     assert!(
         !difference.within(5.0 / 255.0, 20.0 / 255.0),
@@ -85,7 +85,7 @@ fn another_picture_is_told_apart() {
 }
 
 #[test]
-fn exr_keeps_the_floats_and_png_rounds_them() {
+fn exr_preserves_floats_and_png_rounds() {
     let folder = tempfile::tempdir().unwrap();
     let image = Image {
         size: [2, 1],

@@ -6,7 +6,7 @@ use palpate::mesh::generate;
 use palpate::render::*;
 
 #[test]
-fn an_eye_inside_sees_from_where_it_is() {
+fn eye_inside_mesh_matches_reference() {
     let gpu = gpu();
     let cube = generate::benchmark_cube(9, true).unwrap();
     let scalars = node_scalars(&cube, "scalar");
@@ -69,7 +69,7 @@ fn an_eye_inside_sees_from_where_it_is() {
 }
 
 #[test]
-fn an_opaque_wall_ends_the_rays() {
+fn opaque_wall_terminates_rays() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");

@@ -5,7 +5,7 @@ use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
 use palpate::render::*;
 
 #[test]
-fn more_tets_than_the_device_can_draw_are_refused_before_the_work() {
+fn geometry_rejects_too_many_tets_early() {
     let gpu = gpu();
     let most = gpu.max_items() / 4;
     let mesh = TetMesh {
@@ -21,16 +21,16 @@ fn more_tets_than_the_device_can_draw_are_refused_before_the_work() {
     let frame = LocalFrame::default();
     let positions = local_positions(&gpu, &frame, &mesh.nodes).unwrap();
     let made = Geometry::new(&gpu, &mesh, &topology, frame, &positions, &vec![0.0; 4]);
-    let said = made.map(|_| ()).unwrap_err().to_string();
+    let message = made.map(|_| ()).unwrap_err().to_string();
     assert!(
-        said.contains(&most.to_string()) && said.contains(&(most + 1).to_string()),
-        "{said}"
+        message.contains(&most.to_string()) && message.contains(&(most + 1).to_string()),
+        "{message}"
     );
 }
 
 #[test]
 #[ignore = "long: ten million tets"]
-fn ten_million_tets_are_drawn() {
+fn ten_million_tets_render() {
     let gpu = gpu();
     let camera = peers_camera();
     let transfer = peers_transfer();
@@ -77,6 +77,6 @@ fn ten_million_tets_are_drawn() {
         ..Default::default()
     };
     caster.set_options(planes).unwrap();
-    let said = caster.picture(&camera, [16; 2]).unwrap_err().to_string();
-    assert!(said.contains("--walk vertices"), "{said}");
+    let message = caster.picture(&camera, [16; 2]).unwrap_err().to_string();
+    assert!(message.contains("--walk vertices"), "{message}");
 }

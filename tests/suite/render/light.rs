@@ -89,7 +89,7 @@ fn bent(mesh: &TetMesh) -> Vec<DVec3> {
 }
 
 #[test]
-fn lit_pictures_are_those_of_the_float64_form() {
+fn lit_images_match_float64() {
     let gpu = gpu();
     let duct = generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), generate::Bore::Round).unwrap();
     let limb = generate::by_name("limb", Some(3_000)).unwrap();
@@ -135,7 +135,7 @@ fn lit_pictures_are_those_of_the_float64_form() {
 }
 
 #[test]
-fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
+fn gpu_gradients_match_float64_after_cut() {
     let gpu = gpu();
     let mut mesh = slivers();
     let mut topology = Topology::new(&mesh);
@@ -195,7 +195,7 @@ fn gradients_on_the_gpu_are_those_of_the_float64_form_also_after_a_cut() {
 }
 
 #[test]
-fn light_costs_nothing_where_there_is_none() {
+fn disabled_lighting_has_no_cost() {
     let gpu = Gpu::new().unwrap();
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
@@ -210,10 +210,10 @@ fn light_costs_nothing_where_there_is_none() {
     caster.image(&camera, [16, 16], Mode::Composite).unwrap();
     assert!(caster.geometry().gradients().is_none());
     caster.set_options(lit).unwrap();
-    let told = caster
+    let message = caster
         .image(&camera, [16, 16], Mode::Composite)
         .unwrap_err();
-    assert!(told.to_string().contains("enable_lighting"), "{told}");
+    assert!(message.to_string().contains("enable_lighting"), "{message}");
     // Thickness pictures are not lit.
     caster.image(&camera, [16, 16], Mode::Thickness).unwrap();
     let topology = Topology::new(&mesh);
@@ -256,7 +256,7 @@ fn shares_of_light(lit: &Lit, light: Light, strength: f64, inside: &Sections) ->
 }
 
 #[test]
-fn shadows_are_those_of_the_float64_form() {
+fn shadows_match_float64() {
     let gpu = gpu();
     let duct = generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), generate::Bore::Round).unwrap();
     let limb = generate::by_name("limb", Some(3_000)).unwrap();
@@ -351,7 +351,7 @@ fn shadows_are_those_of_the_float64_form() {
 }
 
 #[test]
-fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
+fn shadows_update_on_motion_only() {
     // A separate device: passes are counted.
     let gpu = Gpu::new().unwrap();
     let mesh = generate::by_name("box", Some(2_000)).unwrap();
@@ -418,7 +418,7 @@ fn shadows_follow_the_body_and_cost_nothing_where_nothing_moves() {
 }
 
 #[test]
-fn shadows_are_those_of_the_scalars_that_are_shown_now() {
+fn shadows_use_current_scalars() {
     let gpu = gpu();
     let mesh = generate::by_name("box", Some(2_000)).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.z).collect();

@@ -53,7 +53,7 @@ fn check(mesh: &TetMesh, layers: u32, size: [u32; 2]) {
 }
 
 #[test]
-fn touching_duplicated_and_coplanar_boxes() {
+fn touching_and_duplicated_boxes_match_reference() {
     check(
         &boxes(&[
             ([-1.0, -1.0, -1.0], [1.0, 2.0, 2.0], 5),
@@ -67,7 +67,7 @@ fn touching_duplicated_and_coplanar_boxes() {
 }
 
 #[test]
-fn layers_that_end_in_different_parts_of_the_picture() {
+fn tiles_with_different_layer_counts_match_reference() {
     // Boxes of decreasing size, next to each other with gaps.
     let plates: Vec<_> = (0..7)
         .flat_map(|i| {
@@ -79,7 +79,7 @@ fn layers_that_end_in_different_parts_of_the_picture() {
 }
 
 #[test]
-fn many_layers_and_too_few() {
+fn layer_limit_is_enforced() {
     let plates: Vec<_> = (0..9)
         .map(|i| ([-1.0, -1.0, -1.0 + 0.22 * f64::from(i)], [2.0, 2.0, 0.1], 1))
         .collect();
@@ -107,7 +107,7 @@ fn many_layers_and_too_few() {
 }
 
 #[test]
-fn rays_that_are_opaque_ask_for_no_further_layers() {
+fn opaque_rays_need_no_further_layers() {
     let plates: Vec<_> = (0..6)
         .map(|i| ([-1.0, -1.0, -1.0 + 0.3 * f64::from(i)], [2.0, 2.0, 0.2], 1))
         .collect();

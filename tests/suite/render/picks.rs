@@ -110,7 +110,7 @@ fn cameras(middle: DVec3) -> [Camera; 4] {
 }
 
 #[test]
-fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
+fn pick_on_deformed_body_returns_first_hit() {
     // A separate device: read-backs are counted.
     let gpu = palpate::gpu::Gpu::new().unwrap();
     let (mesh, bent) = horseshoe();
@@ -163,7 +163,7 @@ fn picks_on_a_bent_body_are_what_the_rays_meet_first() {
 }
 
 #[test]
-fn one_pixel_beside_is_another_point() {
+fn adjacent_pixel_picks_different_point() {
     let gpu = gpu();
     let (mesh, bent) = horseshoe();
     let topology = Topology::new(&mesh);
@@ -187,7 +187,7 @@ fn one_pixel_beside_is_another_point() {
 }
 
 #[test]
-fn inside_a_body_its_wall_is_picked_from_behind() {
+fn pick_from_inside_hits_back_face() {
     let gpu = gpu();
     let mesh = generate::bar([6, 6, 6], DVec3::splat(1.0)).unwrap();
     let scalars = waves(&mesh);
@@ -209,7 +209,7 @@ fn on(pick: &Pick, nodes: &[DVec3]) -> DVec3 {
 }
 
 #[test]
-fn the_wall_of_a_cut_is_picked_and_grabbed() {
+fn cut_face_is_picked_and_grabbed() {
     let gpu = gpu();
     let mut mesh = generate::bar([12, 6, 6], DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -251,7 +251,7 @@ fn the_wall_of_a_cut_is_picked_and_grabbed() {
             walls.extend(found.filter(is_wall));
         }
     }
-    println!("{tally:?}, {} on the wall", walls.len());
+    println!("{tally:?}, {} on the cut face", walls.len());
     assert!(tally.wrong == 0 && tally.hits > 100, "{tally:?}");
     assert!(walls.len() > 10);
 
@@ -280,7 +280,7 @@ fn grid(gpu: &Gpu) -> GridBody {
 }
 
 #[test]
-fn the_particle_picked_on_a_grid_body_follows_the_hand() {
+fn picked_grid_particle_follows_grab() {
     let gpu = gpu();
     let mut body = grid(&gpu);
     let mesh = body.mesh().clone();

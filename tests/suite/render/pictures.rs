@@ -6,7 +6,7 @@ use palpate::mesh::{Location, TetMesh, generate};
 use palpate::render::*;
 
 #[test]
-fn the_benchmark_cube_by_both_walks_and_tables() {
+fn cube_matches_reference_for_traversals_and_tables() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(12, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
@@ -83,25 +83,25 @@ fn scene<'a>(
 }
 
 #[test]
-fn the_bar() {
+fn bar_matches_reference() {
     let mesh = generate::paper_bar().unwrap();
     scene("bar", &mesh, &mesh.nodes, &waves(&mesh), "viridis");
 }
 
 #[test]
-fn the_duct() {
+fn duct_matches_reference() {
     let mesh = generate::duct([9, 9, 9], DVec3::new(1.0, 1.0, 1.5), generate::Bore::Round).unwrap();
     scene("duct", &mesh, &bent(&mesh), &waves(&mesh), "inferno");
 }
 
 #[test]
-fn slivers_around_a_duct() {
+fn sliver_mesh_matches_reference() {
     let mesh = slivers();
     scene("slivers", &mesh, &mesh.nodes, &waves(&mesh), "muscle");
 }
 
 #[test]
-fn the_heart() {
+fn heart_matches_reference() {
     let Some(mesh) = real_mesh("scalar/chaste_heart_decimation.vtu") else {
         return;
     };
@@ -111,7 +111,7 @@ fn the_heart() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn labels_that_are_constant_in_each_tet() {
+fn cell_labels_match_reference() {
     let mesh = generate::by_name("limb", Some(12_000)).unwrap();
     let labels = mesh.field("label", Location::Cell).unwrap();
     let labels = Scalars::Cells(&labels.values);
@@ -119,7 +119,7 @@ fn labels_that_are_constant_in_each_tet() {
 }
 
 #[test]
-fn the_disk() {
+fn disk_matches_reference() {
     let Some(mesh) = real_mesh("scalar/disk_out_ref_tets.vtu") else {
         return;
     };
@@ -133,14 +133,14 @@ fn the_disk() {
 }
 
 #[test]
-fn the_deformed_limb() {
+fn deformed_limb_matches_reference() {
     let mesh = generate::by_name("limb", Some(12_000)).unwrap();
     let scalars = limb_scalars(&mesh);
     scene("limb", &mesh, &bent(&mesh), &scalars, "bone");
 }
 
 #[test]
-fn moving_and_scaling_a_model_changes_nothing() {
+fn image_is_invariant_to_translation_and_scale() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(5, true).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
@@ -180,7 +180,7 @@ fn moving_and_scaling_a_model_changes_nothing() {
 }
 
 #[test]
-fn large_pictures_are_tiled_without_seams() {
+fn large_images_tile_without_seams() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(3, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
@@ -203,7 +203,7 @@ fn large_pictures_are_tiled_without_seams() {
 }
 
 #[test]
-fn a_wrong_field_is_told_apart() {
+fn comparison_detects_wrong_field() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(5, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");

@@ -63,7 +63,7 @@ impl Shown<'_> {
     }
 
     /// Returns the ray segments of each part of the mesh.
-    fn told(&self, gpu: &Gpu, part_of: &[u32], camera: &Camera) -> Vec<RaySegments> {
+    fn segments(&self, gpu: &Gpu, part_of: &[u32], camera: &Camera) -> Vec<RaySegments> {
         let parted = MeshPartition::new(self.mesh, part_of).unwrap();
         (0..parted.len())
             .map(|k| {
@@ -75,9 +75,9 @@ impl Shown<'_> {
 }
 
 /// Merges all of them pairwise.
-fn reduced(mut told: Vec<RaySegments>) -> RaySegments {
-    while told.len() > 1 {
-        told = told
+fn reduced(mut segments: Vec<RaySegments>) -> RaySegments {
+    while segments.len() > 1 {
+        segments = segments
             .chunks(2)
             .map(|pair| match pair {
                 [a, b] => a.merged(b).unwrap(),
@@ -85,7 +85,7 @@ fn reduced(mut told: Vec<RaySegments>) -> RaySegments {
             })
             .collect();
     }
-    told.remove(0)
+    segments.remove(0)
 }
 
 fn options(light: Light) -> RaycastOptions {
@@ -133,9 +133,9 @@ fn check(name: &str, shown: &mut Shown, parts: &[usize]) -> (f64, f64) {
             let whole = caster.image(camera, SIZE, Mode::Composite).unwrap();
             for parts in parts {
                 let part_of = kd_partition(shown.mesh, *parts).unwrap();
-                let told = shown.told(&gpu, &part_of, camera);
-                let all: usize = told.iter().map(|t| t.items().len()).sum();
-                let joined = reduced(told);
+                let segments = shown.segments(&gpu, &part_of, camera);
+                let all: usize = segments.iter().map(|t| t.items().len()).sum();
+                let joined = reduced(segments);
                 let image = joined.image();
                 keep(&image, &format!("pieces-{name}-{c}-{parts}-{light:?}.png"));
                 let apart = ImageDifference::between(&image, &whole).unwrap();
@@ -159,7 +159,7 @@ fn cube() -> TetMesh {
 }
 
 #[test]
-fn a_cube_in_pieces_is_the_whole_cube() {
+fn cube_pieces_match_whole() {
     let mesh = cube();
     let mut shown = Shown {
         scalars: waves(&mesh),
@@ -172,7 +172,7 @@ fn a_cube_in_pieces_is_the_whole_cube() {
 }
 
 #[test]
-fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
+fn limb_pieces_match_whole_by_field_and_region() {
     let mesh = generate::by_name("limb", Some(9_000)).unwrap();
     let mut shown = Shown {
         scalars: limb_scalars(&mesh),
@@ -189,7 +189,7 @@ fn a_limb_in_pieces_is_the_whole_limb_by_its_field_and_by_its_regions() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn bodies_of_every_kind_in_pieces_are_whole() {
+fn pieces_match_whole_for_every_body() {
     let real = [
         ("heart", "scalar/chaste_heart_decimation.vtu"),
         ("ventricle", "tet/chaste_ellipsoid_15811.node"),
@@ -211,7 +211,7 @@ fn bodies_of_every_kind_in_pieces_are_whole() {
 }
 
 #[test]
-fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too() {
+fn scattered_pieces_match_whole_with_plane_traversal() {
     let mesh = generate::benchmark_cube(7, true).unwrap();
     let gpu = gpu();
     let camera = peers_camera();
@@ -236,18 +236,18 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
             .iter()
             .map(|_| (3.0 * random.unit()) as u32)
             .collect();
-        let told = shown.told(&gpu, &part_of, &camera);
+        let segments = shown.segments(&gpu, &part_of, &camera);
         // A ray enters and leaves each part many times.
         let rays = whole.values.chunks(4).filter(|p| p[3] > 0.0).count();
-        let ways: usize = told.iter().map(|t| t.items().len()).sum();
-        println!("{ways} ways of {rays} rays");
+        let ways: usize = segments.iter().map(|t| t.items().len()).sum();
+        println!("{ways} segments of {rays} rays");
         assert!(ways > 4 * rays);
-        let apart = ImageDifference::between(&reduced(told.clone()).image(), &whole).unwrap();
+        let apart = ImageDifference::between(&reduced(segments.clone()).image(), &whole).unwrap();
         println!("scattered, {walk:?}: {apart:?}");
         assert!(255.0 * apart.rmse < 0.1, "{walk:?}: {apart:?}");
         // Composited without depth order, it differs from the whole.
-        let mut wrong = told[0].image();
-        for part in &told[1..] {
+        let mut wrong = segments[0].image();
+        for part in &segments[1..] {
             for (a, b) in wrong
                 .values
                 .chunks_mut(4)
@@ -263,7 +263,7 @@ fn parts_that_are_scattered_everywhere_and_a_walk_over_planes_make_the_whole_too
 }
 
 #[test]
-fn ways_through_a_piece_are_those_of_float64() {
+fn ray_segments_match_float64() {
     let mesh = cube();
     let gpu = gpu();
     let shown = Shown {
@@ -285,7 +285,7 @@ fn ways_through_a_piece_are_those_of_float64() {
         let piece = parted.extract(k).unwrap();
         let mut caster = shown.piece(&gpu, &piece);
         assert_eq!(caster.transfer(), transfer);
-        let told = caster.intervals(&camera, SIZE).unwrap();
+        let segments = caster.intervals(&camera, SIZE).unwrap();
         let mut own = piece.mesh.clone();
         own.tets.truncate(piece.owned_tets);
         let scalars: Vec<f64> = piece
@@ -300,21 +300,22 @@ fn ways_through_a_piece_are_those_of_float64() {
             (depth, all)
         });
         let mut of_pixel = vec![Vec::new(); exact.len()];
-        told.items()
+        segments
+            .items()
             .iter()
             .for_each(|i| of_pixel[i.pixel as usize].push(*i));
-        for ((exact, (depth, truth)), told) in exact.iter_mut().zip(truth).zip(&of_pixel) {
+        for ((exact, (depth, truth)), segments) in exact.iter_mut().zip(truth).zip(&of_pixel) {
             exact.extend(&truth);
             let seen = |(_, seen): &&ReferenceSegment| seen[3] > 1e-4;
             let truth: Vec<&ReferenceSegment> = truth.iter().filter(seen).collect();
-            let told: Vec<&RaySegment> = told.iter().filter(|i| i.rgba[3] > 1e-4).collect();
+            let segments: Vec<&RaySegment> = segments.iter().filter(|i| i.rgba[3] > 1e-4).collect();
             rays += usize::from(!truth.is_empty());
-            if truth.len() != told.len() {
+            if truth.len() != segments.len() {
                 // Along a silhouette of the piece, with a tiny offset.
                 continue;
             }
             let eye = (camera.eye - frame.origin).dot(forward) / frame.scale;
-            let near = truth.iter().zip(&told).all(|((t, seen), i)| {
+            let near = truth.iter().zip(&segments).all(|((t, seen), i)| {
                 let depths = t.map(|t| eye + t * depth / frame.scale);
                 let deep = (0..2).all(|k| (f64::from(i.depths[k]) - depths[k]).abs() < 1e-3);
                 deep && (0..4).all(|k| (f64::from(i.rgba[k]) - seen[k]).abs() < 4.0 / 255.0)
@@ -322,7 +323,7 @@ fn ways_through_a_piece_are_those_of_float64() {
             alike += usize::from(near && !truth.is_empty());
         }
     }
-    println!("{alike} of {rays} rays through pieces are those of float64");
+    println!("{alike} of {rays} rays through pieces match float64");
     assert!(
         rays > 10_000 && alike as f64 > 0.98 * rays as f64,
         "{alike} of {rays}"
@@ -342,12 +343,12 @@ fn ways_through_a_piece_are_those_of_float64() {
         worst = worst.max(off(composite_intervals(parts)));
         wrong = wrong.max(off(composite_intervals(&turned)));
     }
-    println!("float64: {worst:.1e} off in order, {wrong:.2} in the wrong one");
+    println!("float64: error {worst:.1e} in depth order, {wrong:.2} in wrong order");
     assert!(worst < 1e-9 && wrong > 0.1, "{worst} {wrong}");
 }
 
 #[test]
-fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
+fn pieces_reject_unsupported_settings_and_grow_segment_buffer() {
     let mesh = generate::benchmark_cube(5, true).unwrap();
     let gpu = gpu();
     let mut shown = Shown {
@@ -364,9 +365,10 @@ fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
     let parted = MeshPartition::new(&mesh, &part_of).unwrap();
     let piece = parted.extract(0).unwrap();
     let camera = peers_camera();
-    let said = |caster: &mut Raycaster| caster.intervals(&camera, SIZE).unwrap_err().to_string();
-    let told = said(&mut shown.piece(&gpu, &piece));
-    assert!(told.contains("shadows"), "{told}");
+    let error_of =
+        |caster: &mut Raycaster| caster.intervals(&camera, SIZE).unwrap_err().to_string();
+    let message = error_of(&mut shown.piece(&gpu, &piece));
+    assert!(message.contains("shadows"), "{message}");
     shown.options.shadows = 0.0;
     let mut caster = shown.piece(&gpu, &piece);
     let iso = Sections {
@@ -378,19 +380,19 @@ fn what_pieces_cannot_show_is_refused_and_many_ways_find_room() {
         ..Sections::default()
     };
     caster.set_sections(&iso).unwrap();
-    let told = said(&mut caster);
-    assert!(told.contains("isosurfaces"), "{told}");
+    let message = error_of(&mut caster);
+    assert!(message.contains("isosurfaces"), "{message}");
     // Without it, pictures of the same raycaster are unaffected.
     caster.set_sections(&Sections::default()).unwrap();
     let before = caster.picture(&camera, SIZE).unwrap();
-    let told = caster.intervals(&camera, SIZE).unwrap();
-    let apart = ImageDifference::between(&told.image(), &before).unwrap();
+    let segments = caster.intervals(&camera, SIZE).unwrap();
+    let apart = ImageDifference::between(&segments.image(), &before).unwrap();
     assert!(255.0 * apart.rmse < 0.1, "{apart:?}");
     assert_eq!(caster.picture(&camera, SIZE).unwrap(), before);
 }
 
 #[test]
-fn a_piece_lit_by_its_own_tets_alone_shows_its_seams() {
+fn lighting_without_ghost_tets_shows_seams() {
     let mesh = cube();
     let gpu = gpu();
     let camera = peers_camera();
@@ -407,13 +409,13 @@ fn a_piece_lit_by_its_own_tets_alone_shows_its_seams() {
     for light in [Light::None, Light::Head] {
         shown.options.light = light;
         let whole = shown.whole(&gpu).image(&camera, SIZE, Mode::Composite);
-        let told = (0..parted.len()).map(|k| {
+        let segments = (0..parted.len()).map(|k| {
             let mut piece = parted.extract(k).unwrap();
             piece.tets.truncate(piece.owned_tets);
             piece.mesh.tets.truncate(piece.owned_tets);
             shown.piece(&gpu, &piece).intervals(&camera, SIZE).unwrap()
         });
-        let image = reduced(told.collect()).image();
+        let image = reduced(segments.collect()).image();
         off.push(
             255.0
                 * ImageDifference::between(&image, &whole.unwrap())
@@ -421,6 +423,6 @@ fn a_piece_lit_by_its_own_tets_alone_shows_its_seams() {
                     .rmse,
         );
     }
-    println!("without their neighbours: {off:?} of 255");
+    println!("without ghost tets: error {off:?} of 255");
     assert!(off[0] < 0.1 && off[1] > 1.0, "{off:?}");
 }

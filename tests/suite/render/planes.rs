@@ -170,7 +170,7 @@ pub fn insides(mesh: &TetMesh, scalars: &[f64]) -> Vec<(&'static str, Sections)>
 }
 
 #[test]
-fn planes_and_isosurfaces_are_those_of_the_float64_form() {
+fn planes_and_isosurfaces_match_float64() {
     let round = generate::Bore::Round;
     compare_with_float64(&[
         (
@@ -183,7 +183,7 @@ fn planes_and_isosurfaces_are_those_of_the_float64_form() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn planes_and_isosurfaces_of_organs_are_those_of_the_float64_form() {
+fn organ_planes_and_isosurfaces_match_float64() {
     compare_with_float64(&[
         ("limb", generate::by_name("limb", Some(2_000)).unwrap()),
         (
@@ -225,8 +225,8 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
                 let apart = 255.0 * ImageDifference::between(&image, &plain).unwrap().rmse;
                 println!("{name} {walk:?} {what}: {far:.4} far, rms {rms:.3}, moved {apart:.1}");
                 // It differs from the picture without sections; an eye inside may see none of them.
-                let told = inside.is_empty() || k > 1 || apart > 1.0;
-                if far > 0.01 || rms > 0.5 || !told {
+                let differs = inside.is_empty() || k > 1 || apart > 1.0;
+                if far > 0.01 || rms > 0.5 || !differs {
                     wrong.push(format!("{name} {walk:?} {what} {k}: {far} {rms} {apart}"));
                 }
             }
@@ -236,14 +236,14 @@ fn compare_with_float64(bodies: &[(&str, TetMesh)]) {
 }
 
 #[test]
-fn planes_that_make_no_sense_are_refused() {
+fn rejects_invalid_planes() {
     for wrong in ["", "1,2,3", "0,0,0,0,0,0", "0,0,0,1,0,nan", "a,0,0,1,0,0"] {
-        let told = wrong.parse::<Plane>().unwrap_err().to_string();
-        assert!(told.contains("plane"), "{told}");
+        let message = wrong.parse::<Plane>().unwrap_err().to_string();
+        assert!(message.contains("plane"), "{message}");
     }
     for wrong in ["", "x", "1,nocolour", "1,red,2", "1,red,0.5,3"] {
-        let told = wrong.parse::<Isosurface>().unwrap_err().to_string();
-        assert!(told.contains("isosurface"), "{told}");
+        let message = wrong.parse::<Isosurface>().unwrap_err().to_string();
+        assert!(message.contains("isosurface"), "{message}");
     }
     let iso: Isosurface = "0.25,tomato,0.5".parse().unwrap();
     assert_eq!((iso.value, iso.opacity), (0.25, 0.5));
@@ -257,13 +257,13 @@ fn planes_that_make_no_sense_are_refused() {
         planes: vec![Plane::clip(DVec3::ZERO, DVec3::X).at_rest()],
         ..Sections::default()
     };
-    let told = caster.set_sections(&inside).unwrap_err().to_string();
-    assert!(told.contains("store_rest_positions"), "{told}");
+    let message = caster.set_sections(&inside).unwrap_err().to_string();
+    assert!(message.contains("store_rest_positions"), "{message}");
     assert!(caster.inside().is_empty());
 }
 
 #[test]
-fn boundaries_have_cut_faces_without_holes() {
+fn clipped_boundary_has_watertight_cut_faces() {
     let gpu = gpu();
     let scene = |more: &str| {
         let text = format!(
@@ -308,7 +308,7 @@ fn boundaries_have_cut_faces_without_holes() {
 }
 
 #[test]
-fn scenes_name_planes_and_isosurfaces_or_say_what_is_wrong() {
+fn scene_planes_and_isosurfaces_parse_or_report_errors() {
     let gpu = gpu();
     let stage = |more: &str| {
         let scene = Scene::parse(&format!(
@@ -329,9 +329,9 @@ fn scenes_name_planes_and_isosurfaces_or_say_what_is_wrong() {
             "[[isosurface]]\nvalue = 0.1\ncolour = \"no such\"",
             "isosurface",
         ),
-        ("volume = false", "nothing is left"),
+        ("volume = false", "nothing to draw"),
     ] {
-        let told = stage(more).err().unwrap().to_string();
-        assert!(told.contains(word), "{more}: {told}");
+        let message = stage(more).err().unwrap().to_string();
+        assert!(message.contains(word), "{more}: {message}");
     }
 }

@@ -92,7 +92,7 @@ fn projections_match_float64() {
 }
 
 #[test]
-fn one_mode_is_none_of_the_others() {
+fn projection_modes_differ() {
     let mesh = generate::ball(1.0, 5).unwrap();
     let mut rays = Projected::new(&mesh, Traversal::Vertices);
     for mode in MODES {

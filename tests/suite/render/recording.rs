@@ -53,7 +53,7 @@ fn alone(caster: &mut Raycaster, (camera, transfer, size): &Wanted) -> Vec<f32> 
 }
 
 #[test]
-fn pictures_of_one_submit_keep_their_cameras_transfer_functions_and_sizes() {
+fn images_in_one_submit_keep_settings() {
     let gpu = gpu();
     for walk in [Traversal::Vertices, Traversal::Planes] {
         let options = RaycastOptions {
@@ -80,7 +80,7 @@ fn pictures_of_one_submit_keep_their_cameras_transfer_functions_and_sizes() {
 }
 
 #[test]
-fn recordings_are_submitted_in_any_order_or_never() {
+fn recordings_submit_in_any_order() {
     let gpu = gpu();
     let mut caster = raycaster(&gpu, RaycastOptions::default());
     let truth: Vec<_> = wanted().iter().map(|w| alone(&mut caster, w)).collect();
@@ -106,7 +106,7 @@ fn recordings_are_submitted_in_any_order_or_never() {
 }
 
 #[test]
-fn surfaces_of_one_submit_keep_their_cameras() {
+fn surfaces_in_one_submit_keep_cameras() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(5, true).unwrap();
     let scalars = node_scalars(&mesh, "scalar");

@@ -35,7 +35,7 @@ fn looks(mesh: &TetMesh) -> RegionAppearance {
 }
 
 #[test]
-fn regions_are_those_of_the_float64_form() {
+fn regions_match_float64() {
     let gpu = gpu();
     let round = generate::Bore::Round;
     let bodies = [
@@ -96,7 +96,7 @@ fn regions_are_those_of_the_float64_form() {
 }
 
 #[test]
-fn projections_pass_over_what_is_hidden() {
+fn projections_skip_hidden_regions() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
@@ -119,12 +119,12 @@ fn projections_pass_over_what_is_hidden() {
 }
 
 #[test]
-fn regions_that_make_no_sense_are_refused() {
+fn rejects_invalid_regions() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(3, false).unwrap();
     let mut seen = Seen::new(&gpu, &mesh, &mesh.nodes, Traversal::Vertices, Light::None);
     let own = looks(&mesh);
-    let mut said = |looks: &RegionAppearance| {
+    let mut error_of = |looks: &RegionAppearance| {
         seen.caster
             .set_regions(Some(looks))
             .unwrap_err()
@@ -134,17 +134,17 @@ fn regions_that_make_no_sense_are_refused() {
         tet_regions: vec![Some(0); 5],
         ..own.clone()
     };
-    assert!(said(&few).contains("looks for 5 tets"));
+    assert!(error_of(&few).contains("one entry per tet, got 5"));
     let none = RegionAppearance {
         transfers: Vec::new(),
         ..own.clone()
     };
-    assert!(said(&none).contains("0 transfer functions"));
+    assert!(error_of(&none).contains("transfer functions of the regions must be 1 to 1024, got 0"));
     let beyond = RegionAppearance {
         tet_regions: vec![Some(9); mesh.tets.len()],
         ..own.clone()
     };
-    assert!(said(&beyond).contains("transfer function 9"));
+    assert!(error_of(&beyond).contains("got 9"));
     let sliced = RaycastOptions {
         table: TableKind::Sliced,
         ..RaycastOptions::default()
@@ -155,7 +155,7 @@ fn regions_that_make_no_sense_are_refused() {
 }
 
 #[test]
-fn a_scene_says_what_its_regions_look_like() {
+fn scene_sets_region_appearance() {
     let gpu = gpu();
     let mut mesh = generate::benchmark_cube(5, false).unwrap();
     let half = |t: usize| f64::from(u8::from(mesh.tet_nodes(t).iter().sum::<DVec3>().x > 2.0));
@@ -179,16 +179,24 @@ fn a_scene_says_what_its_regions_look_like() {
     };
     let red = image("[picture.region.bone]\ncolour = \"#ff0000\"\n").unwrap();
     assert!(seen(&red, true) > 100, "{}", seen(&red, true));
-    let gone = image("hide = [\"bone\"]\n[picture.region.1]\ncolour = \"red\"\n").unwrap();
-    assert!(seen(&gone, true) > 100 && seen(&gone, false) == 0);
+    let hidden = image("hide = [\"bone\"]\n[picture.region.1]\ncolour = \"red\"\n").unwrap();
+    assert!(seen(&hidden, true) > 100 && seen(&hidden, false) == 0);
     let faint = image("[picture.region.bone]\ncolour = \"red\"\nopacity = 0.1\n").unwrap();
     let sum = |i: &Image| i.values.iter().skip(3).step_by(4).sum::<f32>();
     assert!(sum(&faint) < 0.9 * sum(&red));
     for (picture, expected) in [
         ("hide = [\"heart\"]", "heart"),
-        ("hide = [\"7\"]", "no tet of the mesh is of region 7"),
-        ("[picture.region.bone]\nopacity = 2", "opacity = 2"),
-        ("[picture.region.bone]\ncolour = \"reddish\"", "no colour"),
+        ("hide = [\"7\"]", "region 7 has no tets"),
+        (
+            "[picture.region.bone]
+opacity = 2",
+            "got 2",
+        ),
+        (
+            "[picture.region.bone]
+colour = \"reddish\"",
+            "unknown colour",
+        ),
         ("[picture.region.bone]\nshown = true", "unknown field"),
     ] {
         let error = image(picture).unwrap_err().to_string();

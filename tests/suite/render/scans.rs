@@ -163,7 +163,7 @@ fn picture(caster: &mut Raycaster, camera: &Camera) -> Image {
 }
 
 #[test]
-fn at_rest_it_is_the_raycast_of_the_scan() {
+fn scan_at_rest_matches_direct_raycast() {
     let scan = scan_of(phantom());
     let camera = camera();
     let free = without_tets(&scan, &camera, |p| p);
@@ -197,7 +197,7 @@ fn at_rest_it_is_the_raycast_of_the_scan() {
 }
 
 #[test]
-fn an_affine_motion_is_that_of_the_scan_itself() {
+fn affine_motion_transforms_scan() {
     let scan = scan_of(phantom());
     let motion = DAffine3::from_mat3_translation(
         DMat3::from_cols_array(&[1.2, 0.1, -0.2, -0.3, 0.8, 0.15, 0.1, 0.25, 0.9]),
@@ -223,7 +223,7 @@ fn an_affine_motion_is_that_of_the_scan_itself() {
 }
 
 #[test]
-fn a_bend_is_that_of_its_points() {
+fn bent_scan_matches_point_map() {
     let scan = scan_of(phantom());
     let camera = camera();
     let bend = |p: DVec3, sign: f64| {
@@ -258,7 +258,7 @@ fn a_bend_is_that_of_its_points() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn planes_isosurfaces_and_light_see_the_scan() {
+fn planes_isosurfaces_and_lighting_use_scan() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let moved = bent(&mesh);
@@ -331,7 +331,7 @@ fn planes_isosurfaces_and_light_see_the_scan() {
 }
 
 #[test]
-fn projections_and_regions_see_the_scan() {
+fn projections_and_regions_use_scan() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([3; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let moved = bent(&mesh);
@@ -396,7 +396,7 @@ fn projections_and_regions_see_the_scan() {
 }
 
 #[test]
-fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
+fn outlier_values_keep_in_range_precision() {
     let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let camera = camera();
     let mut scan = scan_of(phantom());
@@ -426,7 +426,7 @@ fn what_is_far_beyond_the_range_takes_nothing_from_what_is_in_it() {
 }
 
 #[test]
-fn without_scans_scalars_are_drawn_as_they_were() {
+fn removing_scans_restores_scalars() {
     let gpu = gpu();
     let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let frame = LocalFrame::from_mesh(&mesh);
@@ -459,13 +459,13 @@ fn without_scans_scalars_are_drawn_as_they_were() {
         units_per_mm: 1.0,
         appearance: ScanAppearance::Labels(label_looks()),
     };
-    let said = caster.set_scans(&mesh, &[labels]).unwrap_err().to_string();
-    assert!(said.contains("isosurfaces"), "{said}");
+    let message = caster.set_scans(&mesh, &[labels]).unwrap_err().to_string();
+    assert!(message.contains("isosurfaces"), "{message}");
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn x_rays_meet_as_much_however_the_body_is_bent() {
+fn x_rays_conserve_attenuation_under_bending() {
     let scan = scan_of(phantom());
     let mesh = generate::box_mesh([4; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let source = Xray {
@@ -590,7 +590,7 @@ fn label_looks() -> BTreeMap<i64, LabelAppearance> {
 }
 
 #[test]
-fn labels_are_themselves_to_their_borders_and_mix_with_values() {
+fn label_maps_are_sharp_and_combine_with_values() {
     let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let moved = bent(&mesh);
     let camera = camera();
@@ -677,7 +677,7 @@ fn labels_are_themselves_to_their_borders_and_mix_with_values() {
 }
 
 #[test]
-fn scans_that_make_no_sense_are_refused_in_words() {
+fn rejects_invalid_scans() {
     let mesh = generate::box_mesh([2; 3], DVec3::ONE, generate::Split::Six).unwrap();
     let mut caster = caster(
         &mesh,
@@ -688,17 +688,20 @@ fn scans_that_make_no_sense_are_refused_in_words() {
     let mut refused = |change: &dyn Fn(&mut Scan), expected: &str| {
         let mut scan = scan_of(phantom());
         change(&mut scan);
-        let said = caster.set_scans(&mesh, &[scan]).unwrap_err().to_string();
-        assert!(said.contains(expected), "{said}");
+        let message = caster.set_scans(&mesh, &[scan]).unwrap_err().to_string();
+        assert!(message.contains(expected), "{message}");
     };
     refused(
         &|scan| Arc::make_mut(&mut scan.volume).to_world.translation.z += 40.0,
-        "do not meet",
+        "do not overlap",
     );
-    refused(&|scan| scan.units_per_mm = f64::NAN, "units of the mesh");
+    refused(
+        &|scan| scan.units_per_mm = f64::NAN,
+        "mesh units per millimetre",
+    );
     refused(
         &|scan| scan.appearance = ScanAppearance::Labels(label_looks()),
-        "no map of labels",
+        "not a label map",
     );
     refused(
         &|scan| {
@@ -714,11 +717,16 @@ fn scans_that_make_no_sense_are_refused_in_words() {
                 range: Some((3.0, 3.0)),
             }
         },
-        "smaller and a larger",
+        "finite and increasing, got 3 to 3",
     );
     let other = generate::box_mesh([1; 3], DVec3::ONE, generate::Split::Six).unwrap();
-    let said = caster.set_scans(&other, &[scan_of(phantom())]).unwrap_err();
-    assert!(said.to_string().contains("another is given"), "{said}");
+    let message = caster.set_scans(&other, &[scan_of(phantom())]).unwrap_err();
+    assert!(
+        message
+            .to_string()
+            .contains("must be the mesh of the geometry"),
+        "{message}"
+    );
     // The previous contents are kept.
     assert!(caster.shows_scans());
     caster.image(&camera(), SIZE, Mode::Composite).unwrap();

@@ -20,7 +20,7 @@ fn refused<T>(result: palpate::Result<T>) -> String {
 }
 
 #[test]
-fn pictures_beyond_all_measure_are_refused() {
+fn rejects_invalid_image_sizes() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(3, false).unwrap();
     let scalars = node_scalars(&mesh, "scalar");
@@ -47,7 +47,7 @@ fn pictures_beyond_all_measure_are_refused() {
 }
 
 #[test]
-fn a_stage_refuses_them_too() {
+fn stage_rejects_invalid_image_sizes() {
     let gpu = gpu();
     for mode in ["composite", "surface", "thickness"] {
         let text = format!("[mesh]\ngenerate = \"bar\"\n[picture]\nmode = \"{mode}\"\n");
@@ -65,7 +65,7 @@ fn a_stage_refuses_them_too() {
 }
 
 #[test]
-fn textures_buffers_and_arrays_beyond_the_device_are_refused() {
+fn rejects_resources_beyond_device_limits() {
     let gpu = gpu();
     let usage = wgpu::TextureUsages::TEXTURE_BINDING;
     let format = wgpu::TextureFormat::Rgba32Float;

@@ -21,7 +21,7 @@ fn caster(mesh: &TetMesh, topology: &Topology, walk: Traversal) -> Raycaster {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn every_ray_of_a_limb_starts() {
+fn limb_rays_all_start() {
     let mesh = generate::by_name("limb", Some(9_000)).unwrap();
     let mut caster = caster(&mesh, &Topology::new(&mesh), Traversal::Vertices);
     let far = Camera::fit_mesh(&mesh);
@@ -41,7 +41,7 @@ fn every_ray_of_a_limb_starts() {
 }
 
 #[test]
-fn every_ray_starts_at_slivers_seen_edge_on() {
+fn rays_start_at_edge_on_slivers() {
     // A plate of thickness 1e-6, and needles: all faces are slivers, or appear as such.
     for scale in [
         DVec3::new(1.0, 1.0, 1e-6),
@@ -68,7 +68,7 @@ fn every_ray_starts_at_slivers_seen_edge_on() {
 }
 
 #[test]
-fn every_ray_starts_around_an_eye_inside_or_close_to_the_boundary() {
+fn rays_start_for_eye_inside_or_near_boundary() {
     let mesh = generate::benchmark_cube(6, true).unwrap();
     let mut caster = caster(&mesh, &Topology::new(&mesh), Traversal::Vertices);
     let look_at = DVec3::new(0.48, 0.53, 0.51);
@@ -107,7 +107,7 @@ fn without(mesh: &TetMesh, is: impl Fn([DVec3; 3]) -> bool) -> Topology {
 }
 
 #[test]
-fn rays_that_never_start_are_counted() {
+fn missing_ray_starts_are_counted() {
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let front = |c: [DVec3; 3]| c.iter().all(|p| p.z > 1.0 - 1e-9);
     let topology = without(&mesh, front);
@@ -134,7 +134,7 @@ fn rays_that_never_start_are_counted() {
 }
 
 #[test]
-fn rays_that_do_not_enter_again_are_counted() {
+fn missing_reentries_are_counted() {
     let mesh = generate::benchmark_cube(6, true).unwrap();
     let camera = peers_camera();
     // A wall of the duct that faces the eye: rays through the duct enter again there.

@@ -5,7 +5,7 @@ use palpate::mesh::generate;
 use palpate::render::*;
 
 #[test]
-fn it_covers_exactly_what_rays_meet() {
+fn surface_coverage_equals_ray_hits() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, true).unwrap();
     let positions = bent(&mesh);

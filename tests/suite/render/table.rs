@@ -52,7 +52,7 @@ fn errors(
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
+fn random_dense_transfer_functions_match_reference() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(5, false).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();
@@ -88,7 +88,7 @@ fn random_transfer_functions_up_to_a_hundred_times_as_dense() {
 }
 
 #[test]
-fn no_segment_is_too_long() {
+fn long_segments_match_reference() {
     let gpu = gpu();
     // Segments up to the maximum length of tets.
     let mesh = generate::benchmark_cube(2, false).unwrap();
@@ -120,7 +120,7 @@ fn no_segment_is_too_long() {
 }
 
 #[test]
-fn a_transparent_function_draws_nothing_and_a_wrong_one_is_told_apart() {
+fn transparent_function_is_invisible_and_wrong_one_detected() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(4, false).unwrap();
     let scalars: Vec<f64> = mesh.nodes.iter().map(|p| p.x).collect();

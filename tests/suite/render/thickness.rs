@@ -85,13 +85,13 @@ fn wrong_pixels(
 }
 
 #[test]
-fn rays_match_float64_one_by_one() {
+fn ray_thickness_matches_float64() {
     match_float64(made_meshes(), [48, 48]);
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_hundred_thousand_rays_a_real_mesh_match_float64_one_by_one() {
+fn ray_thickness_of_real_meshes_matches_float64() {
     match_float64(real_meshes(), [130, 130]);
 }
 
@@ -125,7 +125,7 @@ fn match_float64(meshes: impl Iterator<Item = (&'static str, TetMesh)>, size: [u
 }
 
 #[test]
-fn a_wrong_shape_is_told_apart() {
+fn comparison_detects_wrong_shape() {
     let gpu = gpu();
     let mesh = slivers();
     let (mut caster, _) = caster(&gpu, &mesh, &mesh.nodes, Traversal::Vertices);
@@ -140,13 +140,13 @@ fn a_wrong_shape_is_told_apart() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn thickness_over_an_oblique_picture_is_the_volume() {
+fn thickness_integral_equals_volume() {
     fill_volume(made_meshes());
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn thickness_over_an_oblique_picture_is_the_volume_of_real_meshes() {
+fn thickness_integral_equals_volume_of_real_meshes() {
     fill_volume(real_meshes());
 }
 
@@ -178,13 +178,13 @@ fn fill_volume(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn no_ray_is_lost_along_the_axes() {
+fn axis_aligned_rays_are_not_lost() {
     lose_none(made_meshes());
 }
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn no_ray_of_real_meshes_is_lost_along_the_axes() {
+fn axis_aligned_rays_of_real_meshes_are_not_lost() {
     lose_none(real_meshes());
 }
 
@@ -223,7 +223,7 @@ fn lose_none(meshes: impl Iterator<Item = (&'static str, TetMesh)>) {
 }
 
 #[test]
-fn rays_along_the_edges_of_a_grid_are_as_long_as_the_grid() {
+fn rays_along_grid_edges_have_grid_length() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(8, false).unwrap();
     for walk in [Traversal::Vertices, Traversal::Planes] {
@@ -243,7 +243,7 @@ fn rays_along_the_edges_of_a_grid_are_as_long_as_the_grid() {
 }
 
 #[test]
-fn a_corrupt_link_loses_rays_and_the_walk_ends() {
+fn corrupt_link_loses_rays_and_traversal_terminates() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(6, false).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -276,7 +276,7 @@ fn a_corrupt_link_loses_rays_and_the_walk_ends() {
 }
 
 #[test]
-fn inverted_tets_do_not_stop_the_walk() {
+fn inverted_tets_do_not_stop_traversal() {
     let gpu = gpu();
     let mesh = generate::benchmark_cube(8, false).unwrap();
     let mut random = Random::new(7);

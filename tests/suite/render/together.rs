@@ -26,7 +26,7 @@ fn square(middle: DVec3, normal: DVec3, size: f64) -> TriMesh {
 }
 
 #[test]
-fn everything_at_once_is_the_float64_form() {
+fn combined_features_match_float64() {
     let gpu = gpu();
     let mesh = generate::duct([9, 9, 9], DVec3::ONE, generate::Bore::Round).unwrap();
     let (low, high) = mesh.bounds();

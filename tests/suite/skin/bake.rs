@@ -13,7 +13,7 @@ fn dented(p: DVec3) -> DVec3 {
 }
 
 #[test]
-fn a_coarse_surface_looks_like_the_fine_one_by_its_map() {
+fn baked_map_reproduces_fine_surface() {
     let gpu = gpu();
     let coarse = with_uvs(&sphere(24, 48, |p| p));
     let fine = sphere(150, 300, dented);
@@ -50,7 +50,7 @@ fn a_coarse_surface_looks_like_the_fine_one_by_its_map() {
 }
 
 #[test]
-fn a_surface_baked_from_itself_is_flat_and_bad_input_is_named() {
+fn self_bake_is_flat_and_invalid_input_rejected() {
     let coarse = with_uvs(&sphere(16, 32, |p| p));
     let (map, report) = bake(&coarse, &coarse, [128, 64]).unwrap();
     assert_eq!(report.missed, 0);
@@ -69,5 +69,5 @@ fn a_surface_baked_from_itself_is_flat_and_bad_input_is_named() {
     assert!(refused(&coarse, &TriMesh::default(), [8, 8]).contains("triangles"));
     let mut wild = coarse.clone();
     wild.fields[0].values[7] = 1e9;
-    assert!(refused(&wild, &coarse, [8, 8]).contains("far from"));
+    assert!(refused(&wild, &coarse, [8, 8]).contains("of the coarse surface must be finite"));
 }

@@ -82,7 +82,7 @@ fn cameras() -> Vec<Camera> {
 }
 
 #[test]
-fn what_is_culled_is_not_missed_in_any_picture() {
+fn culling_does_not_change_images() {
     let gpu = gpu();
     let ball = Ball::new(&gpu);
     for mapping in [Mapping::Auto, Mapping::Constant, Mapping::NormalOnly] {
@@ -101,7 +101,7 @@ fn what_is_culled_is_not_missed_in_any_picture() {
             shares.push(1.0 - skin.visible_triangles().unwrap().len() as f64 / all as f64);
             keep(&culled, &format!("culled_{mapping}_{n}.png"));
         }
-        println!("{mapping}: left out {shares:.2?}");
+        println!("{mapping}: culled {shares:.2?}");
         // Most back faces; more if the picture shows only a part.
         assert!(shares[..3].iter().all(|s| *s > 0.3), "{shares:?}");
         assert!(shares[3] > 0.7, "{shares:?}");
@@ -110,7 +110,7 @@ fn what_is_culled_is_not_missed_in_any_picture() {
 }
 
 #[test]
-fn the_pictures_tell_triangles_that_are_missing() {
+fn image_comparison_detects_missing_triangles() {
     let gpu = gpu();
     let ball = Ball::new(&gpu);
     let mut skin = Skin::new(&gpu, &ball.surface, &ball.carrier, Mapping::Auto).unwrap();
@@ -194,7 +194,7 @@ fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool
 }
 
 #[test]
-fn the_twin_leaves_out_the_same_triangles() {
+fn culling_matches_reference() {
     let gpu = gpu();
     let mesh = generate::ball(1.0, 6).unwrap();
     let base = mesh.boundary_surface(None).unwrap();
@@ -241,13 +241,13 @@ fn the_twin_leaves_out_the_same_triangles() {
             }
         }
     }
-    println!("{skipped} left out, {close} near the limit, {ignorant} other without strain");
+    println!("{skipped} culled, {close} near the limit, {ignorant} differ without strain");
     assert!(skipped > 1000 && close < skipped / 20);
     assert!(ignorant > 100);
 }
 
 #[test]
-fn what_has_no_normal_is_translucent_or_open_is_drawn_whole() {
+fn culling_is_disabled_for_open_or_translucent_skins() {
     let gpu = gpu();
     let ball = Ball::new(&gpu);
     ball.stand(&gpu, bend);

@@ -30,7 +30,7 @@ fn halves() -> (TetMesh, TetMesh, Vec<DVec3>, Blade) {
 }
 
 #[test]
-fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
+fn skin_follows_cut_halves_and_shows_cut_faces() {
     let gpu = gpu();
     let surface = bar().skin;
     let (mesh, parted, moved, blade) = halves();
@@ -92,7 +92,7 @@ fn a_skin_follows_both_halves_of_a_cut_body_and_shows_its_walls() {
 }
 
 #[test]
-fn the_surface_of_a_body_can_be_drawn_without_a_skin() {
+fn body_surface_renders_without_skin() {
     let gpu = gpu();
     let ball = generate::ball(1.0, 8).unwrap();
     let frame = LocalFrame::from_mesh(&ball);
@@ -112,7 +112,7 @@ fn the_surface_of_a_body_can_be_drawn_without_a_skin() {
 }
 
 #[test]
-fn a_skin_does_not_go_over_to_another_body() {
+fn apply_cut_rejects_base_of_other_body() {
     let gpu = gpu();
     let scene = bar();
     let (carrier, _) = scene.carrier(&gpu, &scene.rest);

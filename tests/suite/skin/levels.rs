@@ -13,7 +13,7 @@ fn bent(p: &DVec3) -> DVec3 {
 }
 
 #[test]
-fn a_skin_goes_over_to_a_finer_body_and_back_without_a_jump() {
+fn level_switch_is_continuous() {
     let gpu = gpu();
     let surface = bumpy(30);
     let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
@@ -76,7 +76,7 @@ fn pace(skin: &Skin, body: &mut GpuBody) -> Vec<DVec3> {
 }
 
 #[test]
-fn a_running_body_hands_over_place_and_velocity() {
+fn level_switch_transfers_position_and_velocity() {
     let gpu = gpu();
     let surface = bumpy(30);
     let meshes = [6, 12].map(|cells| generate::ball(1.0, cells).unwrap());
@@ -105,7 +105,7 @@ fn a_running_body_hands_over_place_and_velocity() {
     let truth = along.apply(&places).unwrap();
     let speeds = along.apply(&velocities).unwrap();
     let over = BarycentricMap::new(&meshes[0], &meshes[1].nodes).unwrap();
-    let untold = {
+    let without_transfer = {
         skin.set_level(1).unwrap();
         apart(&before, &skin.vertices().unwrap())
     };
@@ -115,10 +115,12 @@ fn a_running_body_hands_over_place_and_velocity() {
     let after = skin.vertices().unwrap();
     let jump = apart(&before, &after);
     let error = apart(&before, &truth);
-    println!("jump {jump:.4}, mapping error {error:.4}, without handing over {untold:.4}");
+    println!(
+        "jump {jump:.4}, mapping error {error:.4}, without state transfer {without_transfer:.4}"
+    );
     assert!(
-        jump <= error && jump < 0.5 * untold,
-        "{jump} {error} {untold}"
+        jump <= error && jump < 0.5 * without_transfer,
+        "{jump} {error} {without_transfer}"
     );
 
     // Without velocities the fine body starts at rest.
@@ -131,16 +133,18 @@ fn a_running_body_hands_over_place_and_velocity() {
     let coarse = pace(&skin, &mut bodies[0]);
     let jump = apart(&coarse, &fine);
     let error = apart(&coarse, &speeds);
-    let untold = apart(&coarse, &at_rest);
-    println!("jump {jump:.4}, mapping error {error:.4}, without handing over {untold:.4} a second");
+    let without_transfer = apart(&coarse, &at_rest);
+    println!(
+        "jump {jump:.4}, mapping error {error:.4}, without state transfer {without_transfer:.4} a second"
+    );
     assert!(
-        jump <= error && jump < 0.5 * untold,
-        "{jump} {error} {untold}"
+        jump <= error && jump < 0.5 * without_transfer,
+        "{jump} {error} {without_transfer}"
     );
 }
 
 #[test]
-fn what_is_linear_is_carried_over_exactly() {
+fn level_transfer_is_exact_for_linear_fields() {
     let (from, to) = (
         generate::ball(1.0, 6).unwrap(),
         generate::ball(1.1, 9).unwrap(),

@@ -11,7 +11,7 @@ use palpate::skin::{BaseMesh, Mapping, Skin, SkinBase, Vertices, bind};
 use std::collections::HashMap;
 
 #[test]
-fn at_rest_every_mapping_but_one_to_one_returns_the_skin() {
+fn mappings_reproduce_skin_at_rest() {
     let gpu = gpu();
     for scene in scenes() {
         let (carrier, _) = scene.carrier(&gpu, &scene.rest);
@@ -46,7 +46,7 @@ fn at_rest_every_mapping_but_one_to_one_returns_the_skin() {
 }
 
 #[test]
-fn a_rigid_motion_of_the_nodes_moves_skin_normals_and_tangents_rigidly() {
+fn rigid_motion_moves_skin_rigidly() {
     let gpu = gpu();
     let turn = DQuat::from_axis_angle(DVec3::new(1.0, -2.0, 0.7).normalize(), 2.2);
     for scene in scenes() {
@@ -112,7 +112,7 @@ impl palpate::mesher::Domain for Ball {
 }
 
 #[test]
-fn a_grid_body_carries_a_skin_by_its_own_normals() {
+fn grid_body_skin_uses_approximate_normals() {
     let gpu = gpu();
     let shape = GridShape::from_domain_with_count(&Ball(1.05), 3000, DMat3::IDENTITY).unwrap();
     let model = GridModel::new(shape, &Material::from_young(1e4)).unwrap();
@@ -148,7 +148,7 @@ fn rolled(p: DVec3, angle: f64) -> DVec3 {
 }
 
 #[test]
-fn a_bent_bar_tears_at_base_triangles_unless_bases_are_interpolated() {
+fn bent_bar_skin_is_continuous_with_interpolated_bases_only() {
     let gpu = gpu();
     let scene = bar();
     let bent: Vec<DVec3> = scene.rest.iter().map(|p| rolled(*p, 3.0)).collect();
@@ -195,7 +195,7 @@ fn a_bent_bar_tears_at_base_triangles_unless_bases_are_interpolated() {
 }
 
 #[test]
-fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
+fn auto_mapping_uses_constant_basis_where_needed_or_invisible() {
     let scene = &scenes()[0];
     let frame = scene.frame();
     let nodes: Vec<DVec3> = scene
@@ -247,7 +247,7 @@ fn auto_takes_the_constant_basis_where_normals_fail_and_where_nobody_sees() {
 }
 
 #[test]
-fn flat_base_triangles_carry_nothing_and_bad_input_is_named() {
+fn degenerate_base_triangles_are_unused_and_invalid_input_rejected() {
     let gpu = gpu();
     let mut scene = scenes().remove(0);
     // A sliver along an edge of the first triangle, and a point.
@@ -277,7 +277,7 @@ fn flat_base_triangles_carry_nothing_and_bad_input_is_named() {
         ..scene
     };
     let (nothing, _) = flat.carrier(&gpu, &flat.rest);
-    assert!(refused(&nothing, &flat.skin).contains("has a plane"));
+    assert!(refused(&nothing, &flat.skin).contains("base triangles are degenerate"));
     assert!(refused(&carrier, &TriMesh::default()).contains("triangles"));
     let mut broken = flat.skin.clone();
     broken.triangles[3][1] = 1_000_000;
@@ -292,7 +292,7 @@ fn flat_base_triangles_carry_nothing_and_bad_input_is_named() {
 }
 
 #[test]
-fn holes_are_allowed_and_reported_and_triangles_turned() {
+fn holes_are_reported_and_triangles_oriented() {
     let gpu = gpu();
     let scene = scenes().remove(0);
     let mut skin = scene.skin.clone();
@@ -304,11 +304,11 @@ fn holes_are_allowed_and_reported_and_triangles_turned() {
     let report = skin.report();
     assert_eq!((report.open_edges, report.flipped_triangles), (3, 1));
     let notes = report.notes().join("; ");
-    assert!(notes.contains("3 edges are open"), "{notes}");
+    assert!(notes.contains("3 open edges"), "{notes}");
 }
 
 #[test]
-fn seams_of_the_texture_split_vertices_and_do_not_open() {
+fn texture_seams_split_vertices_without_gaps() {
     let gpu = gpu();
     let scene = scenes().remove(0);
     // A texture once around: at the seam u is 0 on one side and 1 on the other.

@@ -10,7 +10,7 @@ use palpate::skin::{Mapping, Skin, SkinBase};
 const SIZE: [u32; 2] = [120, 100];
 
 #[test]
-fn a_pick_on_a_bent_skin_names_its_triangle_its_vertex_and_a_node_that_carries_it() {
+fn pick_on_bent_skin_returns_triangle_vertex_and_node() {
     let gpu = gpu();
     let mesh = generate::ball(1.0, 8).unwrap();
     let bend = |p: &DVec3| *p + DVec3::new(0.3 * p.z * p.z, 0.1 * (2.0 * p.x).sin(), 0.0);

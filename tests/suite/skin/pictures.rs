@@ -54,7 +54,7 @@ fn raycaster(
 }
 
 #[test]
-fn an_opaque_skin_is_lit_stands_at_its_depth_and_follows_its_nodes_unread() {
+fn opaque_skin_is_lit_at_correct_depth_without_readback() {
     // A separate device: read-backs are counted.
     let gpu = palpate::gpu::Gpu::new().unwrap();
     let (mesh, frame, positions, carrier) = cube(&gpu);
@@ -103,7 +103,7 @@ fn an_opaque_skin_is_lit_stands_at_its_depth_and_follows_its_nodes_unread() {
 }
 
 #[test]
-fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
+fn skins_blend_in_depth_order_with_volume() {
     let gpu = gpu();
     let (mesh, frame, positions, carrier) = cube(&gpu);
     let (extinction, inside) = (0.8, [0.1, 0.3, 0.9]);
@@ -205,7 +205,7 @@ fn skins_before_inside_and_behind_a_volume_are_blended_at_their_places() {
 }
 
 #[test]
-fn skins_of_different_bodies_do_not_share_a_picture() {
+fn compositor_rejects_skins_of_different_bodies() {
     let gpu = gpu();
     let (_, _, _, carrier) = cube(&gpu);
     let scene = bar();
@@ -225,7 +225,7 @@ fn difference(a: &Image, b: &Image) -> f64 {
 }
 
 #[test]
-fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
+fn maps_and_scalars_affect_shading() {
     let gpu = gpu();
     let (_, _, _, carrier) = cube(&gpu);
     let mut ball = with_uvs(&sphere(30, 60, |p| p));
@@ -320,7 +320,7 @@ fn maps_and_scalars_change_the_light_and_flat_maps_do_not() {
 }
 
 #[test]
-fn maps_survive_their_files() {
+fn map_round_trips() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("map.png");
     let map = Map {

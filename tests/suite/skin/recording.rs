@@ -7,7 +7,7 @@ use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction, loc
 use palpate::skin::{Compositor, CompositorOptions, Mapping, Skin, SkinBase, SkinColouring};
 
 #[test]
-fn composed_pictures_of_one_submit_keep_camera_colour_and_triangles() {
+fn composites_in_one_submit_keep_settings() {
     let gpu = gpu();
     let mut mesh = generate::bar([4, 4, 4], DVec3::splat(2.0)).unwrap();
     mesh.nodes.iter_mut().for_each(|p| *p -= 1.0);

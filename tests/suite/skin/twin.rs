@@ -40,7 +40,7 @@ fn errors(
 }
 
 #[test]
-fn placed_vertices_match_float64_on_random_nodes_and_normals() {
+fn skinned_vertices_match_float64_on_random_input() {
     let gpu = gpu();
     let mut next = noise(7);
     for scene in scenes() {
@@ -93,7 +93,7 @@ fn placed_vertices_match_float64_on_random_nodes_and_normals() {
 }
 
 #[test]
-fn placed_vertices_match_float64_closely_on_bodies_that_are_bent() {
+fn skinned_vertices_match_float64_on_bent_bodies() {
     let gpu = gpu();
     let mut next = noise(11);
     for scene in scenes() {
@@ -120,7 +120,7 @@ fn placed_vertices_match_float64_closely_on_bodies_that_are_bent() {
 }
 
 #[test]
-fn area_weighted_node_normals_match_float64() {
+fn area_weighted_normals_match_float64() {
     let gpu = gpu();
     let mut next = noise(3);
     let mut scene = scenes().remove(0);

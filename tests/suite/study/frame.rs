@@ -23,7 +23,7 @@ fn points(count: usize) -> Vec<Vec<Cell>> {
 }
 
 #[test]
-fn what_was_measured_is_not_measured_again() {
+fn measured_points_are_reused() {
     let dir = tempfile::tempdir().unwrap();
     let (mut measured, stop) = (0, AtomicBool::new(false));
     let mut square = |count| {
@@ -58,7 +58,7 @@ fn what_was_measured_is_not_measured_again() {
 }
 
 #[test]
-fn a_stopped_run_and_a_failed_point_keep_what_was_measured() {
+fn stopped_run_keeps_measured_points() {
     let dir = tempfile::tempdir().unwrap();
     let stop = AtomicBool::new(false);
     let measure = |at: usize, fail: bool| {
@@ -88,7 +88,7 @@ fn a_stopped_run_and_a_failed_point_keep_what_was_measured() {
 }
 
 #[test]
-fn a_sheet_of_other_columns_is_left_alone() {
+fn csv_with_other_columns_is_rejected_unchanged() {
     let dir = tempfile::tempdir().unwrap();
     let stop = AtomicBool::new(false);
     let path = dir.path().join("s.csv");
@@ -113,7 +113,7 @@ fn pixels(path: &Path, colour: [u8; 3]) -> usize {
 }
 
 #[test]
-fn charts_show_their_series_and_leave_out_what_has_no_place() {
+fn chart_draws_series_and_omits_invalid_points() {
     let dir = tempfile::tempdir().unwrap();
     let series = |look, points: &[[f64; 2]]| Series::new("implicit Euler", look, points.to_vec());
     let chart = |points: &[[f64; 2]]| Chart {
@@ -148,7 +148,7 @@ fn charts_show_their_series_and_leave_out_what_has_no_place() {
 }
 
 #[test]
-fn maps_paint_each_cell_in_the_colour_of_its_state() {
+fn state_map_colours_cells_by_state() {
     let dir = tempfile::tempdir().unwrap();
     let map = |cells: [usize; 6]| StateMap {
         title: "Verlet".into(),

@@ -82,7 +82,7 @@ fn order(bar: &mut (CpuTets, MotionState), kind: SolverKind, truth: &[MotionStat
 }
 
 #[test]
-fn orders_of_convergence_are_those_of_the_schemes() {
+fn convergence_orders_match_schemes() {
     for (damping_time, orders) in [
         (0.0, [1.0, 1.0, 2.0, 2.0, 1.0]),
         (5e-4, [1.0, 1.0, 1.0, 2.0, 1.0]),
@@ -110,7 +110,7 @@ fn orders_of_convergence_are_those_of_the_schemes() {
 }
 
 #[test]
-fn slopes_are_fitted_in_the_logarithms() {
+fn fit_exponent_recovers_power_law() {
     let line = [[1.0, 3.0], [2.0, 24.0], [4.0, 192.0]];
     assert!((fitted_order(&line) - 3.0).abs() < 1e-12);
     assert!((fitted_order(&[line[0], [0.0, 1.0], line[2]]) - 3.0).abs() < 1e-12);
@@ -120,7 +120,7 @@ fn slopes_are_fitted_in_the_logarithms() {
 /// Two masses on a spring, pulled apart: x = L/2 + a cos ωt with ω² = 2κ/m, and with damping
 /// e^(−γt) cos.
 #[test]
-fn a_single_spring_swings_as_it_must() {
+fn single_spring_matches_exact_oscillation() {
     let (kappa, mass, length, pull) = (50.0, 0.1, 0.2, 0.02);
     for damping in [0.0, 0.4] {
         // From a mesh of one tet, whose other two nodes are not connected.
@@ -178,7 +178,7 @@ fn a_single_spring_swings_as_it_must() {
 
 /// A reference solution needs a motion.
 #[test]
-fn a_body_that_flies_apart_has_no_motion() {
+fn divergent_body_is_rejected() {
     let (mut bar, start) = bar(0.0);
     let mut run = |duration, steps| {
         let scheme = converged(SolverKind::Verlet);
@@ -195,7 +195,7 @@ fn a_body_that_flies_apart_has_no_motion() {
 
 /// With refinement, the deflection of elements converges to Timoshenko's beam.
 #[test]
-fn a_cantilever_sinks_as_deep_as_timoshenko_says() {
+fn cantilever_deflection_matches_timoshenko() {
     let beam = Cantilever {
         length: 1.0,
         width: 0.2,
@@ -252,7 +252,7 @@ fn read(path: &Path, columns: &[&str]) -> Vec<Vec<String>> {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
+fn quick_motion_study_separates_errors_and_survives_failure() {
     let dir = tempfile::tempdir().unwrap();
     study(dir.path(), None).unwrap();
     let columns = [
@@ -314,7 +314,7 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
     // Coarser elements are stiffer, and the springs' own error is stated.
     let text = std::fs::read_to_string(dir.path().join("motion.md")).unwrap();
     assert!(
-        text.contains("error of the model") && text.contains("order of convergence"),
+        text.contains("Model error") && text.contains("order of convergence"),
         "{text}"
     );
     for chart in [
@@ -330,7 +330,7 @@ fn the_quick_study_tells_errors_apart_and_survives_a_failure() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn scenes_are_studied_or_refused_with_a_reason() {
+fn motion_study_accepts_or_rejects_scenes() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("own.toml");
     let scene = |more: &str| {

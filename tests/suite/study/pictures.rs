@@ -40,7 +40,7 @@ fn waves(shift: f64) -> Image {
 
 /// The result of the authors' own program (flip-evaluator 1.7, LDR, its default viewing distance).
 #[test]
-fn flip_is_that_of_its_authors() {
+fn flip_matches_published_values() {
     let plain = |c: [f64; 3]| picture(move |_, _| c);
     let checks = picture(|x, y| [((x / 4.0).floor() + (y / 4.0).floor()) % 2.0; 3]);
     let dots = picture(|x, y| {
@@ -72,7 +72,7 @@ fn flip_is_that_of_its_authors() {
 }
 
 #[test]
-fn flip_grows_with_the_error_and_is_none_of_equal_pictures() {
+fn flip_is_zero_for_equal_images_and_grows_with_error() {
     assert_eq!(flip(&waves(0.0), &waves(0.0)), 0.0);
     let grown: Vec<f64> = [0.01, 0.03, 0.1, 0.3]
         .map(|shift| flip(&waves(0.0), &waves(shift)))
@@ -87,7 +87,7 @@ fn flip_grows_with_the_error_and_is_none_of_equal_pictures() {
 }
 
 #[test]
-fn a_value_that_is_none_counts_as_wholly_different() {
+fn non_finite_value_counts_as_maximum_difference() {
     let mut broken = waves(0.0);
     broken.values[4 * 100] = f32::NAN;
     let pixels = f64::from(SIZE[0] * SIZE[1]);
@@ -144,7 +144,7 @@ fn error(scene: &mut (Raycaster, Camera, Image), options: RaycastOptions) -> f64
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_tolerance_is_met_and_a_looser_one_never_costs_more() {
+fn tolerance_is_met_at_monotonic_cost() {
     let tolerances = [0.3, 0.5, 1.0, 2.0, 5.0, 12.0];
     for (name, mut scene) in [("shells", shells()), ("jumps", jumps())] {
         let mut before = (u32::MAX, 1.0);
@@ -171,7 +171,7 @@ fn a_tolerance_is_met_and_a_looser_one_never_costs_more() {
 }
 
 #[test]
-fn settings_that_are_too_coarse_miss_the_tolerance() {
+fn coarse_settings_exceed_tolerance() {
     let plain = RaycastOptions::default();
     for (what, options) in [
         (
@@ -202,7 +202,7 @@ fn settings_that_are_too_coarse_miss_the_tolerance() {
 }
 
 #[test]
-fn without_integration_many_samples_come_to_the_same() {
+fn dense_sampling_matches_preintegration() {
     let mut scene = shells();
     let samples = |n| RaycastOptions {
         table: TableKind::Samples(n),
@@ -216,7 +216,7 @@ fn without_integration_many_samples_come_to_the_same() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn tables_of_every_texel_and_size() {
+fn every_table_texel_and_size_matches_reference() {
     let mut scene = shells();
     for (texel, bound) in [
         (TableTexel::Byte, 2.0),
@@ -247,48 +247,48 @@ fn tables_of_every_texel_and_size() {
 }
 
 #[test]
-fn options_out_of_range_are_refused() {
+fn rejects_options_out_of_range() {
     let (mut caster, ..) = jumps();
     let plain = RaycastOptions::default();
-    for (options, said) in [
+    for (options, expected) in [
         (
             RaycastOptions {
                 opacity_cutoff: 0.0,
                 ..plain
             },
-            "opacity of 0",
+            "opacity must be > 0 and ≤ 1, got 0",
         ),
         (
             RaycastOptions {
                 opacity_cutoff: 1.5,
                 ..plain
             },
-            "opacity of 1.5",
+            "opacity must be > 0 and ≤ 1, got 1.5",
         ),
         (
             RaycastOptions {
                 table_tolerance: f64::NAN,
                 ..plain
             },
-            "accuracy of NaN",
+            "tolerance must be > 0 and finite (pixel values are 0 to 1), got NaN",
         ),
         (
             RaycastOptions {
                 table_size: Some(4),
                 ..plain
             },
-            "4 texels",
+            "texels per side, got 4",
         ),
         (
             RaycastOptions {
                 table: TableKind::Samples(65),
                 ..plain
             },
-            "65 samples",
+            "samples per tet must be 1 to 64, got 65",
         ),
     ] {
         let message = caster.set_options(options).unwrap_err().to_string();
-        assert!(message.contains(said), "{message}");
+        assert!(message.contains(expected), "{message}");
     }
     // The old ones remain.
     assert_eq!(*caster.options(), plain);

@@ -34,7 +34,7 @@ fn shares(cells: usize) -> Vec<(&'static str, f64)> {
 }
 
 #[test]
-fn memory_is_what_is_computed() {
+fn measured_memory_matches_computed() {
     for cells in [8, 20] {
         for (part, share) in shares(cells) {
             println!("{cells}: {part} {share:.4}");
@@ -51,7 +51,7 @@ fn memory_is_what_is_computed() {
 }
 
 #[test]
-fn a_part_that_there_is_not_takes_nothing() {
+fn absent_part_uses_no_memory() {
     let mesh = generate::benchmark_cube(2, false).unwrap();
     assert_eq!(computed_bytes("skin", &mesh, &Topology::new(&mesh)), 0.0);
 }

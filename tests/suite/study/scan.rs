@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 /// by node values are far from it, for its mesh sizes. A second run measures nothing.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_quick_study_finds_cages_sharper_than_values() {
+fn quick_scan_study_finds_cages_sharper_than_values() {
     let dir = tempfile::tempdir().unwrap();
     let run = |stop: bool| {
         super::frame::run(dir.path(), &AtomicBool::new(stop), |run| {
@@ -44,10 +44,10 @@ fn the_quick_study_finds_cages_sharper_than_values() {
     );
     // A scan of 64 × 64 × 64 half floats.
     assert!(of("cage", "gpu_mb").iter().all(|mb| *mb > 0.52));
-    let told = std::fs::read_to_string(dir.path().join("scan.md")).unwrap();
+    let message = std::fs::read_to_string(dir.path().join("scan.md")).unwrap();
     assert!(
-        told.contains("do not come to the error of the cage"),
-        "{told}"
+        message.contains("do not reach the error of the cage"),
+        "{message}"
     );
     for name in [
         "scan-time.svg",

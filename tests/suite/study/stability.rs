@@ -79,7 +79,7 @@ fn energies(start: &ReferenceSprings, kind: SolverKind, steps: usize, h: f64) ->
             SolverKind::Implicit => {
                 integrators::implicit_euler(&mut p, h, 1e-8).unwrap();
             }
-            kind => panic!("{kind} steps no springs"),
+            kind => panic!("{kind} does not support springs"),
         }
         energies.push((p.elastic_energy() + p.kinetic_energy()) / before);
         if energies[energies.len() - 1].is_nan() || energies[energies.len() - 1] > 1e3 {
@@ -103,7 +103,7 @@ fn limit(body: &LinearisedModel, kind: SolverKind) -> StepLimit {
     }
     let grows = |h: f64| body.growth_rate(kind, h, 4000).0 > 1.0 + 1e-4;
     let (mut low, mut high) = (limit.step, 2.0 * limit.step);
-    assert!(!grows(low), "the bound from below is none");
+    assert!(!grows(low), "invalid lower bound of the stable step");
     while !grows(high) {
         high *= 2.0;
     }
@@ -120,7 +120,7 @@ fn limit(body: &LinearisedModel, kind: SolverKind) -> StepLimit {
 }
 
 #[test]
-fn the_edge_in_float64() {
+fn stability_limit_in_float64() {
     for (m, material) in materials().iter().enumerate() {
         let (mut rest, body) = linearised(material);
         rest.network.rest_positions = rest.x.clone();
@@ -148,7 +148,7 @@ fn the_edge_in_float64() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_edge_on_the_gpu() {
+fn stability_limit_on_gpu() {
     let gpu = crate::support::gpu();
     let mesh = mesh();
     for (m, material) in materials().iter().enumerate() {
@@ -170,7 +170,7 @@ fn the_edge_on_the_gpu() {
                 end
             };
             let error = run(1.05, STEPS).unwrap_err().to_string();
-            assert!(error.contains("energy runs away"), "{kind}: {error}");
+            assert!(error.contains("energy diverges"), "{kind}: {error}");
             // The long run of one material each: they differ in the closed form only.
             let steps = if m == 0 || m == 1 && kind == SolverKind::Explicit {
                 STEPS
@@ -185,12 +185,12 @@ fn the_edge_on_the_gpu() {
 
 /// The limit reported to users is the same, and never larger.
 #[test]
-fn the_step_told_to_users_is_the_limit() {
+fn reported_step_equals_stability_limit() {
     for material in materials() {
         let (p, body) = linearised(&material);
         for kind in EXPLICIT {
-            let told = largest_stable_step(&p.network, &p.pinned, kind).unwrap();
-            assert_eq!(told, body.largest_step(kind).unwrap().step);
+            let reported = largest_stable_step(&p.network, &p.pinned, kind).unwrap();
+            assert_eq!(reported, body.largest_step(kind).unwrap().step);
         }
         assert_eq!(
             largest_stable_step(&p.network, &p.pinned, SolverKind::Implicit),
@@ -200,7 +200,7 @@ fn the_step_told_to_users_is_the_limit() {
 }
 
 #[test]
-fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
+fn linearised_growth_matches_stiffest_mode() {
     let [undamped, light, heavy, paper] = materials();
     for material in [undamped, light, heavy] {
         let (_, body) = linearised(&material);
@@ -231,7 +231,7 @@ fn the_growth_of_the_linearised_steps_is_that_of_their_stiffest_mode() {
 /// times.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn implicit_euler_holds_where_no_other_does() {
+fn implicit_euler_is_stable_where_others_diverge() {
     let gpu = crate::support::gpu();
     let mesh = mesh();
     let material = Material::from_young(1e5);
@@ -265,7 +265,7 @@ impl Domain for Block {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_edge_of_grids() {
+fn stability_limit_of_grids() {
     let gpu = crate::support::gpu();
     let block = Block;
     let shape = GridShape::from_domain(&block, DVec3::splat(0.0101), DMat3::IDENTITY).unwrap();
@@ -311,7 +311,7 @@ fn the_edge_of_grids() {
 /// The quick study contains diverging cells, and theory predicts all of them.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_quick_study_maps_what_fails() {
+fn quick_stability_study_maps_failures() {
     let dir = tempfile::tempdir().unwrap();
     let run = |stop: bool| {
         super::frame::run(dir.path(), &AtomicBool::new(stop), |run| {

@@ -40,7 +40,7 @@ fn reals(bytes: &[u8]) -> Vec<f32> {
 }
 
 #[test]
-fn every_format_holds_the_image_and_the_vectors_in_lps() {
+fn every_format_stores_image_and_lps_vectors() {
     let folder = tempfile::tempdir().unwrap();
     let (scan, (rest, bent)) = (ball(), pushed());
     let warp = Warp::new(&rest, &bent).unwrap();
@@ -128,7 +128,7 @@ fn interleaved(bytes: &[u8], vector: [f32; 3]) {
 }
 
 #[test]
-fn the_displacement_is_on_the_scans_grid_and_the_rest_on_the_other() {
+fn outputs_use_their_grids() {
     let folder = tempfile::tempdir().unwrap();
     let (scan, (rest, bent)) = (ball(), pushed());
     let warp = Warp::new(&rest, &bent).unwrap();
@@ -166,7 +166,7 @@ fn the_displacement_is_on_the_scans_grid_and_the_rest_on_the_other() {
 }
 
 #[test]
-fn what_cannot_be_written_leaves_nothing_behind_and_old_files_as_they_were() {
+fn failed_write_leaves_existing_files_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let (scan, (rest, bent)) = (ball(), pushed());
     let [image, inverse, bad] =
@@ -191,19 +191,22 @@ fn what_cannot_be_written_leaves_nothing_behind_and_old_files_as_they_were() {
         done.unwrap_err().to_string()
     };
     let warp = Warp::new(&rest, &bent).unwrap();
-    let told = refused(&warp, &bad, &inverse);
-    assert!(told.contains("c.txt") && told.contains(".nii.gz"), "{told}");
-    let told = refused(&warp, &folder.path().join("none/a.mha"), &inverse);
+    let message = refused(&warp, &bad, &inverse);
     assert!(
-        told.contains("no folder") && told.contains("make it first"),
-        "{told}"
+        message.contains("c.txt") && message.contains(".nii.gz"),
+        "{message}"
     );
-    let told = refused(&warp, &inverse, &inverse);
-    assert!(told.contains("two outputs"), "{told}");
+    let message = refused(&warp, &folder.path().join("none/a.mha"), &inverse);
+    assert!(
+        message.contains("output folder") && message.contains("create it first"),
+        "{message}"
+    );
+    let message = refused(&warp, &inverse, &inverse);
+    assert!(message.contains("two outputs"), "{message}");
     // All planes are processed before it is known that none intersects the body.
     let far: Vec<DVec3> = bent.iter().map(|p| *p + 900.0).collect();
-    let told = refused(&Warp::new(&rest, &far).unwrap(), &image, &inverse);
-    assert!(told.contains("no voxel lies in the body"), "{told}");
+    let message = refused(&Warp::new(&rest, &far).unwrap(), &image, &inverse);
+    assert!(message.contains("no voxel is inside the body"), "{message}");
     let nothing = WarpFiles::default().check().unwrap_err().to_string();
-    assert!(nothing.contains("no file"), "{nothing}");
+    assert!(nothing.contains("no output file"), "{nothing}");
 }

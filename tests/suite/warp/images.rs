@@ -14,7 +14,7 @@ fn background(value: f64) -> WarpOptions {
 }
 
 #[test]
-fn a_body_at_rest_leaves_the_scan_bit_for_bit() {
+fn identity_warp_is_bitwise_exact() {
     let grid = grid();
     let values = noise(7680);
     let part = body(
@@ -92,7 +92,7 @@ fn ramp(p: DVec3) -> f64 {
 }
 
 #[test]
-fn values_are_those_of_the_place_at_rest() {
+fn warped_values_match_rest_positions() {
     let grid = grid();
     let values: Vec<f64> = centres(&grid).into_iter().map(ramp).collect();
     let rest = around(&grid, [4, 4, 4]);
@@ -143,7 +143,7 @@ fn values_are_those_of_the_place_at_rest() {
 }
 
 #[test]
-fn labels_are_those_that_are_there_and_the_nearest() {
+fn label_warp_uses_nearest_existing_label() {
     let grid = grid();
     let labels = [0u16, 7, 31, 900];
     let block = |[i, j, k]: [usize; 3]| labels[(i / 5 + j / 4 + k / 3) % 4];
@@ -187,7 +187,7 @@ fn labels_are_those_that_are_there_and_the_nearest() {
 }
 
 #[test]
-fn numbers_are_rounded_and_stay_within_their_type() {
+fn integer_values_are_rounded_and_clamped() {
     let grid = grid();
     let rest = around(&grid, [4, 4, 4]);
     // Half a voxel along the first axis: the mean of two.
@@ -219,7 +219,7 @@ fn numbers_are_rounded_and_stay_within_their_type() {
 }
 
 #[test]
-fn the_background_is_the_smallest_value_or_none_of_the_labels() {
+fn default_background_is_minimum_or_zero_for_labels() {
     let grid = grid();
     let part = body(&grid, [2, 2, 2], DVec3::splat(4.0), DVec3::splat(9.0));
     let warp = Warp::new(&part, &part.nodes).unwrap();
@@ -246,7 +246,7 @@ fn the_background_is_the_smallest_value_or_none_of_the_labels() {
 }
 
 #[test]
-fn another_grid_shows_the_same_body() {
+fn other_grid_resamples_same_body() {
     let grid = grid();
     let values: Vec<f64> = centres(&grid).into_iter().map(ramp).collect();
     let scan = scan(grid, Raw::F64(values));
@@ -291,7 +291,7 @@ fn another_grid_shows_the_same_body() {
 }
 
 #[test]
-fn a_scan_beside_the_body_is_refused() {
+fn rejects_scan_outside_body() {
     let grid = grid();
     let rest = around(&grid, [2, 2, 2]);
     let warp = Warp::new(&rest, &rest.nodes).unwrap();
@@ -301,10 +301,13 @@ fn a_scan_beside_the_body_is_refused() {
     };
     let mut away = scan(grid, Raw::U8(vec![1; 7680]));
     away.to_world.translation += 500.0;
-    let told = refused(&away, &grid);
-    assert!(told.contains("no part of the body at rest"), "{told}");
-    let told = refused(&away, &away.grid());
-    assert!(told.contains("no voxel lies in the body"), "{told}");
+    let message = refused(&away, &grid);
+    assert!(
+        message.contains("the body at rest does not overlap the scan"),
+        "{message}"
+    );
+    let message = refused(&away, &away.grid());
+    assert!(message.contains("no voxel is inside the body"), "{message}");
     away.raw = Raw::U8(vec![1; 12]);
     assert!(refused(&away, &grid).contains("12 values"));
 }

@@ -43,7 +43,7 @@ fn is(field: &DisplacementField, of: impl Fn(DVec3) -> DVec3) -> usize {
 }
 
 #[test]
-fn an_affine_motion_is_exact_both_ways() {
+fn affine_motion_is_exact_in_both_directions() {
     let (grid, motion) = (grid(), affine());
     let rest = around(&grid, [5, 4, 3]);
     let bent: Vec<DVec3> = rest
@@ -89,7 +89,7 @@ fn waved(grid: &Grid) -> (TetMesh, Vec<DVec3>) {
 }
 
 #[test]
-fn there_and_back_is_where_it_began() {
+fn forward_and_inverse_maps_round_trip() {
     let grid = grid();
     let (rest, bent) = waved(&grid);
     let warp = Warp::new(&rest, &bent).unwrap();
@@ -149,7 +149,7 @@ fn between(field: &DisplacementField, x: DVec3) -> Option<DVec3> {
 }
 
 #[test]
-fn fields_and_points_agree_on_any_number_of_threads() {
+fn fields_match_points_for_any_thread_count() {
     let grid = grid();
     let (rest, bent) = waved(&grid);
     let warp = Warp::new(&rest, &bent).unwrap();
@@ -172,7 +172,7 @@ fn rayon_pool(threads: usize) -> rayon::ThreadPool {
 }
 
 #[test]
-fn voxels_on_faces_belong_to_one_tet_and_overlap_nothing() {
+fn voxels_on_shared_faces_do_not_overlap() {
     let grid = grid();
     // Nodes on voxel centres: most voxels lie on faces, edges or nodes.
     let rest = body(
@@ -190,7 +190,7 @@ fn voxels_on_faces_belong_to_one_tet_and_overlap_nothing() {
 }
 
 #[test]
-fn where_pieces_overlap_the_first_has_the_voxel_and_it_is_counted() {
+fn overlapping_tets_use_lowest_index_and_are_counted() {
     let grid = grid();
     let [a, b] = [(1.53, 8.47), (9.53, 16.47)].map(|(low, high)| {
         let (low, high) = (DVec3::new(low, 3.52, 3.57), DVec3::new(high, 9.46, 8.41));
@@ -227,7 +227,7 @@ fn where_pieces_overlap_the_first_has_the_voxel_and_it_is_counted() {
 }
 
 #[test]
-fn tets_inside_out_are_counted_and_hold_nothing() {
+fn inverted_tets_are_counted_and_contain_no_voxels() {
     let grid = grid();
     let rest = body(&grid, [4, 4, 4], DVec3::splat(1.5), DVec3::splat(13.5));
     // A central node moves far through its neighbours.
@@ -253,14 +253,14 @@ fn tets_inside_out_are_counted_and_hold_nothing() {
 }
 
 #[test]
-fn what_is_no_motion_is_refused() {
+fn rejects_invalid_motion() {
     let grid = grid();
     let rest = around(&grid, [3, 3, 3]);
     let refused = |bent: &[DVec3]| Warp::new(&rest, bent).unwrap_err().to_string();
-    let told = refused(&rest.nodes[1..]);
+    let message = refused(&rest.nodes[1..]);
     assert!(
-        told.contains("63 nodes") && told.contains("rest has 64"),
-        "{told}"
+        message.contains("nodes of the mesh at rest") && message.contains("got 63 and 64"),
+        "{message}"
     );
     let mut bent = rest.nodes.clone();
     bent[7].y = f64::NAN;
@@ -270,19 +270,19 @@ fn what_is_no_motion_is_refused() {
         .iter()
         .map(|p| DVec3::new(-p.x, p.y, p.z))
         .collect();
-    assert!(refused(&mirrored).contains("inside out"));
+    assert!(refused(&mirrored).contains("inverted"));
     let flat: Vec<DVec3> = rest
         .nodes
         .iter()
         .map(|p| DVec3::new(p.x, p.y, 0.0))
         .collect();
-    assert!(refused(&flat).contains("flat"));
+    assert!(refused(&flat).contains("degenerate"));
     let far: Vec<DVec3> = rest.nodes.iter().map(|p| *p + 1000.0).collect();
     let warp = Warp::new(&rest, &far).unwrap();
-    let told = warp.inverse(&grid).unwrap_err().to_string();
+    let message = warp.inverse(&grid).unwrap_err().to_string();
     assert!(
-        told.contains("no voxel lies in the body") && told.contains("RAS"),
-        "{told}"
+        message.contains("no voxel is inside the body") && message.contains("RAS"),
+        "{message}"
     );
     assert!(warp.displacement(&grid).is_ok());
     assert_eq!(warp.map_forward(DVec3::splat(f64::NAN)), None);

@@ -9,7 +9,7 @@ export interface Camera {
   orthographic?: number | null;
 }
 
-/** What is known of the last frame. Where there is none, because the viewer could not be shown or ended, `said` tells why. */
+/** What is known of the last frame. Where there is none, because the viewer could not be shown or ended, `status` tells why. */
 export interface State {
   /** What is open, and what is being opened. */
   name: string | null;
@@ -27,14 +27,20 @@ export interface State {
   /** Of every plane a point and the normal; of a box its corners. */
   planes: number[][];
   /** Bodies that were opened so far. */
-  opened: number;
+  loadCount: number;
+  /** @deprecated Now `loadCount`. */
+  readonly opened: number;
   /** Why the graphics device is gone; null while it is there. */
-  lost: string | null;
+  deviceLost: string | null;
+  /** @deprecated Now `deviceLost`. */
+  readonly lost: string | null;
   /** Force of the press, N, and its depth, m. */
   force_n: number | null;
   depth_m: number | null;
   /** What the status line says, and whether that is an error. */
-  said: string;
+  status: string;
+  /** @deprecated Now `status`. */
+  readonly said: string;
   error: boolean;
   /** Since the frame before; what the interface, and a step of the body, took of that; and what of this
    * the driver took to take the drawing over, ms. */
@@ -74,7 +80,9 @@ export class PalpateView extends HTMLElement {
    * is wrong with it, and what was open before still is. The name's ending says what it is.
    */
   load(what: string | Blob | ArrayBuffer | Uint8Array, name?: string): Promise<void>;
-  /** Puts a file ready that a scene names. */
+  /** Stores a file in memory, for scenes that refer to it. */
+  addFile(name: string, bytes: string | Blob | ArrayBuffer | Uint8Array): Promise<void>;
+  /** @deprecated Now `addFile`. */
   put(name: string, bytes: string | Blob | ArrayBuffer | Uint8Array): Promise<void>;
   /** The camera, once there is one; with one given, looks by it. */
   camera(camera?: Camera): Camera | undefined;
@@ -82,7 +90,9 @@ export class PalpateView extends HTMLElement {
   press(x: number, y: number, depth: number): Promise<void>;
   /** Takes the finger out again. */
   release(): Promise<void>;
-  /** The picture as a PNG. */
+  /** Renders the picture as a PNG. */
+  screenshot(width?: number, height?: number): Promise<Blob>;
+  /** @deprecated Now `screenshot`. */
   picture(width?: number, height?: number): Promise<Blob>;
   /** What is known of the last frame. */
   state(): Partial<State>;

@@ -22,6 +22,32 @@ const STYLE =
   "div { font: 16px/1.5 sans-serif; max-width: 40em; margin: 2em auto; padding: 0 1em; color: #999 } " +
   "button { font: inherit; padding: 0.3em 1em }";
 
+/** Names of the log of frames, and those of the state. */
+const STATE_NAMES = { said: "status", lost: "deviceLost", opened: "loadCount" };
+
+const warned = new Set();
+
+/** Warns of the use of an old name, once. */
+function warnOfOldName(old, current) {
+  if (warned.has(old)) return;
+  warned.add(old);
+  console.warn(`palpate-view: ${old} is now ${current}; the old name still works`);
+}
+
+/** Returns the state of a frame; its old names are not enumerable. */
+function stateOf(frame) {
+  const state = {};
+  for (const [name, value] of Object.entries(frame)) state[STATE_NAMES[name] ?? name] = value;
+  for (const [old, current] of Object.entries(STATE_NAMES)) {
+    const get = () => {
+      warnOfOldName(`state().${old}`, `state().${current}`);
+      return state[current];
+    };
+    Object.defineProperty(state, old, { get });
+  }
+  return state;
+}
+
 let module;
 
 /** The module, fetched and compiled once for all elements. */
@@ -157,9 +183,9 @@ export class PalpateView extends HTMLElement {
   /** Looks whether what is waited for was opened, or cannot be. */
   #look() {
     // The frame that was told may be older than what is waited for.
-    const state = this.state();
-    if (state.loading) return;
-    this.#settle(state.opened > this.#waits.opened ? undefined : new Error(state.said));
+    const frame = this.#frame();
+    if (frame.loading) return;
+    this.#settle(frame.opened > this.#waits.opened ? undefined : new Error(frame.said));
   }
 
   /** Ends the wait for what is being opened; with why, if it was not. */
@@ -193,16 +219,22 @@ export class PalpateView extends HTMLElement {
     });
     if (this.#viewer !== viewer) throw new Error("the element is not in a page any more");
     const called = name ?? what.name ?? decodeURIComponent(String(what).split(/[?#]/)[0].split("/").pop());
-    viewer.put(called, bytes);
-    const { opened } = this.state();
+    viewer.add_file(called, bytes);
+    const { opened } = this.#frame();
     const shown = new Promise((resolve, reject) => (this.#waits = { resolve, reject, opened }));
     viewer.open(called, this.getAttribute("transfer") ?? undefined);
     return shown;
   }
 
-  /** Puts a file ready that a scene names. */
-  async put(name, bytes) {
-    (await this.#ready()).put(name, await bytesOf(bytes));
+  /** Stores a file in memory, for scenes that refer to it. */
+  async addFile(name, bytes) {
+    (await this.#ready()).add_file(name, await bytesOf(bytes));
+  }
+
+  /** Old name of `addFile`. */
+  put(name, bytes) {
+    warnOfOldName("put()", "addFile()");
+    return this.addFile(name, bytes);
   }
 
   /** The camera; with one given, looks by it. */
@@ -222,14 +254,25 @@ export class PalpateView extends HTMLElement {
     (await this.#ready()).release();
   }
 
-  /** The picture as a PNG. */
-  async picture(width = 1024, height = 768) {
-    const bytes = await (await this.#ready()).picture(width, height);
+  /** Renders the picture as a PNG. */
+  async screenshot(width = 1024, height = 768) {
+    const bytes = await (await this.#ready()).screenshot(width, height);
     return new Blob([bytes], { type: "image/png" });
+  }
+
+  /** Old name of `screenshot`. */
+  picture(width, height) {
+    warnOfOldName("picture()", "screenshot()");
+    return this.screenshot(width, height);
   }
 
   /** What is known of the last frame. */
   state() {
+    return stateOf(this.#frame());
+  }
+
+  /** Returns the last frame, with the names of the log. */
+  #frame() {
     if (this.#ended) return { said: this.#ended, error: true };
     return this.#viewer ? JSON.parse(this.#viewer.state()) : {};
   }

@@ -197,7 +197,7 @@ export class Page {
   /** The picture, by the element. */
   async picture(name, width, height) {
     const bytes = await this.page.evaluate(async (width, height) => {
-      const blob = await document.querySelector("palpate-view").picture(width, height);
+      const blob = await document.querySelector("palpate-view").screenshot(width, height);
       const read = new FileReader();
       await new Promise((done) => Object.assign(read, { onload: done }).readAsDataURL(blob));
       return read.result.split(",")[1];

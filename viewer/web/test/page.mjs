@@ -90,7 +90,7 @@ async function session() {
   await view.key("4");
   await view.hold([430, 385], [430, 470]);
   await view.letGo();
-  await view.wait("a cut", (state) => state.said.startsWith("cut;"));
+  await view.wait("a cut", (state) => state.status.startsWith("cut;"));
   await view.page.keyboard.down("Control");
   await view.key("r");
   await view.page.keyboard.up("Control");
@@ -125,12 +125,28 @@ async function files() {
   const native = drawn(scene, path.join(OUT, "command.png"), size);
   await view.call("camera", CAMERA);
   const off = apart(native, await view.picture("element", ...size));
-  console.log(`picture(): ${(255 * off).toFixed(3)}/255 from the command's`);
+  console.log(`screenshot(): ${(255 * off).toFixed(3)}/255 from the command's`);
   check(off <= SAME, `the picture is ${255 * off}/255 from the command's; see ${OUT}`);
   // That the comparison can fail.
   await view.call("camera", { ...CAMERA, fov: 24 });
   const other = apart(native, await view.picture("other", ...size));
   check(other > SAME, `a picture of another camera is ${255 * other}/255 from the command's`);
+
+  // The old names of methods and of the state still work, each with one warning.
+  const pairs = await view.page.evaluate(async () => {
+    const view = document.querySelector("palpate-view");
+    await view.put("note.txt", new Uint8Array([1]));
+    await view.put("note.txt", new Uint8Array([2]));
+    const sizes = [(await view.picture(32, 24)).size, (await view.screenshot(32, 24)).size];
+    const state = view.state();
+    return [sizes, [state.said, state.status], [state.lost, state.deviceLost], [state.opened, state.loadCount]];
+  });
+  for (const [old, current] of pairs) check(old === current && old !== undefined, JSON.stringify(pairs));
+  for (const [old, current] of [["put()", "addFile()"], ["picture()", "screenshot()"], ["state().said", "state().status"],
+    ["state().lost", "state().deviceLost"], ["state().opened", "state().loadCount"]]) {
+    const warnings = view.said.filter((line) => line.includes(`palpate-view: ${old} is now ${current}`));
+    check(warnings.length === 1 && warnings[0].startsWith("warn"), `${old}: ${JSON.stringify(view.said)}`);
+  }
 
   await view.drop([["dropped.vtu", file("ball.vtu")]]);
   await view.wait("what was dropped", (state) => state.name === "dropped.vtu");
@@ -155,15 +171,15 @@ async function files() {
     }, name, bytes);
     check(why.includes(name), `load() of ${name} does not reject with why: ${JSON.stringify(why)}`);
     const said = await view.wait("an error", (state) => state.error);
-    check(said.said.includes(name) && said.name === "ball.toml", JSON.stringify(said));
+    check(said.status.includes(name) && said.name === "ball.toml", JSON.stringify(said));
     await hear(view, name);
     console.log(`  ${why}`);
   }
   await view.drop([["dropped.vtu", "<VTKFile>"]]);
-  await view.wait("why it cannot be opened", (state) => state.error && state.said.includes("dropped.vtu"));
+  await view.wait("why it cannot be opened", (state) => state.error && state.status.includes("dropped.vtu"));
   await view.events();
   await view.page.evaluate(() => document.querySelector("palpate-view").setAttribute("src", "none.vtu"));
-  await view.wait("what is not there", (state) => state.error && state.said.includes("404"));
+  await view.wait("what is not there", (state) => state.error && state.status.includes("404"));
   await hear(view, "none.vtu: 404");
   await view.shot("bad", true);
 
@@ -259,7 +275,7 @@ async function ended() {
     viewer.start(canvas, undefined, () => viewer.destroy(), () => {}).catch(() => {});
   });
   const state = await view.wait("the end", (state) => state.error);
-  check(state.said.includes("reload the page"), state.said);
+  check(state.status.includes("reload the page"), state.status);
   await view.shot("ended", true);
   await view.page.close();
 }
@@ -274,7 +290,7 @@ async function without() {
       const alert = document.querySelector("palpate-view").shadowRoot.querySelector("[role=alert]");
       return alert?.offsetHeight > 0 ? alert.innerText : "";
     });
-    check(shown.includes(state.said), `the page shows "${shown}", not "${state.said}"`);
+    check(shown.includes(state.status), `the page shows "${shown}", not "${state.status}"`);
     await view.shot(name, true);
     return shown;
   };

@@ -45,7 +45,7 @@ fn main() -> Result<()> {
         .map(|n| n.parse())
         .collect::<std::result::Result<_, _>>()?;
     let [poisson, gravity, step, frame, frames, rod @ ..] = numbers.as_slice() else {
-        return Err("five numbers are expected behind the solver".into());
+        return Err("expected five numbers after the solver".into());
     };
     let asked = Asked {
         solver: solver.clone(),
@@ -111,7 +111,7 @@ fn run(bar: &Bar, asked: &Asked, mut frame: impl FnMut(&[Vector])) -> Result<(f6
         "constraints" => SoftBodySolver::Constraints,
         other => {
             return Err(format!(
-                "there is no solver {other}; there are fem, fem-solved, constraints"
+                "unknown solver {other}; available: fem, fem-solved, constraints"
             )
             .into());
         }
@@ -145,7 +145,7 @@ fn run(bar: &Bar, asked: &Asked, mut frame: impl FnMut(&[Vector])) -> Result<(f6
         let cluster = world
             .soft_bodies
             .add_cluster(handle, &nodes, bodies, colliders)
-            .ok_or("rapier made no cluster of the rod's nodes")?;
+            .ok_or("rapier created no cluster for the rod's nodes")?;
         world.soft_bodies[handle].set_cluster_stiffness_scale(cluster, factor);
     }
     let (mut busy, mut wall) = (0.0, 0.0);
@@ -201,6 +201,6 @@ fn read(path: &str) -> Result<Bar> {
 }
 
 fn next<T: FromStr<Err: Debug>>(words: &mut SplitWhitespace) -> Result<T> {
-    let word = words.next().ok_or("the mesh ends too early")?;
+    let word = words.next().ok_or("unexpected end of the mesh file")?;
     word.parse().map_err(|e| format!("{word}: {e:?}").into())
 }

@@ -54,9 +54,7 @@ struct Syntax {
 pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(String, Vec<u8>)> {
     let (uid, mut at) = meta_data(file)?;
     if uid == "1.2.840.10008.1.2.1.99" {
-        return Err(
-            "the transfer syntax is deflated, which is not read; `dcmconv +te` converts".into(),
-        );
+        return Err("deflated transfer syntax is not supported; convert with `dcmconv +te`".into());
     }
     let syntax = Syntax {
         implicit: uid == "1.2.840.10008.1.2",
@@ -78,7 +76,8 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
         let end = fits(file, start, tag, length, at, around)?;
         if end.is_some() && !length.is_multiple_of(width(vr)) {
             return Err(format!(
-                "byte {start}: the element {tag} has {length} bytes, no multiple of the {} that numbers of its type have",
+                "byte {start}: element {tag} has {length} bytes, expected a multiple of {} (the \
+                size of its type)",
                 width(vr)
             ));
         }
@@ -108,7 +107,7 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
             }
             _ if tag.group() == ITEM.group() || !matches!(inside, None | Some(Kind::Item)) => {
                 return Err(format!(
-                    "byte {start}: there is {tag} where the sequences around it have no place for it"
+                    "byte {start}: unexpected element {tag} at this nesting level"
                 ));
             }
             _ if vr == VR::SQ => Kind::Sequence,
@@ -146,7 +145,7 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
     match blocks_begin {
         None => Ok((uid, sifted)),
         Some(begin) => Err(format!(
-            "byte {begin}: the blocks of {PIXELS} do not end (truncated file)"
+            "byte {begin}: fragments of {PIXELS} are not terminated (truncated file)"
         )),
     }
 }
@@ -178,19 +177,20 @@ fn meta_data(file: &[u8]) -> ParseResult<(String, usize)> {
         let (tag, _, length, header) = element(file, at, false, false)?;
         at += header;
         let value = fits(file, start, tag, length, at, None)?
-            .ok_or_else(|| format!("byte {start}: the element {tag} has no length"))?;
+            .ok_or_else(|| format!("byte {start}: element {tag} must have a defined length"))?;
         let bytes = &file[at..value];
         at = value;
         match (tag, end) {
             (META_LENGTH, None) => {
                 let bytes: [u8; 4] = bytes
                     .try_into()
-                    .map_err(|_| "the length of the meta data should have four bytes")?;
+                    .map_err(|_| "the length of the file meta information must have 4 bytes")?;
                 end = Some(at.saturating_add(u32::from_le_bytes(bytes) as usize));
             }
             (_, None) => {
                 return Err(format!(
-                    "byte {FIRST}: the meta data should begin with their length {META_LENGTH}, but begin with {tag}"
+                    "byte {FIRST}: file meta information must begin with its length {META_LENGTH}, \
+                    got {tag}"
                 ));
             }
             (TRANSFER_SYNTAX, _) => {
@@ -198,7 +198,7 @@ fn meta_data(file: &[u8]) -> ParseResult<(String, usize)> {
                 uid = text.trim_end_matches(['\0', ' ']).to_owned();
                 if uid.len() > 64 {
                     return Err(format!(
-                        "byte {start}: `TransferSyntaxUID` has {} characters, 64 at most are allowed",
+                        "byte {start}: `TransferSyntaxUID` must have at most 64 characters, got {}",
                         uid.len()
                     ));
                 }
@@ -225,11 +225,12 @@ fn fits(
     let left = around.unwrap_or(file.len()).saturating_sub(at);
     if length as usize > left {
         let what = match around {
-            Some(_) => "the sequence around it ends",
+            Some(_) => "the enclosing sequence ends",
             None => "the file ends",
         };
         return Err(format!(
-            "byte {start}: the element {tag} is said to have {length} bytes, but {what} after {left} (lying length or truncated file)"
+            "byte {start}: element {tag} states {length} bytes, but {what} after {left} (invalid \
+            length or truncated file)"
         ));
     }
     Ok(Some(at + length as usize))

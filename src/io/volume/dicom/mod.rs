@@ -87,7 +87,7 @@ fn stack(mut slices: Vec<(PathBuf, Slice)>) -> std::result::Result<Volume, (Path
             continue;
         };
         let other = name(&slices[0].0);
-        let what = format!("{what} differ from those of {other}, a slice of the same series");
+        let what = format!("{what} must match {other}, a slice of the same series");
         return Err((path.clone(), what));
     }
     slices.sort_by(|(_, a), (_, b)| {
@@ -124,7 +124,7 @@ fn step(
     let (path, only) = &slices[0];
     if slices.len() == 1 {
         let thickness = only.thickness.filter(|t| *t > 0.0 && t.is_finite());
-        let what = "it is the only slice of its series, and has no `SliceThickness`";
+        let what = "only slice of its series, but it has no `SliceThickness`";
         return Ok(normal * thickness.ok_or((path.clone(), what.into()))?);
     }
     let mut gaps: Vec<f64> = slices
@@ -141,16 +141,19 @@ fn step(
         let before = name(before);
         let what = if gap <= ROUNDING {
             format!(
-                "it lies where {before} of the same series lies; several images at one place (times, echoes) are not one volume"
+                "same position as {before} of the same series; several images at one position \
+                (times, echoes) are not one volume"
             )
         } else if gap > 1.5 * usual {
             let missing = (gap / usual).round() - 1.0;
             format!(
-                "{missing} slices are missing between {before} and this: they are {gap:.3} mm apart, the others {usual:.3} mm"
+                "{missing} slices are missing between {before} and this file: distance {gap:.3} \
+                mm, expected {usual:.3} mm"
             )
         } else if (gap - usual).abs() > UNEVEN * usual + ROUNDING {
             format!(
-                "it lies {gap:.3} mm from {before}, where other slices are {usual:.3} mm apart; slices must be evenly spaced"
+                "slices must be evenly spaced: distance to {before} is {gap:.3} mm, expected \
+                {usual:.3} mm"
             )
         } else {
             continue;
@@ -163,8 +166,10 @@ fn step(
         let expected = only.position + step * n as f64;
         let off = slice.position.distance(expected);
         if off > 0.1 * usual + ROUNDING {
-            let what =
-                format!("it lies {off:.3} mm beside the line through the first and the last slice");
+            let what = format!(
+                "slice positions must be collinear: {off:.3} mm off the line through the \
+                    first and last slice"
+            );
             return Err((path.clone(), what));
         }
     }

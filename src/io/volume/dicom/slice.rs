@@ -88,7 +88,7 @@ impl Image {
         let (syntax, sifted) = element_scan::extract_elements(file, &WANTED)?;
         let object = OpenFileOptions::new()
             .from_reader(sifted.as_slice())
-            .map_err(|e| format!("it is not DICOM as the standard has it: {e}"))?;
+            .map_err(|e| format!("invalid DICOM: {e}"))?;
         if object.get(PIXELS).is_none() {
             return Ok(None);
         }
@@ -117,7 +117,7 @@ impl Image {
         match text.parse() {
             Ok(number) => Ok(Some(number)),
             Err(_) if text.is_empty() => Ok(None),
-            Err(_) => Err(format!("`{name}` should be a number, but is \"{text}\"")),
+            Err(_) => Err(format!("`{name}` must be a number, got \"{text}\"")),
         }
     }
 
@@ -131,7 +131,7 @@ impl Image {
         numbers
             .and_then(|n| <[f64; N]>::try_from(n).ok())
             .filter(|n| n.iter().all(|x| x.is_finite()))
-            .ok_or_else(|| format!("`{name}` should be {N} finite numbers"))
+            .ok_or_else(|| format!("`{name}` must be {N} finite numbers"))
     }
 
     /// Returns the slice with its pixels.
@@ -139,14 +139,15 @@ impl Image {
         let frames: u32 = self.one(FRAMES, "NumberOfFrames")?.unwrap_or(1);
         if frames != 1 {
             return Err(format!(
-                "`NumberOfFrames` is {frames}; files of one slice each are read"
+                "`NumberOfFrames` must be 1 (one slice per file), got {frames}"
             ));
         }
         let samples: u16 = self.one(SAMPLES, "SamplesPerPixel")?.unwrap_or(1);
         let photometric = self.text(PHOTOMETRIC, "PhotometricInterpretation")?;
         if samples != 1 || !photometric.starts_with("MONOCHROME") {
             return Err(format!(
-                "the image has {samples} values a pixel ({photometric}); grey images (MONOCHROME2) are read"
+                "image has {samples} values per pixel ({photometric}); only grey images \
+                (MONOCHROME2) are supported"
             ));
         }
         let [x, y, z, u, v, w] = self.reals(ORIENTATION, "ImageOrientationPatient")?;
@@ -154,27 +155,28 @@ impl Image {
         let square = axes[0].dot(axes[1]).abs() < 1e-3;
         if !square || axes.iter().any(|a| (a.length() - 1.0).abs() > 1e-3) {
             return Err(format!(
-                "`ImageOrientationPatient` should be two unit vectors at right angles, but is {axes:?}"
+                "`ImageOrientationPatient` must be two unit vectors at right angles, got {axes:?}"
             ));
         }
         let [between_rows, between_columns] = self.reals(SPACING, "PixelSpacing")?;
         let spacing = DVec2::new(between_columns, between_rows);
         if spacing.cmple(DVec2::ZERO).any() {
-            return Err(format!(
-                "`PixelSpacing` should be above 0, but is {spacing}"
-            ));
+            return Err(format!("`PixelSpacing` must be > 0, got {spacing}"));
         }
         let rows = usize::from(self.required::<u16>(ROWS, "Rows")?);
         let columns = usize::from(self.required::<u16>(COLUMNS, "Columns")?);
         if rows * columns == 0 {
-            return Err(format!("`Rows` and `Columns` are {rows} and {columns}"));
+            return Err(format!(
+                "`Rows` and `Columns` must be ≥ 1, got {rows} and {columns}"
+            ));
         }
         let slope = self.one(SLOPE, "RescaleSlope")?.unwrap_or(1.0);
         let intercept = self.one(INTERCEPT, "RescaleIntercept")?.unwrap_or(0.0);
         let scaling: [f64; 2] = [slope, intercept];
         if slope == 0.0 || scaling.iter().any(|s| !s.is_finite()) {
             return Err(format!(
-                "`RescaleSlope` and `RescaleIntercept` are {slope} and {intercept}"
+                "`RescaleSlope` and `RescaleIntercept` must be finite, with a slope other than 0, \
+                got {slope} and {intercept}"
             ));
         }
         Ok(Slice {
@@ -200,7 +202,7 @@ impl Image {
             (32, false) => ScalarType::U32,
             (32, true) => ScalarType::I32,
             _ => {
-                return Err(format!("`BitsAllocated` is {bits}; 8, 16 and 32 are read"));
+                return Err(format!("`BitsAllocated` must be 8, 16 or 32, got {bits}"));
             }
         };
         let width = usize::from(bits / 8);
@@ -215,7 +217,7 @@ impl Image {
                 .map_err(|e| format!("`PixelData`: {e}"))?;
             let bytes = bytes.get(..wanted).ok_or_else(|| {
                 format!(
-                    "`PixelData` should be {wanted} bytes for its rows and columns, but is {}",
+                    "`PixelData` must have {wanted} bytes for its rows and columns, got {}",
                     bytes.len()
                 )
             })?;
@@ -224,11 +226,12 @@ impl Image {
         } else if self.syntax == RUN_LENGTH {
             // The first block is an offset table if there are several frames.
             let frame = element.fragments().and_then(|f| f.first());
-            let frame = frame.ok_or("`PixelData` has no image in it")?;
+            let frame = frame.ok_or("`PixelData` contains no image")?;
             decode(&run_lengths(frame, count, width)?, scalar, true)
         } else {
             return Err(format!(
-                "its pixels are compressed (transfer syntax {}), which is not read; `dcmdjpeg` or `gdcmconv --raw` converts",
+                "compressed pixels (transfer syntax {}) are not supported; convert with `dcmdjpeg` \
+                or `gdcmconv --raw`",
                 self.syntax
             ));
         };
@@ -238,7 +241,8 @@ impl Image {
             .unwrap_or(stored.wrapping_sub(1));
         if stored == 0 || stored > bits || high >= bits || high + 1 < stored {
             return Err(format!(
-                "`BitsStored` {stored} and `HighBit` {high} do not fit `BitsAllocated` {bits}"
+                "`BitsStored` {stored} and `HighBit` {high} are inconsistent with `BitsAllocated` \
+                {bits}"
             ));
         }
         Ok(without_overlay(raw, bits - 1 - high, bits - stored))
@@ -246,7 +250,7 @@ impl Image {
 }
 
 fn missing(name: &str) -> String {
-    format!("it has no `{name}`")
+    format!("missing `{name}`")
 }
 
 /// Keeps the bits of the value: shifts left by `up`, then right by `down` with sign extension.
@@ -276,15 +280,15 @@ fn run_lengths(frame: &[u8], count: usize, width: usize) -> ParseResult<Vec<u8>>
     };
     if number(0) != Some(width) {
         return Err(format!(
-            "its run-length frame should have {width} segments, one a byte of a pixel"
+            "run-length frame must have {width} segments, one per byte of a pixel"
         ));
     }
     let mut planes = Vec::new();
     for segment in 0..width {
         let packed = number(1 + segment).and_then(|start| frame.get(start..));
-        let packed = packed.ok_or("a segment of its run-length frame begins past its end")?;
+        let packed = packed.ok_or("a segment of the run-length frame begins beyond its end")?;
         planes.push(unpack_bits(packed, count).ok_or_else(|| {
-            format!("segment {segment} of its run-length frame ends before {count} pixels")
+            format!("segment {segment} of the run-length frame ends before {count} pixels")
         })?);
     }
     Ok((0..count)

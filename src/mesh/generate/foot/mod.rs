@@ -63,7 +63,7 @@ pub fn foot(tets: usize) -> Result<TetMesh> {
 pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
-            "a foot phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
+            "foot phantom must have 2,000 to 50,000,000 tets, got {tets}"
         )));
     }
     let anatomy = Anatomy::new();
@@ -113,7 +113,7 @@ pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
 pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
     if !(2e-4..=3e-3).contains(&spacing) {
         return Err(Error::Input(format!(
-            "the bones of a foot cannot have edges of {spacing} m; ask for 0.0002 to 0.003"
+            "edge length of foot bones must be 0.0002 to 0.003 m, got {spacing} m"
         )));
     }
     let anatomy = Anatomy::new();

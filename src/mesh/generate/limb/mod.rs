@@ -86,7 +86,7 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
 pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
-            "a limb phantom cannot have {tets} tets; ask for 2,000 to 50,000,000"
+            "limb phantom must have 2,000 to 50,000,000 tets, got {tets}"
         )));
     }
     let anatomy = Anatomy::new();

@@ -26,7 +26,7 @@ impl<T: Real> CpuBody<T> {
         let slots = self.state.u.len();
         if displacements.len() != slots + 3 * bodies {
             return Err(Error::Input(format!(
-                "the pose of {} nodes does not fit a body of {}",
+                "the saved positions are of {} nodes, but the body has {}",
                 displacements.len(),
                 self.node_count()
             )));

@@ -35,7 +35,7 @@ impl<T: Real> CpuBody<T> {
             iterations > 0 && (0.0..1.0).contains(&tolerance) && linear > 0.0 && linear < 1.0;
         if !sound {
             return Err(Error::Input(format!(
-                "Newton's method cannot be run to a residual of {tolerance} in {iterations} iterations with linear solves to {linear}: at least one iteration, 0 ≤ tolerance < 1, and 0 < linear < 1"
+                "invalid Newton settings: tolerance {tolerance}, {iterations} iterations, linear tolerance {linear}; require at least 1 iteration, 0 ≤ tolerance < 1 and 0 < linear tolerance < 1"
             )));
         }
         if let Some(newton) = &mut self.newton {

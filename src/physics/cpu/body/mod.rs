@@ -110,7 +110,7 @@ pub(super) struct KinematicState<T> {
 /// Required work before the next step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum ForceStatus {
-    /// Nothing.
+    /// No work.
     Ready,
     /// The forces must be recomputed: the loads have changed.
     Resume,
@@ -138,14 +138,14 @@ impl<T: Real> CpuBody<T> {
         } = settings;
         if !(tolerance > 0.0 && tolerance < 1.0 && acceptable >= tolerance && max_iterations > 0) {
             return Err(Error::Input(format!(
-                "conjugate gradients cannot be run to a residual of {tolerance} (at worst {acceptable}) in {max_iterations} iterations: 0 < tolerance < 1, tolerance ≤ acceptable, and at least one iteration"
+                "invalid settings of conjugate gradients: tolerance {tolerance}, acceptable {acceptable}, {max_iterations} iterations; require 0 < tolerance < 1, tolerance ≤ acceptable and at least 1 iteration"
             )));
         }
         let nodes = network.rest_positions.len();
         let strange = |s: &crate::physics::Spring| s.nodes.iter().any(|v| *v as usize >= nodes);
         if network.masses.len() != nodes || network.springs.iter().any(strange) {
             return Err(Error::Input(format!(
-                "a network of {nodes} nodes has {} masses, or springs to nodes that are not there",
+                "a model of {nodes} nodes has {} masses, or springs to nodes that do not exist; give one mass per node and existing nodes",
                 network.masses.len()
             )));
         }
@@ -154,7 +154,7 @@ impl<T: Real> CpuBody<T> {
         let damped = elements.mass_damping;
         if elements.tets.iter().any(strange) || !(damped >= 0.0 && damped.is_finite()) {
             return Err(Error::Input(format!(
-                "a network of {nodes} nodes has elements of nodes that are not there, or a mass damping of {damped} 1/s"
+                "a model of {nodes} nodes has elements of nodes that do not exist, or a mass damping of {damped} 1/s; give existing nodes and a finite mass damping ≥ 0"
             )));
         }
         let units = LocalUnits::from_model(network);
@@ -564,7 +564,7 @@ impl<T: Real> CpuBody<T> {
         match given == self.node_count() {
             true => Ok(()),
             false => Err(Error::Input(format!(
-                "{given} {what} are given for a body of {} nodes",
+                "got {given} {what} for a body of {} nodes",
                 self.node_count()
             ))),
         }
@@ -575,7 +575,7 @@ impl<T: Real> CpuBody<T> {
         match given.iter().position(|v| !v.is_finite()) {
             None => Ok(()),
             Some(i) => Err(Error::Input(format!(
-                "the {what} of node {i} are no numbers"
+                "the {what} of node {i} are not finite"
             ))),
         }
     }

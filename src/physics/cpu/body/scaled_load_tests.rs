@@ -54,7 +54,7 @@ fn pressed(network: &DiscreteModel, faces: &[[u32; 3]], x: &[DVec3], chunks: usi
 }
 
 #[test]
-fn pressure_on_a_closed_surface_pushes_and_turns_nothing() {
+fn pressure_on_closed_surface_has_no_resultant() {
     let mesh = ball(0.05, 7).unwrap();
     let network = network(&mesh, 0.3, 0.0);
     let faces = faces(&mesh);
@@ -94,7 +94,7 @@ fn pressure_on_a_closed_surface_pushes_and_turns_nothing() {
 }
 
 #[test]
-fn a_cube_under_pressure_shrinks_by_its_modulus() {
+fn cube_under_pressure_shrinks_by_bulk_modulus() {
     let mesh = box_mesh([2; 3], DVec3::splat(0.1), Split::Six).unwrap();
     for (poisson, kind) in [(0.3, SolverKind::Implicit), (0.45, SolverKind::Bdf2)] {
         let network = network(&mesh, poisson, 0.02);
@@ -130,7 +130,7 @@ fn muscle(mesh: &TetMesh, along: impl Fn(usize) -> DVec3, tension: f64) -> Muscl
 }
 
 #[test]
-fn a_muscle_is_its_energy_s_derivatives() {
+fn muscle_forces_and_blocks_are_energy_derivatives() {
     let mesh = ball(0.05, 6).unwrap();
     let network = network(&mesh, 0.3, 0.0);
     let ways = some(mesh.tets.len(), 8, 1.0);
@@ -271,7 +271,7 @@ fn least(energy: impl Fn(f64, f64) -> f64) -> [f64; 2] {
 }
 
 #[test]
-fn a_cube_of_muscle_shortens_to_the_least_energy() {
+fn muscle_cube_shortens_to_energy_minimum() {
     let mesh = box_mesh([2; 3], DVec3::splat(0.1), Split::Six).unwrap();
     for (poisson, activation, kind) in [
         (0.3, 1.0, SolverKind::Implicit),
@@ -325,7 +325,7 @@ fn a_cube_of_muscle_shortens_to_the_least_energy() {
 }
 
 #[test]
-fn a_body_led_along_steadily_feels_nothing() {
+fn steady_prescribed_motion_translates_body_without_strain() {
     let mesh = box_mesh([3, 2, 2], DVec3::new(0.12, 0.06, 0.06), Split::Six).unwrap();
     let elements = network(&mesh, 0.3, 0.02);
     let springs = Material {

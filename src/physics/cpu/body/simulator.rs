@@ -94,7 +94,7 @@ impl CpuTets {
     ) -> Result<CpuTets> {
         if network.rest_positions.len() != mesh.nodes.len() {
             return Err(Error::Input(format!(
-                "masses of {} nodes are given for a mesh of {}",
+                "the model has {} nodes, but the mesh has {}",
                 network.rest_positions.len(),
                 mesh.nodes.len()
             )));
@@ -132,9 +132,9 @@ impl CpuTets {
                 self.synced_loads = None;
                 error
             }
-            WorkerError::Failed(StepFailure::BadStep { h }, ..) => Error::Input(format!(
-                "a time step of {h} s makes no sense for this body; give a positive number of seconds"
-            )),
+            WorkerError::Failed(StepFailure::BadStep { h }, ..) => {
+                Error::Input(format!("time step must be finite and > 0, got {h} s"))
+            }
             WorkerError::Failed(failure, dt, progress) => {
                 self.progress = progress;
                 Error::Solver {
@@ -336,7 +336,10 @@ impl Simulator for CpuTets {
 
     fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
         let acting = self.scaled_loads.get(id.0).ok_or_else(|| {
-            Error::Input(format!("nothing acts on this body at the level {}", id.0))
+            Error::Input(format!(
+                "unknown amplitude {}: this body has no such pressure or muscle",
+                id.0
+            ))
         })?;
         acting.check_amplitude(level)?;
         self.loads.set_amplitude(id, level);
@@ -398,7 +401,7 @@ impl Simulator for CpuTets {
         let mut bones = self.network.elements.rigid.iter();
         if bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
             return Err(Error::Input(
-                "nodes of a rigid region cannot be led along; move soft ones, or hold the region by a grab and move that".into(),
+                "cannot prescribe the motion of nodes of a rigid region; move soft nodes, or hold the region by a grab and move the grab".into(),
             ));
         }
         let positions = self.positions()?;
@@ -416,7 +419,7 @@ impl Simulator for CpuTets {
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
         if !(dt > 0.0 && dt.is_finite()) {
             return Err(Error::Input(format!(
-                "a time step of {dt} s makes no sense for this body; give a positive number of seconds"
+                "time step must be finite and > 0, got {dt} s"
             )));
         }
         send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
@@ -596,7 +599,7 @@ impl Simulator for CpuTets {
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
         let SimulatorState::Cpu(state) = state else {
             return Err(Error::Input(
-                "the state of another kind of body, or of another engine".into(),
+                "the saved state is of another kind of body or another engine".into(),
             ));
         };
         self.worker.cancel_pending();

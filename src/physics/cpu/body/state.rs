@@ -105,7 +105,7 @@ impl<T: Real> CpuBody<T> {
             && state.force_status <= 2;
         if !fits {
             return Err(Error::Input(
-                "the state of another body, or a damaged one".into(),
+                "the saved state is of another body, or damaged".into(),
             ));
         }
         self.state.u.copy_from_slice(&state.u);

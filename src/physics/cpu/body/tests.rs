@@ -174,13 +174,16 @@ impl<T: Real> Pair<T> {
             SolverKind::Symplectic => integrators::symplectic_euler(p, h),
             SolverKind::Verlet => self.verlet.step(p, h),
             SolverKind::VelocityVerlet => {
-                assert!(self.pulls.is_empty(), "the twin draws at the old positions");
+                assert!(
+                    self.pulls.is_empty(),
+                    "the reference applies the springs at the old positions"
+                );
                 self.velocity_verlet.step(p, h);
             }
             SolverKind::Implicit => {
                 integrators::implicit_euler(p, h, tolerance).unwrap();
             }
-            kind => panic!("{kind} steps no springs"),
+            kind => panic!("{kind} does not support springs"),
         }
         self.body.run(1, h).unwrap();
     }
@@ -244,7 +247,7 @@ fn compare<T: Real>(network: &DiscreteModel, attach: bool, limit: [f64; 2], tole
 }
 
 #[test]
-fn f64_steps_as_the_twin() {
+fn f64_step_matches_reference() {
     for (time, constant, kind) in [
         (0.0, 0.0, Damping::Axial),
         (1e-4, 1e-3, Damping::Axial),
@@ -257,7 +260,7 @@ fn f64_steps_as_the_twin() {
 }
 
 #[test]
-fn f32_steps_as_the_twin() {
+fn f32_step_matches_reference() {
     for unit in [1.0, 1e-9, 1e3] {
         for (time, kind) in [(0.0, Damping::Axial), (1e-4, Damping::Relative)] {
             let network = bar(1500, unit, time * unit, 0.0, kind);
@@ -299,14 +302,14 @@ pub fn any_network(seed: u64) -> DiscreteModel {
 }
 
 #[test]
-fn any_network_steps_as_the_twin() {
+fn random_network_step_matches_reference() {
     for seed in 1..6 {
         compare::<f64>(&any_network(seed), false, [1e-8, 1e-7], 1e-12);
     }
 }
 
 #[test]
-fn a_twin_that_differs_by_little_is_told_apart() {
+fn comparison_detects_perturbed_reference() {
     let network = bar(600, 1.0, 1e-4, 1e-3, Damping::Axial);
     let spoil: [fn(&mut ReferenceSprings); 4] = [
         |p| p.network.springs[100].stiffness *= 1.001,
@@ -346,7 +349,7 @@ fn local(v: &[DVec3], order: &[u32], unit: f64) -> Vec<V4<f64>> {
 }
 
 #[test]
-fn the_matrix_is_that_of_the_twin() {
+fn system_matrix_matches_reference() {
     for (seed, kind) in [
         (1, Damping::Axial),
         (2, Damping::Relative),
@@ -425,7 +428,7 @@ fn the_matrix_is_that_of_the_twin() {
 }
 
 #[test]
-fn forces_are_the_slope_of_the_energy() {
+fn forces_equal_negative_energy_gradient() {
     let network = any_network(4);
     let (springs, plan, order, units) = term_of(&network, 3);
     let count = order.len();
@@ -465,7 +468,7 @@ fn forces_are_the_slope_of_the_energy() {
 }
 
 #[test]
-fn a_step_too_long_is_refused_and_leaves_the_body_as_it_was() {
+fn unstable_step_is_rejected_and_leaves_body_unchanged() {
     let network = bar(600, 1.0, 0.0, 0.0, Damping::Axial);
     for kind in [
         SolverKind::Symplectic,
@@ -500,7 +503,7 @@ fn a_step_too_long_is_refused_and_leaves_the_body_as_it_was() {
 }
 
 #[test]
-fn what_cannot_be_stepped_says_why() {
+fn step_failure_reports_cause() {
     let network = bar(600, 1.0, 0.0, 0.0, Damping::Axial);
     let few = CgSettings {
         tolerance: 1e-6,
@@ -554,7 +557,7 @@ fn what_cannot_be_stepped_says_why() {
 }
 
 #[test]
-fn a_run_that_is_resumed_takes_the_same_steps() {
+fn resumed_run_is_bitwise_identical() {
     let network = bar(1500, 1.0, 1e-4, 0.0, Damping::Axial);
     for kind in SolverKind::ALL {
         for (first, chunks) in [(7, 1), (45, 3)] {

@@ -50,13 +50,13 @@ pub(in crate::physics) fn check_contact(
 ) -> Result<()> {
     if network.elements.is_empty() {
         return Err(Error::Input(format!(
-            "contact with {what} is of finite elements, and the body is made of springs; choose --material neo-hookean (or corotated)"
+            "contact with {what} requires finite elements, but the body is made of springs; use --material neo-hookean (or corotated)"
         )));
     }
     match kind {
         SolverKind::Implicit | SolverKind::Bdf2 => Ok(()),
         _ => Err(Error::Input(format!(
-            "{kind} knows no contact with {what}: take implicit or bdf2"
+            "{kind} does not support contact with {what}; use implicit or bdf2"
         ))),
     }
 }
@@ -155,7 +155,7 @@ impl<T: Real> CpuBody<T> {
         let count = tool_contact(&self.terms).map_or(0, |c| c.tools.len());
         if count != tools.len() {
             return Err(Error::Input(format!(
-                "{} tools are guided on a body that has {count}",
+                "got target poses of {} tools, but the body has {count}",
                 tools.len()
             )));
         }

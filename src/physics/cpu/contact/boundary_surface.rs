@@ -1,8 +1,9 @@
-//! The boundary of a body as tools see it, and the points of it that are kept out of them.
+//! The boundary of a body for tool contact, and its contact points.
 //!
-//! These are its nodes, and of faces that are large beside a tool points of a lattice as well, so
-//! that none lets it through. They keep their places in the faces: what they feel is smooth in the
-//! nodes' places, and so many areas under a pressure.
+//! Contact points are the boundary nodes and, on faces that are large relative to a tool, the
+//! points of a lattice, so that no tool passes through a face. Their barycentric coordinates are
+//! constant, so their forces are smooth functions of the node positions, and each represents a
+//! fixed area under a pressure.
 
 use super::tool_contact::ToolState;
 use crate::physics::cpu::partition::Partition;
@@ -11,22 +12,22 @@ use crate::physics::cpu::vectors::V4;
 use crate::physics::cpu::vectors::to_dvec;
 use glam::DVec3;
 
-/// Points of a face's lattice are nearer to each other at rest than this part of a tool's size.
+/// Maximum spacing of a face's lattice points at rest, over the tool's feature size.
 const MAX_SPACING_RATIO: f64 = 0.2;
 
-/// The finest lattice has so many points along an edge of a face.
+/// Maximum number of lattice intervals along an edge of a face.
 const MAX_SUBDIVISIONS: f64 = 12.0;
 
-/// A point whose nodes are free by less than this has nowhere to go.
+/// Minimum weighted fraction of free nodes of a contact point; others are ignored.
 const MIN_MOBILITY: f64 = 0.25;
 
-/// A point of the boundary and a tool that it may come near to.
+/// A contact point and a tool that it may come near.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::physics::cpu) struct ContactPoint {
     nodes: [u32; 3],
     weights: [f64; 3],
     pub tool: u32,
-    /// A K: its area by the stiffness of what is behind it.
+    /// A K: its area times the Young's modulus behind it.
     pub area_stiffness: f64,
     /// The chunk that counts its energy.
     pub owner_chunk: u32,
@@ -34,7 +35,7 @@ pub(in crate::physics::cpu) struct ContactPoint {
 }
 
 impl ContactPoint {
-    /// Its nodes, with their weights.
+    /// Returns its nodes with their weights.
     #[inline]
     pub fn corners(&self) -> impl Iterator<Item = (usize, f64)> + use<> {
         let corners = self.nodes.map(|i| i as usize);
@@ -44,13 +45,13 @@ impl ContactPoint {
             .filter(|(_, w)| *w != 0.0)
     }
 
-    /// As a mean of four nodes.
+    /// Returns it as a weighted mean of four nodes.
     pub fn spread(&self) -> ([u32; 4], [f64; 4]) {
         let ([a, b, c], [u, v, w]) = (self.nodes, self.weights);
         ([a, b, c, a], [u, v, w, 0.0])
     }
 
-    /// The chunks that these are in, each once.
+    /// Returns the distinct chunks of its nodes.
     pub fn chunks(&self) -> impl Iterator<Item = usize> + use<> {
         let chunks = self.chunks;
         (0..3)
@@ -59,32 +60,33 @@ impl ContactPoint {
     }
 }
 
-/// A tool, and from how far away points come near that do not move.
+/// A tool, and the distance below which fixed points are near it.
 #[derive(Clone, Copy)]
 pub(in crate::physics::cpu) struct ToolNeighbourhood<'a> {
     pub tool: &'a ToolState,
     pub extra: f64,
 }
 
-/// The boundary of a body: local units, the engine's numbers.
+/// The boundary of a body, in local units and the engine's node order.
 #[derive(Clone, Debug)]
 pub(in crate::physics) struct BoundarySurface {
     /// Rest positions of all nodes of the body.
     pub rest: Vec<DVec3>,
-    /// Nodes of the boundary, each with A K.
+    /// Boundary nodes, each with A K.
     pub nodes: Vec<(u32, f64)>,
-    /// Faces of it, each with A K.
+    /// Boundary faces, each with A K.
     pub faces: Vec<([u32; 3], f64)>,
-    /// The mean edge of these.
+    /// Mean edge length of the faces.
     pub edge: f64,
-    /// Where the nodes were when points were last chosen, and how far they may go from there.
+    /// Node positions at the last selection of contact points; the selection is valid for
+    /// displacements up to `margin`.
     reference_positions: Vec<DVec3>,
     pub margin: f64,
 }
 
 impl BoundarySurface {
-    /// Of `faces`, by the engine's numbers, each of them with the stiffness of what is behind it,
-    /// in a body whose nodes rest at `rest`.
+    /// Creates the boundary from `faces`, given by the engine's node indices, each with the Young's
+    /// modulus behind it, for a body with rest positions `rest`.
     pub fn new(rest: Vec<DVec3>, faces: &[([u32; 3], f64)]) -> BoundarySurface {
         let mut nodes = std::collections::BTreeMap::new();
         let (mut edges, mut own) = (0.0, Vec::with_capacity(faces.len()));
@@ -100,7 +102,7 @@ impl BoundarySurface {
         BoundarySurface {
             rest,
             edge: edges / (3.0 * faces.len().max(1) as f64),
-            // A node of faces without area is kept out all the same.
+            // Nodes of faces without area are excluded.
             nodes: nodes
                 .into_iter()
                 .filter(|(_, weight)| *weight > 0.0)
@@ -111,13 +113,13 @@ impl BoundarySurface {
         }
     }
 
-    /// Where node `i` is at the displacements `u`.
+    /// Returns the position of node `i` at the displacements `u`.
     #[inline]
     pub fn position<T: Real>(&self, i: usize, u: &[V4<T>]) -> DVec3 {
         self.rest[i] + to_dvec(u[i])
     }
 
-    /// How far the boundary comes from `p`.
+    /// Returns the maximum distance of a boundary node from `p`.
     pub fn max_distance_from<T: Real>(&self, p: DVec3, u: &[V4<T>]) -> f64 {
         let all = self
             .nodes
@@ -126,17 +128,16 @@ impl BoundarySurface {
         all.map(|x| x.distance(p)).fold(0.0, f64::max)
     }
 
-    /// The farthest that a node of the boundary is at `u` from where it was when points were last
-    /// chosen.
+    /// Returns the maximum displacement at `u` of a boundary node since the last selection of
+    /// contact points.
     pub fn max_displacement_since<T: Real>(&self, u: &[V4<T>]) -> f64 {
         let nodes = self.nodes.iter().zip(&self.reference_positions);
         let off = nodes.map(|((i, _), x)| x.distance_squared(self.position(*i as usize, u)));
         off.fold(0.0, f64::max).sqrt()
     }
 
-    /// Chooses the points that may come near to tools while no node moves by more than `margin`:
-    /// those that are nearer than that and what tools have in addition. Nodes that are not free do not
-    /// feel tools.
+    /// Selects the points that may come near tools while no node moves by more than `margin`: those
+    /// closer than `margin` plus the tool's extra distance. Fixed nodes are exempt from contact.
     pub(in crate::physics::cpu) fn build_candidates<T: Real>(
         &mut self,
         (u, free, plan): (&[V4<T>], &[T], &Partition),
@@ -160,12 +161,13 @@ impl BoundarySurface {
                     samples.extend(contact_point(point, t, (free, plan)));
                 }
             }
-            // No face comes nearer to a plane than its nodes.
+            // No point of a face is closer to a plane than the nearest of its nodes.
             if size.is_infinite() {
                 continue;
             }
             for (face, weight) in &self.faces {
-                // At rest: points that came with a face's stretch could be inside already.
+                // Uses the rest lengths: points added when a face stretches could already be inside
+                // a tool.
                 let longest = edges(face.map(|v| self.rest[v as usize]));
                 let parts = (longest / (MAX_SPACING_RATIO * size))
                     .ceil()
@@ -196,12 +198,13 @@ impl BoundarySurface {
     }
 }
 
-/// The longest edge of a triangle.
+/// Returns the longest edge of a triangle.
 fn edges([a, b, c]: [DVec3; 3]) -> f64 {
     a.distance(b).max(b.distance(c)).max(c.distance(a))
 }
 
-/// The point of these nodes with these weights, for tool `t`; none where it has nowhere to go.
+/// Returns the contact point of these nodes and weights for tool `t`, or `None` if it is not mobile
+/// enough.
 fn contact_point<T: Real>(
     (nodes, weights, weight): ([u32; 3], [f64; 3], f64),
     t: usize,

@@ -1,4 +1,5 @@
-//! Which features of a body's boundary may come near each other in a step.
+//! Broad phase of self-contact: pairs of boundary primitives that may come near each other in a
+//! step.
 
 use super::boundary_surface::BoundarySurface;
 use super::enclosed_components::EnclosedComponents;
@@ -14,33 +15,35 @@ use crate::physics::cpu::vectors::to_dvec;
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The gap of a pair that is nearer at rest, over its distance there.
+/// Gap of a pair that is closer at rest, over its rest distance.
 const REST_GAP_RATIO: f64 = 0.8;
 
-/// Pairs whose gap would be less than this part of the others' coincide at rest. They are left alone
-/// until a step begins with them so far apart, and push each other from the second part on then.
+/// Pairs whose gap would be less than the first fraction of the common gap coincide at rest. They
+/// are ignored until a step begins with them separated by it, and then have the second fraction as
+/// their gap.
 const COINCIDENT_GAP_RATIO: f64 = 1e-2;
 const SEPARATED_GAP_RATIO: f64 = 5e-2;
 
-/// A vertex counts for so much of its area, and an edge: each place has several pairs on both sides.
+/// Fraction of its area that a vertex or an edge counts: each point of the surface has several
+/// pairs on both sides.
 const AREA_FRACTION: f64 = 0.25;
 
-/// Two features that may come near each other.
+/// Two primitives that may come near each other.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::physics::cpu) struct CollisionCandidate {
     pub nodes: [u32; 4],
     pub features: PrimitivePair,
-    /// The gap from which on they push each other.
+    /// Distance below which they repel each other.
     pub gap: f64,
     /// A K.
     pub weight: f64,
-    /// Lengths of two edges at rest.
+    /// Rest lengths of both edges.
     pub lengths: [f64; 2],
     pub chunks: [u32; 4],
 }
 
 impl CollisionCandidate {
-    /// The chunks of its nodes, each once.
+    /// Returns the distinct chunks of its nodes.
     pub fn chunks_of(&self) -> impl Iterator<Item = usize> + use<> {
         let chunks = self.chunks;
         (0..4)
@@ -49,37 +52,37 @@ impl CollisionCandidate {
     }
 }
 
-/// The boundary, as it meets itself.
+/// The boundary for self-contact.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct SelfContactSurface {
     hull: BoundarySurface,
     edges: Vec<([u32; 2], f64)>,
     faces_tree: Bvh,
     edges_tree: Bvh,
-    /// Where nodes of the boundary are in a step: from one place to another, all of them at the same
-    /// part of their ways, and how far from there.
+    /// Motion of the boundary nodes in a step, from one position to another at a common parameter;
+    /// the candidates are valid within `margin` of it.
     trajectories: Vec<[DVec3; 2]>,
     margin: f64,
-    /// Where all nodes are when a step begins.
+    /// Positions of all nodes at the start of the step.
     step_start: Vec<DVec3>,
-    /// Nodes of features that go through each other: they are in no pair with each other until they
-    /// are free.
+    /// Nodes of intersecting primitives: these form no pairs with each other until they are
+    /// separated.
     intersecting: Vec<bool>,
     buried: EnclosedComponents,
 }
 
-/// An edge that goes through a face.
+/// An intersection of an edge with a face.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::physics::cpu) struct Intersection {
-    /// Its end that is behind the face, and the face.
+    /// The edge's end behind the face, and the face.
     pub nodes: [u32; 4],
-    /// Its other end.
+    /// The edge's other end.
     pub other: u32,
-    /// The number of the face.
+    /// Index of the face.
     pub face: u32,
-    /// Σ w x leads from where it goes through to that end.
+    /// Σ w x is the vector from the intersection point to the end behind the face.
     pub weights: [f64; 4],
-    /// Of the face, outwards.
+    /// Outward normal of the face.
     pub normal: DVec3,
     /// A K.
     pub weight: f64,
@@ -114,8 +117,8 @@ impl SelfContactSurface {
         }
     }
 
-    /// Looks for parts of `network` that are within others at `u`. How many faces of the boundary are
-    /// theirs, or go through others.
+    /// Finds the components of `network` that are inside others at `u`. Returns the number of
+    /// boundary faces that belong to them or intersect others.
     pub fn find_enclosed<T: Real>(&mut self, of: (&DiscreteModel, &[u32]), u: &[V4<T>]) -> usize {
         self.buried = EnclosedComponents::new(&self.hull, of, u);
         let through = self.crossings(u);
@@ -126,38 +129,39 @@ impl SelfContactSurface {
         all.len()
     }
 
-    /// The mean edge.
+    /// Returns the mean edge length.
     pub fn edge(&self) -> f64 {
         self.hull.edge
     }
 
-    /// Where a node is.
+    /// Returns the position of a node.
     #[inline]
     pub fn place<T: Real>(&self, i: u32, u: &[V4<T>]) -> DVec3 {
         self.hull.position(i as usize, u)
     }
 
-    /// Whether nodes of the boundary are at `u` farther than they may be from the ways that pairs were
-    /// chosen for. All at the same part of these: what moves together and is stopped apart may meet.
+    /// Returns whether a boundary node at `u` is farther than the margin from the motion for which
+    /// the candidates were selected, at a common parameter of all nodes: bodies that move together
+    /// may meet if only one is stopped.
     pub fn exceeds_margin<T: Real>(&self, u: &[V4<T>]) -> bool {
         let ways = || {
             let nodes = self.hull.nodes.iter().zip(&self.trajectories);
             nodes.map(|((i, _), [a, b])| (self.place(*i, u), *a, *b - *a))
         };
-        let (mut gone, mut all) = (0.0, 0.0);
+        let (mut travelled, mut all) = (0.0, 0.0);
         for (p, a, way) in ways() {
-            gone += (p - a).dot(way);
+            travelled += (p - a).dot(way);
             all += way.length_squared();
         }
         let part = match all > 0.0 {
-            true => (gone / all).clamp(0.0, 1.0),
+            true => (travelled / all).clamp(0.0, 1.0),
             false => 0.0,
         };
         let off = ways().map(|(p, a, way)| p.distance_squared(a + part * way));
         off.fold(0.0, f64::max) > self.margin * self.margin
     }
 
-    /// Takes note of where a step begins.
+    /// Stores the positions at the start of a step.
     pub fn begin<T: Real>(&mut self, u: &[V4<T>]) {
         self.step_start.clear();
         let places = self.hull.rest.iter().zip(u);
@@ -165,8 +169,8 @@ impl SelfContactSurface {
             .extend(places.map(|(x, u)| *x + to_dvec(*u)));
     }
 
-    /// Takes note of which features go through each other at `u`: these, and what leads parts out that
-    /// are within others.
+    /// Marks the primitives that intersect at `u`. Returns these intersections and the pairs that
+    /// extract enclosed components.
     pub fn mark_intersections<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Intersection> {
         let mut found = self.crossings(u);
         self.intersecting.fill(false);
@@ -180,7 +184,7 @@ impl SelfContactSurface {
         found
     }
 
-    /// Edges that go through faces at `u`.
+    /// Returns the edge–face intersections at `u`.
     pub fn crossings<T: Real>(&mut self, u: &[V4<T>]) -> Vec<Intersection> {
         let (hull, edges, tree) = (&self.hull, &self.edges, &mut self.faces_tree);
         let at = |v: u32| hull.position(v as usize, u);
@@ -204,9 +208,9 @@ impl SelfContactSurface {
         found.map(of).collect()
     }
 
-    /// Chooses the pairs that may come nearer than `gap` while nodes stay within `margin` of their
-    /// ways from `u` on, by `moved`. Pairs of which no node is free, or that are of one rigid body,
-    /// are none.
+    /// Selects the pairs that may come closer than `gap` while nodes stay within `margin` of their
+    /// motion by `moved` from `u`. Pairs without free nodes and pairs within one rigid body are
+    /// excluded.
     pub fn build_candidates<T: Real>(
         &mut self,
         (u, free, plan): (&[V4<T>], &[T], &Partition),
@@ -220,7 +224,7 @@ impl SelfContactSurface {
             [at, at + moved(v as usize)]
         };
         self.trajectories = self.hull.nodes.iter().map(|(v, _)| way(*v)).collect();
-        // As seen by what moves along with them all.
+        // Relative to the mean motion.
         let count = self.trajectories.len().max(1) as f64;
         let mean = self
             .trajectories

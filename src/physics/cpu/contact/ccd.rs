@@ -8,36 +8,37 @@ use crate::physics::cpu::vectors::V4;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// Points go so deep into a tool between two iterations at most, over half of its thickness: they
-/// come out again where they went in.
+/// Maximum penetration of a point between two iterations, over half of the tool's thickness: so
+/// that points leave on the side where they entered.
 const MAX_ITERATION_PENETRATION: f64 = 0.25;
 
-/// Tools move on by this part of an edge of the body's boundary between two iterations at most.
+/// Maximum advance of tools between two iterations, over the mean boundary edge length.
 const MAX_STAGE_ADVANCE: f64 = 0.5;
 
-/// And so many times in a step at most.
+/// Maximum number of such advances in a step.
 const MAX_STAGES: f64 = 64.0;
 
-/// Points nearer to a tool that moves than the first part of its gap are pushed to the second.
+/// Points closer to a moving tool than the first fraction of its gap are pushed out to the second.
 const PUSH_OUT_BELOW: f64 = 0.1;
 const PUSH_OUT_TO: f64 = 0.8;
 
-/// Tools that push move on by this part of half of their thickness at a time.
+/// Advance of a tool per push-out substep, over half of its thickness.
 const PUSH_SUBSTEP: f64 = 0.25;
 
-/// Rounds in which points that share nodes are pushed.
+/// Maximum number of push-out rounds, for points that share nodes.
 const MAX_PUSH_OUT_ROUNDS: usize = 60;
 
-/// A step is refused that leaves a point inside a tool by more than this part of the tool's size, or
-/// of the edges of the body's boundary.
+/// Maximum penetration of a point at the end of a step, over the smaller of the tool's feature size
+/// and the mean boundary edge length; a step beyond it is rejected.
 const MAX_PENETRATION_RATIO: f64 = 0.02;
 
 /// Largest number of conservative advancement steps of one point.
 const MAX_CCD_ITERATIONS: usize = 60;
 
 impl<T: Real> ToolContact<T> {
-    /// Begins a step of `time`: takes the points that may come near while no node moves by more
-    /// than `margin`. In how many stages tools are to go their way; 0 where none comes near.
+    /// Begins a step of `time`: selects the points that may come near tools while no node moves by
+    /// more than `margin`. Returns the number of stages of the tools' motion; 0 if no point comes
+    /// near.
     pub fn begin(
         &mut self,
         u: &[V4<T>],
@@ -47,7 +48,7 @@ impl<T: Real> ToolContact<T> {
         self.time = time;
         self.set_tool_fraction(0.0);
         self.build_candidates(u, (free, plan), margin.max(self.hull.edge));
-        // Nothing was weighed yet by others.
+        // No caller has evaluated the previous candidates.
         self.candidates_changed = false;
         if self.contact_points.is_empty() {
             return 0;
@@ -82,7 +83,7 @@ impl<T: Real> ToolContact<T> {
         self.lagged_friction.clear();
     }
 
-    /// Has the tools that share of their way from where they were.
+    /// Moves the tools to the fraction `share` of their motion in the step.
     pub fn set_tool_fraction(&mut self, share: f64) {
         for tool in &mut self.tools {
             tool.at = tool.from.between(&tool.to, share);
@@ -127,9 +128,9 @@ impl<T: Real> ToolContact<T> {
         })
     }
 
-    /// How the nodes at `u` make way for tools that go from one share of their way to another,
-    /// where they have to: each node and by how much, pushed along the tools' normals. Tools are
-    /// at the second after.
+    /// Returns the node displacements that push the nodes at `u` out of tools that move from one
+    /// fraction of their motion to another, along the tools' normals. Leaves the tools at the
+    /// second fraction.
     pub fn push_out(
         &mut self,
         u: &[V4<T>],
@@ -186,13 +187,14 @@ impl<T: Real> ToolContact<T> {
     }
 }
 
-/// The part of the way between two places on which a point does not go too deep into a tool.
+/// Returns the fraction of the path between two positions on which a point does not penetrate a
+/// tool too deeply.
 fn point_tool_toi(tool: &ToolState, [a, b]: [DVec3; 2]) -> f64 {
     let (length, deep) = (
         a.distance(b),
         MAX_ITERATION_PENETRATION * tool.shape.half_thickness(),
     );
-    // Of what is deeper already nothing is gained by waiting.
+    // Points that are already deeper are not stopped: waiting does not help them.
     let start = tool.distance(a) + deep;
     if deep.is_infinite() || start <= 0.0 {
         return 1.0;
@@ -202,7 +204,7 @@ fn point_tool_toi(tool: &ToolState, [a, b]: [DVec3; 2]) -> f64 {
         if length * (1.0 - t) <= free {
             return 1.0;
         }
-        // As good as there.
+        // Converged.
         if free <= 1e-2 * start.min(deep) {
             break;
         }

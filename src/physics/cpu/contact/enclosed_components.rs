@@ -1,6 +1,6 @@
-//! Parts of a body that lie wholly within others where it starts, with no edge through a face. Each
-//! is drawn out by the one of its nodes that is nearest to a way out, until edges go through faces:
-//! from there on these are drawn.
+//! Components of a body that are initially inside others without any edge–face intersection. Each
+//! is pulled out by its node nearest to an exit until edges intersect faces; from then on these
+//! intersections are separated.
 
 use super::boundary_surface::BoundarySurface;
 use super::candidates::Intersection;
@@ -12,18 +12,18 @@ use crate::physics::cpu::vectors::V4;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
-/// What hangs together by tets, and what of it lies within what.
+/// Connected components of the tets, and which of them are inside others.
 #[derive(Clone, Debug, Default)]
 pub(in crate::physics::cpu) struct EnclosedComponents {
-    /// Of every node of the engine's, the part that it is of.
+    /// Component of every node, in the engine's order.
     node_component: Vec<u32>,
-    /// A part, and one that it lay within when last looked at.
+    /// Pairs of a component and one that contained it at the last check.
     enclosures: Vec<[u32; 2]>,
 }
 
 impl EnclosedComponents {
-    /// The parts of `network`, whose nodes have these numbers in the engine, that lie within others
-    /// at `u`.
+    /// Finds the components of `network`, whose nodes have the engine indices `place`, that are
+    /// inside others at `u`.
     pub fn new<T: Real>(
         hull: &BoundarySurface,
         (network, place): (&DiscreteModel, &[u32]),
@@ -63,7 +63,7 @@ impl EnclosedComponents {
         buried
     }
 
-    /// How many faces of `hull` are of parts within others.
+    /// Returns the faces of `hull` that belong to enclosed components.
     pub fn enclosed_faces(&self, hull: &BoundarySurface) -> impl Iterator<Item = u32> {
         let of = move |face: &[u32; 3]| self.node_component[face[0] as usize];
         let buried = move |k: &usize| {
@@ -73,7 +73,7 @@ impl EnclosedComponents {
         (0..hull.faces.len()).filter(buried).map(|k| k as u32)
     }
 
-    /// Whether a point lies within a part.
+    /// Returns whether a point is inside a component.
     fn contains<T: Real>(&self, hull: &BoundarySurface, part: u32, x: DVec3, u: &[V4<T>]) -> bool {
         let own = hull.faces.iter().map(|(face, _)| *face);
         let own = own.filter(|face| self.node_component[face[0] as usize] == part);
@@ -81,8 +81,8 @@ impl EnclosedComponents {
         turns.sum::<f64>() > std::f64::consts::TAU
     }
 
-    /// What is to be drawn out at `u`, where these go through each other already; marks the nodes of
-    /// both parts.
+    /// Returns the pairs that pull out enclosed components at `u`, where `through` are the present
+    /// intersections; marks the nodes of both components.
     pub fn extraction_pairs<T: Real>(
         &mut self,
         (hull, u): (&BoundarySurface, &[V4<T>]),

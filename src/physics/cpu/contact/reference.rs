@@ -1,5 +1,5 @@
-//! The tools on a body that another engine steps, in float64: the form that its kernels are held
-//! against, and what tells the forces on its tools.
+//! Tool contact in float64 for a body that another engine steps: the reference of its kernels, and
+//! the computation of the forces on its tools.
 
 use super::boundary_surface::BoundarySurface;
 use super::tool_contact::{LocalToolPose, ToolContact, ToolState};
@@ -14,14 +14,15 @@ use crate::physics::cpu::vectors::V4;
 use crate::physics::cpu::vectors::from_metres;
 use glam::DVec3;
 
-/// The boundary of a body, and the tools near it; local units, nodes as they are numbered there.
+/// The boundary of a body and the tools near it, in local units and that engine's node order.
 pub(in crate::physics) struct ReferenceToolContact {
     contact: ToolContact<f64>,
     plan: Partition,
 }
 
 impl ReferenceToolContact {
-    /// No tools yet; friction holds below a speed.
+    /// Creates the contact without tools; `least_speed` is the regularisation speed of the
+    /// friction.
     pub fn new(hull: BoundarySurface, least_speed: f64) -> ReferenceToolContact {
         let plan = Partition::with_chunks(vec![0, hull.rest.len()], 1);
         ReferenceToolContact {
@@ -30,7 +31,7 @@ impl ReferenceToolContact {
         }
     }
 
-    /// Adds a tool of this friction that pushes from a gap on.
+    /// Adds a tool with this friction and gap.
     pub fn add(&mut self, shape: Shape, friction: f64, gap: f64) {
         let nowhere = LocalToolPose {
             place: DVec3::ZERO,
@@ -47,9 +48,9 @@ impl ReferenceToolContact {
         });
     }
 
-    /// Begins a step of `time` from the displacements `u`, in which tools go their paths and nodes at
-    /// most as far as `margin`: friction goes by the normal forces there. Tools are at the end of
-    /// their paths after.
+    /// Begins a step of `time` from the displacements `u`, in which tools move along their paths
+    /// and nodes by at most `margin`; friction uses the normal forces at `u`. Leaves the tools at
+    /// the end of their paths.
     fn begin(
         &mut self,
         u: &[V4<f64>],
@@ -68,8 +69,9 @@ impl ReferenceToolContact {
         self.contact.set_tool_fraction(1.0);
     }
 
-    /// The force of the body on each tool, and its moment about the origin of the tool's shape, at the
-    /// displacements and velocities to which tools came on their paths in a step of `time`.
+    /// Returns the force of the body on each tool, and its moment about the origin of the tool's
+    /// shape, at the displacements and velocities at the end of a step of `time` in which the tools
+    /// moved along their paths.
     pub fn reactions(
         &mut self,
         [u, v]: [&[V4<f64>]; 2],
@@ -82,8 +84,8 @@ impl ReferenceToolContact {
         self.contact.reactions(StateRef { u, v })
     }
 
-    /// Forces on all nodes at the end of tools' paths, and −h² ∂f/∂u − h ∂f/∂v by `way`, after a step
-    /// that began at `before`.
+    /// Returns the forces on all nodes with the tools at the end of their paths, and the product of
+    /// −h² ∂f/∂u − h ∂f/∂v with `way`, for a step that began at `before`.
     #[cfg(test)]
     pub fn forces(
         &mut self,
@@ -108,8 +110,8 @@ impl ReferenceToolContact {
         [f, y]
     }
 
-    /// The part of the way between two displacements on which no point goes too deep into a tool at
-    /// the end of its path.
+    /// Returns the fraction of the path between two displacements on which no point penetrates a
+    /// tool, at the end of its path, too deeply.
     #[cfg(test)]
     pub fn collision_free_fraction(
         &mut self,

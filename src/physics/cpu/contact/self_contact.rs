@@ -1,9 +1,9 @@
-//! A body's contact with itself: a term of its energy that keeps parts of its boundary apart.
+//! Self-contact: an energy term that keeps parts of the boundary of a body apart.
 //!
-//! E = Σ m A K ĝ b(d/ĝ) over pairs of vertices and faces and of edges whose distance d is less than
-//! ĝ, b being the barrier of incremental potential contact and m its mollifier of edges that are
-//! nearly parallel (Li et al. 2020, equations 6 and 24). Blocks are those along the line between
-//! the nearest points, which are positive. Friction is as in [`super::tool_contact`].
+//! E = Σ m A K ĝ b(d/ĝ) over vertex–face and edge–edge pairs with a distance d < ĝ, where b is the
+//! barrier of incremental potential contact and m its mollifier of nearly parallel edges (Li et al.
+//! 2020, equations 6 and 24). Blocks are restricted to the line between the closest points and thus
+//! positive semidefinite. Friction is as in [`super::tool_contact`].
 
 use super::boundary_surface::BoundarySurface;
 use super::candidates::{CollisionCandidate, Intersection, SelfContactSurface};
@@ -20,16 +20,18 @@ use crate::physics::cpu::vectors::{V4, add};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// How far nodes may stray from the ways that pairs are chosen for, over the boundary's mean edge.
+/// Maximum deviation of nodes from the motion for which pairs are selected, over the mean boundary
+/// edge length.
 const CANDIDATE_MARGIN: f64 = 0.1;
 
-/// Where a start has an edge go through a face they are drawn apart: by this part of the mean edge in
-/// a step, until they are so far apart, with so many times the stiffness of what is behind them.
+/// Initially intersecting edges and faces are separated: by the first fraction of the mean edge
+/// length per step, up to the second, with the third times the stiffness of the material behind
+/// them.
 const SEPARATION_STEP: f64 = 0.1;
 const SEPARATION_DISTANCE: f64 = 0.1;
 const SEPARATION_STIFFNESS: f64 = 30.0;
 
-/// What a pair's friction goes by: those of the iterate before.
+/// Friction data of a pair, from the previous iterate.
 #[derive(Clone, Copy, Debug, Default)]
 struct PairFriction {
     weights: [f64; 4],
@@ -38,17 +40,18 @@ struct PairFriction {
     limit: f64,
 }
 
-/// A pair that pushes.
+/// A pair within its gap.
 struct ActivePair {
     weights: [f64; 4],
     normal: DVec3,
     barrier: Barrier,
-    /// m, and its slope at the four nodes.
+    /// m, and its gradient at the four nodes.
     share: f64,
     slope: [DVec3; 4],
 }
 
-/// An edge that is drawn out of a face: E = ½ k (goal − s)² while its end is not so far in front.
+/// A spring that pulls an edge out of a face: E = ½ k (goal − s)² while the clearance s of its end
+/// is less than `goal`.
 #[derive(Clone, Copy, Debug)]
 struct SeparationSpring {
     crossing: Intersection,
@@ -58,16 +61,16 @@ struct SeparationSpring {
     home: u32,
 }
 
-/// A body's contact with itself.
+/// The self-contact term of a body.
 pub(in crate::physics::cpu) struct SelfContactTerm<T> {
     pub surface: SelfContactSurface,
     pub friction: f64,
     /// ĝ.
     pub gap: f64,
-    /// The speed below which friction holds.
+    /// Regularisation speed of the friction.
     pub least_speed: f64,
     pairs: Vec<CollisionCandidate>,
-    /// Those with a node in each chunk.
+    /// Indices of the pairs with a node in each chunk.
     homes: Vec<Vec<u32>>,
     rubs: Vec<PairFriction>,
     drawn: Vec<SeparationSpring>,
@@ -76,7 +79,7 @@ pub(in crate::physics::cpu) struct SelfContactTerm<T> {
 }
 
 impl<T: Real> SelfContactTerm<T> {
-    /// Of a boundary.
+    /// Creates the term for a boundary.
     pub fn new(
         hull: BoundarySurface,
         plan: &Partition,
@@ -97,7 +100,7 @@ impl<T: Real> SelfContactTerm<T> {
         }
     }
 
-    /// Begins a step in which nodes move by about `moved`. Whether anything may come near.
+    /// Begins a step in which nodes move by about `moved`. Returns whether any pair may come near.
     pub fn begin(
         &mut self,
         with: (&[V4<T>], &[T], &Partition),
@@ -112,7 +115,7 @@ impl<T: Real> SelfContactTerm<T> {
         !self.is_empty()
     }
 
-    /// Takes note of what goes through what at `u`: all that is drawn apart in a step.
+    /// Finds the intersections at `u`, which are separated in this step.
     fn find_intersections(&mut self, u: &[V4<T>], plan: &Partition) {
         let edge = self.surface.edge();
         let found = self.surface.mark_intersections(u);
@@ -128,19 +131,20 @@ impl<T: Real> SelfContactTerm<T> {
         self.drawn = found.into_iter().map(draw).collect();
     }
 
-    /// How far in front of a face the end of an edge is that goes through it: less than 0.
+    /// Returns the signed distance of an intersecting edge's end in front of the face; negative
+    /// behind it.
     fn signed_clearance(&self, crossing: &Intersection, u: &[V4<T>]) -> f64 {
         let ends = crossing.nodes.iter().zip(crossing.weights);
         let apart: DVec3 = ends.map(|(i, w)| w * self.surface.place(*i, u)).sum();
         apart.dot(crossing.normal)
     }
 
-    /// How much farther it should be, where it is not far enough.
+    /// Returns the missing clearance; 0 if there is enough.
     fn separation_deficit(&self, drawn: &SeparationSpring, u: &[V4<T>]) -> f64 {
         (drawn.goal - self.signed_clearance(&drawn.crossing, u)).max(0.0)
     }
 
-    /// Whether any edge goes through a face at `u`, of a step that began with none that did.
+    /// Returns whether any edge intersects a face at `u`, if the step began without intersections.
     pub fn has_new_intersections(&mut self, u: &[V4<T>]) -> bool {
         self.drawn.is_empty() && !self.pairs.is_empty() && !self.surface.crossings(u).is_empty()
     }
@@ -154,7 +158,7 @@ impl<T: Real> SelfContactTerm<T> {
     ) {
         let key =
             |pair: &CollisionCandidate| (pair.features == PrimitivePair::EdgeEdge, pair.nodes);
-        // Friction goes by the same forces whatever pairs there are.
+        // Keeps the friction forces of pairs that are selected again.
         let rubs: BTreeMap<_, PairFriction> = self
             .pairs
             .iter()
@@ -176,8 +180,8 @@ impl<T: Real> SelfContactTerm<T> {
         };
     }
 
-    /// Sees to it that all that may touch on the way from the displacements `from` to `to` is among
-    /// the pairs.
+    /// Updates the pairs if necessary, so that they include all primitives that may touch on the
+    /// path from the displacements `from` to `to`.
     pub fn refresh_candidates(
         &mut self,
         [from, to]: [&[V4<T>]; 2],
@@ -191,8 +195,8 @@ impl<T: Real> SelfContactTerm<T> {
         }
     }
 
-    /// The part of the way from the displacements `from` to `to` on which all pairs keep the part
-    /// `kept` of their distances.
+    /// Returns the fraction of the path from the displacements `from` to `to` on which every pair
+    /// keeps the fraction `kept` of its distance.
     pub fn collision_free_fraction(
         &mut self,
         [from, to]: [&[V4<T>]; 2],
@@ -209,7 +213,7 @@ impl<T: Real> SelfContactTerm<T> {
         ways.fold(1.0, f64::min)
     }
 
-    /// Whether nothing may come near anything.
+    /// Returns whether no pair may come near.
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty() && self.drawn.is_empty()
     }
@@ -218,7 +222,7 @@ impl<T: Real> SelfContactTerm<T> {
         pair.nodes.map(|i| self.surface.place(i, u))
     }
 
-    /// How a pair pushes; nothing where it is too far.
+    /// Returns the contact data of a pair, or `None` beyond its gap.
     fn active_pair(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> Option<ActivePair> {
         let x = self.places(pair, u);
         let nearest = pair.features.closest_points(&x);
@@ -235,15 +239,15 @@ impl<T: Real> SelfContactTerm<T> {
         })
     }
 
-    /// The forces of a pair that pushes on its four nodes.
+    /// Returns the forces of an active pair on its four nodes.
     fn push(pair: &CollisionCandidate, own: &ActivePair) -> [DVec3; 4] {
         let along = -pair.weight * own.share * own.barrier.first_derivative * own.normal;
         let turn = -pair.weight * pair.gap * own.barrier.value;
         [0, 1, 2, 3].map(|k| own.weights[k] * along + turn * own.slope[k])
     }
 
-    /// Takes note of normal forces and normals at `u`, for friction. By how much the forces changed,
-    /// over themselves.
+    /// Stores the normal forces and normals at `u` for friction. Returns the relative change of the
+    /// forces.
     pub fn update_friction(&mut self, u: &[V4<T>]) -> f64 {
         if self.friction == 0.0 {
             return 0.0;
@@ -271,7 +275,7 @@ impl<T: Real> SelfContactTerm<T> {
         }
     }
 
-    /// The velocity at which the first feature of a pair slides along the second.
+    /// Returns the tangential velocity of the first primitive of a pair relative to the second.
     fn sliding(pair: &CollisionCandidate, rub: &PairFriction, v: &[V4<T>]) -> DVec3 {
         let nodes = pair.nodes.iter().zip(rub.weights);
         let off: DVec3 = nodes.map(|(i, w)| w * to_dvec(v[*i as usize])).sum();
@@ -296,20 +300,20 @@ impl<T: Real> SelfContactTerm<T> {
         self.pairs.iter().filter_map(of).sum::<f64>() + drawn.sum::<f64>()
     }
 
-    /// The forces that draw an edge out of a face.
+    /// Returns the forces of a separation spring.
     fn separation_forces(&self, drawn: &SeparationSpring, u: &[V4<T>]) -> [DVec3; 4] {
         let force = drawn.stiffness * self.separation_deficit(drawn, u) * drawn.crossing.normal;
         drawn.crossing.weights.map(|w| w * force)
     }
 
-    /// The energy of what is drawn apart, of a chunk.
+    /// Returns the energy of a chunk's separation springs.
     fn separation_energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
         let own = self.drawn.iter().filter(|d| d.home as usize == chunk);
         own.map(|d| 0.5 * d.stiffness * self.separation_deficit(d, u).powi(2))
             .sum()
     }
 
-    /// The pairs with a node in a chunk, and whether it is the one to count their energy.
+    /// Returns the pairs with a node in a chunk, and whether the chunk counts their energy.
     fn of_chunk(&self, chunk: usize) -> impl Iterator<Item = (usize, &CollisionCandidate, bool)> {
         self.homes[chunk].iter().map(move |k| {
             let pair = &self.pairs[*k as usize];
@@ -331,7 +335,7 @@ impl<T: Real> SelfContactTerm<T> {
         self.rubs.get(k).filter(|rub| rub.limit > 0.0)
     }
 
-    /// The smallest distance over the gap of any pair at `u`.
+    /// Returns the minimum of distance over gap of all pairs at `u`.
     #[cfg(test)]
     pub fn min_gap_ratio(&self, u: &[V4<T>]) -> f64 {
         let gap = |pair: &CollisionCandidate| {
@@ -421,7 +425,8 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
             if let Some(rub) = self.friction_of(k) {
                 let slide = Self::sliding(pair, rub, at.v);
                 let slip = FrictionMollifier::at(slide.length(), self.least_speed);
-                // As if what slides stuck a little, or it would slide back and forth.
+                // The secant stiffness in all tangential directions; with the exact derivative,
+                // sliding pairs would oscillate.
                 let plane = DMat3::IDENTITY - outer_product(rub.normal);
                 let block = plane * (h * rub.limit * slip.slope_over_speed);
                 blocks.push(plan, (pair.nodes, rub.weights), &block, share.diagonal);

@@ -1,5 +1,5 @@
-//! Ways that are hard to tell to be free: what moves together and is stopped apart, and nodes that are
-//! led.
+//! Tests of cases that are hard for continuous collision detection: bodies that move together and
+//! are stopped separately, and prescribed nodes.
 #![allow(clippy::unwrap_used)]
 
 use super::self_contact_tests::{Meeting, joined, plane, soft};
@@ -10,7 +10,7 @@ use crate::physics::cpu::node_constraints::NodeConstraint;
 use glam::{DQuat, DVec3};
 
 #[test]
-fn what_follows_another_into_a_wall_does_not_pass_it() {
+fn block_following_another_into_wall_has_no_tunnelling() {
     let block = box_mesh([2, 2, 2], DVec3::new(0.05, 0.05, 0.03), Split::Five).unwrap();
     let mesh = joined(&[
         (&block, DQuat::IDENTITY, DVec3::new(0.0, 0.0, 0.005)),
@@ -46,7 +46,7 @@ fn block() -> TetMesh {
     box_mesh([3, 3, 2], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap()
 }
 
-/// One above the other, so far apart.
+/// Returns two blocks, one above the other, with this clearance.
 fn pair(apart: f64) -> TetMesh {
     joined(&[
         (&block(), DQuat::IDENTITY, DVec3::ZERO),
@@ -59,8 +59,8 @@ fn pair(apart: f64) -> TetMesh {
 }
 
 #[test]
-fn what_flies_behind_does_not_pass_what_is_stopped() {
-    // Both fall onto a plane, by as much as a block's height in a step.
+fn block_behind_stopped_block_has_no_tunnelling() {
+    // Both fall onto a plane, by half a block's height or more per step.
     for (kind, speed, young) in [
         (SolverKind::Implicit, 3.0, 1e6),
         (SolverKind::Implicit, 8.0, 1e5),
@@ -83,9 +83,9 @@ fn what_flies_behind_does_not_pass_what_is_stopped() {
 }
 
 #[test]
-fn what_is_led_pushes_what_is_in_its_way() {
-    // The upper block's top is led down through where the lower one is, by more than half a gap in a
-    // step.
+fn prescribed_motion_pushes_obstacle() {
+    // Prescribed motion moves the top of the upper block into the lower one, by more than half a
+    // gap per step.
     let block = box_mesh([2, 2, 2], DVec3::new(0.05, 0.05, 0.03), Split::Five).unwrap();
     let turn = DQuat::from_rotation_z(0.3);
     let mesh = joined(&[
@@ -93,7 +93,7 @@ fn what_is_led_pushes_what_is_in_its_way() {
         (&block, turn, DVec3::new(0.01, 0.0, 0.05)),
     ]);
     let (count, h) = (block.nodes.len(), 0.02);
-    // A whole body that is led, too; and what is held, and put elsewhere before each step.
+    // Also with the whole block prescribed, and with fixed nodes that are moved before each step.
     for (friction, above, held) in [
         (Some(0.2), 0.0799, false),
         (Some(0.2), 0.0, false),
@@ -140,7 +140,7 @@ fn what_is_led_pushes_what_is_in_its_way() {
 }
 
 #[test]
-fn what_is_led_against_what_is_held_is_refused_in_words() {
+fn prescribed_motion_against_fixed_block_reports_blocked_contact() {
     let block = box_mesh([2, 2, 1], DVec3::new(0.05, 0.05, 0.02), Split::Five).unwrap();
     let turn = DQuat::from_rotation_z(0.3);
     let mesh = joined(&[
@@ -169,9 +169,9 @@ fn what_is_led_against_what_is_held_is_refused_in_words() {
 }
 
 #[test]
-fn what_nothing_moves_yet_does_not_jump_through() {
-    // At rest, far apart, and pulled together by as much as takes them through in a step; so wide
-    // that there is no way round.
+fn bodies_accelerated_from_rest_have_no_tunnelling() {
+    // At rest and far apart, pulled together far enough to pass through within one step; the plate
+    // is too wide to pass around.
     let plate = box_mesh([6, 6, 1], DVec3::new(0.3, 0.3, 0.03), Split::Five).unwrap();
     let block = box_mesh([2, 2, 2], DVec3::new(0.05, 0.05, 0.03), Split::Five).unwrap();
     let turn = DQuat::from_rotation_z(0.3);
@@ -197,8 +197,8 @@ fn what_nothing_moves_yet_does_not_jump_through() {
 }
 
 #[test]
-fn lips_that_came_apart_do_not_close_through_each_other() {
-    // Two blocks that coincide at rest where they meet, drawn apart, and thrown back askew.
+fn separated_cut_faces_do_not_interpenetrate() {
+    // Two blocks that coincide on a face at rest, pulled apart, and thrown back obliquely.
     let block = box_mesh([3, 3, 2], DVec3::new(0.06, 0.06, 0.03), Split::Five).unwrap();
     let mesh = joined(&[
         (&block, DQuat::IDENTITY, DVec3::ZERO),
@@ -228,7 +228,7 @@ fn lips_that_came_apart_do_not_close_through_each_other() {
 }
 
 #[test]
-fn parts_that_start_through_each_other_are_drawn_apart() {
+fn initially_intersecting_parts_are_separated() {
     let one = ball(0.05, 5).unwrap();
     let at = DVec3::new(0.09, 0.003, 0.002);
     let mesh = joined(&[
@@ -248,7 +248,7 @@ fn parts_that_start_through_each_other_are_drawn_apart() {
         }
     }
     assert!(free.is_some());
-    // By no more than it takes.
+    // The separation is gentle.
     let v = meeting.body.velocities();
     let fastest = v.iter().map(|v| v.length()).fold(0.0, f64::max);
     assert!(fastest < 1.0, "{fastest}");

@@ -1,4 +1,4 @@
-//! Contact of rigid regions with each other.
+//! Tests of contact between rigid regions.
 #![allow(clippy::unwrap_used)]
 
 use super::self_contact_tests::{Meeting, joined, soft};
@@ -9,7 +9,7 @@ use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::{Material, RegionMaterial, SolverKind};
 use glam::{DQuat, DVec3};
 
-/// The material of a mesh in which tets whose middles are so are rigid.
+/// Returns a material in which the tets whose index and centroid `bone` accepts are rigid.
 fn with_bones(mesh: &mut TetMesh, young: f64, bone: impl Fn(usize, DVec3) -> bool) -> Material {
     let labels = (0..mesh.tets.len()).map(|t| {
         let middle = mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0;
@@ -32,8 +32,8 @@ fn with_bones(mesh: &mut TetMesh, young: f64, bone: impl Fn(usize, DVec3) -> boo
 }
 
 #[test]
-fn bones_that_spin_into_each_other_do_not_pass() {
-    // Bars whose ends are bones, which meet.
+fn spinning_rigid_regions_have_no_tunnelling() {
+    // Bars whose facing ends are rigid.
     let bar = box_mesh([6, 2, 2], DVec3::new(0.12, 0.03, 0.03), Split::Five).unwrap();
     let at = DVec3::new(0.07, 0.02, 0.04);
     let turn = DQuat::from_rotation_z(1.2);
@@ -71,14 +71,15 @@ fn bones_that_spin_into_each_other_do_not_pass() {
         }
         let off = meeting.momentum().distance(before) / mass;
         match friction {
-            // By as much as steps are converged.
+            // Up to the convergence of the steps.
             Some(_) => assert!(most == 0 && off < 5e-3, "{most} {off}"),
             None => assert!(most > 0),
         }
     }
 }
 
-/// Rods that spin fast where they meet, by number, of a material with rigid parts or none.
+/// Throws two rapidly spinning rods at each other, by number, optionally with rigid regions.
+/// Returns the maximum number of intersecting edges.
 fn spun(number: u64, rigid: bool, kind: SolverKind) -> usize {
     let numbers = some(8, 900 + number, 1.0);
     let mut rod = box_mesh([8, 1, 1], DVec3::new(0.16, 0.02, 0.02), Split::Five).unwrap();
@@ -98,7 +99,7 @@ fn spun(number: u64, rigid: bool, kind: SolverKind) -> usize {
         ..soft(5e4)
     };
     if rigid {
-        // One or both of them.
+        // One of them, or both.
         material.rigid.extend(1..=1 + (number % 2) as i64);
     }
     let mut meeting = Meeting::<f32>::of(&mesh, &material, Some(0.2), kind);
@@ -127,7 +128,7 @@ fn spun(number: u64, rigid: bool, kind: SolverKind) -> usize {
 }
 
 #[test]
-fn rods_that_spin_do_not_pass_each_other() {
+fn spinning_rods_have_no_tunnelling() {
     for (rigid, kind) in [
         (false, SolverKind::Implicit),
         (false, SolverKind::Bdf2),
@@ -139,7 +140,7 @@ fn rods_that_spin_do_not_pass_each_other() {
 }
 
 #[test]
-fn a_bone_that_is_held_and_moved_presses_on_what_is_soft() {
+fn moved_rigid_region_indents_soft_block() {
     let block = box_mesh([4, 4, 3], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap();
     let bone = box_mesh([2, 2, 1], DVec3::new(0.04, 0.04, 0.02), Split::Five).unwrap();
     let mut mesh = joined(&[
@@ -159,7 +160,7 @@ fn a_bone_that_is_held_and_moved_presses_on_what_is_soft() {
     let far = |v: &u32| (mesh.nodes[*v as usize] - middle).truncate().length();
     let one = top.iter().copied().min_by(|a, b| far(a).total_cmp(&far(b)));
     let one = vec![one.unwrap()];
-    // A line of two through the middle: it turns about that.
+    // Two nodes on a line through the centre leave a rotation about it.
     let two = top.iter().copied().filter(|v| {
         let off = DQuat::from_rotation_z(-0.3) * (mesh.nodes[*v as usize] - middle);
         off.y.abs() < 1e-6 && off.x.abs() > 1e-3

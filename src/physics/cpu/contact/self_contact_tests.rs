@@ -1,5 +1,5 @@
-//! A body's contact with itself against differences, conserved momentum, and a search for parts that
-//! went through each other.
+//! Tests of self-contact by finite differences, conservation of momentum and an exhaustive search
+//! for intersections.
 #![allow(clippy::unwrap_used)]
 
 use crate::mesh::generate::{Split, ball, box_mesh};
@@ -17,7 +17,7 @@ use crate::physics::{
 };
 use glam::{DQuat, DVec3};
 
-/// Bodies as one mesh, which feel each other or not.
+/// Bodies in one mesh, with or without self-contact.
 pub(in crate::physics::cpu) struct Meeting<T: Real> {
     pub body: CpuBody<T>,
     pub network: DiscreteModel,
@@ -35,7 +35,7 @@ pub(in crate::physics::cpu) fn soft(young: f64) -> Material {
     }
 }
 
-/// Meshes as one, each turned and moved.
+/// Joins meshes into one, each rotated and translated.
 pub(in crate::physics::cpu) fn joined(parts: &[(&TetMesh, DQuat, DVec3)]) -> TetMesh {
     let (mut nodes, mut tets) = (Vec::new(), Vec::new());
     for (mesh, turn, by) in parts {
@@ -82,7 +82,7 @@ impl<T: Real> Meeting<T> {
         }
     }
 
-    /// How many edges of the boundary go through faces of it, by looking at all.
+    /// Returns the number of boundary edges that intersect boundary faces, by an exhaustive search.
     pub fn pierced(&self) -> usize {
         let x = self.body.positions();
         let mut edges: Vec<[u32; 2]> = self
@@ -120,8 +120,8 @@ impl<T: Real> Meeting<T> {
 }
 
 #[test]
-fn forces_are_the_slope_of_the_energy() {
-    // Two blocks a little askew, so near that features of all kinds push.
+fn self_contact_forces_equal_negative_energy_gradient() {
+    // Two slightly tilted blocks, so close that primitives of all kinds are in contact.
     let block = box_mesh([2, 2, 1], DVec3::new(0.1, 0.1, 0.04), Split::Five).unwrap();
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.02, 0.01, 0.4);
     let mesh = joined(&[
@@ -142,7 +142,7 @@ fn forces_are_the_slope_of_the_energy() {
     body.run(1, 1e-9).unwrap();
     let plan = body.plan.clone();
     let nodes = body.state.u.len();
-    // Apart from where they rest, for what is near at rest has a gap of its own.
+    // Displaced from rest, because pairs that are close at rest have a reduced gap.
     let mut u: Vec<V4<f64>> = body.state.u.clone();
     let noise = some(nodes, 7, 2e-3);
     u.iter_mut().zip(&noise).for_each(|(u, by)| {
@@ -178,13 +178,13 @@ fn forces_are_the_slope_of_the_energy() {
             moved[i][k] -= 2.0 * e;
             let slope = (high - energy(&moved)) / (2.0 * e);
             off = off.max((slope + forces[i][k]).abs());
-            // A force without what mollifies, say, or of other weights, is told.
+            // Sensitivity check: a force without the mollifier or with other weights is detected.
             wrong = wrong.max((slope + 0.9 * forces[i][k]).abs());
         }
     }
     assert!(off < 2e-4 * largest, "{off} of {largest}");
     assert!(wrong > 0.05 * largest);
-    // What is multiplied by is what pairs tell and the diagonal has.
+    // The matrix product equals the product of the visited blocks and the diagonal.
     let at = StateRef {
         u: &u,
         v: &vec![[0.0; 4]; nodes],
@@ -205,24 +205,24 @@ fn forces_are_the_slope_of_the_energy() {
     for chunk in 0..plan.chunks() {
         term.multiply(chunk, &p, &mut product[plan.range(chunk)]);
     }
-    let mut told: Vec<DVec3> = diagonal
+    let mut assembled: Vec<DVec3> = diagonal
         .iter()
         .zip(&p)
         .map(|(d, p)| to_metres(crate::physics::cpu::vectors::apply_symmetric(d, *p), 1.0))
         .collect();
     term.visit_off_diagonal(&mut |[i, j], m| {
         let (i, j) = (i as usize, j as usize);
-        told[i] += *m * to_metres(p[j], 1.0);
-        told[j] += m.transpose() * to_metres(p[i], 1.0);
+        assembled[i] += *m * to_metres(p[j], 1.0);
+        assembled[j] += m.transpose() * to_metres(p[i], 1.0);
     });
-    let largest = told.iter().map(|f| f.length()).fold(0.0, f64::max);
-    for (a, b) in told.iter().zip(&product) {
+    let largest = assembled.iter().map(|f| f.length()).fold(0.0, f64::max);
+    for (a, b) in assembled.iter().zip(&product) {
         assert!(a.distance(to_metres(*b, 1.0)) < 1e-9 * largest);
     }
 }
 
 #[test]
-fn two_elastic_balls_bounce_off_each_other_and_keep_their_momentum() {
+fn colliding_elastic_balls_bounce_and_conserve_momentum() {
     let one = ball(0.05, 6).unwrap();
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 0.7, 0.2);
     let at = DVec3::new(0.104, 0.01, 0.0);
@@ -245,7 +245,7 @@ fn two_elastic_balls_bounce_off_each_other_and_keep_their_momentum() {
         assert!(off < 1e-4 * mass, "{}", off / mass);
     }
     assert!(touched);
-    // They part: the first is slower than the second now.
+    // They separate: the first is now slower than the second.
     let v = meeting.body.velocities();
     let mean = |k: usize| {
         let own = v[k * count..(k + 1) * count]
@@ -257,7 +257,8 @@ fn two_elastic_balls_bounce_off_each_other_and_keep_their_momentum() {
     assert!(mean(1) > mean(0) + 0.3, "{} {}", mean(0), mean(1));
 }
 
-/// Two small bodies thrown at each other, by number: what goes through what after each step.
+/// Throws two small bodies at each other, by number. Returns the maximum number of intersecting
+/// edges after a step.
 fn dropped(number: u64, friction: Option<f64>) -> usize {
     let numbers = some(12, 100 + number, 1.0);
     let turned = |k: usize| DQuat::from_scaled_axis(3.0 * numbers[k]);
@@ -290,22 +291,22 @@ fn dropped(number: u64, friction: Option<f64>) -> usize {
 }
 
 #[test]
-fn nothing_passes_anything_in_drops() {
+fn dropped_blocks_never_interpenetrate() {
     for number in 0..30 {
         assert_eq!(dropped(number, Some(0.3)), 0, "drop {number}");
     }
-    // Without contact they do.
+    // Without contact they interpenetrate.
     assert!((0..30).any(|number| dropped(number, None) > 0));
 }
 
 #[test]
 #[ignore = "long: a thousand drops"]
-fn nothing_passes_anything_in_a_thousand_drops() {
+fn thousand_dropped_blocks_never_interpenetrate() {
     let wrong: Vec<u64> = (0..1000).filter(|n| dropped(*n, Some(0.3)) > 0).collect();
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// A tool at a height, its upper side along `along`.
+/// Returns a plane tool at `at` with the normal `along`.
 pub(in crate::physics::cpu) fn plane(at: DVec3, along: DVec3, friction: f64) -> Tool {
     Tool {
         shape: Shape::Plane,
@@ -316,7 +317,7 @@ pub(in crate::physics::cpu) fn plane(at: DVec3, along: DVec3, friction: f64) -> 
 }
 
 #[test]
-fn a_stack_of_blocks_rests() {
+fn stacked_blocks_come_to_rest() {
     let block = box_mesh([3, 3, 2], DVec3::new(0.1, 0.1, 0.06), Split::Five).unwrap();
     let turned = |angle: f64| DQuat::from_rotation_z(angle);
     let mesh = joined(&[
@@ -337,7 +338,7 @@ fn a_stack_of_blocks_rests() {
     let moved = settled.iter().zip(meeting.body.positions());
     let most = moved.map(|(a, b)| a.distance(b)).fold(0.0, f64::max);
     assert!(most < 1e-3, "{most}");
-    // The uppermost is where it was, two blocks up.
+    // The top block stays on two blocks.
     let count = block.nodes.len();
     let low = settled[2 * count..]
         .iter()
@@ -351,8 +352,8 @@ fn a_stack_of_blocks_rests() {
 }
 
 #[test]
-fn a_fold_that_is_pressed_shut_does_not_go_through_itself() {
-    // An arch of half a turn, its legs pressed together by two plates.
+fn closed_fold_has_no_self_intersection() {
+    // An arch of half a turn, with its legs pressed together by two plates.
     let mut mesh = box_mesh([16, 3, 2], DVec3::new(1.0, 0.04, 0.02), Split::Five).unwrap();
     for p in &mut mesh.nodes {
         let (around, out) = (std::f64::consts::PI * (p.x - 0.5), 0.03 + p.z);
@@ -390,7 +391,7 @@ fn a_fold_that_is_pressed_shut_does_not_go_through_itself() {
 }
 
 #[test]
-fn a_start_with_parts_through_each_other_is_told() {
+fn initially_intersecting_parts_are_reported() {
     let one = ball(0.05, 5).unwrap();
     let at = |x: f64| DVec3::new(x, 0.003, 0.002);
     let mesh = |x: f64| {
@@ -406,7 +407,7 @@ fn a_start_with_parts_through_each_other_is_told() {
 }
 
 #[test]
-fn a_part_within_another_is_told_and_drawn_out() {
+fn enclosed_part_is_reported_and_extracted() {
     let (large, small) = (ball(0.05, 5).unwrap(), ball(0.012, 3).unwrap());
     let at = DVec3::new(0.021, 0.004, -0.003);
     let mesh = joined(&[
@@ -428,13 +429,13 @@ fn a_part_within_another_is_told_and_drawn_out() {
         meeting.body.run(1, 5e-3).unwrap();
         through += usize::from(meeting.pierced() > 0);
     }
-    // Through the boundary, and out.
+    // It passed through the boundary and left.
     assert!(through > 0);
     assert_eq!(meeting.pierced(), 0);
     let x = meeting.body.positions();
     let apart = mean(&x[..own]).distance(mean(&x[own..]));
     assert!(apart > 0.055, "{apart}");
-    // A shell's hole is not what it holds: nothing is within another there.
+    // The cavity of a shell is not part of its interior: nothing is enclosed there.
     let shell = TetMesh::new(
         large.nodes.clone(),
         large

@@ -1,10 +1,10 @@
-//! Tools that press on a body: a term of its energy that keeps points of its boundary out of them.
+//! Tool contact: an energy term that keeps points of the boundary of a body out of tools.
 //!
-//! E = Σ A K ĝ b(d/ĝ) over points of the boundary whose distance d from a tool is less than ĝ, b
-//! being the barrier of incremental potential contact (Li et al. 2020), A the area that a point
-//! stands for and K the Young's modulus of what lies behind it: pressure is K |b'|, so that even
-//! what is pressed hard stands off by nearly ĝ. Friction is Coulomb's, with the normal forces and
-//! normals of the iterate before (section 5 there), as a potential of velocities.
+//! E = Σ A K ĝ b(d/ĝ) over boundary points with a distance d < ĝ from a tool, where b is the
+//! barrier of incremental potential contact (Li et al. 2020), A the area of a point and K the
+//! Young's modulus behind it. The pressure is K |b'|, so the distance stays close to ĝ even under
+//! high pressure. Friction is Coulomb's, with lagged normal forces and normals from the previous
+//! iterate (section 5 there), as a potential of the velocities.
 
 use super::boundary_surface::{BoundarySurface, ContactPoint};
 use crate::physics::contact::{Barrier, FrictionMollifier, Shape, SurfaceDistance};
@@ -16,7 +16,7 @@ use crate::physics::cpu::vectors::{V4, add};
 use crate::physics::cpu::vectors::{outer_product, to_dvec, to_v4};
 use glam::{DMat3, DQuat, DVec3};
 
-/// Where a tool is, local units.
+/// Pose of a tool, in local units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::physics::cpu) struct LocalToolPose {
     pub place: DVec3,
@@ -24,7 +24,7 @@ pub(in crate::physics::cpu) struct LocalToolPose {
 }
 
 impl LocalToolPose {
-    /// Between this and `to`.
+    /// Returns the pose interpolated between this one and `to`.
     pub fn between(&self, to: &LocalToolPose, share: f64) -> LocalToolPose {
         if share >= 1.0 {
             return *to;
@@ -35,23 +35,23 @@ impl LocalToolPose {
         }
     }
 
-    /// Where `p` is in its frame.
+    /// Transforms `p` to the tool's frame.
     pub fn to_local(self, p: DVec3) -> DVec3 {
         self.turn.inverse() * (p - self.place)
     }
 
-    /// Where what is `p` in its frame is.
+    /// Transforms `p` from the tool's frame.
     pub fn to_world(self, p: DVec3) -> DVec3 {
         self.place + self.turn * p
     }
 
-    /// As numbers, to the bit.
+    /// Returns the exact components.
     pub fn numbers(&self) -> [f64; 7] {
         let ([a, b, c], [x, y, z, w]) = (self.place.to_array(), self.turn.to_array());
         [a, b, c, x, y, z, w]
     }
 
-    /// What [`LocalToolPose::numbers`] gave.
+    /// Restores a pose from [`LocalToolPose::numbers`].
     pub fn of_numbers([a, b, c, x, y, z, w]: [f64; 7]) -> LocalToolPose {
         LocalToolPose {
             place: DVec3::new(a, b, c),
@@ -64,19 +64,19 @@ impl LocalToolPose {
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct ToolState {
     pub shape: Shape,
-    /// Where it was at the start of the step, where it is in it, and where it goes.
+    /// Poses at the start of the step, at present, and at its end.
     pub from: LocalToolPose,
     pub at: LocalToolPose,
     pub to: LocalToolPose,
     pub friction: f64,
     /// ĝ.
     pub gap: f64,
-    /// How often it was put elsewhere.
+    /// Number of teleports.
     pub jumps: u64,
 }
 
 impl ToolState {
-    /// Where `p` stands to it.
+    /// Returns the surface distance of `p`.
     pub fn touch(&self, p: DVec3) -> SurfaceDistance {
         let touch = self.shape.surface_distance(self.at.to_local(p));
         let turn = DMat3::from_quat(self.at.turn);
@@ -87,12 +87,13 @@ impl ToolState {
         }
     }
 
-    /// The distance of `p`.
+    /// Returns the signed distance of `p`.
     pub fn distance(&self, p: DVec3) -> f64 {
         self.shape.distance(self.at.to_local(p))
     }
 
-    /// How far it goes in the step at most where it is within `reach` of its origin.
+    /// Returns an upper bound of the displacement in the step of its points within `reach` of its
+    /// origin.
     pub fn max_travel(&self, reach: f64) -> f64 {
         let arm = self.shape.bounding_radius().min(reach);
         let angle = self.from.turn.angle_between(self.to.turn);
@@ -100,13 +101,13 @@ impl ToolState {
     }
 }
 
-/// What a point's friction goes by: those of the iterate before.
+/// Friction data of a point, from the previous iterate.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::physics::cpu) struct ToolFriction {
     pub normal: DVec3,
     /// μ times the normal force.
     pub max_force: f64,
-    /// Velocity of the tool there.
+    /// Velocity of the tool at the point.
     pub tool_velocity: DVec3,
 }
 
@@ -114,16 +115,16 @@ pub(in crate::physics::cpu) struct ToolFriction {
 pub(in crate::physics::cpu) struct ToolContact<T> {
     pub tools: Vec<ToolState>,
     pub hull: BoundarySurface,
-    /// Points that may come near in the step.
+    /// Points that may come near a tool in the step.
     pub contact_points: Vec<ContactPoint>,
-    /// Whether they were chosen since this was looked at last: friction goes by them.
+    /// Whether the points were selected again since the last query; friction depends on them.
     pub candidates_changed: bool,
-    /// Those with a node in each chunk.
+    /// Indices of the points with a node in each chunk.
     pub chunk_points: Vec<Vec<u32>>,
     pub lagged_friction: Vec<ToolFriction>,
-    /// The speed below which friction holds.
+    /// Regularisation speed of the friction.
     pub least_speed: f64,
-    /// Time over which the tools go from where they were.
+    /// Duration of the tools' motion.
     pub time: f64,
     chunk_starts: Vec<usize>,
     blocks: PointBlocks<T>,
@@ -131,7 +132,7 @@ pub(in crate::physics::cpu) struct ToolContact<T> {
 }
 
 impl<T: Real> ToolContact<T> {
-    /// No tools yet, on a boundary.
+    /// Creates the term for a boundary, without tools.
     pub fn new(hull: BoundarySurface, plan: &Partition, least_speed: f64) -> ToolContact<T> {
         let chunks = plan.chunks();
         ToolContact {
@@ -149,14 +150,14 @@ impl<T: Real> ToolContact<T> {
         }
     }
 
-    /// Where a point is.
+    /// Returns the position of a point.
     pub fn point(&self, s: &ContactPoint, u: &[V4<T>]) -> DVec3 {
         s.corners()
             .map(|(i, w)| w * self.hull.position(i, u))
             .sum::<DVec3>()
     }
 
-    /// The tool of a point, where that stands to it, and A K; none where it is too far.
+    /// Returns the tool of a point and its surface distance, or `None` beyond the gap.
     fn active_distance(
         &self,
         s: &ContactPoint,
@@ -164,28 +165,28 @@ impl<T: Real> ToolContact<T> {
     ) -> Option<(&ToolState, SurfaceDistance)> {
         let tool = &self.tools[s.tool as usize];
         let p = self.point(s, u);
-        // Without rotating anything for what is far.
+        // Avoids the rotations for distant points.
         if tool.distance(p) >= tool.gap {
             return None;
         }
         Some((tool, tool.touch(p)))
     }
 
-    /// The force on a point that touches, from the tool, without friction.
+    /// Returns the normal force of the tool on an active point.
     fn contact_force(&self, s: &ContactPoint, tool: &ToolState, touch: &SurfaceDistance) -> DVec3 {
         -s.area_stiffness
             * Barrier::clamped(touch.distance / tool.gap).first_derivative
             * touch.normal
     }
 
-    /// The velocity of a point, from that of the tool there, along its surface.
+    /// Returns the tangential velocity of a point relative to the tool.
     fn tangential_velocity(&self, s: &ContactPoint, rub: &ToolFriction, v: &[V4<T>]) -> DVec3 {
         let own: DVec3 = s.corners().map(|(i, w)| w * to_dvec(v[i])).sum();
         let off = own - rub.tool_velocity;
         off - rub.normal * rub.normal.dot(off)
     }
 
-    /// The force of friction on a point.
+    /// Returns the friction force on a point.
     fn friction_force(&self, s: &ContactPoint, rub: &ToolFriction, v: &[V4<T>]) -> DVec3 {
         let slide = self.tangential_velocity(s, rub, v);
         -rub.max_force
@@ -193,8 +194,8 @@ impl<T: Real> ToolContact<T> {
             * slide
     }
 
-    /// Takes note of normal forces, normals and velocities of tools at the displacements `u`, for
-    /// friction. By how much the forces changed, over themselves.
+    /// Stores the normal forces, normals and tool velocities at the displacements `u` for friction.
+    /// Returns the relative change of the forces.
     pub fn update_friction(&mut self, u: &[V4<T>]) -> f64 {
         let mut rubs = std::mem::take(&mut self.lagged_friction);
         rubs.resize(self.contact_points.len(), ToolFriction::default());
@@ -228,7 +229,7 @@ impl<T: Real> ToolContact<T> {
         })
     }
 
-    /// Whether anything touches a tool at the displacements `u`.
+    /// Returns whether any point is in contact at the displacements `u`.
     #[cfg(test)]
     pub fn has_contact(&self, u: &[V4<T>]) -> bool {
         self.contact_points
@@ -236,8 +237,8 @@ impl<T: Real> ToolContact<T> {
             .any(|s| self.active_distance(s, u).is_some())
     }
 
-    /// Σ λ² w²/m over points, λ being normal forces and `over` inverse blocks: what residuals are
-    /// measured by where contact bears all that acts.
+    /// Returns Σ λ² w²/m over points, with the normal forces λ and the inverse blocks `over`: the
+    /// scale of the residual when contact supports all loads.
     pub fn residual_scale(&self, u: &[V4<T>], over: impl Fn(usize, DVec3) -> f64) -> f64 {
         let of = |s: &ContactPoint| {
             let force = self
@@ -248,7 +249,8 @@ impl<T: Real> ToolContact<T> {
         self.contact_points.iter().map(of).sum()
     }
 
-    /// Force of the body on each tool, and its moment about the origin of the tool's shape.
+    /// Returns the force of the body on each tool, and its moment about the origin of the tool's
+    /// shape.
     pub fn reactions(&self, at: StateRef<'_, T>) -> Vec<[DVec3; 2]> {
         let mut sums = vec![[DVec3::ZERO; 2]; self.tools.len()];
         for (k, s) in self.contact_points.iter().enumerate() {
@@ -270,7 +272,7 @@ impl<T: Real> ToolContact<T> {
         sums
     }
 
-    /// Tells the corners of a point that are in a chunk, as numbers in it.
+    /// Returns the corners of a point in a chunk, by their index within it.
     #[inline]
     fn within<'a>(
         &'a self,
@@ -284,7 +286,7 @@ impl<T: Real> ToolContact<T> {
         own.filter(move |(i, _)| *i < count)
     }
 
-    /// The points with a node in a chunk, and whether it is the one to count their energy.
+    /// Returns the points with a node in a chunk, and whether the chunk counts their energy.
     fn points_of_chunk(&self, chunk: usize) -> impl Iterator<Item = (usize, &ContactPoint, bool)> {
         self.chunk_points[chunk].iter().map(move |k| {
             let s = &self.contact_points[*k as usize];

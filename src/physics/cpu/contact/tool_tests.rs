@@ -1,4 +1,4 @@
-//! Tools against closed formulas and differences.
+//! Tests of tools against closed formulas and finite differences.
 #![allow(clippy::unwrap_used)]
 
 use crate::mesh::generate::{Split, box_mesh};
@@ -17,7 +17,7 @@ use glam::{DQuat, DVec3};
 
 const YOUNG: f64 = 2e4;
 
-/// A body with tools, and what it is made of.
+/// A body with tools, and its model.
 struct Pressed<T: Real> {
     body: CpuBody<T>,
     network: DiscreteModel,
@@ -58,33 +58,33 @@ impl<T: Real> Pressed<T> {
         self.body.add_tool(&tool, &self.faces, &self.network);
     }
 
-    /// Pins what lies below a height at rest.
+    /// Pins the nodes below a height at rest.
     fn pin(&mut self, mesh: &TetMesh, below: f64) -> Vec<bool> {
         let pinned: Vec<bool> = mesh.nodes.iter().map(|p| p.z < below).collect();
         self.body.set_pinned(&pinned).unwrap();
         pinned
     }
 
-    /// Has the first tool go to a place with the next step.
+    /// Sets the target of the first tool at the end of the next step.
     fn guide(&mut self, to: DVec3) {
         let metres = self.network.to_metres(to);
         let guided = [(ToolPose::new(metres, DQuat::IDENTITY), 0)];
         self.body.set_tool_targets(&guided).unwrap();
     }
 
-    /// Steps once with the first tool going to a place.
+    /// Makes one step in which the first tool moves to `to`.
     fn go(&mut self, to: DVec3, dt: f64) {
         self.guide(to);
         self.body.run(1, dt).unwrap();
     }
 
-    /// Where its nodes are, in the mesh's coordinates.
+    /// Returns the node positions in file units.
     fn places(&self) -> Vec<DVec3> {
         let metres = self.body.positions();
         metres.iter().map(|x| self.network.to_file(*x)).collect()
     }
 
-    /// The smallest distance of any point of its boundary from a shape at `at`, over a lattice on
+    /// Returns the minimum distance of the boundary from a shape at `at`, sampled on a lattice on
     /// each face.
     fn nearest(&self, shape: &Shape, at: DVec3, parts: usize) -> f64 {
         let x = self.places();
@@ -112,8 +112,8 @@ fn tool(shape: Shape, at: DVec3, friction: f64) -> Tool {
     }
 }
 
-/// A block of unit height and twice as wide each way, finer where a sphere will press in the middle
-/// of its top: of 28 cells, 10 lie across a contact of a radius of ¼.
+/// Returns a block of height 1 that extends by 2 from its axis, refined at the centre of its top: of
+/// 28 cells, 10 lie across a contact of radius ¼.
 fn graded([wide, high]: [usize; 2]) -> TetMesh {
     let mut mesh = box_mesh([wide, wide, high], DVec3::splat(1.0), Split::Six).unwrap();
     let across = |s: f64| 0.68 * s + 1.32 * s.powi(5);
@@ -128,9 +128,9 @@ fn graded([wide, high]: [usize; 2]) -> TetMesh {
     mesh
 }
 
-/// The force of a rigid sphere of radius 1 on a layer of thickness 1, bonded below, at a depth, over
-/// Young's modulus (Dimitriadis et al. 2002, "Determination of elastic moduli of thin layers of soft
-/// material using the atomic force microscope", equation 12).
+/// Returns the force of a rigid sphere of radius 1 at an indentation depth on a layer of thickness
+/// 1 bonded below, over Young's modulus (Dimitriadis et al. 2002, "Determination of elastic moduli
+/// of thin layers of soft material using the atomic force microscope", equation 12).
 fn dimitriadis(depth: f64, poisson: f64) -> f64 {
     let nu = poisson;
     let a = -(1.2876 - 1.4678 * nu + 1.3442 * nu * nu) / (1.0 - nu);
@@ -144,8 +144,8 @@ fn dimitriadis(depth: f64, poisson: f64) -> f64 {
     4.0 / (3.0 * (1.0 - nu * nu)) * depth.powf(1.5) * series
 }
 
-/// The force of a sphere that is pressed so deep into a block of so many cells, over what Hertz
-/// and Dimitriadis say; and over what the pins bear.
+/// Returns the force of a sphere pressed to `depth` into a block of `cells` cells, over the theory
+/// of Hertz and Dimitriadis; and the force on the pins over it.
 fn indented(
     cells: [usize; 2],
     depth: f64,
@@ -170,7 +170,7 @@ fn indented(
         pressed.go(DVec3::new(0.0, 0.0, 1.0 - depth), 100.0);
     }
     let [[force, _]] = pressed.body.tool_forces()[..] else {
-        panic!("one tool")
+        panic!("expected one tool")
     };
     let forces = pressed.body.forces();
     let held: DVec3 = forces
@@ -184,8 +184,8 @@ fn indented(
 }
 
 #[test]
-#[ignore = "long: ten tets across the contact"]
-fn a_sphere_presses_as_hertz_and_dimitriadis_say() {
+#[ignore = "long: ten tets across the contact area"]
+fn sphere_indentation_matches_hertz_and_dimitriadis() {
     for (poisson, volume) in [
         (0.3, VolumetricFormulation::PerTet),
         (0.45, VolumetricFormulation::NodalAveraged),
@@ -197,13 +197,14 @@ fn a_sphere_presses_as_hertz_and_dimitriadis_say() {
 }
 
 #[test]
-fn a_sphere_presses_as_it_should_on_a_coarse_block_too() {
+fn coarse_block_sphere_indentation_matches_theory() {
     let [force, held] = indented([12, 6], 0.06, 0.3, VolumetricFormulation::PerTet);
     assert!((held - 1.0).abs() < 1e-3, "{held}");
     assert!((force - 1.0).abs() < 0.2, "{force}");
 }
 
-/// Energy, forces and blocks of the tools of a body alone.
+/// Returns the relative errors of the forces, of the blocks and of the visited blocks of the tool
+/// term against finite differences.
 fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [f64; 3] {
     let (free, plan) = (pressed.body.free_mask.clone(), pressed.body.plan.clone());
     let contact = contact_mut(&mut pressed.body.terms).unwrap();
@@ -247,13 +248,13 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
             .map(|(f, w)| to_metres(*f, 1.0).dot(to_metres(*w, 1.0)))
             .sum()
     };
-    // Along u and along v the forces are the slopes, of E and of what friction is made of.
+    // Along u and v the forces are the negative derivatives of E and of the friction potential.
     let f = forces(contact, u, v);
     let along_u = (energy(contact, &off(u, h), v) - energy(contact, &off(u, -h), v)) / (2.0 * h);
     let along_v = (energy(contact, u, &off(v, h)) - energy(contact, u, &off(v, -h))) / (2.0 * h);
     let size: f64 = f.iter().map(|f| to_metres(*f, 1.0).length()).sum();
     let first = (along_u + along_v + dot(&f)).abs() / size;
-    // A = −h ∂f/∂v − h² ∂f/∂u along the way.
+    // A = −h ∂f/∂v − h² ∂f/∂u along the direction.
     let step = 0.3;
     let mut diagonal = vec![[T::ZERO; 8]; n];
     let mut change = vec![[T::ZERO; 4]; n];
@@ -278,7 +279,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
         worst = worst.max(expected.distance(to_metres(*y, 1.0)));
         largest = largest.max(expected.length());
     }
-    // Diagonal blocks and pairs make up the same matrix.
+    // The diagonal and off-diagonal blocks give the same matrix.
     let mut z = vec![DVec3::ZERO; n];
     for (i, d) in diagonal.iter().enumerate() {
         z[i] += to_metres(
@@ -300,7 +301,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
 }
 
 #[test]
-fn forces_and_blocks_are_the_slopes_of_the_potentials() {
+fn tool_forces_and_blocks_match_finite_differences() {
     let mesh = box_mesh([4, 4, 3], DVec3::new(1.0, 1.0, 0.75), Split::Five).unwrap();
     let shapes = [
         Shape::Sphere { radius: 0.3 },
@@ -320,7 +321,7 @@ fn forces_and_blocks_are_the_slopes_of_the_potentials() {
             Shape::Box { half } => half.z,
             _ => 0.0,
         };
-        // Just above the top, which is bent a little.
+        // Slightly above the top, which is perturbed.
         let at = DVec3::new(0.47, 0.52, 0.75 + deep + 0.02);
         let tool = Tool {
             gap: Some(0.08),
@@ -343,8 +344,8 @@ fn forces_and_blocks_are_the_slopes_of_the_potentials() {
     }
 }
 
-/// How far a block has slid on a plane of friction ½ that is inclined by so many degrees, after ¼
-/// and after ½ of a second, in its edges.
+/// Returns the distance that a block has slid on a plane with friction ½ inclined by `degrees`,
+/// after ¼ and ½ of a second, in its edge lengths.
 fn slid(degrees: f64) -> [f64; 2] {
     let edge = 0.1;
     let mesh = box_mesh([3, 3, 2], DVec3::new(edge, edge, 0.5 * edge), Split::Five).unwrap();
@@ -354,7 +355,7 @@ fn slid(degrees: f64) -> [f64; 2] {
     pressed.body.run(40, 0.01).unwrap();
     let angle = degrees.to_radians();
     let down = DVec3::new(angle.sin(), 0.0, -angle.cos());
-    // Tilted little by little, so that nothing swings.
+    // Tilted gradually to avoid oscillations.
     for k in 1..=20 {
         let part = (f64::from(k) / 20.0 * degrees).to_radians();
         let way = DVec3::new(part.sin(), 0.0, -part.cos());
@@ -374,22 +375,22 @@ fn slid(degrees: f64) -> [f64; 2] {
 }
 
 #[test]
-fn a_block_holds_below_the_angle_of_friction_and_slides_above() {
+fn block_sticks_below_friction_angle_and_slides_above() {
     let angle = 0.5f64.atan().to_degrees();
     let [quarter, half] = slid(angle - 1.0);
-    // Held, it creeps by less than the speed below which friction holds.
+    // When sticking, it creeps at less than the regularisation speed of the friction.
     assert!((half - quarter).abs() < 0.25 * 1e-4, "{quarter} {half}");
     let [quarter, half] = slid(angle + 1.0);
     let steep = (angle + 1.0).to_radians();
     let acceleration = 9.81 * (steep.sin() - 0.5 * steep.cos());
-    // It slides already as it comes to be so steep: at the start it has a speed.
+    // It begins to slide during the tilt and thus has an initial velocity.
     let expected = acceleration * 0.25f64.powi(2) / 0.1;
     let curve = half - 2.0 * quarter;
     assert!((curve / expected - 1.0).abs() < 0.05, "{curve} {expected}");
 }
 
 #[test]
-fn nothing_passes_a_sphere_that_goes_a_radius_a_step() {
+fn fast_sphere_has_no_tunnelling() {
     let mesh = box_mesh([10, 10, 5], DVec3::new(1.0, 1.0, 0.5), Split::Five).unwrap();
     let shape = Shape::Sphere { radius: 0.15 };
     let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), SolverKind::Implicit, 2);
@@ -409,7 +410,7 @@ fn nothing_passes_a_sphere_that_goes_a_radius_a_step() {
 }
 
 #[test]
-fn single_precision_gives_the_same_forces_and_so_do_more_threads() {
+fn tool_forces_agree_across_precisions_and_threads() {
     fn force<T: Real>(chunks: usize) -> [f64; 6] {
         let mesh = box_mesh([6, 6, 6], DVec3::splat(0.1), Split::Five).unwrap();
         let mut pressed = Pressed::<T>::new(&mesh, &material(0.4), SolverKind::Bdf2, chunks);
@@ -421,7 +422,7 @@ fn single_precision_gives_the_same_forces_and_so_do_more_threads() {
             pressed.go(start + way, 0.05);
         }
         let [[force, moment]] = pressed.body.tool_forces()[..] else {
-            panic!("one tool")
+            panic!("expected one tool")
         };
         let [a, b, c] = force.to_array();
         let [d, e, f] = (moment / 0.02).to_array();
@@ -438,7 +439,7 @@ fn single_precision_gives_the_same_forces_and_so_do_more_threads() {
 }
 
 #[test]
-fn what_lies_inside_a_tool_at_first_is_pushed_out() {
+fn initially_penetrating_nodes_are_pushed_out() {
     let mesh = box_mesh([6, 6, 3], DVec3::new(1.0, 1.0, 0.5), Split::Five).unwrap();
     let shape = Shape::Sphere { radius: 0.3 };
     let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), SolverKind::Implicit, 2);
@@ -458,7 +459,7 @@ fn what_lies_inside_a_tool_at_first_is_pushed_out() {
 }
 
 #[test]
-fn a_body_that_is_far_from_its_tools_steps_as_without() {
+fn distant_tool_leaves_steps_unchanged() {
     let mesh = box_mesh([4, 4, 4], DVec3::splat(1.0), Split::Five).unwrap();
     let run = |tools: bool| {
         let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), SolverKind::Implicit, 1);

@@ -54,7 +54,7 @@ fn end(network: &DiscreteModel) -> Vec<bool> {
 }
 
 #[test]
-fn a_step_solves_its_equation() {
+fn step_solves_its_equation() {
     for (law, chunks) in [
         (ConstitutiveModel::NeoHookean, 1),
         (ConstitutiveModel::Corotated, 3),
@@ -81,7 +81,7 @@ fn a_step_solves_its_equation() {
 }
 
 #[test]
-fn f32_and_chunks_step_as_f64_and_one() {
+fn f32_and_chunked_steps_match_f64() {
     let network = soft_bar([12, 3, 3], ConstitutiveModel::NeoHookean);
     let mut truth = body::<f64>(&network, 1, EXACT);
     let mut shared = body::<f64>(&network, 2, EXACT);
@@ -107,7 +107,7 @@ fn f32_and_chunks_step_as_f64_and_one() {
 /// volumetric formulation.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn wrecks_recover() {
+fn inverted_states_recover() {
     for law in [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated] {
         let mut network = soft_bar([8, 4, 4], law);
         network.elements.mass_damping = 4.0;

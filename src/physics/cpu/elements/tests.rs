@@ -134,7 +134,7 @@ fn errors<T: Real>(law: ConstitutiveModel, spoil: impl Fn(&mut Element)) -> [f64
 }
 
 #[test]
-fn kernels_are_the_plain_form() {
+fn kernels_match_reference() {
     for law in LAWS {
         let wide = errors::<f64>(law, |_| ());
         let narrow = errors::<f32>(law, |_| ());
@@ -148,7 +148,7 @@ fn kernels_are_the_plain_form() {
 }
 
 #[test]
-fn the_plain_form_is_the_slope_of_its_energy() {
+fn reference_forces_equal_negative_energy_gradient() {
     for law in LAWS {
         for (e, corners) in cases(law) {
             let size = e.volume * e.lame_parameters[0];
@@ -179,7 +179,7 @@ fn the_plain_form_is_the_slope_of_its_energy() {
 }
 
 #[test]
-fn small_strains_are_hookes() {
+fn small_strains_obey_hookes_law() {
     let (young, poisson) = (2e4, 0.37);
     let mu = young / (2.0 * (1.0 + poisson));
     let lambda = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
@@ -209,7 +209,7 @@ fn small_strains_are_hookes() {
 }
 
 #[test]
-fn projected_blocks_lower_no_energy() {
+fn projected_blocks_are_positive_semidefinite() {
     for law in LAWS {
         for (e, corners) in cases(law) {
             let least = |blocks: [[DMat3; 4]; 4]| {
@@ -272,7 +272,7 @@ fn mixed(law: ConstitutiveModel, volume: VolumetricFormulation, contrast: f64) -
 }
 
 #[test]
-fn the_term_is_the_plain_form() {
+fn element_term_matches_reference() {
     use VolumetricFormulation::{NodalAveraged, PerTet};
     for (law, volume, contrast) in [
         (ConstitutiveModel::NeoHookean, PerTet, 1.0),
@@ -414,7 +414,7 @@ fn the_term_is_the_plain_form() {
 /// Averaged volumes: forces and Hessian are derivatives of one energy, which equals that of the
 /// tetrahedra under uniform strain and is at most that otherwise.
 #[test]
-fn averaged_volumes_have_one_energy() {
+fn averaged_volume_forces_and_hessian_are_energy_derivatives() {
     for (law, contrast) in [
         (ConstitutiveModel::NeoHookean, 1e5),
         (ConstitutiveModel::Corotated, 3.0),

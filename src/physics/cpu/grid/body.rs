@@ -279,7 +279,7 @@ impl<T: Real> CpuGridBody<T> {
             |i: usize| springs[i] & 0x1_5555 != 0 && self.masses[i] == 0.0 || springs[i] >> 18 != 0;
         if let Some(i) = (0..springs.len()).find(|i| new(*i)) {
             return Err(Error::Input(format!(
-                "particle {i} cannot have the springs {:#x}",
+                "invalid springs of particle {i}: {:#x}",
                 springs[i]
             )));
         }
@@ -406,7 +406,7 @@ impl<T: Real> CpuGridBody<T> {
         match given == self.rest.len() {
             true => Ok(()),
             false => Err(Error::Input(format!(
-                "{given} {what} are given for a grid of {} particles",
+                "got {given} {what} for a grid of {} particles",
                 self.rest.len()
             ))),
         }
@@ -417,7 +417,7 @@ impl<T: Real> CpuGridBody<T> {
         match given.iter().position(|v| !v.is_finite()) {
             None => Ok(()),
             Some(i) => Err(Error::Input(format!(
-                "the {what} of particle {i} are no numbers"
+                "the {what} of particle {i} are not finite"
             ))),
         }
     }

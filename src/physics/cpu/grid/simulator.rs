@@ -89,9 +89,9 @@ impl CpuGrid {
                 self.synced_loads = None;
                 error
             }
-            WorkerError::Failed(StepFailure::BadStep { h }, ..) => Error::Input(format!(
-                "a time step of {h} s makes no sense; give a positive number of seconds"
-            )),
+            WorkerError::Failed(StepFailure::BadStep { h }, ..) => {
+                Error::Input(format!("time step must be finite and > 0, got {h} s"))
+            }
             WorkerError::Failed(_, dt, progress) => {
                 self.progress = progress;
                 let stable = self.model.conservative_step();
@@ -100,13 +100,10 @@ impl CpuGrid {
                     step: progress.steps + 1,
                     time: progress.time,
                     cause: FailureCause::FlownApart,
-                    what: "particles flew apart".into(),
+                    what: "particles diverged".into(),
                     advice: match dt > stable {
                         true => format!("use --dt {stable:.3e} or less"),
-                        false => {
-                            "the forces on it are too large, or its particles were moved too far"
-                                .into()
-                        }
+                        false => "reduce the forces, or move the particles less far".into(),
                     },
                 }
             }
@@ -214,7 +211,7 @@ impl Simulator for CpuGrid {
         match kind {
             SolverKind::Verlet => Ok(()),
             kind => Err(Error::Input(format!(
-                "a grid body is stepped by verlet, not by {kind}"
+                "a grid body supports the solver verlet only, not {kind}"
             ))),
         }
     }
@@ -226,7 +223,7 @@ impl Simulator for CpuGrid {
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
         if !(dt > 0.0 && dt.is_finite()) {
             return Err(Error::Input(format!(
-                "a time step of {dt} s makes no sense; give a positive number of seconds"
+                "time step must be finite and > 0, got {dt} s"
             )));
         }
         send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
@@ -388,7 +385,7 @@ impl Simulator for CpuGrid {
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
         let SimulatorState::CpuGrid(state) = state else {
             return Err(Error::Input(
-                "the state of another kind of body, or of another engine".into(),
+                "the saved state is of another kind of body or another engine".into(),
             ));
         };
         self.worker.cancel_pending();

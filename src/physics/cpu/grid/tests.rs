@@ -138,7 +138,7 @@ fn error<T: Real>(body: &CpuGridBody<T>, twin: &GridReference, model: &GridModel
 }
 
 #[test]
-fn grids_step_as_the_twin() {
+fn grid_step_matches_reference() {
     let model = model(3000);
     let h = 0.4 * model.conservative_step();
     for slabs in [1, 2, 5] {
@@ -170,7 +170,7 @@ fn grids_step_as_the_twin() {
 }
 
 #[test]
-fn cut_springs_are_gone_and_resumed_runs_are_the_same() {
+fn cut_removes_springs_and_resumed_run_is_identical() {
     let model = model(2000);
     let h = 0.4 * model.conservative_step();
     let (mut body, mut twin, attached) = pair::<f64>(&model, 2);
@@ -201,7 +201,7 @@ fn cut_springs_are_gone_and_resumed_runs_are_the_same() {
 }
 
 #[test]
-fn grids_that_fly_apart_stay_where_they_were() {
+fn diverged_grid_keeps_last_valid_state() {
     let model = model(1000);
     let (mut body, _, _) = pair::<f32>(&model, 2);
     let h = 4.0 * model.conservative_step();

@@ -14,9 +14,9 @@ const ARMIJO_C1: f64 = 1e-4;
 /// Smallest step length of the line search.
 const MIN_STEP: f64 = 1e-7;
 
-/// In contact, so many lengths between the accepted and the rejected one are tried, as long as Φ
-/// falls by the given fraction of the decrease predicted by its slope: contact begins abruptly, and
-/// a parabola does not predict where.
+/// In contact, up to this many step lengths between the accepted and the rejected one are tried, as
+/// long as Φ decreases by the given fraction of the decrease predicted by its slope: the onset of
+/// contact is abrupt, and a parabola does not predict it.
 const MAX_REFINEMENTS: u32 = 3;
 const CURVATURE_RATIO: f64 = 0.7;
 

@@ -1,8 +1,8 @@
-//! Implicit rules of which a step is one minimisation.
+//! Implicit schemes whose steps are minimisations.
 //!
-//! Each finds the displacement δ from the start of the step to where forces are taken, with the
-//! velocity w = (δ − b)/γ there, so that M (w − ṽ)/γ = f(x + δ, w): δ is least in
-//! ½ |δ − b − γ ṽ|²_M / γ² + E(x + δ) and what damping and loads add.
+//! Each finds the displacement δ from the start of the step to where forces are evaluated, with the
+//! velocity w = (δ − b)/γ there, so that M (w − ṽ)/γ = f(x + δ, w): δ minimises ½ |δ − b − γ ṽ|²_M
+//! / γ² + E(x + δ) plus the potentials of damping and loads.
 //!
 //! - Euler: γ = h, ṽ = v, b = 0.
 //! - BDF2 with ω = h/h₋₁ (Hairer, Nørsett & Wanner 1993, "Solving Ordinary Differential Equations

@@ -77,7 +77,7 @@ fn forces(network: &DiscreteModel, x: &[DVec3]) -> Vec<DVec3> {
 }
 
 #[test]
-fn a_step_solves_its_equation() {
+fn step_solves_its_equation() {
     // Elements, their weight and a floor; the network's springs are not simulated.
     for (law, chunks) in [
         (ConstitutiveModel::NeoHookean, 1),
@@ -110,7 +110,7 @@ fn a_step_solves_its_equation() {
 }
 
 #[test]
-fn wrecks_recover() {
+fn inverted_states_recover() {
     for law in [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated] {
         let mut network = bar([8, 4, 4], law, false);
         network.elements.mass_damping = 4.0;
@@ -162,7 +162,7 @@ fn wrecks_recover() {
 }
 
 #[test]
-fn f32_and_chunks_step_as_f64_and_one() {
+fn f32_and_chunked_steps_match_f64() {
     for law in [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated] {
         let network = bar([12, 3, 3], law, false);
         let mut truth = body::<f64>(&network, 1, EXACT);
@@ -214,7 +214,7 @@ fn f32_and_chunks_step_as_f64_and_one() {
 }
 
 #[test]
-fn momentum_is_kept() {
+fn momentum_is_conserved() {
     for (law, rule) in [
         (ConstitutiveModel::NeoHookean, ImplicitScheme::Euler),
         (ConstitutiveModel::Corotated, ImplicitScheme::Midpoint),
@@ -255,7 +255,7 @@ fn momentum_is_kept() {
 }
 
 #[test]
-fn an_affine_patch_stays_affine() {
+fn affine_patch_stays_affine() {
     let network = bar([4, 4, 4], ConstitutiveModel::NeoHookean, false);
     let mut body = body::<f64>(&network, 1, EXACT);
     body.set_gravity(DVec3::ZERO);
@@ -299,7 +299,7 @@ fn end_of(network: &DiscreteModel, rule: ImplicitScheme, steps: u32, uneven: boo
 }
 
 #[test]
-fn rules_converge_at_their_orders() {
+fn schemes_converge_at_expected_order() {
     for (beta, alpha, law) in [
         (0.0, 0.0, ConstitutiveModel::NeoHookean),
         (5e-3, 2.0, ConstitutiveModel::Corotated),
@@ -324,7 +324,7 @@ fn rules_converge_at_their_orders() {
 }
 
 #[test]
-fn explicit_schemes_step_elements_too() {
+fn explicit_schemes_support_elements() {
     let mut network = bar([4, 1, 1], ConstitutiveModel::NeoHookean, false);
     network.damping_time = 1e-4;
     network.elements.mass_damping = 3.0;
@@ -358,7 +358,7 @@ fn explicit_schemes_step_elements_too() {
 }
 
 #[test]
-fn a_run_that_is_resumed_takes_the_same_steps() {
+fn resumed_run_is_bitwise_identical() {
     for (beta, rule) in [(0.0, ImplicitScheme::Euler), (1e-3, ImplicitScheme::Bdf2)] {
         let mut network = bar([8, 2, 2], ConstitutiveModel::NeoHookean, false);
         network.damping_time = beta;

@@ -55,7 +55,7 @@ mod tests {
     use crate::physics::cpu::body::tests::noise;
 
     #[test]
-    fn it_is_found_from_anywhere_near() {
+    fn closest_rotation_converges_from_nearby_start() {
         let mut next = noise(4);
         let mut vector = |size: f64| size * DVec3::new(next(), next(), next());
         for n in 0..60 {
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn only_turns_that_are_left_are_made() {
+    fn constrained_rotation_keeps_free_axis() {
         let axis = DVec3::new(0.6, 0.0, 0.8);
         let within = DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
         let truth = DQuat::from_axis_angle(axis, 0.7) * DQuat::from_axis_angle(DVec3::Y, 0.2);

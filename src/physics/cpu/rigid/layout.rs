@@ -18,7 +18,7 @@ fn check_rigid_support(kind: SolverKind) -> Result<()> {
     match kind {
         SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint => Ok(()),
         _ => Err(Error::Input(format!(
-            "{kind} steps no rigid regions: take implicit, bdf2 or midpoint"
+            "{kind} does not support rigid regions; use implicit, bdf2 or midpoint"
         ))),
     }
 }

@@ -1,14 +1,14 @@
-//! Rigid bodies by the midpoint rule.
+//! Rigid bodies in the midpoint rule.
 //!
-//! From the pose R₀ with the angular momentum ℓ₀ a step of 2γ turns a body by φ to where forces are
-//! taken and by φ once more: R = exp(φ) R₀, R₁ = exp(φ) R, with I(R) φ/γ = ℓ = ½(ℓ₀ + ℓ₁) and
-//! ℓ − ℓ₀ = γ τ(R). That is the same backwards, so it is of second order, and what turns freely
-//! keeps its angular momentum to rounding.
+//! From the pose R₀ with the angular momentum ℓ₀, a step of 2γ rotates a body by φ to the midpoint,
+//! where forces are evaluated, and by φ again to the end: R = exp(φ) R₀, R₁ = exp(φ) R, with I(R)
+//! φ/γ = ℓ = ½(ℓ₀ + ℓ₁) and ℓ − ℓ₀ = γ τ(R). The rule is time-symmetric and therefore of second
+//! order, and a free rotation conserves the angular momentum up to rounding.
 //!
-//! No energy of R has the slope (I(R) φ/γ − ℓ₀)/γ. But inertia that pulls the carriers to places
-//! has the right one at a guess R₊, and one right to second order at R, if the guess takes the
-//! torque of the step before for this one's: then the places are those of R₊ turned on by
-//! γ (I(R₊)⁻¹ ℓ₀ − φ₊/γ).
+//! No energy of R has the gradient (I(R) φ/γ − ℓ₀)/γ. But inertia that pulls the proxy nodes to
+//! target positions has the exact gradient at a guess R₊, and a second-order accurate one at R, if
+//! the guess uses the torque of the previous step: the targets are then the positions in R₊,
+//! rotated further by γ (I(R₊)⁻¹ ℓ₀ − φ₊/γ).
 
 use super::bodies::RigidBodies;
 use super::pose::{DegreesOfFreedom, PROXY_NODES, Pose, inertia_of, rotation_response};
@@ -17,11 +17,11 @@ use crate::physics::cpu::vectors::V4;
 use crate::physics::cpu::vectors::to_v4;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Rounds in which a guess is found; each is right to a power more of the turn.
+/// Fixed-point iterations of a guess; each gains one order in the rotation.
 const FIXED_POINT_ITERATIONS: usize = 12;
 
 impl RigidBodies {
-    /// The inertia of a body about its pivot in a pose turned so.
+    /// Returns the inertia of a body about its pivot, rotated by `turn`.
     fn inertia(&self, b: usize, turn: DQuat) -> DMat3 {
         let body = &self.bodies[b];
         let (pivot, _) = body.pivot(&self.now[b]);
@@ -32,8 +32,8 @@ impl RigidBodies {
         sum * (body.mass / PROXY_NODES as f64)
     }
 
-    /// Where inertia pulls a body's carriers to in a step of 2 `gamma`, but for forces: from its
-    /// pose, its velocities `v` and the torque of the step before. Displacements from now.
+    /// Returns the displacements of a body's proxy nodes to which inertia alone pulls them in a
+    /// step of 2 `gamma`: from its pose, its velocities `v` and the torque of the previous step.
     pub fn inertial_target<T: Real>(
         &self,
         b: usize,
@@ -64,15 +64,15 @@ impl RigidBodies {
         places
     }
 
-    /// Ends a step of 2 `gamma` of which the best trial is the middle: the poses at the end are the
-    /// best then, and the velocities of the bodies' nodes are those there.
+    /// Ends a step of 2 `gamma` with the midpoint at the best trial: stores the poses at the end as
+    /// the best ones, and the velocities of the bodies' nodes there.
     pub fn extrapolate_end<T: Real>(&mut self, gamma: f64, before: &[V4<T>], after: &mut [V4<T>]) {
         for b in 0..self.bodies.len() {
             let (now, middle) = (self.now[b], self.best[b]);
             let (pivot, within) = self.bodies[b].pivot(&now);
             let (sum, spin) = self.momentum(b, before);
             let step = (middle.rotation * now.rotation.inverse()).normalize();
-            // Of the two ways round the shorter.
+            // The shorter of the two rotations.
             let step = if step.w < 0.0 { -step } else { step };
             let by = within * step.to_scaled_axis();
             let turn = (DQuat::from_scaled_axis(by) * middle.rotation).normalize();

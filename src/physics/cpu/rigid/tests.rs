@@ -1,4 +1,4 @@
-//! Rigid bodies against what is known of them, and against bodies that are very stiff.
+//! Tests of rigid bodies against closed-form solutions, and against very stiff bodies.
 #![allow(clippy::unwrap_used)]
 
 use crate::mesh::{Field, Location, generate};
@@ -17,8 +17,8 @@ const EXACT: NewtonSettings = NewtonSettings {
     linear_tolerance: 1e-4,
 };
 
-/// A bar of soft material in which region 1 is what `bone` says, rigid, or of Young's modulus
-/// `young` if that is given.
+/// Returns a bar of soft material in which region 1, selected by `bone`, is rigid, or has the
+/// Young's modulus `young` if given.
 fn bar(
     cells: [usize; 3],
     bone: impl Fn(DVec3) -> bool,
@@ -72,7 +72,7 @@ fn low_end(network: &DiscreteModel) -> Vec<bool> {
         .collect()
 }
 
-/// Mass, centre and angular momentum about it.
+/// Returns the mass, the centre of mass, and the angular momentum about it.
 fn moments(network: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> (f64, DVec3, DVec3) {
     let mass: f64 = network.masses.iter().sum();
     let all = || network.masses.iter().zip(x).zip(v);
@@ -81,8 +81,8 @@ fn moments(network: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> (f64, DVec3, DV
     (mass, centre, spin)
 }
 
-/// Where a free rigid body with this turning is after a time: its rotation, by Runge and Kutta's
-/// rule in many small steps, of a constant angular momentum.
+/// Returns the rotation of a free rigid body with this angular momentum after a time, by the
+/// Runge–Kutta method with many small steps.
 fn rotor(network: &DiscreteModel, spin: DVec3, time: f64) -> DQuat {
     let (_, centre, _) = moments(network, &network.rest_positions, &network.rest_positions);
     let mut inertia = DMat3::ZERO;
@@ -111,7 +111,7 @@ fn rotor(network: &DiscreteModel, spin: DVec3, time: f64) -> DQuat {
 }
 
 #[test]
-fn a_free_body_flies_and_spins_as_known() {
+fn free_rigid_body_matches_closed_form_motion() {
     let network = bar([4, 3, 2], |_| true, None, 0.0);
     assert!(network.elements.tets.is_empty() && network.elements.rigid.len() == 1);
     let gravity = DVec3::new(1.0, -2.0, -9.81);
@@ -140,7 +140,7 @@ fn a_free_body_flies_and_spins_as_known() {
             body.run(steps, h).unwrap();
             let (x, v) = (body.positions(), body.velocities());
             let (_, at, after) = moments(&network, &x, &v);
-            // The rule's own fall: of Euler ½ g h t too far.
+            // Error of the scheme in free fall: implicit Euler falls ½ g h t too far.
             let fall = 0.5 * gravity * time * time;
             let lag = at - centre - start * time - fall;
             if order == 1.0 {
@@ -158,7 +158,7 @@ fn a_free_body_flies_and_spins_as_known() {
         println!("{kind}: {errors:?}");
         for pair in errors.windows(2) {
             let rates = [pair[0].0 / pair[1].0, pair[0].1 / pair[1].1].map(f64::log2);
-            // The midpoint rule keeps angular momentum itself.
+            // The midpoint rule conserves angular momentum exactly.
             let kept = kind == SolverKind::Midpoint && pair[1].0 < 1e-11;
             let spin = kept || rates[0] > order - 0.25;
             assert!(spin && rates[1] > order - 0.25, "{kind} {rates:?}");
@@ -167,13 +167,13 @@ fn a_free_body_flies_and_spins_as_known() {
 }
 
 #[test]
-fn bones_stay_what_they_are_and_cost_next_to_nothing() {
+fn rigid_regions_keep_shape_and_eliminate_interior_nodes() {
     let network = bar([12, 6, 6], |p| p.x > 0.5 && p.x < 0.92, None, 1e-3);
     let rigid = &network.elements.rigid[0];
     let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
     body.set_pinned(&low_end(&network)).unwrap();
     body.set_gravity(DVec3::new(0.0, 3.0, -9.81));
-    // All nodes but those inside, and four of its own.
+    // All nodes except interior ones, and four of the rigid body itself.
     let inside = rigid.nodes.len() - rigid.surface.len();
     assert!(inside > 50);
     assert_eq!(body.active(), network.rest_positions.len() - inside + 4);
@@ -194,7 +194,8 @@ fn bones_stay_what_they_are_and_cost_next_to_nothing() {
     assert!(moved > 0.05 && worst < 1e-15 * 8.0, "{moved} {worst}");
 }
 
-/// Positions after some steps of a bar pinned at one end, the other third of it bone.
+/// Returns the positions after some steps of a bar pinned at one end, with a rigid region at the
+/// other.
 fn swung<T: Real>(network: &DiscreteModel, kind: SolverKind, newton: NewtonSettings) -> Vec<DVec3> {
     let mut body = body::<T>(network, kind, newton);
     body.set_pinned(&low_end(network)).unwrap();
@@ -211,7 +212,7 @@ fn apart(network: &DiscreteModel, a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 #[test]
-fn rigid_is_what_very_stiff_comes_to() {
+fn rigid_region_is_limit_of_high_stiffness() {
     let bone = |p: DVec3| p.x > 0.5 && p.x < 0.9;
     for kind in [SolverKind::Implicit, SolverKind::Bdf2] {
         let rigid = bar([8, 2, 2], bone, None, 0.0);
@@ -223,7 +224,7 @@ fn rigid_is_what_very_stiff_comes_to() {
             let x = swung::<f64>(&stiff, kind, EXACT);
             apart(&rigid, &x, &truth)
         });
-        println!("{kind}: stiffer by 10 to 1e4 {errors:?}, f32 at defaults {off:.1e}");
+        println!("{kind}: stiffness ratios 10 to 1e4 {errors:?}, f32 at defaults {off:.1e}");
         for pair in errors.windows(2) {
             assert!(pair[1] < 0.13 * pair[0], "{errors:?}");
         }
@@ -232,8 +233,9 @@ fn rigid_is_what_very_stiff_comes_to() {
 }
 
 #[test]
-fn rules_of_second_order_are_that_with_bones() {
-    // A bone on a soft stalk, spinning as it swings: every rule against a hundredth of its steps.
+fn second_order_schemes_keep_order_with_rigid_regions() {
+    // A bone on a soft stalk, spinning while it swings: each scheme against a solution with much
+    // smaller steps.
     let bone = |p: DVec3| p.x > 0.5;
     let network = bar([4, 2, 2], bone, None, 0.0);
     let centre = DVec3::new(0.2, 0.0, 0.0);
@@ -264,8 +266,9 @@ fn rules_of_second_order_are_that_with_bones() {
 }
 
 #[test]
-fn the_potential_is_least_among_rigid_motions() {
-    // A step's end is a stationary point of Φ over poses and soft nodes: differences of Φ by each.
+fn step_is_stationary_over_rigid_motions() {
+    // The end of a step is a stationary point of Φ with respect to poses and soft nodes, by finite
+    // differences.
     use super::pose::Pose;
     let bone = |p: DVec3| p.x > 0.4 && p.x < 0.8;
     let damping = 5e-3;
@@ -293,7 +296,7 @@ fn the_potential_is_least_among_rigid_motions() {
         let energy = |e: &crate::physics::Element| {
             e.energy(network.elements.law, &e.nodes.map(|v| at[v as usize]))
         };
-        // Damping is taken at the start.
+        // Damping is evaluated at the start of the step.
         let loss = |e: &crate::physics::Element| {
             let corners = e.nodes.map(|v| x[v as usize]);
             let blocks = e.projected_stiffness(network.elements.law, &corners);
@@ -335,14 +338,15 @@ fn the_potential_is_least_among_rigid_motions() {
             worst = worst.max(slope(1e-6, &|s, y| y[i] += s * axis).abs());
         }
     }
-    // What acts: the weight of the bone.
+    // Scale of the forces: the weight of the bone.
     let weight: f64 = nodes
         .iter()
         .map(|v| network.masses[*v as usize] * 9.81)
         .sum();
-    println!("slopes of Φ up to {worst:.1e} N where {weight:.1} N act");
+    println!("gradient of Φ up to {worst:.1e} N for a weight of {weight:.1} N");
     assert!(worst < 1e-5 * weight, "{worst} {weight}");
-    // One node of the bone by itself would lower Φ: its slopes are what holds it.
+    // A single node of the bone would reduce Φ: its gradient is balanced by the rigidity
+    // constraint.
     let i = *network.elements.rigid[0].nodes.first().unwrap() as usize;
     let alone = slope(1e-6, &|s, y| y[i] += s * DVec3::X).abs();
     assert!(alone > 1e-2 * weight, "{alone}");
@@ -350,7 +354,7 @@ fn the_potential_is_least_among_rigid_motions() {
 }
 
 #[test]
-fn a_state_goes_on_to_the_bit() {
+fn resume_is_bitwise_identical() {
     for kind in [SolverKind::Bdf2, SolverKind::Midpoint] {
         state_of(kind);
     }
@@ -377,12 +381,12 @@ fn state_of(kind: SolverKind) {
     if kind != SolverKind::Bdf2 {
         return;
     }
-    // Where it stands, to the bit.
+    // The displacements are restored bit by bit.
     let mut third = make();
     third.set_displacements(&body.displacements()).unwrap();
     assert_eq!(third.displacements(), body.displacements());
     assert_eq!(third.positions(), body.positions());
-    // What is set and read is the same.
+    // Setting and reading back a state preserves it.
     let (x, v) = (body.positions(), body.velocities());
     third.set_state(&x, &v).unwrap();
     let off = |a: &[DVec3], b: &[DVec3]| {
@@ -394,7 +398,7 @@ fn state_of(kind: SolverKind) {
 }
 
 #[test]
-fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
+fn rigid_regions_rotate_about_pins_and_follow_fixed_nodes() {
     let network = bar([6, 3, 3], |_| true, None, 0.0);
     let gravity = DVec3::new(0.0, 0.0, -9.81);
     let corner = |p: DVec3| {
@@ -426,7 +430,7 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
     };
     let far = corner(DVec3::new(0.8, 0.0, 0.0));
     assert_eq!(swing(&[a, b, c], gravity), network.rest_positions);
-    // A compound pendulum about y: its angle by the equation θ'' = m g l cos(θ + θ₀) / I.
+    // A physical pendulum about y, with the angle from θ'' = m g l cos(θ + θ₀) / I.
     let hinged = swing(&[a, b], gravity);
     let (mut inertia, mut first) = (0.0, DVec3::ZERO);
     for (m, x) in network.masses.iter().zip(&network.rest_positions) {
@@ -442,14 +446,14 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
     }
     let at = hinged[far] - network.rest_positions[a];
     let found = (-at.z).atan2(at.x);
-    println!("the pendulum is at {found} rad after 0.3 s, and should be at {angle}");
+    println!("pendulum at {found} rad after 0.3 s, expected {angle}");
     assert!((found - angle).abs() < 2e-3 && angle > 0.5);
-    // About a point a push along y turns it about z, too; about the hinge it does not.
+    // A sideways force rotates it about a single pinned point, but not about a hinge.
     let aside = gravity + DVec3::new(0.0, 5.0, 0.0);
     let (ball, hinge) = (swing(&[a], aside), swing(&[a, b], aside));
     assert!((ball[far].y - network.rest_positions[far].y) > 0.05);
     assert!((hinge[far].y - network.rest_positions[far].y).abs() < 1e-12);
-    // Held nodes take the bone along: here a quarter turn about z, and up.
+    // Fixed nodes move the bone with them: here by a quarter turn about z, and upwards.
     let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
     let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
     let place = |x: DVec3| turn * x + DVec3::Z;
@@ -465,7 +469,7 @@ fn bones_turn_about_what_is_pinned_and_follow_what_is_held() {
 }
 
 #[test]
-fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
+fn forces_on_rigid_region_act_as_force_and_torque() {
     let network = bar([6, 4, 4], |_| true, None, 0.0);
     let inside = network.elements.rigid[0]
         .nodes
@@ -492,7 +496,7 @@ fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
         let mut forces = still.clone();
         forces[node] = force;
         let pushed = of(&|body| body.set_forces(&forces).unwrap());
-        // A spring that pulls as hard as its limit.
+        // A spring that pulls with its maximum force.
         let pull = NodeConstraint::Spring {
             node: node as u32,
             target: network.rest_positions[node] + force.normalize(),
@@ -514,7 +518,7 @@ fn forces_anywhere_on_a_bone_act_as_force_and_torque() {
 }
 
 #[test]
-fn without_rigid_regions_great_contrasts_converge() {
+fn high_stiffness_contrast_converges_without_rigid_regions() {
     let bone = |p: DVec3| p.x > 0.4 && p.x < 0.9;
     let rigid = bar([16, 4, 4], bone, None, 0.0);
     let still = rigid.clone();
@@ -543,13 +547,13 @@ fn without_rigid_regions_great_contrasts_converge() {
             stiff < 4 * soft && rigid < 2 * soft,
             "{soft} {stiff} {rigid}"
         );
-        // One Newton iteration turns so stiff a bone along chords, and is held back by that.
+        // With one Newton iteration, so stiff a bone rotates along chords, which slows it down.
         assert!(off < 5e-3 || newton == NewtonSettings::default(), "{off}");
     }
 }
 
 #[test]
-fn a_bone_comes_to_rest_on_a_floor() {
+fn rigid_region_rests_on_floor() {
     use crate::physics::cpu::node_terms::NodeTerms;
     use crate::physics::{Floor, NodeTerm};
     let network = bar([4, 3, 3], |_| true, None, 0.0);
@@ -569,17 +573,20 @@ fn a_bone_comes_to_rest_on_a_floor() {
         .map(|v| floor.force(network.masses[*v as usize], x[*v as usize]).z)
         .sum();
     let weight: f64 = network.masses.iter().map(|m| m * 9.81).sum();
-    println!("the floor holds {held} N of {weight} N");
+    println!("the floor supports {held} N of {weight} N");
     assert!((held / weight - 1.0).abs() < 1e-3);
 }
 
 #[test]
-fn what_cannot_be_is_refused() {
+fn rejects_explicit_schemes_and_overlapping_rigid_bodies() {
     let network = bar([4, 2, 2], |p| p.x > 0.5, None, 0.0);
     for kind in [SolverKind::Verlet, SolverKind::Symplectic] {
         let made = CpuBody::<f32>::new(&network, kind, CgSettings::default(), None);
-        let said = made.err().unwrap().to_string();
-        assert!(said.contains("take implicit, bdf2 or midpoint"), "{said}");
+        let message = made.err().unwrap().to_string();
+        assert!(
+            message.contains("use implicit, bdf2 or midpoint"),
+            "{message}"
+        );
     }
     let mut strange = network.clone();
     strange

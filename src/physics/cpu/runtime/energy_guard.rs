@@ -52,27 +52,27 @@ impl fmt::Display for StepFailure {
         match self {
             StepFailure::BadStep { h } => write!(
                 f,
-                "a time step of {h} s makes no sense for this body; give a positive number of seconds"
+                "time step must be finite and > 0, got {h} s"
             ),
             StepFailure::NonFinite => {
-                f.write_str("a position, velocity or force is no longer a finite number")
+                f.write_str("a position, velocity or force is no longer finite")
             }
             StepFailure::RunawayEnergy { baseline, work } => write!(
                 f,
-                "the energy runs away: more than {ENERGY_FACTOR} times what the body began with ({baseline:.3e} J) and was given since ({work:.3e} J)"
+                "the energy diverges: more than {ENERGY_FACTOR} times the sum of the initial energy ({baseline:.3e} J) and the work done since ({work:.3e} J)"
             ),
-            StepFailure::Diverged => f.write_str("particles flew apart"),
+            StepFailure::Diverged => f.write_str("particles diverged"),
             StepFailure::InvertedTets => f.write_str(INVERTED_TETS_MESSAGE),
             StepFailure::ToolPenetration => f.write_str(TOOLS_OVERCONSTRAINED_MESSAGE),
             StepFailure::SelfContactBlocked => f.write_str(
-                "parts of the body are pressed so hard against each other that they would go through; leave them more room, or move what is moved less far or more slowly",
+                "parts of the body are pressed so hard against each other that they would interpenetrate; increase the clearance, or make prescribed motions shorter or slower",
             ),
             StepFailure::NotConverged {
                 iterations,
                 residual,
             } => write!(
                 f,
-                "conjugate gradients came to a relative residual of only {residual:.1e} in {iterations} iterations"
+                "conjugate gradients reached a relative residual of only {residual:.1e} in {iterations} iterations"
             ),
         }
     }

@@ -127,11 +127,12 @@ pub(in crate::physics::cpu) trait GridParticles: Steppable {
 
 /// Serialises a state.
 pub(in crate::physics::cpu) fn pack(state: &impl Serialize) -> Result<Vec<u8>> {
-    postcard::to_stdvec(state).map_err(|e| Error::Input(format!("the state cannot be packed: {e}")))
+    postcard::to_stdvec(state).map_err(|e| Error::Input(format!("cannot serialise the state: {e}")))
 }
 
 /// Deserialises a state.
 pub(in crate::physics::cpu) fn unpack<S: DeserializeOwned>(packed: &[u8]) -> Result<S> {
-    postcard::from_bytes(packed)
-        .map_err(|_| Error::Input("the state of a body of other numbers, or a damaged one".into()))
+    postcard::from_bytes(packed).map_err(|_| {
+        Error::Input("the saved state is of a body of another precision, or damaged".into())
+    })
 }

@@ -146,9 +146,10 @@ impl<B: Steppable + ?Sized> Worker<B> {
             let shared = self.shared.clone();
             let thread = std::thread::Builder::new().name("palpate-body".into());
             let thread = thread.spawn(move || shared.work());
-            self.thread = Some(thread.map_err(|e| {
-                Error::Input(format!("no thread can be had for the simulation: {e}"))
-            })?);
+            self.thread =
+                Some(thread.map_err(|e| {
+                    Error::Input(format!("cannot start the simulation thread: {e}"))
+                })?);
         }
         lock(&self.shared.queue).commands.push_back(errand);
         self.shared.wake.notify_one();
@@ -281,7 +282,7 @@ impl<B: Steppable + ?Sized> Shared<B> {
             let mut queue = lock(&self.queue);
             if done.is_err() {
                 queue.commands.clear();
-                let why = "the simulation broke off by a fault of its own; please report it";
+                let why = "internal error in the simulation thread; please report it";
                 queue.refused = Some(Error::Input(why.into()));
             }
             queue.busy = false;

@@ -67,7 +67,7 @@ impl GridBody {
         gpu.write_array(nodes.array(), &rest)?;
         let total = rest.len();
         let [before, next] = [
-            gpu.array_of("positions before", Texel::F32x4, &rest)?,
+            gpu.array_of("previous positions", Texel::F32x4, &rest)?,
             gpu.array_of("next positions", Texel::F32x4, &rest)?,
         ];
         let count = model.shape.count();
@@ -81,7 +81,7 @@ impl GridBody {
             velocities: gpu.array("velocities", Texel::F32x4, total)?,
             backup: [
                 gpu.array("backup", Texel::F32x4, total)?,
-                gpu.array("backup before", Texel::F32x4, total)?,
+                gpu.array("backup of previous positions", Texel::F32x4, total)?,
             ],
             status: gpu.buffer("grid status", STATUS)?,
             buffers: BufferIndices::FIRST,
@@ -118,7 +118,7 @@ impl GridBody {
     /// Creates an array of undefined normals.
     pub(in crate::physics) fn undefined_normals(&self) -> Result<Array> {
         let none = vec![NO_NORMAL; self.mesh.nodes.len()];
-        self.gpu.array_of("normals at rest", Texel::U32, &none)
+        self.gpu.array_of("rest normals", Texel::U32, &none)
     }
 
     /// The masses and springs.
@@ -177,7 +177,7 @@ impl GridBody {
     pub fn set_damping(&mut self, rate: f64) -> Result<()> {
         if !(rate.is_finite() && rate >= 0.0) {
             return Err(Error::Input(format!(
-                "a damping rate of {rate} 1/s makes no sense; give 0 or more"
+                "damping rate must be finite and ≥ 0, got {rate} 1/s"
             )));
         }
         self.model.damping = rate;

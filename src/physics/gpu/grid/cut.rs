@@ -37,40 +37,40 @@ impl GridBody {
     /// [`Error::Input`](crate::Error::Input) if no cell would be left.
     pub fn remove(&mut self, particles: &[u32]) -> Result<GridCut> {
         let offsets = self.model.shape.offsets();
-        let mut gone = Vec::new();
+        let mut erased = Vec::new();
         for i in particles.iter().map(|i| *i as usize) {
             let springs = self.model.springs.get(i).copied().unwrap_or(0);
             for (k, offset) in offsets.iter().enumerate() {
                 if springs >> (2 * k) & 1 == 1 {
-                    gone.push((i, k));
+                    erased.push((i, k));
                 }
                 if springs >> (2 * k + 1) & 1 == 1 {
-                    gone.push(((i as i64 - offset) as usize, k));
+                    erased.push(((i as i64 - offset) as usize, k));
                 }
             }
         }
-        gone.sort_unstable();
-        gone.dedup();
-        let cut = self.erase(&gone)?;
+        erased.sort_unstable();
+        erased.dedup();
+        let cut = self.erase(&erased)?;
         let there = |i: &u32| (*i as usize) < self.model.springs.len();
-        let gone: Vec<u32> = particles.iter().copied().filter(there).collect();
-        self.pin_nodes(&gone)?;
+        let removed: Vec<u32> = particles.iter().copied().filter(there).collect();
+        self.pin_nodes(&removed)?;
         Ok(cut)
     }
 
     /// Erases springs, each given as a particle and a forward kind.
-    fn erase(&mut self, gone: &[(usize, usize)]) -> Result<GridCut> {
-        if gone.is_empty() {
+    fn erase(&mut self, erased: &[(usize, usize)]) -> Result<GridCut> {
+        if erased.is_empty() {
             return Ok(GridCut::default());
         }
-        let mesh = self.model.erase(gone)?;
+        let mesh = self.model.erase(erased)?;
         let tets = self.mesh.tets.len() - mesh.tets.len();
         self.mesh = mesh;
         self.dirty = true;
         self.changes += 1;
         self.refresh_normals()?;
         Ok(GridCut {
-            springs: gone.len(),
+            springs: erased.len(),
             tets,
         })
     }
@@ -84,9 +84,7 @@ impl GridBody {
     pub fn rest_normals(&mut self) -> Result<Vec<u32>> {
         self.upload_changes()?;
         let rest = self.rest();
-        let rest = self
-            .gpu
-            .array_of("positions at rest", Texel::F32x4, &rest)?;
+        let rest = self.gpu.array_of("rest positions", Texel::F32x4, &rest)?;
         let unused = self
             .gpu
             .array("unused", Texel::F32x4, rest.len() as usize)?;

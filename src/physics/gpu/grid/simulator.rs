@@ -73,7 +73,7 @@ impl Simulator for GpuGrid {
         match kind {
             SolverKind::Verlet => Ok(()),
             kind => Err(Error::Input(format!(
-                "a grid body is stepped by verlet, not by {kind}"
+                "a grid body supports the solver verlet only, not {kind}"
             ))),
         }
     }
@@ -183,7 +183,7 @@ impl Simulator for GpuGrid {
         match state {
             SimulatorState::Grid(state) => self.body.set_state(state),
             _ => Err(Error::Input(
-                "the state of another kind of body, or of another engine".into(),
+                "the saved state is of another kind of body or another engine".into(),
             )),
         }
     }

@@ -57,7 +57,7 @@ impl GridBody {
         let sound = now < 3 && before < 3 && now != before;
         if !sound || state.lag.is_some_and(|lag| !(lag.is_finite() && lag > 0.0)) {
             return Err(Error::Input(
-                "the state of another body, or a damaged one".into(),
+                "the saved state is of another body, or damaged".into(),
             ));
         }
         for (array, texels) in self.positions.iter().zip(&state.positions) {

@@ -76,7 +76,7 @@ impl BufferIndices {
     }
 }
 
-/// What the prepared passes depend on.
+/// The dependencies of the prepared passes.
 #[derive(Debug)]
 pub(in crate::physics) struct Prepared {
     dt: f64,
@@ -127,7 +127,7 @@ fn check(dt: f64) -> Result<()> {
     match dt > 0.0 && dt.is_finite() {
         true => Ok(()),
         false => Err(Error::Input(format!(
-            "a time step of {dt} s makes no sense; give a positive number of seconds"
+            "time step must be finite and > 0, got {dt} s"
         ))),
     }
 }
@@ -447,14 +447,14 @@ impl GridBody {
         let stable = self.model.conservative_step();
         let advice = match dt > stable {
             true => format!("use --dt {stable:.3e} or less"),
-            false => "the forces on it are too large, or its particles were moved too far".into(),
+            false => "reduce the forces, or move the particles less far".into(),
         };
         Error::Solver {
             solver: "verlet on the grid",
             step: self.steps + u64::from(steps),
             time: self.time,
             cause: FailureCause::FlownApart,
-            what: "particles flew apart in the steps before".into(),
+            what: "particles diverged in the preceding steps".into(),
             advice,
         }
     }

@@ -34,7 +34,7 @@ fn sag(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
 /// At ν = 0 only the beam theory differs: a clamped end prevents no contraction.
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_cantilever_converges_to_timoshenko() {
+fn cantilever_converges_to_timoshenko() {
     for (poisson, volume) in [
         (0.0, VolumetricFormulation::PerTet),
         (0.3, VolumetricFormulation::PerTet),
@@ -55,7 +55,7 @@ fn a_cantilever_converges_to_timoshenko() {
 }
 
 #[test]
-fn a_coarse_cantilever_is_too_stiff_by_a_known_part() {
+fn coarse_cantilever_is_too_stiff_by_known_fraction() {
     let found = sag(2, 0.0, VolumetricFormulation::PerTet);
     println!("{found:.3}");
     assert!(found > 0.5 && found < 0.6, "{found}");

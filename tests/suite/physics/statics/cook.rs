@@ -79,7 +79,10 @@ fn cook_converges_to_quadratic_tets() {
         let (per_tet, averaged) = (order(last(0)), order(last(1)));
         println!("ν = {poisson}: order and limit per tet {per_tet:?}, averaged {averaged:?}");
         let error = (all[1][3] / truth - 1.0).abs();
-        assert!(error < 0.02, "ν = {poisson}: averaged is {error} off");
+        assert!(
+            error < 0.02,
+            "ν = {poisson}: relative error of averaged volumes {error}"
+        );
         assert!((averaged.1 / truth - 1.0).abs() < 0.01, "{averaged:?}");
         if poisson > 0.48 {
             let locked = (all[0][3] / truth - 1.0).abs();

@@ -74,7 +74,7 @@ fn error(n: usize, poisson: f64, volume: VolumetricFormulation, compared: f64) -
 }
 
 #[test]
-fn a_pressed_cylinder_gives_as_lame_says() {
+fn pressurised_cylinder_matches_lame() {
     for (poisson, volume, most) in [
         (0.3, VolumetricFormulation::PerTet, 0.025),
         (0.3, VolumetricFormulation::NodalAveraged, 0.025),
@@ -93,7 +93,7 @@ fn a_pressed_cylinder_gives_as_lame_says() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn the_cylinder_converges_at_second_order() {
+fn cylinder_converges_at_second_order() {
     for (poisson, volume) in [
         (0.3, VolumetricFormulation::PerTet),
         (0.3, VolumetricFormulation::NodalAveraged),
@@ -101,8 +101,8 @@ fn the_cylinder_converges_at_second_order() {
     ] {
         let errors = [2, 4, 8, 16].map(|n| error(n, poisson, volume, poisson));
         let order = (errors[2] / errors[3]).log2();
-        let said = errors.map(|e| format!("{e:.1e}"));
-        println!("ν = {poisson}, {volume}: {said:?}, order {order:.2}");
+        let formatted = errors.map(|e| format!("{e:.1e}"));
+        println!("ν = {poisson}, {volume}: {formatted:?}, order {order:.2}");
         assert!(order > 1.8 && errors[3] < 6e-3, "{errors:?}");
     }
 }

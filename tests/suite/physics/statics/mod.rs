@@ -220,7 +220,7 @@ fn order([a, b, c]: [f64; 3]) -> (f64, f64) {
 }
 
 #[test]
-fn orders_are_found() {
+fn convergence_order_is_recovered() {
     let (found, limit) = order([1.0, 2.0, 4.0].map(|n: f64| 3.0 + 0.4 * n.powf(-1.5)));
     assert!((found - 1.5).abs() < 1e-9 && (limit - 3.0).abs() < 1e-9);
 }

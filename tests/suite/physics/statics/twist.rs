@@ -30,11 +30,11 @@ fn energy(n: usize, poisson: f64, volume: VolumetricFormulation) -> f64 {
 }
 
 #[test]
-fn a_twisted_beam_is_near_quadratic_tets() {
+fn twisted_beam_matches_quadratic_tets() {
     for (poisson, truth) in REFERENCE {
         let energies = |v| [2, 4].map(|n| energy(n, poisson, v) / truth - 1.0);
         let [per_tet, averaged] = VOLUMES.map(energies);
-        println!("ν = {poisson}: per tet {per_tet:+.3?}, averaged {averaged:+.3?} too much");
+        println!("ν = {poisson}: per tet {per_tet:+.3?}, averaged {averaged:+.3?} excess energy");
         assert!(averaged[1] < 0.4 && averaged[1] < 0.3 * averaged[0]);
         assert!(averaged[1] > 0.0 && averaged[1] < per_tet[1]);
     }
@@ -42,7 +42,7 @@ fn a_twisted_beam_is_near_quadratic_tets() {
 
 #[test]
 #[ignore = "long: scripts/test --full"]
-fn a_twisted_beam_converges_to_quadratic_tets() {
+fn twisted_beam_converges_to_quadratic_tets() {
     for (poisson, truth) in REFERENCE {
         for volume in VOLUMES {
             let found = [2, 4, 8].map(|n| energy(n, poisson, volume));
