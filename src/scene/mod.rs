@@ -57,6 +57,7 @@ mod region;
 mod region_appearance;
 mod regions;
 mod renamed_keys;
+mod resolution;
 mod rest;
 mod scan;
 mod series_frame;

@@ -113,6 +113,7 @@ impl SimulatorSetup {
         };
         let allow = scene.solver.allow_inversion.unwrap_or(false);
         setup.simulator.set_inversion_allowed(allow);
+        let setup = setup.with_resolved_loads(gpu, scene, kind, &mut notes)?;
         Ok((setup, notes))
     }
 }
