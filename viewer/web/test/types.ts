@@ -1,4 +1,4 @@
-// What TypeScript makes of the element's types: scripts/test page compiles this.
+// Checks the element's TypeScript types; compiled by scripts/test page.
 
 import { type Camera } from "../package/palpate-view.js";
 
@@ -18,7 +18,7 @@ export async function use(): Promise<Blob> {
   await view.press(0.5, 0.5, 0.01);
   await view.release();
   const force: number | null | undefined = view.state().force_n;
-  // @ts-expect-error: a press has a depth
+  // @ts-expect-error: a press requires a depth
   await view.press(0.5, force ?? 0);
   return view.picture(800, 600);
 }
