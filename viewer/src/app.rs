@@ -34,7 +34,7 @@ use web_time::Instant;
 const CUT_DEPTH: f64 = 0.1;
 /// In narrower windows, in points, the panels are hidden by default.
 const COMPACT_WIDTH: f32 = 480.0;
-/// A frame that is wanted within this time is wanted at once; a text cursor blinks more slowly.
+/// A frame requested within this delay counts as immediate; text cursors blink more slowly.
 const SOON: Duration = Duration::from_millis(200);
 /// Width of the toolbar at the left, in points.
 const TOOLBAR_WIDTH: f32 = 72.0;
@@ -228,7 +228,7 @@ impl Frames {
                 screen.latency_ms = Some(1e3 * now.duration_since(asked).as_secs_f64());
             }
             if let Some((log, device)) = &log {
-                // It takes time, so not while something moves.
+                // The report is slow, so skip it during motion.
                 let report = match screen.soon {
                     true => None,
                     false => device.generate_allocator_report(),
@@ -275,7 +275,7 @@ impl App {
         options: &Options,
     ) -> std::result::Result<App, String> {
         let state = creation.wgpu_render_state.as_ref();
-        let state = state.ok_or("the window has no wgpu device")?;
+        let state = state.ok_or("the window has no wgpu graphics device")?;
         let gpu = Gpu::from_wgpu(&state.adapter, state.device.clone(), state.queue.clone());
         let log = options.log.as_deref().map(FrameLog::create).transpose();
         let now = Instant::now();
@@ -510,7 +510,7 @@ impl eframe::App for App {
         egui::Panel::left("hands")
             .exact_size(TOOLBAR_WIDTH)
             .show(ui, |ui| self.toolbar(ui));
-        // On a phone they would leave no room for the picture.
+        // On a phone, the panels would leave no room for the picture.
         if self
             .panels_shown
             .unwrap_or(ui.available_width() >= COMPACT_WIDTH)

@@ -62,7 +62,7 @@ struct Press {
     /// Depth before the last step, and maximum depth.
     before: f64,
     most: f64,
-    /// Whether it is being retracted.
+    /// Whether the finger is being retracted.
     ends: bool,
     /// Whether a step was requested at the current depth.
     stepped: bool,
@@ -79,7 +79,7 @@ pub struct BodySession {
     pub unit: f64,
     /// Radius of the finger, in file units.
     pub radius: f64,
-    /// Tool index of the finger, or why there is none.
+    /// Tool index of the finger, or why the body cannot be pressed on.
     finger: std::result::Result<usize, String>,
     press: Option<Press>,
     /// The grab, its initial position, and its displacement.
@@ -103,12 +103,12 @@ pub struct BodySession {
     owed: f64,
     /// Whether the scene has time-dependent loads.
     timed: bool,
-    /// Whether another interaction since the last step requires a new step.
+    /// Whether an interaction since the last step requires a new step.
     stirred: bool,
     /// Whether a requested step may still be running.
     under_way: bool,
-    /// Times at which a change of the press was requested: one without a step yet, and the one of
-    /// the running step.
+    /// Request times of press changes: the one that awaits a step, and the one that the running
+    /// step applies.
     asked: [Option<Instant>; 2],
     /// The request time of the last completed step, for the latency of its picture.
     pub shown: Option<Instant>,
@@ -122,7 +122,7 @@ pub struct BodySession {
     pub failure: Option<String>,
     /// Whether any step failed.
     pub failed: bool,
-    /// Another remark on the last step.
+    /// Remark on the last step that is not an error.
     pub remark: Option<String>,
     /// Changes whenever the picture changes, except for the camera.
     pub version: u64,
@@ -135,7 +135,7 @@ impl BodySession {
     /// radius.
     ///
     /// # Errors
-    /// As [`Stage::with_mesh`].
+    /// The errors of [`Stage::with_mesh`].
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -182,7 +182,7 @@ impl BodySession {
         let mut still = scene.clone();
         still.solver.name = None;
         let stage = Stage::with_mesh(gpu, &still, (*mesh).clone())?;
-        let finger = Err("it was recorded, and is not simulated".into());
+        let finger = Err("a recorded series is not simulated; open one frame".into());
         Ok(BodySession::on(
             stage,
             (&still, scene.clone()),
@@ -275,7 +275,7 @@ impl BodySession {
     /// Applies the appearance of `scene`; updates `notes`.
     ///
     /// # Errors
-    /// As [`Stage::set_appearance`].
+    /// The errors of [`Stage::set_appearance`].
     pub fn set_appearance(&mut self, scene: &Scene) -> Result<()> {
         self.version += 1;
         let scene = self.with_read(scene);
@@ -335,7 +335,7 @@ impl BodySession {
     /// Applies planes and isosurfaces only.
     ///
     /// # Errors
-    /// As [`Stage::set_planes`].
+    /// The errors of [`Stage::set_planes`].
     pub fn set_planes(&mut self, scene: &Scene) -> Result<()> {
         self.version += 1;
         self.notes = self.stage.set_planes(scene)?;
@@ -446,13 +446,13 @@ impl BodySession {
             }
             Ok(false) => {}
             Err(Error::Solver { .. }) if self.backs_off() => {
-                self.remark = Some("the body gives no further there".into());
+                self.remark = Some("finger stopped: the contact step failed here".into());
                 return;
             }
             Err(why) => return self.fail(&why),
         }
         if let Err(why) = self.cut_asked() {
-            self.remark = Some(format!("not cut: {why}"));
+            self.remark = Some(format!("cut failed: {why}"));
         }
         if self.stage.motion().is_none() {
             return;
@@ -559,7 +559,7 @@ impl BodySession {
     /// Picks the body at a pixel of the view of `camera` with `size` pixels.
     ///
     /// # Errors
-    /// As [`Stage::pick`].
+    /// The errors of [`Stage::pick`].
     pub fn pick(&mut self, camera: &Camera, pixel: DVec2, size: [u32; 2]) -> Result<Option<Pick>> {
         *self.stage.camera_mut() = *camera;
         self.stage.set_size(size);
@@ -604,7 +604,7 @@ impl BodySession {
         }
     }
 
-    /// Returns the target depth, in file units; none without a press.
+    /// Returns the target depth, in file units; `None` without a press.
     pub fn depth(&self) -> Option<f64> {
         self.press.as_ref().filter(|p| !p.ends).map(|p| p.goal)
     }
@@ -654,7 +654,7 @@ impl BodySession {
     /// Moves the grabbed nodes by `moved` from their initial position, in file units.
     ///
     /// # Errors
-    /// As [`Simulator::set_target`](palpate::physics::Simulator::set_target).
+    /// The errors of [`Simulator::set_target`](palpate::physics::Simulator::set_target).
     pub fn pull(&mut self, moved: DVec3) -> Result<()> {
         if let (Some((id, from, last)), Some(motion)) = (&mut self.grab, self.stage.motion_mut())
             && *last != moved
@@ -669,7 +669,7 @@ impl BodySession {
     /// Releases the grab.
     ///
     /// # Errors
-    /// As [`Simulator::release`](palpate::physics::Simulator::release).
+    /// The errors of [`Simulator::release`](palpate::physics::Simulator::release).
     pub fn release(&mut self) -> Result<()> {
         if let (Some((id, ..)), Some(motion)) = (self.grab.take(), self.stage.motion_mut()) {
             motion.simulator.release(id)?;
@@ -678,8 +678,8 @@ impl BodySession {
         Ok(())
     }
 
-    /// Requests a cut along `blade`, after `edits` scene edits; it is done once no step is running,
-    /// and its result is reported in `remark`.
+    /// Requests a cut along `blade`, after `edits` scene edits. The cut is performed once no step is
+    /// running, and its result is reported in `remark`.
     pub fn cut(&mut self, blade: Blade, edits: usize) {
         self.blade = Some((blade, edits, false));
     }
@@ -701,9 +701,9 @@ impl BodySession {
                     // Earlier edits cannot be undone either.
                     None => self.edits = BodyEditHistory::default(),
                 }
-                format!("cut; {} tets now", self.stage.mesh().tets.len())
+                format!("cut; {} tets in the mesh", self.stage.mesh().tets.len())
             }
-            false => "the stroke cut nothing".into(),
+            false => "the stroke cut no tets; draw it across the body".into(),
         });
         self.stirred = true;
         if let Some(motion) = self.stage.motion_mut() {
@@ -712,7 +712,7 @@ impl BodySession {
         Ok(())
     }
 
-    /// Returns the state between two steps; none if the simulator has no checkpoints.
+    /// Returns the state between two steps; `None` if the simulator has no checkpoints.
     fn before(&self) -> Result<Option<BodySnapshot>> {
         let Some(motion) = self.stage.motion().filter(|m| m.has_state()) else {
             return Ok(None);
@@ -750,7 +750,7 @@ impl BodySession {
     /// Redoes the last undone edit, after `edits` scene edits.
     ///
     /// # Errors
-    /// As [`BodySession::hold`].
+    /// The errors of [`BodySession::hold`].
     pub fn redo(&mut self, edits: usize) -> Result<()> {
         match self.edits.redo().as_deref() {
             Some(BodyEdit::Cut(blade, _)) => self.blade = Some((blade.clone(), edits, true)),
@@ -807,7 +807,7 @@ impl BodySession {
     /// Records the rendering of the view of `camera` into `colour`, over `backdrop`.
     ///
     /// # Errors
-    /// As [`Stage::record`].
+    /// The errors of [`Stage::record`].
     pub fn record(
         &mut self,
         work: &mut Recorder,
@@ -822,7 +822,7 @@ impl BodySession {
     /// Creates the rendering pipelines, so that the first picture is not delayed.
     ///
     /// # Errors
-    /// As [`Stage::render_async`].
+    /// The errors of [`Stage::render_async`].
     pub(crate) fn prepare_pictures(&mut self) -> Result<()> {
         let size = self.stage.size();
         self.stage.set_size([64, 64]);
@@ -834,14 +834,14 @@ impl BodySession {
     /// Starts rendering the view of `camera` with `size` pixels, without waiting.
     ///
     /// # Errors
-    /// As [`Stage::render_async`].
+    /// The errors of [`Stage::render_async`].
     pub fn ask_image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<PendingImage> {
         *self.stage.camera_mut() = *camera;
         self.stage.set_size(size);
         self.stage.render_async()
     }
 
-    /// Returns the force of the last step of a press, N; none without a press.
+    /// Returns the force of the last step of a press, N; `None` without a press.
     pub fn force(&self) -> Option<f64> {
         let last = self.samples.last().filter(|_| self.press.is_some());
         last.map(|sample| sample.force_n)
@@ -872,7 +872,7 @@ impl RebuildRequest {
     /// Rebuilds the body in the state `before`.
     ///
     /// # Errors
-    /// As [`BodySession::new`] and [`Stage::resume`].
+    /// The errors of [`BodySession::new`] and [`Stage::resume`].
     pub fn rebuild(self, gpu: &Gpu, before: &BodySnapshot) -> Result<BodySession> {
         let mut show = BodySession::new(gpu, &self.made, self.mesh, Some(self.radius))?;
         show.stage.resume(&before.checkpoint)?;
@@ -880,13 +880,13 @@ impl RebuildRequest {
             motion.simulator.pin_nodes(&before.pinned)?;
         }
         show.edits = self.touches;
-        show.notes = vec!["the cut is undone".into()];
+        show.notes = vec!["cut undone".into()];
         Ok(show)
     }
 }
 
 fn still() -> Error {
-    Error::Input("nothing moves in this scene, so nothing can be touched".into())
+    Error::Input("a static body cannot be grabbed or pinned; a simulated body is required".into())
 }
 
 /// Returns the scene with a default solver and default supports if it has none, and whether it can
@@ -894,13 +894,17 @@ fn still() -> Error {
 fn held(scene: &Scene) -> (Scene, std::result::Result<(), String>) {
     let mut scene = scene.clone();
     if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
-        let why = "a finger presses on one body of tets that is simulated itself, and this scene has several, a grid or a cage";
+        let why =
+            "pressing requires one tet body; remove [[body]], [grid] and [cage] from the scene";
         return (scene, Err(why.into()));
     }
     if scene.mesh.rest.is_some() {
         return (
             scene,
-            Err("a mesh that is shown bent is not simulated".into()),
+            Err(
+                "a deformed mesh ([mesh] rest) is not simulated; remove `rest` to press on it"
+                    .into(),
+            ),
         );
     }
     if scene.solver.name.is_none() {

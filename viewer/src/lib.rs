@@ -1,9 +1,9 @@
-//! The interactive viewer: a body in a window, to press on, pull, cut and look into.
+//! Interactive viewer: presses on, pulls, cuts and renders a body in a window.
 //!
-//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`body_session`]),
-//! which the engine on the CPU steps on a thread of its own while the interface ([`app`]) draws it
-//! ([`screen`]) into its own frame, on one device. Who edits the scene edits its text, so that all of
-//! it can be undone and saved; the body follows.
+//! The open document is the text of a scene ([`document`]). A background task builds the body from
+//! it ([`loading`], [`body_session`]). The CPU engine steps the body on a separate thread, while the
+//! interface ([`app`]) renders it ([`screen`]) into its own frame on the same device. Every edit
+//! changes the scene text, so that edits can be undone and saved, and is then applied to the body.
 
 pub mod app;
 mod blit;

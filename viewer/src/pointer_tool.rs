@@ -43,43 +43,43 @@ impl PointerTool {
             PointerTool::Look,
             "Look",
             egui::Key::Num1,
-            "Drag to go round the body",
+            "Drag to orbit the body",
         ),
         (
             PointerTool::Press,
             "Press",
             egui::Key::Num2,
-            "Press on the body and drag away from there, or turn the wheel, to go deeper",
+            "Press the button on the body, then drag away or turn the wheel to increase the depth",
         ),
         (
             PointerTool::Grab,
             "Grab",
             egui::Key::Num3,
-            "Take hold of the body and pull",
+            "Drag to grab and pull the body",
         ),
         (
             PointerTool::Cut,
             "Cut",
             egui::Key::Num4,
-            "Draw a stroke across the body, beginning on it",
+            "Draw a stroke across the body, starting on it",
         ),
         (
             PointerTool::Pin,
             "Pin",
             egui::Key::Num5,
-            "Paint what is to stay where it is",
+            "Paint the nodes to pin",
         ),
         (
             PointerTool::Probe,
             "Probe",
             egui::Key::Num6,
-            "Click on the body to be told what is there",
+            "Click on the body to show its values there",
         ),
         (
             PointerTool::Ruler,
             "Ruler",
             egui::Key::Num7,
-            "Drag from one point of the body to another",
+            "Drag between two points of the body to measure their distance",
         ),
     ];
 }
@@ -298,7 +298,7 @@ impl App {
             PointerTool::Cut => self.stroke = PointerGesture::Cut(vec![at], pick.point),
             PointerTool::Pin => {
                 let count = show.pin(&pick, edits, true)?;
-                self.set_status(format!("{count} nodes held"));
+                self.set_status(format!("{count} nodes pinned"));
                 self.stroke = PointerGesture::Pin;
             }
             PointerTool::Probe => self.probe(&pick),
@@ -310,14 +310,15 @@ impl App {
         Ok(())
     }
 
-    /// Has the finger press on what is seen at a point of the picture, whose sides are 1, so many
-    /// metres deep; goes on with the press that there is.
+    /// Presses the finger on the body at a point of the picture (both coordinates from 0 to 1), to
+    /// `depth` metres; an active press continues at its point.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::body_session::BodySession::press).
+    /// [`Error::Input`] if there is no body at this point; the errors of [`BodySession::press`](crate::body_session::BodySession::press).
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
-        let nothing = || palpate::Error::Input("there is nothing to press on".into());
+        let nothing =
+            || palpate::Error::Input("no body at this point of the picture to press on".into());
         let area = self.area.ok_or_else(nothing)?;
         if self.show.as_ref().is_some_and(|s| s.depth().is_none()) {
             let at = area.rect.min + area.rect.size() * egui::vec2(x as f32, y as f32);
@@ -346,8 +347,8 @@ impl App {
         self.context.request_repaint();
     }
 
-    /// Has what is pressed or pulled go to where the pointer is. Until when this frame may wait for the step
-    /// under way: of a body in touch, frames in which it is where it was take from the step.
+    /// Updates the press or pull to the pointer position. Returns until when this frame may wait for
+    /// the running step: frames that show no new state take computing time from the step.
     pub(crate) fn update_interaction(&mut self, context: &egui::Context) -> Option<Instant> {
         if !matches!(
             self.stroke,
@@ -492,7 +493,7 @@ impl App {
         let p = pick.point;
         let mm = 1e3 * show.unit * (pick.point - rest).length();
         self.set_status(format!(
-            "{}{} {value:.4}, moved {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
+            "{}{} {value:.4}, displacement {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
             label.map_or(String::new(), |l| format!("{l}: ")),
             field.name,
             p.x,
@@ -515,7 +516,7 @@ fn stress_there(show: &BodySession, tet: u32) -> String {
     match (of(BodyField::VonMises), of(BodyField::Stress1)) {
         (Some(von_mises), Some(first)) => {
             let [von_mises, first] = [von_mises, first].map(pascals);
-            format!(", stress {von_mises} (von Mises), {first} (largest)")
+            format!(", stress {von_mises} (von Mises), {first} (largest principal)")
         }
         _ => String::new(),
     }
@@ -536,7 +537,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_seen_where_their_rays_are() {
+    fn projection_inverts_rays() {
         let area = Viewport {
             rect: Rect::from_min_size(Pos2::new(100.0, 50.0), egui::vec2(400.0, 300.0)),
             size: [800, 600],
@@ -560,7 +561,7 @@ mod tests {
     }
 
     #[test]
-    fn habits_are_those_of_other_programs() {
+    fn mouse_bindings_match_paraview_and_slicer() {
         let left = |habit, held| move_of(habit, PointerButton::Primary, held);
         let none = Modifiers::NONE;
         assert_eq!(

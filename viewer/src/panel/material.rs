@@ -9,23 +9,19 @@ use palpate::scene::{Scene, TissueEntry};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
 /// Engines and their display names.
-const ENGINES: [(&str, &str); 3] = [
-    ("auto", "what suits"),
-    ("cpu", "processor"),
-    ("gpu", "graphics card"),
-];
+const ENGINES: [(&str, &str); 3] = [("auto", "automatic"), ("cpu", "CPU"), ("gpu", "GPU")];
 /// Integrators and their descriptions.
 const INTEGRATORS: [(&str, &str); 7] = [
     (
         "implicit",
-        "first order, stable at any step; may be pressed on",
+        "first order, stable at any step; supports pressing",
     ),
-    ("bdf2", "second order, on the processor; may be pressed on"),
-    ("midpoint", "second order, keeps energy, on the processor"),
-    ("explicit", "small steps alone"),
-    ("symplectic", "small steps, keeps energy"),
-    ("verlet", "small steps, keeps energy"),
-    ("velocity-verlet", "small steps, keeps energy"),
+    ("bdf2", "second order, CPU only; supports pressing"),
+    ("midpoint", "second order, conserves energy, CPU only"),
+    ("explicit", "small steps only"),
+    ("symplectic", "small steps, conserves energy"),
+    ("verlet", "small steps, conserves energy"),
+    ("velocity-verlet", "small steps, conserves energy"),
 ];
 
 /// Table, key and new value of an entry.
@@ -38,7 +34,7 @@ impl App {
             return;
         };
         let Some(motion) = show.stage().motion() else {
-            ui.label("Nothing moves");
+            ui.label("Static body");
             return;
         };
         let (dt, scheme) = (1e3 * motion.dt, motion.kind().to_string());
@@ -47,7 +43,7 @@ impl App {
         let mut edits: Vec<Edit> = Vec::new();
         let mut stiffer = None;
         egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
-            ui.label("Computed by");
+            ui.label("Engine");
             let chosen = match by {
                 Some(EngineChoice::Exactly(engine)) => engine.to_string(),
                 _ => "auto".to_owned(),
@@ -63,7 +59,7 @@ impl App {
                 edits.push(("solver", "engine", value));
             }
             ui.end_row();
-            ui.label("Scheme");
+            ui.label("Integrator");
             let schemes = INTEGRATORS.map(|(name, _)| (name, name));
             if let Some(name) = choice(ui, "scheme", &scheme, &scheme, &schemes) {
                 edits.push(("solver", "name", Value::from(name)));
@@ -74,7 +70,7 @@ impl App {
                 ui.weak(*about);
                 ui.end_row();
             }
-            ui.label("Step");
+            ui.label("Time step");
             if let Some(dt) = edited(ui, "dt", dt, (0.01..=1000.0, 0.1, " ms")) {
                 edits.push(("solver", "dt", Value::from(1e-3 * dt)));
             }
@@ -182,7 +178,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn tissues_are_made_stiffer_whichever_way_they_are_written() {
+    fn stiffness_is_set_in_every_tissue_notation() {
         let text = "[material]\nyoung = 3e4\nfat = [\"fat\", 2]\nmuscle = { young = 1e4 }\n[material.skin]\nregions = [1]\n";
         let mut document: DocumentMut = text.parse().unwrap();
         let scene = |d: &DocumentMut| Scene::parse_in(&d.to_string(), Path::new("")).unwrap();

@@ -25,11 +25,11 @@ use toml_edit::Value;
 
 /// Render modes and their display names.
 const MODES: [(&str, &str); 8] = [
-    ("composite", "Inside"),
+    ("composite", "Volume"),
     ("surface", "Boundary"),
     ("skin", "Skins"),
-    ("mip", "Largest value"),
-    ("minip", "Least value"),
+    ("mip", "Maximum value"),
+    ("minip", "Minimum value"),
     ("mean", "Mean value"),
     ("xray", "X-ray"),
     ("thickness", "Thickness"),
@@ -44,7 +44,7 @@ impl App {
         let context = ui.ctx().clone();
         egui::ScrollArea::vertical().show(ui, |ui| {
             if self.show.is_none() {
-                ui.label("Open a mesh, a volume, a surface or a scene: drop it here, or choose File › Open.");
+                ui.label("Open a mesh, a volume, a surface, a scene or a series: drop it here or choose File › Open.");
                 return;
             }
             section(ui, "Colours", true, |ui| self.colours(ui));
@@ -53,8 +53,8 @@ impl App {
             section(ui, "Isosurfaces", false, |ui| self.isosurfaces(ui));
             section(ui, "Scans and skins", false, |ui| self.carried(ui));
             section(ui, "Light", false, |ui| self.light(ui));
-            section(ui, "Touch", true, |ui| self.touching(ui, &context));
-            section(ui, "Matter and time", false, |ui| self.material_panel(ui, &context));
+            section(ui, "Interaction", true, |ui| self.touching(ui, &context));
+            section(ui, "Material and solver", false, |ui| self.material_panel(ui, &context));
             #[cfg(not(target_arch = "wasm32"))]
             section(ui, "Tuning", false, |ui| self.tuning(ui, &context));
         });
@@ -76,7 +76,7 @@ impl App {
         let mode = scene.picture.mode.unwrap_or_else(|| "composite".into());
         let (mut picked, mut moded) = (None, None);
         egui::Grid::new("colours").num_columns(2).show(ui, |ui| {
-            ui.label("Show");
+            ui.label("Mode");
             let called = MODES
                 .iter()
                 .find(|(m, _)| *m == mode)
@@ -95,10 +95,7 @@ impl App {
             egui::ComboBox::from_id_salt("field")
                 .selected_text(name)
                 .show_ui(ui, |ui| {
-                    if ui
-                        .selectable_label(chosen.is_none(), "what suits the body")
-                        .clicked()
-                    {
+                    if ui.selectable_label(chosen.is_none(), "automatic").clicked() {
                         picked = Some(None);
                     }
                     for field in &names {
@@ -113,7 +110,7 @@ impl App {
             ui.end_row();
             ui.label("Colours");
             egui::ComboBox::from_id_salt("preset")
-                .selected_text("take a preset")
+                .selected_text("select preset")
                 .show_ui(ui, |ui| {
                     for preset in TransferFunction::preset_names() {
                         if ui.button(preset).clicked() {
@@ -139,10 +136,10 @@ impl App {
         match (scene.scan.is_empty(), by_region) {
             (true, false) => self.transfer_editor(ui, range),
             (false, _) => {
-                ui.label("Scans have the colours that their scene gives them");
+                ui.label("Scans use the colours that the scene sets");
             }
             (_, true) => {
-                ui.label("A colour a region; take a field or a preset to show values");
+                ui.label("One colour per region; select a field or preset for values");
             }
         }
     }
@@ -157,7 +154,7 @@ impl App {
             });
         }
         let mut shadows = scene.light.shadows.unwrap_or(0.0);
-        let slider = egui::Slider::new(&mut shadows, 0.0..=1.0).text("shadows");
+        let slider = egui::Slider::new(&mut shadows, 0.0..=1.0).text("Shadows");
         if ui.add_enabled(lit, slider).changed() {
             let shadows = Some(Value::from(shadows)).filter(|_| shadows > 0.0);
             self.edit_appearance("shadows", |t| set(t, "light", "shadows", shadows));
@@ -167,7 +164,7 @@ impl App {
     fn touching(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         let Some(show) = &self.show else { return };
         if let Some(why) = show.cannot_press() {
-            ui.label(format!("It cannot be pressed on: {why}"));
+            ui.label(format!("Pressing unavailable: {why}"));
         }
         let mm = 1e3 * show.unit;
         let (before, most) = (mm * show.radius, 0.25 * mm * show.diagonal());
@@ -182,7 +179,7 @@ impl App {
         }
         let cut_depth = &mut self.cut_depth;
         ui.horizontal(|ui| {
-            ui.label("Cuts go");
+            ui.label("Cut depth");
             let mut percent = 100.0 * *cut_depth;
             ui.add(
                 egui::DragValue::new(&mut percent)
@@ -190,7 +187,7 @@ impl App {
                     .suffix(" %"),
             );
             *cut_depth = 0.01 * percent;
-            ui.label("of the body deep");
+            ui.label("of body diagonal");
         });
         let Some(show) = &self.show else { return };
         let points: PlotPoints<'_> = show
@@ -200,8 +197,8 @@ impl App {
             .collect();
         Plot::new("press")
             .height(130.0)
-            .x_axis_label("depth, mm")
-            .y_axis_label("force, N")
+            .x_axis_label("Depth (mm)")
+            .y_axis_label("Force (N)")
             .allow_scroll(false)
             .show(ui, |plot| plot.line(Curve::new("press", points)));
         let measured = !show.samples.is_empty();

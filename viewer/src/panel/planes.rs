@@ -49,7 +49,7 @@ impl App {
                     }
                     if ui
                         .button("view")
-                        .on_hover_text("Across the line of sight")
+                        .on_hover_text("Perpendicular to the line of sight")
                         .clicked()
                     {
                         normal = self.orbit.turn * DVec3::Z;
@@ -60,7 +60,7 @@ impl App {
                         normal = -normal;
                         changed = true;
                     }
-                    if ui.button("×").on_hover_text("Take it away").clicked() {
+                    if ui.button("×").on_hover_text("Remove this plane").clicked() {
                         gone = Some(n);
                     }
                 });
@@ -77,7 +77,7 @@ impl App {
                 let slid = ui.horizontal(|ui| {
                     changed |= ui
                         .checkbox(&mut plane.rest, "bends")
-                        .on_hover_text("The cut bends with the body")
+                        .on_hover_text("The plane deforms with the body")
                         .changed();
                     ui.spacing_mut().slider_width = (ui.available_width() - 8.0).max(60.0);
                     ui.add(slider).changed()
@@ -93,9 +93,7 @@ impl App {
         }
         if !planes.is_empty() {
             ui.checkbox(&mut self.handles_shown, "Handles in the picture")
-                .on_hover_text(
-                    "Drag the square to move a plane, the round end of its arrow to tilt it",
-                );
+                .on_hover_text("Drag the square to move a plane, the round arrow end to tilt it");
         }
         let middle = (0.5 * (low + high)).to_array();
         let [a, b, c] = middle;

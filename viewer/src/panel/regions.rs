@@ -13,7 +13,7 @@ impl App {
         };
         let regions = regions_of(&show.mesh);
         if regions.is_empty() {
-            ui.label("The mesh has none");
+            ui.label("The mesh has no regions");
             return;
         }
         let looks = scene.picture.region;
@@ -69,7 +69,7 @@ impl App {
                         .speed(0.01);
                     if ui
                         .add(slider)
-                        .on_hover_text("Opacity of a ray's mean way through it")
+                        .on_hover_text("Opacity over the mean chord length of the region")
                         .changed()
                     {
                         look.opacity = Some(opacity);
@@ -120,7 +120,8 @@ impl App {
 /// Draws a visibility button: an open or a closed eye.
 pub(super) fn eye(ui: &mut egui::Ui, open: bool) -> egui::Response {
     let (rect, response) = ui.allocate_exact_size(egui::vec2(22.0, 16.0), Sense::click());
-    response.widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, "shown"));
+    response
+        .widget_info(|| egui::WidgetInfo::selected(egui::Role::CheckBox, true, open, "visible"));
     let line = ui.style().interact(&response).fg_stroke;
     let (middle, half) = (rect.center(), egui::vec2(9.0, 4.5));
     let arc = |up: f32| {
@@ -139,7 +140,7 @@ pub(super) fn eye(ui: &mut egui::Ui, open: bool) -> egui::Response {
     response
 }
 
-/// Returns the regions of a mesh, by name or number.
+/// Returns the names of a mesh's regions; numbers for unnamed ones.
 fn regions_of(mesh: &TetMesh) -> Vec<String> {
     let field = mesh.region_field().filter(|f| f.location == Location::Cell);
     let Some(field) = field else {

@@ -147,9 +147,8 @@ fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<KeyAction> {
 }
 
 impl App {
-    /// The opacity of each scalar over how often it occurs: points that can be dragged, added by a
-    /// double click, and taken away by a click of the right button; or, of the point that has the
-    /// focus, by keys.
+    /// Draws the editor: opacity over scalar, on the histogram. Points are dragged, added by a double
+    /// click and removed by a right click; keys edit the focused point.
     pub(super) fn transfer_editor(&mut self, ui: &mut egui::Ui, range: (f64, f64)) {
         let Some(show) = &self.show else { return };
         let stage = show.stage();
@@ -243,7 +242,7 @@ impl App {
             }
         }
         response.on_hover_text(
-            "Drag points; double-click to add one, right-click to take one away. By keys: Tab goes from point to point, arrows move it (with Shift, far), Enter adds one after it, Delete takes it away",
+            "Drag a point to move it, double-click to add one, right-click to remove one. Keys: Tab selects the next point, arrows move it (Shift: larger steps), Enter adds one after it, Delete removes it",
         );
         if changed {
             let json = serde_json::json!({
@@ -254,8 +253,8 @@ impl App {
         }
     }
 
-    /// Takes a transfer function over, which is quicker than all looks are where nothing but the inside
-    /// goes by it.
+    /// Applies a transfer function. If it affects only volume rendering, this avoids a full update of
+    /// the appearance.
     fn edit_transfer(&mut self, json: &str) {
         let change = |t: &mut DocumentMut| set(t, "picture", "transfer", Some(Value::from(json)));
         let alone = self.scene().is_some_and(|scene| {
@@ -302,14 +301,14 @@ mod tests {
     }
 
     #[test]
-    fn arrows_move_a_point_between_its_neighbours() {
+    fn arrow_keys_move_point_between_neighbours() {
         let start: Vec<Point> = AXIS.iter().map(|s| [*s, 3.0]).collect();
         let mut points = start.clone();
         keyed([KeyAction::Moved(Vec2::new(10.0, -10.0))], &mut points, 1);
         assert!((points[1][0] - 25.0).abs() < 1e-9, "{points:?}");
         let gained = plot().opacity(points[1][1]) - plot().opacity(3.0);
         assert!((gained - 0.1).abs() < 1e-6, "{gained}");
-        // Not past the next, nor beyond what is drawn; and the others stay.
+        // The point does not pass the next one or leave the plot; the others are unchanged.
         let far = || KeyAction::Moved(Vec2::new(500.0, 500.0));
         keyed([far()], &mut points, 1);
         assert_eq!(points, [start[0], [50.0, 0.0], start[2]]);
@@ -318,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beyond_the_plot_keeps_what_no_key_changes() {
+    fn arrow_keys_preserve_unchanged_coordinate_outside_plot() {
         let dense = 1e4;
         let mut points = vec![[-10.0, 1.0], [200.0, dense]];
         keyed([KeyAction::Moved(Vec2::new(0.0, -2.0))], &mut points, 1);
@@ -331,11 +330,11 @@ mod tests {
     }
 
     #[test]
-    fn points_are_added_and_taken_away_by_keys() {
+    fn keys_add_and_remove_points() {
         let mut points = vec![[0.0, 1.0], [40.0, 3.0]];
         assert_eq!(keyed([KeyAction::Added], &mut points, 0), 0);
         assert_eq!(points, [[0.0, 1.0], [20.0, 2.0], [40.0, 3.0]]);
-        // Of the last: in order still, whatever the range.
+        // At the last point, the new one is inserted before it, so the order is preserved.
         assert_eq!(keyed([KeyAction::Added], &mut points, 2), 2);
         assert_eq!(points[2], [30.0, 2.5]);
         assert_eq!(keyed([KeyAction::Removed], &mut points, 3), 2);
@@ -343,7 +342,7 @@ mod tests {
             keyed([KeyAction::Removed, KeyAction::Removed], &mut points, 2),
             0
         );
-        // One stays.
+        // The last remaining point cannot be removed.
         assert!(KeyAction::Removed.done(&plot(), &mut points, 0).is_none());
         assert_eq!(points, [[0.0, 1.0]]);
     }
