@@ -24,6 +24,7 @@ mod rapier;
 pub mod reference;
 mod simulator;
 mod stability;
+mod state_format;
 
 pub use bodies::{BodiesState, Member, MemberReport, MultiBody};
 #[cfg(test)]
@@ -70,7 +71,8 @@ pub use rapier::RapierTets;
 pub use simulator::node_positions::NodePositions;
 pub use simulator::progress::{StepProgress, StepRecord};
 pub use simulator::report::Report;
-pub use simulator::{ExactPositions, Simulator, SimulatorState, StepCallback, TopologyChange};
+pub use simulator::state::SimulatorState;
+pub use simulator::{ExactPositions, Simulator, StepCallback, TopologyChange};
 use stability::advice::time_step_advice;
 pub use stability::linearised_model;
 pub use stability::step_limit::largest_stable_step;

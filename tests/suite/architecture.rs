@@ -15,27 +15,7 @@ const EXCEPTIONS: &[(&str, &str, &str)] = &[
     ("mesh", "volume", "the foot is sampled as a volume"),
     ("mesher", "io", "recipes read files, TetGen's among them"),
     ("grid", "gpu/grid", "public paths of GPU grid bodies"),
-    (
-        "simulator",
-        "bodies",
-        "the state of any engine is one enum; several bodies are asked for",
-    ),
-    (
-        "simulator",
-        "cpu/body",
-        "the state of any engine is one enum",
-    ),
-    (
-        "simulator",
-        "cpu/grid",
-        "the state of any engine is one enum",
-    ),
-    ("simulator", "gpu", "the state of any engine is one enum"),
-    (
-        "simulator",
-        "gpu/grid",
-        "the state of any engine is one enum",
-    ),
+    ("simulator", "bodies", "several bodies are asked for"),
     (
         "cpu",
         "cpu/contact",

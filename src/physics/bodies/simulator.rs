@@ -299,7 +299,7 @@ impl Simulator for MultiBody {
 
     fn state(&self) -> Result<SimulatorState> {
         let members = self.members.iter().map(|m| m.simulator.state());
-        Ok(SimulatorState::Bodies(Box::new(BodiesState {
+        Ok(SimulatorState::new(BodiesState {
             members: members.collect::<Result<_>>()?,
             loads: self.loads.state(),
             handed: self.synced_loads,
@@ -307,7 +307,7 @@ impl Simulator for MultiBody {
             handed_pins: self.pinned.clone(),
             grabs: self.grabs.clone(),
             next_grab: self.next_grab,
-        })))
+        }))
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
@@ -316,9 +316,7 @@ impl Simulator for MultiBody {
                 "the saved state is of other bodies; restore it with the same bodies".into(),
             )
         };
-        let SimulatorState::Bodies(state) = state else {
-            return Err(others());
-        };
+        let state: &BodiesState = state.get().ok_or_else(others)?;
         let grabs = || state.grabs.values().flatten();
         if state.members.len() != self.members.len()
             || state.handed_pins.len() != self.pinned.len()

@@ -585,7 +585,7 @@ impl Simulator for CpuTets {
             let body = self.worker.body();
             (body.serialise_state()?, body.parts())
         };
-        Ok(SimulatorState::Cpu(Box::new(CpuState {
+        Ok(SimulatorState::new(CpuState {
             body,
             loads: self.loads.state(),
             sent: self.synced_loads,
@@ -593,15 +593,11 @@ impl Simulator for CpuTets {
             progress: self.progress,
             span: self.worker.span(),
             parts,
-        })))
+        }))
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        let SimulatorState::Cpu(state) = state else {
-            return Err(Error::Input(
-                "the saved state is of another kind of body or another engine".into(),
-            ));
-        };
+        let state: &CpuState = state.expect()?;
         self.worker.cancel_pending();
         self.loads.set_state(&state.loads)?;
         self.repartition(state.parts)?;
