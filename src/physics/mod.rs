@@ -26,7 +26,7 @@ mod simulator;
 mod stability;
 mod state_format;
 
-pub use bodies::{BodiesState, Member, MemberReport, MultiBody};
+pub use bodies::{BodiesState, MultiBody};
 #[cfg(test)]
 pub(crate) use contact::pseudo_random_points;
 pub use contact::{
@@ -68,6 +68,7 @@ pub use model::units::LocalUnits;
 pub use nodal_forces::NodalForces;
 #[cfg(feature = "rapier")]
 pub use rapier::RapierTets;
+pub use simulator::member::{Member, MemberReport};
 pub use simulator::node_positions::NodePositions;
 pub use simulator::progress::{StepProgress, StepRecord};
 pub use simulator::report::Report;

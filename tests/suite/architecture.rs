@@ -15,7 +15,6 @@ const EXCEPTIONS: &[(&str, &str, &str)] = &[
     ("mesh", "volume", "the foot is sampled as a volume"),
     ("mesher", "io", "recipes read files, TetGen's among them"),
     ("grid", "gpu/grid", "public paths of GPU grid bodies"),
-    ("simulator", "bodies", "several bodies are asked for"),
     (
         "cpu",
         "cpu/contact",

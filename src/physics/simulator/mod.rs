@@ -1,6 +1,7 @@
 //! The common interface of all simulated bodies, independent of model and engine.
 
 pub(super) mod helpers;
+pub(super) mod member;
 pub(super) mod node_positions;
 pub(super) mod progress;
 pub(super) mod report;
@@ -8,7 +9,7 @@ pub(super) mod state;
 
 use super::{
     AmplitudeId, CgSettings, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode, GrabbedNode,
-    Joint, Loads, MultiBody, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
+    Joint, Loads, Member, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
     ScaledLoad, SelfContactSettings, SimulatorState, SolverKind, StepProgress, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
@@ -356,9 +357,9 @@ pub trait Simulator: Send {
         None
     }
 
-    /// The combined bodies, if there are several.
-    fn bodies(&self) -> Option<&MultiBody> {
-        None
+    /// The combined bodies, if it consists of several; otherwise empty.
+    fn members(&self) -> &[Member] {
+        &[]
     }
 
     /// Computes energies, volume and displacement from the state read back.
