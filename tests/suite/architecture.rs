@@ -16,16 +16,6 @@ const EXCEPTIONS: &[(&str, &str, &str)] = &[
     ("mesher", "io", "recipes read files, TetGen's among them"),
     ("grid", "gpu/grid", "public paths of GPU grid bodies"),
     (
-        "cpu",
-        "cpu/contact",
-        "the trait of terms names the terms that Newton asks for",
-    ),
-    (
-        "cpu",
-        "cpu/rigid",
-        "the trait of terms names the terms that Newton asks for",
-    ),
-    (
         "cpu/linear",
         "cpu/rigid",
         "the projection is made from the poses of rigid bodies",

@@ -20,7 +20,7 @@ use super::aggregation::Aggregates;
 use super::body::force_assembly::ForceSources;
 use super::elements::muscle::MuscleTerm;
 use super::elements::term::ElementTerm;
-use super::implicit::contact_iterations::self_contact;
+use super::implicit::contact_terms::self_contact;
 use super::implicit::linear_step::LinearStepSolver;
 use super::implicit::newton::NewtonSolver;
 use super::implicit::schemes::ImplicitScheme;
@@ -34,7 +34,7 @@ use super::runtime::energy_guard::EnergyGuard;
 use super::runtime::inversion::InversionCheck;
 use super::scalar::Real;
 use super::springs::term::Springs;
-use super::term::{StateRef, Term};
+use super::term::{StateRef, Term, find_term_mut};
 use super::vectors::{V4, dot_f64, from_metres, sub, to_metres, zero};
 use crate::physics::{CgSettings, DiscreteModel, LocalUnits, Muscle, SolverKind};
 use crate::{Error, Result};
@@ -409,7 +409,7 @@ impl<T: Real> CpuBody<T> {
     }
 
     fn set_target_springs(&mut self, tethers: Vec<RigidTargetSpring>) {
-        let known = self.terms.iter_mut().find_map(|t| t.tethers_mut());
+        let known: Option<&mut RigidTargetSprings<T>> = find_term_mut(&mut self.terms);
         if let Some(known) = known {
             known.set(tethers, &self.plan);
         } else if !tethers.is_empty() {

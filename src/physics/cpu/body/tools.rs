@@ -7,9 +7,8 @@ use crate::physics::contact::check_pose;
 use crate::physics::cpu::contact::boundary_surface::BoundarySurface;
 use crate::physics::cpu::contact::self_contact::SelfContactTerm;
 use crate::physics::cpu::contact::tool_contact::{LocalToolPose, ToolContact, ToolState};
-use crate::physics::cpu::implicit::contact_iterations::{
-    contact_mut, resolve_penetration, self_contact, tool_contact,
-};
+use crate::physics::cpu::implicit::contact_iterations::{apply_push_out, resolve_penetration};
+use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact, tool_contact_mut};
 use crate::physics::cpu::runtime::steppable::ToolTarget;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
@@ -18,6 +17,7 @@ use crate::physics::{
 };
 use crate::{Error, Result};
 use glam::DVec3;
+use std::any::Any;
 
 /// Default contact gap of a tool: as a fraction of its size, and of the mean edge of the body's
 /// boundary.
@@ -93,7 +93,7 @@ impl<T: Real> CpuBody<T> {
             turn: tool.pose.turn().normalize(),
         };
         let unit = network.length_unit / self.units.length;
-        let Some(contact) = contact_mut(&mut self.terms) else {
+        let Some(contact) = tool_contact_mut(&mut self.terms) else {
             return;
         };
         let shape = tool.shape.with_scale(unit);
@@ -119,7 +119,10 @@ impl<T: Real> CpuBody<T> {
         faces: &[[u32; 3]],
         network: &DiscreteModel,
     ) -> usize {
-        self.terms.retain(|term| term.as_self_contact().is_none());
+        self.terms.retain(|term| {
+            let term: &dyn Any = term.as_ref();
+            !term.is::<SelfContactTerm<T>>()
+        });
         let hull = self.hull(faces, network);
         let gap = match wanted.gap {
             Some(gap) => gap * network.length_unit / self.units.length,
@@ -159,7 +162,7 @@ impl<T: Real> CpuBody<T> {
                 tools.len()
             )));
         }
-        let Some(contact) = contact_mut(&mut self.terms) else {
+        let Some(contact) = tool_contact_mut(&mut self.terms) else {
             return Ok(());
         };
         let mut jumped = false;
@@ -199,24 +202,20 @@ impl<T: Real> CpuBody<T> {
 
     /// Moves nodes inside tools out of them before a first step.
     pub(in crate::physics::cpu) fn resolve_initial_penetration(&mut self) {
-        let Some(contact) = contact_mut(&mut self.terms) else {
+        let Some(contact) = tool_contact_mut(&mut self.terms) else {
             return;
         };
         contact.begin(&self.state.u, (&self.free_mask, &self.plan), (0.0, 0.0));
         let pushed = resolve_penetration(contact, &self.state.u, &self.free_mask);
         let rigid = self.newton.as_mut().map(|n| &mut n.rigid);
-        crate::physics::cpu::implicit::contact_iterations::apply_push_out(
-            pushed,
-            &mut self.state.u,
-            rigid,
-        );
+        apply_push_out(pushed, &mut self.state.u, rigid);
     }
 
     /// Keeps the tool poses after an accepted step, or restores the previous ones.
     pub(in crate::physics::cpu) fn commit_tools(&mut self, sound: bool) {
         let own = self_contact(&self.terms).is_some_and(|own| !own.is_empty());
         let mut near = false;
-        if let Some(contact) = contact_mut(&mut self.terms) {
+        if let Some(contact) = tool_contact_mut(&mut self.terms) {
             if !sound {
                 contact.set_tool_fraction(0.0);
                 return;
@@ -240,7 +239,7 @@ impl<T: Real> CpuBody<T> {
 
     /// Restores tool poses from [`CpuBody::tool_places`].
     pub(in crate::physics::cpu) fn resume_tools(&mut self, places: &[[f64; 7]]) {
-        if let Some(contact) = contact_mut(&mut self.terms) {
+        if let Some(contact) = tool_contact_mut(&mut self.terms) {
             for (tool, numbers) in contact.tools.iter_mut().zip(places) {
                 tool.from = LocalToolPose::of_numbers(*numbers);
                 tool.at = tool.from;

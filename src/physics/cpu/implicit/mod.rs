@@ -2,6 +2,7 @@
 
 pub(super) mod block_jacobi;
 pub(super) mod contact_iterations;
+pub(super) mod contact_terms;
 pub(super) mod initial_guess;
 pub(super) mod line_search;
 pub(super) mod linear_step;

@@ -11,8 +11,9 @@
 
 use super::contact_iterations::{
     FRICTION_UPDATE_RESIDUAL_RATIO, MAX_BLOCKED_MOTION_ITERATIONS, MAX_FRICTION_UPDATES,
-    MAX_ROUNDOFF_ITERATIONS, RESUME_RESIDUAL_RATIO, self_contact,
+    MAX_ROUNDOFF_ITERATIONS, RESUME_RESIDUAL_RATIO,
 };
+use super::contact_terms::self_contact;
 use super::initial_guess::{InitialGuess, InitialGuesses};
 use super::linear_step::{LinearStepSolver, StepContext, negligible_movement};
 use super::schemes::{ImplicitScheme, StepCoefficients};
