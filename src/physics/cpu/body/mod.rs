@@ -24,7 +24,6 @@ use super::implicit::contact_terms::self_contact;
 use super::implicit::linear_step::LinearStepSolver;
 use super::implicit::newton::NewtonSolver;
 use super::implicit::schemes::ImplicitScheme;
-use super::linear::rigid_projection::RigidProjection;
 use super::node_constraints::{Loads, NodeConstraint, check_attachments};
 use super::partition::Partition;
 use super::pressure::Pressure;
@@ -225,7 +224,7 @@ impl<T: Real> CpuBody<T> {
         };
         let mut implicit = implicit.then(|| LinearStepSolver::new(&plan, settings));
         if let (Some(implicit), Some(newton)) = (&mut implicit, &newton) {
-            implicit.solver.rigid_projection = RigidProjection::new(&plan, &newton.rigid);
+            implicit.solver.rigid_projection = newton.rigid.projection(&plan);
         }
         let mut body = CpuBody {
             kind,

@@ -560,10 +560,8 @@ impl<T: Real> NewtonSolver<T> {
             ..*scene
         };
         let poses: Vec<Pose> = basis.poses.iter().map(|p| Pose::from_array(*p)).collect();
-        implicit
-            .solver
-            .rigid_projection
-            .update_poses(&self.rigid, &poses);
+        let projection = &mut implicit.solver.rigid_projection;
+        self.rigid.update_projection(&poses, projection);
         implicit.resume(&heavier, terms, basis);
     }
 }
