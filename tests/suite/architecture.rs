@@ -14,7 +14,6 @@ const EXCEPTIONS: &[(&str, &str, &str)] = &[
     ),
     ("mesh", "volume", "the foot is sampled as a volume"),
     ("mesher", "io", "recipes read files, TetGen's among them"),
-    ("grid", "gpu/grid", "public paths of GPU grid bodies"),
 ];
 
 /// The rooms of the table whose header starts with this cell, from the top down. A row may name

@@ -4,9 +4,9 @@ use glam::{DQuat, DVec3};
 use palpate::cage::{Cage, CageKind};
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, generate};
-use palpate::physics::grid::{GridBody, GridModel};
+use palpate::physics::grid::GridModel;
 use palpate::physics::{
-    DiscreteModel, GpuBody, Material, MaterialModel, RegionMaterial, SolverKind,
+    DiscreteModel, GpuBody, GridBody, Material, MaterialModel, RegionMaterial, SolverKind,
 };
 use std::collections::BTreeMap;
 

@@ -7,10 +7,10 @@ use palpate::cage::{Cage, CageKind, EmbeddedSimulator};
 use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, TetMesh, generate};
 use palpate::mesher::Domain;
-use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
+use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::{
-    CpuGrid, CpuTets, DiscreteModel, Engine, EngineChoice, GpuTets, GrabMode, Material,
-    MaterialModel, Member, MultiBody, Precision, Simulator, SolverKind,
+    CpuGrid, CpuTets, DiscreteModel, Engine, EngineChoice, GpuGrid, GpuTets, GrabMode, GridBody,
+    Material, MaterialModel, Member, MultiBody, Precision, Simulator, SolverKind,
 };
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);

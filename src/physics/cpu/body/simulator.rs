@@ -1,8 +1,8 @@
 //! Simulator of a tetrahedral body, stepped on the CPU.
 
-use super::tools::check_contact;
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology, cut};
+use crate::physics::cpu::contact::parameters::check_contact;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
 use crate::physics::cpu::runtime::load_sync::{full_load_update, send_loads};
 use crate::physics::cpu::runtime::steppable::{LoadUpdate, Precision, TetBody};

@@ -2,11 +2,11 @@
 
 use crate::gpu::{Array, Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
-use crate::physics::grid::GridBody;
 use crate::physics::grid::retain_tets;
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
-    Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
+    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GridBody, Loads,
+    NodePositions, Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord,
+    TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
