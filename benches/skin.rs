@@ -10,7 +10,8 @@
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{LocalFrame, TriMesh};
-use palpate::mesher::{ClosedSurface, MeshingConfig, SurfaceDomain, ThresholdRange};
+use palpate::mesher::{ClosedSurface, SurfaceDomain, ThresholdRange};
+use palpate::meshing::MeshingConfig;
 use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::{GridBody, Material};
 use palpate::render::{Camera, SurfaceTarget, local_positions};

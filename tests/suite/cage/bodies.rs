@@ -2,8 +2,9 @@
 
 use glam::{DQuat, DVec3};
 use palpate::cage::{Cage, CageKind};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, generate};
+use palpate::mesh::TetMesh;
 use palpate::physics::grid::GridModel;
 use palpate::physics::{
     DiscreteModel, GpuBody, GridBody, Material, MaterialModel, RegionMaterial, SolverKind,

@@ -4,8 +4,9 @@ use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::Error;
 use palpate::cage::{Cage, CageKind, EmbeddedSimulator};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, TetMesh, generate};
+use palpate::mesh::{Blade, TetMesh};
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::{

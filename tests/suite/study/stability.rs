@@ -2,7 +2,8 @@
 //! diverges and is detected, in float64 and on the GPU.
 
 use glam::{DMat3, DVec3};
-use palpate::mesh::{TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::TetMesh;
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::linearised_model::{LinearisedModel, StepLimit};

@@ -3,7 +3,7 @@
 
 use super::CpuBody;
 use super::tests::some;
-use crate::mesh::generate::{Split, ball, box_mesh};
+use crate::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::elements::muscle::MuscleTerm;
 use crate::physics::cpu::node_constraints::NodeConstraint;

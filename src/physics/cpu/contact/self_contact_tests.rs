@@ -2,7 +2,7 @@
 //! for intersections.
 #![allow(clippy::unwrap_used)]
 
-use crate::mesh::generate::{Split, ball, box_mesh};
+use crate::generate::{Split, ball, box_mesh};
 use crate::mesh::intersect_edge_face;
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::body::CpuBody;

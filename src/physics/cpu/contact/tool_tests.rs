@@ -1,7 +1,7 @@
 //! Tests of tools against closed formulas and finite differences.
 #![allow(clippy::unwrap_used)]
 
-use crate::mesh::generate::{Split, box_mesh};
+use crate::generate::{Split, box_mesh};
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::body::CpuBody;
 use crate::physics::cpu::body::tests::some;

@@ -4,7 +4,7 @@
 use super::batch::TetBatch;
 use super::kernels::NODE_PAIRS;
 use super::term::ElementTerm;
-use crate::mesh::generate;
+use crate::generate;
 use crate::physics::cpu::aggregation::Aggregates;
 use crate::physics::cpu::body::tests::{noise, some};
 use crate::physics::cpu::partition::Partition;

@@ -1,7 +1,8 @@
 //! Tests of rigid bodies against closed-form solutions, and against very stiff bodies.
 #![allow(clippy::unwrap_used)]
 
-use crate::mesh::{Field, Location, generate};
+use crate::generate;
+use crate::mesh::{Field, Location};
 use crate::physics::cpu::body::CpuBody;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::scalar::Real;
