@@ -40,6 +40,6 @@ pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
 #[cfg(feature = "rapier")]
 pub(super) use runtime::worker::{Worker, WorkerCommand, WorkerError};
 
-pub use body::simulator::{CpuState, CpuTets};
+pub use body::tets::{CpuState, CpuTets};
 pub use grid::simulator::{CpuGrid, CpuGridState};
 pub use runtime::steppable::Precision;

@@ -50,7 +50,7 @@ impl GpuTets {
     /// A simulator of `body`, built from `mesh`, and its solver.
     ///
     /// # Errors
-    /// [`Error::Input`] if `mesh` has a different number of nodes.
+    /// [`Error::Input`](crate::Error::Input) if `mesh` has a different number of nodes.
     pub fn of_body(mesh: TetMesh, body: GpuBody, solver: Box<dyn Solver>) -> Result<GpuTets> {
         body.check_mesh(&mesh)?;
         Ok(GpuTets {

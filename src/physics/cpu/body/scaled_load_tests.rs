@@ -129,6 +129,7 @@ fn muscle(mesh: &TetMesh, along: impl Fn(usize) -> DVec3, tension: f64) -> Muscl
     }
 }
 
+/// Long because every function of the term is compared on one state.
 #[test]
 fn muscle_forces_and_blocks_are_energy_derivatives() {
     let mesh = ball(0.05, 6).unwrap();

@@ -119,6 +119,7 @@ impl<T: Real> Meeting<T> {
     }
 }
 
+/// Long because every function of the term is compared on one state.
 #[test]
 fn self_contact_forces_equal_negative_energy_gradient() {
     // Two slightly tilted blocks, so close that primitives of all kinds are in contact.

@@ -203,6 +203,8 @@ fn coarse_block_sphere_indentation_matches_theory() {
     assert!((force - 1.0).abs() < 0.2, "{force}");
 }
 
+/// Long because every function of the term is compared on one state.
+///
 /// Returns the relative errors of the forces, of the blocks and of the visited blocks of the tool
 /// term against finite differences.
 fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [f64; 3] {

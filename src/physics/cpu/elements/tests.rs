@@ -271,6 +271,7 @@ fn mixed(law: ConstitutiveModel, volume: VolumetricFormulation, contrast: f64) -
     network
 }
 
+/// Long because every function of the term is compared on one state.
 #[test]
 fn element_term_matches_reference() {
     use VolumetricFormulation::{NodalAveraged, PerTet};

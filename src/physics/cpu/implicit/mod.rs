@@ -7,6 +7,8 @@ pub(super) mod initial_guess;
 pub(super) mod line_search;
 pub(super) mod linear_step;
 pub(super) mod newton;
+mod newton_direction;
+mod newton_iterations;
 pub(super) mod residual;
 pub(super) mod schemes;
 #[cfg(test)]

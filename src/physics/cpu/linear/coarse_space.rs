@@ -76,32 +76,7 @@ impl<T: Real> CoarseSpace<T> {
         terms: &[Box<dyn Term<T>>],
         tied: &RigidProjection<T>,
     ) {
-        for g in 0..plan.groups() {
-            let first = plan.group(g).start;
-            let arms = &mut self.lever_arms[plan.group(g)];
-            if let Some(body) = tied.of(g) {
-                // A constrained body lacks some of these modes.
-                match body.free() {
-                    true => arms.copy_from_slice(body.arms()),
-                    false => arms.fill([T::ZERO; 4]),
-                }
-                continue;
-            }
-            let count = arms.len();
-            let nodes = || (first..first + count).filter(|i| free(*i));
-            let count = nodes().count().max(1) as f64;
-            let middle = nodes().map(&points).sum::<DVec3>() / count;
-            let reach = |i: usize| points(i).distance_squared(middle);
-            let radius = (nodes().map(reach).sum::<f64>() / count).sqrt();
-            let over = if radius > 0.0 { 1.0 / radius } else { 0.0 };
-            for (n, arm) in arms.iter_mut().enumerate() {
-                *arm = [T::ZERO; 4];
-                if free(first + n) {
-                    let r = (points(first + n) - middle) * over;
-                    *arm = [T::from_f64(r.x), T::from_f64(r.y), T::from_f64(r.z), T::ONE];
-                }
-            }
-        }
+        self.update_arms(plan, points, free, tied);
         self.factor.clear();
         let mut known = (u32::MAX, u32::MAX, 0, false);
         for (i, d) in diagonal.iter().enumerate() {
@@ -136,7 +111,49 @@ impl<T: Real> CoarseSpace<T> {
                 add_projected_block(m, i, j, block, known.3 || a == b);
             });
         }
-        for g in 0..plan.groups() as u32 {
+        self.shift_diagonal(plan.groups());
+        self.ready = self.factor.factorise();
+    }
+
+    /// Updates the arms of all nodes; arguments as for [`CoarseSpace::factorise`].
+    fn update_arms(
+        &mut self,
+        plan: &Partition,
+        points: impl Fn(usize) -> DVec3,
+        free: impl Fn(usize) -> bool,
+        tied: &RigidProjection<T>,
+    ) {
+        for g in 0..plan.groups() {
+            let first = plan.group(g).start;
+            let arms = &mut self.lever_arms[plan.group(g)];
+            if let Some(body) = tied.of(g) {
+                // A constrained body lacks some of these modes.
+                match body.free() {
+                    true => arms.copy_from_slice(body.arms()),
+                    false => arms.fill([T::ZERO; 4]),
+                }
+                continue;
+            }
+            let count = arms.len();
+            let nodes = || (first..first + count).filter(|i| free(*i));
+            let count = nodes().count().max(1) as f64;
+            let middle = nodes().map(&points).sum::<DVec3>() / count;
+            let reach = |i: usize| points(i).distance_squared(middle);
+            let radius = (nodes().map(reach).sum::<f64>() / count).sqrt();
+            let over = if radius > 0.0 { 1.0 / radius } else { 0.0 };
+            for (n, arm) in arms.iter_mut().enumerate() {
+                *arm = [T::ZERO; 4];
+                if free(first + n) {
+                    let r = (points(first + n) - middle) * over;
+                    *arm = [T::from_f64(r.x), T::from_f64(r.y), T::from_f64(r.z), T::ONE];
+                }
+            }
+        }
+    }
+
+    /// Makes the assembled matrix positive definite.
+    fn shift_diagonal(&mut self, groups: usize) {
+        for g in 0..groups as u32 {
             if let Some((place, _)) = self.factor.block_index(g, g) {
                 let block = self.factor.block_mut(place);
                 let largest = (0..6).map(|k| block[k][k]).fold(0.0, f64::max);
@@ -149,7 +166,6 @@ impl<T: Real> CoarseSpace<T> {
                 }
             }
         }
-        self.ready = self.factor.factorise();
     }
 
     /// Restricts the forces `r` on the nodes of a group, beginning with node `first`, to its modes.

@@ -266,6 +266,7 @@ fn second_order_schemes_keep_order_with_rigid_regions() {
     }
 }
 
+/// Long because one potential is built and compared in all directions.
 #[test]
 fn step_is_stationary_over_rigid_motions() {
     // The end of a step is a stationary point of Φ with respect to poses and soft nodes, by finite
