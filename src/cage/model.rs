@@ -2,7 +2,7 @@
 
 use super::lattice::Cells;
 use super::stiffness_fit::{ConstrainedNetwork, compliance, gravity_loads};
-use crate::mesh::generate::{Grid, Split, grid};
+use crate::generate::{Grid, Split, grid};
 use crate::mesh::{BarycentricMap, LocalFrame, TET_EDGES, TetMesh};
 use crate::physics::grid::{
     GridModel, GridShape, SPRING_KINDS, SPRING_OFFSETS, isotropic_stiffness,

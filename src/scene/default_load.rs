@@ -182,7 +182,7 @@ pub(super) fn format_acceleration(gravity: f64) -> String {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
     use crate::physics::{ClampedEnd, Material};
 
     #[test]

@@ -73,8 +73,8 @@ mod tests {
     use super::*;
     use crate::body_session::{BodySession, RebuildRequest};
     use glam::DVec3;
+    use palpate::generate::bar_of_about;
     use palpate::gpu::Gpu;
-    use palpate::mesh::generate::bar_of_about;
     use palpate::scene::Scene;
     use std::time::{Duration, Instant};
 

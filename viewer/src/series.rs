@@ -375,10 +375,10 @@ impl BodySession {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use palpate::generate::bar_of_about;
     use palpate::gpu::Gpu;
     use palpate::io::PvdSeries;
     use palpate::mesh::Location;
-    use palpate::mesh::generate::bar_of_about;
     use std::time::Instant;
 
     /// Records a bar that moves upwards, with different nodal values in each frame.

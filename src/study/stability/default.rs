@@ -3,7 +3,8 @@
 //! for a bar with a rigid rod.
 
 use crate::Result;
-use crate::mesh::{Field, Location, TetMesh, generate};
+use crate::generate;
+use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{
     CgSettings, CpuTets, DiscreteModel, EngineChoice, Material, MaterialModel, Precision,
     Simulator, SolverKind,

@@ -2,8 +2,9 @@
 
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
+use palpate::generate;
 use palpate::gpu::{Pass, add_shader};
-use palpate::mesh::{LocalFrame, generate};
+use palpate::mesh::LocalFrame;
 use palpate::physics::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use palpate::physics::{
     GpuBody, GpuTets, LocalUnits, Material, NodeTerm, Simulator, Solver, SolverKind, Stepper,

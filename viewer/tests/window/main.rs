@@ -9,8 +9,8 @@ mod pace;
 mod screen;
 
 use glam::DVec3;
+use palpate::generate::bar_of_about;
 use palpate::io::PvdSeries;
-use palpate::mesh::generate::bar_of_about;
 use palpate::mesh::{Field, Location};
 use palpate::render::{Image, ImageDifference};
 use screen::Window;

@@ -1,10 +1,9 @@
 //! The domain described by a meshing configuration, and the names of its regions.
 
-use super::{
-    ClosedSurface, Domain, LabelDomain, Labels, MeshingConfig, SurfaceDomain, ThresholdDomain,
-};
+use super::{Labels, MeshingConfig};
 use crate::io::{self, Kind};
 use crate::mesh::TriMesh;
+use crate::mesher::{ClosedSurface, Domain, LabelDomain, SurfaceDomain, ThresholdDomain};
 use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
@@ -43,6 +42,17 @@ pub(super) struct Surfaces {
     pub closed: Vec<ClosedSurface>,
     pub regions: Regions,
     pub notes: Vec<String>,
+}
+
+impl SurfaceDomain {
+    /// Reads the closed surface in the file at `path` as a domain of one region.
+    ///
+    /// # Errors
+    /// As [`read_surface`](crate::io::read_surface) and [`ClosedSurface::new`].
+    pub fn read(path: impl AsRef<Path>) -> Result<SurfaceDomain> {
+        let surface = io::read_surface(path)?;
+        SurfaceDomain::new(vec![ClosedSurface::new(&surface)?])
+    }
 }
 
 impl MeshingConfig {

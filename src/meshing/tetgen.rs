@@ -4,10 +4,11 @@
 //! the triangles of the surface, subdivided where necessary. It is licensed under the AGPL, so it
 //! runs as a separate program and is not linked.
 
-use super::{
-    ClosedSurface, Domain, MeshReport, MeshedDomain, Spacing, SurfaceDomain, find_spacing, finish,
-};
+use crate::io;
 use crate::mesh::{Location, TetMesh, TriMesh};
+use crate::mesher::{
+    ClosedSurface, Domain, MeshReport, MeshedDomain, Spacing, SurfaceDomain, find_spacing,
+};
 use crate::progress::ProgressScope;
 use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
@@ -149,7 +150,7 @@ impl Job<'_> {
         if !output.status.success() || !elements.exists() {
             return Err(self.refused(&output));
         }
-        let mesh = crate::io::read(&elements)?;
+        let mesh = io::read(&elements)?;
         if edge.is_none() {
             report.edge = mean_edge(&mesh);
         }
@@ -294,7 +295,7 @@ fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<
         .collect();
     let pieces = mesh.tets.iter().enumerate();
     let pieces = pieces.map(|(t, tet)| (*tet, region_of[&part(t)])).collect();
-    finish(mesh.nodes, pieces, report)
+    MeshedDomain::from_pieces(mesh.nodes, pieces, report)
 }
 
 /// Returns the mean edge length of the tets.

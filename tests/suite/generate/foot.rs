@@ -3,7 +3,7 @@
 
 use crate::mesh::support::{check_generated, rigid_pieces};
 use glam::DVec3;
-use palpate::mesh::generate::{FOOT_BONES, foot, foot_bones};
+use palpate::generate::{FOOT_BONES, foot, foot_bones};
 use palpate::mesh::{Location, QualityReport, Topology, components};
 use std::collections::{BTreeMap, HashMap};
 

@@ -2,7 +2,7 @@
 
 use crate::mesh::support::check_generated;
 use glam::{DMat3, DVec3};
-use palpate::mesh::generate::{
+use palpate::generate::{
     Bore, GENERATORS, Lump, Split, ball, bar_of_about, benchmark_cube, box_mesh, breast, by_name,
     duct, liver, paper_bar,
 };

@@ -3,7 +3,8 @@
 
 use glam::DVec3;
 use palpate::mesh::{Field, Location, SurfaceDescription, TetMesh, TriMesh};
-use palpate::mesher::{MeshedDomain, Spacing, tetgen};
+use palpate::mesher::{MeshedDomain, Spacing};
+use palpate::meshing::tetgen;
 use palpate::{Result, io};
 
 /// Returns a sphere around the origin: an octahedron subdivided three times.

@@ -2,7 +2,7 @@
 
 use crate::mesh::support::{check_generated, rigid_pieces};
 use glam::DVec3;
-use palpate::mesh::generate::{TISSUES, limb};
+use palpate::generate::{TISSUES, limb};
 use palpate::mesh::{Location, QualityReport, TetMesh, Topology, components};
 
 fn centroid(mesh: &TetMesh, t: usize) -> DVec3 {

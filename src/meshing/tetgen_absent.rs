@@ -1,7 +1,7 @@
 //! Stub for browsers, where no other programs can be run.
 
-use super::{MeshedDomain, Spacing};
 use crate::mesh::TriMesh;
+use crate::mesher::{MeshedDomain, Spacing};
 use crate::{Error, ProgressFn, Result};
 
 /// Returns the error that TetGen cannot be run here.

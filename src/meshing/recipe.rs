@@ -1,12 +1,13 @@
 //! Meshing of files: a mesh with regions, names and intensities.
 
 use super::domain_source::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
-use super::{
-    Domain, Length, MeshOptions, MeshReport, MeshedDomain, Spacing, SurfaceDomain, ThresholdRange,
-    mesh_domain, tetgen,
-};
+use super::tetgen;
 use crate::io::{self, Kind};
-use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
+use crate::mesh::{Field, Length, Location, ScalarType, TetMesh, TriMesh};
+use crate::mesher::{
+    Domain, MeshOptions, MeshReport, MeshedDomain, Spacing, SurfaceDomain, ThresholdRange,
+    mesh_domain,
+};
 use crate::progress::ProgressScope;
 use crate::{Error, ProgressFn, Result, no_progress};
 use std::collections::BTreeMap;
