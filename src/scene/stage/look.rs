@@ -77,7 +77,7 @@ impl Stage {
     /// only.
     ///
     /// # Errors
-    /// As [`Raycaster::set_sections`].
+    /// As [`Raycaster::set_sections`](crate::render::Raycaster::set_sections).
     pub fn set_sections(&mut self, inside: &Sections) -> Result<()> {
         self.set_body_inside(inside)?;
         // Tools have no rest configuration.
@@ -116,7 +116,7 @@ impl Stage {
     /// keep theirs.
     ///
     /// # Errors
-    /// As [`Raycaster::set_transfer`].
+    /// As [`Raycaster::set_transfer`](crate::render::Raycaster::set_transfer).
     pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
         self.cached = None;
         self.raycaster.set_transfer(transfer)

@@ -11,7 +11,7 @@ impl Stage {
     /// Sets the node positions, in file units.
     ///
     /// # Errors
-    /// As [`NodePositions::set_positions`].
+    /// As [`NodePositions::set_positions`](crate::physics::NodePositions::set_positions).
     pub fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
         match &mut self.drive {
             NodeSource::Posed(posed) => posed.nodes.set_positions(positions),

@@ -10,7 +10,7 @@ impl BodySession {
     /// Applies the appearance of `scene`; updates `notes`.
     ///
     /// # Errors
-    /// As [`Stage::set_appearance`].
+    /// As [`Stage::set_appearance`](palpate::scene::Stage::set_appearance).
     pub fn set_appearance(&mut self, scene: &Scene) -> Result<()> {
         self.version += 1;
         let scene = self.with_read(scene);
@@ -70,7 +70,7 @@ impl BodySession {
     /// Applies planes and isosurfaces only.
     ///
     /// # Errors
-    /// As [`Stage::set_planes`].
+    /// As [`Stage::set_planes`](palpate::scene::Stage::set_planes).
     pub fn set_planes(&mut self, scene: &Scene) -> Result<()> {
         self.version += 1;
         self.notes = self.stage.set_planes(scene)?;

@@ -61,7 +61,7 @@ impl BodySession {
     /// Releases the nodes that the last edit pinned.
     ///
     /// # Errors
-    /// [`Error::Input`] for a static body.
+    /// [`Error::Input`](palpate::Error::Input) for a static body.
     pub fn undo_pins(&mut self) -> Result<()> {
         let Some(touch) = self.edits.undo() else {
             return Ok(());
@@ -102,7 +102,7 @@ impl BodySession {
     /// stroke. Returns how many of them were not pinned before.
     ///
     /// # Errors
-    /// [`Error::Input`] for a static body.
+    /// [`Error::Input`](palpate::Error::Input) for a static body.
     pub fn hold(&mut self, nodes: &[u32], edits: usize, begins: bool) -> Result<usize> {
         let motion = self.stage.motion_mut().ok_or_else(still)?;
         let pinned = motion.simulator.loads().pinned();
@@ -125,7 +125,7 @@ impl BodySession {
     /// Pins the nodes within the finger's radius of `pick`, as [`BodySession::hold`].
     ///
     /// # Errors
-    /// [`Error::Input`] for a static body.
+    /// [`Error::Input`](palpate::Error::Input) for a static body.
     pub fn pin(&mut self, pick: &Pick, edits: usize, begins: bool) -> Result<usize> {
         let radius = self.radius;
         let x = self.stage.drawn_positions()?;
@@ -162,7 +162,7 @@ impl RebuildRequest {
     /// Rebuilds the body in the state `before`.
     ///
     /// # Errors
-    /// As [`BodySession::new`] and [`Stage::resume`].
+    /// As [`BodySession::new`] and [`Stage::resume`](palpate::scene::Stage::resume).
     pub fn rebuild(self, gpu: &Gpu, before: &BodySnapshot) -> Result<BodySession> {
         let mut show = BodySession::new(gpu, &self.made, self.mesh, Some(self.radius))?;
         show.stage.resume(&before.checkpoint)?;
