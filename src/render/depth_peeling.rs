@@ -13,7 +13,7 @@ use crate::gpu::{Array, BitmaskPrefixSum, Draw, Gpu, Pass, Recorder, Texel};
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// Parameters of `shaders/render/cover_counts.wgsl`.
+        /// Parameters of `shaders/render/visible_face_counts.wgsl`.
         pub struct CoverCounts {
             pub records: u32,
         }
@@ -323,7 +323,7 @@ fn cover_passes(
     let runs = (geometry.corners() / 3).div_ceil(32);
     let marks = gpu.buffer("face visibility", 8 * u64::from(runs.max(1)))?;
     let cover = |stage: f64| {
-        gpu.pass("render/cover")
+        gpu.pass("render/visible_faces")
             .constant("PASS", stage)
             .read(&geometry.projected)
             .read(&geometry.boundary)
@@ -336,13 +336,13 @@ fn cover_passes(
     let records = layers / 2 + 1;
     Ok([
         cover(0.0)?,
-        gpu.pass("gpu/scan_marks")
+        gpu.pass("gpu/bitmask_prefix_sum")
             .write(&marks)
             .write(covered)
             .params(&BitmaskPrefixSum { runs })
             .dispatch_workgroups([1, 1, 1])?,
         cover(1.0)?,
-        gpu.pass("render/cover_counts")
+        gpu.pass("render/visible_face_counts")
             .read(covered)
             .write(&arguments[0])
             .write(&arguments[1])

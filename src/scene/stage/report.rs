@@ -82,7 +82,7 @@ pub struct StageReport {
     /// Number of times that each pass was recorded on the device before the measurement, by its
     /// shader: `render/refresh_geometry` computes normals and gradients, `render/table_slice` or
     /// `render/table_volume` a table, `skin/node_normals` and `render/surface_normals` normals for
-    /// lighting, `cage/carry` the nodes in a cage.
+    /// lighting, `cage/embedding` the nodes in a cage.
     pub passes_recorded: BTreeMap<String, u64>,
 }
 
