@@ -26,6 +26,7 @@ mod scene_scan;
 mod scene_tools;
 mod scene_window;
 mod scenes;
+mod sizes;
 mod skin;
 mod study;
 mod support;

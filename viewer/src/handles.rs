@@ -4,7 +4,8 @@
 use crate::app::App;
 use crate::document::set_all;
 use crate::panel::plane_table;
-use crate::pointer_tool::{PointerGesture, Viewport};
+use crate::pointer_tool::PointerGesture;
+use crate::viewport::Viewport;
 use eframe::egui::{self, Color32, Pos2, Shape, Stroke as Line};
 use glam::DVec3;
 use palpate::render::{Camera, Ray};

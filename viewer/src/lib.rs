@@ -10,9 +10,11 @@ mod blit;
 pub mod body_edits;
 pub mod body_session;
 pub mod camera_control;
+mod device;
 pub mod document;
 mod editing;
 pub mod examples;
+mod frames;
 mod handles;
 mod histogram;
 pub mod loading;
@@ -24,6 +26,7 @@ mod path_prompt;
 mod picture;
 mod platform;
 mod pointer_tool;
+mod probe;
 #[cfg(not(target_arch = "wasm32"))]
 mod recording;
 mod save;
@@ -32,6 +35,7 @@ pub mod series;
 pub mod settings;
 #[cfg(not(target_arch = "wasm32"))]
 mod ui_cache;
+mod viewport;
 #[cfg(target_arch = "wasm32")]
 pub mod web;
 #[cfg(not(target_arch = "wasm32"))]

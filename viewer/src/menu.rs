@@ -60,6 +60,29 @@ impl App {
         if context.memory(|m| m.focused().is_some()) {
             return;
         }
+        self.handle_camera_keys(context);
+        let hit = |key: Key| context.input(|i| i.key_pressed(key));
+        if hit(Key::Space) {
+            self.play(None);
+        }
+        if hit(Key::Period) {
+            self.step();
+        }
+        if hit(Key::Comma) {
+            self.go_on(-1);
+        }
+        if hit(Key::Escape) {
+            if matches!(self.stroke, PointerGesture::Cut(..)) {
+                self.stroke = PointerGesture::Idle;
+            }
+            self.end_gesture();
+            self.ruler = None;
+            self.pointer_tool = PointerTool::Look;
+        }
+    }
+
+    /// Handles the keys of the tools and of the camera.
+    fn handle_camera_keys(&mut self, context: &egui::Context) {
         let shift = context.input(|i| i.modifiers.shift);
         let hit = |key: Key| context.input(|i| i.key_pressed(key));
         for (hand, _, key, _) in PointerTool::ALL {
@@ -114,23 +137,6 @@ impl App {
         }
         if hit(Key::O) {
             self.orbit.orthographic = !self.orbit.orthographic;
-        }
-        if hit(Key::Space) {
-            self.play(None);
-        }
-        if hit(Key::Period) {
-            self.step();
-        }
-        if hit(Key::Comma) {
-            self.go_on(-1);
-        }
-        if hit(Key::Escape) {
-            if matches!(self.stroke, PointerGesture::Cut(..)) {
-                self.stroke = PointerGesture::Idle;
-            }
-            self.end_gesture();
-            self.ruler = None;
-            self.pointer_tool = PointerTool::Look;
         }
     }
 

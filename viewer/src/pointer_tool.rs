@@ -1,15 +1,14 @@
 //! Pointer interaction in the picture: camera motion and manipulation of the body.
 
 use crate::app::App;
-use crate::body_session::BodySession;
 use crate::handles::HandlePart;
 use crate::settings::MouseBindings;
-use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
+use crate::viewport::Viewport;
+use eframe::egui::{self, Modifiers, PointerButton, Pos2, Response};
 use glam::{DVec2, DVec3};
 use palpate::Result;
-use palpate::mesh::{Blade, Location};
-use palpate::physics::BodyField;
-use palpate::render::{Camera, Pick, Ray};
+use palpate::mesh::Blade;
+use palpate::render::Pick;
 use std::time::Duration;
 use web_time::Instant;
 
@@ -131,53 +130,6 @@ fn move_of(habit: MouseBindings, button: PointerButton, held: Modifiers) -> Opti
         (_, PointerButton::Secondary) => CameraMotion::Zoom,
         _ => return None,
     })
-}
-
-/// The picture within the window.
-#[derive(Clone, Copy, Debug)]
-pub struct Viewport {
-    /// Rectangle in points.
-    pub rect: Rect,
-    /// Size in pixels.
-    pub size: [u32; 2],
-}
-
-impl Viewport {
-    /// Returns the pixel at a point of the interface.
-    fn pixel(&self, at: Pos2) -> DVec2 {
-        let share = (at - self.rect.min) / self.rect.size();
-        DVec2::new(f64::from(share.x), f64::from(share.y))
-            * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
-    }
-
-    /// Returns the ray through a point of the interface.
-    pub fn ray(&self, camera: &Camera, at: Pos2) -> Ray {
-        camera.ray(self.pixel(at), self.size)
-    }
-
-    /// Projects a point, if it is in front of the eye.
-    pub fn project(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
-        let middle = camera.ray(0.5 * DVec2::from(self.size.map(f64::from)), self.size);
-        let away = (place - middle.origin).dot(middle.direction);
-        if away <= 0.0 {
-            return None;
-        }
-        // The camera's plane at that distance is spanned by the rays through three points of it.
-        let at = |x: f64, y: f64| {
-            let ray = camera.ray(DVec2::new(x, y), self.size);
-            let deep = (ray.origin - middle.origin).dot(middle.direction);
-            ray.origin + ray.direction * ((away - deep) / ray.direction.dot(middle.direction))
-        };
-        let [width, height] = self.size.map(f64::from);
-        let (corner, right, down) = (at(0.0, 0.0), at(width, 0.0), at(0.0, height));
-        let (u, v) = (right - corner, down - corner);
-        let q = place - corner;
-        let share = egui::vec2(
-            (q.dot(u) / u.length_squared()) as f32,
-            (q.dot(v) / v.length_squared()) as f32,
-        );
-        Some(self.rect.min + share * self.rect.size())
-    }
 }
 
 impl App {
@@ -459,106 +411,11 @@ impl App {
         show.cut(Blade::from_sweep(&edges)?, edits);
         Ok(())
     }
-
-    /// Shows the values at a pick.
-    fn probe(&mut self, pick: &Pick) {
-        let Some(show) = &self.show else { return };
-        let (stage, mesh) = (show.stage(), show.stage().mesh());
-        let field = stage.scalar_field();
-        let at = |values: &[f64]| {
-            let parts = pick.nodes.iter().zip(pick.weights);
-            parts
-                .map(|(v, w)| w * values.get(*v as usize).copied().unwrap_or(f64::NAN))
-                .sum::<f64>()
-        };
-        let value = match &field.cells {
-            Some(cells) => cells.get(pick.tet as usize).copied().unwrap_or(f64::NAN),
-            None => at(&field.values),
-        };
-        let rest: DVec3 = pick
-            .nodes
-            .iter()
-            .zip(pick.weights)
-            .filter_map(|(v, w)| mesh.nodes.get(*v as usize).map(|p| w * *p))
-            .sum();
-        let label = mesh
-            .region_field()
-            .filter(|f| f.location == Location::Cell)
-            .and_then(|f| f.values.get(pick.tet as usize))
-            .map(|label| {
-                let name = mesh.region_names.get(&(*label as i64));
-                name.cloned().unwrap_or_else(|| format!("region {label}"))
-            });
-        let stress = stress_there(show, pick.tet);
-        let p = pick.point;
-        let mm = 1e3 * show.unit * (pick.point - rest).length();
-        self.set_status(format!(
-            "{}{} {value:.4}, displacement {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
-            label.map_or(String::new(), |l| format!("{l}: ")),
-            field.name,
-            p.x,
-            p.y,
-            p.z,
-            pick.tet
-        ));
-    }
-}
-
-/// Describes the stress in a tet; empty if the body has none.
-fn stress_there(show: &BodySession, tet: u32) -> String {
-    let Some(motion) = show.stage().motion() else {
-        return String::new();
-    };
-    let of = |field: BodyField| {
-        let all = field.per_tet(motion.simulator.as_ref()).ok()?;
-        all.get(tet as usize).copied()
-    };
-    match (of(BodyField::VonMises), of(BodyField::Stress1)) {
-        (Some(von_mises), Some(first)) => {
-            let [von_mises, first] = [von_mises, first].map(pascals);
-            format!(", stress {von_mises} (von Mises), {first} (largest principal)")
-        }
-        _ => String::new(),
-    }
-}
-
-/// Formats a stress with a suitable unit.
-fn pascals(stress: f64) -> String {
-    let (unit, name) = match stress.abs() {
-        s if s >= 1e6 => (1e6, "MPa"),
-        s if s >= 1e3 => (1e3, "kPa"),
-        _ => (1.0, "Pa"),
-    };
-    format!("{:.3} {name}", stress / unit)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn projection_inverts_rays() {
-        let area = Viewport {
-            rect: Rect::from_min_size(Pos2::new(100.0, 50.0), egui::vec2(400.0, 300.0)),
-            size: [800, 600],
-        };
-        let (eye, to) = (DVec3::new(1.0, -5.0, 2.0), DVec3::new(0.2, 0.1, 0.0));
-        for camera in [
-            Camera::perspective(eye, to, DVec3::Z, 35.0),
-            Camera::orthographic(eye, to, DVec3::Z, 3.0),
-        ] {
-            for at in [Pos2::new(120.0, 60.0), Pos2::new(333.0, 290.0)] {
-                let ray = camera.ray(area.pixel(at), area.size);
-                let place = ray.origin + 4.0 * ray.direction;
-                let seen = area.project(&camera, place);
-                assert!(
-                    seen.is_some_and(|seen| seen.distance(at) < 0.01),
-                    "{seen:?}"
-                );
-            }
-            assert!(area.project(&camera, eye - (to - eye)).is_none());
-        }
-    }
 
     #[test]
     fn mouse_bindings_match_paraview_and_slicer() {

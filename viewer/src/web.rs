@@ -1,7 +1,8 @@
 //! JavaScript interface of the viewer in a web page.
 
-use crate::app::{App, InitialFile, Options, device};
+use crate::app::{App, InitialFile, Options};
 use crate::camera_control::Orbit;
+use crate::device::device;
 use crate::log::Frame;
 use eframe::egui::{FontData, FontDefinitions};
 use glam::DVec3;

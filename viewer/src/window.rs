@@ -1,6 +1,7 @@
 //! The viewer in a native window.
 
-use crate::app::{App, Options, device};
+use crate::app::{App, Options};
+use crate::device::device;
 use eframe::egui;
 
 /// Opens a window.

@@ -4,7 +4,7 @@ use super::edited;
 use crate::app::App;
 use crate::document::{numbers, set};
 use eframe::egui;
-use palpate::physics::{EngineChoice, TISSUES};
+use palpate::physics::{Engine, EngineChoice, TISSUES};
 use palpate::scene::{Scene, TissueEntry};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
@@ -44,17 +44,7 @@ impl App {
         let mut stiffer = None;
         egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
             ui.label("Engine");
-            let chosen = match by {
-                Some(EngineChoice::Exactly(engine)) => engine.to_string(),
-                _ => "auto".to_owned(),
-            };
-            let called = ENGINES.iter().find(|(name, _)| *name == chosen);
-            let called = match called {
-                Some(("auto", called)) => format!("{called} ({engine})"),
-                Some((_, called)) => (*called).to_owned(),
-                None => chosen.clone(),
-            };
-            if let Some(name) = choice(ui, "engine", &called, &chosen, &ENGINES) {
+            if let Some(name) = choose_engine(ui, by, engine) {
                 let value = Value::from(name);
                 edits.push(("solver", "engine", value));
             }
@@ -103,17 +93,44 @@ impl App {
         let gravity = scene.solver.gravity.unwrap_or([0.0; 3]);
         for (table, key, value) in edits {
             self.edit_body(key, context, |t| {
-                let solver = t.get("solver").and_then(Item::as_table_like);
-                if table == "solver" && solver.is_none_or(|s| s.get("name").is_none()) {
-                    set(t, "solver", "name", Some(Value::from("implicit")));
-                    set(t, "solver", "gravity", Some(numbers(gravity)));
-                    set(t, "solver", "dt", Some(Value::from(1e-3 * dt)));
-                    set(t, "solver", "tolerance", Some(Value::from(tolerance)));
+                if table == "solver" {
+                    name_solver(t, (gravity, dt, tolerance));
                 }
                 set(t, table, key, Some(value));
             });
         }
     }
+}
+
+/// Writes the settings of a solver to the text of a scene that names none: gravity, the step in ms
+/// and the tolerance.
+fn name_solver(text: &mut DocumentMut, (gravity, dt, tolerance): ([f64; 3], f64, f64)) {
+    let solver = text.get("solver").and_then(Item::as_table_like);
+    if solver.is_none_or(|s| s.get("name").is_none()) {
+        set(text, "solver", "name", Some(Value::from("implicit")));
+        set(text, "solver", "gravity", Some(numbers(gravity)));
+        set(text, "solver", "dt", Some(Value::from(1e-3 * dt)));
+        set(text, "solver", "tolerance", Some(Value::from(tolerance)));
+    }
+}
+
+/// Draws the choice of the engine, of which `engine` runs. Returns the new choice, if it changed.
+fn choose_engine(
+    ui: &mut egui::Ui,
+    asked: Option<EngineChoice>,
+    engine: Engine,
+) -> Option<&'static str> {
+    let chosen = match asked {
+        Some(EngineChoice::Exactly(engine)) => engine.to_string(),
+        _ => "auto".to_owned(),
+    };
+    let called = ENGINES.iter().find(|(name, _)| *name == chosen);
+    let called = match called {
+        Some(("auto", called)) => format!("{called} ({engine})"),
+        Some((_, called)) => (*called).to_owned(),
+        None => chosen.clone(),
+    };
+    choice(ui, "engine", &called, &chosen, &ENGINES)
 }
 
 /// Draws a combo box of words with display names. Returns the new choice, if it changed.

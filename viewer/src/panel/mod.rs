@@ -60,6 +60,7 @@ impl App {
         });
     }
 
+    /// Draws the choice of what is shown, and in which colours.
     fn colours(&mut self, ui: &mut egui::Ui) {
         let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
             return;
@@ -77,36 +78,10 @@ impl App {
         let (mut picked, mut moded) = (None, None);
         egui::Grid::new("colours").num_columns(2).show(ui, |ui| {
             ui.label("Mode");
-            let called = MODES
-                .iter()
-                .find(|(m, _)| *m == mode)
-                .map_or(mode.as_str(), |m| m.1);
-            egui::ComboBox::from_id_salt("mode")
-                .selected_text(called)
-                .show_ui(ui, |ui| {
-                    for (mode_of, called) in MODES {
-                        if ui.selectable_label(mode_of == mode, called).clicked() {
-                            moded = Some(mode_of);
-                        }
-                    }
-                });
+            moded = choose_mode(ui, &mode);
             ui.end_row();
             ui.label("Field");
-            egui::ComboBox::from_id_salt("field")
-                .selected_text(name)
-                .show_ui(ui, |ui| {
-                    if ui.selectable_label(chosen.is_none(), "automatic").clicked() {
-                        picked = Some(None);
-                    }
-                    for field in &names {
-                        if ui
-                            .selectable_label(chosen.as_ref() == Some(field), field)
-                            .clicked()
-                        {
-                            picked = Some(Some(field.clone()));
-                        }
-                    }
-                });
+            picked = choose_field(ui, &name, chosen.as_ref(), &names);
             ui.end_row();
             ui.label("Colours");
             egui::ComboBox::from_id_salt("preset")
@@ -251,4 +226,47 @@ fn scalar_fields(mesh: &TetMesh) -> Vec<String> {
         }
     }
     names
+}
+
+/// Draws the choice of the mode. Returns the mode that was picked.
+fn choose_mode(ui: &mut egui::Ui, chosen: &str) -> Option<&'static str> {
+    let mut picked = None;
+    let called = MODES
+        .iter()
+        .find(|(m, _)| *m == chosen)
+        .map_or(chosen, |m| m.1);
+    egui::ComboBox::from_id_salt("mode")
+        .selected_text(called)
+        .show_ui(ui, |ui| {
+            for (mode, called) in MODES {
+                if ui.selectable_label(mode == chosen, called).clicked() {
+                    picked = Some(mode);
+                }
+            }
+        });
+    picked
+}
+
+/// Draws the choice of the field, of which `shown` is displayed. Returns the field that was picked;
+/// the inner `None` is the default.
+fn choose_field(
+    ui: &mut egui::Ui,
+    shown: &str,
+    chosen: Option<&String>,
+    names: &[String],
+) -> Option<Option<String>> {
+    let mut picked = None;
+    egui::ComboBox::from_id_salt("field")
+        .selected_text(shown)
+        .show_ui(ui, |ui| {
+            if ui.selectable_label(chosen.is_none(), "automatic").clicked() {
+                picked = Some(None);
+            }
+            for field in names {
+                if ui.selectable_label(chosen == Some(field), field).clicked() {
+                    picked = Some(Some(field.clone()));
+                }
+            }
+        });
+    picked
 }

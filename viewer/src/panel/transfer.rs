@@ -4,7 +4,7 @@ use crate::app::App;
 use crate::document::set;
 use crate::histogram::Histogram;
 use eframe::egui::{self, Color32, EventFilter, Key, Pos2, Rect, Sense, Stroke as Line, Vec2};
-use palpate::render::TransferFunction;
+use palpate::render::{ResolvedTransfer, TransferFunction};
 use toml_edit::{DocumentMut, Value};
 
 /// Height of the editor, in points.
@@ -85,6 +85,29 @@ impl Plot {
         let after = points.get(n + 1).map_or(f64::INFINITY, |p| p[0]);
         points[n] = [s.clamp(before, after), density];
     }
+
+    /// Draws the bars of a histogram in the colours of `transfer`.
+    fn draw_histogram(
+        &self,
+        painter: &egui::Painter,
+        histogram: &Histogram,
+        transfer: &ResolvedTransfer,
+    ) {
+        let bar = self.rect.width() / histogram.bars.len() as f32;
+        for (n, share) in histogram.bars.iter().enumerate() {
+            let s = self.range.0 + self.span() * (n as f64 + 0.5) / histogram.bars.len() as f64;
+            let [r, g, b] = transfer
+                .colour(s)
+                .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
+            let left = self.rect.left() + bar * n as f32;
+            let top = self.rect.bottom() - self.rect.height() * share;
+            let bar = Rect::from_min_max(
+                Pos2::new(left, top),
+                Pos2::new(left + bar, self.rect.bottom()),
+            );
+            painter.rect_filled(bar, 0.0, Color32::from_rgb(r, g, b).gamma_multiply(0.75));
+        }
+    }
 }
 
 /// Keyboard actions on a point.
@@ -146,6 +169,37 @@ fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<KeyAction> {
     })
 }
 
+/// Applies the keys to the point that has the focus, if any. Returns whether it changed `points`.
+fn edit_focused(
+    ui: &egui::Ui,
+    painter: &egui::Painter,
+    plot: &Plot,
+    editor: egui::Id,
+    points: &mut Vec<Point>,
+) -> bool {
+    let mut changed = false;
+    for n in 0..points.len() {
+        let at = plot.place(points[n]);
+        let around = Rect::from_center_size(at, Vec2::splat(2.0 * POINT_RADIUS));
+        // Not `with(n)` alone: the tooltip of the editor takes these ids.
+        let id = |n: usize| editor.with(("point", n));
+        let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
+        if !own.has_focus() {
+            continue;
+        }
+        painter.circle_stroke(at, POINT_RADIUS, ui.visuals().selection.stroke);
+        let keyed = by_keys(ui, own.id);
+        if let Some(next) = keyed.and_then(|keyed| keyed.done(plot, points, n)) {
+            changed = true;
+            if next != n {
+                ui.memory_mut(|m| m.request_focus(id(next)));
+            }
+        }
+        break;
+    }
+    changed
+}
+
 impl App {
     /// Draws the editor: opacity over scalar, on the histogram. Points are dragged, added by a double
     /// click and removed by a right click; keys edit the focused point.
@@ -170,18 +224,7 @@ impl App {
         let painter = ui.painter_at(rect);
         painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
         if let Some(histogram) = &self.histogram {
-            let bar = rect.width() / histogram.bars.len() as f32;
-            for (n, share) in histogram.bars.iter().enumerate() {
-                let s = range.0 + plot.span() * (n as f64 + 0.5) / histogram.bars.len() as f64;
-                let [r, g, b] = transfer
-                    .colour(s)
-                    .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
-                let left = rect.left() + bar * n as f32;
-                let top = rect.bottom() - rect.height() * share;
-                let bar =
-                    Rect::from_min_max(Pos2::new(left, top), Pos2::new(left + bar, rect.bottom()));
-                painter.rect_filled(bar, 0.0, Color32::from_rgb(r, g, b).gamma_multiply(0.75));
-            }
+            plot.draw_histogram(&painter, histogram, &transfer);
         }
         let line = Line::new(1.5, ui.visuals().strong_text_color());
         painter.line(points.iter().map(|p| plot.place(*p)).collect(), line);
@@ -196,26 +239,7 @@ impl App {
                 .filter(|(_, away)| *away <= POINT_RADIUS)
                 .map(|(n, _)| n)
         };
-        let mut changed = false;
-        for n in 0..points.len() {
-            let at = plot.place(points[n]);
-            let around = Rect::from_center_size(at, Vec2::splat(2.0 * POINT_RADIUS));
-            // Not `with(n)` alone: the tooltip of `response` takes these ids.
-            let id = |n: usize| response.id.with(("point", n));
-            let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
-            if !own.has_focus() {
-                continue;
-            }
-            painter.circle_stroke(at, POINT_RADIUS, ui.visuals().selection.stroke);
-            let keyed = by_keys(ui, own.id);
-            if let Some(next) = keyed.and_then(|keyed| keyed.done(&plot, &mut points, n)) {
-                changed = true;
-                if next != n {
-                    ui.memory_mut(|m| m.request_focus(id(next)));
-                }
-            }
-            break;
-        }
+        let mut changed = edit_focused(ui, &painter, &plot, response.id, &mut points);
         match response.interact_pointer_pos() {
             None => self.dragged = None,
             Some(at) if response.double_clicked() => {

@@ -78,13 +78,7 @@ impl App {
             None => begins = ui.button("Find settings").clicked(),
         }
         if let Some(found) = &own.found {
-            for note in &found.notes {
-                ui.label(note);
-            }
-            if !found.target_met {
-                ui.weak("No settings meet the requirements; these come closest");
-            }
-            applies = ui.button("Apply").clicked();
+            applies = show_found(ui, found);
         }
         if ends {
             own.work = None;
@@ -117,6 +111,17 @@ impl App {
             }
         }
     }
+}
+
+/// Shows what was found. Returns whether it is to be applied.
+fn show_found(ui: &mut egui::Ui, found: &Tuned) -> bool {
+    for note in &found.notes {
+        ui.label(note);
+    }
+    if !found.target_met {
+        ui.weak("No settings meet the requirements; these come closest");
+    }
+    ui.button("Apply").clicked()
 }
 
 /// Writes the tuned settings into the text of a scene.

@@ -1,31 +1,26 @@
 //! Stiffness map: presses a body from above at the points of a grid, to find stiff inclusions.
 
-use super::curve::{self, PressSample};
+mod finger;
+mod grid;
+mod picture;
+
 use super::site::{Boundary, PressSite};
-use super::{DEPTH, INITIAL_CLEARANCE, STEP, on_table, only_tets, prepare_scene, table};
+use super::{DEPTH, on_table, only_tets, prepare_scene, table};
 use crate::gpu::Gpu;
-use crate::mesh::{Field, Location, TetMesh};
-use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
-use crate::render::Image;
-use crate::scene::{CameraEntry, Motion, Scene, Stage, scene_hash};
+use crate::mesh::TetMesh;
+use crate::scene::{Scene, scene_hash};
 use crate::{Error, Result};
+use finger::{Bench, PressSettings};
 use flate2::Crc;
-use glam::{DQuat, DVec3};
+use glam::DVec3;
+use grid::MapGrid;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-/// Loading steps at each point.
-const STEPS: u32 = 6;
 /// Maximum number of points along a side.
 const MOST: u32 = 1_000;
 /// A point is skipped if the body is thinner there than this multiple of the press depth.
 const MIN_THICKNESS_RATIO: f64 = 3.0;
-/// Height of the view relative to the body's extent, and the fraction of its width reserved for the
-/// legend.
-const VIEW_SCALE: f64 = 1.15;
-const LEGEND: f64 = 0.2;
-/// Field shown in images, N/m.
-const FIELD: &str = "stiffness (N/m)";
 
 /// Points and settings of a map; unset values are chosen from the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +49,26 @@ pub enum PointResult {
     Stiffness(f64),
     /// A simulation step failed.
     Failed,
+}
+
+impl MapOptions {
+    /// Checks the numbers.
+    fn check(&self) -> Result<()> {
+        let [n, m] = self.points;
+        if !([n, m].into_iter().all(|n| (1..=MOST).contains(&n))) {
+            return Err(Error::Input(format!(
+                "map size must be 1 to {MOST} points per side, got {n}x{m}"
+            )));
+        }
+        for (what, given) in [("radius", self.radius), ("depth", self.depth)] {
+            if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
+                return Err(Error::Input(format!(
+                    "press {what} must be positive and finite, got {x}"
+                )));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl MapPoint {
@@ -85,69 +100,6 @@ pub struct PressMap {
     notes: Vec<String>,
 }
 
-/// A grid over the body's extent, seen from above.
-#[derive(Clone, Copy, Debug)]
-struct MapGrid {
-    axes: [usize; 2],
-    count: [u32; 2],
-    low: DVec3,
-    step: [f64; 2],
-}
-
-impl MapGrid {
-    fn new(mesh: &TetMesh, up: DVec3, count: [u32; 2]) -> MapGrid {
-        let axis = up.abs().max_position();
-        let axes = [[1, 2], [0, 2], [0, 1]][axis];
-        let (low, high) = mesh.bounds();
-        let step = |k: usize| (high - low)[axes[k]] / f64::from(count[k]);
-        MapGrid {
-            axes,
-            count,
-            low,
-            step: [step(0), step(1)],
-        }
-    }
-
-    /// Returns the centre of a cell.
-    fn middle(&self, cell: usize) -> DVec3 {
-        let across = self.count[0] as usize;
-        let mut middle = self.low;
-        for (k, number) in [cell % across, cell / across].into_iter().enumerate() {
-            middle[self.axes[k]] += (number as f64 + 0.5) * self.step[k];
-        }
-        middle
-    }
-
-    fn len(&self) -> usize {
-        self.count[0] as usize * self.count[1] as usize
-    }
-
-    /// Returns the four cells whose centres surround a position, with bilinear weights.
-    fn around(&self, p: DVec3) -> [(usize, f64); 4] {
-        let mut low = [0usize; 2];
-        let mut share = [0.0; 2];
-        for k in 0..2 {
-            let axis = self.axes[k];
-            let last = f64::from(self.count[k] - 1);
-            let at = ((p[axis] - self.low[axis]) / self.step[k] - 0.5).clamp(0.0, last);
-            low[k] = at.floor().min((last - 1.0).max(0.0)) as usize;
-            share[k] = at - low[k] as f64;
-        }
-        let most = self.count.map(|n| n as usize - 1);
-        [[0, 0], [1, 0], [0, 1], [1, 1]].map(|corner| {
-            let at = |k: usize| (low[k] + corner[k]).min(most[k]);
-            let weight = |k: usize| match corner[k] {
-                0 => 1.0 - share[k],
-                _ => share[k],
-            };
-            (
-                at(0) + self.count[0] as usize * at(1),
-                weight(0) * weight(1),
-            )
-        })
-    }
-}
-
 impl PressMap {
     /// Places the body of `scene` on a table, as [`Press::new`](super::Press::new), and selects the
     /// points to press.
@@ -157,19 +109,7 @@ impl PressMap {
     /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         only_tets(scene)?;
-        let [n, m] = wanted.points;
-        if !([n, m].into_iter().all(|n| (1..=MOST).contains(&n))) {
-            return Err(Error::Input(format!(
-                "map size must be 1 to {MOST} points per side, got {n}x{m}"
-            )));
-        }
-        for (what, given) in [("radius", wanted.radius), ("depth", wanted.depth)] {
-            if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
-                return Err(Error::Input(format!(
-                    "press {what} must be positive and finite, got {x}"
-                )));
-            }
-        }
+        wanted.check()?;
         let mesh = scene.mesh.load()?;
         let (mut scene, down) = prepare_scene(scene);
         scene.pin.push(table(down));
@@ -372,164 +312,6 @@ impl PressMap {
         let found = self.points.iter().filter(|p| p.stiffness().is_some());
         let by = |p: &&MapPoint| p.stiffness().unwrap_or(f64::NEG_INFINITY);
         found.max_by(|a, b| by(a).total_cmp(&by(b))).copied()
-    }
-
-    /// Renders the stiffness on the body, seen from above, interpolated between the points.
-    ///
-    /// # Errors
-    /// [`Error::Input`] without any result; otherwise as rendering.
-    pub fn image(&self, gpu: &Gpu) -> Result<Image> {
-        if self.median().is_none() {
-            return Err(Error::Input(
-                "the map has no results to draw; every press failed".into(),
-            ));
-        }
-        let mut mesh = self.mesh.clone();
-        let shown = mesh.nodes.iter().map(|p| self.at(*p)).collect();
-        mesh.set_field(Field::scalar(FIELD, Location::Node, shown))?;
-        let mut scene = self.scene.clone();
-        scene.solver.name = None;
-        scene.pin.clear();
-        scene.plane.clear();
-        scene.isosurface.clear();
-        scene.skin.clear();
-        let picture = &mut scene.picture;
-        picture.region.clear();
-        picture.field = Some(FIELD.into());
-        picture.transfer = Some("viridis".into());
-        picture.range = None;
-        picture.mode = Some("surface".into());
-        picture.legend = Some(true);
-        picture.scale_bar = Some(true);
-        scene.camera = self.view(scene.picture.size.unwrap_or([800, 600]));
-        let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
-        stage.render_annotated()
-    }
-
-    /// Returns a camera that looks straight down, with room for a legend in an image of `size`
-    /// pixels.
-    fn view(&self, size: [u32; 2]) -> CameraEntry {
-        let (low, high) = self.mesh.bounds();
-        let [across, ahead] = self.grid.axes.map(|axis| (high - low)[axis]);
-        let aspect = f64::from(size[0]) / f64::from(size[1].max(1));
-        let height = (VIEW_SCALE * ahead).max(VIEW_SCALE * across / (aspect * (1.0 - LEGEND)));
-        let up = DVec3::AXES[self.grid.axes[1]];
-        let right = up.cross(self.up);
-        let aside = 0.5 * LEGEND * height * aspect * right;
-        let middle = 0.5 * (low + high) + aside;
-        let eye = middle + 2.0 * low.distance(high) * self.up;
-        CameraEntry {
-            eye: Some(eye.to_array()),
-            look_at: Some(middle.to_array()),
-            up: Some(up.to_array()),
-            fov: None,
-            orthographic: Some(height),
-        }
-    }
-
-    /// Returns the stiffness interpolated between the surrounding points, or that of the nearest
-    /// point if none of them has a result.
-    fn at(&self, p: DVec3) -> f64 {
-        let found = |cell: usize| {
-            let k = self.cells.binary_search(&cell).ok()?;
-            self.points[k].stiffness()
-        };
-        let around = self.grid.around(p);
-        let known = around
-            .iter()
-            .filter_map(|(cell, w)| Some((found(*cell)?, *w)));
-        let (sum, weight) = known.fold((0.0, 0.0), |s, (x, w)| (s.0 + w * x, s.1 + w));
-        if weight > 1e-9 {
-            return sum / weight;
-        }
-        let away = |q: &&MapPoint| {
-            let off = q.point - p;
-            (off - self.up * off.dot(self.up)).length_squared()
-        };
-        let pressed = self.points.iter().filter(|q| q.stiffness().is_some());
-        let nearest = pressed.min_by(|a, b| away(a).total_cmp(&away(b)));
-        nearest.and_then(MapPoint::stiffness).unwrap_or(0.0)
-    }
-}
-
-/// Settings of a press.
-struct PressSettings {
-    up: DVec3,
-    depth: f64,
-    unit: f64,
-    poisson: f64,
-    radius: f64,
-}
-
-/// Data to create a simulator with a fingertip.
-struct Bench<'a> {
-    gpu: &'a Gpu,
-    scene: &'a Scene,
-    mesh: &'a TetMesh,
-    radius: f64,
-}
-
-impl Bench<'_> {
-    fn finger(&self) -> Result<Finger> {
-        let kind = SolverKind::Implicit;
-        let (mut motion, _) = Motion::new(self.gpu, self.scene, kind, self.mesh.clone(), None)?;
-        let (_, high) = self.mesh.bounds();
-        let id = motion.simulator.add_tool(Tool {
-            shape: Shape::Sphere {
-                radius: self.radius,
-            },
-            pose: ToolPose::new(high + 4.0 * self.radius, DQuat::IDENTITY),
-            friction: 0.0,
-            gap: None,
-        })?;
-        let rest = motion.simulator.state()?;
-        Ok(Finger { motion, id, rest })
-    }
-}
-
-/// A simulator with a fingertip, and its rest state.
-struct Finger {
-    motion: Motion,
-    id: ToolId,
-    rest: SimulatorState,
-}
-
-impl Finger {
-    fn press(
-        &mut self,
-        settings: &PressSettings,
-        (spot, touch): &(PressSite, f64),
-    ) -> Result<PointResult> {
-        let at = |depth: f64| {
-            ToolPose::new(spot.point + (touch - depth) * spot.outward, DQuat::IDENTITY)
-        };
-        let (id, dt) = (self.id, self.motion.dt.max(STEP));
-        let body = self.motion.simulator.as_mut();
-        body.set_state(&self.rest)?;
-        let begin = -INITIAL_CLEARANCE * settings.radius;
-        body.loads_mut().teleport_tool(id, at(begin))?;
-        let mut samples = Vec::new();
-        for step in 1..=STEPS {
-            let depth = begin + (settings.depth - begin) * f64::from(step) / f64::from(STEPS);
-            body.loads_mut().set_tool_target(id, at(depth))?;
-            match body.run(1, dt) {
-                Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
-                other => other?,
-            };
-            let force = body
-                .tool_forces()?
-                .first()
-                .map_or(DVec3::ZERO, |on| on.force);
-            samples.push(PressSample {
-                time_s: dt * f64::from(step),
-                phase: "load",
-                depth_m: settings.unit * depth,
-                force_n: force.dot(settings.up),
-            });
-        }
-        let radius = settings.unit * settings.radius;
-        let report = curve::report(&samples, [radius, settings.poisson], String::new(), 0.0);
-        Ok(PointResult::Stiffness(report.stiffness_n_per_m))
     }
 }
 

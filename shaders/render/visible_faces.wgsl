@@ -1,12 +1,13 @@
 // Compacts the covering triangles of the potentially visible boundary faces, in face order: once
 // per image for all layers, in parallel.
 //
-// Two passes over the same bindings, with gpu/scan_marks between them: visibility, then output.
+// Two passes over the same bindings, with gpu/bitmask_prefix_sum between them: visibility, then
+// output.
 
 #import lib/array
 #import lib/view
 #import lib/tet
-#import lib/sight
+#import lib/ray_projection
 
 // 0: writes the visibility bitmask, 32 faces per invocation. 1: writes their corners.
 override PASS: u32 = 0u;

@@ -1,7 +1,7 @@
 // Begins a step with tools: chooses the number of stages of their motion. One invocation.
 
 #import lib/status
-#import lib/tool_way
+#import lib/tool_motion
 
 @group(0) @binding(next) var<storage, read> status: Status;
 @group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;

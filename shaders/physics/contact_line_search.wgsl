@@ -1,8 +1,8 @@
 // Line search: accepts a trial, or selects a longer or shorter step length. One workgroup.
 
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
-#import lib/tool_way
+#import lib/tool_motion
 
 struct LineSearchParams {
     // Number of workgroups that wrote a partial sum.

@@ -1,7 +1,6 @@
 //! Playback of recorded series in a static stage.
 
-use super::Stage;
-use super::stage::NodeSource;
+use super::{NodeSource, Stage};
 use crate::mesh::{Field, Location};
 use crate::{Error, Result};
 use glam::DVec3;

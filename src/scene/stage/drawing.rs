@@ -1,15 +1,13 @@
 //! Rendering of a stage in the current configuration, with a cached frame.
 
-use super::picture::DisplayMode;
-use super::stage::{NodeSource, Stage};
-use super::tool_skin::ToolSkin;
+use super::{DisplayMode, NodeSource, Stage, ToolSkin};
 use crate::gpu::{PendingReadback, Recorder};
 use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
 use crate::{Error, Result};
 use glam::DVec2;
 
 /// A rendered picture with the state that it shows.
-pub(super) struct CachedFrame {
+pub(in crate::scene) struct CachedFrame {
     version: u64,
     camera: Camera,
     image: Image,

@@ -82,7 +82,7 @@ pub struct StageReport {
     /// Number of times that each pass was recorded on the device before the measurement, by its
     /// shader: `render/refresh_geometry` computes normals and gradients, `render/table_slice` or
     /// `render/table_volume` a table, `skin/node_normals` and `render/surface_normals` normals for
-    /// lighting, `cage/carry` the nodes in a cage.
+    /// lighting, `cage/embedding` the nodes in a cage.
     pub passes_recorded: BTreeMap<String, u64>,
 }
 
@@ -111,7 +111,7 @@ impl Stage {
     ///
     /// # Errors
     /// As [`Simulator::tool_forces`](crate::physics::Simulator::tool_forces).
-    pub fn tool_reports(&mut self) -> Result<Vec<ToolReport>> {
+    fn tool_reports(&mut self) -> Result<Vec<ToolReport>> {
         let Some(motion) = self.motion_mut() else {
             return Ok(Vec::new());
         };
@@ -152,7 +152,7 @@ impl Stage {
             motion.set_sleep_allowed(false);
         }
         let before = self.gpu.readbacks();
-        let frame_ms = self.time_frames(frames)?;
+        let frame_ms = self.frame_ms(frames)?;
         let readbacks = self.gpu.readbacks() - before;
         let passes = self.time_passes()?;
         let step_ms = self.time_steps(frames)?;
@@ -204,11 +204,6 @@ impl Stage {
     /// # Errors
     /// As [`Stage::record`].
     pub fn frame_ms(&mut self, frames: u32) -> Result<f64> {
-        self.time_frames(frames)
-    }
-
-    /// Returns the median wall time of a fully redrawn frame, ms.
-    fn time_frames(&mut self, frames: u32) -> Result<f64> {
         let target = self.target()?;
         let gpu = self.gpu.clone();
         median_ms(frames, || {

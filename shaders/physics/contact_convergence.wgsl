@@ -2,7 +2,7 @@
 // One workgroup.
 
 #import lib/cg
-#import lib/tool_way
+#import lib/tool_motion
 
 struct ConvergenceParams {
     // Number of workgroups that wrote a partial sum.

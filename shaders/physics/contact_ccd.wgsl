@@ -4,7 +4,7 @@
 // tool may come near in the step.
 
 #import lib/contact
-#import lib/least
+#import lib/workgroup_min
 
 struct WayParams {
     faces: u32,

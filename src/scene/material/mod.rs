@@ -1,16 +1,16 @@
 //! Builds the material of a body from a scene's `[material]`.
 
-use super::keywords::{DAMPING_KINDS, damping_kind, unknown_keyword_error};
+mod deserialize;
+
+use super::keywords::{DAMPING_KINDS, unknown_keyword_error};
 use super::region::LabelOrName;
 use crate::mesh::{Location, TetMesh};
 use crate::physics::{
     Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,
 };
 use crate::{Error, Result};
-use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::fmt;
 
 /// Material of the body. Stiffness is Young's modulus unless `stiffness` is given.
 ///
@@ -93,110 +93,6 @@ pub struct TissueTable {
     /// a tissue needs no `young`.
     #[serde(default)]
     pub rigid: bool,
-}
-
-/// Deserialises the settings with their types; every other key is a tissue. Implemented by hand
-/// because serde's `flatten` loses the line of an error.
-impl<'de> Deserialize<'de> for MaterialEntry {
-    fn deserialize<D: Deserializer<'de>>(from: D) -> std::result::Result<Self, D::Error> {
-        struct Entries;
-        impl<'de> Visitor<'de> for Entries {
-            type Value = MaterialEntry;
-
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a table of settings and tissues")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(
-                self,
-                mut map: A,
-            ) -> std::result::Result<MaterialEntry, A::Error> {
-                let mut entry = MaterialEntry::default();
-                while let Some(key) = map.next_key::<String>()? {
-                    match key.as_str() {
-                        "model" => entry.model = Some(map.next_value_seed(Model)?),
-                        "poisson" => entry.poisson = Some(map.next_value()?),
-                        "volume" => entry.volume = Some(map.next_value_seed(Volume)?),
-                        "young" => entry.young = Some(map.next_value()?),
-                        "stiffness" => entry.stiffness = Some(map.next_value()?),
-                        "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
-                        "density" => entry.density = Some(map.next_value()?),
-                        "damping" => entry.damping = Some(map.next_value()?),
-                        "damping_ratio" => entry.damping_ratio = Some(map.next_value()?),
-                        "damping_hz" => entry.damping_hz = Some(map.next_value()?),
-                        "damping_kind" => entry.damping_kind = map.next_value_seed(Kind)?,
-                        "max_stiffness_ratio" => {
-                            entry.max_stiffness_ratio = Some(map.next_value()?)
-                        }
-                        _ => {
-                            let tissue = map.next_value_seed(Named(&key))?;
-                            entry.tissues.insert(key, tissue);
-                        }
-                    }
-                }
-                // The command line may still set the model if the scene does not.
-                let springs = entry.model == Some(MaterialModel::Springs);
-                if springs || entry.stiffness.is_some() {
-                    entry
-                        .check_rigid(MaterialModel::Springs)
-                        .map_err(A::Error::custom)?;
-                }
-                Ok(entry)
-            }
-        }
-
-        struct Model;
-        impl<'de> DeserializeSeed<'de> for Model {
-            type Value = MaterialModel;
-
-            fn deserialize<D: Deserializer<'de>>(
-                self,
-                from: D,
-            ) -> std::result::Result<MaterialModel, D::Error> {
-                String::deserialize(from)?.parse().map_err(D::Error::custom)
-            }
-        }
-
-        struct Volume;
-        impl<'de> DeserializeSeed<'de> for Volume {
-            type Value = VolumetricFormulation;
-
-            fn deserialize<D: Deserializer<'de>>(
-                self,
-                from: D,
-            ) -> std::result::Result<VolumetricFormulation, D::Error> {
-                String::deserialize(from)?.parse().map_err(D::Error::custom)
-            }
-        }
-
-        struct Kind;
-        impl<'de> DeserializeSeed<'de> for Kind {
-            type Value = Option<String>;
-
-            fn deserialize<D: Deserializer<'de>>(
-                self,
-                from: D,
-            ) -> std::result::Result<Self::Value, D::Error> {
-                damping_kind(from)
-            }
-        }
-
-        /// A tissue whose errors contain its name.
-        struct Named<'a>(&'a str);
-        impl<'de> DeserializeSeed<'de> for Named<'_> {
-            type Value = TissueEntry;
-
-            fn deserialize<D: Deserializer<'de>>(
-                self,
-                from: D,
-            ) -> std::result::Result<TissueEntry, D::Error> {
-                TissueEntry::deserialize(from)
-                    .map_err(|e| D::Error::custom(format!("`{}` is {e}", self.0)))
-            }
-        }
-
-        from.deserialize_map(Entries)
-    }
 }
 
 impl MaterialEntry {
