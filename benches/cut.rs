@@ -3,8 +3,9 @@
 //! `cargo bench --bench cut` prints milliseconds by mesh, each the median of seven adjacent cuts.
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, Topology, cut, generate};
+use palpate::mesh::{Blade, Topology, cut};
 use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::{Camera, Geometry, Mode, Raycaster, TransferFunction};
 use std::time::Instant;

@@ -5,8 +5,8 @@
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesher::Domain;
-use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::{CpuGrid, Material, Precision, Simulator};
+use palpate::physics::grid::{GridModel, GridShape};
+use palpate::physics::{CpuGrid, GridBody, Material, Precision, Simulator};
 use std::time::Instant;
 
 /// A ball of the size of a heart, in metres.

@@ -6,8 +6,9 @@
 //! The peak memory is that of this process, which includes the textures of the software driver.
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{LocalFrame, Location, Topology, generate};
+use palpate::mesh::{LocalFrame, Location, Topology};
 use palpate::render::*;
 use std::time::Instant;
 

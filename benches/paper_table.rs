@@ -10,8 +10,9 @@
 //! at the second size, `--steps` omits the pictures.
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, Topology, depth_field, generate};
+use palpate::mesh::{TetMesh, Topology, depth_field};
 use palpate::physics::{
     ClampedEnd, DiscreteModel, Engine, EngineChoice, Material, Simulator, SolverKind,
     largest_stable_step,

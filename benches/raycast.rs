@@ -4,8 +4,9 @@
 //!     cargo bench --bench raycast -- 20 10 [planes] [volume|sliced|integrals] [stored|sampled]
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Location, generate};
+use palpate::mesh::Location;
 use palpate::render::*;
 use std::time::Instant;
 

@@ -10,9 +10,10 @@
 use glam::{DMat3, DVec3};
 use palpate::gpu::Gpu;
 use palpate::mesh::{LocalFrame, TriMesh};
-use palpate::mesher::{ClosedSurface, MeshingConfig, SurfaceDomain, ThresholdRange};
-use palpate::physics::Material;
-use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use palpate::mesher::{ClosedSurface, SurfaceDomain, ThresholdRange};
+use palpate::meshing::MeshingConfig;
+use palpate::physics::grid::{GridModel, GridShape};
+use palpate::physics::{GridBody, Material};
 use palpate::render::{Camera, SurfaceTarget, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase};
 use std::time::Instant;

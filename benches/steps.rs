@@ -14,8 +14,9 @@
 //! digits: root mean square over the masses and the steps, relative to the displacement.
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::{
     CgSettings, ClampedEnd, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision,
     RegionMaterial, Simulator, SolverKind, Stiffness, VolumetricFormulation,

@@ -3,8 +3,9 @@
 //!     cargo run --release --example cut [-- OUT.png]
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, components, depth_field, generate};
+use palpate::mesh::{Blade, components, depth_field};
 use palpate::physics::{EngineChoice, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 

@@ -42,7 +42,7 @@ fn main() -> palpate::Result<()> {
 
 /// Creates a body of about `tets` tets at the position of the surface, hanging to one side.
 fn body(gpu: &Gpu, file: &str, tets: usize) -> palpate::Result<Box<dyn Simulator>> {
-    let mesh = palpate::mesher::mesh_file(file, tets)?;
+    let mesh = palpate::meshing::mesh_file(file, tets)?;
     let mut material = Material::from_young(2e4);
     material.length_unit = 1e-3;
     let (low, high) = mesh.bounds();

@@ -4,8 +4,9 @@
 //!     cargo run --release --example other_engine [-- FOLDER]
 
 use glam::{DQuat, DVec3};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Location, generate};
+use palpate::mesh::Location;
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 
 fn main() -> anyhow::Result<()> {

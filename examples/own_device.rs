@@ -3,8 +3,9 @@
 //!
 //!     cargo run --release --example own_device
 
+use palpate::generate;
 use palpate::gpu::{Gpu, Recorder};
-use palpate::mesh::{depth_field, generate};
+use palpate::mesh::depth_field;
 use palpate::physics::{EngineChoice, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction};
 

@@ -3,8 +3,9 @@
 //!     cargo run --release --example pick [-- OUT.png]
 
 use glam::{DVec2, DVec3};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{depth_field, generate};
+use palpate::mesh::depth_field;
 use palpate::physics::{EngineChoice, GrabMode, Material, SolverKind};
 use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
 

@@ -17,7 +17,7 @@ fn main() -> palpate::Result<()> {
 
     // The body: about 2,000 tets at the same position as the skin.
     let gpu = Gpu::new()?;
-    let mesh = palpate::mesher::mesh_file(&file, 2_000)?;
+    let mesh = palpate::meshing::mesh_file(&file, 2_000)?;
     let mut material = Material::from_young(5e3);
     material.length_unit = 1e-3;
     let (low, high) = mesh.bounds();

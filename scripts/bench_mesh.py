@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Times palpate mesh beside TetGen and gmsh on one closed surface, for docs/performance.md.
+"""Benchmarks palpate mesh against TetGen and gmsh on one closed surface, for docs/performance.md.
 
     python3 scripts/bench_mesh.py SURFACE.stl [RUNS] [PALPATE]
 
-TetGen and gmsh (Debian packages tetgen and gmsh) keep the triangles of the surface and fill it
-with their defaults (tetgen -pq1.4; gmsh -3); palpate mesh is asked for the numbers of tets that
-they make. Runs alternate; wall times of whole commands, reading and writing included.
+TetGen and gmsh (Debian packages tetgen and gmsh) keep the triangles of the surface and mesh its
+interior with default settings (tetgen -pq1.4; gmsh -3); palpate mesh gets their tet counts as its
+target. Runs alternate; times are wall times of whole commands, including reading and writing.
 """
 import json
 import os
@@ -18,7 +18,7 @@ import time
 
 
 def vertices_and_triangles(path):
-    """The merged vertices and the triangles of a binary STL file."""
+    """Returns the merged vertices and the triangles of a binary STL file."""
     data = open(path, "rb").read()
     (count,) = struct.unpack_from("<I", data, 80)
     index, triangles = {}, []
@@ -63,24 +63,24 @@ def main():
         }
 
         def quality(file):
-            told = subprocess.run([palpate, "info", os.path.join(folder, file), "--json"],
-                                  capture_output=True, text=True)
-            return json.loads(told.stdout) if told.returncode == 0 else None
+            report = subprocess.run([palpate, "info", os.path.join(folder, file), "--json"],
+                                    capture_output=True, text=True)
+            return json.loads(report.stdout) if report.returncode == 0 else None
 
         for name, (command, result) in others.items():
             seconds, done = run(command, folder)
-            told = quality(result)
-            if told is None:
+            theirs = quality(result)
+            if theirs is None:
                 words = (done.stderr or done.stdout).strip().splitlines()
                 print(f"{name}: no mesh ({words[-1] if words else done.returncode})")
                 continue
-            own = [palpate, "mesh", "s.stl", "--tets", str(told["tets"]), "--out", "p.vtu"]
+            own = [palpate, "mesh", "s.stl", "--tets", str(theirs["tets"]), "--out", "p.vtu"]
             times = {name: [], "palpate": []}
             for _ in range(runs):
                 times[name].append(run(command, folder)[0])
                 times["palpate"].append(run(own, folder)[0])
             ours = quality("p.vtu")
-            for who, t in ((name, told), ("palpate", ours)):
+            for who, t in ((name, theirs), ("palpate", ours)):
                 q = t["quality"]
                 print(f"{who}: {t['tets']} tets, {statistics.median(times[who]):.2f} s "
                       f"({min(times[who]):.2f}-{max(times[who]):.2f}), dihedral angles "

@@ -5,7 +5,7 @@ use crate::errors::{Raise, input_error};
 use crate::scenes;
 use crate::work::LongTask;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
-use palpate::mesh::generate::GENERATORS;
+use palpate::generate::GENERATORS;
 use palpate::mesh::{Field, Location, ScalarType, TetMesh};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;

@@ -1,6 +1,6 @@
 // Scalars of the conjugate gradient solver, as every workgroup reads them.
 
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
 
 struct CgScalars {

@@ -5,7 +5,7 @@ override CLIP_PLANE_COUNT: u32 = 0u;
 // Whether any plane is defined in the rest configuration.
 override USE_REST_POSITIONS: bool = false;
 
-// Two texels per plane, as in lib/inside.
+// Two texels per plane, as in lib/sections.
 @group(0) @binding(next) var cuts: texture_2d<f32>;
 // Rest positions of the nodes, in the local frame; if USE_REST_POSITIONS.
 @group(0) @binding(next) var rests: texture_2d<f32>;

@@ -1,7 +1,7 @@
 // Conservative rasterisation of boundary faces: every ray that hits a face gets a fragment of it,
 // which then decides by the sign tests of the traversal. Needs `projected_at` of a node,
 // `boundary_at` of a face and `params: View` of the importing shader, and lib/array, lib/view,
-// lib/tet, lib/sight.
+// lib/tet, lib/ray_projection.
 
 // Whether back faces are drawn instead of front faces.
 override BACK_FACES: bool = false;

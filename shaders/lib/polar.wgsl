@@ -5,7 +5,7 @@
 // symmetric 4×4 matrix (Davenport; Horn 1987, "Closed-form solution of absolute orientation using
 // unit quaternions"), computed by squaring that matrix until it has rank one.
 
-#import lib/tets
+#import lib/finite_elements
 
 struct Polar {
     rotation: mat3x3<f32>,

@@ -2,7 +2,7 @@
 // table, `Ray` and `BACKWARD_TRAVERSAL` of lib/walk_frame, and `params: View`.
 
 #import lib/shade
-#import lib/inside
+#import lib/sections
 #import lib/xray
 
 // Whether each region has its own transfer function: a row of the table.

@@ -1,7 +1,7 @@
 // Common frame of both traversals: the ray of each pixel, its start and end, and retries of lost
-// rays. Needs lib/array, lib/view, lib/tet, lib/sight and lib/segment, and `traverse(code, ray,
-// before) -> TraversalResult` of the importing shader, which traverses from boundary face `code` =
-// 4 tet + face until the mesh or the ray ends.
+// rays. Needs lib/array, lib/view, lib/tet, lib/ray_projection and lib/segment, and
+// `traverse(code, ray, before) -> TraversalResult` of the importing shader, which traverses from
+// boundary face `code` = 4 tet + face until the mesh or the ray ends.
 
 // Whether rays run towards the eye from back faces, for an eye inside the mesh.
 override BACKWARD_TRAVERSAL: bool = false;

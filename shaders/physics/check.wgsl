@@ -1,7 +1,7 @@
 // Checks a candidate state: all values must be finite, and the energy must not exceed the initial
 // energy plus the external work by too much. One workgroup.
 
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
 
 struct CheckParams {

@@ -3,7 +3,7 @@
 // contact. Then the matrix blocks of each node with itself, the first with the second, the second
 // with the third, and the third with the first, each as xx xy xz yy, yz zz.
 
-#import lib/contact_shares
+#import lib/contact_forces
 
 // Nodes of each face; w is the longest edge at rest.
 @group(0) @binding(next) var contact_corners: texture_2d<u32>;

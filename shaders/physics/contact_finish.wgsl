@@ -2,7 +2,7 @@
 // invocation.
 
 #import lib/status
-#import lib/tool_way
+#import lib/tool_motion
 
 @group(0) @binding(next) var<storage, read_write> status: Status;
 @group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;

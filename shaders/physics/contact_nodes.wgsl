@@ -2,7 +2,7 @@
 // texels per node. The force, with the number of points that penetrate too deeply in w; and the row
 // sum of the node's matrix blocks, as xx xy xz yy, yz zz.
 
-#import lib/contact_shares
+#import lib/contact_forces
 
 // For each boundary node: its number, its first face in `around`, the number of its faces, A K.
 @group(0) @binding(next) var boundary_nodes: texture_2d<u32>;

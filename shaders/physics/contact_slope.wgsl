@@ -1,7 +1,7 @@
 // Directional derivative of the incremental potential at the start of the line search and at the
 // trial: dot products of residuals and directions.
 
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
 
 struct SlopeParams {

@@ -1,6 +1,6 @@
 // Computes the next trial state: the maximum allowed step along the direction.
 
-#import lib/least
+#import lib/workgroup_min
 #import lib/status
 #import lib/tool
 

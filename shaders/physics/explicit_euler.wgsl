@@ -1,6 +1,6 @@
 // Explicit Euler: x' = x + h v, v' = v + h a.
 
-#import lib/move
+#import lib/explicit_state
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

@@ -1,7 +1,7 @@
 // Nodal forces and energies of a state: material forces, nodal terms, weight and external forces,
 // in local units.
 
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
 #each matter #import terms/TERM
 #any node #import lib/node_terms

@@ -1,7 +1,7 @@
 // Counts particles with non-finite positions, and measures extent and motion: one workgroup, after
 // a run of steps.
 
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
 
 struct GridCheckParams {

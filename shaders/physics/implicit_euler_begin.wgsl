@@ -7,7 +7,7 @@
 // + h f, and the unknown is the change of v.
 
 #import lib/cg
-#import lib/matter
+#import lib/material_contribution
 #each matter #import terms/TERM
 #any node #import lib/node_terms
 #each node #import terms/TERM

@@ -4,8 +4,8 @@
 #each rigid #import terms/TERM
 #any node #import lib/node_terms
 #each node #import terms/TERM
-#import lib/reduce
-#import lib/start
+#import lib/workgroup_sum
+#import lib/initial_guess
 #import lib/status
 
 struct GuessParams {

@@ -2,8 +2,8 @@
 // sums the potentials itself and makes the same choice.
 
 #each rigid #import terms/TERM
-#import lib/reduce
-#import lib/start
+#import lib/workgroup_sum
+#import lib/initial_guess
 #import lib/status
 
 struct StartParams {

@@ -6,7 +6,7 @@
 
 #import lib/rigid_members
 #import lib/cg
-#import lib/rows
+#import lib/sliced_ellpack
 
 @group(0) @binding(0) var masses: texture_2d<f32>;
 @group(0) @binding(1) var motions: texture_2d<f32>;

@@ -6,7 +6,7 @@
 // the anchor, angular velocity.
 
 #import lib/rigid_members
-#import lib/reduce
+#import lib/workgroup_sum
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var velocities: texture_2d<f32>;

@@ -3,7 +3,7 @@
 // displacements over the step, from which the next step derives the inertial motion.
 
 #import lib/rigid_members
-#import lib/reduce
+#import lib/workgroup_sum
 #import lib/status
 
 @group(0) @binding(0) var positions: texture_2d<f32>;

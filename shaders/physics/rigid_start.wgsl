@@ -2,12 +2,12 @@
 // extrapolated node positions: with constant velocities, and with constant accelerations.
 //
 // Six texels per body: current displacement of the anchor and rotation; translation and rotation
-// over the step for the second guess (`lib/start`); the same for the third. The first guess is
-// rest.
+// over the step for the second guess (`lib/initial_guess`); the same for the third. The first
+// guess is rest.
 
 #import lib/rigid_members
-#import lib/reduce
-#import lib/start
+#import lib/workgroup_sum
+#import lib/initial_guess
 #import lib/status
 
 @group(0) @binding(0) var positions: texture_2d<f32>;

@@ -1,6 +1,6 @@
 // Symplectic Euler: v' = v + h a, x' = x + h v'.
 
-#import lib/move
+#import lib/explicit_state
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

@@ -1,7 +1,7 @@
 // Velocity Verlet, first half: x' = x + h (v + ½h a), and the predicted velocity v + h a for the
 // damping at x'. The prediction is first order in h, which keeps the scheme second order.
 
-#import lib/move
+#import lib/explicit_state
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

@@ -1,7 +1,7 @@
 // Verlet: x' = 2x − x₋₁ + h² a, stored as the increment v = (x − x₋₁)/h to avoid cancellation: v' =
 // v + h a, x' = x + h v'. The first kick is half a step: x₋₁ = x₀ − h v₀ + ½h² a₀.
 
-#import lib/move
+#import lib/explicit_state
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

@@ -4,7 +4,7 @@
 #import lib/array
 #import lib/view
 #import lib/tet
-#import lib/sight
+#import lib/ray_projection
 
 @group(0) @binding(0) var projected: texture_2d<f32>;
 // Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face.

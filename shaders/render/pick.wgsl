@@ -6,7 +6,7 @@
 
 #import lib/array
 #import lib/view
-#import lib/sight
+#import lib/ray_projection
 
 // 0: the smallest z. 1: the first triangle at that z. 2: weights, position and nearest corner in
 // it.

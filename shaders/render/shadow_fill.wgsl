@@ -13,7 +13,7 @@ struct Fill {
 // Whether scalars are constant per tet, and whether each region has its own transfer function.
 override CELL_SCALARS: bool = false;
 override REGIONS: bool = false;
-// As in lib/inside and lib/segment.
+// As in lib/sections and lib/segment.
 const COLOUR_LUT_SIZE: u32 = 1024u;
 const HIDDEN: u32 = 0xffffu;
 const TRANSPARENT_FLAG: u32 = 0x8000u;

@@ -4,7 +4,7 @@
 #import lib/array
 #import lib/view
 #import lib/tet
-#import lib/sight
+#import lib/ray_projection
 #each reads #import terms/TERM
 #import lib/face
 #import lib/tiles

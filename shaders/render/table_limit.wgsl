@@ -2,7 +2,7 @@
 // colour, and mean extinction, between every two scalars. Also the first slab of the paper's
 // volume.
 
-#import lib/pieces
+#import lib/linear_pieces
 
 struct Limit {
     // Texels along each scalar axis.

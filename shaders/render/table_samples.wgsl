@@ -1,7 +1,7 @@
 // Samples the transfer function, colour and extinction, to one line of texels: the table for point
 // sampling of tets without pre-integration.
 
-#import lib/pieces
+#import lib/linear_pieces
 
 struct Limit {
     // Texels along the scalar.

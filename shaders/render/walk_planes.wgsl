@@ -19,7 +19,7 @@
 #import lib/view
 #import lib/tet
 #import lib/segment
-#import lib/sight
+#import lib/ray_projection
 #import lib/walk_frame
 
 // A ray that ends farther than this outside its last tet, in local units, counts as lost.

@@ -20,7 +20,7 @@
 #import lib/view
 #import lib/tet
 #import lib/segment
-#import lib/sight
+#import lib/ray_projection
 #import lib/walk_frame
 
 // Returns node i projected along the ray: (x, y) offset from the ray, z, scalar.

@@ -19,7 +19,7 @@ const BACKFACE_ANGLE: f32 = 1.5707964 + 0.035;
 @group(0) @binding(1) var outlooks: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> arguments: array<u32, 6>;
 // For every 32 triangles: the bitmask of drawn triangles, and the number drawn before them (from
-// `gpu/scan_marks`).
+// `gpu/bitmask_prefix_sum`).
 @group(0) @binding(3) var<storage, read_write> marks: array<u32>;
 @group(0) @binding(4) var<uniform> params: Cull;
 

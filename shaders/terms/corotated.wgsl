@@ -3,8 +3,8 @@
 // Crushed elements are stiffened; see `physics::model::elements`.
 #term law
 
-#import lib/tets
-#import lib/curvature
+#import lib/finite_elements
+#import lib/energy_hessian
 
 // Lower bound of the denominator of the twist eigenvalues: the energy has a ridge where σ_i = −σ_j.
 const MIN_TWIST_DENOMINATOR: f32 = 1e-4;

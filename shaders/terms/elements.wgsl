@@ -1,11 +1,11 @@
 // Finite elements: gathers the element contributions at each node. The passes over tets,
-// `physics/tet_forces` and `physics/tet_curvatures`, evaluate the constitutive model.
+// `physics/tet_forces` and `physics/tet_hessians`, evaluate the constitutive model.
 //
 // When gathering forces, a row lists the element corners at a node. In the matrix, a row lists the
 // edges of a node; without the masses the rows sum to zero: K p = Σ K_ij (p_j − p_i).
 #term matter
 
-#import lib/rows
+#import lib/sliced_ellpack
 
 @group(0) @binding(next) var rows: texture_2d<u32>;
 @group(0) @binding(next) var columns: texture_2d<u32>;

@@ -6,8 +6,8 @@
 // det G.
 #term law
 
-#import lib/tets
-#import lib/curvature
+#import lib/finite_elements
+#import lib/energy_hessian
 
 fn neo_hookean_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {
     let c = cofactor(g);

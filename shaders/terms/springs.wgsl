@@ -5,7 +5,7 @@
 // L/|x|, 0). The matrix block of each spring is stored as u uᵀ + b I.
 #term matter
 
-#import lib/rows
+#import lib/sliced_ellpack
 
 @group(0) @binding(next) var rows: texture_2d<u32>;
 @group(0) @binding(next) var columns: texture_2d<u32>;

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/cage/carry.wgsl`.
+        /// See `shaders/cage/embedding.wgsl`.
         pub struct Carry {
             pub to_fine: [f32; 4],
             pub nodes: u32,
@@ -78,7 +78,7 @@ impl Embedding {
         let corners = gpu.array_of("embedding nodes", Texel::U32x4, &of_nodes)?;
         let weights = gpu.array_of("embedding weights", Texel::F32x4, &weights)?;
         let pass = gpu
-            .pass("cage/carry")
+            .pass("cage/embedding")
             .read(carriers.array())
             .read(&corners)
             .read(&weights)

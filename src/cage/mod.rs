@@ -3,6 +3,7 @@
 //! A [`Cage`] is created from a fine body: cells around its mesh, with its mass and stiffness. Only
 //! the cage is simulated; an [`Embedding`] interpolates the nodes of the fine mesh for rendering.
 
+mod cells_to_body;
 mod embedded_simulator;
 mod embedding;
 mod lattice;

@@ -4,7 +4,7 @@ use clap::Args;
 use palpate::annotate::Axes;
 use palpate::physics::{EngineChoice, MaterialModel, VolumetricFormulation};
 use palpate::render::{Isosurface, Light};
-use palpate::scene::{IsosurfaceEntry, PlaneEntry, ScanEntry, Scene, Unit};
+use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -250,20 +250,42 @@ impl SceneFlags {
         } else {
             Scene::of_mesh(input)
         };
+        self.override_camera(&mut scene);
+        self.override_picture(&mut scene);
+        self.add_sections(&mut scene);
+        self.override_solver(&mut scene);
+        let of_bodies = scene.body.iter_mut();
+        let of_bodies = of_bodies.filter_map(|body| body.material.as_mut());
+        for material in of_bodies.chain([&mut scene.material]) {
+            self.override_material(material);
+        }
+        self.override_mesh(&mut scene);
+        Ok(scene)
+    }
+
+    fn override_camera(&self, scene: &mut Scene) {
+        let camera = &mut scene.camera;
+        override_with(self.eye.map(|t| t.0), &mut camera.eye);
+        override_with(self.look_at.map(|t| t.0), &mut camera.look_at);
+        override_with(self.up.map(|t| t.0), &mut camera.up);
+        if self.fov.is_some() {
+            camera.orthographic = None;
+        }
+        if self.orthographic.is_some() {
+            camera.fov = None;
+        }
+        override_with(self.fov, &mut camera.fov);
+        override_with(self.orthographic, &mut camera.orthographic);
+    }
+
+    /// Overrides the picture and what it shows, but for sections.
+    fn override_picture(&self, scene: &mut Scene) {
         let given = self.clone();
-        let put = |value: Option<[f64; 3]>, place: &mut Option<[f64; 3]>| {
-            *place = value.or(place.take());
-        };
-        put(given.eye.map(|t| t.0), &mut scene.camera.eye);
-        put(given.look_at.map(|t| t.0), &mut scene.camera.look_at);
-        put(given.up.map(|t| t.0), &mut scene.camera.up);
-        put(given.gravity.map(|t| t.0), &mut scene.solver.gravity);
         if given.field.is_some() {
             // The range belongs to the scene's own field.
             scene.picture.range = None;
         }
         override_with(given.field, &mut scene.picture.field);
-        override_with(given.rest, &mut scene.mesh.rest);
         if !given.scan.is_empty() {
             let entry = |file: &PathBuf| ScanEntry {
                 file: file.clone(),
@@ -275,81 +297,76 @@ impl SceneFlags {
             override_with(given.range.map(|r| r.0), &mut first.range);
             override_with(given.transfer.clone(), &mut first.transfer);
         }
-        override_with(given.range.map(|r| r.0), &mut scene.picture.range);
-        if !given.write_fields.is_empty() {
-            scene.output.fields = given.write_fields;
-        }
-        override_with(given.transfer, &mut scene.picture.transfer);
-        override_with(given.size, &mut scene.picture.size);
-        override_with(given.mode, &mut scene.picture.mode);
-        override_with(given.walk, &mut scene.picture.traversal);
         override_with(given.energy, &mut scene.xray.energy);
-        override_with(given.background, &mut scene.picture.background);
         override_with(given.light, &mut scene.light.from);
         override_with(given.shadows, &mut scene.light.shadows);
-        self.add_sections(&mut scene);
-        scene.picture.hide.extend(given.hide);
-        override_with(given.quality, &mut scene.picture.quality);
-        override_with(given.layers, &mut scene.picture.layers);
-        override_with(given.bits, &mut scene.picture.bits);
-        override_with(given.samples, &mut scene.picture.samples);
-        override_with(given.legend.then_some(true), &mut scene.picture.legend);
-        let bar = given.scale_bar.then_some(true);
-        override_with(bar, &mut scene.picture.scale_bar);
-        override_with(given.axes, &mut scene.picture.axes);
-        override_with(given.title, &mut scene.picture.title);
-        override_with(given.time.then_some(true), &mut scene.picture.time);
-        if given.fov.is_some() {
-            scene.camera.orthographic = None;
-        }
-        if given.orthographic.is_some() {
-            scene.camera.fov = None;
-        }
-        override_with(given.fov, &mut scene.camera.fov);
-        override_with(given.orthographic, &mut scene.camera.orthographic);
+        let picture = &mut scene.picture;
+        override_with(given.range.map(|r| r.0), &mut picture.range);
+        override_with(given.transfer, &mut picture.transfer);
+        override_with(given.size, &mut picture.size);
+        override_with(given.mode, &mut picture.mode);
+        override_with(given.walk, &mut picture.traversal);
+        override_with(given.background, &mut picture.background);
+        picture.hide.extend(given.hide);
+        override_with(given.quality, &mut picture.quality);
+        override_with(given.layers, &mut picture.layers);
+        override_with(given.bits, &mut picture.bits);
+        override_with(given.samples, &mut picture.samples);
+        override_with(given.legend.then_some(true), &mut picture.legend);
+        override_with(given.scale_bar.then_some(true), &mut picture.scale_bar);
+        override_with(given.axes, &mut picture.axes);
+        override_with(given.title, &mut picture.title);
+        override_with(given.time.then_some(true), &mut picture.time);
+    }
+
+    fn override_solver(&self, scene: &mut Scene) {
         for body in &mut scene.body {
-            body.solver = body.solver.take().filter(|_| given.solver.is_none());
-            body.engine = body.engine.filter(|_| given.engine.is_none());
+            body.solver = body.solver.take().filter(|_| self.solver.is_none());
+            body.engine = body.engine.filter(|_| self.engine.is_none());
         }
-        override_with(given.solver, &mut scene.solver.name);
-        override_with(given.engine, &mut scene.solver.engine);
-        override_with(given.dt, &mut scene.solver.dt);
-        override_with(given.steps, &mut scene.solver.steps);
-        let of_bodies = scene.body.iter_mut();
-        let of_bodies = of_bodies.filter_map(|body| body.material.as_mut());
-        for material in of_bodies.chain([&mut scene.material]) {
-            if given.young.is_some() {
-                material.stiffness = None;
-            }
-            override_with(given.stiffness, &mut material.stiffness);
-            override_with(given.material, &mut material.model);
-            override_with(given.young, &mut material.young);
-            override_with(given.poisson, &mut material.poisson);
-            override_with(given.volume, &mut material.volume);
-            override_with(given.density, &mut material.density);
-            if given.damping.is_some() {
-                (material.damping_ratio, material.damping_hz) = (None, None);
-            }
-            if given.damping_ratio.is_some() {
-                material.damping = None;
-            }
-            override_with(given.damping, &mut material.damping);
-            override_with(given.damping_ratio, &mut material.damping_ratio);
-            override_with(given.damping_hz, &mut material.damping_hz);
+        override_with(self.solver.clone(), &mut scene.solver.name);
+        override_with(self.engine, &mut scene.solver.engine);
+        override_with(self.dt, &mut scene.solver.dt);
+        override_with(self.steps, &mut scene.solver.steps);
+        override_with(self.gravity.map(|t| t.0), &mut scene.solver.gravity);
+        if !self.write_fields.is_empty() {
+            scene.output.fields = self.write_fields.clone();
         }
+    }
+
+    fn override_material(&self, material: &mut MaterialEntry) {
+        if self.young.is_some() {
+            material.stiffness = None;
+        }
+        override_with(self.stiffness, &mut material.stiffness);
+        override_with(self.material, &mut material.model);
+        override_with(self.young, &mut material.young);
+        override_with(self.poisson, &mut material.poisson);
+        override_with(self.volume, &mut material.volume);
+        override_with(self.density, &mut material.density);
+        if self.damping.is_some() {
+            (material.damping_ratio, material.damping_hz) = (None, None);
+        }
+        if self.damping_ratio.is_some() {
+            material.damping = None;
+        }
+        override_with(self.damping, &mut material.damping);
+        override_with(self.damping_ratio, &mut material.damping_ratio);
+        override_with(self.damping_hz, &mut material.damping_hz);
+    }
+
+    fn override_mesh(&self, scene: &mut Scene) {
+        override_with(self.rest.clone(), &mut scene.mesh.rest);
         for mesh in scene.body.iter_mut().map(|body| &mut body.mesh) {
-            override_with(given.unit.clone(), &mut mesh.unit);
-            override_with(given.tets.filter(|_| mesh.tets.is_some()), &mut mesh.tets);
+            override_with(self.unit.clone(), &mut mesh.unit);
+            override_with(self.tets.filter(|_| mesh.tets.is_some()), &mut mesh.tets);
         }
         if scene.body.is_empty() {
-            override_with(given.unit, &mut scene.mesh.unit);
-            override_with(given.tets, &mut scene.mesh.tets);
+            override_with(self.unit.clone(), &mut scene.mesh.unit);
+            override_with(self.tets, &mut scene.mesh.tets);
         }
-        Ok(scene)
     }
-}
 
-impl SceneFlags {
     /// Adds planes and isosurfaces to those of the scene.
     fn add_sections(&self, scene: &mut Scene) {
         let mut add = |given: &[Six], rest: bool, put: fn(&mut PlaneEntry, [f64; 6])| {

@@ -27,11 +27,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
         true => Path::new("standard input"),
         false => pipe,
     };
-    let from: Box<dyn Read> = match pipe.as_os_str() == DASH {
-        true => Box::new(io::stdin().lock()),
-        false => Box::new(File::open(pipe).with_context(|| format!("{}", pipe.display()))?),
-    };
-    let (mut frames, mesh) = FrameStream::new(BufReader::new(from), name)?;
+    let (mut frames, mesh) = FrameStream::new(BufReader::new(open(pipe)?), name)?;
     let mut scene = arguments.scene.scene(arguments.input())?;
     // Only the frames move the body.
     scene.solver.name = None;
@@ -95,6 +91,14 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments, pipe: &Path) -> anyhow::Resul
         super::print_json(&serde_json::json!({ "frames": count }))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Opens a pipe or standard input.
+fn open(pipe: &Path) -> anyhow::Result<Box<dyn Read>> {
+    Ok(match pipe.as_os_str() == DASH {
+        true => Box::new(io::stdin().lock()),
+        false => Box::new(File::open(pipe).with_context(|| format!("{}", pipe.display()))?),
+    })
 }
 
 /// Inserts the number of a frame into `out`.

@@ -3,10 +3,9 @@
 use super::convert::format_of;
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
-use palpate::mesh::SurfaceDescription;
-use palpate::mesher::{
-    Labels, Length, MeshingConfig, RecipeReport, RegionSummary, TargetSize, ThresholdRange,
-};
+use palpate::mesh::{Length, SurfaceDescription};
+use palpate::mesher::ThresholdRange;
+use palpate::meshing::{Labels, MeshingConfig, RecipeReport, RegionSummary, TargetSize};
 use palpate::scene::{Unit, write_pieces};
 use palpate::{Error, io};
 use std::path::{Path, PathBuf};

@@ -174,6 +174,12 @@ pub fn press(
                 .into(),
         ]);
     }
+    print_result(out, &report, seconds);
+    Ok(report)
+}
+
+/// Prints the measurements, and the names of the files.
+fn print_result(out: &Path, report: &PressReport, seconds: f64) {
     super::print_notes(&[
         format!(
             "{:.4} N at {:.3} mm; stiffness {:.4} N/m; Hertz half-space Young's modulus {:.4e} Pa; {seconds:.1} s",
@@ -187,7 +193,6 @@ pub fn press(
             out.display()
         ),
     ]);
-    Ok(report)
 }
 
 fn write_samples(path: &Path, samples: &[PressSample]) -> Result<()> {

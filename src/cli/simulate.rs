@@ -2,6 +2,7 @@
 
 use super::film::{self, AnimationFlags};
 use super::flags::SceneFlags;
+use super::progress::ProgressReporter;
 use super::{Outcome, print_json, progress};
 use clap::Args;
 use glam::DVec3;
@@ -56,18 +57,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     }
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
     if super::is_series(&arguments.input) {
-        if arguments.resume {
-            anyhow::bail!(
-                "{}: --resume requires a simulation, not a recorded series; remove it",
-                arguments.input.display()
-            );
-        }
-        if arguments.reactions.is_some() {
-            anyhow::bail!(
-                "{}: --reactions requires a simulation, not a recorded series; remove it",
-                arguments.input.display()
-            );
-        }
+        check_replay(arguments)?;
         return replay_series(gpu, arguments);
     }
     let name = arguments
@@ -91,18 +81,8 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     scene.solver.run = checkpoint.as_ref().map_or(Some(ahead), |kept| kept.run());
     let mut stage = progress::with_message("preparing", || Stage::new(gpu, &scene))?;
     super::print_notes(stage.notes());
-    if stage.motion().is_none() {
-        anyhow::bail!(
-            "the body is static: set a solver in the scene or with --solver, such as implicit; film a static body with palpate render {0} --film FILE.gif",
-            arguments.input.display()
-        );
-    }
     let resumable = stage.motion().is_some_and(Motion::has_state);
-    if !resumable && arguments.resume {
-        anyhow::bail!(
-            "the engine rapier cannot save its state, so its runs cannot be resumed; remove --resume, or use --engine cpu"
-        );
-    }
+    check_motion(arguments, &stage)?;
     arguments.film.frame(&mut stage, &[])?;
     let mut times = Vec::new();
     if let Some(checkpoint) = checkpoint {
@@ -112,73 +92,139 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         if resumable {
             stage.keep_checkpoints();
         }
-        // That of another run would be mistaken for the new one.
-        match std::fs::remove_file(&kept) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-                return Err(palpate::Error::io(&kept)(e).into());
-            }
-            _ => {}
-        }
+        remove_checkpoint(&kept)?;
     }
-    let first = times.len() as u32;
-    let mut series = match arguments.no_meshes {
+    let series = match arguments.no_meshes {
         true => None,
-        false if first > 0 => Some(PvdSeries::resume(&arguments.out, &name, &times)?),
+        false if !times.is_empty() => Some(PvdSeries::resume(&arguments.out, &name, &times)?),
         false => Some(PvdSeries::create(&arguments.out, &name)?),
     };
     let reactions = arguments.reactions.clone();
     let reactions = reactions.or(scene.output.reactions.map(|file| arguments.out.join(file)));
-    let mut reactions = match reactions {
-        None => None,
-        Some(path) => {
-            // Checked before the work: the body must support reactions.
-            stage.reactions()?;
-            Some(match first > 0 {
-                true => ReactionLog::resume(path, &times)?,
-                false => ReactionLog::create(path)?,
-            })
-        }
-    };
-    let mut pictures = Pictures::begin(arguments, &mut stage, &name)?;
-    let done = progress::with_bar(
-        "frames",
-        u64::from(arguments.frames),
-        |bar| -> palpate::Result<()> {
-            for frame in first..=arguments.frames {
-                let moved = match frame {
-                    0 => Ok(()),
-                    _ => progress::run(&mut stage, steps, &mut |done, iterations| {
-                        let iterations = progress::iterations(iterations);
-                        bar.detail(match iterations.is_empty() {
-                            true => format!("step {done} of {steps}"),
-                            false => format!("step {done} of {steps}, {iterations}"),
-                        });
-                    }),
-                };
-                // Rendered even if the simulation failed: its last valid state is the last frame.
-                pictures.draw(&mut stage, frame, arguments.frames)?;
-                if let Some(series) = &mut series {
-                    stage.write_frame(series)?;
-                }
-                if let Some(reactions) = &mut reactions {
-                    reactions.push(&mut stage)?;
-                }
-                moved?;
-                times.push(stage.time());
-                if resumable {
-                    stage.checkpoint(&times)?.write(&kept)?;
-                }
-                bar.set_position(u64::from(frame));
-            }
-            Ok(())
+    let mut frames = Frames {
+        steps,
+        last: arguments.frames,
+        series,
+        reactions: match reactions {
+            Some(path) => Some(start_reactions(&mut stage, path, &times)?),
+            None => None,
         },
-    );
-    let film = pictures.end();
+        pictures: Pictures::begin(arguments, &mut stage, &name)?,
+        checkpoint: resumable.then_some(kept),
+        times,
+    };
+    let done = progress::with_bar("frames", u64::from(arguments.frames), |bar| {
+        frames.run(&mut stage, bar)
+    });
+    let film = frames.pictures.end();
     done?;
     film?;
     super::print_notes(&stage.field_note().into_iter().collect::<Vec<_>>());
-    report(arguments, &stage, gpu, times.len(), stage.time())?;
+    report(arguments, &stage, gpu, frames.times.len(), stage.time())?;
     Ok(Outcome::Done)
+}
+
+/// The outputs of a run, and the times of the frames so far.
+struct Frames<'a> {
+    /// Steps from a frame to the next.
+    steps: u32,
+    /// Number of the last frame.
+    last: u32,
+    series: Option<PvdSeries>,
+    reactions: Option<ReactionLog>,
+    pictures: Pictures<'a>,
+    /// The file of the checkpoint, if there is one.
+    checkpoint: Option<PathBuf>,
+    times: Vec<f64>,
+}
+
+impl Frames<'_> {
+    /// Simulates and writes the remaining frames.
+    fn run(&mut self, stage: &mut Stage, bar: &ProgressReporter) -> palpate::Result<()> {
+        let steps = self.steps;
+        for frame in self.times.len() as u32..=self.last {
+            let moved = match frame {
+                0 => Ok(()),
+                _ => progress::run(stage, steps, &mut |done, iterations| {
+                    let iterations = progress::iterations(iterations);
+                    bar.detail(match iterations.is_empty() {
+                        true => format!("step {done} of {steps}"),
+                        false => format!("step {done} of {steps}, {iterations}"),
+                    });
+                }),
+            };
+            // Rendered even if the simulation failed: its last valid state is the last frame.
+            self.pictures.draw(stage, frame, self.last)?;
+            if let Some(series) = &mut self.series {
+                stage.write_frame(series)?;
+            }
+            if let Some(reactions) = &mut self.reactions {
+                reactions.push(stage)?;
+            }
+            moved?;
+            self.times.push(stage.time());
+            if let Some(file) = &self.checkpoint {
+                stage.checkpoint(&self.times)?.write(file)?;
+            }
+            bar.set_position(u64::from(frame));
+        }
+        Ok(())
+    }
+}
+
+/// Checks that the arguments suit the playback of a series.
+fn check_replay(arguments: &SimulateArguments) -> anyhow::Result<()> {
+    if arguments.resume {
+        anyhow::bail!(
+            "{}: --resume requires a simulation, not a recorded series; remove it",
+            arguments.input.display()
+        );
+    }
+    if arguments.reactions.is_some() {
+        anyhow::bail!(
+            "{}: --reactions requires a simulation, not a recorded series; remove it",
+            arguments.input.display()
+        );
+    }
+    Ok(())
+}
+
+/// Checks that the body moves, and that its run can be resumed if that is asked for.
+fn check_motion(arguments: &SimulateArguments, stage: &Stage) -> anyhow::Result<()> {
+    let Some(motion) = stage.motion() else {
+        anyhow::bail!(
+            "the body is static: set a solver in the scene or with --solver, such as implicit; film a static body with palpate render {0} --film FILE.gif",
+            arguments.input.display()
+        );
+    };
+    if !motion.has_state() && arguments.resume {
+        anyhow::bail!(
+            "the engine rapier cannot save its state, so its runs cannot be resumed; remove --resume, or use --engine cpu"
+        );
+    }
+    Ok(())
+}
+
+/// Removes the checkpoint of another run, which would be mistaken for one of this run.
+fn remove_checkpoint(kept: &Path) -> palpate::Result<()> {
+    match std::fs::remove_file(kept) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(palpate::Error::io(kept)(e)),
+        _ => Ok(()),
+    }
+}
+
+/// Starts the file of reactions, or goes on with it after the frames at `times`.
+fn start_reactions(
+    stage: &mut Stage,
+    path: PathBuf,
+    times: &[f64],
+) -> palpate::Result<ReactionLog> {
+    // Checked before the work: the body must support reactions.
+    stage.reactions()?;
+    match times.is_empty() {
+        false => ReactionLog::resume(path, times),
+        true => ReactionLog::create(path),
+    }
 }
 
 /// Reads the checkpoint of an earlier run, if there is one.

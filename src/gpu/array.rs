@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/gpu/put_u32x4.wgsl`.
+        /// See `shaders/gpu/scatter_u32x4.wgsl`.
         pub struct Put {
             pub items: u32,
         }
@@ -386,9 +386,9 @@ impl Gpu {
         items: &[T],
     ) -> Result<()> {
         let shader = match array.texel {
-            Texel::U32x4 => "gpu/put_u32x4",
-            Texel::U32x2 => "gpu/put_u32x2",
-            Texel::F32x2 => "gpu/put_f32x2",
+            Texel::U32x4 => "gpu/scatter_u32x4",
+            Texel::U32x2 => "gpu/scatter_u32x2",
+            Texel::F32x2 => "gpu/scatter_f32x2",
             other => {
                 return Err(Error::Gpu(format!(
                     "cannot scatter items of {other:?}; supported: U32x4, U32x2, F32x2"

@@ -291,6 +291,7 @@ fn check_binding_type(
     }
 }
 
+/// Returns the type of a binding declared as an image, to which `view` is given.
 fn image_type(
     gpu: &Gpu,
     module: &naga::Module,
@@ -310,24 +311,8 @@ fn image_type(
     let format = view.texture().format();
     match (class, word) {
         (naga::ImageClass::Sampled { kind, multi }, Word::Read(_)) => {
-            let features = format.guaranteed_format_features(gpu.device().features());
-            let filtered = features
-                .flags
-                .contains(wgpu::TextureFormatFeatureFlags::FILTERABLE)
-                && module
-                    .types
-                    .iter()
-                    .any(|(_, t)| matches!(t.inner, naga::TypeInner::Sampler { .. }));
-            let sample_type = match kind {
-                naga::ScalarKind::Float => wgpu::TextureSampleType::Float {
-                    filterable: filtered,
-                },
-                naga::ScalarKind::Uint => wgpu::TextureSampleType::Uint,
-                naga::ScalarKind::Sint => wgpu::TextureSampleType::Sint,
-                other => return Err(format!("sampled textures of {other:?} are not supported")),
-            };
             Ok(wgpu::BindingType::Texture {
-                sample_type,
+                sample_type: sample_type(gpu, module, kind, format)?,
                 view_dimension,
                 multisampled: multi,
             })
@@ -374,6 +359,29 @@ fn image_type(
             })
         }
         _ => Err("declared for reading, but bound for writing".into()),
+    }
+}
+
+/// Returns the type of samples of `kind` from a texture of `format`.
+fn sample_type(
+    gpu: &Gpu,
+    module: &naga::Module,
+    kind: naga::ScalarKind,
+    format: wgpu::TextureFormat,
+) -> std::result::Result<wgpu::TextureSampleType, String> {
+    let features = format.guaranteed_format_features(gpu.device().features());
+    let filterable = features
+        .flags
+        .contains(wgpu::TextureFormatFeatureFlags::FILTERABLE)
+        && module
+            .types
+            .iter()
+            .any(|(_, t)| matches!(t.inner, naga::TypeInner::Sampler { .. }));
+    match kind {
+        naga::ScalarKind::Float => Ok(wgpu::TextureSampleType::Float { filterable }),
+        naga::ScalarKind::Uint => Ok(wgpu::TextureSampleType::Uint),
+        naga::ScalarKind::Sint => Ok(wgpu::TextureSampleType::Sint),
+        other => Err(format!("sampled textures of {other:?} are not supported")),
     }
 }
 

@@ -1,5 +1,5 @@
-//! Parameters of `shaders/gpu/scan_marks.wgsl`: prefix sum over a bit mask, for stream compaction
-//! in order.
+//! Parameters of `shaders/gpu/bitmask_prefix_sum.wgsl`: prefix sum over a bit mask, for stream
+//! compaction in order.
 
 crate::gpu_struct! {
     /// Parameters of the shader.

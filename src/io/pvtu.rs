@@ -154,73 +154,107 @@ enum Key {
     Place([u64; 3]),
 }
 
+/// A node or cell of the whole mesh: its global number, and its piece and index in it.
+type Member = (u64, usize, usize);
+
+/// The nodes and cells of the whole mesh.
+#[derive(Default)]
+struct Members {
+    nodes: Vec<Member>,
+    cells: Vec<Member>,
+    /// For each node of each piece, its index in `nodes`.
+    places: Vec<Vec<usize>>,
+}
+
+impl Members {
+    /// Lists each node and each cell once; nodes are the same by their number if `numbered`, and
+    /// otherwise by their position.
+    fn of(parts: &[PieceData], numbered: bool) -> ParseResult<Members> {
+        let mut known: HashMap<Key, (usize, usize)> = HashMap::new();
+        let mut all = Members::default();
+        let nodes = &mut all.nodes;
+        for (k, part) in parts.iter().enumerate() {
+            let mut own = Vec::with_capacity(part.mesh.nodes.len());
+            for (v, p) in part.mesh.nodes.iter().enumerate() {
+                let id = part.nodes.as_ref().map_or(0, |ids| ids[v]);
+                let key = match numbered {
+                    true => Key::Id(id),
+                    // 0 and −0 are the same position.
+                    false => Key::Place(p.to_array().map(|x| (x + 0.0).to_bits())),
+                };
+                let next = nodes.len();
+                let (first, place) = *known.entry(key).or_insert((k, next));
+                // Two nodes of one piece at the same position stay distinct.
+                if place == next || (first == k && !numbered) {
+                    nodes.push((id, k, v));
+                    own.push(next);
+                    continue;
+                }
+                let (_, piece, node) = nodes[place];
+                if numbered && parts[piece].mesh.nodes[node] != *p {
+                    return Err(format!(
+                        "node with {NODE_IDS} {id} has different positions in pieces {k} and {piece} \
+                        (counted from 0)"
+                    ));
+                }
+                own.push(place);
+            }
+            all.places.push(own);
+            let ghost = |c: usize| {
+                let kind = part.ghosts.as_ref().map_or(0.0, |ghosts| ghosts[c]);
+                // The lowest of VTK's bits.
+                kind % 2.0 == DUPLICATE
+            };
+            let shown = (0..part.mesh.cells.len()).filter(|c| !ghost(*c));
+            let number = |c: usize| part.cells.as_ref().map_or(0, |ids| ids[c]);
+            all.cells.extend(shown.map(|c| (number(c), k, c)));
+        }
+        Ok(all)
+    }
+}
+
 /// Merges all pieces, in the order of the global numbers, if there are any.
 fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
     let numbered = parts.iter().all(|p| p.nodes.is_some());
     let ordered = numbered && parts.iter().all(|p| p.cells.is_some());
     let mut mesh = RawMesh::default();
-    let mut known: HashMap<Key, (usize, usize)> = HashMap::new();
-    // For each node of the whole mesh: its number, and its index and piece.
-    let mut nodes: Vec<(u64, usize, usize)> = Vec::new();
-    let mut cells: Vec<(u64, usize, usize)> = Vec::new();
-    let mut places: Vec<Vec<usize>> = Vec::with_capacity(parts.len());
-    for (k, part) in parts.iter().enumerate() {
-        let mut own = Vec::with_capacity(part.mesh.nodes.len());
-        for (v, p) in part.mesh.nodes.iter().enumerate() {
-            let id = part.nodes.as_ref().map_or(0, |ids| ids[v]);
-            let key = match numbered {
-                true => Key::Id(id),
-                // 0 and −0 are the same position.
-                false => Key::Place(p.to_array().map(|x| (x + 0.0).to_bits())),
-            };
-            let next = nodes.len();
-            let (first, place) = *known.entry(key).or_insert((k, next));
-            // Two nodes of one piece at the same position stay distinct.
-            if place == next || (first == k && !numbered) {
-                nodes.push((id, k, v));
-                own.push(next);
-                continue;
-            }
-            let (_, piece, node) = nodes[place];
-            if numbered && parts[piece].mesh.nodes[node] != *p {
-                return Err(format!(
-                    "node with {NODE_IDS} {id} has different positions in pieces {k} and {piece} \
-                    (counted from 0)"
-                ));
-            }
-            own.push(place);
-        }
-        places.push(own);
-        let ghost = |c: usize| {
-            let kind = part.ghosts.as_ref().map_or(0.0, |ghosts| ghosts[c]);
-            // The lowest of VTK's bits.
-            kind % 2.0 == DUPLICATE
-        };
-        let shown = (0..part.mesh.cells.len()).filter(|c| !ghost(*c));
-        cells.extend(shown.map(|c| (part.cells.as_ref().map_or(0, |ids| ids[c]), k, c)));
-    }
-    let mut order: Vec<usize> = (0..nodes.len()).collect();
+    let mut members = Members::of(&parts, numbered)?;
+    let mut order: Vec<usize> = (0..members.nodes.len()).collect();
     if ordered {
-        order.sort_by_key(|v| nodes[*v].0);
-        cells.sort_by_key(|cell| cell.0);
+        order.sort_by_key(|v| members.nodes[*v].0);
+        members.cells.sort_by_key(|cell| cell.0);
     }
-    let mut rank = vec![0; nodes.len()];
+    let mut rank = vec![0; members.nodes.len()];
     for (new, old) in order.iter().enumerate() {
         rank[*old] = new;
     }
-    let at = |v: &usize| {
-        let (_, piece, node) = nodes[*v];
-        parts[piece].mesh.nodes[node]
-    };
-    mesh.nodes = order.iter().map(at).collect();
-    for (_, piece, cell) in &cells {
+    let nodes: Vec<Member> = order.iter().map(|v| members.nodes[*v]).collect();
+    let at = |(_, piece, node): &Member| parts[*piece].mesh.nodes[*node];
+    mesh.nodes = nodes.iter().map(at).collect();
+    for (_, piece, cell) in &members.cells {
         if let Some((kind, corners)) = parts[*piece].mesh.cells.get(*cell) {
             // Indices out of range stay so.
-            let own = &places[*piece];
+            let own = &members.places[*piece];
             let corner = |v: &u32| own.get(*v as usize).map_or(usize::MAX, |v| rank[*v]);
             mesh.cells.push(kind, corners.iter().map(corner));
         }
     }
+    join_fields(&parts, &nodes, &members.cells, &mut mesh);
+    let whole = parts.into_iter().map(|part| part.mesh);
+    for part in whole {
+        mesh.length_unit = mesh.length_unit.or(part.length_unit);
+        mesh.region_names.extend(part.region_names);
+        for warning in part.warnings {
+            if !mesh.warnings.contains(&warning) {
+                mesh.warnings.push(warning);
+            }
+        }
+    }
+    Ok(mesh)
+}
+
+/// Merges the fields that all pieces have; the others are left out with a warning.
+fn join_fields(parts: &[PieceData], nodes: &[Member], cells: &[Member], mesh: &mut RawMesh) {
     for field in &parts[0].mesh.fields {
         let same = |f: &&Field| {
             (f.location, f.components) == (field.location, field.components) && f.name == field.name
@@ -236,46 +270,26 @@ fn joined(parts: Vec<PieceData>) -> ParseResult<RawMesh> {
             ));
             continue;
         };
-        let tuple = |piece: usize, item: usize| {
-            let width = field.components;
-            let from = item * width;
-            of_parts[piece]
+        let tuple = |(_, piece, item): &Member| {
+            let from = item * field.components;
+            of_parts[*piece]
                 .values
-                .get(from..from + width)
+                .get(from..from + field.components)
                 .unwrap_or_default()
         };
-        let values = match field.location {
-            Location::Node => order
-                .iter()
-                .flat_map(|v| tuple(nodes[*v].1, nodes[*v].2))
-                .copied()
-                .collect(),
-            Location::Cell => cells
-                .iter()
-                .flat_map(|(_, piece, cell)| tuple(*piece, *cell))
-                .copied()
-                .collect(),
+        let items = match field.location {
+            Location::Node => nodes,
+            Location::Cell => cells,
         };
         let kind = field.scalar_type;
         let alike = of_parts.iter().all(|f| f.scalar_type == kind);
         mesh.fields.push(Field {
             name: field.name.clone(),
-            values,
+            values: items.iter().flat_map(tuple).copied().collect(),
             scalar_type: if alike { kind } else { ScalarType::F64 },
             ..*field
         });
     }
-    let whole = parts.into_iter().map(|part| part.mesh);
-    for part in whole {
-        mesh.length_unit = mesh.length_unit.or(part.length_unit);
-        mesh.region_names.extend(part.region_names);
-        for warning in part.warnings {
-            if !mesh.warnings.contains(&warning) {
-                mesh.warnings.push(warning);
-            }
-        }
-    }
-    Ok(mesh)
 }
 
 /// Writes pieces, each to a file in the folder of the index at `path` (`NAME_0000.vtu` and so on),
@@ -327,26 +341,40 @@ pub fn write_pieces(
             .fields
             .iter()
             .filter(|f| !f.name.starts_with(PRIVATE_PREFIX));
-        for field in all.chain(&extra) {
-            let exact = scalar::is_lossless(&field.values, field.scalar_type);
-            let kind = if exact {
-                field.scalar_type
-            } else {
-                ScalarType::F64
-            };
-            let same = |f: &&mut Field| (&f.name, f.location) == (&field.name, field.location);
-            match arrays.iter_mut().find(same) {
-                Some(known) if known.scalar_type != kind => known.scalar_type = ScalarType::F64,
-                Some(_) => {}
-                None => arrays.push(Field {
-                    name: field.name.clone(),
-                    values: Vec::new(),
-                    scalar_type: kind,
-                    ..*field
-                }),
-            }
+        list_arrays(all.chain(&extra), &mut arrays);
+    }
+    let text = index_text(&arrays, &files);
+    super::atomic_write(path, |file| {
+        file.write_all(text.as_bytes()).map_err(Error::io(path))
+    })
+}
+
+/// Adds the fields of a piece to the arrays of the index, with a type that holds those of all
+/// pieces.
+fn list_arrays<'a>(fields: impl Iterator<Item = &'a Field>, arrays: &mut Vec<Field>) {
+    for field in fields {
+        let exact = scalar::is_lossless(&field.values, field.scalar_type);
+        let kind = if exact {
+            field.scalar_type
+        } else {
+            ScalarType::F64
+        };
+        let same = |f: &&mut Field| (&f.name, f.location) == (&field.name, field.location);
+        match arrays.iter_mut().find(same) {
+            Some(known) if known.scalar_type != kind => known.scalar_type = ScalarType::F64,
+            Some(_) => {}
+            None => arrays.push(Field {
+                name: field.name.clone(),
+                values: Vec::new(),
+                scalar_type: kind,
+                ..*field
+            }),
         }
     }
+}
+
+/// Returns the text of an index of pieces with these arrays in these files.
+fn index_text(arrays: &[Field], files: &[String]) -> String {
     let mut text = format!(
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"{KIND}\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<{KIND} GhostLevel=\"1\">\n"
     );
@@ -366,13 +394,11 @@ pub fn write_pieces(
         text += &format!("</{section}>\n");
     }
     text += "<PPoints>\n<PDataArray type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"/>\n</PPoints>\n";
-    for file in &files {
+    for file in files {
         text += &format!("<Piece Source=\"{}\"/>\n", escaped(file));
     }
     text += &format!("</{KIND}>\n</VTKFile>\n");
-    super::atomic_write(path, |file| {
-        file.write_all(text.as_bytes()).map_err(Error::io(path))
-    })
+    text
 }
 
 /// Reads piece `number` listed by the index at `path`, as written by [`write_pieces`], and the data

@@ -263,35 +263,7 @@ impl<'a> File<'a> {
                     Some(self.from.colours(tuples, components, &name)?),
                 )
             }
-            "SCALARS" => {
-                let kind = self
-                    .from
-                    .at
-                    .word(format_args!("the type of SCALARS {name}"))?
-                    .to_string();
-                let given = String::from_utf8_lossy(self.from.at.rest_of_line())
-                    .trim()
-                    .to_string();
-                let components = if given.is_empty() {
-                    Ok(1)
-                } else {
-                    given.parse()
-                };
-                let components: usize = components
-                    .ok()
-                    .filter(|c| (1..=1 << 16).contains(c))
-                    .ok_or_else(|| {
-                        self.from.at.error(format_args!(
-                            "SCALARS {name}: number of components must be 1 to 65536, got \
-                            {given:?}"
-                        ))
-                    })?;
-                self.from.skip_table_name();
-                (
-                    components,
-                    self.from.values(tuples, components, &kind, &name)?,
-                )
-            }
+            "SCALARS" => self.scalars(tuples, &name)?,
             _ => {
                 let components = match keyword {
                     "VECTORS" | "NORMALS" => 3,
@@ -311,6 +283,39 @@ impl<'a> File<'a> {
         };
         self.keep(name, location, components, values);
         Ok(())
+    }
+
+    /// Reads the components and values of SCALARS.
+    fn scalars(
+        &mut self,
+        tuples: usize,
+        name: &str,
+    ) -> ParseResult<(usize, Option<(Vec<f64>, ScalarType)>)> {
+        let kind = self
+            .from
+            .at
+            .word(format_args!("the type of SCALARS {name}"))?
+            .to_string();
+        let given = String::from_utf8_lossy(self.from.at.rest_of_line())
+            .trim()
+            .to_string();
+        let components = if given.is_empty() {
+            Ok(1)
+        } else {
+            given.parse()
+        };
+        let components: usize = components
+            .ok()
+            .filter(|c| (1..=1 << 16).contains(c))
+            .ok_or_else(|| {
+                self.from.at.error(format_args!(
+                    "SCALARS {name}: number of components must be 1 to 65536, got \
+                    {given:?}"
+                ))
+            })?;
+        self.from.skip_table_name();
+        let values = self.from.values(tuples, components, &kind, name)?;
+        Ok((components, values))
     }
 
     /// Reads FIELD name n: n arrays, each with its own name, width, length and type.

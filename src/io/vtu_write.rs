@@ -63,33 +63,53 @@ pub(super) fn write_telling(
     ] {
         head += &format!("<{section}>\n");
         for field in fields.iter().filter(|f| f.location == location) {
-            if items.checked_mul(field.components) != Some(field.values.len()) {
-                return Err(Error::Mesh(format!(
-                    "field \"{}\" has {} values, which does not match {items} {location} of {} \
-                    components",
-                    field.name,
-                    field.values.len(),
-                    field.components
-                )));
-            }
-            let exact = scalar::is_lossless(&field.values, field.scalar_type);
-            let kind = if exact {
-                field.scalar_type
-            } else {
-                ScalarType::F64
-            };
-            let data = scalar::encode(&field.values, kind);
-            array(
-                &mut head,
-                &mut appended,
-                &field.name,
-                kind,
-                field.components,
-                &data,
-            )?;
+            field_array(&mut head, &mut appended, field, items)?;
         }
         head += &format!("</{section}>\n");
     }
+    topology_arrays(&mut head, &mut appended, mesh, nodes)?;
+    head += "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
+    super::atomic_write(path, |file| {
+        let mut put = |bytes: &[u8]| file.write_all(bytes).map_err(Error::io(path));
+        put(head.as_bytes())?;
+        put(&appended)?;
+        put(b"\n</AppendedData>\n</VTKFile>\n")
+    })
+}
+
+/// Adds the array of a field of `items` nodes or cells.
+fn field_array(
+    head: &mut String,
+    appended: &mut Vec<u8>,
+    field: &Field,
+    items: usize,
+) -> Result<()> {
+    if items.checked_mul(field.components) != Some(field.values.len()) {
+        return Err(Error::Mesh(format!(
+            "field \"{}\" has {} values, which does not match {items} {} of {} components",
+            field.name,
+            field.values.len(),
+            field.location,
+            field.components
+        )));
+    }
+    let exact = scalar::is_lossless(&field.values, field.scalar_type);
+    let kind = if exact {
+        field.scalar_type
+    } else {
+        ScalarType::F64
+    };
+    let data = scalar::encode(&field.values, kind);
+    array(head, appended, &field.name, kind, field.components, &data)
+}
+
+/// Adds the arrays of the node positions and of the tets.
+fn topology_arrays(
+    head: &mut String,
+    appended: &mut Vec<u8>,
+    mesh: &TetMesh,
+    nodes: &[DVec3],
+) -> Result<()> {
     let positions: Vec<u8> = nodes
         .iter()
         .flat_map(|p| p.to_array())
@@ -105,40 +125,14 @@ pub(super) fn write_telling(
         .flat_map(|t| (4 * t).to_le_bytes())
         .collect();
     let kinds = vec![super::cell_kinds::TET; mesh.tets.len()];
-    head += "<Points>\n";
-    array(
-        &mut head,
-        &mut appended,
-        "Points",
-        ScalarType::F64,
-        3,
-        &positions,
-    )?;
-    head += "</Points>\n<Cells>\n";
-    array(
-        &mut head,
-        &mut appended,
-        "connectivity",
-        ScalarType::I32,
-        1,
-        &corners,
-    )?;
-    array(
-        &mut head,
-        &mut appended,
-        "offsets",
-        ScalarType::I64,
-        1,
-        &ends,
-    )?;
-    array(&mut head, &mut appended, "types", ScalarType::U8, 1, &kinds)?;
-    head += "</Cells>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
-    super::atomic_write(path, |file| {
-        let mut put = |bytes: &[u8]| file.write_all(bytes).map_err(Error::io(path));
-        put(head.as_bytes())?;
-        put(&appended)?;
-        put(b"\n</AppendedData>\n</VTKFile>\n")
-    })
+    *head += "<Points>\n";
+    array(head, appended, "Points", ScalarType::F64, 3, &positions)?;
+    *head += "</Points>\n<Cells>\n";
+    array(head, appended, "connectivity", ScalarType::I32, 1, &corners)?;
+    array(head, appended, "offsets", ScalarType::I64, 1, &ends)?;
+    array(head, appended, "types", ScalarType::U8, 1, &kinds)?;
+    *head += "</Cells>\n";
+    Ok(())
 }
 
 /// Returns the tags of the whole mesh; empty if there are no data.

@@ -1,4 +1,4 @@
-//! Tetrahedral meshes: nodes, tets, fields; topology, quality, generators.
+//! Tetrahedral meshes: nodes, tets, fields; topology, quality.
 //!
 //! This module is independent of files and of the GPU.
 
@@ -9,8 +9,8 @@ mod cut;
 mod edge_face_intersection;
 mod field;
 mod frame;
-pub mod generate;
 mod group_by;
+mod length_unit;
 mod merge;
 mod mesh_report;
 mod order;
@@ -41,6 +41,7 @@ pub(crate) use edge_face_intersection::{EdgeFaceIntersection, edge_face_intersec
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub(crate) use group_by::group_by_key;
+pub use length_unit::{Length, metres_in};
 pub use mesh_report::{FieldDescription, MeshDescription, RegionDescription};
 pub use order::morton_order;
 pub(crate) use order::order_of;

@@ -202,7 +202,8 @@ impl<'a> MeshPartition<'a> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::{NO_NEIGHBOUR, Topology, generate};
+    use crate::generate;
+    use crate::mesh::{NO_NEIGHBOUR, Topology};
 
     #[test]
     fn kd_partition_is_balanced_and_covers_every_tet_once() {

@@ -57,7 +57,7 @@ impl TetMesh {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::mesh::generate::bar;
+    use crate::generate::bar;
     use glam::DVec3;
 
     #[test]

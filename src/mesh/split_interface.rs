@@ -298,7 +298,7 @@ impl TetMesh {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
 
     /// A bar of 4×4×2 cells: region 1 is x < 2, 2 beyond it with y < 2, 3 the rest.
     fn bar() -> TetMesh {

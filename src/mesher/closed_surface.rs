@@ -5,7 +5,6 @@ use crate::mesh::{SurfaceDescription, TriMesh, TriangleBvh};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::f64::consts::PI;
-use std::path::Path;
 
 /// Subtrees whose centre is farther than this multiple of their radius are approximated by one
 /// dipole.
@@ -205,15 +204,6 @@ impl SurfaceDomain {
                 "number of surfaces to mesh together must be 1 to 4096, got {n}"
             ))),
         }
-    }
-
-    /// Reads the closed surface in the file at `path` as a domain of one region.
-    ///
-    /// # Errors
-    /// As [`read_surface`](crate::io::read_surface) and [`ClosedSurface::new`].
-    pub fn read(path: impl AsRef<Path>) -> Result<SurfaceDomain> {
-        let surface = crate::io::read_surface(path)?;
-        SurfaceDomain::new(vec![ClosedSurface::new(&surface)?])
     }
 
     /// Returns the surfaces, the first being that of region 1.

@@ -60,7 +60,7 @@ pub struct RegionReport {
 }
 
 impl MeshReport {
-    pub(super) fn start(edge: f64) -> MeshReport {
+    pub(crate) fn start(edge: f64) -> MeshReport {
         MeshReport {
             edge,
             started: Some(Instant::now()),
@@ -69,7 +69,7 @@ impl MeshReport {
     }
 
     /// Records the end of `stage`.
-    pub(super) fn stage(&mut self, stage: &'static str) {
+    pub(crate) fn stage(&mut self, stage: &'static str) {
         if let Some(started) = self.started.replace(Instant::now()) {
             self.seconds.push((stage, started.elapsed().as_secs_f64()));
         }

@@ -1,4 +1,4 @@
-//! Meshing of scans and surfaces with tetrahedra.
+//! Meshing of regions, those of scans and surfaces among them, with tetrahedra.
 //!
 //! A [`Domain`] assigns points to regions; [`mesh_domain`] meshes it. After Labelle & Shewchuk,
 //! *Isosurface stuffing: fast tetrahedral meshes with good dihedral angles* (2007), extended to
@@ -16,24 +16,19 @@
 mod closed_surface;
 mod cut;
 mod domain;
-mod domain_source;
 mod fans;
 mod id_hash;
 mod junction;
 mod label_domain;
 mod lattice;
-mod length_unit;
 mod mesh_report;
 mod non_manifold;
 mod octree;
 mod optimise;
-mod recipe;
 mod small_components;
 mod spacing;
 mod stars;
 mod stencil;
-#[cfg_attr(target_arch = "wasm32", path = "tetgen_absent.rs")]
-mod tetgen;
 mod threshold_domain;
 mod threshold_range;
 mod volume_correction;
@@ -41,17 +36,12 @@ mod volume_correction;
 pub(crate) use closed_surface::solid_angle;
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
 pub use domain::{Domain, RegionVolume};
-pub use domain_source::DomainDescription;
 pub use label_domain::LabelDomain;
-pub use length_unit::{Length, metres_in};
 pub use mesh_report::{MeshReport, RegionReport};
 pub use non_manifold::NonManifoldReport;
 pub use optimise::OptimiserReport;
-pub use recipe::{
-    Labels, MeshingConfig, MeshingResult, RecipeReport, RegionSummary, TargetSize, mesh_file,
-};
 pub use small_components::IslandReport;
-pub use tetgen::tetgen;
+pub(crate) use spacing::find_spacing;
 pub use threshold_domain::ThresholdDomain;
 pub use threshold_range::ThresholdRange;
 
@@ -64,7 +54,6 @@ use glam::DVec3;
 use junction::Junctions;
 use lattice::LatticeMesh;
 use octree::Octree;
-use spacing::find_spacing;
 use stencil::{Piece, Stencils};
 
 /// Maximum number of corrections to match the true volumes; each leaves a fraction of the error.
@@ -116,6 +105,48 @@ pub struct MeshedDomain {
     pub regions: Vec<u16>,
     /// Statistics of the meshing and the quality.
     pub report: MeshReport,
+}
+
+impl MeshedDomain {
+    /// Drops tets outside and unused nodes, and measures the rest.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if nothing is left.
+    pub(crate) fn from_pieces(
+        nodes: Vec<DVec3>,
+        pieces: Vec<Piece>,
+        report: MeshReport,
+    ) -> Result<MeshedDomain> {
+        let mut number = vec![u32::MAX; nodes.len()];
+        let mut filling = MeshedDomain {
+            nodes: Vec::new(),
+            tets: Vec::new(),
+            regions: Vec::new(),
+            report,
+        };
+        for (tet, region) in pieces.into_iter().filter(|p| p.1 != 0) {
+            filling.tets.push(tet.map(|v| {
+                let n = &mut number[v as usize];
+                if *n == u32::MAX {
+                    *n = filling.nodes.len() as u32;
+                    filling.nodes.push(nodes[v as usize]);
+                }
+                *n
+            }));
+            filling.regions.push(region);
+        }
+        if filling.tets.is_empty() {
+            return Err(Error::Input(
+                "no tets left at this edge length; decrease the edge length or increase the number of \
+                tets"
+                    .into(),
+            ));
+        }
+        filling
+            .report
+            .measure(&filling.nodes, &filling.tets, &filling.regions);
+        Ok(filling)
+    }
 }
 
 /// Meshes the regions of `domain` with tets that conform at the interfaces.
@@ -185,7 +216,7 @@ pub fn mesh_domain(
         optimise::optimise(weighed, report.edge, own, (&mut nodes, &mut pieces), &part)?;
     report.stage("shapes");
     ProgressScope::begin(progress, "quality", 0.9)?;
-    let filling = finish(nodes, pieces, report)?;
+    let filling = MeshedDomain::from_pieces(nodes, pieces, report)?;
     ProgressScope::begin(progress, "done", 1.0)?;
     Ok(filling)
 }
@@ -287,39 +318,6 @@ fn check(options: &MeshOptions) -> Result<()> {
         )));
     }
     Ok(())
-}
-
-/// Drops tets outside and unused nodes, and measures the rest.
-fn finish(nodes: Vec<DVec3>, pieces: Vec<Piece>, report: MeshReport) -> Result<MeshedDomain> {
-    let mut number = vec![u32::MAX; nodes.len()];
-    let mut filling = MeshedDomain {
-        nodes: Vec::new(),
-        tets: Vec::new(),
-        regions: Vec::new(),
-        report,
-    };
-    for (tet, region) in pieces.into_iter().filter(|p| p.1 != 0) {
-        filling.tets.push(tet.map(|v| {
-            let n = &mut number[v as usize];
-            if *n == u32::MAX {
-                *n = filling.nodes.len() as u32;
-                filling.nodes.push(nodes[v as usize]);
-            }
-            *n
-        }));
-        filling.regions.push(region);
-    }
-    if filling.tets.is_empty() {
-        return Err(Error::Input(
-            "no tets left at this edge length; decrease the edge length or increase the number of \
-            tets"
-                .into(),
-        ));
-    }
-    filling
-        .report
-        .measure(&filling.nodes, &filling.tets, &filling.regions);
-    Ok(filling)
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ const EXPONENT_DROP: f64 = 0.55;
 /// The number of tets is a power of the edge with an exponent between 3, for the interior, and 2,
 /// for the boundary; it is estimated from the trials, of which the first two are small. If the mesh
 /// is `graded`, the exponent decreases with the edge.
-pub(super) fn find_spacing<T>(
+pub(crate) fn find_spacing<T>(
     wanted: usize,
     volume: f64,
     graded: bool,

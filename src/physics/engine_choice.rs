@@ -1,10 +1,10 @@
 //! The engines that compute the steps of a body, and their selection.
 
 use super::Engine;
-use super::grid::{GpuGrid, GridBody, GridModel};
+use super::grid::GridModel;
 use super::{
-    CgSettings, CpuGrid, CpuTets, DiscreteModel, GpuBody, GpuTets, ImplicitEuler, Material,
-    Precision, Simulator, Solver, SolverKind, VolumetricFormulation,
+    CgSettings, CpuGrid, CpuTets, DiscreteModel, GpuBody, GpuGrid, GpuTets, GridBody,
+    ImplicitEuler, Material, Precision, Simulator, Solver, SolverKind, VolumetricFormulation,
 };
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;

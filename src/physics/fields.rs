@@ -104,8 +104,9 @@ impl BodyField {
         if self.is_kinematic() {
             return Ok(());
         }
-        if let Some(bodies) = body.bodies() {
-            let mut each = bodies.members().iter();
+        let members = body.members();
+        if !members.is_empty() {
+            let mut each = members.iter();
             return each.try_for_each(|m| m.with_body_name(self.check(m.simulator.as_ref())));
         }
         if body.coarse_body().is_some() {
@@ -131,11 +132,13 @@ impl BodyField {
     /// As [`BodyField::check`], and errors of reading back.
     pub fn per_tet(self, body: &dyn Simulator) -> Result<Vec<f64>> {
         self.check(body)?;
-        let Some(bodies) = body.bodies() else {
+        let members = body.members();
+        if members.is_empty() {
             return self.in_own_tets(body);
-        };
-        let each = bodies.members().iter();
-        let each = each.map(|m| m.with_body_name(self.per_tet(m.simulator.as_ref())));
+        }
+        let each = members
+            .iter()
+            .map(|m| m.with_body_name(self.per_tet(m.simulator.as_ref())));
         Ok(each.collect::<Result<Vec<_>>>()?.concat())
     }
 
@@ -158,14 +161,13 @@ impl BodyField {
             let lame = network.elements.tets.iter().map(|e| e.lame_parameters[0]);
             lame.fold(0.0, f64::max)
         };
-        let stiffness = match body.bodies() {
-            Some(bodies) => bodies
-                .members()
-                .iter()
-                .filter_map(|m| m.simulator.network().map(stiffest))
-                .fold(0.0, f64::max),
-            None => body.network().map_or(0.0, stiffest),
-        };
+        let members = body.members().iter();
+        // There are members, or a network, or none of both.
+        let networks = members.filter_map(|m| m.simulator.network());
+        let stiffness = networks
+            .chain(body.network())
+            .map(stiffest)
+            .fold(0.0, f64::max);
         let strain = match body.engine() == Engine::Cpu && body.coarse_body().is_none() {
             true => F64_STRAIN_NOISE,
             false => F32_STRAIN_NOISE,

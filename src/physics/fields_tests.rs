@@ -5,7 +5,7 @@ use super::fields::BodyField;
 use super::{
     ConstitutiveModel, DiscreteModel, Element, Material, MaterialModel, VolumetricFormulation,
 };
-use crate::mesh::generate::{Split, box_mesh};
+use crate::generate::{Split, box_mesh};
 use glam::{DMat3, DVec3};
 
 const YOUNG: f64 = 3e4;

@@ -9,11 +9,11 @@
 use super::geometry::Geometry;
 use super::view::View;
 use crate::Result;
-use crate::gpu::{BitmaskPrefixSum, Draw, Gpu, Pass, Recorder, Texel};
+use crate::gpu::{Array, BitmaskPrefixSum, Draw, Gpu, Pass, Recorder, Texel};
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// Parameters of `shaders/render/cover_counts.wgsl`.
+        /// Parameters of `shaders/render/visible_face_counts.wgsl`.
         pub struct CoverCounts {
             pub records: u32,
         }
@@ -87,41 +87,27 @@ impl Peel {
     ) -> Result<Peel> {
         let gpu = &geometry.gpu;
         let corners = geometry.corners();
-        let texture = |format, extra| {
-            let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | extra;
-            gpu.target("peel target", size, format, usage)
-        };
-        let bound = wgpu::TextureUsages::TEXTURE_BINDING;
+        let attached = wgpu::TextureUsages::RENDER_ATTACHMENT;
+        let bound = attached | wgpu::TextureUsages::TEXTURE_BINDING;
+        let texture = |format, usage| gpu.target("peel target", size, format, usage);
         let keys = [texture(KEY_FORMAT, bound)?, texture(KEY_FORMAT, bound)?];
         let sums = [texture(SUM, bound)?, texture(SUM, bound)?];
         let tiles = size[0].div_ceil(TILE) * size[1].div_ceil(TILE);
         let last = |name| gpu.buffer(name, 4 * u64::from(tiles.max(1)));
         let last_layers = [last("last even layers")?, last("last odd layers")?];
-        let [even, odd] = argument_records(corners, tiles, layers);
-        let arguments = [
-            gpu.buffer_of("even layers", &even)?,
-            gpu.buffer_of("odd layers", &odd)?,
-        ];
-        let fresh_arguments = [
-            gpu.buffer_of("even layers, fresh", &even)?,
-            gpu.buffer_of("odd layers, fresh", &odd)?,
-        ];
+        let [arguments, fresh_arguments] = argument_buffers(gpu, corners, tiles, layers)?;
         let outside = [corners, 0, 0, 0, 3, 0, 0, 0];
         let inside = gpu.buffer_of("inside", &outside)?;
         let fresh_inside = [
             gpu.buffer_of("inside, fresh", &outside)?,
             gpu.buffer_of("inside, always", &[corners, 1, 0, 0, 3, 1, 0, 0])?,
         ];
-        let runs = (corners / 3).div_ceil(32);
-        let marks = gpu.buffer("face visibility", 8 * u64::from(runs.max(1)))?;
         let covered = gpu.buffer_of("covered faces draw", &[0u32, 1, 0, 0])?;
         let covers = gpu.array("covered faces", Texel::U32x4, corners as usize)?;
-        let start_name = match stored {
-            true => "render/start stored",
-            false => "render/start sampled",
-        };
+        let reads = if stored { "stored" } else { "sampled" };
+        let start_name = format!("render/start {reads}");
         let start = |first: bool, back: bool, writes: usize| {
-            gpu.draw(start_name)
+            gpu.draw(&start_name)
                 .constant("FIRST_LAYER", f64::from(u8::from(first)))
                 .constant("BACK_FACES", f64::from(u8::from(back)))
                 .read(&geometry.projected)
@@ -144,22 +130,10 @@ impl Peel {
                 .depth(DEPTH, wgpu::CompareFunction::Always, true)
                 .build()
         };
-        let cover = |stage: f64| {
-            gpu.pass("render/cover")
-                .constant("PASS", stage)
-                .read(&geometry.projected)
-                .read(&geometry.boundary)
-                .write(&marks)
-                .write(&covers)
-                .params(view)
-                .dispatch_items(runs)
-        };
-        // Number of records per buffer: each holds the layers of one parity.
-        let records = layers / 2 + 1;
         Ok(Peel {
             size,
             back_faces: texture(KEY_FORMAT, bound)?,
-            depth: texture(DEPTH, wgpu::TextureUsages::empty())?,
+            depth: texture(DEPTH, attached)?,
             project: gpu
                 .pass("render/project")
                 .read(&geometry.positions)
@@ -168,21 +142,7 @@ impl Peel {
                 .write(&inside)
                 .params(view)
                 .dispatch_items(view.nodes)?,
-            cover: [
-                cover(0.0)?,
-                gpu.pass("gpu/scan_marks")
-                    .write(&marks)
-                    .write(&covered)
-                    .params(&BitmaskPrefixSum { runs })
-                    .dispatch_workgroups([1, 1, 1])?,
-                cover(1.0)?,
-                gpu.pass("render/cover_counts")
-                    .read(&covered)
-                    .write(&arguments[0])
-                    .write(&arguments[1])
-                    .params(&gpu_data::CoverCounts { records })
-                    .dispatch_items(records)?,
-            ],
+            cover: cover_passes(geometry, view, &covers, &covered, (&arguments, layers))?,
             start_back: start(true, true, 0)?,
             start_first: start(true, false, 0)?,
             start_next: [start(false, false, 0)?, start(false, false, 1)?],
@@ -211,30 +171,7 @@ impl Peel {
         view: &View,
         report: bool,
     ) -> Result<()> {
-        self.project.set_params(work, view)?;
-        for stage in [0, 2] {
-            self.cover[stage].set_params(work, view)?;
-        }
-        for draw in [&self.start_back, &self.start_first]
-            .into_iter()
-            .chain(&self.start_next)
-            .chain([&walks.back])
-            .chain(&walks.layers)
-        {
-            draw.set_params(work, view)?;
-        }
-        let copies = [
-            (&self.fresh_arguments[0], &self.arguments[0]),
-            (&self.fresh_arguments[1], &self.arguments[1]),
-            (&self.fresh_inside[usize::from(report)], &self.inside),
-        ];
-        for (fresh, used) in copies {
-            work.encoder()
-                .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
-        }
-        for last in &self.last_layers {
-            work.encoder().clear_buffer(last, 0, None);
-        }
+        self.prepare(work, walks, view, report)?;
         self.project.record(work);
         self.cover.iter().for_each(|pass| pass.record(work));
         {
@@ -282,6 +219,41 @@ impl Peel {
                 let offset = record_offset(layer) + WALK_ARGUMENTS;
                 walks.layers[parity].record_indirect(&mut pass, &self.arguments[parity], offset);
             }
+        }
+        Ok(())
+    }
+
+    /// Sets the parameters, and resets the arguments and counts of the layers.
+    fn prepare(
+        &self,
+        work: &mut Recorder,
+        walks: &TraversalDraws,
+        view: &View,
+        report: bool,
+    ) -> Result<()> {
+        self.project.set_params(work, view)?;
+        for stage in [0, 2] {
+            self.cover[stage].set_params(work, view)?;
+        }
+        for draw in [&self.start_back, &self.start_first]
+            .into_iter()
+            .chain(&self.start_next)
+            .chain([&walks.back])
+            .chain(&walks.layers)
+        {
+            draw.set_params(work, view)?;
+        }
+        let copies = [
+            (&self.fresh_arguments[0], &self.arguments[0]),
+            (&self.fresh_arguments[1], &self.arguments[1]),
+            (&self.fresh_inside[usize::from(report)], &self.inside),
+        ];
+        for (fresh, used) in copies {
+            work.encoder()
+                .copy_buffer_to_buffer(fresh, 0, used, 0, fresh.size());
+        }
+        for last in &self.last_layers {
+            work.encoder().clear_buffer(last, 0, None);
         }
         Ok(())
     }
@@ -336,6 +308,67 @@ const CLEAR_KEY: wgpu::Color = wgpu::Color {
 /// Returns the byte offset of the record of a layer in the buffer of its parity.
 fn record_offset(layer: u32) -> u64 {
     u64::from(layer / 2) * (RECORD_WORDS as u64) * 4
+}
+
+/// Creates the passes that find the potentially visible faces, and set how often they are drawn by
+/// `covered` and by the arguments of the layers.
+fn cover_passes(
+    geometry: &Geometry,
+    view: &View,
+    covers: &Array,
+    covered: &wgpu::Buffer,
+    (arguments, layers): (&[wgpu::Buffer; 2], u32),
+) -> Result<[Pass; 4]> {
+    let gpu = &geometry.gpu;
+    let runs = (geometry.corners() / 3).div_ceil(32);
+    let marks = gpu.buffer("face visibility", 8 * u64::from(runs.max(1)))?;
+    let cover = |stage: f64| {
+        gpu.pass("render/visible_faces")
+            .constant("PASS", stage)
+            .read(&geometry.projected)
+            .read(&geometry.boundary)
+            .write(&marks)
+            .write(covers)
+            .params(view)
+            .dispatch_items(runs)
+    };
+    // Number of records per buffer: each holds the layers of one parity.
+    let records = layers / 2 + 1;
+    Ok([
+        cover(0.0)?,
+        gpu.pass("gpu/bitmask_prefix_sum")
+            .write(&marks)
+            .write(covered)
+            .params(&BitmaskPrefixSum { runs })
+            .dispatch_workgroups([1, 1, 1])?,
+        cover(1.0)?,
+        gpu.pass("render/visible_face_counts")
+            .read(covered)
+            .write(&arguments[0])
+            .write(&arguments[1])
+            .params(&gpu_data::CoverCounts { records })
+            .dispatch_items(records)?,
+    ])
+}
+
+/// Creates the arguments of even and odd layers: those of a frame, and those that it starts from.
+fn argument_buffers(
+    gpu: &Gpu,
+    corners: u32,
+    tiles: u32,
+    layers: u32,
+) -> Result<[[wgpu::Buffer; 2]; 2]> {
+    let [even, odd] = argument_records(corners, tiles, layers);
+    Ok([
+        [
+            gpu.buffer_of("even layers", &even)?,
+            gpu.buffer_of("odd layers", &odd)?,
+        ],
+        [
+            gpu.buffer_of("even layers, fresh", &even)?,
+            gpu.buffer_of("odd layers, fresh", &odd)?,
+        ],
+    ])
 }
 
 /// Returns the initial arguments of a frame for even and odd layers: only layer 0 runs.

@@ -211,7 +211,7 @@ fn shade_by(light: Light, gradient: DVec3, ray: DVec3, weight: f64) -> [f64; 2] 
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
 
     #[test]
     fn linear_field_gradient_is_exact_and_boundary_gradient_points_inwards() {

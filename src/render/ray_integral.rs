@@ -418,7 +418,7 @@ impl Piece {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
     use crate::render::TransferFunction;
 
     fn two_colours() -> ResolvedTransfer {

@@ -132,7 +132,7 @@ impl Raycaster {
         };
         let form = table.form;
         let stored = self.options.reads.are_stored(&self.gpu);
-        let name = format!("render/look_up {}", form.term(stored));
+        let name = format!("render/table_lookup {}", form.term(stored));
         let mut pass = self.gpu.pass(&name).read(&given).write(&found);
         for (constant, value) in table.constants() {
             pass = pass.constant(constant, *value);

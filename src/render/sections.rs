@@ -1,5 +1,5 @@
 //! Section planes and isosurfaces, in float64 and for the GPU; reference of
-//! `shaders/lib/inside.wgsl`.
+//! `shaders/lib/sections.wgsl`.
 
 use super::ResolvedTransfer;
 use super::ray_integral::{ReferenceRaycaster, Segment, segment_integral};
@@ -16,7 +16,7 @@ use std::str::FromStr;
 const MAX_PLANES: usize = 32;
 /// Maximum number of isosurfaces of an image: each costs one comparison per tet.
 const MOST_ISOSURFACES: usize = 64;
-/// Number of colour samples of the transfer function; `lib/inside.wgsl` has the same value.
+/// Number of colour samples of the transfer function; `lib/sections.wgsl` has the same value.
 pub(super) const COLOURS: usize = 1024;
 
 /// Effect of a plane.
@@ -274,7 +274,7 @@ impl Sections {
         [clips, self.planes.len() - clips, self.isosurfaces.len()]
     }
 
-    /// Uploads the sections in the layout of `lib/inside.wgsl`, in `frame`; `coordinate` maps a
+    /// Uploads the sections in the layout of `lib/sections.wgsl`, in `frame`; `coordinate` maps a
     /// scalar to its table coordinate.
     pub(super) fn to_gpu(
         &self,
@@ -416,7 +416,7 @@ impl ReferenceRaycaster {
     }
 }
 
-/// Samples the colours of a table row over its scalar range in the layout of `lib/inside.wgsl`; w
+/// Samples the colours of a table row over its scalar range in the layout of `lib/sections.wgsl`; w
 /// is the extinction.
 pub(super) fn colours(row: &TableRow) -> Vec<[f64; 4]> {
     let TableRow {

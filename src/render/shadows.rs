@@ -220,7 +220,8 @@ pub fn node_shadows(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::{Topology, generate};
+    use crate::generate;
+    use crate::mesh::Topology;
 
     #[test]
     fn sample_points_are_inside_tet_and_uniform() {

@@ -7,7 +7,7 @@ use super::{BodyEntry, MeshSource, Scene, SolverEntry};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridShape;
-use crate::physics::{Member, MultiBody, SolverKind};
+use crate::physics::{Member, MultiBody, Simulator, SolverKind};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -205,7 +205,7 @@ pub(super) fn setup(
     let dt = scene.solver.dt.unwrap_or(longest);
     let grid = grids == members.len();
     let bodies = MultiBody::new(gpu, members)?;
-    for member in bodies.member_reports(dt) {
+    for member in bodies.members().iter().map(|m| m.report(dt)) {
         if member.steps > 1 {
             notes.push(format!(
                 "{}: {} substeps per common time step of {dt:.3e} s",

@@ -1,7 +1,8 @@
 //! The `[cage]` entry: a coarse body that is simulated in place of the mesh embedded in it.
 
 use super::Scene;
-use super::simulator::{ChosenSupport, SimulatorSetup, choose_step, stable_damping};
+use super::default_load::ChosenSupport;
+use super::simulator::{SimulatorSetup, choose_step, stable_damping};
 use super::time_dependent_loads::TimeDependentLoads;
 use crate::cage::{Cage, CageKind, EmbeddedSimulator};
 use crate::gpu::Gpu;
@@ -56,33 +57,7 @@ impl Scene {
         notes: &mut Vec<String>,
     ) -> Result<SimulatorSetup> {
         let form = entry.kind.unwrap_or_default();
-        if form == CageKind::Grid && kind != SolverKind::Verlet {
-            return Err(Error::Input(format!(
-                "a cage of kind \"grid\" requires the solver verlet, got {kind}; set name = \"verlet\" or kind = \"lattice\""
-            )));
-        }
-        if entry.damping.is_some() && form != CageKind::Grid {
-            return Err(Error::Input(
-                "[cage] damping requires kind = \"grid\"; set the damping of a lattice in [material]".into(),
-            ));
-        }
-        if !self.cut.is_empty() {
-            return Err(Error::Input(
-                "a mesh embedded in a cage cannot be cut; remove [cage] or [[cut]]".into(),
-            ));
-        }
-        if self.floor.is_some() {
-            return Err(Error::Input(
-                "a mesh embedded in a cage has no contact with a floor; remove [cage] or [floor]"
-                    .into(),
-            ));
-        }
-        if form == CageKind::Grid && material.model != MaterialModel::Springs {
-            return Err(Error::Input(format!(
-                "a cage of kind \"grid\" requires springs, but the material model is {}; remove `model` (--material), or set kind = \"lattice\"",
-                material.model
-            )));
-        }
+        self.check_cage(entry, form, kind, material)?;
         let fine = DiscreteModel::new(&mesh, material)?;
         let mut cage = Cage::new(&mesh, &fine, form, entry.nodes.unwrap_or(NODES))?;
         let (held, end) = self.held(&mesh, &fine)?;
@@ -117,24 +92,7 @@ impl Scene {
             .map(|f| cage.transfer().apply_transpose(&f))
             .transpose()?;
         let grid = cage.grid.is_some();
-        let mut inner: Box<dyn Simulator> = match cage.grid.take() {
-            Some(mut model) => {
-                model.damping = entry.damping.unwrap_or(model.damping);
-                let engine = self.solver.engine.unwrap_or_default();
-                engine.build_grid(gpu, cage.mesh.clone(), model)?
-            }
-            None => {
-                let mut network = cage.network.clone();
-                if !self.material.says_damping() && !kind.is_implicit() {
-                    network.damping_time = 0.0;
-                    if let Some((damping, note)) = stable_damping(&network, kind) {
-                        network.damping_time = damping;
-                        notes.push(note);
-                    }
-                }
-                self.simulator_of(gpu, cage.mesh.clone(), network, material, kind)?
-            }
-        };
+        let mut inner = self.cage_body(gpu, entry, kind, &mut cage, material, notes)?;
         inner.pin_nodes(&own)?;
         inner.loads_mut().set_gravity(gravity);
         if let Some(forces) = &forces {
@@ -159,6 +117,74 @@ impl Scene {
             pins: Vec::new(),
             actors: TimeDependentLoads::default(),
         })
+    }
+
+    /// Checks that the scene and its material allow a cage of this kind.
+    fn check_cage(
+        &self,
+        entry: &CageEntry,
+        form: CageKind,
+        kind: SolverKind,
+        material: &Material,
+    ) -> Result<()> {
+        if form == CageKind::Grid && kind != SolverKind::Verlet {
+            return Err(Error::Input(format!(
+                "a cage of kind \"grid\" requires the solver verlet, got {kind}; set name = \"verlet\" or kind = \"lattice\""
+            )));
+        }
+        if entry.damping.is_some() && form != CageKind::Grid {
+            return Err(Error::Input(
+                "[cage] damping requires kind = \"grid\"; set the damping of a lattice in [material]".into(),
+            ));
+        }
+        if !self.cut.is_empty() {
+            return Err(Error::Input(
+                "a mesh embedded in a cage cannot be cut; remove [cage] or [[cut]]".into(),
+            ));
+        }
+        if self.floor.is_some() {
+            return Err(Error::Input(
+                "a mesh embedded in a cage has no contact with a floor; remove [cage] or [floor]"
+                    .into(),
+            ));
+        }
+        if form == CageKind::Grid && material.model != MaterialModel::Springs {
+            return Err(Error::Input(format!(
+                "a cage of kind \"grid\" requires springs, but the material model is {}; remove `model` (--material), or set kind = \"lattice\"",
+                material.model
+            )));
+        }
+        Ok(())
+    }
+
+    /// Creates the simulator of the cage itself; takes its grid model.
+    fn cage_body(
+        &self,
+        gpu: &Gpu,
+        entry: &CageEntry,
+        kind: SolverKind,
+        cage: &mut Cage,
+        material: &Material,
+        notes: &mut Vec<String>,
+    ) -> Result<Box<dyn Simulator>> {
+        match cage.grid.take() {
+            Some(mut model) => {
+                model.damping = entry.damping.unwrap_or(model.damping);
+                let engine = self.solver.engine.unwrap_or_default();
+                engine.build_grid(gpu, cage.mesh.clone(), model)
+            }
+            None => {
+                let mut network = cage.network.clone();
+                if !self.material.says_damping() && !kind.is_implicit() {
+                    network.damping_time = 0.0;
+                    if let Some((damping, note)) = stable_damping(&network, kind) {
+                        network.damping_time = damping;
+                        notes.push(note);
+                    }
+                }
+                self.simulator_of(gpu, cage.mesh.clone(), network, material, kind)
+            }
+        }
     }
 
     /// Returns the nodes of `mesh` held by each pin; without pins, the clamped end, which is also

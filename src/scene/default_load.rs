@@ -1,11 +1,14 @@
-//! Default load, time step and framing, chosen from the stiffness of the body.
+//! Default support, load, time step and framing, chosen from the stiffness of the body.
 
-use super::simulator::GRAVITY;
+use super::Scene;
+use super::simulator::IMPLICIT_STEP;
 use crate::cage::Compliance;
 use crate::mesh::bounds;
-use crate::physics::{DiscreteModel, SolverKind};
+use crate::physics::{ClampedEnd, DiscreteModel, Simulator, SolverKind};
 use glam::DVec3;
 
+/// Default gravity, m/s².
+const GRAVITY: f64 = 9.81;
 /// Target of the largest displacement, over the diagonal of the body.
 const TARGET_SAG: f64 = 0.12;
 /// Largest displacement during the run, if the body oscillates back before its end, and smallest
@@ -24,8 +27,21 @@ const RECOIL: f64 = 0.15;
 /// Static displacement, over the diagonal, above which a body is treated as a pendulum.
 const FAR: f64 = 0.5;
 
+/// Load, time step and motion envelope of a run.
+pub(super) struct DefaultLoad {
+    /// Gravity, m/s².
+    pub gravity: DVec3,
+    /// Time step, s.
+    pub dt: f64,
+    /// Points, in file units, that the view of the whole run should contain.
+    pub reach: Option<Vec<DVec3>>,
+}
+
+/// An automatically chosen clamped end, and the number of pieces of the body.
+pub(super) type ChosenSupport = (ClampedEnd, usize);
+
 /// Linear response of a supported body to a step load.
-pub(super) struct LoadResponse {
+struct LoadResponse {
     /// Static displacement of each node, m.
     given: Vec<DVec3>,
     /// Angular frequency of the lowest mode, rad/s.
@@ -153,13 +169,135 @@ impl LoadResponse {
     }
 }
 
+impl Scene {
+    /// Returns the direction of loads: that of the scene's gravity, or −z.
+    fn down(&self) -> DVec3 {
+        let given = self.solver.gravity.map(DVec3::from);
+        given.map_or(DVec3::NEG_Z, |g| match g.length() > 0.0 {
+            true => g.normalize(),
+            false => DVec3::NEG_Z,
+        })
+    }
+
+    /// Chooses the clamped end of a body without pins.
+    pub(super) fn held_end(&self, simulator: &dyn Simulator) -> ChosenSupport {
+        let (rest, masses) = (&simulator.mesh().nodes, simulator.masses());
+        ClampedEnd::of_largest_component(
+            rest,
+            masses,
+            simulator.spring_pairs().into_iter(),
+            self.down(),
+        )
+    }
+
+    /// Chooses the clamped end of a fine body that is not simulated itself.
+    pub(super) fn held_end_of(&self, network: &DiscreteModel) -> ChosenSupport {
+        network.find_clamped_end(self.down())
+    }
+
+    /// Returns gravity and time step: those of the scene, or defaults chosen from the stiffness of
+    /// the body if a run is planned. `held` is the model and the pinned nodes of a tetrahedral
+    /// body; `end` is the clamped end if it was chosen automatically.
+    pub(super) fn default_load(
+        &self,
+        kind: SolverKind,
+        held: Option<(&DiscreteModel, &[bool])>,
+        end: Option<ChosenSupport>,
+        forces: Option<&[DVec3]>,
+        dt: f64,
+        notes: &mut Vec<String>,
+    ) -> DefaultLoad {
+        let across = end
+            .as_ref()
+            .map_or(DVec3::NEG_Z, |(end, _)| end.load_direction());
+        let given = self.solver.gravity.map(DVec3::from);
+        let mut pull = DefaultLoad {
+            gravity: given.unwrap_or(GRAVITY * across),
+            dt,
+            reach: None,
+        };
+        let silent = given.is_none()
+            && forces.is_none()
+            && self.grab.is_empty()
+            && self.cut.is_empty()
+            && self.tets_only_entry().is_none()
+            && end.is_some();
+        let ahead = self.solver.run.filter(|run| run.steps > 0);
+        let mut how = format!(
+            "applying gravity of {}",
+            format_acceleration(pull.gravity.length())
+        );
+        if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
+            && let Some(response) = LoadResponse::new(network, pinned, &weight(network, across))
+        {
+            if self.solver.dt.is_none() && kind.is_implicit() {
+                pull.dt = response.step(run.steps, IMPLICIT_STEP);
+            }
+            let factor = response.factor(kind, run.steps, pull.dt);
+            pull.gravity = factor * across;
+            pull.reach =
+                Some(response.motion_envelope(network, pinned, factor, (kind, run.steps, pull.dt)));
+            how = format!(
+                "applying a load of {}, chosen for a deflection of about a tenth of the body size,",
+                format_acceleration(factor)
+            );
+        } else if let Some(run) = ahead.filter(|run| run.draws_frames && self.camera.is_unset())
+            && let Some((network, pinned)) = held
+        {
+            let mut load = weight(network, pull.gravity);
+            for (load, force) in load.iter_mut().zip(forces.unwrap_or_default()) {
+                *load += *force;
+            }
+            let response = LoadResponse::new(network, pinned, &load);
+            pull.reach =
+                response.map(|r| r.motion_envelope(network, pinned, 1.0, (kind, run.steps, dt)));
+        }
+        if let Some((network, _)) = held {
+            for point in pull.reach.iter_mut().flatten() {
+                *point = network.to_file(*point);
+            }
+        }
+        if let Some((end, pieces)) = end {
+            let pieces = match pieces {
+                1 => String::new(),
+                n => format!(" and one end of each of its {n} components"),
+            };
+            let along = along(pull.gravity);
+            notes.push(format!(
+                "clamped {end}{pieces}; {how} along {along}; override with [[pin]] and --gravity"
+            ));
+        }
+        if pull.dt != dt {
+            notes.push(format!(
+                "time step {:.3} s, chosen to cover half an oscillation; override with --dt",
+                pull.dt
+            ));
+        }
+        pull
+    }
+}
+
 /// Returns the weight of the nodes of `network` at 1 m/s² along `direction`, N.
-pub(super) fn weight(network: &DiscreteModel, direction: DVec3) -> Vec<DVec3> {
+fn weight(network: &DiscreteModel, direction: DVec3) -> Vec<DVec3> {
     network.masses.iter().map(|m| *m * direction).collect()
 }
 
+/// Formats a direction.
+fn along(vector: DVec3) -> String {
+    let unit = vector.normalize_or_zero();
+    let axis = unit.abs().max_position();
+    match unit[axis].abs() > 0.999 {
+        true => format!(
+            "{}{}",
+            if unit[axis] < 0.0 { "-" } else { "+" },
+            ["x", "y", "z"][axis]
+        ),
+        false => format!("({:.3}, {:.3}, {:.3})", unit.x, unit.y, unit.z),
+    }
+}
+
 /// Formats an acceleration, with its ratio to the earth's gravity if they differ by much.
-pub(super) fn format_acceleration(gravity: f64) -> String {
+fn format_acceleration(gravity: f64) -> String {
     let figures = match gravity {
         g if !(0.1..1e4).contains(&g) => format!("{g:.2e}"),
         g if g < 10.0 => format!("{g:.2}"),
@@ -182,7 +320,7 @@ pub(super) fn format_acceleration(gravity: f64) -> String {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
     use crate::physics::{ClampedEnd, Material};
 
     #[test]

@@ -6,7 +6,7 @@ use super::tool::apply_appearance;
 use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
-use crate::mesher::mesh_file;
+use crate::meshing::mesh_file;
 use crate::physics::{Shape, Tool, ToolPose};
 use crate::skin::{Mapping, Skin, SkinBase};
 use crate::{Error, Result};

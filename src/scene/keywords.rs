@@ -3,7 +3,7 @@
 
 use super::Unit;
 use crate::annotate::Axes;
-use crate::mesh::generate;
+use crate::generate;
 use crate::physics::{EngineChoice, SolverKind};
 use crate::render::{Light, TransferFunction, named_colour};
 use crate::{Error, Result};

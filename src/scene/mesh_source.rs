@@ -2,10 +2,11 @@
 
 use super::regions::Regions;
 use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
+use crate::generate;
+use crate::generate::Lump;
 use crate::io::{self, Kind};
-use crate::mesh::generate::Lump;
-use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field, generate};
-use crate::mesher::{Labels, MeshingConfig, TargetSize};
+use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field};
+use crate::meshing::{Labels, MeshingConfig, TargetSize};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
 use crate::{Error, ProgressFn, Result, no_progress};

@@ -227,8 +227,8 @@ impl Motion {
 
     /// Returns a report for each body, if there are several.
     pub fn bodies(&self) -> Vec<MemberReport> {
-        let bodies = self.simulator.bodies();
-        bodies.map_or_else(Vec::new, |bodies| bodies.member_reports(self.dt))
+        let members = self.simulator.members().iter();
+        members.map(|m| m.report(self.dt)).collect()
     }
 
     /// Returns the number of rigid bodies in the body.

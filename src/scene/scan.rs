@@ -62,12 +62,7 @@ impl Scene {
             let name = entry.called();
             let (look, field) = match labels {
                 Some(labels) => {
-                    if entry.labels.is_none() {
-                        notes.push(format!(
-                            "{name} is rendered as labels: it has {} different integer values; override with labels = false",
-                            labels.len()
-                        ));
-                    }
+                    notes.extend(entry.labels_note(&name, labels.len()));
                     let opacity = if alone {
                         SINGLE_SCAN_OPACITY
                     } else {
@@ -84,15 +79,7 @@ impl Scene {
                     (ScanAppearance::Labels(looks), field)
                 }
                 None => {
-                    let first = k == 0;
-                    let transfer = match (&entry.transfer, &self.picture.transfer) {
-                        (Some(own), _) => self.named_transfer(own).map_err(named)?,
-                        (None, Some(shared)) if first => self.named_transfer(shared)?,
-                        _ => TransferFunction::preset("scan")?,
-                    };
-                    let range = entry.range.or(self.picture.range.filter(|_| first));
-                    // X-rays depend on the values, not on their display range.
-                    let range = range.filter(|_| self.picture.mode.as_deref() != Some("xray"));
+                    let (transfer, range) = self.scan_transfer(entry, k == 0)?;
                     let look = ScanAppearance::Values {
                         transfer: transfer.clone(),
                         range: range.map(|[low, high]| (low, high)),
@@ -118,9 +105,37 @@ impl Scene {
         }
         Ok(seen.map(|seen| SceneScans { scans, seen, notes }))
     }
+
+    /// Returns the transfer function and the range of a scan that displays values; those of the
+    /// picture are the defaults of the first scan.
+    fn scan_transfer(
+        &self,
+        entry: &ScanEntry,
+        first: bool,
+    ) -> Result<(TransferFunction, Option<[f64; 2]>)> {
+        let named = |e| Error::Input(format!("[scan] {}: {e}", entry.file.display()));
+        let transfer = match (&entry.transfer, &self.picture.transfer) {
+            (Some(own), _) => self.named_transfer(own).map_err(named)?,
+            (None, Some(shared)) if first => self.named_transfer(shared)?,
+            _ => TransferFunction::preset("scan")?,
+        };
+        let range = entry.range.or(self.picture.range.filter(|_| first));
+        // X-rays depend on the values, not on their display range.
+        let range = range.filter(|_| self.picture.mode.as_deref() != Some("xray"));
+        Ok((transfer, range))
+    }
 }
 
 impl ScanEntry {
+    /// Returns a note of a scan that is taken for labels without being set so.
+    fn labels_note(&self, name: &str, count: usize) -> Option<String> {
+        self.labels.is_none().then(|| {
+            format!(
+                "{name} is rendered as labels: it has {count} different integer values; override with labels = false"
+            )
+        })
+    }
+
     /// Returns its labels with their voxel counts if it displays labels; `values` is whether it
     /// displays values by default.
     fn has_labels(&self, volume: &Volume, values: bool) -> Result<Option<BTreeMap<i64, usize>>> {

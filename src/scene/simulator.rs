@@ -1,6 +1,5 @@
 //! Builds the simulator of a scene from its material, solver, supports and loads.
 
-use super::default_load::{LoadResponse, format_acceleration, weight};
 use super::reactions::NamedPins;
 use super::time_dependent_loads::TimeDependentLoads;
 use super::{FloorEntry, Scene};
@@ -9,18 +8,16 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    CgSettings, ClampedEnd, DiscreteModel, Engine, EngineChoice, Floor, Material,
-    SelfContactSettings, Simulator, SolverKind, largest_stable_step,
+    CgSettings, DiscreteModel, Engine, EngineChoice, Floor, Material, SelfContactSettings,
+    Simulator, SolverKind, largest_stable_step,
 };
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Default gravity, m/s².
-pub(super) const GRAVITY: f64 = 9.81;
 /// Default time step of the implicit solver, s; explicit solvers use a fraction of their largest
 /// stable step.
-const IMPLICIT_STEP: f64 = 0.01;
+pub(super) const IMPLICIT_STEP: f64 = 0.01;
 const EXPLICIT_SHARE: f64 = 0.9;
 /// Body length in metres above which a note warns that the unit may be missing.
 const SUSPICIOUS_LENGTH: f64 = 5.0;
@@ -45,19 +42,6 @@ pub(super) struct SimulatorSetup {
     /// Time-dependent loads.
     pub actors: TimeDependentLoads,
 }
-
-/// Load, time step and motion envelope of a run.
-pub(super) struct DefaultLoad {
-    /// Gravity, m/s².
-    pub gravity: DVec3,
-    /// Time step, s.
-    pub dt: f64,
-    /// Points, in file units, that the view of the whole run should contain.
-    pub reach: Option<Vec<DVec3>>,
-}
-
-/// An automatically chosen clamped end, and the number of pieces of the body.
-pub(super) type ChosenSupport = (ClampedEnd, usize);
 
 impl SimulatorSetup {
     /// Creates the simulator of `scene` and `mesh`, and notes of the automatic choices; see
@@ -381,112 +365,6 @@ impl Scene {
         settings
     }
 
-    /// Returns the direction of loads: that of the scene's gravity, or −z.
-    fn down(&self) -> DVec3 {
-        let given = self.solver.gravity.map(DVec3::from);
-        given.map_or(DVec3::NEG_Z, |g| match g.length() > 0.0 {
-            true => g.normalize(),
-            false => DVec3::NEG_Z,
-        })
-    }
-
-    /// Chooses the clamped end of a body without pins.
-    fn held_end(&self, simulator: &dyn Simulator) -> ChosenSupport {
-        let (rest, masses) = (&simulator.mesh().nodes, simulator.masses());
-        ClampedEnd::of_largest_component(
-            rest,
-            masses,
-            simulator.spring_pairs().into_iter(),
-            self.down(),
-        )
-    }
-
-    /// Chooses the clamped end of a fine body that is not simulated itself.
-    pub(super) fn held_end_of(&self, network: &DiscreteModel) -> ChosenSupport {
-        network.find_clamped_end(self.down())
-    }
-
-    /// Returns gravity and time step: those of the scene, or defaults chosen from the stiffness of
-    /// the body if a run is planned. `held` is the model and the pinned nodes of a tetrahedral
-    /// body; `end` is the clamped end if it was chosen automatically.
-    pub(super) fn default_load(
-        &self,
-        kind: SolverKind,
-        held: Option<(&DiscreteModel, &[bool])>,
-        end: Option<ChosenSupport>,
-        forces: Option<&[DVec3]>,
-        dt: f64,
-        notes: &mut Vec<String>,
-    ) -> DefaultLoad {
-        let across = end
-            .as_ref()
-            .map_or(DVec3::NEG_Z, |(end, _)| end.load_direction());
-        let given = self.solver.gravity.map(DVec3::from);
-        let mut pull = DefaultLoad {
-            gravity: given.unwrap_or(GRAVITY * across),
-            dt,
-            reach: None,
-        };
-        let silent = given.is_none()
-            && forces.is_none()
-            && self.grab.is_empty()
-            && self.cut.is_empty()
-            && self.tets_only_entry().is_none()
-            && end.is_some();
-        let ahead = self.solver.run.filter(|run| run.steps > 0);
-        let mut how = format!(
-            "applying gravity of {}",
-            format_acceleration(pull.gravity.length())
-        );
-        if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
-            && let Some(response) = LoadResponse::new(network, pinned, &weight(network, across))
-        {
-            if self.solver.dt.is_none() && kind.is_implicit() {
-                pull.dt = response.step(run.steps, IMPLICIT_STEP);
-            }
-            let factor = response.factor(kind, run.steps, pull.dt);
-            pull.gravity = factor * across;
-            pull.reach =
-                Some(response.motion_envelope(network, pinned, factor, (kind, run.steps, pull.dt)));
-            how = format!(
-                "applying a load of {}, chosen for a deflection of about a tenth of the body size,",
-                format_acceleration(factor)
-            );
-        } else if let Some(run) = ahead.filter(|run| run.draws_frames && self.camera.is_unset())
-            && let Some((network, pinned)) = held
-        {
-            let mut load = weight(network, pull.gravity);
-            for (load, force) in load.iter_mut().zip(forces.unwrap_or_default()) {
-                *load += *force;
-            }
-            let response = LoadResponse::new(network, pinned, &load);
-            pull.reach =
-                response.map(|r| r.motion_envelope(network, pinned, 1.0, (kind, run.steps, dt)));
-        }
-        if let Some((network, _)) = held {
-            for point in pull.reach.iter_mut().flatten() {
-                *point = network.to_file(*point);
-            }
-        }
-        if let Some((end, pieces)) = end {
-            let pieces = match pieces {
-                1 => String::new(),
-                n => format!(" and one end of each of its {n} components"),
-            };
-            let along = along(pull.gravity);
-            notes.push(format!(
-                "clamped {end}{pieces}; {how} along {along}; override with [[pin]] and --gravity"
-            ));
-        }
-        if pull.dt != dt {
-            notes.push(format!(
-                "time step {:.3} s, chosen to cover half an oscillation; override with --dt",
-                pull.dt
-            ));
-        }
-        pull
-    }
-
     /// Returns the force on each node of `mesh`, if there are forces; massless nodes get none.
     pub(super) fn forces(&self, mesh: &TetMesh, masses: &[f64]) -> Result<Option<Vec<DVec3>>> {
         let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
@@ -504,19 +382,5 @@ impl Scene {
             }
         }
         Ok((!self.force.is_empty()).then_some(forces))
-    }
-}
-
-/// Formats a direction.
-fn along(vector: DVec3) -> String {
-    let unit = vector.normalize_or_zero();
-    let axis = unit.abs().max_position();
-    match unit[axis].abs() > 0.999 {
-        true => format!(
-            "{}{}",
-            if unit[axis] < 0.0 { "-" } else { "+" },
-            ["x", "y", "z"][axis]
-        ),
-        false => format!("({:.3}, {:.3}, {:.3})", unit.x, unit.y, unit.z),
     }
 }

@@ -4,7 +4,7 @@ use super::SkinEntry;
 use super::stage::NodeSource;
 use crate::gpu::Gpu;
 use crate::mesh::TriMesh;
-use crate::mesher::{Labels, MeshingConfig};
+use crate::meshing::{Labels, MeshingConfig};
 use crate::render::TransferFunction;
 use crate::skin::{Map, Skin, SkinBase, SkinColouring};
 use crate::{Error, ProgressFn, Result};

@@ -2,7 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use super::{Region, Scene, Unit};
-use crate::mesh::{Field, Location, TetMesh, Topology, generate};
+use crate::generate;
+use crate::mesh::{Field, Location, TetMesh, Topology};
 
 #[test]
 fn parse_error_reports_entry_and_line() {

@@ -3,7 +3,7 @@
 use super::trajectory::RigidTrajectory;
 use super::{Scene, ToolEntry};
 use crate::mesh::{TetMesh, TriMesh};
-use crate::mesher::MeshingConfig;
+use crate::meshing::MeshingConfig;
 use crate::physics::{DistanceField, Shape, Simulator, Tool, ToolId, ToolPose};
 use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};

@@ -5,8 +5,7 @@ use super::binder::triangles_around;
 use super::binding::BaseMesh;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
 use crate::mesh::{LocalFrame, NO_NORMAL, TetMesh, Topology, pack_normal};
-use crate::physics::grid::GridBody;
-use crate::physics::{NodePositions, Simulator};
+use crate::physics::{GridBody, NodePositions, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 

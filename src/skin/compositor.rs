@@ -212,6 +212,8 @@ impl Compositor {
         })
     }
 
+    /// Records one tile: the opaque surfaces, then the layers of translucent skins with the volume
+    /// before each.
     fn record_window(
         &mut self,
         work: &mut Recorder,
@@ -226,25 +228,8 @@ impl Compositor {
             mut skins,
             mut raycaster,
         } = scene;
-        let volume_frame = raycaster.as_ref().map(|r| r.geometry().frame());
-        let mut frames = skins
-            .iter()
-            .map(|s| s.carrier().frame())
-            .chain(volume_frame);
-        if let Some(first) = frames.next()
-            && frames.any(|f| f != first)
-        {
-            return Err(Error::Input(
-                "skins and volume of an image must have the same local frame; use those of one body".into(),
-            ));
-        }
-        let kept = self.targets.iter().position(|t| t.size == window.size);
-        let targets = match kept {
-            Some(at) => self.targets.remove(at),
-            None => Targets::new(&self.gpu, window.size)?,
-        };
-        self.targets.truncate(CACHED_SIZES - 1);
-        self.targets.insert(0, targets);
+        check_frames(&skins, raycaster.as_deref())?;
+        self.use_targets(window.size)?;
         let (gpu, targets) = (&self.gpu, &self.targets[0]);
         let translucent = skins.iter().any(|s| s.opacity() < 1.0);
         let layers = if translucent { self.options.layers } else { 0 };
@@ -252,23 +237,18 @@ impl Compositor {
         if raycaster.is_none() {
             targets.clear_volumes(work);
         }
+        let into = SurfaceTarget {
+            colour: &targets.opaque,
+            depth: &targets.opaque_depth,
+            background: None,
+        };
         if let Some(boundary) = boundary {
-            let into = SurfaceTarget {
-                colour: &targets.opaque,
-                depth: &targets.opaque_depth,
-                background: None,
-            };
             boundary.record_window(work, camera, &into, window)?;
         }
         for skin in skins.iter() {
             skin.carrier().record_normals(work);
         }
         for skin in skins.iter_mut().filter(|s| s.opacity() >= 1.0) {
-            let into = SurfaceTarget {
-                colour: &targets.opaque,
-                depth: &targets.opaque_depth,
-                background: None,
-            };
             skin.record_window(work, camera, &into, window, BlendMode::default())?;
         }
         for i in 0..layers as usize {
@@ -313,6 +293,36 @@ impl Compositor {
         }
         targets.finish(gpu, work, target, layers)
     }
+
+    /// Makes the targets of this size the first ones.
+    fn use_targets(&mut self, size: [u32; 2]) -> Result<()> {
+        let kept = self.targets.iter().position(|t| t.size == size);
+        let targets = match kept {
+            Some(at) => self.targets.remove(at),
+            None => Targets::new(&self.gpu, size)?,
+        };
+        self.targets.truncate(CACHED_SIZES - 1);
+        self.targets.insert(0, targets);
+        Ok(())
+    }
+}
+
+/// Checks that skins and volume share their local frame.
+fn check_frames(skins: &[&mut Skin], raycaster: Option<&Raycaster>) -> Result<()> {
+    let volume_frame = raycaster.map(|r| r.geometry().frame());
+    let mut frames = skins
+        .iter()
+        .map(|s| s.carrier().frame())
+        .chain(volume_frame);
+    if let Some(first) = frames.next()
+        && frames.any(|f| f != first)
+    {
+        return Err(Error::Input(
+            "skins and volume of an image must have the same local frame; use those of one body"
+                .into(),
+        ));
+    }
+    Ok(())
 }
 
 impl Targets {

@@ -2,7 +2,7 @@
 
 use super::base::SkinBase;
 use super::binder::{Binder, BindingSite, Vertex};
-use super::binding::{Mapping, vertex_texels};
+use super::binding::{BaseMesh, Mapping, vertex_texels};
 use super::draw::Skin;
 use crate::mesh::Blade;
 use crate::parallel;
@@ -47,11 +47,6 @@ impl Skin {
         let place = |p: &[f32; 4]| carrier.frame.to_file(Vec3::new(p[0], p[1], p[2]));
         let nodes: Vec<DVec3> = positions.iter().map(place).collect();
         let (old, new) = (self.carrier.rest_mesh(), carrier.rest_mesh());
-        let key = |rest: &[DVec3], t: [u32; 3]| -> TriangleKey {
-            let mut key = t.map(|v| bits(rest[v as usize]));
-            key.sort_unstable();
-            key
-        };
         let intact = self.uncut_triangles.take();
         let intact =
             intact.unwrap_or_else(|| old.triangles.iter().map(|t| key(old.nodes, *t)).collect());
@@ -63,7 +58,7 @@ impl Skin {
         let binder = Binder::new(&new, self.mapping)?;
         // Not `self`: in a browser its device cannot be sent between threads.
         let (seats, vertices, mapping) = (&self.bound, &self.vertices, self.mapping);
-        let frame = &carrier.frame;
+        let (visible, frame) = (&self.visible, &carrier.frame);
         let follow = |v: usize| -> (VertexBinding, VertexChange) {
             let bound = seats[v];
             let vertex = Vertex::new(vertices, v, frame);
@@ -75,67 +70,29 @@ impl Skin {
                     VertexChange::Moved,
                 );
             };
-            let same = |n: u32| {
-                let at = bits(old.nodes[n as usize]);
-                let found = left.iter().find(|m| bits(new.nodes[**m as usize]) == at);
-                found.copied().unwrap_or(n)
-            };
-            let seat = BindingSite {
-                nodes: bound.nodes.map(same),
-                weights: bound.weights,
-            };
-            let normal = |list: &[u32], n: u32| list[n as usize];
-            let turned = (0..3)
-                .any(|k| normal(old.normals, bound.nodes[k]) != normal(new.normals, seat.nodes[k]));
-            let nodes = seat.nodes;
-            match turned && bound.interpolated && mapping != Mapping::OneToOne {
-                true => {
-                    let smooth = binder.is_smooth(seat);
-                    (binder.bind_at(&vertex, seat, smooth), VertexChange::Turned)
-                }
-                false => (VertexBinding { nodes, ..bound }, VertexChange::None),
-            }
+            keep_triangle(&binder, &vertex, mapping, (bound, *left), (&old, &new))
         };
         let followed = parallel::map(self.bound.len(), follow);
-        // Cuts of grid bodies duplicate no nodes. There, edges are open if the blade separates
-        // their ends, and near the border of the blade if their vertices were bound to disjoint
-        // triangles.
-        let doubled = new.nodes.len() != old.nodes.len();
-        let touch = |v: usize, w: usize| {
-            let others = followed[w].0.nodes;
-            followed[v].0.nodes.iter().any(|n| others.contains(n))
+        let moved = FollowedVertices {
+            before: seats,
+            after: &followed,
+            duplicates_nodes: new.nodes.len() != old.nodes.len(),
         };
         let apart = |v: u32, w: u32| {
             let (v, w) = (v as usize, w as usize);
-            let moved = [v, w].iter().any(|v| followed[*v].1 == VertexChange::Moved);
-            let shared: Vec<(u32, u32)> = (0..9)
-                .map(|k| (k / 3, k % 3))
-                .filter(|(i, j)| self.bound[v].nodes[*i] == self.bound[w].nodes[*j])
-                .map(|(i, j)| (followed[v].0.nodes[i], followed[w].0.nodes[j]))
-                .collect();
-            match !doubled || moved || shared.is_empty() {
-                true => {
-                    (moved && !shared.is_empty() && !touch(v, w))
-                        || blade.separates(placed[v].position, placed[w].position)
-                }
-                false => shared.iter().any(|(a, b)| a != b),
-            }
+            let separated = || blade.separates(placed[v].position, placed[w].position);
+            moved.are_apart(v, w, separated)
         };
-        let shown = parallel::map(self.visible.len(), |t| {
+        let shown = parallel::map(visible.len(), |t| {
             let [a, b, c] = vertices.triangles[t];
-            self.visible[t] && !(apart(a, b) || apart(b, c) || apart(c, a))
+            visible[t] && !(apart(a, b) || apart(b, c) || apart(c, a))
         });
         let cut = SkinCut {
             rebound_vertices: followed
                 .iter()
                 .filter(|f| f.1 != VertexChange::None)
                 .count(),
-            hidden: self
-                .visible
-                .iter()
-                .zip(&shown)
-                .filter(|(a, b)| a != b)
-                .count(),
+            hidden: visible.iter().zip(&shown).filter(|(a, b)| a != b).count(),
             walls: new
                 .triangles
                 .iter()
@@ -152,6 +109,76 @@ impl Skin {
         self.set_visible_triangles(&shown)?;
         Ok(cut)
     }
+}
+
+/// Returns the binding of a vertex whose base triangle still exists, with the nodes `left`: as
+/// before, unless the normals of its nodes changed.
+fn keep_triangle(
+    binder: &Binder,
+    vertex: &Vertex,
+    mapping: Mapping,
+    (bound, left): (VertexBinding, [u32; 3]),
+    (old, new): (&BaseMesh, &BaseMesh),
+) -> (VertexBinding, VertexChange) {
+    let same = |n: u32| {
+        let at = bits(old.nodes[n as usize]);
+        let found = left.iter().find(|m| bits(new.nodes[**m as usize]) == at);
+        found.copied().unwrap_or(n)
+    };
+    let seat = BindingSite {
+        nodes: bound.nodes.map(same),
+        weights: bound.weights,
+    };
+    let normal = |list: &[u32], n: u32| list[n as usize];
+    let turned =
+        (0..3).any(|k| normal(old.normals, bound.nodes[k]) != normal(new.normals, seat.nodes[k]));
+    let nodes = seat.nodes;
+    match turned && bound.interpolated && mapping != Mapping::OneToOne {
+        true => {
+            let smooth = binder.is_smooth(seat);
+            (binder.bind_at(vertex, seat, smooth), VertexChange::Turned)
+        }
+        false => (VertexBinding { nodes, ..bound }, VertexChange::None),
+    }
+}
+
+/// The vertices of a skin, bound before and after a cut.
+struct FollowedVertices<'a> {
+    before: &'a [VertexBinding],
+    after: &'a [(VertexBinding, VertexChange)],
+    /// Whether the cut duplicated nodes; cuts of grid bodies do not. There, edges are open if the
+    /// blade separates their ends, and near the border of the blade if their vertices were bound to
+    /// disjoint triangles.
+    duplicates_nodes: bool,
+}
+
+impl FollowedVertices<'_> {
+    /// Whether the cut parts the vertices `v` and `w` of an edge; `separated` is whether the blade
+    /// passes between them.
+    fn are_apart(&self, v: usize, w: usize, separated: impl Fn() -> bool) -> bool {
+        let (before, after) = (self.before, self.after);
+        let touch = || {
+            let others = after[w].0.nodes;
+            after[v].0.nodes.iter().any(|n| others.contains(n))
+        };
+        let moved = [v, w].iter().any(|v| after[*v].1 == VertexChange::Moved);
+        let shared: Vec<(u32, u32)> = (0..9)
+            .map(|k| (k / 3, k % 3))
+            .filter(|(i, j)| before[v].nodes[*i] == before[w].nodes[*j])
+            .map(|(i, j)| (after[v].0.nodes[i], after[w].0.nodes[j]))
+            .collect();
+        match !self.duplicates_nodes || moved || shared.is_empty() {
+            true => (moved && !shared.is_empty() && !touch()) || separated(),
+            false => shared.iter().any(|(a, b)| a != b),
+        }
+    }
+}
+
+/// Returns the key of a triangle of the nodes at `rest`.
+fn key(rest: &[DVec3], triangle: [u32; 3]) -> TriangleKey {
+    let mut key = triangle.map(|v| bits(rest[v as usize]));
+    key.sort_unstable();
+    key
 }
 
 /// Change of a vertex.

@@ -106,7 +106,7 @@ impl Cull {
                 })
                 .dispatch_items(runs)?,
             scan: gpu
-                .pass("gpu/scan_marks")
+                .pass("gpu/bitmask_prefix_sum")
                 .write(&marks)
                 .write(&arguments)
                 .params(&BitmaskPrefixSum { runs })

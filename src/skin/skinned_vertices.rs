@@ -41,7 +41,7 @@ impl Skin {
             .array("placed vertices", Texel::F32x4, 3 * count as usize)?;
         let place = self
             .gpu
-            .pass("skin/place")
+            .pass("skin/skinned_vertices")
             .read(&self.carrier.positions)
             .read(&self.carrier.normals)
             .read(&self.records)

@@ -1,7 +1,8 @@
 //! Bodies for studies: generated ones with slivers and cavities, as in meshes from scans, thin
 //! ones, and bodies from files.
 
-use crate::mesh::{Field, Location, TetMesh, generate, signed_volume};
+use crate::generate;
+use crate::mesh::{Field, Location, TetMesh, signed_volume};
 use crate::scene::Scene;
 use crate::{Error, Result};
 use glam::{DVec3, dvec3};

@@ -76,6 +76,24 @@ fn moved(run: &Run, scene: &Scene, kind: SolverKind, mesh: &TetMesh) -> Result<M
     })
 }
 
+/// Measures the motion of `scene` by a cage of `kind` with about `nodes` nodes.
+fn caged(run: &Run, mut scene: Scene, kind: &str, nodes: usize, mesh: &TetMesh) -> Result<Moved> {
+    let kind: CageKind = kind.parse()?;
+    scene.cage = Some(CageEntry {
+        nodes: Some(nodes),
+        kind: Some(kind),
+        damping: None,
+    });
+    let solver = match kind {
+        CageKind::Lattice => SolverKind::Implicit,
+        CageKind::Grid => {
+            scene.solver.dt = None;
+            SolverKind::Verlet
+        }
+    };
+    moved(run, &scene, solver, mesh)
+}
+
 /// Returns the RMS position error relative to the RMS displacement, over the motion and at its end.
 fn errors(found: &Moved, truth: &Moved, rest: &[DVec3]) -> [f64; 2] {
     let apart = |a: &[DVec3], b: &[DVec3]| -> f64 {
@@ -104,22 +122,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
         Some(path) => Scene::read(path)?,
         None => limb(tets)?,
     };
-    if scene.grid.is_some() || !scene.cut.is_empty() {
-        return Err(Error::Input(
-            "a cage needs a tetrahedral body without cuts; remove [grid] and [[cut]]".into(),
-        ));
-    }
-    if let Some(entry) = scene.tets_only_entry() {
-        return Err(Error::Input(format!(
-            "a cage does not support {entry}; remove it"
-        )));
-    }
-    let rigid = |tissue: &TissueEntry| tissue.is_rigid();
-    if scene.material.tissues.values().any(rigid) {
-        return Err(Error::Input(
-            "a cage does not support rigid regions; remove `rigid`".into(),
-        ));
-    }
+    check_scene(&scene)?;
     scene.cage = None;
     scene.solver.name = Some("implicit".into());
     let mesh = scene.mesh_of_one()?;
@@ -144,21 +147,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     } else {
         MATERIALS
     };
-    let shares: &[f64] = if run.quick {
-        &QUICK_SHARES
-    } else {
-        &NODE_FRACTIONS
-    };
-    let count = mesh.nodes.len();
-    let mut points: Vec<Vec<Cell>> = Vec::new();
-    for (model, kinds) in matters {
-        points.push(point(&name, &mesh, (model, "own"), count));
-        for kind in *kinds {
-            let wanted = shares.iter().map(|s| (s * count as f64).round().max(20.0));
-            let kind = (model, kind.name());
-            points.extend(wanted.map(|n| point(&name, &mesh, kind, n as usize)));
-        }
-    }
+    let points = points(run.quick, &mesh, matters, &name);
     let mut truths: BTreeMap<&str, Moved> = BTreeMap::new();
     let rows = run.measure(
         "cages",
@@ -186,22 +175,7 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             };
             let found = match point[3].text() {
                 "own" => None,
-                kind => {
-                    let kind: CageKind = kind.parse()?;
-                    own.cage = Some(CageEntry {
-                        nodes: Some(point[4].number() as usize),
-                        kind: Some(kind),
-                        damping: None,
-                    });
-                    let solver = match kind {
-                        CageKind::Lattice => SolverKind::Implicit,
-                        CageKind::Grid => {
-                            own.solver.dt = None;
-                            SolverKind::Verlet
-                        }
-                    };
-                    Some(moved(run, &own, solver, &mesh)?)
-                }
+                kind => Some(caged(run, own, kind, point[4].number() as usize, &mesh)?),
             };
             let found = found.as_ref().unwrap_or(truth);
             let [path, end] = errors(found, truth, &mesh.nodes);
@@ -218,6 +192,52 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
     )?;
     draw(run, &rows, &name)?;
     tell(run, &rows, &mesh, &name)
+}
+
+/// Checks that cages can carry the body of `scene`.
+fn check_scene(scene: &Scene) -> Result<()> {
+    if scene.grid.is_some() || !scene.cut.is_empty() {
+        return Err(Error::Input(
+            "a cage needs a tetrahedral body without cuts; remove [grid] and [[cut]]".into(),
+        ));
+    }
+    if let Some(entry) = scene.tets_only_entry() {
+        return Err(Error::Input(format!(
+            "a cage does not support {entry}; remove it"
+        )));
+    }
+    let rigid = |tissue: &TissueEntry| tissue.is_rigid();
+    if scene.material.tissues.values().any(rigid) {
+        return Err(Error::Input(
+            "a cage does not support rigid regions; remove `rigid`".into(),
+        ));
+    }
+    Ok(())
+}
+
+/// Returns the points of the study: of each material the mesh itself, and cages of several sizes.
+fn points(
+    quick: bool,
+    mesh: &TetMesh,
+    matters: &[(MaterialModel, &[CageKind])],
+    name: &str,
+) -> Vec<Vec<Cell>> {
+    let shares: &[f64] = if quick {
+        &QUICK_SHARES
+    } else {
+        &NODE_FRACTIONS
+    };
+    let count = mesh.nodes.len();
+    let mut points: Vec<Vec<Cell>> = Vec::new();
+    for (model, kinds) in matters {
+        points.push(point(name, mesh, (model, "own"), count));
+        for kind in *kinds {
+            let wanted = shares.iter().map(|s| (s * count as f64).round().max(20.0));
+            let kind = (model, kind.name());
+            points.extend(wanted.map(|n| point(name, mesh, kind, n as usize)));
+        }
+    }
+    points
 }
 
 fn point(

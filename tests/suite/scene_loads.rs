@@ -2,7 +2,8 @@
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
-use palpate::mesh::{Field, Location, TetMesh, Topology, generate};
+use palpate::generate;
+use palpate::mesh::{Field, Location, TetMesh, Topology};
 use palpate::physics::Engine;
 use palpate::scene::{Scene, Stage};
 

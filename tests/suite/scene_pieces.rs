@@ -1,8 +1,9 @@
 //! Partitioned meshes: written, read as one, and rendered by pieces as the whole is.
 
 use crate::support::{gpu, real_data};
+use palpate::generate;
 use palpate::io;
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::render::{Image, ImageDifference, RaySegments};
 use palpate::scene::{Piece, Scene, Stage, write_pieces};
 use std::path::{Path, PathBuf};

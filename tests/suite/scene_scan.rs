@@ -3,9 +3,10 @@
 
 use crate::support::{gpu, real_data};
 use glam::{DAffine3, DMat3, DVec3};
+use palpate::generate;
 use palpate::gpu::Gpu;
 use palpate::io;
-use palpate::mesh::{Field, Location, TetMesh, Topology, TriMesh, generate};
+use palpate::mesh::{Field, Location, TetMesh, Topology, TriMesh};
 use palpate::render::Image;
 use palpate::scene::{Scene, Stage};
 use palpate::volume::{Raw, Volume};

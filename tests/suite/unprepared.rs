@@ -2,8 +2,9 @@
 
 use crate::support::{gpu, real_data};
 use glam::DVec3;
+use palpate::generate;
 use palpate::io;
-use palpate::mesh::{Field, Location, MeshDescription, TetMesh, generate};
+use palpate::mesh::{Field, Location, MeshDescription, TetMesh};
 use palpate::render::Image;
 use palpate::scene::{PlannedRun, Scene, Stage};
 

@@ -1,7 +1,7 @@
 //! Errors in a scene are reported with the file, the line, the column and a remedy.
 
 use crate::support::gpu;
-use palpate::mesh::generate;
+use palpate::generate;
 use palpate::scene::{Region, Scene, Stage};
 
 /// A scene with an additional or modified line, the line and column in the message, and words in

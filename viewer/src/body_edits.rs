@@ -73,8 +73,8 @@ mod tests {
     use super::*;
     use crate::body_session::{BodySession, RebuildRequest};
     use glam::DVec3;
+    use palpate::generate::bar_of_about;
     use palpate::gpu::Gpu;
-    use palpate::mesh::generate::bar_of_about;
     use palpate::scene::Scene;
     use std::time::{Duration, Instant};
 
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn cuts_and_pins_are_undone_and_done_again() {
+    fn cuts_and_pins_undo_and_redo() {
         let gpu = Gpu::new().unwrap();
         let text = "[solver]\nname = \"implicit\"\nengine = \"cpu\"\ndt = 0.01\n[material]\nyoung = 3e4\n\
             [[pin]]\naxis = \"x\"\nbelow = 0.02\n";
@@ -127,16 +127,23 @@ mod tests {
         show.advance_to_now(None);
         assert!(show.stage().mesh().nodes.len() > mesh.nodes.len());
         assert_eq!(show.edits.can(0), [true, false]);
-        assert_eq!(show.edits.can(1), [false, false], "an edit came after");
+        assert_eq!(
+            show.edits.can(1),
+            [false, false],
+            "a scene edit after the cut is undone first"
+        );
         let touch = show.edits.clone().undo().unwrap();
         let BodyEdit::Cut(_, before) = touch.as_ref() else {
-            panic!("the cut is undone first");
+            panic!("the last edit must be the cut");
         };
         let mut back = RebuildRequest::of(&show).rebuild(&gpu, before).unwrap();
         assert_eq!(back.stage().mesh().nodes.len(), mesh.nodes.len());
         let there = back.stage().motion().unwrap().positions().unwrap();
-        assert!(there == place, "it stands where it stood");
-        assert!(place != mesh.nodes, "and that is not where it rested");
+        assert!(there == place, "positions must equal those before the cut");
+        assert!(
+            place != mesh.nodes,
+            "positions before the cut must differ from the rest positions"
+        );
         assert_eq!(pinned(&back), held + 3);
         assert_eq!(back.edits.can(0), [true, true]);
         // Then the pins, without resetting the body.

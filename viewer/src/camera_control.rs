@@ -108,7 +108,7 @@ impl Orbit {
         2.0 * self.distance * half_slope(self.fov)
     }
 
-    /// Goes round by what the pointer went, in parts of the picture's height: to the right, and down.
+    /// Orbits by a pointer motion in fractions of the picture's height: to the right, and down.
     pub fn orbit(&mut self, moved: DVec2) {
         let aside = DQuat::from_axis_angle(DVec3::Y, -ORBIT_RADIANS * moved.x);
         let over = DQuat::from_axis_angle(DVec3::X, -ORBIT_RADIANS * moved.y);
@@ -143,7 +143,8 @@ impl Orbit {
         self.turn = turn_of(back, up);
     }
 
-    /// Has all that lies between `low` and `high` in a picture that is `aspect` times as wide as high.
+    /// Fits the box from `low` to `high` into a picture with the aspect ratio `aspect` (width over
+    /// height).
     pub fn fit(&mut self, (low, high): (DVec3, DVec3), aspect: f64) {
         self.focus = 0.5 * (low + high);
         self.size = low.distance(high).max(f64::MIN_POSITIVE);
@@ -188,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_is_that_of_the_camera_it_was_made_of() {
+    fn orbit_of_camera_round_trips() {
         let eye = DVec3::new(1.0, -4.0, 2.0);
         let camera = view().camera();
         assert!(camera.eye.distance(eye) < 1e-12);
@@ -197,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn going_round_keeps_the_distance_and_coming_back_the_view() {
+    fn orbiting_preserves_distance_and_is_reversible() {
         let mut orbit = view();
         orbit.orbit(DVec2::new(0.3, 0.0));
         assert!((orbit.camera().eye.distance(orbit.focus) - view().distance).abs() < 1e-12);
@@ -211,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_seen_follows_the_pointer() {
+    fn panning_keeps_point_under_pointer() {
         let mut orbit = view();
         let size = [400, 300];
         let pixel = DVec2::new(100.0, 200.0);
@@ -225,14 +226,14 @@ mod tests {
         for orthographic in [false, true] {
             orbit.orthographic = orthographic;
             let before = seen(&orbit, pixel);
-            let went = DVec2::new(37.0, -21.0);
-            orbit.pan(went / 300.0);
-            assert!(seen(&orbit, pixel + went).distance(before) < 1e-9);
+            let motion = DVec2::new(37.0, -21.0);
+            orbit.pan(motion / 300.0);
+            assert!(seen(&orbit, pixel + motion).distance(before) < 1e-9);
         }
     }
 
     #[test]
-    fn a_fitted_body_fills_the_picture_and_is_all_in_it() {
+    fn fitted_body_fills_and_stays_within_picture() {
         let (low, high) = (DVec3::new(-3.0, -1.0, 0.0), DVec3::new(5.0, 1.0, 2.0));
         for (orthographic, size) in [(false, [400, 300]), (true, [300, 400])] {
             let mut orbit = view();
@@ -264,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_are_those_of_the_body() {
+    fn standard_views_match_anatomical_axes() {
         for (side, letter, _) in Side::ALL {
             let mut orbit = view();
             orbit.look_from(side);

@@ -30,11 +30,11 @@ const APPEARANCE_TABLES: [&str; 9] = [
 /// The text of a scene with its undo history.
 #[derive(Clone)]
 pub struct Document {
-    /// Title of the window.
+    /// Name shown in the window title.
     pub name: String,
     /// The file that was opened: a scene, a mesh, a volume or a surface.
     pub file: Option<PathBuf>,
-    /// The recorded series that it shows, if any: a `.pvd`.
+    /// The recorded series (`.pvd`) that the document shows, if any.
     pub series: Option<PathBuf>,
     /// The bundled files that an example reads.
     pub bundled_files: &'static [(&'static str, &'static [u8])],
@@ -44,7 +44,7 @@ pub struct Document {
     undo: Vec<String>,
     redo: Vec<String>,
     last: Option<(String, Instant)>,
-    /// Whether a button is held; edits during a drag are undone together.
+    /// Whether a mouse button is held; edits during a drag are undone together.
     held: bool,
 }
 
@@ -99,7 +99,7 @@ impl Document {
     /// Creates the document of this text, with paths relative to `folder`.
     ///
     /// # Errors
-    /// [`Error::Input`] with the invalid line.
+    /// [`Error::Input`] with the line that is invalid.
     pub fn new(name: String, folder: PathBuf, text: &str) -> Result<Document> {
         Scene::parse_in(text, &folder)?;
         Ok(Document {
@@ -150,10 +150,10 @@ impl Document {
         change(&mut text);
         let scene = Scene::parse_in(&text.to_string(), &self.folder)?;
         let now = Instant::now();
-        let goes_on = self.last.as_ref().is_some_and(|(last, at)| {
+        let continues = self.last.as_ref().is_some_and(|(last, at)| {
             last == what && (self.held || now.duration_since(*at) < UNDO_MERGE_WINDOW)
         });
-        if !goes_on {
+        if !continues {
             self.undo.push(self.text.to_string());
             if self.undo.len() > MAX_UNDO {
                 self.undo.remove(0);
@@ -196,8 +196,8 @@ impl Document {
         text.to_string()
     }
 
-    /// Its text as [`Document::text_in`], with the view of `camera` and pictures of `size`; of a series
-    /// that of a frame: its file, and the range that its field is shown in.
+    /// Returns the text of [`Document::text_in`] with the view of `camera` and pictures of `size`
+    /// pixels. For a series, `frame` is the file of the displayed frame and its scalar range.
     pub fn text_with_view(
         &self,
         folder: &Path,
@@ -230,7 +230,7 @@ impl Document {
         set(&mut text, "picture", "size", Some(size));
         match self.bundled_files {
             [] => moved(text, &self.folder, folder),
-            // These are saved beside the scene.
+            // Bundled files are saved beside the scene, so their paths stay relative.
             _ => text.to_string(),
         }
     }
@@ -248,7 +248,7 @@ impl Document {
     /// Undoes the last edit, or with `again` redoes the last undo. Returns whether there was any.
     ///
     /// # Errors
-    /// None for a text that was valid before.
+    /// [`Error::Input`] if the restored text is invalid, which edits rule out.
     pub fn undo(&mut self, again: bool) -> Result<bool> {
         let (from, to) = match again {
             false => (&mut self.undo, &mut self.redo),
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn edits_are_undone_and_done_again_and_comments_stay() {
+    fn edits_undo_and_redo_and_preserve_comments() {
         let mut document = document();
         let colour = |v: &str| Some(Value::from(v));
         document
@@ -376,7 +376,7 @@ mod tests {
                 set(t, "picture", "transfer", colour("bone"))
             })
             .unwrap();
-        // However long the first one takes.
+        // The edits have the same name and are merged, however long the first one takes.
         let later = Instant::now() + Duration::from_secs(3600);
         document.last = document.last.map(|(what, _)| (what, later));
         document
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_dragged_in_one_go_is_undone_together() {
+    fn edits_of_one_drag_are_one_undo_step() {
         let mut document = document();
         let mut drag = |mode: &str| {
             let mode = Value::from(mode);
@@ -431,11 +431,11 @@ mod tests {
         document
             .edit("mode", |t| set(t, "picture", "mode", mode))
             .unwrap();
-        assert_eq!(document.edits(), 2, "another drag is another edit");
+        assert_eq!(document.edits(), 2, "a new drag must add an undo step");
     }
 
     #[test]
-    fn what_makes_no_sense_is_not_done() {
+    fn invalid_edit_is_rejected_and_leaves_text_unchanged() {
         let mut document = document();
         let wrong = document.edit("mode", |t| {
             set(t, "picture", "mode", Some(Value::from("sideways")));
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn saved_elsewhere_it_finds_its_files() {
+    fn text_for_other_folder_preserves_file_references() {
         let dir = tempfile::tempdir().unwrap();
         let (here, there) = (dir.path().join("a"), dir.path().join("b"));
         std::fs::create_dir_all(&here).unwrap();

@@ -65,7 +65,7 @@ impl Example {
     /// Returns the example of this name or first word, case-insensitive.
     ///
     /// # Errors
-    /// [`Error::Input`] with the known names.
+    /// [`Error::Input`] with the available names.
     pub fn named(name: &str) -> Result<&'static Example> {
         let called = |e: &&Example| {
             let first = e.name.split(' ').next().unwrap_or_default();
@@ -75,13 +75,13 @@ impl Example {
         found.ok_or_else(|| {
             let all: Vec<String> = EXAMPLES.iter().map(|e| e.name.to_lowercase()).collect();
             Error::Input(format!(
-                "there is no example \"{name}\"; there are {}",
+                "unknown example \"{name}\"; available examples: {}",
                 all.join(", ")
             ))
         })
     }
 
-    /// Opens the example and stores its files where it reads them.
+    /// Opens the example and stores its files in the folder that its scene refers to.
     ///
     /// # Errors
     /// [`Error::Io`] if the files cannot be written.
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_of_them_are_scenes_whose_files_are_there() {
+    fn examples_parse_and_their_files_load() {
         for example in EXAMPLES {
             let scene = example.open().unwrap().scene().unwrap();
             assert!(
@@ -110,7 +110,7 @@ mod tests {
         }
         assert!(Example::named("knee").is_ok());
         let Err(wrong) = Example::named("nose") else {
-            panic!("there is no nose");
+            panic!("\"nose\" must be rejected");
         };
         assert!(wrong.to_string().contains("breast with a lump"), "{wrong}");
     }

@@ -1,9 +1,11 @@
-//! Handles of planes in the picture: one moves a plane along its normal, one tilts it.
+//! Plane handles in the picture: a square that moves the plane along its normal, and an arrow that
+//! tilts it.
 
 use crate::app::App;
 use crate::document::set_all;
 use crate::panel::plane_table;
-use crate::pointer_tool::{PointerGesture, Viewport};
+use crate::pointer_tool::PointerGesture;
+use crate::viewport::Viewport;
 use eframe::egui::{self, Color32, Pos2, Shape, Stroke as Line};
 use glam::DVec3;
 use palpate::render::{Camera, Ray};
@@ -11,10 +13,10 @@ use palpate::scene::PlaneEntry;
 
 /// Length of the arrow of a handle, relative to the body's diagonal.
 const ARROW: f64 = 0.3;
-/// Picking distance of an end of the arrow, and of its shaft, in points.
+/// Picking distance of the ends of the arrow, and of its shaft, in points.
 const GRAB_RADIUS: f32 = 11.0;
 const NEAR_SHAFT: f32 = 6.0;
-/// Radius of the knobs at its ends, in points.
+/// Radius of the knobs at the ends of the arrow, in points.
 const KNOB_RADIUS: f32 = 6.5;
 /// Minimum angle between a ray and a normal at which the position on the normal is defined.
 const MIN_NORMAL_ANGLE: f64 = 0.02;
@@ -40,7 +42,7 @@ pub enum HandlePart {
 }
 
 impl Handle {
-    /// Returns the handle of a plane; none for a box.
+    /// Returns the handle of a plane; `None` for a box.
     fn of(plane: &PlaneEntry, (low, high): (DVec3, DVec3)) -> Option<Handle> {
         let [a, b, c, x, y, z] = plane.clip.or(plane.slice)?;
         let normal = DVec3::new(x, y, z).try_normalize()?;
@@ -53,7 +55,7 @@ impl Handle {
         })
     }
 
-    /// Returns the end of its arrow.
+    /// Returns the end of the arrow.
     fn tip(&self) -> DVec3 {
         self.middle + self.length * self.normal
     }
@@ -157,9 +159,9 @@ impl Handle {
 
 /// Returns the distance of a point from a segment.
 fn distance_to(at: Pos2, from: Pos2, to: Pos2) -> f32 {
-    let way = to - from;
-    let share = (at - from).dot(way) / way.length_sq().max(f32::MIN_POSITIVE);
-    at.distance(from + share.clamp(0.0, 1.0) * way)
+    let segment = to - from;
+    let share = (at - from).dot(segment) / segment.length_sq().max(f32::MIN_POSITIVE);
+    at.distance(from + share.clamp(0.0, 1.0) * segment)
 }
 
 impl App {
@@ -287,7 +289,7 @@ mod tests {
         };
         match Handle::of(&plane, BOUNDS) {
             Some(handle) => handle,
-            None => panic!("a clip has a handle"),
+            None => panic!("a clip plane must have a handle"),
         }
     }
 
@@ -299,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn a_handle_is_on_its_plane_beside_the_middle_of_the_body() {
+    fn handle_centre_is_body_centre_projected_onto_plane() {
         let handle = handle();
         assert_eq!(handle.middle, DVec3::new(0.0, 0.0, 1.0));
         assert_eq!(handle.normal, DVec3::Z);
@@ -311,18 +313,18 @@ mod tests {
     }
 
     #[test]
-    fn it_moves_along_its_normal_with_the_pointer_and_stays_at_the_body() {
+    fn dragged_handle_moves_along_normal_within_bounds() {
         let handle = handle();
         let eye = DVec3::new(9.0, 4.0, 2.0);
         let held = DVec3::new(0.0, 0.0, 1.4);
         let Some(from) = handle.along(&ray(eye, held)) else {
-            panic!("it is seen from the side");
+            panic!("a ray across the normal must give a position");
         };
         assert!((from - 0.4).abs() < 1e-12);
         let to = |z: f64| handle.moved(&ray(eye, DVec3::new(0.0, 0.0, z)), from, BOUNDS);
         let moved = to(-0.6).map(|m| (m.middle, m.normal));
         let Some((middle, normal)) = moved else {
-            panic!("it moves");
+            panic!("the handle must move");
         };
         assert!(middle.distance(DVec3::new(0.0, 0.0, -1.0)) < 1e-12 && normal == DVec3::Z);
         assert!(to(99.0).is_some_and(|m| (m.middle.z - 3.0).abs() < 1e-12));
@@ -335,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn its_arrow_ends_under_the_pointer_when_it_is_tilted() {
+    fn tilted_arrow_ends_under_pointer() {
         let handle = handle();
         let eye = DVec3::new(9.0, 0.0, 1.0);
         // A position on the sphere of the arrow, on the side of the eye.
@@ -359,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outline_goes_around_the_bounds() {
+    fn outline_is_plane_section_of_bounds() {
         let around = handle().outline(BOUNDS);
         assert_eq!(around.len(), 4);
         let length: f64 = (0..4)

@@ -6,8 +6,8 @@ const BARS: usize = 96;
 /// Histogram of the scalars of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// Name of the field and version of the data that were counted: fields change as the body moves
-    /// and as a series plays.
+    /// Name of the field and version of its data: fields change as the body moves and as a series
+    /// plays.
     pub of: (String, u64),
     /// The smallest and largest scalar.
     pub range: (f64, f64),
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_occurs_is_counted_where_it_is() {
+    fn histogram_counts_values_per_bin() {
         let values = [0.0, 0.0, 0.0, 0.0, 1.0, 0.5, 7.0, f64::NAN];
         let histogram = Histogram::of(&values, (0.0, 1.0), (String::new(), 1));
         assert_eq!(histogram.bars[0], 1.0);

@@ -1,18 +1,20 @@
-//! The interactive viewer: a body in a window, to press on, pull, cut and look into.
+//! Interactive viewer: presses on, pulls, cuts and renders a body in a window.
 //!
-//! What is open is the text of a scene ([`document`]); of it a body is made ([`loading`], [`body_session`]),
-//! which the engine on the CPU steps on a thread of its own while the interface ([`app`]) draws it
-//! ([`screen`]) into its own frame, on one device. Who edits the scene edits its text, so that all of
-//! it can be undone and saved; the body follows.
+//! The open document is the text of a scene ([`document`]). A background task builds the body from
+//! it ([`loading`], [`body_session`]). The CPU engine steps the body on a separate thread, while the
+//! interface ([`app`]) renders it ([`screen`]) into its own frame on the same device. Every edit
+//! changes the scene text, so that edits can be undone and saved, and is then applied to the body.
 
 pub mod app;
 mod blit;
 pub mod body_edits;
 pub mod body_session;
 pub mod camera_control;
+mod device;
 pub mod document;
 mod editing;
 pub mod examples;
+mod frames;
 mod handles;
 mod histogram;
 pub mod loading;
@@ -24,6 +26,7 @@ mod path_prompt;
 mod picture;
 mod platform;
 mod pointer_tool;
+mod probe;
 #[cfg(not(target_arch = "wasm32"))]
 mod recording;
 mod save;
@@ -32,6 +35,7 @@ pub mod series;
 pub mod settings;
 #[cfg(not(target_arch = "wasm32"))]
 mod ui_cache;
+mod viewport;
 #[cfg(target_arch = "wasm32")]
 pub mod web;
 #[cfg(not(target_arch = "wasm32"))]

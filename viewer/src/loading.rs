@@ -107,7 +107,8 @@ impl<T> BackgroundTask<T> {
             Ok(made) => Some(made),
             Err(TryRecvError::Empty) => None,
             Err(TryRecvError::Disconnected) => Some(Err(Error::Input(
-                "it ended without a word; this is a mistake in the program".into(),
+                "internal error: the background task ended without a result; please report it"
+                    .into(),
             ))),
         }
     }
@@ -126,7 +127,7 @@ pub struct Loading {
     pub name: String,
     /// The document to install with the body; none if the current body is rebuilt.
     pub document: Option<Document>,
-    /// The scene text that it is made from.
+    /// The scene text that the body is built from.
     pub text: String,
     /// The document before the edit that caused the rebuild.
     pub before: Option<Document>,
@@ -156,10 +157,11 @@ impl Loading {
         })
     }
 
-    /// The same of what is `kept` of a body that is open; the scene was another one `before`.
+    /// Starts to rebuild the open body of `document` from the data `kept` of it. `before` is the
+    /// document to restore if the rebuild fails.
     ///
     /// # Errors
-    /// As [`Loading::open`].
+    /// The errors of [`Loading::open`].
     pub fn rebuild(
         gpu: &Gpu,
         document: &Document,
@@ -171,7 +173,7 @@ impl Loading {
         Ok(Loading { before, ..loading })
     }
 
-    /// Has the body as it was before the cut that `touch` is.
+    /// Starts to rebuild the body in the state before the cut `touch`.
     pub fn rebuild_before_cut(
         gpu: &Gpu,
         name: String,
@@ -182,21 +184,23 @@ impl Loading {
         let (gpu, woken) = (gpu.clone(), context.clone());
         let work = BackgroundTask::spawn("undoing the cut", context, move |_| {
             let BodyEdit::Cut(_, before) = touch.as_ref() else {
-                return Err(Error::Input("what is undone is no cut".into()));
+                return Err(Error::Input(
+                    "internal error: the edit to undo is not a cut; please report it".into(),
+                ));
             };
             Ok(waking(anew.rebuild(&gpu, before)?, &woken))
         });
         Loading {
             name,
             document: None,
-            // It looks as it was made, and is to look as the scene has it now.
+            // An empty text differs from the document's, so its appearance is applied afterwards.
             text: String::new(),
             before: None,
             work,
         }
     }
 
-    /// Whether another document is opened, rather than the same body rebuilt.
+    /// Whether this opens another document instead of rebuilding the current body.
     pub fn opens(&self) -> bool {
         self.document.is_some()
     }
@@ -221,7 +225,7 @@ impl Loading {
                         series: Some(Arc::new(series)),
                     }
                 }
-                // Scenes of several bodies and of grids make their own.
+                // Scenes with several bodies or a grid create their own meshes.
                 (None, None) => ReusableBody {
                     mesh: match !scene.body.is_empty() || scene.grid.is_some() {
                         true => Arc::default(),
@@ -232,7 +236,7 @@ impl Loading {
                 },
             };
             let scans = read_carried(&mut scene, progress)?;
-            if progress("making it ready", 1.0).is_break() {
+            if progress("preparing", 1.0).is_break() {
                 return Err(Error::Cancelled);
             }
             let radius = Some(kept.radius).filter(|radius| *radius > 0.0);
@@ -241,7 +245,7 @@ impl Loading {
                 None => BodySession::new(&gpu, &scene, kept.mesh, radius)?,
             };
             show.keep_read(scans, Vec::new());
-            // Where there is one thread it would take as long. What fails is told by the first picture.
+            // Saves no time on a single thread. Errors are reported by the first picture.
             if cfg!(not(target_arch = "wasm32")) {
                 let _ = show.prepare_pictures();
             }
@@ -272,7 +276,7 @@ impl Loading {
     }
 }
 
-/// Reads the scans and skins of a scene, so that appearance edits need not read them again.
+/// Reads the scans and skins of a scene once, so that appearance edits reuse them.
 fn read_carried(scene: &mut Scene, progress: ProgressFn) -> Result<Vec<ReadScan>> {
     let mut scans = Vec::new();
     for scan in &mut scene.scan {
@@ -289,7 +293,8 @@ fn read_carried(scene: &mut Scene, progress: ProgressFn) -> Result<Vec<ReadScan>
 /// Maximum number of labels that are listed.
 const MAX_LISTED_LABELS: usize = 64;
 
-/// A scan with its volume, and its labels by number and name where they are few.
+/// A scan with its volume, and its labels (number and name) if there are at most
+/// [`MAX_LISTED_LABELS`].
 pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
 
 /// Reads a scan.
@@ -297,13 +302,13 @@ pub(crate) type ReadScan = (ScanEntry, Option<Vec<(i64, String)>>);
 /// # Errors
 /// An error if reading fails; [`Error::Cancelled`].
 pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadScan> {
-    let told = |what| match progress(what, 0.0).is_break() {
+    let report = |what| match progress(what, 0.0).is_break() {
         true => Err(Error::Cancelled),
         false => Ok(()),
     };
-    told("reading the scan")?;
+    report("reading the scan")?;
     let volume = io::read_volume(&scan.file)?;
-    told("looking for labels")?;
+    report("searching for labels")?;
     let labels = volume.labels().filter(|all| all.len() <= MAX_LISTED_LABELS);
     let labels = labels.map(|all| {
         let shown = all.into_keys().filter(|label| *label != 0);
@@ -315,7 +320,7 @@ pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadSc
     });
     let mut read = scan.clone();
     read.volume.0 = Some(Arc::new(volume));
-    told("making it ready")?;
+    report("preparing")?;
     Ok((read, labels))
 }
 
@@ -329,26 +334,29 @@ mod tests {
     const HANG: Duration = Duration::from_secs(600);
 
     #[test]
-    fn a_task_that_is_cancelled_ends_at_its_next_report() {
-        let (go, gone) = channel();
+    fn cancelled_task_ends_at_next_progress_report() {
+        let (send, messages) = channel();
         let task = BackgroundTask::spawn("counting", &egui::Context::default(), move |progress| {
-            // It goes on as often as it is sent a word, then it is done.
+            // Reports once per message, and ends when the channel closes.
             loop {
                 if progress("counting", 0.5).is_break() {
                     return Err(Error::Cancelled);
                 }
-                if gone.recv().is_err() {
+                if messages.recv().is_err() {
                     return Ok(());
                 }
             }
         });
         for _ in 0..3 {
-            go.send(()).unwrap();
+            send.send(()).unwrap();
         }
-        assert!(task.try_take().is_none(), "it waits for a word");
+        assert!(
+            task.try_take().is_none(),
+            "the task must wait for the next message"
+        );
         task.ends.store(true, Ordering::Relaxed);
-        go.send(()).unwrap();
-        drop(go);
+        send.send(()).unwrap();
+        drop(send);
         let made = task.made.recv_timeout(HANG).unwrap();
         assert!(matches!(made, Err(Error::Cancelled)));
         let reports = task.reports.load(Ordering::Relaxed);
@@ -356,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn meshing_ends_wherever_it_is_cancelled() {
+    fn meshing_cancels_at_every_progress_point() {
         let text = "[mesh]\ngenerate = \"limb\"\ntets = 4000\n";
         let scene = Scene::parse(text).unwrap();
         let until = |stop: usize| {
@@ -373,7 +381,7 @@ mod tests {
         };
         let (made, all) = until(usize::MAX);
         assert!(made.is_ok() && all > 20, "{all}");
-        // Each thread may be about to report when it is cancelled.
+        // Each thread may make one more report after the cancellation.
         let threads = std::thread::available_parallelism().unwrap().get();
         for stop in (1..all).step_by(all.div_ceil(12)) {
             let (made, calls) = until(stop);

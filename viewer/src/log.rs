@@ -14,7 +14,7 @@ pub struct Frame {
     pub number: u64,
     /// Number of the last frame that was presented.
     pub presented: u64,
-    /// Whether the interface then wanted another frame at once.
+    /// Whether the interface requested another frame immediately after it.
     pub soon: bool,
     /// Time since the previous frame, ms.
     pub frame_ms: f64,
@@ -23,8 +23,8 @@ pub struct Frame {
     /// Time of the driver for the submit, ms; with a software driver this includes part of the
     /// rendering.
     pub driver_ms: f64,
-    /// What the frame before took after that until it was on the screen, ms: of a software driver, all
-    /// that it draws.
+    /// Time from the end of the interface of the previous frame to its presentation, ms; with a
+    /// software driver this includes all rendering.
     pub paint_ms: f64,
     /// Latency of the last user input to the presentation of its picture, ms.
     pub latency_ms: Option<f64>,
@@ -40,7 +40,7 @@ pub struct Frame {
     pub camera: [[f64; 3]; 2],
     /// Force of a press, N.
     pub force_n: Option<f64>,
-    /// Indentation depth, m.
+    /// Indentation depth of a press, m.
     pub depth_m: Option<f64>,
     /// Memory of the process, MB, if the system reports it.
     pub memory_mb: Option<f64>,
@@ -54,13 +54,13 @@ pub struct Frame {
     pub lost: Option<String>,
     /// Text of the status line.
     pub said: String,
-    /// Whether that is an error.
+    /// Whether the status line shows an error.
     pub error: bool,
     /// Name of the open document.
     pub name: Option<String>,
     /// Name of the document being opened.
     pub loading: Option<String>,
-    /// Number of progress reports of that.
+    /// Number of progress reports of that task.
     pub reports: u64,
     /// Number of background tasks whose threads have not ended, cancelled ones included.
     pub tasks: usize,
@@ -70,7 +70,7 @@ pub struct Frame {
     pub playing: bool,
     /// Displayed frame of a recorded series, from 0.
     pub series_frame: Option<usize>,
-    /// Planes: a point and the normal of each.
+    /// Point and normal of each plane.
     pub planes: Vec<[f64; 6]>,
     /// Whether work is pending: a step, loading, or a refinement.
     pub busy: bool,
@@ -87,11 +87,12 @@ pub struct Frame {
 pub struct Presented {
     /// Number of the frame.
     pub presented: u64,
-    /// Whether the interface wants another frame at once.
+    /// Whether the interface requested another frame immediately.
     pub soon: bool,
-    /// Number of live allocations on the device, if none is wanted and the driver reports it.
+    /// Number of live allocations on the device, if no frame was requested and the driver reports
+    /// them.
     pub allocations: Option<usize>,
-    /// Their bytes.
+    /// Bytes of the live allocations.
     pub device_bytes: Option<u64>,
 }
 

@@ -1,23 +1,23 @@
-//! `palpate-view`: press on a body in a window and see inside it while it gives.
+//! `palpate-view`: interactive viewer for deformable tetrahedral bodies.
 
 use clap::Parser;
 use palpate_view::{InitialFile, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Press on a body in a window and see inside it while it gives
+/// Press on, cut and render deformable bodies interactively in a window
 #[derive(Parser)]
 #[command(name = "palpate-view", version)]
 struct Arguments {
-    /// A mesh, a volume, a closed surface or a scene (.toml) [default: the example limb]
+    /// Mesh, volume, closed surface, scene (.toml) or series (.pvd) to open [default: example limb]
     file: Option<PathBuf>,
-    /// Open this example: limb, knee, heart, head, foot, breast
+    /// Open a bundled example: limb, knee, heart, head, foot, breast
     #[arg(long, value_name = "NAME", conflicts_with = "file")]
     example: Option<String>,
-    /// Size of the window, WIDTHxHEIGHT in points
+    /// Set the window size, WIDTHxHEIGHT in points
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
     size: [u32; 2],
-    /// Write what each frame took to this file, a line of JSON each
+    /// Write timings and state of each frame to this file, one JSON object per line
     #[arg(long, value_name = "FILE.jsonl")]
     log: Option<PathBuf>,
 }
@@ -27,7 +27,7 @@ fn size(text: &str) -> Result<[u32; 2], String> {
     match numbers {
         Some((Ok(width @ 200..=16384), Ok(height @ 200..=16384))) => Ok([width, height]),
         _ => Err(format!(
-            "\"{text}\" is no size of a window; WIDTHxHEIGHT is expected, each from 200 to 16384"
+            "window size must be WIDTHxHEIGHT, each from 200 to 16384, got \"{text}\""
         )),
     }
 }

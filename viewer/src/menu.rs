@@ -60,6 +60,29 @@ impl App {
         if context.memory(|m| m.focused().is_some()) {
             return;
         }
+        self.handle_camera_keys(context);
+        let hit = |key: Key| context.input(|i| i.key_pressed(key));
+        if hit(Key::Space) {
+            self.play(None);
+        }
+        if hit(Key::Period) {
+            self.step();
+        }
+        if hit(Key::Comma) {
+            self.go_on(-1);
+        }
+        if hit(Key::Escape) {
+            if matches!(self.stroke, PointerGesture::Cut(..)) {
+                self.stroke = PointerGesture::Idle;
+            }
+            self.end_gesture();
+            self.ruler = None;
+            self.pointer_tool = PointerTool::Look;
+        }
+    }
+
+    /// Handles the keys of the tools and of the camera.
+    fn handle_camera_keys(&mut self, context: &egui::Context) {
         let shift = context.input(|i| i.modifiers.shift);
         let hit = |key: Key| context.input(|i| i.key_pressed(key));
         for (hand, _, key, _) in PointerTool::ALL {
@@ -115,26 +138,9 @@ impl App {
         if hit(Key::O) {
             self.orbit.orthographic = !self.orbit.orthographic;
         }
-        if hit(Key::Space) {
-            self.play(None);
-        }
-        if hit(Key::Period) {
-            self.step();
-        }
-        if hit(Key::Comma) {
-            self.go_on(-1);
-        }
-        if hit(Key::Escape) {
-            if matches!(self.stroke, PointerGesture::Cut(..)) {
-                self.stroke = PointerGesture::Idle;
-            }
-            self.end_gesture();
-            self.ruler = None;
-            self.pointer_tool = PointerTool::Look;
-        }
     }
 
-    /// Does one step, or shows the next frame.
+    /// Advances by one step, or shows the next frame of a series.
     fn step(&mut self) {
         if self.go_on(1) {
             return;
@@ -163,25 +169,20 @@ impl App {
                     self.undo(true, &context);
                 }
                 ui.separator();
-                if item(
-                    ui,
-                    self.show.is_some(),
-                    "Body back to rest, whole",
-                    Some(&RESTART),
-                ) {
+                if item(ui, self.show.is_some(), "Reset body", Some(&RESTART)) {
                     self.rebuild_body(None, None, &context);
                 }
             });
             ui.menu_button("View", |ui| self.menu_view(ui, &context));
             ui.menu_button("Help", |ui| {
-                ui.label("Drag to go round the body, turn the wheel to come nearer.");
+                ui.label("Drag to orbit, turn the wheel to zoom.");
                 for (_, name, key, help) in PointerTool::ALL {
                     ui.label(format!("{}  {name}: {help}", key.name()));
                 }
-                ui.label("Space: play and pause   .: one step or frame   ,: one frame back");
-                ui.label("F: fit   O: parallel rays");
-                ui.label("R L A P S I: sides   arrows: turn   Shift and arrows: move");
-                ui.label("+ and -: nearer and farther   PgUp and PgDn: fly   [ and ]: roll");
+                ui.label("Space: play or pause   .: next step or frame   ,: previous frame");
+                ui.label("F: fit   O: orthographic projection");
+                ui.label("R L A P S I: standard views   arrows: orbit   Shift and arrows: pan");
+                ui.label("+ and -: zoom   PgUp and PgDn: dolly   [ and ]: roll");
             });
         });
         self.show_ask(&context);
@@ -197,7 +198,7 @@ impl App {
         ui.menu_button("Open recent", |ui| {
             let recent = self.settings.recent.clone();
             if recent.is_empty() {
-                ui.label("Nothing was opened yet");
+                ui.label("No recent files");
             }
             for file in recent {
                 let name = file
@@ -230,15 +231,13 @@ impl App {
         if item(ui, open, "Save scene…", Some(&SAVE_SCENE)) {
             self.prompt_save_path(SaveKind::Scene);
         }
-        if item(ui, open, "Save body as it is…", None) {
+        if item(ui, open, "Save deformed body…", None) {
             self.prompt_save_path(SaveKind::Mesh);
         }
         #[cfg(not(target_arch = "wasm32"))]
         match self.recording.is_some() {
-            false if item(ui, open, "Save a film…", None) => {
-                self.prompt_save_path(SaveKind::Film)
-            }
-            true if item(ui, true, "Stop the film", None) => self.end_film(),
+            false if item(ui, open, "Save film…", None) => self.prompt_save_path(SaveKind::Film),
+            true if item(ui, true, "Stop film", None) => self.end_film(),
             _ => {}
         }
         ui.separator();
@@ -256,15 +255,15 @@ impl App {
                 self.orbit.look_from(side);
             }
         }
-        ui.checkbox(&mut self.orbit.orthographic, "Parallel rays (O)");
-        if item(ui, true, "Panels at the right, or none", None) {
+        ui.checkbox(&mut self.orbit.orthographic, "Orthographic (O)");
+        if item(ui, true, "Show or hide panels", None) {
             let area = self.area.map_or(0.0, |area| area.rect.right());
             let shown = area < context.content_rect().right() - 1.0;
             self.panels_shown = Some(!shown);
         }
         ui.separator();
         let before = self.settings.clone();
-        ui.label("Mouse as in");
+        ui.label("Mouse bindings");
         ui.radio_value(
             &mut self.settings.mouse_bindings,
             MouseBindings::ParaView,
@@ -278,11 +277,7 @@ impl App {
         ui.separator();
         ui.radio_value(&mut self.settings.theme, Theme::Dark, "Dark");
         ui.radio_value(&mut self.settings.theme, Theme::Light, "Light");
-        ui.radio_value(
-            &mut self.settings.theme,
-            Theme::System,
-            "As the system has it",
-        );
+        ui.radio_value(&mut self.settings.theme, Theme::System, "System");
         if self.settings != before {
             self.apply_theme(context);
             self.settings.write();
@@ -301,7 +296,7 @@ impl App {
         for (side, letter, name) in Side::ALL {
             if ui
                 .button(letter)
-                .on_hover_text(format!("Look from: {name}"))
+                .on_hover_text(format!("View from: {name}"))
                 .clicked()
             {
                 self.orbit.look_from(side);
@@ -309,7 +304,7 @@ impl App {
         }
         if ui
             .button("Fit")
-            .on_hover_text("Show all of the body (F)")
+            .on_hover_text("Fit the view to the body (F)")
             .clicked()
         {
             self.fit_view();
@@ -367,10 +362,7 @@ impl App {
                 let (dot, _) = ui.allocate_exact_size(egui::vec2(10.0, 10.0), egui::Sense::hover());
                 let red = ui.visuals().error_fg_color;
                 ui.painter().circle_filled(dot.center(), 5.0, red);
-                if ui
-                    .button(format!("Stop the film, {seconds:.0} s"))
-                    .clicked()
-                {
+                if ui.button(format!("Stop film, {seconds:.0} s")).clicked() {
                     self.end_film();
                 }
             }

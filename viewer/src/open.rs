@@ -23,7 +23,7 @@ pub(crate) struct WatchedFile {
     looked: Instant,
 }
 
-/// Returns the modification time of a file; none in a browser.
+/// Returns the modification time of a file; `None` in a browser.
 fn changed(file: &Path) -> Option<SystemTime> {
     std::fs::metadata(file).and_then(|m| m.modified()).ok()
 }
@@ -81,11 +81,11 @@ impl App {
     /// Cancels opening or importing.
     pub(crate) fn cancel_loading(&mut self) {
         if self.loading.is_none() && self.taking.take().is_some() {
-            return self.set_status("it was left out".into());
+            return self.set_status("import cancelled".into());
         }
         if let Some(loading) = self.loading.take() {
-            // Its thread stops at its next progress report.
-            self.set_status(format!("{} was not opened", loading.name));
+            // The thread stops at its next progress report.
+            self.set_status(format!("opening {} was cancelled", loading.name));
         }
     }
 
@@ -239,7 +239,7 @@ impl App {
         let file = watched.file.clone();
         match self.document.as_ref().is_some_and(|d| d.can_undo_redo()[0]) {
             true => self.set_status(format!(
-                "{} has changed; what was edited here is kept until it is opened again",
+                "{} has changed on disk; edits made here are kept, open the file again to reload it",
                 file.display()
             )),
             false => self.open(&file, context),

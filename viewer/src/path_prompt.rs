@@ -17,7 +17,7 @@ pub(crate) enum SaveKind {
     Mesh,
     /// The samples of the last press.
     Press,
-    /// A film from now on.
+    /// A film that starts now.
     #[cfg(not(target_arch = "wasm32"))]
     Film,
 }
@@ -39,13 +39,13 @@ impl SaveKind {
             SaveKind::Picture => ("Save picture", ".png", &["png", "exr"]),
             SaveKind::Scene => ("Save scene", "_view.toml", &["toml"]),
             SaveKind::Mesh => (
-                "Save body as it is",
+                "Save deformed body",
                 "_bent.vtu",
                 &["vtu", "vtk", "msh", "mesh", "inp"],
             ),
             SaveKind::Press => ("Save press", "_press.csv", &["csv"]),
             #[cfg(not(target_arch = "wasm32"))]
-            SaveKind::Film => ("Save a film", ".gif", &["gif", "mp4"]),
+            SaveKind::Film => ("Save film", ".gif", &["gif", "mp4"]),
         }
     }
 }
@@ -58,7 +58,7 @@ pub(crate) struct PathPrompt {
     purpose: ImportKind,
     /// The typed path.
     pub path: String,
-    /// An existing file that may be overwritten: saving again confirms it.
+    /// An existing file whose replacement was announced; saving again confirms it.
     replaced: Option<PathBuf>,
 }
 
@@ -144,7 +144,7 @@ impl App {
             (Some(true), None) => self.start_import(ask.purpose, &path, context),
             (Some(true), Some(_)) if path.exists() && ask.replaced.as_ref() != Some(&path) => {
                 self.set_status(format!(
-                    "{} is there already; save again to replace it",
+                    "{} already exists; save again to overwrite it",
                     path.display()
                 ));
                 ask.replaced = Some(path);

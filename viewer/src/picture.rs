@@ -1,9 +1,10 @@
 //! The picture in the window, and its overlays.
 
 use crate::app::App;
-use crate::pointer_tool::{PointerGesture, Viewport};
+use crate::pointer_tool::PointerGesture;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::ui_cache::UiCache;
+use crate::viewport::Viewport;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
 use palpate::render::Camera;
@@ -63,6 +64,32 @@ impl App {
         self.overlay(ui, area, &camera);
     }
 
+    /// Draws an indicator of the axes at the lower left.
+    fn draw_axes(&self, painter: &egui::Painter, area: Viewport, strong: Color32) {
+        let origin = area.rect.left_bottom() + egui::vec2(46.0, -46.0);
+        let names = ["x", "y", "z"];
+        let colours = [
+            Color32::from_rgb(213, 94, 0),
+            Color32::from_rgb(0, 158, 115),
+            Color32::from_rgb(86, 140, 233),
+        ];
+        for axis in 0..3 {
+            let along = self.orbit.turn.inverse() * DVec3::AXES[axis];
+            let end = origin + 30.0 * egui::vec2(along.x as f32, -along.y as f32);
+            painter.line_segment([origin, end], Line::new(2.0, colours[axis]));
+            let beyond = origin + 39.0 * egui::vec2(along.x as f32, -along.y as f32);
+            let font = egui::FontId::proportional(13.0);
+            painter.text(
+                beyond,
+                egui::Align2::CENTER_CENTER,
+                names[axis],
+                font,
+                strong,
+            );
+        }
+    }
+
+    /// Draws what lies over the picture: handles, stroke, ruler, force, axes and progress.
     fn overlay(&mut self, ui: &mut egui::Ui, area: Viewport, camera: &Camera) {
         let mut cancelled = false;
         let painter = ui.painter_at(area.rect);
@@ -95,28 +122,7 @@ impl App {
             let font = egui::FontId::proportional(20.0);
             painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
         }
-        // Axes indicator: x, y, z, or the anatomical directions of a patient.
-        let origin = area.rect.left_bottom() + egui::vec2(46.0, -46.0);
-        let names = ["x", "y", "z"];
-        let colours = [
-            Color32::from_rgb(213, 94, 0),
-            Color32::from_rgb(0, 158, 115),
-            Color32::from_rgb(86, 140, 233),
-        ];
-        for axis in 0..3 {
-            let along = self.orbit.turn.inverse() * DVec3::AXES[axis];
-            let end = origin + 30.0 * egui::vec2(along.x as f32, -along.y as f32);
-            painter.line_segment([origin, end], Line::new(2.0, colours[axis]));
-            let beyond = origin + 39.0 * egui::vec2(along.x as f32, -along.y as f32);
-            let font = egui::FontId::proportional(13.0);
-            painter.text(
-                beyond,
-                egui::Align2::CENTER_CENTER,
-                names[axis],
-                font,
-                strong,
-            );
-        }
+        self.draw_axes(&painter, area, strong);
         let loading = self.loading.as_ref();
         let loading = loading.map(|l| (l.name.clone(), l.progress(), l.opens()));
         let taking = self.taking.as_ref().map(|taking| {

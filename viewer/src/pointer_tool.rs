@@ -1,15 +1,14 @@
 //! Pointer interaction in the picture: camera motion and manipulation of the body.
 
 use crate::app::App;
-use crate::body_session::BodySession;
 use crate::handles::HandlePart;
 use crate::settings::MouseBindings;
-use eframe::egui::{self, Modifiers, PointerButton, Pos2, Rect, Response};
+use crate::viewport::Viewport;
+use eframe::egui::{self, Modifiers, PointerButton, Pos2, Response};
 use glam::{DVec2, DVec3};
 use palpate::Result;
-use palpate::mesh::{Blade, Location};
-use palpate::physics::BodyField;
-use palpate::render::{Camera, Pick, Ray};
+use palpate::mesh::Blade;
+use palpate::render::Pick;
 use std::time::Duration;
 use web_time::Instant;
 
@@ -43,43 +42,43 @@ impl PointerTool {
             PointerTool::Look,
             "Look",
             egui::Key::Num1,
-            "Drag to go round the body",
+            "Drag to orbit the body",
         ),
         (
             PointerTool::Press,
             "Press",
             egui::Key::Num2,
-            "Press on the body and drag away from there, or turn the wheel, to go deeper",
+            "Press the button on the body, then drag away or turn the wheel to increase the depth",
         ),
         (
             PointerTool::Grab,
             "Grab",
             egui::Key::Num3,
-            "Take hold of the body and pull",
+            "Drag to grab and pull the body",
         ),
         (
             PointerTool::Cut,
             "Cut",
             egui::Key::Num4,
-            "Draw a stroke across the body, beginning on it",
+            "Draw a stroke across the body, starting on it",
         ),
         (
             PointerTool::Pin,
             "Pin",
             egui::Key::Num5,
-            "Paint what is to stay where it is",
+            "Paint the nodes to pin",
         ),
         (
             PointerTool::Probe,
             "Probe",
             egui::Key::Num6,
-            "Click on the body to be told what is there",
+            "Click on the body to show its values there",
         ),
         (
             PointerTool::Ruler,
             "Ruler",
             egui::Key::Num7,
-            "Drag from one point of the body to another",
+            "Drag between two points of the body to measure their distance",
         ),
     ];
 }
@@ -131,53 +130,6 @@ fn move_of(habit: MouseBindings, button: PointerButton, held: Modifiers) -> Opti
         (_, PointerButton::Secondary) => CameraMotion::Zoom,
         _ => return None,
     })
-}
-
-/// The picture within the window.
-#[derive(Clone, Copy, Debug)]
-pub struct Viewport {
-    /// Rectangle in points.
-    pub rect: Rect,
-    /// Size in pixels.
-    pub size: [u32; 2],
-}
-
-impl Viewport {
-    /// Returns the pixel at a point of the interface.
-    fn pixel(&self, at: Pos2) -> DVec2 {
-        let share = (at - self.rect.min) / self.rect.size();
-        DVec2::new(f64::from(share.x), f64::from(share.y))
-            * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
-    }
-
-    /// Returns the ray through a point of the interface.
-    pub fn ray(&self, camera: &Camera, at: Pos2) -> Ray {
-        camera.ray(self.pixel(at), self.size)
-    }
-
-    /// Projects a point, if it is in front of the eye.
-    pub fn project(&self, camera: &Camera, place: DVec3) -> Option<Pos2> {
-        let middle = camera.ray(0.5 * DVec2::from(self.size.map(f64::from)), self.size);
-        let away = (place - middle.origin).dot(middle.direction);
-        if away <= 0.0 {
-            return None;
-        }
-        // The camera's plane at that distance is spanned by the rays through three points of it.
-        let at = |x: f64, y: f64| {
-            let ray = camera.ray(DVec2::new(x, y), self.size);
-            let deep = (ray.origin - middle.origin).dot(middle.direction);
-            ray.origin + ray.direction * ((away - deep) / ray.direction.dot(middle.direction))
-        };
-        let [width, height] = self.size.map(f64::from);
-        let (corner, right, down) = (at(0.0, 0.0), at(width, 0.0), at(0.0, height));
-        let (u, v) = (right - corner, down - corner);
-        let q = place - corner;
-        let share = egui::vec2(
-            (q.dot(u) / u.length_squared()) as f32,
-            (q.dot(v) / v.length_squared()) as f32,
-        );
-        Some(self.rect.min + share * self.rect.size())
-    }
 }
 
 impl App {
@@ -298,7 +250,7 @@ impl App {
             PointerTool::Cut => self.stroke = PointerGesture::Cut(vec![at], pick.point),
             PointerTool::Pin => {
                 let count = show.pin(&pick, edits, true)?;
-                self.set_status(format!("{count} nodes held"));
+                self.set_status(format!("{count} nodes pinned"));
                 self.stroke = PointerGesture::Pin;
             }
             PointerTool::Probe => self.probe(&pick),
@@ -310,14 +262,15 @@ impl App {
         Ok(())
     }
 
-    /// Has the finger press on what is seen at a point of the picture, whose sides are 1, so many
-    /// metres deep; goes on with the press that there is.
+    /// Presses the finger on the body at a point of the picture (both coordinates from 0 to 1), to
+    /// `depth` metres; an active press continues at its point.
     ///
     /// # Errors
-    /// [`Error::Input`] where nothing is seen there; as [`BodySession::press`](crate::body_session::BodySession::press).
+    /// [`Error::Input`] if there is no body at this point; the errors of [`BodySession::press`](crate::body_session::BodySession::press).
     #[cfg(target_arch = "wasm32")]
     pub(crate) fn press_at(&mut self, [x, y]: [f64; 2], depth: f64) -> Result<()> {
-        let nothing = || palpate::Error::Input("there is nothing to press on".into());
+        let nothing =
+            || palpate::Error::Input("no body at this point of the picture to press on".into());
         let area = self.area.ok_or_else(nothing)?;
         if self.show.as_ref().is_some_and(|s| s.depth().is_none()) {
             let at = area.rect.min + area.rect.size() * egui::vec2(x as f32, y as f32);
@@ -346,8 +299,8 @@ impl App {
         self.context.request_repaint();
     }
 
-    /// Has what is pressed or pulled go to where the pointer is. Until when this frame may wait for the step
-    /// under way: of a body in touch, frames in which it is where it was take from the step.
+    /// Updates the press or pull to the pointer position. Returns until when this frame may wait for
+    /// the running step: frames that show no new state take computing time from the step.
     pub(crate) fn update_interaction(&mut self, context: &egui::Context) -> Option<Instant> {
         if !matches!(
             self.stroke,
@@ -458,77 +411,6 @@ impl App {
         show.cut(Blade::from_sweep(&edges)?, edits);
         Ok(())
     }
-
-    /// Shows the values at a pick.
-    fn probe(&mut self, pick: &Pick) {
-        let Some(show) = &self.show else { return };
-        let (stage, mesh) = (show.stage(), show.stage().mesh());
-        let field = stage.scalar_field();
-        let at = |values: &[f64]| {
-            let parts = pick.nodes.iter().zip(pick.weights);
-            parts
-                .map(|(v, w)| w * values.get(*v as usize).copied().unwrap_or(f64::NAN))
-                .sum::<f64>()
-        };
-        let value = match &field.cells {
-            Some(cells) => cells.get(pick.tet as usize).copied().unwrap_or(f64::NAN),
-            None => at(&field.values),
-        };
-        let rest: DVec3 = pick
-            .nodes
-            .iter()
-            .zip(pick.weights)
-            .filter_map(|(v, w)| mesh.nodes.get(*v as usize).map(|p| w * *p))
-            .sum();
-        let label = mesh
-            .region_field()
-            .filter(|f| f.location == Location::Cell)
-            .and_then(|f| f.values.get(pick.tet as usize))
-            .map(|label| {
-                let name = mesh.region_names.get(&(*label as i64));
-                name.cloned().unwrap_or_else(|| format!("region {label}"))
-            });
-        let stress = stress_there(show, pick.tet);
-        let p = pick.point;
-        let mm = 1e3 * show.unit * (pick.point - rest).length();
-        self.set_status(format!(
-            "{}{} {value:.4}, moved {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
-            label.map_or(String::new(), |l| format!("{l}: ")),
-            field.name,
-            p.x,
-            p.y,
-            p.z,
-            pick.tet
-        ));
-    }
-}
-
-/// Describes the stress in a tet; empty if the body has none.
-fn stress_there(show: &BodySession, tet: u32) -> String {
-    let Some(motion) = show.stage().motion() else {
-        return String::new();
-    };
-    let of = |field: BodyField| {
-        let all = field.per_tet(motion.simulator.as_ref()).ok()?;
-        all.get(tet as usize).copied()
-    };
-    match (of(BodyField::VonMises), of(BodyField::Stress1)) {
-        (Some(von_mises), Some(first)) => {
-            let [von_mises, first] = [von_mises, first].map(pascals);
-            format!(", stress {von_mises} (von Mises), {first} (largest)")
-        }
-        _ => String::new(),
-    }
-}
-
-/// Formats a stress with a suitable unit.
-fn pascals(stress: f64) -> String {
-    let (unit, name) = match stress.abs() {
-        s if s >= 1e6 => (1e6, "MPa"),
-        s if s >= 1e3 => (1e3, "kPa"),
-        _ => (1.0, "Pa"),
-    };
-    format!("{:.3} {name}", stress / unit)
 }
 
 #[cfg(test)]
@@ -536,31 +418,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_seen_where_their_rays_are() {
-        let area = Viewport {
-            rect: Rect::from_min_size(Pos2::new(100.0, 50.0), egui::vec2(400.0, 300.0)),
-            size: [800, 600],
-        };
-        let (eye, to) = (DVec3::new(1.0, -5.0, 2.0), DVec3::new(0.2, 0.1, 0.0));
-        for camera in [
-            Camera::perspective(eye, to, DVec3::Z, 35.0),
-            Camera::orthographic(eye, to, DVec3::Z, 3.0),
-        ] {
-            for at in [Pos2::new(120.0, 60.0), Pos2::new(333.0, 290.0)] {
-                let ray = camera.ray(area.pixel(at), area.size);
-                let place = ray.origin + 4.0 * ray.direction;
-                let seen = area.project(&camera, place);
-                assert!(
-                    seen.is_some_and(|seen| seen.distance(at) < 0.01),
-                    "{seen:?}"
-                );
-            }
-            assert!(area.project(&camera, eye - (to - eye)).is_none());
-        }
-    }
-
-    #[test]
-    fn habits_are_those_of_other_programs() {
+    fn mouse_bindings_match_paraview_and_slicer() {
         let left = |habit, held| move_of(habit, PointerButton::Primary, held);
         let none = Modifiers::NONE;
         assert_eq!(

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 /// Pictures per second.
 const FPS: f64 = 12.0;
-/// Maximum number of pictures waiting to be written; beyond it, the next picture covers a longer
-/// time.
+/// Maximum number of pictures waiting to be written; further pictures are dropped, and the next one
+/// covers a longer time.
 const WAITING: usize = 8;
 
 /// A film that is being recorded.
@@ -23,7 +23,7 @@ pub(crate) struct Recording {
     /// Number of film pictures sent to the writer.
     handed: u64,
     pending: Option<PendingImage>,
-    /// Channel to the writer thread: each image with its number of film pictures. None once the
+    /// Channel to the writer thread: each image with its number of film pictures. `None` once the
     /// film ends.
     pictures: Option<SyncSender<(Image, u64)>>,
     ended: Receiver<Result<u64>>,
@@ -33,7 +33,7 @@ impl Recording {
     /// Starts a film.
     ///
     /// # Errors
-    /// As [`Animation::create`].
+    /// The errors of [`Animation::create`].
     fn begin(file: &Path, size: [u32; 2], context: &egui::Context) -> Result<Recording> {
         let film = Animation::create(file, size, FPS)?;
         let (pictures, written) = sync_channel(WAITING);
@@ -92,10 +92,10 @@ impl App {
     /// Starts a film of the view, in the size of saved pictures.
     ///
     /// # Errors
-    /// As [`Animation::create`].
+    /// The errors of [`Animation::create`].
     pub(crate) fn begin_film(&mut self, file: &Path, context: &egui::Context) -> Result<()> {
         self.recording = Some(Recording::begin(file, self.picture, context)?);
-        self.set_status("the film goes on until it is stopped, at the bottom".into());
+        self.set_status("recording the film; stop it in the status bar".into());
         Ok(())
     }
 
@@ -111,7 +111,7 @@ impl App {
         if let Some(recording) = &mut self.recording {
             recording.pictures = None;
             recording.pending = None;
-            self.set_status("writing what is left of the film".into());
+            self.set_status("writing the remaining pictures of the film".into());
         }
     }
 
@@ -128,7 +128,8 @@ impl App {
             }
             Ok(Err(why)) => return self.show_error(Err(why)),
             Err(TryRecvError::Disconnected) => {
-                let why = "writing the film ended without a word; this is a mistake in the program";
+                let why =
+                    "internal error: the film writer ended without a result; please report it";
                 return self.show_error(Err(Error::Input(why.into())));
             }
             Err(TryRecvError::Empty) => {}
@@ -165,7 +166,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_film_lasts_as_long_as_what_it_shows() {
+    fn film_duration_matches_recording_time() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("film.gif");
         let mut recording = Recording::begin(&file, [16, 12], &egui::Context::default()).unwrap();
@@ -180,7 +181,10 @@ mod tests {
         recording.hand(picture(0.8));
         let handed = recording.handed;
         assert!((6..=recording.due()).contains(&handed), "{handed}");
-        assert!(!file.exists(), "it has its name once it is whole");
+        assert!(
+            !file.exists(),
+            "the file must not exist before the film is complete"
+        );
         recording.pictures = None;
         let wait = recording.ended.recv_timeout(Duration::from_secs(600));
         assert_eq!(wait.unwrap().unwrap(), handed);

@@ -111,7 +111,7 @@ impl App {
     /// Advances a picture that is being saved.
     ///
     /// # Errors
-    /// As [`App::save`].
+    /// The errors of [`App::save`].
     pub(crate) fn save_arrived(&mut self, context: &egui::Context) -> Result<()> {
         let next = match self.saved_picture.take() {
             None => return Ok(()),
@@ -138,8 +138,8 @@ impl App {
     }
 }
 
-/// Whether a picture is to have eight bits a channel and one sample a pixel, as those have that are
-/// asked for.
+/// Whether a picture is saved with eight bits per channel and one sample per pixel, as rendered by
+/// [`App::ask_picture`].
 fn in_eight_bits(document: &Document, file: &Path) -> bool {
     let bits = document.scene().map(|scene| scene.picture.bits);
     file.extension()
@@ -149,7 +149,7 @@ fn in_eight_bits(document: &Document, file: &Path) -> bool {
 
 /// Returns the error for saving without an open document.
 fn nothing_open() -> Error {
-    Error::Input("nothing is open yet".into())
+    Error::Input("no document is open; open one first".into())
 }
 
 fn write(file: &Path, bytes: &[u8]) -> Result<()> {

@@ -59,7 +59,7 @@ impl Screen {
     /// refinement is pending.
     ///
     /// # Errors
-    /// As [`BodySession::record`].
+    /// The errors of [`BodySession::record`].
     pub fn draw(
         &mut self,
         (gpu, state): (&Gpu, &RenderState),
@@ -185,8 +185,8 @@ impl Screen {
         view
     }
 
-    /// What shows the picture over `rect`; none before there is one. `until` is dropped once it is on
-    /// the screen.
+    /// Returns the shape that draws the picture over `rect`; `None` before the first picture. `until`
+    /// is dropped when the frame is presented.
     pub(crate) fn shape(&self, rect: egui::Rect, until: PresentCallback) -> Option<egui::Shape> {
         let (blit, texture) = (self.blit.as_ref()?, self.texture.as_ref()?);
         Some(blit.shape(&texture.shown, rect, Some(until)))

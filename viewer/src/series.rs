@@ -37,11 +37,11 @@ struct Entry {
 /// A recorded series of one mesh.
 pub struct Series {
     entries: Vec<Entry>,
-    /// Range over all frames of each field, by name; of vectors the length.
+    /// Range of each field over all frames, by name; for vectors, of their length.
     ranges: BTreeMap<String, (f64, f64)>,
     /// Bounds over all frames.
     bounds: (DVec3, DVec3),
-    /// Time of the first frame, s; none without valid times.
+    /// Time of the first frame, s; `None` without valid times.
     began: Option<f64>,
 }
 
@@ -49,8 +49,8 @@ impl Series {
     /// Reads all frames of a `.pvd`, reporting progress, and the mesh of the first.
     ///
     /// # Errors
-    /// What reading gives; [`Error::Format`] for a series without frames, or whose frames are not of one
-    /// mesh; [`Error::Cancelled`].
+    /// Read errors; [`Error::Format`] for a series without frames or with frames of different
+    /// meshes; [`Error::Cancelled`].
     pub fn read(file: &Path, progress: ProgressFn) -> Result<(Series, TetMesh)> {
         Series::read_keeping(file, CACHE_BYTES, progress)
     }
@@ -152,7 +152,7 @@ fn check_same(mesh: &TetMesh, frame: &TetMesh, file: &Path) -> Result<()> {
     Err(Error::format(
         file,
         format!(
-            "is no frame of the same mesh: it has {} tets and {} nodes, the first frame {} and {}; a body that is cut has another mesh from then on, so open what comes after as a series of its own",
+            "the mesh differs from that of the first frame: {} tets and {} nodes instead of {} and {}; a cut changes the mesh, so open the frames after it as a separate series",
             frame.tets.len(),
             frame.nodes.len(),
             mesh.tets.len(),
@@ -269,7 +269,7 @@ impl Player {
                     true => Ok(frame),
                     false => Err(Error::format(
                         &file,
-                        "has changed since the series was opened",
+                        "the file has changed since the series was opened; open the series again",
                     )),
                 }
             });
@@ -283,7 +283,7 @@ impl BodySession {
     /// Creates the session of the first frame of a series whose mesh is `mesh`.
     ///
     /// # Errors
-    /// As [`Stage::with_mesh`](palpate::scene::Stage::with_mesh).
+    /// The errors of [`Stage::with_mesh`](palpate::scene::Stage::with_mesh).
     pub fn of_series(
         gpu: &palpate::gpu::Gpu,
         scene: &Scene,
@@ -375,10 +375,10 @@ impl BodySession {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use palpate::generate::bar_of_about;
     use palpate::gpu::Gpu;
     use palpate::io::PvdSeries;
     use palpate::mesh::Location;
-    use palpate::mesh::generate::bar_of_about;
     use std::time::Instant;
 
     /// Records a bar that moves upwards, with different nodal values in each frame.
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_have_their_own_places_and_fields() {
+    fn frames_have_their_own_positions_and_fields() {
         let folder = tempfile::tempdir().unwrap();
         let (file, mesh) = recorded(folder.path());
         let gpu = Gpu::new().unwrap();
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn time_goes_by_as_it_was_recorded_and_ends() {
+    fn playback_follows_recorded_times_and_stops_at_end() {
         let folder = tempfile::tempdir().unwrap();
         let (file, _) = recorded(folder.path());
         let (series, _) = Series::read(&file, &palpate::no_progress).unwrap();
@@ -459,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_another_mesh_and_a_series_without_any_are_refused() {
+    fn rejects_frames_of_different_mesh_and_empty_series() {
         let folder = tempfile::tempdir().unwrap();
         let (file, _) = recorded(folder.path());
         let other = bar_of_about(300, DVec3::new(0.12, 0.06, 0.06)).unwrap();
@@ -469,7 +469,7 @@ mod tests {
             .unwrap_err();
         assert!(
             said.to_string()
-                .contains("bar_00002.vtu: is no frame of the same mesh"),
+                .contains("bar_00002.vtu: the mesh differs from that of the first frame"),
             "{said}"
         );
         PvdSeries::create(folder.path(), "none").unwrap();

@@ -10,11 +10,10 @@ const RECENT: usize = 10;
 /// Mouse button bindings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MouseBindings {
-    /// As ParaView has it: left goes round, middle moves, right comes nearer; with Shift left rolls.
+    /// ParaView: left orbits, middle pans, right zooms; Shift and left rolls, Ctrl and left zooms.
     #[default]
     ParaView,
-    /// As 3D Slicer has it: left goes round, middle or Shift and left move, right comes nearer; with
-    /// Ctrl left rolls.
+    /// 3D Slicer: left orbits, middle or Shift and left pans, right zooms; Ctrl and left rolls.
     Slicer,
 }
 
@@ -56,7 +55,7 @@ impl Settings {
         settings
     }
 
-    /// Stores them.
+    /// Stores the settings.
     pub fn write(&self) {
         if let Ok(text) = serde_json::to_string_pretty(self) {
             platform::store_settings(&text);
@@ -82,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn they_are_read_as_they_were_written_and_old_ones_too() {
+    fn settings_round_trip_and_old_or_invalid_ones_load() {
         let mut settings = Settings {
             mouse_bindings: MouseBindings::Slicer,
             ..Settings::default()

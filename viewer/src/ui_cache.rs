@@ -207,8 +207,8 @@ fn around(screen: Rect, picture: Rect) -> [Rect; 4] {
     ]
 }
 
-/// Shapes that are within a side each, and in order all others: over the picture, over several
-/// sides, and what is drawn onto such.
+/// Splits shapes into those within one side, per side, and all others in order: shapes over the
+/// picture, over several sides, or on top of such shapes.
 fn parted(
     shapes: Vec<ClippedShape>,
     sides: &[Rect; 4],
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_within_a_side_is_kept_and_what_lies_on_the_rest_is_not() {
+    fn only_shapes_within_one_side_are_cached() {
         let (screen, picture) = screen();
         let sides = around(screen, picture);
         let shapes = vec![
@@ -298,10 +298,10 @@ mod tests {
             square(80.0, 20.0, 8.0),
             // Over the picture.
             square(30.0, 30.0, 5.0),
-            // Over the picture and a side, as what is drawn onto that.
+            // Over the picture and a side, and a shape on top of that one.
             square(60.0, 40.0, 30.0),
             square(82.0, 45.0, 3.0),
-            // Beside it.
+            // Beside the picture, below it.
             square(5.0, 65.0, 10.0),
         ];
         let (kept, over) = parted(shapes.clone(), &sides, picture);
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_differs_is_drawn_again() {
+    fn only_changed_area_is_redrawn() {
         let before: Vec<ClippedShape> = (0..5).map(|n| square(10.0 * n as f32, 0.0, 5.0)).collect();
         assert!(!changed(&before, &before).is_positive());
         let mut now = before.clone();
@@ -321,7 +321,7 @@ mod tests {
         let rect = changed(&before, &now);
         assert!(rect.contains_rect(bounds(&now[2])));
         assert!(!rect.intersects(bounds(&now[1])) && !rect.intersects(bounds(&now[3])));
-        // One more, and one that is gone.
+        // A removed shape, and an added one.
         now = before.clone();
         now.remove(3);
         assert!(changed(&before, &now).contains_rect(bounds(&before[3])));

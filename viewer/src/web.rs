@@ -1,7 +1,8 @@
 //! JavaScript interface of the viewer in a web page.
 
-use crate::app::{App, InitialFile, Options, device};
+use crate::app::{App, InitialFile, Options};
 use crate::camera_control::Orbit;
+use crate::device::device;
 use crate::log::Frame;
 use eframe::egui::{FontData, FontDefinitions};
 use glam::DVec3;
@@ -25,13 +26,13 @@ pub struct Viewer {
     runner: eframe::WebRunner,
 }
 
-/// A camera, as JavaScript has it.
+/// Camera in the JavaScript interface.
 #[derive(Serialize, Deserialize)]
 struct View {
     eye: [f64; 3],
     look_at: [f64; 3],
     up: [f64; 3],
-    /// Vertical opening angle in degrees; none for an orthographic view.
+    /// Vertical opening angle in degrees; `None` for an orthographic view.
     fov: Option<f64>,
     /// Height of an orthographic view, in file units.
     orthographic: Option<f64>,
@@ -52,11 +53,11 @@ impl Viewer {
         }
     }
 
-    /// Shows it on `canvas`, with the example of a name or with nothing; `told` is called after every
-    /// frame with what is known of it, as JSON, and `ended` with why once the module cannot go on.
+    /// Starts the viewer on `canvas`, with an example of this name or empty. Calls `told` after every
+    /// frame with its log record as JSON, and `ended` with the message of a panic of the module.
     ///
     /// # Errors
-    /// Where there is no WebGPU, or no such example.
+    /// An error if there is no WebGPU or the example is unknown.
     pub async fn start(
         &self,
         canvas: web_sys::HtmlCanvasElement,
@@ -92,7 +93,7 @@ impl Viewer {
 
     fn with<T>(&self, act: impl FnOnce(&mut App) -> palpate::Result<T>) -> Result<T, JsValue> {
         let app = self.runner.app_mut::<App>();
-        let mut app = app.ok_or_else(|| wrong("the viewer is not shown"))?;
+        let mut app = app.ok_or_else(|| wrong("the viewer is not started"))?;
         let done = act(&mut app).map_err(wrong);
         app.repaint();
         done
@@ -103,10 +104,10 @@ impl Viewer {
         io::insert_file(name, bytes);
     }
 
-    /// Opens a file that was added, shown by a preset of colours.
+    /// Opens a file that was added, with a colour preset.
     ///
     /// # Errors
-    /// An error if the viewer is not shown. What is wrong with the file is told by a frame.
+    /// An error if the viewer is not started. Errors of the file are reported by a frame.
     pub fn open(&self, name: &str, transfer: Option<String>) -> Result<(), JsValue> {
         self.with(|app| {
             let context = app.context.clone();
@@ -118,7 +119,7 @@ impl Viewer {
     /// Shows an error in the status line.
     ///
     /// # Errors
-    /// An error if the viewer is not shown.
+    /// An error if the viewer is not started.
     pub fn say(&self, why: String) -> Result<(), JsValue> {
         self.with(|app| {
             app.status = (why, true);
@@ -129,7 +130,7 @@ impl Viewer {
     /// Returns the camera as JSON.
     ///
     /// # Errors
-    /// An error if the viewer is not shown.
+    /// An error if the viewer is not started.
     pub fn camera(&self) -> Result<String, JsValue> {
         let camera = self.with(|app| Ok(app.orbit.camera()))?;
         let [fov, orthographic] = match camera.projection {
@@ -165,11 +166,11 @@ impl Viewer {
         })
     }
 
-    /// Has the finger press on what is seen at a point of the picture, from 0 to 1 to the right and
-    /// down, so many metres deep; goes on with the press that there is.
+    /// Presses the finger on the body at a point of the picture (`x` to the right and `y` down, from
+    /// 0 to 1), to `depth` metres; an active press continues at its point.
     ///
     /// # Errors
-    /// Where nothing is seen there, or nothing can be pressed on.
+    /// An error if there is no body at this point, or it cannot be pressed on.
     pub fn press(&self, x: f64, y: f64, depth: f64) -> Result<(), JsValue> {
         self.with(|app| app.press_at([x, y], depth))
     }
@@ -177,7 +178,7 @@ impl Viewer {
     /// Retracts the finger.
     ///
     /// # Errors
-    /// An error if the viewer is not shown.
+    /// An error if the viewer is not started.
     pub fn release(&self) -> Result<(), JsValue> {
         self.with(|app| {
             app.let_go_of_press();
@@ -194,8 +195,9 @@ impl Viewer {
         loop {
             if let Some(image) = pending.try_take().map_err(wrong)? {
                 writer.save(image, SCREENSHOT_NAME).map_err(wrong)?;
-                return io::take_file(SCREENSHOT_NAME)
-                    .ok_or_else(|| wrong("the picture is not there"));
+                return io::take_file(SCREENSHOT_NAME).ok_or_else(|| {
+                    wrong("internal error: the picture was not written; please report it")
+                });
             }
             pause(POLL_INTERVAL_MS).await;
         }
@@ -204,11 +206,11 @@ impl Viewer {
     /// Returns the log record of the last frame as JSON.
     ///
     /// # Errors
-    /// An error if the viewer is not shown.
+    /// An error if the viewer is not started.
     pub fn state(&self) -> Result<String, JsValue> {
-        // Reading it is no reason for another frame.
+        // Reading the state does not require another frame.
         let app = self.runner.app_mut::<App>();
-        let app = app.ok_or_else(|| wrong("the viewer is not shown"))?;
+        let app = app.ok_or_else(|| wrong("the viewer is not started"))?;
         serde_json::to_string(&app.frame(0.0)).map_err(wrong)
     }
 
@@ -218,8 +220,8 @@ impl Viewer {
     }
 }
 
-/// The letters of the interface: of egui's own only those that are used, which are a fifth of a
-/// megabyte less to load.
+/// Returns the fonts of the interface: of egui's fonts only those in use, which saves a fifth of a
+/// megabyte of download.
 fn letters() -> FontDefinitions {
     let mut fonts = FontDefinitions::empty();
     let files = [
@@ -237,11 +239,11 @@ fn letters() -> FontDefinitions {
 }
 
 thread_local! {
-    /// Who is told once the module cannot go on.
+    /// Callbacks for a panic of the module.
     static EXIT_CALLBACKS: RefCell<Vec<js_sys::Function>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Has `ended` called with the message of a panic, after which nothing of the module can be called.
+/// Registers `ended` to be called with the message of a panic, after which the module is unusable.
 fn tell_of_end(ended: js_sys::Function) {
     let first = EXIT_CALLBACKS.with_borrow_mut(|all| {
         all.push(ended);
@@ -256,7 +258,7 @@ fn tell_of_end(ended: js_sys::Function) {
         let why = JsValue::from(panic.to_string());
         EXIT_CALLBACKS.with_borrow(|all| {
             for ended in all {
-                // What the page makes of it is its own matter.
+                // Exceptions in the page's callback are ignored.
                 let _ = ended.call1(&JsValue::NULL, &why);
             }
         });

@@ -1,12 +1,13 @@
 //! The viewer in a native window.
 
-use crate::app::{App, Options, device};
+use crate::app::{App, Options};
+use crate::device::device;
 use eframe::egui;
 
 /// Opens a window.
 ///
 /// # Errors
-/// In words, where there is no display, no device, or no log can be written.
+/// A message if there is no display or no device, or if the log cannot be written.
 pub fn run(options: Options, size: [u32; 2]) -> std::result::Result<(), String> {
     let [width, height] = size.map(|n| n as f32);
     let native = eframe::NativeOptions {
@@ -15,8 +16,7 @@ pub fn run(options: Options, size: [u32; 2]) -> std::result::Result<(), String> 
             .with_inner_size([width, height])
             .with_drag_and_drop(true),
         wgpu_options: device(),
-        // Dithering is for gradients, which the interface has none of; it would defeat pixel-exact
-        // copies.
+        // The interface has no gradients, and dithering would prevent pixel-exact copies.
         dithering: false,
         ..eframe::NativeOptions::default()
     };
@@ -27,7 +27,7 @@ pub fn run(options: Options, size: [u32; 2]) -> std::result::Result<(), String> 
     )
     .map_err(|e| {
         format!(
-            "no window could be opened: {e}; it needs a display (X11, or Wayland with XWayland) and a Vulkan driver (on Debian: apt install mesa-vulkan-drivers)"
+            "cannot open a window: {e}; a display (X11, or Wayland with XWayland) and a Vulkan driver are required (on Debian: apt install mesa-vulkan-drivers)"
         )
     })
 }

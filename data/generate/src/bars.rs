@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use palpate::Result;
-use palpate::mesh::generate::{Split, box_mesh};
+use palpate::generate::{Split, box_mesh};
 use palpate::mesh::{TetMesh, TriMesh};
 use std::f64::consts::TAU;
 

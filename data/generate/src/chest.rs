@@ -105,7 +105,8 @@ fn rib(p: DVec3, number: usize) -> (f64, f64) {
     (off.length() - 4.5, front)
 }
 
-/// Returns the value at `p`; `trees` are the vessels of the left and the right lung.
+/// Returns the value at `p`. Long because it lists the organs in the order in which they cover each
+/// other. `trees` are the vessels of the left and the right lung.
 fn value(p: DVec3, trees: &[Vec<Vessel>; 2]) -> f64 {
     let v = DVec3::new;
     let narrow = 1.0 - 0.0035 * (p.z - 100.0).max(0.0);

@@ -7,8 +7,8 @@ mod heart;
 mod phantoms;
 
 use palpate::Result;
+use palpate::generate::{Bore, ball, duct, foot_bones, limb, paper_bar};
 use palpate::io;
-use palpate::mesh::generate::{Bore, ball, duct, foot_bones, limb, paper_bar};
 use palpate::mesh::{TetMesh, Topology, TriMesh, depth_field};
 use palpate::volume::Volume;
 use std::path::PathBuf;

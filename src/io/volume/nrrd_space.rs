@@ -201,7 +201,7 @@ fn to_ras(header: &Header) -> ParseResult<DMat3> {
                     "line {line}: axes must have the same unit, got \"{name}\" and \"{other}\""
                 ));
             }
-            match crate::mesher::metres_in(name) {
+            match crate::mesh::metres_in(name) {
                 Some(metres) => metres * 1e3,
                 None if name.is_empty() || name == "???" => 1.0,
                 None => {

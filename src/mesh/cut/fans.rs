@@ -32,41 +32,7 @@ pub(super) fn split_nodes(
         star.extend(range.filter(is_marked).map(|t| t as u32));
     });
     let before: Vec<[u32; 4]> = star.iter().map(|t| mesh.tets[*t as usize]).collect();
-    // One plus the index of each tet in the star; 0 for other tets.
-    let mut place = vec![0u32; mesh.tets.len()];
-    for (t, s) in star.iter().zip(1..) {
-        place[*t as usize] = s;
-    }
-    // Corner i of the s-th tet of the star is item 4 s + i.
-    let join = |groups: &mut DisjointSets, here: BoundaryFace, other: u32| {
-        let (s, o) = (place[here.tet as usize], place[other as usize]);
-        if s == 0 || o == 0 {
-            return;
-        }
-        for v in face_nodes(mesh, here) {
-            let corner = |s: u32| {
-                let i = before[s as usize].iter().position(|w| *w == v);
-                i.map(|i| 4 * s + i as u32)
-            };
-            if let (true, Some(a), Some(b)) = (marked[v as usize], corner(s - 1), corner(o - 1)) {
-                groups.union(a, b);
-            }
-        }
-    };
-    let mut after = DisjointSets::new(4 * star.len());
-    let mut whole = DisjointSets::new(4 * star.len());
-    for tet in &star {
-        for (face, code) in (0..).zip(topology.neighbours[*tet as usize]) {
-            if code != NO_NEIGHBOUR && code / 4 > *tet {
-                let here = BoundaryFace { tet: *tet, face };
-                join(&mut after, here, code / 4);
-                join(&mut whole, here, code / 4);
-            }
-        }
-    }
-    for [here, there] in opened {
-        join(&mut whole, *here, there.tet);
-    }
+    let [mut after, mut whole] = join_corners(mesh, topology, opened, (&marked, &star));
     let mut fans: Vec<[u32; 3]> = Vec::new();
     for (s, tet) in before.iter().enumerate() {
         if gone.get(star[s] as usize) == Some(&true) {
@@ -101,18 +67,70 @@ pub(super) fn split_nodes(
         }
     }
     for [_, old] in &doubled {
-        mesh.nodes.push(mesh.nodes[*old as usize]);
-        for field in &mut mesh.fields {
-            if field.location == Location::Node {
-                let at = *old as usize * field.components;
-                field.values.extend_from_within(at..at + field.components);
-            }
-        }
+        duplicate_node(mesh, *old);
     }
     SplitNodes {
         duplicated: doubled,
         star,
         before,
+    }
+}
+
+/// Groups the corners of the tets of `star` that meet in a node of `marked`: as they are joined
+/// after the faces `opened` are, and as they were before. Corner i of the s-th tet is item 4 s + i.
+fn join_corners(
+    mesh: &TetMesh,
+    topology: &Topology,
+    opened: &[[BoundaryFace; 2]],
+    (marked, star): (&[bool], &[u32]),
+) -> [DisjointSets; 2] {
+    // One plus the index of each tet in the star; 0 for other tets.
+    let mut place = vec![0u32; mesh.tets.len()];
+    for (t, s) in star.iter().zip(1..) {
+        place[*t as usize] = s;
+    }
+    let join = |groups: &mut DisjointSets, here: BoundaryFace, other: u32| {
+        let (s, o) = (place[here.tet as usize], place[other as usize]);
+        if s == 0 || o == 0 {
+            return;
+        }
+        for v in face_nodes(mesh, here) {
+            let corner = |s: u32| {
+                let i = mesh.tets[star[s as usize] as usize]
+                    .iter()
+                    .position(|w| *w == v);
+                i.map(|i| 4 * s + i as u32)
+            };
+            if let (true, Some(a), Some(b)) = (marked[v as usize], corner(s - 1), corner(o - 1)) {
+                groups.union(a, b);
+            }
+        }
+    };
+    let mut after = DisjointSets::new(4 * star.len());
+    let mut whole = DisjointSets::new(4 * star.len());
+    for tet in star {
+        for (face, code) in (0..).zip(topology.neighbours[*tet as usize]) {
+            if code != NO_NEIGHBOUR && code / 4 > *tet {
+                let here = BoundaryFace { tet: *tet, face };
+                join(&mut after, here, code / 4);
+                join(&mut whole, here, code / 4);
+            }
+        }
+    }
+    for [here, there] in opened {
+        join(&mut whole, *here, there.tet);
+    }
+    [after, whole]
+}
+
+/// Adds a copy of a node with its fields.
+fn duplicate_node(mesh: &mut TetMesh, node: u32) {
+    mesh.nodes.push(mesh.nodes[node as usize]);
+    for field in &mut mesh.fields {
+        if field.location == Location::Node {
+            let at = node as usize * field.components;
+            field.values.extend_from_within(at..at + field.components);
+        }
     }
 }
 

@@ -157,7 +157,8 @@ fn shifted(face: BoundaryFace, first: u32) -> BoundaryFace {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::{Blade, cut, generate};
+    use crate::generate;
+    use crate::mesh::{Blade, cut};
     use glam::DVec3;
     use std::collections::BTreeSet;
 

@@ -6,7 +6,7 @@ mod node_scatter;
 mod simulator;
 
 use super::loads::{LoadVersions, LoadsState};
-use super::{Engine, GrabId, Loads, NodePositions, Simulator, SimulatorState};
+use super::{GrabId, Loads, Member, NodePositions, Simulator, SimulatorState};
 use crate::gpu::Gpu;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -14,33 +14,6 @@ use merged_mesh::{MergedMesh, MeshRef};
 use node_scatter::NodeScatterPass;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// One of several bodies.
-pub struct Member {
-    /// Its name in messages and reports.
-    pub name: String,
-    /// The simulator of the body.
-    pub simulator: Box<dyn Simulator>,
-    /// The largest step of this body, s; longer steps are split into substeps.
-    pub step: f64,
-}
-
-/// Report of one of several bodies.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MemberReport {
-    /// Its name.
-    pub name: String,
-    /// The engine that computes its steps.
-    pub engine: Engine,
-    /// The solver, named as on the command line.
-    pub solver: &'static str,
-    /// Number of tets of its mesh.
-    pub tets: usize,
-    /// Number of nodes of its mesh.
-    pub nodes: usize,
-    /// Substeps per step of the whole.
-    pub steps: u32,
-}
 
 /// Several bodies, each with its own material, scheme and engine, as one [`Simulator`].
 ///
@@ -140,25 +113,6 @@ impl MultiBody {
         Ok(bodies)
     }
 
-    /// The bodies.
-    pub fn members(&self) -> &[Member] {
-        &self.members
-    }
-
-    /// Reports each body, for a common step of `dt` seconds.
-    pub fn member_reports(&self, dt: f64) -> Vec<MemberReport> {
-        let members = self.members.iter();
-        let report = |m: &Member| MemberReport {
-            name: m.name.clone(),
-            engine: m.simulator.engine(),
-            solver: m.simulator.integrator().name(),
-            tets: m.simulator.mesh().tets.len(),
-            nodes: m.simulator.mesh().nodes.len(),
-            steps: m.steps(dt),
-        };
-        members.map(report).collect()
-    }
-
     /// Rebuilds the masses of all nodes and the passes that scatter each body's nodes to the whole.
     fn rebuild_index(&mut self) -> Result<()> {
         self.masses = vec![0.0; self.whole.mesh.nodes.len()];
@@ -252,48 +206,6 @@ impl MultiBody {
     fn parts(members: &[Member]) -> Vec<MeshRef<'_>> {
         let parts = members.iter().map(|m| m.simulator.as_ref());
         parts.map(|s| (s.mesh(), s.topology())).collect()
-    }
-}
-
-impl Member {
-    /// Substeps in a step of `dt` seconds.
-    fn steps(&self, dt: f64) -> u32 {
-        // A step that exceeds the largest only by rounding is not split.
-        let steps = (dt / self.step * (1.0 - 1e-9)).ceil();
-        (steps as u32).max(1)
-    }
-
-    /// Calls `of` with the simulator; prefixes errors with the body's name.
-    fn named<T>(&mut self, of: impl FnOnce(&mut dyn Simulator) -> Result<T>) -> Result<T> {
-        of(self.simulator.as_mut()).map_err(|e| self.name_error(e))
-    }
-
-    /// Prefixes the error of `given`, if any, with the body's name.
-    pub(super) fn with_body_name<T>(&self, given: Result<T>) -> Result<T> {
-        given.map_err(|e| self.name_error(e))
-    }
-
-    fn name_error(&self, error: Error) -> Error {
-        let name = &self.name;
-        match error {
-            Error::Input(what) => Error::Input(format!("body \"{name}\": {what}")),
-            Error::Solver {
-                solver,
-                step,
-                time,
-                cause,
-                what,
-                advice,
-            } => Error::Solver {
-                solver,
-                step,
-                time,
-                cause,
-                what: format!("body \"{name}\": {what}"),
-                advice,
-            },
-            other => other,
-        }
     }
 }
 

@@ -6,7 +6,7 @@ use crate::physics::NodePositions;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/physics/place.wgsl`.
+        /// See `shaders/physics/node_scatter.wgsl`.
         pub struct Place {
             pub to_whole: [f32; 4],
             pub nodes: u32,
@@ -40,7 +40,7 @@ impl NodeScatterPass {
         };
         let places = gpu.array_of("node indices of a body", Texel::U32, places)?;
         let pass = gpu
-            .pass("physics/place")
+            .pass("physics/node_scatter")
             .read(body.array())
             .read(&places)
             .write(whole.array())

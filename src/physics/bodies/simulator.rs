@@ -1,13 +1,13 @@
 //! The [`Simulator`] implementation of [`MultiBody`].
 
-use super::{BodiesState, Member, MultiBody};
+use super::{BodiesState, MultiBody};
 use crate::gpu::Recorder;
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::loads::force_balance::ForceSums;
 use crate::physics::loads::grab::unknown_grab_error as unknown_grab;
 use crate::physics::{
     CgSettings, Energy, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GrabbedNode, Loads,
-    NodePositions, NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress,
+    Member, NodePositions, NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress,
     StepRecord, TopologyChange,
 };
 use crate::{Error, Result};
@@ -55,8 +55,8 @@ impl Simulator for MultiBody {
         springs
     }
 
-    fn bodies(&self) -> Option<&MultiBody> {
-        Some(self)
+    fn members(&self) -> &[Member] {
+        &self.members
     }
 
     /// If the first body uses this scheme already, each body keeps its own and takes the settings.
@@ -265,7 +265,6 @@ impl Simulator for MultiBody {
         Ok(Report::from_positions(energy, &self.whole.mesh, &positions))
     }
 
-    /// The speed of the fastest body, relative to its size.
     fn set_inversion_allowed(&mut self, allowed: bool) {
         for member in &mut self.members {
             member.simulator.set_inversion_allowed(allowed);
@@ -283,6 +282,7 @@ impl Simulator for MultiBody {
         Ok(Some(sums.balance()))
     }
 
+    /// The speed of the fastest body, relative to its size.
     fn rms_speed(&self) -> f64 {
         let speeds = self.members.iter().map(|m| m.simulator.rms_speed());
         speeds.fold(0.0, f64::max)
@@ -299,7 +299,7 @@ impl Simulator for MultiBody {
 
     fn state(&self) -> Result<SimulatorState> {
         let members = self.members.iter().map(|m| m.simulator.state());
-        Ok(SimulatorState::Bodies(Box::new(BodiesState {
+        Ok(SimulatorState::new(BodiesState {
             members: members.collect::<Result<_>>()?,
             loads: self.loads.state(),
             handed: self.synced_loads,
@@ -307,7 +307,7 @@ impl Simulator for MultiBody {
             handed_pins: self.pinned.clone(),
             grabs: self.grabs.clone(),
             next_grab: self.next_grab,
-        })))
+        }))
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
@@ -316,9 +316,7 @@ impl Simulator for MultiBody {
                 "the saved state is of other bodies; restore it with the same bodies".into(),
             )
         };
-        let SimulatorState::Bodies(state) = state else {
-            return Err(others());
-        };
+        let state: &BodiesState = state.get().ok_or_else(others)?;
         let grabs = || state.grabs.values().flatten();
         if state.members.len() != self.members.len()
             || state.handed_pins.len() != self.pinned.len()

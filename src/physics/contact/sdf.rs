@@ -195,7 +195,8 @@ fn quadratic(t: f64) -> [[f64; 3]; 3] {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::{Topology, generate};
+    use crate::generate;
+    use crate::mesh::Topology;
 
     /// The surface of a sphere of radius 1.
     fn sphere() -> TriMesh {

@@ -22,8 +22,10 @@ mod vectors;
 
 #[cfg(feature = "rapier")]
 pub(super) use body::tools::count_intersecting_faces;
-pub(super) use body::tools::{STATIC_FRICTION_SPEED, check_contact, face_stiffnesses, tool_gap};
 pub(super) use contact::boundary_surface::BoundarySurface;
+pub(super) use contact::parameters::{
+    STATIC_FRICTION_SPEED, check_contact, face_stiffnesses, tool_gap,
+};
 pub(super) use contact::reference::ReferenceToolContact;
 #[cfg(feature = "rapier")]
 pub(super) use node_constraints::{NodeConstraint, check_attachments};
@@ -38,6 +40,6 @@ pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
 #[cfg(feature = "rapier")]
 pub(super) use runtime::worker::{Worker, WorkerCommand, WorkerError};
 
-pub use body::simulator::{CpuState, CpuTets};
+pub use body::tets::{CpuState, CpuTets};
 pub use grid::simulator::{CpuGrid, CpuGridState};
 pub use runtime::steppable::Precision;

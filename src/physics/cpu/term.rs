@@ -1,12 +1,10 @@
 //! Terms of a body's energy: elements, springs, a floor, contact and external potentials.
 
-use super::contact::self_contact::SelfContactTerm;
-use super::contact::tool_contact::ToolContact;
 use super::partition::Partition;
-use super::rigid::target_springs::RigidTargetSprings;
 use super::scalar::Real;
 use super::vectors::{SymMat3, V4};
 use glam::DMat3;
+use std::any::Any;
 use std::ops::Range;
 
 /// State at which forces are evaluated, in local units and the engine's order.
@@ -34,7 +32,7 @@ pub struct SystemContribution<'a, T> {
 /// The nodes are partitioned by a [`Partition`]. Functions with a chunk argument add to the nodes
 /// of that chunk only, and run for all chunks in parallel. A term uses the partition and node order
 /// that it was made for.
-pub trait Term<T: Real>: Send + Sync {
+pub trait Term<T: Real>: Any + Send + Sync {
     /// Adds the forces on the nodes of a chunk to `f`, which begins with the chunk's first node.
     /// Returns the chunk's share of the energy; the shares sum to the term's energy. Local units.
     fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64;
@@ -87,31 +85,6 @@ pub trait Term<T: Real>: Send + Sync {
     /// masses belong to no term.
     fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]);
 
-    /// Returns this term as tool contact, if it is one.
-    fn as_tool_contact(&self) -> Option<&ToolContact<T>> {
-        None
-    }
-
-    /// As [`Term::as_tool_contact`], mutable.
-    fn contact_mut(&mut self) -> Option<&mut ToolContact<T>> {
-        None
-    }
-
-    /// Returns this term as self-contact, if it is one.
-    fn as_self_contact(&self) -> Option<&SelfContactTerm<T>> {
-        None
-    }
-
-    /// As [`Term::as_self_contact`], mutable.
-    fn touching_mut(&mut self) -> Option<&mut SelfContactTerm<T>> {
-        None
-    }
-
-    /// Returns this term as target springs of rigid bodies, mutable, if it is one.
-    fn tethers_mut(&mut self) -> Option<&mut RigidTargetSprings<T>> {
-        None
-    }
-
     /// Visits every block A_ij with i < j, at the last linearisation, whole or in several parts, to
     /// build a coarse space. The diagonal blocks are in [`SystemContribution::diagonal`].
     fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3));
@@ -124,4 +97,16 @@ pub trait Term<T: Real>: Send + Sync {
             }
         });
     }
+}
+
+/// Returns the first of `terms` that is a `K`.
+pub fn find_term<T: Real, K: Term<T>>(terms: &[Box<dyn Term<T>>]) -> Option<&K> {
+    let mut all = terms.iter().map(|term| term.as_ref() as &dyn Any);
+    all.find_map(|term| term.downcast_ref())
+}
+
+/// As [`find_term`], mutable.
+pub fn find_term_mut<T: Real, K: Term<T>>(terms: &mut [Box<dyn Term<T>>]) -> Option<&mut K> {
+    let mut all = terms.iter_mut().map(|term| term.as_mut() as &mut dyn Any);
+    all.find_map(|term| term.downcast_mut())
 }

@@ -4,8 +4,8 @@
 use super::contact::gpu_data::{ContactStepState, Tool as ToolData};
 use super::implicit_contact::{ContactContext, ContactPasses};
 use super::integrator::{Integrator, Stage, Timing};
+use crate::generate::{Split, ball, box_mesh};
 use crate::gpu::Gpu;
-use crate::mesh::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology, TriMesh};
 use crate::physics::contact::{DistanceField, ToolMotion};
 use crate::physics::{

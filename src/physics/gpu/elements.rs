@@ -1,5 +1,5 @@
 //! Finite elements as a term on the GPU; the CPU side of `shaders/terms/elements.wgsl`,
-//! `shaders/lib/tets.wgsl` and the passes over tets.
+//! `shaders/lib/finite_elements.wgsl` and the passes over tets.
 //!
 //! A pass over tets computes the forces on the four corners of each; the pass that gathers all
 //! forces of a node sums them through rows of the corners at each node.
@@ -32,7 +32,7 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/tet_curvatures.wgsl`.
+        /// See `shaders/physics/tet_hessians.wgsl`.
         pub struct CurvatureParams {
             pub tets: u32,
             pub _pad0: u32,
@@ -211,7 +211,7 @@ impl GpuElements {
         status: &wgpu::Buffer,
         curvatures: &Array,
     ) -> Result<Pass> {
-        let name = format!("physics/tet_curvatures {}", self.law());
+        let name = format!("physics/tet_hessians {}", self.law());
         let params = CurvatureParams {
             tets: self.count,
             _pad0: 0,

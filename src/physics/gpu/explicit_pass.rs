@@ -1,4 +1,5 @@
-//! The pass that moves the nodes in explicit schemes; the CPU side of `shaders/lib/move.wgsl`.
+//! The pass that moves the nodes in explicit schemes; the CPU side of
+//! `shaders/lib/explicit_state.wgsl`.
 
 use super::step_resources::StepResources;
 use crate::Result;
@@ -7,7 +8,7 @@ use crate::physics::GpuBody;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/lib/move.wgsl`.
+        /// See `shaders/lib/explicit_state.wgsl`.
         pub struct MoveParams {
             pub nodes: u32,
             pub dt: f32,

@@ -10,13 +10,13 @@ use crate::physics::loads::grab::GrabMode;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/physics/hold.wgsl`.
+        /// See `shaders/physics/prescribed_positions.wgsl`.
         pub struct HoldParams {
             pub count: u32,
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/draw_near.wgsl`.
+        /// See `shaders/physics/grab_springs.wgsl`.
         pub struct DrawParams {
             pub count: u32,
         }
@@ -90,7 +90,7 @@ impl GrabLists {
             return Ok(None);
         };
         let pass = gpu
-            .pass("physics/hold")
+            .pass("physics/prescribed_positions")
             .read(numbers)
             .read(places)
             .write(positions)
@@ -112,7 +112,7 @@ impl GrabLists {
             return Ok(None);
         };
         let pass = gpu
-            .pass("physics/draw_near")
+            .pass("physics/grab_springs")
             .read(positions)
             .read(numbers)
             .read(targets)

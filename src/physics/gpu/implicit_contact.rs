@@ -20,7 +20,7 @@ use crate::physics::GpuBody;
 
 mod gpu_data {
     crate::gpu_struct! {
-        /// See `shaders/lib/contact_shares.wgsl`.
+        /// See `shaders/lib/contact_forces.wgsl`.
         pub struct ContactParams {
             pub items: u32,
             pub dt: f32,
@@ -29,13 +29,13 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/contact_open.wgsl`.
+        /// See `shaders/physics/contact_step_start.wgsl`.
         pub struct InitParams {
             pub wide: f32,
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/contact_turn.wgsl`.
+        /// See `shaders/physics/contact_solve_gate.wgsl`.
         pub struct TurnParams {
             pub max_iterations: u32,
         }
@@ -47,7 +47,7 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/contact_way.wgsl`.
+        /// See `shaders/physics/contact_ccd.wgsl`.
         pub struct WayParams {
             pub faces: u32,
             pub dt: f32,
@@ -72,19 +72,19 @@ mod gpu_data {
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/contact_judge.wgsl`.
+        /// See `shaders/physics/contact_line_search.wgsl`.
         pub struct LineSearchParams {
             pub groups: u32,
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/contact_take.wgsl`.
+        /// See `shaders/physics/contact_accept.wgsl`.
         pub struct TakeParams {
             pub nodes: u32,
         }
     }
     crate::gpu_struct! {
-        /// See `shaders/physics/contact_decide.wgsl`.
+        /// See `shaders/physics/contact_convergence.wgsl`.
         pub struct ConvergenceParams {
             pub groups: u32,
             pub rubs: u32,
@@ -218,7 +218,7 @@ impl ContactPasses {
 
     /// The pass before the start of a step is selected.
     pub fn init_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
-        let pass = with.core.gpu.pass("physics/contact_open");
+        let pass = with.core.gpu.pass("physics/contact_step_start");
         pass.write(&with.contact.tools)
             .read(&with.core.status)
             .write(&with.contact.pushing)
@@ -260,7 +260,7 @@ impl ContactPasses {
         let (core, contact) = (with.core, with.contact);
         let turn = core
             .gpu
-            .pass("physics/contact_turn")
+            .pass("physics/contact_solve_gate")
             .read(solved.scalars)
             .write(&core.status)
             .write(&contact.pushing)
@@ -321,7 +321,7 @@ impl ContactPasses {
         passes.extend(core.force_passes(with.body, x, v, true)?.pop());
         passes.push(begin.clone());
         let decide = with
-            .summing("physics/contact_decide")
+            .summing("physics/contact_convergence")
             .write(&with.contact.tools)
             .read(solved.rz_partials)
             .write(solved.scalars)
@@ -343,7 +343,7 @@ impl ContactPasses {
             dt: with.dt,
         };
         let [_, v] = with.state();
-        with.bind(with.summing("physics/contact_way"))
+        with.bind(with.summing("physics/contact_ccd"))
             .read(&with.contact.corners)
             .read(v)
             .read(&with.start.velocities)
@@ -396,7 +396,7 @@ impl ContactPasses {
         let params = LineSearchParams {
             groups: with.core.groups,
         };
-        with.summing("physics/contact_judge")
+        with.summing("physics/contact_line_search")
             .write(&with.contact.tools)
             .read(&self.slopes)
             .write(&with.core.status)
@@ -410,7 +410,7 @@ impl ContactPasses {
         let params = TakeParams {
             nodes: with.core.nodes,
         };
-        let pass = with.core.gpu.pass("physics/contact_take");
+        let pass = with.core.gpu.pass("physics/contact_accept");
         pass.read(&self.trial_positions)
             .read(&self.trial_velocities)
             .read(&with.core.status)

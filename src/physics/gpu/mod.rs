@@ -13,6 +13,7 @@ pub(super) mod grid;
 pub(super) mod implicit_contact;
 pub(super) mod implicit_euler;
 pub(super) mod implicit_guess;
+mod implicit_passes;
 pub(super) mod implicit_rigid;
 pub mod integrator;
 pub(super) mod new_solver;

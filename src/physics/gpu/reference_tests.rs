@@ -4,8 +4,9 @@
 
 use super::integrator::{Integrator, Stage, Timing};
 use super::status::gpu_data::Status;
+use crate::generate;
 use crate::gpu::{Array, Gpu};
-use crate::mesh::{TetMesh, generate};
+use crate::mesh::TetMesh;
 use crate::physics::reference::springs::ReferenceSprings;
 use crate::physics::{
     Damping, DiscreteModel, Floor, GpuBody, ImplicitEuler, Material, NodeTerm, Solver,

@@ -1,5 +1,6 @@
 //! The [`Simulator`] implementation of tetrahedral bodies stepped on the GPU.
 
+use crate::Result;
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
 use crate::physics::cpu::check_contact;
@@ -10,7 +11,6 @@ use crate::physics::{
     SimulatorState, Solver, SolverKind, SolverState, StepProgress, Tool, ToolId, TopologyChange,
     largest_stable_step, limit_with_terms,
 };
-use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -50,7 +50,7 @@ impl GpuTets {
     /// A simulator of `body`, built from `mesh`, and its solver.
     ///
     /// # Errors
-    /// [`Error::Input`] if `mesh` has a different number of nodes.
+    /// [`Error::Input`](crate::Error::Input) if `mesh` has a different number of nodes.
     pub fn of_body(mesh: TetMesh, body: GpuBody, solver: Box<dyn Solver>) -> Result<GpuTets> {
         body.check_mesh(&mesh)?;
         Ok(GpuTets {
@@ -257,19 +257,15 @@ impl Simulator for GpuTets {
     }
 
     fn state(&self) -> Result<SimulatorState> {
-        Ok(SimulatorState::Tets(Box::new(TetState {
+        Ok(SimulatorState::new(TetState {
             body: self.body.state()?,
             solver: self.solver.state()?,
             progress: self.progress,
-        })))
+        }))
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        let SimulatorState::Tets(state) = state else {
-            return Err(Error::Input(
-                "the saved state is of another kind of body or another engine".into(),
-            ));
-        };
+        let state: &TetState = state.expect()?;
         self.body.set_state(&state.body)?;
         self.solver.set_state(&self.body, &state.solver)?;
         self.progress = state.progress;

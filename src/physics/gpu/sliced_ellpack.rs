@@ -4,7 +4,7 @@
 //! contiguous, so neighbouring invocations load neighbouring texels, and a node with many springs
 //! lengthens its own slice only. Rows are sorted by length within a window of the file's order, so
 //! that invocations running side by side finish together. The incident tet corners of nodes have
-//! the same layout. The CPU side of `shaders/lib/rows.wgsl`.
+//! the same layout. The CPU side of `shaders/lib/sliced_ellpack.wgsl`.
 
 use crate::physics::model::discrete_model::{DiscreteModel, Spring};
 use crate::physics::model::units::LocalUnits;

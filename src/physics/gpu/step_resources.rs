@@ -200,7 +200,7 @@ impl StepResources {
                 .dispatch_items(self.nodes)?,
             clear_failure: self
                 .gpu
-                .pass("physics/restart")
+                .pass("physics/reset_status")
                 .write(&self.status)
                 .dispatch_items(1)?,
             restart,

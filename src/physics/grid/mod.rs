@@ -10,10 +10,6 @@ pub(super) mod model;
 pub mod reference;
 pub(super) mod shape;
 
-pub use crate::physics::gpu::grid::body::GridBody;
-pub use crate::physics::gpu::grid::cut::GridCut;
-pub use crate::physics::gpu::grid::simulator::GpuGrid;
-pub use crate::physics::gpu::grid::state::GridState;
 pub(crate) use mesh_filter::retain_tets;
 pub use model::GridModel;
 pub(crate) use model::isotropic_stiffness;

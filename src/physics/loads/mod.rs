@@ -3,12 +3,15 @@
 pub(super) mod force_balance;
 pub(super) mod grab;
 pub(super) mod grab_state;
+pub(super) mod prescribed_motion;
 pub(super) mod reactions;
 pub(super) mod scaled_load;
+mod tools;
 
 use super::AmplitudeId;
-use super::contact::{ToolId, ToolPose, check_pose};
+use super::contact::ToolPose;
 use super::loads::grab::{GrabId, GrabMode, Grabs};
+use super::loads::prescribed_motion::PrescribedMotion;
 use super::loads::reactions::GrabbedNode;
 use crate::mesh::{LocalFrame, TetCut};
 use crate::physics::loads::grab_state::GrabsState;
@@ -50,38 +53,6 @@ pub struct Loads {
     /// Targets of the tools, and how often each was teleported.
     tools: Vec<(ToolPose, u64)>,
     pub(super) versions: LoadVersions,
-}
-
-/// Identifies a set of nodes with prescribed motion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PrescribedMotionId(usize);
-
-/// Nodes with a prescribed displacement (Dirichlet condition), each with a position and a velocity.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct PrescribedMotion {
-    nodes: Vec<u32>,
-    places: Vec<[f64; 3]>,
-    velocities: Vec<[f64; 3]>,
-}
-
-impl PrescribedMotion {
-    /// Each node with its position and velocity, in file units.
-    pub fn iter(&self) -> impl Iterator<Item = (u32, DVec3, DVec3)> {
-        let ways = self.places.iter().zip(&self.velocities);
-        let nodes = self.nodes.iter().zip(ways);
-        nodes.map(|(v, (x, w))| (*v, DVec3::from(*x), DVec3::from(*w)))
-    }
-
-    /// Updates it after a cut: duplicated nodes move as their originals.
-    fn apply_cut(&mut self, cut: &TetCut) {
-        for [new, old] in &cut.duplicated_nodes {
-            if let Some(k) = self.nodes.iter().position(|v| v == old) {
-                self.nodes.push(*new);
-                self.places.push(self.places[k]);
-                self.velocities.push(self.velocities[k]);
-            }
-        }
-    }
 }
 
 /// The serialisable state of [`Loads`].
@@ -280,74 +251,6 @@ impl Loads {
         self.versions.any += 1;
     }
 
-    /// Prescribes the motion of `nodes`, which are at `places` (file units), from now on. The
-    /// engine must support it:
-    /// [`Simulator::add_prescribed_motion`](super::Simulator::add_prescribed_motion).
-    pub(super) fn add_prescribed_motion(
-        &mut self,
-        nodes: &[u32],
-        places: &[DVec3],
-    ) -> Result<PrescribedMotionId> {
-        let held = self.constrained_nodes();
-        if let Some(v) = nodes
-            .iter()
-            .find(|v| held.get(**v as usize) != Some(&false))
-        {
-            return Err(Error::Input(format!(
-                "cannot prescribe the motion of node {v}: it is pinned, grabbed or already prescribed, or does not exist; remove one of its constraints"
-            )));
-        }
-        if nodes.is_empty() || nodes.len() != places.len() {
-            return Err(Error::Input(format!(
-                "got {} positions for {} nodes with prescribed motion; give one per node, and at least one node",
-                places.len(),
-                nodes.len()
-            )));
-        }
-        self.led.push(PrescribedMotion {
-            nodes: nodes.to_vec(),
-            places: places.iter().map(|p| p.to_array()).collect(),
-            velocities: vec![[0.0; 3]; nodes.len()],
-        });
-        self.grabs_changed();
-        Ok(PrescribedMotionId(self.led.len() - 1))
-    }
-
-    /// Sets the positions `places` (file units) of nodes with prescribed motion, and the
-    /// `velocities` (file units per second) at which they continue until the next call.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the number of values is wrong or one is not finite.
-    pub fn set_prescribed_motion(
-        &mut self,
-        id: PrescribedMotionId,
-        places: &[DVec3],
-        velocities: &[DVec3],
-    ) -> Result<()> {
-        let count = self.led.get(id.0).map_or(0, |led| led.nodes.len());
-        let finite = places.iter().chain(velocities).all(|v| v.is_finite());
-        if [places.len(), velocities.len()] != [count; 2] || !finite {
-            return Err(Error::Input(format!(
-                "got {} positions and {} velocities for {count} nodes with prescribed motion; give a finite one of each per node",
-                places.len(),
-                velocities.len()
-            )));
-        }
-        let led = &mut self.led[id.0];
-        let places: Vec<[f64; 3]> = places.iter().map(|p| p.to_array()).collect();
-        let velocities: Vec<[f64; 3]> = velocities.iter().map(|v| v.to_array()).collect();
-        if (&led.places, &led.velocities) != (&places, &velocities) {
-            (led.places, led.velocities) = (places, velocities);
-            self.versions.grabs += 1;
-            self.versions.any += 1;
-        }
-        Ok(())
-    }
-
-    pub(super) fn prescribed_motions(&self) -> &[PrescribedMotion] {
-        &self.led
-    }
-
     /// Adds an amplitude with the value 0.
     pub(super) fn add_amplitude(&mut self) -> AmplitudeId {
         self.levels.push(0.0);
@@ -368,61 +271,10 @@ impl Loads {
         }
     }
 
-    /// Adds a tool in a pose. The engine must support tools:
-    /// [`Simulator::add_tool`](super::Simulator::add_tool).
-    pub(super) fn add_tool(&mut self, pose: ToolPose) -> ToolId {
-        self.tools.push((pose, 0));
-        self.versions.tools += 1;
-        self.versions.any += 1;
-        ToolId(self.tools.len() - 1)
-    }
-
-    /// The targets of the tools, and how often each was teleported.
-    pub(super) fn tools(&self) -> &[(ToolPose, u64)] {
-        &self.tools
-    }
-
-    /// The target pose of a tool at the end of the next step, or its present pose.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the tool does not exist.
-    pub fn tool(&self, id: ToolId) -> Result<ToolPose> {
-        let tool = self.tools.get(id.0).map(|tool| tool.0);
-        tool.ok_or_else(|| Error::Input(format!("this body has no tool {}", id.0)))
-    }
-
-    /// Sets the target `pose` of a tool: it moves there along a straight path in the next step and
-    /// pushes obstacles away.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the tool does not exist, or the pose is not finite.
-    pub fn set_tool_target(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
-        check_pose(&pose)?;
-        if self.tool(id)? != pose {
-            self.tools[id.0].0 = pose;
-            self.versions.tools += 1;
-            self.versions.any += 1;
-        }
-        Ok(())
-    }
-
-    /// Teleports a tool to `pose`, ignoring obstacles; points then inside it are pushed out.
-    ///
-    /// # Errors
-    /// As [`Loads::set_tool_target`].
-    pub fn teleport_tool(&mut self, id: ToolId, pose: ToolPose) -> Result<()> {
-        check_pose(&pose)?;
-        self.tool(id)?;
-        self.tools[id.0] = (pose, self.tools[id.0].1 + 1);
-        self.versions.tools += 1;
-        self.versions.any += 1;
-        Ok(())
-    }
-
     /// Whether each node is constrained: pinned, or held by a grab.
     pub(super) fn constrained_nodes(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
-        let led = self.led.iter().flat_map(|led| led.nodes.iter().copied());
+        let led = self.led.iter().flat_map(|led| led.nodes().iter().copied());
         self.grabs
             .held()
             .chain(led)
@@ -433,7 +285,7 @@ impl Loads {
     /// Whether the position of each node is given: pinned, moved, or held exactly by a grab.
     pub(super) fn fixed_nodes(&self) -> Vec<bool> {
         let mut fixed = self.pinned.clone();
-        let moved = self.led.iter().flat_map(|led| led.nodes.iter().copied());
+        let moved = self.led.iter().flat_map(|led| led.nodes().iter().copied());
         let followers = self.grabs.iter().filter(|g| g.grip == GrabMode::Follow);
         let followers = followers.flat_map(|grab| grab.nodes.iter().copied());
         moved
@@ -517,9 +369,7 @@ impl Loads {
         let alike = state.led.len() == self.led.len()
             && state.levels.len() == self.levels.len()
             && state.tools.len() == self.tools.len()
-            && state.led.iter().zip(&self.led).all(|(a, b)| {
-                a.nodes == b.nodes && [a.places.len(), a.velocities.len()] == [a.nodes.len(); 2]
-            });
+            && state.led.iter().zip(&self.led).all(|(a, b)| a.fits(b));
         if !alike {
             return Err(Error::Input(
                 "the saved loads are of a body with other prescribed motions, pressures, muscles or tools".into(),

@@ -21,7 +21,7 @@ use super::rigid_region::RigidBody;
 use crate::physics::VolumetricFormulation;
 use glam::{DMat3, DVec3};
 
-/// J below which a tet counts as crushed. `shaders/lib/tets.wgsl` has the same constant.
+/// J below which a tet counts as crushed. `shaders/lib/finite_elements.wgsl` has the same constant.
 pub(crate) const CRUSH_THRESHOLD_J: f64 = 0.1;
 
 /// Additional stiffness K of crushed tets, over μ.

@@ -216,7 +216,7 @@ pub(in crate::physics) fn rigid_bodies(
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
 
     #[test]
     fn rigid_bodies_are_connected_components() {

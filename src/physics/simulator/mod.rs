@@ -1,15 +1,16 @@
 //! The common interface of all simulated bodies, independent of model and engine.
 
 pub(super) mod helpers;
+pub(super) mod member;
 pub(super) mod node_positions;
 pub(super) mod progress;
 pub(super) mod report;
+pub(super) mod state;
 
 use super::{
-    AmplitudeId, BodiesState, CgSettings, CpuGridState, CpuState, DiscreteModel, Engine,
-    ForceBalance, GrabId, GrabMode, GrabbedNode, GridState, Joint, Loads, MultiBody, NodePositions,
-    NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad, SelfContactSettings, SolverKind,
-    StepProgress, TetState, Tool, ToolId,
+    AmplitudeId, CgSettings, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode, GrabbedNode,
+    Joint, Loads, Member, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
+    ScaledLoad, SelfContactSettings, SimulatorState, SolverKind, StepProgress, Tool, ToolId,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -356,9 +357,9 @@ pub trait Simulator: Send {
         None
     }
 
-    /// The combined bodies, if there are several.
-    fn bodies(&self) -> Option<&MultiBody> {
-        None
+    /// The combined bodies, if it consists of several; otherwise empty.
+    fn members(&self) -> &[Member] {
+        &[]
     }
 
     /// Computes energies, volume and displacement from the state read back.
@@ -453,19 +454,4 @@ pub struct ExactPositions {
     pub(crate) displacements: Vec<[f64; 3]>,
     /// Positions of its members, if it is several bodies.
     pub(crate) parts: Vec<ExactPositions>,
-}
-
-/// The state of a [`Simulator`]: see [`Simulator::state`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum SimulatorState {
-    /// A tetrahedral body on the GPU.
-    Tets(Box<TetState>),
-    /// A grid body on the GPU.
-    Grid(Box<GridState>),
-    /// A tetrahedral body on the CPU.
-    Cpu(Box<CpuState>),
-    /// A grid body on the CPU.
-    CpuGrid(Box<CpuGridState>),
-    /// Several bodies.
-    Bodies(Box<BodiesState>),
 }

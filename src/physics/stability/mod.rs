@@ -3,4 +3,5 @@
 pub(super) mod advice;
 pub(super) mod lanczos;
 pub mod linearised_model;
+mod mode;
 pub(super) mod step_limit;

@@ -325,7 +325,7 @@ impl Asked {
         }
     }
 
-    /// Uploads the colours of each row in the layout of `lib/inside.wgsl`; w is the extinction
+    /// Uploads the colours of each row in the layout of `lib/sections.wgsl`; w is the extinction
     /// divided by `most`.
     fn colours(&self, gpu: &Gpu, rows: &[TableRow], first: usize, most: f64) -> Result<Array> {
         let over = if most > 0.0 { most.recip() } else { 0.0 };

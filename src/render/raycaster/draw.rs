@@ -2,7 +2,7 @@
 //! the target.
 
 use super::Raycaster;
-use crate::gpu::{Draw, Recorder};
+use crate::gpu::{Array, Draw, DrawBuilder, Recorder};
 use crate::render::Camera;
 use crate::render::depth_peeling::{CACHED_SIZES, Peel, SUM, TraversalDraws, attachment};
 use crate::render::image_tiles::check_size;
@@ -185,6 +185,7 @@ impl Raycaster {
         Ok(())
     }
 
+    /// Creates the draws that traverse the layers of `peel`.
     fn walks(
         &self,
         peel: &Peel,
@@ -192,31 +193,14 @@ impl Raycaster {
         gathered: Integrand,
         occluder: Option<&wgpu::TextureView>,
     ) -> Result<TraversalDraws> {
-        let flag = |on: bool| f64::from(u8::from(on));
-        let form = self.looks.table.form;
-        let stored = self.options.reads.are_stored(&self.gpu);
-        let walk = match self.options.walk {
-            Traversal::Vertices => "render/walk_vertices",
-            Traversal::Planes => "render/walk_planes",
-        };
-        let reads = if stored { "stored" } else { "sampled" };
-        let scans = self.looks.scans();
-        let scan = if scans.is_some() { " scan" } else { "" };
         let segment_buffer = self.segment_buffer.as_ref();
         let segment_buffer = segment_buffer.filter(|_| gathered == Integrand::Intervals);
-        let intervals = if segment_buffer.is_some() {
-            " intervals"
-        } else {
-            ""
-        };
-        let name = format!("{walk} {reads} {}{scan}{intervals}", form.term(stored));
+        let name = self.walk_name(segment_buffer.is_some());
         let draw = |starts: &wgpu::TextureView, writes: usize, backwards: bool| {
             let sum = &peel.accumulators[1 - writes];
             let opaque = occluder.unwrap_or(&self.nothing_opaque);
-            let geometry = &self.geometry;
+            let (geometry, looks) = (&self.geometry, &self.looks);
             let lit = self.options.light.is_on() && gathered.is_composite();
-            let looks = &self.looks;
-            let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
             let resting = looks.needs_rest() || gathered == Integrand::Xray;
             // Bindings that this variant does not read get a small placeholder array.
             let nothing = &looks.sections;
@@ -228,66 +212,13 @@ impl Raycaster {
                 .filter(|_| resting)
                 .unwrap_or(nothing);
             let rows = looks.rows().unwrap_or(&self.no_rows);
-            let builder = match self.options.walk {
-                Traversal::Vertices => self
-                    .gpu
-                    .draw(&name)
-                    .read(&geometry.projected)
-                    .read(&geometry.links)
-                    .read(gradients)
-                    .read(&geometry.tets)
-                    .read(&geometry.cells),
-                Traversal::Planes => {
-                    let records = geometry.records().ok_or_else(|| {
-                        Error::Gpu("the tet records of the plane traversal are missing".into())
-                    })?;
-                    self.gpu
-                        .draw(&name)
-                        .read(records)
-                        .read(&geometry.cells)
-                        .read(&geometry.tets)
-                        .read(&geometry.positions)
-                        .read(gradients)
-                }
-            };
-            let mut builder = builder.read(&looks.table.view);
-            if form.is_sampled() {
-                builder = builder.read(&self.sampler);
-            }
-            if let Some((held, places)) = scans {
-                builder = builder
-                    .read(&held.texture)
-                    .read(&held.sampler)
-                    .read(places)
-                    .constant("SCAN_COUNT", held.scans.len() as f64)
-                    .constant("LABELS", flag(held.has_labels()))
-                    .constant("SCAN_STEP", self.options.scan_step)
-                    .constant("HAS_SCANS", 1.0);
-            }
+            let mut builder = self.walk_reads(&name, gradients)?;
             if let Some(segment_buffer) = segment_buffer {
                 builder = builder.write(segment_buffer);
             }
-            for (constant, value) in looks.table.constants() {
-                builder = builder.constant(constant, *value);
-            }
-            builder
-                .constant("LIGHTING", flag(lit))
-                .constant("SHADOWS", flag(shadows.is_some()))
-                .constant(
-                    "PER_NODE_LIGHT",
-                    flag(lit && (scans.is_none() || shadows.is_some())),
-                )
-                .constant("CLIP_PLANE_COUNT", clips)
-                .constant("SLICE_COUNT", slices)
-                .constant("ISOSURFACE_COUNT", isosurfaces)
-                .constant("USE_REST_POSITIONS", flag(resting))
-                .constant("DRAW_VOLUME", flag(looks.inside().draw_volume))
-                .constant("HAS_REGIONS", flag(looks.rows().is_some()))
-                .constant("CELL_SCALARS", flag(geometry.is_cell_scalar))
-                .constant("INTEGRAND", gathered.code())
-                .constant("OPACITY_CUTOFF", self.options.opacity_cutoff)
-                .constant("BACKWARD_TRAVERSAL", flag(backwards))
-                .constant("HAS_DEPTH", flag(occluder.is_some()))
+            self.walk_constants(builder, gathered, [lit, shadows.is_some(), resting])
+                .constant("BACKWARD_TRAVERSAL", f64::from(u8::from(backwards)))
+                .constant("HAS_DEPTH", f64::from(u8::from(occluder.is_some())))
                 .read(&looks.sections)
                 .read(&looks.colours)
                 .read(rests)
@@ -310,6 +241,94 @@ impl Raycaster {
                 draw(&peel.keys[1], 1, false)?,
             ],
         })
+    }
+
+    /// Returns the name of the traversal's shader with its terms; `lists_segments` is whether
+    /// it writes the ray segments.
+    fn walk_name(&self, lists_segments: bool) -> String {
+        let stored = self.options.reads.are_stored(&self.gpu);
+        let walk = match self.options.walk {
+            Traversal::Vertices => "render/walk_vertices",
+            Traversal::Planes => "render/walk_planes",
+        };
+        let reads = if stored { "stored" } else { "sampled" };
+        let scan = match self.looks.scans() {
+            Some(_) => " scan",
+            None => "",
+        };
+        let intervals = if lists_segments { " intervals" } else { "" };
+        let table = self.looks.table.form.term(stored);
+        format!("{walk} {reads} {table}{scan}{intervals}")
+    }
+
+    /// Starts a draw of the traversal with the arrays of the mesh, the table and the scans.
+    fn walk_reads<'a>(&'a self, name: &'a str, gradients: &'a Array) -> Result<DrawBuilder<'a>> {
+        let (geometry, looks) = (&self.geometry, &self.looks);
+        let builder = self.gpu.draw(name);
+        let mut builder = match self.options.walk {
+            Traversal::Vertices => builder
+                .read(&geometry.projected)
+                .read(&geometry.links)
+                .read(gradients)
+                .read(&geometry.tets)
+                .read(&geometry.cells),
+            Traversal::Planes => {
+                let records = geometry.records().ok_or_else(|| {
+                    Error::Gpu("the tet records of the plane traversal are missing".into())
+                })?;
+                builder
+                    .read(records)
+                    .read(&geometry.cells)
+                    .read(&geometry.tets)
+                    .read(&geometry.positions)
+                    .read(gradients)
+            }
+        };
+        builder = builder.read(&looks.table.view);
+        if looks.table.form.is_sampled() {
+            builder = builder.read(&self.sampler);
+        }
+        if let Some((held, places)) = looks.scans() {
+            builder = builder
+                .read(&held.texture)
+                .read(&held.sampler)
+                .read(places)
+                .constant("SCAN_COUNT", held.scans.len() as f64)
+                .constant("LABELS", f64::from(u8::from(held.has_labels())))
+                .constant("SCAN_STEP", self.options.scan_step)
+                .constant("HAS_SCANS", 1.0);
+        }
+        Ok(builder)
+    }
+
+    /// Sets the constants that do not depend on the layer: whether the light acts, whether there
+    /// are shadows, and whether rest positions are read.
+    fn walk_constants<'a>(
+        &'a self,
+        mut builder: DrawBuilder<'a>,
+        gathered: Integrand,
+        [lit, shadowed, resting]: [bool; 3],
+    ) -> DrawBuilder<'a> {
+        let flag = |on: bool| f64::from(u8::from(on));
+        let looks = &self.looks;
+        let [clips, slices, isosurfaces] = looks.inside().counts().map(|n| n as f64);
+        for (constant, value) in looks.table.constants() {
+            builder = builder.constant(constant, *value);
+        }
+        let per_node = lit && (looks.scans().is_none() || shadowed);
+        builder
+            .constant("LIGHTING", flag(lit))
+            .constant("SHADOWS", flag(shadowed))
+            .constant("PER_NODE_LIGHT", flag(per_node))
+            .constant("CLIP_PLANE_COUNT", clips)
+            .constant("SLICE_COUNT", slices)
+            .constant("ISOSURFACE_COUNT", isosurfaces)
+            .constant("USE_REST_POSITIONS", flag(resting))
+            .constant("DRAW_VOLUME", flag(looks.inside().draw_volume))
+            .constant("HAS_REGIONS", flag(looks.rows().is_some()))
+            .constant("CELL_SCALARS", flag(self.geometry.is_cell_scalar))
+            .constant("INTEGRAND", gathered.code())
+            .constant("OPACITY_CUTOFF", self.options.opacity_cutoff)
     }
 
     /// Returns [`Raycaster::view`] for an image of `gathered`.

@@ -75,6 +75,7 @@ impl Raycaster {
         Ok(())
     }
 
+    /// Creates the shadow passes; `None` without the volume.
     fn make_shadows(&self) -> Result<Option<Shadows>> {
         let (gpu, geometry, looks) = (&self.gpu, &self.geometry, &self.looks);
         // Without the volume, surfaces cast no shadows.
@@ -98,55 +99,13 @@ impl Raycaster {
             .collect();
         let directions = gpu.array_of("directions to the light", Texel::F32x4, &list)?;
         let lit = gpu.array("lit gradients", Texel::F32x4, nodes as usize)?;
-        let resting = looks.needs_rest();
-        let rests = geometry
-            .rest_positions()
-            .filter(|_| resting)
-            .unwrap_or(&looks.sections);
-        let flag = |on: bool| f64::from(u8::from(on));
-        let [clips, ..] = looks.inside().counts();
         let bounds = gpu
             .pass("render/shadow_bounds")
             .read(&geometry.positions)
             .write(&grid)
             .params(&gpu_data::Bounds { nodes })
             .dispatch_items(nodes)?;
-        let scans = looks.scans();
-        let name = match scans {
-            Some(_) => "render/shadow_fill scan",
-            None => "render/shadow_fill",
-        };
-        let mut fill = gpu
-            .pass(name)
-            .constant("CELL_SCALARS", flag(geometry.is_cell_scalar))
-            .constant("REGIONS", flag(looks.rows().is_some()))
-            .constant("CLIP_PLANE_COUNT", clips as f64)
-            .constant("USE_REST_POSITIONS", flag(resting))
-            .read(&geometry.positions)
-            .read(&geometry.scalars)
-            .read(&geometry.tets)
-            .read(&geometry.cells)
-            .read(&looks.colours)
-            .read(looks.rows().unwrap_or(&self.no_rows))
-            .read(&looks.sections)
-            .read(rests);
-        if let Some((held, places)) = scans {
-            fill = fill
-                .read(&held.texture)
-                .read(&held.sampler)
-                .read(places)
-                .constant("SCAN_COUNT", held.scans.len() as f64)
-                .constant("LABELS", flag(held.has_labels()));
-        }
-        let params = gpu_data::Fill {
-            tets: geometry.tet_count(),
-            cells,
-            points,
-        };
-        let fill = fill
-            .write(&grid)
-            .params(&params)
-            .dispatch_items(geometry.tet_count())?;
+        let fill = self.fill_pass(&grid, cells, points)?;
         let march = gpu
             .pass("render/shadow_march")
             .read(&geometry.positions)
@@ -174,6 +133,54 @@ impl Raycaster {
             made_of: None,
             generation: self.geometry.generation,
         }))
+    }
+
+    /// Creates the pass that fills the grid with the extinction of the tets, at `points` points each.
+    fn fill_pass(&self, grid: &wgpu::Buffer, cells: u32, points: u32) -> Result<Pass> {
+        let (geometry, looks) = (&self.geometry, &self.looks);
+        let resting = looks.needs_rest();
+        let rests = geometry
+            .rest_positions()
+            .filter(|_| resting)
+            .unwrap_or(&looks.sections);
+        let flag = |on: bool| f64::from(u8::from(on));
+        let [clips, ..] = looks.inside().counts();
+        let scans = looks.scans();
+        let name = match scans {
+            Some(_) => "render/shadow_fill scan",
+            None => "render/shadow_fill",
+        };
+        let mut fill = self
+            .gpu
+            .pass(name)
+            .constant("CELL_SCALARS", flag(geometry.is_cell_scalar))
+            .constant("REGIONS", flag(looks.rows().is_some()))
+            .constant("CLIP_PLANE_COUNT", clips as f64)
+            .constant("USE_REST_POSITIONS", flag(resting))
+            .read(&geometry.positions)
+            .read(&geometry.scalars)
+            .read(&geometry.tets)
+            .read(&geometry.cells)
+            .read(&looks.colours)
+            .read(looks.rows().unwrap_or(&self.no_rows))
+            .read(&looks.sections)
+            .read(rests);
+        if let Some((held, places)) = scans {
+            fill = fill
+                .read(&held.texture)
+                .read(&held.sampler)
+                .read(places)
+                .constant("SCAN_COUNT", held.scans.len() as f64)
+                .constant("LABELS", flag(held.has_labels()));
+        }
+        let params = gpu_data::Fill {
+            tets: geometry.tet_count(),
+            cells,
+            points,
+        };
+        fill.write(grid)
+            .params(&params)
+            .dispatch_items(geometry.tet_count())
     }
 
     /// Returns the gradients used for lighting at the nodes (xyz, local frame) with the light

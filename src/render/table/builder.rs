@@ -182,8 +182,8 @@ impl Builder<'_> {
     fn keep(&self, whole: &wgpu::TextureView, k: u32, passes: &mut Vec<Pass>) -> Result<()> {
         let shader = match self.texel {
             TableTexel::Half => return Ok(()),
-            TableTexel::Byte => "render/table_bytes",
-            TableTexel::Single => "render/table_singles",
+            TableTexel::Byte => "render/table_copy_8bit",
+            TableTexel::Single => "render/table_copy_float",
         };
         let layer = self.layer(k);
         let pass = self.gpu.pass(shader).read(whole).write(&layer);

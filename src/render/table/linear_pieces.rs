@@ -5,7 +5,7 @@ use crate::render::ResolvedTransfer;
 
 pub(super) mod gpu_data {
     crate::gpu_struct! {
-        /// Layout of `shaders/lib/pieces.wgsl`.
+        /// Layout of `shaders/lib/linear_pieces.wgsl`.
         pub(in super::super) struct Piece {
             pub ends: [f32; 4],
             pub first: [f32; 4],

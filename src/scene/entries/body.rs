@@ -1,7 +1,8 @@
 //! Entries of the bodies of a scene: the mesh, the particle grid and `[[body]]`.
 
 use super::ForceEntry;
-use crate::mesher::{Length, ThresholdRange};
+use crate::mesh::Length;
+use crate::mesher::ThresholdRange;
 use crate::physics::EngineChoice;
 use crate::scene::LabelOrName;
 use crate::scene::keywords;
@@ -31,7 +32,7 @@ pub struct MeshSource {
     /// Scans and planes given at rest use it. A vector field `displacement`, as in series, serves
     /// the same purpose.
     pub rest: Option<PathBuf>,
-    /// Name of a generator, instead of a file; see [`crate::mesh::generate::GENERATORS`].
+    /// Name of a generator, instead of a file; see [`crate::generate::GENERATORS`].
     #[serde(default, deserialize_with = "keywords::generator")]
     pub generate: Option<String>,
     /// Approximate number of tetrahedra of the generator or the mesher.
@@ -230,7 +231,7 @@ impl Unit {
             Unit::Metres(m) => Err(Error::Input(format!(
                 "unit must be a positive number of metres, got {m}"
             ))),
-            Unit::Name(name) => crate::mesher::metres_in(name).ok_or_else(|| {
+            Unit::Name(name) => crate::mesh::metres_in(name).ok_or_else(|| {
                 Error::Input(format!(
                     "unknown unit \"{name}\"; use m, cm, mm, um, in, or metres as a number"
                 ))

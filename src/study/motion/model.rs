@@ -2,7 +2,7 @@
 //! and by finite elements on the same mesh, against Timoshenko beam theory.
 
 use crate::Result;
-use crate::mesh::generate::{self, Split};
+use crate::generate::{self, Split};
 use crate::study::static_equilibrium::{Cantilever, materials, poisson};
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use glam::DVec3;

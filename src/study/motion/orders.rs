@@ -1,7 +1,7 @@
 //! Orders of convergence of the time integrators, in float64.
 
+use crate::generate;
 use crate::gpu::Gpu;
-use crate::mesh::generate;
 use crate::physics::{CpuTets, Material, Precision, Simulator, SolverKind};
 use crate::study::reference_motion::{
     MotionState, converged, distance, fitted_order, motion, reference_motion,

@@ -1,8 +1,9 @@
 //! Bodies and motions of the motion study.
 
 use super::trial::MotionTrial;
+use crate::generate;
 use crate::gpu::Gpu;
-use crate::mesh::{TetMesh, generate};
+use crate::mesh::TetMesh;
 use crate::mesher::Domain;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{

@@ -47,7 +47,7 @@ const SETTINGS: [&str; 13] = [
 /// Columns of results: differences in 1/255, FLIP from 0 to 1.
 const RESULTS: [&str; 6] = ["tets", "table_chosen", "rmse_255", "p999_255", "flip", "ms"];
 
-/// Returns the settings of the sweep.
+/// Returns the settings of the sweep. Long because it lists them family by family.
 fn settings(quick: bool) -> Vec<Setting> {
     let plain = RaycastOptions::default();
     let of = |family, options| Setting {

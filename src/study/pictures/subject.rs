@@ -1,9 +1,10 @@
 //! Subjects of the image study: five bodies, each with a smooth and a spiky transfer function, or
 //! the user's scene.
 
+use crate::generate;
 use crate::gpu::Gpu;
 use crate::mesh::signed_volume;
-use crate::mesh::{LocalFrame, Location, TetMesh, Topology, bounds, depth_field, generate};
+use crate::mesh::{LocalFrame, Location, TetMesh, Topology, bounds, depth_field};
 use crate::render::{
     Camera, Geometry, Image, Isosurface, Light, Lighting, Plane, PlaneKind, RaycastOptions,
     Raycaster, ReferenceRaycaster, Scalars, Sections, TransferFunction, local_positions,

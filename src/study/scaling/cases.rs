@@ -2,8 +2,9 @@
 
 use super::{GPU, Point};
 use crate::Result;
+use crate::generate;
 use crate::gpu::Gpu;
-use crate::mesh::{Blade, Location, TetMesh, Topology, generate};
+use crate::mesh::{Blade, Location, TetMesh, Topology};
 use crate::parallel;
 use crate::physics::{ClampedEnd, Engine, EngineChoice, GpuBody, Material, SolverKind};
 use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};

@@ -3,8 +3,9 @@
 
 use super::{Axis, Cell, Chart, Run, Series, SeriesStyle};
 use crate::Result;
+use crate::generate;
 use crate::gpu::{Gpu, array_size};
-use crate::mesh::{Location, TetMesh, Topology, generate};
+use crate::mesh::{Location, TetMesh, Topology};
 use crate::physics::{GpuBody, Material, SolverKind};
 use crate::render::Geometry;
 

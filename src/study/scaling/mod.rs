@@ -54,6 +54,17 @@ fn pixels(quick: bool) -> usize {
     if quick { 128 * 128 } else { 256 * 256 }
 }
 
+/// A point with nothing measured.
+const BASE: Point = Point {
+    what: "",
+    on: GPU,
+    against: "tets",
+    tets: 0,
+    pixels: 0,
+    layers: 0,
+    texels: 0,
+};
+
 /// Returns all points; those of one mesh are adjacent, so that it is generated once.
 fn points(quick: bool) -> Vec<Point> {
     let (tets, twin_most): (&[usize], usize) = match quick {
@@ -63,20 +74,11 @@ fn points(quick: bool) -> Vec<Point> {
             100_000,
         ),
     };
-    let base = Point {
-        what: "",
-        on: GPU,
-        against: "tets",
-        tets: 0,
-        pixels: 0,
-        layers: 0,
-        texels: 0,
-    };
     let mut all = Vec::new();
     for tets in tets {
         let base = Point {
             tets: *tets,
-            ..base
+            ..BASE
         };
         for what in [
             "symplectic step",
@@ -104,6 +106,13 @@ fn points(quick: bool) -> Vec<Point> {
             }
         }
     }
+    add_images(quick, &mut all);
+    add_tables(quick, &mut all);
+    all
+}
+
+/// Adds images of several sizes and numbers of layers.
+fn add_images(quick: bool, all: &mut Vec<Point>) {
     let sides: &[usize] = if quick {
         &[64, 128, 256]
     } else {
@@ -115,7 +124,7 @@ fn points(quick: bool) -> Vec<Point> {
             against: "pixels",
             tets: if quick { 3_000 } else { 48_000 },
             pixels: side * side,
-            ..base
+            ..BASE
         };
         all.push(point);
         if *side <= if quick { 64 } else { 256 } {
@@ -137,9 +146,13 @@ fn points(quick: bool) -> Vec<Point> {
             tets: if quick { 3_000 } else { 48_000 },
             pixels: pixels(quick),
             layers: *layers,
-            ..base
+            ..BASE
         });
     }
+}
+
+/// Adds tables of several sizes.
+fn add_tables(quick: bool, all: &mut Vec<Point>) {
     let sizes: &[usize] = if quick {
         &[64, 128]
     } else {
@@ -151,7 +164,7 @@ fn points(quick: bool) -> Vec<Point> {
             against: "texels",
             tets: 1_000,
             texels: size * size,
-            ..base
+            ..BASE
         };
         all.push(point);
         if *size <= if quick { 64 } else { 128 } {
@@ -161,7 +174,6 @@ fn points(quick: bool) -> Vec<Point> {
             });
         }
     }
-    all
 }
 
 /// Measures time and memory against size.

@@ -5,8 +5,9 @@
 //! block Jacobi with an additive coarse correction (rigid-body modes of node groups) on the CPU.
 
 use super::{Axis, CPU, Cell, Chart, GPU, Row, Run, Series, SeriesStyle, fit_exponent};
+use crate::generate;
 use crate::gpu::Gpu;
-use crate::mesh::{Field, Location, TetMesh, generate};
+use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{
     Engine, EngineChoice, Material, MaterialModel, RegionMaterial, Simulator, SolverKind,
     VolumetricFormulation,

@@ -153,7 +153,7 @@ impl Subject {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::mesh::generate;
+    use crate::generate;
     use crate::render::ReferenceRaycaster;
 
     /// Returns the RMS difference, in 1/255.

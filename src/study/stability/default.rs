@@ -3,7 +3,8 @@
 //! for a bar with a rigid rod.
 
 use crate::Result;
-use crate::mesh::{Field, Location, TetMesh, generate};
+use crate::generate;
+use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::{
     CgSettings, CpuTets, DiscreteModel, EngineChoice, Material, MaterialModel, Precision,
     Simulator, SolverKind,
@@ -33,6 +34,9 @@ const STATES: [&str; 6] = [
 /// Steps of each cell, and number of comparisons.
 const STEPS: u32 = 40;
 const SAMPLES: u32 = 8;
+
+/// Poisson's ratios.
+const POISSONS: [f64; 2] = [0.3, 0.49];
 
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
 
@@ -186,10 +190,9 @@ pub fn run(run: &Run) -> Result<()> {
             vec![1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1],
         ),
     };
-    let poissons = [0.3, 0.49];
     let mut points = Vec::new();
     for subject in &subjects {
-        for poisson in poissons {
+        for poisson in POISSONS {
             for young in &youngs {
                 for h in &steps {
                     points.push(vec![
@@ -216,9 +219,20 @@ pub fn run(run: &Run) -> Result<()> {
                 None => Ok(Vec::new()),
             },
         )?;
+    let charts = draw_maps(run, &rows, &subjects, (&youngs, &steps))?;
+    write_text(run, &rows, &charts)
+}
+
+/// Draws a map of step and stiffness for each body and ν. Returns their names.
+fn draw_maps(
+    run: &Run,
+    rows: &[Row],
+    subjects: &[Subject],
+    (youngs, steps): (&[f64], &[f64]),
+) -> Result<Vec<String>> {
     let mut charts = Vec::new();
-    for subject in &subjects {
-        for poisson in poissons {
+    for subject in subjects {
+        for poisson in POISSONS {
             let name = format!("stability-default-{}-{}", subject.name, 100.0 * poisson);
             let own = |r: &&Row| r.text("body") == subject.name && r.number("poisson") == poisson;
             let state = |young: f64, h: f64| {
@@ -234,8 +248,8 @@ pub fn run(run: &Run) -> Result<()> {
                 ),
                 x: Axis::log("step (s)"),
                 y: Axis::log("Young's modulus (Pa)"),
-                xs: steps.clone(),
-                ys: youngs.clone(),
+                xs: steps.to_vec(),
+                ys: youngs.to_vec(),
                 states: STATES[..5].iter().map(|s| (*s).to_owned()).collect(),
                 cells: youngs
                     .iter()
@@ -247,6 +261,11 @@ pub fn run(run: &Run) -> Result<()> {
             charts.push(name);
         }
     }
+    Ok(charts)
+}
+
+/// Writes the findings with a list of the failed cells.
+fn write_text(run: &Run, rows: &[Row], charts: &[String]) -> Result<()> {
     let failed: Vec<String> = rows
         .iter()
         .filter(|r| STATES[2..5].contains(&r.text("state")))

@@ -2,8 +2,9 @@
 
 use super::cell::{ACCURATE, Method, STATES, Trial};
 use crate::Result;
+use crate::generate;
 use crate::gpu::Gpu;
-use crate::mesh::{QualityReport, TetMesh, generate};
+use crate::mesh::{QualityReport, TetMesh};
 use crate::physics::{Material, SolverKind, Stiffness};
 use crate::study::bodies;
 use crate::study::{Axis, Cell, Row, Run, Series, SeriesStyle, StateMap};

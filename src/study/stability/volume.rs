@@ -1,7 +1,8 @@
 //! Volume preservation of the material models: a stretched bar and a randomly perturbed one.
 
 use crate::Result;
-use crate::mesh::{generate, signed_volume};
+use crate::generate;
+use crate::mesh::signed_volume;
 use crate::physics::{
     CpuTets, DiscreteModel, Material, Precision, Simulator, SolverKind, largest_stable_step,
 };

@@ -3,8 +3,9 @@
 use super::noise;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use palpate::cage::Embedding;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, generate};
+use palpate::mesh::TetMesh;
 use palpate::physics::NodePositions;
 
 /// Returns a limb, and tets around it.

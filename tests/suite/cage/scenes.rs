@@ -231,7 +231,7 @@ fn unrequested_work_is_skipped() {
             count("render/refresh_geometry"),
             count("render/table_slice") + count("render/table_volume"),
             count("render/start"),
-            count("cage/carry"),
+            count("cage/embedding"),
         ]
     };
     let mut stage = resting(&gpu, CAGE);

@@ -2,8 +2,9 @@
 
 use crate::cli::*;
 use glam::DVec3;
+use palpate::generate;
 use palpate::io::FrameStream;
-use palpate::mesh::{TetMesh, generate};
+use palpate::mesh::TetMesh;
 use std::io::Write;
 use std::process::Stdio;
 

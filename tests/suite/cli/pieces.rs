@@ -8,7 +8,7 @@ use std::path::Path;
 fn pieces_are_written_and_read() {
     let folder = folder("pieces_cli");
     let (one, index) = (folder.join("limb.vtu"), folder.join("limb.pvtu"));
-    let limb = palpate::mesh::generate::by_name("limb", Some(2_000)).unwrap();
+    let limb = palpate::generate::by_name("limb", Some(2_000)).unwrap();
     io::write(&one, &limb).unwrap();
     stdout(&palpate(&[
         "convert",

@@ -293,7 +293,7 @@ fn resume_is_bitwise_identical_for_cages() {
 fn resume_is_bitwise_identical_after_cut_under_skin() {
     let here = folder("resume_skin_source");
     let surface = here.join("skin.ply");
-    let bar = palpate::mesh::generate::by_name("bar", Some(400)).unwrap();
+    let bar = palpate::generate::by_name("bar", Some(400)).unwrap();
     let faces = bar.boundary_surface(None).unwrap();
     palpate::io::write_surface(&surface, &faces).unwrap();
     for (name, content) in [("skin", BAR), ("grid_skin", GRID)] {

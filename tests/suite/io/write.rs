@@ -258,7 +258,7 @@ fn rejects_damaged_series() {
 
 #[test]
 fn region_names_and_unit_round_trip() {
-    let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
+    let mut mesh = palpate::generate::paper_bar().unwrap();
     let labels = (0..mesh.tets.len()).map(|t| (t % 2) as f64).collect();
     mesh.set_field(Field::scalar("label", Location::Cell, labels))
         .unwrap();
@@ -278,7 +278,7 @@ fn region_names_and_unit_round_trip() {
 
 #[test]
 fn first_version_region_names_are_read() {
-    let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
+    let mut mesh = palpate::generate::paper_bar().unwrap();
     mesh.region_names.clear();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("named.vtu");

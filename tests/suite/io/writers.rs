@@ -23,7 +23,7 @@ pub fn ways() -> Vec<(MeshFormat, bool, &'static str)> {
 
 /// Returns a bar with fields of several widths and tets in regions with these labels.
 pub fn bar(labels: &[i64]) -> TetMesh {
-    let mut mesh = palpate::mesh::generate::paper_bar().unwrap();
+    let mut mesh = palpate::generate::paper_bar().unwrap();
     for node in &mut mesh.nodes {
         // Numbers with all their digits, and with exponents.
         *node = *node / 3.0 + glam::DVec3::new(0.0, 1e-7, -1.0 / 7.0);
@@ -233,7 +233,7 @@ fn groups_of_other_formats_round_trip() {
 #[test]
 fn truncated_file_never_reads_as_another_mesh() {
     let bench = Bench::new();
-    let mut mesh = palpate::mesh::generate::bar([1, 1, 1], glam::DVec3::ONE).unwrap();
+    let mut mesh = palpate::generate::bar([1, 1, 1], glam::DVec3::ONE).unwrap();
     let label = Field::scalar("label", Location::Cell, vec![3.0; mesh.tets.len()]);
     mesh.set_field(label).unwrap();
     mesh.region_names = [(3, "bone".to_owned())].into();

@@ -2,7 +2,7 @@
 
 use crate::mesh::support::check_topology;
 use glam::DVec3;
-use palpate::mesh::generate::{Split, ball, bar, box_mesh};
+use palpate::generate::{Split, ball, bar, box_mesh};
 use palpate::mesh::{
     Blade, BoundaryReport, Field, Location, TetCut, TetMesh, Topology, components, cut, remove,
 };

@@ -1,7 +1,7 @@
 //! `palpate info` on meshes with known defects, and on real ones.
 
 use glam::DVec3;
-use palpate::mesh::generate::{Bore, ball, benchmark_cube, duct};
+use palpate::generate::{Bore, ball, benchmark_cube, duct};
 use palpate::mesh::{Field, Location, MeshDescription, TetMesh};
 
 /// Returns two tets; the second shares its first `shared` corners with the first.

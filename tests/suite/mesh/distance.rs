@@ -1,7 +1,7 @@
 //! Depth below the boundary of shapes with known distances.
 
 use glam::DVec3;
-use palpate::mesh::generate::{Bore, Split, ball, box_mesh, duct};
+use palpate::generate::{Bore, Split, ball, box_mesh, duct};
 use palpate::mesh::{Topology, depth_field, point_triangle_distance};
 use proptest::prelude::*;
 

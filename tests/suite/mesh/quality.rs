@@ -2,7 +2,7 @@
 
 use approx::assert_relative_eq;
 use glam::{DQuat, DVec3};
-use palpate::mesh::generate::{Split, ball, box_mesh};
+use palpate::generate::{Split, ball, box_mesh};
 use palpate::mesh::{QualityReport, TetMesh, dihedral_angles, tet_quality};
 
 fn regular() -> [DVec3; 4] {

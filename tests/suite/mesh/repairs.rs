@@ -3,7 +3,7 @@
 use crate::mesh::support::check_topology;
 use glam::DVec3;
 use palpate::Error;
-use palpate::mesh::generate::{Split, box_mesh};
+use palpate::generate::{Split, box_mesh};
 use palpate::mesh::{Field, Location, TetMesh};
 
 fn cube() -> TetMesh {

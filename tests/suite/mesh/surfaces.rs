@@ -1,7 +1,7 @@
 //! Smoothing, and boundaries of regions.
 
 use glam::{DAffine3, DVec3};
-use palpate::mesh::generate::bar;
+use palpate::generate::bar;
 use palpate::mesh::{Field, Location, SurfaceDescription, TetMesh, TriMesh};
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;

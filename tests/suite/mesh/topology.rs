@@ -2,7 +2,7 @@
 
 use crate::mesh::support::check_topology;
 use glam::DVec3;
-use palpate::mesh::generate::{Split, box_mesh};
+use palpate::generate::{Split, box_mesh};
 use palpate::mesh::{Field, Location, TetMesh, Topology, components};
 use proptest::prelude::*;
 

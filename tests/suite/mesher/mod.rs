@@ -4,4 +4,3 @@ mod labels;
 mod scans;
 mod solids;
 mod support;
-mod tetgen;

@@ -3,8 +3,8 @@
 use super::common::solver;
 use glam::DVec3;
 use palpate::Error;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::generate;
 use palpate::physics::{GpuBody, Material, Report, SolverKind, largest_stable_step};
 
 /// Returns the bar, pinned at one end, under gravity.

@@ -3,8 +3,9 @@
 use super::common::{Twins, solver, step_truth};
 use glam::DVec3;
 use palpate::Error;
+use palpate::generate;
 use palpate::gpu::{Gpu, Recorder};
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{
     DiscreteModel, GpuBody, Material, RegionMaterial, Report, SolverKind, Stiffness,

@@ -2,8 +2,9 @@
 
 use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, TetMesh, Topology, components, generate};
+use palpate::mesh::{Blade, TetMesh, Topology, components};
 use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{DiscreteModel, GpuBody, Material, Report, SolverKind, largest_stable_step};
 

@@ -2,7 +2,7 @@
 
 use super::common::Noise;
 use glam::DVec3;
-use palpate::mesh::generate;
+use palpate::generate;
 use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{Damping, DiscreteModel, Material};
 

@@ -3,8 +3,9 @@
 use super::common::{Noise, solver};
 use super::element_truth::{Truth, relative};
 use glam::{DMat3, DVec3};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, TetMesh, Topology, generate};
+use palpate::mesh::{Blade, TetMesh, Topology};
 use palpate::physics::{
     CgSettings, ConstitutiveModel, DiscreteModel, EngineChoice, GpuBody, ImplicitEuler, Material,
     MaterialModel, Report, Solver, SolverKind,

@@ -2,8 +2,9 @@
 
 use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{
     CgSettings, DiscreteModel, GpuBody, ImplicitEuler, Material, RegionMaterial, Report, Solver,

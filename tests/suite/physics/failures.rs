@@ -3,8 +3,8 @@
 use super::common::{Twins, solver};
 use glam::DVec3;
 use palpate::Error;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::generate;
 use palpate::physics::{CgSettings, GpuBody, ImplicitEuler, Material, Solver, SolverKind};
 
 fn what(error: &Error) -> &str {

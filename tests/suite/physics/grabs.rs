@@ -1,8 +1,8 @@
 //! Grabs of tet bodies, with every solver that reaches equilibrium.
 
 use glam::DVec3;
+use palpate::generate::{Split, box_mesh};
 use palpate::gpu::Gpu;
-use palpate::mesh::generate::{Split, box_mesh};
 use palpate::physics::{GpuBody, GrabMode, Material, SolverKind, largest_stable_step};
 
 const SOLVERS: [SolverKind; 4] = [

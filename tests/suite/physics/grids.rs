@@ -7,8 +7,8 @@ use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, Topology, pack_normal, unpack_normal};
 use palpate::mesher::Domain;
 use palpate::physics::grid::reference::GridReference;
-use palpate::physics::grid::{GridBody, GridModel, GridShape, SPRING_OFFSETS};
-use palpate::physics::{GrabMode, Material, RegionMaterial};
+use palpate::physics::grid::{GridModel, GridShape, SPRING_OFFSETS};
+use palpate::physics::{GrabMode, GridBody, Material, RegionMaterial};
 
 /// A box, containing a second region from x = 0 on.
 struct Block {

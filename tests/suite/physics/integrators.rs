@@ -2,8 +2,9 @@
 
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
+use palpate::generate;
 use palpate::gpu::{Pass, add_shader};
-use palpate::mesh::{LocalFrame, generate};
+use palpate::mesh::LocalFrame;
 use palpate::physics::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use palpate::physics::{
     GpuBody, GpuTets, LocalUnits, Material, NodeTerm, Simulator, Solver, SolverKind, Stepper,
@@ -13,7 +14,7 @@ use palpate::{Error, Result};
 use std::sync::Arc;
 
 palpate::gpu_struct! {
-    /// Parameters of `lib/move`.
+    /// Parameters of `lib/explicit_state`.
     struct MoveParams {
         nodes: u32,
         dt: f32,
@@ -24,7 +25,7 @@ palpate::gpu_struct! {
 
 /// Leapfrog by kick and drift: a reimplementation of symplectic Euler.
 const LEAPFROG: &str = "
-#import lib/move
+#import lib/explicit_state
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

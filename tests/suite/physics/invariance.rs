@@ -2,8 +2,9 @@
 
 use super::common::{Noise, Twins, solver};
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, generate};
+use palpate::mesh::TetMesh;
 use palpate::physics::{Damping, GpuBody, Material, SolverKind};
 
 fn material() -> Material {

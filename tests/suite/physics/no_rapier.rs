@@ -2,7 +2,7 @@
 
 use crate::support::gpu;
 use glam::DVec3;
-use palpate::mesh::generate;
+use palpate::generate;
 use palpate::physics::{EngineChoice, Material, MaterialModel, SolverKind};
 
 #[test]

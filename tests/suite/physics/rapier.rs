@@ -2,7 +2,8 @@
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
-use palpate::mesh::{Blade, Field, Location, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{Blade, Field, Location, TetMesh};
 use palpate::physics::{
     DistanceField, Engine, EngineChoice, Floor, GrabMode, Material, MaterialModel, RegionMaterial,
     ScaledLoad, SelfContactSettings, Shape, Simulator, SolverKind, Stiffness, Tool, ToolPose,

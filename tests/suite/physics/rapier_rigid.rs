@@ -2,7 +2,8 @@
 
 use crate::support::gpu;
 use glam::DVec3;
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::{
     Engine, EngineChoice, GrabMode, Joint, JointKind, Material, MaterialModel, Simulator,
     SolverKind,

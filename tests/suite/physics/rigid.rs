@@ -2,7 +2,8 @@
 
 use crate::support::gpu;
 use glam::DVec3;
-use palpate::mesh::{Blade, Field, Location, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{Blade, Field, Location, TetMesh};
 use palpate::physics::{Engine, EngineChoice, Material, MaterialModel, Simulator, SolverKind};
 use palpate::scene::{Scene, Stage};
 

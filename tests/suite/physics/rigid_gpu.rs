@@ -2,7 +2,8 @@
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::{
     CgSettings, CpuTets, Floor, GpuTets, GrabMode, Material, MaterialModel, Precision,
     RegionMaterial, Simulator, SolverKind,

@@ -4,13 +4,14 @@ use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::Error;
 use palpate::cage::{Cage, CageKind, EmbeddedSimulator};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, TetMesh, generate};
+use palpate::mesh::{Blade, TetMesh};
 use palpate::mesher::Domain;
-use palpate::physics::grid::{GpuGrid, GridBody, GridModel, GridShape};
+use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::{
-    CpuGrid, CpuTets, DiscreteModel, Engine, EngineChoice, GpuTets, GrabMode, Material,
-    MaterialModel, Member, MultiBody, Precision, Simulator, SolverKind,
+    CpuGrid, CpuTets, DiscreteModel, Engine, EngineChoice, GpuGrid, GpuTets, GrabMode, GridBody,
+    Material, MaterialModel, Member, MultiBody, Precision, Simulator, SolverKind,
 };
 
 const SIZE: DVec3 = DVec3::new(0.2, 0.05, 0.05);

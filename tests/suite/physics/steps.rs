@@ -2,8 +2,8 @@
 
 use super::common::{Twins, solver, step_truth};
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::generate;
 use palpate::physics::{CgSettings, Damping, ImplicitEuler, Material, Solver, SolverKind};
 
 fn disturbed(gpu: &Gpu, kind: Damping) -> Twins {

@@ -2,8 +2,8 @@
 
 use crate::support::gpu;
 use glam::{DQuat, DVec3};
+use palpate::generate::{Split, box_mesh};
 use palpate::mesh::TetMesh;
-use palpate::mesh::generate::{Split, box_mesh};
 use palpate::physics::{
     CgSettings, CpuTets, Engine, GpuTets, Material, MaterialModel, Precision, Reaction, Shape,
     Simulator, SolverKind, Tool, ToolId, ToolPose,

@@ -1,8 +1,9 @@
 //! Shared helpers of the render tests: devices, scenes, comparisons.
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Location, TetMesh, generate};
+use palpate::mesh::{Location, TetMesh};
 use palpate::render::ReferenceRaycaster;
 use palpate::render::{
     Camera, Geometry, Image, Mode, RaycastOptions, Raycaster, Scalars, TransferFunction,

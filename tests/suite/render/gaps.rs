@@ -2,8 +2,9 @@
 
 use crate::render::common::*;
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, TetMesh, Topology, cut, generate, remove};
+use palpate::mesh::{Blade, TetMesh, Topology, cut, remove};
 use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::*;
 

@@ -2,10 +2,9 @@
 
 use crate::render::common::*;
 use glam::{DVec3, Vec4};
+use palpate::generate;
 use palpate::gpu::{Gpu, Texel};
-use palpate::mesh::{
-    Blade, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, cut, generate, morton_order,
-};
+use palpate::mesh::{Blade, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, cut, morton_order};
 use palpate::render::*;
 
 /// Returns the records of a mesh after a refresh: eight texels per tet, as floats.

@@ -2,7 +2,8 @@
 //! them, and inspect them before committing.
 
 use crate::render::common::*;
-use palpate::mesh::{Location, generate};
+use palpate::generate;
+use palpate::mesh::Location;
 use palpate::render::*;
 use std::path::PathBuf;
 

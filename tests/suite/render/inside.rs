@@ -2,7 +2,7 @@
 
 use crate::render::common::*;
 use glam::DVec3;
-use palpate::mesh::generate;
+use palpate::generate;
 use palpate::render::*;
 
 #[test]

@@ -1,7 +1,8 @@
 //! Meshes of many millions of tets, and beyond the limits.
 
 use crate::render::common::*;
-use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
+use palpate::generate;
+use palpate::mesh::{LocalFrame, TetMesh, Topology};
 use palpate::render::*;
 
 #[test]

@@ -2,8 +2,9 @@
 
 use crate::render::common::*;
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, LocalFrame, Location, TetMesh, Topology, cut, generate};
+use palpate::mesh::{Blade, LocalFrame, Location, TetMesh, Topology, cut};
 use palpate::render::*;
 
 /// A positioned mesh, its scalars, and the sections that affect light.

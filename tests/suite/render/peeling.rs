@@ -2,7 +2,8 @@
 
 use crate::render::common::*;
 use glam::DVec3;
-use palpate::mesh::{TetMesh, generate, generate::Split};
+use palpate::generate::{self, Split};
+use palpate::mesh::TetMesh;
 use palpate::render::*;
 
 /// Returns a mesh of boxes, given by corner, size and cells, without common nodes.

@@ -2,11 +2,12 @@
 
 use crate::render::common::*;
 use glam::{DMat3, DVec2, DVec3};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Blade, FACES, LocalFrame, TetMesh, Topology, generate};
+use palpate::mesh::{Blade, FACES, LocalFrame, TetMesh, Topology};
 use palpate::mesher::{ClosedSurface, SurfaceDomain};
-use palpate::physics::grid::{GridBody, GridModel, GridShape};
-use palpate::physics::{GpuBody, GrabMode, ImplicitEuler, Material, Solver};
+use palpate::physics::grid::{GridModel, GridShape};
+use palpate::physics::{GpuBody, GrabMode, GridBody, ImplicitEuler, Material, Solver};
 use palpate::render::closest_hit;
 use palpate::render::{Camera, Geometry, Pick, local_positions};
 

@@ -2,7 +2,8 @@
 
 use crate::render::common::*;
 use glam::DVec3;
-use palpate::mesh::{Location, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{Location, TetMesh};
 use palpate::render::*;
 
 #[test]

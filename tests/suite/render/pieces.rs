@@ -2,10 +2,9 @@
 
 use crate::render::common::*;
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{
-    LocalFrame, MeshPartition, MeshPiece, TetMesh, Topology, generate, kd_partition,
-};
+use palpate::mesh::{LocalFrame, MeshPartition, MeshPiece, TetMesh, Topology, kd_partition};
 use palpate::render::*;
 
 const SIZE: [u32; 2] = [160, 120];

@@ -2,8 +2,9 @@
 
 use crate::render::common::*;
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
+use palpate::mesh::{LocalFrame, TetMesh, Topology};
 use palpate::render::*;
 use palpate::scene::{Scene, Stage};
 

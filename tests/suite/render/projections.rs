@@ -1,8 +1,9 @@
 //! Maximum, minimum and mean intensity projection, against float64.
 
 use crate::render::common::*;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, generate};
+use palpate::mesh::TetMesh;
 use palpate::render::*;
 
 /// Tolerance as a fraction of the range of scalars.

@@ -1,8 +1,8 @@
 //! Several pictures recorded before one submission, each with its own settings.
 
 use crate::render::common::*;
+use palpate::generate;
 use palpate::gpu::{Gpu, Recorder};
-use palpate::mesh::generate;
 use palpate::render::*;
 
 fn target(gpu: &Gpu, size: [u32; 2]) -> wgpu::TextureView {

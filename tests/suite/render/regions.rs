@@ -3,7 +3,8 @@
 use crate::render::common::*;
 use crate::render::planes::{Seen, bent, insides};
 use glam::DVec3;
-use palpate::mesh::{Field, Location, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{Field, Location, TetMesh};
 use palpate::render::*;
 use palpate::scene::{Scene, Stage};
 

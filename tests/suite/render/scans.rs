@@ -2,7 +2,8 @@
 
 use crate::render::common::*;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
+use palpate::generate;
+use palpate::mesh::{LocalFrame, TetMesh, Topology};
 use palpate::render::*;
 use palpate::volume::{Raw, Volume};
 use std::collections::BTreeMap;

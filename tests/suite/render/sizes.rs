@@ -2,8 +2,8 @@
 
 use crate::render::common::*;
 use palpate::Error;
+use palpate::generate;
 use palpate::gpu::Texel;
-use palpate::mesh::generate;
 use palpate::render::*;
 use palpate::scene::{Scene as SceneFile, Stage};
 use palpate::skin::{Compositor, CompositorOptions, Skin, SkinBase};

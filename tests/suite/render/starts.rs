@@ -3,7 +3,8 @@
 
 use crate::render::common::*;
 use glam::DVec3;
-use palpate::mesh::{FACES, LocalFrame, TetMesh, Topology, generate};
+use palpate::generate;
+use palpate::mesh::{FACES, LocalFrame, TetMesh, Topology};
 use palpate::render::*;
 
 fn caster(mesh: &TetMesh, topology: &Topology, walk: Traversal) -> Raycaster {

@@ -1,7 +1,7 @@
 //! The lit surface: its coverage equals that of the rays, and its lighting follows its nodes.
 
 use crate::render::common::*;
-use palpate::mesh::generate;
+use palpate::generate;
 use palpate::render::*;
 
 #[test]

@@ -1,7 +1,7 @@
 //! The pre-integrated table against the exact integral, over random transfer functions.
 
 use crate::render::common::*;
-use palpate::mesh::generate;
+use palpate::generate;
 use palpate::render::segment_integral;
 use palpate::render::*;
 

@@ -2,8 +2,9 @@
 
 use crate::render::common::*;
 use glam::{DVec2, DVec3};
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{TetMesh, Topology, generate};
+use palpate::mesh::{TetMesh, Topology};
 use palpate::render::ReferenceRaycaster;
 use palpate::render::*;
 use rayon::prelude::*;

@@ -4,7 +4,8 @@
 use crate::render::common::*;
 use crate::render::planes::{Seen, insides};
 use glam::DVec3;
-use palpate::mesh::{TriMesh, generate};
+use palpate::generate;
+use palpate::mesh::TriMesh;
 use palpate::render::*;
 use palpate::skin::{Compositor, CompositorOptions, Mapping, Skin, SkinBase, SkinColouring};
 

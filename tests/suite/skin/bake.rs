@@ -3,7 +3,8 @@
 use crate::skin::common::*;
 use crate::skin::mapping::with_uvs;
 use glam::DVec3;
-use palpate::mesh::{LocalFrame, TriMesh, generate};
+use palpate::generate;
+use palpate::mesh::{LocalFrame, TriMesh};
 use palpate::render::{Camera, Image, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase, bake};
 

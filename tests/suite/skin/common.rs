@@ -1,8 +1,9 @@
 //! Shared helpers of the skin tests: bodies, surfaces, and skinned bodies.
 
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::{Array, Gpu};
-use palpate::mesh::{LocalFrame, TriMesh, generate, unpack_normal};
+use palpate::mesh::{LocalFrame, TriMesh, unpack_normal};
 use palpate::render::{Image, local_positions};
 use palpate::skin::SkinBase;
 use std::collections::HashMap;

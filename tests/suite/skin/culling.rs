@@ -3,8 +3,9 @@
 
 use crate::skin::common::*;
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::{Array, Gpu};
-use palpate::mesh::{LocalFrame, TetMesh, TriMesh, generate, unpack_normal};
+use palpate::mesh::{LocalFrame, TetMesh, TriMesh, unpack_normal};
 use palpate::render::{Camera, local_positions};
 use palpate::skin::basis::node_normals;
 use palpate::skin::culling::{BaseVisibility, CullData, base_visibility, is_skipped};

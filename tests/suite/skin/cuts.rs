@@ -2,7 +2,8 @@
 
 use crate::skin::common::*;
 use glam::DVec3;
-use palpate::mesh::{Blade, LocalFrame, TetMesh, Topology, components, cut, generate};
+use palpate::generate;
+use palpate::mesh::{Blade, LocalFrame, TetMesh, Topology, components, cut};
 use palpate::render::{Camera, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase};
 

@@ -2,7 +2,8 @@
 
 use crate::skin::common::*;
 use glam::DVec3;
-use palpate::mesh::{BarycentricMap, LocalFrame, TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::{BarycentricMap, LocalFrame, TetMesh};
 use palpate::physics::{GpuBody, ImplicitEuler, Material, Solver};
 use palpate::render::local_positions;
 use palpate::skin::{Mapping, Skin, SkinBase};

@@ -3,8 +3,8 @@
 use crate::skin::common::*;
 use glam::{DMat3, DQuat, DVec3};
 use palpate::mesh::{NO_NORMAL, TriMesh, pack_normal};
-use palpate::physics::Material;
-use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use palpate::physics::grid::{GridModel, GridShape};
+use palpate::physics::{GridBody, Material};
 use palpate::render::Camera;
 use palpate::skin::basis::{node_normals, skin_vertex};
 use palpate::skin::{BaseMesh, Mapping, Skin, SkinBase, Vertices, bind};

@@ -2,7 +2,8 @@
 
 use crate::skin::common::*;
 use glam::{DVec2, DVec3};
-use palpate::mesh::{LocalFrame, generate};
+use palpate::generate;
+use palpate::mesh::LocalFrame;
 use palpate::render::closest_hit;
 use palpate::render::{Camera, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase};

@@ -3,8 +3,9 @@
 use crate::skin::common::*;
 use crate::skin::mapping::with_uvs;
 use glam::DVec3;
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{LocalFrame, TetMesh, Topology, generate};
+use palpate::mesh::{LocalFrame, TetMesh, Topology};
 use palpate::render::{
     Camera, Geometry, Image, Raycaster, SurfaceTarget, Target, TransferFunction, local_positions,
 };

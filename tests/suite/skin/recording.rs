@@ -2,7 +2,8 @@
 
 use crate::skin::common::*;
 use glam::DVec3;
-use palpate::mesh::{LocalFrame, Topology, generate};
+use palpate::generate;
+use palpate::mesh::{LocalFrame, Topology};
 use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction, local_positions};
 use palpate::skin::{Compositor, CompositorOptions, Mapping, Skin, SkinBase, SkinColouring};
 

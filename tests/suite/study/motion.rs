@@ -2,8 +2,8 @@
 
 use crate::support::gpu;
 use glam::DVec3;
+use palpate::generate::{self, Split};
 use palpate::mesh::TetMesh;
-use palpate::mesh::generate::{self, Split};
 use palpate::physics::{
     CpuTets, Damping, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
     Spring,

@@ -1,6 +1,7 @@
 //! Pictures: the perceptual difference in known cases, and the settings selected by a tolerance.
 
-use palpate::mesh::{Location, generate};
+use palpate::generate;
+use palpate::mesh::Location;
 use palpate::render::ReferenceRaycaster;
 use palpate::render::{
     Camera, Geometry, Image, ImageDifference, Mode, RaycastOptions, Raycaster, TableKind,

@@ -1,7 +1,8 @@
 //! Scaling: the computed memory equals the allocated memory.
 
+use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{Location, Topology, generate};
+use palpate::mesh::{Location, Topology};
 use palpate::physics::{GpuBody, Material, SolverKind};
 use palpate::render::Geometry;
 use palpate::study::computed_bytes;

@@ -2,13 +2,16 @@
 //! diverges and is detected, in float64 and on the GPU.
 
 use glam::{DMat3, DVec3};
-use palpate::mesh::{TetMesh, generate};
+use palpate::generate;
+use palpate::mesh::TetMesh;
 use palpate::mesher::Domain;
-use palpate::physics::grid::{GridBody, GridModel, GridShape};
+use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::linearised_model::{LinearisedModel, StepLimit};
 use palpate::physics::reference::integrators;
 use palpate::physics::reference::springs::ReferenceSprings;
-use palpate::physics::{DiscreteModel, GpuBody, Material, SolverKind, largest_stable_step};
+use palpate::physics::{
+    DiscreteModel, GpuBody, GridBody, Material, SolverKind, largest_stable_step,
+};
 use palpate::study::STUDIES;
 use std::sync::atomic::AtomicBool;
 

@@ -5,8 +5,8 @@ mod images;
 mod motion;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use palpate::generate::{Split, box_mesh};
 use palpate::mesh::TetMesh;
-use palpate::mesh::generate::{Split, box_mesh};
 use palpate::volume::{Grid, Raw, Volume};
 use std::collections::BTreeMap;
 

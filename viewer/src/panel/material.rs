@@ -4,28 +4,24 @@ use super::edited;
 use crate::app::App;
 use crate::document::{numbers, set};
 use eframe::egui;
-use palpate::physics::{EngineChoice, TISSUES};
+use palpate::physics::{Engine, EngineChoice, TISSUES};
 use palpate::scene::{Scene, TissueEntry};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
 /// Engines and their display names.
-const ENGINES: [(&str, &str); 3] = [
-    ("auto", "what suits"),
-    ("cpu", "processor"),
-    ("gpu", "graphics card"),
-];
+const ENGINES: [(&str, &str); 3] = [("auto", "automatic"), ("cpu", "CPU"), ("gpu", "GPU")];
 /// Integrators and their descriptions.
 const INTEGRATORS: [(&str, &str); 7] = [
     (
         "implicit",
-        "first order, stable at any step; may be pressed on",
+        "first order, stable at any step; supports pressing",
     ),
-    ("bdf2", "second order, on the processor; may be pressed on"),
-    ("midpoint", "second order, keeps energy, on the processor"),
-    ("explicit", "small steps alone"),
-    ("symplectic", "small steps, keeps energy"),
-    ("verlet", "small steps, keeps energy"),
-    ("velocity-verlet", "small steps, keeps energy"),
+    ("bdf2", "second order, CPU only; supports pressing"),
+    ("midpoint", "second order, conserves energy, CPU only"),
+    ("explicit", "small steps only"),
+    ("symplectic", "small steps, conserves energy"),
+    ("verlet", "small steps, conserves energy"),
+    ("velocity-verlet", "small steps, conserves energy"),
 ];
 
 /// Table, key and new value of an entry.
@@ -38,7 +34,7 @@ impl App {
             return;
         };
         let Some(motion) = show.stage().motion() else {
-            ui.label("Nothing moves");
+            ui.label("Static body");
             return;
         };
         let (dt, scheme) = (1e3 * motion.dt, motion.kind().to_string());
@@ -47,23 +43,13 @@ impl App {
         let mut edits: Vec<Edit> = Vec::new();
         let mut stiffer = None;
         egui::Grid::new("matter").num_columns(2).show(ui, |ui| {
-            ui.label("Computed by");
-            let chosen = match by {
-                Some(EngineChoice::Exactly(engine)) => engine.to_string(),
-                _ => "auto".to_owned(),
-            };
-            let called = ENGINES.iter().find(|(name, _)| *name == chosen);
-            let called = match called {
-                Some(("auto", called)) => format!("{called} ({engine})"),
-                Some((_, called)) => (*called).to_owned(),
-                None => chosen.clone(),
-            };
-            if let Some(name) = choice(ui, "engine", &called, &chosen, &ENGINES) {
+            ui.label("Engine");
+            if let Some(name) = choose_engine(ui, by, engine) {
                 let value = Value::from(name);
                 edits.push(("solver", "engine", value));
             }
             ui.end_row();
-            ui.label("Scheme");
+            ui.label("Integrator");
             let schemes = INTEGRATORS.map(|(name, _)| (name, name));
             if let Some(name) = choice(ui, "scheme", &scheme, &scheme, &schemes) {
                 edits.push(("solver", "name", Value::from(name)));
@@ -74,7 +60,7 @@ impl App {
                 ui.weak(*about);
                 ui.end_row();
             }
-            ui.label("Step");
+            ui.label("Time step");
             if let Some(dt) = edited(ui, "dt", dt, (0.01..=1000.0, 0.1, " ms")) {
                 edits.push(("solver", "dt", Value::from(1e-3 * dt)));
             }
@@ -107,17 +93,44 @@ impl App {
         let gravity = scene.solver.gravity.unwrap_or([0.0; 3]);
         for (table, key, value) in edits {
             self.edit_body(key, context, |t| {
-                let solver = t.get("solver").and_then(Item::as_table_like);
-                if table == "solver" && solver.is_none_or(|s| s.get("name").is_none()) {
-                    set(t, "solver", "name", Some(Value::from("implicit")));
-                    set(t, "solver", "gravity", Some(numbers(gravity)));
-                    set(t, "solver", "dt", Some(Value::from(1e-3 * dt)));
-                    set(t, "solver", "tolerance", Some(Value::from(tolerance)));
+                if table == "solver" {
+                    name_solver(t, (gravity, dt, tolerance));
                 }
                 set(t, table, key, Some(value));
             });
         }
     }
+}
+
+/// Writes the settings of a solver to the text of a scene that names none: gravity, the step in ms
+/// and the tolerance.
+fn name_solver(text: &mut DocumentMut, (gravity, dt, tolerance): ([f64; 3], f64, f64)) {
+    let solver = text.get("solver").and_then(Item::as_table_like);
+    if solver.is_none_or(|s| s.get("name").is_none()) {
+        set(text, "solver", "name", Some(Value::from("implicit")));
+        set(text, "solver", "gravity", Some(numbers(gravity)));
+        set(text, "solver", "dt", Some(Value::from(1e-3 * dt)));
+        set(text, "solver", "tolerance", Some(Value::from(tolerance)));
+    }
+}
+
+/// Draws the choice of the engine, of which `engine` runs. Returns the new choice, if it changed.
+fn choose_engine(
+    ui: &mut egui::Ui,
+    asked: Option<EngineChoice>,
+    engine: Engine,
+) -> Option<&'static str> {
+    let chosen = match asked {
+        Some(EngineChoice::Exactly(engine)) => engine.to_string(),
+        _ => "auto".to_owned(),
+    };
+    let called = ENGINES.iter().find(|(name, _)| *name == chosen);
+    let called = match called {
+        Some(("auto", called)) => format!("{called} ({engine})"),
+        Some((_, called)) => (*called).to_owned(),
+        None => chosen.clone(),
+    };
+    choice(ui, "engine", &called, &chosen, &ENGINES)
 }
 
 /// Draws a combo box of words with display names. Returns the new choice, if it changed.
@@ -182,7 +195,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn tissues_are_made_stiffer_whichever_way_they_are_written() {
+    fn stiffness_is_set_in_every_tissue_notation() {
         let text = "[material]\nyoung = 3e4\nfat = [\"fat\", 2]\nmuscle = { young = 1e4 }\n[material.skin]\nregions = [1]\n";
         let mut document: DocumentMut = text.parse().unwrap();
         let scene = |d: &DocumentMut| Scene::parse_in(&d.to_string(), Path::new("")).unwrap();

@@ -25,11 +25,11 @@ use toml_edit::Value;
 
 /// Render modes and their display names.
 const MODES: [(&str, &str); 8] = [
-    ("composite", "Inside"),
+    ("composite", "Volume"),
     ("surface", "Boundary"),
     ("skin", "Skins"),
-    ("mip", "Largest value"),
-    ("minip", "Least value"),
+    ("mip", "Maximum value"),
+    ("minip", "Minimum value"),
     ("mean", "Mean value"),
     ("xray", "X-ray"),
     ("thickness", "Thickness"),
@@ -44,7 +44,7 @@ impl App {
         let context = ui.ctx().clone();
         egui::ScrollArea::vertical().show(ui, |ui| {
             if self.show.is_none() {
-                ui.label("Open a mesh, a volume, a surface or a scene: drop it here, or choose File › Open.");
+                ui.label("Open a mesh, a volume, a surface, a scene or a series: drop it here or choose File › Open.");
                 return;
             }
             section(ui, "Colours", true, |ui| self.colours(ui));
@@ -53,13 +53,14 @@ impl App {
             section(ui, "Isosurfaces", false, |ui| self.isosurfaces(ui));
             section(ui, "Scans and skins", false, |ui| self.carried(ui));
             section(ui, "Light", false, |ui| self.light(ui));
-            section(ui, "Touch", true, |ui| self.touching(ui, &context));
-            section(ui, "Matter and time", false, |ui| self.material_panel(ui, &context));
+            section(ui, "Interaction", true, |ui| self.touching(ui, &context));
+            section(ui, "Material and solver", false, |ui| self.material_panel(ui, &context));
             #[cfg(not(target_arch = "wasm32"))]
             section(ui, "Tuning", false, |ui| self.tuning(ui, &context));
         });
     }
 
+    /// Draws the choice of what is shown, and in which colours.
     fn colours(&mut self, ui: &mut egui::Ui) {
         let (Some(show), Some(scene)) = (&self.show, self.scene()) else {
             return;
@@ -76,44 +77,15 @@ impl App {
         let mode = scene.picture.mode.unwrap_or_else(|| "composite".into());
         let (mut picked, mut moded) = (None, None);
         egui::Grid::new("colours").num_columns(2).show(ui, |ui| {
-            ui.label("Show");
-            let called = MODES
-                .iter()
-                .find(|(m, _)| *m == mode)
-                .map_or(mode.as_str(), |m| m.1);
-            egui::ComboBox::from_id_salt("mode")
-                .selected_text(called)
-                .show_ui(ui, |ui| {
-                    for (mode_of, called) in MODES {
-                        if ui.selectable_label(mode_of == mode, called).clicked() {
-                            moded = Some(mode_of);
-                        }
-                    }
-                });
+            ui.label("Mode");
+            moded = choose_mode(ui, &mode);
             ui.end_row();
             ui.label("Field");
-            egui::ComboBox::from_id_salt("field")
-                .selected_text(name)
-                .show_ui(ui, |ui| {
-                    if ui
-                        .selectable_label(chosen.is_none(), "what suits the body")
-                        .clicked()
-                    {
-                        picked = Some(None);
-                    }
-                    for field in &names {
-                        if ui
-                            .selectable_label(chosen.as_ref() == Some(field), field)
-                            .clicked()
-                        {
-                            picked = Some(Some(field.clone()));
-                        }
-                    }
-                });
+            picked = choose_field(ui, &name, chosen.as_ref(), &names);
             ui.end_row();
             ui.label("Colours");
             egui::ComboBox::from_id_salt("preset")
-                .selected_text("take a preset")
+                .selected_text("select preset")
                 .show_ui(ui, |ui| {
                     for preset in TransferFunction::preset_names() {
                         if ui.button(preset).clicked() {
@@ -139,10 +111,10 @@ impl App {
         match (scene.scan.is_empty(), by_region) {
             (true, false) => self.transfer_editor(ui, range),
             (false, _) => {
-                ui.label("Scans have the colours that their scene gives them");
+                ui.label("Scans use the colours that the scene sets");
             }
             (_, true) => {
-                ui.label("A colour a region; take a field or a preset to show values");
+                ui.label("One colour per region; select a field or preset for values");
             }
         }
     }
@@ -157,7 +129,7 @@ impl App {
             });
         }
         let mut shadows = scene.light.shadows.unwrap_or(0.0);
-        let slider = egui::Slider::new(&mut shadows, 0.0..=1.0).text("shadows");
+        let slider = egui::Slider::new(&mut shadows, 0.0..=1.0).text("Shadows");
         if ui.add_enabled(lit, slider).changed() {
             let shadows = Some(Value::from(shadows)).filter(|_| shadows > 0.0);
             self.edit_appearance("shadows", |t| set(t, "light", "shadows", shadows));
@@ -167,7 +139,7 @@ impl App {
     fn touching(&mut self, ui: &mut egui::Ui, context: &egui::Context) {
         let Some(show) = &self.show else { return };
         if let Some(why) = show.cannot_press() {
-            ui.label(format!("It cannot be pressed on: {why}"));
+            ui.label(format!("Pressing unavailable: {why}"));
         }
         let mm = 1e3 * show.unit;
         let (before, most) = (mm * show.radius, 0.25 * mm * show.diagonal());
@@ -182,7 +154,7 @@ impl App {
         }
         let cut_depth = &mut self.cut_depth;
         ui.horizontal(|ui| {
-            ui.label("Cuts go");
+            ui.label("Cut depth");
             let mut percent = 100.0 * *cut_depth;
             ui.add(
                 egui::DragValue::new(&mut percent)
@@ -190,7 +162,7 @@ impl App {
                     .suffix(" %"),
             );
             *cut_depth = 0.01 * percent;
-            ui.label("of the body deep");
+            ui.label("of body diagonal");
         });
         let Some(show) = &self.show else { return };
         let points: PlotPoints<'_> = show
@@ -200,8 +172,8 @@ impl App {
             .collect();
         Plot::new("press")
             .height(130.0)
-            .x_axis_label("depth, mm")
-            .y_axis_label("force, N")
+            .x_axis_label("Depth (mm)")
+            .y_axis_label("Force (N)")
             .allow_scroll(false)
             .show(ui, |plot| plot.line(Curve::new("press", points)));
         let measured = !show.samples.is_empty();
@@ -254,4 +226,47 @@ fn scalar_fields(mesh: &TetMesh) -> Vec<String> {
         }
     }
     names
+}
+
+/// Draws the choice of the mode. Returns the mode that was picked.
+fn choose_mode(ui: &mut egui::Ui, chosen: &str) -> Option<&'static str> {
+    let mut picked = None;
+    let called = MODES
+        .iter()
+        .find(|(m, _)| *m == chosen)
+        .map_or(chosen, |m| m.1);
+    egui::ComboBox::from_id_salt("mode")
+        .selected_text(called)
+        .show_ui(ui, |ui| {
+            for (mode, called) in MODES {
+                if ui.selectable_label(mode == chosen, called).clicked() {
+                    picked = Some(mode);
+                }
+            }
+        });
+    picked
+}
+
+/// Draws the choice of the field, of which `shown` is displayed. Returns the field that was picked;
+/// the inner `None` is the default.
+fn choose_field(
+    ui: &mut egui::Ui,
+    shown: &str,
+    chosen: Option<&String>,
+    names: &[String],
+) -> Option<Option<String>> {
+    let mut picked = None;
+    egui::ComboBox::from_id_salt("field")
+        .selected_text(shown)
+        .show_ui(ui, |ui| {
+            if ui.selectable_label(chosen.is_none(), "automatic").clicked() {
+                picked = Some(None);
+            }
+            for field in names {
+                if ui.selectable_label(chosen == Some(field), field).clicked() {
+                    picked = Some(Some(field.clone()));
+                }
+            }
+        });
+    picked
 }

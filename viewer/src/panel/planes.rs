@@ -17,85 +17,15 @@ impl App {
         let mut changed = false;
         let mut gone = None;
         for (n, plane) in planes.iter_mut().enumerate() {
-            let kind = if plane.slice.is_some() {
-                "Slice"
-            } else {
-                "Clip"
-            };
-            let Some(values) = plane.clip.as_mut().or(plane.slice.as_mut()) else {
-                ui.horizontal(|ui| {
-                    ui.label("Box");
-                    if ui.button("×").clicked() {
-                        gone = Some(n);
-                    }
-                });
-                continue;
-            };
-            let [a, b, c, x, y, z] = *values;
-            let (mut point, mut normal) = (
-                DVec3::new(a, b, c),
-                DVec3::new(x, y, z).normalize_or(DVec3::Z),
-            );
-            ui.push_id(n, |ui| {
-                ui.horizontal(|ui| {
-                    ui.label(kind);
-                    for (axis, name) in DVec3::AXES.into_iter().zip(["x", "y", "z"]) {
-                        let on = normal.dot(axis).abs() > 0.999;
-                        if ui.selectable_label(on, name).clicked() {
-                            normal = axis;
-                            point = 0.5 * (low + high);
-                            changed = true;
-                        }
-                    }
-                    if ui
-                        .button("view")
-                        .on_hover_text("Across the line of sight")
-                        .clicked()
-                    {
-                        normal = self.orbit.turn * DVec3::Z;
-                        point = 0.5 * (low + high);
-                        changed = true;
-                    }
-                    if ui.button("flip").clicked() {
-                        normal = -normal;
-                        changed = true;
-                    }
-                    if ui.button("×").on_hover_text("Take it away").clicked() {
-                        gone = Some(n);
-                    }
-                });
-                let corners = (0..8).map(|k| {
-                    let pick = |axis: usize| [low, high][k >> axis & 1][axis];
-                    DVec3::new(pick(0), pick(1), pick(2)).dot(normal)
-                });
-                let (first, last) = corners
-                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), d| {
-                        (a.min(d), b.max(d))
-                    });
-                let mut at = ((point.dot(normal) - first) / (last - first)).clamp(0.0, 1.0);
-                let slider = egui::Slider::new(&mut at, 0.0..=1.0).show_value(false);
-                let slid = ui.horizontal(|ui| {
-                    changed |= ui
-                        .checkbox(&mut plane.rest, "bends")
-                        .on_hover_text("The cut bends with the body")
-                        .changed();
-                    ui.spacing_mut().slider_width = (ui.available_width() - 8.0).max(60.0);
-                    ui.add(slider).changed()
-                });
-                if slid.inner {
-                    let middle = 0.5 * (low + high);
-                    let along = first + at * (last - first);
-                    point = middle + (along - middle.dot(normal)) * normal;
-                    changed = true;
-                }
-            });
-            *values = [point.x, point.y, point.z, normal.x, normal.y, normal.z];
+            let row = plane_row(ui, n, plane, (low, high), self.orbit.turn * DVec3::Z);
+            changed |= row.changed;
+            if row.removed {
+                gone = Some(n);
+            }
         }
         if !planes.is_empty() {
             ui.checkbox(&mut self.handles_shown, "Handles in the picture")
-                .on_hover_text(
-                    "Drag the square to move a plane, the round end of its arrow to tilt it",
-                );
+                .on_hover_text("Drag the square to move a plane, the round arrow end to tilt it");
         }
         let middle = (0.5 * (low + high)).to_array();
         let [a, b, c] = middle;
@@ -183,6 +113,103 @@ impl App {
             });
         }
     }
+}
+
+/// What was done in the row of a plane.
+#[derive(Default)]
+struct PlaneRow {
+    changed: bool,
+    removed: bool,
+}
+
+/// Draws the controls of a plane of a body with these bounds; `back` points from the body to the
+/// eye.
+fn plane_row(
+    ui: &mut egui::Ui,
+    n: usize,
+    plane: &mut PlaneEntry,
+    (low, high): (DVec3, DVec3),
+    back: DVec3,
+) -> PlaneRow {
+    let mut row = PlaneRow::default();
+    let kind = if plane.slice.is_some() {
+        "Slice"
+    } else {
+        "Clip"
+    };
+    let Some(values) = plane.clip.as_mut().or(plane.slice.as_mut()) else {
+        ui.horizontal(|ui| {
+            ui.label("Box");
+            if ui.button("×").clicked() {
+                row.removed = true;
+            }
+        });
+        return row;
+    };
+    let [a, b, c, x, y, z] = *values;
+    let (mut point, mut normal) = (
+        DVec3::new(a, b, c),
+        DVec3::new(x, y, z).normalize_or(DVec3::Z),
+    );
+    ui.push_id(n, |ui| {
+        ui.horizontal(|ui| {
+            ui.label(kind);
+            for (axis, name) in DVec3::AXES.into_iter().zip(["x", "y", "z"]) {
+                let on = normal.dot(axis).abs() > 0.999;
+                if ui.selectable_label(on, name).clicked() {
+                    normal = axis;
+                    point = 0.5 * (low + high);
+                    row.changed = true;
+                }
+            }
+            if ui
+                .button("view")
+                .on_hover_text("Perpendicular to the line of sight")
+                .clicked()
+            {
+                normal = back;
+                point = 0.5 * (low + high);
+                row.changed = true;
+            }
+            if ui.button("flip").clicked() {
+                normal = -normal;
+                row.changed = true;
+            }
+            if ui.button("×").on_hover_text("Remove this plane").clicked() {
+                row.removed = true;
+            }
+        });
+        let (first, last) = extent((low, high), normal);
+        let mut at = ((point.dot(normal) - first) / (last - first)).clamp(0.0, 1.0);
+        let slider = egui::Slider::new(&mut at, 0.0..=1.0).show_value(false);
+        let slid = ui.horizontal(|ui| {
+            row.changed |= ui
+                .checkbox(&mut plane.rest, "bends")
+                .on_hover_text("The plane deforms with the body")
+                .changed();
+            ui.spacing_mut().slider_width = (ui.available_width() - 8.0).max(60.0);
+            ui.add(slider).changed()
+        });
+        if slid.inner {
+            let middle = 0.5 * (low + high);
+            let along = first + at * (last - first);
+            point = middle + (along - middle.dot(normal)) * normal;
+            row.changed = true;
+        }
+    });
+    *values = [point.x, point.y, point.z, normal.x, normal.y, normal.z];
+    row
+}
+
+/// Returns the smallest and largest coordinate of a box along `normal`.
+fn extent((low, high): (DVec3, DVec3), normal: DVec3) -> (f64, f64) {
+    let corners = (0..8).map(|k| {
+        let pick = |axis: usize| [low, high][k >> axis & 1][axis];
+        DVec3::new(pick(0), pick(1), pick(2)).dot(normal)
+    });
+    corners.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), d| {
+        (a.min(d), b.max(d))
+    })
 }
 
 pub(crate) fn plane_table(plane: &PlaneEntry) -> Table {

@@ -32,19 +32,19 @@ impl ImportKind {
     pub fn title(self) -> &'static str {
         match self {
             ImportKind::Open => "Open path",
-            ImportKind::Scan => "Put a scan into the body",
-            ImportKind::Colours(_) => "Colours of the scan",
-            ImportKind::Skin => "Put a skin on the body",
+            ImportKind::Scan => "Add a scan",
+            ImportKind::Colours(_) => "Scan colours",
+            ImportKind::Skin => "Add a skin",
         }
     }
 
     /// Returns the kinds of files to select.
     pub fn hint(self) -> &'static str {
         match self {
-            ImportKind::Open => "a mesh, a volume, a surface, a scene or a series",
-            ImportKind::Scan => "a volume: .nrrd, .nii.gz, .mha",
-            ImportKind::Colours(_) => "a transfer function: .json",
-            ImportKind::Skin => "a surface: .obj, .ply, .stl, .vtk",
+            ImportKind::Open => "Mesh, volume, surface, scene or series",
+            ImportKind::Scan => "Volume: .nrrd, .nii.gz, .mha",
+            ImportKind::Colours(_) => "Transfer function: .json",
+            ImportKind::Skin => "Surface: .obj, .ply, .stl, .vtk",
         }
     }
 }
@@ -70,7 +70,7 @@ impl PendingImport {
     }
 }
 
-/// A change of a table of the scene; none removes it.
+/// A change of a table of the scene.
 type Change = Box<dyn FnOnce(&mut Table)>;
 
 impl App {
@@ -221,13 +221,13 @@ impl App {
         ui.horizontal(|ui| {
             ui.label(name_of(&scan.file))
                 .on_hover_text(scan.file.display().to_string());
-            gone = ui.button("×").on_hover_text("Take it out").clicked();
+            gone = ui.button("×").on_hover_text("Remove the scan").clicked();
         });
         if gone {
             return self.take_out("scan", number);
         }
         ui.horizontal(|ui| {
-            ui.label("Shows");
+            ui.label("Data");
             for (labels_of, called) in [(false, "values"), (true, "labels")] {
                 let can = !labels_of || labels.is_some();
                 let own = egui::Button::selectable(by_labels == labels_of, called);
@@ -260,7 +260,7 @@ impl App {
                     egui::ComboBox::from_id_salt("colours")
                         .selected_text(chosen)
                         .show_ui(ui, |ui| {
-                            if ui.button("from a file…").clicked() {
+                            if ui.button("From file…").clicked() {
                                 self.ask = Some(PathPrompt::of(ImportKind::Colours(number)));
                                 ui.close();
                             }
@@ -319,7 +319,7 @@ impl App {
                 .speed(0.01);
             if ui
                 .add(field)
-                .on_hover_text("Opacity of a ray's mean way through it")
+                .on_hover_text("Opacity over the mean chord length of the label")
                 .changed()
             {
                 look.opacity = Some(opacity);
@@ -370,10 +370,10 @@ impl App {
             }
             ui.label(name_of(&skin.file))
                 .on_hover_text(skin.file.display().to_string());
-            gone = ui.button("×").on_hover_text("Take it off").clicked();
+            gone = ui.button("×").on_hover_text("Remove the skin").clicked();
         });
         ui.horizontal(|ui| {
-            ui.label("Carried");
+            ui.label("Mapping");
             let mapping = skin.mapping.unwrap_or_default();
             egui::ComboBox::from_id_salt("mapping")
                 .selected_text(mapping.to_string())
@@ -441,7 +441,7 @@ mod tests {
     use toml_edit::DocumentMut;
 
     #[test]
-    fn scans_and_skins_are_edited_however_they_are_written() {
+    fn scans_are_edited_in_every_table_notation() {
         for text in [
             "[scan]\nfile = \"a.nrrd\"\n",
             "[[scan]]\nfile = \"a.nrrd\"\n",

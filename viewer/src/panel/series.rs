@@ -16,15 +16,19 @@ impl App {
         let (mut play, mut to) = (None, None);
         ui.horizontal(|ui| {
             let name = if playing { "Pause" } else { "Play" };
-            if ui.button(name).on_hover_text("Space").clicked() {
+            if ui
+                .button(name)
+                .on_hover_text("Play or pause (Space)")
+                .clicked()
+            {
                 play = Some(!playing);
             }
             let back = ui.add_enabled(shown > 0, egui::Button::new("Back"));
-            if back.on_hover_text("One frame back (,)").clicked() {
+            if back.on_hover_text("Previous frame (,)").clicked() {
                 to = shown.checked_sub(1);
             }
-            let on = ui.add_enabled(shown + 1 < count, egui::Button::new("On"));
-            if on.on_hover_text("One frame on (.)").clicked() {
+            let on = ui.add_enabled(shown + 1 < count, egui::Button::new("Next"));
+            if on.on_hover_text("Next frame (.)").clicked() {
                 to = Some(shown + 1);
             }
             let said = format!("frame {} of {count}, {time:.4} s", shown + 1);

@@ -4,7 +4,7 @@ use crate::app::App;
 use crate::document::set;
 use crate::histogram::Histogram;
 use eframe::egui::{self, Color32, EventFilter, Key, Pos2, Rect, Sense, Stroke as Line, Vec2};
-use palpate::render::TransferFunction;
+use palpate::render::{ResolvedTransfer, TransferFunction};
 use toml_edit::{DocumentMut, Value};
 
 /// Height of the editor, in points.
@@ -85,6 +85,29 @@ impl Plot {
         let after = points.get(n + 1).map_or(f64::INFINITY, |p| p[0]);
         points[n] = [s.clamp(before, after), density];
     }
+
+    /// Draws the bars of a histogram in the colours of `transfer`.
+    fn draw_histogram(
+        &self,
+        painter: &egui::Painter,
+        histogram: &Histogram,
+        transfer: &ResolvedTransfer,
+    ) {
+        let bar = self.rect.width() / histogram.bars.len() as f32;
+        for (n, share) in histogram.bars.iter().enumerate() {
+            let s = self.range.0 + self.span() * (n as f64 + 0.5) / histogram.bars.len() as f64;
+            let [r, g, b] = transfer
+                .colour(s)
+                .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
+            let left = self.rect.left() + bar * n as f32;
+            let top = self.rect.bottom() - self.rect.height() * share;
+            let bar = Rect::from_min_max(
+                Pos2::new(left, top),
+                Pos2::new(left + bar, self.rect.bottom()),
+            );
+            painter.rect_filled(bar, 0.0, Color32::from_rgb(r, g, b).gamma_multiply(0.75));
+        }
+    }
 }
 
 /// Keyboard actions on a point.
@@ -146,10 +169,40 @@ fn by_keys(ui: &egui::Ui, id: egui::Id) -> Option<KeyAction> {
     })
 }
 
+/// Applies the keys to the point that has the focus, if any. Returns whether it changed `points`.
+fn edit_focused(
+    ui: &egui::Ui,
+    painter: &egui::Painter,
+    plot: &Plot,
+    editor: egui::Id,
+    points: &mut Vec<Point>,
+) -> bool {
+    let mut changed = false;
+    for n in 0..points.len() {
+        let at = plot.place(points[n]);
+        let around = Rect::from_center_size(at, Vec2::splat(2.0 * POINT_RADIUS));
+        // Not `with(n)` alone: the tooltip of the editor takes these ids.
+        let id = |n: usize| editor.with(("point", n));
+        let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
+        if !own.has_focus() {
+            continue;
+        }
+        painter.circle_stroke(at, POINT_RADIUS, ui.visuals().selection.stroke);
+        let keyed = by_keys(ui, own.id);
+        if let Some(next) = keyed.and_then(|keyed| keyed.done(plot, points, n)) {
+            changed = true;
+            if next != n {
+                ui.memory_mut(|m| m.request_focus(id(next)));
+            }
+        }
+        break;
+    }
+    changed
+}
+
 impl App {
-    /// The opacity of each scalar over how often it occurs: points that can be dragged, added by a
-    /// double click, and taken away by a click of the right button; or, of the point that has the
-    /// focus, by keys.
+    /// Draws the editor: opacity over scalar, on the histogram. Points are dragged, added by a double
+    /// click and removed by a right click; keys edit the focused point.
     pub(super) fn transfer_editor(&mut self, ui: &mut egui::Ui, range: (f64, f64)) {
         let Some(show) = &self.show else { return };
         let stage = show.stage();
@@ -171,18 +224,7 @@ impl App {
         let painter = ui.painter_at(rect);
         painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
         if let Some(histogram) = &self.histogram {
-            let bar = rect.width() / histogram.bars.len() as f32;
-            for (n, share) in histogram.bars.iter().enumerate() {
-                let s = range.0 + plot.span() * (n as f64 + 0.5) / histogram.bars.len() as f64;
-                let [r, g, b] = transfer
-                    .colour(s)
-                    .map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8);
-                let left = rect.left() + bar * n as f32;
-                let top = rect.bottom() - rect.height() * share;
-                let bar =
-                    Rect::from_min_max(Pos2::new(left, top), Pos2::new(left + bar, rect.bottom()));
-                painter.rect_filled(bar, 0.0, Color32::from_rgb(r, g, b).gamma_multiply(0.75));
-            }
+            plot.draw_histogram(&painter, histogram, &transfer);
         }
         let line = Line::new(1.5, ui.visuals().strong_text_color());
         painter.line(points.iter().map(|p| plot.place(*p)).collect(), line);
@@ -197,26 +239,7 @@ impl App {
                 .filter(|(_, away)| *away <= POINT_RADIUS)
                 .map(|(n, _)| n)
         };
-        let mut changed = false;
-        for n in 0..points.len() {
-            let at = plot.place(points[n]);
-            let around = Rect::from_center_size(at, Vec2::splat(2.0 * POINT_RADIUS));
-            // Not `with(n)` alone: the tooltip of `response` takes these ids.
-            let id = |n: usize| response.id.with(("point", n));
-            let own = ui.interact(around, id(n), Sense::focusable_noninteractive());
-            if !own.has_focus() {
-                continue;
-            }
-            painter.circle_stroke(at, POINT_RADIUS, ui.visuals().selection.stroke);
-            let keyed = by_keys(ui, own.id);
-            if let Some(next) = keyed.and_then(|keyed| keyed.done(&plot, &mut points, n)) {
-                changed = true;
-                if next != n {
-                    ui.memory_mut(|m| m.request_focus(id(next)));
-                }
-            }
-            break;
-        }
+        let mut changed = edit_focused(ui, &painter, &plot, response.id, &mut points);
         match response.interact_pointer_pos() {
             None => self.dragged = None,
             Some(at) if response.double_clicked() => {
@@ -243,7 +266,7 @@ impl App {
             }
         }
         response.on_hover_text(
-            "Drag points; double-click to add one, right-click to take one away. By keys: Tab goes from point to point, arrows move it (with Shift, far), Enter adds one after it, Delete takes it away",
+            "Drag a point to move it, double-click to add one, right-click to remove one. Keys: Tab selects the next point, arrows move it (Shift: larger steps), Enter adds one after it, Delete removes it",
         );
         if changed {
             let json = serde_json::json!({
@@ -254,8 +277,8 @@ impl App {
         }
     }
 
-    /// Takes a transfer function over, which is quicker than all looks are where nothing but the inside
-    /// goes by it.
+    /// Applies a transfer function. If it affects only volume rendering, this avoids a full update of
+    /// the appearance.
     fn edit_transfer(&mut self, json: &str) {
         let change = |t: &mut DocumentMut| set(t, "picture", "transfer", Some(Value::from(json)));
         let alone = self.scene().is_some_and(|scene| {
@@ -302,14 +325,14 @@ mod tests {
     }
 
     #[test]
-    fn arrows_move_a_point_between_its_neighbours() {
+    fn arrow_keys_move_point_between_neighbours() {
         let start: Vec<Point> = AXIS.iter().map(|s| [*s, 3.0]).collect();
         let mut points = start.clone();
         keyed([KeyAction::Moved(Vec2::new(10.0, -10.0))], &mut points, 1);
         assert!((points[1][0] - 25.0).abs() < 1e-9, "{points:?}");
         let gained = plot().opacity(points[1][1]) - plot().opacity(3.0);
         assert!((gained - 0.1).abs() < 1e-6, "{gained}");
-        // Not past the next, nor beyond what is drawn; and the others stay.
+        // The point does not pass the next one or leave the plot; the others are unchanged.
         let far = || KeyAction::Moved(Vec2::new(500.0, 500.0));
         keyed([far()], &mut points, 1);
         assert_eq!(points, [start[0], [50.0, 0.0], start[2]]);
@@ -318,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beyond_the_plot_keeps_what_no_key_changes() {
+    fn arrow_keys_preserve_unchanged_coordinate_outside_plot() {
         let dense = 1e4;
         let mut points = vec![[-10.0, 1.0], [200.0, dense]];
         keyed([KeyAction::Moved(Vec2::new(0.0, -2.0))], &mut points, 1);
@@ -331,11 +354,11 @@ mod tests {
     }
 
     #[test]
-    fn points_are_added_and_taken_away_by_keys() {
+    fn keys_add_and_remove_points() {
         let mut points = vec![[0.0, 1.0], [40.0, 3.0]];
         assert_eq!(keyed([KeyAction::Added], &mut points, 0), 0);
         assert_eq!(points, [[0.0, 1.0], [20.0, 2.0], [40.0, 3.0]]);
-        // Of the last: in order still, whatever the range.
+        // At the last point, the new one is inserted before it, so the order is preserved.
         assert_eq!(keyed([KeyAction::Added], &mut points, 2), 2);
         assert_eq!(points[2], [30.0, 2.5]);
         assert_eq!(keyed([KeyAction::Removed], &mut points, 3), 2);
@@ -343,7 +366,7 @@ mod tests {
             keyed([KeyAction::Removed, KeyAction::Removed], &mut points, 2),
             0
         );
-        // One stays.
+        // The last remaining point cannot be removed.
         assert!(KeyAction::Removed.done(&plot(), &mut points, 0).is_none());
         assert_eq!(points, [[0.0, 1.0]]);
     }

@@ -43,19 +43,19 @@ impl App {
         };
         let own = &mut self.tuning;
         egui::Grid::new("tuning").num_columns(2).show(ui, |ui| {
-            ui.label("Largest error");
+            ui.label("Maximum error");
             ui.add(field(&mut own.error, 0.01..=50.0, " %"));
             ui.end_row();
-            ui.label("Pictures a second");
+            ui.label("Frames per second");
             let any = if own.fps == 0.0 { " (any)" } else { "" };
             ui.add(field(&mut own.fps, 0.0..=240.0, any));
             ui.end_row();
-            ui.label("Motion looked at");
+            ui.label("Compared duration");
             ui.add(field(&mut own.seconds, 0.02..=60.0, " s"));
             ui.end_row();
         });
         if scene.solver.name.is_none() {
-            ui.weak("The scene names no solver: its picture alone is tuned");
+            ui.weak("No [solver] name in the scene: only rendering is tuned");
         }
         let done = own.work.as_ref().and_then(BackgroundTask::try_take);
         let mut said = None;
@@ -75,16 +75,10 @@ impl App {
                 ends = ui.button("Cancel").clicked();
                 context.request_repaint_after(std::time::Duration::from_millis(200));
             }
-            None => begins = ui.button("Find the cheapest").clicked(),
+            None => begins = ui.button("Find settings").clicked(),
         }
         if let Some(found) = &own.found {
-            for note in &found.notes {
-                ui.label(note);
-            }
-            if !found.target_met {
-                ui.weak("Nothing meets what is wanted; this comes nearest");
-            }
-            applies = ui.button("Apply").clicked();
+            applies = show_found(ui, found);
         }
         if ends {
             own.work = None;
@@ -98,7 +92,7 @@ impl App {
             own.found = None;
             let gpu = self.gpu.clone();
             own.work = Some(BackgroundTask::spawn(
-                "beginning",
+                "starting",
                 context,
                 move |progress| tune(&gpu, &scene, &wanted, progress),
             ));
@@ -108,7 +102,7 @@ impl App {
             }
         }
         if let Some(why) = said {
-            self.status = (format!("not tuned: {why}"), true);
+            self.status = (format!("tuning failed: {why}"), true);
         }
         if applies && let Some(found) = self.tuning.found.take() {
             self.edit_body("what was found", context, |t| apply(t, &found));
@@ -117,6 +111,17 @@ impl App {
             }
         }
     }
+}
+
+/// Shows what was found. Returns whether it is to be applied.
+fn show_found(ui: &mut egui::Ui, found: &Tuned) -> bool {
+    for note in &found.notes {
+        ui.label(note);
+    }
+    if !found.target_met {
+        ui.weak("No settings meet the requirements; these come closest");
+    }
+    ui.button("Apply").clicked()
 }
 
 /// Writes the tuned settings into the text of a scene.
@@ -144,7 +149,7 @@ mod tests {
     use palpate::scene::Scene;
 
     #[test]
-    fn what_was_found_becomes_the_scene() {
+    fn tuned_settings_are_written_to_scene() {
         let text = "# A bar.\n[mesh]\ngenerate = \"bar\"\n[material]\nstiffness = 3e4\n[solver]\nname = \"implicit\"\n\
             dt = 0.01\niterations = 40\n[cage]\nnodes = 60\n[[pin]]\naxis = \"x\"\nbelow = 0.0\n[picture]\nsize = [64, 48]\n";
         let scene = Scene::parse(text).unwrap();

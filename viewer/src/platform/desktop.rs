@@ -21,7 +21,7 @@ pub(crate) fn spawn(work: impl FnOnce() + Send + 'static) {
 /// Returns the absolute path of a file.
 ///
 /// # Errors
-/// [`Error::Io`] where there is no current folder.
+/// [`Error::Io`] if there is no current folder.
 pub(crate) fn absolute(file: &Path) -> Result<PathBuf> {
     std::path::absolute(file).map_err(Error::io(file))
 }
@@ -62,7 +62,7 @@ fn wait_for(
             Some(file) => wish.grant(chosen(file.path().to_path_buf())),
             // A user cannot close a dialog this quickly.
             None if asked.elapsed() < DIALOG_FAILURE_TIME => wish.grant(DialogResult::Failed(
-                "the system has no dialog for files (on Linux that is xdg-desktop-portal); type the path: Ctrl+L opens one".into(),
+                "no file dialog is available (on Linux, install xdg-desktop-portal); type the path instead: Ctrl+L".into(),
             )),
             None => {}
         }
@@ -87,7 +87,7 @@ pub(crate) fn stored_settings() -> Option<String> {
     std::fs::read_to_string(settings_file()?).ok()
 }
 
-/// Stores settings. Where that cannot be, nothing is remembered, which is no reason to trouble anybody.
+/// Stores settings; errors are ignored.
 pub(crate) fn store_settings(text: &str) {
     let Some(file) = settings_file() else { return };
     let folder = file.parent().unwrap_or(Path::new("."));
@@ -99,7 +99,8 @@ pub(crate) fn store_settings(text: &str) {
     }
 }
 
-/// Where they are kept: `PALPATE_VIEW_SETTINGS`, or a file in the folder that the system has for such.
+/// Returns the path of the settings file: `PALPATE_VIEW_SETTINGS`, or a file in the system's
+/// configuration folder.
 fn settings_file() -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
     if let Some(file) = variable("PALPATE_VIEW_SETTINGS") {
@@ -116,7 +117,7 @@ fn settings_file() -> Option<PathBuf> {
     Some(folder.join("palpate").join("view.json"))
 }
 
-/// Puts files ready that a scene of the viewer's own reads. The folder they are in.
+/// Stores the bundled files of an example. Returns their folder.
 ///
 /// # Errors
 /// [`Error::Io`] where they cannot be written.

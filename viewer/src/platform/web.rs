@@ -18,7 +18,7 @@ const SETTINGS: &str = "palpate.view";
 /// Delay before a long operation, ms, in which a frame shows its progress text.
 const PAINT_DELAY_MS: i32 = 40;
 
-/// Does something that takes a while, once what is going to be done was shown.
+/// Runs a long operation, after a frame has shown its progress text.
 pub(crate) fn spawn(work: impl FnOnce() + 'static) {
     spawn_local(async move {
         crate::web::pause(PAINT_DELAY_MS).await;
@@ -70,7 +70,7 @@ fn file_input() -> Option<web_sys::HtmlInputElement> {
 }
 
 fn unreadable(name: &str) -> DialogResult {
-    DialogResult::Failed(format!("{name}: the browser cannot read it"))
+    DialogResult::Failed(format!("{name}: the browser cannot read the file"))
 }
 
 /// Saves under the proposed name without a dialog.
@@ -104,7 +104,7 @@ pub(crate) fn start_download(file: &Path) -> Result<()> {
     };
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     download(&name, &bytes)
-        .ok_or_else(|| Error::Input(format!("{name}: the browser does not download it")))
+        .ok_or_else(|| Error::Input(format!("{name}: the browser cannot download the file")))
 }
 
 fn download(name: &str, bytes: &[u8]) -> Option<()> {
@@ -135,7 +135,7 @@ pub(crate) fn store_settings(text: &str) {
     }
 }
 
-/// Puts files ready that a scene of the viewer's own reads. The folder they are in.
+/// Stores the bundled files of an example in memory. Returns their folder.
 pub(crate) fn bundle_files(files: &[(&str, &[u8])]) -> Result<PathBuf> {
     for (name, bytes) in files {
         io::insert_file(name, bytes.to_vec());

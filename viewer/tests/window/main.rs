@@ -1,7 +1,7 @@
-//! The window itself, on a screen of its own (Xvfb), by real events of pointer and keys (xdotool): each
-//! step's screenshot is held against a golden in `viewer/tests/golden`.
+//! Tests of the window on a virtual screen (Xvfb), driven by real pointer and key events (xdotool).
+//! Screenshots are compared with the golden images in `viewer/tests/golden`.
 //!
-//! `PALPATE_BLESS=1` writes the goldens anew; look at them before committing.
+//! `PALPATE_BLESS=1` rewrites the golden images; inspect them before committing.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
@@ -9,45 +9,45 @@ mod pace;
 mod screen;
 
 use glam::DVec3;
+use palpate::generate::bar_of_about;
 use palpate::io::PvdSeries;
-use palpate::mesh::generate::bar_of_about;
 use palpate::mesh::{Field, Location};
 use palpate::render::{Image, ImageDifference};
 use screen::Window;
 use serde_json::Value;
 use std::path::Path;
 
-/// Root mean square difference of what is not alike, of 1, at least.
+/// Minimum root mean square difference of images that must differ (range 0 to 1).
 const OTHER: f64 = 0.02;
-/// Frames that take longer are printed, ms; ten times as long is a hang.
+/// Frames that take longer, ms, are printed; ten times as long counts as a hang.
 const SLOW: f64 = 250.0;
-/// Rounds of use in the test of memory.
+/// Number of rounds in the memory test.
 const ROUNDS: usize = 8;
 
 fn apart(a: &Image, b: &Image) -> f64 {
     ImageDifference::between(a, b).unwrap().rmse
 }
 
-/// Opens, goes round, presses, pulls, cuts, edits colours, clips, undoes and saves.
+/// Opens, orbits, presses, pulls, cuts, edits colours, clips, undoes and saves.
 #[test]
-fn a_session_in_the_window() {
+fn window_session_matches_goldens() {
     let mut window = Window::open(&["--example", "limb"]);
     let open = window.hold_against("open");
 
-    // Round it and back to a side of it.
+    // Orbit, then return to a standard view.
     window.key("1");
     window.hold([400, 400], [520, 340]);
-    let went = window.last()["camera"].clone();
+    let orbited = window.last()["camera"].clone();
     window.let_go();
     window.key("a");
     window.rest();
-    assert_ne!(window.last()["camera"], went);
+    assert_ne!(window.last()["camera"], orbited);
     window.key("f");
     window.rest();
     let side = window.hold_against("side");
     assert!(apart(&open, &side) > OTHER);
 
-    // A press resists more the deeper it goes, and is gone when it is let go.
+    // A press reports force and depth, and ends on release.
     window.key("2");
     window.hold([400, 400], [400, 440]);
     let pressed = window.wait("a press", |frame| frame["force_n"].as_f64() > Some(1.0));
@@ -58,26 +58,26 @@ fn a_session_in_the_window() {
     window.let_go();
     assert_eq!(window.last()["force_n"], Value::Null);
 
-    // A pull moves the body, and it comes back.
+    // A pull deforms the body.
     window.key("3");
     window.hold([240, 385], [250, 330]);
     window.rest();
     let pulled = window.shot();
     assert!(apart(&side, &pulled) > OTHER, "{}", apart(&side, &pulled));
     window.let_go();
-    println!("let go: {}", apart(&side, &window.shot()));
+    println!("difference after release: {}", apart(&side, &window.shot()));
 
-    // A stroke parts tets; the body begins anew whole.
+    // A stroke cuts tets; a reset restores the uncut body.
     window.key("4");
-    let nodes = |said: &Value| said["said"].as_str().unwrap_or_default().to_owned();
+    let status = |frame: &Value| frame["said"].as_str().unwrap_or_default().to_owned();
     window.hold([430, 385], [430, 470]);
     window.let_go();
-    let cut = window.wait("a cut", |frame| nodes(frame).starts_with("cut;"));
+    let cut = window.wait("a cut", |frame| status(frame).starts_with("cut;"));
     window.key("ctrl+r");
     window.rest();
     assert!(window.last()["tets"].as_u64() <= cut["tets"].as_u64());
 
-    // A clip, at the middle; undone it is gone.
+    // Add a clip plane through the centre, then undo it.
     window.click([810, 449]);
     window.rest();
     let clipped = window.hold_against("clip");
@@ -86,13 +86,13 @@ fn a_session_in_the_window() {
     window.rest();
     assert!(apart(&window.hold_against("undone"), &clipped) > OTHER);
 
-    // A point of the transfer function dragged down.
+    // Drag a point of the transfer function down.
     window.hold([900, 120], [900, 215]);
     window.let_go();
     let clear = window.hold_against("clear");
     assert!(apart(&side, &clear) > OTHER);
 
-    // Saved, the scene is one that can be read, seen from here.
+    // A saved scene is valid and has the current camera.
     window.key("ctrl+s");
     window.key("ctrl+a");
     window.xdotool(&["type", "--delay", "20", "saved.toml"]);
@@ -117,41 +117,47 @@ fn a_session_in_the_window() {
     window.wait("the picture", |_| file.is_file());
     assert_eq!(Image::read_for_comparison(&file).unwrap().size, [1024, 768]);
 
-    // What cannot be opened is said, and what was open stays.
+    // A file that cannot be opened is reported, and the open document stays.
     window.key("ctrl+l");
     window.xdotool(&["type", "--delay", "20", "nothing.vtu"]);
     window.key("Return");
-    let said = window.wait("the error", |frame| nodes(frame).contains("nothing.vtu"));
-    assert!(said["tets"].as_u64() > Some(0));
+    let frame = window.wait("the error", |frame| status(frame).contains("nothing.vtu"));
+    assert!(frame["tets"].as_u64() > Some(0));
     check_for_hangs(&window);
 }
 
-/// Asserts that no frame hung the interface or drew more than one picture, and prints slow ones. What a software driver takes to
-/// draw is not the interface's.
+/// Asserts that no frame blocked the interface or rendered more than one picture, and prints slow
+/// frames. The time of a software driver is excluded.
 fn check_for_hangs(window: &Window) {
     let ms = |frame: &Value, key: &str| frame[key].as_f64().unwrap();
     let mut pictures = 0;
     for frame in window.frames() {
         let before = std::mem::replace(&mut pictures, frame["pictures"].as_u64().unwrap());
-        assert!(pictures <= before + 1, "{before} pictures before {frame}");
+        assert!(
+            pictures <= before + 1,
+            "more than one picture in a frame; {before} before {frame}"
+        );
         let (own, driver) = (
             ms(&frame, "ui_ms") - ms(&frame, "driver_ms"),
             ms(&frame, "driver_ms"),
         );
         if own + driver > SLOW {
             println!(
-                "{own:.0} ms, and {driver:.0} ms of the driver, at step {}: {}",
+                "slow frame: {own:.0} ms, driver {driver:.0} ms, at step {}: {}",
                 frame["steps"], frame["said"]
             );
         }
-        assert!(own < 10.0 * SLOW, "{own} ms: {frame}");
+        assert!(
+            own < 10.0 * SLOW,
+            "a frame blocked the interface for {own} ms: {frame}"
+        );
     }
 }
 
-/// Recorded frames are played, gone through one by one and by the slider; a plane is moved by its
-/// handle, which is undone.
+/// Plays a recorded series, steps through it and uses the slider; moves a plane by its handle and
+/// undoes that.
 #[test]
-fn a_series_and_the_handle_of_a_plane() {
+fn series_playback_and_plane_handle() {
     let folder = tempfile::tempdir().unwrap();
     let mesh = bar_of_about(2000, DVec3::new(0.12, 0.06, 0.06)).unwrap();
     let mut series = PvdSeries::create(folder.path(), "bar").unwrap();
@@ -165,30 +171,30 @@ fn a_series_and_the_handle_of_a_plane() {
     }
     let mut window = Window::open(&[series.path().to_str().unwrap()]);
     let first = window.shot();
-    let frame = |said: &Value| said["series_frame"].as_u64();
+    let frame = |record: &Value| record["series_frame"].as_u64();
     assert_eq!(frame(&window.last()), Some(0));
     window.key("space");
-    let end = window.wait("the end", |said| frame(said) == Some(5));
+    let end = window.wait("the end", |record| frame(record) == Some(5));
     assert!((end["time_s"].as_f64().unwrap() - 0.5).abs() < 1e-9);
     window.rest();
     assert_eq!(window.last()["playing"], false);
     assert!(apart(&first, &window.shot()) > OTHER);
     window.key("comma");
-    window.wait("the frame before", |said| frame(said) == Some(4));
+    window.wait("the frame before", |record| frame(record) == Some(4));
     window.hold([700, 731], [400, 731]);
     window.let_go();
     let middle = frame(&window.last());
     assert!((1..=3).contains(&middle.unwrap()), "{middle:?}");
 
-    let plane = |said: &Value| -> Vec<f64> {
-        let own = said["planes"][0].as_array().cloned().unwrap_or_default();
+    let plane = |record: &Value| -> Vec<f64> {
+        let own = record["planes"][0].as_array().cloned().unwrap_or_default();
         own.iter().filter_map(Value::as_f64).collect()
     };
     window.click([810, 306]);
-    let clip = plane(&window.wait("a clip", |said| plane(said).len() == 6));
+    let clip = plane(&window.wait("a clip", |record| plane(record).len() == 6));
     window.rest();
     let before = window.shot();
-    // It is in the middle of the picture.
+    // The handle is at the centre of the picture.
     window.hold([410, 371], [455, 410]);
     window.let_go();
     let moved = plane(&window.last());
@@ -196,36 +202,36 @@ fn a_series_and_the_handle_of_a_plane() {
     assert!(moved[..3] != clip[..3], "{moved:?}");
     assert!(apart(&before, &window.shot()) > 0.005);
     window.key("ctrl+z");
-    window.wait("the undone", |said| plane(said) == clip);
+    window.wait("the undo", |record| plane(record) == clip);
 }
 
-/// Meshing ends where it is cancelled, and what was open stays.
+/// Cancelling ends meshing, and the open document stays.
 #[test]
-fn meshing_is_cancelled() {
+fn cancel_stops_meshing() {
     let mut window = Window::open(&["--example", "limb"]);
     let scene = window.folder.path().join("large.toml");
     std::fs::write(&scene, "[mesh]\ngenerate = \"limb\"\ntets = 6000000\n").unwrap();
     window.key("ctrl+l");
     window.xdotool(&["type", "--delay", "20", "large.toml"]);
     window.key("Return");
-    // The interface goes on meanwhile.
+    // The interface stays responsive during meshing.
     for _ in 0..5 {
         let seen = window.last()["number"].as_u64();
-        window.wait("another frame while it meshes", |said| {
-            let works = said["loading"] == "large.toml" && said["reports"].as_u64() > Some(0);
-            works && said["number"].as_u64() > seen
+        window.wait("another frame during meshing", |frame| {
+            let works = frame["loading"] == "large.toml" && frame["reports"].as_u64() > Some(0);
+            works && frame["number"].as_u64() > seen
         });
     }
     window.click([410, 432]);
-    let left = window.wait("the end", |said| said["loading"].is_null());
-    assert_eq!(left["said"], "large.toml was not opened");
-    assert!(left["tets"].as_u64().unwrap() < 20_000);
-    window.wait("the end of its thread", |said| said["tasks"] == 0);
+    let cancelled = window.wait("the cancellation", |frame| frame["loading"].is_null());
+    assert_eq!(cancelled["said"], "opening large.toml was cancelled");
+    assert!(cancelled["tets"].as_u64().unwrap() < 20_000);
+    window.wait("the end of its thread", |frame| frame["tasks"] == 0);
 }
 
-/// A skin is put on, and undone.
+/// Adds a skin and undoes that.
 #[test]
-fn a_skin_is_put_on() {
+fn added_skin_is_shown_and_undone() {
     let mut window = Window::open(&["--example", "limb"]);
     let bare = window.shot();
     window.click([819, 495]);
@@ -247,10 +253,10 @@ fn a_skin_is_put_on() {
     assert!(apart(&worn, &window.shot()) > OTHER);
 }
 
-/// Rounds of orbiting and pressing allocate nothing and wait for nothing on the device once the first is
-/// done, and need no more memory.
+/// After the first round, orbiting and pressing neither allocate on the device nor read back from
+/// it, and need no more memory.
 #[test]
-fn memory_does_not_grow() {
+fn repeated_use_does_not_grow_memory() {
     let mut window = Window::open(&["--example", "breast"]);
     let (mut host, mut counts, mut device) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
@@ -260,7 +266,7 @@ fn memory_does_not_grow() {
         window.key("f");
         window.key("2");
         window.hold([410, 390], [410, 420]);
-        // So that each round draws all there is, the finger at full resolution as well.
+        // Each round also renders the finger at full resolution.
         window.rest();
         window.let_go();
         let last = window.last();
@@ -275,15 +281,18 @@ fn memory_does_not_grow() {
         counts[1..].iter().all(|count| *count == counts[1]),
         "{counts:?}"
     );
-    // A round has dozens of pictures of a megabyte: one that leaked would show.
+    // A round renders dozens of pictures of a megabyte each, so a leak exceeds this limit.
     if let (Some([early, early_bytes]), Some([late, late_bytes])) =
         (device[half], device[ROUNDS - 1])
     {
         let grows = late > early + 16 || late_bytes > early_bytes + 4_000_000;
         assert!(!grows, "{device:?}");
     }
-    // Ten times what rounds differ by.
+    // Ten times the variation between rounds.
     let (early, late) = (host[half], host[ROUNDS - 1]);
-    assert!(late < early + 200.0, "{early} MB, later {late} MB");
+    assert!(
+        late < early + 200.0,
+        "memory grows from {early} MB to {late} MB"
+    );
     check_for_hangs(&window);
 }

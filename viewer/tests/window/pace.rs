@@ -1,24 +1,24 @@
-//! How fast the window is while somebody goes round the body, and presses on it.
+//! Benchmark of frame rate and latency of the window during orbiting and pressing.
 //!
-//! `scripts/test viewer -- --ignored --nocapture pace` measures; on a machine that does nothing else.
+//! Run `scripts/test viewer -- --ignored --nocapture pace` on an otherwise idle machine.
 
 use crate::screen::Window;
 use serde_json::Value;
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-/// Motions of the pointer a second.
+/// Pointer motions per second.
 const EVENTS: usize = 60;
-/// For how long each is done, s, and how often.
+/// Duration of a measurement, s, and number of repetitions.
 const SECONDS: usize = 5;
 const TURNS: usize = 3;
-/// Presses whose latency is measured.
+/// Number of latency measurements.
 const PRESSES: i32 = 12;
-/// Pictures a second to reach.
+/// Target pictures per second.
 const ORBIT: f64 = 25.0;
 const PRESS: f64 = 15.0;
 
-/// Frames of a while.
+/// Rates and times of one measurement.
 struct Pace {
     pictures: f64,
     steps: f64,
@@ -27,13 +27,13 @@ struct Pace {
     latency: f64,
 }
 
-/// Moves the pointer for a while along a way; what the window did.
-fn pace(window: &Window, way: impl Fn(f64) -> [f64; 2]) -> Pace {
+/// Moves the pointer along `path` for the duration of a measurement.
+fn pace(window: &Window, path: impl Fn(f64) -> [f64; 2]) -> Pace {
     let begun = window.frames().len();
     let count = EVENTS * SECONDS;
     let mut script = String::new();
     for n in 0..count {
-        let [x, y] = way(n as f64 / count as f64).map(f64::round);
+        let [x, y] = path(n as f64 / count as f64).map(f64::round);
         let _ = writeln!(script, "mousemove {x} {y} sleep {}", 1.0 / EVENTS as f64);
     }
     let words: Vec<&str> = script.split_whitespace().collect();
@@ -59,7 +59,8 @@ fn pace(window: &Window, way: impl Fn(f64) -> [f64; 2]) -> Pace {
     }
 }
 
-fn told(name: &str, paces: &[Pace]) -> f64 {
+/// Prints measurements. Returns the best pictures per second.
+fn report_best(name: &str, paces: &[Pace]) -> f64 {
     for pace in paces {
         println!(
             "{name}: {:.1} pictures/s, {:.1} steps/s, {:.1} frames/s, latency {:.0} ms, longest frame {:.0} ms",
@@ -69,13 +70,13 @@ fn told(name: &str, paces: &[Pace]) -> f64 {
     paces.iter().map(|p| p.pictures).fold(0.0, f64::max)
 }
 
-/// From a motion of the pointer to another picture on the screen, as who looks at it has it, ms.
+/// Returns the time from a pointer motion to a changed picture on the screen, ms.
 fn latency(window: &mut Window, n: i32) -> f64 {
     window.rest();
     let before = window.shot();
     let since = Instant::now();
     window.xdotool(&["mousemove", "400", &(410 + 3 * n).to_string()]);
-    // The picture, and not what is told beside it.
+    // The central part of the picture, without the overlays.
     let middle = |image: &palpate::render::Image| {
         let width = image.size[0] as usize;
         let rows = (300..600).flat_map(|y| y * width + 250..y * width + 560);
@@ -85,17 +86,17 @@ fn latency(window: &mut Window, n: i32) -> f64 {
     while middle(&window.pixels()) == before {
         assert!(
             since.elapsed() < Duration::from_secs(600),
-            "no other picture"
+            "the picture did not change within 600 s"
         );
         std::thread::sleep(Duration::from_millis(2));
     }
     1e3 * since.elapsed().as_secs_f64()
 }
 
-/// Orbits, presses and tells.
+/// Measures orbiting and pressing.
 #[test]
-#[ignore = "a measurement: for a machine that does nothing else"]
-fn pace_of_the_limb() {
+#[ignore = "a benchmark: requires an otherwise idle machine"]
+fn limb_frame_rate_and_latency() {
     let mut window = Window::open(&["--example", "limb"]);
     let load = std::fs::read_to_string("/proc/loadavg").unwrap();
     println!("load before: {}", load.trim());
@@ -132,13 +133,15 @@ fn pace_of_the_limb() {
     let mut late: Vec<f64> = (1..=PRESSES).map(|n| latency(&mut window, n)).collect();
     window.let_go();
     late.sort_by(f64::total_cmp);
-    let orbit = told("round it", &orbits);
-    let press = told("pressing", &presses);
+    let orbit = report_best("orbiting", &orbits);
+    let press = report_best("pressing", &presses);
     println!(
-        "from the pointer to the changed picture on the screen: {:.0} ms (median), {:.0} to {:.0}",
+        "latency from pointer to picture on the screen: {:.0} ms (median), {:.0} to {:.0}",
         late[late.len() / 2],
         late[0],
         late[late.len() - 1]
     );
-    println!("at best {orbit:.1} (mark {ORBIT}) and {press:.1} (mark {PRESS}) pictures a second");
+    println!(
+        "best: orbiting {orbit:.1} (target {ORBIT}), pressing {press:.1} (target {PRESS}) pictures/s"
+    );
 }

@@ -1,4 +1,4 @@
-//! A window on a screen of its own, used by real events; what it does is told by its log.
+//! A window on a virtual screen, driven by real events and observed through its frame log.
 
 use palpate::render::{Background, BitDepth, Image, ImageDifference};
 use serde_json::Value;
@@ -11,33 +11,33 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 const SIZE: [usize; 2] = [1024, 768];
-/// Of the lower edge, where times and rates are told.
+/// Height of the status bar, whose times and rates vary, in pixels.
 const STATUS: usize = 26;
-/// Root mean square difference of what is alike, of 1.
+/// Maximum root mean square difference of matching images (range 0 to 1).
 const ALIKE: f64 = 0.012;
-/// How often the log is read.
+/// Polling interval of the log.
 const LOOK: Duration = Duration::from_millis(20);
 /// A guard against hangs.
 const PATIENCE: Duration = Duration::from_secs(600);
-/// A body that has not come to rest after so many steps never does.
+/// Maximum number of steps until a body comes to rest.
 const MOST_STEPS: u64 = 3000;
 
-/// Whose window it is: beside another, that one's time would be measured too.
+/// Held by the only window: concurrent windows would distort each other's timings.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// What was read of the window's log.
+/// Content of the window's log.
 #[derive(Default)]
 struct Log {
-    /// Bytes that were read.
+    /// Number of bytes read.
     read: u64,
     frames: Vec<Value>,
     /// The last frame that was presented.
     presented: Value,
-    /// Live allocations on the device, and their bytes, when a frame was last at rest.
+    /// The last record with the live allocations on the device and their bytes.
     device: Value,
 }
 
-/// A screen with a window on it, the only one there is.
+/// A virtual screen with the window.
 pub struct Window {
     _alone: MutexGuard<'static, ()>,
     screen: Child,
@@ -58,7 +58,7 @@ impl Drop for Window {
 
 fn missing(program: &str, e: std::io::Error) -> ! {
     panic!(
-        "{program}: {e}; `scripts/test viewer` installs it (on Debian: apt install xvfb xdotool)"
+        "cannot run {program}: {e}; install it with `scripts/test viewer` (on Debian: apt install xvfb xdotool)"
     )
 }
 
@@ -100,7 +100,11 @@ impl Window {
         window.wait("the body", |frame| frame["tets"].as_u64() > Some(0));
         window.rest();
         let found = window.xdotool(&["search", "--name", "Palpate"]);
-        let id = found.lines().last().expect("no window").to_owned();
+        let id = found
+            .lines()
+            .last()
+            .expect("xdotool finds no window named Palpate")
+            .to_owned();
         window.xdotool(&["windowfocus", &id]);
         window
     }
@@ -115,7 +119,7 @@ impl Window {
         String::from_utf8(done.stdout).unwrap()
     }
 
-    /// Reads what is new in the log.
+    /// Reads new lines of the log.
     fn read_log(&self) -> RefMut<'_, Log> {
         let mut log = self.log.borrow_mut();
         let mut text = String::new();
@@ -123,7 +127,7 @@ impl Window {
             file.seek(SeekFrom::Start(log.read)).unwrap();
             file.read_to_string(&mut text).unwrap();
         }
-        // The last line may be half there.
+        // The last line may be incomplete.
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
         log.read += whole as u64;
         for line in text[..whole].lines() {
@@ -140,7 +144,7 @@ impl Window {
         log
     }
 
-    /// Frames so far.
+    /// Returns all frames so far.
     pub fn frames(&self) -> Vec<Value> {
         self.read_log().frames.clone()
     }
@@ -149,15 +153,15 @@ impl Window {
         self.read_log().frames.last().cloned().unwrap_or_default()
     }
 
-    /// Live allocations on the device and their bytes when it was last at rest; none where the driver
-    /// does not report them.
+    /// Returns the number of live allocations on the device and their bytes at the last rest; `None`
+    /// if the driver does not report them.
     pub fn device_memory(&self) -> Option<[u64; 2]> {
         let log = self.read_log();
         let number = |key: &str| log.device[key].as_u64();
         Some([number("allocations")?, number("device_bytes")?])
     }
 
-    /// Waits until a frame is as it should be: the last one, or any after it.
+    /// Waits for a frame that satisfies `is`: the last one or a later one.
     pub fn wait(&mut self, what: &str, is: impl Fn(&Value) -> bool) -> Value {
         let since = Instant::now();
         let mut next = self.read_log().frames.len().saturating_sub(1);
@@ -173,7 +177,7 @@ impl Window {
             let waited = since.elapsed();
             assert!(
                 waited < PATIENCE,
-                "no sign of {what}: {:?}",
+                "timed out waiting for {what}: {:?}",
                 log.frames.last()
             );
             drop(log);
@@ -181,7 +185,7 @@ impl Window {
         }
     }
 
-    /// Waits until nothing moves, and the last frame is on the screen and wants no other one.
+    /// Waits until no work is pending, the last frame is presented and no other frame is requested.
     pub fn rest(&mut self) {
         let since = Instant::now();
         let steps = |frame: &Value| frame["steps"].as_u64().unwrap_or(0);
@@ -196,17 +200,23 @@ impl Window {
                 if last["busy"] == false && presented && log.presented["soon"] == false {
                     return;
                 }
-                // A body that is opened begins at 0.
+                // Opening a body resets the number of steps.
                 let done = steps(last).saturating_sub(first);
-                assert!(done < MOST_STEPS, "it never rests: {last}");
+                assert!(
+                    done < MOST_STEPS,
+                    "the body does not come to rest within {MOST_STEPS} steps: {last}"
+                );
             }
-            assert!(since.elapsed() < PATIENCE, "it never rests");
+            assert!(
+                since.elapsed() < PATIENCE,
+                "the window does not come to rest within {PATIENCE:?}"
+            );
             drop(log);
             std::thread::sleep(LOOK);
         }
     }
 
-    /// Hits a key, and waits until the window has taken it.
+    /// Presses a key and waits until the window has received it.
     pub fn key(&mut self, name: &str) {
         let keys = self.last()["keys"].as_u64();
         self.xdotool(&["key", name]);
@@ -219,7 +229,7 @@ impl Window {
         self.button(false);
     }
 
-    /// Moves the pointer, and waits until the window has seen it there.
+    /// Moves the pointer and waits until the window has received its position.
     pub fn to(&mut self, at: [i32; 2]) {
         let [x, y] = at.map(|n| n.to_string());
         self.xdotool(&["mousemove", &x, &y]);
@@ -229,13 +239,13 @@ impl Window {
         });
     }
 
-    /// Presses the left button, or lets it go, and waits until the window has seen it.
+    /// Presses or releases the left button and waits until the window has received it.
     pub fn button(&mut self, down: bool) {
         self.xdotool(&[if down { "mousedown" } else { "mouseup" }, "1"]);
         self.wait("the button", |frame| frame["down"] == down);
     }
 
-    /// Presses the left button at a place and moves it to another, where it stays down.
+    /// Presses the left button at `from` and drags to `to` without releasing it.
     pub fn hold(&mut self, from: [i32; 2], to: [i32; 2]) {
         self.to(from);
         self.button(true);
@@ -249,11 +259,11 @@ impl Window {
         self.rest();
     }
 
-    /// What is on the screen at rest: X may still be copying what was presented.
+    /// Returns a screenshot at rest, once two in a row agree: X may still be copying a frame.
     pub fn shot(&self) -> Image {
         let mut before = self.pixels();
         loop {
-            // X answers after what it was sent before.
+            // X answers once it has processed earlier requests.
             self.xdotool(&["getmouselocation"]);
             let now = self.pixels();
             if now.values == before.values {
@@ -263,7 +273,7 @@ impl Window {
         }
     }
 
-    /// The memory of Xvfb, which is a file in the format XWD.
+    /// Reads the screen memory of Xvfb, a file in XWD format.
     pub fn pixels(&self) -> Image {
         let bytes = std::fs::read(self.folder.path().join("Xvfb_screen0")).unwrap();
         let word =
@@ -285,9 +295,9 @@ impl Window {
         }
     }
 
-    /// Holds what is on the screen against the golden of this name.
+    /// Compares the screen with the golden image of this name.
     pub fn hold_against(&mut self, name: &str) -> Image {
-        // Not the pointer, nor what hangs on it.
+        // Keep the pointer and its tooltips out of the comparison.
         self.to([4, 700]);
         self.rest();
         let shot = self.shot();
@@ -303,7 +313,10 @@ impl Window {
             let kept = std::env::temp_dir().join(format!("palpate-view-{name}.png"));
             shot.save_as(&kept, Background::Black, BitDepth::Eight)
                 .unwrap();
-            panic!("{name}: {apart:?} from its golden; see {}", kept.display());
+            panic!(
+                "{name}: {apart:?} from its golden, at most {ALIKE}; see {}",
+                kept.display()
+            );
         }
         shot
     }

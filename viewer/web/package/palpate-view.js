@@ -1,21 +1,21 @@
-// <palpate-view src="liver.vtu" transfer="tissue">: the viewer as an element of a page.
+// <palpate-view src="liver.vtu" transfer="tissue">: the viewer as a page element.
 
 import init, { Viewer } from "./palpate_view.js";
 
 const WASM = new URL("palpate_view_bg.wasm", import.meta.url);
 const NO_WEBGPU =
-  "This page draws with WebGPU, which this browser does not have or has switched off. " +
-  "Chrome and Edge from 113 on, Safari from 26 on and Firefox from 141 on have it; " +
-  "on Linux it may have to be switched on.";
+  "This page requires WebGPU, which this browser does not support or has disabled. " +
+  "Chrome and Edge support it from version 113, Safari from 26 and Firefox from 141; " +
+  "on Linux it may have to be enabled.";
 const NOT_SECURE =
-  "This page draws with WebGPU, which browsers give to safe addresses alone: " +
-  "open it by https, or from localhost.";
+  "This page requires WebGPU, which browsers provide only to secure pages: " +
+  "open it over https or from localhost.";
 const NO_ADAPTER =
-  "This page draws with WebGPU, for which this browser finds no graphics device that it trusts. " +
-  "Switch on graphics acceleration in its settings, or update the graphics driver.";
+  "This page requires WebGPU, but this browser finds no supported graphics device. " +
+  "Enable graphics acceleration in its settings, or update the graphics driver.";
 const LOST =
-  "The browser lost the graphics device, and with it the body as it was.";
-const ENDED = "The viewer stopped by a mistake of its own; reload the page to begin anew.";
+  "The browser lost the graphics device, and with it the state of the body.";
+const ENDED = "Internal error: the viewer stopped; reload the page to restart it.";
 const STYLE =
   ":host { display: block; position: relative; min-height: 200px } " +
   "canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; outline: none } " +
@@ -50,7 +50,7 @@ function stateOf(frame) {
 
 let module;
 
-/** The module, fetched and compiled once for all elements. */
+/** Fetches and compiles the module, once for all elements. */
 function ready() {
   module ??= init({ module_or_path: WASM }).catch((why) => {
     module = undefined;
@@ -59,10 +59,10 @@ function ready() {
   return module;
 }
 
-/** The bytes at an address; an error that says what was asked for. */
+/** Fetches the bytes at a URL; errors name the URL. */
 async function fetched(url) {
   const answer = await fetch(url).catch((why) => {
-    throw new Error(`${url}: ${why.message}; a server of another site has to allow it (CORS)`);
+    throw new Error(`${url}: ${why.message}; a server of another origin must allow the request (CORS)`);
   });
   if (!answer.ok) throw new Error(`${url}: ${answer.status} ${answer.statusText}`);
   return new Uint8Array(await answer.arrayBuffer());
@@ -100,7 +100,7 @@ export class PalpateView extends HTMLElement {
   #start() {
     const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
     root.innerHTML =
-      `<style>${STYLE}</style><canvas tabindex="0" aria-label="A body that can be pressed on"></canvas>`;
+      `<style>${STYLE}</style><canvas tabindex="0" aria-label="Interactive view of a body"></canvas>`;
     this.#last = {};
     this.#ended = undefined;
     const shown = this.#begin(root.querySelector("canvas"), () => this.#shown === shown);
@@ -109,14 +109,14 @@ export class PalpateView extends HTMLElement {
     this.#open();
   }
 
-  /** Shows a viewer on `canvas`, as long as it is `wanted`. */
+  /** Starts a viewer on `canvas`, and stops it if it is no longer `wanted`. */
   async #begin(canvas, wanted) {
     if (!navigator.gpu) throw new Error(window.isSecureContext ? NO_WEBGPU : NOT_SECURE);
     const [adapter] = await Promise.all([navigator.gpu.requestAdapter(), ready()]);
     if (!adapter) throw new Error(NO_ADAPTER);
     const viewer = new Viewer();
     const example = this.getAttribute("src") ? undefined : (this.getAttribute("example") ?? undefined);
-    // Not within the frame: whoever listens may call the viewer.
+    // Deferred until after the frame, because listeners may call the viewer.
     const told = (text) => queueMicrotask(() => this.#viewer === viewer && this.#told(JSON.parse(text)));
     const ended = (why) => {
       console.error(why);
@@ -127,8 +127,8 @@ export class PalpateView extends HTMLElement {
     this.#viewer = viewer;
   }
 
-  /** Frees the canvas, the device and whoever waits. */
-  #end(why = "the element is not in a page any more") {
+  /** Frees the canvas and the device, and rejects a pending load. */
+  #end(why = "the element was removed from the page") {
     const viewer = this.#viewer;
     this.#viewer = undefined;
     this.#shown = undefined;
@@ -136,11 +136,11 @@ export class PalpateView extends HTMLElement {
     try {
       viewer?.destroy();
     } catch {
-      // A module that has ended cannot be called.
+      // A module that has panicked cannot be called.
     }
   }
 
-  /** Says in the place of the picture why there is none; `again` if it may be had by beginning anew. */
+  /** Replaces the picture by an error message; `again` adds a button to restart the viewer. */
   #stop(message, again = false) {
     this.#end(message);
     this.#ended = message;
@@ -148,7 +148,7 @@ export class PalpateView extends HTMLElement {
     said.setAttribute("role", "alert");
     said.append(Object.assign(document.createElement("p"), { textContent: message }));
     if (again) {
-      const button = Object.assign(document.createElement("button"), { textContent: "Show it again" });
+      const button = Object.assign(document.createElement("button"), { textContent: "Restart viewer" });
       button.addEventListener("click", () => this.#start());
       said.append(button);
     }
@@ -158,7 +158,7 @@ export class PalpateView extends HTMLElement {
 
   #open() {
     const src = this.getAttribute("src");
-    // What is wrong with it the viewer says.
+    // The viewer reports errors itself.
     if (src) this.load(new URL(src, document.baseURI).href).catch(() => {});
   }
 
@@ -166,11 +166,11 @@ export class PalpateView extends HTMLElement {
     this.dispatchEvent(new CustomEvent(name, { detail }));
   }
 
-  /** Compares a frame with the one before, and tells what is new. */
+  /** Compares a frame with the previous one, and dispatches events of the changes. */
   #told(frame) {
     const last = this.#last;
     this.#last = frame;
-    if (frame.lost !== null) return this.#stop(`${LOST} Its reason: ${frame.lost || "none"}`, true);
+    if (frame.lost !== null) return this.#stop(`${LOST} Reason: ${frame.lost || "unknown"}`, true);
     if (frame.opened > (last.opened ?? 0)) this.#tell("load", { name: frame.name, tets: frame.tets });
     if (frame.error && !(last.error && frame.said === last.said)) this.#tell("error", { message: frame.said });
     if (this.#waits) this.#look();
@@ -180,15 +180,15 @@ export class PalpateView extends HTMLElement {
     if (JSON.stringify(frame.camera) !== JSON.stringify(last.camera)) this.#tell("camera", this.camera());
   }
 
-  /** Looks whether what is waited for was opened, or cannot be. */
+  /** Settles the pending load, once its file is open or has failed. */
   #look() {
-    // The frame that was told may be older than what is waited for.
+    // The reported frame may be older than the pending load.
     const frame = this.#frame();
     if (frame.loading) return;
     this.#settle(frame.opened > this.#waits.opened ? undefined : new Error(frame.said));
   }
 
-  /** Ends the wait for what is being opened; with why, if it was not. */
+  /** Resolves the pending load, or rejects it with the error `why`. */
   #settle(why) {
     const waits = this.#waits;
     this.#waits = undefined;
@@ -199,11 +199,11 @@ export class PalpateView extends HTMLElement {
   async #ready() {
     if (this.#ended) throw new Error(this.#ended);
     await this.#shown;
-    if (!this.#viewer) throw new Error("the element is not in a page");
+    if (!this.#viewer) throw new Error("the element is not attached to a page");
     return this.#viewer;
   }
 
-  /** Opens what an address, a File or bytes with a name hold; ends once it is shown. */
+  /** Opens a URL, a File, or bytes with a name; resolves once it is shown. */
   load(what, name) {
     this.#wanted = this.#wanted.catch(() => {}).then(() => this.#load(what, name));
     return this.#wanted;
@@ -211,13 +211,13 @@ export class PalpateView extends HTMLElement {
 
   async #load(what, name) {
     const viewer = await this.#ready();
-    // The same mistake twice is told twice.
+    // A repeated error is reported again.
     this.#last = { ...this.#last, error: false };
     const bytes = await bytesOf(what).catch((why) => {
       this.#viewer?.say(why.message);
       throw why;
     });
-    if (this.#viewer !== viewer) throw new Error("the element is not in a page any more");
+    if (this.#viewer !== viewer) throw new Error("the element was removed from the page");
     const called = name ?? what.name ?? decodeURIComponent(String(what).split(/[?#]/)[0].split("/").pop());
     viewer.add_file(called, bytes);
     const { opened } = this.#frame();
@@ -237,19 +237,19 @@ export class PalpateView extends HTMLElement {
     return this.addFile(name, bytes);
   }
 
-  /** The camera; with one given, looks by it. */
+  /** Returns the camera, after setting it to `camera` if given. */
   camera(camera) {
     if (!this.#viewer) return undefined;
     if (camera) this.#viewer.set_camera(JSON.stringify(camera));
     return JSON.parse(this.#viewer.camera());
   }
 
-  /** Presses on what is seen at x, y (0 to 1, to the right and down), so many metres deep. */
+  /** Presses on the body at x, y (0 to 1, to the right and down), to `depth` metres. */
   async press(x, y, depth) {
     (await this.#ready()).press(x, y, depth);
   }
 
-  /** Takes the finger out again. */
+  /** Retracts the finger. */
   async release() {
     (await this.#ready()).release();
   }
@@ -266,7 +266,7 @@ export class PalpateView extends HTMLElement {
     return this.screenshot(width, height);
   }
 
-  /** What is known of the last frame. */
+  /** Returns the log record of the last frame. */
   state() {
     return stateOf(this.#frame());
   }

@@ -1,4 +1,4 @@
-// A page in headless Chromium, on the software driver SwiftShader, and what it is held against.
+// Test harness: a page in headless Chromium on the software driver SwiftShader, and its references.
 
 import { execFileSync, spawnSync } from "node:child_process";
 import fs from "node:fs";
@@ -9,19 +9,19 @@ import { fileURLToPath, pathToFileURL } from "node:url";
 
 export const ROOT = fileURLToPath(new URL("../../../", import.meta.url));
 const GOLDEN = path.join(ROOT, "viewer/tests/golden");
-/** What the page's driver is for programs outside of it. */
+/** Vulkan driver file of SwiftShader, the page's driver, for other programs. */
 const DRIVER = process.env.PALPATE_SWIFTSHADER;
 const PALPATE = process.env.PALPATE;
-/** Where screenshots go. */
+/** Folder of the screenshots. */
 export const OUT = path.join(ROOT, "target/page");
 fs.rmSync(OUT, { recursive: true, force: true });
 fs.mkdirSync(OUT, { recursive: true });
-/** Points at the lower edge in which times and rates are told. */
+/** Height of the status bar, whose times and rates vary, in points. */
 const STATUS = 26;
-/** So many milliseconds are waited for anything. */
+/** Timeout of every wait, ms. */
 const WAIT = 600_000;
 
-// What is installed lies in no folder above this one.
+// The packages are not installed in a parent folder of this file.
 const installed = createRequire(path.join(process.env.PALPATE_NODE, "package.json"));
 const { default: puppeteer } = await import(pathToFileURL(installed.resolve("puppeteer-core")));
 
@@ -39,7 +39,7 @@ export function check(is, why) {
 
 const KINDS = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
 
-/** Serves a folder with the page, and data/ below it. */
+/** Serves the folder of the page, and data/ of the repository. */
 export async function serve(site = path.join(ROOT, "target/web")) {
   const server = http.createServer((asked, answer) => {
     const name = decodeURIComponent(new URL(asked.url, "http://localhost").pathname);
@@ -58,7 +58,7 @@ export function launch({ webgpu = true, size = [1024, 768] } = {}) {
   const found = ["chromium", "chromium-browser"].map((name) =>
     spawnSync("sh", ["-c", `command -v ${name}`], { encoding: "utf8" }).stdout.trim());
   const executablePath = process.env.PALPATE_CHROMIUM ?? found.find((name) => name);
-  check(executablePath, "no Chromium was found; on Debian: apt install chromium");
+  check(executablePath, "Chromium not found; install it (on Debian: apt install chromium) or set PALPATE_CHROMIUM");
   const args = [...FLAGS, ...(webgpu ? GPU : ["--disable-features=WebGPU"])];
   const [width, height] = size;
   return puppeteer.launch({ executablePath, args, headless: true, protocolTimeout: 600_000, defaultViewport: { width, height } });
@@ -66,7 +66,7 @@ export function launch({ webgpu = true, size = [1024, 768] } = {}) {
 
 /** A page with the viewer in it. */
 export class Page {
-  /** Opened, once the browser was `prepared`. */
+  /** Opens `address`; `prepared` runs in the page before its scripts. */
   static async open(browser, address, prepared = () => {}) {
     const page = await browser.newPage();
     const self = new Page(page);
@@ -88,13 +88,13 @@ export class Page {
     return this.page.evaluate(() => document.querySelector("palpate-view")?.state?.() ?? {});
   }
 
-  /** Calls a function of the element. */
+  /** Calls a method of the element. */
   call(name, ...given) {
     return this.page.evaluate(
       (name, given) => document.querySelector("palpate-view")[name](...given), name, given);
   }
 
-  /** Events of the element since they were last asked for. */
+  /** Returns the events of the element since the last call. */
   events() {
     return this.page.evaluate(() => window.palpateEvents.splice(0));
   }
@@ -105,12 +105,12 @@ export class Page {
       const state = await this.state();
       if (is(state)) return state;
       const said = this.said.slice(-5).join("\n");
-      check(Date.now() - since < WAIT, `no sign of ${what}: ${JSON.stringify(state)}\n${said}`);
+      check(Date.now() - since < WAIT, `timed out waiting for ${what}: ${JSON.stringify(state)}\n${said}`);
       await sleep(20);
     }
   }
 
-  /** Waits until nothing moves, and the last frame is on the screen and wants no other one. */
+  /** Waits until no work is pending, the last frame is presented and no other frame is requested. */
   rest() {
     return this.wait("rest", ({ number, presented, busy, soon, pictures }) =>
       pictures > 0 && !busy && !soon && presented === number);
@@ -122,7 +122,7 @@ export class Page {
     await this.wait(`the key ${name}`, (state) => state.keys > keys);
   }
 
-  /** Moves the pointer, and waits until the viewer has seen it there. */
+  /** Moves the pointer and waits until the viewer has received its position. */
   async to(x, y) {
     await this.page.mouse.move(x, y);
     await this.wait("the pointer", ({ pointer }) =>
@@ -134,10 +134,10 @@ export class Page {
     await this.page.mouse.down();
     await this.wait("the button", (state) => state.down);
     await this.page.mouse.up();
-    await this.wait("the button let go", (state) => !state.down);
+    await this.wait("the button release", (state) => !state.down);
   }
 
-  /** Presses the left button at a place and moves it to another, where it stays down. */
+  /** Presses the left button at one point and drags to another without releasing it. */
   async hold([x, y], [toX, toY]) {
     await this.to(x, y);
     await this.page.mouse.down();
@@ -149,11 +149,11 @@ export class Page {
 
   async letGo() {
     await this.page.mouse.up();
-    await this.wait("the button let go", (state) => !state.down);
+    await this.wait("the button release", (state) => !state.down);
     await this.rest();
   }
 
-  /** Has events of a drop of files come. */
+  /** Simulates a drop of files. */
   drop(files) {
     return this.page.evaluate((files) => {
       const dataTransfer = new DataTransfer();
@@ -168,7 +168,7 @@ export class Page {
     }, files.map(([name, bytes]) => [name, Buffer.from(bytes).toString("base64")]));
   }
 
-  /** What is on the screen; unless the whole of it, without the line at the lower edge where times are told. */
+  /** Takes a screenshot; without the status bar, unless `whole`. */
   async shot(name, whole = false) {
     const { width, height } = this.page.viewport();
     const file = path.join(OUT, `${name}.png`);
@@ -177,8 +177,8 @@ export class Page {
   }
 
   /**
-   * Holds what is on the screen against the golden of this name. PALPATE_BLESS=1 writes those anew that
-   * are the page's own; look at them before committing.
+   * Compares the screen with the golden image of this name. PALPATE_BLESS=1 rewrites the golden images
+   * that only the page has (`own`); inspect them before committing.
    */
   async holdAgainst(name, alike, own = false) {
     // A phone has no pointer.
@@ -189,12 +189,12 @@ export class Page {
     const golden = path.join(GOLDEN, `${name}.png`);
     if (own && process.env.PALPATE_BLESS) fs.copyFileSync(shot, golden);
     const off = apart(golden, shot);
-    console.log(`${name}: ${off.toFixed(4)} from its golden`);
-    check(off <= alike, `${name}: ${off} from its golden, at most ${alike}; see ${shot}`);
+    console.log(`${name}: differs from its golden by ${off.toFixed(4)}`);
+    check(off <= alike, `${name}: differs from its golden by ${off}, at most ${alike}; see ${shot}`);
     return shot;
   }
 
-  /** The picture, by the element. */
+  /** Saves a picture of the element. */
   async picture(name, width, height) {
     const bytes = await this.page.evaluate(async (width, height) => {
       const blob = await document.querySelector("palpate-view").screenshot(width, height);
@@ -208,7 +208,7 @@ export class Page {
   }
 }
 
-/** Within the page: keeps events, and notes when there was a first picture. */
+/** In the page: records events, and the time of the first picture. */
 function watch() {
   window.palpateEvents = [];
   document.addEventListener("DOMContentLoaded", () => {
@@ -218,21 +218,21 @@ function watch() {
     }
     const look = () => {
       if (!(view.state?.().pictures > 0)) return requestAnimationFrame(look);
-      // On the screen with the frame after.
+      // It is presented by the next frame.
       requestAnimationFrame(() => requestAnimationFrame(() => (window.firstPicture = performance.now())));
     };
     look();
   });
 }
 
-/** Root mean square difference of two pictures, of 1. */
+/** Returns the root mean square difference of two pictures (range 0 to 1). */
 export function apart(a, b) {
   const done = spawnSync(PALPATE, ["compare", a, b, "--json"], { encoding: "utf8" });
   check(done.stdout, `palpate compare ${a} ${b}: ${done.stderr}`);
   return JSON.parse(done.stdout).rmse;
 }
 
-/** The picture of a scene by the command, on the page's driver. */
+/** Renders a scene with the command, on the page's driver. */
 export function drawn(scene, file, [width, height]) {
   execFileSync(PALPATE, ["render", scene, "--out", file, "--size", `${width}x${height}`], {
     env: { ...process.env, VK_ICD_FILENAMES: DRIVER },

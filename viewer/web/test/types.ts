@@ -1,4 +1,4 @@
-// What TypeScript makes of the element's types: scripts/test page compiles this.
+// Checks the element's TypeScript types; compiled by scripts/test page.
 
 import { type Camera } from "../package/palpate-view.js";
 
@@ -24,7 +24,7 @@ export async function use(): Promise<Blob> {
   await view.put("knee.json", new Uint8Array(3));
   await view.picture(8, 6);
   view.title = [view.state().said, view.state().lost, view.state().opened].join();
-  // @ts-expect-error: a press has a depth
+  // @ts-expect-error: a press requires a depth
   await view.press(0.5, force ?? 0);
   return view.screenshot(800, 600);
 }

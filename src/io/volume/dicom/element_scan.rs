@@ -60,20 +60,50 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
         implicit: uid == "1.2.840.10008.1.2",
         big_endian: uid == "1.2.840.10008.1.2.2",
     };
-    let mut sifted = heading(&uid);
-    let mut seen: Vec<Tag> = Vec::new();
-    let mut blocks_begin = None;
-    let mut frames: Vec<Frame> = Vec::new();
+    let mut scan = ElementScan {
+        file,
+        wanted,
+        sifted: heading(&uid),
+        seen: Vec::new(),
+        blocks_begin: None,
+        frames: Vec::new(),
+    };
     while at + 8 <= file.len() {
-        while frames.last().is_some_and(|f| f.end == Some(at)) {
-            frames.pop();
+        at = scan.element(at, syntax)?;
+    }
+    match scan.blocks_begin {
+        None => Ok((uid, scan.sifted)),
+        Some(begin) => Err(format!(
+            "byte {begin}: fragments of {PIXELS} are not terminated (truncated file)"
+        )),
+    }
+}
+
+/// What is known of a file up to an element.
+struct ElementScan<'a> {
+    file: &'a [u8],
+    wanted: &'a [Tag],
+    /// The file with only the elements found so far.
+    sifted: Vec<u8>,
+    seen: Vec<Tag>,
+    /// Start of the pixel data, while its blocks are open.
+    blocks_begin: Option<usize>,
+    /// The open containers.
+    frames: Vec<Frame>,
+}
+
+impl ElementScan<'_> {
+    /// Checks the element at `start`, or the start of it if it contains others. Returns where the
+    /// next one starts.
+    fn element(&mut self, start: usize, syntax: Syntax) -> ParseResult<usize> {
+        while self.frames.last().is_some_and(|f| f.end == Some(start)) {
+            self.frames.pop();
         }
-        let implicit = syntax.implicit || frames.last().is_some_and(|f| f.implicit);
-        let (tag, vr, length, header) = element(file, at, implicit, syntax.big_endian)?;
-        let start = at;
-        at += header;
-        let around = frames.iter().rev().find_map(|f| f.end);
-        let end = fits(file, start, tag, length, at, around)?;
+        let implicit = syntax.implicit || self.frames.last().is_some_and(|f| f.implicit);
+        let (tag, vr, length, header) = element(self.file, start, implicit, syntax.big_endian)?;
+        let at = start + header;
+        let around = self.frames.iter().rev().find_map(|f| f.end);
+        let end = fits(self.file, start, tag, length, at, around)?;
         if end.is_some() && !length.is_multiple_of(width(vr)) {
             return Err(format!(
                 "byte {start}: element {tag} has {length} bytes, expected a multiple of {} (the \
@@ -81,30 +111,27 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
                 width(vr)
             ));
         }
-        let chosen = frames.is_empty()
-            && wanted.contains(&tag)
-            && !seen.contains(&tag)
+        let chosen = self.frames.is_empty()
+            && self.wanted.contains(&tag)
+            && !self.seen.contains(&tag)
             && vr != VR::SQ
             && vr != VR::UN;
-        let inside = frames.last().map(|f| f.kind);
-        let delimits = frames.last().is_some_and(|f| f.end.is_none());
+        let inside = self.frames.last().map(|f| f.kind);
+        let delimits = self.frames.last().is_some_and(|f| f.end.is_none());
         let kind = match (tag, inside) {
             (END_OF_ITEM, Some(Kind::Item)) if delimits && length == 0 => {
-                frames.pop();
-                continue;
+                self.frames.pop();
+                return Ok(at);
             }
             (END_OF_SEQUENCE, Some(Kind::Sequence | Kind::Blocks)) if delimits && length == 0 => {
-                frames.pop();
-                if let Some(begin) = blocks_begin.take_if(|_| frames.is_empty()) {
-                    sifted.extend_from_slice(&file[begin..at]);
+                self.frames.pop();
+                if let Some(begin) = self.blocks_begin.take_if(|_| self.frames.is_empty()) {
+                    self.sifted.extend_from_slice(&self.file[begin..at]);
                 }
-                continue;
+                return Ok(at);
             }
             (ITEM, Some(Kind::Sequence)) => Kind::Item,
-            (ITEM, Some(Kind::Blocks)) if end.is_some() => {
-                at = end.unwrap_or(at);
-                continue;
-            }
+            (ITEM, Some(Kind::Blocks)) if end.is_some() => return Ok(end.unwrap_or(at)),
             _ if tag.group() == ITEM.group() || !matches!(inside, None | Some(Kind::Item)) => {
                 return Err(format!(
                     "byte {start}: unexpected element {tag} at this nesting level"
@@ -114,39 +141,33 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
             _ => match end {
                 Some(end) => {
                     if chosen {
-                        seen.push(tag);
-                        sifted.extend_from_slice(&file[start..end]);
+                        self.seen.push(tag);
+                        self.sifted.extend_from_slice(&self.file[start..end]);
                     }
-                    at = end;
-                    continue;
+                    return Ok(end);
                 }
                 None if tag == PIXELS => {
                     if chosen {
-                        seen.push(tag);
-                        blocks_begin = Some(start);
+                        self.seen.push(tag);
+                        self.blocks_begin = Some(start);
                     }
                     Kind::Blocks
                 }
                 None => Kind::Sequence,
             },
         };
-        frames.push(Frame {
+        self.frames.push(Frame {
             kind,
             end,
             // A sequence of unknown type has elements with implicit types.
             implicit: implicit || (vr == VR::UN && kind == Kind::Sequence),
         });
-        if frames.len() > MAX_NESTING {
+        if self.frames.len() > MAX_NESTING {
             return Err(format!(
                 "byte {start}: sequences are nested more than {MAX_NESTING} deep"
             ));
         }
-    }
-    match blocks_begin {
-        None => Ok((uid, sifted)),
-        Some(begin) => Err(format!(
-            "byte {begin}: fragments of {PIXELS} are not terminated (truncated file)"
-        )),
+        Ok(at)
     }
 }
 

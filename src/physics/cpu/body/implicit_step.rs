@@ -3,7 +3,7 @@
 use super::CpuBody;
 use super::force_assembly::kinetic_totals;
 use crate::physics::StepRecord;
-use crate::physics::cpu::implicit::contact_iterations::{tool_contact, touching_mut};
+use crate::physics::cpu::implicit::contact_terms::{self_contact_mut, tool_contact};
 use crate::physics::cpu::implicit::linear_step::StepContext;
 use crate::physics::cpu::implicit::newton::StepInput;
 use crate::physics::cpu::implicit::schemes::ImplicitScheme;
@@ -116,7 +116,7 @@ impl<T: Real> CpuBody<T> {
         {
             return Some(Err(StepFailure::ToolPenetration));
         }
-        let own = touching_mut(&mut self.terms);
+        let own = self_contact_mut(&mut self.terms);
         if newton.prescribed_fraction < 1.0
             || own.is_some_and(|own| own.has_new_intersections(&newton.best.displacements))
         {

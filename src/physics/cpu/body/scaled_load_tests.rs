@@ -3,7 +3,7 @@
 
 use super::CpuBody;
 use super::tests::some;
-use crate::mesh::generate::{Split, ball, box_mesh};
+use crate::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::elements::muscle::MuscleTerm;
 use crate::physics::cpu::node_constraints::NodeConstraint;
@@ -129,6 +129,7 @@ fn muscle(mesh: &TetMesh, along: impl Fn(usize) -> DVec3, tension: f64) -> Muscl
     }
 }
 
+/// Long because every function of the term is compared on one state.
 #[test]
 fn muscle_forces_and_blocks_are_energy_derivatives() {
     let mesh = ball(0.05, 6).unwrap();

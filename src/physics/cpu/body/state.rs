@@ -82,28 +82,7 @@ impl<T: Real> CpuBody<T> {
     /// # Errors
     /// [`Error::Input`] for the state of another body.
     pub fn resume(&mut self, state: &BodyState<T>) -> Result<()> {
-        let (slots, nodes) = (self.state.u.len(), self.plan.nodes());
-        let bodies = self.newton.as_ref().map_or(0, |n| n.rigid.bodies.len());
-        let fits = state.u.len() == slots
-            && state.v.len() == slots
-            && state.poses.len() == bodies
-            && state.torques.len() == bodies
-            && state.tools.len() == self.tool_places().len()
-            && state.damping_velocities.len() == self.state.damping_velocities.len()
-            && state.solutions.len() <= 2
-            && state.solutions.iter().all(|s| s.len() == nodes)
-            && state.basis.is_some() == self.implicit.is_some()
-            && state.basis.as_ref().is_none_or(|b| b.u.len() == nodes)
-            && state
-                .basis
-                .as_ref()
-                .is_none_or(|b| [0, slots].contains(&b.damping_displacements.len()))
-            && state
-                .basis
-                .as_ref()
-                .is_none_or(|b| [0, bodies].contains(&b.poses.len()))
-            && state.force_status <= 2;
-        if !fits {
+        if !self.fits(state) {
             return Err(Error::Input(
                 "the saved state is of another body, or damaged".into(),
             ));
@@ -164,5 +143,30 @@ impl<T: Real> CpuBody<T> {
             terms.iter_mut().for_each(|t| t.set_amplitudes(levels));
         }
         Ok(())
+    }
+
+    /// Whether a state has the sizes of this body's.
+    fn fits(&self, state: &BodyState<T>) -> bool {
+        let (slots, nodes) = (self.state.u.len(), self.plan.nodes());
+        let bodies = self.newton.as_ref().map_or(0, |n| n.rigid.bodies.len());
+        state.u.len() == slots
+            && state.v.len() == slots
+            && state.poses.len() == bodies
+            && state.torques.len() == bodies
+            && state.tools.len() == self.tool_places().len()
+            && state.damping_velocities.len() == self.state.damping_velocities.len()
+            && state.solutions.len() <= 2
+            && state.solutions.iter().all(|s| s.len() == nodes)
+            && state.basis.is_some() == self.implicit.is_some()
+            && state.basis.as_ref().is_none_or(|b| b.u.len() == nodes)
+            && state
+                .basis
+                .as_ref()
+                .is_none_or(|b| [0, slots].contains(&b.damping_displacements.len()))
+            && state
+                .basis
+                .as_ref()
+                .is_none_or(|b| [0, bodies].contains(&b.poses.len()))
+            && state.force_status <= 2
     }
 }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::CpuBody;
-use crate::mesh::generate;
+use crate::generate;
 use crate::physics::Floor;
 use crate::physics::LocalUnits;
 use crate::physics::cpu::aggregation::Aggregates;

@@ -3,63 +3,24 @@
 use super::{CpuBody, ForceStatus};
 #[cfg(feature = "rapier")]
 use crate::physics::CgSettings;
+#[cfg(feature = "rapier")]
+use crate::physics::SolverKind;
 use crate::physics::contact::check_pose;
 use crate::physics::cpu::contact::boundary_surface::BoundarySurface;
+use crate::physics::cpu::contact::parameters::{
+    STATIC_FRICTION_SPEED, face_stiffnesses, self_contact_gap, tool_gap,
+};
 use crate::physics::cpu::contact::self_contact::SelfContactTerm;
 use crate::physics::cpu::contact::tool_contact::{LocalToolPose, ToolContact, ToolState};
-use crate::physics::cpu::implicit::contact_iterations::{
-    contact_mut, resolve_penetration, self_contact, tool_contact,
-};
+use crate::physics::cpu::implicit::contact_iterations::{apply_push_out, resolve_penetration};
+use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact, tool_contact_mut};
 use crate::physics::cpu::runtime::steppable::ToolTarget;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
-use crate::physics::{
-    DiscreteModel, LocalUnits, SelfContactSettings, Shape, SolverKind, Tool, ToolPose,
-};
+use crate::physics::{DiscreteModel, SelfContactSettings, Tool, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;
-
-/// Default contact gap of a tool: as a fraction of its size, and of the mean edge of the body's
-/// boundary.
-const GAP_PER_TOOL_SIZE: f64 = 1.0 / 2000.0;
-const GAP_PER_EDGE: f64 = 1.0 / 100.0;
-
-/// Default self-contact gap over the mean edge of the body's boundary.
-const SELF_GAP_PER_EDGE: f64 = 1.0 / 20.0;
-
-/// Smallest gap over the extent of the body: f32 resolves a hundredth of it.
-const MIN_GAP_PER_EXTENT: f64 = 2e-5;
-
-/// Speed below which friction is static, in extents of the body per second.
-pub(in crate::physics) const STATIC_FRICTION_SPEED: f64 = 1e-4;
-
-/// Stiffness behind the boundary of a fully rigid body, Pa.
-const RIGID_SURFACE_STIFFNESS: f64 = 1e6;
-
-/// Approximate ratio of Young's modulus to μ, which is between 2 and 3.
-const YOUNG_OVER_MU: f64 = 2.8;
-
-/// Checks that a body can be stepped with contact with `what`.
-///
-/// # Errors
-/// [`Error::Input`].
-pub(in crate::physics) fn check_contact(
-    what: &str,
-    network: &DiscreteModel,
-    kind: SolverKind,
-) -> Result<()> {
-    if network.elements.is_empty() {
-        return Err(Error::Input(format!(
-            "contact with {what} requires finite elements, but the body is made of springs; use --material neo-hookean (or corotated)"
-        )));
-    }
-    match kind {
-        SolverKind::Implicit | SolverKind::Bdf2 => Ok(()),
-        _ => Err(Error::Input(format!(
-            "{kind} does not support contact with {what}; use implicit or bdf2"
-        ))),
-    }
-}
+use std::any::Any;
 
 /// Returns how many of the boundary `faces` of `network` intersect others with the nodes at `x`
 /// (m).
@@ -93,7 +54,7 @@ impl<T: Real> CpuBody<T> {
             turn: tool.pose.turn().normalize(),
         };
         let unit = network.length_unit / self.units.length;
-        let Some(contact) = contact_mut(&mut self.terms) else {
+        let Some(contact) = tool_contact_mut(&mut self.terms) else {
             return;
         };
         let shape = tool.shape.with_scale(unit);
@@ -119,15 +80,15 @@ impl<T: Real> CpuBody<T> {
         faces: &[[u32; 3]],
         network: &DiscreteModel,
     ) -> usize {
-        self.terms.retain(|term| term.as_self_contact().is_none());
+        self.terms.retain(|term| {
+            let term: &dyn Any = term.as_ref();
+            !term.is::<SelfContactTerm<T>>()
+        });
         let hull = self.hull(faces, network);
-        let gap = match wanted.gap {
-            Some(gap) => gap * network.length_unit / self.units.length,
-            None => SELF_GAP_PER_EDGE * hull.edge,
-        };
+        let local = |gap: f64| gap * network.length_unit / self.units.length;
         let settings = [
             wanted.friction,
-            gap.max(MIN_GAP_PER_EXTENT),
+            self_contact_gap(wanted.gap.map(local), hull.edge),
             STATIC_FRICTION_SPEED * self.units.time,
         ];
         let mut term = SelfContactTerm::new(hull, &self.plan, settings);
@@ -159,7 +120,7 @@ impl<T: Real> CpuBody<T> {
                 tools.len()
             )));
         }
-        let Some(contact) = contact_mut(&mut self.terms) else {
+        let Some(contact) = tool_contact_mut(&mut self.terms) else {
             return Ok(());
         };
         let mut jumped = false;
@@ -199,24 +160,20 @@ impl<T: Real> CpuBody<T> {
 
     /// Moves nodes inside tools out of them before a first step.
     pub(in crate::physics::cpu) fn resolve_initial_penetration(&mut self) {
-        let Some(contact) = contact_mut(&mut self.terms) else {
+        let Some(contact) = tool_contact_mut(&mut self.terms) else {
             return;
         };
         contact.begin(&self.state.u, (&self.free_mask, &self.plan), (0.0, 0.0));
         let pushed = resolve_penetration(contact, &self.state.u, &self.free_mask);
         let rigid = self.newton.as_mut().map(|n| &mut n.rigid);
-        crate::physics::cpu::implicit::contact_iterations::apply_push_out(
-            pushed,
-            &mut self.state.u,
-            rigid,
-        );
+        apply_push_out(pushed, &mut self.state.u, rigid);
     }
 
     /// Keeps the tool poses after an accepted step, or restores the previous ones.
     pub(in crate::physics::cpu) fn commit_tools(&mut self, sound: bool) {
         let own = self_contact(&self.terms).is_some_and(|own| !own.is_empty());
         let mut near = false;
-        if let Some(contact) = contact_mut(&mut self.terms) {
+        if let Some(contact) = tool_contact_mut(&mut self.terms) {
             if !sound {
                 contact.set_tool_fraction(0.0);
                 return;
@@ -240,7 +197,7 @@ impl<T: Real> CpuBody<T> {
 
     /// Restores tool poses from [`CpuBody::tool_places`].
     pub(in crate::physics::cpu) fn resume_tools(&mut self, places: &[[f64; 7]]) {
-        if let Some(contact) = contact_mut(&mut self.terms) {
+        if let Some(contact) = tool_contact_mut(&mut self.terms) {
             for (tool, numbers) in contact.tools.iter_mut().zip(places) {
                 tool.from = LocalToolPose::of_numbers(*numbers);
                 tool.at = tool.from;
@@ -256,47 +213,4 @@ impl<T: Real> CpuBody<T> {
         let places = self.node_order.iter().map(|v| self.rest[*v as usize]);
         BoundarySurface::new(places.map(|x| x / self.units.length).collect(), &faces)
     }
-}
-
-/// Returns the contact gap of `tool`, with a shape in local units, on a body whose boundary has the
-/// mean edge length `edge`; `unit` is a file unit.
-pub(in crate::physics) fn tool_gap(tool: &Tool, shape: &Shape, edge: f64, unit: f64) -> f64 {
-    let gap = match tool.gap {
-        Some(gap) => gap * unit,
-        None => (GAP_PER_TOOL_SIZE * shape.feature_size()).min(GAP_PER_EDGE * edge),
-    };
-    gap.max(MIN_GAP_PER_EXTENT)
-}
-
-/// Returns `faces` of `network`, each with Young's modulus of the material behind it, local units.
-pub(in crate::physics) fn face_stiffnesses(
-    faces: &[[u32; 3]],
-    network: &DiscreteModel,
-    units: &LocalUnits,
-) -> impl Iterator<Item = ([u32; 3], f64)> {
-    let mut around = vec![(0.0, 0.0); network.rest_positions.len()];
-    let (mut all, mut volume) = (0.0, 0.0);
-    for e in &network.elements.tets {
-        let young = YOUNG_OVER_MU * e.lame_parameters[0];
-        all += young * e.volume;
-        volume += e.volume;
-        for v in e.nodes {
-            let (sum, count) = &mut around[v as usize];
-            (*sum, *count) = (*sum + young, *count + 1.0);
-        }
-    }
-    let mean = if volume > 0.0 {
-        all / volume
-    } else {
-        RIGID_SURFACE_STIFFNESS
-    };
-    let pressure = units.force() / (units.length * units.length);
-    faces.iter().map(move |face| {
-        let of_node = |v: &u32| match around[*v as usize] {
-            (sum, count) if count > 0.0 => sum / count,
-            _ => mean,
-        };
-        let young = face.iter().map(of_node).sum::<f64>() / 3.0;
-        (*face, young / pressure)
-    })
 }

@@ -245,39 +245,7 @@ impl SelfContactSurface {
         self.edges_tree.refit(|k| boxed(&edges[k].0));
         let made = |features: PrimitivePair, own: [u32; 4], weight: f64| {
             let ways = own.map(way);
-            let start = features.closest_points(&ways.map(|[a, _]| a)).distance;
-            let approach = features.max_approach(&ways.map(|[a, b]| b - a));
-            if start - approach - 2.0 * margin >= gap {
-                return None;
-            }
-            let held = own.iter().all(|v| free[*v as usize] == T::ZERO);
-            let bodies = own.map(|v| rigid.body_of(v as usize));
-            let one = bodies[0].is_some() && bodies.iter().all(|b| *b == bodies[0]);
-            let ends = match features {
-                PrimitivePair::VertexFace => own.split_at(1),
-                PrimitivePair::EdgeEdge => own.split_at(2),
-            };
-            let through = |nodes: &[u32]| nodes.iter().any(|v| self.intersecting[*v as usize]);
-            if held || one || (through(ends.0) && through(ends.1)) {
-                return None;
-            }
-            let rest = own.map(|v| self.hull.rest[v as usize]);
-            let mut own_gap = gap.min(REST_GAP_RATIO * features.closest_points(&rest).distance);
-            if own_gap < COINCIDENT_GAP_RATIO * gap {
-                let begun = own.map(|v| self.step_start[v as usize]);
-                if features.closest_points(&begun).distance < COINCIDENT_GAP_RATIO * gap {
-                    return None;
-                }
-                own_gap = SEPARATED_GAP_RATIO * gap;
-            }
-            Some(CollisionCandidate {
-                nodes: own,
-                features,
-                gap: own_gap,
-                weight: AREA_FRACTION * weight,
-                lengths: [rest[0].distance(rest[1]), rest[2].distance(rest[3])],
-                chunks: own.map(|v| plan.chunk_of(v as usize) as u32),
-            })
+            self.candidate((features, own, weight), ways, (free, plan), rigid, gap)
         };
         let (faces_tree, edges_tree) = (&self.faces_tree, &self.edges_tree);
         let mut pairs =
@@ -303,5 +271,50 @@ impl SelfContactSurface {
             }
         }));
         pairs
+    }
+
+    /// Returns the candidate of a pair with these nodes, which moves along `ways`; `None` if it
+    /// cannot come near, or is none.
+    fn candidate<T: Real>(
+        &self,
+        (features, own, weight): (PrimitivePair, [u32; 4], f64),
+        ways: [[DVec3; 2]; 4],
+        (free, plan): (&[T], &Partition),
+        rigid: &RigidBodies,
+        gap: f64,
+    ) -> Option<CollisionCandidate> {
+        let start = features.closest_points(&ways.map(|[a, _]| a)).distance;
+        let approach = features.max_approach(&ways.map(|[a, b]| b - a));
+        if start - approach - 2.0 * self.margin >= gap {
+            return None;
+        }
+        let held = own.iter().all(|v| free[*v as usize] == T::ZERO);
+        let bodies = own.map(|v| rigid.body_of(v as usize));
+        let one = bodies[0].is_some() && bodies.iter().all(|b| *b == bodies[0]);
+        let ends = match features {
+            PrimitivePair::VertexFace => own.split_at(1),
+            PrimitivePair::EdgeEdge => own.split_at(2),
+        };
+        let through = |nodes: &[u32]| nodes.iter().any(|v| self.intersecting[*v as usize]);
+        if held || one || (through(ends.0) && through(ends.1)) {
+            return None;
+        }
+        let rest = own.map(|v| self.hull.rest[v as usize]);
+        let mut own_gap = gap.min(REST_GAP_RATIO * features.closest_points(&rest).distance);
+        if own_gap < COINCIDENT_GAP_RATIO * gap {
+            let begun = own.map(|v| self.step_start[v as usize]);
+            if features.closest_points(&begun).distance < COINCIDENT_GAP_RATIO * gap {
+                return None;
+            }
+            own_gap = SEPARATED_GAP_RATIO * gap;
+        }
+        Some(CollisionCandidate {
+            nodes: own,
+            features,
+            gap: own_gap,
+            weight: AREA_FRACTION * weight,
+            lengths: [rest[0].distance(rest[1]), rest[2].distance(rest[3])],
+            chunks: own.map(|v| plan.chunk_of(v as usize) as u32),
+        })
     }
 }

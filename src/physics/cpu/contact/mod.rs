@@ -4,6 +4,7 @@ pub(super) mod boundary_surface;
 pub(super) mod candidates;
 pub(super) mod ccd;
 pub(super) mod enclosed_components;
+pub(super) mod parameters;
 pub(super) mod reference;
 pub(super) mod self_contact;
 #[cfg(test)]

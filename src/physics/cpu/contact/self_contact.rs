@@ -456,12 +456,4 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
     fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         self.blocks.visit_off_diagonal(visit);
     }
-
-    fn as_self_contact(&self) -> Option<&SelfContactTerm<T>> {
-        Some(self)
-    }
-
-    fn touching_mut(&mut self) -> Option<&mut SelfContactTerm<T>> {
-        Some(self)
-    }
 }

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use super::self_contact_tests::{Meeting, joined, plane, soft};
+use crate::generate::{Split, ball, box_mesh};
 use crate::mesh::TetMesh;
-use crate::mesh::generate::{Split, ball, box_mesh};
 use crate::physics::SolverKind;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use glam::{DQuat, DVec3};

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::self_contact_tests::{Meeting, joined, soft};
-use crate::mesh::generate::{Split, box_mesh};
+use crate::generate::{Split, box_mesh};
 use crate::mesh::{Field, Location, TetMesh};
 use crate::physics::cpu::body::tests::some;
 use crate::physics::cpu::node_constraints::NodeConstraint;

@@ -2,12 +2,12 @@
 //! for intersections.
 #![allow(clippy::unwrap_used)]
 
-use crate::mesh::generate::{Split, ball, box_mesh};
+use crate::generate::{Split, ball, box_mesh};
 use crate::mesh::intersect_edge_face;
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::body::CpuBody;
 use crate::physics::cpu::body::tests::some;
-use crate::physics::cpu::implicit::contact_iterations::{self_contact, touching_mut};
+use crate::physics::cpu::implicit::contact_terms::{self_contact, self_contact_mut};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{V4, from_metres, to_metres};
@@ -119,6 +119,7 @@ impl<T: Real> Meeting<T> {
     }
 }
 
+/// Long because every function of the term is compared on one state.
 #[test]
 fn self_contact_forces_equal_negative_energy_gradient() {
     // Two slightly tilted blocks, so close that primitives of all kinds are in contact.
@@ -151,7 +152,7 @@ fn self_contact_forces_equal_negative_energy_gradient() {
     for v in block.nodes.len()..mesh.nodes.len() {
         u[body.engine_index[v] as usize][2] -= 1.6e-3 / body.units.length;
     }
-    let term = touching_mut(&mut body.terms).unwrap();
+    let term = self_contact_mut(&mut body.terms).unwrap();
     let free = vec![1.0; nodes];
     let rigid = Default::default();
     assert!(term.begin((&u, &free, &plan), &rigid, &|_| DVec3::ZERO));
@@ -195,7 +196,7 @@ fn self_contact_forces_equal_negative_energy_gradient() {
         diagonal: &mut diagonal,
         stiffness_velocity: &mut change,
     };
-    let term = touching_mut(&mut body.terms).unwrap();
+    let term = self_contact_mut(&mut body.terms).unwrap();
     term.linearise(&plan, at, 1.0, share);
     let p: Vec<V4<f64>> = some(nodes, 9, 1.0)
         .iter()

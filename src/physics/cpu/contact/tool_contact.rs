@@ -411,12 +411,4 @@ impl<T: Real> Term<T> for ToolContact<T> {
     fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         self.blocks.visit_off_diagonal(visit);
     }
-
-    fn as_tool_contact(&self) -> Option<&ToolContact<T>> {
-        Some(self)
-    }
-
-    fn contact_mut(&mut self) -> Option<&mut ToolContact<T>> {
-        Some(self)
-    }
 }

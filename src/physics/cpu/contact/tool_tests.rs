@@ -1,11 +1,11 @@
 //! Tests of tools against closed formulas and finite differences.
 #![allow(clippy::unwrap_used)]
 
-use crate::mesh::generate::{Split, box_mesh};
+use crate::generate::{Split, box_mesh};
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::body::CpuBody;
 use crate::physics::cpu::body::tests::some;
-use crate::physics::cpu::implicit::contact_iterations::contact_mut;
+use crate::physics::cpu::implicit::contact_terms::tool_contact_mut;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{V4, from_metres, to_metres};
@@ -203,11 +203,13 @@ fn coarse_block_sphere_indentation_matches_theory() {
     assert!((force - 1.0).abs() < 0.2, "{force}");
 }
 
+/// Long because every function of the term is compared on one state.
+///
 /// Returns the relative errors of the forces, of the blocks and of the visited blocks of the tool
 /// term against finite differences.
 fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [f64; 3] {
     let (free, plan) = (pressed.body.free_mask.clone(), pressed.body.plan.clone());
-    let contact = contact_mut(&mut pressed.body.terms).unwrap();
+    let contact = tool_contact_mut(&mut pressed.body.terms).unwrap();
     assert_eq!(contact.begin(u, (&free, &plan), (0.1, 0.5)), 1);
     contact.set_tool_fraction(1.0);
     assert!(contact.update_friction(u) > 0.0);

@@ -73,6 +73,8 @@ pub(in crate::physics::cpu) struct NodalVolumeTerm<T: Real> {
 }
 
 impl<T: Real> NodalVolumeTerm<T> {
+    /// Long because all parts share one numbering of the chunk's cells and of their nodes.
+    ///
     /// Creates the cells of the tetrahedra of the chunk `nodes`: `lists` are the tetrahedra with
     /// all nodes in the chunk and those with some. `implicit` if they will be linearised.
     pub fn new(

@@ -12,7 +12,7 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::simd::Lane;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{Mat3Columns, V4, scale, sub, sum_f64, zero};
-use crate::physics::{ConstitutiveModel, DiscreteModel, Elements, LocalUnits};
+use crate::physics::{ConstitutiveModel, DiscreteModel, Element, Elements, LocalUnits};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
@@ -77,33 +77,9 @@ impl<T: Real> ElementTerm<T> {
             place[*v as usize] = k as u32;
         }
         let elements = &network.elements;
-        let tets = &elements.tets;
-        // Ascending nodes, so that the node pairs give the blocks above the diagonal.
-        let mut sorted: Vec<SortedTet> = tets
-            .iter()
-            .enumerate()
-            .map(|(t, tet)| {
-                let nodes = tet.nodes.map(|v| place[v as usize]);
-                let mut turn = [0, 1, 2, 3];
-                turn.sort_unstable_by_key(|a| nodes[*a]);
-                (turn.map(|a| nodes[a]), turn, t as u32)
-            })
-            .collect();
-        sorted.sort_unstable();
+        let sorted = sorted_tets(&elements.tets, &place);
         let cells = elements.cells();
-        let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
-        for tet in &sorted {
-            let mut homes = tet.0.map(|v| plan.chunk_of(v as usize)).to_vec();
-            homes.dedup();
-            match homes[..] {
-                [home] => lists[home].0.push((*tet, true)),
-                _ => {
-                    for (n, home) in homes.iter().enumerate() {
-                        lists[*home].1.push((*tet, n == 0));
-                    }
-                }
-            }
-        }
+        let lists = lists_of_chunks(&sorted, plan);
         let alpha = network.elements.mass_damping / units.damping();
         let drag = |v: &u32| T::from_f64(alpha * network.masses[*v as usize]);
         let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
@@ -154,6 +130,43 @@ impl<T: Real> ElementTerm<T> {
         }
         tets
     }
+}
+
+/// Returns the tetrahedra in ascending order, each with ascending nodes, so that the node pairs give
+/// the blocks above the diagonal. `place` gives the engine's index of every node.
+fn sorted_tets(tets: &[Element], place: &[u32]) -> Vec<SortedTet> {
+    let tets = tets.iter().enumerate();
+    let mut sorted: Vec<SortedTet> = tets
+        .map(|(t, tet)| {
+            let nodes = tet.nodes.map(|v| place[v as usize]);
+            let mut turn = [0, 1, 2, 3];
+            turn.sort_unstable_by_key(|a| nodes[*a]);
+            (turn.map(|a| nodes[a]), turn, t as u32)
+        })
+        .collect();
+    sorted.sort_unstable();
+    sorted
+}
+
+/// Returns for every chunk the tetrahedra with all nodes in it, and those with some.
+fn lists_of_chunks(
+    sorted: &[SortedTet],
+    plan: &Partition,
+) -> Vec<(Vec<CountedTet>, Vec<CountedTet>)> {
+    let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
+    for tet in sorted {
+        let mut homes = tet.0.map(|v| plan.chunk_of(v as usize)).to_vec();
+        homes.dedup();
+        match homes[..] {
+            [home] => lists[home].0.push((*tet, true)),
+            _ => {
+                for (n, home) in homes.iter().enumerate() {
+                    lists[*home].1.push((*tet, n == 0));
+                }
+            }
+        }
+    }
+    lists
 }
 
 /// A tetrahedron: its nodes in ascending order, their original positions, and its index.

@@ -4,7 +4,7 @@
 use super::batch::TetBatch;
 use super::kernels::NODE_PAIRS;
 use super::term::ElementTerm;
-use crate::mesh::generate;
+use crate::generate;
 use crate::physics::cpu::aggregation::Aggregates;
 use crate::physics::cpu::body::tests::{noise, some};
 use crate::physics::cpu::partition::Partition;
@@ -271,6 +271,7 @@ fn mixed(law: ConstitutiveModel, volume: VolumetricFormulation, contrast: f64) -
     network
 }
 
+/// Long because every function of the term is compared on one state.
 #[test]
 fn element_term_matches_reference() {
     use VolumetricFormulation::{NodalAveraged, PerTet};

@@ -371,7 +371,7 @@ impl Simulator for CpuGrid {
             let body = self.worker.body();
             (body.serialise_state()?, body.parts())
         };
-        Ok(SimulatorState::CpuGrid(Box::new(CpuGridState {
+        Ok(SimulatorState::new(CpuGridState {
             particles,
             loads: self.loads.state(),
             sent: self.synced_loads,
@@ -379,15 +379,11 @@ impl Simulator for CpuGrid {
             progress: self.progress,
             span: self.worker.span(),
             parts,
-        })))
+        }))
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        let SimulatorState::CpuGrid(state) = state else {
-            return Err(Error::Input(
-                "the saved state is of another kind of body or another engine".into(),
-            ));
-        };
+        let state: &CpuGridState = state.expect()?;
         self.worker.cancel_pending();
         self.loads.set_state(&state.loads)?;
         self.repartition(state.parts)?;

@@ -1,12 +1,12 @@
 //! Contact handling in Newton's method: collision-free initial guesses, tool motion in stages,
 //! friction updates, and iteration until contact forces converge.
 
+use super::contact_terms::{self_contact, self_contact_mut, tool_contact, tool_contact_mut};
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::{NewtonSolver, PROJECTED_SOLVES};
 use super::schemes::StepCoefficients;
 use crate::physics::NewtonSettings;
 use crate::physics::contact::MIN_DISTANCE_RATIO;
-use crate::physics::cpu::contact::self_contact::SelfContactTerm;
 use crate::physics::cpu::contact::tool_contact::ToolContact;
 use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::scalar::Real;
@@ -49,34 +49,6 @@ const TRUNCATED_DISTANCE_RATIO: f64 = 0.5 * MIN_DISTANCE_RATIO;
 /// Largest number of rounds in which rigid bodies are pushed out of tools.
 const MAX_RIGID_PUSH_OUT_ROUNDS: usize = 12;
 
-/// Returns the tool contact among the terms.
-pub(in crate::physics::cpu) fn tool_contact<T: Real>(
-    terms: &[Box<dyn Term<T>>],
-) -> Option<&ToolContact<T>> {
-    terms.iter().find_map(|t| t.as_tool_contact())
-}
-
-/// As [`tool_contact`], mutable.
-pub(in crate::physics::cpu) fn contact_mut<T: Real>(
-    terms: &mut [Box<dyn Term<T>>],
-) -> Option<&mut ToolContact<T>> {
-    terms.iter_mut().find_map(|t| t.contact_mut())
-}
-
-/// Returns the self-contact among the terms.
-pub(in crate::physics::cpu) fn self_contact<T: Real>(
-    terms: &[Box<dyn Term<T>>],
-) -> Option<&SelfContactTerm<T>> {
-    terms.iter().find_map(|t| t.as_self_contact())
-}
-
-/// As [`self_contact`], mutable.
-pub(in crate::physics::cpu) fn touching_mut<T: Real>(
-    terms: &mut [Box<dyn Term<T>>],
-) -> Option<&mut SelfContactTerm<T>> {
-    terms.iter_mut().find_map(|t| t.touching_mut())
-}
-
 impl<T: Real> NewtonSolver<T> {
     /// Begins a step with tools and self-contact; returns the number of stages of tool motion, 0 if
     /// no contact is near.
@@ -89,7 +61,7 @@ impl<T: Real> NewtonSolver<T> {
     ) -> u32 {
         self.step_settings = self.settings;
         let mut stages = 0;
-        if let Some(own) = touching_mut(terms) {
+        if let Some(own) = self_contact_mut(terms) {
             let moved = |i: usize| form.evaluation_time * to_dvec(scene.at.v[i]);
             let with = (scene.at.u, scene.free, scene.plan);
             if own.begin(with, &self.rigid, &moved) {
@@ -131,7 +103,7 @@ impl<T: Real> NewtonSolver<T> {
         terms: &mut [Box<dyn Term<T>>],
         form: StepCoefficients,
     ) -> u32 {
-        let Some(contact) = contact_mut(terms) else {
+        let Some(contact) = tool_contact_mut(terms) else {
             return 0;
         };
         let fastest = scene
@@ -157,7 +129,7 @@ impl<T: Real> NewtonSolver<T> {
         form: StepCoefficients,
         to: f64,
     ) {
-        if let Some(contact) = contact_mut(terms) {
+        if let Some(contact) = tool_contact_mut(terms) {
             contact.set_tool_fraction(0.0);
         }
         let still = vec![zero(); scene.at.u.len()];
@@ -245,7 +217,7 @@ impl<T: Real> NewtonSolver<T> {
         scene: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
     ) -> bool {
-        let Some(own) = touching_mut(terms) else {
+        let Some(own) = self_contact_mut(terms) else {
             return false;
         };
         let with = (scene.free, scene.plan);
@@ -266,7 +238,7 @@ impl<T: Real> NewtonSolver<T> {
         // Pushed-out nodes must not pass through another part of the body.
         let own = self_contact(terms).is_some();
         let before = own.then(|| (self.trial.delta.clone(), self.trial.displacements.clone()));
-        let Some(contact) = contact_mut(terms) else {
+        let Some(contact) = tool_contact_mut(terms) else {
             return;
         };
         let mut any = false;
@@ -316,9 +288,9 @@ impl<T: Real> NewtonSolver<T> {
         (kept, tools): (f64, bool),
     ) -> f64 {
         let with = (scene.free, scene.plan);
-        let tools = contact_mut(terms).filter(|_| tools);
+        let tools = tool_contact_mut(terms).filter(|_| tools);
         let tools = tools.map_or(1.0, |c| c.collision_free_fraction(from, to, with));
-        let own = touching_mut(terms);
+        let own = self_contact_mut(terms);
         tools.min(own.map_or(1.0, |own| {
             own.collision_free_fraction([from, to], with, &self.rigid, kept)
         }))
@@ -364,10 +336,10 @@ impl<T: Real> NewtonSolver<T> {
         terms: &mut [Box<dyn Term<T>>],
         form: StepCoefficients,
     ) -> bool {
-        let own =
-            touching_mut(terms).map_or(0.0, |own| own.update_friction(&self.best.displacements));
+        let own = self_contact_mut(terms)
+            .map_or(0.0, |own| own.update_friction(&self.best.displacements));
         let change =
-            contact_mut(terms).map_or(0.0, |c| c.update_friction(&self.best.displacements));
+            tool_contact_mut(terms).map_or(0.0, |c| c.update_friction(&self.best.displacements));
         let change = change.max(own);
         if change > 0.0 {
             let (best, scratch) = (&mut self.best, &mut self.forces);
@@ -384,7 +356,7 @@ impl<T: Real> NewtonSolver<T> {
         form: StepCoefficients,
     ) {
         self.candidates_changed =
-            contact_mut(terms).is_some_and(|c| std::mem::take(&mut c.candidates_changed));
+            tool_contact_mut(terms).is_some_and(|c| std::mem::take(&mut c.candidates_changed));
         if self.candidates_changed {
             let (best, scratch) = (&mut self.best, &mut self.forces);
             best.evaluate(scene, terms, &self.damping_displacements, scratch, form);
@@ -445,7 +417,7 @@ impl<T: Real> NewtonSolver<T> {
         }
         let with = (scene.free, scene.plan);
         let (from, to) = (&self.best.displacements, &self.trial.displacements);
-        let own = touching_mut(terms);
+        let own = self_contact_mut(terms);
         own.is_some_and(|own| {
             own.collision_free_fraction([from, to], with, &self.rigid, TRUNCATED_DISTANCE_RATIO)
                 < 1.0

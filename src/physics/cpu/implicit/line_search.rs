@@ -1,6 +1,6 @@
 //! Backtracking line search on the incremental potential.
 
-use super::contact_iterations::{self_contact, tool_contact};
+use super::contact_terms::{self_contact, tool_contact};
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::NewtonSolver;
 use super::schemes::StepCoefficients;

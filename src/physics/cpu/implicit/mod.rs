@@ -2,10 +2,13 @@
 
 pub(super) mod block_jacobi;
 pub(super) mod contact_iterations;
+pub(super) mod contact_terms;
 pub(super) mod initial_guess;
 pub(super) mod line_search;
 pub(super) mod linear_step;
 pub(super) mod newton;
+mod newton_direction;
+mod newton_iterations;
 pub(super) mod residual;
 pub(super) mod schemes;
 #[cfg(test)]

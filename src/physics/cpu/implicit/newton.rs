@@ -9,46 +9,23 @@
 //! progress of one iteration; rest at x is among them, because any tangled state recovers from it.
 //! The Hessian is exact while that succeeds, and projected for a few solves when it fails.
 
-use super::contact_iterations::{
-    FRICTION_UPDATE_RESIDUAL_RATIO, MAX_BLOCKED_MOTION_ITERATIONS, MAX_FRICTION_UPDATES,
-    MAX_ROUNDOFF_ITERATIONS, RESUME_RESIDUAL_RATIO, self_contact,
-};
+use super::contact_terms::self_contact;
 use super::initial_guess::{InitialGuess, InitialGuesses};
-use super::linear_step::{LinearStepSolver, StepContext, negligible_movement};
+use super::linear_step::{LinearStepSolver, StepContext};
+use super::newton_iterations::NewtonIterations;
 use super::schemes::{ImplicitScheme, StepCoefficients};
-use super::trial_state::{TrialState, has_inverted_tets};
+use super::trial_state::TrialState;
 use crate::physics::NewtonSettings;
-use crate::physics::cpu::linear::cg::{CgTolerance, SystemOperator};
 use crate::physics::cpu::node_constraints::Loads;
 use crate::physics::cpu::partition::{Nodes, Partition};
 use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::rigid::pose::Pose;
 use crate::physics::cpu::scalar::Real;
-use crate::physics::cpu::term::{StateRef, Term};
+use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{V4, add_scaled, scale, sub, zero};
-
-/// Factor on the negligible movement of a single node: stiff bodies of many nodes can move as a
-/// whole although no node alone would move noticeably.
-const MIN_DIAGONAL_SHARE: f64 = 0.1;
 
 /// Number of solves with projected blocks after exact ones failed.
 pub(in crate::physics::cpu) const PROJECTED_SOLVES: u32 = 8;
-
-/// If the ratio of the actual to the predicted decrease of Φ is at least this and at most its
-/// inverse, the quadratic model of the iteration agrees.
-const MODEL_AGREEMENT: f64 = 0.7;
-
-/// After an iteration without agreement, another one is needed while the predicted decrease of Φ
-/// exceeds this fraction of the largest one.
-const CONVERGED_DECREASE_RATIO: f64 = 0.02;
-
-/// Largest number of iterations of a step that starts with inverted tetrahedra: these recover
-/// fastest in dissipative steps.
-const MAX_ITERATIONS_INVERTED_START: u32 = 4;
-
-/// Largest number of iterations of a step while it inverts any tetrahedron, which might stay
-/// inverted.
-const MAX_ITERATIONS_WHILE_INVERTING: u32 = 40;
 
 /// Newton solver of a step, and its vectors.
 #[derive(Clone, Debug)]
@@ -62,7 +39,7 @@ pub struct NewtonSolver<T> {
     /// Remaining solves with projected blocks.
     pub projected: u32,
     /// (1 + α γ) m.
-    masses: Vec<T>,
+    pub(super) masses: Vec<T>,
     pub(in crate::physics::cpu) guesses: InitialGuesses<T>,
     pub(in crate::physics::cpu) best: TrialState<T>,
     pub(in crate::physics::cpu) trial: TrialState<T>,
@@ -156,6 +133,28 @@ impl<T: Real> NewtonSolver<T> {
         h: f64,
     ) -> Option<NewtonResult> {
         let form = self.step_coefficients(implicit, h, outside.last);
+        self.prepare(implicit, scene, terms, outside, form);
+        let stages = self.begin(implicit, scene, terms, form)?;
+        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
+        let mut iterations = 0;
+        for stage in 1..stages {
+            let shares = [share(stage), share(stage + 1)];
+            iterations += self.advance_tool_stage(implicit, scene, terms, form, shares);
+        }
+        let with = (form, stages > 0);
+        let newton = NewtonIterations::new(self, implicit, scene, terms, with);
+        Some(newton.run(iterations))
+    }
+
+    /// Prepares the masses, the damping and the guesses of a step.
+    fn prepare(
+        &mut self,
+        implicit: &LinearStepSolver<T>,
+        scene: &StepContext<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        outside: StepInput<'_, T>,
+        form: StepCoefficients,
+    ) {
         self.scale_masses(scene, form.gamma);
         self.freeze_damping(scene, terms, form);
         let known = &implicit.solver.previous_solutions;
@@ -166,6 +165,17 @@ impl<T: Real> NewtonSolver<T> {
         }
         let rigid = &self.rigid;
         self.guesses.prepare(scene, outside, history, form, rigid);
+    }
+
+    /// Begins contact and selects the best guess. Returns the number of stages of tool motion, 0 if
+    /// no contact is near; `None` if no guess has a finite energy.
+    fn begin(
+        &mut self,
+        implicit: &mut LinearStepSolver<T>,
+        scene: &StepContext<'_, T>,
+        terms: &mut [Box<dyn Term<T>>],
+        form: StepCoefficients,
+    ) -> Option<u32> {
         let mut stages = self.begin_contact(implicit, scene, terms, form);
         let first = 1.0 / f64::from(stages.max(1));
         let touches = stages > 0 || self_contact(terms).is_some();
@@ -176,132 +186,7 @@ impl<T: Real> NewtonSolver<T> {
             implicit.drop_aggregate_pattern();
             stages = self.begin_contact_iterations(implicit);
         }
-        let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
-        let mut descent = NewtonResult::default();
-        for stage in 1..stages {
-            let shares = [share(stage), share(stage + 1)];
-            descent.iterations += self.advance_tool_stage(implicit, scene, terms, form, shares);
-        }
-        let mut first = 0.0;
-        let most = match self.prescribed_fraction < 1.0 {
-            true => self
-                .step_settings
-                .iterations
-                .max(MAX_BLOCKED_MOTION_ITERATIONS),
-            false => self.step_settings.iterations.max(1),
-        };
-        let mut best_gain = 0.0f64;
-        let (mut friction_updates, mut roundoff_iterations) = (0, 0);
-        // Whether prescribed motion resumes regardless of the residual.
-        let mut resume_motion = false;
-        // Whether no tetrahedron is inverted at the start, once known.
-        let mut starts_uninverted = None;
-        for round in 0..most.max(MAX_ITERATIONS_WHILE_INVERTING) {
-            let mut went_on = false;
-            let mut scale = self.residual(implicit, scene, terms, form);
-            if stages > 0 {
-                scale = scale.max(self.contact_weight(implicit, terms, form));
-            }
-            let before = if round > 0 {
-                implicit.preconditioned_norm_squared(scene.plan)
-            } else {
-                f64::INFINITY
-            };
-            let mut goal = (self.step_settings.tolerance * self.step_settings.tolerance) * scale;
-            if stages > 0 && friction_updates < MAX_FRICTION_UPDATES {
-                goal *= FRICTION_UPDATE_RESIDUAL_RATIO;
-            }
-            if self.prescribed_fraction < 1.0
-                && (std::mem::take(&mut resume_motion) || before <= RESUME_RESIDUAL_RATIO * goal)
-            {
-                self.advance_prescribed_motion(scene, terms, form);
-                self.residual(implicit, scene, terms, form);
-                went_on = true;
-            }
-            // The measure uses blocks of the previous step, which a resumed run does not have.
-            if stages > 0 && round == 0 && self_contact(terms).is_some() {
-                goal = 0.0;
-            }
-            if round > 0 && !went_on && before <= goal {
-                if stages > 0 && friction_updates < MAX_FRICTION_UPDATES {
-                    friction_updates += 1;
-                    if self.update_friction(scene, terms, form) {
-                        self.residual(implicit, scene, terms, form);
-                    } else {
-                        friction_updates = MAX_FRICTION_UPDATES;
-                    }
-                    continue;
-                }
-                break;
-            }
-            let Some((start, outcome)) = self.solve(implicit, scene, terms, form, (first, goal))
-            else {
-                resume_motion = self.prescribed_fraction < 1.0;
-                if resume_motion {
-                    continue;
-                }
-                break;
-            };
-            if round == 0 {
-                first = start;
-            }
-            descent.iterations += outcome.iterations;
-            descent.residual = outcome.residual;
-            let gain = outcome.predicted_decrease / (form.gamma * form.gamma);
-            let slack = self.best.rounding_error();
-            let Some((length, fall)) = self.line_search(implicit, scene, terms, form, gain) else {
-                // Exact blocks may give a bad direction; projected ones cannot, unless the contact
-                // candidates changed.
-                let astray = self.projected == 0 || self.candidates_changed;
-                if (astray && gain > slack) || went_on {
-                    self.projected = PROJECTED_SOLVES;
-                    continue;
-                }
-                resume_motion = self.prescribed_fraction < 1.0;
-                if resume_motion {
-                    continue;
-                }
-                break;
-            };
-            if went_on || self.prescribed_fraction < 1.0 {
-                continue;
-            }
-            let ratio = fall / (0.5 * gain);
-            let trusted = length == 1.0 && ratio > MODEL_AGREEMENT && ratio < 1.0 / MODEL_AGREEMENT;
-            roundoff_iterations += u32::from(gain <= slack);
-            let spare = if stages > 0 {
-                MAX_ROUNDOFF_ITERATIONS
-            } else {
-                0
-            };
-            if start <= goal || roundoff_iterations > spare {
-                break;
-            }
-            best_gain = best_gain.max(gain);
-            let by_energy = self.step_settings.tolerance == 0.0;
-            let last = round + 1 >= most;
-            let near = trusted && (round == 0 || gain <= CONVERGED_DECREASE_RATIO * best_gain);
-            let enough = by_energy && (trusted || round + 1 >= MAX_ITERATIONS_INVERTED_START);
-            if !(enough || last) {
-                continue;
-            }
-            let wanted = (by_energy && !near && !last) || self.has_inverted_tets(scene, terms);
-            let at = scene.at.u;
-            if !(wanted
-                && *starts_uninverted
-                    .get_or_insert_with(|| !has_inverted_tets(scene.plan, terms, at)))
-            {
-                break;
-            }
-        }
-        descent.elastic = self.best.elastic;
-        Some(descent)
-    }
-
-    /// Whether tetrahedra are inverted at the evaluation time of the forces: at the end of the
-    /// step, or for the midpoint rule at its middle.
-    fn has_inverted_tets(&self, scene: &StepContext<'_, T>, terms: &[Box<dyn Term<T>>]) -> bool {
-        has_inverted_tets(scene.plan, terms, &self.best.displacements)
+        Some(stages)
     }
 
     /// Writes the state at the end of the step.
@@ -454,90 +339,6 @@ impl<T: Real> NewtonSolver<T> {
         )
     }
 
-    /// Solves for the Newton direction. `None` if there is nothing to solve.
-    pub(in crate::physics::cpu) fn solve(
-        &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
-        terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
-        (first, goal): (f64, f64),
-    ) -> Option<(f64, crate::physics::cpu::linear::cg::CgResult)> {
-        let gamma = T::from_f64(form.gamma);
-        let heavier = StepContext {
-            masses: &self.masses,
-            ..*scene
-        };
-        // The solver overwrites its right-hand side.
-        self.forces.copy_from_slice(&implicit.solver.residual);
-        loop {
-            let projected = self.projected > 0;
-            for term in terms.iter_mut() {
-                term.set_psd_projection(projected);
-            }
-            let at = StateRef {
-                u: &self.best.displacements,
-                v: &self.best.velocities,
-            };
-            implicit.linearise(&heavier, terms, at, gamma);
-            implicit.refresh_tied(terms, gamma);
-            let (start, weight, definite) = implicit.build_block_jacobi(&heavier);
-            let negligible = negligible_movement(scene.plan, &self.best.displacements);
-            let floor = weight * (MIN_DIAGONAL_SHARE * negligible).powi(2);
-            if definite && start <= floor {
-                return None;
-            }
-            if definite || projected {
-                if implicit.refresh(&heavier, terms, &self.best.displacements, gamma) {
-                    implicit.basis.projected = projected;
-                    implicit
-                        .basis
-                        .damping_displacements
-                        .clone_from(&self.damping_displacements);
-                    implicit.basis.poses.clear();
-                    let poses = self.rigid.best.iter().map(|pose| pose.to_array());
-                    implicit.basis.poses.extend(poses);
-                }
-                let matrix = SystemOperator {
-                    plan: scene.plan,
-                    masses: &self.masses,
-                    free: scene.free,
-                    terms,
-                };
-                // Inexact Newton forcing term: closer to the minimum, the solves must be more
-                // accurate.
-                let linear = self.step_settings.linear_tolerance;
-                let nearer = if first > 0.0 {
-                    (start / first).sqrt()
-                } else {
-                    1.0
-                };
-                let tolerance = match self.step_settings.tolerance > 0.0 {
-                    true => linear
-                        .min(nearer.max(1e-6))
-                        .max(0.5 * (goal / start).sqrt()),
-                    false => linear,
-                };
-                let stop = CgTolerance {
-                    tolerance: tolerance.min(0.9),
-                    floor,
-                    max_iterations: implicit.settings.max_iterations,
-                };
-                let outcome = implicit.solve_afresh(&matrix, start, stop);
-                let good = !outcome.indefinite
-                    && outcome.predicted_decrease > 0.0
-                    && implicit.has_coarse();
-                if good || projected {
-                    self.projected = self.projected.saturating_sub(1);
-                    return Some((start, outcome));
-                }
-            }
-            self.projected = PROJECTED_SOLVES;
-            implicit.drop_coarse_space();
-            implicit.solver.residual.copy_from_slice(&self.forces);
-        }
-    }
-
     /// Rebuilds the coarse space of a restored state.
     pub fn resume(
         &mut self,
@@ -559,10 +360,8 @@ impl<T: Real> NewtonSolver<T> {
             ..*scene
         };
         let poses: Vec<Pose> = basis.poses.iter().map(|p| Pose::from_array(*p)).collect();
-        implicit
-            .solver
-            .rigid_projection
-            .update_poses(&self.rigid, &poses);
+        let projection = &mut implicit.solver.rigid_projection;
+        self.rigid.update_projection(&poses, projection);
         implicit.resume(&heavier, terms, basis);
     }
 }

@@ -22,9 +22,8 @@ impl<T: Real> NewtonSolver<T> {
         let heavier = T::from_f64(self.mass_damping * form.gamma);
         let (best, guesses, lagged) = (&self.best, &self.guesses, &self.damping_displacements);
         let solver = &mut implicit.solver;
-        solver
-            .rigid_projection
-            .update_poses(&self.rigid, &self.rigid.best);
+        let rigid = &self.rigid;
+        rigid.update_projection(&rigid.best, &mut solver.rigid_projection);
         let (inverses, tied) = (&solver.inverse, &solver.rigid_projection);
         let data = (Nodes(&mut solver.residual), ());
         let [pull, push] = scene.plan.for_each_chunk(data, &|chunk, nodes, (b, ())| {

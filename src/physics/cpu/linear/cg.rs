@@ -1,7 +1,8 @@
 //! Preconditioned conjugate gradients with one 3-vector per node: block Jacobi plus an additive
 //! coarse correction.
 
-use super::coarse_space::{CoarseSpace, rigid_displacement};
+use super::coarse_space::CoarseSpace;
+use super::rigid_modes::rigid_displacement;
 use super::rigid_projection::RigidProjection;
 use super::sparse_cholesky::Vec6Padded;
 use crate::physics::cpu::partition::{Groups, Nodes, Partition};

@@ -4,8 +4,9 @@
 //! hundreds, more where stiff parts lie in soft ones. The rigid-body modes of groups of nodes, 40
 //! in a small body and hundreds in a large one (Galerkin, added to block Jacobi), remove that rest.
 
+use super::rigid_modes::{add_projected_block, cross};
 use super::rigid_projection::RigidProjection;
-use super::sparse_cholesky::{Block, SparseCholesky, Vec6Padded};
+use super::sparse_cholesky::{SparseCholesky, Vec6Padded};
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
@@ -75,32 +76,7 @@ impl<T: Real> CoarseSpace<T> {
         terms: &[Box<dyn Term<T>>],
         tied: &RigidProjection<T>,
     ) {
-        for g in 0..plan.groups() {
-            let first = plan.group(g).start;
-            let arms = &mut self.lever_arms[plan.group(g)];
-            if let Some(body) = tied.of(g) {
-                // A constrained body lacks some of these modes.
-                match body.free() {
-                    true => arms.copy_from_slice(body.arms()),
-                    false => arms.fill([T::ZERO; 4]),
-                }
-                continue;
-            }
-            let count = arms.len();
-            let nodes = || (first..first + count).filter(|i| free(*i));
-            let count = nodes().count().max(1) as f64;
-            let middle = nodes().map(&points).sum::<DVec3>() / count;
-            let reach = |i: usize| points(i).distance_squared(middle);
-            let radius = (nodes().map(reach).sum::<f64>() / count).sqrt();
-            let over = if radius > 0.0 { 1.0 / radius } else { 0.0 };
-            for (n, arm) in arms.iter_mut().enumerate() {
-                *arm = [T::ZERO; 4];
-                if free(first + n) {
-                    let r = (points(first + n) - middle) * over;
-                    *arm = [T::from_f64(r.x), T::from_f64(r.y), T::from_f64(r.z), T::ONE];
-                }
-            }
-        }
+        self.update_arms(plan, points, free, tied);
         self.factor.clear();
         let mut known = (u32::MAX, u32::MAX, 0, false);
         for (i, d) in diagonal.iter().enumerate() {
@@ -135,7 +111,49 @@ impl<T: Real> CoarseSpace<T> {
                 add_projected_block(m, i, j, block, known.3 || a == b);
             });
         }
-        for g in 0..plan.groups() as u32 {
+        self.shift_diagonal(plan.groups());
+        self.ready = self.factor.factorise();
+    }
+
+    /// Updates the arms of all nodes; arguments as for [`CoarseSpace::factorise`].
+    fn update_arms(
+        &mut self,
+        plan: &Partition,
+        points: impl Fn(usize) -> DVec3,
+        free: impl Fn(usize) -> bool,
+        tied: &RigidProjection<T>,
+    ) {
+        for g in 0..plan.groups() {
+            let first = plan.group(g).start;
+            let arms = &mut self.lever_arms[plan.group(g)];
+            if let Some(body) = tied.of(g) {
+                // A constrained body lacks some of these modes.
+                match body.free() {
+                    true => arms.copy_from_slice(body.arms()),
+                    false => arms.fill([T::ZERO; 4]),
+                }
+                continue;
+            }
+            let count = arms.len();
+            let nodes = || (first..first + count).filter(|i| free(*i));
+            let count = nodes().count().max(1) as f64;
+            let middle = nodes().map(&points).sum::<DVec3>() / count;
+            let reach = |i: usize| points(i).distance_squared(middle);
+            let radius = (nodes().map(reach).sum::<f64>() / count).sqrt();
+            let over = if radius > 0.0 { 1.0 / radius } else { 0.0 };
+            for (n, arm) in arms.iter_mut().enumerate() {
+                *arm = [T::ZERO; 4];
+                if free(first + n) {
+                    let r = (points(first + n) - middle) * over;
+                    *arm = [T::from_f64(r.x), T::from_f64(r.y), T::from_f64(r.z), T::ONE];
+                }
+            }
+        }
+    }
+
+    /// Makes the assembled matrix positive definite.
+    fn shift_diagonal(&mut self, groups: usize) {
+        for g in 0..groups as u32 {
             if let Some((place, _)) = self.factor.block_index(g, g) {
                 let block = self.factor.block_mut(place);
                 let largest = (0..6).map(|k| block[k][k]).fold(0.0, f64::max);
@@ -148,7 +166,6 @@ impl<T: Real> CoarseSpace<T> {
                 }
             }
         }
-        self.ready = self.factor.factorise();
     }
 
     /// Restricts the forces `r` on the nodes of a group, beginning with node `first`, to its modes.
@@ -169,20 +186,11 @@ impl<T: Real> CoarseSpace<T> {
         self.factor.solve(x);
     }
 
-    /// Returns the arms of the nodes from `first`, for [`rigid_displacement`].
+    /// Returns the arms of the nodes from `first`, for
+    /// [`rigid_displacement`](super::rigid_modes::rigid_displacement).
     pub fn arms(&self, first: usize) -> &[V4<T>] {
         &self.lever_arms[first..]
     }
-}
-
-/// Returns the displacement of a node with the given arm for the rigid motion `m` of its group.
-#[inline(always)]
-pub fn rigid_displacement<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
-    let w = arm[3];
-    add(
-        [w * m[0], w * m[1], w * m[2], T::ZERO],
-        cross([m[3], m[4], m[5], T::ZERO], *arm),
-    )
 }
 
 fn node_groups(plan: &Partition) -> Vec<u32> {
@@ -191,46 +199,4 @@ fn node_groups(plan: &Partition) -> Vec<u32> {
         of[plan.group(g)].fill(g as u32);
     }
     of
-}
-
-#[inline(always)]
-fn cross<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-        T::ZERO,
-    ]
-}
-
-/// Adds P_iᵀ m P_j, or its transpose, to a block: P = w [I, −[a]×].
-pub(in crate::physics::cpu) fn add_projected_block<T: Real>(
-    m: &DMat3,
-    i: &V4<T>,
-    j: &V4<T>,
-    block: &mut Block,
-    transposed: bool,
-) {
-    let [a, b] = [i, j].map(|v| DVec3::new(v[0].to_f64(), v[1].to_f64(), v[2].to_f64()));
-    let [wa, wb] = [i, j].map(|v| v[3].to_f64());
-    let columns = [
-        m.x_axis * wb,
-        m.y_axis * wb,
-        m.z_axis * wb,
-        // m (e_k × b).
-        m.z_axis * b.y - m.y_axis * b.z,
-        m.x_axis * b.z - m.z_axis * b.x,
-        m.y_axis * b.x - m.x_axis * b.y,
-    ];
-    for (c, column) in columns.iter().enumerate() {
-        let (s, t) = (*column * wa, a.cross(*column));
-        let full = [s.x, s.y, s.z, t.x, t.y, t.z];
-        for (r, x) in full.iter().enumerate() {
-            if transposed {
-                block[r][c] += x;
-            } else {
-                block[c][r] += x;
-            }
-        }
-    }
 }

@@ -5,5 +5,6 @@ pub(super) mod block_csr;
 pub(super) mod cg;
 pub(super) mod coarse_space;
 pub(super) mod point_blocks;
+pub(super) mod rigid_modes;
 pub(super) mod rigid_projection;
 pub(super) mod sparse_cholesky;

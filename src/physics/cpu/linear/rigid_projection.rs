@@ -5,11 +5,9 @@
 //! of P is [I, −[a]×] for node i's arm a: they are P B Pᵀ r, with B the inverse of the body's own
 //! block of Pᵀ A P. This is conjugate gradients on Pᵀ A P, without forming that matrix.
 
-use super::coarse_space::{add_projected_block, rigid_displacement};
+use super::rigid_modes::{add_projected_block, rigid_displacement};
 use super::sparse_cholesky::{Block, DOF_PER_GROUP, Vec6Padded, inverse_factor};
 use crate::physics::cpu::partition::Partition;
-use crate::physics::cpu::rigid::bodies::RigidBodies;
-use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, Pose, RigidGroup};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{SymMat3, V4, add, zero};
@@ -46,6 +44,23 @@ pub struct RigidProjection<T> {
     bodies: Vec<RigidBlock<T>>,
 }
 
+/// Pose of a rigid body, as its modes need it.
+#[derive(Clone, Copy, Debug)]
+pub struct BlockPose<'a> {
+    /// Position of each of its nodes relative to its centre, before the rotation.
+    pub lever_arms: &'a [DVec3],
+    /// Pivot, relative to its centre.
+    pub pivot: DVec3,
+    /// Inverse of its length scale; 0 if the body is fixed.
+    pub scale: f64,
+    /// Rotation.
+    pub rotation: DQuat,
+    /// Projector onto the permitted rotations.
+    pub rotation_projector: DMat3,
+    /// Whether the body has all six modes.
+    pub free: bool,
+}
+
 impl<T: Real> RigidProjection<T> {
     /// Creates a projection without rigid bodies.
     pub fn empty() -> RigidProjection<T> {
@@ -56,17 +71,15 @@ impl<T: Real> RigidProjection<T> {
         }
     }
 
-    /// Creates the projection for the rigid bodies of a plan.
-    pub(in crate::physics::cpu) fn new(
-        plan: &Partition,
-        rigid: &RigidBodies,
-    ) -> RigidProjection<T> {
-        if rigid.is_empty() {
+    /// Creates the projection for bodies with these nodes, the last groups of a plan. `first` is
+    /// the first of these groups.
+    pub fn new(first: usize, bodies: &[Range<usize>]) -> RigidProjection<T> {
+        let Some(start) = bodies.first().map(|nodes| nodes.start) else {
             return RigidProjection::empty();
-        }
-        let body = |b: &RigidGroup| RigidBlock {
-            nodes: b.nodes.clone(),
-            arms: vec![zero(); b.nodes.len()],
+        };
+        let body = |nodes: &Range<usize>| RigidBlock {
+            nodes: nodes.clone(),
+            arms: vec![zero(); nodes.len()],
             rotation_projector: DMat3::ZERO,
             inverse: [[T::ZERO; 8]; DOF_PER_GROUP],
             built_block: None,
@@ -75,9 +88,9 @@ impl<T: Real> RigidProjection<T> {
             free: false,
         };
         RigidProjection {
-            first: plan.groups() - rigid.bodies.len(),
-            node: rigid.first,
-            bodies: rigid.bodies.iter().map(body).collect(),
+            first,
+            node: start,
+            bodies: bodies.iter().map(body).collect(),
         }
     }
 
@@ -93,23 +106,18 @@ impl<T: Real> RigidProjection<T> {
         i >= self.node
     }
 
-    /// Updates the arms to `poses`, and rotates B with its body.
-    pub(in crate::physics::cpu) fn update_poses(&mut self, rigid: &RigidBodies, poses: &[Pose]) {
-        for ((body, known), pose) in self.bodies.iter_mut().zip(&rigid.bodies).zip(poses) {
-            let (pivot, within) = known.pivot(pose);
-            let over = 1.0 / known.radius();
-            body.free = known.freedom == DegreesOfFreedom::Free;
-            body.rotation_projector = within;
-            let weight = if body.free { T::ONE } else { T::ZERO };
-            let stays = known.freedom == DegreesOfFreedom::Fixed;
-            for (arm, i) in body.arms.iter_mut().zip(body.nodes.clone()) {
-                let r = rigid.lever_arms[i - rigid.first] - pivot;
-                let a = pose.rotation * r * if stays { 0.0 } else { over };
-                *arm = [T::from_f64(a.x), T::from_f64(a.y), T::from_f64(a.z), weight];
-            }
-            body.turn = pose.rotation;
-            body.turn_inverse();
+    /// Updates the arms of a body to its pose, and rotates B with it.
+    pub fn set_pose(&mut self, body: usize, pose: &BlockPose<'_>) {
+        let body = &mut self.bodies[body];
+        body.free = pose.free;
+        body.rotation_projector = pose.rotation_projector;
+        let weight = if body.free { T::ONE } else { T::ZERO };
+        for (arm, r) in body.arms.iter_mut().zip(pose.lever_arms) {
+            let a = pose.rotation * (*r - pose.pivot) * pose.scale;
+            *arm = [T::from_f64(a.x), T::from_f64(a.y), T::from_f64(a.z), weight];
         }
+        body.turn = pose.rotation;
+        body.turn_inverse();
     }
 
     /// Builds the bodies' blocks from the linearised terms, with the diagonal blocks `diagonal`.

@@ -70,16 +70,7 @@ impl RigidLayout {
         let count = network.rest_positions.len();
         let bodies = &network.elements.rigid;
         let owner = node_owners(bodies, count)?;
-        // Nodes of soft tetrahedra take part, wherever they are.
-        let mut outside = vec![false; count];
-        let surface = bodies.iter().flat_map(|b| &b.surface);
-        surface.for_each(|v| outside[*v as usize] = true);
-        let mut held = vec![false; count];
-        for v in network.elements.tets.iter().flat_map(|e| &e.nodes) {
-            held[*v as usize] = true;
-            outside[*v as usize] = true;
-        }
-
+        let (outside, held) = outer_nodes(network);
         let free: Vec<u32> = (0..count as u32)
             .filter(|v| owner[*v as usize].is_none())
             .collect();
@@ -89,16 +80,7 @@ impl RigidLayout {
                 .map(|v| network.rest_positions[*v as usize])
                 .collect()
         };
-        let mut lumps = match free.is_empty() {
-            true => Aggregates {
-                order: Vec::new(),
-                group_starts: vec![0],
-            },
-            false => Aggregates::new(&points(&free), most(free.len())),
-        };
-        for v in &mut lumps.order {
-            *v = free[*v as usize];
-        }
+        let mut lumps = soft_aggregates(&free, &points(&free), most);
         let first = lumps.order.len();
         let mut extended = network.clone();
         let mut rigid = Vec::with_capacity(bodies.len());
@@ -141,27 +123,67 @@ impl RigidLayout {
             lumps.order.extend(inside);
             rigid.inner = start..lumps.order.len();
         }
-        let slots = &lumps.order[first..];
-        let mut arms: Vec<DVec3> = slots
-            .iter()
-            .map(|v| extended.rest_positions[*v as usize] / units.length)
-            .collect();
-        for body in &rigid {
-            for i in body.nodes.clone().chain(body.inner.clone()) {
-                arms[i - first] -= body.centre;
-            }
-        }
+        let arms = lever_arms(&extended, &lumps.order[first..], &rigid, units);
         let weight = |v: &u32| {
             network
                 .masses
                 .get(*v as usize)
                 .map_or(0.0, |m| m / units.mass)
         };
-        let weights = slots.iter().map(weight).collect();
+        let weights = lumps.order[first..].iter().map(weight).collect();
         Ok(RigidLayout {
             network: extended,
             rigid: RigidBodies::new(first, rigid, arms, weights),
             lumps,
         })
     }
+}
+
+/// Returns the aggregates of the soft nodes `free`, which are at `points`.
+fn soft_aggregates(free: &[u32], points: &[DVec3], most: impl Fn(usize) -> usize) -> Aggregates {
+    if free.is_empty() {
+        return Aggregates {
+            order: Vec::new(),
+            group_starts: vec![0],
+        };
+    }
+    let mut aggregates = Aggregates::new(points, most(free.len()));
+    for v in &mut aggregates.order {
+        *v = free[*v as usize];
+    }
+    aggregates
+}
+
+/// Returns which nodes of `network` are on the surface of a rigid body or in a soft tetrahedron,
+/// which take part wherever they are, and which are in a soft tetrahedron.
+fn outer_nodes(network: &DiscreteModel) -> (Vec<bool>, Vec<bool>) {
+    let count = network.rest_positions.len();
+    let mut outside = vec![false; count];
+    let surface = network.elements.rigid.iter().flat_map(|b| &b.surface);
+    surface.for_each(|v| outside[*v as usize] = true);
+    let mut held = vec![false; count];
+    for v in network.elements.tets.iter().flat_map(|e| &e.nodes) {
+        held[*v as usize] = true;
+        outside[*v as usize] = true;
+    }
+    (outside, held)
+}
+
+/// Returns the position of each of the nodes `slots`, those of rigid bodies, relative to its body's
+/// centre, local units.
+fn lever_arms(
+    network: &DiscreteModel,
+    slots: &[u32],
+    rigid: &[RigidGroup],
+    units: &LocalUnits,
+) -> Vec<DVec3> {
+    let places = slots.iter().map(|v| network.rest_positions[*v as usize]);
+    let mut arms: Vec<DVec3> = places.map(|x| x / units.length).collect();
+    let first = rigid.first().map_or(0, |body| body.nodes.start);
+    for body in rigid {
+        for i in body.nodes.clone().chain(body.inner.clone()) {
+            arms[i - first] -= body.centre;
+        }
+    }
+    arms
 }

@@ -6,6 +6,7 @@ pub(super) mod layout;
 pub(super) mod loads;
 pub(super) mod midpoint;
 pub(super) mod pose;
+pub(super) mod projection;
 pub(super) mod target_springs;
 #[cfg(test)]
 pub(super) mod tests;

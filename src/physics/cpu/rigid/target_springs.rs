@@ -142,8 +142,4 @@ impl<T: Real> Term<T> for RigidTargetSprings<T> {
     fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {
         self.blocks.visit_off_diagonal(visit);
     }
-
-    fn tethers_mut(&mut self) -> Option<&mut RigidTargetSprings<T>> {
-        Some(self)
-    }
 }

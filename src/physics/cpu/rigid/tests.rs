@@ -1,7 +1,8 @@
 //! Tests of rigid bodies against closed-form solutions, and against very stiff bodies.
 #![allow(clippy::unwrap_used)]
 
-use crate::mesh::{Field, Location, generate};
+use crate::generate;
+use crate::mesh::{Field, Location};
 use crate::physics::cpu::body::CpuBody;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::scalar::Real;
@@ -265,6 +266,7 @@ fn second_order_schemes_keep_order_with_rigid_regions() {
     }
 }
 
+/// Long because one potential is built and compared in all directions.
 #[test]
 fn step_is_stationary_over_rigid_motions() {
     // The end of a step is a stationary point of Φ with respect to poses and soft nodes, by finite

@@ -2,11 +2,11 @@
 
 use crate::gpu::{Array, Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
-use crate::physics::grid::GridBody;
 use crate::physics::grid::retain_tets;
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
-    Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
+    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GridBody, Loads,
+    NodePositions, Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord,
+    TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -176,16 +176,11 @@ impl Simulator for GpuGrid {
     }
 
     fn state(&self) -> Result<SimulatorState> {
-        Ok(SimulatorState::Grid(Box::new(self.body.state()?)))
+        Ok(SimulatorState::new(self.body.state()?))
     }
 
     fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        match state {
-            SimulatorState::Grid(state) => self.body.set_state(state),
-            _ => Err(Error::Input(
-                "the saved state is of another kind of body or another engine".into(),
-            )),
-        }
+        self.body.set_state(state.expect()?)
     }
 
     fn pose(&self) -> Result<ExactPositions> {

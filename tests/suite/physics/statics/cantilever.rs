@@ -2,7 +2,7 @@
 
 use super::{Setup, YOUNG, face_forces, nodes, order};
 use glam::DVec3;
-use palpate::mesh::generate::{Split, box_mesh};
+use palpate::generate::{Split, box_mesh};
 use palpate::physics::VolumetricFormulation;
 
 const SIZE: DVec3 = DVec3::new(1.0, 0.2, 0.2);

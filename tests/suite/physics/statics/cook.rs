@@ -3,7 +3,7 @@
 
 use super::{Setup, Slides, VOLUMES, YOUNG, face_forces, nodes, order};
 use glam::DVec3;
-use palpate::mesh::generate::{Split, box_mesh};
+use palpate::generate::{Split, box_mesh};
 use palpate::physics::VolumetricFormulation;
 use std::time::Instant;
 

@@ -2,8 +2,8 @@
 
 use super::{Rest, Setup, Slides, YOUNG, face_forces};
 use glam::DVec3;
+use palpate::generate::{Split, box_mesh};
 use palpate::mesh::TetMesh;
-use palpate::mesh::generate::{Split, box_mesh};
 use palpate::physics::VolumetricFormulation;
 use std::f64::consts::TAU;
 

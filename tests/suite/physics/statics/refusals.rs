@@ -4,7 +4,8 @@ use super::{VOLUMES, material};
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::Error;
-use palpate::mesh::{Blade, generate};
+use palpate::generate;
+use palpate::mesh::Blade;
 use palpate::physics::{
     CgSettings, CpuTets, DiscreteModel, Engine, EngineChoice, Material, MaterialModel, Precision,
     Simulator, SolverKind, VolumetricFormulation,

@@ -2,7 +2,7 @@
 
 use super::{Rest, Setup, VOLUMES, YOUNG, nodes, order};
 use glam::{DMat3, DVec3};
-use palpate::mesh::generate::{Split, box_mesh};
+use palpate::generate::{Split, box_mesh};
 use palpate::physics::VolumetricFormulation;
 use std::f64::consts::FRAC_PI_2;
 

@@ -1,11 +1,11 @@
-//! `bindgen FILE.wasm FOLDER`: the module that a page imports, and its types.
+//! `bindgen FILE.wasm FOLDER`: generates the JavaScript module of a WebAssembly file, and its types.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [wasm, folder] = arguments.as_slice() else {
-        eprintln!("bindgen FILE.wasm FOLDER");
+        eprintln!("usage: bindgen FILE.wasm FOLDER");
         return ExitCode::FAILURE;
     };
     let mut bindgen = wasm_bindgen_cli_support::Bindgen::new();

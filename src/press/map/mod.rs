@@ -1,0 +1,322 @@
+//! Stiffness map: presses a body from above at the points of a grid, to find stiff inclusions.
+
+mod finger;
+mod grid;
+mod picture;
+
+use super::site::{Boundary, PressSite};
+use super::{DEPTH, on_table, only_tets, prepare_scene, table};
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::scene::{Scene, scene_hash};
+use crate::{Error, Result};
+use finger::{Bench, PressSettings};
+use flate2::Crc;
+use glam::DVec3;
+use grid::MapGrid;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+
+/// Maximum number of points along a side.
+const MOST: u32 = 1_000;
+/// A point is skipped if the body is thinner there than this multiple of the press depth.
+const MIN_THICKNESS_RATIO: f64 = 3.0;
+
+/// Points and settings of a map; unset values are chosen from the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapOptions {
+    /// Number of points along the two sides of the body, seen from above.
+    pub points: [u32; 2],
+    /// Radius of the fingertip, in file units.
+    pub radius: Option<f64>,
+    /// Press depth, in file units; by default a tenth of the body's median thickness.
+    pub depth: Option<f64>,
+}
+
+/// A point of a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapPoint {
+    /// On the boundary, in file units.
+    pub point: DVec3,
+    /// Its result; `None` until it is measured.
+    pub pressed: Option<PointResult>,
+}
+
+/// Result of a press of a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum PointResult {
+    /// Slope of force over depth in the deeper half of the loading path, N/m.
+    Stiffness(f64),
+    /// A simulation step failed.
+    Failed,
+}
+
+impl MapOptions {
+    /// Checks the numbers.
+    fn check(&self) -> Result<()> {
+        let [n, m] = self.points;
+        if !([n, m].into_iter().all(|n| (1..=MOST).contains(&n))) {
+            return Err(Error::Input(format!(
+                "map size must be 1 to {MOST} points per side, got {n}x{m}"
+            )));
+        }
+        for (what, given) in [("radius", self.radius), ("depth", self.depth)] {
+            if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
+                return Err(Error::Input(format!(
+                    "press {what} must be positive and finite, got {x}"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl MapPoint {
+    /// Returns the measured stiffness, N/m.
+    pub fn stiffness(&self) -> Option<f64> {
+        match self.pressed {
+            Some(PointResult::Stiffness(found)) => Some(found),
+            _ => None,
+        }
+    }
+}
+
+/// A map of a body's stiffness.
+pub struct PressMap {
+    scene: Scene,
+    mesh: TetMesh,
+    up: DVec3,
+    radius: f64,
+    depth: f64,
+    /// Metres per file unit, and Poisson's ratio ν.
+    unit: f64,
+    poisson: f64,
+    /// Grid of the map.
+    grid: MapGrid,
+    spots: Vec<(PressSite, f64)>,
+    points: Vec<MapPoint>,
+    /// Grid cell of each point.
+    cells: Vec<usize>,
+    notes: Vec<String>,
+}
+
+impl PressMap {
+    /// Places the body of `scene` on a table, as [`Press::new`](super::Press::new), and selects the
+    /// points to press.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, invalid numbers, or a body
+    /// without a suitable point; otherwise as loading the mesh.
+    pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
+        only_tets(scene)?;
+        wanted.check()?;
+        let mesh = scene.mesh.load()?;
+        let (mut scene, down) = prepare_scene(scene);
+        scene.pin.push(table(down));
+        let mut up = DVec3::ZERO;
+        let axis = down.abs().max_position();
+        up[axis] = -down[axis].signum();
+        let grid = MapGrid::new(&mesh, up, wanted.points);
+        let boundary = Boundary::new(&mesh);
+        let above = |cell: usize| boundary.first_from_above(up, grid.middle(cell));
+        let found: Vec<(usize, PressSite)> = (0..grid.len())
+            .filter_map(|cell| Some((cell, above(cell)?)))
+            .collect();
+        let typical = median(found.iter().map(|(_, spot)| spot.thickness).collect());
+        let Some(typical) = typical else {
+            return Err(Error::Input(
+                "no grid point is above a part of the body with a slope below 60°; increase the number of points (--map NxM)".into(),
+            ));
+        };
+        let depth = wanted.depth.unwrap_or(DEPTH * typical);
+        let fits = |spot: &PressSite| {
+            !on_table(&mesh, down, spot.point) && spot.thickness >= MIN_THICKNESS_RATIO * depth
+        };
+        let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
+        if fit.is_empty() {
+            return Err(Error::Input(format!(
+                "body thickness at every press point must be at least {MIN_THICKNESS_RATIO} times the press depth {depth}; reduce --depth"
+            )));
+        }
+        let radius = wanted.radius.unwrap_or(boundary.fitting_radius(typical));
+        let mut notes = vec![format!(
+            "pressing {} points from above to depth {depth:.4} with a fingertip of radius {radius:.4}",
+            fit.len()
+        )];
+        let left = grid.len() - fit.len();
+        if left > 0 {
+            notes.push(format!(
+                "{left} grid points are skipped: beside the body, slope above 60°, or thickness below {MIN_THICKNESS_RATIO} times the press depth ({} of them)",
+                thin.len()
+            ));
+        }
+        let spots: Vec<(PressSite, f64)> = fit
+            .iter()
+            .map(|(_, spot)| (*spot, boundary.first_touch(spot, radius)))
+            .collect();
+        let of_mesh = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        Ok(PressMap {
+            poisson: scene.material.poisson_of(&mesh)?,
+            unit: of_mesh.or(mesh.length_unit).unwrap_or(1.0),
+            points: spots
+                .iter()
+                .map(|(spot, _)| MapPoint {
+                    point: spot.point,
+                    pressed: None,
+                })
+                .collect(),
+            cells: fit.iter().map(|(cell, _)| *cell).collect(),
+            scene,
+            mesh,
+            up,
+            radius,
+            depth,
+            grid,
+            spots,
+            notes,
+        })
+    }
+
+    /// Returns the assumptions, as text.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Returns the points, in rows of the grid, with the results so far.
+    pub fn points(&self) -> &[MapPoint] {
+        &self.points
+    }
+
+    /// Returns the radius of the fingertip and the press depth, in file units.
+    pub fn radius_and_depth(&self) -> [f64; 2] {
+        [self.radius, self.depth]
+    }
+
+    /// Returns a hash of the body, scene, grid and press settings: results with another fingerprint
+    /// do not belong to this map.
+    pub fn fingerprint(&self) -> u64 {
+        let mut crc = Crc::new();
+        let MapGrid {
+            axes,
+            count,
+            low,
+            step,
+        } = self.grid;
+        // The text is part of the format: a partial map can be resumed only with the same
+        // fingerprint.
+        let settings = format!(
+            "Grid {{ axes: {axes:?}, count: {count:?}, low: {low:?}, step: {step:?} }} {} {}",
+            self.radius, self.depth
+        );
+        crc.update(settings.as_bytes());
+        for p in &self.mesh.nodes {
+            p.to_array()
+                .iter()
+                .for_each(|x| crc.update(&x.to_le_bytes()));
+        }
+        (u64::from(scene_hash(&self.scene)) << 32) | u64::from(crc.sum())
+    }
+
+    /// Restores earlier results, in the order of the points.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a different number of points.
+    pub fn restore(&mut self, found: &[Option<PointResult>]) -> Result<()> {
+        if found.len() != self.points.len() {
+            return Err(Error::Input(format!(
+                "number of results must equal the number of map points, got {} for {}",
+                found.len(),
+                self.points.len()
+            )));
+        }
+        for (point, found) in self.points.iter_mut().zip(found) {
+            point.pressed = *found;
+        }
+        Ok(())
+    }
+
+    /// Measures the remaining points on all cores and calls `each` with the map after every point;
+    /// after an error of `each` or of creating a simulator, starts no further point.
+    ///
+    /// # Errors
+    /// As `each` and as creating a simulator. A press with a failed step is
+    /// [`PointResult::Failed`].
+    pub fn measure(
+        &mut self,
+        gpu: &Gpu,
+        each: &mut dyn FnMut(&PressMap) -> Result<()>,
+    ) -> Result<()> {
+        let left: Vec<usize> = (0..self.points.len())
+            .filter(|k| self.points[*k].pressed.is_none())
+            .collect();
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let next = AtomicUsize::new(0);
+        let (sender, receiver) = mpsc::channel::<Result<(usize, PointResult)>>();
+        let bench = Bench {
+            gpu,
+            scene: &self.scene.clone(),
+            mesh: &self.mesh.clone(),
+            radius: self.radius,
+        };
+        let settings = PressSettings {
+            up: self.up,
+            depth: self.depth,
+            unit: self.unit,
+            poisson: self.poisson,
+            radius: self.radius,
+        };
+        let spots = self.spots.clone();
+        std::thread::scope(|scope| {
+            for _ in 0..threads.min(left.len()) {
+                let (sender, left, next, spots) = (sender.clone(), &left, &next, &spots);
+                let (bench, settings) = (&bench, &settings);
+                scope.spawn(move || {
+                    let mut made = bench.finger();
+                    while let Some(k) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let found = match &mut made {
+                            Ok(finger) => finger.press(settings, &spots[*k]),
+                            Err(why) => Err(Error::Input(why.to_string())),
+                        };
+                        // The receiver is dropped after an error.
+                        if sender.send(found.map(|found| (*k, found))).is_err() {
+                            return;
+                        }
+                    }
+                });
+            }
+            drop(sender);
+            let mut receiver = receiver;
+            let mut ended = Ok(());
+            while let Ok(found) = receiver.recv() {
+                let kept = found.and_then(|(k, found)| {
+                    self.points[k].pressed = Some(found);
+                    each(self)
+                });
+                if kept.is_err() {
+                    ended = kept;
+                    next.store(left.len(), Ordering::Relaxed);
+                    receiver = mpsc::channel().1;
+                }
+            }
+            ended
+        })
+    }
+
+    /// Returns the median of the measured stiffnesses, N/m.
+    pub fn median(&self) -> Option<f64> {
+        median(self.points.iter().filter_map(MapPoint::stiffness).collect())
+    }
+
+    /// Returns the stiffest point.
+    pub fn stiffest(&self) -> Option<MapPoint> {
+        let found = self.points.iter().filter(|p| p.stiffness().is_some());
+        let by = |p: &&MapPoint| p.stiffness().unwrap_or(f64::NEG_INFINITY);
+        found.max_by(|a, b| by(a).total_cmp(&by(b))).copied()
+    }
+}
+
+/// Returns the median, the lower one for an even count; `None` for an empty list.
+fn median(mut numbers: Vec<f64>) -> Option<f64> {
+    numbers.sort_by(f64::total_cmp);
+    numbers.get(numbers.len().saturating_sub(1) / 2).copied()
+}

@@ -1,0 +1,132 @@
+//! A stage: the GPU resources, simulation and renderers of a scene.
+//!
+//! Methods of [`Stage`] by topic:
+//!
+//! | topic | file |
+//! | --- | --- |
+//! | creation from a scene | `create.rs` |
+//! | camera and picture size | `view.rs` |
+//! | appearance: sections, transfer function | `look.rs` |
+//! | pictures, picking | `drawing.rs`; with annotations: `scene/annotations.rs` |
+//! | steps | `steps.rs` |
+//! | cuts | `cut.rs` |
+//! | tools led by hand | `tools.rs` |
+//! | deformed meshes, frames of a series | `output.rs` |
+//! | playback of a recorded series | `playback.rs` |
+//! | measurements | `report.rs` |
+//! | reactions | `scene/reactions.rs` |
+//! | checkpoints | `scene/checkpoint.rs` |
+//! | computed fields | `scene/computed_field.rs` |
+
+mod create;
+mod cut;
+mod drawing;
+mod look;
+mod output;
+mod playback;
+mod report;
+mod source;
+mod steps;
+mod tools;
+mod view;
+
+pub use drawing::PendingImage;
+#[cfg(feature = "study")]
+pub(crate) use report::median_ms;
+pub use report::{CgReport, StageReport, ToolReport};
+pub(super) use source::NodeSource;
+
+use super::active_blade::ActiveBlade;
+use super::annotations::AnnotationContext;
+use super::checkpoint::CutHistory;
+use super::computed_field::ComputedField;
+use super::picture::DisplayMode;
+use super::tool_skin::ToolSkin;
+use super::xray::RadiographFilm;
+use super::{Motion, ScalarField, Scene};
+use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
+use crate::render::{Background, BitDepth, Camera, Raycaster, Surface};
+use crate::skin::{Compositor, Skin};
+use drawing::CachedFrame;
+
+/// Default number of steps before a picture, if the scene has a solver.
+pub const STEPS: u32 = 50;
+
+/// A scene ready to be simulated and rendered.
+pub struct Stage {
+    pub(super) gpu: Gpu,
+    pub(super) drive: NodeSource,
+    pub(super) raycaster: Raycaster,
+    pub(super) surface: Surface,
+    pub(super) camera: Camera,
+    pub(super) size: [u32; 2],
+    pub(super) mode: DisplayMode,
+    pub(super) scalars: ScalarField,
+    /// The displayed field, if it is recomputed for each picture.
+    pub(super) computed_field: Option<ComputedField>,
+    pub(super) scene: Scene,
+    pub(super) skins: Vec<Skin>,
+    /// The displayed tools.
+    pub(super) tools: Vec<ToolSkin>,
+    pub(super) composer: Compositor,
+    /// Data of the annotations.
+    pub(super) surroundings: AnnotationContext,
+    /// Film of X-ray pictures.
+    pub(super) film: RadiographFilm,
+    /// Supersampling factor per axis.
+    pub(super) samples: u32,
+    pub(super) cutters: Vec<ActiveBlade>,
+    /// History for checkpoints, if they are kept.
+    pub(super) journal: Option<CutHistory>,
+    pub(super) background: Background,
+    /// Background colour of recorded pictures.
+    pub(super) backdrop: [f32; 4],
+    pub(super) bits: BitDepth,
+    pub(super) steps: u32,
+    /// The last picture, while it is up to date.
+    pub(super) cached: Option<CachedFrame>,
+    /// Number of pictures rendered, and number taken from the cache.
+    pub(super) pictures: [u64; 2],
+    pub(super) depth: Option<wgpu::TextureView>,
+    pub(super) notes: Vec<String>,
+}
+
+impl Stage {
+    /// Returns the mesh at rest.
+    pub fn mesh(&self) -> &TetMesh {
+        self.drive.mesh()
+    }
+
+    /// Returns the simulated body, if the scene has a solver.
+    pub fn motion(&self) -> Option<&Motion> {
+        match &self.drive {
+            NodeSource::Posed(_) => None,
+            NodeSource::Simulated(motion) => Some(motion),
+        }
+    }
+
+    /// As [`Stage::motion`], mutable, to apply loads to the body.
+    pub fn motion_mut(&mut self) -> Option<&mut Motion> {
+        match &mut self.drive {
+            NodeSource::Posed(_) => None,
+            NodeSource::Simulated(motion) => Some(motion),
+        }
+    }
+
+    /// Returns the displayed scalar field.
+    pub fn scalar_field(&self) -> &ScalarField {
+        &self.scalars
+    }
+
+    /// Returns the skins in their current configuration; after a cut, in mode `skin`, the cut walls
+    /// follow them.
+    pub fn skins(&self) -> &[Skin] {
+        &self.skins
+    }
+
+    /// Returns the notes of automatic choices and repairs.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}

@@ -1,0 +1,62 @@
+//! Tools of a stage that are led by hand.
+
+use super::Stage;
+use crate::physics::{ToolId, ToolPose};
+use crate::{Error, Result};
+use glam::DVec3;
+
+impl Stage {
+    /// Sets the target of a tool, by its index in the scene: the tool moves there straight within
+    /// the next step. The place is in file units, and the tool must not have a path in the scene.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for an unknown tool, or one with a path.
+    pub fn set_tool_target(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let (id, pose) = self.led_tool(number, place)?;
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.simulator.loads_mut().set_tool_target(id, pose)
+    }
+
+    /// As [`Stage::set_tool_target`], but moves the tool at once, without collision detection.
+    ///
+    /// # Errors
+    /// As [`Stage::set_tool_target`].
+    pub fn teleport_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let (id, pose) = self.led_tool(number, place)?;
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.simulator.loads_mut().teleport_tool(id, pose)
+    }
+
+    /// Returns a tool without a path, and its pose at `place`.
+    fn led_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
+        let motion = self.motion().ok_or_else(|| no_tool(number))?;
+        let tool = motion
+            .time_dependent_loads
+            .tools
+            .get(number)
+            .filter(|t| !t.moves());
+        let id = tool.ok_or_else(|| no_tool(number))?.id;
+        let turn = motion.simulator.loads().tool(id)?.turn();
+        Ok((id, ToolPose::new(place, turn)))
+    }
+
+    /// Returns the force of the body on the tool of this number, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for an unknown tool; otherwise as
+    /// [`Simulator::tool_forces`].
+    ///
+    /// [`Simulator::tool_forces`]: crate::physics::Simulator::tool_forces
+    pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        let forces = motion.simulator.tool_forces()?;
+        let force = forces.get(number).map(|on| on.force);
+        force.ok_or_else(|| Error::Input(format!("unknown tool {number} (counted from 0)")))
+    }
+}
+
+fn no_tool(number: usize) -> Error {
+    Error::Input(format!(
+        "the scene has no tool {number} (counted from 0) that can be moved interactively: it must have no `path`, `file` and `rotation`"
+    ))
+}

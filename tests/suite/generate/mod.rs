@@ -1,0 +1,5 @@
+//! Generators of meshes.
+
+mod foot;
+mod limb;
+mod shapes;

@@ -1,0 +1,3 @@
+//! Meshing of files.
+
+mod tetgen;
