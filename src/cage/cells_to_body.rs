@@ -1,7 +1,7 @@
 //! Bodies made of the cells of a cage: tetrahedra with springs or elements, or a grid of particles.
 
 use super::lattice::Cells;
-use crate::mesh::generate::{Grid, Split, grid};
+use crate::generate::{Grid, Split, grid};
 use crate::mesh::{LocalFrame, TET_EDGES, TetMesh};
 use crate::physics::grid::{
     GridModel, GridShape, SPRING_KINDS, SPRING_OFFSETS, isotropic_stiffness,
