@@ -237,6 +237,9 @@ pub struct SceneFlags {
     /// stiffness; otherwise 9.81 downwards]
     #[arg(long, help_heading = "Physics", value_parser = triple, allow_hyphen_values = true)]
     pub gravity: Option<Triple>,
+    /// Continue after steps that invert tets of a body without inverted ones, instead of failing
+    #[arg(long, help_heading = "Physics")]
+    pub allow_inversion: bool,
 }
 
 impl SceneFlags {
@@ -329,6 +332,8 @@ impl SceneFlags {
         override_with(self.dt, &mut scene.solver.dt);
         override_with(self.steps, &mut scene.solver.steps);
         override_with(self.gravity.map(|t| t.0), &mut scene.solver.gravity);
+        let inversion = self.allow_inversion.then_some(true);
+        override_with(inversion, &mut scene.solver.allow_inversion);
         if !self.write_fields.is_empty() {
             scene.output.fields = self.write_fields.clone();
         }
