@@ -78,6 +78,7 @@ pub use simulator::progress::{StepProgress, StepRecord};
 pub use simulator::report::Report;
 pub use simulator::state::SimulatorState;
 pub use simulator::{ExactPositions, Simulator, StepCallback, TopologyChange};
+pub(crate) use stability::advice::safe_step_ratio;
 use stability::advice::time_step_advice;
 pub use stability::linearised_model;
 pub use stability::step_limit::largest_stable_step;

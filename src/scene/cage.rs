@@ -7,7 +7,9 @@ use super::time_dependent_loads::TimeDependentLoads;
 use crate::cage::{Cage, CageKind, EmbeddedSimulator};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{DiscreteModel, Material, MaterialModel, Simulator, SolverKind};
+use crate::physics::{
+    DiscreteModel, Material, MaterialModel, Simulator, SolverKind, safe_step_ratio,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -70,7 +72,7 @@ impl Scene {
         let forces = self.forces(&mesh, &fine.masses)?;
         // The step of an explicit scheme is not known yet, so the load is chosen as for an implicit
         // one.
-        let dt = choose_step(self.solver.dt, None, notes);
+        let dt = choose_step(self.solver.dt, None, 1.0, notes);
         let implicit = SolverKind::Implicit;
         let fine_held = Some((&fine, fine_pinned.as_slice()));
         let pull = self.default_load(implicit, fine_held, end, forces.as_deref(), dt, notes);
@@ -105,7 +107,8 @@ impl Scene {
                     Some(_) => None,
                     None => inner.largest_stable_step(),
                 };
-                choose_step(self.solver.dt, limit, notes)
+                let ratio = safe_step_ratio(inner.network());
+                choose_step(self.solver.dt, limit, ratio, notes)
             }
         };
         Ok(SimulatorSetup {

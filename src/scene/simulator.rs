@@ -9,16 +9,14 @@ use crate::mesh::TetMesh;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
     CgSettings, DiscreteModel, Engine, EngineChoice, Floor, Material, SelfContactSettings,
-    Simulator, SolverKind, largest_stable_step,
+    Simulator, SolverKind, largest_stable_step, safe_step_ratio,
 };
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Default time step of the implicit solver, s; explicit solvers use a fraction of their largest
-/// stable step.
+/// Default time step of the implicit solver, s.
 pub(super) const IMPLICIT_STEP: f64 = 0.01;
-const EXPLICIT_SHARE: f64 = 0.9;
 /// Body length in metres above which a note warns that the unit may be missing.
 const SUSPICIOUS_LENGTH: f64 = 5.0;
 
@@ -118,7 +116,12 @@ impl FloorEntry {
 
 /// Returns the scene's time step, or a fraction of the largest stable one, `limit`; without a limit
 /// the default step of an implicit solver.
-pub(super) fn choose_step(asked: Option<f64>, limit: Option<f64>, notes: &mut Vec<String>) -> f64 {
+pub(super) fn choose_step(
+    asked: Option<f64>,
+    limit: Option<f64>,
+    ratio: f64,
+    notes: &mut Vec<String>,
+) -> f64 {
     if let Some(dt) = asked {
         return dt;
     }
@@ -129,9 +132,9 @@ pub(super) fn choose_step(asked: Option<f64>, limit: Option<f64>, notes: &mut Ve
         true => limit,
         false => IMPLICIT_STEP,
     };
-    let dt = EXPLICIT_SHARE * limit;
+    let dt = ratio * limit;
     notes.push(format!(
-        "time step {dt:.3e} s, {EXPLICIT_SHARE} of the largest stable one; override with --dt"
+        "time step {dt:.3e} s, {ratio} of the largest stable one; override with --dt"
     ));
     dt
 }
@@ -336,7 +339,8 @@ impl Scene {
             Some(_) => None,
             None => simulator.largest_stable_step(),
         };
-        let dt = choose_step(self.solver.dt, limit, notes);
+        let ratio = safe_step_ratio(simulator.network());
+        let dt = choose_step(self.solver.dt, limit, ratio, notes);
         let held = simulator.network().zip(Some(simulator.loads().pinned()));
         let kind = simulator.integrator();
         let pull = self.default_load(kind, held, end, forces.as_deref(), dt, notes);

@@ -4,6 +4,21 @@ use super::step_limit::{largest_stable_step, limit_with_terms};
 use crate::physics::{DiscreteModel, NodeTerm, SolverKind};
 use std::sync::Arc;
 
+/// Ratio of a safe explicit step to the largest stable one at rest, for springs.
+const SPRING_STEP_RATIO: f64 = 0.9;
+
+/// As [`SPRING_STEP_RATIO`], for finite elements, which stiffen by an order of magnitude where a
+/// load crushes or stretches them.
+const ELEMENT_STEP_RATIO: f64 = 0.2;
+
+/// Returns the ratio of a safe explicit step to the largest stable one at rest.
+pub(crate) fn safe_step_ratio(network: Option<&DiscreteModel>) -> f64 {
+    match network {
+        Some(network) if !network.elements.is_empty() => ELEMENT_STEP_RATIO,
+        _ => SPRING_STEP_RATIO,
+    }
+}
+
 /// Returns advice for failed steps of `dt` seconds.
 pub(in crate::physics) fn time_step_advice(
     kind: SolverKind,
@@ -12,6 +27,7 @@ pub(in crate::physics) fn time_step_advice(
     pinned: &[bool],
 ) -> String {
     let limit = largest_stable_step(network, pinned, kind);
+    let ratio = safe_step_ratio(Some(network));
     match limit.map(|limit| limit_with_terms(limit, network, terms)) {
         None => format!(
             "use a --dt below {dt}, less stiffness or more damping, and check the units of the mesh"
@@ -20,12 +36,13 @@ pub(in crate::physics) fn time_step_advice(
             "explicit Euler is never stable without damping; use --solver implicit or symplectic"
                 .to_owned()
         }
-        Some(limit) if dt < 0.9 * limit => format!(
+        // A chosen step is exactly at this ratio.
+        Some(limit) if dt < 1.001 * ratio * limit => format!(
             "the largest stable step at rest is {limit:.3e} s; check for excessive forces or velocities, or use --solver implicit"
         ),
         Some(limit) => format!(
             "use --dt {} or less, or --solver implicit",
-            floor_to_digits(0.95 * limit)
+            floor_to_digits(ratio * limit)
         ),
     }
 }

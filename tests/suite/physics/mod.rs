@@ -3,6 +3,7 @@
 
 mod bar;
 mod bodies;
+mod chosen_steps;
 mod common;
 mod cuts;
 mod derivatives;
