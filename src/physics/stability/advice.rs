@@ -7,6 +7,9 @@ use std::sync::Arc;
 /// Ratio of a safe explicit step to the largest stable one at rest, for springs.
 const SPRING_STEP_RATIO: f64 = 0.9;
 
+/// Ratio of the step that is advised for springs to the largest stable one.
+const ADVISED_SPRING_STEP_RATIO: f64 = 0.95;
+
 /// As [`SPRING_STEP_RATIO`], for finite elements, which stiffen by an order of magnitude where a
 /// load crushes or stretches them.
 const ELEMENT_STEP_RATIO: f64 = 0.2;
@@ -28,6 +31,11 @@ pub(in crate::physics) fn time_step_advice(
 ) -> String {
     let limit = largest_stable_step(network, pinned, kind);
     let ratio = safe_step_ratio(Some(network));
+    let advised = if network.elements.is_empty() {
+        ADVISED_SPRING_STEP_RATIO
+    } else {
+        ratio
+    };
     match limit.map(|limit| limit_with_terms(limit, network, terms)) {
         None => format!(
             "use a --dt below {dt}, less stiffness or more damping, and check the units of the mesh"
@@ -42,7 +50,7 @@ pub(in crate::physics) fn time_step_advice(
         ),
         Some(limit) => format!(
             "use --dt {} or less, or --solver implicit",
-            floor_to_digits(ratio * limit)
+            floor_to_digits(advised * limit)
         ),
     }
 }

@@ -86,7 +86,7 @@ fn mesh_splits_region_interfaces() {
     assert!(more > 20 && left < 2 * more, "{more} {left}");
     // Missing regions and invalid pairs are reported.
     let (output, _) = made("none.vtu", &["--part", "femur bone:rib"]);
-    assert!(failure(&output).contains("\"rib\"; there are"));
+    assert!(failure(&output).contains("\"rib\"; available"));
     let (output, _) = made("one.vtu", &["--part", "femur bone"]);
     assert_eq!(output.status.code(), Some(2));
 }

@@ -10,7 +10,7 @@ const STEPS: u32 = 300;
 /// Bodies, and gravity (m/s²) that bends them by much of their size.
 const BODIES: [(&str, f64); 3] = [
     ("file = '{root}/data/bar.vtu'", 600.0),
-    ("generate = \"limb\"\ntets = 2000", 30.0),
+    ("generate = \"limb\"\ntets = 2000", 1000.0),
     ("file = '{root}/data/ball.vtu'", 1000.0),
 ];
 

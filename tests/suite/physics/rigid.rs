@@ -194,7 +194,7 @@ fn scene_splits_region_interfaces() {
     let wrong = format!("{text}split = [[\"tendon\", \"wood\"]]\n");
     let message = Scene::parse(&wrong).unwrap().mesh.load().unwrap_err();
     assert!(
-        message.to_string().contains("\"wood\"; there are"),
+        message.to_string().contains("\"wood\"; available"),
         "{message}"
     );
 }
