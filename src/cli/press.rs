@@ -174,6 +174,12 @@ pub fn press(
                 .into(),
         ]);
     }
+    if let Some(depth) = press.inversion_depth() {
+        super::print_notes(&[format!(
+            "tets would be inverted deeper than {:.4} mm, so the press ended there and its stiffness is that of smaller depths; use a finer mesh, a larger --radius or a smaller --depth",
+            1e3 * depth
+        )]);
+    }
     print_result(out, &report, seconds);
     Ok(report)
 }

@@ -38,7 +38,8 @@ pub(super) fn merge_small_components(
     Ok(reports.into_values().collect())
 }
 
-/// Runs one round over the current islands; returns false if there are none.
+/// Runs one round over the current islands; returns false if there are none. Long because one
+/// round collects faces, groups, walls and merges, which share all of their data.
 fn dissolve_once(
     nodes: &[DVec3],
     pieces: &mut [Piece],

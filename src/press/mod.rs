@@ -17,12 +17,14 @@ use crate::mesh::TetMesh;
 use crate::physics::{Engine, EngineChoice};
 use crate::render::{Plane, Sections};
 use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
-use crate::{Error, Result};
+use crate::{Error, FailureCause, Result};
 use glam::{DVec2, DVec3};
 use site::Boundary;
 
 /// Loading steps; as many unloading steps follow.
 const STEPS: u32 = 16;
+/// Largest number of steps into which a step that would invert tets is split.
+const MAX_SUBSTEPS: u32 = 16;
 /// Default and minimum time step, s.
 const STEP: f64 = 0.2;
 /// Default depth relative to the local thickness; and the maximum depth of a press to a force.
@@ -98,6 +100,8 @@ pub struct Press {
     /// Remaining unloading steps; `None` while loading.
     left: Option<u32>,
     samples: Vec<PressSample>,
+    /// Depth at which tets would have been inverted, m.
+    inversion_depth: Option<f64>,
     notes: Vec<String>,
 }
 
@@ -170,6 +174,7 @@ impl Press {
             unit,
             left: None,
             samples: Vec::new(),
+            inversion_depth: None,
             notes,
         })
     }
@@ -246,10 +251,16 @@ impl Press {
                 false => (true, self.depth),
             },
         };
-        let place = self.spot.point + (self.touch - goal) * self.spot.outward;
-        self.stage.set_tool_target(0, place)?;
-        self.stage.run(1, &mut |_| {})?;
-        self.current_depth = goal;
+        if !self.move_fingertip(goal)? {
+            self.inversion_depth
+                .get_or_insert(self.unit * self.current_depth);
+            // After loading, the last sample is that of the largest depth.
+            self.left = Some(if loads { STEPS } else { 0 });
+            return match loads {
+                true => Ok(self.samples.last().copied()),
+                false => Ok(None),
+            };
+        }
         let force = self.stage.tool_force(0)?.dot(self.spot.outward);
         let sample = PressSample {
             time_s: self.stage.time(),
@@ -268,6 +279,43 @@ impl Press {
             None => None,
         };
         Ok(Some(sample))
+    }
+
+    /// Moves the fingertip to the depth `goal`, in several steps if one would invert tets. Returns
+    /// false if tets still invert: the fingertip then is where the last valid step took it.
+    fn move_fingertip(&mut self, goal: f64) -> Result<bool> {
+        let mut parts = 1;
+        let mut done = 0;
+        let mut start = self.current_depth;
+        while done < parts {
+            let depth = start + (goal - start) * f64::from(done + 1) / f64::from(parts);
+            let place = self.spot.point + (self.touch - depth) * self.spot.outward;
+            self.stage.set_tool_target(0, place)?;
+            match self.stage.run(1, &mut |_| {}) {
+                Ok(()) => {
+                    self.current_depth = depth;
+                    done += 1;
+                }
+                Err(Error::Solver {
+                    cause: FailureCause::InvertedTets,
+                    ..
+                }) => {
+                    if parts >= MAX_SUBSTEPS {
+                        return Ok(false);
+                    }
+                    (parts, done, start) = (4 * parts, 0, self.current_depth);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        self.current_depth = goal;
+        Ok(true)
+    }
+
+    /// Returns the depth (m) at which tets would have been inverted, if the press ended there: its
+    /// curve is valid up to that depth.
+    pub fn inversion_depth(&self) -> Option<f64> {
+        self.inversion_depth
     }
 
     /// Returns the next increment of depth: constant for a press to a depth, extrapolated from the

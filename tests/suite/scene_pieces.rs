@@ -220,7 +220,7 @@ fn pieces_reject_unsupported_scenes() {
             .err()
             .unwrap()
             .to_string()
-            .contains("there are 2")
+            .contains("index must be < 2")
     );
     for (path, pieces) in [(&index, 0), (&index, 10_000), (&folder.join("box.vtu"), 2)] {
         assert!(write_pieces(path, &mesh, pieces).is_err(), "{pieces}");

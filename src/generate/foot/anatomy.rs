@@ -191,6 +191,7 @@ pub(super) struct Anatomy {
 }
 
 impl Anatomy {
+    /// Long because it lists the bones and the skin of the foot.
     pub(super) fn new() -> Anatomy {
         let v = dvec3;
         let rod = |a: DVec3, b: DVec3, from: f64, to: f64| Rod {

@@ -5,8 +5,10 @@ use crate::physics::{DiscreteModel, NodeTerm};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// Largest net force of a body in equilibrium, relative to the loads.
+/// Largest net force of a body in equilibrium, relative to the loads: without contact, and with
+/// contact, whose steps are solved less exactly.
 const EQUILIBRIUM_TOLERANCE: f64 = 1e-4;
+const CONTACT_EQUILIBRIUM_TOLERANCE: f64 = 1e-2;
 
 /// Largest part of the net force, relative to the loads, that may be attributed to rounding.
 const MAX_ROUNDING_RATIO: f64 = 1e-2;
@@ -21,6 +23,8 @@ pub struct ForceBalance {
     pub scale: f64,
     /// Rounding error of the net forces at the precision of the engine's displacements.
     pub rounding: f64,
+    /// Whether tools or self-contact act.
+    pub contact: bool,
 }
 
 impl ForceBalance {
@@ -28,7 +32,11 @@ impl ForceBalance {
     /// `reference` (N) if that is larger.
     pub fn is_equilibrium(&self, reference: f64) -> bool {
         let rounding = self.rounding.min(MAX_ROUNDING_RATIO * self.scale);
-        self.residual <= EQUILIBRIUM_TOLERANCE * self.scale.max(reference) + rounding
+        let tolerance = match self.contact {
+            true => CONTACT_EQUILIBRIUM_TOLERANCE,
+            false => EQUILIBRIUM_TOLERANCE,
+        };
+        self.residual <= tolerance * self.scale.max(reference) + rounding
     }
 }
 
@@ -39,6 +47,8 @@ pub(in crate::physics) struct ForceSums {
     loads: f64,
     reactions: f64,
     rounding: f64,
+    /// Whether tools or self-contact act.
+    pub contact: bool,
 }
 
 impl ForceSums {
@@ -66,6 +76,7 @@ impl ForceSums {
         self.residual += other.residual * other.residual;
         self.loads += other.scale * other.scale;
         self.rounding += other.rounding * other.rounding;
+        self.contact |= other.contact;
     }
 
     /// Returns the balance.
@@ -74,6 +85,7 @@ impl ForceSums {
             residual: self.residual.sqrt(),
             scale: self.loads.max(self.reactions).sqrt(),
             rounding: self.rounding.sqrt(),
+            contact: self.contact,
         }
     }
 }

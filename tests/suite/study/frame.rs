@@ -98,7 +98,12 @@ fn csv_with_other_columns_is_rejected_unchanged() {
             Ok(vec![1.0.into()])
         })
     });
-    assert!(error.unwrap_err().to_string().contains("move it away"));
+    assert!(
+        error
+            .unwrap_err()
+            .to_string()
+            .contains("move the file away")
+    );
     assert_eq!(
         std::fs::read_to_string(&path).unwrap(),
         "something,else\n1,2\n"

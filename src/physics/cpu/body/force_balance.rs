@@ -2,6 +2,7 @@
 
 use super::CpuBody;
 use super::force_assembly::ForceSources;
+use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact};
 use crate::physics::cpu::node_constraints::Loads;
 use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, PROXY_NODES};
 use crate::physics::cpu::scalar::Real;
@@ -50,6 +51,7 @@ impl<T: Real> CpuBody<T> {
             T::UNIT_ROUNDOFF * stiffness.get(v).copied().unwrap_or(0.0) * moved
         };
         let mut sums = ForceSums::default();
+        sums.contact = tool_contact(&self.terms).is_some() || self_contact(&self.terms).is_some();
         let rigid = self.newton.as_ref().map(|newton| &newton.rigid);
         let soft = rigid.map_or(nodes, |rigid| rigid.first.min(nodes));
         for k in 0..soft {
