@@ -11,6 +11,7 @@ mod abaqus_sets;
 mod abaqus_write;
 mod atomic;
 mod cell_kinds;
+mod content;
 mod cursor;
 mod format;
 mod frames;
@@ -34,6 +35,7 @@ mod scalar;
 mod surface;
 mod tetgen;
 mod tetgen_write;
+mod unsupported;
 mod volume;
 mod vtk_legacy;
 mod vtk_legacy_data;
@@ -58,7 +60,8 @@ pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, write_volume};
 
-use crate::files;
+use content::{content, content_of};
+
 pub use crate::files::{OutFile, exists, read_text};
 #[cfg(target_arch = "wasm32")]
 pub use crate::files::{insert_file, take_file};
@@ -78,7 +81,7 @@ const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (
 /// An error if the file cannot be read, is damaged, or contains no volume.
 pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
     let path = path.as_ref();
-    let extension = extension(path);
+    let extension = volume::extension(path);
     let raw = if extension == "node" || extension == "ele" {
         tetgen::read(path)?
     } else {
@@ -115,13 +118,13 @@ pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
         return Ok(Kind::Volume);
     }
     let bytes = content(path)?;
-    let extension = extension(path);
+    let extension = volume::extension(path);
     let head = &bytes[..bytes.len().min(1024)];
     let polydata = bytes.starts_with(vtk_legacy::MAGIC)
         && String::from_utf8_lossy(head)
             .to_uppercase()
             .contains("DATASET POLYDATA");
-    Ok(if volume::is_volume(&bytes, &volume::extension(path)) {
+    Ok(if volume::is_volume(&bytes, &extension) {
         Kind::Volume
     } else if polydata || surface::reader_of(&bytes, &extension).is_some() {
         Kind::Surface
@@ -152,9 +155,7 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         .lines()
         .map(str::trim)
         .find(|l| !l.is_empty() && !l.starts_with('#'));
-    if bytes.starts_with(&[0x1f, 0x8b]) {
-        Err("file is compressed with gzip; decompress it first (gunzip)".into())
-    } else if begins(vtk_legacy::MAGIC) {
+    if begins(vtk_legacy::MAGIC) {
         Ok(vtk_legacy::read)
     } else if begins(b"<") && start.contains("<vtkfile") {
         if start.contains("\"collection\"") {
@@ -172,6 +173,8 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         Ok(medit::read)
     } else if abaqus::is_abaqus(bytes) {
         Ok(abaqus::read)
+    } else if let Some(why) = unsupported::reason(bytes, extension) {
+        Err(why)
     } else {
         // Unknown content: the reader selected by the extension reports what it expected.
         match extension {
@@ -191,24 +194,4 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
     extension.to_string_lossy().to_ascii_lowercase()
-}
-
-/// The byte order mark that Windows programs put before UTF-8 text.
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-
-/// Returns the content of a regular, non-empty file without a byte order mark.
-fn content(path: &Path) -> Result<Vec<u8>> {
-    let mut bytes = files::read_regular(path)?;
-    let length = content_of(path, &bytes)?.len();
-    bytes.drain(..bytes.len() - length);
-    Ok(bytes)
-}
-
-/// Returns `bytes`, the content of `path`, without a byte order mark; it must not be empty.
-fn content_of<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8]> {
-    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-    match bytes.trim_ascii().is_empty() {
-        true => Err(Error::format(path, "file is empty")),
-        false => Ok(bytes),
-    }
 }
