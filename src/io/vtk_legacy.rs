@@ -4,12 +4,12 @@
 //! The `vtkio` crate (0.6.3) was tested on real files and on the output of VTK 9: it rejects
 //! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this is a separate reader.
 
+use super::cell_kinds::polygon_kind;
 use super::cursor::{Cursor, ParseResult};
 use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
-use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;
-use crate::mesh::{Field, Location, ScalarType};
+use crate::mesh::{Location, ScalarType};
 use glam::DVec3;
 
 /// Magic bytes of the format.
@@ -30,26 +30,39 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             "POINT_DATA" => file.data_of(Location::Node)?,
             "CELL_DATA" => file.data_of(Location::Cell)?,
             "METADATA" => file.from.skip_metadata(),
-            _ => file.attribute(&keyword)?,
+            _ => file.attribute_or_note(&keyword)?,
         }
     }
     file.finish()
 }
 
-struct File<'a> {
-    from: Values<'a>,
+/// A file that is being read.
+pub(super) struct File<'a> {
+    pub from: Values<'a>,
     version: u32,
-    mesh: RawMesh,
+    pub mesh: RawMesh,
     has_points: bool,
     /// Nodes of all cells, and the end of each cell's nodes.
     cells: Option<(Vec<f64>, Vec<usize>)>,
     kinds: Option<Vec<f64>>,
     /// Whether the file contains polygons instead of cells of any type.
     polygonal: bool,
-    /// Location of the attributes being read, and number of their tuples; `None` before POINT_DATA
-    /// and CELL_DATA, where arrays belong to the whole file.
-    owner: Option<(Location, usize)>,
-    global: Global,
+    /// Owner of the attributes being read; `None` before POINT_DATA and CELL_DATA, where arrays
+    /// belong to the whole file.
+    pub owner: Option<Owner>,
+    /// Whether the last array became a field.
+    pub kept: bool,
+    pub global: Global,
+}
+
+/// Owner of attributes: nodes or cells.
+#[derive(Clone, Copy)]
+pub(super) struct Owner {
+    pub location: Location,
+    /// Their number.
+    pub items: usize,
+    /// The number of tuples that the file announces.
+    pub tuples: usize,
 }
 
 impl<'a> File<'a> {
@@ -99,6 +112,7 @@ impl<'a> File<'a> {
             kinds: None,
             polygonal: kind == "POLYDATA",
             owner: None,
+            kept: false,
             global: Global::default(),
         })
     }
@@ -140,14 +154,7 @@ impl<'a> File<'a> {
         let kinds = self.kinds.get_or_insert_default();
         let mut start = 0;
         for end in &ends {
-            let (one, several) = match section {
-                "VERTICES" => (1.0, 2.0),
-                "LINES" => (3.0, 4.0),
-                "POLYGONS" => (7.0, 7.0),
-                _ => (6.0, 6.0),
-            };
-            let single = end - start <= if section == "LINES" { 2 } else { 1 };
-            kinds.push(if single { one } else { several });
+            kinds.push(f64::from(polygon_kind(section, end - start)));
             start = *end;
         }
         let before = all_nodes.len();
@@ -202,193 +209,22 @@ impl<'a> File<'a> {
             .from
             .at
             .integer(format_args!("the number of {name} tuples"))?;
-        match items {
-            Some(items) if usize::try_from(count) == Ok(items) => {
-                self.owner = Some((location, items));
-                Ok(())
-            }
-            Some(items) => Err(self.from.at.error(format_args!(
-                "{name} announces {count} tuples, but there are {items} {location}"
-            ))),
-            None => Err(self.from.at.error(format_args!(
+        let Some(items) = items else {
+            return Err(self.from.at.error(format_args!(
                 "{name} must follow the {location} it belongs to"
-            ))),
-        }
-    }
-
-    /// Reads SCALARS, VECTORS, FIELD and similar attributes.
-    fn attribute(&mut self, keyword: &str) -> ParseResult<()> {
-        if keyword == "FIELD" {
-            return self.field_arrays();
-        }
-        let known = [
-            "SCALARS",
-            "COLOR_SCALARS",
-            "LOOKUP_TABLE",
-            "VECTORS",
-            "NORMALS",
-            "TENSORS",
-            "TENSORS6",
-            "TEXTURE_COORDINATES",
-            "GLOBAL_IDS",
-            "PEDIGREE_IDS",
-            "EDGE_FLAGS",
-        ];
-        if !known.contains(&keyword) {
-            let shown: String = keyword.chars().take(40).collect();
-            return Err(self.from.at.error(format_args!(
-                "expected POINTS, CELLS, CELL_TYPES, POINT_DATA, CELL_DATA, FIELD or the name of an attribute, found {shown:?}"
-            )));
-        }
-        let name = decoded(self.from.at.word(format_args!("the name of {keyword}"))?);
-        if keyword == "LOOKUP_TABLE" {
-            let rows = self
-                .from
-                .at
-                .count(format_args!("the size of LOOKUP_TABLE {name}"), 4)?;
-            return self.from.colours(rows, 4, &name).map(|_| ());
-        }
-        let Some((location, tuples)) = self.owner else {
-            return Err(self.from.at.error(format_args!(
-                "{keyword} {name} must follow POINT_DATA or CELL_DATA"
             )));
         };
-        let (components, values) = match keyword {
-            "COLOR_SCALARS" => {
-                let components = self
-                    .from
-                    .components(format_args!("components of COLOR_SCALARS {name}"))?;
-                (
-                    components,
-                    Some(self.from.colours(tuples, components, &name)?),
-                )
-            }
-            "SCALARS" => self.scalars(tuples, &name)?,
-            _ => {
-                let components = match keyword {
-                    "VECTORS" | "NORMALS" => 3,
-                    "TENSORS" => 9,
-                    "TENSORS6" => 6,
-                    "TEXTURE_COORDINATES" => self
-                        .from
-                        .components(format_args!("dimensions of TEXTURE_COORDINATES {name}"))?,
-                    _ => 1,
-                };
-                let kind = self.from.type_name(&name)?;
-                (
-                    components,
-                    self.from.values(tuples, components, &kind, &name)?,
-                )
-            }
-        };
-        self.keep(name, location, components, values);
-        Ok(())
-    }
-
-    /// Reads the components and values of SCALARS.
-    fn scalars(
-        &mut self,
-        tuples: usize,
-        name: &str,
-    ) -> ParseResult<(usize, Option<(Vec<f64>, ScalarType)>)> {
-        let kind = self
-            .from
-            .at
-            .word(format_args!("the type of SCALARS {name}"))?
-            .to_string();
-        let given = String::from_utf8_lossy(self.from.at.rest_of_line())
-            .trim()
-            .to_string();
-        let components = if given.is_empty() {
-            Ok(1)
-        } else {
-            given.parse()
-        };
-        let components: usize = components
-            .ok()
-            .filter(|c| (1..=1 << 16).contains(c))
-            .ok_or_else(|| {
-                self.from.at.error(format_args!(
-                    "SCALARS {name}: number of components must be 1 to 65536, got \
-                    {given:?}"
-                ))
-            })?;
-        self.from.skip_table_name();
-        let values = self.from.values(tuples, components, &kind, name)?;
-        Ok((components, values))
-    }
-
-    /// Reads FIELD name n: n arrays, each with its own name, width, length and type.
-    fn field_arrays(&mut self) -> ParseResult<()> {
-        self.from.at.word(format_args!("the name of FIELD"))?;
-        let arrays = self
-            .from
-            .at
-            .count(format_args!("the number of arrays in FIELD"), 1)?;
-        for array in 0..arrays {
-            let mut name = self
-                .from
+        let tuples = usize::try_from(count).map_err(|_| {
+            self.from
                 .at
-                .word(format_args!("the name of array {array} of FIELD"))?;
-            while name == "METADATA" {
-                self.from.skip_metadata();
-                name = self
-                    .from
-                    .at
-                    .word(format_args!("the name of array {array} of FIELD"))?;
-            }
-            if name == "NULL_ARRAY" {
-                continue;
-            }
-            let name = decoded(name);
-            let components = self
-                .from
-                .components(format_args!("components of array {name}"))?;
-            let tuples = self
-                .from
-                .at
-                .count(format_args!("tuples of array {name}"), 0)?;
-            let kind = self.from.type_name(&name)?;
-            let values = self.from.values(tuples, components, &kind, &name)?;
-            match self.owner {
-                Some((location, items)) if tuples == items => {
-                    self.keep(name, location, components, values);
-                }
-                Some((location, items)) => self.mesh.warnings.push(format!(
-                    "array \"{name}\" skipped: it has {tuples} tuples, but there are {items} \
-                    {location}"
-                )),
-                // An array of the whole mesh.
-                None => {
-                    if let Some((values, _)) = values {
-                        self.global.array(&name, &values);
-                    }
-                }
-            }
-        }
+                .error(format_args!("{name} must have ≥ 0 tuples, got {count}"))
+        })?;
+        self.owner = Some(Owner {
+            location,
+            items,
+            tuples,
+        });
         Ok(())
-    }
-
-    fn keep(
-        &mut self,
-        name: String,
-        location: Location,
-        components: usize,
-        values: Option<(Vec<f64>, ScalarType)>,
-    ) {
-        match values {
-            Some((values, scalar_type)) => self.mesh.fields.push(Field {
-                name,
-                location,
-                components,
-                values,
-                scalar_type,
-            }),
-            None => self
-                .mesh
-                .warnings
-                .push(format!("array \"{name}\" skipped: it is not numeric")),
-        }
     }
 
     fn finish(self) -> ParseResult<RawMesh> {
@@ -409,7 +245,7 @@ impl<'a> File<'a> {
                 kinds.len()
             ));
         }
-        mesh.add_cells(&kinds, &nodes, &ends, 0)?;
+        mesh.add_cells(&kinds, &nodes, &ends)?;
         self.global.add_to(&mut mesh);
         Ok(mesh)
     }
