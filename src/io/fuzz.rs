@@ -23,7 +23,7 @@ pub fn tetgen(node: &[u8], ele: &[u8]) -> ParseOutcome<TetMesh> {
 
 /// Parses a series of frames; returns their number.
 pub fn pvd(bytes: &[u8]) -> ParseOutcome<usize> {
-    super::pvd::parse(bytes).map(|frames| frames.len())
+    super::pvd::frames_of(super::pvd::parse(bytes)?).map(|frames| frames.len())
 }
 
 /// Parses an index of pieces; returns their number.

@@ -85,19 +85,46 @@ const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (
 /// An error if the file cannot be read, is damaged, or contains no volume.
 pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
     let path = path.as_ref();
-    let extension = volume::extension(path);
-    let raw = if extension == "node" || extension == "ele" {
-        tetgen::read(path)?
-    } else {
-        let bytes = content(path)?;
-        match holds_pieces(&bytes) {
-            true => pvtu::read(path, &bytes)?,
-            false => format_of(&bytes, &extension)
-                .and_then(|reader| reader(&bytes))
-                .map_err(|e| Error::format(path, e))?,
-        }
-    };
+    let raw = raw_mesh(path)?;
     raw.into_tets().map_err(|e| Error::format(path, e))
+}
+
+/// Reads the files of the parts of one mesh, joined as the pieces of a `.pvtu`: nodes of several
+/// parts are the same by their `GlobalNodeIds`, otherwise by their position.
+///
+/// # Errors
+/// As [`read`]; an error for no file.
+pub fn read_parts(files: &[impl AsRef<Path>]) -> Result<TetMesh> {
+    let Some(first) = files.first() else {
+        return Err(Error::Input(
+            "a mesh needs one file or more; got none".into(),
+        ));
+    };
+    if files.len() == 1 {
+        return read(first);
+    }
+    let named = |e| Error::format(first.as_ref(), e);
+    let parts: Vec<raw_mesh::RawMesh> = files
+        .iter()
+        .map(|file| raw_mesh(file.as_ref()))
+        .collect::<Result<_>>()?;
+    let joined = join::join(parts).map_err(named)?;
+    joined.into_tets().map_err(named)
+}
+
+/// Reads the cells of a file in any supported format.
+fn raw_mesh(path: &Path) -> Result<raw_mesh::RawMesh> {
+    let extension = volume::extension(path);
+    if extension == "node" || extension == "ele" {
+        return tetgen::read(path);
+    }
+    let bytes = content(path)?;
+    if holds_pieces(&bytes) {
+        return pvtu::read(path, &bytes);
+    }
+    format_of(&bytes, &extension)
+        .and_then(|reader| reader(&bytes))
+        .map_err(|e| Error::format(path, e))
 }
 
 /// Kind of the content of a file.
@@ -123,11 +150,7 @@ pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
     }
     let bytes = content(path)?;
     let extension = volume::extension(path);
-    let head = &bytes[..bytes.len().min(1024)];
-    let polydata = bytes.starts_with(vtk_legacy::MAGIC)
-        && String::from_utf8_lossy(head)
-            .to_uppercase()
-            .contains("DATASET POLYDATA");
+    let polydata = vtk_legacy::holds(&bytes, "POLYDATA") || is_vtk_xml(&bytes, "PolyData");
     Ok(if volume::is_volume(&bytes, &extension) {
         Kind::Volume
     } else if polydata || surface::reader_of(&bytes, &extension).is_some() {
@@ -147,8 +170,13 @@ fn start_of(bytes: &[u8]) -> String {
 
 /// Whether this is an index of the pieces of a mesh.
 fn holds_pieces(bytes: &[u8]) -> bool {
+    is_vtk_xml(bytes, pvtu::KIND)
+}
+
+/// Whether this is a VTK XML file of the type `kind`.
+fn is_vtk_xml(bytes: &[u8], kind: &str) -> bool {
     let start = start_of(bytes);
-    let kind = format!("\"{}\"", pvtu::KIND.to_ascii_lowercase());
+    let kind = format!("\"{}\"", kind.to_ascii_lowercase());
     start.starts_with('<') && start.contains("<vtkfile") && start.contains(&kind)
 }
 
@@ -183,7 +211,7 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         // Unknown content: the reader selected by the extension reports what it expected.
         match extension {
             "vtk" => Ok(vtk_legacy::read),
-            "vtu" => Ok(vtu::read),
+            "vtu" | "vtp" => Ok(vtu::read),
             "msh" => Ok(gmsh::read),
             "mesh" => Ok(medit::read),
             "inp" => Ok(abaqus::read),

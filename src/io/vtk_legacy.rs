@@ -9,33 +9,55 @@ use super::cursor::{Cursor, ParseResult};
 use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
 use super::vtk_regions::Global;
-use crate::mesh::{Location, ScalarType};
+use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
 /// Magic bytes of the format.
 pub(super) const MAGIC: &[u8] = b"# vtk DataFile";
 
-/// Reads the content of a legacy VTK file.
+/// Reads the mesh or surface in the content of a legacy VTK file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
-    let mut file = File::open(bytes)?;
-    while let Some(token) = file.from.at.token() {
-        let keyword = String::from_utf8_lossy(token).to_ascii_uppercase();
-        match keyword.as_str() {
-            "POINTS" => file.points()?,
-            "CELLS" if !file.polygonal => file.cells()?,
-            "CELL_TYPES" if !file.polygonal => file.cell_types()?,
-            "VERTICES" | "LINES" | "POLYGONS" | "TRIANGLE_STRIPS" if file.polygonal => {
-                file.polygons(&keyword)?;
-            }
-            "POINT_DATA" => file.data_of(Location::Node)?,
-            "CELL_DATA" => file.data_of(Location::Cell)?,
-            "METADATA" => file.from.skip_metadata(),
-            _ => file.attribute_or_note(&keyword)?,
-        }
-    }
-    file.finish()
+    let file = File::open(bytes, &["UNSTRUCTURED_GRID", "POLYDATA"])?;
+    file.read()?.finish()
 }
 
+/// An image on a regular grid.
+pub(super) struct Image {
+    /// Number of points along each axis.
+    pub points: [usize; 3],
+    pub spacing: DVec3,
+    /// Position of the first point.
+    pub origin: DVec3,
+    pub fields: Vec<Field>,
+    pub warnings: Vec<String>,
+}
+
+/// Reads the image in the content of a legacy VTK file.
+pub(super) fn read_image(bytes: &[u8]) -> ParseResult<Image> {
+    let file = File::open(bytes, &["STRUCTURED_POINTS"])?.read()?;
+    let points = file.grid.points.ok_or("file has no DIMENSIONS")?;
+    Ok(Image {
+        points,
+        spacing: file.grid.spacing,
+        origin: file.grid.origin,
+        fields: file.mesh.fields,
+        warnings: file.mesh.warnings,
+    })
+}
+
+/// Whether this is a legacy VTK file of the kind `dataset`, in capitals.
+pub(super) fn holds(bytes: &[u8], dataset: &str) -> bool {
+    let head = &bytes[..bytes.len().min(1024)];
+    let head = String::from_utf8_lossy(head).to_uppercase();
+    bytes.starts_with(MAGIC) && head.contains(&format!("DATASET {dataset}"))
+}
+
+/// The grid of an image.
+struct Grid {
+    points: Option<[usize; 3]>,
+    spacing: DVec3,
+    origin: DVec3,
+}
 /// A file that is being read.
 pub(super) struct File<'a> {
     pub from: Values<'a>,
@@ -45,6 +67,7 @@ pub(super) struct File<'a> {
     /// Nodes of all cells, and the end of each cell's nodes.
     cells: Option<(Vec<f64>, Vec<usize>)>,
     kinds: Option<Vec<f64>>,
+    grid: Grid,
     /// Whether the file contains polygons instead of cells of any type.
     polygonal: bool,
     /// Owner of the attributes being read; `None` before POINT_DATA and CELL_DATA, where arrays
@@ -66,7 +89,8 @@ pub(super) struct Owner {
 }
 
 impl<'a> File<'a> {
-    fn open(bytes: &'a [u8]) -> ParseResult<File<'a>> {
+    /// Reads the header of a file of one of the `kinds`.
+    fn open(bytes: &'a [u8], kinds: &[&str]) -> ParseResult<File<'a>> {
         let mut at = Cursor::new(bytes);
         let first = String::from_utf8_lossy(at.rest_of_line()).into_owned();
         let version = first
@@ -96,9 +120,18 @@ impl<'a> File<'a> {
         let kind = at
             .word(format_args!("the kind of DATASET"))?
             .to_ascii_uppercase();
-        if dataset != "DATASET" || !["UNSTRUCTURED_GRID", "POLYDATA"].contains(&kind.as_str()) {
+        if dataset != "DATASET" || !kinds.contains(&kind.as_str()) {
+            let help = match kind.as_str() {
+                "UNSTRUCTURED_GRID" => "it is a mesh of cells",
+                "POLYDATA" => "it is a surface",
+                "STRUCTURED_POINTS" => {
+                    "it is an image on a regular grid, which is read as a volume"
+                }
+                _ => "convert the file to .vtu with ParaView (filter Append Datasets)",
+            };
             return Err(at.error(format_args!(
-                "expected DATASET UNSTRUCTURED_GRID (a mesh of cells) or POLYDATA (a surface), found {dataset} {kind}"
+                "expected DATASET {}, found {dataset} {kind}; {help}",
+                kinds.join(" or ")
             )));
         }
         at.rest_of_line();
@@ -110,11 +143,61 @@ impl<'a> File<'a> {
             has_points: false,
             cells: None,
             kinds: None,
+            grid: Grid {
+                points: None,
+                spacing: DVec3::ONE,
+                origin: DVec3::ZERO,
+            },
             polygonal: kind == "POLYDATA",
             owner: None,
             kept: false,
             global: Global::default(),
         })
+    }
+
+    /// Reads all sections.
+    fn read(mut self) -> ParseResult<File<'a>> {
+        while let Some(token) = self.from.at.token() {
+            let keyword = String::from_utf8_lossy(token).to_ascii_uppercase();
+            match keyword.as_str() {
+                "POINTS" => self.points()?,
+                "CELLS" if !self.polygonal => self.cells()?,
+                "CELL_TYPES" if !self.polygonal => self.cell_types()?,
+                "VERTICES" | "LINES" | "POLYGONS" | "TRIANGLE_STRIPS" if self.polygonal => {
+                    self.polygons(&keyword)?;
+                }
+                "DIMENSIONS" => self.dimensions()?,
+                "SPACING" | "ASPECT_RATIO" => self.grid.spacing = self.vector(&keyword)?,
+                "ORIGIN" => self.grid.origin = self.vector(&keyword)?,
+                "POINT_DATA" => self.data_of(Location::Node)?,
+                "CELL_DATA" => self.data_of(Location::Cell)?,
+                "METADATA" => self.from.skip_metadata(),
+                _ => self.attribute_or_note(&keyword)?,
+            }
+        }
+        Ok(self)
+    }
+
+    fn dimensions(&mut self) -> ParseResult<()> {
+        let mut points = [0; 3];
+        for n in &mut points {
+            let count = self.from.at.integer(format_args!("DIMENSIONS"))?;
+            *n = usize::try_from(count)
+                .ok()
+                .filter(|n| *n > 0)
+                .ok_or_else(|| {
+                    self.from
+                        .at
+                        .error(format_args!("DIMENSIONS must be ≥ 1, got {count}"))
+                })?;
+        }
+        self.grid.points = Some(points);
+        Ok(())
+    }
+
+    fn vector(&mut self, keyword: &str) -> ParseResult<DVec3> {
+        let mut number = || self.from.at.number(format_args!("{keyword}"));
+        Ok(DVec3::new(number()?, number()?, number()?))
     }
 
     fn points(&mut self) -> ParseResult<()> {
@@ -198,6 +281,11 @@ impl<'a> File<'a> {
     }
 
     fn data_of(&mut self, location: Location) -> ParseResult<()> {
+        let less = usize::from(location == Location::Cell);
+        let on_grid = self.grid.points.and_then(|points| {
+            let items = points.map(|n| if n > 1 { n - less } else { 1 });
+            items.iter().try_fold(1usize, |all, n| all.checked_mul(*n))
+        });
         let (name, items) = match location {
             Location::Node => (
                 "POINT_DATA",
@@ -209,7 +297,7 @@ impl<'a> File<'a> {
             .from
             .at
             .integer(format_args!("the number of {name} tuples"))?;
-        let Some(items) = items else {
+        let Some(items) = items.or(on_grid) else {
             return Err(self.from.at.error(format_args!(
                 "{name} must follow the {location} it belongs to"
             )));
