@@ -103,13 +103,14 @@ impl File<'_> {
         if !self.from.ascii && !self.is_miscounted() {
             return Err(why);
         }
+        let miscounted = self.is_miscounted();
         let at = &mut self.from.at;
         at.go_to(start);
         at.rest_of_line();
         loop {
             let here = at.position();
             if at.rest().trim_ascii().is_empty() {
-                if !self.from.bad_token {
+                if !self.from.bad_token && !miscounted {
                     return Err(why);
                 }
                 break;

@@ -352,11 +352,11 @@ impl BodySession {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
     use palpate::generate::bar_of_about;
     use palpate::gpu::Gpu;
     use palpate::io::PvdSeries;
     use palpate::mesh::Location;
+    use std::path::PathBuf;
     use std::time::Instant;
 
     /// Records a bar that moves upwards, with different nodal values in each frame.
