@@ -64,7 +64,7 @@ def render_series(
     **picture: Any,
 ) -> list[Frame]:
     """Renders every frame of a recorded series, identical to ``palpate simulate SERIES.pvd``: the
-    fields of the first frame at the node positions of each frame, with one camera.
+    nodes, fields and tets of each frame, with one camera and one range of the displayed field.
 
     Args:
         pvd: series, accessible to the workers under the same path.
@@ -76,13 +76,18 @@ def render_series(
         picture: as in :func:`palpate.render`.
     """
     series = Path(pvd).resolve()
-    frames = [(time, Path(file).resolve()) for time, file in _palpate.read_series(fspath(series))]
+    listed = _palpate.read_series(fspath(series))
+    frames = [(time, [Path(file).resolve() for file in files]) for time, files in listed]
     if not frames:
         raise InputError(f"{series}: the series has no frames")
     folder = Path(out).resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    scene = Scene.from_any(frames[0][1]).updated(picture_entries(**picture))
-    stamps = [[fspath(f), f.stat().st_size, f.stat().st_mtime_ns] for _, f in frames]
+    first = frames[0][1]
+    body = first[0] if len(first) == 1 else Mesh._of(_palpate.Mesh.read_parts(_paths(first)))
+    scene = Scene.from_any(body).updated(picture_entries(**picture))
+    stamps = [
+        [fspath(f), f.stat().st_size, f.stat().st_mtime_ns] for _, files in frames for f in files
+    ]
     mark = _mark(scene.json(), stamps, adapter)
     kept = folder / f"{series.stem}.json"
     same = _content(kept).get("mark") == mark
@@ -102,8 +107,16 @@ def render_series(
     for n in sorted(set(range(len(frames))) - set(left)):
         tell(Frame(n, frames[n][0], paths[n], drawn=False))
     if left:
-        bounds = client.gather(client.map(_bounds, [fspath(f) for _, f in frames], pure=False, retries=RETRIES))
-        reach = [list(corner) for low, high in bounds for corner in itertools.product(*zip(low, high))]
+        files = [_paths(files) for _, files in frames]
+        extents = client.gather(client.map(_extent, files, pure=False, retries=RETRIES))
+        reach = [
+            list(corner) for low, high, _ in extents for corner in itertools.product(*zip(low, high))
+        ]
+        ranges: _Ranges = {}
+        for *_, own in extents:
+            for name, (low, high) in own.items():
+                known = ranges.get(name, (low, high))
+                ranges[name] = (min(known[0], low), max(known[1], high))
         times = [time for time, _ in frames]
         resolution = min((b - a for a, b in zip(times, times[1:])), default=math.inf)
         futures = {
@@ -111,7 +124,8 @@ def render_series(
                 _draw,
                 scene,
                 reach,
-                (frames[n][0], resolution, fspath(frames[n][1])),
+                ranges,
+                (frames[n][0], resolution, files[n]),
                 fspath(paths[n]),
                 adapter,
                 pure=False,
@@ -403,8 +417,18 @@ def _run(
     return measure(simulator)
 
 
-def _bounds(file: str) -> tuple[list[float], list[float]]:
-    return Mesh.read(file).bounds
+#: Range of each field over a series, by name.
+_Ranges = dict[str, tuple[float, float]]
+
+
+def _paths(files: Sequence[Path]) -> list[str]:
+    return [fspath(file) for file in files]
+
+
+def _extent(files: list[str]) -> tuple[list[float], list[float], _Ranges]:
+    native = _palpate.Mesh.read_parts(files)
+    low, high = Mesh._of(native).bounds
+    return low, high, native.field_ranges()
 
 
 #: The stage of the series that this worker renders, shared by its frames.
@@ -414,22 +438,25 @@ _drawn: dict[str, _palpate.Stage] = {}
 def _draw(
     scene: Scene,
     reach: list[list[float]],
-    frame: tuple[float, float, str],
+    ranges: _Ranges,
+    frame: tuple[float, float, list[str]],
     path: str,
     adapter: str | None,
 ) -> None:
-    key = _mark(scene.json(), reach, adapter)
+    key = _mark(scene.json(), [reach, ranges], adapter)
     stage = _drawn.get(key)
     if stage is None:
         stage = stage_of(scene, adapter)
+        stage.use_ranges(ranges)
         stage.frame(np.array(reach))
         _drawn.clear()
         _drawn[key] = stage
-    time, resolution, file = frame
+    time, resolution, files = frame
+    mesh = _palpate.Mesh.read_parts(files)
     try:
-        stage.pose(Mesh.read(file).nodes)
+        stage.show(mesh)
     except InputError as why:
-        raise InputError(f"{file}: is not a frame of the same mesh: {why}") from None
+        raise InputError(f"{files[0]}: {why}") from None
     stage.tell_time(time, resolution)
     stage.save(path)
 

@@ -7,6 +7,7 @@ use crate::work::LongTask;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::generate::GENERATORS;
 use palpate::mesh::{Field, Location, ScalarType, TetMesh};
+use palpate::scene::FieldRanges;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::collections::BTreeMap;
@@ -84,6 +85,21 @@ impl Mesh {
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Mesh> {
         let mesh = py.detach(|| palpate::io::read(&path)).or_raise(py)?;
         Ok(mesh.into())
+    }
+
+    /// Reads the parts of one mesh.
+    #[staticmethod]
+    fn read_parts(py: Python<'_>, paths: Vec<PathBuf>) -> PyResult<Mesh> {
+        let mesh = py.detach(|| palpate::io::read_parts(&paths)).or_raise(py)?;
+        Ok(mesh.into())
+    }
+
+    /// Returns the range of the finite values of each field, by name.
+    fn field_ranges(&self) -> BTreeMap<String, (f64, f64)> {
+        let mut ranges = FieldRanges::default();
+        ranges.add(&self.0.fields);
+        let all = ranges.iter().map(|(name, range)| (name.to_owned(), range));
+        all.collect()
     }
 
     /// Returns the data that the format cannot store.

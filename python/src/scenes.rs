@@ -46,11 +46,11 @@ pub fn to_toml(py: Python<'_>, entries: &str) -> PyResult<String> {
     text(entries).or_raise(py)
 }
 
-/// Returns the time and the file of each frame of a series.
+/// Returns the time and the files of each frame of a series.
 #[pyfunction]
-pub fn read_series(py: Python<'_>, path: PathBuf) -> PyResult<Vec<(f64, PathBuf)>> {
+pub fn read_series(py: Python<'_>, path: PathBuf) -> PyResult<Vec<(f64, Vec<PathBuf>)>> {
     let frames = py.detach(|| palpate::io::read_pvd(&path)).or_raise(py)?;
-    Ok(frames.into_iter().map(|f| (f.time, f.file)).collect())
+    Ok(frames.into_iter().map(|f| (f.time, f.files)).collect())
 }
 
 /// Returns the names of the built-in transfer functions and colour maps.

@@ -9,12 +9,13 @@ use crate::work::LongTask;
 use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::annotate::FrameTime;
-use palpate::mesh::Blade;
+use palpate::mesh::{Blade, TetMesh};
 use palpate::physics::{BodyField, GrabId, GrabMode, Simulator};
 use palpate::render::{Camera, Projection};
-use palpate::scene::Motion;
+use palpate::scene::{FieldRanges, Motion};
 use palpate::{Error, Result};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -244,6 +245,23 @@ impl Stage {
     fn pose(&self, py: Python<'_>, positions: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
         let positions = to_points(py, &positions, "positions")?;
         self.with(py, |stage| stage.set_positions(&positions))
+    }
+
+    /// Shows a frame of a series: its own nodes, fields and tets.
+    fn show(&self, py: Python<'_>, mesh: PyRef<'_, Mesh>) -> PyResult<()> {
+        let mesh = mesh.0.clone();
+        self.with(py, |stage| {
+            stage.show_mesh(TetMesh::clone(&mesh)).map(|_| ())
+        })
+    }
+
+    /// Displays the field in its range over a series, unless the scene sets one.
+    fn use_ranges(&self, py: Python<'_>, ranges: BTreeMap<String, (f64, f64)>) -> PyResult<()> {
+        let mut all = FieldRanges::default();
+        for (name, range) in &ranges {
+            all.extend(name, *range);
+        }
+        self.with(py, |stage| stage.use_series_range(&all))
     }
 
     fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -90,13 +90,17 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         .then(|| io::read_pvd(&arguments.input))
         .transpose()?;
     let last = series.as_ref().and_then(|frames| frames.last());
-    let input = last.map_or(&arguments.input, |frame| &frame.file);
+    let input = last.map_or(arguments.input.as_path(), io::Frame::file);
     let mut scene = arguments.scene.scene(input)?;
     scene.solver.run = Some(PlannedRun {
         steps: scene.solver.steps.unwrap_or(STEPS),
         draws_frames: false,
     });
-    let mut stage = progress::with_message("preparing", || Stage::new(gpu, &scene))?;
+    let parts = last.filter(|frame| frame.single_file().is_none());
+    let mut stage = progress::with_message("preparing", || match parts {
+        None => Stage::new(gpu, &scene),
+        Some(frame) => Stage::with_mesh(gpu, &scene, frame.read()?),
+    })?;
     super::print_notes(stage.notes());
     if let Some(frame) = last {
         let frames = series.iter().flatten();

@@ -10,7 +10,7 @@ use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
 use palpate::render::{Animation, Camera};
-use palpate::scene::{Checkpoint, Motion, PlannedRun, ReactionLog, Stage};
+use palpate::scene::{Checkpoint, FieldRanges, Motion, PlannedRun, ReactionLog, Stage};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -263,18 +263,24 @@ fn resume_from(
     Ok(())
 }
 
-/// Renders every frame of a series from its positions, whatever its origin.
+/// Renders every frame of a series with its own nodes, fields and tets, whatever its origin.
 fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     let frames = io::read_pvd(&arguments.input)?;
     let Some(first) = frames.first() else {
         anyhow::bail!("{}: the series has no frames", arguments.input.display());
     };
-    let mut stage = Stage::new(gpu, &arguments.scene.scene(&first.file)?)?;
-    super::print_notes(stage.notes());
-    // All frames fit the image: the corners of the bounds of each.
+    let scene = arguments.scene.scene(first.file())?;
+    let mut stage = match first.single_file() {
+        Some(_) => Stage::new(gpu, &scene)?,
+        None => Stage::with_mesh(gpu, &scene, first.read()?)?,
+    };
+    // All frames fit the image and the range: the corners of the bounds of each.
     let mut reach = Vec::new();
+    let mut ranges = FieldRanges::default();
     for frame in &frames {
-        let (low, high) = io::read(&frame.file)?.bounds();
+        let mesh = frame.read()?;
+        ranges.add(&mesh.fields);
+        let (low, high) = mesh.bounds();
         reach.extend((0..8).map(|i| {
             let pick = |axis: usize| {
                 if i >> axis & 1 == 0 {
@@ -286,6 +292,8 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
             DVec3::new(pick(0), pick(1), pick(2))
         }));
     }
+    super::print_notes(stage.notes());
+    stage.use_series_range(&ranges)?;
     arguments.film.frame(&mut stage, &reach)?;
     let name = arguments
         .input
@@ -297,18 +305,16 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
     let resolution = frames.windows(2).map(|two| two[1].time - two[0].time);
     let resolution = resolution.fold(f64::INFINITY, f64::min);
     let mut pictures = Pictures::begin(arguments, &mut stage, &name)?;
+    let mut others = 0;
     progress::with_bar(
         "frames",
         frames.len() as u64,
         |bar| -> palpate::Result<()> {
             for (i, frame) in frames.iter().enumerate() {
-                let mesh = io::read(&frame.file)?;
-                stage.set_positions(&mesh.nodes).map_err(|e| {
-                    palpate::Error::format(
-                        &frame.file,
-                        format!("is not a frame of the same mesh: {e}"),
-                    )
-                })?;
+                let named = |e: palpate::Error| palpate::Error::format(frame.file(), e.to_string());
+                if !stage.show_mesh(frame.read()?).map_err(named)? {
+                    others += 1;
+                }
                 stage.set_displayed_time(FrameTime {
                     seconds: frame.time,
                     resolution,
@@ -320,6 +326,12 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
         },
     )?;
     pictures.end()?;
+    if others > 0 {
+        super::print_notes(&[format!(
+            "{others} of {} frames have other tets or regions than the frame before; each is rendered as its own mesh",
+            frames.len()
+        )]);
+    }
     let end = frames.last().map_or(0.0, |frame| frame.time);
     report(arguments, &stage, gpu, frames.len(), end)?;
     Ok(Outcome::Done)

@@ -6,7 +6,8 @@ pub(super) const TET: u8 = 10;
 /// VTK number of the last linear cell with volume.
 pub(super) const HEXAGONAL_PRISM_KIND: u8 = 16;
 
-/// VTK number of a polyhedron, whose list in legacy files contains faces instead of nodes.
+/// VTK number of a polyhedron, whose faces follow in its list of nodes: their number, and for each
+/// its number of nodes and its nodes.
 pub(super) const POLYHEDRON: u8 = 42;
 
 /// A cell type with corners and planar faces that can be subdivided into tets.
@@ -88,10 +89,25 @@ const TETRAHEDRON: CellShape = CellShape {
     faces: &[&[1, 2, 3], &[0, 3, 2], &[0, 1, 3], &[0, 2, 1]],
 };
 
+/// Returns the VTK number of a cell of `nodes` nodes in a section of a surface: vertices, lines,
+/// polygons or triangle strips.
+pub(super) fn polygon_kind(section: &str, nodes: usize) -> u8 {
+    match section.to_ascii_uppercase().as_str() {
+        "VERTS" | "VERTICES" if nodes <= 1 => 1,
+        "VERTS" | "VERTICES" => 2,
+        "LINES" if nodes <= 2 => 3,
+        "LINES" => 4,
+        "POLYS" | "POLYGONS" => 7,
+        _ => 6,
+    }
+}
+
 /// Treatment of a cell type.
 pub(super) enum CellSupport {
     /// Subdivided into tets (by its corners; other nodes are dropped).
     Cut(&'static CellShape),
+    /// Subdivided into tets by its own faces.
+    Faces,
     /// Not volumetric: dropped and reported.
     Drop,
     /// Volumetric, but subdivision is not supported: dropped, reported, and warned of.
@@ -100,7 +116,7 @@ pub(super) enum CellSupport {
 
 /// Returns the name (singular) and treatment of cells with VTK number `kind`.
 pub(super) fn kind(kind: u8) -> (&'static str, CellSupport) {
-    use CellSupport::{Cut, Drop, Hole};
+    use CellSupport::{Cut, Drop, Faces, Hole};
     match kind {
         0 => ("empty cell", Drop),
         1 => ("vertex", Drop),
@@ -132,7 +148,7 @@ pub(super) fn kind(kind: u8) -> (&'static str, CellSupport) {
         66 | 74 | 81 => ("higher-order pyramid", Cut(&PYRAMID)),
         27 | 37 => ("second-order pyramid", Cut(&PYRAMID)),
         41 => ("convex point set", Hole),
-        42 => ("polyhedron", Hole),
+        POLYHEDRON => ("polyhedron", Faces),
         _ => ("cell of unknown kind", Hole),
     }
 }

@@ -198,14 +198,38 @@ fn not_a(kind: &str, what: Arguments, token: &[u8]) -> String {
     format!("expected {what} ({kind}), found {shown:?}")
 }
 
-/// Parses a token as a floating-point number; also in Fortran notation, `1.0D+03`.
+/// Parses a token as a floating-point number; also in Fortran notation, `1.0D+03`, and the values
+/// that are not numbers as Windows programs print them, `-1.#IND` or `nan(ind)`.
 pub(super) fn number(token: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
-    text.parse().ok().or_else(|| {
+    text.parse().ok().or_else(|| not_finite(text)).or_else(|| {
         let exponent = text.find(['d', 'D'])?;
         (exponent > 0).then_some(())?;
         text.replace(['d', 'D'], "e").parse().ok()
     })
+}
+
+/// Parses an infinite value or NaN as the C library of Windows prints it, in its older form
+/// (`1.#INF`, `-1.#IND00`, `1.#QNAN`; rounded to a digit, `1.#J` and `1.#R`) or its newer one.
+fn not_finite(text: &str) -> Option<f64> {
+    let (negative, size) = match text.strip_prefix(['-', '+']) {
+        Some(size) => (text.starts_with('-'), size),
+        None => (false, text),
+    };
+    let size = size.to_ascii_lowercase();
+    let old = size.strip_prefix("1.#").or(size.strip_prefix("1#"));
+    let infinity = if negative {
+        f64::NEG_INFINITY
+    } else {
+        f64::INFINITY
+    };
+    match old {
+        Some(kind) if ["inf", "j"].contains(&kind.trim_end_matches('0')) => Some(infinity),
+        Some(kind) => ["qnan", "snan", "nan", "ind", "r"]
+            .contains(&kind.trim_end_matches('0'))
+            .then_some(f64::NAN),
+        None => (size.starts_with("nan(") && size.ends_with(')')).then_some(f64::NAN),
+    }
 }
 
 /// Parses a token as an integer.

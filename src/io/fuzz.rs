@@ -8,8 +8,9 @@ type ParseOutcome<T> = Result<T, String>;
 
 /// Parses a mesh file with that extension, up to the tets.
 pub fn mesh(extension: &str, bytes: &[u8]) -> ParseOutcome<TetMesh> {
-    let reader = super::format_of(bytes, extension)?;
-    reader(bytes)?.into_tets().map_err(|e| e.to_string())
+    let bytes = super::content::decoded(bytes)?;
+    let reader = super::format_of(&bytes, extension)?;
+    reader(&bytes)?.into_tets().map_err(|e| e.to_string())
 }
 
 /// Parses a pair of TetGen files.
@@ -22,7 +23,7 @@ pub fn tetgen(node: &[u8], ele: &[u8]) -> ParseOutcome<TetMesh> {
 
 /// Parses a series of frames; returns their number.
 pub fn pvd(bytes: &[u8]) -> ParseOutcome<usize> {
-    super::pvd::parse(bytes).map(|frames| frames.len())
+    super::pvd::frames_of(super::pvd::parse(bytes)?).map(|frames| frames.len())
 }
 
 /// Parses an index of pieces; returns their number.
@@ -32,7 +33,7 @@ pub fn pvtu(bytes: &[u8]) -> ParseOutcome<usize> {
 
 /// Parses a surface file with that extension.
 pub fn surface(extension: &str, bytes: &[u8]) -> ParseOutcome<TriMesh> {
-    super::surface::surface_of(bytes, extension)
+    super::surface::surface_of(&super::content::decoded(bytes)?, extension)
 }
 
 /// Parses a volume file whose detached data are all `data`.

@@ -11,6 +11,7 @@ mod abaqus_sets;
 mod abaqus_write;
 mod atomic;
 mod cell_kinds;
+mod content;
 mod cursor;
 mod format;
 mod frames;
@@ -23,10 +24,12 @@ mod gmsh_source;
 mod gmsh_write;
 mod groups;
 mod id_map;
+mod join;
 mod medit;
 mod medit_write;
 mod metadata;
 mod parse;
+mod polyhedra;
 mod pvd;
 mod pvtu;
 mod raw_mesh;
@@ -34,12 +37,15 @@ mod scalar;
 mod surface;
 mod tetgen;
 mod tetgen_write;
+mod unsupported;
 mod volume;
 mod vtk_legacy;
+mod vtk_legacy_attributes;
 mod vtk_legacy_data;
 mod vtk_legacy_names;
 mod vtk_legacy_write;
 mod vtk_regions;
+mod vtk_xml;
 mod vtu;
 mod vtu_data;
 mod vtu_tags;
@@ -58,7 +64,8 @@ pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, write_volume};
 
-use crate::files;
+use content::{content, content_of};
+
 pub use crate::files::{OutFile, exists, read_text};
 #[cfg(target_arch = "wasm32")]
 pub use crate::files::{insert_file, take_file};
@@ -78,19 +85,46 @@ const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (
 /// An error if the file cannot be read, is damaged, or contains no volume.
 pub fn read(path: impl AsRef<Path>) -> Result<TetMesh> {
     let path = path.as_ref();
-    let extension = extension(path);
-    let raw = if extension == "node" || extension == "ele" {
-        tetgen::read(path)?
-    } else {
-        let bytes = content(path)?;
-        match holds_pieces(&bytes) {
-            true => pvtu::read(path, &bytes)?,
-            false => format_of(&bytes, &extension)
-                .and_then(|reader| reader(&bytes))
-                .map_err(|e| Error::format(path, e))?,
-        }
-    };
+    let raw = raw_mesh(path)?;
     raw.into_tets().map_err(|e| Error::format(path, e))
+}
+
+/// Reads the files of the parts of one mesh, joined as the pieces of a `.pvtu`: nodes of several
+/// parts are the same by their `GlobalNodeIds`, otherwise by their position.
+///
+/// # Errors
+/// As [`read`]; an error for no file.
+pub fn read_parts(files: &[impl AsRef<Path>]) -> Result<TetMesh> {
+    let Some(first) = files.first() else {
+        return Err(Error::Input(
+            "a mesh needs one file or more; got none".into(),
+        ));
+    };
+    if files.len() == 1 {
+        return read(first);
+    }
+    let named = |e| Error::format(first.as_ref(), e);
+    let parts: Vec<raw_mesh::RawMesh> = files
+        .iter()
+        .map(|file| raw_mesh(file.as_ref()))
+        .collect::<Result<_>>()?;
+    let joined = join::join(parts).map_err(named)?;
+    joined.into_tets().map_err(named)
+}
+
+/// Reads the cells of a file in any supported format.
+fn raw_mesh(path: &Path) -> Result<raw_mesh::RawMesh> {
+    let extension = volume::extension(path);
+    if extension == "node" || extension == "ele" {
+        return tetgen::read(path);
+    }
+    let bytes = content(path)?;
+    if holds_pieces(&bytes) {
+        return pvtu::read(path, &bytes);
+    }
+    format_of(&bytes, &extension)
+        .and_then(|reader| reader(&bytes))
+        .map_err(|e| Error::format(path, e))
 }
 
 /// Kind of the content of a file.
@@ -115,13 +149,9 @@ pub fn detect_kind(path: impl AsRef<Path>) -> Result<Kind> {
         return Ok(Kind::Volume);
     }
     let bytes = content(path)?;
-    let extension = extension(path);
-    let head = &bytes[..bytes.len().min(1024)];
-    let polydata = bytes.starts_with(vtk_legacy::MAGIC)
-        && String::from_utf8_lossy(head)
-            .to_uppercase()
-            .contains("DATASET POLYDATA");
-    Ok(if volume::is_volume(&bytes, &volume::extension(path)) {
+    let extension = volume::extension(path);
+    let polydata = vtk_legacy::holds(&bytes, "POLYDATA") || is_vtk_xml(&bytes, "PolyData");
+    Ok(if volume::is_volume(&bytes, &extension) {
         Kind::Volume
     } else if polydata || surface::reader_of(&bytes, &extension).is_some() {
         Kind::Surface
@@ -140,8 +170,13 @@ fn start_of(bytes: &[u8]) -> String {
 
 /// Whether this is an index of the pieces of a mesh.
 fn holds_pieces(bytes: &[u8]) -> bool {
+    is_vtk_xml(bytes, pvtu::KIND)
+}
+
+/// Whether this is a VTK XML file of the type `kind`.
+fn is_vtk_xml(bytes: &[u8], kind: &str) -> bool {
     let start = start_of(bytes);
-    let kind = format!("\"{}\"", pvtu::KIND.to_ascii_lowercase());
+    let kind = format!("\"{}\"", kind.to_ascii_lowercase());
     start.starts_with('<') && start.contains("<vtkfile") && start.contains(&kind)
 }
 
@@ -152,9 +187,7 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         .lines()
         .map(str::trim)
         .find(|l| !l.is_empty() && !l.starts_with('#'));
-    if bytes.starts_with(&[0x1f, 0x8b]) {
-        Err("file is compressed with gzip; decompress it first (gunzip)".into())
-    } else if begins(vtk_legacy::MAGIC) {
+    if begins(vtk_legacy::MAGIC) {
         Ok(vtk_legacy::read)
     } else if begins(b"<") && start.contains("<vtkfile") {
         if start.contains("\"collection\"") {
@@ -172,11 +205,13 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         Ok(medit::read)
     } else if abaqus::is_abaqus(bytes) {
         Ok(abaqus::read)
+    } else if let Some(why) = unsupported::reason(bytes, extension) {
+        Err(why)
     } else {
         // Unknown content: the reader selected by the extension reports what it expected.
         match extension {
             "vtk" => Ok(vtk_legacy::read),
-            "vtu" => Ok(vtu::read),
+            "vtu" | "vtp" => Ok(vtu::read),
             "msh" => Ok(gmsh::read),
             "mesh" => Ok(medit::read),
             "inp" => Ok(abaqus::read),
@@ -191,24 +226,4 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
 fn extension(path: &Path) -> String {
     let extension = path.extension().unwrap_or_default();
     extension.to_string_lossy().to_ascii_lowercase()
-}
-
-/// The byte order mark that Windows programs put before UTF-8 text.
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-
-/// Returns the content of a regular, non-empty file without a byte order mark.
-fn content(path: &Path) -> Result<Vec<u8>> {
-    let mut bytes = files::read_regular(path)?;
-    let length = content_of(path, &bytes)?.len();
-    bytes.drain(..bytes.len() - length);
-    Ok(bytes)
-}
-
-/// Returns `bytes`, the content of `path`, without a byte order mark; it must not be empty.
-fn content_of<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8]> {
-    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-    match bytes.trim_ascii().is_empty() {
-        true => Err(Error::format(path, "file is empty")),
-        false => Ok(bytes),
-    }
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 /// As [`read`](super::read); an error for TetGen files, which come in pairs.
 pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
     let path = Path::new(name);
-    let extension = super::extension(path);
+    let extension = volume::extension(path);
     if extension == "node" || extension == "ele" {
         return Err(Error::format(
             path,
@@ -21,7 +21,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
             .vtu or .msh",
         ));
     }
-    let bytes = content_of(path, bytes)?;
+    let bytes = &*content_of(path, bytes)?;
     format_of(bytes, &extension)
         .and_then(|reader| reader(bytes))
         .and_then(super::raw_mesh::RawMesh::into_tets)
@@ -35,8 +35,8 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<TetMesh> {
 /// As [`read_surface`](super::read_surface).
 pub fn parse_surface(name: &str, bytes: &[u8]) -> Result<TriMesh> {
     let path = Path::new(name);
-    let bytes = content_of(path, bytes)?;
-    surface::surface_of(bytes, &super::extension(path)).map_err(|e| Error::format(path, e))
+    let bytes = &*content_of(path, bytes)?;
+    surface::surface_of(bytes, &volume::extension(path)).map_err(|e| Error::format(path, e))
 }
 
 /// Parses a volume from the content of a file `name`, as [`read_volume`](super::read_volume) reads
@@ -46,7 +46,7 @@ pub fn parse_surface(name: &str, bytes: &[u8]) -> Result<TriMesh> {
 /// As [`read_volume`](super::read_volume); an error for headers with detached voxels.
 pub fn parse_volume(name: &str, bytes: &[u8]) -> Result<Volume> {
     let path = Path::new(name);
-    let bytes = content_of(path, bytes)?;
+    let bytes = &*content_of(path, bytes)?;
     let fetch = |data: &str| {
         Err(format!(
             "voxels are in another file, {}; give a single file with header and voxels (.nrrd, \

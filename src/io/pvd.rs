@@ -1,5 +1,6 @@
 //! Time series of meshes: ParaView `.pvd` files.
 
+use super::cursor::ParseResult;
 use super::vtu_write::{self, escaped};
 use crate::mesh::{Field, TetMesh};
 use crate::{Error, Result};
@@ -14,8 +15,32 @@ use std::path::{Path, PathBuf};
 pub struct Frame {
     /// Its time in seconds.
     pub time: f64,
-    /// Its file; relative paths are resolved against the folder of the series.
-    pub file: PathBuf,
+    /// Its files, at least one: the parts of its mesh. Relative paths are resolved against the
+    /// folder of the series.
+    pub files: Vec<PathBuf>,
+}
+
+impl Frame {
+    /// Returns its first file, which names the frame in messages.
+    pub fn file(&self) -> &Path {
+        self.files.first().map_or(Path::new(""), PathBuf::as_path)
+    }
+
+    /// Returns its only file; `None` for several parts.
+    pub fn single_file(&self) -> Option<&Path> {
+        match &self.files[..] {
+            [file] => Some(file),
+            _ => None,
+        }
+    }
+
+    /// Reads the mesh; several parts are joined as the pieces of a `.pvtu`.
+    ///
+    /// # Errors
+    /// As [`read`](super::read).
+    pub fn read(&self) -> Result<TetMesh> {
+        super::read_parts(&self.files)
+    }
 }
 
 /// Writer of a series: `name.pvd` and, in the same folder, `name_00000.vtu` and so on.
@@ -141,33 +166,64 @@ fn file_of(name: &str, i: usize) -> String {
     format!("{name}_{i:05}.vtu")
 }
 
-/// Reads the frames of a `.pvd` series, sorted by time.
+/// Reads the frames of a `.pvd` series, sorted by time. Files of one time with different `part` or
+/// `group` are the parts of one frame.
 ///
 /// # Errors
-/// An error if the file cannot be read, is damaged, lists no frame, or has several parts per frame
-/// (each frame must be one file).
+/// An error if the file cannot be read, is damaged, lists no frame, or lists two files for the same
+/// part of a frame.
 pub fn read_pvd(path: impl AsRef<Path>) -> Result<Vec<Frame>> {
     let path = path.as_ref();
     let bytes = super::content(path)?;
-    let mut frames = parse(&bytes).map_err(|e| Error::format(path, e))?;
+    let listed = parse(&bytes).map_err(|e| Error::format(path, e))?;
+    let frames = frames_of(listed).map_err(|e| Error::format(path, e))?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    for frame in &mut frames {
-        frame.file = folder.join(&frame.file);
-    }
-    frames.sort_by(|a, b| a.time.total_cmp(&b.time));
-    if let Some(pair) = frames.windows(2).find(|w| w[0].time == w[1].time) {
-        return Err(Error::format(
-            path,
-            format!(
-                "several files for time {}; a series must have one file per time",
-                pair[0].time
-            ),
-        ));
+    let placed = |frame: Frame| Frame {
+        files: frame.files.iter().map(|file| folder.join(file)).collect(),
+        ..frame
+    };
+    Ok(frames.into_iter().map(placed).collect())
+}
+
+/// A `<DataSet>` tag.
+pub(super) struct Listed {
+    time: f64,
+    /// Its group and its part.
+    part: (String, String),
+    file: PathBuf,
+}
+
+/// Collects the files of each time, sorted by time and part.
+pub(super) fn frames_of(mut listed: Vec<Listed>) -> ParseResult<Vec<Frame>> {
+    let number = |part: &str| part.trim().parse::<u64>().unwrap_or(u64::MAX);
+    listed.sort_by(|a, b| {
+        let parts = |l: &Listed| (l.part.0.clone(), number(&l.part.1), l.part.1.clone());
+        a.time
+            .total_cmp(&b.time)
+            .then_with(|| parts(a).cmp(&parts(b)))
+    });
+    let mut frames: Vec<Frame> = Vec::new();
+    let mut last: Option<Listed> = None;
+    for entry in listed {
+        match (frames.last_mut(), &last) {
+            (Some(_), Some(last)) if last.time == entry.time && last.part == entry.part => {
+                return Err(format!(
+                    "several files for part {:?} at time {}; a series must have one file per part and time",
+                    entry.part.1, entry.time
+                ));
+            }
+            (Some(frame), _) if frame.time == entry.time => frame.files.push(entry.file.clone()),
+            _ => frames.push(Frame {
+                time: entry.time,
+                files: vec![entry.file.clone()],
+            }),
+        }
+        last = Some(entry);
     }
     Ok(frames)
 }
 
-pub(super) fn parse(bytes: &[u8]) -> super::cursor::ParseResult<Vec<Frame>> {
+pub(super) fn parse(bytes: &[u8]) -> ParseResult<Vec<Listed>> {
     let mut reader = Reader::from_reader(bytes);
     let mut frames = Vec::new();
     let mut depth = 0usize;
@@ -211,8 +267,13 @@ pub(super) fn parse(bytes: &[u8]) -> super::cursor::ParseResult<Vec<Frame>> {
                         "frame {frame} (counted from 0) has timestep=\"{time}\", expected a number"
                     )
                 })?;
-                frames.push(Frame {
+                let part = value("part").filter(|part| !part.trim().is_empty());
+                frames.push(Listed {
                     time,
+                    part: (
+                        value("group").unwrap_or_default(),
+                        part.unwrap_or_else(|| "0".into()),
+                    ),
                     file: file.into(),
                 });
             }

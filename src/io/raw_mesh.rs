@@ -10,7 +10,8 @@ use super::cell_kinds::{
     CellShape, CellSupport, HEXAGONAL_PRISM_KIND, POLYHEDRON, TET, WEDGE, kind,
 };
 use super::cursor::ParseResult;
-use crate::mesh::{Field, Location, TetMesh, signed_volume};
+use super::polyhedra;
+use crate::mesh::{Field, Location, ScalarType, TetMesh, signed_volume};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -35,6 +36,8 @@ pub(super) struct Cells {
     /// End of each cell's nodes in `nodes`.
     ends: Vec<usize>,
     nodes: Vec<u32>,
+    /// Number of nodes of each face of a polyhedron, by cell; its nodes are those of its faces.
+    faces: BTreeMap<usize, Vec<u32>>,
 }
 
 impl Cells {
@@ -52,6 +55,37 @@ impl Cells {
                 .map(|v| u32::try_from(v).unwrap_or(u32::MAX)),
         );
         self.ends.push(self.nodes.len());
+    }
+
+    /// Adds the polyhedron with the faces in `list`: their number, and for each its number of nodes
+    /// and its nodes. A list of another form gives a polyhedron without faces.
+    fn push_polyhedron(&mut self, list: &[usize]) {
+        let (mut nodes, mut sizes) = (Vec::new(), Vec::new());
+        let mut rest = list.get(1..).unwrap_or_default();
+        while let Some((size, face)) = rest.split_first()
+            && let Some((face, after)) = face.split_at_checked(*size)
+        {
+            sizes.push(*size as u32);
+            nodes.extend_from_slice(face);
+            rest = after;
+        }
+        let complete = rest.is_empty() && list.first() == Some(&sizes.len());
+        let cell = self.len();
+        self.push(POLYHEDRON, nodes.into_iter().filter(|_| complete));
+        if complete {
+            self.faces.insert(cell, sizes);
+        }
+    }
+
+    /// Adds cell `cell` of `other`, if it exists, with its nodes numbered by `number`.
+    pub fn push_from(&mut self, other: &Cells, cell: usize, number: impl Fn(u32) -> usize) {
+        let Some((kind, nodes)) = other.get(cell) else {
+            return;
+        };
+        if let Some(sizes) = other.faces.get(&cell) {
+            self.faces.insert(self.len(), sizes.clone());
+        }
+        self.push(kind, nodes.iter().map(|v| number(*v)));
     }
 
     /// Returns the type and nodes of cell `cell`, if it exists.
@@ -72,15 +106,8 @@ impl Cells {
 
 impl RawMesh {
     /// Adds cells in VTK layout: types, all nodes, and the end of each cell's nodes (ascending, and
-    /// within `nodes`). Node numbers are relative to the first node of the same piece,
-    /// `first_node`.
-    pub fn add_cells(
-        &mut self,
-        kinds: &[f64],
-        nodes: &[f64],
-        ends: &[usize],
-        first_node: usize,
-    ) -> ParseResult<()> {
+    /// within `nodes`).
+    pub fn add_cells(&mut self, kinds: &[f64], nodes: &[f64], ends: &[usize]) -> ParseResult<()> {
         let mut start = 0;
         for (cell, (kind, end)) in kinds.iter().zip(ends).enumerate() {
             let number = *kind as u8;
@@ -96,8 +123,12 @@ impl RawMesh {
                     "cell {cell} (counted from 0) refers to node {bad}; expected an integer ≥ 0"
                 ));
             }
-            self.cells
-                .push(number, corners.iter().map(|v| *v as usize + first_node));
+            if number == POLYHEDRON {
+                let list: Vec<usize> = corners.iter().map(|v| *v as usize).collect();
+                self.cells.push_polyhedron(&list);
+            } else {
+                self.cells.push(number, corners.iter().map(|v| *v as usize));
+            }
         }
         Ok(())
     }
@@ -124,63 +155,144 @@ impl RawMesh {
     /// # Errors
     /// An error for a cell with the wrong number of nodes or a node out of range, for no volumetric
     /// cell, and the errors of [`TetMesh::new`].
-    pub fn into_tets(self) -> ParseResult<TetMesh> {
-        let RawMesh {
-            nodes,
-            cells,
-            fields,
-            mut warnings,
-            region_names,
-            length_unit,
-        } = self;
-        let mut tets = Vec::with_capacity(cells.len());
-        let mut source = Vec::with_capacity(cells.len());
-        let mut found = Census::default();
-        for (index, (number, corners)) in cells.iter().enumerate() {
+    pub fn into_tets(mut self) -> ParseResult<TetMesh> {
+        let mut tets = Tets::default();
+        for (index, (number, corners)) in self.cells.iter().enumerate() {
             let (name, fate) = kind(number);
-            if number != POLYHEDRON
-                && let Some(bad) = corners.iter().find(|v| **v as usize >= nodes.len())
-            {
+            if let Some(bad) = corners.iter().find(|v| **v as usize >= self.nodes.len()) {
                 return Err(format!(
                     "cell {index} ({name}) refers to node {bad}, but there are only {} nodes (both counted from 0)",
-                    nodes.len()
+                    self.nodes.len()
                 ));
             }
             match fate {
-                CellSupport::Cut(solid) => {
-                    let linear = (TET..=HEXAGONAL_PRISM_KIND).contains(&number);
-                    if corners.len() < solid.corners || (linear && corners.len() > solid.corners) {
-                        return Err(format!(
-                            "cell {index} (counted from 0) is a {name}, which has {} corners, but it lists {} nodes",
-                            solid.corners,
-                            corners.len()
-                        ));
-                    }
-                    if corners.len() > solid.corners {
-                        *found.higher_order.entry(name).or_default() += 1;
-                    }
-                    if solid.corners > 4 {
-                        *found.cut.entry(name).or_default() += 1;
-                    }
-                    cut(solid, &corners[..solid.corners], &nodes, &mut tets);
-                    source.resize(tets.len(), index);
+                CellSupport::Cut(solid) => tets.cut(index, number, corners, solid, &self.nodes)?,
+                CellSupport::Faces => {
+                    let sizes = self.cells.faces.get(&index).map(Vec::as_slice);
+                    tets.split(index, corners, sizes.unwrap_or_default(), &self.nodes);
                 }
-                CellSupport::Drop => *found.dropped.entry(name).or_default() += 1,
-                CellSupport::Hole => *found.holes.entry(name).or_default() += 1,
+                CellSupport::Drop => *tets.found.dropped.entry(name).or_default() += 1,
+                CellSupport::Hole => *tets.found.holes.entry(name).or_default() += 1,
             }
         }
-        if tets.is_empty() {
-            return Err(found.nothing_volumetric());
+        if tets.tets.is_empty() {
+            return Err(tets.found.nothing_volumetric());
         }
-        found.warn(&mut warnings);
-        let fields = fields_of_tets(fields, nodes.len(), cells.len(), &source, &mut warnings);
-        let mut mesh = TetMesh::new(nodes, tets, fields, warnings).map_err(|e| match e {
+        tets.found.warn(&mut self.warnings);
+        let nodes = self.nodes.len();
+        let cells = self.cells.len();
+        let mut fields =
+            fields_of_tets(self.fields, nodes, cells, &tets.source, &mut self.warnings);
+        tets.add_centres(&mut self.nodes, &mut fields, &mut self.warnings);
+        let made = TetMesh::new(self.nodes, tets.tets, fields, self.warnings);
+        let mut mesh = made.map_err(|e| match e {
             crate::Error::Mesh(what) => what,
             other => other.to_string(),
         })?;
-        mesh.region_names = region_names;
-        mesh.length_unit = length_unit;
+        mesh.region_names = self.region_names;
+        mesh.length_unit = self.length_unit;
         Ok(mesh)
+    }
+}
+
+/// The tets of the cells of a mesh.
+#[derive(Default)]
+struct Tets {
+    tets: Vec<[u32; 4]>,
+    /// The cell of each tet.
+    source: Vec<usize>,
+    /// New nodes, which follow those of the file, and the nodes of their polyhedra.
+    centres: Vec<(DVec3, Vec<u32>)>,
+    found: Census,
+}
+
+impl Tets {
+    /// Adds the tets of cell `index`, which has the type `number`.
+    fn cut(
+        &mut self,
+        index: usize,
+        number: u8,
+        corners: &[u32],
+        solid: &CellShape,
+        nodes: &[DVec3],
+    ) -> ParseResult<()> {
+        let (name, _) = kind(number);
+        let linear = (TET..=HEXAGONAL_PRISM_KIND).contains(&number);
+        if corners.len() < solid.corners || (linear && corners.len() > solid.corners) {
+            return Err(format!(
+                "cell {index} (counted from 0) is a {name}, which has {} corners, but it lists {} nodes",
+                solid.corners,
+                corners.len()
+            ));
+        }
+        if corners.len() > solid.corners {
+            *self.found.higher_order.entry(name).or_default() += 1;
+        }
+        if solid.corners > 4 {
+            *self.found.cut.entry(name).or_default() += 1;
+        }
+        cut(solid, &corners[..solid.corners], nodes, &mut self.tets);
+        self.source.resize(self.tets.len(), index);
+        Ok(())
+    }
+
+    /// Adds the tets of cell `index`, a polyhedron.
+    fn split(&mut self, index: usize, corners: &[u32], sizes: &[u32], nodes: &[DVec3]) {
+        let (name, _) = kind(POLYHEDRON);
+        if let Some(bad) = corners.iter().find(|v| !nodes[**v as usize].is_finite()) {
+            // Kept for the error that names the node.
+            self.tets.push([*bad; 4]);
+            self.source.push(index);
+            return;
+        }
+        let Some(split) = polyhedra::split(corners, sizes, nodes) else {
+            *self.found.holes.entry(name).or_default() += 1;
+            return;
+        };
+        *self.found.cut.entry(name).or_default() += 1;
+        let first = nodes.len();
+        let number = (first + self.centres.len()) as u32;
+        let numbered = |v: u32| if v as usize == first { number } else { v };
+        self.tets
+            .extend(split.tets.iter().map(|tet| tet.map(numbered)));
+        self.source.resize(self.tets.len(), index);
+        if let Some(centre) = split.centre {
+            let mut around = corners.to_vec();
+            around.sort_unstable();
+            around.dedup();
+            self.centres.push((centre, around));
+        }
+    }
+
+    /// Adds the new nodes, with the mean of the values around them, or the first of integers.
+    fn add_centres(
+        &mut self,
+        nodes: &mut Vec<DVec3>,
+        fields: &mut [Field],
+        warnings: &mut Vec<String>,
+    ) {
+        if self.centres.is_empty() {
+            return;
+        }
+        let of_nodes = fields.iter_mut().filter(|f| f.location == Location::Node);
+        for field in of_nodes {
+            let width = field.components;
+            let real = matches!(field.scalar_type, ScalarType::F32 | ScalarType::F64);
+            for (_, around) in &self.centres {
+                for component in 0..width {
+                    let value = |v: &u32| field.values[*v as usize * width + component];
+                    let mean = around.iter().map(value).sum::<f64>() / around.len() as f64;
+                    let new = if real { mean } else { value(&around[0]) };
+                    field.values.push(new);
+                }
+            }
+        }
+        nodes.extend(self.centres.iter().map(|(centre, _)| *centre));
+        let count = self.centres.len();
+        warnings.push(match count {
+            1 => "1 polyhedron got a node at its centre".to_owned(),
+            _ => format!("{count} polyhedra got a node each at their centres"),
+        });
     }
 }
 
@@ -293,8 +405,8 @@ impl Census {
             format!("only {}", list(&all))
         };
         format!(
-            "mesh has {found}; expected volumetric cells: tetrahedra, hexahedra, wedges or \
-            pyramids (mesh a closed surface first with `palpate mesh`, TetGen or gmsh)"
+            "mesh has {found}; expected volumetric cells: tetrahedra, hexahedra, wedges, \
+            pyramids or polyhedra (mesh a closed surface first with `palpate mesh`, TetGen or gmsh)"
         )
     }
 
@@ -308,8 +420,8 @@ impl Census {
             (&self.dropped, "dropped: not volumetric"),
             (
                 &self.holes,
-                "dropped although they may have volume: subdivision into tetrahedra is not \
-                supported, so the mesh has holes there",
+                "dropped although they may have volume: they cannot be subdivided into tetrahedra, \
+                so the mesh has holes there",
             ),
         ];
         for (census, what) in notes {

@@ -14,8 +14,17 @@ use glam::DVec3;
 use std::fmt::Arguments;
 use std::path::{Path, PathBuf};
 
-/// Returns the pair of files, `.node` and `.ele`, that `path` belongs to.
+/// Returns the pair of files, `.node` and `.ele`, that `path` belongs to; both are compressed with
+/// gzip (`.gz`), or none.
 pub(super) fn pair(path: &Path) -> (PathBuf, PathBuf) {
+    if super::extension(path) == "gz" {
+        let end = path.extension().unwrap_or_default();
+        let (node, ele) = pair(&path.with_extension(""));
+        return (
+            node.with_added_extension(end),
+            ele.with_added_extension(end),
+        );
+    }
     let file = |extension: &str| {
         let upper = path
             .extension()

@@ -4,10 +4,10 @@
 //! The `vtkio` crate (0.6.3) was tested on real files and on the output of VTK 9: it rejects
 //! version 5 (`OFFSETS`/`CONNECTIVITY`) and arrays with 64-bit types, so this is a separate reader.
 
+use super::cell_kinds::polygon_kind;
 use super::cursor::{Cursor, ParseResult};
 use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
-use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
@@ -15,45 +15,82 @@ use glam::DVec3;
 /// Magic bytes of the format.
 pub(super) const MAGIC: &[u8] = b"# vtk DataFile";
 
-/// Reads the content of a legacy VTK file.
+/// Reads the mesh or surface in the content of a legacy VTK file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
-    let mut file = File::open(bytes)?;
-    while let Some(token) = file.from.at.token() {
-        let keyword = String::from_utf8_lossy(token).to_ascii_uppercase();
-        match keyword.as_str() {
-            "POINTS" => file.points()?,
-            "CELLS" if !file.polygonal => file.cells()?,
-            "CELL_TYPES" if !file.polygonal => file.cell_types()?,
-            "VERTICES" | "LINES" | "POLYGONS" | "TRIANGLE_STRIPS" if file.polygonal => {
-                file.polygons(&keyword)?;
-            }
-            "POINT_DATA" => file.data_of(Location::Node)?,
-            "CELL_DATA" => file.data_of(Location::Cell)?,
-            "METADATA" => file.from.skip_metadata(),
-            _ => file.attribute(&keyword)?,
-        }
-    }
-    file.finish()
+    let file = File::open(bytes, &["UNSTRUCTURED_GRID", "POLYDATA"])?;
+    file.read()?.finish()
 }
 
-struct File<'a> {
-    from: Values<'a>,
+/// An image on a regular grid.
+pub(super) struct Image {
+    /// Number of points along each axis.
+    pub points: [usize; 3],
+    pub spacing: DVec3,
+    /// Position of the first point.
+    pub origin: DVec3,
+    pub fields: Vec<Field>,
+    pub warnings: Vec<String>,
+}
+
+/// Reads the image in the content of a legacy VTK file.
+pub(super) fn read_image(bytes: &[u8]) -> ParseResult<Image> {
+    let file = File::open(bytes, &["STRUCTURED_POINTS"])?.read()?;
+    let points = file.grid.points.ok_or("file has no DIMENSIONS")?;
+    Ok(Image {
+        points,
+        spacing: file.grid.spacing,
+        origin: file.grid.origin,
+        fields: file.mesh.fields,
+        warnings: file.mesh.warnings,
+    })
+}
+
+/// Whether this is a legacy VTK file of the kind `dataset`, in capitals.
+pub(super) fn holds(bytes: &[u8], dataset: &str) -> bool {
+    let head = &bytes[..bytes.len().min(1024)];
+    let head = String::from_utf8_lossy(head).to_uppercase();
+    bytes.starts_with(MAGIC) && head.contains(&format!("DATASET {dataset}"))
+}
+
+/// The grid of an image.
+struct Grid {
+    points: Option<[usize; 3]>,
+    spacing: DVec3,
+    origin: DVec3,
+}
+/// A file that is being read.
+pub(super) struct File<'a> {
+    pub from: Values<'a>,
     version: u32,
-    mesh: RawMesh,
+    pub mesh: RawMesh,
     has_points: bool,
     /// Nodes of all cells, and the end of each cell's nodes.
     cells: Option<(Vec<f64>, Vec<usize>)>,
     kinds: Option<Vec<f64>>,
+    grid: Grid,
     /// Whether the file contains polygons instead of cells of any type.
     polygonal: bool,
-    /// Location of the attributes being read, and number of their tuples; `None` before POINT_DATA
-    /// and CELL_DATA, where arrays belong to the whole file.
-    owner: Option<(Location, usize)>,
-    global: Global,
+    /// Owner of the attributes being read; `None` before POINT_DATA and CELL_DATA, where arrays
+    /// belong to the whole file.
+    pub owner: Option<Owner>,
+    /// Whether the last array became a field.
+    pub kept: bool,
+    pub global: Global,
+}
+
+/// Owner of attributes: nodes or cells.
+#[derive(Clone, Copy)]
+pub(super) struct Owner {
+    pub location: Location,
+    /// Their number.
+    pub items: usize,
+    /// The number of tuples that the file announces.
+    pub tuples: usize,
 }
 
 impl<'a> File<'a> {
-    fn open(bytes: &'a [u8]) -> ParseResult<File<'a>> {
+    /// Reads the header of a file of one of the `kinds`.
+    fn open(bytes: &'a [u8], kinds: &[&str]) -> ParseResult<File<'a>> {
         let mut at = Cursor::new(bytes);
         let first = String::from_utf8_lossy(at.rest_of_line()).into_owned();
         let version = first
@@ -83,9 +120,18 @@ impl<'a> File<'a> {
         let kind = at
             .word(format_args!("the kind of DATASET"))?
             .to_ascii_uppercase();
-        if dataset != "DATASET" || !["UNSTRUCTURED_GRID", "POLYDATA"].contains(&kind.as_str()) {
+        if dataset != "DATASET" || !kinds.contains(&kind.as_str()) {
+            let help = match kind.as_str() {
+                "UNSTRUCTURED_GRID" => "it is a mesh of cells",
+                "POLYDATA" => "it is a surface",
+                "STRUCTURED_POINTS" => {
+                    "it is an image on a regular grid, which is read as a volume"
+                }
+                _ => "convert the file to .vtu with ParaView (filter Append Datasets)",
+            };
             return Err(at.error(format_args!(
-                "expected DATASET UNSTRUCTURED_GRID (a mesh of cells) or POLYDATA (a surface), found {dataset} {kind}"
+                "expected DATASET {}, found {dataset} {kind}; {help}",
+                kinds.join(" or ")
             )));
         }
         at.rest_of_line();
@@ -97,10 +143,61 @@ impl<'a> File<'a> {
             has_points: false,
             cells: None,
             kinds: None,
+            grid: Grid {
+                points: None,
+                spacing: DVec3::ONE,
+                origin: DVec3::ZERO,
+            },
             polygonal: kind == "POLYDATA",
             owner: None,
+            kept: false,
             global: Global::default(),
         })
+    }
+
+    /// Reads all sections.
+    fn read(mut self) -> ParseResult<File<'a>> {
+        while let Some(token) = self.from.at.token() {
+            let keyword = String::from_utf8_lossy(token).to_ascii_uppercase();
+            match keyword.as_str() {
+                "POINTS" => self.points()?,
+                "CELLS" if !self.polygonal => self.cells()?,
+                "CELL_TYPES" if !self.polygonal => self.cell_types()?,
+                "VERTICES" | "LINES" | "POLYGONS" | "TRIANGLE_STRIPS" if self.polygonal => {
+                    self.polygons(&keyword)?;
+                }
+                "DIMENSIONS" => self.dimensions()?,
+                "SPACING" | "ASPECT_RATIO" => self.grid.spacing = self.vector(&keyword)?,
+                "ORIGIN" => self.grid.origin = self.vector(&keyword)?,
+                "POINT_DATA" => self.data_of(Location::Node)?,
+                "CELL_DATA" => self.data_of(Location::Cell)?,
+                "METADATA" => self.from.skip_metadata(),
+                _ => self.attribute_or_note(&keyword)?,
+            }
+        }
+        Ok(self)
+    }
+
+    fn dimensions(&mut self) -> ParseResult<()> {
+        let mut points = [0; 3];
+        for n in &mut points {
+            let count = self.from.at.integer(format_args!("DIMENSIONS"))?;
+            *n = usize::try_from(count)
+                .ok()
+                .filter(|n| *n > 0)
+                .ok_or_else(|| {
+                    self.from
+                        .at
+                        .error(format_args!("DIMENSIONS must be ≥ 1, got {count}"))
+                })?;
+        }
+        self.grid.points = Some(points);
+        Ok(())
+    }
+
+    fn vector(&mut self, keyword: &str) -> ParseResult<DVec3> {
+        let mut number = || self.from.at.number(format_args!("{keyword}"));
+        Ok(DVec3::new(number()?, number()?, number()?))
     }
 
     fn points(&mut self) -> ParseResult<()> {
@@ -140,14 +237,7 @@ impl<'a> File<'a> {
         let kinds = self.kinds.get_or_insert_default();
         let mut start = 0;
         for end in &ends {
-            let (one, several) = match section {
-                "VERTICES" => (1.0, 2.0),
-                "LINES" => (3.0, 4.0),
-                "POLYGONS" => (7.0, 7.0),
-                _ => (6.0, 6.0),
-            };
-            let single = end - start <= if section == "LINES" { 2 } else { 1 };
-            kinds.push(if single { one } else { several });
+            kinds.push(f64::from(polygon_kind(section, end - start)));
             start = *end;
         }
         let before = all_nodes.len();
@@ -191,6 +281,11 @@ impl<'a> File<'a> {
     }
 
     fn data_of(&mut self, location: Location) -> ParseResult<()> {
+        let less = usize::from(location == Location::Cell);
+        let on_grid = self.grid.points.and_then(|points| {
+            let items = points.map(|n| if n > 1 { n - less } else { 1 });
+            items.iter().try_fold(1usize, |all, n| all.checked_mul(*n))
+        });
         let (name, items) = match location {
             Location::Node => (
                 "POINT_DATA",
@@ -202,193 +297,22 @@ impl<'a> File<'a> {
             .from
             .at
             .integer(format_args!("the number of {name} tuples"))?;
-        match items {
-            Some(items) if usize::try_from(count) == Ok(items) => {
-                self.owner = Some((location, items));
-                Ok(())
-            }
-            Some(items) => Err(self.from.at.error(format_args!(
-                "{name} announces {count} tuples, but there are {items} {location}"
-            ))),
-            None => Err(self.from.at.error(format_args!(
+        let Some(items) = items.or(on_grid) else {
+            return Err(self.from.at.error(format_args!(
                 "{name} must follow the {location} it belongs to"
-            ))),
-        }
-    }
-
-    /// Reads SCALARS, VECTORS, FIELD and similar attributes.
-    fn attribute(&mut self, keyword: &str) -> ParseResult<()> {
-        if keyword == "FIELD" {
-            return self.field_arrays();
-        }
-        let known = [
-            "SCALARS",
-            "COLOR_SCALARS",
-            "LOOKUP_TABLE",
-            "VECTORS",
-            "NORMALS",
-            "TENSORS",
-            "TENSORS6",
-            "TEXTURE_COORDINATES",
-            "GLOBAL_IDS",
-            "PEDIGREE_IDS",
-            "EDGE_FLAGS",
-        ];
-        if !known.contains(&keyword) {
-            let shown: String = keyword.chars().take(40).collect();
-            return Err(self.from.at.error(format_args!(
-                "expected POINTS, CELLS, CELL_TYPES, POINT_DATA, CELL_DATA, FIELD or the name of an attribute, found {shown:?}"
-            )));
-        }
-        let name = decoded(self.from.at.word(format_args!("the name of {keyword}"))?);
-        if keyword == "LOOKUP_TABLE" {
-            let rows = self
-                .from
-                .at
-                .count(format_args!("the size of LOOKUP_TABLE {name}"), 4)?;
-            return self.from.colours(rows, 4, &name).map(|_| ());
-        }
-        let Some((location, tuples)) = self.owner else {
-            return Err(self.from.at.error(format_args!(
-                "{keyword} {name} must follow POINT_DATA or CELL_DATA"
             )));
         };
-        let (components, values) = match keyword {
-            "COLOR_SCALARS" => {
-                let components = self
-                    .from
-                    .components(format_args!("components of COLOR_SCALARS {name}"))?;
-                (
-                    components,
-                    Some(self.from.colours(tuples, components, &name)?),
-                )
-            }
-            "SCALARS" => self.scalars(tuples, &name)?,
-            _ => {
-                let components = match keyword {
-                    "VECTORS" | "NORMALS" => 3,
-                    "TENSORS" => 9,
-                    "TENSORS6" => 6,
-                    "TEXTURE_COORDINATES" => self
-                        .from
-                        .components(format_args!("dimensions of TEXTURE_COORDINATES {name}"))?,
-                    _ => 1,
-                };
-                let kind = self.from.type_name(&name)?;
-                (
-                    components,
-                    self.from.values(tuples, components, &kind, &name)?,
-                )
-            }
-        };
-        self.keep(name, location, components, values);
-        Ok(())
-    }
-
-    /// Reads the components and values of SCALARS.
-    fn scalars(
-        &mut self,
-        tuples: usize,
-        name: &str,
-    ) -> ParseResult<(usize, Option<(Vec<f64>, ScalarType)>)> {
-        let kind = self
-            .from
-            .at
-            .word(format_args!("the type of SCALARS {name}"))?
-            .to_string();
-        let given = String::from_utf8_lossy(self.from.at.rest_of_line())
-            .trim()
-            .to_string();
-        let components = if given.is_empty() {
-            Ok(1)
-        } else {
-            given.parse()
-        };
-        let components: usize = components
-            .ok()
-            .filter(|c| (1..=1 << 16).contains(c))
-            .ok_or_else(|| {
-                self.from.at.error(format_args!(
-                    "SCALARS {name}: number of components must be 1 to 65536, got \
-                    {given:?}"
-                ))
-            })?;
-        self.from.skip_table_name();
-        let values = self.from.values(tuples, components, &kind, name)?;
-        Ok((components, values))
-    }
-
-    /// Reads FIELD name n: n arrays, each with its own name, width, length and type.
-    fn field_arrays(&mut self) -> ParseResult<()> {
-        self.from.at.word(format_args!("the name of FIELD"))?;
-        let arrays = self
-            .from
-            .at
-            .count(format_args!("the number of arrays in FIELD"), 1)?;
-        for array in 0..arrays {
-            let mut name = self
-                .from
+        let tuples = usize::try_from(count).map_err(|_| {
+            self.from
                 .at
-                .word(format_args!("the name of array {array} of FIELD"))?;
-            while name == "METADATA" {
-                self.from.skip_metadata();
-                name = self
-                    .from
-                    .at
-                    .word(format_args!("the name of array {array} of FIELD"))?;
-            }
-            if name == "NULL_ARRAY" {
-                continue;
-            }
-            let name = decoded(name);
-            let components = self
-                .from
-                .components(format_args!("components of array {name}"))?;
-            let tuples = self
-                .from
-                .at
-                .count(format_args!("tuples of array {name}"), 0)?;
-            let kind = self.from.type_name(&name)?;
-            let values = self.from.values(tuples, components, &kind, &name)?;
-            match self.owner {
-                Some((location, items)) if tuples == items => {
-                    self.keep(name, location, components, values);
-                }
-                Some((location, items)) => self.mesh.warnings.push(format!(
-                    "array \"{name}\" skipped: it has {tuples} tuples, but there are {items} \
-                    {location}"
-                )),
-                // An array of the whole mesh.
-                None => {
-                    if let Some((values, _)) = values {
-                        self.global.array(&name, &values);
-                    }
-                }
-            }
-        }
+                .error(format_args!("{name} must have ≥ 0 tuples, got {count}"))
+        })?;
+        self.owner = Some(Owner {
+            location,
+            items,
+            tuples,
+        });
         Ok(())
-    }
-
-    fn keep(
-        &mut self,
-        name: String,
-        location: Location,
-        components: usize,
-        values: Option<(Vec<f64>, ScalarType)>,
-    ) {
-        match values {
-            Some((values, scalar_type)) => self.mesh.fields.push(Field {
-                name,
-                location,
-                components,
-                values,
-                scalar_type,
-            }),
-            None => self
-                .mesh
-                .warnings
-                .push(format!("array \"{name}\" skipped: it is not numeric")),
-        }
     }
 
     fn finish(self) -> ParseResult<RawMesh> {
@@ -409,7 +333,7 @@ impl<'a> File<'a> {
                 kinds.len()
             ));
         }
-        mesh.add_cells(&kinds, &nodes, &ends, 0)?;
+        mesh.add_cells(&kinds, &nodes, &ends)?;
         self.global.add_to(&mut mesh);
         Ok(mesh)
     }

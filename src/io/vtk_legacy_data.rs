@@ -9,6 +9,8 @@ use crate::mesh::ScalarType;
 pub(super) struct Values<'a> {
     pub at: Cursor<'a>,
     pub ascii: bool,
+    /// Whether a word that is no number was found among values.
+    pub bad_token: bool,
     /// Number of components of the last array.
     last_components: usize,
 }
@@ -18,6 +20,7 @@ impl<'a> Values<'a> {
         Values {
             at,
             ascii,
+            bad_token: false,
             last_components: 0,
         }
     }
@@ -128,9 +131,11 @@ impl<'a> Values<'a> {
         )?;
         let mut values = Vec::with_capacity(count);
         for i in 0..count {
-            let value = self
-                .at
-                .number(format_args!("value {i} of {count} in {of}"))?;
+            let value = self.at.number(format_args!("value {i} of {count} in {of}"));
+            if value.is_err() {
+                self.bad_token = !self.at.rest().trim_ascii().is_empty();
+            }
+            let value = value?;
             // A float32 keeps its value.
             values.push(if scalar == ScalarType::F32 {
                 f64::from(value as f32)

@@ -14,8 +14,16 @@ pub(super) struct Layout {
     pub big_endian: bool,
     /// Whether headers are UInt64 (otherwise UInt32).
     pub wide_headers: bool,
-    /// Whether arrays consist of zlib-compressed blocks.
-    pub zlib: bool,
+    /// Compression of the blocks that arrays consist of.
+    pub compressor: Option<Compressor>,
+}
+
+/// Compression of a block of data.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Compressor {
+    Zlib,
+    Lz4,
+    Lzma,
 }
 
 /// Location and encoding of the bytes of an array.
@@ -28,44 +36,56 @@ pub(super) enum Source<'a> {
     Base64(&'a [u8]),
 }
 
-/// Reads the `count` numbers of one array.
+/// Reads the numbers of one array, of which there must be `count` if it is known.
 pub(super) fn numbers(
     source: Source,
     layout: Layout,
     scalar: ScalarType,
-    count: usize,
+    count: Option<usize>,
 ) -> ParseResult<Vec<f64>> {
     let mut bytes = match source {
         Source::Ascii { file, start } => return ascii(file, start, scalar, count),
         Source::Raw(data) => Bytes::new(data, false),
         Source::Base64(data) => Bytes::new(data, true),
     };
-    let expected = count
-        .checked_mul(scalar::size(scalar))
-        .ok_or("its size exceeds the addressable range")?;
-    let data = if layout.zlib {
-        inflate_blocks(&mut bytes, layout, expected)?
+    let sized = |n: usize| n.checked_mul(scalar::size(scalar));
+    let expected = match count {
+        Some(n) => Some(sized(n).ok_or("its size exceeds the addressable range")?),
+        None => None,
+    };
+    let data = if let Some(compressor) = layout.compressor {
+        decompress_blocks(&mut bytes, layout, compressor, expected)?
     } else {
         let [length] = bytes.header(layout)?;
-        if length != expected as u64 {
-            return Err(wrong_size(length, expected));
+        if let Some(expected) = expected
+            && length != expected as u64
+        {
+            return Err(format!("header states {length} bytes, expected {expected}"));
         }
-        bytes.take(expected)?
+        bytes.take(usize::try_from(length).map_err(|e| e.to_string())?)?
     };
     Ok(scalar::decode(&data, scalar, layout.big_endian))
 }
 
-fn wrong_size(found: u64, expected: usize) -> String {
-    format!("header states {found} bytes, expected {expected}")
-}
-
-fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> ParseResult<Vec<f64>> {
+fn ascii(
+    file: &[u8],
+    start: usize,
+    scalar: ScalarType,
+    count: Option<usize>,
+) -> ParseResult<Vec<f64>> {
     let mut at = Cursor::new(file);
     at.go_to(start);
-    at.validate_count(count as i64, format_args!("the number of values"), 2)?;
-    let mut values = Vec::with_capacity(count);
-    for i in 0..count {
-        let value = at.number(format_args!("value {i} of {count}"))?;
+    if let Some(count) = count {
+        at.validate_count(count as i64, format_args!("the number of values"), 2)?;
+    }
+    let mut values = Vec::with_capacity(count.unwrap_or(0));
+    loop {
+        let i = values.len();
+        let value = match count {
+            Some(count) if i < count => at.number(format_args!("value {i} of {count}"))?,
+            None if at.peek().is_some() => at.number(format_args!("value {i}"))?,
+            _ => break,
+        };
         values.push(if scalar == ScalarType::F32 {
             f64::from(value as f32)
         } else {
@@ -74,29 +94,34 @@ fn ascii(file: &[u8], start: usize, scalar: ScalarType, count: usize) -> ParseRe
     }
     match at.token() {
         None => Ok(values),
-        Some(_) => Err(at.error(format_args!("more than the expected {count} values"))),
+        Some(_) => Err(at.error(format_args!(
+            "more than the expected {} values",
+            values.len()
+        ))),
     }
 }
 
 /// Decompresses the blocks. Header: number of blocks, their size, the size of the last one (0: a
 /// full one), the compressed size of each.
-fn inflate_blocks<'a>(
+fn decompress_blocks<'a>(
     bytes: &mut Bytes<'a>,
     layout: Layout,
-    expected: usize,
+    compressor: Compressor,
+    expected: Option<usize>,
 ) -> ParseResult<Cow<'a, [u8]>> {
     let [blocks] = bytes.header(layout)?;
-    if blocks == 0 && expected == 0 {
+    if blocks == 0 && expected.unwrap_or(0) == 0 {
         return Ok(Cow::Borrowed(&[]));
     }
     let [size, last] = bytes.header(layout)?;
     let total = blocks
         .checked_sub(u64::from(last != 0))
         .and_then(|whole| whole.checked_mul(size)?.checked_add(last));
-    if total != Some(expected as u64) || last > size {
+    let fits = expected.is_none_or(|bytes| total == Some(bytes as u64));
+    if total.is_none() || !fits || last > size {
+        let expected = expected.map_or(String::new(), |n| format!(", expected {n} bytes in total"));
         return Err(format!(
-            "header states {blocks} blocks of {size} bytes (the last {last}), expected {expected} \
-            bytes in total"
+            "header states {blocks} blocks of {size} bytes (the last {last}){expected}"
         ));
     }
     let blocks = usize::try_from(blocks).map_err(|e| e.to_string())?;
@@ -110,20 +135,56 @@ fn inflate_blocks<'a>(
         } else {
             size
         };
-        let before = out.len();
-        // One extra byte, to detect a block that is too long.
-        flate2::read::ZlibDecoder::new(&packed[..])
-            .take(wanted + 1)
-            .read_to_end(&mut out)
-            .map_err(|e| format!("cannot decompress block {block} of {blocks} with zlib: {e}"))?;
-        if (out.len() - before) as u64 != wanted {
+        let length = compressor
+            .decompress(&packed, wanted, &mut out)
+            .map_err(|e| {
+                format!("cannot decompress block {block} of {blocks} with {compressor:?}: {e}")
+            })?;
+        if length != wanted {
             return Err(format!(
-                "block {block} of {blocks} decompresses to {} bytes, expected {wanted}",
-                out.len() - before
+                "block {block} of {blocks} decompresses to {length} bytes, expected {wanted}"
             ));
         }
     }
     Ok(Cow::Owned(out))
+}
+
+impl Compressor {
+    /// Appends the decompressed block `packed` to `out`, up to one byte more than `wanted`. Returns
+    /// its length.
+    fn decompress(self, packed: &[u8], wanted: u64, out: &mut Vec<u8>) -> ParseResult<u64> {
+        let before = out.len();
+        match self {
+            // One extra byte, to detect a block that is too long.
+            Compressor::Zlib => flate2::read::ZlibDecoder::new(packed)
+                .take(wanted + 1)
+                .read_to_end(out)
+                .map(|_| ())
+                .map_err(|e| e.to_string())?,
+            Compressor::Lz4 => {
+                // A byte of a compressed block stands for 255 bytes at most.
+                let most = (packed.len() as u64 + 1) * 255;
+                if wanted > most {
+                    return Err(format!(
+                        "its {} bytes cannot contain {wanted}",
+                        packed.len()
+                    ));
+                }
+                out.resize(before + wanted as usize, 0);
+                let length = lz4_flex::block::decompress_into(packed, &mut out[before..])
+                    .map_err(|e| e.to_string())?;
+                out.truncate(before + length);
+            }
+            Compressor::Lzma => {
+                let mut packed = packed;
+                lzma_rs::xz_decompress(&mut packed, out).map_err(|e| match e {
+                    lzma_rs::error::Error::IoError(e) => e.to_string(),
+                    other => format!("{other:?}"),
+                })?;
+            }
+        }
+        Ok((out.len() - before) as u64)
+    }
 }
 
 fn whole_number(bytes: &[u8], layout: Layout) -> ParseResult<usize> {

@@ -1,12 +1,13 @@
 //! Tags of VTK XML files: attributes, layouts, arrays.
 
 use super::cursor::ParseResult;
-use super::vtu_data::Layout;
+use super::vtu_data::{Compressor, Layout};
 use quick_xml::events::BytesStart;
 
 /// A `<DataArray>` tag.
+#[derive(Default)]
 pub(super) struct Array {
-    /// The enclosing tag: Points, Cells, PointData or CellData.
+    /// The enclosing tag, such as Points or PointData.
     pub section: String,
     pub name: String,
     pub type_name: String,
@@ -36,13 +37,8 @@ pub(super) fn array(tag: &BytesStart, section: &str) -> ParseResult<Array> {
     })
 }
 
+/// Parses the encoding of the data in the first tag of a file.
 pub(super) fn layout(tag: &BytesStart) -> ParseResult<Layout> {
-    let kind = attribute(tag, "type").unwrap_or_default();
-    if kind != "UnstructuredGrid" {
-        return Err(format!(
-            "VTK file contains {kind:?}, expected \"UnstructuredGrid\" (a mesh of cells)"
-        ));
-    }
     let compressor = attribute(tag, "compressor").unwrap_or_default();
     Ok(Layout {
         big_endian: match attribute(tag, "byte_order").as_deref() {
@@ -65,13 +61,16 @@ pub(super) fn layout(tag: &BytesStart) -> ParseResult<Layout> {
                 ));
             }
         },
-        zlib: match compressor.as_str() {
-            "" => false,
-            "vtkZLibDataCompressor" => true,
+        compressor: match compressor.as_str() {
+            "" => None,
+            "vtkZLibDataCompressor" => Some(Compressor::Zlib),
+            "vtkLZ4DataCompressor" => Some(Compressor::Lz4),
+            "vtkLZMADataCompressor" => Some(Compressor::Lzma),
             other => {
                 return Err(format!(
-                    "compressor {other} is not supported; use vtkZLibDataCompressor or none (in \
-                    ParaView, save with compressor ZLib or none)"
+                    "compressor {other} is not supported; use vtkZLibDataCompressor, \
+                    vtkLZ4DataCompressor, vtkLZMADataCompressor or none (in ParaView, save with \
+                    compressor ZLib)"
                 ));
             }
         },

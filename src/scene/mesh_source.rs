@@ -1,7 +1,7 @@
 //! Loads the mesh of a scene's `[mesh]`, and selects the displayed scalar field.
 
 use super::regions::Regions;
-use super::{JoinEntry, LabelsEntry, MeshSource, Scene};
+use super::{JoinEntry, LabelsEntry, MeshSource, Scene, missing_values};
 use crate::generate;
 use crate::generate::Lump;
 use crate::io::{self, Kind};
@@ -231,8 +231,8 @@ impl Scene {
     /// the scene has a transfer function.
     ///
     /// # Errors
-    /// [`Error::Input`] listing the fields if the field of the scene does not exist or is not
-    /// finite.
+    /// [`Error::Input`] listing the fields if the field of the scene does not exist, or if none of
+    /// its values is finite.
     pub fn scalar_field(&self, mesh: &TetMesh, topology: &Topology) -> Result<ScalarField> {
         // X-rays depend on the values of the field, not on its transfer function.
         let xray = self.picture.mode.as_deref() == Some("xray");
@@ -257,7 +257,14 @@ impl Scene {
         if plain && mesh.is_region_field(&field) {
             return ScalarField::regions(mesh, topology, &field, self.picture.field.is_none());
         }
-        let scalars = magnitudes(&field);
+        let mut scalars = magnitudes(&field);
+        let missing = missing_values::fill(mesh, field.location, &mut scalars);
+        let missing = missing.map_err(|e| Error::Input(format!("field \"{}\" {e}", field.name)))?;
+        let missing = missing.map(|what| format!("field \"{}\": {what}", field.name));
+        let note = match (note, missing) {
+            (Some(note), Some(missing)) => Some(format!("{note}; {missing}")),
+            (note, missing) => note.or(missing),
+        };
         let (values, cells) = match field.location {
             Location::Node => (scalars, None),
             Location::Cell => (mesh.volume_weighted_node_means(&scalars), Some(scalars)),

@@ -47,6 +47,7 @@ mod keywords;
 mod material;
 mod mesh_manifest;
 mod mesh_source;
+mod missing_values;
 mod motion;
 mod picture;
 mod pieces;
@@ -87,7 +88,7 @@ pub use reactions::ReactionLog;
 pub use region::{Axis, LabelOrName, Region};
 #[cfg(feature = "study")]
 pub(crate) use stage::median_ms;
-pub use stage::{CgReport, PendingImage, STEPS, Stage, StageReport, ToolReport};
+pub use stage::{CgReport, FieldRanges, PendingImage, STEPS, Stage, StageReport, ToolReport};
 
 use crate::files;
 use crate::physics::EngineChoice;

@@ -82,7 +82,7 @@ impl Document {
             false => name.clone(),
             true => {
                 let frames = palpate::io::read_pvd(&file)?;
-                let first = frames.first().map(|frame| frame.file.clone());
+                let first = frames.first().map(|frame| frame.file().to_owned());
                 let first =
                     first.ok_or_else(|| Error::format(&file, "the series has no frames"))?;
                 let beside = first.strip_prefix(&folder).unwrap_or(&first);

@@ -6,10 +6,9 @@ use eframe::egui;
 use glam::DVec3;
 use palpate::annotate::FrameTime;
 use palpate::mesh::{Field, TetMesh};
-use palpate::scene::Scene;
+use palpate::scene::{FieldRanges, Scene};
 use palpate::{Error, ProgressFn, Result, io};
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -30,7 +29,7 @@ pub struct Frame {
 struct Entry {
     /// Time since the first frame, s.
     time: f64,
-    file: PathBuf,
+    files: io::Frame,
     kept: Option<Arc<Frame>>,
 }
 
@@ -38,7 +37,7 @@ struct Entry {
 pub struct Series {
     entries: Vec<Entry>,
     /// Range of each field over all frames, by name; for vectors, of their length.
-    ranges: BTreeMap<String, (f64, f64)>,
+    ranges: FieldRanges,
     /// Bounds over all frames.
     bounds: (DVec3, DVec3),
     /// Time of the first frame, s; `None` without valid times.
@@ -65,7 +64,7 @@ impl Series {
         let mut mesh: Option<TetMesh> = None;
         let mut series = Series {
             entries: Vec::new(),
-            ranges: BTreeMap::new(),
+            ranges: FieldRanges::default(),
             bounds: (DVec3::INFINITY, DVec3::NEG_INFINITY),
             began: rises.then_some(began),
         };
@@ -75,15 +74,13 @@ impl Series {
             if progress(&told, n as f64 / count as f64).is_break() {
                 return Err(Error::Cancelled);
             }
-            let read = io::read(&listed.file)?;
+            let read = listed.read()?;
             if let Some(mesh) = &mesh {
-                check_same(mesh, &read, &listed.file)?;
+                check_same(mesh, &read, listed.file())?;
             }
             let (low, high) = read.bounds();
             series.bounds = (series.bounds.0.min(low), series.bounds.1.max(high));
-            for field in &read.fields {
-                series.note(field);
-            }
+            series.ranges.add(&read.fields);
             mesh.get_or_insert_with(|| read.clone());
             let frame = Frame::of(read);
             bytes += frame.bytes();
@@ -92,25 +89,11 @@ impl Series {
                     true => listed.time - began,
                     false => n as f64 / FPS,
                 },
-                file: listed.file,
+                files: listed,
                 kept: (bytes <= most).then(|| Arc::new(frame)),
             });
         }
         Ok((series, mesh.unwrap_or_default()))
-    }
-
-    /// Extends the range of a field.
-    fn note(&mut self, field: &Field) {
-        let lengths = field.values.chunks_exact(field.components.max(1));
-        let lengths = lengths.map(|tuple| match tuple {
-            [one] => *one,
-            all => all.iter().map(|x| x * x).sum::<f64>().sqrt(),
-        });
-        let known = self.ranges.entry(field.name.clone());
-        let known = known.or_insert((f64::INFINITY, f64::NEG_INFINITY));
-        *known = lengths
-            .filter(|x| x.is_finite())
-            .fold(*known, |(a, b), x| (a.min(x), b.max(x)));
     }
 
     /// Returns the number of frames.
@@ -124,17 +107,14 @@ impl Series {
         time + self.began.unwrap_or(0.0)
     }
 
-    /// Returns the file of a frame.
+    /// Returns the file of a frame; `None` for a frame of several parts.
     pub fn file(&self, frame: usize) -> Option<&Path> {
-        self.entries.get(frame).map(|e| e.file.as_path())
+        self.entries.get(frame)?.files.single_file()
     }
 
     /// Returns the range of a field over all frames.
     pub fn range(&self, field: &str) -> Option<(f64, f64)> {
-        self.ranges
-            .get(field)
-            .copied()
-            .filter(|(low, high)| low < high)
+        self.ranges.get(field)
     }
 
     /// Returns the last frame at or before `time` seconds after the first.
@@ -148,6 +128,12 @@ impl Series {
 fn check_same(mesh: &TetMesh, frame: &TetMesh, file: &Path) -> Result<()> {
     if frame.tets == mesh.tets && frame.nodes.len() == mesh.nodes.len() {
         return Ok(());
+    }
+    if frame.tets.len() == mesh.tets.len() && frame.nodes.len() == mesh.nodes.len() {
+        return Err(Error::format(
+            file,
+            "the nodes or tets are numbered in another way than in the first frame; render the series with `palpate simulate`, which draws each frame as its own mesh",
+        ));
     }
     Err(Error::format(
         file,
@@ -261,14 +247,14 @@ impl Player {
             return Ok(Some((self.wanted, kept.clone())));
         }
         if self.reading.is_none() {
-            let (file, series) = (entry.file.clone(), self.series.clone());
+            let (files, series) = (entry.files.clone(), self.series.clone());
             let first = series.entries[0].kept.clone();
             let work = BackgroundTask::spawn("reading", &self.context, move |_| {
-                let frame = Frame::of(io::read(&file)?);
+                let frame = Frame::of(files.read()?);
                 match first.is_none_or(|first| first.nodes.len() == frame.nodes.len()) {
                     true => Ok(frame),
                     false => Err(Error::format(
-                        &file,
+                        files.file(),
                         "the file has changed since the series was opened; open the series again",
                     )),
                 }
@@ -306,16 +292,7 @@ impl BodySession {
     /// Returns the scene with the scalar range of the whole series, if it sets none.
     pub(crate) fn with_series_range(&self, scene: &Scene) -> Option<Scene> {
         let series = &self.player.as_ref()?.series;
-        let field = self.stage().scalar_field();
-        let (low, high) = series.range(&field.name)?;
-        let own = scene.picture.range.is_some() || !field.regions.is_empty();
-        let scan = !scene.scan.is_empty();
-        if own || scan || field.range == (low, high) {
-            return None;
-        }
-        let mut scene = scene.clone();
-        scene.picture.range = Some([low, high]);
-        Some(scene)
+        self.stage().with_series_range(scene, &series.ranges)
     }
 
     /// Advances the series by `seconds` and shows the current frame.
@@ -379,6 +356,7 @@ mod tests {
     use palpate::gpu::Gpu;
     use palpate::io::PvdSeries;
     use palpate::mesh::Location;
+    use std::path::PathBuf;
     use std::time::Instant;
 
     /// Records a bar that moves upwards, with different nodal values in each frame.

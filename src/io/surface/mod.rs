@@ -40,7 +40,7 @@ pub(super) fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
 /// An error if the file cannot be read, is damaged, or contains no surface.
 pub fn read_surface(path: impl AsRef<Path>) -> Result<TriMesh> {
     let path = path.as_ref();
-    let extension = super::extension(path);
+    let extension = super::volume::extension(path);
     let bytes = super::content(path)?;
     surface_of(&bytes, &extension).map_err(|e| Error::format(path, e))
 }

@@ -10,6 +10,7 @@ mod nrrd_space;
 mod pattern;
 mod stream;
 mod voxels;
+mod vtk_image;
 mod write;
 
 pub(crate) use header::Layout;
@@ -26,7 +27,7 @@ use std::path::Path;
 /// the header's own name without its extension.
 type Fetch<'a> = &'a dyn Fn(&str) -> ParseResult<Vec<u8>>;
 
-/// Reads a volume in any supported format: NIfTI, NRRD, MetaImage. The format is detected from the
+/// Reads a volume in any supported format: NIfTI, NRRD, MetaImage, VTK images. The format is detected from the
 /// content, then from the extension.
 ///
 /// A folder is a series of DICOM slices (with the cargo feature `dicom`): the series with the most
@@ -86,12 +87,15 @@ fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
         Some(nifti::read)
     } else if metaimage::is_metaimage(bytes) {
         Some(metaimage::read)
+    } else if vtk_image::is_image(bytes) {
+        Some(|file, _| vtk_image::read(file, None))
     } else {
         // Unknown content: the reader selected by the extension reports what it expected.
         match extension {
             "nrrd" | "nhdr" => Some(nrrd::read),
             "nii" | "hdr" => Some(nifti::read),
             "mha" | "mhd" => Some(metaimage::read),
+            "vti" => Some(|file, _| vtk_image::read(file, None)),
             _ => None,
         }
     }
@@ -100,8 +104,8 @@ fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
 /// Parses the volume in the content of a file.
 pub(super) fn volume_of(bytes: &[u8], extension: &str, fetch: Fetch) -> ParseResult<Volume> {
     let reader = reader_of(bytes, extension).ok_or(
-        "unknown volume format; supported: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr) and \
-        MetaImage (.mhd, .mha)",
+        "unknown volume format; supported: NIfTI (.nii, .nii.gz, .hdr), NRRD (.nrrd, .nhdr), \
+        MetaImage (.mhd, .mha) and VTK images (.vti, .vtk)",
     )?;
     reader(bytes, fetch)
 }

@@ -31,6 +31,7 @@ mod tools;
 mod view;
 
 pub use drawing::PendingImage;
+pub use playback::FieldRanges;
 #[cfg(feature = "study")]
 pub(crate) use report::median_ms;
 pub use report::{CgReport, StageReport, ToolReport};

@@ -4,7 +4,7 @@ use crate::cli::*;
 use glam::DVec3;
 use palpate::generate;
 use palpate::io::FrameStream;
-use palpate::mesh::TetMesh;
+use palpate::mesh::{Field, Location, TetMesh};
 use std::io::Write;
 use std::process::Stdio;
 
@@ -255,4 +255,72 @@ fn invalid_stream_is_rejected_with_advice() {
     let orbit = [&dash[..], &["--film", "x.gif", "--orbit", "90"]].concat();
     assert!(failure(&piped(&orbit, &whole)).contains("number of frames"));
     assert!(failure(&piped(&dash, &stream(&mesh, true, &[]))).contains("before the first frame"));
+}
+
+/// Writes a bar of `mesh` with its nodes in reversed order, and the field `f`.
+fn write_frame(path: &Path, mesh: &TetMesh, reversed: bool, f: impl Fn(DVec3) -> f64) {
+    let last = mesh.nodes.len() as u32 - 1;
+    let mut mesh = mesh.clone();
+    if reversed {
+        mesh.nodes.reverse();
+        mesh.tets.iter_mut().flatten().for_each(|v| *v = last - *v);
+    }
+    let values = mesh.nodes.iter().map(|p| f(*p)).collect();
+    let fields = vec![Field::scalar("f", Location::Node, values)];
+    let mesh = TetMesh::new(mesh.nodes, mesh.tets, fields, Vec::new()).unwrap();
+    palpate::io::write(path, &mesh).unwrap();
+}
+
+#[test]
+fn each_frame_of_a_series_has_its_own_numbering_and_field() {
+    let folder = folder("own_frames");
+    let (mesh, _) = bar();
+    let (low, high) = mesh.bounds();
+    let rises = |p: DVec3| (p.x - low.x) / (high.x - low.x);
+    let falls = |p: DVec3| 1.0 - rises(p);
+    write_frame(&folder.join("a.vtu"), &mesh, false, rises);
+    write_frame(&folder.join("b.vtu"), &mesh, true, rises);
+    write_frame(&folder.join("c.vtu"), &mesh, true, falls);
+    let listed = |k: usize, file: &str| format!("<DataSet timestep=\"{k}\" file=\"{file}.vtu\"/>");
+    let files = ["a", "b", "c"];
+    let sets: String = files
+        .iter()
+        .enumerate()
+        .map(|(k, f)| listed(k, f))
+        .collect();
+    let series = folder.join("s.pvd");
+    std::fs::write(
+        &series,
+        format!("<VTKFile type=\"Collection\"><Collection>{sets}</Collection></VTKFile>"),
+    )
+    .unwrap();
+    let view = [
+        "--size",
+        "64x48",
+        "--eye",
+        "1.5,-6,2",
+        "--look-at",
+        "1.5,0.5,0.5",
+        "--field",
+        "f",
+        "--transfer",
+        "viridis",
+    ];
+    let played = ["simulate", text(&series), "--out", text(&folder)];
+    let output = palpate(&[&played, &view[..]].concat());
+    stdout(&output);
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(notes.contains("1 of 3 frames have other tets"), "{notes}");
+    let mut pictures = Vec::new();
+    for (k, file) in files.iter().enumerate() {
+        let mesh = folder.join(format!("{file}.vtu"));
+        let picture = folder.join(format!("{file}.png"));
+        let drawn = ["render", text(&mesh), "--out", text(&picture)];
+        stdout(&palpate(&[&drawn, &view[..]].concat()));
+        let alone = std::fs::read(&picture).unwrap();
+        let frame = std::fs::read(folder.join(format!("s_{k:04}.png"))).unwrap();
+        assert!(alone == frame, "frame {k} differs from its own picture");
+        pictures.push(alone);
+    }
+    assert!(pictures[1] != pictures[2], "the fields differ");
 }

@@ -13,7 +13,10 @@ pub fn all() -> Vec<Fixture> {
         for wide in [false, true] {
             for big in [false, true] {
                 for block in [None, Some(40), Some(1 << 15)] {
-                    all.push(vtu(format, wide, big, block));
+                    all.push(vtu(format, wide, big, block, "ZLib"));
+                }
+                for compressor in ["LZ4", "LZMA"] {
+                    all.push(vtu(format, wide, big, Some(40), compressor));
                 }
             }
         }
@@ -76,8 +79,25 @@ fn flat(sample: &Sample) -> Vec<f64> {
     sample.nodes.iter().flat_map(|p| p.to_array()).collect()
 }
 
-/// VTU; `block`: size of the zlib blocks in bytes.
-fn vtu(format: &str, wide: bool, big: bool, block: Option<usize>) -> Fixture {
+/// Compresses a block as VTK does.
+fn compressed(block: &[u8], compressor: &str) -> Vec<u8> {
+    match compressor {
+        "LZ4" => lz4_flex::block::compress(block),
+        "LZMA" => {
+            let mut out = Vec::new();
+            lzma_rs::xz_compress(&mut &block[..], &mut out).unwrap();
+            out
+        }
+        _ => {
+            let mut z = flate2::write::ZlibEncoder::new(Vec::new(), Default::default());
+            z.write_all(block).unwrap();
+            z.finish().unwrap()
+        }
+    }
+}
+
+/// VTU; `block`: size of the compressed blocks in bytes.
+fn vtu(format: &str, wide: bool, big: bool, block: Option<usize>, compressor: &str) -> Fixture {
     let sample = Sample::new();
     let encode64 = |bytes: &[u8]| {
         base64::engine::general_purpose::STANDARD
@@ -102,11 +122,7 @@ fn vtu(format: &str, wide: bool, big: bool, block: Option<usize>) -> Fixture {
             Some(size) => {
                 let blocks: Vec<Vec<u8>> = data
                     .chunks(size)
-                    .map(|b| {
-                        let mut z = flate2::write::ZlibEncoder::new(Vec::new(), Default::default());
-                        z.write_all(b).unwrap();
-                        z.finish().unwrap()
-                    })
+                    .map(|b| compressed(b, compressor))
                     .collect();
                 let mut numbers = vec![blocks.len(), size, data.len() % size];
                 numbers.extend(blocks.iter().map(Vec::len));
@@ -181,7 +197,10 @@ fn vtu(format: &str, wide: bool, big: bool, block: Option<usize>) -> Fixture {
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"{}\" header_type=\"{}\"{}>\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n{body}</Piece>\n</UnstructuredGrid>\n",
         if big { "BigEndian" } else { "LittleEndian" },
         if wide { "UInt64" } else { "UInt32" },
-        if block.is_some() { " compressor=\"vtkZLibDataCompressor\"" } else { "" },
+        match block {
+            Some(_) => format!(" compressor=\"vtk{compressor}DataCompressor\""),
+            None => String::new(),
+        },
         sample.nodes.len(),
         sample.cells.len(),
     )
@@ -192,7 +211,7 @@ fn vtu(format: &str, wide: bool, big: bool, block: Option<usize>) -> Fixture {
         file.extend(b"\n</AppendedData>\n");
     }
     file.extend(b"</VTKFile>\n");
-    let name = format!("{format}_wide{wide}_big{big}_block{block:?}.vtu");
+    let name = format!("{format}_wide{wide}_big{big}_block{block:?}_{compressor}.vtu");
     Fixture::new(name, file, sample.tets())
 }
 

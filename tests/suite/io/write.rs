@@ -235,8 +235,8 @@ fn rejects_damaged_series() {
     };
     let frames = read(whole).unwrap();
     assert_eq!(
-        frames[0].file,
-        bench.path("sub/a.vtu"),
+        frames[0].files,
+        [bench.path("sub/a.vtu")],
         "sorted by time, relative to the series"
     );
     assert_eq!(frames[1].time, 2.0);
@@ -244,7 +244,11 @@ fn rejects_damaged_series() {
         assert!(read(&whole[..cut]).is_err(), "cut at {cut}");
     }
     for (from, to, expected) in [
-        ("timestep=\"2\"", "timestep=\"1\"", "several files"),
+        (
+            "timestep=\"2\"",
+            "timestep=\"1\"",
+            "several files for part \"0\"",
+        ),
         ("timestep=\"2\"", "timestep=\"soon\"", "expected a number"),
         ("file=\"b.vtu\"", "", "no attribute file"),
         ("\"Collection\"", "\"PolyData\"", "PolyData"),
