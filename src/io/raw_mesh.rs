@@ -10,7 +10,7 @@ use super::cell_kinds::{
     CellShape, CellSupport, HEXAGONAL_PRISM_KIND, POLYHEDRON, TET, WEDGE, kind,
 };
 use super::cursor::ParseResult;
-use crate::mesh::{Field, Location, TetMesh, signed_volume};
+use crate::mesh::{AnatomicalFrame, Field, Location, TetMesh, signed_volume};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -25,6 +25,8 @@ pub(super) struct RawMesh {
     /// See [`TetMesh`].
     pub region_names: BTreeMap<i64, String>,
     pub length_unit: Option<f64>,
+    /// The frame that the file states.
+    pub frame: Option<AnatomicalFrame>,
 }
 
 /// Cells of mixed types.
@@ -132,6 +134,7 @@ impl RawMesh {
             mut warnings,
             region_names,
             length_unit,
+            frame,
         } = self;
         let mut tets = Vec::with_capacity(cells.len());
         let mut source = Vec::with_capacity(cells.len());
@@ -180,6 +183,13 @@ impl RawMesh {
         })?;
         mesh.region_names = region_names;
         mesh.length_unit = length_unit;
+        if let Some(frame) = frame {
+            if frame == AnatomicalFrame::Lps {
+                let note = "converted from LPS, which the file states, to RAS";
+                mesh.repairs.warnings.push(note.into());
+            }
+            mesh.convert_to_ras(frame);
+        }
         Ok(mesh)
     }
 }

@@ -9,7 +9,7 @@ use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
 use super::vtk_legacy_names::decoded;
 use super::vtk_regions::Global;
-use crate::mesh::{Field, Location, ScalarType};
+use crate::mesh::{AnatomicalFrame, Field, Location, ScalarType};
 use glam::DVec3;
 
 /// Magic bytes of the format.
@@ -33,7 +33,10 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             _ => file.attribute(&keyword)?,
         }
     }
-    file.finish()
+    let mut mesh = file.finish()?;
+    // 3D Slicer states it in the title.
+    mesh.frame = AnatomicalFrame::stated_in(bytes);
+    Ok(mesh)
 }
 
 struct File<'a> {

@@ -11,7 +11,7 @@ use super::scalar;
 use super::vtk_regions::{self, Global};
 use super::vtu_data::{Layout, Source, numbers};
 use super::vtu_tags::{Array, array, attribute, count, layout, name_of};
-use crate::mesh::{Field, Location, ScalarType};
+use crate::mesh::{AnatomicalFrame, Field, Location, ScalarType};
 use glam::DVec3;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
@@ -50,7 +50,10 @@ struct Piece {
 
 impl<'a> Outline<'a> {
     fn mesh(&self) -> ParseResult<RawMesh> {
-        let mut mesh = RawMesh::default();
+        let mut mesh = RawMesh {
+            frame: AnatomicalFrame::stated_in(self.file),
+            ..RawMesh::default()
+        };
         self.global().add_to(&mut mesh);
         for (number, piece) in self.pieces.iter().enumerate() {
             self.add_piece(piece, number > 0, &mut mesh)
