@@ -1,7 +1,8 @@
 //! Statistics and problems of a mesh: the content of `palpate info`.
 
 use super::{
-    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
+    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh,
+    Topology, components,
 };
 use rayon::slice::ParallelSliceMut;
 use std::fmt;

@@ -198,7 +198,9 @@ impl LabelDomain {
             (i, j, k - 1),
             (i, j, k + 1),
         ];
-        let same = beside.iter().filter(|(i, j, k)| self.at(*i, *j, *k) == region);
+        let same = beside
+            .iter()
+            .filter(|(i, j, k)| self.at(*i, *j, *k) == region);
         if OWN_WEIGHT + FACE_WEIGHT * same.count() as f64 > 0.5 {
             return false;
         }

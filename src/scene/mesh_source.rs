@@ -39,11 +39,7 @@ impl MeshSource {
 
     /// As [`MeshSource::load_with_progress`]; `meets_scan` is whether the mesh meets files of a known
     /// frame of reference.
-    fn load_beside(
-        &self,
-        meets_scan: &dyn Fn() -> bool,
-        progress: ProgressFn,
-    ) -> Result<TetMesh> {
+    fn load_beside(&self, meets_scan: &dyn Fn() -> bool, progress: ProgressFn) -> Result<TetMesh> {
         let mut mesh = self.welded(meets_scan, progress)?;
         if !self.join.is_empty() {
             let others = self.join.iter().enumerate();

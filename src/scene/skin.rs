@@ -74,7 +74,10 @@ impl SkinEntry {
         skin.set_height_map(map.as_ref().map(|map| (map, depth)))?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
         notes.extend(skin.report().notes());
-        let notes = notes.into_iter().map(|note| format!("skin {name}: {note}")).collect();
+        let notes = notes
+            .into_iter()
+            .map(|note| format!("skin {name}: {note}"))
+            .collect();
         Ok((skin, notes))
     }
 }

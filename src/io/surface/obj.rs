@@ -162,9 +162,7 @@ impl Faces {
 fn out_of_range(at: &Cursor, start: usize, index: &str, vertices: usize) -> String {
     at.error_at(
         start,
-        format_args!(
-            "face refers to vertex {index:?}, but there are {vertices} (counted from 1)"
-        ),
+        format_args!("face refers to vertex {index:?}, but there are {vertices} (counted from 1)"),
     )
 }
 

@@ -42,7 +42,10 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let (encoding, elements) = header(&mut at)?;
     at.binary = encoding != Encoding::Ascii;
     // Where every element has its own line, a line may have more values than the header declares.
-    let total: usize = elements.iter().map(|e| e.count).fold(0, usize::saturating_add);
+    let total: usize = elements
+        .iter()
+        .map(|e| e.count)
+        .fold(0, usize::saturating_add);
     let by_lines = encoding == Encoding::Ascii && {
         let lines = at.rest().split(|b| *b == b'\n');
         let lines = lines.filter(|line| !line.trim_ascii().is_empty());

@@ -82,10 +82,7 @@ impl PolygonCutter {
         let count = self.flat.len();
         let place = |n: usize| DVec2::from(self.flat[n % count]);
         (0..count).all(|n| {
-            let (before, after) = (
-                place(n + 1) - place(n),
-                place(n + 2) - place(n + 1),
-            );
+            let (before, after) = (place(n + 1) - place(n), place(n + 2) - place(n + 1));
             before.perp_dot(after) >= -ROUNDING * before.length() * after.length()
         })
     }
@@ -112,9 +109,8 @@ fn restore_straight_corners(triangles: &mut Vec<[usize; 3]>, count: usize) {
         let before = other(&|n| (n + count - 1) % count);
         let after = other(&|n| (n + 1) % count);
         let edge = triangles.iter().enumerate().find_map(|(t, triangle)| {
-            let side = (0..3).find(|i| {
-                triangle[*i] == before && triangle[(*i + 1) % 3] == after
-            })?;
+            let side =
+                (0..3).find(|i| triangle[*i] == before && triangle[(*i + 1) % 3] == after)?;
             Some((t, triangle[(side + 2) % 3]))
         });
         if let Some((t, apex)) = edge {
@@ -152,14 +148,21 @@ mod tests {
             (1.0, 2.0),
             (0.0, 2.0),
         ];
-        let (u, v) = DVec3::new(1.0, 2.0, -1.5).normalize().any_orthonormal_pair();
+        let (u, v) = DVec3::new(1.0, 2.0, -1.5)
+            .normalize()
+            .any_orthonormal_pair();
         for first in 0..flat.len() {
-            let mut corners = flat.map(|(x, y)| x * u + y * v + DVec3::splat(3.0)).to_vec();
+            let mut corners = flat
+                .map(|(x, y)| x * u + y * v + DVec3::splat(3.0))
+                .to_vec();
             corners.rotate_left(first);
             let triangles = PolygonCutter::new().triangles(&corners);
             assert_eq!(triangles.len(), corners.len() - 2, "{first}");
             let (sum, total) = area(&corners, &triangles);
-            assert!((sum - 5.0).abs() < 1e-12 && (total - 5.0).abs() < 1e-12, "{first}");
+            assert!(
+                (sum - 5.0).abs() < 1e-12 && (total - 5.0).abs() < 1e-12,
+                "{first}"
+            );
         }
     }
 }

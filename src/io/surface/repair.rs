@@ -91,7 +91,11 @@ impl Triangles {
         // How often each edge of the rest is traversed, one way minus the other.
         let mut traversed: HashMap<[u32; 2], i64> = HashMap::new();
         let mut has_rest: HashMap<u32, bool> = HashMap::new();
-        let rest = self.corners.iter().zip(&paired).filter(|(_, paired)| !**paired);
+        let rest = self
+            .corners
+            .iter()
+            .zip(&paired)
+            .filter(|(_, paired)| !**paired);
         for (triangle, _) in rest {
             has_rest.entry(parts.find(triangle[0])).or_insert(false);
             for i in 0..3 {
@@ -176,71 +180,73 @@ impl Triangles {
         }
     }
 
-/// Returns the open edges that chains of other open edges follow, in order of their triangles.
-fn t_junctions(&self, open: &HashMap<[u32; 2], u32>, places: &[DVec3]) -> Vec<TJunction> {
-    let mut rim: Vec<u32> = open.keys().flatten().copied().collect();
-    rim.sort_unstable();
-    rim.dedup();
-    let largest = rim
-        .iter()
-        .map(|v| places[*v as usize].abs().max_element())
-        .fold(0.0, f64::max);
-    let (low, high) = rim.iter().map(|v| places[*v as usize]).fold(
-        (DVec3::INFINITY, DVec3::NEG_INFINITY),
-        |(low, high), p| (low.min(p), high.max(p)),
-    );
-    let extent = high - low;
-    let axis = (0..3).fold(0, |best, a| if extent[a] > extent[best] { a } else { best });
-    let along = |v: u32| places[v as usize][axis];
-    rim.sort_by(|a, b| along(*a).total_cmp(&along(*b)).then(a.cmp(b)));
-    let mut edges: Vec<(&[u32; 2], &u32)> = open.iter().collect();
-    edges.sort_unstable();
-    let mut tests = 0;
-    let mut found = Vec::new();
-    for (&[a, b], &triangle) in edges {
-        let [p, q] = [a, b].map(|v| places[v as usize]);
-        let length = p.distance(q);
-        let reach = NEAR * length;
-        let start = rim.partition_point(|v| along(*v) < along(a).min(along(b)) - reach);
-        let end = rim.partition_point(|v| along(*v) <= along(a).max(along(b)) + reach);
-        tests += end - start;
-        if tests > MOST_TESTS {
-            break;
-        }
-        let mut beside: Vec<(f64, u32, f64)> = Vec::new();
-        let own = self.corners[triangle as usize];
-        for &v in rim[start..end].iter().filter(|v| !own.contains(v)) {
-            let to = places[v as usize] - p;
-            let part = to.dot(q - p) / (length * length);
-            let distance = to.distance(part * (q - p));
-            if part > 0.0 && part < 1.0 && distance <= reach.max(EXACT * largest) {
-                beside.push((part, v, distance));
+    /// Returns the open edges that chains of other open edges follow, in order of their triangles.
+    fn t_junctions(&self, open: &HashMap<[u32; 2], u32>, places: &[DVec3]) -> Vec<TJunction> {
+        let mut rim: Vec<u32> = open.keys().flatten().copied().collect();
+        rim.sort_unstable();
+        rim.dedup();
+        let largest = rim
+            .iter()
+            .map(|v| places[*v as usize].abs().max_element())
+            .fold(0.0, f64::max);
+        let (low, high) = rim
+            .iter()
+            .map(|v| places[*v as usize])
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
+                (low.min(p), high.max(p))
+            });
+        let extent = high - low;
+        let axis = (0..3).fold(0, |best, a| if extent[a] > extent[best] { a } else { best });
+        let along = |v: u32| places[v as usize][axis];
+        rim.sort_by(|a, b| along(*a).total_cmp(&along(*b)).then(a.cmp(b)));
+        let mut edges: Vec<(&[u32; 2], &u32)> = open.iter().collect();
+        edges.sort_unstable();
+        let mut tests = 0;
+        let mut found = Vec::new();
+        for (&[a, b], &triangle) in edges {
+            let [p, q] = [a, b].map(|v| places[v as usize]);
+            let length = p.distance(q);
+            let reach = NEAR * length;
+            let start = rim.partition_point(|v| along(*v) < along(a).min(along(b)) - reach);
+            let end = rim.partition_point(|v| along(*v) <= along(a).max(along(b)) + reach);
+            tests += end - start;
+            if tests > MOST_TESTS {
+                break;
+            }
+            let mut beside: Vec<(f64, u32, f64)> = Vec::new();
+            let own = self.corners[triangle as usize];
+            for &v in rim[start..end].iter().filter(|v| !own.contains(v)) {
+                let to = places[v as usize] - p;
+                let part = to.dot(q - p) / (length * length);
+                let distance = to.distance(part * (q - p));
+                if part > 0.0 && part < 1.0 && distance <= reach.max(EXACT * largest) {
+                    beside.push((part, v, distance));
+                }
+            }
+            if beside.is_empty() {
+                continue;
+            }
+            beside.sort_by(|x, y| x.0.total_cmp(&y.0));
+            // The other side of the edge: b to a over open edges, through these vertices.
+            let mut chain = vec![a];
+            chain.extend(beside.iter().map(|v| v.1));
+            chain.push(b);
+            let follows = |pair: &[u32]| {
+                open.contains_key(&[pair[1], pair[0]]) || open.contains_key(&[pair[0], pair[1]])
+            };
+            if chain.windows(2).all(follows) {
+                let farthest = beside.iter().map(|v| v.2).fold(0.0, f64::max);
+                found.push(TJunction {
+                    triangle,
+                    edge: [a, b],
+                    vertices: beside.iter().map(|v| v.1).collect(),
+                    is_exact: farthest <= EXACT * largest,
+                });
             }
         }
-        if beside.is_empty() {
-            continue;
-        }
-        beside.sort_by(|x, y| x.0.total_cmp(&y.0));
-        // The other side of the edge: b to a over open edges, through these vertices.
-        let mut chain = vec![a];
-        chain.extend(beside.iter().map(|v| v.1));
-        chain.push(b);
-        let follows = |pair: &[u32]| {
-            open.contains_key(&[pair[1], pair[0]]) || open.contains_key(&[pair[0], pair[1]])
-        };
-        if chain.windows(2).all(follows) {
-            let farthest = beside.iter().map(|v| v.2).fold(0.0, f64::max);
-            found.push(TJunction {
-                triangle,
-                edge: [a, b],
-                vertices: beside.iter().map(|v| v.1).collect(),
-                is_exact: farthest <= EXACT * largest,
-            });
-        }
+        found.sort_by_key(|j| j.triangle);
+        found
     }
-    found.sort_by_key(|j| j.triangle);
-    found
-}
 }
 
 /// An open edge that vertices of other open edges divide.

@@ -118,9 +118,8 @@ fn repair(
         ));
     }
     // The values at the corners of a divided triangle are not those of its parts.
-    let corner_values = |f: &Field| {
-        f.location == Location::Cell && [UV, NORMAL].contains(&f.name.as_str())
-    };
+    let corner_values =
+        |f: &Field| f.location == Location::Cell && [UV, NORMAL].contains(&f.name.as_str());
     let [closed, left] = kept.close_t_junctions(places, !fields.iter().any(corner_values));
     if closed > 0 {
         notes.push(format!(

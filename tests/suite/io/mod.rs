@@ -10,6 +10,8 @@ mod gmsh;
 mod parse;
 mod robust;
 mod sample;
+mod space;
+mod surface_repairs;
 mod surfaces;
 mod variants;
 mod volume_files;
