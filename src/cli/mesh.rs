@@ -238,10 +238,11 @@ const LOST: f64 = 0.1;
 /// Returns notes about regions that lose volume: because of the edge length, or of the smoothing of a
 /// label map.
 fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
+    let is_resolved = mesher.resolving_edge.is_some_and(|e| mesher.edge <= e);
     let listed = |by_smoothing: bool| {
         let lost = |r: &&RegionSummary| {
             let fraction = r.input_volume.map_or(0.0, |v| 1.0 - r.volume / v);
-            fraction > LOST && (fraction - r.smoothed_fraction < LOST) == by_smoothing
+            fraction > LOST && (is_resolved || fraction - r.smoothed_fraction < LOST) == by_smoothing
         };
         let labels = regions.iter().filter(lost).map(|r| r.label.to_string());
         let labels: Vec<String> = labels.collect();
@@ -255,8 +256,8 @@ fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
     };
     let by_smoothing = listed(true).map(|regions| {
         format!(
-            "{regions}: voxels without two neighbours of the same label are smoothed away at any \
-            edge length; preserve them by resampling the label map to voxels of half the size"
+            "{regions}: parts one voxel thick are smoothed away at any edge length; preserve \
+            them by resampling the label map to voxels of half the size"
         )
     });
     let by_edge = listed(false).map(|regions| {

@@ -382,12 +382,9 @@ impl Domain for LabelDomain {
         let faces = self.boundary_faces().into_iter().skip(1);
         let volumes = self.voxel_volumes().into_iter().zip(faces);
         volumes
-            .enumerate()
-            .map(|(n, (volume, faces))| RegionVolume {
+            .map(|(volume, faces)| RegionVolume {
                 volume,
-                // The difference of two weights grows with the mean of their factors.
-                area: BOUNDARY_SHIFT_PER_WEIGHT * faces as f64 * voxel
-                    / (0.5 * (1.0 + self.gain(n + 1))),
+                area: BOUNDARY_SHIFT_PER_WEIGHT * faces as f64 * voxel,
             })
             .collect()
     }

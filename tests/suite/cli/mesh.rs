@@ -1,6 +1,6 @@
 //! `palpate mesh`, and scenes that mesh their input.
 
-use crate::cli::{DATA, failure, folder, palpate, stdout, text};
+use crate::cli::{DATA, failure, folder, palpate, real, stdout, text};
 use std::path::Path;
 
 /// Returns the path of a shipped file.
@@ -253,7 +253,7 @@ fn surface_meets_a_scan_in_its_frame() {
     let is_right = || {
         let (low, high) = field_range(&out, "ct");
         assert!(
-            (558.5..560.5).contains(&low) && (900.5..902.5).contains(&high),
+            (555.0..570.0).contains(&low) && (895.0..915.0).contains(&high),
             "{low} {high}"
         );
         let info = stdout(&palpate(&["info", text(&out)]));
