@@ -53,6 +53,8 @@ class Mesh:
         cell_data: fields in the tets by name; the field ``label`` holds region labels.
         region_names: names of regions by label.
         length_unit: metres per unit of the mesh, if known.
+        frame: frame of reference of ``nodes``, if known: ``"ras"``, or ``"lps"``, which is converted
+            to RAS.
     """
 
     def __init__(
@@ -64,6 +66,7 @@ class Mesh:
         cell_data: Mapping[str, npt.ArrayLike] | None = None,
         region_names: Mapping[int, str] | None = None,
         length_unit: float | None = None,
+        frame: str | None = None,
     ) -> None:
         given = [(k, False, v) for k, v in (point_data or {}).items()]
         given += [(k, True, v) for k, v in (cell_data or {}).items()]
@@ -80,6 +83,7 @@ class Mesh:
             fields,
             {int(k): str(v) for k, v in (region_names or {}).items()},
             length_unit,
+            frame,
         )
 
     @classmethod
@@ -124,7 +128,8 @@ class Mesh:
             labels: ``"all"``, or the labels that become regions.
             progress: called with the current stage and its completed fraction.
             more: other keys of ``[mesh]`` of a scene: ``above``, ``between``, ``grading``,
-                ``min_island``, ``unit``.
+                ``min_island``, ``unit``, ``frame`` (``"ras"`` or ``"lps"``, for a surface that
+                does not state its own).
         """
         entries = {"file": fspath(path), "tets": tets, "edge": edge, "labels": labels, **more}
         return cls._load(entries, Path(), progress)
@@ -188,6 +193,11 @@ class Mesh:
     def length_unit(self) -> float | None:
         """Metres per unit of the mesh, if known."""
         return self._native.length_unit()
+
+    @property
+    def frame(self) -> str | None:
+        """Frame of reference of the nodes, ``"RAS"``, if known; LPS is converted on reading."""
+        return self._native.frame()
 
     @property
     def notes(self) -> list[str]:

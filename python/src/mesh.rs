@@ -6,7 +6,7 @@ use crate::scenes;
 use crate::work::LongTask;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::generate::GENERATORS;
-use palpate::mesh::{Field, Location, ScalarType, TetMesh};
+use palpate::mesh::{AnatomicalFrame, Field, Location, ScalarType, TetMesh};
 use palpate::scene::FieldRanges;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -37,7 +37,9 @@ impl Mesh {
         fields: Vec<FieldGiven<'_>>,
         region_names: BTreeMap<i64, String>,
         length_unit: Option<f64>,
+        frame: Option<&str>,
     ) -> PyResult<Mesh> {
+        let frame: Option<AnatomicalFrame> = frame.map(str::parse).transpose().or_raise(py)?;
         let nodes = to_points(py, &nodes, "nodes")?;
         let tets = tets.as_array();
         if tets.ncols() != 4 {
@@ -78,6 +80,9 @@ impl Mesh {
         let mut mesh = mesh.or_raise(py)?;
         mesh.region_names = region_names;
         mesh.length_unit = length_unit;
+        if let Some(frame) = frame {
+            mesh.convert_to_ras(frame);
+        }
         Ok(mesh.into())
     }
 
@@ -147,6 +152,10 @@ impl Mesh {
 
     fn length_unit(&self) -> Option<f64> {
         self.0.length_unit
+    }
+
+    fn frame(&self) -> Option<String> {
+        self.0.frame.map(|frame| frame.to_string())
     }
 
     fn notes(&self) -> Vec<String> {

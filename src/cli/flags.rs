@@ -2,6 +2,7 @@
 
 use clap::Args;
 use palpate::annotate::Axes;
+use palpate::mesh::AnatomicalFrame;
 use palpate::physics::{EngineChoice, MaterialModel, VolumetricFormulation};
 use palpate::render::{Isosurface, Light};
 use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
@@ -230,6 +231,9 @@ pub struct SceneFlags {
     /// Set the length unit of the mesh file: m, cm, mm, um, in, or metres as a number
     #[arg(long, help_heading = "Physics", value_parser = unit)]
     pub unit: Option<Unit>,
+    /// Set the frame of reference of a mesh or surface file that does not state its own: ras or lps
+    #[arg(long, help_heading = "Mesh")]
+    pub frame: Option<AnatomicalFrame>,
     /// Set the approximate number of tets of the scene's generator
     #[arg(long, help_heading = "Mesh")]
     pub tets: Option<usize>,
@@ -364,10 +368,12 @@ impl SceneFlags {
         override_with(self.rest.clone(), &mut scene.mesh.rest);
         for mesh in scene.body.iter_mut().map(|body| &mut body.mesh) {
             override_with(self.unit.clone(), &mut mesh.unit);
+            override_with(self.frame, &mut mesh.frame);
             override_with(self.tets.filter(|_| mesh.tets.is_some()), &mut mesh.tets);
         }
         if scene.body.is_empty() {
             override_with(self.unit.clone(), &mut scene.mesh.unit);
+            override_with(self.frame, &mut scene.mesh.frame);
             override_with(self.tets, &mut scene.mesh.tets);
         }
     }

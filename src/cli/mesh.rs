@@ -3,8 +3,8 @@
 use super::convert::format_of;
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
-use palpate::mesh::{Length, SurfaceDescription};
-use palpate::mesher::ThresholdRange;
+use palpate::mesh::{AnatomicalFrame, Length, SurfaceDescription};
+use palpate::mesher::{MeshReport, ThresholdRange, two_digits};
 use palpate::meshing::{Labels, MeshingConfig, RecipeReport, RegionSummary, TargetSize};
 use palpate::scene::{Unit, write_pieces};
 use palpate::{Error, io};
@@ -66,6 +66,10 @@ pub struct MeshArguments {
     /// Set the unit of a surface file: m, cm, mm, um, in (volumes are in mm)
     #[arg(long, help_heading = "Size")]
     unit: Option<String>,
+    /// Set the frame of reference of surface files that do not state theirs: ras or lps [default:
+    /// coordinates are kept; with --intensity, or beside a surface of known frame, lps]
+    #[arg(long, help_heading = "Size")]
+    frame: Option<AnatomicalFrame>,
     /// Select the mesher: lattice (built in), or tetgen (the installed program, for surfaces)
     #[arg(long, help_heading = "Size", default_value = "lattice")]
     with: String,
@@ -140,6 +144,8 @@ impl MeshArguments {
             grading: Some(self.grading),
             min_island: self.min_island,
             unit,
+            frame: self.frame,
+            meets_scan: false,
             intensities: intensities.collect(),
             split_interfaces: self.part.clone(),
             tetgen,
@@ -229,6 +235,43 @@ pub fn write_report(path: &Path, report: &impl serde::Serialize) -> palpate::Res
 /// Regions that lose more than this fraction of their volume are reported.
 const LOST: f64 = 0.1;
 
+/// Returns notes about regions that lose volume: because of the edge length, or of the smoothing of a
+/// label map.
+fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
+    let is_resolved = mesher.resolving_edge.is_some_and(|e| mesher.edge <= e);
+    let listed = |by_smoothing: bool| {
+        let lost = |r: &&RegionSummary| {
+            let fraction = r.input_volume.map_or(0.0, |v| 1.0 - r.volume / v);
+            fraction > LOST && (is_resolved || fraction - r.smoothed_fraction < LOST) == by_smoothing
+        };
+        let labels = regions.iter().filter(lost).map(|r| r.label.to_string());
+        let labels: Vec<String> = labels.collect();
+        (!labels.is_empty()).then(|| {
+            format!(
+                "regions {} lose more than {:.0} % of their volume",
+                labels.join(", "),
+                100.0 * LOST
+            )
+        })
+    };
+    let by_smoothing = listed(true).map(|regions| {
+        format!(
+            "{regions}: parts one voxel thick are smoothed away at any edge length; preserve \
+            them by resampling the label map to voxels of half the size"
+        )
+    });
+    let by_edge = listed(false).map(|regions| {
+        let finer = 0.5 * mesher.edge;
+        let finer = mesher.resolving_edge.map_or(finer, |e| finer.min(e));
+        format!(
+            "{regions}: parts are thinner than the edge length {:.3}; --edge {} keeps more of them",
+            mesher.edge,
+            two_digits(finer)
+        )
+    });
+    by_smoothing.into_iter().chain(by_edge).collect()
+}
+
 /// Returns a line per region, and the quality.
 fn summary(report: &RecipeReport) -> Vec<String> {
     let mut lines: Vec<String> = report
@@ -255,19 +298,7 @@ fn summary(report: &RecipeReport) -> Vec<String> {
     let Some(mesher) = &report.mesher else {
         return lines;
     };
-    let lost = |r: &&RegionSummary| r.input_volume.is_some_and(|v| r.volume < (1.0 - LOST) * v);
-    let thin: Vec<String> = report
-        .regions
-        .iter()
-        .filter(lost)
-        .map(|r| r.label.to_string())
-        .collect();
-    if !thin.is_empty() {
-        lines.push(format!(
-            "regions {} lose more than {:.0} % of their volume: parts are thinner than the edge length {:.3}; preserve them with --edge {:.1}",
-            thin.join(", "), 100.0 * LOST, mesher.edge, 0.5 * mesher.edge
-        ));
-    }
+    lines.extend(loss_notes(&report.regions, mesher));
     let islands: usize = mesher.islands.iter().map(|i| i.islands).sum();
     if islands > 0 {
         let volume: f64 = mesher.islands.iter().map(|i| i.volume).sum();

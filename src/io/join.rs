@@ -173,6 +173,7 @@ pub(super) fn joined(mut parts: Vec<PieceData>) -> ParseResult<RawMesh> {
     let whole = parts.into_iter().map(|part| part.mesh);
     for part in whole {
         mesh.length_unit = mesh.length_unit.or(part.length_unit);
+        mesh.frame = mesh.frame.or(part.frame);
         mesh.region_names.extend(part.region_names);
         for warning in part.warnings {
             if !mesh.warnings.contains(&warning) {

@@ -5,7 +5,7 @@ use super::cursor::ParseResult;
 use super::groups::Groups;
 use super::raw_mesh::RawMesh;
 use super::scalar;
-use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::mesh::{AnatomicalFrame, Field, Location, ScalarType, TetMesh};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -49,6 +49,7 @@ pub(super) struct Region {
 #[derive(Default)]
 pub(super) struct Metadata {
     unit: Option<f64>,
+    frame: Option<AnatomicalFrame>,
     counts: Option<(usize, usize)>,
     /// By group.
     pub regions: BTreeMap<i64, Region>,
@@ -62,6 +63,9 @@ impl Metadata {
         let start = format!("{comment}{COMMENT_PREFIX}");
         for line in text.split(|b| *b == b'\n') {
             let Some(told) = line.strip_prefix(start.as_bytes()) else {
+                if remarks.frame.is_none() && line.starts_with(comment.trim_end().as_bytes()) {
+                    remarks.frame = AnatomicalFrame::stated_in(line);
+                }
                 continue;
             };
             // Anything that cannot be parsed is an ordinary comment.
@@ -96,6 +100,7 @@ impl Metadata {
     /// the group of each cell.
     pub fn add_to(&self, mesh: &mut RawMesh, group_of_cell: &[f64]) {
         mesh.length_unit = self.unit.or(mesh.length_unit);
+        mesh.frame = self.frame.or(mesh.frame);
         if self.regions.is_empty() {
             return;
         }
@@ -195,7 +200,9 @@ pub(super) fn mesh_comments(
         };
         line(comment, &remark)
     });
-    unit.into_iter().chain(regions).collect()
+    let frame = mesh.frame;
+    let frame = frame.map(|f| format!("{comment}{}\n", f.statement()));
+    frame.into_iter().chain(unit).chain(regions).collect()
 }
 
 /// Formats the line with the numbers of nodes and tets of a whole file.

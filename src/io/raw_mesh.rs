@@ -11,7 +11,7 @@ use super::cell_kinds::{
 };
 use super::cursor::ParseResult;
 use super::polyhedra;
-use crate::mesh::{Field, Location, ScalarType, TetMesh, signed_volume};
+use crate::mesh::{AnatomicalFrame, Field, Location, ScalarType, TetMesh, signed_volume};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -26,6 +26,8 @@ pub(super) struct RawMesh {
     /// See [`TetMesh`].
     pub region_names: BTreeMap<i64, String>,
     pub length_unit: Option<f64>,
+    /// The frame that the file states.
+    pub frame: Option<AnatomicalFrame>,
 }
 
 /// Cells of mixed types.
@@ -191,6 +193,13 @@ impl RawMesh {
         })?;
         mesh.region_names = self.region_names;
         mesh.length_unit = self.length_unit;
+        if let Some(frame) = self.frame {
+            if frame == AnatomicalFrame::Lps {
+                let note = "converted from LPS, which the file states, to RAS";
+                mesh.repairs.warnings.push(note.into());
+            }
+            mesh.convert_to_ras(frame);
+        }
         Ok(mesh)
     }
 }

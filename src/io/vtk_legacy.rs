@@ -9,7 +9,7 @@ use super::cursor::{Cursor, ParseResult};
 use super::raw_mesh::RawMesh;
 use super::vtk_legacy_data::Values;
 use super::vtk_regions::Global;
-use crate::mesh::{Field, Location, ScalarType};
+use crate::mesh::{AnatomicalFrame, Field, Location, ScalarType};
 use glam::DVec3;
 
 /// Magic bytes of the format.
@@ -18,7 +18,10 @@ pub(super) const MAGIC: &[u8] = b"# vtk DataFile";
 /// Reads the mesh or surface in the content of a legacy VTK file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let file = File::open(bytes, &["UNSTRUCTURED_GRID", "POLYDATA"])?;
-    file.read()?.finish()
+    let mut mesh = file.read()?.finish()?;
+    // 3D Slicer states it in the title.
+    mesh.frame = AnatomicalFrame::stated_in(bytes);
+    Ok(mesh)
 }
 
 /// An image on a regular grid.

@@ -15,10 +15,13 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, text: bool) -> Result<Vec<Strin
 }
 
 fn fill(file: &mut impl Write, mesh: &TetMesh, text: bool) -> std::io::Result<()> {
+    // 3D Slicer reads it in the title.
+    let frame = mesh.frame;
+    let frame = frame.map_or(String::new(), |f| format!(". {}", f.statement()));
     let mode = if text { "ASCII" } else { "BINARY" };
     write!(
         file,
-        "# vtk DataFile Version 3.0\nWritten by Palpate {}\n{mode}\nDATASET UNSTRUCTURED_GRID\n",
+        "# vtk DataFile Version 3.0\nWritten by Palpate {}{frame}\n{mode}\nDATASET UNSTRUCTURED_GRID\n",
         env!("CARGO_PKG_VERSION")
     )?;
     let global = vtk_regions::arrays(mesh);

@@ -12,7 +12,7 @@ use super::cursor::ParseResult;
 use super::join::join;
 use super::raw_mesh::{RawMesh, index};
 use super::vtk_xml::{Outline, Piece, section_of};
-use crate::mesh::{Field, Location};
+use crate::mesh::{AnatomicalFrame, Field, Location};
 use glam::DVec3;
 
 /// Types of files with cells, in the first tag.
@@ -28,7 +28,9 @@ const POLYGONAL: [(&str, &str); 4] = [
 
 /// Reads the content of a `.vtu` or `.vtp` file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
-    mesh_of(&Outline::read(bytes, &KINDS)?)
+    let mut mesh = mesh_of(&Outline::read(bytes, &KINDS)?)?;
+    mesh.frame = AnatomicalFrame::stated_in(bytes);
+    Ok(mesh)
 }
 
 /// As [`read`]; also returns the bytes stored for the whole mesh under `name`, if any.
@@ -37,7 +39,9 @@ pub(super) fn read_telling(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Op
     let byte = |x: &f64| (x.fract() == 0.0 && (0.0..256.0).contains(x)).then_some(*x as u8);
     let values = outline.global_array(name);
     let values = values.and_then(|numbers| numbers.iter().map(byte).collect());
-    Ok((mesh_of(&outline)?, values))
+    let mut mesh = mesh_of(&outline)?;
+    mesh.frame = AnatomicalFrame::stated_in(bytes);
+    Ok((mesh, values))
 }
 
 fn mesh_of(outline: &Outline) -> ParseResult<RawMesh> {

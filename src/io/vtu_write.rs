@@ -52,7 +52,8 @@ pub(super) fn write_telling(
         .collect();
     let mut appended = Vec::new();
     let mut head = format!(
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n{}<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
+        "<?xml version=\"1.0\"?>\n{}<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n{}<Piece NumberOfPoints=\"{}\" NumberOfCells=\"{}\">\n",
+        frame_comment(mesh),
         global(mesh, extra_array),
         nodes.len(),
         mesh.tets.len()
@@ -133,6 +134,12 @@ fn topology_arrays(
     array(head, appended, "types", ScalarType::U8, 1, &kinds)?;
     *head += "</Cells>\n";
     Ok(())
+}
+
+/// Returns the comment that states the frame of reference, if it is known.
+fn frame_comment(mesh: &TetMesh) -> String {
+    mesh.frame
+        .map_or(String::new(), |f| format!("<!-- {} -->\n", f.statement()))
 }
 
 /// Returns the tags of the whole mesh; empty if there are no data.

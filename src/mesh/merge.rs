@@ -37,6 +37,7 @@ impl TetMesh {
             nodes: Vec::with_capacity(nodes),
             tets: Vec::with_capacity(tets),
             length_unit: unit,
+            frame: parts.iter().find_map(|(_, m)| m.frame),
             ..TetMesh::default()
         };
         for (name, mesh) in parts {

@@ -1,7 +1,8 @@
 //! Statistics and problems of a mesh: the content of `palpate info`.
 
 use super::{
-    BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh, Topology, components,
+    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh,
+    Topology, components,
 };
 use rayon::slice::ParallelSliceMut;
 use std::fmt;
@@ -59,6 +60,8 @@ pub struct MeshDescription {
     pub regions: Vec<RegionDescription>,
     /// Length of one unit of the mesh in metres, if known.
     pub length_unit: Option<f64>,
+    /// Frame of reference of the coordinates, if the file states one (read as RAS).
+    pub frame: Option<AnatomicalFrame>,
     /// Repairs and irregularities, in words.
     pub warnings: Vec<String>,
 }
@@ -155,6 +158,7 @@ impl MeshDescription {
             region_field,
             regions,
             length_unit: mesh.length_unit,
+            frame: mesh.frame,
             warnings: repairs.warnings.clone(),
         };
         description.warn(mesh);
@@ -243,6 +247,9 @@ impl fmt::Display for MeshDescription {
         self.quality.fmt(f)?;
         if let Some(unit) = self.length_unit {
             writeln!(f, "unit             {unit} m")?;
+        }
+        if let Some(frame) = self.frame {
+            writeln!(f, "frame            {frame}")?;
         }
         if let Some(field) = &self.region_field {
             writeln!(f, "regions          from field \"{field}\"")?;

@@ -2,6 +2,7 @@
 //!
 //! This module is independent of files and of the GPU.
 
+mod anatomical_frame;
 mod blade;
 mod boundary;
 mod bvh;
@@ -30,6 +31,7 @@ mod transfer;
 mod tri_mesh;
 mod triangle_bvh;
 
+pub use anatomical_frame::AnatomicalFrame;
 pub use blade::Blade;
 pub(crate) use boundary::DisjointSets;
 pub use boundary::{BoundaryReport, components};
@@ -81,6 +83,8 @@ pub struct TetMesh {
     pub region_names: BTreeMap<i64, String>,
     /// Length of one unit of the mesh in metres, if known.
     pub length_unit: Option<f64>,
+    /// Frame of reference of the coordinates, if known; readers convert LPS to RAS.
+    pub frame: Option<AnatomicalFrame>,
     /// Repairs, drops and warnings from the construction of the mesh.
     pub repairs: RepairReport,
 }

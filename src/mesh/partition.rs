@@ -187,6 +187,7 @@ impl<'a> MeshPartition<'a> {
             fields: mesh.fields.iter().map(picked).collect(),
             region_names: mesh.region_names.clone(),
             length_unit: mesh.length_unit,
+            frame: mesh.frame,
             ..TetMesh::default()
         };
         Ok(MeshPiece {

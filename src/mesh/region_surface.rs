@@ -55,6 +55,7 @@ impl TetMesh {
             vertices: nodes.iter().map(|n| self.nodes[*n as usize]).collect(),
             triangles,
             fields,
+            frame: self.frame,
             notes: Vec::new(),
         })
     }

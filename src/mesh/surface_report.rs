@@ -1,7 +1,7 @@
 //! Analysis of triangle surfaces: components, open edges, orientation, area and volume.
 
 use super::boundary::DisjointSets;
-use super::{FieldDescription, TriMesh};
+use super::{AnatomicalFrame, FieldDescription, TriMesh};
 use glam::DVec3;
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
@@ -33,6 +33,8 @@ pub struct SurfaceDescription {
     pub bounds: [[f64; 3]; 2],
     /// Report on each field.
     pub fields: Vec<FieldDescription>,
+    /// Frame of reference of the coordinates, if the file states one (read as RAS).
+    pub frame: Option<AnatomicalFrame>,
     /// Notes of the reader.
     pub notes: Vec<String>,
 }
@@ -190,6 +192,7 @@ impl SurfaceDescription {
             volume: surface.volume(),
             bounds: [low.to_array(), high.to_array()],
             fields: surface.fields.iter().map(FieldDescription::new).collect(),
+            frame: surface.frame,
             notes: surface.notes.clone(),
         }
     }
@@ -224,6 +227,10 @@ impl fmt::Display for SurfaceDescription {
         writeln!(f, "volume        {:.6}", self.volume)?;
         let [low, high] = self.bounds;
         writeln!(f, "bounds        {low:?} to {high:?}")?;
+        match self.frame {
+            Some(frame) => writeln!(f, "frame         {frame}")?,
+            None => writeln!(f, "frame         not stated")?,
+        }
         for field in &self.fields {
             write!(
                 f,

@@ -1,6 +1,6 @@
 //! Triangle meshes as stored in files.
 
-use super::{Field, Location};
+use super::{AnatomicalFrame, Field, Location};
 use glam::{DVec2, DVec3};
 
 /// Name of the field of texture coordinates: two numbers per vertex, or six per triangle, two for
@@ -22,6 +22,8 @@ pub struct TriMesh {
     pub triangles: Vec<[u32; 3]>,
     /// Fields at the vertices and in the triangles, by name.
     pub fields: Vec<Field>,
+    /// Frame of reference of the coordinates, if known; readers convert LPS to RAS.
+    pub frame: Option<AnatomicalFrame>,
     /// Repairs, drops and warnings of the reader, one sentence each.
     pub notes: Vec<String>,
 }

@@ -31,6 +31,12 @@ pub trait Domain: Sync {
     fn volumes(&self) -> Vec<RegionVolume> {
         Vec::new()
     }
+
+    /// Returns an edge length at which every part of every region has tets, if there is one that is
+    /// known.
+    fn resolving_edge(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// The true volume of a region.

@@ -15,11 +15,24 @@ const MIXED_BRICK: u16 = u16::MAX;
 /// of the slope that they approximate.
 const BOUNDARY_SHIFT_PER_WEIGHT: f64 = 1.0 / (2.0 * 0.75) / 1.5;
 
+/// Weight of a label at the centre of its voxel from that voxel, and from each voxel of the same
+/// label that shares a face with it.
+const OWN_WEIGHT: f64 = 0.75 * 0.75 * 0.75;
+const FACE_WEIGHT: f64 = 0.125 * 0.75 * 0.75;
+
+/// Factor of the weights of a region of which smoothing would leave less than half: a lone voxel
+/// then keeps about its volume.
+const THIN_GAIN: f64 = 3.5;
+
 /// The label map of a volume: each voxel's label, and 0 beyond the volume, smoothed by the
 /// quadratic B-spline over the nearest 3 × 3 × 3 voxels.
 ///
 /// A flat boundary between two labels lies half-way between their voxels; staircases of voxels are
 /// smoothed.
+///
+/// Smoothing removes parts without two neighbours of the same label, such as lone voxels and
+/// diagonal lines of voxels. A region that consists of such parts is kept: its weights are
+/// multiplied.
 #[derive(Debug)]
 pub struct LabelDomain {
     size: [usize; 3],
@@ -29,6 +42,10 @@ pub struct LabelDomain {
     bricks: Vec<([usize; 3], Vec<u16>)>,
     labels: Vec<i64>,
     voxels: Vec<usize>,
+    /// The number of voxels of each region that smoothing removes.
+    smoothed_away: Vec<usize>,
+    /// Factors of the weights of each region; empty if all are 1.
+    gains: Vec<f64>,
     /// The bounding box of all regions, in voxels.
     extent: (DVec3, DVec3),
     to_world: DAffine3,
@@ -87,16 +104,134 @@ impl LabelDomain {
             regions,
             labels,
             voxels,
+            smoothed_away: Vec::new(),
+            gains: Vec::new(),
             to_world: volume.to_world,
             to_index,
         };
         domain.build_bricks();
+        domain.keep_thin_regions();
         Ok(domain)
     }
 
     /// Returns the label of each region, from region 1 on.
     pub fn labels(&self) -> &[i64] {
         &self.labels
+    }
+
+    /// Returns the number of voxels of each region, from region 1 on.
+    pub fn voxel_counts(&self) -> &[usize] {
+        self.voxels.get(1..).unwrap_or_default()
+    }
+
+    /// Returns the fraction of the voxels of each region, from region 1 on, that smoothing removes at
+    /// any edge length; 0 for the regions of [`LabelDomain::thin_regions`], which are kept.
+    pub fn smoothed_fractions(&self) -> Vec<f64> {
+        let counts = self.smoothed_away.iter().zip(&self.voxels).enumerate();
+        let fraction = |(region, (lost, all)): (usize, (&usize, &usize))| match self.gain(region) {
+            1.0 => *lost as f64 / (*all).max(1) as f64,
+            _ => 0.0,
+        };
+        counts.skip(1).map(fraction).collect()
+    }
+
+    /// Returns the labels and numbers of voxels of the regions that smoothing would remove, and
+    /// which are kept by an offset of their boundary.
+    pub fn thin_regions(&self) -> Vec<(i64, usize)> {
+        let regions = (1..self.voxels.len()).filter(|r| self.gain(*r) > 1.0);
+        regions
+            .map(|r| (self.labels[r - 1], self.voxels[r]))
+            .collect()
+    }
+
+    fn gain(&self, region: usize) -> f64 {
+        self.gains.get(region).copied().unwrap_or(1.0)
+    }
+
+    /// Counts the voxels that smoothing removes, and sets the factors of regions that mostly consist
+    /// of them.
+    fn keep_thin_regions(&mut self) {
+        let [nx, ny, nz] = self.size;
+        let none = || vec![0usize; self.voxels.len()];
+        let counts = parallel::collect(ny * nz, |rows, counts| {
+            let mut lost = none();
+            let mut weights = Vec::new();
+            for row in rows {
+                let (j, k) = (row % ny, row / ny);
+                for i in 0..nx {
+                    let region = self.regions[i + nx * row];
+                    if region != 0 && self.is_smoothed_away([i, j, k], region, &mut weights) {
+                        lost[usize::from(region)] += 1;
+                    }
+                }
+            }
+            counts.push(lost);
+        });
+        let lost = counts.into_iter().fold(none(), |mut a, b| {
+            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+            a
+        });
+        let gain = |(lost, all): (&usize, &usize)| match 2 * lost > *all {
+            true => THIN_GAIN,
+            false => 1.0,
+        };
+        let gains: Vec<f64> = lost.iter().zip(&self.voxels).map(gain).collect();
+        if gains.iter().any(|g| *g != 1.0) {
+            self.gains = gains;
+        }
+        self.smoothed_away = lost;
+    }
+
+    /// Whether a voxel of `region` belongs to another one at its centre.
+    fn is_smoothed_away(
+        &self,
+        voxel: [usize; 3],
+        region: u16,
+        weights: &mut Vec<(u16, f64)>,
+    ) -> bool {
+        let [i, j, k] = voxel.map(|c| c as isize);
+        let beside = [
+            (i - 1, j, k),
+            (i + 1, j, k),
+            (i, j - 1, k),
+            (i, j + 1, k),
+            (i, j, k - 1),
+            (i, j, k + 1),
+        ];
+        let same = beside
+            .iter()
+            .filter(|(i, j, k)| self.at(*i, *j, *k) == region);
+        if OWN_WEIGHT + FACE_WEIGHT * same.count() as f64 > 0.5 {
+            return false;
+        }
+        weights.clear();
+        self.weights_at_index(DVec3::from(voxel.map(|c| c as f64)), weights);
+        let own = weights.iter().find(|w| w.0 == region).map_or(0.0, |w| w.1);
+        weights.iter().any(|w| w.0 != region && w.1 >= own)
+    }
+
+    /// Adds the smoothed weights at a position in voxels.
+    fn weights_at_index(&self, x: DVec3, weights: &mut Vec<(u16, f64)>) {
+        let near = x.round();
+        let d = x - near;
+        let spline = [
+            0.5 * (0.5 - d) * (0.5 - d),
+            0.75 - d * d,
+            0.5 * (0.5 + d) * (0.5 + d),
+        ];
+        let [i, j, k] = near.to_array().map(|c| c as isize);
+        for (dk, wk) in (-1..).zip(spline.map(|w| w.z)) {
+            for (dj, wj) in (-1..).zip(spline.map(|w| w.y)) {
+                for (di, wi) in (-1..).zip(spline.map(|w| w.x)) {
+                    let region = self.at(i + di, j + dj, k + dk);
+                    let weight = wi * wj * wk;
+                    match weights.iter_mut().find(|w| w.0 == region) {
+                        Some(sum) => sum.1 += weight,
+                        None => weights.push((region, weight)),
+                    }
+                }
+            }
+        }
     }
 
     /// Counts the boundary faces of the voxels of each region.
@@ -234,23 +369,10 @@ impl Domain for LabelDomain {
             weights.push((0, 1.0));
             return;
         }
-        let d = x - near;
-        let spline = [
-            0.5 * (0.5 - d) * (0.5 - d),
-            0.75 - d * d,
-            0.5 * (0.5 + d) * (0.5 + d),
-        ];
-        let [i, j, k] = near.to_array().map(|c| c as isize);
-        for (dk, wk) in (-1..).zip(spline.map(|w| w.z)) {
-            for (dj, wj) in (-1..).zip(spline.map(|w| w.y)) {
-                for (di, wi) in (-1..).zip(spline.map(|w| w.x)) {
-                    let region = self.at(i + di, j + dj, k + dk);
-                    let weight = wi * wj * wk;
-                    match weights.iter_mut().find(|w| w.0 == region) {
-                        Some(sum) => sum.1 += weight,
-                        None => weights.push((region, weight)),
-                    }
-                }
+        self.weights_at_index(x, weights);
+        if !self.gains.is_empty() {
+            for (region, weight) in weights {
+                *weight *= self.gain(usize::from(*region));
             }
         }
     }
@@ -265,6 +387,12 @@ impl Domain for LabelDomain {
                 area: BOUNDARY_SHIFT_PER_WEIGHT * faces as f64 * voxel,
             })
             .collect()
+    }
+
+    fn resolving_edge(&self) -> Option<f64> {
+        let m = self.to_world.matrix3;
+        let sides = [m.x_axis, m.y_axis, m.z_axis].map(DVec3::length);
+        Some(0.5 * sides.into_iter().fold(f64::INFINITY, f64::min))
     }
 
     fn uniform(&self, low: DVec3, high: DVec3) -> Option<u16> {

@@ -14,6 +14,8 @@ const FINE_BINS: usize = 18_000;
 pub struct MeshReport {
     /// The lattice's edge at region boundaries.
     pub edge: f64,
+    /// An edge length at which every part of every region has tets, if known.
+    pub resolving_edge: Option<f64>,
     /// Number of nodes.
     pub nodes: usize,
     /// Number of tets.

@@ -136,11 +136,13 @@ impl MeshedDomain {
             filling.regions.push(region);
         }
         if filling.tets.is_empty() {
-            return Err(Error::Input(
-                "no tets left at this edge length; decrease the edge length or increase the number of \
-                tets"
-                    .into(),
-            ));
+            let edge = filling.report.edge;
+            let resolving = filling.report.resolving_edge.filter(|e| *e < edge);
+            return Err(Error::Input(format!(
+                "nothing of the body is left at an edge length of {edge}: all its parts are \
+                thinner; decrease the edge length{} or increase the number of tets",
+                resolving.map_or(String::new(), |e| format!(" to {}", two_digits(e)))
+            )));
         }
         filling
             .report
@@ -176,7 +178,7 @@ pub fn mesh_domain(
                 false => (high - low).to_array().iter().product::<f64>() / 3.0,
             };
             let graded = options.grading >= 2.0;
-            find_spacing(wanted, volume, graded, trial, Laid::tets)?
+            find_spacing(wanted, volume, graded, trial, Laid::counts)?
         }
     };
     let Laid {
@@ -185,6 +187,7 @@ pub fn mesh_domain(
         mut pieces,
         mut report,
     } = laid;
+    report.resolving_edge = domain.resolving_edge();
     let truth = domain.volumes();
     let mut added = Vec::new();
     for _ in 0..VOLUME_CORRECTIONS {
@@ -230,9 +233,10 @@ struct Laid {
 }
 
 impl Laid {
-    /// Returns the number of tets inside.
-    fn tets(&self) -> usize {
-        self.pieces.iter().filter(|p| p.1 != 0).count()
+    /// Returns the number of tets inside, and of all.
+    fn counts(&self) -> [usize; 2] {
+        let inside = self.pieces.iter().filter(|p| p.1 != 0).count();
+        [inside, self.pieces.len()]
     }
 }
 
@@ -318,6 +322,18 @@ fn check(options: &MeshOptions) -> Result<()> {
         )));
     }
     Ok(())
+}
+
+/// Rounds a positive length down to two significant digits, for advice.
+pub fn two_digits(length: f64) -> f64 {
+    let unit = 10f64.powf(length.log10().floor() - 1.0);
+    // Within rounding of the next digit.
+    let digits = (length / unit + 1e-9).floor();
+    // Division by a power of ten prints fewer digits than multiplication by its inverse.
+    match unit < 1.0 {
+        true => digits / (1.0 / unit).round(),
+        false => digits * unit,
+    }
 }
 
 #[cfg(test)]

@@ -9,6 +9,9 @@ const COUNT_TOLERANCE: f64 = 0.1;
 /// Maximum number of trials; the best one is used.
 const MAX_TRIALS: usize = 12;
 
+/// Maximum number of trials without tets inside; each halves the edge.
+const MAX_EMPTY_TRIALS: usize = 6;
+
 /// The fractions of the target number of tets used for the first and the second trial.
 const FIRST_TRIALS: [f64; 2] = [0.06, 0.22];
 
@@ -17,7 +20,8 @@ const FIRST_TRIALS: [f64; 2] = [0.06, 0.22];
 const EXPONENT_DROP: f64 = 0.55;
 
 /// Searches for the edge at which `lay` generates about `wanted` tets of a body of about that
-/// volume, and returns the result. `count` returns the number of tets.
+/// volume, and returns the result. `count` returns the number of tets inside, and of all including
+/// those outside along the boundary.
 ///
 /// The number of tets is a power of the edge with an exponent between 3, for the interior, and 2,
 /// for the boundary; it is estimated from the trials, of which the first two are small. If the mesh
@@ -27,7 +31,7 @@ pub(crate) fn find_spacing<T>(
     volume: f64,
     graded: bool,
     mut lay: impl FnMut(f64) -> Result<T>,
-    count: impl Fn(&T) -> usize,
+    count: impl Fn(&T) -> [usize; 2],
 ) -> Result<T> {
     if wanted < 100 || wanted > u32::MAX as usize / 8 {
         return Err(Error::Input(format!(
@@ -40,9 +44,23 @@ pub(crate) fn find_spacing<T>(
     let mut edge = (12.0 * volume / (FIRST_TRIALS[0] * target)).cbrt();
     let mut before: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
+    let mut empty_trials = 0;
     for _ in 0..MAX_TRIALS {
-        let trial = lay(edge)?;
-        let made = count(&trial) as f64;
+        let trial = match lay(edge) {
+            // An edge that nobody entered is no error of theirs.
+            Err(Error::Input(_)) if before.is_some() => break,
+            trial => trial?,
+        };
+        let [inside, all] = count(&trial);
+        let made = inside as f64;
+        if inside == 0 {
+            empty_trials += 1;
+            // The boundary alone has more tets: the body is thinner than any edge of this number.
+            if all > wanted || empty_trials >= MAX_EMPTY_TRIALS {
+                before = Some((edge, made));
+                break;
+            }
+        }
         let off = (made / target).ln().abs();
         if best.as_ref().is_none_or(|b| off < b.0) {
             best = Some((off, trial));
@@ -69,9 +87,14 @@ pub(crate) fn find_spacing<T>(
         };
     }
     match best {
-        Some((_, trial)) if count(&trial) > 0 => Ok(trial),
-        _ => Err(Error::Input(format!(
-            "no edge length gives about {wanted} tets for this body; set the edge length instead"
-        ))),
+        Some((_, trial)) if count(&trial)[0] > 0 => Ok(trial),
+        _ => {
+            let tried = before.map_or(edge, |b| b.0);
+            Err(Error::Input(format!(
+                "body is too thin for about {wanted} tets: nothing of it is left at an edge length \
+                of {tried:.3e}; increase the number of tets, set a smaller edge length, or check \
+                that the input encloses a volume"
+            )))
+        }
     }
 }

@@ -2,8 +2,10 @@
 
 use super::{Labels, MeshingConfig};
 use crate::io::{self, Kind};
-use crate::mesh::TriMesh;
-use crate::mesher::{ClosedSurface, Domain, LabelDomain, SurfaceDomain, ThresholdDomain};
+use crate::mesh::{AnatomicalFrame, TriMesh};
+use crate::mesher::{
+    ClosedSurface, Domain, LabelDomain, MeshReport, SurfaceDomain, ThresholdDomain, two_digits,
+};
 use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
@@ -18,6 +20,59 @@ pub(super) struct Regions {
     pub labels: Vec<i64>,
     pub names: Vec<Option<String>>,
     pub volumes: Vec<Option<f64>>,
+    /// The number of voxels of each region of a label map; empty for other domains.
+    pub voxels: Vec<usize>,
+    /// The fraction of them that smoothing removes.
+    pub smoothed_fractions: Vec<f64>,
+    pub notes: Vec<String>,
+}
+
+impl Regions {
+    /// Returns the note about a region without tets.
+    pub(super) fn lost(&self, region: usize, report: &MeshReport) -> String {
+        let name = self.names[region].as_ref();
+        let name = name.map_or(String::new(), |name| format!(" \"{name}\""));
+        let voxels = match self.voxels.get(region) {
+            Some(1) => " (1 voxel)".to_owned(),
+            Some(n) => format!(" ({n} voxels)"),
+            None => String::new(),
+        };
+        let advice = match report.resolving_edge.filter(|e| *e < report.edge) {
+            Some(edge) => format!("--edge {} keeps it", two_digits(edge)),
+            None => "decrease the edge length or increase the number of tets".to_owned(),
+        };
+        format!(
+            "region {}{name}{voxels} has no tets at an edge length of {:.3}: it is thinner; {advice}",
+            self.labels[region], report.edge
+        )
+    }
+}
+
+/// Returns notes about the regions that smoothing would remove.
+fn thin_notes(domain: &LabelDomain) -> Vec<String> {
+    /// Maximum number of regions in the note.
+    const MOST: usize = 10;
+    let thin = domain.thin_regions();
+    if thin.is_empty() {
+        return Vec::new();
+    }
+    let named: Vec<String> = thin
+        .iter()
+        .take(MOST)
+        .map(|(label, voxels)| match voxels {
+            1 => format!("{label} (1 voxel)"),
+            _ => format!("{label} ({voxels} voxels)"),
+        })
+        .collect();
+    let more = match thin.len() > MOST {
+        true => format!(" and {} more", thin.len() - MOST),
+        false => String::new(),
+    };
+    vec![format!(
+        "regions of lone or diagonal voxels are kept as rounded blobs: {}{more}; check that these \
+        labels are meant",
+        named.join(", ")
+    )]
 }
 
 /// The domain described by a meshing configuration.
@@ -30,6 +85,8 @@ pub struct DomainDescription<'a> {
     pub names: Vec<Option<String>>,
     /// Unit of the domain in metres, if known.
     pub unit: Option<f64>,
+    /// Frame of reference of the domain, if known.
+    pub frame: Option<AnatomicalFrame>,
     /// The source volume, if its values are intensities.
     pub volume: Option<&'a Volume>,
     /// Repairs and warnings, one sentence each.
@@ -74,17 +131,20 @@ impl MeshingConfig {
                     labels: regions.labels,
                     names: regions.names,
                     unit: Some(MILLIMETRE),
+                    frame: Some(AnatomicalFrame::Ras),
                     volume: by_value.then_some(volume),
-                    notes: Vec::new(),
+                    notes: regions.notes,
                 })
             }),
             Kind::Surface => {
                 let found = self.read_surfaces()?;
+                let frame = common_frame(&found.surfaces);
                 use_(DomainDescription {
                     domain: &SurfaceDomain::new(found.closed)?,
                     labels: found.regions.labels,
                     names: found.regions.names,
                     unit: self.unit,
+                    frame,
                     volume: None,
                     notes: found.notes,
                 })
@@ -97,6 +157,7 @@ impl MeshingConfig {
                     labels: vec![1],
                     names: vec![None],
                     unit: self.unit.or(mesh.length_unit),
+                    frame: mesh.frame,
                     volume: None,
                     notes: mesh.repairs.warnings,
                 })
@@ -146,8 +207,20 @@ impl MeshingConfig {
                 .map(|l| volume.label_names.get(l).cloned())
                 .collect(),
             volumes: domain.voxel_volumes().into_iter().map(Some).collect(),
+            voxels: domain.voxel_counts().to_vec(),
+            smoothed_fractions: domain.smoothed_fractions(),
+            notes: thin_notes(&domain),
         };
         use_(&domain, regions, &volume, false)
+    }
+
+    /// Reads a surface, converted to RAS if its frame is known.
+    pub(super) fn read_surface(&self, file: &Path) -> Result<TriMesh> {
+        let mut surface = io::read_surface(file)?;
+        if let (Some(frame), None) = (self.frame, surface.frame) {
+            surface.convert_to_ras(frame);
+        }
+        Ok(surface)
     }
 
     pub(super) fn read_surfaces(&self) -> Result<Surfaces> {
@@ -164,11 +237,22 @@ impl MeshingConfig {
                 labels: Vec::new(),
                 names: Vec::new(),
                 volumes: Vec::new(),
+                voxels: Vec::new(),
+                smoothed_fractions: Vec::new(),
+                notes: Vec::new(),
             },
             notes: Vec::new(),
         };
-        for file in &self.input {
-            let surface = io::read_surface(file)?;
+        let surfaces = self.input.iter().map(|file| self.read_surface(file));
+        let mut surfaces: Vec<TriMesh> = surfaces.collect::<Result<_>>()?;
+        // A scan is in RAS, and so are surfaces that state their frame.
+        if self.meets_scan
+            || !self.intensities.is_empty()
+            || surfaces.iter().any(|s| s.frame.is_some())
+        {
+            surfaces.iter_mut().for_each(TriMesh::meet_ras);
+        }
+        for (file, surface) in self.input.iter().zip(surfaces) {
             let with_file = |note: &String| format!("{}: {note}", file.display());
             found.notes.extend(surface.notes.iter().map(with_file));
             let closed =
@@ -188,6 +272,12 @@ impl MeshingConfig {
         }
         Ok(found)
     }
+}
+
+/// Returns the frame of reference of a mesh of these surfaces, if that of each is known.
+pub(super) fn common_frame(surfaces: &[TriMesh]) -> Option<AnatomicalFrame> {
+    let first = surfaces.first()?.frame;
+    first.filter(|_| surfaces.iter().all(|s| s.frame == first))
 }
 
 /// Rejects a volume without a definition of its regions.

@@ -1,9 +1,11 @@
 //! Meshing of files: a mesh with regions, names and intensities.
 
-use super::domain_source::{INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map};
+use super::domain_source::{
+    INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map, common_frame,
+};
 use super::tetgen;
 use crate::io::{self, Kind};
-use crate::mesh::{Field, Length, Location, ScalarType, TetMesh, TriMesh};
+use crate::mesh::{AnatomicalFrame, Field, Length, Location, ScalarType, TetMesh, TriMesh};
 use crate::mesher::{
     Domain, MeshOptions, MeshReport, MeshedDomain, Spacing, SurfaceDomain, ThresholdRange,
     mesh_domain,
@@ -58,6 +60,11 @@ pub struct MeshingConfig {
     pub split_interfaces: Vec<[String; 2]>,
     /// Unit of surface files in metres; volumes are in mm.
     pub unit: Option<f64>,
+    /// Frame of reference of surface files that do not state theirs. Without it, their coordinates
+    /// are kept, or taken as LPS where they meet files of a known frame.
+    pub frame: Option<AnatomicalFrame>,
+    /// Whether the mesh meets files of a known frame, besides the other surfaces and `intensities`.
+    pub meets_scan: bool,
     /// Volumes sampled at the nodes, by the name of the field.
     pub intensities: Vec<(String, PathBuf)>,
     /// Whether to use the installed program TetGen.
@@ -99,6 +106,8 @@ pub struct RegionSummary {
     pub volume: f64,
     /// The volume in the input: that of its voxels, or the one enclosed by its surface.
     pub input_volume: Option<f64>,
+    /// The fraction of its voxels that the smoothing of a label map removes at any edge length.
+    pub smoothed_fraction: f64,
 }
 
 /// Meshes the file at `path` with about `tets` tets: a closed surface, or a label map. Use
@@ -175,7 +184,7 @@ impl MeshingConfig {
             )));
         }
         let surface = match kind {
-            Kind::Surface => io::read_surface(file)?,
+            Kind::Surface => self.read_surface(file)?,
             Kind::Mesh => {
                 let labels = match &self.labels {
                     Some(Labels::These(labels)) => Some(labels.as_slice()),
@@ -233,6 +242,7 @@ impl MeshingConfig {
         }
         self.with_volume_domain(file, |domain, regions, volume, by_value| {
             let mut made = self.fill(domain, regions, Some(MILLIMETRE), progress)?;
+            made.mesh.frame = Some(AnatomicalFrame::Ras);
             if by_value {
                 ProgressScope::begin(progress, "intensities", 0.9)?;
                 let field = volume.onto_nodes(&made.mesh, INTENSITY);
@@ -249,6 +259,7 @@ impl MeshingConfig {
             regions,
             notes,
         } = self.read_surfaces()?;
+        let frame = common_frame(&surfaces);
         let mut made = match self.tetgen {
             true => {
                 let filling = tetgen(&surfaces, self.spacing(self.unit)?, progress)?;
@@ -256,6 +267,7 @@ impl MeshingConfig {
             }
             false => self.fill(&SurfaceDomain::new(closed)?, regions, self.unit, progress)?,
         };
+        made.mesh.frame = frame;
         made.notes.extend(notes);
         Ok(made)
     }
@@ -300,6 +312,9 @@ impl Regions {
             labels: (1..=windows.len() as i64).collect(),
             names: windows.iter().map(name).collect(),
             volumes: vec![None; windows.len()],
+            voxels: Vec::new(),
+            smoothed_fractions: Vec::new(),
+            notes: Vec::new(),
         }
     }
 
@@ -328,6 +343,7 @@ impl Regions {
                 tets: region.tets,
                 volume: region.volume,
                 input_volume: self.volumes[n],
+                smoothed_fraction: self.smoothed_fractions.get(n).copied().unwrap_or(0.0),
             }
         });
         let regions: Vec<RegionSummary> = made.collect();
@@ -338,16 +354,13 @@ impl Regions {
             .collect();
         mesh.region_names = named;
         mesh.length_unit = unit;
-        let lost = self
-            .labels
-            .iter()
-            .filter(|l| regions.iter().all(|r| r.label != **l));
-        let notes = lost.map(|label| {
-            format!("region {label} has no tets at this edge length; increase the number of tets")
-        });
+        let has_tets = |n: &usize| regions.iter().any(|r| r.label == self.labels[*n]);
+        let lost = (0..self.labels.len()).filter(|n| !has_tets(n));
+        let lost = lost.map(|n| self.lost(n, &filling.report));
+        let notes = self.notes.iter().cloned().chain(lost).collect();
         Ok(MeshingResult {
             mesh,
-            notes: notes.collect(),
+            notes,
             report: RecipeReport {
                 regions,
                 mesher: Some(filling.report),

@@ -237,7 +237,8 @@ impl Job<'_> {
         let (low, high) = self.regions.bounds();
         let volume = (high - low).to_array().iter().product();
         let trial = |edge| self.fill(Some(edge));
-        let filling = find_spacing(wanted, volume, false, trial, |filling| filling.tets.len())?;
+        let counts = |filling: &MeshedDomain| [filling.tets.len(); 2];
+        let filling = find_spacing(wanted, volume, false, trial, counts)?;
         match within(&filling) {
             true => Ok(filling),
             false => Err(Error::Input(format!(

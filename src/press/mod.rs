@@ -17,7 +17,7 @@ use crate::mesh::TetMesh;
 use crate::physics::{Engine, EngineChoice};
 use crate::render::{Plane, Sections};
 use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
-use crate::{Error, FailureCause, Result};
+use crate::{Error, FailureCause, Result, no_progress};
 use glam::{DVec2, DVec3};
 use site::Boundary;
 
@@ -116,7 +116,7 @@ impl Press {
     pub fn new(gpu: &Gpu, scene: &Scene, wanted: &PressOptions) -> Result<Press> {
         wanted.check()?;
         only_tets(scene)?;
-        let mesh = scene.mesh.load()?;
+        let mesh = scene.load_mesh(&no_progress)?;
         let (mut scene, down) = prepare_scene(scene);
         let solver = scene.solver.name.take();
         let mut still = Stage::with_mesh(gpu, &scene, mesh)?;

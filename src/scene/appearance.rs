@@ -79,9 +79,10 @@ impl SceneAppearance {
         };
         let mut skins = Vec::new();
         if !(scene.skin.is_empty() && scene.carried.is_empty()) {
+            let frame = drive.mesh().frame;
             let carrier = carrier(gpu, drive)?;
             for entry in scene.skin.iter().filter(|skin| !skin.hidden) {
-                let (mut skin, more_notes) = entry.attach(gpu, &carrier)?;
+                let (mut skin, more_notes) = entry.attach(gpu, &carrier, frame)?;
                 skin.set_sections(raycaster.inside())?;
                 skins.push(skin);
                 notes.extend(more_notes);

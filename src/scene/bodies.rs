@@ -8,7 +8,7 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::grid::GridShape;
 use crate::physics::{Member, MultiBody, Simulator, SolverKind};
-use crate::{Error, Result};
+use crate::{Error, Result, no_progress};
 use glam::DVec3;
 
 /// A body of a scene, before its simulator is created.
@@ -29,7 +29,7 @@ impl Scene {
     /// [`Error::Input`] for a scene of several bodies; otherwise as [`MeshSource::load`].
     pub fn mesh_of_one(&self) -> Result<TetMesh> {
         match self.body.is_empty() {
-            true => self.mesh.load(),
+            true => self.load_mesh(&no_progress),
             false => Err(Error::Input(
                 "a single body is required, but the scene has [[body]] entries; use a scene with the [mesh] of one of them".into(),
             )),
@@ -83,7 +83,7 @@ impl Scene {
     ) -> Result<BodySource> {
         let scene = self.of_body(entry);
         let (mut mesh, mut shape, notes) = match &scene.grid {
-            None => (scene.mesh.load()?, None, Vec::new()),
+            None => (scene.load_mesh(&no_progress)?, None, Vec::new()),
             Some(grid) => {
                 let (shape, mesh, notes) = scene.carve(grid)?;
                 (mesh, Some(shape), notes)

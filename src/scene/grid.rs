@@ -4,6 +4,7 @@ use super::{GridEntry, Lengths, Scene};
 use crate::io::{self, Kind};
 use crate::mesh::TetMesh;
 use crate::mesher::Domain;
+use crate::meshing::MeshingConfig;
 use crate::physics::grid::GridShape;
 use crate::volume::Volume;
 use crate::{Error, Result};
@@ -17,7 +18,11 @@ impl Scene {
     /// names of its regions and, if made from thresholds of a volume, the volume's values at the
     /// nodes.
     pub(super) fn carve(&self, grid: &GridEntry) -> Result<(GridShape, TetMesh, Vec<String>)> {
-        self.mesh.recipe()?.with_domain(|found| {
+        let recipe = MeshingConfig {
+            meets_scan: self.meets_scan(),
+            ..self.mesh.recipe()?
+        };
+        recipe.with_domain(|found| {
             let axes = found.volume.map_or(DMat3::IDENTITY, axes);
             let grown = Grown {
                 domain: found.domain,
@@ -41,6 +46,7 @@ impl Scene {
             shape.labels = found.labels.clone();
             let mut mesh = shape.mesh(&shape.springs())?;
             mesh.length_unit = found.unit;
+            mesh.frame = found.frame;
             let named = found.labels.iter().zip(&found.names);
             mesh.region_names = named
                 .filter_map(|(label, name)| Some((*label, name.clone()?)))

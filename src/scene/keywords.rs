@@ -4,6 +4,7 @@
 use super::Unit;
 use crate::annotate::Axes;
 use crate::generate;
+use crate::mesh::AnatomicalFrame;
 use crate::physics::{EngineChoice, SolverKind};
 use crate::render::{Light, TransferFunction, named_colour};
 use crate::{Error, Result};
@@ -143,6 +144,12 @@ pub(super) fn colour<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Err
 
 pub(super) fn preset<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| TransferFunction::preset(word).map(drop))
+}
+
+/// Parses the name of a frame of reference.
+pub(super) fn frame<'de, D: Deserializer<'de>>(from: D) -> Entry<AnatomicalFrame, D::Error> {
+    let name = String::deserialize(from)?;
+    name.parse().map(Some).map_err(D::Error::custom)
 }
 
 pub(super) fn unit<'de, D: Deserializer<'de>>(from: D) -> Entry<Unit, D::Error> {

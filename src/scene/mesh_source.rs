@@ -5,12 +5,13 @@ use super::{JoinEntry, LabelsEntry, MeshSource, Scene, missing_values};
 use crate::generate;
 use crate::generate::Lump;
 use crate::io::{self, Kind};
-use crate::mesh::{Field, Location, TetCut, TetMesh, Topology, depth_field};
+use crate::mesh::{AnatomicalFrame, Field, Location, TetCut, TetMesh, Topology, depth_field};
 use crate::meshing::{Labels, MeshingConfig, TargetSize};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::{DQuat, DVec3};
+use std::path::Path;
 
 /// Prefixes of reference numbers set by readers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
@@ -33,10 +34,17 @@ impl MeshSource {
     /// # Errors
     /// [`Error::Cancelled`]; as [`MeshSource::load`].
     pub fn load_with_progress(&self, progress: ProgressFn) -> Result<TetMesh> {
-        let mut mesh = self.welded(progress)?;
+        self.load_beside(&|| false, progress)
+    }
+
+    /// As [`MeshSource::load_with_progress`]; `meets_scan` is whether the mesh meets files of a known
+    /// frame of reference.
+    fn load_beside(&self, meets_scan: &dyn Fn() -> bool, progress: ProgressFn) -> Result<TetMesh> {
+        let mut mesh = self.welded(meets_scan, progress)?;
         if !self.join.is_empty() {
             let others = self.join.iter().enumerate();
-            let others = others.map(|(k, other)| other.load(k, progress));
+            let meets = || mesh.frame.is_some() || meets_scan();
+            let others = others.map(|(k, other)| other.load(k, self.frame, &meets, progress));
             let others: Vec<(String, TetMesh)> = others.collect::<Result<_>>()?;
             let first = ("first".to_owned(), &mesh);
             let rest = others.iter().map(|(name, mesh)| (name.clone(), mesh));
@@ -71,11 +79,17 @@ impl MeshSource {
         Ok(Some(lump).filter(|lump| lump.diameter != 0.0))
     }
 
-    fn welded(&self, progress: ProgressFn) -> Result<TetMesh> {
+    fn welded(&self, meets_scan: &dyn Fn() -> bool, progress: ProgressFn) -> Result<TetMesh> {
         let lump = self.lump()?;
         match (&self.file, &self.generate) {
-            (Some(file), None) if io::detect_kind(file)? == Kind::Mesh => io::read(file),
-            (Some(_), None) => self.made(progress),
+            (Some(file), None) if io::detect_kind(file)? == Kind::Mesh => {
+                let mut mesh = io::read(file)?;
+                if let (Some(frame), None) = (self.frame, mesh.frame) {
+                    mesh.convert_to_ras(frame);
+                }
+                Ok(mesh)
+            }
+            (Some(_), None) => self.made(meets_scan(), progress),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
                     "tets must be in [1, {MOST_TETS}], got {tets}"
@@ -91,8 +105,15 @@ impl MeshSource {
 
 impl JoinEntry {
     /// Returns the transformed mesh and its name; `number` counts from 0.
-    fn load(&self, number: usize, progress: ProgressFn) -> Result<(String, TetMesh)> {
+    fn load(
+        &self,
+        number: usize,
+        frame: Option<AnatomicalFrame>,
+        meets_scan: &dyn Fn() -> bool,
+        progress: ProgressFn,
+    ) -> Result<(String, TetMesh)> {
         let source = MeshSource {
+            frame,
             file: self.file.clone(),
             generate: self.generate.clone(),
             tets: self.tets,
@@ -100,7 +121,7 @@ impl JoinEntry {
         };
         let name = self.name.clone();
         let name = name.unwrap_or_else(|| format!("mesh{}", number + 2));
-        let mut mesh = source.welded(progress)?;
+        let mut mesh = source.welded(meets_scan, progress)?;
         let axis = DVec3::from(self.axis.unwrap_or([0.0, 0.0, 1.0])).normalize_or_zero();
         let turn = DQuat::from_axis_angle(axis, self.turn.unwrap_or(0.0).to_radians());
         let offset = DVec3::from(self.offset.unwrap_or_default());
@@ -116,8 +137,12 @@ impl JoinEntry {
 
 impl MeshSource {
     /// Meshes a volume or a closed surface.
-    fn made(&self, progress: ProgressFn) -> Result<TetMesh> {
-        let made = self.recipe()?.mesh(progress)?;
+    fn made(&self, meets_scan: bool, progress: ProgressFn) -> Result<TetMesh> {
+        let recipe = MeshingConfig {
+            meets_scan,
+            ..self.recipe()?
+        };
+        let made = recipe.mesh(progress)?;
         let mut mesh = made.mesh;
         mesh.repairs.warnings.extend(made.notes);
         Ok(mesh)
@@ -151,6 +176,7 @@ impl MeshSource {
             grading: self.grading,
             min_island: self.min_island,
             unit: self.unit.as_ref().map(|u| u.metres()).transpose()?,
+            frame: self.frame,
             ..MeshingConfig::default()
         })
     }
@@ -224,6 +250,26 @@ impl ScalarField {
 }
 
 impl Scene {
+    /// Reads or generates the mesh of a scene of one body. A surface that states no frame of
+    /// reference is taken as LPS if it meets scans, or skins that state theirs.
+    ///
+    /// # Errors
+    /// As [`MeshSource::load_with_progress`].
+    pub fn load_mesh(&self, progress: ProgressFn) -> Result<TetMesh> {
+        self.mesh.load_beside(&|| self.meets_scan(), progress)
+    }
+
+    /// Whether the scene has scans, or skins whose frame of reference is known.
+    pub(super) fn meets_scan(&self) -> bool {
+        // Errors of reading are reported where the skin is loaded.
+        let is_known = |file: &Path| match io::detect_kind(file) {
+            Ok(Kind::Volume) => true,
+            Ok(Kind::Surface) => io::read_surface(file).is_ok_and(|s| s.frame.is_some()),
+            _ => false,
+        };
+        !self.scan.is_empty() || self.skin.iter().any(|skin| is_known(&skin.file))
+    }
+
     /// Selects the displayed scalar field: the field set in the scene; otherwise, without a
     /// transfer function, the regions ([`TetMesh::region_field`]) if there are several; otherwise
     /// the first node field that varies, the labels of the regions, or the depth below the surface.

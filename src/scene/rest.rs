@@ -23,7 +23,10 @@ impl Scene {
                         .into(),
                 ));
             }
-            let rest = io::read(file)?;
+            let mut rest = io::read(file)?;
+            if let (Some(frame), None) = (self.mesh.frame, rest.frame) {
+                rest.convert_to_ras(frame);
+            }
             let wrong = |e: Error| {
                 Error::Input(format!(
                     "{} is not the rest state of the rendered mesh: {e}",

@@ -41,6 +41,13 @@ impl Scene {
         if self.picture.field.is_some() {
             notes.push("rendering the scan; --field and [picture] field are ignored".to_owned());
         }
+        if self.mesh.file.is_some() && mesh.frame.is_none() {
+            notes.push(
+                "mesh states no frame of reference: its coordinates are taken as RAS, as those of \
+                the scan; otherwise set --frame lps, or frame = \"lps\" in [mesh]"
+                    .to_owned(),
+            );
+        }
         // In these modes the first scan is taken for values, unless it is set to labels.
         let mode = self.picture.mode.as_deref();
         let sums_values = matches!(mode, Some("mip" | "minip" | "mean" | "xray"));

@@ -3,7 +3,7 @@
 use super::SkinEntry;
 use super::stage::NodeSource;
 use crate::gpu::Gpu;
-use crate::mesh::TriMesh;
+use crate::mesh::{AnatomicalFrame, TriMesh};
 use crate::meshing::{Labels, MeshingConfig};
 use crate::render::TransferFunction;
 use crate::skin::{Map, Skin, SkinBase, SkinColouring};
@@ -20,13 +20,20 @@ impl SkinEntry {
             input: vec![self.file.clone()],
             above: self.above.clone(),
             labels: self.labels.clone().map(Labels::These),
+            frame: self.frame,
             ..MeshingConfig::default()
         };
         recipe.extract_surface(self.smooth.unwrap_or(0), progress)
     }
 
     /// Embeds the skin in `carrier`, and returns it with notes for the user.
-    pub(super) fn attach(&self, gpu: &Gpu, carrier: &SkinBase) -> Result<(Skin, Vec<String>)> {
+    /// `frame` is the frame of reference of the body: a skin of unknown frame meets it.
+    pub(super) fn attach(
+        &self,
+        gpu: &Gpu,
+        carrier: &SkinBase,
+        frame: Option<AnatomicalFrame>,
+    ) -> Result<(Skin, Vec<String>)> {
         if self.height.is_some() && self.height_map.is_none() {
             return Err(Error::Input(
                 "a skin has `height` without `height_map`; set both, or remove `height`".into(),
@@ -35,6 +42,17 @@ impl SkinEntry {
         let surface = match &self.surface.0 {
             Some(surface) => surface.clone(),
             None => Arc::new(self.read(&crate::no_progress)?),
+        };
+        let mut notes = Vec::new();
+        let surface = match (frame, surface.frame) {
+            (Some(_), None) => {
+                let mut own = TriMesh::clone(&surface);
+                own.notes.clear();
+                own.meet_ras();
+                notes.append(&mut own.notes);
+                Arc::new(own)
+            }
+            _ => surface,
         };
         let mut skin = Skin::new(gpu, &surface, carrier, self.mapping.unwrap_or_default())?;
         match (&self.field, self.colour) {
@@ -55,8 +73,11 @@ impl SkinEntry {
         let depth = self.height.unwrap_or(0.02);
         skin.set_height_map(map.as_ref().map(|map| (map, depth)))?;
         let name = self.file.file_name().unwrap_or_default().to_string_lossy();
-        let notes = skin.report().notes().into_iter();
-        let notes = notes.map(|note| format!("skin {name}: {note}")).collect();
+        notes.extend(skin.report().notes());
+        let notes = notes
+            .into_iter()
+            .map(|note| format!("skin {name}: {note}"))
+            .collect();
         Ok((skin, notes))
     }
 }

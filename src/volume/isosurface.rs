@@ -2,7 +2,7 @@
 
 use super::Volume;
 use super::cube_cases::CUBE_CASES;
-use crate::mesh::TriMesh;
+use crate::mesh::{AnatomicalFrame, TriMesh};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -104,6 +104,7 @@ impl Volume {
         Ok(TriMesh {
             vertices: vertices.into_iter().flat_map(|(_, slab)| slab).collect(),
             triangles: triangles.concat(),
+            frame: Some(AnatomicalFrame::Ras),
             ..TriMesh::default()
         })
     }

@@ -229,7 +229,7 @@ impl Loading {
                 (None, None) => ReusableBody {
                     mesh: match !scene.body.is_empty() || scene.grid.is_some() {
                         true => Arc::default(),
-                        false => Arc::new(scene.mesh.load_with_progress(progress)?),
+                        false => Arc::new(scene.load_mesh(progress)?),
                     },
                     radius: 0.0,
                     series: None,

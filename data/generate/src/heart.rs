@@ -127,6 +127,7 @@ pub fn surface(around: usize, along: usize, detailed: bool) -> TriMesh {
             values,
             scalar_type: ScalarType::F32,
         }],
+        frame: None,
         notes: Vec::new(),
     }
 }

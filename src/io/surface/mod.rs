@@ -5,6 +5,8 @@
 
 mod obj;
 mod ply;
+mod polygon;
+mod repair;
 mod stl;
 mod triangles;
 mod write;
@@ -13,7 +15,7 @@ pub use write::write_surface;
 
 use super::cursor::ParseResult;
 use super::raw_mesh::RawMesh;
-use crate::mesh::TriMesh;
+use crate::mesh::{AnatomicalFrame, TriMesh};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -51,5 +53,7 @@ pub(super) fn surface_of(bytes: &[u8], extension: &str) -> ParseResult<TriMesh> 
         Some(reader) => reader,
         None => super::format_of(bytes, extension)?,
     };
-    triangles::into_surface(reader(bytes)?)
+    let mut raw = reader(bytes)?;
+    raw.frame = raw.frame.or_else(|| AnatomicalFrame::stated_in(bytes));
+    triangles::into_surface(raw)
 }

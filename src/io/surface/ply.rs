@@ -41,7 +41,22 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut at = Cursor::new(bytes);
     let (encoding, elements) = header(&mut at)?;
     at.binary = encoding != Encoding::Ascii;
-    let mut body = Body { at, encoding };
+    // Where every element has its own line, a line may have more values than the header declares.
+    let total: usize = elements
+        .iter()
+        .map(|e| e.count)
+        .fold(0, usize::saturating_add);
+    let by_lines = encoding == Encoding::Ascii && {
+        let lines = at.rest().split(|b| *b == b'\n');
+        let lines = lines.filter(|line| !line.trim_ascii().is_empty());
+        lines.take(total).count() == total
+    };
+    let mut body = Body {
+        at,
+        encoding,
+        by_lines,
+        long_lines: 0,
+    };
     let mut mesh = RawMesh::default();
     for element in &elements {
         let least: usize = element.properties.iter().map(|p| p.least(encoding)).sum();
@@ -57,6 +72,12 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             "tristrips" => body.strips(element, &mut mesh)?,
             _ => body.pass_over(element)?,
         }
+    }
+    if body.long_lines > 0 {
+        mesh.warnings.push(format!(
+            "{} lines have more values than the header declares; these are ignored",
+            body.long_lines
+        ));
     }
     Ok(mesh)
 }
@@ -155,6 +176,10 @@ fn bytes_in(scalar: ScalarType) -> usize {
 struct Body<'a> {
     at: Cursor<'a>,
     encoding: Encoding,
+    /// Whether every element has its own line of text.
+    by_lines: bool,
+    /// Number of lines with more values than the header declares.
+    long_lines: usize,
 }
 
 impl Body<'_> {
@@ -204,11 +229,19 @@ impl Body<'_> {
             .collect()
     }
 
+    /// Moves to the next line after the last value of an element, if each has its own.
+    fn end_element(&mut self) {
+        if self.by_lines && !self.at.rest_of_line().trim_ascii().is_empty() {
+            self.long_lines += 1;
+        }
+    }
+
     fn pass_over(&mut self, element: &Element) -> ParseResult<()> {
         for _ in 0..element.count {
             for property in &element.properties {
                 self.items(property)?;
             }
+            self.end_element();
         }
         Ok(())
     }
@@ -228,6 +261,7 @@ impl Body<'_> {
             for (value, property) in row.iter_mut().zip(&element.properties) {
                 *value = self.items(property)?.first().copied().unwrap_or(f64::NAN);
             }
+            self.end_element();
             mesh.nodes.push(DVec3::new(row[x], row[y], row[z]));
             for (values, n) in values.iter_mut().zip(&kept) {
                 values.push(row[*n]);
@@ -258,6 +292,7 @@ impl Body<'_> {
                     mesh.cells.push(POLYGON, items.iter().map(|v| index(*v)));
                 }
             }
+            self.end_element();
         }
         Ok(())
     }
@@ -274,6 +309,7 @@ impl Body<'_> {
                     }
                 }
             }
+            self.end_element();
         }
         Ok(())
     }

@@ -12,7 +12,7 @@ const RECORD: usize = 50;
 
 /// Reads the content of an STL file.
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
-    // Binary files may begin with "solid", too: the length decides, and that text has no zeros.
+    // Binary files may begin with "solid", too: the length decides, and text has no zeros.
     let count = bytes.get(80..HEADER).map(|c| {
         let mut number = [0; 4];
         number.copy_from_slice(c);
@@ -20,10 +20,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     });
     let fits = |n: usize| n.checked_mul(RECORD).and_then(|n| n.checked_add(HEADER));
     let exact = count.and_then(fits) == Some(bytes.len());
-    let start = &bytes[..bytes.len().min(1024)];
-    let text = start.trim_ascii_start().to_ascii_lowercase();
-    let text = text.starts_with(b"solid") && !text.contains(&0);
-    if text && !exact {
+    if !exact && is_text(bytes) {
         return read_text(bytes);
     }
     let Some(count) = count else {
@@ -33,6 +30,16 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
         ));
     };
     let there = bytes.len() - HEADER;
+    let mut mesh = RawMesh::default();
+    // Programs that write triangles as they find them leave the count at 0 or at its largest.
+    let is_open_ended = [0, u32::MAX as usize].contains(&count) && there >= RECORD;
+    let stated = count;
+    let count = if is_open_ended { there / RECORD } else { count };
+    if is_open_ended {
+        mesh.warnings.push(format!(
+            "header specifies {stated} triangles; all {count} in the file read"
+        ));
+    }
     if fits(count).is_none_or(|n| n > bytes.len()) {
         return Err(format!(
             "byte 80: header specifies {count} triangles, but the file has data for {} (wrong \
@@ -40,7 +47,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             there / RECORD
         ));
     }
-    let mut mesh = RawMesh::default();
+    let exact = there == count * RECORD;
     if !exact {
         mesh.warnings.push(format!(
             "{} bytes after the last triangle ignored",
@@ -64,16 +71,59 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     Ok(mesh)
 }
 
+/// Whether this is text: it has no zeros at its start, and begins with `solid`, or has facets after
+/// lines of another kind.
+fn is_text(bytes: &[u8]) -> bool {
+    let start = bytes[..bytes.len().min(4096)].to_ascii_lowercase();
+    let has = |word: &[u8]| start.windows(word.len()).any(|w| w == word);
+    let head = &start[..start.len().min(1024)];
+    !head.contains(&0)
+        && (head.trim_ascii_start().starts_with(b"solid") || (has(b"facet") && has(b"vertex")))
+}
+
 /// Adds a triangle of the last three nodes.
 fn push_triangle(mesh: &mut RawMesh) {
     let end = mesh.nodes.len();
     mesh.cells.push(TRIANGLE, end - 3..end);
 }
 
+/// Adds the triangle of a facet with that many corners, and starts the next one.
+fn end_facet(at: &Cursor, mesh: &mut RawMesh, corners: &mut usize) -> ParseResult<()> {
+    if *corners != 3 {
+        return Err(at.error(format_args!("facet must have 3 vertices, got {corners}")));
+    }
+    push_triangle(mesh);
+    *corners = 0;
+    Ok(())
+}
+
+/// Skips the lines before the facets: the first begins with `solid`, unless another program put its
+/// own before it.
+fn skip_head(at: &mut Cursor, mesh: &mut RawMesh) {
+    let mut skipped = 0;
+    loop {
+        at.skip_space();
+        let start = at.position();
+        let line = at.rest_of_line().to_ascii_lowercase();
+        if line.starts_with(b"facet") {
+            at.go_to(start);
+            break;
+        }
+        if line.starts_with(b"solid") || at.rest().is_empty() {
+            break;
+        }
+        skipped += 1;
+    }
+    if skipped > 0 {
+        mesh.warnings
+            .push(format!("{skipped} lines before \"solid\" skipped"));
+    }
+}
+
 fn read_text(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut at = Cursor::new(bytes);
     let mut mesh = RawMesh::default();
-    at.rest_of_line(); // solid NAME
+    skip_head(&mut at, &mut mesh);
     let mut corners = 0;
     let mut ended = false;
     while let Some(token) = at.token() {
@@ -92,14 +142,19 @@ fn read_text(bytes: &[u8]) -> ParseResult<RawMesh> {
                 mesh.nodes.push(p.into());
                 corners += 1;
             }
-            b"endloop" => {
-                if corners != 3 {
-                    return Err(at.error(format_args!("facet must have 3 vertices, got {corners}")));
-                }
-                push_triangle(&mut mesh);
-                corners = 0;
-            }
+            b"endloop" => end_facet(&at, &mut mesh, &mut corners)?,
             b"endfacet" => {}
+            // Some programs write the ends as two words.
+            b"end" => match at.token().unwrap_or_default() {
+                word if word.eq_ignore_ascii_case(b"loop") => {
+                    end_facet(&at, &mut mesh, &mut corners)?;
+                }
+                word if word.eq_ignore_ascii_case(b"facet") => {}
+                _ => {
+                    ended = true;
+                    at.rest_of_line();
+                }
+            },
             word @ (b"endsolid" | b"solid") => {
                 ended = word == b"endsolid";
                 at.rest_of_line();

@@ -1,8 +1,10 @@
 //! Conversion of the cells of a file to triangles, shared by all surface readers.
 
+use super::polygon::PolygonCutter;
+use super::repair::Triangles;
 use crate::io::cursor::ParseResult;
 use crate::io::raw_mesh::RawMesh;
-use crate::mesh::{Field, Location, TriMesh};
+use crate::mesh::{AnatomicalFrame, Field, Location, NORMAL, TriMesh, UV};
 use glam::DVec3;
 use std::collections::HashMap;
 
@@ -33,24 +35,29 @@ pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
             .notes
             .push(format!("{} coincident vertices merged", vertices.merged));
     }
-    let mut kept = Vec::new();
+    let mut kept = Triangles {
+        corners: Vec::new(),
+        cells: Vec::new(),
+    };
     for (n, triangle) in triangles.iter().enumerate() {
         let [a, b, c] = triangle.map(|v| first[v as usize]);
         let [p, q, r] = [a, b, c].map(|v| vertices.places[v as usize]);
         if a != b && b != c && c != a && (q - p).cross(r - p) != DVec3::ZERO {
-            surface.triangles.push([a, b, c]);
-            kept.push(cells[n]);
+            kept.corners.push([a, b, c]);
+            kept.cells.push(cells[n]);
         }
     }
-    let flat = triangles.len() - surface.triangles.len();
+    let flat = triangles.len() - kept.corners.len();
     if flat > 0 {
         surface
             .notes
             .push(format!("{flat} triangles with zero area dropped"));
     }
-    if surface.triangles.is_empty() {
+    if kept.corners.is_empty() {
         return Err("all triangles have zero area".into());
     }
+    let opposite = repair(&mut kept, &vertices.places, &raw.fields, &mut surface.notes);
+    surface.triangles = kept.corners;
     let sources = vertices.sources;
     surface.vertices = vertices.places;
     for field in raw.fields {
@@ -68,12 +75,65 @@ pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
         };
         let from = match field.location {
             Location::Node => &sources,
-            Location::Cell => &kept,
+            Location::Cell => &kept.cells,
         };
         let values = from.iter().flat_map(|n| tuple(*n)).copied().collect();
         surface.fields.push(Field { values, ..field });
     }
+    if opposite > 0 {
+        // Which triangle of a pair comes first says nothing about the outside.
+        surface.orient_consistently();
+    }
+    if let Some(frame) = raw.frame {
+        if frame == AnatomicalFrame::Lps {
+            surface
+                .notes
+                .push("converted from LPS, which the file states, to RAS".into());
+        }
+        surface.convert_to_ras(frame);
+    }
     Ok(surface)
+}
+
+/// Drops duplicates and closes T-junctions, with notes. Returns the number of dropped triangles
+/// that were the opposite of another one.
+fn repair(
+    kept: &mut Triangles,
+    places: &[DVec3],
+    fields: &[Field],
+    notes: &mut Vec<String>,
+) -> usize {
+    let dropped = kept.drop_duplicates();
+    if dropped.same > 0 {
+        notes.push(format!(
+            "{} triangles that repeat another one dropped",
+            dropped.same
+        ));
+    }
+    if dropped.opposite > 0 {
+        notes.push(format!(
+            "two-sided surface: {} triangles with the corners of another one in opposite \
+            orientation dropped",
+            dropped.opposite
+        ));
+    }
+    // The values at the corners of a divided triangle are not those of its parts.
+    let corner_values =
+        |f: &Field| f.location == Location::Cell && [UV, NORMAL].contains(&f.name.as_str());
+    let [closed, left] = kept.close_t_junctions(places, !fields.iter().any(corner_values));
+    if closed > 0 {
+        notes.push(format!(
+            "{closed} T-junctions closed: vertices of other triangles lie on an edge, whose \
+            triangle was divided"
+        ));
+    }
+    if left > 0 {
+        notes.push(format!(
+            "{left} T-junctions left open: vertices of other triangles lie beside an edge and are \
+            not joined to it; merge them in the program that made the surface"
+        ));
+    }
+    dropped.opposite
 }
 
 fn used(triangles: &[[u32; 3]]) -> impl Iterator<Item = u32> {
@@ -84,6 +144,8 @@ fn used(triangles: &[[u32; 3]]) -> impl Iterator<Item = u32> {
 #[allow(clippy::type_complexity)]
 fn triangulated(raw: &RawMesh) -> ParseResult<(Vec<[u32; 3]>, Vec<u32>, usize)> {
     let (mut triangles, mut cells, mut dropped) = (Vec::new(), Vec::new(), 0);
+    let mut cutter = PolygonCutter::new();
+    let mut places = Vec::new();
     let mut cell = 0;
     while let Some((kind, nodes)) = raw.cells.get(cell) {
         if let Some(bad) = nodes.iter().find(|v| **v as usize >= raw.nodes.len()) {
@@ -103,8 +165,12 @@ fn triangulated(raw: &RawMesh) -> ParseResult<(Vec<[u32; 3]>, Vec<u32>, usize)> 
             })),
             // The corners of a pixel are in row order.
             (8, [a, b, c, d]) => triangles.extend([[*a, *b, *d], [*a, *d, *c]]),
-            (5 | 7 | 9, [a, rest @ ..]) => {
-                triangles.extend(rest.windows(2).map(|w| [*a, w[0], w[1]]));
+            (5, [a, b, c]) => triangles.push([*a, *b, *c]),
+            (5 | 7 | 9, nodes) => {
+                places.clear();
+                places.extend(nodes.iter().map(|v| raw.nodes[*v as usize]));
+                let parts = cutter.triangles(&places).into_iter();
+                triangles.extend(parts.map(|part| part.map(|n| nodes[n])));
             }
             _ => dropped += 1,
         }

@@ -35,6 +35,12 @@ pub fn write_surface(path: impl AsRef<Path>, surface: &TriMesh) -> Result<()> {
     atomic_write(path, |file| fill(surface, file).map_err(Error::io(path)))
 }
 
+/// Returns a line that states the frame of reference, as 3D Slicer reads it; empty if it is unknown.
+fn frame_line(before: &str, surface: &TriMesh) -> String {
+    let frame = surface.frame;
+    frame.map_or(String::new(), |f| format!("{before}{}\n", f.statement()))
+}
+
 fn ply(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
     let fields: Vec<&Field> = surface
         .fields
@@ -44,7 +50,8 @@ fn ply(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
         .collect();
     write!(
         file,
-        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n",
+        "ply\nformat binary_little_endian 1.0\n{}element vertex {}\nproperty double x\nproperty double y\nproperty double z\n",
+        frame_line("comment ", surface),
         surface.vertices.len()
     )?;
     for field in &fields {
@@ -75,6 +82,7 @@ fn ply(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
 }
 
 fn obj(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
+    write!(file, "{}", frame_line("# ", surface))?;
     for p in &surface.vertices {
         writeln!(file, "v {} {} {}", p.x, p.y, p.z)?;
     }
@@ -96,7 +104,12 @@ fn obj(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
 
 fn stl(surface: &TriMesh, file: &mut dyn Write) -> std::io::Result<()> {
     let mut header = [b' '; 80];
-    header[..20].copy_from_slice(b"binary STL, Palpate ");
+    let title = frame_line("binary STL, Palpate. ", surface);
+    let title = match title.trim_end() {
+        "" => "binary STL, Palpate",
+        title => title,
+    };
+    header[..title.len()].copy_from_slice(title.as_bytes());
     file.write_all(&header)?;
     file.write_all(&(surface.triangles.len() as u32).to_le_bytes())?;
     for triangle in &surface.triangles {

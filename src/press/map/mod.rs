@@ -9,7 +9,7 @@ use super::{DEPTH, on_table, only_tets, prepare_scene, table};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::scene::{Scene, scene_hash};
-use crate::{Error, Result};
+use crate::{Error, Result, no_progress};
 use finger::{Bench, PressSettings};
 use flate2::Crc;
 use glam::DVec3;
@@ -110,7 +110,7 @@ impl PressMap {
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         only_tets(scene)?;
         wanted.check()?;
-        let mesh = scene.mesh.load()?;
+        let mesh = scene.load_mesh(&no_progress)?;
         let (mut scene, down) = prepare_scene(scene);
         scene.pin.push(table(down));
         let mut up = DVec3::ZERO;

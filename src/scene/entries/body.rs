@@ -1,7 +1,7 @@
 //! Entries of the bodies of a scene: the mesh, the particle grid and `[[body]]`.
 
 use super::ForceEntry;
-use crate::mesh::Length;
+use crate::mesh::{AnatomicalFrame, Length};
 use crate::mesher::ThresholdRange;
 use crate::physics::EngineChoice;
 use crate::scene::LabelOrName;
@@ -74,6 +74,10 @@ pub struct MeshSource {
     /// in the mesh file, or else `m`.
     #[serde(default, deserialize_with = "keywords::unit")]
     pub unit: Option<Unit>,
+    /// Frame of reference of a file that does not state its own: `ras` or `lps`. Without it the
+    /// coordinates are kept, and a surface that meets a scan is taken as LPS.
+    #[serde(default, deserialize_with = "keywords::frame")]
+    pub frame: Option<AnatomicalFrame>,
 }
 
 /// Another mesh of the same body. Nodes are not merged, so the meshes interact only with

@@ -1,7 +1,7 @@
 //! Entries of forces, the floor, grabs, cuts and embedded surfaces (skins).
 
 use super::body::present_list;
-use crate::mesh::TriMesh;
+use crate::mesh::{AnatomicalFrame, TriMesh};
 use crate::mesher::ThresholdRange;
 use crate::scene::keywords;
 use crate::scene::{Preloaded, Region};
@@ -106,6 +106,10 @@ pub struct SkinEntry {
     pub above: Vec<ThresholdRange>,
     /// Labels of a volume whose boundary is extracted.
     pub labels: Option<Vec<i64>>,
+    /// Frame of reference of a surface file that does not state its own: `ras` or `lps`. Without it
+    /// the coordinates are kept, or taken as LPS on a body of known frame.
+    #[serde(default, deserialize_with = "keywords::frame")]
+    pub frame: Option<AnatomicalFrame>,
     /// Number of smoothing iterations.
     pub smooth: Option<u32>,
     /// How vertices are embedded in the mesh; by default chosen for each vertex.

@@ -8,7 +8,7 @@ use crate::physics::grid::GridShape;
 use crate::scene::active_blade::ActiveBlade;
 use crate::scene::appearance::SceneAppearance;
 use crate::scene::{Motion, Scene, ToolEntry, bodies};
-use crate::{Error, Result};
+use crate::{Error, Result, no_progress};
 
 impl Stage {
     /// Loads the mesh of `scene` and prepares everything on `gpu`.
@@ -21,7 +21,7 @@ impl Stage {
             return Stage::with_bodies(gpu, scene);
         }
         let Some(grid) = &scene.grid else {
-            return Stage::with_mesh(gpu, scene, scene.mesh.load()?);
+            return Stage::with_mesh(gpu, scene, scene.load_mesh(&no_progress)?);
         };
         let (shape, mesh, notes) = scene.carve(grid)?;
         let mut stage = Stage::assemble(gpu, scene, mesh, Some(shape))?;

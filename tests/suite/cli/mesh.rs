@@ -1,6 +1,6 @@
 //! `palpate mesh`, and scenes that mesh their input.
 
-use crate::cli::{DATA, failure, folder, palpate, stdout, text};
+use crate::cli::{DATA, failure, folder, palpate, real, stdout, text};
 use std::path::Path;
 
 /// Returns the path of a shipped file.
@@ -212,5 +212,103 @@ fn scene_meshes_its_volume() {
             .filter(|p| p.0.iter().any(|c| *c > 40))
             .count();
         assert!(seen > 1000, "{scene}: {seen} pixels show anything");
+    }
+}
+
+/// Returns the range of a field of a mesh.
+fn field_range(path: &Path, name: &str) -> (f64, f64) {
+    let mesh = palpate::io::read(path).unwrap();
+    let field = mesh.fields.iter().find(|f| f.name == name).unwrap();
+    field.range().unwrap()
+}
+
+#[test]
+fn surface_meets_a_scan_in_its_frame() {
+    let (Some(lps), Some(ras), Some(scan)) = (
+        real("cases/07_box_lps.stl"),
+        real("cases/07_box_ras.stl"),
+        real("cases/07_scan.nii.gz"),
+    ) else {
+        return;
+    };
+    let folder = folder("mesh_frames");
+    let silent = |name: &str, of: &str| {
+        let mut bytes = std::fs::read(of).unwrap();
+        bytes[..80].fill(b' ');
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        text(&path).to_owned()
+    };
+    let (silent_lps, silent_ras) = (silent("lps.stl", &lps), silent("ras.stl", &ras));
+    let out = folder.join("box.vtu");
+    let intensity = format!("ct={scan}");
+    let meshed = |file: &str, more: &[&str]| {
+        let mut words = vec!["mesh", file, "--tets", "2000", "--out", text(&out)];
+        words.extend(["--intensity", &intensity]);
+        words.extend(more);
+        let done = palpate(&words);
+        stdout(&done);
+        String::from_utf8_lossy(&done.stderr).into_owned()
+    };
+    let is_right = || {
+        let (low, high) = field_range(&out, "ct");
+        assert!(
+            (555.0..570.0).contains(&low) && (895.0..915.0).contains(&high),
+            "{low} {high}"
+        );
+        let info = stdout(&palpate(&["info", text(&out)]));
+        assert!(info.contains("RAS"), "{info}");
+    };
+    for file in [&lps, &ras] {
+        assert!(!meshed(file, &[]).contains("--frame"));
+        is_right();
+    }
+    let notes = meshed(&silent_lps, &[]);
+    assert!(
+        notes.contains("taken as LPS") && notes.contains("--frame ras"),
+        "{notes}"
+    );
+    is_right();
+    assert!(!meshed(&silent_ras, &["--frame", "ras"]).contains("taken as"));
+    is_right();
+    meshed(&silent_lps, &["--frame", "lps"]);
+    is_right();
+    // A scene takes a silent surface in the same way.
+    let scene = folder.join("scene.toml");
+    for (file, frame) in [(&silent_lps, ""), (&silent_ras, "frame = \"ras\"\n")] {
+        let source = format!(
+            "[mesh]\nfile = \"{file}\"\n{frame}tets = 2000\nunit = \"mm\"\n[[scan]]\nfile = \"{scan}\"\n"
+        );
+        std::fs::write(&scene, source).unwrap();
+        let read = palpate::scene::Scene::read(&scene).unwrap();
+        let mesh = read.load_mesh(&palpate::no_progress).unwrap();
+        let (low, high) = mesh.bounds();
+        assert!(low.x > 0.0 && high.x < 45.0 && low.y > 0.0, "{low} {high}");
+    }
+    // Alone it keeps its coordinates.
+    let alone = palpate(&["mesh", &silent_lps, "--tets", "2000", "--out", text(&out)]);
+    stdout(&alone);
+    let mesh = palpate::io::read(&out).unwrap();
+    assert!(mesh.bounds().1.x < 0.0 && mesh.frame.is_none());
+}
+
+#[test]
+fn lone_voxels_are_meshed_within_seconds() {
+    let folder = folder("mesh_lone");
+    for (name, voxels, side) in [
+        ("09_one_voxel", 1.0, 2.0f64),
+        ("10_diagonal_line", 20.0, 1.0),
+    ] {
+        let Some(file) = real(&format!("cases/{name}.nii.gz")) else {
+            return;
+        };
+        let out = folder.join("lone.vtu");
+        let done = palpate(&["mesh", &file, "--tets", "5000", "--out", text(&out)]);
+        stdout(&done);
+        let notes = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert!(notes.contains("lone or diagonal voxels"), "{notes}");
+        let volume = palpate::io::read(&out).unwrap().volume();
+        let wanted = voxels * side.powi(3);
+        assert!((volume / wanted - 1.0).abs() < 0.1, "{name}: {volume}");
     }
 }

@@ -12,6 +12,8 @@ mod parse;
 mod polyhedra;
 mod robust;
 mod sample;
+mod space;
+mod surface_repairs;
 mod surfaces;
 mod variants;
 mod volume_files;

@@ -4,3 +4,4 @@ mod labels;
 mod scans;
 mod solids;
 mod support;
+mod thin;
