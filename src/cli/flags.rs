@@ -200,9 +200,10 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Physics")]
     pub poisson: Option<f64>,
     /// Select the volumetric formulation of neo-hookean and corotated: per-tet, or averaged, which
-    /// avoids volumetric locking as Poisson's ratio approaches 1/2 [default: per-tet]
+    /// avoids volumetric locking as Poisson's ratio approaches 1/2 [default: per-tet]; or, by its
+    /// number from 0, one of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
-    pub volume: Option<VolumetricFormulation>,
+    pub volume: Vec<VolumeFlag>,
     /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -292,6 +293,7 @@ impl SceneFlags {
         if !given.scan.is_empty() {
             let entry = |file: &PathBuf| ScanEntry {
                 file: file.clone(),
+                number: self.volume_number(),
                 ..ScanEntry::default()
             };
             scene.scan = given.scan.iter().map(entry).collect();
@@ -347,7 +349,11 @@ impl SceneFlags {
         override_with(self.material, &mut material.model);
         override_with(self.young, &mut material.young);
         override_with(self.poisson, &mut material.poisson);
-        override_with(self.volume, &mut material.volume);
+        let formulation = self.volume.iter().find_map(|flag| match flag {
+            VolumeFlag::Formulation(formulation) => Some(*formulation),
+            VolumeFlag::Number(_) => None,
+        });
+        override_with(formulation, &mut material.volume);
         override_with(self.density, &mut material.density);
         if self.damping.is_some() {
             (material.damping_ratio, material.damping_hz) = (None, None);
@@ -370,6 +376,17 @@ impl SceneFlags {
             override_with(self.unit.clone(), &mut scene.mesh.unit);
             override_with(self.tets, &mut scene.mesh.tets);
         }
+        if self.scan.is_empty() {
+            override_with(self.volume_number(), &mut scene.mesh.volume);
+        }
+    }
+
+    /// Returns the number of one of several volumes in a file, if it is given.
+    fn volume_number(&self) -> Option<usize> {
+        self.volume.iter().find_map(|flag| match flag {
+            VolumeFlag::Number(number) => Some(*number),
+            VolumeFlag::Formulation(_) => None,
+        })
     }
 
     /// Adds planes and isosurfaces to those of the scene.
@@ -415,6 +432,24 @@ fn hex(colour: [f64; 3]) -> String {
 fn override_with<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
+    }
+}
+
+/// A volumetric formulation, or the number of one of several volumes in a file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum VolumeFlag {
+    Formulation(VolumetricFormulation),
+    Number(usize),
+}
+
+impl FromStr for VolumeFlag {
+    type Err = palpate::Error;
+
+    fn from_str(text: &str) -> palpate::Result<VolumeFlag> {
+        match text.parse() {
+            Ok(number) => Ok(VolumeFlag::Number(number)),
+            Err(_) => text.parse().map(VolumeFlag::Formulation),
+        }
     }
 }
 

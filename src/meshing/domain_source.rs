@@ -75,7 +75,7 @@ impl MeshingConfig {
                     names: regions.names,
                     unit: Some(MILLIMETRE),
                     volume: by_value.then_some(volume),
-                    notes: Vec::new(),
+                    notes: volume.notes.clone(),
                 })
             }),
             Kind::Surface => {
@@ -118,7 +118,7 @@ impl MeshingConfig {
                 file.display()
             )));
         }
-        let volume = io::read_volume(file)?;
+        let volume = io::read_volume_number(file, self.number)?;
         let windows = self.windows();
         if !windows.is_empty() {
             if self.labels.is_some() {

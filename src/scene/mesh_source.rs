@@ -74,7 +74,13 @@ impl MeshSource {
     fn welded(&self, progress: ProgressFn) -> Result<TetMesh> {
         let lump = self.lump()?;
         match (&self.file, &self.generate) {
-            (Some(file), None) if io::detect_kind(file)? == Kind::Mesh => io::read(file),
+            (Some(file), None) if io::detect_kind(file)? == Kind::Mesh => match self.volume {
+                None => io::read(file),
+                Some(_) => Err(Error::Input(format!(
+                    "[mesh] volume selects one of the volumes of a file, and {} is a mesh; remove it",
+                    file.display()
+                ))),
+            },
             (Some(_), None) => self.made(progress),
             (None, Some(name)) => match self.tets {
                 Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
@@ -150,6 +156,7 @@ impl MeshSource {
             },
             grading: self.grading,
             min_island: self.min_island,
+            number: self.volume,
             unit: self.unit.as_ref().map(|u| u.metres()).transpose()?,
             ..MeshingConfig::default()
         })
