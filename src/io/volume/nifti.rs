@@ -97,8 +97,10 @@ fn voxels_beside(header: &[u8], fetch: Fetch) -> ParseResult<Vec<u8>> {
         Packing::Raw => ["*.img", "*.img.gz", "*.IMG"],
         _ => ["*.img.gz", "*.img", "*.IMG"],
     };
-    let first = fetch(names[0]);
-    first.or_else(|e| fetch(names[1]).or_else(|_| fetch(names[2])).map_err(|_| e))
+    fetch(names[0]).or_else(|first| {
+        let other = fetch(names[1]);
+        other.or_else(|second| fetch(names[2]).map_err(|_| format!("{first}; {second}")))
+    })
 }
 
 impl<'a> Header<'a> {
@@ -336,7 +338,7 @@ impl<'a> Header<'a> {
         let sform = self.sform();
         // Zeros are a code that was set without its matrix.
         let empty = in_sform && sform.matrix3 == DMat3::ZERO;
-        let flat = sform.matrix3.determinant() == 0.0 || !sform.is_finite();
+        let flat = sform.matrix3.determinant() == 0.0;
         let unusable = empty || (in_sform && in_qform && flat);
         let (name, affine) = if in_sform && !unusable {
             ("sform", sform)

@@ -13,6 +13,8 @@ mod sample;
 mod surfaces;
 mod variants;
 mod volume_files;
+mod volume_repairs;
+mod volume_series;
 mod volumes;
 #[cfg(feature = "dicom")]
 mod volumes_dicom;
