@@ -1,8 +1,9 @@
 //! Flags shared by all commands that render; they override the values of a scene.
 
+use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
 use palpate::annotate::Axes;
-use palpate::physics::{EngineChoice, MaterialModel, VolumetricFormulation};
+use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
 use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
@@ -293,7 +294,7 @@ impl SceneFlags {
         if !given.scan.is_empty() {
             let entry = |file: &PathBuf| ScanEntry {
                 file: file.clone(),
-                number: self.volume_number(),
+                number: volume_flag::number(&self.volume),
                 ..ScanEntry::default()
             };
             scene.scan = given.scan.iter().map(entry).collect();
@@ -349,10 +350,7 @@ impl SceneFlags {
         override_with(self.material, &mut material.model);
         override_with(self.young, &mut material.young);
         override_with(self.poisson, &mut material.poisson);
-        let formulation = self.volume.iter().find_map(|flag| match flag {
-            VolumeFlag::Formulation(formulation) => Some(*formulation),
-            VolumeFlag::Number(_) => None,
-        });
+        let formulation = volume_flag::formulation(&self.volume);
         override_with(formulation, &mut material.volume);
         override_with(self.density, &mut material.density);
         if self.damping.is_some() {
@@ -377,16 +375,8 @@ impl SceneFlags {
             override_with(self.tets, &mut scene.mesh.tets);
         }
         if self.scan.is_empty() {
-            override_with(self.volume_number(), &mut scene.mesh.volume);
+            override_with(volume_flag::number(&self.volume), &mut scene.mesh.volume);
         }
-    }
-
-    /// Returns the number of one of several volumes in a file, if it is given.
-    fn volume_number(&self) -> Option<usize> {
-        self.volume.iter().find_map(|flag| match flag {
-            VolumeFlag::Number(number) => Some(*number),
-            VolumeFlag::Formulation(_) => None,
-        })
     }
 
     /// Adds planes and isosurfaces to those of the scene.
@@ -432,24 +422,6 @@ fn hex(colour: [f64; 3]) -> String {
 fn override_with<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
-    }
-}
-
-/// A volumetric formulation, or the number of one of several volumes in a file.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum VolumeFlag {
-    Formulation(VolumetricFormulation),
-    Number(usize),
-}
-
-impl FromStr for VolumeFlag {
-    type Err = palpate::Error;
-
-    fn from_str(text: &str) -> palpate::Result<VolumeFlag> {
-        match text.parse() {
-            Ok(number) => Ok(VolumeFlag::Number(number)),
-            Err(_) => text.parse().map(VolumeFlag::Formulation),
-        }
     }
 }
 
