@@ -6,4 +6,5 @@ fuzz_target!(|data: &[u8]| {
     let (header, voxels) = palpate_fuzz::halves(data);
     let _ = fuzz::volume(header, voxels);
     let _ = fuzz::volume(data, voxels);
+    let _ = fuzz::volume_number("", data, 1);
 });

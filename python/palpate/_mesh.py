@@ -128,8 +128,8 @@ class Mesh:
             labels: ``"all"``, or the labels that become regions.
             progress: called with the current stage and its completed fraction.
             more: other keys of ``[mesh]`` of a scene: ``above``, ``between``, ``grading``,
-                ``min_island``, ``unit``, ``frame`` (``"ras"`` or ``"lps"``, for a surface that
-                does not state its own).
+                ``min_island``, ``unit``, ``volume`` (one of several in the file, from 0),
+                ``frame`` (``"ras"`` or ``"lps"``, for a surface that does not state its own).
         """
         entries = {"file": fspath(path), "tets": tets, "edge": edge, "labels": labels, **more}
         return cls._load(entries, Path(), progress)

@@ -53,9 +53,14 @@ class Volume:
         return volume
 
     @classmethod
-    def read(cls, path: PathOf) -> Volume:
-        """Reads NRRD, NIfTI, MetaImage, or a folder of DICOM slices."""
-        return cls._of(_palpate.Volume.read(fspath(path)))
+    def read(cls, path: PathOf, *, volume: int | None = None) -> Volume:
+        """Reads NIfTI, Analyze, NRRD, MetaImage, MGH, or DICOM: a file or a folder of slices.
+
+        Args:
+            path: file or folder.
+            volume: which of several volumes (times, echoes, components), counted from 0.
+        """
+        return cls._of(_palpate.Volume.read(fspath(path), volume))
 
     @classmethod
     def from_nibabel(cls, image: Any) -> Volume:
@@ -94,6 +99,16 @@ class Volume:
     def names(self) -> dict[int, str]:
         """Names of labels."""
         return self._native.names()
+
+    @property
+    def colours(self) -> dict[int, tuple[float, float, float]]:
+        """Colours of labels, RGB from 0 to 1, if the file has them."""
+        return {k: (r, g, b) for k, (r, g, b) in self._native.colours().items()}
+
+    @property
+    def notes(self) -> list[str]:
+        """What was repaired or assumed in reading, one sentence each."""
+        return self._native.notes()
 
     def __repr__(self) -> str:
         return f"<palpate.Volume of {' × '.join(str(n) for n in self._native.size())} voxels>"

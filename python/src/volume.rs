@@ -73,19 +73,22 @@ impl Volume {
                 ),
             ));
         }
-        Ok(Volume(Arc::new(palpate::volume::Volume {
+        let mut volume = palpate::volume::Volume {
             size,
             raw,
-            slope: 1.0,
-            intercept: 0.0,
             to_world,
             label_names: names,
-        })))
+            ..palpate::volume::Volume::default()
+        };
+        volume.round_near_labels();
+        Ok(Volume(Arc::new(volume)))
     }
 
     #[staticmethod]
-    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Volume> {
-        let volume = py.detach(|| palpate::io::read_volume(&path)).or_raise(py)?;
+    #[pyo3(signature = (path, number=None))]
+    fn read(py: Python<'_>, path: PathBuf, number: Option<usize>) -> PyResult<Volume> {
+        let read = || palpate::io::read_volume_number(&path, number);
+        let volume = py.detach(read).or_raise(py)?;
         Ok(Volume(Arc::new(volume)))
     }
 
@@ -116,5 +119,13 @@ impl Volume {
 
     fn names(&self) -> BTreeMap<i64, String> {
         self.0.label_names.clone()
+    }
+
+    fn colours(&self) -> BTreeMap<i64, [f64; 3]> {
+        self.0.label_colours.clone()
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.0.notes.clone()
     }
 }

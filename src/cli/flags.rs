@@ -1,9 +1,10 @@
 //! Flags shared by all commands that render; they override the values of a scene.
 
+use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
 use palpate::annotate::Axes;
 use palpate::mesh::AnatomicalFrame;
-use palpate::physics::{EngineChoice, MaterialModel, VolumetricFormulation};
+use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
 use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
@@ -201,9 +202,10 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Physics")]
     pub poisson: Option<f64>,
     /// Select the volumetric formulation of neo-hookean and corotated: per-tet, or averaged, which
-    /// avoids volumetric locking as Poisson's ratio approaches 1/2 [default: per-tet]
+    /// avoids volumetric locking as Poisson's ratio approaches 1/2 [default: per-tet]; or a number
+    /// from 0: one of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
-    pub volume: Option<VolumetricFormulation>,
+    pub volume: Vec<VolumeFlag>,
     /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -249,13 +251,12 @@ pub struct SceneFlags {
 impl SceneFlags {
     /// Builds the scene of `input` (a scene file or a mesh file) and these flags.
     pub fn scene(&self, input: &Path) -> palpate::Result<Scene> {
-        let is_scene = input
+        let mut scene = match input
             .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-        let mut scene = if is_scene {
-            Scene::read(input)?
-        } else {
-            Scene::of_mesh(input)
+            .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+        {
+            true => Scene::read(input)?,
+            false => Scene::of_mesh(input),
         };
         self.override_camera(&mut scene);
         self.override_picture(&mut scene);
@@ -296,6 +297,7 @@ impl SceneFlags {
         if !given.scan.is_empty() {
             let entry = |file: &PathBuf| ScanEntry {
                 file: file.clone(),
+                number: volume_flag::number(&self.volume),
                 ..ScanEntry::default()
             };
             scene.scan = given.scan.iter().map(entry).collect();
@@ -351,7 +353,7 @@ impl SceneFlags {
         override_with(self.material, &mut material.model);
         override_with(self.young, &mut material.young);
         override_with(self.poisson, &mut material.poisson);
-        override_with(self.volume, &mut material.volume);
+        override_with(volume_flag::formulation(&self.volume), &mut material.volume);
         override_with(self.density, &mut material.density);
         if self.damping.is_some() {
             (material.damping_ratio, material.damping_hz) = (None, None);
@@ -376,6 +378,8 @@ impl SceneFlags {
             override_with(self.frame, &mut scene.mesh.frame);
             override_with(self.tets, &mut scene.mesh.tets);
         }
+        let number = volume_flag::number(&self.volume).filter(|_| self.scan.is_empty());
+        override_with(number, &mut scene.mesh.volume);
     }
 
     /// Adds planes and isosurfaces to those of the scene.
@@ -399,12 +403,13 @@ impl SceneFlags {
         add(&self.clip_box_rest, true, around);
         add(&self.slice, false, slice);
         add(&self.slice_rest, true, slice);
-        let surfaces = self.iso.iter().map(|iso| IsosurfaceEntry {
-            value: iso.value,
-            colour: iso.colour.map(hex),
-            opacity: Some(iso.opacity),
-        });
-        scene.isosurface.extend(surfaces);
+        scene
+            .isosurface
+            .extend(self.iso.iter().map(|iso| IsosurfaceEntry {
+                value: iso.value,
+                colour: iso.colour.map(hex),
+                opacity: Some(iso.opacity),
+            }));
         if self.no_volume {
             scene.picture.volume = Some(false);
         }
@@ -413,8 +418,7 @@ impl SceneFlags {
 
 /// Formats a colour as `#rrggbb`.
 fn hex(colour: [f64; 3]) -> String {
-    let byte = |x: f64| (255.0 * x).round() as u8;
-    let [r, g, b] = colour.map(byte);
+    let [r, g, b] = colour.map(|x| (255.0 * x).round() as u8);
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 

@@ -12,9 +12,12 @@ use std::path::PathBuf;
 /// Arguments of `info`.
 #[derive(Args)]
 pub struct InfoArguments {
-    /// Mesh (.vtk, .vtu, .msh, .node or .ele, .mesh, .inp), volume (.nii, .nii.gz, .nrrd, .nhdr,
-    /// .mhd, .mha, a DICOM folder) or surface (.stl, .ply, .obj, .vtk)
+    /// Mesh (.vtk, .vtu, .msh, .node or .ele, .mesh, .inp), volume (.nii, .nii.gz, .hdr with .img,
+    /// .nrrd, .nhdr, .mhd, .mha, .mgz, DICOM: a file or a folder of slices) or surface (.stl, .ply, .obj, .vtk)
     file: PathBuf,
+    /// Select one of several volumes in the file (times, echoes, components), counted from 0
+    #[arg(long, value_name = "K")]
+    volume: Option<usize>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -23,8 +26,18 @@ pub struct InfoArguments {
 /// Prints the description of the content of a file.
 pub fn run(arguments: &InfoArguments) -> anyhow::Result<Outcome> {
     let file = &arguments.file;
-    match io::detect_kind(file)? {
-        Kind::Volume => print(&VolumeDescription::new(&io::read_volume(file)?), arguments),
+    let kind = io::detect_kind(file)?;
+    if arguments.volume.is_some() && kind != Kind::Volume {
+        anyhow::bail!(
+            "--volume applies to volumes only, and {} is none; omit it",
+            file.display()
+        );
+    }
+    match kind {
+        Kind::Volume => {
+            let volume = io::read_volume_number(file, arguments.volume)?;
+            print(&VolumeDescription::new(&volume), arguments)
+        }
         Kind::Surface => print(
             &SurfaceDescription::new(&io::read_surface(file)?),
             arguments,

@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 /// Arguments of `mesh`.
 #[derive(Args)]
 pub struct MeshArguments {
-    /// Volume (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder), closed surfaces (.stl, .ply,
-    /// .obj, .vtk; one per region, later ones inside earlier ones), or, to extract a surface, a tet
-    /// mesh
+    /// Volume (.nii, .nii.gz, .hdr with .img, .nrrd, .nhdr, .mhd, .mha, .mgz, DICOM: a file or a folder
+    /// of slices), closed surfaces (.stl, .ply, .obj, .vtk; one per region, later ones inside earlier
+    /// ones), or, to extract a surface, a tet mesh
     #[arg(required = true)]
     input: Vec<PathBuf>,
     /// Write the mesh (.vtu, .vtk, .msh, .mesh, .node with .ele, .inp; .pvtu with --pieces) or surface
@@ -23,6 +23,10 @@ pub struct MeshArguments {
     /// resolution, or the boundary of the labels of a tet mesh
     #[arg(long, short)]
     out: PathBuf,
+
+    /// Select one of several volumes in the file (times, echoes, components), counted from 0
+    #[arg(long, value_name = "K")]
+    volume: Option<usize>,
 
     /// Create regions from labels: all, or a list such as 1,2,5
     #[arg(long, help_heading = "Regions", value_parser = labels)]
@@ -143,6 +147,7 @@ impl MeshArguments {
             },
             grading: Some(self.grading),
             min_island: self.min_island,
+            number: self.volume,
             unit,
             frame: self.frame,
             meets_scan: false,

@@ -22,6 +22,7 @@ mod simulate;
 mod study;
 mod tune;
 mod view;
+mod volume_flag;
 mod warp;
 
 use clap::{CommandFactory, Parser, Subcommand};

@@ -17,8 +17,12 @@ const MILLIMETRE: f64 = 1e-3;
 /// Arguments of `warp`.
 #[derive(Args)]
 pub struct WarpArguments {
-    /// Scan of the body at rest (.nii, .nii.gz, .nrrd, .nhdr, .mhd, .mha, a DICOM folder)
+    /// Scan of the body at rest (.nii, .nii.gz, .hdr with .img, .nrrd, .nhdr, .mhd, .mha, .mgz, DICOM:
+    /// a file or a folder of slices)
     scan: PathBuf,
+    /// Select one of several volumes in the scan (times, echoes, components), counted from 0
+    #[arg(long, value_name = "K")]
+    volume: Option<usize>,
     /// Set the mesh at rest, in the scan's world coordinates (RAS; in mm, or the unit in its file), as
     /// made from the scan by `palpate mesh` [default: the mesh of the scene]
     #[arg(long, value_name = "REST")]
@@ -67,9 +71,13 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
     if !is_scene && arguments.steps.is_some() {
         anyhow::bail!("--steps requires a scene; remove it for a deformed mesh");
     }
-    let scan = progress::with_message("reading", || io::read_volume(&arguments.scan))?;
+    let scan = progress::with_message("reading", || {
+        io::read_volume_number(&arguments.scan, arguments.volume)
+    })?;
+    print_notes(&scan.notes);
     let grid = match &arguments.like {
-        Some(path) => io::read_volume(path)?.grid(),
+        // Several volumes have one grid.
+        Some(path) => io::read_volume_number(path, Some(0))?.grid(),
         None => scan.grid(),
     };
     let rest = arguments.mesh.as_deref().map(read).transpose()?;

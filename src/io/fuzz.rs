@@ -38,7 +38,13 @@ pub fn surface(extension: &str, bytes: &[u8]) -> ParseOutcome<TriMesh> {
 
 /// Parses a volume file whose detached data are all `data`.
 pub fn volume(bytes: &[u8], data: &[u8]) -> ParseOutcome<Volume> {
-    super::volume::volume_of(bytes, "", &|_| Ok(data.to_vec()))
+    super::volume::volume_of(bytes, "", &|_| Ok(data.to_vec()), None)
+}
+
+/// As [`volume`], for volume `number` of the file `NAME.extension`.
+pub fn volume_number(extension: &str, bytes: &[u8], number: usize) -> ParseOutcome<Volume> {
+    let no_other = |_: &str| Err("no other file".to_owned());
+    super::volume::volume_of(bytes, extension, &no_other, Some(number))
 }
 
 /// Parses a DICOM file; returns whether it contains an image.

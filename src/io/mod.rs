@@ -62,7 +62,7 @@ pub(crate) use pvtu::PRIVATE_PREFIX;
 pub use pvtu::{is_pieces, piece_files, read_piece, write_pieces};
 pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
-pub use volume::{read_volume, write_volume};
+pub use volume::{read_volume, read_volume_number, write_volume};
 
 use content::{content, content_of};
 

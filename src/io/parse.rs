@@ -54,5 +54,6 @@ pub fn parse_volume(name: &str, bytes: &[u8]) -> Result<Volume> {
             data.trim()
         ))
     };
-    volume::volume_of(bytes, &volume::extension(path), &fetch).map_err(|e| Error::format(path, e))
+    volume::volume_of(bytes, &volume::extension(path), &fetch, None)
+        .map_err(|e| Error::format(path, e))
 }

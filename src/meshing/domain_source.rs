@@ -133,7 +133,7 @@ impl MeshingConfig {
                     unit: Some(MILLIMETRE),
                     frame: Some(AnatomicalFrame::Ras),
                     volume: by_value.then_some(volume),
-                    notes: regions.notes,
+                    notes: volume.notes.iter().cloned().chain(regions.notes).collect(),
                 })
             }),
             Kind::Surface => {
@@ -179,7 +179,7 @@ impl MeshingConfig {
                 file.display()
             )));
         }
-        let volume = io::read_volume(file)?;
+        let volume = io::read_volume_number(file, self.number)?;
         let windows = self.windows();
         if !windows.is_empty() {
             if self.labels.is_some() {

@@ -11,6 +11,7 @@ use crate::mesher::{
     mesh_domain,
 };
 use crate::progress::ProgressScope;
+use crate::volume::Volume;
 use crate::{Error, ProgressFn, Result, no_progress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -58,6 +59,9 @@ pub struct MeshingConfig {
     /// Pairs of regions, by name or label, whose interface is split; see
     /// [`TetMesh::split_interface`].
     pub split_interfaces: Vec<[String; 2]>,
+    /// Which volume of an input of several (times, echoes, components) is meshed, counted from 0;
+    /// also that of intensities.
+    pub number: Option<usize>,
     /// Unit of surface files in metres; volumes are in mm.
     pub unit: Option<f64>,
     /// Frame of reference of surface files that do not state theirs. Without it, their coordinates
@@ -138,7 +142,14 @@ impl MeshingConfig {
             ));
         };
         ProgressScope::begin(progress, "reading", 0.0)?;
-        let mut made = match io::detect_kind(first)? {
+        let kind = io::detect_kind(first)?;
+        if self.number.is_some() && kind != Kind::Volume && self.intensities.is_empty() {
+            return Err(Error::Input(format!(
+                "the number of a volume (`volume`) applies to volumes only, and {} is none; omit it",
+                first.display()
+            )));
+        }
+        let mut made = match kind {
             Kind::Volume => self.mesh_volume(first, progress)?,
             Kind::Surface => self.mesh_surfaces(progress)?,
             Kind::Mesh => {
@@ -151,7 +162,10 @@ impl MeshingConfig {
         };
         for (name, file) in &self.intensities {
             ProgressScope::begin(progress, "intensities", 0.95)?;
-            let field = io::read_volume(file)?.onto_nodes(&made.mesh, name);
+            let volume = self.read_intensity(file)?;
+            let with_file = |note: &String| format!("{}: {note}", file.display());
+            made.notes.extend(volume.notes.iter().map(with_file));
+            let field = volume.onto_nodes(&made.mesh, name);
             made.mesh.set_field(field)?;
         }
         made.mesh.split_interfaces(&self.split_interfaces)?;
@@ -193,9 +207,9 @@ impl MeshingConfig {
                 io::read(file)?.boundary_surface(labels)?
             }
             Kind::Volume => {
-                let volume = io::read_volume(file)?;
+                let volume = io::read_volume_number(file, self.number)?;
                 ProgressScope::begin(progress, "surface", 0.3)?;
-                match (windows.as_slice(), &self.labels) {
+                let mut surface = match (windows.as_slice(), &self.labels) {
                     ([window], None) => volume.isosurface(window.low, window.high)?,
                     ([], Some(Labels::These(labels))) => volume.label_surface(labels)?,
                     ([], _) => {
@@ -211,7 +225,9 @@ impl MeshingConfig {
                                 .into(),
                         ));
                     }
-                }
+                };
+                surface.notes.extend(volume.notes);
+                surface
             }
         };
         ProgressScope::begin(progress, "smoothing", 0.7)?;
@@ -232,6 +248,15 @@ impl MeshingConfig {
         windows
     }
 
+    /// Reads a volume of intensities; of several the one requested.
+    fn read_intensity(&self, file: &Path) -> Result<Volume> {
+        let alone = io::read_volume(file);
+        alone.or_else(|e| match self.number {
+            Some(_) => io::read_volume_number(file, self.number),
+            None => Err(e),
+        })
+    }
+
     fn mesh_volume(&self, file: &Path, progress: ProgressFn) -> Result<MeshingResult> {
         if self.tetgen {
             return Err(Error::Input(
@@ -248,6 +273,7 @@ impl MeshingConfig {
                 let field = volume.onto_nodes(&made.mesh, INTENSITY);
                 made.mesh.set_field(field)?;
             }
+            made.notes.extend(volume.notes.iter().cloned());
             Ok(made)
         })
     }

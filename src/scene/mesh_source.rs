@@ -83,6 +83,12 @@ impl MeshSource {
         let lump = self.lump()?;
         match (&self.file, &self.generate) {
             (Some(file), None) if io::detect_kind(file)? == Kind::Mesh => {
+                if self.volume.is_some() {
+                    return Err(Error::Input(format!(
+                        "[mesh] volume selects one of the volumes of a file, and {} is a mesh; remove it",
+                        file.display()
+                    )));
+                }
                 let mut mesh = io::read(file)?;
                 if let (Some(frame), None) = (self.frame, mesh.frame) {
                     mesh.convert_to_ras(frame);
@@ -175,6 +181,7 @@ impl MeshSource {
             },
             grading: self.grading,
             min_island: self.min_island,
+            number: self.volume,
             unit: self.unit.as_ref().map(|u| u.metres()).transpose()?,
             frame: self.frame,
             ..MeshingConfig::default()

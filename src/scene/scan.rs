@@ -55,8 +55,10 @@ impl Scene {
         for entry in &self.scan {
             let volume = match &entry.volume.0 {
                 Some(volume) => volume.clone(),
-                None => Arc::new(io::read_volume(&entry.file)?),
+                None => Arc::new(io::read_volume_number(&entry.file, entry.number)?),
             };
+            let with_name = |note: &String| format!("{}: {note}", entry.called());
+            notes.extend(volume.notes.iter().map(with_name));
             let named = |e| Error::Input(format!("[scan] {}: {e}", entry.file.display()));
             let values = sums_values && read.is_empty();
             let labels = entry.has_labels(&volume, values).map_err(named)?;
@@ -224,7 +226,10 @@ impl ScanEntry {
             }
             let colour = match entry.and_then(|entry| entry.colour.as_deref()) {
                 Some(name) => named_colour(name)?,
-                None => colour_of(i).map(|c| f64::from(c) / 255.0),
+                None => match volume.label_colours.get(label) {
+                    Some(own) => *own,
+                    None => colour_of(i).map(|c| f64::from(c) / 255.0),
+                },
             };
             let opacity = entry.and_then(|entry| entry.opacity).unwrap_or(opacity);
             if !(0.0..=1.0).contains(&opacity) {

@@ -24,6 +24,8 @@ pub struct VolumeDescription {
     pub scaling: [f64; 2],
     /// Smallest and largest value.
     pub range: Option<[f64; 2]>,
+    /// What was repaired or assumed in reading, one sentence each.
+    pub notes: Vec<String>,
     /// The labels, if the volume has at most a few dozen distinct integer values.
     pub labels: Vec<LabelDescription>,
 }
@@ -35,6 +37,8 @@ pub struct LabelDescription {
     pub label: i64,
     /// Its name, if the file has one.
     pub name: Option<String>,
+    /// Its colour, RGB from 0 to 1, if the file has one.
+    pub colour: Option<[f64; 3]>,
     /// Number of its voxels.
     pub voxels: usize,
     /// Their volume, mm³.
@@ -68,11 +72,13 @@ impl VolumeDescription {
             bounds: [low.to_array(), high.to_array()],
             scalar_type: format!("{:?}", volume.raw.scalar_type()).to_lowercase(),
             scaling: [volume.slope, volume.intercept],
+            notes: volume.notes.clone(),
             range: volume.range().map(|(low, high)| [low, high]),
             labels: labels
                 .map(|(label, voxels)| LabelDescription {
                     label,
                     name: volume.label_names.get(&label).cloned(),
+                    colour: volume.label_colours.get(&label).copied(),
                     voxels,
                     volume: voxels as f64 * volume.voxel_volume(),
                 })
@@ -105,6 +111,9 @@ impl fmt::Display for VolumeDescription {
         match self.range {
             Some([low, high]) => writeln!(f, "values        {low} to {high}")?,
             None => writeln!(f, "values        no finite value")?,
+        }
+        for note in &self.notes {
+            writeln!(f, "note          {note}")?;
         }
         for label in &self.labels {
             let name = label.name.as_deref().unwrap_or("");

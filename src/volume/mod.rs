@@ -7,6 +7,7 @@ mod cube_cases;
 mod describe;
 mod grid;
 mod isosurface;
+mod near_labels;
 mod sample;
 
 pub use describe::{LabelDescription, VolumeDescription};
@@ -38,6 +39,26 @@ pub struct Volume {
     pub to_world: DAffine3,
     /// Names of labels, if stored in the file.
     pub label_names: BTreeMap<i64, String>,
+    /// Colours of labels, RGB from 0 to 1, if stored in the file.
+    pub label_colours: BTreeMap<i64, [f64; 3]>,
+    /// What was repaired or assumed in reading, one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Default for Volume {
+    /// Returns a volume of one voxel of 1 mm³ with the value 0, at the origin.
+    fn default() -> Volume {
+        Volume {
+            size: [1; 3],
+            raw: Raw::U8(vec![0]),
+            slope: 1.0,
+            intercept: 0.0,
+            to_world: DAffine3::IDENTITY,
+            label_names: BTreeMap::new(),
+            label_colours: BTreeMap::new(),
+            notes: Vec::new(),
+        }
+    }
 }
 
 /// Voxels as they are stored.

@@ -57,6 +57,8 @@ impl Warp<'_> {
                 slope: scan.slope,
                 intercept: scan.intercept,
                 label_names: scan.label_names.clone(),
+                label_colours: scan.label_colours.clone(),
+                ..Volume::default()
             },
             coverage,
         })

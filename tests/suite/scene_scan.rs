@@ -10,7 +10,6 @@ use palpate::mesh::{Field, Location, TetMesh, Topology, TriMesh};
 use palpate::render::Image;
 use palpate::scene::{Scene, Stage};
 use palpate::volume::{Raw, Volume};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The common linear function.
@@ -49,10 +48,8 @@ fn volume(size: [usize; 3], spacing: f64, first: f64, value: impl Fn(DVec3) -> f
     Volume {
         size,
         raw: Raw::I16(values.collect()),
-        slope: 1.0,
-        intercept: 0.0,
         to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 

@@ -307,7 +307,7 @@ pub(crate) fn read_scan(scan: &ScanEntry, progress: ProgressFn) -> Result<ReadSc
         false => Ok(()),
     };
     report("reading the scan")?;
-    let volume = io::read_volume(&scan.file)?;
+    let volume = io::read_volume_number(&scan.file, scan.number)?;
     report("searching for labels")?;
     let labels = volume.labels().filter(|all| all.len() <= MAX_LISTED_LABELS);
     let labels = labels.map(|all| {

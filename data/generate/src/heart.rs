@@ -60,10 +60,9 @@ pub fn labels() -> Volume {
     Volume {
         size: [VOXELS; 3],
         raw: Raw::U8((0..VOXELS.pow(3)).map(|i| label(at(i))).collect()),
-        slope: 1.0,
-        intercept: 0.0,
         to_world: DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(VOXEL)), first),
         label_names: BTreeMap::from(names.map(|(label, name)| (label, name.to_owned()))),
+        ..Volume::default()
     }
 }
 

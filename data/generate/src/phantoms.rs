@@ -4,7 +4,7 @@
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use palpate::mesh::TriMesh;
 use palpate::volume::{Raw, Volume};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 /// Labels of [`knee`], numbered as in the segmentations of the DESS knee data sets.
 const KNEE: [(u8, &str); 10] = [
@@ -218,10 +218,8 @@ pub fn volume<T>(
     Volume {
         size,
         raw: raw(values),
-        slope: 1.0,
-        intercept: 0.0,
         to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 

@@ -15,7 +15,6 @@ use crate::volume::{Raw, Volume};
 use crate::{Error, ProgressFn, Result, no_progress};
 use anatomy::Anatomy;
 use glam::{DAffine3, DMat3, DVec3};
-use std::collections::BTreeMap;
 
 /// The label of soft tissue; the bones follow in the order of [`FOOT_BONES`].
 const FLESH: u8 = 1;
@@ -134,10 +133,8 @@ pub fn foot_bones(spacing: f64) -> Result<TriMesh> {
         let volume = Volume {
             size,
             raw: Raw::F64(values),
-            slope: 1.0,
-            intercept: 0.0,
             to_world,
-            label_names: BTreeMap::new(),
+            ..Volume::default()
         };
         let bone = volume.isosurface(0.0, f64::INFINITY)?;
         let first = all.vertices.len() as u32;

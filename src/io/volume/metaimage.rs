@@ -2,14 +2,14 @@
 //!
 //! The format is described at itk.org/Wiki/MetaIO/Documentation; its world is LPS, in mm.
 
-use super::pattern::numbered;
-use super::voxels::{Packing, decode, decode_text, extent, unpack};
+use super::pattern::data_files;
+use super::voxels::{Packing, chosen, decode, decode_text, extent, one_of, unpack};
 use super::{Fetch, joined};
 use crate::io::cursor::ParseResult;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
 use glam::{DAffine3, DMat3, DVec3};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 /// Maximum number of data files of a LIST or a pattern.
 const MOST_FILES: i64 = 100_000;
@@ -37,69 +37,36 @@ struct Header {
     rest_of_names: Vec<String>,
 }
 
-/// Parses the bytes of `file` as a volume.
-pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
+/// Parses the bytes of `file` as a volume: number `number` of several.
+pub(super) fn read(file: &[u8], fetch: Fetch, number: Option<usize>) -> ParseResult<Volume> {
     let (header, attached) = Header::parse(file)?;
     let dimensions = header.whole("NDims")?.unwrap_or(3);
-    let sizes = header.numbers("DimSize", None)?;
-    let sizes = sizes.ok_or("header has no field `DimSize`")?;
-    if sizes.len() != dimensions {
-        return Err(format!(
-            "`NDims` is {dimensions}, but `DimSize` has {} numbers",
-            sizes.len()
-        ));
-    }
-    let whole = |s: &f64| (*s >= 1.0 && s.fract() == 0.0 && *s < 1e15).then_some(*s as usize);
-    let sizes: Vec<usize> = sizes
-        .iter()
-        .map(whole)
-        .collect::<Option<_>>()
-        .ok_or_else(|| format!("`DimSize` must be integers ≥ 1, got {sizes:?}"))?;
-    let size = match sizes[..] {
-        [i, j, k] => [i, j, k],
-        [i, j, k, ref more @ ..] if more.iter().all(|n| *n == 1) => [i, j, k],
-        _ => {
-            return Err(format!(
-                "sizes {sizes:?} are not a single volume; expected three axes"
-            ));
-        }
+    let (size, frames) = header.size(dimensions)?;
+    let channels = header.whole("ElementNumberOfChannels")?.unwrap_or(1).max(1);
+    let many = || "the file has more values than memory can hold".to_owned();
+    let count = frames.checked_mul(channels).ok_or_else(many)?;
+    let what = match (frames, channels) {
+        (1, _) => "values per voxel, `ElementNumberOfChannels`",
+        (_, 1) => "`DimSize`",
+        _ => "`DimSize` and `ElementNumberOfChannels`, which runs faster",
     };
-    let channels = header.whole("ElementNumberOfChannels")?.unwrap_or(1);
-    if channels != 1 {
-        return Err(format!(
-            "{channels} values per voxel (`ElementNumberOfChannels`); only scalar volumes are \
-            supported"
-        ));
-    }
+    let number = chosen(number, count, what)?;
     let scalar = header.scalar_type()?;
-    let (voxels, bytes) = extent(size, scalar)?;
+    let (voxels, volume) = extent(size, scalar)?;
+    let bytes = volume.checked_mul(count).ok_or_else(many)?;
     let data = header.data(attached, fetch, bytes)?;
-    let binary = header.flag("BinaryData")?.unwrap_or(true);
-    let raw = if binary {
-        let msb = match header.flag("BinaryDataByteOrderMSB")? {
-            Some(msb) => msb,
-            None => header.flag("ElementByteOrderMSB")?.unwrap_or(false),
-        };
-        let packed = header.whole("CompressedDataSize")?.unwrap_or(0);
-        if packed > data.len() {
-            return Err(format!(
-                "`CompressedDataSize` is {packed}, but the file has {} bytes of data (wrong size \
-                in the header or truncated file)",
-                data.len()
-            ));
-        }
-        let packing = match header.flag("CompressedData")?.unwrap_or(false) {
-            true if data.starts_with(&[0x1f, 0x8b]) => Packing::Gzip,
-            true => Packing::Zlib,
-            false => Packing::Raw,
-        };
-        decode(&unpack(&data, packing, bytes)?, scalar, msb)
-    } else {
-        decode_text(&data, scalar, voxels)?
+    let mut notes = Vec::new();
+    let mut all = match header.flag("BinaryData")?.unwrap_or(true) {
+        true => header.binary(&data, [bytes, volume], &mut notes)?,
+        false => decode_text(&data, scalar, voxels * count)?.to_bytes(),
     };
+    if count > 1 {
+        let frame = one_of(&all, volume * channels, frames, number / channels);
+        all = one_of(&frame, volume / voxels, channels, number % channels);
+    }
     Ok(Volume {
         size,
-        raw,
+        raw: decode(&all, scalar, header.big_endian()?),
         slope: header
             .real("ElementToIntensityFunctionSlope")?
             .unwrap_or(1.0),
@@ -107,7 +74,8 @@ pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
             .real("ElementToIntensityFunctionOffset")?
             .unwrap_or(0.0),
         to_world: header.to_world(dimensions)?,
-        label_names: BTreeMap::new(),
+        notes,
+        ..Volume::default()
     })
 }
 
@@ -149,6 +117,64 @@ impl Header {
             }
         }
         Err("header has no field `ElementDataFile` as its last field".into())
+    }
+
+    /// Returns the size of each volume and their number.
+    fn size(&self, dimensions: usize) -> ParseResult<([usize; 3], usize)> {
+        let sizes = self.numbers("DimSize", None)?;
+        let sizes = sizes.ok_or("header has no field `DimSize`")?;
+        if sizes.len() != dimensions {
+            return Err(format!(
+                "`NDims` is {dimensions}, but `DimSize` has {} numbers",
+                sizes.len()
+            ));
+        }
+        let whole = |s: &f64| (*s >= 1.0 && s.fract() == 0.0 && *s < 1e15).then_some(*s as usize);
+        let whole: Option<Vec<usize>> = sizes.iter().map(whole).collect();
+        let sizes =
+            whole.ok_or_else(|| format!("`DimSize` must be integers ≥ 1, got {sizes:?}"))?;
+        let [i, j, k, ref more @ ..] = sizes[..] else {
+            return Err(format!(
+                "sizes {sizes:?} are no volume; expected three axes"
+            ));
+        };
+        let count = more.iter().try_fold(1usize, |n, s| n.checked_mul(*s));
+        let count = count.ok_or("`DimSize` is larger than any file")?;
+        Ok(([i, j, k], count))
+    }
+
+    /// Whether the most significant byte of binary data comes first.
+    fn big_endian(&self) -> ParseResult<bool> {
+        // Text was encoded by this program.
+        let binary = self.flag("BinaryData")?.unwrap_or(true);
+        let msb = match self.flag("BinaryDataByteOrderMSB")? {
+            Some(msb) => msb,
+            None => self.flag("ElementByteOrderMSB")?.unwrap_or(false),
+        };
+        Ok(binary && msb)
+    }
+
+    /// Decompresses the data: `all` bytes, the last of them a volume of `volume` bytes.
+    fn binary(
+        &self,
+        data: &[u8],
+        [all, volume]: [usize; 2],
+        notes: &mut Vec<String>,
+    ) -> ParseResult<Vec<u8>> {
+        let packed = self.whole("CompressedDataSize")?.unwrap_or(0);
+        if packed > data.len() {
+            return Err(format!(
+                "`CompressedDataSize` is {packed}, but the file has {} bytes of data (wrong size \
+                in the header or truncated file)",
+                data.len()
+            ));
+        }
+        let packing = match self.flag("CompressedData")?.unwrap_or(false) {
+            true if Packing::of(data) == Packing::Gzip => Packing::Gzip,
+            true => Packing::Zlib,
+            false => Packing::Raw,
+        };
+        unpack(data, packing, [all, volume], notes)
     }
 
     fn get(&self, name: &str) -> Option<(usize, &str)> {
@@ -208,7 +234,7 @@ impl Header {
         let (line, name) = self
             .get("ElementType")
             .ok_or("header has no field `ElementType`")?;
-        Ok(match name {
+        Ok(match name.strip_suffix("_ARRAY").unwrap_or(name) {
             "MET_CHAR" => ScalarType::I8,
             "MET_UCHAR" => ScalarType::U8,
             "MET_SHORT" => ScalarType::I16,
@@ -236,15 +262,13 @@ impl Header {
             return Ok(self.after_header(attached, bytes)?.to_vec());
         } else if named.to_uppercase().starts_with("LIST") {
             self.rest_of_names.clone()
-        } else if named.contains('%') {
-            numbered(named).ok_or_else(|| {
+        } else {
+            data_files(named, fetch).ok_or_else(|| {
                 format!(
-                    "line {line}: `ElementDataFile` must be LOCAL, LIST, a name, or \"NAME%03d \
-                    FIRST LAST STEP\", got \"{named}\""
+                    "line {line}: `ElementDataFile` must be LOCAL, LIST, the name of a file, or \
+                    \"NAME%03d FIRST LAST STEP\", got \"{named}\""
                 )
             })?
-        } else {
-            vec![named.to_owned()]
         };
         let unnamed = names.iter().any(|n| n.is_empty());
         if names.is_empty() || unnamed || names.len() as i64 > MOST_FILES {

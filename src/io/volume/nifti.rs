@@ -1,38 +1,31 @@
-//! Reader for NIfTI-1 and NIfTI-2: .nii, .nii.gz, and .hdr with .img.
+//! Reader for NIfTI-1 and NIfTI-2, and for Analyze 7.5: .nii, .nii.gz, and .hdr with .img.
 //!
 //! The format is described at nifti.nimh.nih.gov; its world is RAS.
 
-use super::Fetch;
-use super::voxels::{Packing, bytes_in, decode, extent, unpack};
+use super::voxels::{Packing, bytes_in, chosen, decode, extent, unpack, unpack_start};
+use super::{Fetch, analyze};
 use crate::io::cursor::ParseResult;
 use crate::mesh::ScalarType;
 use crate::volume::Volume;
-use flate2::read::MultiGzDecoder;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use std::collections::BTreeMap;
-use std::io::Read;
 
-const GZIP: [u8; 2] = [0x1f, 0x8b];
 /// Sizes of the headers of versions 1 and 2, which are also their first number.
 const LENGTHS: [usize; 2] = [348, 540];
 
-/// Returns the start of the file, decompressed; at most the size of a header.
-fn beginning(file: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let limit = LENGTHS[1] as u64;
-    // A failed decompression gives an empty, unrecognised start.
-    let _ = match file.starts_with(&GZIP) {
-        true => MultiGzDecoder::new(file)
-            .take(limit)
-            .read_to_end(&mut bytes),
-        false => file.take(limit).read_to_end(&mut bytes),
-    };
-    bytes
+/// Whether a decompressed file begins as a NIfTI or Analyze file.
+pub(super) fn is_nifti(start: &[u8]) -> bool {
+    Header::new(start).is_some()
 }
 
-/// Whether a file begins as a NIfTI file.
-pub(super) fn is_nifti(file: &[u8]) -> bool {
-    Header::new(&beginning(file)).is_some()
+/// Where the voxels are.
+#[derive(Clone, Copy, PartialEq)]
+enum Layout {
+    /// In the same file.
+    Single,
+    /// In the .img beside the .hdr.
+    Pair,
+    /// The same, of an Analyze image.
+    Analyze,
 }
 
 /// A header of either version and byte order.
@@ -40,48 +33,73 @@ struct Header<'a> {
     bytes: &'a [u8],
     second: bool,
     big_endian: bool,
-    /// Whether the voxels are in a separate file.
-    pair: bool,
+    layout: Layout,
 }
 
-/// Parses the bytes of `file` as a volume.
-pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
-    let start = beginning(file);
+/// Parses the bytes of `file` as a volume: number `number` of several.
+pub(super) fn read(file: &[u8], fetch: Fetch, number: Option<usize>) -> ParseResult<Volume> {
+    let start = Packing::of(file).take(file, LENGTHS[1] as u64);
+    let start = start.unwrap_or_default();
     let header = Header::new(&start).ok_or("expected a NIfTI header at the start of the file")?;
-    let size = header.size()?;
+    let mut notes = Vec::new();
+    let (size, count) = header.size(&mut notes)?;
+    let number = chosen(number, count, "`dim`")?;
     let scalar = header.scalar_type()?;
     let (_, bytes) = extent(size, scalar)?;
     let offset = header.offset()?;
     let other;
-    let (data, offset) = if header.pair {
-        other = fetch("*.img").or_else(|_| fetch("*.img.gz"))?;
-        (other.as_slice(), offset)
-    } else {
-        let least = LENGTHS[usize::from(header.second)];
+    let least = LENGTHS[usize::from(header.second)];
+    let (data, offset) = match header.layout {
         // Some writers leave the offset at 0 in a single file.
-        (file, if offset == 0 { least + 4 } else { offset })
+        Layout::Single if offset == 0 => (file, least + 4),
+        Layout::Single => (file, offset),
+        _ => {
+            other = voxels_beside(file, fetch)?;
+            (other.as_slice(), offset)
+        }
     };
-    if !header.pair && offset < LENGTHS[usize::from(header.second)] {
+    if header.layout == Layout::Single && offset < least {
         return Err(format!(
             "`vox_offset` is {offset}, expected a position after the header"
         ));
     }
-    let wanted = offset
-        .checked_add(bytes)
-        .ok_or("`vox_offset` is larger than any file")?;
-    let packing = match data.starts_with(&GZIP) {
-        true => Packing::Gzip,
-        false => Packing::Raw,
+    let first = number
+        .checked_mul(bytes)
+        .and_then(|n| n.checked_add(offset));
+    let range = first.and_then(|first| Some(first..first.checked_add(bytes)?));
+    let range = range.ok_or("`vox_offset` is larger than any file")?;
+    let packing = Packing::of(data);
+    let unpacked = match number + 1 == count {
+        true => unpack(data, packing, [range.end, bytes], &mut notes)?,
+        false => unpack_start(data, packing, range.end)?,
     };
-    let unpacked = unpack(data, packing, wanted)?;
     let (slope, intercept) = header.scaling();
+    if header.layout == Layout::Analyze && fetch("*.mat").is_ok() {
+        notes.push("the .mat of SPM beside the header, with the position, is not read".into());
+    }
     Ok(Volume {
         size,
-        raw: decode(&unpacked[offset..], scalar, header.big_endian),
+        raw: decode(&unpacked[range], scalar, header.big_endian),
         slope,
         intercept,
-        to_world: header.to_world()?,
-        label_names: BTreeMap::new(),
+        to_world: match header.layout {
+            Layout::Analyze => header.analyze_to_world(size, &mut notes)?,
+            _ => header.to_world(&mut notes)?,
+        },
+        notes,
+        ..Volume::default()
+    })
+}
+
+/// Reads the voxels of a pair: compressed as the header is, if there are both.
+fn voxels_beside(header: &[u8], fetch: Fetch) -> ParseResult<Vec<u8>> {
+    let names = match Packing::of(header) {
+        Packing::Raw => ["*.img", "*.img.gz", "*.IMG"],
+        _ => ["*.img.gz", "*.img", "*.IMG"],
+    };
+    fetch(names[0]).or_else(|first| {
+        let other = fetch(names[1]);
+        other.or_else(|second| fetch(names[2]).map_err(|_| format!("{first}; {second}")))
     })
 }
 
@@ -106,17 +124,21 @@ impl<'a> Header<'a> {
                 } else {
                     bytes.get(344..348)?
                 };
-                let pair = match magic {
-                    b"n+1\0" | b"n+2\0" => false,
-                    b"ni1\0" | b"ni2\0" => true,
+                let layout = match magic {
+                    b"n+1\0" | b"n+2\0" => Layout::Single,
+                    b"ni1\0" | b"ni2\0" => Layout::Pair,
+                    // The axes of an Analyze image are counted in the same place.
+                    _ if !second => Layout::Analyze,
                     _ => return None,
                 };
-                return Some(Header {
+                let header = Header {
                     bytes,
                     second,
                     big_endian,
-                    pair,
-                });
+                    layout,
+                };
+                let sound = layout != Layout::Analyze || (1..=7).contains(&header.i16(40));
+                return sound.then_some(header);
             }
         }
         None
@@ -158,7 +180,8 @@ impl<'a> Header<'a> {
         }
     }
 
-    fn size(&self) -> ParseResult<[usize; 3]> {
+    /// Returns the size of each volume and their number.
+    fn size(&self, notes: &mut Vec<String>) -> ParseResult<([usize; 3], usize)> {
         let dim = |n: usize| match self.second {
             false => self.i16(40 + 2 * n),
             true => self.i64(16 + 8 * n),
@@ -168,18 +191,28 @@ impl<'a> Header<'a> {
             return Err(format!("`dim[0]` must be 1 to 7 axes, got {axes}"));
         }
         let axes = axes as usize;
-        let sizes: Vec<i64> = (1..=axes).map(dim).collect();
+        let mut sizes: Vec<i64> = (1..=axes).map(dim).collect();
+        for (n, size) in sizes.iter_mut().enumerate().skip(3) {
+            if *size == 0 {
+                notes.push(format!("`dim[{}]` is 0 and was taken for 1", n + 1));
+                *size = 1;
+            }
+        }
         if sizes.iter().any(|n| *n < 1) {
             return Err(format!("`dim` must be integers ≥ 1, got {sizes:?}"));
         }
-        if axes < 3 || sizes[3..].iter().any(|n| *n != 1) {
+        if axes < 3 {
             return Err(format!(
-                "sizes {sizes:?} are not a single volume; expected three axes (extract one volume \
-                of a series first)"
+                "sizes {sizes:?} are no volume; expected three axes"
             ));
         }
-        let size = |n: usize| usize::try_from(sizes[n]).map_err(|_| "`dim` is too large");
-        Ok([size(0)?, size(1)?, size(2)?])
+        let size = |n: i64| usize::try_from(n).map_err(|_| "`dim` is too large".to_owned());
+        let mut count = 1usize;
+        for more in &sizes[3..] {
+            let product = count.checked_mul(size(*more)?);
+            count = product.ok_or("`dim` is too large")?;
+        }
+        Ok(([size(sizes[0])?, size(sizes[1])?, size(sizes[2])?], count))
     }
 
     fn scalar_type(&self) -> ParseResult<ScalarType> {
@@ -195,6 +228,9 @@ impl<'a> Header<'a> {
             768 => ScalarType::U32,
             1024 => ScalarType::I64,
             1280 => ScalarType::U64,
+            _ if self.layout == Layout::Analyze && analyze::scalar_type(code).is_some() => {
+                analyze::scalar_type(code).unwrap_or(ScalarType::I8)
+            }
             _ => {
                 let what = match code {
                     1 => " (bits)",
@@ -257,34 +293,79 @@ impl<'a> Header<'a> {
         }
     }
 
-    /// Returns the sform if present, otherwise the qform, otherwise the spacing alone.
-    fn to_world(&self) -> ParseResult<DAffine3> {
-        let spacing = |n: usize| self.real([76, 104], n);
-        let spacings = DVec3::new(spacing(1), spacing(2), spacing(3)).abs();
-        let sized = spacings.cmpgt(DVec3::ZERO).all() && spacings.is_finite();
-        let (name, affine) = if self.code([254, 348]) > 0 {
-            let row = |r: usize, n: usize| self.real([280 + 16 * r, 400 + 32 * r], n);
-            let column = |n: usize| DVec3::new(row(0, n), row(1, n), row(2, n));
-            let linear = DMat3::from_cols(column(0), column(1), column(2));
-            ("sform", DAffine3::from_mat3_translation(linear, column(3)))
-        } else if self.code([252, 344]) > 0 {
-            let part = |n: usize| self.real([256, 352], n);
-            let imaginary = DVec3::new(part(0), part(1), part(2));
-            let real = (1.0 - imaginary.length_squared()).max(0.0).sqrt();
-            let [b, c, d] = imaginary.to_array();
-            let turn = DMat3::from_quat(DQuat::from_xyzw(b, c, d, real).normalize());
-            // The handedness is stored in the sign of the first spacing.
-            let hand = if spacing(0) < 0.0 { -1.0 } else { 1.0 };
-            let scaled = DMat3::from_diagonal(spacings * DVec3::new(1.0, 1.0, hand));
-            let offset = DVec3::new(part(3), part(4), part(5));
-            (
-                "qform",
-                DAffine3::from_mat3_translation(turn * scaled, offset),
-            )
+    /// Returns the spacings in the header's unit; those that are 0 as 1, with a note.
+    fn spacings(&self, notes: &mut Vec<String>) -> DVec3 {
+        let mut spacings = DVec3::from([1, 2, 3].map(|n| self.real([76, 104], n))).abs();
+        for n in 0..3 {
+            if spacings[n] == 0.0 {
+                notes.push(format!("`pixdim[{}]` is 0 and was taken for 1", n + 1));
+                spacings[n] = 1.0;
+            }
+        }
+        spacings
+    }
+
+    /// Returns the rows of the sform.
+    fn sform(&self) -> DAffine3 {
+        let row = |r: usize, n: usize| self.real([280 + 16 * r, 400 + 32 * r], n);
+        let column = |n: usize| DVec3::new(row(0, n), row(1, n), row(2, n));
+        let linear = DMat3::from_cols(column(0), column(1), column(2));
+        DAffine3::from_mat3_translation(linear, column(3))
+    }
+
+    /// Returns the rotation, position and `spacings` of the qform.
+    fn qform(&self, spacings: DVec3) -> DAffine3 {
+        let part = |n: usize| self.real([256, 352], n);
+        let imaginary = DVec3::new(part(0), part(1), part(2));
+        let real = (1.0 - imaginary.length_squared()).max(0.0).sqrt();
+        let [b, c, d] = imaginary.to_array();
+        let turn = DMat3::from_quat(DQuat::from_xyzw(b, c, d, real).normalize());
+        // The handedness is stored in the sign of the first spacing.
+        let hand = if self.real([76, 104], 0) < 0.0 {
+            -1.0
         } else {
-            let scaled = DMat3::from_diagonal(if sized { spacings } else { DVec3::ONE });
-            ("pixdim", DAffine3::from_mat3(scaled))
+            1.0
         };
+        let scaled = DMat3::from_diagonal(spacings * DVec3::new(1.0, 1.0, hand));
+        let offset = DVec3::new(part(3), part(4), part(5));
+        DAffine3::from_mat3_translation(turn * scaled, offset)
+    }
+
+    /// Returns the sform if present, otherwise the qform, otherwise the spacing alone.
+    fn to_world(&self, notes: &mut Vec<String>) -> ParseResult<DAffine3> {
+        let in_sform = self.code([254, 348]) > 0;
+        let in_qform = self.code([252, 344]) > 0;
+        let sform = self.sform();
+        // Zeros are a code that was set without its matrix.
+        let empty = in_sform && sform.matrix3 == DMat3::ZERO;
+        let flat = sform.matrix3.determinant() == 0.0;
+        let unusable = empty || (in_sform && in_qform && flat);
+        let (name, affine) = if in_sform && !unusable {
+            ("sform", sform)
+        } else {
+            let spacings = self.spacings(notes);
+            match in_qform {
+                true => ("qform", self.qform(spacings)),
+                false => (
+                    "pixdim",
+                    DAffine3::from_mat3(DMat3::from_diagonal(spacings)),
+                ),
+            }
+        };
+        if unusable {
+            notes.push(format!(
+                "the sform has voxels of zero volume; the {name} was used instead{}",
+                match in_qform {
+                    true => "",
+                    false => ", which states no position and no sides",
+                }
+            ));
+        }
+        self.in_millimetres(name, affine)
+    }
+
+    /// Converts the map to the world from the header's unit.
+    fn in_millimetres(&self, name: &str, affine: DAffine3) -> ParseResult<DAffine3> {
         let unit = self.unit();
         let linear = affine.matrix3 * unit;
         let whole = linear.determinant() != 0.0 && linear.is_finite();
@@ -296,6 +377,18 @@ impl<'a> Header<'a> {
             false => Err(format!(
                 "voxels have zero volume; check the {name} of the header"
             )),
+        }
+    }
+
+    /// Returns the world of an Analyze image.
+    fn analyze_to_world(&self, size: [usize; 3], notes: &mut Vec<String>) -> ParseResult<DAffine3> {
+        let orient = self.bytes.get(252).copied().unwrap_or(0);
+        let origin = [0, 1, 2].map(|n| self.i16(253 + 2 * n));
+        let spacings = self.spacings(notes);
+        let world = analyze::to_world(orient, origin, size, spacings, notes)?;
+        match world.is_finite() && world.matrix3.determinant() != 0.0 {
+            true => Ok(world),
+            false => Err("voxels have zero volume; check `pixdim` of the header".into()),
         }
     }
 }

@@ -3,16 +3,19 @@
 //! The format is described at teem.sourceforge.net/nrrd/format.html.
 
 use super::nrrd_space::Axes;
-use super::pattern::numbered;
-use super::voxels::{Packing, bytes_in, decode, decode_text, extent, unpack};
-use super::{Fetch, joined};
+use super::pattern::data_files;
+use super::voxels::{Packing, bytes_in, chosen, decode, decode_text, extent, one_of, unpack};
+use super::{Fetch, joined, segmentation};
 use crate::io::cursor::ParseResult;
 use crate::mesh::ScalarType;
-use crate::volume::Volume;
-use std::collections::{BTreeMap, HashMap};
+use crate::volume::{Raw, Volume};
+use std::collections::HashMap;
 
 /// Magic bytes of the format.
 pub(super) const MAGIC: &[u8] = b"NRRD000";
+
+/// Maximum number of bytes before voxels that are the last bytes of compressed data.
+const MOST_SKIPPED: usize = 1 << 26;
 
 /// The fields and key/value pairs of a header.
 pub(super) struct Header {
@@ -21,51 +24,51 @@ pub(super) struct Header {
     pairs: Vec<(String, String)>,
 }
 
-/// Parses the bytes of `file` as a volume.
-pub(super) fn read(file: &[u8], fetch: Fetch) -> ParseResult<Volume> {
+/// Parses the bytes of `file` as a volume: number `number` of several. The layers of a segmentation of
+/// 3D Slicer are merged, unless one is requested.
+pub(super) fn read(file: &[u8], fetch: Fetch, number: Option<usize>) -> ParseResult<Volume> {
     if !file.starts_with(MAGIC) {
         return Err("line 1: expected NRRD0001 to NRRD0005".into());
     }
     let (header, data) = Header::parse(file)?;
     let scalar = scalar_type(&header)?;
     let axes = Axes::new(&header)?;
-    let (voxels, bytes) = extent(axes.size, scalar)?;
-    let packed = header.data(data, bytes, fetch)?;
-    let raw = match header.require("encoding")?.1.to_lowercase().as_str() {
-        "txt" | "text" | "ascii" => decode_text(header.skipped(&packed, None)?, scalar, voxels)?,
-        "raw" => {
-            let block = header.skipped(&packed, Some(bytes))?;
-            decode(
-                &unpack(block, Packing::Raw, bytes)?,
-                scalar,
-                header.big_endian(scalar)?,
-            )
-        }
-        "gz" | "gzip" => {
-            let lines = header.number("line skip")?.unwrap_or(0);
-            let skip = header.byte_skip()?.unwrap_or(0);
-            let block = after_lines(&packed, lines)?;
-            // Bytes are skipped in the decompressed data.
-            let wanted = bytes
-                .checked_add(skip)
-                .ok_or("`byte skip` is larger than any file")?;
-            let unpacked = unpack(block, Packing::Gzip, wanted)?;
-            decode(&unpacked[skip..], scalar, header.big_endian(scalar)?)
-        }
-        other => {
-            return Err(format!(
-                "encoding \"{other}\" is not supported; use raw, gzip or text (convert with `unu \
-                save -e gzip`)"
-            ));
-        }
+    let segments = segmentation::segments(&header.pairs, axes.count);
+    let merged = number.is_none() && axes.count > 1 && !segments.is_empty();
+    let number = match merged {
+        true => 0,
+        false => chosen(number, axes.count, "several values per voxel, in `sizes`")?,
     };
-    Ok(Volume {
+    let (voxels, volume) = extent(axes.size, scalar)?;
+    let bytes = volume
+        .checked_mul(axes.count)
+        .ok_or("`sizes` are larger than any file")?;
+    let packed = header.data(data, bytes, fetch)?;
+    let mut notes = Vec::new();
+    let sizes = [voxels.saturating_mul(axes.count), bytes, volume];
+    let (all, big_endian) = header.voxels(&packed, scalar, sizes, &mut notes)?;
+    let block = axes.faster.saturating_mul(bytes_in(scalar));
+    let one = |k: usize| match axes.count {
+        1 => decode(&all, scalar, big_endian),
+        count => decode(&one_of(&all, block, count, k), scalar, big_endian),
+    };
+    let volume = Volume {
         size: axes.size,
-        raw,
-        slope: 1.0,
-        intercept: 0.0,
+        raw: Raw::U8(Vec::new()),
         to_world: axes.to_world,
-        label_names: header.segment_names(),
+        notes,
+        ..Volume::default()
+    };
+    Ok(match merged {
+        true => segmentation::merged(volume, &segments, axes.count, one),
+        false => segmentation::named(
+            Volume {
+                raw: one(number),
+                ..volume
+            },
+            &segments,
+            number,
+        ),
     })
 }
 
@@ -151,6 +154,79 @@ impl Header {
         }
     }
 
+    /// Decompresses the voxels in `packed`: their `values` in as many `bytes`, the last `volume` of
+    /// them the last volume. Returns them with whether they are big-endian.
+    fn voxels(
+        &self,
+        packed: &[u8],
+        scalar: ScalarType,
+        [values, bytes, volume]: [usize; 3],
+        notes: &mut Vec<String>,
+    ) -> ParseResult<(Vec<u8>, bool)> {
+        let encoding = self.require("encoding")?.1.to_lowercase();
+        let all = match encoding.as_str() {
+            "txt" | "text" | "ascii" => {
+                let text = self.skipped(packed, None)?;
+                let values = decode_text(text, scalar, values)?;
+                // Encoded little-endian.
+                return Ok((values.to_bytes(), false));
+            }
+            "raw" => {
+                let block = self.skipped(packed, Some(bytes))?;
+                let known = Packing::of(block);
+                match block.len() < bytes && known != Packing::Raw {
+                    true => {
+                        let all = self.unpacked(packed, known, [bytes, volume], notes)?;
+                        notes.push(
+                            "`encoding` is raw, but the data are compressed and were decompressed"
+                                .into(),
+                        );
+                        all
+                    }
+                    false => unpack(block, Packing::Raw, [bytes, volume], notes)?,
+                }
+            }
+            "gz" | "gzip" => self.unpacked(packed, Packing::Gzip, [bytes, volume], notes)?,
+            "bz2" | "bzip2" => self.unpacked(packed, Packing::Bzip2, [bytes, volume], notes)?,
+            other => {
+                return Err(format!(
+                    "encoding \"{other}\" is not supported; use raw, gzip, bzip2 or text (convert \
+                    with `unu save -e gzip`)"
+                ));
+            }
+        };
+        Ok((all, self.big_endian(scalar)?))
+    }
+
+    /// Decompresses `packed` after its skipped lines. Bytes are skipped in the decompressed data;
+    /// with `byte skip: -1` the voxels are their last bytes, such as those after another header.
+    fn unpacked(
+        &self,
+        packed: &[u8],
+        packing: Packing,
+        [bytes, volume]: [usize; 2],
+        notes: &mut Vec<String>,
+    ) -> ParseResult<Vec<u8>> {
+        let block = after_lines(packed, self.number("line skip")?.unwrap_or(0))?;
+        match self.byte_skip()? {
+            Some(skip) => {
+                let wanted = bytes
+                    .checked_add(skip)
+                    .ok_or("`byte skip` is larger than any file")?;
+                let mut all = unpack(block, packing, [wanted, volume], notes)?;
+                Ok(all.split_off(skip))
+            }
+            None => {
+                let limit = bytes.saturating_add(MOST_SKIPPED) as u64;
+                let mut all = packing
+                    .take(block, limit)
+                    .map_err(|e| format!("cannot decompress the voxels: {e}"))?;
+                let skip = all.len().saturating_sub(bytes);
+                unpack(&all.split_off(skip), Packing::Raw, [bytes, volume], notes)
+            }
+        }
+    }
+
     /// Reads the data, from this file or from the named ones.
     fn data(&self, attached: &[u8], bytes: usize, fetch: Fetch) -> ParseResult<Vec<u8>> {
         let Some((line, named)) = self.get("data file") else {
@@ -165,18 +241,14 @@ impl Header {
             .filter(|(key, _)| key.is_empty())
             .map(|(_, name)| name.clone())
             .collect();
-        let names = match (
-            named.to_uppercase().starts_with("LIST"),
-            named.contains('%'),
-        ) {
-            (true, _) => listed,
-            (false, true) => numbered(named).ok_or_else(|| {
+        let names = match named.to_uppercase().starts_with("LIST") {
+            true => listed,
+            false => data_files(named, fetch).ok_or_else(|| {
                 format!(
-                    "line {line}: `data file` must be a name, LIST, or \"NAME%03d FIRST LAST \
-                    STEP\", got \"{named}\""
+                    "line {line}: `data file` must be the name of a file, LIST, or \"NAME%03d \
+                    FIRST LAST STEP\", got \"{named}\""
                 )
             })?,
-            (false, false) => vec![named.to_owned()],
         };
         if names.is_empty() || names.iter().any(|n| n.is_empty()) {
             return Err(format!(
@@ -222,20 +294,6 @@ impl Header {
                 "line {line}: `endian` must be little or big, got \"{value}\""
             )),
         }
-    }
-
-    /// Returns the names of labels, as written by 3D Slicer for segmentations.
-    fn segment_names(&self) -> BTreeMap<i64, String> {
-        let pairs = self.pairs.iter().map(|(k, v)| (k.as_str(), v.as_str()));
-        let values: HashMap<&str, &str> = pairs.collect();
-        self.pairs
-            .iter()
-            .filter_map(|(key, label)| {
-                let segment = key.strip_suffix("_LabelValue")?;
-                let name = values.get(format!("{segment}_Name").as_str())?;
-                Some((label.parse().ok()?, (*name).to_owned()))
-            })
-            .collect()
     }
 }
 

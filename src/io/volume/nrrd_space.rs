@@ -4,10 +4,14 @@ use super::nrrd::Header;
 use crate::io::cursor::ParseResult;
 use glam::{DAffine3, DMat3, DVec3};
 
-/// The three spatial axes.
+/// The three spatial axes, and one of several volumes.
 pub(super) struct Axes {
     pub size: [usize; 3],
     pub to_world: DAffine3,
+    /// Number of volumes: layers, times or components.
+    pub count: usize,
+    /// Number of values of a volume that precede those of the next.
+    pub faster: usize,
 }
 
 impl Axes {
@@ -30,30 +34,39 @@ impl Axes {
             Some((line, text)) => Some(vectors(line, text, sizes.len())?),
             None => None,
         };
-        // A non-spatial axis must have one sample only.
-        let in_space: Vec<usize> = match &directions {
-            Some(directions) => (0..sizes.len())
-                .filter(|a| directions[*a].is_some())
-                .collect(),
-            None if sizes.len() > 3 => (0..sizes.len()).filter(|a| sizes[*a] > 1).collect(),
-            None => (0..sizes.len()).collect(),
+        let kinds = header.kinds(sizes.len());
+        let spatial = |axis: usize| match (&directions, kinds.as_deref()) {
+            (Some(directions), _) => directions[axis].is_some(),
+            (None, Some(kinds)) if sizes.len() > 3 => {
+                matches!(kinds[axis].as_str(), "domain" | "space" | "???" | "none")
+            }
+            _ => sizes.len() <= 3 || sizes[axis] > 1,
         };
-        let beside: usize = (0..sizes.len())
-            .filter(|a| !in_space.contains(a))
-            .map(|a| sizes[a])
-            .product();
+        let in_space: Vec<usize> = (0..sizes.len()).filter(|a| spatial(*a)).collect();
         let &[i, j, k] = in_space.as_slice() else {
             return Err(format!(
                 "line {line}: expected three spatial axes, got {} of sizes {sizes:?}",
                 in_space.len()
             ));
         };
-        if beside != 1 {
-            return Err(format!(
-                "line {line}: sizes {sizes:?} have several values per voxel; only scalar volumes \
-                are supported (extract one with `unu slice`)"
-            ));
-        }
+        let beside = |a: &usize| !in_space.contains(a) && sizes[*a] > 1;
+        let beside: Vec<usize> = (0..sizes.len()).filter(beside).collect();
+        let (count, faster) = match beside.as_slice() {
+            [] => (1, 1),
+            [axis] => {
+                let faster = sizes[..*axis]
+                    .iter()
+                    .try_fold(1usize, |n, s| n.checked_mul(*s));
+                let faster = faster.ok_or_else(|| format!("line {line}: `sizes` are too large"))?;
+                (sizes[*axis], faster)
+            }
+            _ => {
+                return Err(format!(
+                    "line {line}: sizes {sizes:?} have several values per voxel in more than one \
+                    axis; extract a volume with `unu slice`"
+                ));
+            }
+        };
         let axes = [i, j, k];
         let columns = match &directions {
             Some(directions) => axes.map(|a| directions[a].unwrap_or(DVec3::ZERO)),
@@ -72,7 +85,7 @@ impl Axes {
             }
             None => DVec3::ZERO,
         };
-        let to_ras = to_ras(header)?;
+        let to_ras = to_ras(header, axes)?;
         let linear = to_ras * DMat3::from_cols(columns[0], columns[1], columns[2]);
         if linear.determinant() == 0.0 || !linear.is_finite() {
             return Err("voxels have zero volume; check `space directions` or `spacings`".into());
@@ -80,11 +93,20 @@ impl Axes {
         Ok(Axes {
             size: axes.map(|a| sizes[a]),
             to_world: DAffine3::from_mat3_translation(linear, to_ras * origin),
+            count,
+            faster,
         })
     }
 }
 
 impl Header {
+    /// Returns the kind of each axis in lower case, if they are stated.
+    fn kinds(&self, axes: usize) -> Option<Vec<String>> {
+        let (_, text) = self.get("kinds")?;
+        let kinds = text.split_whitespace().map(str::to_lowercase);
+        Some(kinds.collect::<Vec<_>>()).filter(|kinds| kinds.len() == axes)
+    }
+
     /// Returns the spacing of each axis, 1 if unknown.
     fn spacings(&self, axes: usize) -> ParseResult<Vec<f64>> {
         let Some((line, text)) = self.get("spacings") else {
@@ -171,8 +193,35 @@ fn vectors(line: usize, text: &str, count: usize) -> ParseResult<Vec<Option<DVec
     }
 }
 
+/// Returns a unit of length in mm, by any of its usual names.
+fn millimetres_in(name: &str) -> Option<f64> {
+    let name = name.trim().to_lowercase();
+    let long = match name.as_str() {
+        "" | "???" | "none" | "unknown" => return Some(1.0),
+        "micron" | "microns" | "\u{3bc}m" | "mum" | "usm" => "um",
+        "inch" | "inches" => "in",
+        "nm" | "nanometer" | "nanometers" | "nanometre" | "nanometres" => return Some(1e-6),
+        "angstrom" | "angstroms" | "\u{e5}" => return Some(1e-7),
+        other => {
+            let other = other.strip_suffix('s').unwrap_or(other);
+            let stem = other
+                .strip_suffix("meter")
+                .or_else(|| other.strip_suffix("metre"));
+            match stem.map(|stem| stem.trim_end_matches([' ', '-'])) {
+                Some("milli") => "mm",
+                Some("centi") => "cm",
+                Some("deci") => return Some(1e2),
+                Some("micro") => "um",
+                Some("") => "m",
+                _ => other,
+            }
+        }
+    };
+    crate::mesh::metres_in(long).map(|metres| metres * 1e3)
+}
+
 /// Returns the map from the header's space, in its units, to RAS in mm.
-fn to_ras(header: &Header) -> ParseResult<DMat3> {
+fn to_ras(header: &Header, axes: [usize; 3]) -> ParseResult<DMat3> {
     let signs = match header.get("space") {
         // Unspecified: coordinates are used as they are.
         None => DVec3::ONE,
@@ -189,28 +238,40 @@ fn to_ras(header: &Header) -> ParseResult<DMat3> {
             }
         },
     };
-    // Without a space the axes themselves have units.
-    let units = header.get("space units").or_else(|| header.get("units"));
-    let unit = match units {
-        None => 1.0,
-        Some((line, text)) => {
-            let mut names = text.split('"').skip(1).step_by(2).map(str::trim);
-            let name = names.next().unwrap_or(text).trim();
-            if let Some(other) = names.find(|n| *n != name && !n.is_empty()) {
+    Ok(DMat3::from_diagonal(signs * unit(header, axes)?))
+}
+
+/// Returns the unit of the header's space in mm. Without a space the axes themselves have units.
+fn unit(header: &Header, axes: [usize; 3]) -> ParseResult<f64> {
+    let space = header.get("space units");
+    let Some((line, text)) = space.or_else(|| header.get("units")) else {
+        return Ok(1.0);
+    };
+    let mut names: Vec<&str> = match text.contains('"') {
+        true => text.split('"').skip(1).step_by(2).collect(),
+        false => text.split_whitespace().collect(),
+    };
+    if space.is_none() && axes.iter().all(|a| *a < names.len()) {
+        names = axes.iter().map(|a| names[*a]).collect();
+    }
+    let mut found: Option<(&str, f64)> = None;
+    for name in names {
+        let unit = millimetres_in(name).ok_or_else(|| {
+            format!(
+                "line {line}: `space units` must be a unit of length (mm, cm, m, um, nm or in), \
+                got \"{name}\""
+            )
+        })?;
+        match found {
+            _ if name.trim().is_empty() => {}
+            None => found = Some((name, unit)),
+            Some((first, other)) if (other / unit - 1.0).abs() > 1e-9 => {
                 return Err(format!(
-                    "line {line}: axes must have the same unit, got \"{name}\" and \"{other}\""
+                    "line {line}: axes must have the same unit, got \"{first}\" and \"{name}\""
                 ));
             }
-            match crate::mesh::metres_in(name) {
-                Some(metres) => metres * 1e3,
-                None if name.is_empty() || name == "???" => 1.0,
-                None => {
-                    return Err(format!(
-                        "line {line}: `space units` must be mm, cm, m or um, got \"{name}\""
-                    ));
-                }
-            }
+            Some(_) => {}
         }
-    };
-    Ok(DMat3::from_diagonal(signs * unit))
+    }
+    Ok(found.map_or(1.0, |(_, unit)| unit))
 }

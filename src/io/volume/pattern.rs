@@ -1,10 +1,22 @@
 //! Expansion of patterns of numbered data files.
 
+use super::Fetch;
+
+/// Returns the data files that a header names: the file of that name, or those of a pattern such as
+/// `NAME%03d FIRST LAST STEP`; `None` if it is neither.
+pub(super) fn data_files(named: &str, fetch: Fetch) -> Option<Vec<String>> {
+    match named.contains('%') {
+        // A file may have a percent sign in its name.
+        true => numbered(named).or_else(|| fetch(named).ok().map(|_| vec![named.to_owned()])),
+        false => Some(vec![named.to_owned()]),
+    }
+}
+
 /// Maximum number of files of a pattern.
 const MOST_FILES: i64 = 100_000;
 
 /// Expands `NAME%03d FIRST LAST STEP` to file names.
-pub(super) fn numbered(pattern: &str) -> Option<Vec<String>> {
+fn numbered(pattern: &str) -> Option<Vec<String>> {
     let mut words = pattern.split_whitespace();
     let name = words.next()?;
     let numbers: Vec<i64> = words.map_while(|w| w.parse().ok()).collect();

@@ -3,6 +3,7 @@
 use crate::io::cursor::{Cursor, ParseResult, number};
 use crate::mesh::ScalarType;
 use crate::volume::Raw;
+use bzip2::read::MultiBzDecoder;
 use flate2::read::{MultiGzDecoder, ZlibDecoder};
 use std::io::Read;
 
@@ -34,41 +35,112 @@ pub(super) enum Packing {
     Raw,
     Gzip,
     Zlib,
+    Bzip2,
 }
 
-/// Maximum number of bytes after the voxels (a line end, or padding); more indicate a wrong header.
+impl Packing {
+    /// Returns the compression that the first bytes of a file show.
+    pub fn of(file: &[u8]) -> Packing {
+        match file {
+            [0x1f, 0x8b, ..] => Packing::Gzip,
+            [b'B', b'Z', b'h', b'1'..=b'9', ..] => Packing::Bzip2,
+            _ => Packing::Raw,
+        }
+    }
+
+    /// Decompresses at most `limit` bytes; the allocation grows with the actual data.
+    pub fn take(self, packed: &[u8], limit: u64) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        match self {
+            Packing::Raw => packed.take(limit).read_to_end(&mut bytes),
+            Packing::Gzip => MultiGzDecoder::new(packed)
+                .take(limit)
+                .read_to_end(&mut bytes),
+            Packing::Zlib => ZlibDecoder::new(packed).take(limit).read_to_end(&mut bytes),
+            Packing::Bzip2 => MultiBzDecoder::new(packed)
+                .take(limit)
+                .read_to_end(&mut bytes),
+        }?;
+        Ok(bytes)
+    }
+}
+
+/// Maximum number of bytes after the voxels (a line end, or padding) that go without a note.
 const MOST_PADDING: usize = 16;
 
-/// Decompresses the `wanted` bytes of the voxels in `packed`. The allocation grows with the actual
-/// data, not with the stated size.
-pub(super) fn unpack(packed: &[u8], packing: Packing, wanted: usize) -> ParseResult<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let limit = (wanted as u64).saturating_add(MOST_PADDING as u64 + 1);
-    let read = match packing {
-        Packing::Raw => packed.take(limit).read_to_end(&mut bytes),
-        Packing::Gzip => MultiGzDecoder::new(packed)
-            .take(limit)
-            .read_to_end(&mut bytes),
-        Packing::Zlib => ZlibDecoder::new(packed).take(limit).read_to_end(&mut bytes),
-    };
-    if let Err(e) = read {
-        return Err(format!("cannot decompress the voxels: {e}"));
-    }
-    if bytes.len() < wanted {
-        return Err(format!(
+/// Decompresses the first `wanted` bytes of `packed`. The allocation grows with the actual data, not
+/// with the stated size.
+pub(super) fn unpack_start(packed: &[u8], packing: Packing, wanted: usize) -> ParseResult<Vec<u8>> {
+    let bytes = packing
+        .take(packed, wanted as u64)
+        .map_err(|e| format!("cannot decompress the voxels: {e}"))?;
+    match bytes.len() < wanted {
+        true => Err(format!(
             "header specifies {wanted} bytes of voxels, but the file has {} (wrong size in the \
             header or truncated file)",
             bytes.len()
-        ));
+        )),
+        false => Ok(bytes),
     }
-    if bytes.len() - wanted > MOST_PADDING {
+}
+
+/// Decompresses the `wanted` bytes of `packed`, which end with a volume of `volume` bytes. Bytes that
+/// follow are left out with a note; as many as another volume indicate a wrong header.
+pub(super) fn unpack(
+    packed: &[u8],
+    packing: Packing,
+    [wanted, volume]: [usize; 2],
+    notes: &mut Vec<String>,
+) -> ParseResult<Vec<u8>> {
+    let limit = wanted.saturating_add(volume.max(MOST_PADDING + 1));
+    let mut bytes = match packing {
+        Packing::Raw => packed[..packed.len().min(limit)].to_vec(),
+        _ => packing
+            .take(packed, limit as u64)
+            .map_err(|e| format!("cannot decompress the voxels: {e}"))?,
+    };
+    if bytes.len() < wanted {
+        return unpack_start(&bytes, Packing::Raw, wanted);
+    }
+    let more = bytes.len() - wanted;
+    if bytes.len() == limit {
         return Err(format!(
             "header specifies {wanted} bytes of voxels, but the file has more (wrong size in the \
             header)"
         ));
     }
+    if more > MOST_PADDING {
+        notes.push(format!("{more} bytes after the voxels are ignored"));
+    }
     bytes.truncate(wanted);
     Ok(bytes)
+}
+
+/// Returns the bytes of one of `count` volumes whose blocks of `block` bytes alternate: the values of
+/// a voxel, or whole volumes.
+pub(super) fn one_of(bytes: &[u8], block: usize, count: usize, chosen: usize) -> Vec<u8> {
+    let blocks = bytes.chunks_exact(block.max(1));
+    let own = blocks.skip(chosen).step_by(count.max(1));
+    own.flatten().copied().collect()
+}
+
+/// Returns the number of the requested one of `count` volumes in a file; `what` says where the file
+/// states their number.
+pub(super) fn chosen(requested: Option<usize>, count: usize, what: &str) -> ParseResult<usize> {
+    match requested {
+        None if count == 1 => Ok(0),
+        Some(k) if k < count => Ok(k),
+        Some(k) => Err(format!(
+            "there is no volume {k}: the file has {count} ({what}), so `--volume` must be in [0, \
+            {}]",
+            count - 1
+        )),
+        None => Err(format!(
+            "the file has {count} volumes, not a single volume ({what}); select one with --volume \
+            K, K from 0 to {} (`volume = K` in scenes and in Python)",
+            count - 1
+        )),
+    }
 }
 
 /// Decodes voxels from binary data of exactly the right length.

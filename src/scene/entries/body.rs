@@ -49,6 +49,8 @@ pub struct MeshSource {
     pub edge: Option<Length>,
     /// Labels of a volume that become regions: `"all"` or a list.
     pub labels: Option<LabelsEntry>,
+    /// Which volume of a file of several (times, echoes, components) is meshed, counted from 0.
+    pub volume: Option<usize>,
     /// Lower thresholds of the regions of a volume, each valid up to the next one: numbers or
     /// `"NAME=VALUE"`.
     #[serde(default, deserialize_with = "present_list")]

@@ -34,6 +34,9 @@ use std::path::PathBuf;
 pub struct ScanEntry {
     /// The volume, relative to the scene file, in any supported format.
     pub file: PathBuf,
+    /// Which volume of a file of several (times, echoes, components) is displayed, counted from 0.
+    #[serde(rename = "volume")]
+    pub number: Option<usize>,
     /// Name in the legend; default: the name of the file.
     pub name: Option<String>,
     /// Transfer function; default for the first scan: that of `[picture]`.

@@ -5,7 +5,6 @@ use crate::parallel;
 use crate::render::{Scan, ScanAppearance, TransferFunction};
 use crate::volume::{Raw, Volume};
 use glam::{DAffine3, DVec3};
-use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -108,10 +107,8 @@ pub(super) fn scan(voxels: usize) -> Result<Scan> {
         volume: Arc::new(Volume {
             size: [voxels; 3],
             raw: Raw::I16(raw),
-            slope: 1.0,
-            intercept: 0.0,
             to_world,
-            label_names: BTreeMap::new(),
+            ..Volume::default()
         }),
         units_per_mm: 1.0,
         appearance: ScanAppearance::Values {

@@ -311,4 +311,51 @@ fn lone_voxels_are_meshed_within_seconds() {
         let wanted = voxels * side.powi(3);
         assert!((volume / wanted - 1.0).abs() < 0.1, "{name}: {volume}");
     }
+
+#[test]
+fn one_of_several_volumes_is_meshed_by_number() {
+    let folder = folder("mesh_number");
+    let path = folder.join("times.mha");
+    let header = "ObjectType = Image\nNDims = 4\nDimSize = 8 8 8 2\nElementType = MET_UCHAR\n\
+                  ElementDataFile = LOCAL\n";
+    // A block of label 1, then the same of label 2.
+    let inside = |n: usize| {
+        [n % 8, n / 8 % 8, n / 64 % 8]
+            .iter()
+            .all(|i| (2..6).contains(i))
+    };
+    let voxels = (0..1024).map(|n| if inside(n) { 1 + (n / 512) as u8 } else { 0 });
+    let bytes: Vec<u8> = header.bytes().chain(voxels).collect();
+    std::fs::write(&path, bytes).unwrap();
+    let input = text(&path);
+
+    let error = failure(&palpate(&["info", input]));
+    assert!(
+        error.contains("2 volumes") && error.contains("--volume"),
+        "{error}"
+    );
+    for (number, label) in [("0", 1), ("1", 2)] {
+        let told = stdout(&palpate(&["info", input, "--volume", number, "--json"]));
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+        assert_eq!(told["labels"][1]["label"], label);
+        let out = folder.join("mesh.vtu");
+        let arguments = ["--tets", "500", "--volume", number, "--json", "--out"];
+        let told = stdout(&palpate(
+            &[&["mesh", input], &arguments[..], &[text(&out)]].concat(),
+        ));
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+        assert_eq!(told["regions"][0]["label"], label);
+        let source = palpate::scene::MeshSource {
+            file: Some(path.clone()),
+            volume: number.parse().ok(),
+            tets: Some(500),
+            ..Default::default()
+        };
+        let mesh = source.load().unwrap();
+        let field = mesh.field("label", palpate::mesh::Location::Cell).unwrap();
+        assert!(field.values.iter().all(|v| *v == f64::from(label)));
+    }
+    let mesh = folder.join("mesh.vtu");
+    let error = failure(&palpate(&["info", text(&mesh), "--volume", "0"]));
+    assert!(error.contains("volumes only"), "{error}");
 }

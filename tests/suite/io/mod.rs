@@ -17,6 +17,8 @@ mod surface_repairs;
 mod surfaces;
 mod variants;
 mod volume_files;
+mod volume_repairs;
+mod volume_series;
 mod volumes;
 #[cfg(feature = "dicom")]
 mod volumes_dicom;

@@ -5,7 +5,6 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use palpate::mesh::ScalarType;
 use palpate::volume::{Raw, Volume};
-use std::collections::BTreeMap;
 use std::io::Write;
 
 pub const TYPES: [ScalarType; 10] = [
@@ -118,10 +117,8 @@ impl Image {
         Volume {
             size: self.size,
             raw,
-            slope: 1.0,
-            intercept: 0.0,
             to_world: self.to_world,
-            label_names: BTreeMap::new(),
+            ..Volume::default()
         }
     }
 

@@ -1,6 +1,6 @@
 //! Series of DICOM slices, written here with the crate used by the reader.
 
-use dicom_core::value::{InMemFragment, PixelFragmentSequence};
+use dicom_core::value::{DataSetSequence, InMemFragment, PixelFragmentSequence};
 use dicom_core::{DataElement, PrimitiveValue, Tag, VR};
 use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 use glam::DVec3;
@@ -42,6 +42,15 @@ fn slices(syntax: &'static str) -> Vec<Slice> {
         .to_vec()
 }
 
+/// An element of text.
+fn text(tag: Tag, vr: VR, value: impl Into<String>) -> DataElement<InMemDicomObject> {
+    DataElement::new(tag, vr, PrimitiveValue::from(value.into()))
+}
+
+fn whole(tag: Tag, value: u16) -> DataElement<InMemDicomObject> {
+    DataElement::new(tag, VR::US, PrimitiveValue::from(value))
+}
+
 fn down() -> DVec3 {
     DVec3::new(0.0, 0.8, 0.6)
 }
@@ -57,21 +66,19 @@ impl Slice {
 
     fn write(&self, folder: &Path) {
         let place = self.place();
-        let text = |tag, vr, value: String| DataElement::new(tag, vr, PrimitiveValue::from(value));
-        let whole = |tag, value: u16| DataElement::new(tag, VR::US, PrimitiveValue::from(value));
         let mut object = InMemDicomObject::from_element_iter([
-            text(Tag(8, 0x16), VR::UI, "1.2.840.10008.5.1.4.1.1.2".into()),
+            text(Tag(8, 0x16), VR::UI, "1.2.840.10008.5.1.4.1.1.2"),
             text(Tag(8, 0x18), VR::UI, format!("1.2.3.{}", self.name.len())),
-            text(Tag(0x20, 0xe), VR::UI, self.series.into()),
+            text(Tag(0x20, 0xe), VR::UI, self.series),
             text(
                 Tag(0x20, 0x32),
                 VR::DS,
                 format!("{}\\{}\\{}", place.x, place.y, place.z),
             ),
-            text(Tag(0x20, 0x37), VR::DS, "1\\0\\0\\0\\0.8\\0.6".into()),
-            text(Tag(0x28, 0x4), VR::CS, "MONOCHROME2".into()),
-            text(Tag(0x28, 0x30), VR::DS, "0.75\\0.5".into()),
-            text(Tag(0x28, 0x1052), VR::DS, "-7".into()),
+            text(Tag(0x20, 0x37), VR::DS, "1\\0\\0\\0\\0.8\\0.6"),
+            text(Tag(0x28, 0x4), VR::CS, "MONOCHROME2"),
+            text(Tag(0x28, 0x30), VR::DS, "0.75\\0.5"),
+            text(Tag(0x28, 0x1052), VR::DS, "-7"),
             text(Tag(0x28, 0x1053), VR::DS, self.slope.to_string()),
             whole(Tag(0x28, 0x2), 1),
             whole(Tag(0x28, 0x10), ROWS),
@@ -221,4 +228,158 @@ fn damaged_slices_are_rejected_without_panic() {
             }
         }
     }
+}
+
+/// Writes an image of `frames` axial frames with the elements `more` to a file, and reads it.
+fn read_frames(
+    frames: u16,
+    more: impl IntoIterator<Item = DataElement<InMemDicomObject>>,
+    number: Option<usize>,
+) -> palpate::Result<Volume> {
+    let mut object = InMemDicomObject::from_element_iter([
+        text(Tag(8, 0x16), VR::UI, "1.2.840.10008.5.1.4.1.1.2"),
+        text(Tag(8, 0x18), VR::UI, "1.2.3.4"),
+        text(Tag(0x20, 0xe), VR::UI, "1.2.3"),
+        text(Tag(0x28, 0x4), VR::CS, "MONOCHROME2"),
+        text(Tag(0x28, 0x8), VR::IS, frames.to_string()),
+        whole(Tag(0x28, 0x2), 1),
+        whole(Tag(0x28, 0x10), ROWS),
+        whole(Tag(0x28, 0x11), COLUMNS),
+        whole(Tag(0x28, 0x100), 16),
+        whole(Tag(0x28, 0x101), 16),
+        whole(Tag(0x28, 0x102), 15),
+        whole(Tag(0x28, 0x103), 0),
+    ]);
+    let pixels: Vec<u16> = (0..6 * frames).collect();
+    let pixels = PrimitiveValue::U16(pixels.into());
+    object.put(DataElement::new(Tag(0x7fe0, 0x10), VR::OW, pixels));
+    for element in more {
+        object.put(element);
+    }
+    let meta = FileMetaTableBuilder::new().transfer_syntax(EXPLICIT);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("image.dcm");
+    let file = object.with_meta(meta).unwrap();
+    file.write_to_file(&path).unwrap();
+    assert_eq!(io::detect_kind(&path).unwrap(), io::Kind::Volume);
+    io::read_volume_number(path, number)
+}
+
+/// Position, orientation and spacing of axial frames.
+fn axial() -> [DataElement<InMemDicomObject>; 3] {
+    [
+        text(Tag(0x20, 0x32), VR::DS, "10\\20\\30"),
+        text(Tag(0x20, 0x37), VR::DS, "1\\0\\0\\0\\1\\0"),
+        text(Tag(0x28, 0x30), VR::DS, "0.75\\0.5"),
+    ]
+}
+
+fn sequence(
+    tag: Tag,
+    items: impl IntoIterator<Item = Vec<DataElement<InMemDicomObject>>>,
+) -> DataElement<InMemDicomObject> {
+    let items = items.into_iter().map(InMemDicomObject::from_element_iter);
+    let items: Vec<InMemDicomObject> = items.collect();
+    DataElement::new(tag, VR::SQ, DataSetSequence::from(items))
+}
+
+#[test]
+fn dicom_file_reads_alone() {
+    let thick = text(Tag(0x18, 0x50), VR::DS, "2.5");
+    let volume = read_frames(1, axial().into_iter().chain([thick]), None).unwrap();
+    assert_eq!(volume.size, [3, 2, 1]);
+    assert_eq!(volume.spacing(), DVec3::new(0.5, 0.75, 2.5));
+    assert!(
+        volume
+            .centre(0, 0, 0)
+            .abs_diff_eq(DVec3::new(-10.0, -20.0, 30.0), 1e-9)
+    );
+    assert!(volume.notes[0].contains("one slice"), "{:?}", volume.notes);
+}
+
+#[test]
+fn frames_without_positions_are_spaced_as_the_header_states() {
+    let offsets = |text_: &str| text(Tag(0x3004, 0xc), VR::DS, text_);
+    for (more, step) in [
+        (text(Tag(0x18, 0x88), VR::DS, "4"), 4.0),
+        (text(Tag(0x18, 0x50), VR::DS, "2"), 2.0),
+        (offsets("0\\3\\6\\9"), 3.0),
+        (offsets("0\\-3\\-6\\-9"), -3.0),
+        (offsets("30\\33\\36\\39"), 3.0),
+    ] {
+        let volume = read_frames(4, axial().into_iter().chain([more]), None).unwrap();
+        assert_eq!(volume.size, [3, 2, 4]);
+        // Frames are sorted along the normal.
+        let [first, last] = if step > 0.0 { [0, 3] } else { [3, 0] };
+        assert_eq!(volume.value(6 * first), 0.0);
+        assert_eq!(volume.value(6 * last), 18.0);
+        let at = volume.centre(0, 0, last).z;
+        assert!((at - 30.0 - 3.0 * step).abs() < 1e-9, "{at}");
+        assert!(volume.notes[0].contains("apart"), "{:?}", volume.notes);
+    }
+    let error = read_frames(4, axial(), None).unwrap_err().to_string();
+    assert!(error.contains("`SpacingBetweenSlices`"), "{error}");
+    let dose = [offsets("0\\3"), text(Tag(0x3004, 0xe), VR::DS, "0.01")];
+    let dose = read_frames(2, axial().into_iter().chain(dose), None).unwrap();
+    assert!((dose.value(7) - 0.07).abs() < 1e-9);
+}
+
+#[test]
+fn functional_groups_place_and_scale_frames() {
+    // Two times at each of two positions; what all frames share is stated once.
+    let placed = |z: &str, slope: &str| {
+        vec![
+            sequence(
+                Tag(0x20, 0x9113),
+                [vec![text(Tag(0x20, 0x32), VR::DS, format!("1\\2\\{z}"))]],
+            ),
+            sequence(
+                Tag(0x28, 0x9145),
+                [vec![
+                    text(Tag(0x28, 0x1052), VR::DS, "-1"),
+                    text(Tag(0x28, 0x1053), VR::DS, slope),
+                ]],
+            ),
+        ]
+    };
+    let shared = vec![
+        sequence(
+            Tag(0x20, 0x9116),
+            [vec![text(Tag(0x20, 0x37), VR::DS, "1\\0\\0\\0\\1\\0")]],
+        ),
+        sequence(
+            Tag(0x28, 0x9110),
+            [vec![
+                text(Tag(0x18, 0x50), VR::DS, "9"),
+                text(Tag(0x28, 0x30), VR::DS, "0.75\\0.5"),
+            ]],
+        ),
+    ];
+    let groups = |places: [&str; 4]| {
+        let frames = places.map(|z| placed(z, "2"));
+        [
+            sequence(Tag(0x5200, 0x9229), [shared.clone()]),
+            sequence(Tag(0x5200, 0x9230), frames),
+        ]
+    };
+    let places = ["12", "7", "12", "7"];
+    for (number, first) in [(0, 6.0), (1, 18.0)] {
+        let volume = read_frames(4, groups(places), Some(number)).unwrap();
+        assert_eq!(volume.size, [3, 2, 2]);
+        assert_eq!(volume.spacing().z, 5.0);
+        assert_eq!(volume.value(0), 2.0 * first - 1.0);
+        assert!(
+            volume
+                .centre(0, 0, 0)
+                .abs_diff_eq(DVec3::new(-1.0, -2.0, 7.0), 1e-9)
+        );
+    }
+    let error = read_frames(4, groups(places), None)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("2 volumes"), "{error}");
+    let volume = read_frames(4, groups(["1", "2", "3", "4"]), None).unwrap();
+    assert_eq!(volume.size, [3, 2, 4]);
+    let error = read_frames(4, groups(["1", "2", "3", "9"]), None).unwrap_err();
+    assert!(error.to_string().contains("frame 4"), "{error}");
 }

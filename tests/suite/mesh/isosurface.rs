@@ -4,17 +4,14 @@ use glam::{DAffine3, DMat3, DVec3};
 use palpate::mesh::{SurfaceDescription, TriMesh};
 use palpate::volume::{Raw, Volume};
 use proptest::prelude::*;
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 fn volume(size: [usize; 3], to_world: DAffine3, raw: Raw) -> Volume {
     Volume {
         size,
         raw,
-        slope: 1.0,
-        intercept: 0.0,
         to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 

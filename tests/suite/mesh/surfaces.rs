@@ -14,10 +14,8 @@ fn staircase() -> TriMesh {
     let volume = Volume {
         size: [n; 3],
         raw: Raw::U8((0..n * n * n).map(inside).collect()),
-        slope: 1.0,
-        intercept: 0.0,
         to_world: DAffine3::from_translation(DVec3::splat(-12.5)),
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     };
     volume.label_surface(&[1]).unwrap()
 }

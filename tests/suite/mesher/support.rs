@@ -57,10 +57,8 @@ pub fn volume_of(size: [usize; 3], label: impl Fn([usize; 3]) -> u8) -> Volume {
     Volume {
         size,
         raw: Raw::U8((0..nx * ny * nz).map(|n| label(at(n))).collect()),
-        slope: 1.0,
-        intercept: 0.0,
         to_world: DAffine3::from_translation(DVec3::splat(0.5)),
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 

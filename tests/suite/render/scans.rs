@@ -40,10 +40,8 @@ fn phantom() -> Volume {
     Volume {
         size,
         raw: Raw::I16(raw.collect()),
-        slope: 1.0,
-        intercept: 0.0,
         to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 
@@ -575,10 +573,8 @@ fn labels() -> Volume {
     Volume {
         size,
         raw: Raw::U8(raw.collect()),
-        slope: 1.0,
-        intercept: 0.0,
         to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 

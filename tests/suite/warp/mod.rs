@@ -8,7 +8,6 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use palpate::generate::{Split, box_mesh};
 use palpate::mesh::TetMesh;
 use palpate::volume::{Grid, Raw, Volume};
-use std::collections::BTreeMap;
 
 /// Returns a typical scanner grid: rotated, anisotropic, left-handed.
 fn grid() -> Grid {
@@ -25,10 +24,8 @@ fn scan(grid: Grid, raw: Raw) -> Volume {
     Volume {
         size: grid.size,
         raw,
-        slope: 1.0,
-        intercept: 0.0,
         to_world: grid.to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     }
 }
 

@@ -16,13 +16,15 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 
 /// File extensions that can be opened.
-const OPEN_EXTENSIONS: [&str; 19] = [
+const OPEN_EXTENSIONS: [&str; 25] = [
     "toml", "pvd", "vtu", "pvtu", "vtk", "msh", "mesh", "inp", "node", "ele", "nrrd", "nhdr",
-    "nii", "gz", "mha", "mhd", "stl", "ply", "obj",
+    "nii", "gz", "bz2", "hdr", "img", "mgz", "mgh", "mha", "mhd", "dcm", "stl", "ply", "obj",
 ];
 
 /// File extensions of scans and skins.
-const VOLUMES: [&str; 6] = ["nrrd", "nhdr", "nii", "gz", "mha", "mhd"];
+const VOLUMES: [&str; 12] = [
+    "nrrd", "nhdr", "nii", "gz", "bz2", "hdr", "img", "mgz", "mgh", "mha", "mhd", "dcm",
+];
 const SURFACES: [&str; 10] = [
     "obj", "ply", "stl", "vtk", "nrrd", "nhdr", "nii", "gz", "mha", "mhd",
 ];

@@ -18,6 +18,9 @@ const MAX_NESTING: usize = 64;
 const META_LENGTH: Tag = Tag(0x0002, 0x0000);
 const TRANSFER_SYNTAX: Tag = Tag(0x0002, 0x0010);
 const PIXELS: Tag = Tag(0x7fe0, 0x0010);
+/// The sequences of a multi-frame image: what all frames share, and an item per frame.
+const SHARED: Tag = Tag(0x5200, 0x9229);
+const PER_FRAME: Tag = Tag(0x5200, 0x9230);
 const ITEM: Tag = Tag(0xfffe, 0xe000);
 const END_OF_ITEM: Tag = Tag(0xfffe, 0xe00d);
 const END_OF_SEQUENCE: Tag = Tag(0xfffe, 0xe0dd);
@@ -35,7 +38,10 @@ enum Kind {
 
 /// An open container of elements.
 struct Frame {
+    tag: Tag,
     kind: Kind,
+    /// Number of items so far.
+    items: usize,
     /// Its end, if its length is defined.
     end: Option<usize>,
     /// Whether its elements have implicit types.
@@ -49,9 +55,30 @@ struct Syntax {
     big_endian: bool,
 }
 
-/// Checks all lengths in `file`, and that containers are closed. Returns its transfer syntax, and a
-/// file with only the elements `wanted`, for the parser.
-pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(String, Vec<u8>)> {
+/// An element in the functional groups of a multi-frame image, which is text.
+pub(super) struct GroupElement {
+    /// Its frame; `None` if it applies to all of them.
+    pub frame: Option<usize>,
+    pub tag: Tag,
+    pub text: String,
+}
+
+/// What a file contains.
+pub(super) struct Extracted {
+    /// Transfer syntax.
+    pub syntax: String,
+    /// A file with only the elements wanted, for the parser.
+    pub sifted: Vec<u8>,
+    pub groups: Vec<GroupElement>,
+}
+
+/// Checks all lengths in `file`, and that containers are closed. Returns the elements `wanted`, and
+/// those `in_groups` of multi-frame images.
+pub(super) fn extract_elements(
+    file: &[u8],
+    wanted: &[Tag],
+    in_groups: &[Tag],
+) -> ParseResult<Extracted> {
     let (uid, mut at) = meta_data(file)?;
     if uid == "1.2.840.10008.1.2.1.99" {
         return Err("deflated transfer syntax is not supported; convert with `dcmconv +te`".into());
@@ -63,7 +90,9 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
     let mut scan = ElementScan {
         file,
         wanted,
+        in_groups,
         sifted: heading(&uid),
+        groups: Vec::new(),
         seen: Vec::new(),
         blocks_begin: None,
         frames: Vec::new(),
@@ -72,7 +101,11 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
         at = scan.element(at, syntax)?;
     }
     match scan.blocks_begin {
-        None => Ok((uid, scan.sifted)),
+        None => Ok(Extracted {
+            syntax: uid,
+            sifted: scan.sifted,
+            groups: scan.groups,
+        }),
         Some(begin) => Err(format!(
             "byte {begin}: fragments of {PIXELS} are not terminated (truncated file)"
         )),
@@ -83,6 +116,8 @@ pub(super) fn extract_elements(file: &[u8], wanted: &[Tag]) -> ParseResult<(Stri
 struct ElementScan<'a> {
     file: &'a [u8],
     wanted: &'a [Tag],
+    in_groups: &'a [Tag],
+    groups: Vec<GroupElement>,
     /// The file with only the elements found so far.
     sifted: Vec<u8>,
     seen: Vec<Tag>,
@@ -143,6 +178,9 @@ impl ElementScan<'_> {
                     if chosen {
                         self.seen.push(tag);
                         self.sifted.extend_from_slice(&self.file[start..end]);
+                    } else if self.in_groups.contains(&tag) {
+                        let bytes = &self.file[at..end];
+                        self.groups.extend(in_group(&self.frames, tag, bytes));
                     }
                     return Ok(end);
                 }
@@ -156,8 +194,13 @@ impl ElementScan<'_> {
                 None => Kind::Sequence,
             },
         };
+        if let Some(around) = self.frames.last_mut().filter(|_| tag == ITEM) {
+            around.items += 1;
+        }
         self.frames.push(Frame {
+            tag,
             kind,
+            items: 0,
             end,
             // A sequence of unknown type has elements with implicit types.
             implicit: implicit || (vr == VR::UN && kind == Kind::Sequence),
@@ -169,6 +212,19 @@ impl ElementScan<'_> {
         }
         Ok(at)
     }
+}
+
+/// Returns an element inside `frames`, if these are functional groups.
+fn in_group(frames: &[Frame], tag: Tag, bytes: &[u8]) -> Option<GroupElement> {
+    let outer = frames.first()?;
+    let frame = match outer.tag {
+        SHARED => None,
+        PER_FRAME => Some(outer.items.checked_sub(1)?),
+        _ => return None,
+    };
+    let text = String::from_utf8_lossy(bytes);
+    let text = text.trim_matches(['\0', ' ']).to_owned();
+    Some(GroupElement { frame, tag, text })
 }
 
 /// Returns the start of a file with that transfer syntax.

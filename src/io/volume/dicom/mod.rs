@@ -1,10 +1,14 @@
-//! Reader for a series of DICOM slices: a folder with one slice per file.
+//! Reader for DICOM: a series of slices in a folder, with one slice per file, or a single file of one
+//! or more frames.
 //!
 //! The format is described at dicomstandard.org; its world is LPS, in mm. The crate `dicom-object`
-//! parses the files, after [`lengths`] has checked them.
+//! parses the files, after [`element_scan`] has checked their lengths.
 
 mod element_scan;
+mod frames;
 mod slice;
+
+pub(super) use frames::read_file;
 
 use crate::parallel;
 use crate::volume::{Raw, Volume};
@@ -22,7 +26,7 @@ const ROUNDING: f64 = 0.01;
 
 /// Reads the series with the most images in `folder` (among equals, the one with the first
 /// identifier). Other files are skipped.
-pub(super) fn read(folder: &Path) -> Result<Volume> {
+pub(super) fn read(folder: &Path, number: Option<usize>) -> Result<Volume> {
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder))? {
         let path = entry.map_err(Error::io(folder))?.path();
@@ -52,11 +56,37 @@ pub(super) fn read(folder: &Path) -> Result<Volume> {
             "no file in this folder is a DICOM image (`DICM` at byte 128, with pixels)",
         )
     })?;
+    if let [(path, image)] = largest.as_slice() {
+        let volume = frames::volume(image, number);
+        return volume.map_err(|e| Error::format(path, e));
+    }
+    if let Some(number) = number {
+        return Err(Error::format(
+            folder,
+            format!("there is no volume {number}: a series of slices is one volume"),
+        ));
+    }
+    for (path, image) in &largest {
+        let frames = image.frames().map_err(|e| Error::format(path, e))?;
+        if frames != 1 {
+            return Err(Error::format(
+                path,
+                format!(
+                    "has {frames} frames, and {} files of its series are in this folder; name the \
+                    file alone",
+                    largest.len()
+                ),
+            ));
+        }
+    }
     let slices: Vec<(PathBuf, Slice)> = largest
         .into_par_iter()
-        .map(|(path, image)| match image.slice() {
-            Ok(slice) => Ok((path, slice)),
-            Err(e) => Err(Error::format(path, e)),
+        .map(|(path, image)| {
+            let slice = image.pixel_data().and_then(|data| image.slice(&data, 0));
+            match slice {
+                Ok(slice) => Ok((path, slice)),
+                Err(e) => Err(Error::format(path, e)),
+            }
         })
         .collect::<Result<_>>()?;
     stack(slices).map_err(|(path, e)| Error::format(path, e))
@@ -65,7 +95,9 @@ pub(super) fn read(folder: &Path) -> Result<Volume> {
 /// Whether a file contains a complete image.
 pub(in crate::io) fn parse(file: &[u8]) -> std::result::Result<bool, String> {
     let image = Image::parse(file)?;
-    image.map_or(Ok(false), |image| image.slice().map(|_| true))
+    image.map_or(Ok(false), |image| {
+        frames::volume(&image, Some(0)).map(|_| true)
+    })
 }
 
 /// Stacks `slices` to a volume; an error names its file.
@@ -112,7 +144,7 @@ fn stack(mut slices: Vec<(PathBuf, Slice)>) -> std::result::Result<Volume, (Path
         slope,
         intercept,
         to_world,
-        label_names: BTreeMap::new(),
+        ..Volume::default()
     })
 }
 

@@ -1,14 +1,21 @@
 //! A slice of a volume in a DICOM file.
 
-use super::element_scan;
+use super::element_scan::{self, GroupElement};
 use crate::io::cursor::ParseResult;
 use crate::io::volume::voxels::decode;
 use crate::mesh::ScalarType;
 use crate::volume::Raw;
+use dicom_core::header::HasLength;
+use dicom_core::value::InMemFragment;
 use dicom_object::{DefaultDicomObject, OpenFileOptions, Tag};
 use glam::{DVec2, DVec3};
+use std::borrow::Cow;
+use std::collections::HashMap;
 use std::str::FromStr;
 
+const SPACING_BETWEEN: Tag = Tag(0x0018, 0x0088);
+const OFFSETS: Tag = Tag(0x3004, 0x000c);
+const DOSE_SCALING: Tag = Tag(0x3004, 0x000e);
 const SLICE_THICKNESS: Tag = Tag(0x0018, 0x0050);
 const SERIES: Tag = Tag(0x0020, 0x000e);
 const POSITION: Tag = Tag(0x0020, 0x0032);
@@ -27,7 +34,10 @@ const INTERCEPT: Tag = Tag(0x0028, 0x1052);
 const SLOPE: Tag = Tag(0x0028, 0x1053);
 const PIXELS: Tag = Tag(0x7fe0, 0x0010);
 
-const WANTED: [Tag; 17] = [
+const WANTED: [Tag; 20] = [
+    SPACING_BETWEEN,
+    OFFSETS,
+    DOSE_SCALING,
     SLICE_THICKNESS,
     SERIES,
     POSITION,
@@ -47,20 +57,41 @@ const WANTED: [Tag; 17] = [
     PIXELS,
 ];
 
+/// What the functional groups of a multi-frame image state per frame.
+const IN_GROUPS: [Tag; 6] = [
+    SLICE_THICKNESS,
+    POSITION,
+    ORIENTATION,
+    SPACING,
+    INTERCEPT,
+    SLOPE,
+];
+
 /// The transfer syntaxes with uncompressed pixels.
 const NATIVE: [&str; 3] = [
     "1.2.840.10008.1.2",
     "1.2.840.10008.1.2.1",
     "1.2.840.10008.1.2.2",
 ];
+/// Maximum number of frames of an image.
+const MAX_FRAMES: usize = 1 << 20;
 const RUN_LENGTH: &str = "1.2.840.10008.1.2.5";
 
 /// A parsed file with an image in it.
 pub(super) struct Image {
     object: DefaultDicomObject,
     syntax: String,
+    /// Elements of the functional groups of one frame, or of all of them.
+    groups: HashMap<(Option<usize>, Tag), String>,
     /// Its series.
     pub series: String,
+}
+
+/// The encoded pixels of all frames of an image.
+pub(super) enum PixelData<'a> {
+    Native(Cow<'a, [u8]>),
+    /// Run lengths, a block per frame.
+    RunLengths(&'a [InMemFragment]),
 }
 
 /// The image as a slice in space, in the patient's frame: LPS, mm.
@@ -85,16 +116,21 @@ impl Image {
         if file.get(128..132) != Some(b"DICM") {
             return Ok(None);
         }
-        let (syntax, sifted) = element_scan::extract_elements(file, &WANTED)?;
+        let found = element_scan::extract_elements(file, &WANTED, &IN_GROUPS)?;
+        let mut groups = HashMap::new();
+        for GroupElement { frame, tag, text } in found.groups {
+            groups.entry((frame, tag)).or_insert(text);
+        }
         let object = OpenFileOptions::new()
-            .from_reader(sifted.as_slice())
+            .from_reader(found.sifted.as_slice())
             .map_err(|e| format!("invalid DICOM: {e}"))?;
         if object.get(PIXELS).is_none() {
             return Ok(None);
         }
         let mut image = Image {
             object,
-            syntax,
+            syntax: found.syntax,
+            groups,
             series: String::new(),
         };
         image.series = image.text(SERIES, "SeriesInstanceUID")?;
@@ -125,23 +161,95 @@ impl Image {
         self.one(tag, name)?.ok_or_else(|| missing(name))
     }
 
-    fn reals<const N: usize>(&self, tag: Tag, name: &str) -> ParseResult<[f64; N]> {
-        let element = self.object.get(tag).ok_or_else(|| missing(name))?;
-        let numbers = element.to_multi_float64().ok();
-        numbers
-            .and_then(|n| <[f64; N]>::try_from(n).ok())
-            .filter(|n| n.iter().all(|x| x.is_finite()))
-            .ok_or_else(|| format!("`{name}` must be {N} finite numbers"))
+    /// Returns the numbers of an element: that of frame `frame` if its functional group has one, or
+    /// else the one for all frames. The number of them is `N`, if it is present.
+    fn reals<const N: usize>(
+        &self,
+        tag: Tag,
+        name: &str,
+        frame: usize,
+    ) -> ParseResult<Option<[f64; N]>> {
+        let numbers: Option<Vec<f64>> = match self.in_group(tag, frame) {
+            Some(text) if text.is_empty() => return Ok(None),
+            Some(text) => text.split('\\').map(|w| w.trim().parse().ok()).collect(),
+            None => match self.object.get(tag) {
+                Some(element) if !element.is_empty() => element.to_multi_float64().ok(),
+                _ => return Ok(None),
+            },
+        };
+        let numbers = numbers.and_then(|n| <[f64; N]>::try_from(n).ok());
+        match numbers.filter(|n| n.iter().all(|x| x.is_finite())) {
+            Some(numbers) => Ok(Some(numbers)),
+            None => Err(format!("`{name}` must be {N} finite numbers")),
+        }
     }
 
-    /// Returns the slice with its pixels.
-    pub fn slice(&self) -> ParseResult<Slice> {
-        let frames: u32 = self.one(FRAMES, "NumberOfFrames")?.unwrap_or(1);
-        if frames != 1 {
-            return Err(format!(
-                "`NumberOfFrames` must be 1 (one slice per file), got {frames}"
-            ));
+    fn in_group(&self, tag: Tag, frame: usize) -> Option<&str> {
+        let own = self.groups.get(&(Some(frame), tag));
+        let found = own.or_else(|| self.groups.get(&(None, tag)));
+        found.map(String::as_str)
+    }
+
+    /// Returns the number of frames.
+    pub fn frames(&self) -> ParseResult<usize> {
+        let frames = self.one::<usize>(FRAMES, "NumberOfFrames")?.unwrap_or(1);
+        match (1..=MAX_FRAMES).contains(&frames) {
+            true => Ok(frames),
+            false => Err(format!(
+                "`NumberOfFrames` must be in [1, {MAX_FRAMES}], got {frames}"
+            )),
         }
+    }
+
+    /// Returns the distances of frames from the position of the image along the normal, if it states
+    /// them: those of a dose, or multiples of a step for `frames` frames.
+    pub fn offsets(&self, frames: usize) -> ParseResult<Option<Vec<f64>>> {
+        if let Some(element) = self.object.get(OFFSETS) {
+            let offsets = element.to_multi_float64().unwrap_or_default();
+            if offsets.len() != frames || offsets.iter().any(|o| !o.is_finite()) {
+                return Err(format!(
+                    "`GridFrameOffsetVector` must be a number per frame ({frames}), got {}",
+                    offsets.len()
+                ));
+            }
+            return Ok(Some(offsets));
+        }
+        let between = self.one::<f64>(SPACING_BETWEEN, "SpacingBetweenSlices")?;
+        let step = match between {
+            Some(step) => Some(step),
+            None => self.one(SLICE_THICKNESS, "SliceThickness")?,
+        };
+        let step = step.filter(|s| *s != 0.0 && s.is_finite());
+        Ok(step.map(|step| (0..frames).map(|n| step * n as f64).collect()))
+    }
+
+    /// Whether each frame has a position of its own.
+    pub fn places_frames(&self) -> bool {
+        self.groups.contains_key(&(Some(0), POSITION))
+    }
+
+    /// Returns the encoded pixels of all frames.
+    pub fn pixel_data(&self) -> ParseResult<PixelData<'_>> {
+        let element = self.object.get(PIXELS);
+        let element = element.ok_or_else(|| missing("PixelData"))?;
+        if NATIVE.contains(&self.syntax.as_str()) {
+            let bytes = element.to_bytes();
+            let bytes = bytes.map_err(|e| format!("`PixelData`: {e}"))?;
+            Ok(PixelData::Native(bytes))
+        } else if self.syntax == RUN_LENGTH {
+            let frames = element.fragments();
+            Ok(PixelData::RunLengths(frames.unwrap_or_default()))
+        } else {
+            Err(format!(
+                "compressed pixels (transfer syntax {}) are not supported; convert with `dcmdjpeg` \
+                or `gdcmconv --raw`",
+                self.syntax
+            ))
+        }
+    }
+
+    /// Returns the slice of frame `frame` with its `pixels`.
+    pub fn slice(&self, pixels: &PixelData, frame: usize) -> ParseResult<Slice> {
         let samples: u16 = self.one(SAMPLES, "SamplesPerPixel")?.unwrap_or(1);
         let photometric = self.text(PHOTOMETRIC, "PhotometricInterpretation")?;
         if samples != 1 || !photometric.starts_with("MONOCHROME") {
@@ -150,7 +258,8 @@ impl Image {
                 (MONOCHROME2) are supported"
             ));
         }
-        let [x, y, z, u, v, w] = self.reals(ORIENTATION, "ImageOrientationPatient")?;
+        let orientation = self.reals(ORIENTATION, "ImageOrientationPatient", frame)?;
+        let [x, y, z, u, v, w] = orientation.ok_or_else(|| missing("ImageOrientationPatient"))?;
         let axes = [DVec3::new(x, y, z), DVec3::new(u, v, w)];
         let square = axes[0].dot(axes[1]).abs() < 1e-3;
         if !square || axes.iter().any(|a| (a.length() - 1.0).abs() > 1e-3) {
@@ -158,7 +267,8 @@ impl Image {
                 "`ImageOrientationPatient` must be two unit vectors at right angles, got {axes:?}"
             ));
         }
-        let [between_rows, between_columns] = self.reals(SPACING, "PixelSpacing")?;
+        let spacing = self.reals(SPACING, "PixelSpacing", frame)?;
+        let [between_rows, between_columns] = spacing.ok_or_else(|| missing("PixelSpacing"))?;
         let spacing = DVec2::new(between_columns, between_rows);
         if spacing.cmple(DVec2::ZERO).any() {
             return Err(format!("`PixelSpacing` must be > 0, got {spacing}"));
@@ -170,28 +280,38 @@ impl Image {
                 "`Rows` and `Columns` must be ≥ 1, got {rows} and {columns}"
             ));
         }
-        let slope = self.one(SLOPE, "RescaleSlope")?.unwrap_or(1.0);
-        let intercept = self.one(INTERCEPT, "RescaleIntercept")?.unwrap_or(0.0);
-        let scaling: [f64; 2] = [slope, intercept];
-        if slope == 0.0 || scaling.iter().any(|s| !s.is_finite()) {
-            return Err(format!(
-                "`RescaleSlope` and `RescaleIntercept` must be finite, with a slope other than 0, \
-                got {slope} and {intercept}"
-            ));
-        }
+        let position = self.reals(POSITION, "ImagePositionPatient", frame)?;
+        let position = position.ok_or_else(|| missing("ImagePositionPatient"))?;
+        let thickness = self.reals::<1>(SLICE_THICKNESS, "SliceThickness", frame);
         Ok(Slice {
             columns,
             rows,
-            position: DVec3::from(self.reals(POSITION, "ImagePositionPatient")?),
+            position: DVec3::from(position),
             axes,
             spacing,
-            thickness: self.one(SLICE_THICKNESS, "SliceThickness")?,
-            scaling,
-            raw: self.pixels(rows * columns)?,
+            thickness: thickness?.map(|[t]| t),
+            scaling: self.scaling(frame)?,
+            raw: self.pixels(pixels, rows * columns, frame)?,
         })
     }
 
-    fn pixels(&self, count: usize) -> ParseResult<Raw> {
+    /// Returns factor and offset from stored numbers to values.
+    fn scaling(&self, frame: usize) -> ParseResult<[f64; 2]> {
+        let dose = self.one(DOSE_SCALING, "DoseGridScaling")?;
+        let slope = self.reals::<1>(SLOPE, "RescaleSlope", frame)?;
+        let slope = slope.map(|[s]| s).or(dose).unwrap_or(1.0);
+        let intercept = self.reals::<1>(INTERCEPT, "RescaleIntercept", frame)?;
+        let intercept = intercept.map_or(0.0, |[i]| i);
+        match slope != 0.0 && slope.is_finite() && intercept.is_finite() {
+            true => Ok([slope, intercept]),
+            false => Err(format!(
+                "`RescaleSlope` and `RescaleIntercept` must be finite, with a slope other than 0, \
+                got {slope} and {intercept}"
+            )),
+        }
+    }
+
+    fn pixels(&self, data: &PixelData, count: usize, frame: usize) -> ParseResult<Raw> {
         let bits: u16 = self.required(BITS, "BitsAllocated")?;
         let signed = self.one(SIGNED, "PixelRepresentation")?.unwrap_or(0u16) == 1;
         let scalar = match (bits, signed) {
@@ -207,33 +327,25 @@ impl Image {
         };
         let width = usize::from(bits / 8);
         let wanted = count * width;
-        let element = self
-            .object
-            .get(PIXELS)
-            .ok_or_else(|| missing("PixelData"))?;
-        let raw = if NATIVE.contains(&self.syntax.as_str()) {
-            let bytes = element
-                .to_bytes()
-                .map_err(|e| format!("`PixelData`: {e}"))?;
-            let bytes = bytes.get(..wanted).ok_or_else(|| {
-                format!(
-                    "`PixelData` must have {wanted} bytes for its rows and columns, got {}",
-                    bytes.len()
-                )
-            })?;
-            // The crate has converted them to native byte order.
-            decode(bytes, scalar, cfg!(target_endian = "big"))
-        } else if self.syntax == RUN_LENGTH {
-            // The first block is an offset table if there are several frames.
-            let frame = element.fragments().and_then(|f| f.first());
-            let frame = frame.ok_or("`PixelData` contains no image")?;
-            decode(&run_lengths(frame, count, width)?, scalar, true)
-        } else {
-            return Err(format!(
-                "compressed pixels (transfer syntax {}) are not supported; convert with `dcmdjpeg` \
-                or `gdcmconv --raw`",
-                self.syntax
-            ));
+        let raw = match data {
+            PixelData::Native(bytes) => {
+                let range = wanted * frame..wanted * (frame + 1);
+                let bytes = bytes.get(range).ok_or_else(|| {
+                    format!(
+                        "`PixelData` must have {wanted} bytes per frame for its rows and columns, \
+                        got {} in all",
+                        bytes.len()
+                    )
+                })?;
+                // The crate has converted them to native byte order.
+                decode(bytes, scalar, cfg!(target_endian = "big"))
+            }
+            PixelData::RunLengths(frames) => {
+                let packed = frames
+                    .get(frame)
+                    .ok_or("`PixelData` has fewer images than frames")?;
+                decode(&run_lengths(packed, count, width)?, scalar, true)
+            }
         };
         let stored = self.one(BITS_STORED, "BitsStored")?.unwrap_or(bits);
         let high = self
