@@ -311,6 +311,7 @@ fn lone_voxels_are_meshed_within_seconds() {
         let wanted = voxels * side.powi(3);
         assert!((volume / wanted - 1.0).abs() < 0.1, "{name}: {volume}");
     }
+}
 
 #[test]
 fn one_of_several_volumes_is_meshed_by_number() {
