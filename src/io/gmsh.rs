@@ -4,10 +4,11 @@
 //! The `mshio` crate (0.4.2) reads version 4.1 only, so this is a separate reader. Physical and
 //! elementary groups become the cell fields `gmsh:physical` and `gmsh:geometrical` unless they are
 //! constant 0; a cell in several physical groups belongs to the first. If physical volumes have
-//! names, their tags become the cell field `label`, too.
+//! names, their tags become the cell field `label`, too. Partitions are ignored.
 
 use super::cursor::ParseResult;
 use super::gmsh_data::DataSection;
+use super::gmsh_entities::{Entities, physical_name};
 use super::gmsh_kinds::{MOST_NODES, vtk_kind};
 use super::gmsh_source::Source;
 use super::id_map::{Tags, repeated_numbers};
@@ -15,7 +16,6 @@ use super::metadata::{Metadata, integer_field};
 use super::raw_mesh::RawMesh;
 use crate::mesh::Location;
 use glam::DVec3;
-use std::collections::HashMap;
 
 /// Magic bytes of the format (comments may precede them).
 pub(super) const MAGIC: &[u8] = b"$MeshFormat";
@@ -36,7 +36,8 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     while let Some(name) = at.next_section()? {
         match name {
             "MeshFormat" => file.version = at.mesh_format()?,
-            "Entities" => file.entities(&mut at)?,
+            "Entities" => file.entities.read(&mut at, file.version)?,
+            "PartitionedEntities" => file.entities.read_partitioned(&mut at, file.version)?,
             "PhysicalNames" => {
                 file.physical_names(at.skip_section(name)?);
                 continue;
@@ -46,12 +47,14 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             "ParametricNodes" => file.nodes_2(&mut at, true)?,
             "Elements" if file.version >= V4_0 => file.elements_4(&mut at)?,
             "Elements" => file.elements_2(&mut at)?,
-            "NodeData" => file
-                .data
-                .push((Location::Node, DataSection::read(&mut at)?)),
-            "ElementData" => file
-                .data
-                .push((Location::Cell, DataSection::read(&mut at)?)),
+            "NodeData" => {
+                file.data(&mut at, name, Location::Node)?;
+                continue;
+            }
+            "ElementData" => {
+                file.data(&mut at, name, Location::Cell)?;
+                continue;
+            }
             "NOD" => {
                 file.version = V1;
                 file.nodes_2(&mut at, false)?;
@@ -62,7 +65,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
                 continue;
             }
             other => {
-                if matches!(other, "ElementNodeData" | "PartitionedEntities") {
+                if other == "ElementNodeData" {
                     file.mesh.warnings.push(format!("section ${other} skipped"));
                 }
                 at.skip_section(other)?;
@@ -81,8 +84,7 @@ struct File {
     nodes: Tags,
     elements: Tags,
     has_elements: bool,
-    /// Physical group of each (dimension, elementary entity).
-    groups: HashMap<(i32, i32), i32>,
+    entities: Entities,
     /// Group and entity of each cell.
     physical: Vec<f64>,
     geometrical: Vec<f64>,
@@ -93,45 +95,31 @@ struct File {
 }
 
 impl File {
-    /// Stores the names of physical volumes: lines of dimension, tag and quoted name.
+    /// Stores the names of physical volumes.
     fn physical_names(&mut self, section: &[u8]) {
         for line in String::from_utf8_lossy(section).lines() {
-            let mut words = line.splitn(3, char::is_whitespace);
-            if let (Some("3"), Some(Ok(tag)), Some(name)) =
-                (words.next(), words.next().map(str::parse), words.next())
+            if let Some((dimension, tag, name)) = physical_name(line)
+                && !self.entities.is_partition_name(tag, name)
+                && dimension == 3
             {
-                let name = name.trim().trim_matches('"').to_owned();
-                self.mesh.region_names.insert(tag, name);
+                self.mesh.region_names.insert(tag, name.to_owned());
             }
         }
     }
 
-    fn entities(&mut self, at: &mut Source) -> ParseResult<()> {
-        let mut counts = [0; 4];
-        for count in &mut counts {
-            *count = at.count(format_args!("a number of entities"), 4)?;
-        }
-        for (dimension, count) in counts.into_iter().enumerate() {
-            for _ in 0..count {
-                let tag = at.int(format_args!("an entity's tag"))?;
-                let point = dimension == 0 && self.version >= V4_1;
-                for _ in 0..if point { 3 } else { 6 } {
-                    at.double(format_args!("the bounds of entity {tag}"))?;
-                }
-                let groups = at.count(format_args!("the number of groups of entity {tag}"), 2)?;
-                for group in 0..groups {
-                    let group_tag = at.int(format_args!("a group of entity {tag}"))?;
-                    if group == 0 {
-                        self.groups.insert((dimension as i32, tag), group_tag);
-                    }
-                }
-                if dimension > 0 {
-                    let bounding =
-                        at.count(format_args!("the number of entities around {tag}"), 2)?;
-                    for _ in 0..bounding {
-                        at.int(format_args!("an entity around {tag}"))?;
-                    }
-                }
+    /// Reads a section of values. A damaged one is left out with a warning, since the mesh does not
+    /// depend on it.
+    fn data(&mut self, at: &mut Source, name: &str, location: Location) -> ParseResult<()> {
+        let start = at.position();
+        let section = DataSection::read(at);
+        let section = section.and_then(|s| at.end_of_section(name).map(|()| s));
+        match section {
+            Ok(section) => self.data.push((location, section)),
+            Err(e) => {
+                at.go_to(start);
+                at.skip_section(name).map_err(|_| e.clone())?;
+                let warning = format!("section ${name} skipped: {e}");
+                self.mesh.warnings.push(warning);
             }
         }
         Ok(())
@@ -275,7 +263,17 @@ impl File {
                     .map(|v| *v as usize)
                     .eq(corners.iter().copied())
         });
-        if !same {
+        if same {
+            // Version 2 lists an element once for each of its physical groups.
+            if let Some(group) = self
+                .elements
+                .get(tag)
+                .and_then(|i| self.physical.get_mut(i))
+                && self.entities.is_of_partition(*group as i32)
+            {
+                *group = f64::from(physical);
+            }
+        } else {
             self.elements.push_unnamed();
             self.add_cell(kind, corners, [physical, geometrical]);
             self.repeated += 1;
@@ -368,14 +366,14 @@ impl File {
             let count = at.count(format_args!("the number of elements of a block"), 4)?;
             found += count;
             let shape = Self::element_type(at, number)?;
-            let group = self.groups.get(&(dimension, entity)).copied().unwrap_or(0);
+            let groups = self.entities.groups_of(dimension, entity);
             for i in 0..count {
                 let what = format_args!("the tag of element {i} of {count} of a block");
                 let tag = match self.version >= V4_1 {
                     true => at.size(what)?,
                     false => at.int(what)? as u64,
                 };
-                self.element(at, tag, shape, [group, entity])?;
+                self.element(at, tag, shape, groups)?;
             }
         }
         if found != total {

@@ -27,6 +27,15 @@ impl<'a> Source<'a> {
         self.ascii
     }
 
+    /// Returns the position in the file, for [`Source::go_to`].
+    pub fn position(&self) -> usize {
+        self.at.position()
+    }
+
+    pub fn go_to(&mut self, position: usize) {
+        self.at.go_to(position);
+    }
+
     pub fn error(&self, what: impl std::fmt::Display) -> String {
         self.at.error(what)
     }

@@ -13,11 +13,17 @@ use glam::DVec3;
 /// The keyword at the start of every file of this format.
 pub(super) const MAGIC: &str = "meshversionformatted";
 
-/// Section, VTK number of its cells, nodes per cell. Corners are first, in VTK order.
-const SECTIONS: [(&str, u8, usize); 11] = [
+/// Section, VTK number of its cells, nodes per cell. Corners are first, in VTK order. "Hexaedra" is
+/// the spelling of the format's own report, which many programs write.
+const SECTIONS: [(&str, u8, usize); 16] = [
     ("tetrahedra", 10, 4),
+    ("tetraedra", 10, 4),
     ("hexahedra", 12, 8),
+    ("hexaedra", 12, 8),
     ("prisms", 13, 6),
+    ("pentahedra", 13, 6),
+    ("pentaedra", 13, 6),
+    ("wedges", 13, 6),
     ("pyramids", 14, 5),
     ("triangles", 5, 3),
     ("quadrilaterals", 9, 4),
@@ -26,6 +32,12 @@ const SECTIONS: [(&str, u8, usize); 11] = [
     ("hexahedraq2", 29, 27),
     ("trianglesp2", 22, 6),
     ("edgesp2", 21, 3),
+];
+
+/// Starts of the names of sections that hold neither vertices nor cells, and are skipped silently.
+const SILENT: [&str; 12] = [
+    "required", "corners", "ridges", "normal", "tangent", "angleof", "geometry", "bounding",
+    "subdomain", "iterations", "time", "identifier",
 ];
 
 /// Reads the content of a `.mesh` file.
@@ -62,7 +74,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             read_vertices(&mut at, &mut mesh, &mut node_refs)?;
         } else if let Some((_, kind, width)) = SECTIONS.iter().find(|s| s.0 == keyword) {
             read_cells(&mut at, &keyword, *kind, *width, &mut mesh, &mut cell_refs)?;
-        } else if ["tetrahedra", "hexahedra", "prisms", "pyramids"]
+        } else if ["tetra", "hexa", "prisms", "penta", "wedges", "pyramids"]
             .iter()
             .any(|solid| keyword.starts_with(solid))
         {
@@ -71,6 +83,10 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
                 HexahedraQ2"
             )));
         } else if is_keyword(token) {
+            if !SILENT.iter().any(|start| keyword.starts_with(start)) {
+                let name: String = String::from_utf8_lossy(token).chars().take(40).collect();
+                mesh.warnings.push(format!("section {name} skipped"));
+            }
             pass_over(&mut at);
         } else {
             let shown: String = keyword.chars().take(40).collect();
@@ -98,7 +114,7 @@ fn read_vertices(at: &mut Cursor, mesh: &mut RawMesh, refs: &mut Vec<f64>) -> Pa
             *x = at.number(format_args!("a coordinate of vertex {i} of {count}"))?;
         }
         mesh.nodes.push(DVec3::from_array(position));
-        refs.push(at.integer(format_args!("the reference of vertex {i} of {count}"))? as f64);
+        refs.push(reference(at, format_args!("vertex {i} of {count}"))?);
     }
     Ok(())
 }
@@ -128,9 +144,20 @@ fn read_cells(
                 })?;
         }
         mesh.cells.push(kind, nodes[..width].iter().copied());
-        refs.push(at.integer(format_args!("the reference of {keyword} {i} of {count}"))? as f64);
+        refs.push(reference(at, format_args!("{keyword} {i} of {count}"))?);
     }
     Ok(())
+}
+
+/// Reads a reference. It should be an integer, but some programs write it as "1.0".
+fn reference(at: &mut Cursor, of: std::fmt::Arguments) -> ParseResult<f64> {
+    let value = at.number(format_args!("the reference of {of}"))?;
+    match value.is_finite() {
+        true => Ok(value),
+        false => Err(at.error(format_args!(
+            "the reference of {of} is {value}, expected an integer"
+        ))),
+    }
 }
 
 fn is_keyword(token: &[u8]) -> bool {

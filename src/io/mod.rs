@@ -19,6 +19,7 @@ mod frames;
 pub mod fuzz;
 mod gmsh;
 mod gmsh_data;
+mod gmsh_entities;
 mod gmsh_kinds;
 mod gmsh_source;
 mod gmsh_write;
@@ -28,6 +29,8 @@ mod join;
 mod medit;
 mod medit_write;
 mod metadata;
+mod mfem;
+mod other_formats;
 mod parse;
 mod polyhedra;
 mod pvd;
@@ -37,7 +40,7 @@ mod scalar;
 mod surface;
 mod tetgen;
 mod tetgen_write;
-mod unsupported;
+mod ucd;
 mod volume;
 mod vtk_legacy;
 mod vtk_legacy_attributes;
@@ -74,10 +77,10 @@ use crate::{Error, Result};
 use std::path::Path;
 
 /// Formats supported by [`read`], for messages.
-const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh) and Abaqus (.inp)";
+const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh), MFEM (.mesh), Abaqus (.inp) and AVS UCD (.inp)";
 
-/// Reads a mesh in any supported format: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, Abaqus; the
-/// pieces of a partitioned mesh (`.pvtu`) are merged. The format is detected from the content, then
+/// Reads a mesh in any supported format: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, MFEM,
+/// Abaqus, AVS UCD; the pieces of a partitioned mesh (`.pvtu`) are merged. The format is detected from the content, then
 /// from the extension. Changes (cells subdivided or dropped, repairs) are reported in
 /// [`TetMesh::repairs`].
 ///
@@ -203,10 +206,17 @@ fn format_of(bytes: &[u8], extension: &str) -> cursor::ParseResult<Reader> {
         Ok(gmsh::read)
     } else if first_word.is_some_and(|w| w.starts_with(medit::MAGIC)) {
         Ok(medit::read)
+    } else if first_word.is_some_and(|w| w.starts_with(mfem::MAGIC)) {
+        Ok(mfem::read)
+    } else if let Some(other) = other_formats::by_content(bytes, extension) {
+        Err(other)
+    } else if ucd::is_ucd(bytes) {
+        Ok(ucd::read)
+    } else if let Some(other) = other_formats::by_extension(extension) {
+        // Before Abaqus, whose keywords are those of LS-DYNA.
+        Err(other)
     } else if abaqus::is_abaqus(bytes) {
         Ok(abaqus::read)
-    } else if let Some(why) = unsupported::reason(bytes, extension) {
-        Err(why)
     } else {
         // Unknown content: the reader selected by the extension reports what it expected.
         match extension {

@@ -22,6 +22,7 @@ pub(crate) use stream::{VolumeFormat, VolumeStream};
 pub use write::write_volume;
 
 use super::cursor::ParseResult;
+use super::other_formats;
 use crate::files;
 use crate::volume::Volume;
 use crate::{Error, Result};
@@ -181,6 +182,10 @@ fn dicom_reader() -> VolumeSource {
     )
 }
 
+const UNKNOWN_FORMAT: &str = "unknown volume format; supported: NIfTI and Analyze (.nii, .nii.gz, \
+    .hdr with .img), NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), VTK images (.vti, .vtk), FreeSurfer \
+    (.mgz, .mgh) and DICOM";
+
 /// Parses the volume in the content of a file: number `number` of several.
 pub(super) fn volume_of(
     bytes: &[u8],
@@ -192,12 +197,9 @@ pub(super) fn volume_of(
         VolumeSource::Known(reader, unpacks) => (reader, unpacks),
         VolumeSource::Unsupported(what) => return Err(what),
         VolumeSource::Unknown => {
-            return Err(
-                "unknown volume format; supported: NIfTI and Analyze (.nii, .nii.gz, .hdr with \
-                .img), NRRD (.nrrd, .nhdr), MetaImage (.mhd, .mha), VTK images (.vti, .vtk), FreeSurfer (.mgz, .mgh) and \
-                DICOM"
-                    .into(),
-            );
+            return Err(other_formats::by_content(bytes, extension)
+                .or_else(|| other_formats::by_extension(extension))
+                .unwrap_or_else(|| UNKNOWN_FORMAT.into()));
         }
     };
     let packing = Packing::of(bytes);

@@ -1,0 +1,287 @@
+//! Formats that are not supported: their names, how to recognise them, and what converts them. One
+//! table serves meshes, surfaces and volumes.
+
+use super::start_of;
+use Test::{Bytes, Hdf5, If, Never, Text, Xml};
+
+/// A format that is not supported.
+struct Other {
+    /// Its name, with the programs that use it.
+    name: &'static str,
+    extensions: &'static [&'static str],
+    /// Recognises the content.
+    test: Test,
+    /// What converts it.
+    remedy: &'static str,
+}
+
+/// How to recognise the content of a file.
+enum Test {
+    /// Text that begins with one of these, in lower case.
+    Text(&'static [&'static str]),
+    /// Bytes at the start.
+    Bytes(&'static [u8]),
+    /// An HDF5 file with one of these words near its start.
+    Hdf5(&'static [&'static str]),
+    /// XML whose root is this element, in lower case.
+    Xml(&'static str),
+    /// Any other condition, on the content and its start in lower case.
+    If(fn(&[u8], &str) -> bool),
+    /// By extension only.
+    Never,
+}
+
+// "{in}" stands for the file, "{out}" for its name without extension.
+const MESHIO: &str =
+    "convert it with meshio (pip install meshio; meshio convert {in} {out}.vtu)";
+const MESHIO_HDF5: &str =
+    "convert it with meshio (pip install meshio h5py; meshio convert {in} {out}.vtu)";
+const MESHIO_OR_PARAVIEW: &str = "convert it with meshio (pip install meshio h5py netCDF4; meshio \
+    convert {in} {out}.vtu), or save it as .vtu in ParaView";
+const MESHIO_SURFACE: &str =
+    "convert it with meshio (pip install meshio; meshio convert {in} {out}.ply)";
+const XDMF_OF_HDF5: &str = "if an .xdmf file belongs to it, convert that with meshio (pip install \
+    meshio h5py; meshio convert {out}.xdmf {out}.vtu) or ParaView";
+const GMSH: &str = "convert it with Gmsh (gmsh {in} -save -o {out}.msh)";
+const MESH_WITH_GMSH: &str =
+    "it describes a shape without a mesh: mesh it with Gmsh (gmsh -3 {in} -o {out}.msh)";
+const PARAVIEW: &str = "open it in ParaView and save it as .vtu";
+const LS_DYNA: &str = "open it in LS-PrePost or FEBio Studio, export its mesh as Nastran (.nas), \
+    and convert that with meshio (pip install meshio; meshio convert {out}.nas {out}.vtu)";
+const COMSOL: &str = "export the mesh from COMSOL as Nastran (.nas), and convert that with meshio \
+    (pip install meshio; meshio convert {out}.nas {out}.vtu)";
+const MAPDL: &str = "convert it in Python (pip install mapdl-archive): \
+    mapdl_archive.Archive(\"{in}\").grid.save(\"{out}.vtu\")";
+const BLENDER: &str = "open it in Blender or MeshLab and export it as STL, PLY or OBJ";
+const SLICER: &str = "open it in 3D Slicer and save it as .nrrd or .nii.gz";
+const SLICER_STACK: &str =
+    "load the stack of images in 3D Slicer, set its spacing, and save it as .nrrd";
+const NIBABEL: &str = "convert it to .nii.gz with nibabel or 3D Slicer";
+const FREESURFER: &str =
+    "convert it with FreeSurfer (mris_convert {in} {out}.stl), or save it as STL in 3D Slicer";
+const DICOM: &str = "name the folder of all its slices (requires `cargo build --features dicom`), \
+    or load it in 3D Slicer and save it as .nrrd";
+
+const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
+
+/// More specific rows precede others that recognise the same content.
+const OTHERS: [Other; 51] = [
+    row("MED (SALOME, Code_Aster)", &["med", "rmed", "mmed"], Hdf5(&["INFOS_GENERALES", "ENS_MAA"]), MESHIO_HDF5),
+    row("CGNS", &["cgns"], Hdf5(&["CGNSLibraryVersion"]), MESHIO_OR_PARAVIEW),
+    row("VTKHDF", &["vtkhdf"], Hdf5(&["VTKHDF"]), PARAVIEW),
+    row("MOAB (H5M)", &["h5m"], Hdf5(&["tstt"]), MESHIO_HDF5),
+    row("Exodus II", &["e", "exo", "ex2", "exii", "g", "gen"], If(is_exodus), MESHIO_OR_PARAVIEW),
+    row("MINC", &["mnc", "mnc2"], Hdf5(&["minc-2.0"]), NIBABEL),
+    row("HDF5", &["h5", "hdf5", "hdf"], Bytes(HDF5), XDMF_OF_HDF5),
+    row("NetCDF", &["nc", "cdf"], If(is_netcdf), "save its mesh as .vtu in ParaView, or its volume as .nii.gz with nibabel"),
+    row("XDMF", &["xdmf", "xmf", "xdmf3"], Xml("<xdmf"), MESHIO_OR_PARAVIEW),
+    row("FEBio", &["feb", "fsm", "fs2", "fsprj"], Xml("<febio_spec"), "open it in FEBio Studio and export its mesh as VTK"),
+    row("DOLFIN XML (FEniCS)", &[], Xml("<dolfin"), MESHIO),
+    row("GIFTI", &["gii"], Xml("<gifti"), FREESURFER),
+    row("COLLADA", &["dae"], Xml("<collada"), BLENDER),
+    row("X3D", &["x3d"], Xml("<x3d"), BLENDER),
+    row("UNV (I-DEAS universal file)", &["unv", "uff"], If(is_unv), GMSH),
+    row("Nastran", &["bdf", "nas", "fem", "bulk"], If(is_nastran), MESHIO),
+    row("LS-DYNA", &["k", "key", "dyn"], If(is_ls_dyna), LS_DYNA),
+    row("ANSYS archive (CDWRITE)", &["cdb"], If(is_cdb), MAPDL),
+    row("ANSYS Fluent", &["cas"], If(is_fluent), MESHIO),
+    row("OpenFOAM", &["foam"], If(is_openfoam), "open the case in ParaView and save it as .vtu, or run foamToVTK"),
+    row("COMSOL", &["mphtxt", "mphbin"], Text(&["# created by comsol"]), COMSOL),
+    row("Netgen", &["vol"], Text(&["mesh3d"]), MESHIO),
+    row("SU2", &["su2"], Text(&["ndime="]), MESHIO),
+    row("Tecplot", &["tec", "plt"], Text(&["title =", "title=", "variables =", "variables="]), MESHIO),
+    row("FLAC3D", &["f3grid"], Text(&["* flac3d"]), MESHIO),
+    row("AFLR3 (UGRID)", &["ugrid"], Never, MESHIO),
+    row("Kratos (MDPA)", &["mdpa"], Text(&["begin modelpartdata"]), MESHIO),
+    row("Permas", &["post", "dato"], Never, MESHIO),
+    row("binary Medit", &["meshb"], If(is_binary_medit), MESHIO),
+    row("binary AVS UCD", &[], If(is_binary_ucd), PARAVIEW),
+    row("EnSight", &["case", "encas"], Never, PARAVIEW),
+    row("TetGen input", &["poly", "smesh"], Never, "mesh it with TetGen (tetgen -p {in}) and give the .node file"),
+    row("STEP (CAD)", &["step", "stp"], Text(&["iso-10303-21"]), MESH_WITH_GMSH),
+    row("IGES (CAD)", &["iges", "igs"], If(is_iges), MESH_WITH_GMSH),
+    row("BREP (CAD)", &["brep"], Text(&["dbrep_drawable", "cascade topology"]), MESH_WITH_GMSH),
+    row("CAD", &["sldprt", "sat", "x_t", "x_b", "ipt", "jt", "3dm"], Never, "export it as STEP and mesh that with Gmsh (gmsh -3 FILE.step -o FILE.msh)"),
+    row("Gmsh geometry", &["geo"], Never, MESH_WITH_GMSH),
+    row("OFF", &["off"], Text(&["off\n", "off\r", "off ", "coff"]), MESHIO_SURFACE),
+    row("VRML", &["wrl", "vrml"], Text(&["#vrml"]), BLENDER),
+    row("3MF", &["3mf"], Never, BLENDER),
+    row("glTF, FBX, USD, 3DS or Blender", &["gltf", "glb", "fbx", "3ds", "blend", "usd", "usdz", "usda", "usdc"], Bytes(b"glTF"), BLENDER),
+    row("FreeSurfer surface", &["pial", "white", "inflated", "smoothwm"], Bytes(b"\xff\xff\xfe"), FREESURFER),
+    row("DICOM (single file)", &["dcm", "ima", "dicom"], If(is_dicom), DICOM),
+    row("AFNI", &["brik"], Never, NIBABEL),
+    row("Philips PAR/REC", &["par", "rec"], Never, NIBABEL),
+    row("MRtrix", &["mif"], Text(&["mrtrix image"]), NIBABEL),
+    row("GIPL", &["gipl"], Never, SLICER),
+    row("Amira", &["am", "amira"], Text(&["# amiramesh", "# avizo"]), "open it in Amira or Fiji and save it as .nrrd"),
+    row("PNG, JPEG, TIFF or BMP image", &["tif", "tiff", "png", "jpg", "jpeg", "bmp"], If(is_image), SLICER_STACK),
+    row("microscopy image", &["lif", "czi", "nd2"], Never, "open it in Fiji and save it as .nrrd"),
+    row("NumPy or MATLAB array", &["npy", "npz", "mat"], Bytes(b"\x93NUMPY"), "write it as .nii.gz with nibabel, or as .vtu with meshio"),
+];
+
+const fn row(
+    name: &'static str,
+    extensions: &'static [&'static str],
+    test: Test,
+    remedy: &'static str,
+) -> Other {
+    Other {
+        name,
+        extensions,
+        test,
+        remedy,
+    }
+}
+
+/// Compressed files and archives: magic bytes, name, and the command that extracts them.
+const PACKED: [(&[u8], &str, &str); 6] = [
+    (b"\x1f\x8b", "gzip", "gunzip"),
+    (b"BZh", "bzip2", "bunzip2"),
+    (b"\xfd7zXZ\0", "xz", "unxz"),
+    (b"\x28\xb5\x2f\xfd", "Zstandard", "unzstd"),
+    (b"PK\x03\x04", "zip", "unzip"),
+    (b"7z\xbc\xaf\x27\x1c", "7-Zip", "7z x"),
+];
+
+/// Number of bytes of a container that are searched for words.
+const SEARCHED: usize = 1 << 16;
+
+impl Other {
+    fn recognises(&self, bytes: &[u8], start: &str) -> bool {
+        match self.test {
+            Text(starts) => starts.iter().any(|s| start.starts_with(s)),
+            Bytes(magic) => bytes.starts_with(magic),
+            Hdf5(words) => bytes.starts_with(HDF5) && words.iter().any(|w| holds(bytes, w)),
+            Xml(root) => start.starts_with('<') && start.contains(root),
+            If(test) => test(bytes, start),
+            Never => false,
+        }
+    }
+
+    /// Returns what converts the file, which has that extension.
+    fn remedy(&self, extension: &str) -> String {
+        let file = match extension {
+            "" => "FILE".to_owned(),
+            _ => format!("FILE.{extension}"),
+        };
+        self.remedy.replace("{in}", &file).replace("{out}", "FILE")
+    }
+}
+
+/// Names the unsupported format of a file by its content, and what converts it.
+pub(super) fn by_content(bytes: &[u8], extension: &str) -> Option<String> {
+    let packed = PACKED.iter().find(|(magic, ..)| bytes.starts_with(magic));
+    if let Some((_, name, command)) = packed {
+        // Some formats are archives themselves.
+        return by_extension(extension).or_else(|| {
+            Some(format!(
+                "file is compressed with {name}; decompress it first ({command})"
+            ))
+        });
+    }
+    let start = start_of(bytes);
+    let other = OTHERS.iter().find(|o| o.recognises(bytes, &start))?;
+    Some(format!(
+        "file has the format {}, which is not supported; {}",
+        other.name,
+        other.remedy(extension)
+    ))
+}
+
+/// Names the unsupported format of a file by its extension, and what converts it.
+pub(super) fn by_extension(extension: &str) -> Option<String> {
+    let other = OTHERS.iter().find(|o| o.extensions.contains(&extension))?;
+    Some(format!(
+        "extension .{extension} denotes the format {}, which is not supported; {}",
+        other.name,
+        other.remedy(extension)
+    ))
+}
+
+fn holds(bytes: &[u8], word: &str) -> bool {
+    let searched = &bytes[..bytes.len().min(SEARCHED)];
+    searched.windows(word.len()).any(|w| w == word.as_bytes())
+}
+
+fn is_netcdf(bytes: &[u8], _: &str) -> bool {
+    matches!(bytes, [b'C', b'D', b'F', 1 | 2 | 5, ..])
+}
+
+fn is_exodus(bytes: &[u8], start: &str) -> bool {
+    (is_netcdf(bytes, start) || bytes.starts_with(HDF5))
+        && ["num_el_blk", "eb_prop1"].iter().any(|w| holds(bytes, w))
+}
+
+/// The lines of the start of a file, which is in lower case.
+fn lines(start: &str) -> impl Iterator<Item = &str> {
+    start.lines().map(str::trim).filter(|l| !l.is_empty())
+}
+
+fn is_unv(_: &[u8], start: &str) -> bool {
+    let mut lines = lines(start);
+    lines.next() == Some("-1")
+        && lines
+            .next()
+            .is_some_and(|l| l.bytes().all(|b| b.is_ascii_digit()))
+}
+
+fn is_nastran(_: &[u8], start: &str) -> bool {
+    lines(start).any(|l| {
+        let grid = l.strip_prefix("grid").unwrap_or_default();
+        l.starts_with("begin bulk") || grid.starts_with([',', '*', ' '])
+    })
+}
+
+fn is_ls_dyna(_: &[u8], start: &str) -> bool {
+    let mut lines = lines(start).filter(|l| !l.starts_with('$'));
+    lines.next().is_some_and(|l| l.starts_with("*keyword"))
+}
+
+fn is_cdb(_: &[u8], start: &str) -> bool {
+    ["/com", "/prep7", "/batch"]
+        .iter()
+        .any(|word| start.starts_with(word))
+        || lines(start).any(|l| l.starts_with("nblock,"))
+}
+
+fn is_fluent(_: &[u8], start: &str) -> bool {
+    let number = start.strip_prefix('(').and_then(|s| s.split(' ').next());
+    number.is_some_and(|n| n.parse::<u8>().is_ok())
+}
+
+fn is_openfoam(_: &[u8], start: &str) -> bool {
+    lines(start).any(|l| l.starts_with("foamfile"))
+}
+
+fn is_binary_medit(bytes: &[u8], _: &str) -> bool {
+    matches!(bytes, [1, 0, 0, 0, 1..=4, 0, 0, 0, ..])
+}
+
+fn is_binary_ucd(bytes: &[u8], _: &str) -> bool {
+    // A byte 7 and six 32-bit counts, of which none is large.
+    matches!(bytes, [7, 0, ..] | [7, _, _, _, 0, ..]) && bytes.len() > 25
+}
+
+/// Cards have 80 columns; column 73 of the first holds an S, its number follows.
+fn is_iges(bytes: &[u8], _: &str) -> bool {
+    bytes.get(72) == Some(&b'S')
+        && bytes
+            .get(73..80)
+            .is_some_and(|n| matches!(n.trim_ascii(), b"1" | b"0000001"))
+}
+
+fn is_dicom(bytes: &[u8], _: &str) -> bool {
+    bytes.get(128..132) == Some(b"DICM")
+}
+
+fn is_image(bytes: &[u8], _: &str) -> bool {
+    [
+        &b"\x89PNG"[..],
+        b"\xff\xd8\xff",
+        b"II*\0",
+        b"MM\0*",
+        b"GIF8",
+    ]
+    .iter()
+    .any(|magic| bytes.starts_with(magic))
+}
