@@ -2,19 +2,20 @@
 //! volume, and sets.
 //!
 //! Element sets become regions: the field `label` numbers them from 1, and the regions have their
-//! names (see [`super::abaqus_sets`]). Node sets become fields `nset:NAME` of 0 and 1. A file with
-//! one part is read, with or without an assembly around it; anything else than the mesh (materials,
-//! steps, contacts) is skipped.
+//! names (see [`super::abaqus_sets`]). Node sets become fields `nset:NAME` of 0 and 1. Parts are
+//! placed where the assembly has them (see [`super::abaqus_assembly`]); anything else than the mesh
+//! (materials, steps, contacts) is skipped.
 
+use super::abaqus_assembly::{Instance, assemble};
 use super::abaqus_elements::{Shape, shape};
-use super::abaqus_lines::{Card, members, shown, tag};
+use super::abaqus_include::Lines;
+use super::abaqus_lines::{Card, instance_member, members};
+use super::abaqus_part::Part;
 use super::abaqus_sets::{Member, Sets};
-use super::cursor::{ParseResult, number};
-use super::id_map::{Tags, repeated_numbers};
+use super::cursor::ParseResult;
 use super::metadata::Metadata;
 use super::raw_mesh::RawMesh;
-use glam::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Whether `bytes` begin, after comments, with a keyword that can begin an input file.
 pub(super) fn is_abaqus(bytes: &[u8]) -> bool {
@@ -22,16 +23,31 @@ pub(super) fn is_abaqus(bytes: &[u8]) -> bool {
     let first = lines.find(|line| !line.is_empty() && !line.starts_with(b"**"));
     let word = first.and_then(|line| line.split(|b| *b == b',').next());
     let word = word.unwrap_or_default().trim_ascii().to_ascii_uppercase();
-    [&b"*HEADING"[..], b"*NODE", b"*PART"].contains(&word.as_slice())
+    let first = [
+        &b"*HEADING"[..],
+        b"*NODE",
+        b"*PART",
+        b"*INCLUDE",
+        b"*ELEMENT",
+        b"*PREPRINT",
+        b"*PARAMETER",
+        b"*ASSEMBLY",
+    ];
+    first.contains(&word.as_slice())
 }
 
-/// Reads the content of an `.inp` file.
+/// Reads the content of an `.inp` file, in which included files are inserted
+/// ([`super::abaqus_include`]).
 pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut file = File::default();
     // A keyword line that ends with a comma continues on the next line.
-    let mut open: Option<(usize, String)> = None;
-    for (line, text) in (1..).zip(bytes.split(|b| *b == b'\n')) {
+    let mut open: Option<(String, String)> = None;
+    let mut lines = Lines::default();
+    for text in bytes.split(|b| *b == b'\n') {
         let text = text.trim_ascii();
+        if !lines.next(text) {
+            continue;
+        }
         if text.is_empty() || text.starts_with(b"**") {
             continue;
         }
@@ -45,9 +61,10 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             _ => {
                 file.keyword(open.take())?;
                 if text.starts_with(b"*") {
-                    open = Some((line, words().into_owned()));
+                    open = Some((lines.position(), words().into_owned()));
                 } else {
-                    file.data(text).map_err(|e| format!("line {line}: {e}"))?;
+                    let read = file.data(text);
+                    read.map_err(|e| format!("{}: {e}", lines.position()))?;
                 }
             }
         }
@@ -59,89 +76,96 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
 /// Maximum length of a keyword with all its lines, in characters.
 const LONGEST_KEYWORD: usize = 1 << 14;
 
+/// Owner of a set.
+#[derive(Clone, Copy)]
+enum Owner {
+    Part(usize),
+    /// A set of the n-th instance.
+    Instance(usize),
+    /// A set of the assembly, whose members name their instance.
+    Assembly,
+}
+
 /// Meaning of the data lines that follow.
 #[derive(Default)]
 enum Section {
     #[default]
     Other,
     Nodes {
+        part: usize,
         first: usize,
         set: Option<String>,
     },
     Elements {
+        part: usize,
         shape: Shape,
         first: usize,
         set: Option<String>,
     },
     /// Elements of unknown type, by name.
     UnknownElements(String),
-    NodeSet {
+    Set {
+        of_nodes: bool,
+        owner: Owner,
         name: String,
         generate: bool,
     },
-    ElementSet {
-        name: String,
-        generate: bool,
-    },
-    Instance,
+    Instance(usize),
 }
 
 /// Scope of a keyword.
-#[derive(Clone, Copy, Default, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 enum Scope {
-    /// In a file without parts, or outside of them.
-    #[default]
-    Flat,
-    /// In the n-th part, or instance with its own nodes.
+    /// In the n-th part; outside of parts, in the first.
     Part(usize),
+    Instance(usize),
     Assembly,
 }
 
-#[derive(Default)]
 struct File {
     section: Section,
     scope: Scope,
-    parts: usize,
-    instances: usize,
-    moved: bool,
-    /// The scope of the nodes.
-    home: Option<Scope>,
-    nodes: Vec<DVec3>,
-    node_tags: Tags,
-    node_numbers: Vec<u64>,
-    elements: Vec<(Shape, u64)>,
-    /// The node numbers of all elements: nodes may follow them.
-    corners: Vec<u64>,
-    /// The element whose nodes continue on the next line.
-    open: Vec<u64>,
+    /// The first is what the file has outside of parts.
+    parts: Vec<Part>,
+    instances: Vec<Instance>,
+    instance_of: HashMap<String, usize>,
     unknown: BTreeMap<String, usize>,
-    node_sets: Sets,
-    element_sets: Sets,
-    /// Element sets referenced by solid sections.
-    sections: Vec<String>,
-    /// Element sets defined by *ELEMENT.
-    cards: Vec<String>,
+}
+
+impl Default for File {
+    fn default() -> File {
+        File {
+            section: Section::Other,
+            scope: Scope::Part(0),
+            parts: vec![Part::default()],
+            instances: Vec::new(),
+            instance_of: HashMap::new(),
+            unknown: BTreeMap::new(),
+        }
+    }
 }
 
 impl File {
-    /// Processes a keyword, if there is one, and the line at which it starts.
-    fn keyword(&mut self, keyword: Option<(usize, String)>) -> ParseResult<()> {
-        let Some((line, text)) = keyword else {
+    /// Processes a keyword, if there is one, and the position at which it starts.
+    fn keyword(&mut self, keyword: Option<(String, String)>) -> ParseResult<()> {
+        let Some((position, text)) = keyword else {
             return Ok(());
         };
         let begun = self
             .end_section()
             .and_then(|()| self.begin(&Card::new(&text)));
-        begun.map_err(|e| format!("line {line}: {e}"))
+        begun.map_err(|e| format!("{position}: {e}"))
     }
 
     fn begin(&mut self, card: &Card) -> ParseResult<()> {
-        if matches!(card.keyword.as_str(), "NODE" | "ELEMENT" | "NSET" | "ELSET")
-            && let Some(file) = card.get("INPUT")
-        {
+        let included = match card.keyword.as_str() {
+            "NODE" | "ELEMENT" | "NSET" | "ELSET" | "INCLUDE" => card.get("INPUT"),
+            _ => None,
+        };
+        if let Some(file) = included {
             return Err(format!(
-                "*{} reads the file {file}; included files are not supported: insert its content \
-                here",
+                "*{} needs the file {file}, but this is a single file in memory; insert its \
+                content here",
                 card.keyword
             ));
         }
@@ -150,34 +174,25 @@ impl File {
             "ELEMENT" => self.elements_card(card)?,
             "NSET" | "ELSET" => self.set_card(card)?,
             "SOLID SECTION" => {
-                self.sections.extend(card.set("ELSET").map(str::to_owned));
+                if let (Some(part), Some(set)) = (self.part(), card.set("ELSET")) {
+                    self.parts[part].sections.push(set.to_owned());
+                }
                 Section::Other
             }
             "PART" => {
-                self.parts += 1;
-                self.scope = Scope::Part(self.parts);
+                let name = card.set("NAME").unwrap_or("part");
+                self.scope = Scope::Part(self.parts.len());
+                self.parts.push(Part::new(name));
                 Section::Other
             }
-            "INSTANCE" => {
-                self.instances += 1;
-                // Its nodes, if it has any, form a separate part.
-                self.scope = Scope::Part(self.parts + self.instances);
-                Section::Instance
-            }
+            "INSTANCE" => self.instance_card(card),
             "ASSEMBLY" | "END INSTANCE" => {
                 self.scope = Scope::Assembly;
                 Section::Other
             }
             "END PART" | "END ASSEMBLY" => {
-                self.scope = Scope::Flat;
+                self.scope = Scope::Part(0);
                 Section::Other
-            }
-            "INCLUDE" => {
-                return Err(format!(
-                    "*INCLUDE names the file {}; included files are not supported: insert its \
-                    content here",
-                    card.get("INPUT").unwrap_or("?")
-                ));
             }
             "NGEN" | "NFILL" | "NCOPY" | "NMAP" | "ELGEN" | "ELCOPY" | "SYSTEM" => {
                 return Err(format!(
@@ -191,17 +206,48 @@ impl File {
         Ok(())
     }
 
-    /// Whether the following data belong to the mesh; false for a reference point of an assembly.
-    fn in_mesh_scope(&mut self) -> ParseResult<bool> {
-        if self.scope == Scope::Assembly && self.parts + self.instances > 0 {
-            return Ok(false);
+    fn instance_card(&mut self, card: &Card) -> Section {
+        let index = self.instances.len();
+        let name = card.set("NAME").or_else(|| card.set("INSTANCE"));
+        let name = name.map_or_else(|| format!("instance {}", index + 1), str::to_owned);
+        self.instance_of
+            .entry(name.to_ascii_uppercase())
+            .or_insert(index);
+        self.instances.push(Instance {
+            name,
+            part: card.set("PART").unwrap_or_default().to_owned(),
+            library: card.set("LIBRARY").map(str::to_owned),
+            ..Instance::default()
+        });
+        self.scope = Scope::Instance(index);
+        Section::Instance(index)
+    }
+
+    /// Whether the file has parts, so that an assembly has only reference points of its own.
+    fn has_parts(&self) -> bool {
+        self.parts.len() > 1 || !self.instances.is_empty()
+    }
+
+    /// Returns the part whose mesh the following data describe; `None` in an assembly, and in an
+    /// instance without a mesh of its own.
+    fn part(&self) -> Option<usize> {
+        match self.scope {
+            Scope::Part(part) => Some(part),
+            Scope::Instance(instance) => self.instances[instance].own,
+            Scope::Assembly => (!self.has_parts()).then_some(0),
         }
-        match self.home.replace(self.scope) {
-            Some(home) if home != self.scope => {
-                Err("several parts with nodes; only one part is supported".into())
+    }
+
+    /// As [`File::part`]; an instance receives a mesh of its own.
+    fn part_to_fill(&mut self) -> Option<usize> {
+        if let Scope::Instance(instance) = self.scope {
+            let instance = &mut self.instances[instance];
+            if instance.own.is_none() {
+                instance.own = Some(self.parts.len());
+                self.parts.push(Part::new(&instance.name));
             }
-            _ => Ok(true),
         }
+        self.part()
     }
 
     fn nodes_card(&mut self, card: &Card) -> ParseResult<Section> {
@@ -210,10 +256,11 @@ impl File {
                 "*NODE uses coordinate system {system}; only rectangular coordinates are supported"
             ));
         }
-        Ok(match self.in_mesh_scope()? {
-            false => Section::Other,
-            true => Section::Nodes {
-                first: self.nodes.len(),
+        Ok(match self.part_to_fill() {
+            None => Section::Other,
+            Some(part) => Section::Nodes {
+                part,
+                first: self.parts[part].nodes.len(),
                 set: card.set("NSET").map(str::to_owned),
             },
         })
@@ -224,14 +271,15 @@ impl File {
             .set("TYPE")
             .ok_or("*ELEMENT has no TYPE; expected TYPE=NAME")?;
         let name = name.to_ascii_uppercase();
-        if !self.in_mesh_scope()? {
+        let Some(part) = self.part_to_fill() else {
             return Ok(Section::Other);
-        }
+        };
         Ok(match shape(&name) {
             None => Section::UnknownElements(name),
             Some(shape) => Section::Elements {
+                part,
                 shape,
-                first: self.elements.len(),
+                first: self.parts[part].elements.len(),
                 set: card.set("ELSET").map(str::to_owned),
             },
         })
@@ -243,191 +291,148 @@ impl File {
         let name = name
             .ok_or_else(|| format!("*{kind} has no name; expected {kind}=NAME"))?
             .to_owned();
-        // In an assembly, sets without an instance contain its own reference points.
-        let in_assembly = self.scope == Scope::Assembly && self.parts + self.instances > 0;
-        if (in_assembly && card.get("INSTANCE").is_none()) || card.get("INTERNAL").is_some() {
+        if card.get("INTERNAL").is_some() {
             return Ok(Section::Other);
         }
-        let generate = card.get("GENERATE").is_some();
-        Ok(match kind.as_str() {
-            "NSET" => {
-                self.node_sets.begin(&name);
-                Section::NodeSet { name, generate }
-            }
-            _ => {
-                self.element_sets.begin(&name);
-                Section::ElementSet { name, generate }
-            }
+        let owner = match (self.part(), card.set("INSTANCE"), self.scope) {
+            (_, Some(instance), _) => self
+                .instance_of
+                .get(&instance.to_ascii_uppercase())
+                .map(|i| Owner::Instance(*i)),
+            (Some(part), ..) => Some(Owner::Part(part)),
+            (None, None, Scope::Instance(instance)) => Some(Owner::Instance(instance)),
+            _ => Some(Owner::Assembly),
+        };
+        let Some(owner) = owner else {
+            return Ok(Section::Other);
+        };
+        let of_nodes = kind == "NSET";
+        if let Some(sets) = self.sets(owner, of_nodes) {
+            sets.begin(&name);
+        }
+        Ok(Section::Set {
+            of_nodes,
+            owner,
+            name,
+            generate: card.get("GENERATE").is_some(),
         })
+    }
+
+    fn sets(&mut self, owner: Owner, of_nodes: bool) -> Option<&mut Sets> {
+        match owner {
+            Owner::Part(part) => {
+                let part = &mut self.parts[part];
+                Some(match of_nodes {
+                    true => &mut part.node_sets,
+                    false => &mut part.element_sets,
+                })
+            }
+            Owner::Instance(instance) => {
+                let instance = &mut self.instances[instance];
+                Some(match of_nodes {
+                    true => &mut instance.node_sets,
+                    false => &mut instance.element_sets,
+                })
+            }
+            Owner::Assembly => None,
+        }
     }
 
     fn data(&mut self, text: &[u8]) -> ParseResult<()> {
         let words = text.split(|b| *b == b',').map(<[u8]>::trim_ascii);
         match &self.section {
             Section::Other => Ok(()),
-            Section::Instance => {
-                self.moved = true;
-                Ok(())
-            }
+            Section::Instance(instance) => self.instances[*instance].place(words),
             Section::UnknownElements(name) => {
                 *self.unknown.entry(name.clone()).or_default() += 1;
                 Ok(())
             }
-            Section::Nodes { .. } => self.node(words),
-            Section::Elements { shape, .. } => {
-                let shape = *shape;
-                self.element(shape, words)
-            }
-            Section::NodeSet { name, generate } => {
-                self.node_sets.add(name, members(words, *generate)?);
-                Ok(())
-            }
-            Section::ElementSet { name, generate } => {
-                self.element_sets.add(name, members(words, *generate)?);
+            Section::Nodes { part, .. } => self.parts[*part].node(words),
+            Section::Elements { part, shape, .. } => self.parts[*part].element(*shape, words),
+            Section::Set {
+                of_nodes,
+                owner,
+                name,
+                generate,
+            } => {
+                let (of_nodes, owner, name) = (*of_nodes, *owner, name.clone());
+                if matches!(owner, Owner::Assembly) {
+                    self.assembly_members(of_nodes, &name, words);
+                    return Ok(());
+                }
+                let members = members(words, *generate)?;
+                if let Some(sets) = self.sets(owner, of_nodes) {
+                    sets.add(&name, members);
+                }
                 Ok(())
             }
         }
     }
 
-    fn node<'a>(&mut self, mut words: impl Iterator<Item = &'a [u8]>) -> ParseResult<()> {
-        let tag = tag(words.next().unwrap_or_default(), "the number of a node")?;
-        let mut position = [0.0; 3];
-        for (axis, value) in ["x", "y", "z"].iter().zip(&mut position) {
-            // Missing coordinates are 0.
-            let word = words.next().unwrap_or_default();
-            if !word.is_empty() {
-                *value = number(word).ok_or_else(|| {
-                    format!("{axis} of node {tag} is {}, expected a number", shown(word))
-                })?;
-            }
-        }
-        let position = DVec3::from_array(position);
-        if self.node_tags.push(tag) {
-            self.nodes.push(position);
-            self.node_numbers.push(tag);
-        } else if self.node_tags.get(tag).map(|i| self.nodes[i]) != Some(position) {
-            return Err(format!(
-                "node {tag} is defined twice, at different positions"
-            ));
-        }
-        Ok(())
-    }
-
-    fn element<'a>(
+    /// Adds INSTANCE.NUMBER and INSTANCE.SET to the sets of these instances, and sets of the assembly
+    /// to those of the instances that have them; other numbers are reference points of the assembly.
+    fn assembly_members<'a>(
         &mut self,
-        shape: Shape,
+        of_nodes: bool,
+        name: &str,
         words: impl Iterator<Item = &'a [u8]>,
-    ) -> ParseResult<()> {
+    ) {
         for word in words.filter(|word| !word.is_empty()) {
-            if self.open.len() > shape.nodes {
-                return Err(format!(
-                    "element {} lists more than {} nodes",
-                    self.open[0], shape.nodes
-                ));
+            let (instance, member) = instance_member(word);
+            let within = match (instance, &member) {
+                (Some(instance), _) => {
+                    let known = self.instance_of.get(&instance.to_ascii_uppercase());
+                    known.map_or(0..0, |i| *i..*i + 1)
+                }
+                (None, Member::Named(_)) => 0..self.instances.len(),
+                (None, _) => 0..0,
+            };
+            let one = within.len() == 1;
+            for instance in within {
+                let Some(sets) = self.sets(Owner::Instance(instance), of_nodes) else {
+                    continue;
+                };
+                let has = |set: &str| sets.contains(set);
+                if one || matches!(&member, Member::Named(set) if has(set)) {
+                    sets.add(name, vec![member.clone()]);
+                }
             }
-            self.open
-                .push(tag(word, "the number of an element or node")?);
         }
-        if self.open.len() == 1 + shape.nodes {
-            self.elements.push((shape, self.open[0]));
-            self.corners.extend(&self.open[1..]);
-            self.open.clear();
-        }
-        Ok(())
     }
 
     fn end_section(&mut self) -> ParseResult<()> {
         match std::mem::take(&mut self.section) {
-            Section::Nodes {
+            Section::Nodes { part, first, set } => {
+                self.parts[part].end_nodes(first, set.as_deref());
+                Ok(())
+            }
+            Section::Elements {
+                part,
+                shape,
                 first,
-                set: Some(set),
-            } => {
-                let all = Member::Items(first..self.nodes.len());
-                self.node_sets.add(&set, vec![all]);
-            }
-            Section::Elements { shape, first, set } => {
-                if let Some(element) = self.open.first() {
-                    return Err(format!(
-                        "element {element} before this line lists {} of {} nodes",
-                        self.open.len() - 1,
-                        shape.nodes
-                    ));
-                }
-                if let Some(set) = set {
-                    let all = Member::Items(first..self.elements.len());
-                    self.element_sets.add(&set, vec![all]);
-                    self.cards.push(set);
-                }
-            }
-            _ => {}
+                set,
+            } => self.parts[part].end_elements(shape, first, set.as_deref()),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     fn finish(mut self, bytes: &[u8]) -> ParseResult<RawMesh> {
         self.end_section()
             .map_err(|e| format!("unexpected end of file: {e}"))?;
-        if self.nodes.is_empty() {
+        if self.parts.iter().all(|part| part.nodes.is_empty()) {
             return Err("file has no *NODE with nodes".into());
         }
-        if self.elements.is_empty() && self.unknown.is_empty() {
+        if self.parts.iter().all(|part| part.elements.is_empty()) && self.unknown.is_empty() {
             return Err("file has no *ELEMENT with elements".into());
         }
-        let mut mesh = RawMesh::default();
-        let mut tags = Tags::default();
-        let mut repeated = 0;
-        let mut corners = self.corners.iter();
-        for (shape, element) in &self.elements {
-            let mut cell = [0; super::abaqus_elements::MOST_NODES];
-            for (place, node) in cell[..shape.nodes].iter_mut().zip(&mut corners) {
-                *place = self
-                    .node_tags
-                    .get(*node)
-                    .ok_or_else(|| format!("element {element} refers to undefined node {node}"))?;
-            }
-            if !tags.push(*element) {
-                tags.push_unnamed();
-                repeated += 1;
-            }
-            mesh.cells
-                .push(shape.kind, cell[..shape.nodes].iter().copied());
-        }
-        if repeated > 0 {
-            mesh.warnings.push(repeated_numbers(repeated));
-        }
-        self.warn(&mut mesh.warnings);
         let remarks = Metadata::read(bytes, "** ");
-        remarks.check_counts(self.nodes.len(), self.elements.len())?;
-        let numbers: Vec<u64> = self.elements.iter().map(|e| e.1).collect();
-        mesh.nodes = self.nodes;
-        let budget = bytes.len();
-        let resolved = self.element_sets.resolve(&tags, &numbers, budget)?;
-        resolved.regions(&mut mesh, &remarks, &self.sections, &self.cards);
-        let resolved = self
-            .node_sets
-            .resolve(&self.node_tags, &self.node_numbers, budget)?;
-        resolved.node_fields(&mut mesh);
-        Ok(mesh)
-    }
-
-    fn warn(&self, warnings: &mut Vec<String>) {
+        let mut mesh = assemble(self.parts, &self.instances, &remarks, bytes.len())?;
         for (name, count) in &self.unknown {
-            warnings.push(format!(
+            mesh.warnings.push(format!(
                 "{count} lines of elements of unknown type {name} skipped"
             ));
         }
-        if self.instances > 1 {
-            warnings.push(format!(
-                "assembly has {} instances; part read once",
-                self.instances
-            ));
-        }
-        if self.moved {
-            warnings.push(
-                "assembly translates or rotates an instance of the part; part read in its own \
-                coordinates"
-                    .into(),
-            );
-        }
+        remarks.check_counts(mesh.nodes.len(), mesh.cells.len())?;
+        Ok(mesh)
     }
 }

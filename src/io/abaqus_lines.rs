@@ -54,18 +54,7 @@ pub(super) fn members<'a>(
     let words = words.filter(|word| !word.is_empty());
     if !generate {
         return Ok(words
-            .map(|word| match tag(word, "") {
-                Ok(number) => Member::One(number),
-                Err(_) => {
-                    let name = String::from_utf8_lossy(word);
-                    // PART-INSTANCE.NUMBER or .SET.
-                    let name = name.rsplit('.').next().unwrap_or_default();
-                    match name.parse() {
-                        Ok(number) => Member::One(number),
-                        Err(_) => Member::Named(name.trim_matches('"').to_owned()),
-                    }
-                }
-            })
+            .map(|word| instance_member(word).1)
             .collect());
     }
     let numbers = words
@@ -76,6 +65,24 @@ pub(super) fn members<'a>(
         [first, last, step] if step > 0 => Ok(vec![Member::Range(first, last, step)]),
         _ => Err("expected a range FIRST, LAST, STEP with STEP ≥ 1".into()),
     }
+}
+
+/// Parses a member of a set: a number or the name of a set, possibly after the name of an instance
+/// and a full stop.
+pub(super) fn instance_member(word: &[u8]) -> (Option<String>, Member) {
+    if let Ok(number) = tag(word, "") {
+        return (None, Member::One(number));
+    }
+    let text = String::from_utf8_lossy(word);
+    let (instance, name) = match text.rsplit_once('.') {
+        Some((instance, name)) => (Some(instance.trim_matches('"').to_owned()), name),
+        None => (None, &*text),
+    };
+    let member = match name.parse() {
+        Ok(number) => Member::One(number),
+        Err(_) => Member::Named(name.trim_matches('"').to_owned()),
+    };
+    (instance, member)
 }
 
 /// Parses a word as the number of a node or element.

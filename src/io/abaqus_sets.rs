@@ -1,24 +1,20 @@
 //! Abaqus sets of nodes and elements, and the regions defined by element sets.
 //!
-//! Regions are the sets referenced by solid sections, or those of *ELSET, or those of *ELEMENT: the
-//! first of the three that covers the whole volume, or all together if none does. A set of the
-//! whole volume is ignored if there are others; an element in several sets belongs to the first.
+//! Regions of a part are the sets referenced by solid sections, or those of *ELSET, or those of
+//! *ELEMENT: the first of the three that covers its whole volume, or all together if none does. A
+//! set of the whole volume is ignored if there are others; an element in several sets belongs to the
+//! first. See [`super::abaqus_assembly`] for several parts.
 
 use super::cursor::ParseResult;
 use super::id_map::Tags;
-use super::metadata::{Metadata, integer_field};
-use super::raw_mesh::RawMesh;
-use crate::mesh::{Field, Location, ScalarType};
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
-
-/// Maximum number of node sets, since each becomes a field.
-const MOST_NODE_SETS: usize = 32;
 
 /// Maximum ratio of the items listed by sets to the bytes of the file.
 const OVERLAP: usize = 8;
 
 /// A member of a set.
+#[derive(Clone)]
 pub(super) enum Member {
     /// By its number.
     One(u64),
@@ -43,6 +39,10 @@ impl Sets {
         self.add(name, Vec::new());
     }
 
+    pub fn contains(&self, name: &str) -> bool {
+        self.index.contains_key(&name.to_ascii_uppercase())
+    }
+
     pub fn add(&mut self, name: &str, members: Vec<Member>) {
         let next = self.sets.len();
         let at = *self.index.entry(name.to_ascii_uppercase()).or_insert(next);
@@ -52,11 +52,14 @@ impl Sets {
         self.sets[at].1.extend(members);
     }
 
-    /// Resolves the items of every set: `tags` maps numbers to indices, `numbers` are the numbers.
-    pub fn resolve(&self, tags: &Tags, numbers: &[u64], bytes: usize) -> ParseResult<Resolved> {
-        let mut sorted: Vec<(u64, usize)> = numbers.iter().copied().zip(0..).collect();
-        sorted.sort_unstable();
-        let mut left = OVERLAP * (bytes + 1024);
+    /// Resolves the items of every set; sets that are not among these may be in `outer`. `left` limits
+    /// the number of items.
+    pub fn resolve(
+        &self,
+        numbers: &Numbers,
+        outer: Option<&Resolved>,
+        left: &mut usize,
+    ) -> ParseResult<Resolved> {
         let mut sets = Vec::with_capacity(self.sets.len());
         for (at, (name, _)) in self.sets.iter().enumerate() {
             let mut items = Vec::new();
@@ -67,31 +70,28 @@ impl Sets {
                 for member in &self.sets[at].1 {
                     let before = items.len();
                     match member {
-                        Member::One(tag) => items.extend(tags.get(*tag)),
+                        Member::One(tag) => items.extend(numbers.tags.get(*tag)),
                         Member::Range(first, last, step) => {
-                            let start = sorted.partition_point(|(tag, _)| tag < first);
-                            let within = sorted[start..].iter().take_while(|(tag, _)| tag <= last);
-                            let mut looked = 0;
-                            for (tag, item) in within {
-                                looked += 1;
-                                if (tag - first).is_multiple_of(*step) {
-                                    items.push(*item);
-                                }
-                            }
-                            left = left.checked_sub(looked).ok_or_else(too_many)?;
+                            let looked = numbers.find(*first, *last, *step, &mut items);
+                            spend(left, looked)?;
                         }
                         Member::Items(range) => items.extend(range.clone()),
                         Member::Named(name) => {
-                            let named = self.index.get(&name.to_ascii_uppercase());
-                            if let Some(other) = named.filter(|o| !seen.contains(o)) {
-                                seen.push(*other);
-                                open.push(*other);
+                            match self.index.get(&name.to_ascii_uppercase()) {
+                                Some(other) if !seen.contains(other) => {
+                                    seen.push(*other);
+                                    open.push(*other);
+                                }
+                                Some(_) => {}
+                                None => {
+                                    let set = outer.and_then(|o| Some(&o.sets[o.find(name)?].1));
+                                    items.extend(set.into_iter().flatten());
+                                }
                             }
-                            left = left.checked_sub(seen.len()).ok_or_else(too_many)?;
+                            spend(left, seen.len())?;
                         }
                     }
-                    let found = items.len() - before + 1;
-                    left = left.checked_sub(found).ok_or_else(too_many)?;
+                    spend(left, items.len() - before + 1)?;
                 }
             }
             sets.push((name.clone(), items));
@@ -103,43 +103,71 @@ impl Sets {
     }
 }
 
-fn too_many() -> String {
-    "sets contain too many repeated items".into()
+/// Maximum number of items in the sets of a file of `bytes` that describes `items` items.
+pub(super) fn most_items(bytes: usize, items: usize) -> usize {
+    OVERLAP.saturating_mul(bytes.saturating_add(items).saturating_add(1024))
+}
+
+/// Subtracts `items` from the number of items that sets may still have.
+pub(super) fn spend(left: &mut usize, items: usize) -> ParseResult<()> {
+    *left = left
+        .checked_sub(items)
+        .ok_or("sets contain too many repeated items")?;
+    Ok(())
+}
+
+/// The numbers of nodes or elements of a part, by index.
+pub(super) struct Numbers {
+    pub tags: Tags,
+    sorted: Vec<(u64, usize)>,
+}
+
+impl Numbers {
+    pub fn new(tags: Tags, numbers: impl Iterator<Item = u64>) -> Numbers {
+        let mut sorted: Vec<(u64, usize)> = numbers.zip(0..).collect();
+        sorted.sort_unstable();
+        Numbers { tags, sorted }
+    }
+
+    /// Appends the indices of the numbers of a range to `items`; returns how many were compared.
+    fn find(&self, first: u64, last: u64, step: u64, items: &mut Vec<usize>) -> usize {
+        let start = self.sorted.partition_point(|(tag, _)| *tag < first);
+        let within = self.sorted[start..]
+            .iter()
+            .take_while(|(tag, _)| *tag <= last);
+        let mut looked = 0;
+        for (tag, item) in within {
+            looked += 1;
+            if (tag - first).is_multiple_of(step) {
+                items.push(*item);
+            }
+        }
+        looked
+    }
 }
 
 /// Sets with their items.
+#[derive(Default)]
 pub(super) struct Resolved {
     index: HashMap<String, usize>,
-    sets: Vec<(String, Vec<usize>)>,
+    pub sets: Vec<(String, Vec<usize>)>,
 }
 
 impl Resolved {
-    fn find(&self, name: &str) -> Option<usize> {
+    pub fn find(&self, name: &str) -> Option<usize> {
         self.index.get(&name.to_ascii_uppercase()).copied()
     }
 
-    /// Adds the field `label` and the names of regions to `mesh`. `sections` and `cards` are the
+    /// Adds a set; another of the same name remains the one that is found.
+    pub fn push(&mut self, name: String, items: Vec<usize>) {
+        let at = self.sets.len();
+        self.index.entry(name.to_ascii_uppercase()).or_insert(at);
+        self.sets.push((name, items));
+    }
+
+    /// Returns the sets that are regions, and the region of each cell. `sections` and `cards` are the
     /// sets referenced by solid sections and defined by *ELEMENT.
-    pub fn regions(
-        &self,
-        mesh: &mut RawMesh,
-        remarks: &Metadata,
-        sections: &[String],
-        cards: &[String],
-    ) {
-        let (_, solid) = mesh.volumetric();
-        if !remarks.regions.is_empty() {
-            let mut groups = vec![0.0; solid.len()];
-            for (group, region) in &remarks.regions {
-                let set = region.set.as_ref().and_then(|set| self.find(set));
-                for item in set.map_or(&[][..], |set| &self.sets[set].1) {
-                    groups[*item] = *group as f64;
-                }
-            }
-            remarks.add_to(mesh, &groups);
-            return;
-        }
-        remarks.add_to(mesh, &[]);
+    pub fn regions(&self, solid: &[bool], sections: &[String], cards: &[String]) -> Labels {
         let named = |names: &[String]| -> Vec<usize> {
             let mut found: Vec<usize> = names.iter().filter_map(|n| self.find(n)).collect();
             found.sort_unstable();
@@ -160,25 +188,9 @@ impl Resolved {
         let choices = [sections, lists, cards, all];
         let chosen = choices
             .iter()
-            .map(|sets| self.labels(sets, &solid))
-            .find(|labels| labels.covers(&solid));
-        let labels = chosen.unwrap_or_else(|| self.labels(&choices[3], &solid));
-        if labels.used.is_empty() {
-            return;
-        }
-        if labels.shared > 0 {
-            mesh.warnings.push(format!(
-                "{} elements are in several sets; the first set is used as their region",
-                labels.shared
-            ));
-        }
-        mesh.region_names = labels
-            .used
-            .iter()
-            .zip(1..)
-            .map(|(set, label)| (label, self.sets[*set].0.clone()))
-            .collect();
-        mesh.fields.push(integer_field("label", labels.of_cell));
+            .map(|sets| self.labels(sets, solid))
+            .find(|labels| labels.covers(solid));
+        chosen.unwrap_or_else(|| self.labels(&choices[3], solid))
     }
 
     /// Labels cells by the first of `sets` that contains them, numbered from 1 over the sets with
@@ -224,48 +236,15 @@ impl Resolved {
         }
         labels
     }
-
-    /// Adds a field of 0 and 1 for each node set that is neither empty nor complete.
-    pub fn node_fields(self, mesh: &mut RawMesh) {
-        let nodes = mesh.nodes.len();
-        let mut left = 0;
-        let mut kept = 0;
-        for (name, mut items) in self.sets {
-            items.sort_unstable();
-            items.dedup();
-            if items.is_empty() || items.len() == nodes {
-                continue;
-            }
-            if kept == MOST_NODE_SETS {
-                left += 1;
-                continue;
-            }
-            let mut values = vec![0.0; nodes];
-            items.iter().for_each(|i| values[*i] = 1.0);
-            kept += 1;
-            mesh.fields.push(Field {
-                name: format!("nset:{name}"),
-                location: Location::Node,
-                components: 1,
-                values,
-                scalar_type: ScalarType::U8,
-            });
-        }
-        if left > 0 {
-            mesh.warnings.push(format!(
-                "{left} node sets after the first {MOST_NODE_SETS} skipped"
-            ));
-        }
-    }
 }
 
 /// The label of each cell, 0 for none.
-struct Labels {
+pub(super) struct Labels {
     /// The set of each label, from 1 on.
-    used: Vec<usize>,
-    of_cell: Vec<f64>,
+    pub used: Vec<usize>,
+    pub of_cell: Vec<f64>,
     /// Number of cells that were also in a further set.
-    shared: usize,
+    pub shared: usize,
 }
 
 impl Labels {

@@ -5,8 +5,11 @@
 //! in a file are checked against its length before they size an allocation.
 
 mod abaqus;
+mod abaqus_assembly;
 mod abaqus_elements;
+mod abaqus_include;
 mod abaqus_lines;
+mod abaqus_part;
 mod abaqus_sets;
 mod abaqus_write;
 mod atomic;
@@ -121,7 +124,7 @@ fn raw_mesh(path: &Path) -> Result<raw_mesh::RawMesh> {
     if extension == "node" || extension == "ele" {
         return tetgen::read(path);
     }
-    let bytes = content(path)?;
+    let bytes = abaqus_include::expand(path, content(path)?)?;
     if holds_pieces(&bytes) {
         return pvtu::read(path, &bytes);
     }

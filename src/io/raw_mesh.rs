@@ -96,7 +96,8 @@ impl Cells {
         Some((*self.kinds.get(cell)?, &self.nodes[start..self.ends[cell]]))
     }
 
-    fn iter(&self) -> impl Iterator<Item = (u8, &[u32])> {
+    /// Iterates over the types and nodes of all cells.
+    pub fn iter(&self) -> impl Iterator<Item = (u8, &[u32])> {
         let mut start = 0;
         self.kinds.iter().zip(&self.ends).map(move |(kind, end)| {
             let nodes = &self.nodes[start..*end];

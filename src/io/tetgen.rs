@@ -11,6 +11,7 @@ use super::raw_mesh::RawMesh;
 use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::fmt::Arguments;
 use std::path::{Path, PathBuf};
 
@@ -95,6 +96,47 @@ impl<'a> Row<'a> {
     }
 }
 
+/// Columns of attributes. One with an invalid value is left out with a warning.
+struct Columns {
+    values: Vec<Vec<f64>>,
+    /// The first defect of each column that has any.
+    defects: BTreeMap<usize, String>,
+}
+
+impl Columns {
+    fn new(count: usize) -> Columns {
+        Columns {
+            values: vec![Vec::new(); count],
+            defects: BTreeMap::new(),
+        }
+    }
+
+    /// Reads the attributes of a row, of which the first is in column `first`.
+    fn read(&mut self, at: &Cursor, row: &Row, first: usize, what: Arguments) {
+        for (k, values) in self.values.iter_mut().enumerate() {
+            if self.defects.contains_key(&k) {
+                continue;
+            }
+            match row.value(at, first + k, what, number) {
+                Ok(value) => values.push(value),
+                Err(defect) => {
+                    self.defects.insert(k, defect);
+                }
+            }
+        }
+    }
+
+    /// Returns the columns; those with defects are empty.
+    fn finish(mut self, location: Location, warnings: &mut Vec<String>) -> Vec<Vec<f64>> {
+        for (k, defect) in self.defects {
+            self.values[k].clear();
+            let number = k + 1;
+            warnings.push(format!("attribute {number} of {location} skipped: {defect}"));
+        }
+        self.values
+    }
+}
+
 /// Reads the header: the number of items, and the numbers after it.
 fn header(at: &mut Cursor, what: &str, least_bytes: usize) -> ParseResult<(usize, Vec<i64>)> {
     let row = Row::read(at, 1, format_args!("the header ({what})"))?;
@@ -148,10 +190,10 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> ParseResult<Tags> 
     let attributes = columns(&header, 2, 1 << 12, "attributes")?;
     let markers = columns(&header, 3, 1, "boundary markers")?;
     let mut tags = Tags::default();
-    let mut extra = vec![Vec::new(); attributes + markers];
+    let mut extra = Columns::new(attributes + markers);
     for i in 0..count {
         let what = format_args!("node {i} of {count} (counted from 0)");
-        let row = Row::read(&mut at, 4 + extra.len(), what)?;
+        let row = Row::read(&mut at, 4 + attributes + markers, what)?;
         let index = row.value(&at, 0, format_args!("the index of {what}"), integer)?;
         if !tags.push(index as u64) {
             return Err(at.error_at(row.start, format_args!("node {index} is defined twice")));
@@ -160,23 +202,21 @@ pub(super) fn read_nodes(bytes: &[u8], mesh: &mut RawMesh) -> ParseResult<Tags> 
             |k| row.value(&at, k, format_args!("a coordinate of node {index}"), number);
         mesh.nodes
             .push(DVec3::new(coordinate(1)?, coordinate(2)?, coordinate(3)?));
-        for (k, values) in extra.iter_mut().enumerate() {
-            values.push(row.value(
-                &at,
-                4 + k,
-                format_args!("an attribute of node {index}"),
-                number,
-            )?);
-        }
+        extra.read(&at, &row, 4, format_args!("an attribute of node {index}"));
     }
     no_more(&mut at, count, "nodes")?;
+    let whole = extra.defects.is_empty();
+    let mut extra = extra.finish(Location::Node, &mut mesh.warnings);
     let markers = extra.split_off(attributes);
     let remarks = Metadata::read(bytes, "# ");
-    if let Some(fields) = remarks.fields(Location::Node, &extra) {
+    if whole && let Some(fields) = remarks.fields(Location::Node, &extra) {
         mesh.fields.extend(fields);
         extra.clear();
     }
     for (i, values) in extra.into_iter().enumerate() {
+        if values.is_empty() {
+            continue;
+        }
         let name = format!("tetgen:attr{}", i + 1);
         mesh.fields
             .push(Field::scalar(name, Location::Node, values));
@@ -199,7 +239,7 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
     };
     let attributes = columns(&header, 2, 1 << 12, "attributes")?;
     let node = |token: &[u8]| tags.get(integer(token)? as u64);
-    let mut extra = vec![Vec::new(); attributes];
+    let mut extra = Columns::new(attributes);
     let (mut numbers, mut repeated) = (Tags::default(), 0);
     for i in 0..count {
         let what = format_args!("tetrahedron {i} of {count} (counted from 0)");
@@ -214,10 +254,8 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
             let wanted = format_args!("a node of {what} that is in the .node file");
             *corner = row.value(&at, 1 + k, wanted, node)?;
         }
-        for (k, values) in extra.iter_mut().enumerate() {
-            let wanted = format_args!("an attribute of {what}");
-            values.push(row.value(&at, 1 + corners + k, wanted, number)?);
-        }
+        let wanted = format_args!("an attribute of {what}");
+        extra.read(&at, &row, 1 + corners, wanted);
         mesh.cells.push(kind, tet[..corners].iter().copied());
     }
     no_more(&mut at, count, "tetrahedra")?;
@@ -225,11 +263,13 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
         mesh.warnings.push(repeated_numbers(repeated));
     }
     let remarks = Metadata::read(bytes, "# ");
-    if let Some(groups) = extra.first() {
+    let whole = extra.defects.is_empty();
+    let mut extra = extra.finish(Location::Cell, &mut mesh.warnings);
+    if let Some(groups) = extra.first().filter(|groups| !groups.is_empty()) {
         remarks.add_to(mesh, groups);
     }
     let regions = usize::from(!remarks.regions.is_empty()).min(extra.len());
-    if let Some(fields) = remarks.fields(Location::Cell, &extra[regions..]) {
+    if whole && let Some(fields) = remarks.fields(Location::Cell, &extra[regions..]) {
         mesh.fields.extend(fields);
         extra.truncate(regions);
     }

@@ -43,7 +43,7 @@ pub(super) fn reader_of(bytes: &[u8], extension: &str) -> Option<Reader> {
 pub fn read_surface(path: impl AsRef<Path>) -> Result<TriMesh> {
     let path = path.as_ref();
     let extension = super::volume::extension(path);
-    let bytes = super::content(path)?;
+    let bytes = super::abaqus_include::expand(path, super::content(path)?)?;
     surface_of(&bytes, &extension).map_err(|e| Error::format(path, e))
 }
 
