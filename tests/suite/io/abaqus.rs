@@ -223,7 +223,7 @@ fn abaqus_errors_state_line_and_cause() {
         (
             "*ELEMENT",
             "*PART, NAME=b\n*NODE\n1, 0, 0, 0\n*ELEMENT",
-            "several parts",
+            "element 1 of part \"b\" refers to undefined node 2",
         ),
         ("TYPE=C3D4", "TYPE=UFO9", "mesh has no cells"),
     ] {

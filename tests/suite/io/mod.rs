@@ -1,6 +1,8 @@
 //! Reading and writing meshes. Tests in `data` read real files.
 
 mod abaqus;
+mod abaqus_assemblies;
+mod cases_meshes;
 mod cells;
 mod data;
 mod encode;
@@ -8,6 +10,8 @@ mod encode_others;
 mod encodings;
 mod errors;
 mod gmsh;
+mod gmsh_partitions;
+mod other_meshes;
 mod parse;
 mod polyhedra;
 mod robust;

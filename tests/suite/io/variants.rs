@@ -172,6 +172,47 @@ End";
 }
 
 #[test]
+fn medit_accepts_other_spellings_and_float_references() {
+    let text = "MeshVersionFormatted 2 Dimension 3 Vertices 9
+0 0 0 0.0  1 0 0 0.0  1 1 0 0.0  0 1 0 0.0  0 0 1 0.0  1 0 1 0.0  1 1 1 0.0  0 1 1 0.0  2 0 0 0.0
+Tetraedra 1  2 9 3 6 1.0
+Hexaedra 1  1 2 3 4 5 6 7 8 2.0
+Corners 1 1
+SubTetrahedra 1 7
+End";
+    let mesh = read("a.mesh", text);
+    assert!((mesh.volume() - 7.0 / 6.0).abs() < 1e-12);
+    assert!(mesh.field("medit:ref", Location::Node).is_none());
+    let field = mesh.field("medit:ref", Location::Cell).unwrap();
+    assert_eq!(field.values[..2], [1.0, 2.0]);
+    let warnings = mesh.repairs.warnings.join("\n");
+    assert!(warnings.contains("section SubTetrahedra skipped"), "{warnings}");
+    assert!(!warnings.contains("Corners"), "{warnings}");
+    for (from, to) in [("2.0\nC", "x\nC"), ("2.0\nC", "inf\nC"), ("Hexaedra", "HexaedraQ9")] {
+        let path = tempfile::tempdir().unwrap();
+        let path = path.path().join("a.mesh");
+        std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+        assert!(palpate::io::read(&path).is_err(), "{to}");
+    }
+}
+
+#[test]
+fn tetgen_bad_attribute_costs_that_attribute() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.node");
+    let nodes = "4 3 2 1\n1 0 0 0 5 ? 1\n2 1 0 0 6 7 1\n3 0 1 0 7 8 1\n4 0 0 1 8 9 1\n";
+    std::fs::write(&path, nodes).unwrap();
+    std::fs::write(path.with_extension("ele"), "1 4 1\n1 1 2 3 4 soft\n").unwrap();
+    let mesh = palpate::io::read(&path).unwrap();
+    let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(names, ["tetgen:attr1", "tetgen:ref"]);
+    let warnings = mesh.repairs.warnings.join("\n");
+    for expected in ["attribute 2 of nodes skipped: line 2", "attribute 1 of cells skipped: line 2"] {
+        assert!(warnings.contains(expected), "{warnings}");
+    }
+}
+
+#[test]
 fn tetgen_reads_second_order_tets_with_gaps_in_numbering() {
     let bench = Bench::new();
     let corners = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"];
